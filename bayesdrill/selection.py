@@ -31,10 +31,7 @@ WIDER = 10.0  # either way, of the noise that was given
 
 
 def change_noise(data: dict[str, Any], change: Callable[[dict[str, Any]], bool]) -> bool:
-    """Change the noise of each channel; whether any was.
-
-    What was one number for all experiments becomes one unknown; a memory goes with its size.
-    """
+    """Change each noise, one number of all experiments to one unknown; whether any was changed."""
     changed = False
     top, *others = [s.get("record", {}).get("channels", {}) for s in rung_sections(data)]
     for channels in (top, *others):
@@ -129,8 +126,8 @@ LEAST, LONGEST = 3.0, 3.0  # samples, and of the record: the time of a missing t
 class CandidateModel:
     """A candidate model, as the config that has it.
 
-    `parts`: names of what it has beside the config as given, and what each is in `words`; `output`:
-    what that wants drawn; `lines`: of a config, that say so; `table`: a record that is in no file.
+    `parts` that it has beside the config as given, and what each is in `words`; `output` that it
+    wants drawn; `lines` of a config that say so; `table`: a record that is in no file.
     """
 
     parts: tuple[str, ...]
@@ -160,8 +157,8 @@ class RigParts:
     """Parts that candidates of a rig with these `roles` may have, by name.
 
     `physics`: what the rig may be without, as the parameters that switch it on; `dry`: those of it
-    that change their sign; `static`: inertias with friction at rest, where there is friction;
-    `torques`: inertias on which one may be missing; `about`: what each part is, in words.
+    that change their sign; `static`, `torques`: inertias with friction at rest, and on which a torque
+    may be missing; `about`: what each is, in words.
     """
 
     physics: Mapping[str, tuple[str, ...]]
@@ -218,10 +215,9 @@ class RigParts:
 
 @dataclass(frozen=True, slots=True)
 class CandidateModels:
-    """Candidate models of the config of `job`.
+    """Candidate models of `job`; `gear`: of those with another one, times that which is given.
 
-    `sizes`: what a parameter would be if it did as much as all else; `speeds`: the largest speeds of
-    inertias, where friction may act; `gear`: of candidates with another one, times that which is given.
+    `sizes`: what parameters would be if they did as much as all else; `speeds`: the largest of inertias.
     """
 
     job: Job

@@ -68,10 +68,9 @@ LEVEL_BISECTIONS = 40  # of the interval in which the pointwise level is sought
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RankBand:
-    """A band for the empirical distribution function of `n` uniform ranks.
+    """A band of counts, `low` to `high (L,)`, of `n` uniform ranks below each of the `shares (L,)`.
 
-    Between `low` and `high (L,)`, both allowed, are below each of the `shares (L,)`; `false_alarm`:
-    the exact probability that uniform ranks leave it somewhere.
+    `false_alarm`: the exact probability that uniform ranks leave it somewhere.
     """
 
     n: int
@@ -180,10 +179,7 @@ class CalibrationStudy:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Refit:
-    """One refit of a simulated record, `truth` and `ranks` in the order of `Study.names`.
-
-    No ranks where nothing could be sampled; `reasons`: why it has not converged.
-    """
+    """One refit, `truth` and `ranks` in the order of `CalibrationStudy.names`; no ranks of no draws."""
 
     index: int
     truth: tuple[float, ...]

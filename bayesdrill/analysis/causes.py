@@ -46,9 +46,8 @@ class RefitMaximum:
     """The maximum of a posterior, found by Gauss and Newton from several starts.
 
     `values`, `sds`: of the unknowns, SI; `log_z`: the log evidence by Laplace; `fit`: what it leaves;
-    `at_ends`: unknowns at an end of their prior; `several`: whether there is another, about as high,
-    with other values of what is new; `seconds`: that an evaluation takes; `numbers`: samples of all
-    channels, and `log_likelihood` of them.
+    `at_ends` of their priors are these; `several`: there is another, about as high, with other values
+    of what is new; `seconds` that an evaluation takes; `numbers` of samples, with `log_likelihood`.
     """
 
     values: Mapping[str, float]
@@ -124,11 +123,7 @@ def refit_candidate(
 
 
 def _starts(posterior: Posterior, near: Mapping[str, float], alone: Mapping[str, float]) -> Array:
-    """Return physical starts `(S, D)` of a refit.
-
-    Where the config begins; and what is known where it is, with what is new where it begins and at
-    several places of its prior.
-    """
+    """Return physical starts `(S, D)`: the config's, and what is known, with others of what is new."""
     space = posterior.space
     begun = [{}, near, alone] if alone else [{}, near]
     rows = [space.vector({n: at.get(n, x) for n, x in space.start.items()}) for at in begun]

@@ -35,8 +35,7 @@ from bayesdrill.sampling.evidence import Evidence
 class PosteriorSummary:
     """One run under its `name`: `draws (N, D)`, SI; `settings`: what a reader compares of two runs.
 
-    `mark`: by which files say whose they are; `warning`: what its figures carry, `reasons`: why it
-    must not be believed.
+    `mark`: whose files are; `warning`: of its figures, `reasons`: why it must not be believed.
     """
 
     name: str
@@ -73,8 +72,7 @@ class MarginalEstimate:
 class OverlayRow:
     """An unknown of some run; `places`, `nominal`: of each run, None where it has none.
 
-    `distance`: the largest difference of two means over the root mean square of their sds, and `pair`
-    the two runs; None where fewer than two have it as an unknown.
+    `distance`: of the `pair` of means farthest apart, over the rms of their sds; None without two.
     """
 
     symbol: Symbol

@@ -120,8 +120,7 @@ MAX_DRAWS = 4000  # looked at
 def prior_dependence(rows: Sequence[ParameterRow], draws: Array) -> Mapping[str, tuple[str, ...]]:
     """Return unknowns that are determined by the priors of others alone, with those others.
 
-    Were the priors of these wider, so would be the posterior of the unknown. `draws (N, D)`, in the
-    order of `rows`. By ranks, so that no ridge need be straight.
+    `draws (N, D)`, in the order of `rows`. By ranks, so that no ridge need be straight.
     """
     alone = [d for d, row in enumerate(rows) if row.word == "prior only"]
     if not alone:
@@ -150,10 +149,9 @@ TAUS_BETWEEN_DRAWS = 2  # autocorrelation times between draws that count as inde
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RankHistogram:
-    """Ranks of each ensemble's draws of an unknown among all draws.
+    """Ranks of each ensemble's draws of an unknown among all draws, `counts (E, BINS)`.
 
-    `counts (E, BINS)` in bins of as many draws of all; `room (BINS - 1,)`: how far the counts below
-    each share go from the expected by chance.
+    `room (BINS - 1,)`: how far the counts below each share go from the expected by chance.
     """
 
     counts: Counts

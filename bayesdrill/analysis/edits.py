@@ -24,10 +24,7 @@ ZERO = np.zeros(1)
 
 @dataclass(frozen=True, slots=True)
 class Lack:
-    """Physics that a rig may be without: of a candidate the `name`, the `parameter` and the `words`.
-
-    `dry`: whether it changes its sign.
-    """
+    """What a rig may be without: `name`, `parameter` and `words` of it; `dry`: it changes its sign."""
 
     name: str
     parameter: str
@@ -36,10 +33,7 @@ class Lack:
 
 
 def lacks(roles: Roles) -> tuple[Lack, ...]:
-    """Return what a rig of these `roles` may be without.
-
-    Inertias that turn as one rub as one: at the first of them.
-    """
+    """Return what a rig of these `roles` may be without; what turns as one rubs at the first of it."""
     rubs = {i.speed: i for i in reversed(roles.inertias) if i.sliding}
     several = len(roles.motors) > 1
     drop = "a voltage drop of driver and brushes"

@@ -36,8 +36,7 @@ class EnergyPart:
 class EnergyAccount:
     """The energy of one experiment that `came` in and `went` by the times `t (N,)`, J, by name.
 
-    What is stored at the start has come in. `imbalance`: the share that is in neither, of the order
-    of the steps.
+    What is stored at the start came in; `imbalance`: the share in neither, of the order of the steps.
     """
 
     label: str
@@ -82,7 +81,7 @@ def _account(observation: Observation, arguments: Array) -> EnergyAccount:
         return {name: end / total if total else 0.0 for name, end in ends.items()}
 
     of_draws = [shares(_flows(energies(rig, each))) for each in arguments[1:]]
-    total = sum(part[-1] for part in came.values())
+    total, several = sum(part[-1] for part in came.values()), len(of_draws) > 1
     return EnergyAccount(
         label=observation.label,
         t=best.t,
@@ -93,9 +92,7 @@ def _account(observation: Observation, arguments: Array) -> EnergyAccount:
                 name=name,
                 joules=float((came | went)[name][-1]),
                 share=share,
-                sd=float(np.std([o[name] for o in of_draws], ddof=1))
-                if len(of_draws) > 1
-                else None,
+                sd=float(np.std([o[name] for o in of_draws], ddof=1)) if several else None,
             )
             for name, share in shares(flows).items()
         ),
@@ -119,11 +116,9 @@ SPEED_MARGIN = 1.05  # of the largest speed of the record
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrictionMotion:
-    """The motion of one friction in one experiment.
+    """The motion of one friction at samples `t (T,)`; `gear`: its own speed over that of the state.
 
-    At samples `t (T,)`: of the MAP its `speed`, `effort` and where it `sticks` until the next
-    sample, `(T,)`; `efforts (N, T)` of draws. `gear`: its own speed is so many times that of the
-    state.
+    Of the MAP `speed`, `effort` and where it `sticks` until the next sample; of draws `efforts (N, T)`.
     """
 
     friction: Friction
@@ -212,10 +207,7 @@ class FrictionCurve:
 
 
 def friction_curve(observation: Observation, rubbing: FrictionMotion, full: Array) -> FrictionCurve:
-    """Compute a friction law of parameters `full (W, P)`, over the speeds that the record has.
-
-    Where the law depends on more than the speed, that is at its root mean square.
-    """
+    """Compute a law at `full (W, P)` over the record's speeds; all else is at its root mean square."""
     rig, friction = observation.response, rubbing.friction
     far = SPEED_MARGIN * float(np.abs(rubbing.speed).max()) or 1.0
     one_way = far * np.geomspace(SMALLEST_SPEED, 1.0, CURVE_POINTS)

@@ -58,9 +58,8 @@ class ChannelMotion:
 class TorqueEstimate:
     """The missing torque of one experiment, at its times `t (T,)`.
 
-    `draws (N, T)` of the torque [N m], `expected (T,)` their mean without the chance of drawing.
-    `states`: of the rig, angles [rad] and speeds [rad/s] among them, `(T,)` by name, means of the
-    draws; `inputs`: those that were measured.
+    `draws (N, T)` of the torque [N m], `expected (T,)` their mean without the chance of drawing;
+    `states` of the rig `(T,)` by name, means of the draws, and measured `inputs`, SI.
     """
 
     label: str
@@ -118,11 +117,9 @@ def torque_estimates(
     posterior: Posterior, draws: Array, rng: np.random.Generator
 ) -> tuple[TorqueEstimate, ...]:
     """Estimate the torque of each experiment by draws `(N, D)`; empty where none is missing."""
-    return tuple(
-        _estimate(observation, torque, posterior, draws, rng)
-        for observation in posterior.likelihood.observations
-        if (torque := observation.torque)
-    )
+    full = posterior.space.full(draws)
+    missing = [each for each in posterior.likelihood.observations if each.torque]
+    return tuple(_estimate(observation, full, draws, rng) for observation in missing)
 
 
 def is_approximate(posterior: Posterior) -> bool:
@@ -132,13 +129,10 @@ def is_approximate(posterior: Posterior) -> bool:
 
 
 def _estimate(
-    observation: Observation,
-    torque: LatentTorque,
-    posterior: Posterior,
-    draws: Array,
-    rng: np.random.Generator,
+    observation: Observation, full: Array, draws: Array, rng: np.random.Generator
 ) -> TorqueEstimate:
-    full = posterior.space.full(draws)
+    torque = observation.torque
+    assert torque is not None
     experiment, k = observation.experiment, len(observation.experiment.channels)
     shown = with_states(experiment, observation.response.model.states)
     moved = observation.response.of(shown).signals(observation.simulator_parameters(full))
@@ -189,8 +183,7 @@ def _nonlinear_error(
 ) -> Array:
     """Return how far a rig with friction or gravity is from its `linear (T, K)` prediction, `(K,)`.
 
-    It is driven by `torque (T,)` at one draw: there the torque moves it as if no friction changed its
-    sign, and pendulums were springs.
+    There `torque (T,)` moves it as if no friction changed its sign, and pendulums were springs.
     """
     response, experiment = observation.response, observation.experiment
     assert observation.torque is not None  # it is that which was estimated

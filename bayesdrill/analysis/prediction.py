@@ -86,8 +86,7 @@ def prediction_checks(likelihood: Likelihood, theta: Array) -> tuple[PredictionC
 def leave_one_out_check(likelihood: Likelihood, observation: Observation, theta: Array) -> Array:
     """Return PITs `(T, K)` of at most `MAX_CHECKED` samples, evenly spaced; NaN where unmeasured.
 
-    What is left of a sample is whitened, so that each counts on those before it where the noise
-    remembers them.
+    What is left is whitened: a sample counts on those before it where the noise remembers them.
     """
     residuals = observation.residuals(likelihood.space.full(theta)).samples
     n = len(observation.experiment.t)

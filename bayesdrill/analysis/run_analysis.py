@@ -222,10 +222,7 @@ def analyse(
     alone: bool = True,
     explained: Causes | None = None,
 ) -> RunAnalysis:
-    """Evaluate all that is said of a finished run, with the sensitivity of its likelihood.
-
-    Nothing is sampled. `suspicions`, `alone` and what is `explained` by which causes: as there.
-    """
+    """Evaluate the `RunAnalysis` of a finished run; nothing is sampled, arguments are as there."""
     problem, sampled, best = run.problem, run.sampled, run.best
     posterior = problem.posterior
     rows, residual_rows, judged = conclude(problem, asked, run.mode, sampled, sensitivity)

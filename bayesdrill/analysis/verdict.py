@@ -275,9 +275,9 @@ def sigma_limit(n: int) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _TableComparison:
-    """`logs`, `prior_logs`: of the draws over the nominal values; `ends (m, 2)` of the tolerance.
+    """Logs over the nominal values; `ends (m, 2)` of the tolerance.
 
-    `extended_logs`: as `logs`, but beyond ends that are in the way; of those `unseen` it shows nothing.
+    `extended_logs`: of draws beyond ends that are in the way; of those `unseen` it shows nothing.
     """
 
     study: IdentifiabilityStudy
@@ -374,10 +374,7 @@ def _combined(logs: Array, exponents: Exponents) -> Array:
 
 
 def reconciled(rows: Sequence[ParameterRow], verdict: Verdict) -> tuple[ParameterRow, ...]:
-    """Return `rows` with the word of the verdict, where both say something of an unknown.
-
-    Draws alone cannot tell what the record narrows from what the priors of others do.
-    """
+    """Return `rows` with words of the verdict: draws alone cannot tell record from others' priors."""
     judged = {verdict.names[q.exponents.index(1)]: q for q in verdict.parameters}
     return tuple(
         dataclasses.replace(row, word=_word(row, judged[row.name])) if row.name in judged else row

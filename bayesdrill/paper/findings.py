@@ -24,9 +24,8 @@ from bayesdrill.sampling import Optimiser
 class Misfits:
     """The paper's misfit per measured number of one record, of which there are `numbers`.
 
-    `others`: the largest of the heuristic's from other starts.  `stepped`: where it ends with the
-    paper's integrator, computed with that; None with a measured input.
-    `truth`: None where it is not known.  95 % of records have it between `low` and `high` there.
+    `others`: the largest of the heuristic's from other starts.  `stepped`: with the paper's integrator,
+    where there is no measured input.  95 % of records have it between `low` and `high` at the truth.
     """
 
     record: str
@@ -50,8 +49,7 @@ class Misfits:
 class NineParameterStudy:
     """The nine-parameter study of one record; vectors `(D,)` of `names`, physical, SI.
 
-    `draws (N, D)`: of the posterior; `signals (T, K)`: of the heuristic's estimate; `given`: the
-    parameters that were not searched, each with its value or formula.
+    `draws (N, D)` of the posterior; `signals (T, K)` of the estimate; `given`: what was not searched.
     """
 
     name: str

@@ -166,8 +166,7 @@ FOLLOWED = 30.0  # s; the speed of theta_2 has settled by then but for a swing t
 class MatrixReading:
     """A way to read the printed matrix: the speed of theta_2 [rad/s] at `time` [s] and in the end.
 
-    `error`: largest distance of the paper's integrator from the exact speed until `time`, `steps`
-    its steps; `curve (T,)`: the speed at times `t (T,)` [s].
+    `error`: of the paper's integrator until `time`, in `steps`; `curve (T,)`: the speed at `t (T,)`.
     """
 
     name: str

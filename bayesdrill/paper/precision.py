@@ -67,10 +67,7 @@ def lengths(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImpliedNoise:
-    """Deviations of Table 2 in per cent, and the noise whose Cramer-Rao bound each is.
-
-    `row`: the sigma_n of Table 2, `rms` over all of them, or `bound`: the bounds at 0.001.
-    """
+    """Deviations in per cent, by sigma_n, `rms` or `bound`, and the noise whose bound each is."""
 
     row: str
     c_m_percent: float

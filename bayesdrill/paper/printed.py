@@ -214,8 +214,7 @@ class DeviationCause:
     `table_3`: of the printed estimates, `table_3_digits` of those with the digits of the percentages;
     `j_2`, `r_s`, `both`: of a rig with that missing; `k_T`: of one whose k_T equals k_e; the rest: of
     the record, by the heuristic and the posterior (median, and 94 % HDI of the logarithm).  `alone`:
-    Cramer-Rao bound of the sd of its log without any prior, at the MAP; inf if not determined.  None
-    where the config itself gives the quantity, so that the record says nothing of it.
+    Cramer-Rao bound of its log without any prior, at the MAP.  None where the config itself gives it.
     """
 
     quantity: str

@@ -138,9 +138,8 @@ class Heuristic:
     """The paper's pairwise heuristic on one record.
 
     `guess`, `estimate` `(D,)` physical; `misfits`: per measured number, at the guess and then after
-    each iteration; `others (S, D)`: estimates from other starts, `others_misfits (S,)` theirs;
-    `stepped (D,)`: the estimate with the paper's integrator, whose misfit it is that
-    `stepped_misfit` tells; None with a measured input, which the paper does not have.
+    each iteration; `others (S, D)`: from other starts; `stepped (D,)` with the paper's integrator and
+    its misfit, None with a measured input.
     """
 
     guess: Array
@@ -249,10 +248,7 @@ def verify(
     records: int,
     plan: Plan,
 ) -> Verification:
-    """Verify the estimates of two parameters on records of a physical `truth (D,)`.
-
-    `plan`: how posteriors are sampled; its seed is that of the records too.
-    """
+    """Verify estimates on records of `truth (D,)`, physical; the seed of `plan` is theirs too."""
     seed = plan.seed
     tasks: dict[tuple[str, float], list[Future[Array]]] = {
         (way, sigma): [

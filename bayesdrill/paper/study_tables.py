@@ -140,13 +140,11 @@ def lines_2(verification: Verification) -> list[Row]:
 
 
 def lines_3(nine: NineParameterStudy) -> list[Row]:
-    """Return lines of Table 3.
+    """Return lines of Table 3; `stepped`: with the paper's integrator, None with a measured input.
 
     Deviations are relative to the initial guess, with their signs, the printed one to the paper's;
-    those off the truth, `*off_percent`, to that. `stepped`: the heuristic with the paper's
-    integrator; None with a measured input. `starts_percent`: standard deviation of the estimates
-    from other starts, over the guess. `posterior`: its median; HDI: of the logarithm, 94 %;
-    `holds`: whether the truth is inside.
+    `*off_percent` to the truth. `starts_percent`: sd of the estimates from other starts, over the
+    guess. `posterior`: its median; HDI: of the logarithm, 94 %; `holds`: whether the truth is inside.
     """
     heuristic, ours = nine.heuristic, [n for n in nine.names if n not in printed.NINE_PARAMETERS]
     says = {

@@ -1,10 +1,8 @@
 """Compute exact sensitivities of measured signals, and how well they determine unknowns.
 
-Fisher information and Cramer-Rao bounds.
-
 A scene is the experiments as they are, or with further channels, or with inputs changed half-way.
 What is unknown of sensors and starts is taken out of the sensitivities: what is left of them is
-what the record says of the rig, whatever these are.
+what the record says of the rig, whatever these are, as Fisher information and Cramer-Rao bounds.
 
 All is in the logs of the unknowns, so that a standard deviation of 0.01 is one per cent.  The
 information is kept as its square root R (information = R' R): squaring would lose the digits that
@@ -31,11 +29,10 @@ from bayesdrill.record.experiment import with_states
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DesignVariant:
-    """A change of the experiment that is tried by computing.
+    """A change of the experiment that is tried by computing; `beside`: in further ones.
 
     `extra`: states that are measured too, each with its sigma; `late`: what is added to inputs in
-    the second half of each record; `times`: what inputs are multiplied with throughout; `beside`:
-    in further experiments, beside those there are.
+    the second half of each record; `times`: what inputs are multiplied with throughout.
     """
 
     extra: Mapping[str, float] = field(default_factory=dict)
@@ -49,10 +46,7 @@ STUDIED_SAMPLES = 16384  # of a long record
 
 
 class SensitivityStudy:
-    """Sensitivities of a likelihood's rig at physical points `theta`, in any design variant.
-
-    Of long records they are those of the first samples, as if the others knew as much each.
-    """
+    """Sensitivities at physical points `theta`; of long records the first samples stand for all."""
 
     def __init__(self, likelihood: Likelihood) -> None:
         short = [first_samples(o, STUDIED_SAMPLES) for o in likelihood.observations]
@@ -246,10 +240,7 @@ def root_of(rows: Array) -> Array:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Direction:
-    """A principal direction of the information, its largest exponent 1.
-
-    `sd`: Cramer-Rao bound of the sd of the log of the product; inf where the record is blind.
-    """
+    """A principal direction, its largest exponent 1; `sd`: bound of the log, inf where it is blind."""
 
     exponents: tuple[float, ...]
     sd: float

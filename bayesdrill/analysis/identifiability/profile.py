@@ -57,10 +57,7 @@ class Profile:
 
 
 class Fitter:
-    """Least squares over all that moves, on its natural scale, inside the priors.
-
-    Logs of the rig's unknowns, then what sensors and starts leave open.
-    """
+    """Least squares over rig, sensors and starts, on their natural scale, inside the priors."""
 
     def __init__(self, posterior: Posterior, sensitivity: SensitivityStudy, theta: Array) -> None:
         self._likelihood = posterior.likelihood.with_fixed_covariance(theta)
@@ -95,10 +92,7 @@ class Fitter:
         return known.with_priors((self.high - self.low) / np.sqrt(12.0)).bounds()
 
     def _fit(self, logs: Array, fixed: int | None) -> ProfileFit:
-        """Gauss and Newton with damping, and steps that bend as the residuals do.
-
-        Ridges are thin and bent: a straight step along one has to be short, and many are wanted.
-        """
+        """Gauss and Newton with damping; on thin and bent ridges steps bend as the residuals do."""
         free = np.array([k for k in range(self._m) if k != fixed], dtype=np.intp)
         logs = np.clip(logs, self.low, self.high)
         residuals = self._residuals(logs)

@@ -86,10 +86,7 @@ def find_structure(
     sensitivities: Sequence[Array],
     unchanged: Callable[[Exponents], bool],
 ) -> ScalingStructure:
-    """Find the scaling symmetries in sensitivities `(T K, m)` at several points.
-
-    `unchanged` proves one candidate.
-    """
+    """Find the symmetries in sensitivities `(T K, m)` at several points; `unchanged` proves one."""
     null = null_space(sensitivities)
     candidates = sparse_basis(null_space(sensitivities, nearly=True))
     proven = tuple(exponents for exponents in candidates if unchanged(exponents))
@@ -110,10 +107,7 @@ def find_structure(
 
 
 def sparse_basis(rows: Array) -> tuple[Exponents, ...]:
-    """Return independent whole-number vectors in the span of `rows (n, m)`, sparsest first.
-
-    Fewer than n where the span has no such basis.
-    """
+    """Return independent whole-number vectors in the span of `rows (n, m)`, n or fewer, the sparsest."""
     n, m = rows.shape
     candidates: set[Exponents] = set()
     for pivots in itertools.islice(itertools.combinations(range(m), n), MAX_BASES):

@@ -225,8 +225,7 @@ def products(
 ) -> tuple[KnownProduct, ...]:
     """Return as many independent `candidates (n, m)` as there are, the most narrowed first.
 
-    Each is the one that the record narrows most of those independent of the ones before it; a
-    factor more has to pay for itself.
+    Each is narrowed most of those independent of the ones before it; factors pay for themselves.
     """
     spread = np.linalg.inv(information.with_priors(prior_sd).root)
     rank = np.linalg.matrix_rank(candidates) if len(candidates) else 0
