@@ -307,8 +307,7 @@ class Description:
                 self.parameters.append(names[row.role])
             else:
                 self.offers[names[row.role]] = tuple(names[role] for role in row.needs)
-            more = {"held": row.held, "at_most": row.at_most}
-            self._add(row.letter, part, row.unit, row.meaning, **more)
+            self._add(row.letter, part, row.unit, row.meaning, held=row.held, at_most=row.at_most)
         return names
 
     def _inertia(self, name: str) -> InertiaRoles:

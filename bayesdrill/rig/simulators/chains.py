@@ -37,9 +37,8 @@ class ChainResponse(Unstepped):
         """See `Simulator.sums`."""
         n, k_count = len(full), self.experiment.y.shape[1]
         scales = [] if weights is None else [weights.reshape(n, -1)]
-        out = self._run(
-            tally.name, (k_count * tally.count,), Walkers(self.sensors, full).numbers, *scales
-        )
+        numbers = Walkers(self.sensors, full).numbers
+        out = self._run(tally.name, (k_count * tally.count,), numbers, *scales)
         return out.transpose(0, 2, 1).reshape(-1, k_count, tally.count)[:n]
 
     def signals(self, full: Array) -> Array:

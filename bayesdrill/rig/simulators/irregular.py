@@ -234,9 +234,8 @@ class IrregularSimulator(Unstepped):
     def signals(self, full: Array) -> Array:
         """See `Simulator.signals`."""
         with np.errstate(all="ignore"):
-            return self.sensors.drop_start(
-                self._dense.signals(*self._settings(Walkers(self.sensors, full)))
-            )
+            settings = self._settings(Walkers(self.sensors, full))
+            return self.sensors.drop_start(self._dense.signals(*settings))
 
     def sums(self, full: Array, tally: ResidualSums, weights: Array | None = None) -> Array:
         """See `Simulator.sums`."""
