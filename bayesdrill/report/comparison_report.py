@@ -193,15 +193,10 @@ def ranking(causes: Causes, seconds: Mapping[tuple[str, ...], float]) -> str:
 
 def ladder_opening(candidates: Sequence[CandidateModel], missing: int) -> str:
     """Say what is to be sampled."""
-    done = (
-        f" ({len(candidates) - missing} of them done before)" if missing < len(candidates) else ""
-    )
-    return "\n".join(
-        [
-            f"to sample{done}:",
-            *(f"  {candidate.name}: {candidate.about}" for candidate in candidates),
-        ],
-    )
+    done = len(candidates) - missing
+    before = f" ({done} of them done before)" if done else ""
+    lines = [f"  {candidate.name}: {candidate.about}" for candidate in candidates]
+    return "\n".join([f"to sample{before}:", *lines])
 
 
 def ladder_conclusion(candidate: CandidateModel, left_out: Mapping[str, str], config: Path) -> str:

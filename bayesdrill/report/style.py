@@ -200,13 +200,7 @@ def thin(n: int, most: int) -> NDArray[np.intp]:
     return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(np.intp))
 
 
-# What readers of a format know; other entries are joined in Keywords.
-_KNOWN: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {
-        "pdf": ("Title", "Author", "Subject", "Keywords", "Creator", "Producer"),
-        "svg": ("Title", "Creator", "Description", "Keywords"),
-    }
-)
+# What a writer of a format would put the date in, unless it is told not to.
 _DATES: Mapping[str, str] = MappingProxyType({"pdf": "CreationDate", "svg": "Date"})
 
 
@@ -231,14 +225,15 @@ def save(
 
 
 def _entries(kind: str, metadata: Mapping[str, str]) -> dict[str, str | None]:
-    """As the writer of this format takes them."""
-    if kind not in _KNOWN:
+    """As the writer of this format takes them; what its readers do not know is joined in Keywords."""
+    if kind not in _DATES:
         return dict(metadata)
-    known: dict[str, str | None] = {k: v for k, v in metadata.items() if k in _KNOWN[kind]}
-    others = [f"{key}: {value}" for key, value in metadata.items() if key not in _KNOWN[kind]]
+    known: dict[str, str | None] = {
+        name: text for name, text in metadata.items() if name in ("Title", "Creator")
+    }
+    others = [f"{name}: {text}" for name, text in metadata.items() if name not in known]
     if others:
-        first = [metadata["Keywords"]] if "Keywords" in metadata else []
-        known["Keywords"] = "; ".join(first + others)
+        known["Keywords"] = "; ".join(others)
     return known | {_DATES[kind]: None}
 
 
