@@ -207,25 +207,18 @@ def simulate(
 
     case = loading.load(Path(config).expanduser())
     used_seed = case.config.seed if seed is None else arguments.whole("seed", seed, 0)
-    target_path = None if output is None else Path(output).expanduser()
-    if (
-        target_path is not None
-        and case.config.experiments
-        and target_path.exists()
-        and not target_path.is_dir()
-    ):
+    given, several = None if output is None else Path(output).expanduser(), case.config.experiments
+    if several and given is not None and given.exists() and not given.is_dir():
         message = "is no folder; name one for the records of several experiments"
-        raise InputError.at(str(target_path), message)
-    texts = simulation.simulate_all(case, used_seed, target_path)
-    records = [
-        sources.path_of(experiment.config, experiment.source) for experiment in case.experiments
-    ]
+        raise InputError.at(str(given), message)
+    texts = simulation.simulate_all(case, used_seed, given)
+    records = [sources.path_of(each.config, each.source) for each in case.experiments]
     rows = [(*pair, record) for pair, record in zip(texts.items(), records, strict=True)]
     for target, text, record in rows:
         simulation.check_target(text, target, record, force=force)
     files = {}
     for (target, text, record), experiment in zip(rows, case.experiments, strict=True):
-        if case.config.experiments:
+        if several:
             target.parent.mkdir(parents=True, exist_ok=True)
         simulation.save(text, target, record, force=force)
         skipped = reading.csv_options(experiment.config.record).skip_rows

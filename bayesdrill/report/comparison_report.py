@@ -135,20 +135,16 @@ class ComparisonReport:
     def figures(self) -> Mapping[str, Drawing]:
         """The figures by name; no corner where no two runs share an unknown."""
         # Late: matplotlib takes a second to load.
-        from bayesdrill.report.sections.comparison_figure import (
-            comparison_figure,
-            intervals_figure,
-            overlay_corner_figure,
-        )
+        from bayesdrill.report.sections import comparison_figure as drawn_by
 
         if self.models:
             given = (self.models, self.rows, self.units)
-            return {COMPARED.figure: Drawing(comparison_figure, given, says=MODELS)}
+            return {COMPARED.figure: Drawing(drawn_by.comparison_figure, given, says=MODELS)}
         drawn, drawings = (self.layers, self.rows, self.units), {}
         if self.rows:
-            drawings["intervals"] = Drawing(intervals_figure, drawn, says=INTERVALS)
+            drawings["intervals"] = Drawing(drawn_by.intervals_figure, drawn, says=INTERVALS)
         if any(row.shared for row in self.rows):
-            drawings[OVERLAID.figure] = Drawing(overlay_corner_figure, drawn, says=CORNER)
+            drawings[OVERLAID.figure] = Drawing(drawn_by.overlay_corner_figure, drawn, says=CORNER)
         return drawings
 
     @property
@@ -193,15 +189,10 @@ def ranking(causes: Causes, seconds: Mapping[tuple[str, ...], float]) -> str:
 
 def ladder_opening(candidates: Sequence[CandidateModel], missing: int) -> str:
     """Say what is to be sampled."""
-    done = (
-        f" ({len(candidates) - missing} of them done before)" if missing < len(candidates) else ""
-    )
-    return "\n".join(
-        [
-            f"to sample{done}:",
-            *(f"  {candidate.name}: {candidate.about}" for candidate in candidates),
-        ],
-    )
+    done = len(candidates) - missing
+    before = f" ({done} of them done before)" if done else ""
+    lines = [f"  {candidate.name}: {candidate.about}" for candidate in candidates]
+    return "\n".join([f"to sample{before}:", *lines])
 
 
 def ladder_conclusion(candidate: CandidateModel, left_out: Mapping[str, str], config: Path) -> str:

@@ -95,7 +95,7 @@ SMALL_PANELS = Page()
 AXES = Page(left=0.14, right=0.14, gap_x=0.2, gap_y=0.56, bottom=0.5)
 
 
-LEGEND = style.look(
+LEGEND = style.fix_look(
     loc="upper center", borderaxespad=0.3, labelspacing=0.3, columnspacing=1.2, handlelength=1.9
 )
 

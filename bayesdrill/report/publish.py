@@ -31,9 +31,7 @@ Recipe = Callable[[ReportContext], Drawing | tuple[Drawing, ...] | None]
 
 
 def drawings(name: str, run: ReportContext) -> dict[str, Drawing]:
-    """Return what is to be drawn of this run, by the stems of the files.
-
-    One figure, or one for each experiment.
+    """Return a figure of this run, or one for each experiment, by the stems of the files.
 
     Raises `TypeError` for a recipe that is none.
     """

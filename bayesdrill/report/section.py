@@ -303,20 +303,13 @@ def sandwich_table(
     display_units: DisplayUnits,
 ) -> Table:
     """Return the posterior's sds beside `sds`, SI, and the ends of refits on `windows`."""
-    ends = f"MAP of {len(windows)} windows" if any(windows) else ""
-    heads = (
-        "",
-        "unit",
-        "sd",
-        "sd if residuals remember (sandwich)",
-        "over sd",
-        *filter(None, [ends]),
-    )
+    refits = (f"MAP of {len(windows)} windows",) if any(windows) else ()
+    heads = ("", "unit", "sd", "sd if residuals remember (sandwich)", "over sd", *refits)
     lines = []
     for row, shown in zip(rows, display_units.rows(rows), strict=True):
         sd, factor = sds[row.name], display_units.factor(row.name)
         cells = [f"{sd / factor:.2g}", f"{sd / row.sd:.3g}" if row.sd else ""]
-        if ends:
+        if refits:
             values = [x.value for window in windows for x in window if x.name == row.name]
             cells.append(
                 f"{min(values) / factor:.3g} to {max(values) / factor:.3g}" if values else ""

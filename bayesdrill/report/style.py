@@ -34,8 +34,8 @@ TICKS_WIDTH = 0.43  # between an axis and its label, inches
 SMALL = 0.83  # of the letters of a figure in one column, in those of one in two
 
 
-def look(**entries: Any) -> Mapping[str, Any]:
-    """Return how something is drawn, as matplotlib takes it."""
+def fix_look(**entries: Any) -> Mapping[str, Any]:
+    """Return how something is drawn, as matplotlib takes it; nobody changes it."""
     return MappingProxyType(entries)
 
 
@@ -78,19 +78,20 @@ RC: Mapping[str, Any] = MappingProxyType(
 
 BLACK, DARK, MIDDLE, LIGHT, FAINT = "0.0", "0.3", "0.55", "0.8", "0.91"
 # Two colours that print as different greys and differ in line style and marker as well.
-NOMINAL = look(color="#2b6cb0", linestyle=(0, (4, 2)), linewidth=1.0)
+NOMINAL = fix_look(color="#2b6cb0", linestyle=(0, (4, 2)), linewidth=1.0)
 MAP_COLOUR = "#b3261e"
-MAP_LINE = look(color=MAP_COLOUR, linestyle=(0, (1, 1.5)), linewidth=1.0)
+MAP_LINE = fix_look(color=MAP_COLOUR, linestyle=(0, (1, 1.5)), linewidth=1.0)
 
-BLACK_LINE = look(color=BLACK, linewidth=0.9)
-BAND = look(color=LIGHT, linewidth=0)
-CROSS = look(color=MAP_COLOUR, marker="+", markersize=8, markeredgewidth=1.2, linestyle="none")
-AWAY = look(color=NOMINAL["color"], markersize=5, linestyle="none")  # a value beyond the axis
-CHANCE = look(facecolor=FAINT, edgecolor=MIDDLE, linewidth=0.5)  # the band that chance allows, ...
-OUTSIDE = look(color=MAP_COLOUR, linewidth=1.8)  # ... left
-PRIOR_LINE = look(color=MIDDLE, linestyle=(0, (6, 1, 1, 1)), linewidth=0.8)
-_DOT = look(marker="o", markersize=1.2, markeredgewidth=0, linestyle="none")
-DOTS = look(color=DARK, alpha=0.35, zorder=-1, rasterized=True, **_DOT)
+BLACK_LINE = fix_look(color=BLACK, linewidth=0.9)
+BAND = fix_look(color=LIGHT, linewidth=0)
+CROSS = fix_look(color=MAP_COLOUR, marker="+", markersize=8, markeredgewidth=1.2, linestyle="none")
+AWAY = fix_look(color=NOMINAL["color"], markersize=5, linestyle="none")  # a value beyond the axis
+# The band that chance allows, and what left it.
+CHANCE = fix_look(facecolor=FAINT, edgecolor=MIDDLE, linewidth=0.5)
+OUTSIDE = fix_look(color=MAP_COLOUR, linewidth=1.8)
+PRIOR_LINE = fix_look(color=MIDDLE, linestyle=(0, (6, 1, 1, 1)), linewidth=0.8)
+_DOT = fix_look(marker="o", markersize=1.2, markeredgewidth=0, linestyle="none")
+DOTS = fix_look(color=DARK, alpha=0.35, zorder=-1, rasterized=True, **_DOT)
 
 
 # Matplotlib has one style for the whole process, and one parser of formulas.
@@ -199,13 +200,7 @@ def thin(n: int, most: int) -> NDArray[np.intp]:
     return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(np.intp))
 
 
-# What readers of a format know; other entries are joined in Keywords.
-_KNOWN: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {
-        "pdf": ("Title", "Author", "Subject", "Keywords", "Creator", "Producer"),
-        "svg": ("Title", "Creator", "Description", "Keywords"),
-    }
-)
+# What a writer of a format would put the date in, unless it is told not to.
 _DATES: Mapping[str, str] = MappingProxyType({"pdf": "CreationDate", "svg": "Date"})
 
 
@@ -230,14 +225,15 @@ def save(
 
 
 def _entries(kind: str, metadata: Mapping[str, str]) -> dict[str, str | None]:
-    """As the writer of this format takes them."""
-    if kind not in _KNOWN:
+    """As the writer of this format takes them; what its readers do not know is joined in Keywords."""
+    if kind not in _DATES:
         return dict(metadata)
-    known: dict[str, str | None] = {k: v for k, v in metadata.items() if k in _KNOWN[kind]}
-    others = [f"{key}: {value}" for key, value in metadata.items() if key not in _KNOWN[kind]]
+    known: dict[str, str | None] = {
+        name: text for name, text in metadata.items() if name in ("Title", "Creator")
+    }
+    others = [f"{name}: {text}" for name, text in metadata.items() if name not in known]
     if others:
-        first = [metadata["Keywords"]] if "Keywords" in metadata else []
-        known["Keywords"] = "; ".join(first + others)
+        known["Keywords"] = "; ".join(others)
     return known | {_DATES[kind]: None}
 
 

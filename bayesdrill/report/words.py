@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -101,13 +100,12 @@ def record_suspicions(problem: Problem, most: int = FEW) -> tuple[str, ...]:
 def _line(name: str, measures: str, spec: ColumnSpec, values: Array) -> tuple[str, ...]:
     where = [text for text in (spec.variable, spec.column) if text is not None]
     known = values[~np.isnan(values)]
-    numbers = (known[0], known.min(), known.max())
     return (
         f"  {name}",
         measures,
         " ".join(map(str, where)),
         spec.unit,
-        *(f"{x:.5g}" for x in numbers or (math.nan,) * 3),
+        *(f"{x:.5g}" for x in (known[0], known.min(), known.max())),
     )
 
 
