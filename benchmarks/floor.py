@@ -13,7 +13,6 @@ import time
 
 import llvmlite.binding as llvm
 import numpy as np
-from llvmlite import ir
 
 from bayesdrill.rig.kernels import lanes
 from bayesdrill.rig.kernels.exponential import TAYLOR_DEGREE, TAYLOR_NORM, Layout
@@ -46,17 +45,14 @@ def _norm(layout: Layout, dt: float, numbers: np.ndarray) -> float:
 
 def operations_per_second() -> float:
     """Vector operations that one core finishes per second, the best of several tries."""
-    module = ir.Module("floor")
-    made, b = lanes.begin_function(module, "work", 1, [lanes.VECTORS])
-    count, out = made.args
-    start = [lanes.vector(1.0 + k) for k in range(CHAINS)]
-    loop = lanes.Loop(b, count, start, "rounds")
-    factor, term = lanes.vector(0.999), lanes.vector(1e-3)
-    sums = [b.fma(total, factor, term) for total in loop.carried]
-    loop.close(sums)
-    for k, total in enumerate(sums):
-        b.write(total, out, k)
-    b.ret_void()
+    module = lanes.Module("floor")
+    with lanes.kernel(module, "work", ("count",), {"out": lanes.VECTORS}) as (a, b):
+        start = [lanes.vector(1.0 + k) for k in range(CHAINS)]
+        loop = lanes.Loop(b, a["count"], start, "rounds")
+        factor, term = lanes.vector(0.999), lanes.vector(1e-3)
+        sums = [b.fma(total, factor, term) for total in loop.carried]
+        loop.close(sums)
+        b.write_row(sums, a["out"])
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     target = llvm.Target.from_default_triple().create_target_machine(

@@ -16,13 +16,13 @@ import numpy as np
 import pytest
 import systems
 from compiled import response
-from llvmlite import ir
 from oracles import NOMINAL
 from rigs import vector
 
 from bayesdrill.rig.kernels import cache
 from bayesdrill.rig.kernels.cache import CACHE_VARIABLE, CodeCache, user_cache
 from bayesdrill.rig.kernels.compiling import compile_kernel
+from bayesdrill.rig.kernels.lanes import Module
 from bayesdrill.rig.kernels.recurrence import write_response
 from bayesdrill.rig.kernels.step_arguments import SteppedShape
 from bayesdrill.rig.kernels.sums import LOGS, SQUARES
@@ -321,7 +321,7 @@ def test_what_the_code_depends_on_is_in_the_key() -> None:
 
 def code(write: Callable[..., None], *structures: Any) -> str:
     """A kernel in LLVM's language."""
-    module = ir.Module()
+    module = Module("kernel")
     write(module, *structures)
     return str(module)
 

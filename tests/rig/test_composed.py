@@ -15,13 +15,12 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 import scipy.linalg
-from llvmlite import ir
 from oracles import ORDER, skewed
 from rigs import STATES, experiment
 from together import for_each
 
-from bayesdrill.rig.kernels.exponential import emit_exponential
-from bayesdrill.rig.kernels.recurrence import emit_response
+from bayesdrill.rig.kernels.lanes import Module
+from bayesdrill.rig.kernels.recurrence import write_response
 from bayesdrill.rig.kernels.sums import SQUARES
 from bayesdrill.rig.models import linear
 from bayesdrill.rig.models.linear import DOT, Linear, Model, Tangent, dynamics
@@ -232,9 +231,8 @@ class Plain(Model):
 def code(rig: Model, series: bool) -> Counter[str]:
     """What is handed to the compiler: how often each operation, whatever its numbers are called."""
     u = {"v": np.ones(20)} if series else {}
-    own, module = layout(rig, experiment(20, start=START, series=u)), ir.Module("rig")
-    exponential = emit_exponential(module, own, increments=True)
-    emit_response(module, own, exponential, "misfit", SQUARES)
+    own, module = layout(rig, experiment(20, start=START, series=u)), Module("rig")
+    write_response(module, own, SQUARES.name)
     return Counter(re.sub(r'%"[^"]*"', "%", line) for line in str(module).splitlines())
 
 

@@ -15,7 +15,6 @@ import stat
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import IO
 
@@ -77,11 +76,6 @@ class CodeCache:
             for name in _files(folder):
                 os.unlink(name, dir_fd=folder)
 
-    @cached_property
-    def _supported(self) -> bool:
-        """Whether owners and permissions can be told, of the folder that was opened."""
-        return hasattr(os, "geteuid") and os.open in os.supports_dir_fd
-
     @contextmanager
     def _opened(self, *, create: bool = False) -> Iterator[int]:
         """The descriptor of the folder, so that it stays the one whose owner was looked at.
@@ -89,7 +83,9 @@ class CodeCache:
         Raises `FileNotFoundError` where there is none, and `PermissionError` where it is not the
         user's alone.
         """
-        if self.folder is None or not self._supported:
+        # Of the folder that was opened, owners and permissions can be told.
+        supported = hasattr(os, "geteuid") and os.open in os.supports_dir_fd
+        if self.folder is None or not supported:
             raise FileNotFoundError(
                 f"machine code is not kept: {CACHE_VARIABLE}={CACHE_OFF}, or no such system"
             )

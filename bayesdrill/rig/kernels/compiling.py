@@ -16,13 +16,14 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from llvmlite import ir
 
 from bayesdrill.basics import duals
 from bayesdrill.rig.kernels.cache import CodeCache, user_cache
+from bayesdrill.rig.kernels.lanes import Module
 
 # Of LLVM's passes, those that a kernel gains from: it is written without branches that could go, calls
 # nothing small and has its loops over vectors already. All others take as long again as these, the
@@ -31,15 +32,6 @@ PASSES = ("sroa", "instruction_combine", "simplify_cfg")
 # Of how hard it looks for machine code: harder takes a quarter as long again, for 2 to 3 % in kernels of
 # few loops that keep the processor's arithmetic busy, and nothing in the others.
 OPT_LEVEL, HIGH_OPT_LEVEL = 1, 2
-
-
-class Structure(Protocol):
-    """What a kernel is written for; hashable."""
-
-    @property
-    def text(self) -> str:
-        """All of it that the code depends on: equal where the code is."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,10 +46,12 @@ class Kernel:
 
 
 @cache
-def compile_kernel(
-    write: Callable[..., None], *structures: Structure | str, effort: int = OPT_LEVEL
-) -> Kernel:
-    """Return the kernel that `write(module, *structures)` writes, from the cache if it is there."""
+def compile_kernel(write: Callable[..., None], *structures: Any, effort: int = OPT_LEVEL) -> Kernel:
+    """Return the kernel that `write(module, *structures)` writes, from the cache if it is there.
+
+    Structures are hashable; the `text` of one is all of it that the code depends on, equal where
+    the code is.  Some are names.
+    """
     texts = [
         structure if isinstance(structure, str) else structure.text for structure in structures
     ]
@@ -66,7 +60,7 @@ def compile_kernel(
     code = cache.load(key)
     if code is None:
         with _no_garbage_collection():
-            module = ir.Module(write.__module__)
+            module = Module(write.__module__)
             write(module, *structures)
             code = _pack(module, effort)
         cache.store(key, code)

@@ -14,18 +14,12 @@ from collections.abc import Sequence
 
 from llvmlite import ir
 
-from bayesdrill.rig.kernels.compressed_sums import store_squares, subtract_reference
+from bayesdrill.rig.kernels.compressed_sums import store_squares
 from bayesdrill.rig.kernels.exponential import Layout
-from bayesdrill.rig.kernels.exponential import number as shared_number
 from bayesdrill.rig.kernels.kalman_filter import StateSpace
-from bayesdrill.rig.kernels.lanes import I64, NUMBERS, VECTORS, Loop, Vector, vector
-from bayesdrill.rig.kernels.numbers import Blocks, Matrix, Memory, Number, dot, multiply_add, plus
-from bayesdrill.rig.kernels.rational_basis import (
-    WHOLE_NUMBERS,
-    BasisExpansion,
-    BasisShape,
-    applied,
-)
+from bayesdrill.rig.kernels.lanes import NUMBERS, VECTORS, WHOLE, Loop, Module, Vector, vector
+from bayesdrill.rig.kernels.numbers import Blocks, Matrix, Number, Numbers, dot, multiply_add, plus
+from bayesdrill.rig.kernels.rational_basis import BasisExpansion, BasisShape, applied
 from bayesdrill.rig.kernels.steady_state_kalman import SteadyFilter, emit_steady_state
 
 COUNTS = ("groups", "samples", "columns", "channel", "sum")
@@ -33,7 +27,7 @@ BLOCKS = {
     "told": VECTORS,  # (G, P + K): parameters, variances
     "constants": NUMBERS,  # see `recurrence.Constants`
     "frame": NUMBERS,
-    "orders": WHOLE_NUMBERS,
+    "orders": WHOLE,
     "reference": NUMBERS,
     "triangles": NUMBERS,
     "projected": NUMBERS,
@@ -96,7 +90,7 @@ class _Reactions:
         return [self.entry(i, column) for i in range(self._w.system.n)]
 
 
-def write_closed_loop(module: ir.Module, system: StateSpace, layout: Layout) -> None:
+def write_closed_loop(module: Module, system: StateSpace, layout: Layout) -> None:
     """Write `steadily`, which also stores of each state and channel predictions and the next state.
 
     These are `(n + K, K + n)`; then follow the columns after Phi `(N - n, n)`.
@@ -110,13 +104,13 @@ def _store_closed(w: SteadyFilter, state: list[ir.Value], shown: ir.Value) -> li
     rows = [[*shows, *following] for shows, following in reactions.states + reactions.channels]
     rows += [reactions.column(column) for column in range(n, size)]
     numbers = [number.value for row in rows for number in row]
-    b.write_row(numbers, b.gep(w.a["closed"], [b.mul(w.group, I64(len(numbers)))]))
+    b.write_row(numbers, b.offset(w.a["closed"], b.mul(w.group, len(numbers))))
     w.m.clear(shown, n)
     return [Vector(b, vector(0.0))] * k_count
 
 
 def write_compressed_filter(
-    module: ir.Module, system: StateSpace, layout: Layout, shape: BasisShape
+    module: Module, system: StateSpace, layout: Layout, shape: BasisShape
 ) -> None:
     """Write `steadily`, of COUNTS and addresses of BLOCKS; others are as in `compressed_sums`."""
     sums = functools.partial(_by_functions, shape)
@@ -129,27 +123,21 @@ def _by_functions(
     """Return sums of squared innovations from the triangle; see `emit_steady_state`."""
     m, b, k_count = w.m, w.m.b, w.system.k
     expansion, columns = BasisExpansion(b, shape, w.a), w.a["columns"]
-    first = _expand(
-        expansion, _Reactions(w), [Vector(b, register) for register in state], w.a["frame"]
-    )
-    subtract_reference(b, expansion, w.a["reference"])
+    first = _expand(expansion, _Reactions(w), m.shaped(state), w.a["frame"])
     squares, residuals = m.room(k_count), expansion.after
-    store_squares(b, shape, w.a, expansion, squares, residuals)
+    store_squares(expansion, squares, residuals)
     # Of columns of the impulse, with what the reference and the difference from it leave.
-    pulled = b.gep(residuals, [b.mul(columns, I64(k_count))])
+    pulled = b.offset(residuals, b.mul(columns, k_count))
     for k in range(k_count):
-        left, sums = (b.gep(base, [b.mul(columns, I64(k))]) for base in (residuals, pulled))
+        left, sums = (b.offset(base, b.mul(columns, k)) for base in (residuals, pulled))
         b.clear(sums, first)
-        rows = Loop(b, first, [], "rows")
-        residual = b.load(b.gep(left, [rows.index]), align=8)
-        inner = Loop(b, b.sub(first, rows.index), [], "inner")
-        j = b.add(rows.index, inner.index)
-        entry = b.load(b.gep(w.a["triangles"], [b.add(b.mul(rows.index, columns), j)]))
-        at = b.gep(sums, [j])
-        b.store(b.fma(b.splat(entry), residual, b.load(at, align=8)), at, align=8)
-        inner.close([])
-        rows.close([])
-    spare = b.gep(residuals, [b.mul(columns, I64(2 * k_count))])
+        with b.loop(first, "rows") as row:
+            residual = b.read(left, row)
+            with b.loop(b.sub(first, row), "inner") as inner:
+                j = b.add(row, inner)
+                entry = b.shared(w.a["triangles"], b.add(b.mul(row, columns), j))
+                b.write(b.fma(entry, residual, b.read(sums, j)), sums, j)
+    spare = b.offset(residuals, b.mul(columns, 2 * k_count))
     expansion.coefficients = Blocks(b, (spare,))
     _show_start(w, expansion, first, pulled, shown)
     return m.row(squares, k_count)
@@ -162,12 +150,8 @@ def _expand(
 
     `block`: the frame.
     """
-    b, shape, n, layout = (
-        expansion.b,
-        expansion.shape,
-        expansion.shape.states,
-        expansion.shape.layout,
-    )
+    b, shape = expansion.b, expansion.shape
+    n, layout = shape.states, shape.layout
     unity, zero = (Vector(b, vector(value)) for value in (1.0, 0.0))
     rows = _turned([shows for shows, _ in by.states])
     fall = plus(_turned([following for _, following in by.states]), -unity)
@@ -181,17 +165,17 @@ def _expand(
         constant = [multiply_add(begin, a, c) for a, c in zip(held[s], constant, strict=True)]
         drives[s] = [a + c for a, c in zip(held[s], applied(fall, rise), strict=True)]
     drives = [state, *[constant] * shape.constant, *drives, *(after for _, after in by.channels)]
-    m, sizes = Memory(b, False), b.gep(block, [I64(2 * n * n)])
+    m, sizes = Numbers(b, False), b.offset(block, 2 * n * n)
     modes = m.room(n * len(drives))
     m.put_row(itertools.chain(*(applied(expansion.frame.duals, drive) for drive in drives)), modes)
-    errors = [error.value for error in expansion.errors]
-    each = Loop(b, I64(len(drives)), [I64(0), *errors], "sources")  # the code of them is there once
-    expansion.errors = [Vector(b, register) for register in each.carried[1:]]
-    row = m.row(m.at(modes, b.mul(each.index, I64(n))), n)
-    size = shared_number(b, b.gep(sizes, [each.index]), 0)
+    start = [0, *m.flat(expansion.errors)]
+    each = Loop(b, len(drives), start, "sources")  # the code of them is there once
+    expansion.errors = m.shaped(each.carried[1:])
+    row = m.row(m.at(modes, b.mul(each.index, n)), n)
+    size = Vector(b, b.shared(sizes, each.index))
     column = expansion.add_modes(each.carried[0], row, size)
-    each.close([column, *(error.value for error in expansion.errors)])
-    functions = b.sdiv(column, I64(len(drives)))
+    each.close([column, *m.flat(expansion.errors)])
+    functions = b.sdiv(column, len(drives))
     for direct in (*(applied(rows, rise) for rise in rises), *(shows for shows, _ in by.channels)):
         column = expansion.store(column, direct)
     expansion.store(column, [zero] * shape.channels)
@@ -205,27 +189,26 @@ def _show_start(
 
     These are for a start that is off by a standard deviation of any state, too.
     """
-    b, n, k_count = w.m.b, w.system.n, w.system.k
-    begin = [error.value for error in expansion.errors]
-    each = Loop(b, I64(n), begin, "each")
-    duals = b.gep(w.a["frame"], [b.add(I64(n * n), each.index)])
-    unit = [shared_number(b, duals, n * i) for i in range(n)]
-    variance = Vector(b, b.load(b.gep(w.at["p"], [b.mul(each.index, I64(n + 1))]), align=8))
-    expansion.errors = [Vector(b, register) for register in each.carried]
-    expansion.add_modes(I64(0), unit, variance.sqrt())
+    m, b, n, k_count = w.m, w.m.b, w.system.n, w.system.k
+    each = Loop(b, n, m.flat(expansion.errors), "each")
+    duals = b.offset(w.a["frame"], b.add(n * n, each.index))
+    unit = [Vector(b, b.shared(duals, n * i)) for i in range(n)]
+    variance = Vector(b, b.read(w.at["p"], b.mul(each.index, n + 1)))
+    expansion.errors = m.shaped(each.carried)
+    expansion.add_modes(0, unit, variance.sqrt())
     totals = []
     for k in range(k_count):
         inner = Loop(b, first, [vector(0.0)], "inner")
-        at = b.add(b.mul(inner.index, I64(k_count)), I64(k))
-        coefficient = b.load(b.gep(expansion.coefficients.bases[0], [at]), align=8)
-        index = b.add(b.mul(w.a["columns"], I64(k)), inner.index)
-        product = b.fma(coefficient, b.load(b.gep(pulled, [index]), align=8), inner.carried[0])
+        at = b.add(b.mul(inner.index, k_count), k)
+        coefficient = b.read(expansion.coefficients.bases[0], at)
+        index = b.add(b.mul(w.a["columns"], k), inner.index)
+        product = b.fma(coefficient, b.read(pulled, index), inner.carried[0])
         inner.close([product])
         totals.append(Vector(b, product))
     roots = [w.gains.inverse_deviation(k) for k in range(k_count)]
     total = dot([root * root for root in roots], totals)
-    b.store(total.value, b.gep(shown, [each.index]), align=8)
-    after = [error.value for error in expansion.errors]
+    b.write(total.value, shown, each.index)
+    after = m.flat(expansion.errors)
     each.close(after)
     b.write_row(after, b.offset(w.a["bounds"], w.group, k_count))
 

@@ -1,75 +1,149 @@
 """Sums of squares of a long record, and their normal equations, from its triangle.
 
 See `rational_basis` for the functions that are the triangle's columns.
+
+A channel that is late by d sees x(t - d).  With a whole number m of samples no less than d, that is
+the rig a span s = m dt - d after sample n - m: states there through exp(A s), and the inputs of the
+steps between.  So a delay changes rows of weights, and adds inputs that are seen at once.  The span
+is shares of the steps from there on: of a step that it does not reach, zero.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import islice
 
 import numpy as np
 from llvmlite import ir
 
-from bayesdrill.rig.kernels.delayed_rows import DelayedRows, SpanExponential
-from bayesdrill.rig.kernels.exponential import emit_exponential
+from bayesdrill.basics.duals import Dual, dual
+from bayesdrill.rig.kernels.exponential import store_exponential
 from bayesdrill.rig.kernels.lanes import (
-    I64,
     NUMBERS,
-    VEC,
     VECTORS,
+    WHOLE,
     Builder,
     Loop,
-    begin_kernel,
+    Module,
+    Vector,
+    kernel,
     vector,
 )
-from bayesdrill.rig.kernels.numbers import Blocks, Matrix
-from bayesdrill.rig.kernels.rational_basis import ROWS, WHOLE_NUMBERS, BasisExpansion, BasisShape
+from bayesdrill.rig.kernels.numbers import Blocks, Matrix, Number, dot
+from bayesdrill.rig.kernels.rational_basis import (
+    ROWS,
+    BasisExpansion,
+    BasisShape,
+    ExponentialEntries,
+)
 
 COUNTS = ("groups", "columns", "channel", "sum", "q")
-BLOCKS = {
-    "walkers": VECTORS,
-    "numbers": NUMBERS,
-    "frame": NUMBERS,
-    "orders": WHOLE_NUMBERS,
-    "reference": NUMBERS,
-    "triangles": NUMBERS,
-    "projected": NUMBERS,
-    "scratch": VECTORS,
-    "directions": VECTORS,
-    "weights": VECTORS,
-    "out": VECTORS,
-}
+BLOCKS = (
+    dict.fromkeys(("numbers", "frame", "reference", "triangles", "projected"), NUMBERS)
+    | dict.fromkeys(("walkers", "scratch", "directions", "weights", "out"), VECTORS)
+    | {"orders": WHOLE}
+)
 ENDS = 2  # which of the sums has but two rows: of the first sample and the last
 
 
-def _projections(
-    b: Builder,
-    shape: BasisShape,
-    arguments: dict[str, ir.Value],
-    coefficients: ir.Value,
-) -> Iterator[tuple[int, ir.Value, list[ir.Value], Loop]]:
-    """Loop over sums and blocks of rows of R times coefficients, as `(s, row, products, loop)`."""
-    columns, k_count = arguments["columns"], shape.channels
-    for s, (k, v) in enumerate(np.ndindex(k_count, shape.sums)):
-        triangle = b.offset(arguments["triangles"], I64(k), arguments["channel"])
-        triangle = b.offset(triangle, I64(v), arguments["sum"])
-        rows = Loop(b, I64(1) if v == ENDS else b.sdiv(columns, I64(ROWS)), [], "rows")
-        row = b.mul(rows.index, I64(ROWS))
-        bases = [b.gep(triangle, [b.mul(b.add(row, I64(n)), columns)]) for n in range(ROWS)]
-        inner = Loop(b, b.sub(columns, row), [vector(0.0)] * ROWS, "inner")
-        j = b.add(row, inner.index)
-        value = b.load(b.gep(coefficients, [b.add(b.mul(j, I64(k_count)), I64(k))]), align=8)
-        totals = [
-            b.fma(b.splat(b.load(b.gep(base, [j]))), value, total)
-            for base, total in zip(bases, inner.carried, strict=True)
+def _store_over(
+    expansion: BasisExpansion, share: ir.Value, parameters: ir.Value, e: ir.Value
+) -> None:
+    """Store exp(M span) - 1 of a walker over a `share` of a step."""
+    b, numbers, layout = expansion.b, expansion.a["numbers"], expansion.shape.layout
+    span, constants = b.fmul(share, b.shared(numbers, 0)), b.offset(numbers, 1)
+    store_exponential(b, parameters, constants, span, e, layout, increments=True, beside_one=False)
+
+
+class _DelayedRows:
+    """The code of rows over the states at a sample, of what is seen at a later time."""
+
+    def __init__(self, expansion: BasisExpansion, parameters: ir.Value) -> None:
+        b, shape = expansion.b, expansion.shape
+        self._shape, self._x, self._series = shape, shape.states, shape.layout.n_series
+        self._expansion, self._parameters = expansion, parameters
+        self._entry = ExponentialEntries(b, shape, b.room(shape.layout.size**2))
+        self._nothing: list[Number] = [Vector(b, vector(0.0))] * self._series
+        self._rates = self._of_a_step(b)
+
+    def row(self, states: list[Number], shares: list[Number]) -> tuple[list[Number], Matrix]:
+        """Return the row `(X + 1,)`, and weights of inputs `(D + 1, S)` at the samples from there.
+
+        `shares (D,)`: of each step, that are in the span.
+        """
+        weights = [[*self._nothing] for _ in range(len(shares) + 1)]
+        for step, share in reversed([*enumerate(shares)]):
+            states, held, rise = self._passed(states, share)
+            for s in range(self._series):
+                weights[step][s] = weights[step][s] + (held[s] - rise[s])
+                weights[step + 1][s] = weights[step + 1][s] + rise[s]
+        return states, weights
+
+    def _passed(self, row: list[Number], share: Number) -> tuple[list[Number], ...]:
+        """Return a row before a span, and weights of inputs at its begin, and of their increments."""
+        x, n, first_order = self._x, self._series, self._shape.layout.first_order
+        span, by_share = dual(share).value, dual(share).slope
+        e = self._entry
+        _store_over(self._expansion, span.value, self._parameters, e.e)
+        columns = [
+            dot(row[:x], [e(i, column) for i in range(x)], row[column] if column <= x else None)
+            for column in range(x + 1 + n * (1 + first_order))
         ]
-        inner.close(totals)
-        yield s, row, totals, rows
+        states, held, rise = columns[: x + 1], columns[x + 1 : x + 1 + n], columns[x + 1 + n :]
+        rise = [number * span for number in rise] if first_order else self._nothing
+        if self._shape.tangent:
+            values = [dual(number).value for number in states]
+            if first_order:
+                rise = [
+                    a + Dual(0.0, dual(c).value * by_share) for a, c in zip(rise, held, strict=True)
+                ]
+            states, held = (
+                [
+                    number + Dual(0.0, self._rate(values, column) * by_share)
+                    for column, number in enumerate(part, first)
+                ]
+                for first, part in ((0, states), (x + 1, held))
+            )
+        return states, held, rise
+
+    def _rate(self, values: list[Number], column: int) -> Number:
+        """Return by how much a row times exp(M span) changes with a share of a step."""
+        return sum(values[i] * rate for (i, at), rate in self._rates.items() if at == column)
+
+    def _of_a_step(self, b: Builder) -> dict[tuple[int, int], Number]:
+        """Return the entries of M of the rig, times a step, by row and column of the rig."""
+        x, layout = self._x, self._shape.layout
+        shift, rates = layout.n_states - x, dict[tuple[int, int], Number]()
+        numbers = self._expansion.a["numbers"]
+        step, constants = Vector(b, b.shared(numbers, 0)), b.offset(numbers, 1)
+        for row, column, value in layout.matrix(b, self._parameters, constants):
+            if row < x and (column < x or column >= layout.n_states):
+                place = (row, column if column < x else column - shift)
+                rates[place] = value * step + rates.get(place, 0.0)
+        return rates
 
 
-def write_sums(module: ir.Module, shape: BasisShape) -> None:
+def _projections(
+    expansion: BasisExpansion, coefficients: ir.Value
+) -> Iterator[tuple[int, ir.Value, list[ir.Value]]]:
+    """Loop over sums and blocks of rows of R times coefficients, as `(s, row, products)`."""
+    b, a, k_count = expansion.b, expansion.a, expansion.shape.channels
+    for s, (k, v) in enumerate(np.ndindex(k_count, expansion.shape.sums)):
+        triangle = b.offset(a["triangles"], k, a["channel"])
+        triangle = b.offset(triangle, v, a["sum"])
+        with b.loop(1 if v == ENDS else b.sdiv(a["columns"], ROWS), "rows") as block:
+            row = b.mul(block, ROWS)
+            bases = [b.offset(triangle, b.add(row, n), a["columns"]) for n in range(ROWS)]
+            inner = Loop(b, b.sub(a["columns"], row), [vector(0.0)] * ROWS, "inner")
+            j = b.add(row, inner.index)
+            value = b.read(coefficients, b.add(b.mul(j, k_count), k))
+            pairs = zip(bases, inner.carried, strict=True)
+            totals = [b.fma(b.shared(base, j), value, total) for base, total in pairs]
+            inner.close(totals)
+            yield s, row, totals
+
+
+def write_sums(module: Module, shape: BasisShape) -> None:
     """Write `sums(G, n, triangle, ..., q, ...)`, whose arguments are `COUNTS` and `BLOCKS`.
 
     Of G groups of walkers `(G, P + X + K (X + 1) + K D, LANES)`: parameters, start, rows of channels,
@@ -83,51 +157,39 @@ def write_sums(module: ir.Module, shape: BasisShape) -> None:
     walkers have, and `weights (G, K sums, LANES)` of each sum.  `out (G, K sums + K + q + q q, LANES)`
     goes on with slopes and the lower triangle of the products, these with their weights.
     """
-    exponential = emit_exponential(module, shape.layout, increments=True, beside_one=False)
-    arguments, b = begin_kernel(module, "sums", COUNTS, BLOCKS)
-    q, columns, n_sums = arguments["q"], arguments["columns"], shape.channels * shape.sums
-    length, first = b.mul(columns, I64(n_sums)), n_sums + shape.channels
-    both = b.alloca(VEC, I64(2 * shape.parameters))
-    through = SpanExponential(b, shape, exponential, arguments["numbers"])
-    groups = Loop(b, arguments["groups"], [], "groups")
-    walker = b.offset(arguments["walkers"], groups.index, shape.walker_size)
-    expansion = BasisExpansion(b, shape, arguments)
-    residuals = expansion.after
-    slopes = b.gep(residuals, [length])  # (q, K sums, n)
-    out = b.offset(arguments["out"], groups.index, b.add(I64(first), b.mul(q, b.add(q, I64(1)))))
-    if shape.tangent:
-        directions = Loop(b, q, [], "directions")
-        row = b.add(b.mul(groups.index, q), directions.index)
-        along = b.offset(arguments["directions"], row, shape.walker_size)
-        b.copy(walker, both, shape.parameters)
-        b.copy(along, b.gep(both, [I64(shape.parameters)]), shape.parameters)
-        errors = _expand(expansion, through, (walker, along), both)
-        row_slopes = b.offset(slopes, directions.index, length)
-        moved = expansion.coefficients.bases[1]
-        for s, row, products, blocks in _projections(b, shape, arguments, moved):
-            for n, product in enumerate(products):
-                index = b.add(b.mul(columns, I64(s)), b.add(row, I64(n)))
-                b.store(product, b.gep(row_slopes, [index]), align=8)
-            blocks.close([])
-        directions.close([])
-    else:
-        errors = _expand(expansion, through, (walker,), walker)
-    b.write_row(errors, b.gep(out, [I64(n_sums)]))
-    subtract_reference(b, expansion, arguments["reference"])
-    store_squares(b, shape, arguments, expansion, out, residuals if shape.tangent else None)
-    if shape.tangent:
-        weights = b.offset(arguments["weights"], groups.index, n_sums)
-        pairs = _WeightedProducts(b, shape, columns, weights)
-        pairs.store(q, slopes, residuals, b.gep(out, [I64(first)]))
-    groups.close([])
-    b.ret_void()
+    with kernel(module, "sums", COUNTS, BLOCKS) as (a, b):
+        q, columns, n_sums = a["q"], a["columns"], shape.channels * shape.sums
+        length, first = b.mul(columns, n_sums), n_sums + shape.channels
+        both = b.room(2 * shape.parameters)
+        with b.loop(a["groups"], "groups") as group:
+            walker = b.offset(a["walkers"], group, shape.walker_size)
+            expansion = BasisExpansion(b, shape, a)
+            residuals = expansion.after
+            slopes = b.offset(residuals, length)  # (q, K sums, n)
+            out = b.offset(a["out"], group, b.add(first, b.mul(q, b.add(q, 1))))
+            if shape.tangent:
+                with b.loop(q, "directions") as direction:
+                    row = b.add(b.mul(group, q), direction)
+                    along = b.offset(a["directions"], row, shape.walker_size)
+                    b.copy(walker, both, shape.parameters)
+                    b.copy(along, b.offset(both, shape.parameters), shape.parameters)
+                    errors = _expand(expansion, (walker, along), both)
+                    row_slopes = b.offset(slopes, direction, length)
+                    moved = expansion.coefficients.bases[1]
+                    for s, row, products in _projections(expansion, moved):
+                        for n, product in enumerate(products):
+                            b.write(product, row_slopes, b.add(b.mul(columns, s), b.add(row, n)))
+            else:
+                errors = _expand(expansion, (walker,), walker)
+            b.write_row(errors, b.offset(out, n_sums))
+            store_squares(expansion, out, residuals if shape.tangent else None)
+            if shape.tangent:
+                weights = b.offset(a["weights"], group, n_sums)
+                _store_products(expansion, weights, slopes, residuals, b.offset(out, first))
 
 
 def _expand(
-    expansion: BasisExpansion,
-    through: SpanExponential,
-    bases: tuple[ir.Value, ...],
-    parameters: ir.Value,
+    expansion: BasisExpansion, bases: tuple[ir.Value, ...], parameters: ir.Value
 ) -> list[ir.Value]:
     """Store the coefficients of walkers; return bounds `(K,)`; `bases`: of numbers, and of slopes."""
     b, shape = expansion.b, expansion.shape
@@ -135,84 +197,71 @@ def _expand(
     numbers = map(blocks.get, range(shape.parameters, shape.walker_size))
     start = [*islice(numbers, shape.states)]
     rows = [[*islice(numbers, shape.states + 1)] for _ in range(shape.channels)]
-    through.over(vector(1.0), parameters, expansion.entry.e)
+    _store_over(expansion, vector(1.0), parameters, expansion.entry.e)
     if shape.delays:
-        late = DelayedRows(b, shape, through, parameters)
+        late = _DelayedRows(expansion, parameters)
         pairs = [late.row(row, [*islice(numbers, shape.delays)]) for row in rows]
         rows, inputs = [row for row, _ in pairs], [weights for _, weights in pairs]
     return expansion.run(start, rows, inputs)
 
 
-def subtract_reference(b: Builder, expansion: BasisExpansion, reference: ir.Value) -> None:
-    """Leave of coefficients their difference from those of the reference."""
-    base = expansion.coefficients.bases[0]
-    each = Loop(b, expansion.count, [], "reference")
-    at = b.gep(base, [each.index])
-    known = b.splat(b.load(b.gep(reference, [each.index])))
-    b.store(b.fsub(b.load(at, align=8), known), at, align=8)
-    each.close([])
+def store_squares(expansion: BasisExpansion, out: ir.Value, residuals: ir.Value | None) -> None:
+    """Store all sums, and `residuals (K sums, n)` along the functions if wanted.
 
-
-def store_squares(
-    b: Builder, shape: BasisShape, arguments: dict[str, ir.Value], expansion: BasisExpansion,
-    out: ir.Value, residuals: ir.Value | None,
-) -> None:  # fmt: skip
-    """Store all sums, and `residuals (K sums, n)` along the functions if wanted."""
-    columns = arguments["columns"]
-    size = b.add(columns, I64(1))
-    for s in range(shape.channels * shape.sums):
-        projected = b.offset(arguments["projected"], I64(s), size)
-        b.write(b.splat(b.load(b.gep(projected, [columns]))), out, s)
+    Coefficients become what they differ by from those of the reference.
+    """
+    b, a, columns = expansion.b, expansion.a, expansion.a["columns"]
     coefficients = expansion.coefficients.bases[0]
-    for s, row, products, rows in _projections(b, shape, arguments, coefficients):
-        projected = b.offset(arguments["projected"], I64(s), size)
+    with b.loop(expansion.count, "reference") as each:
+        known = b.shared(a["reference"], each)
+        b.write(b.fsub(b.read(coefficients, each), known), coefficients, each)
+    size = b.add(columns, 1)
+    for s in range(expansion.shape.channels * expansion.shape.sums):
+        b.write(b.shared(b.offset(a["projected"], s, size), columns), out, s)
+    for s, row, products in _projections(expansion, coefficients):
+        projected = b.offset(a["projected"], s, size)
         total = b.read(out, s)
         for n, product in enumerate(products):
-            at = b.add(row, I64(n))
-            value = b.fsub(b.splat(b.load(b.gep(projected, [at]))), product)
+            at = b.add(row, n)
+            value = b.fsub(b.shared(projected, at), product)
             total = b.fma(value, value, total)
             if residuals is not None:
-                index = b.add(b.mul(columns, I64(s)), at)
-                b.store(value, b.gep(residuals, [index]), align=8)
+                b.write(value, residuals, b.add(b.mul(columns, s), at))
         b.write(total, out, s)
-        rows.close([])
 
 
-@dataclass(frozen=True, slots=True)
-class _WeightedProducts:
-    """Products of rows `(K sums, n)`, each sum with its weight of `weights (K sums, LANES)`."""
+def _store_products(
+    expansion: BasisExpansion,
+    weights: ir.Value,
+    slopes: ir.Value,
+    residuals: ir.Value,
+    out: ir.Value,
+) -> None:
+    """Store products `(q,)` of slopes with residuals, and `(q, q)` with those up to each.
 
-    b: Builder
-    shape: BasisShape
-    columns: ir.Value
-    weights: ir.Value
+    They are of rows `(K sums, n)`, each sum with its weight of `weights (K sums,)`.
+    """
+    b, shape, q, columns = expansion.b, expansion.shape, expansion.a["q"], expansion.a["columns"]
+    length = b.mul(columns, shape.channels * shape.sums)
 
-    def store(self, q: ir.Value, slopes: ir.Value, residuals: ir.Value, out: ir.Value) -> None:
-        """Store products `(q,)` of slopes with residuals, and `(q, q)` with those up to each."""
-        b, length = self.b, self.b.mul(self.columns, I64(self.shape.channels * self.shape.sums))
-        each = Loop(b, q, [], "each")
-        row_slopes = b.offset(slopes, each.index, length)
-        b.store(self._inner(row_slopes, residuals), b.gep(out, [each.index]), align=8)
-        row = b.gep(out, [b.mul(q, b.add(each.index, I64(1)))])
-        pairs = Loop(b, b.add(each.index, I64(1)), [], "pairs")
-        other = b.offset(slopes, pairs.index, length)
-        b.store(self._inner(row_slopes, other), b.gep(row, [pairs.index]), align=8)
-        pairs.close([])
-        each.close([])
-
-    def _inner(self, left: ir.Value, right: ir.Value) -> ir.Value:
-        """Return the product of two rows."""
-        b, total = self.b, vector(0.0)
-        for s, (_, v) in enumerate(np.ndindex(self.shape.channels, self.shape.sums)):
-            rows = I64(1) if v == ENDS else b.sdiv(self.columns, I64(ROWS))
+    def inner(left: ir.Value, right: ir.Value) -> ir.Value:
+        total = vector(0.0)
+        for s, (_, v) in enumerate(np.ndindex(shape.channels, shape.sums)):
+            rows = 1 if v == ENDS else b.sdiv(columns, ROWS)
             loop = Loop(b, rows, [vector(0.0)] * ROWS, "inner")
-            at = b.add(b.mul(self.columns, I64(s)), b.mul(loop.index, I64(ROWS)))
+            at = b.add(b.mul(columns, s), b.mul(loop.index, ROWS))
             totals = []
             for n, part in enumerate(loop.carried):
-                index = b.add(at, I64(n))
-                first, second = (b.load(b.gep(base, [index]), align=8) for base in (left, right))
-                totals.append(b.fma(first, second, part))
+                index = b.add(at, n)
+                totals.append(b.fma(b.read(left, index), b.read(right, index), part))
             loop.close(totals)
             product = b.fadd(b.fadd(totals[0], totals[1]), b.fadd(totals[2], totals[3]))
-            total = b.fma(b.read(self.weights, s), product, total)
+            total = b.fma(b.read(weights, s), product, total)
         return total
+
+    with b.loop(q, "each") as each:
+        row_slopes = b.offset(slopes, each, length)
+        b.write(inner(row_slopes, residuals), out, each)
+        row = b.offset(out, q, b.add(each, 1))
+        with b.loop(b.add(each, 1), "pairs") as other:
+            b.write(inner(row_slopes, b.offset(slopes, other, length)), row, other)

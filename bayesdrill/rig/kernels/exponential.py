@@ -12,7 +12,7 @@ values: then no power of it overflows, and few terms are enough.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,23 +23,23 @@ from numpy.typing import NDArray
 from bayesdrill.basics.duals import Dual
 from bayesdrill.rig.kernels.lanes import (
     F64,
-    I64,
     INT_VEC,
-    NUMBERS,
     VEC,
-    VECTORS,
     Builder,
     Loop,
+    Values,
     Vector,
-    begin_function,
+    register,
+    routine,
     vector,
-    whole_numbers,
 )
+from bayesdrill.rig.kernels.numbers import Numbers
 from bayesdrill.rig.models.linear import Model
 
 Entries = Callable[[Sequence[Any]], Sequence[tuple[int, int, Any]]]
 Pattern = tuple[tuple[bool, ...], ...]
 WeightKinds = tuple[tuple[int, ...], ...]
+Registers = dict[tuple[int, int], ir.Value]  # entries by place
 OTHER_WEIGHT = 2  # other numbers than 0, 1 and -1
 
 
@@ -79,7 +79,7 @@ class Layout:
 
     @property
     def text(self) -> str:
-        """See `Structure`."""
+        """See `compile_kernel`."""
         sizes = (self.n_parameters, self.n_states, self.n_series, self.first_order, self.lead)
         return f"{sizes} {self.channels} {formulas(self.n_numbers, self.entries)}"
 
@@ -96,7 +96,10 @@ class Layout:
     @property
     def reach(self) -> Pattern:
         """Entries of the exponential that can differ from zero."""
-        return reachable_entries(self._pattern)
+        reach = self._pattern | np.eye(self.size, dtype=bool)
+        for _ in range(self.size):
+            reach = reach | (reach.astype(int) @ reach.astype(int) > 0)
+        return tuple(map(tuple, reach.tolist()))
 
     @property
     def idle(self) -> tuple[bool, ...]:
@@ -110,36 +113,32 @@ class Layout:
             pattern[row, column] = True
         return pattern
 
-    def matrix(self, b: Builder, parameters: ir.Value, constants: ir.Value) -> Matrix:
-        """Return the entries of parameters `(P, LANES)` and constant inputs `(C,)`."""
-        return self.entries(self.numbers(b, parameters, constants))
-
-    def numbers(
+    def matrix(
         self, b: Builder, parameters: ir.Value, constants: ir.Value, *, apart: int = 0
-    ) -> list[Any]:
-        """Return the arguments of `entries`; slopes of parameters, if any, stand `apart` from them."""
-        lanes: list[Any] = [Vector(b, b.read(parameters, p)) for p in range(self.n_parameters)]
+    ) -> Sequence[tuple[int, int, Any]]:
+        """Return the entries of parameters `(P,)` and constant inputs `(C,)`, as numbers.
+
+        Slopes of parameters, if any, stand `apart` from them.
+        """
+        own = b.read_row(parameters, self.n_parameters)
         if apart:
-            slopes = (Vector(b, b.read(parameters, apart + p)) for p in range(self.n_parameters))
-            lanes = [Dual(*pair) for pair in zip(lanes, slopes, strict=True)]
-        return [*lanes, *(number(b, constants, c) for c in range(self.n_constants))]
-
-
-Matrix = Sequence[tuple[int, int, Vector | float]]
+            own += b.read_row(b.offset(parameters, apart), self.n_parameters)
+        numbers = Numbers(b, bool(apart)).shaped(own)
+        return self.entries([*numbers, *(number(b, constants, c) for c in range(self.n_constants))])
 
 
 def number(b: Builder, base: ir.Value, index: int) -> Vector:
     """Load a number from a block of single numbers into all lanes."""
-    return Vector(b, b.splat(b.load(b.gep(base, [I64(index)]))))
+    return Vector(b, b.shared(base, index))
 
 
 def addresses(
     b: Builder, block: ir.Value, group: ir.Value, sizes: Mapping[str, int]
 ) -> dict[str, ir.Value]:
     """Return where the parts of a group begin, which stand in a row; `sizes` counts their vectors."""
-    starts, start = {}, b.gep(block, [b.mul(group, I64(sum(sizes.values())))])
+    starts, start = {}, b.offset(block, b.mul(group, sum(sizes.values())))
     for name, size in sizes.items():
-        starts[name], start = start, b.gep(start, [I64(size)])
+        starts[name], start = start, b.offset(start, size)
     return starts
 
 
@@ -161,14 +160,6 @@ def channel_weights(b: Builder, block: ir.Value, kinds: WeightKinds, k: int) -> 
         for i, kind in enumerate(kinds[k])
         if kind != 0
     }
-
-
-def reachable_entries(pattern: NDArray[np.bool_]) -> Pattern:
-    """Return which entries of exp(M) can differ from zero, for M with the `pattern (N, N)`."""
-    reach = pattern | np.eye(len(pattern), dtype=bool)
-    for _ in range(len(pattern)):
-        reach = reach | (reach.astype(int) @ reach.astype(int) > 0)
-    return tuple(tuple(bool(entry) for entry in row) for row in reach)
 
 
 @dataclass(frozen=True, slots=True)
@@ -244,68 +235,74 @@ _MANTISSA_BITS = 52
 _EXPONENT_BIAS = 1023
 
 
-def emit_exponential(
-    module: ir.Module, layout: Layout, *, increments: bool, beside_one: bool = True
-) -> ir.Function:
-    """Write `exponential(parameters (P, LANES), constants (C,), spans (LANES,), e (N, N, LANES))`.
+@routine
+def store_exponential(
+    b: Builder,
+    parameters: ir.Value,
+    constants: ir.Value,
+    span: ir.Value,
+    e: ir.Value,
+    layout: Layout,
+    *,
+    increments: bool,
+    beside_one: bool = True,
+) -> None:
+    """Store the exponential e `(N, N)` of the augmented matrix, each lane over a `span` of its own.
 
-    It stores e = exp of the augmented matrix, each lane over a span of its own.  The last columns
-    are those of the inputs' `increments` over the span, or else of their slopes.  `beside_one=False`
-    stores e - 1, which has more digits where a span is short.
+    It is that of `parameters (P,)` and `constants (C,)`.  The last columns are those of the inputs'
+    `increments` over the span, or else of their slopes.  `beside_one=False` stores e - 1, which has
+    more digits where a span is short.
 
     By scaling and squaring (Moler and Van Loan 2003): a Taylor series of degree 16 in powers of the
     fourth power, then squarings lane by lane.  Both are of e - 1: beside a one, what a slow state
     does in the shortened span would be lost to rounding where another state is very fast.
     """
-    product = _emit_product(module, layout)
-    function, b = begin_function(module, "exponential", 0, [VECTORS, NUMBERS, VECTORS, VECTORS])
-    parameters, constants, spans, e = function.args
     n, reach = layout.size, layout.reach
     reached = [i * n + j for i in range(n) for j in range(n) if reach[i][j]]
-    scratch = b.alloca(VEC, I64(5 * n * n))
-    a, second, third, fourth, spare = (b.gep(scratch, [I64(k * n * n)]) for k in range(5))
-    matrix, span = layout.matrix(b, parameters, constants), Vector(b, b.read(spans, 0))
-    timed = timed_entries(layout, matrix, span, increments=increments)
-    halvings = _emit_scaled_matrix(b, layout, register_entries(timed), a)
+    scratch = b.room(5 * n * n)
+    a, second, third, fourth, spare = (b.offset(scratch, k * n * n) for k in range(5))
+    matrix = layout.matrix(b, parameters, constants)
+    timed = timed_entries(layout, matrix, Vector(b, span), increments=increments)
+    values = register_entries(timed)
+    # The size of the inputs' columns does not matter: the series in A alone converges.
+    states = range(layout.n_states)
+    rows = ([values[row, c] for c in states if (row, c) in values] for row in states)
+    halvings, factor = emit_shortening(b, emit_norm(b, rows))
+    for entry in reached:
+        value = values.get(divmod(entry, n))
+        b.write(vector(0.0) if value is None else b.fmul(value, factor), a, entry)
     for out, left, right in ((second, a, a), (third, second, a), (fourth, second, second)):
-        b.call(product, [out, left, right])
+        multiply_reached(b, out, left, right, layout)
 
     def add_terms(base: ir.Value | None, first: int) -> None:
         """Store e = base + sum of A^k / (first + k)! for k = 0..3 (and 4 at the top)."""
         for entry in reached:
-            terms = list(enumerate((a, second, third), start=1))
-            if base is None:
-                terms.append((4, fourth))
+            powers = [a, second, third, *([fourth] if base is None else [])]
             diagonal = first > 0 and entry % (n + 1) == 0
             total = vector(1.0 / math.factorial(first) if diagonal else 0.0)
             if base is not None:
                 total = b.fadd(total, b.read(base, entry))
-            for power, matrix in terms:
-                weight = vector(1.0 / math.factorial(first + power))
-                total = b.fma(weight, b.read(matrix, entry), total)
-            b.write(total, e, entry)
+            terms = (
+                (vector(1.0 / math.factorial(first + k)), b.read(power, entry))
+                for k, power in enumerate(powers, start=1)
+            )
+            b.write(b.add_products(terms, total), e, entry)
 
     add_terms(None, TAYLOR_DEGREE - 4)
     for first in range(TAYLOR_DEGREE - 8, -1, -4):
-        b.call(product, [spare, e, fourth])
+        multiply_reached(b, spare, e, fourth, layout)
         add_terms(spare, first)
 
-    squarings = Loop(b, b.add(b.largest(halvings), I64(1)), [], "squarings")
-    wanted = b.sitofp(halvings, VEC)
-    still = b.fcmp_ordered("<", b.splat(b.sitofp(squarings.index, F64)), wanted)
-    b.call(product, [spare, e, e])
-    for entry in reached:
-        now = b.read(e, entry)
-        twice = b.fma(vector(2.0), now, b.read(spare, entry))  # (1 + e)^2 - 1
-        b.write(b.select(still, twice, now), e, entry)
-    squarings.close([])
+    with b.loop(b.add(b.largest(halvings), 1), "squarings") as squarings:
+        wanted = b.sitofp(halvings, VEC)
+        still = b.fcmp_ordered("<", b.splat(b.sitofp(squarings, F64)), wanted)
+        multiply_reached(b, spare, e, e, layout)
+        for entry in reached:
+            now = b.read(e, entry)
+            twice = b.fma(vector(2.0), now, b.read(spare, entry))  # (1 + e)^2 - 1
+            b.write(b.select(still, twice, now), e, entry)
     for entry in range(0, n * n, n + 1) if beside_one else ():
         b.write(b.fadd(b.read(e, entry), vector(1.0)), e, entry)
-    b.ret_void()
-    return function
-
-
-ExponentialEntries = dict[tuple[int, int], ir.Value]
 
 
 def timed_entries(
@@ -320,71 +317,57 @@ def timed_entries(
     return entries
 
 
-def _emit_scaled_matrix(
-    b: Builder, layout: Layout, values: ExponentialEntries, a: ir.Value
-) -> ir.Value:
-    """Store the matrix of `values` at `a`, halved until its series converges; return how often."""
-    n, x = layout.size, layout.n_states
-    # The size of the inputs' columns does not matter: the series in A alone converges.
+def emit_norm(b: Builder, rows: Iterable[Sequence[ir.Value]]) -> ir.Value:
+    """Return the largest sum of absolute values of a row."""
     norm = vector(0.0)
-    for row in range(x):
+    for row in rows:
         total = vector(0.0)
-        for column in (c for c in range(x) if (row, c) in values):
-            total = b.fadd(total, b.absolute(values[row, column]))
+        for value in row:
+            total = b.fadd(total, b.absolute(value))
         norm = b.select(b.fcmp_unordered(">", total, norm), total, norm)
-    halvings, factor = emit_shortening(b, norm)
-    reach = layout.reach
-    for row in range(n):
-        for column in (c for c in range(n) if reach[row][c]):
-            value = values.get((row, column))
-            scaled = vector(0.0) if value is None else b.fmul(value, factor)
-            b.write(scaled, a, row * n + column)
-    return halvings
+    return norm
 
 
 def emit_shortening(b: Builder, norm: ir.Value) -> tuple[ir.Value, ir.Value]:
     """Return how often a matrix with a norm is halved until its series converges, and the factor."""
     halvings = emit_halvings(b, norm, TAYLOR_NORM)
-    exponent = b.sub(whole_numbers(_EXPONENT_BIAS), halvings)
-    return halvings, b.bitcast(b.shl(exponent, whole_numbers(_MANTISSA_BITS)), VEC)
+    return halvings, emit_power(b, b.sub(_EXPONENT_BIAS, halvings))
+
+
+def emit_power(b: Builder, exponent: ir.Value) -> ir.Value:
+    """Return two to the power of integers, of which `exponent` is by 1023 larger."""
+    return b.bitcast(b.shl(exponent, _MANTISSA_BITS), VEC)
 
 
 def emit_halvings(b: Builder, norm: ir.Value, bound: float) -> ir.Value:
     """Return the least h >= 0 with norm / 2**h <= `bound`, read off the bits of the quotient."""
     bits = b.bitcast(b.fdiv(norm, vector(bound)), INT_VEC)
-    exponent = b.sub(b.lshr(bits, whole_numbers(_MANTISSA_BITS)), whole_numbers(_EXPONENT_BIAS))
-    mantissa = b.and_(bits, whole_numbers((1 << _MANTISSA_BITS) - 1))
-    above = b.icmp_signed("!=", mantissa, whole_numbers(0))
+    exponent = b.sub(b.lshr(bits, _MANTISSA_BITS), _EXPONENT_BIAS)
+    mantissa = b.and_(bits, (1 << _MANTISSA_BITS) - 1)
+    above = b.icmp_signed("!=", mantissa, 0)
     least = b.add(exponent, b.zext(above, INT_VEC))
     for limit, side in ((0, "<"), (MAX_SQUARINGS, ">")):
-        end = whole_numbers(limit)
+        end = limit
         least = b.select(b.icmp_signed(side, least, end), end, least)
     return least
 
 
-def register_entries(entries: Mapping[tuple[int, int], Vector | float]) -> ExponentialEntries:
+def register_entries(entries: Mapping[tuple[int, int], Vector | float]) -> Registers:
     """Return entries as registers."""
-    return {index: _value(entry) for index, entry in entries.items()}
+    return {index: register(entry) for index, entry in entries.items()}
 
 
-def _value(entry: Vector | float) -> ir.Value:
-    return entry.value if isinstance(entry, Vector) else vector(float(entry))
-
-
-def _emit_product(module: ir.Module, layout: Layout) -> ir.Function:
-    """Write `product(out, a, b)` over the entries in reach."""
-    function, b = begin_function(module, "product", 0, [VECTORS] * 3)
-    out, left, right = function.args
+@routine
+def multiply_reached(
+    b: Builder, out: ir.Value, left: ir.Value, right: ir.Value, layout: Layout
+) -> None:
+    """Store the product of two matrices `(N, N)`, of their entries in reach."""
     n, reach = layout.size, layout.reach
     for i in range(n):
         row = {k: b.read(left, i * n + k) for k in range(n) if reach[i][k]}
         for j in (j for j in range(n) if reach[i][j]):
-            total = vector(0.0)
-            for k in (k for k in row if reach[k][j]):
-                total = b.fma(row[k], b.read(right, k * n + j), total)
-            b.write(total, out, i * n + j)
-    b.ret_void()
-    return function
+            terms = [(row[k], b.read(right, k * n + j)) for k in row if reach[k][j]]
+            b.write(b.add_products(terms), out, i * n + j)
 
 
 MAX_SERIES_DEGREE = 12
@@ -394,7 +377,6 @@ BALANCING_ROUNDS = 6
 MAX_SPAN_HALVINGS = 50  # halvings of a span: below, it is lost in the rounding of a time
 MAX_NORM = 1e100  # of norms: a lane beyond has overflown
 
-Values = list[ir.Value]
 Use = Callable[[ir.Value, Values, Values], Values]
 
 
@@ -405,14 +387,18 @@ def rate_entries(layout: Layout) -> list[tuple[int, int]]:
 
 
 def emit_rates(
-    b: Builder, layout: Layout, matrix: Matrix, least: ir.Value, out: ir.Value
+    b: Builder,
+    layout: Layout,
+    matrix: Sequence[tuple[int, int, Any]],
+    least: ir.Value,
+    out: ir.Value,
 ) -> ir.Value:
     """Store the entries at `rate_entries`, divided by norm; return norm, not below `least`."""
     entries: dict[tuple[int, int], Vector | float] = {}
     for row, column, value in matrix:
         if row < layout.n_states:
             entries[row, column] = entries.get((row, column), 0.0) + value
-    values = {index: _value(entry) for index, entry in entries.items()}
+    values = register_entries(entries)
     norm = emit_balanced_norm(b, layout.n_states, values)
     fit = b.fcmp_ordered(">", norm, least)
     fit = b.and_(fit, b.fcmp_ordered("<", norm, vector(MAX_NORM)))
@@ -423,19 +409,18 @@ def emit_rates(
     return norm
 
 
-def emit_balanced_norm(b: Builder, x: int, values: dict[tuple[int, int], ir.Value]) -> ir.Value:
+def emit_balanced_norm(b: Builder, x: int, values: Registers) -> ir.Value:
     """Return the largest row sum of D^-1 |A| D, which is a norm for any scales D > 0 of the states.
 
     Units of states are of any size; each round takes for D the geometric mean of D and |A| D.
     """
     size = {index: b.absolute(value) for index, value in values.items() if index[1] < x}
-    rounds = Loop(b, I64(BALANCING_ROUNDS), [vector(1.0)] * x + [vector(math.inf)], "rounds")
+    rounds = Loop(b, BALANCING_ROUNDS, [vector(1.0)] * x + [vector(math.inf)], "rounds")
     scales, best = rounds.carried[:x], rounds.carried[x]
     norm, new = vector(0.0), []
     for row in range(x):
-        total = vector(0.0)
-        for column in (c for c in range(x) if (row, c) in size):
-            total = b.fma(size[row, column], scales[column], total)
+        terms = [(size[row, c], scale) for c, scale in enumerate(scales) if (row, c) in size]
+        total = b.add_products(terms)
         share = b.fdiv(total, scales[row])
         norm = b.select(b.fcmp_unordered(">", share, norm), share, norm)
         known = b.fcmp_ordered(">", total, vector(0.0))
@@ -474,26 +459,23 @@ def emit_cell(
     """
     whole = b.fmul(norm, b.splat(width))
     short = b.fcmp_ordered("<=", whole, vector(2 * MAX_SERIES_NORM))
-    halvings = b.select(short, whole_numbers(0), emit_halvings(b, whole, MAX_SERIES_NORM))
-    deep = b.icmp_signed(">", halvings, whole_numbers(MAX_SPAN_HALVINGS))
-    halvings = b.select(deep, whole_numbers(MAX_SPAN_HALVINGS), halvings)
-    exponent = b.add(halvings, whole_numbers(1023))
-    power = b.bitcast(b.shl(exponent, whole_numbers(52)), VEC)
+    halvings = b.select(short, 0, emit_halvings(b, whole, MAX_SERIES_NORM))
+    deep = b.icmp_signed(">", halvings, MAX_SPAN_HALVINGS)
+    halvings = b.select(deep, MAX_SPAN_HALVINGS, halvings)
+    power = emit_power(b, b.add(halvings, _EXPONENT_BIAS))
     unit = b.fdiv(whole, power)
     half = b.select(short, vector(0.5), vector(0.0))
     size = b.select(short, b.fmul(unit, vector(0.5)), unit)
-    degree = b.select(deep, whole_numbers(0), whole_numbers(1))
+    degree = b.select(deep, 0, 1)
     for k in range(1, MAX_SERIES_DEGREE):
         enough = (tail * math.factorial(k + 1)) ** (1 / (k + 1))
         more = b.fcmp_ordered(">", size, vector(enough))
-        more = b.and_(more, b.icmp_signed("==", degree, whole_numbers(k)))
+        more = b.and_(more, b.icmp_signed("==", degree, k))
         degree = b.add(degree, b.zext(more, INT_VEC))
     for k in range(1, MAX_SERIES_DEGREE + 1):
-        wanted = b.icmp_signed(">=", degree, whole_numbers(k))
+        wanted = b.icmp_signed(">=", degree, k)
         b.write(b.select(wanted, vector(1 / k), vector(0.0)), weights, k)
-    count = b.largest(
-        b.select(b.icmp_signed(">", degree, whole_numbers(3)), degree, whole_numbers(3))
-    )
+    count = b.largest(b.select(b.icmp_signed(">", degree, 3), degree, 3))
     return Cell(halvings, power, half, unit, weights, count, b.largest(halvings))
 
 
@@ -517,35 +499,26 @@ def emit_terms(
     columns = dict(enumerate(state))
     columns |= {x: vector(1.0)} | {x + 1 + n: value for n, value in enumerate(inputs)}
     term = _emit_rate(b, layout, rates, columns)
-    result = use(I64(1), term, start)
+    result = use(1, term, start)
     columns = dict(enumerate(term))
     if layout.first_order:
         columns |= {x + 1 + n: b.fmul(value, over) for n, value in enumerate(slopes)}
     term = _emit_rate(b, layout, rates, columns)
-    result = use(I64(2), term, result)
-    more = Loop(b, b.sub(count, I64(2)), [*term, *result], "terms")
+    result = use(2, term, result)
+    more = Loop(b, b.sub(count, 2), [*term, *result], "terms")
     term = _emit_rate(b, layout, rates, dict(enumerate(more.carried[:x])))
-    result = use(b.add(more.index, I64(3)), term, more.carried[x:])
+    result = use(b.add(more.index, 3), term, more.carried[x:])
     more.close([*term, *result])
     return result
 
 
 def _emit_rate(b: Builder, layout: Layout, rates: ir.Value, columns: dict[int, ir.Value]) -> Values:
+    """Return sums of products, each added up in two halves to shorten the chain of additions."""
     rate = []
     for row in range(layout.n_states):
         columns_of_row = [(n, c) for n, (r, c) in enumerate(rate_entries(layout)) if r == row]
         terms = [(b.read(rates, n), columns[c]) for n, c in columns_of_row if c in columns]
-        rate.append(emit_sum(b, terms))
+        halves = [terms[: len(terms) // 2], terms[len(terms) // 2 :]]
+        totals = [b.add_products(half[1:], b.fmul(*half[0])) for half in halves if half]
+        rate.append(b.fadd(*totals) if len(totals) == 2 else totals[0] if totals else vector(0.0))
     return rate
-
-
-def emit_sum(b: Builder, terms: list[tuple[ir.Value, ir.Value]]) -> ir.Value:
-    """Return a sum of products, added up in two halves to shorten the chain of additions."""
-    halves = [terms[: len(terms) // 2], terms[len(terms) // 2 :]]
-    totals = []
-    for half in (half for half in halves if half):
-        total = b.fmul(*half[0])
-        for factor, other in half[1:]:
-            total = b.fma(factor, other, total)
-        totals.append(total)
-    return b.fadd(*totals) if len(totals) == 2 else totals[0] if totals else vector(0.0)

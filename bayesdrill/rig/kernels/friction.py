@@ -26,7 +26,7 @@ from bayesdrill.rig.kernels.lanes import Mask, Vector, vector
 from bayesdrill.rig.kernels.numbers import (
     Column,
     Number,
-    NumberKind,
+    Numbers,
     above,
     is_sticking,
     keeps_direction,
@@ -60,14 +60,6 @@ class StepFriction:
         """Return the effort that keeps the speed as it is."""
         return sum_products(self.holding_base, row_terms(self.holding_row, state, drive))
 
-    def size(
-        self, parameters: Mapping[str, Number], speed: Number, signals: Mapping[str, Number]
-    ) -> Number:
-        """Return the size of the friction at a speed."""
-        return (
-            self.law.size(parameters, size(speed), signals) if self.steady is None else self.steady
-        )
-
 
 def row_terms(row: Column, state: Sequence[Number], drive: Column) -> list[tuple[Number, Number]]:
     """Return the terms of a row over states and drive, what is known first at first."""
@@ -84,10 +76,10 @@ class FrictionMode:
     """The linear rig while each friction slips in one direction or sticks.
 
     `rows`: of states over columns (states, one, drive, frictions from `first` on); `shows`: with a
-    row for the effort of each friction.  `block`: room in memory for `size` registers.
+    row for the effort of each friction.  `block`: room for directions and rows.
     """
 
-    kind: NumberKind
+    kind: Numbers
     rows: Rows
     frictions: Sequence[StepFriction]
     first: int
@@ -95,24 +87,12 @@ class FrictionMode:
     block: ir.Value
     slots: dict[tuple[int, int], Number] = field(default_factory=dict)
 
-    @staticmethod
-    def size(states: int, columns: int, frictions: int) -> int:
-        """Return how many registers it takes, slopes among them."""
-        return frictions + 2 * (states + frictions) * (columns + frictions)
-
-    @property
-    def constant_column(self) -> int:
-        """The column of what is constant."""
-        return len(self.rows)
-
     # Where speeds have changed their signs.
 
     def set(self, state: Sequence[Number]) -> None:
         """Store the rows for the signs of the speeds in `state`; what is at rest sticks."""
-        b, directions = (
-            self.kind.b,
-            [slip_direction(state[friction.row]) for friction in self.frictions],
-        )
+        b, constant = self.kind.b, len(self.rows)  # the column of what is constant
+        directions = [slip_direction(state[friction.row]) for friction in self.frictions]
         rows = [dict(row) for row in self.rows]
         if self.shows:
             rows += [{self.first + e: Vector(b, vector(1.0))} for e in range(len(self.frictions))]
@@ -122,12 +102,9 @@ class FrictionMode:
             b.write(direction.value, self.block, e)
             if friction.steady is not None:
                 effort = multiply_add(friction.steady, direction, None)
-                for row in rows:
-                    entry = row.pop(self.first + e, None)
-                    if entry is not None:
-                        row[self.constant_column] = multiply_add(
-                            entry, effort, row.get(self.constant_column)
-                        )
+                for row in (row for row in rows if self.first + e in row):
+                    entry = row.pop(self.first + e)
+                    row[constant] = multiply_add(entry, effort, row.get(constant))
         self._store(rows)
 
     def _hold(self, rows: Rows, e: int, still: Mask) -> None:
@@ -163,28 +140,22 @@ class FrictionMode:
 
     def directions(self) -> list[Vector]:
         """Load the directions: 1 or -1 as a friction slips, 0 as it sticks."""
-        return [
-            Vector(self.kind.b, self.kind.b.read(self.block, e)) for e in range(len(self.frictions))
-        ]
+        b = self.kind.b
+        return [Vector(b, value) for value in b.read_row(self.block, len(self.frictions))]
 
     def read_rows(self) -> Rows:
         """Load the rows, which may have changed."""
-        index = len(self.frictions)
-        rows: Rows = [{} for _ in range(1 + max(i for i, _ in self.slots))]
-        for (i, k), like in self.slots.items():
-            rows[i][k] = self._read(like, index)
-            index += 2
-        return rows
-
-    def _read(self, like: Number, index: int) -> Number:
-        b = self.kind.b
+        b, rows = self.kind.b, Rows({} for _ in range(1 + max(i for i, _ in self.slots)))
 
         def part(number: Vector | float, at: int) -> Vector | float:
             return Vector(b, b.read(self.block, at)) if isinstance(number, Vector) else number
 
-        if not isinstance(like, Dual):
-            return part(like, index)
-        return Dual(part(like.value, index), part(like.slope, index + 1))
+        for n, ((i, k), like) in enumerate(self.slots.items()):
+            first, number = len(self.frictions) + 2 * n, dual(like)
+            value = part(number.value, first)
+            known = Dual(value, part(number.slope, first + 1)) if isinstance(like, Dual) else value
+            rows[i][k] = known
+        return rows
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,7 +182,7 @@ class Step:
     span: Number
     slopes: Mapping[int, int]
     first: int
-    kind: NumberKind
+    kind: Numbers
 
     @cached_property
     def varying(self) -> list[int]:
@@ -240,8 +211,10 @@ class Step:
         """Return the sizes of all frictions."""
         values = {**dict(zip(self.states, state, strict=True)), **inputs}
         return [
-            friction.size(self.parameters, state[friction.row], values)
-            for friction in self.frictions
+            f.law.size(self.parameters, size(state[f.row]), values)
+            if f.steady is None
+            else f.steady
+            for f in self.frictions
         ]
 
     def rest_sizes(self, state: Sequence[Number], inputs: Mapping[str, Number]) -> list[Number]:

@@ -30,30 +30,38 @@ import numpy as np
 from llvmlite import ir
 
 from bayesdrill.basics.duals import Dual, dual
-from bayesdrill.rig.kernels.exponential import WeightKinds, channel_weights, emit_halvings, formulas
+from bayesdrill.rig.kernels.exponential import (
+    WeightKinds,
+    channel_weights,
+    emit_halvings,
+    emit_norm,
+    emit_power,
+    formulas,
+)
 from bayesdrill.rig.kernels.lanes import (
     F64,
     I64,
-    LANES,
+    NOWHERE,
     NUMBERS,
-    VEC,
     VECTORS,
+    WHOLE,
     Builder,
     Loop,
+    Module,
     Vector,
-    begin_function,
-    begin_kernel,
+    kernel,
+    register,
+    routine,
     vector,
-    whole_numbers,
 )
 from bayesdrill.rig.kernels.numbers import (
-    Memory,
     Number,
+    Numbers,
     dot,
-    emit_cholesky,
-    emit_product,
-    emit_symmetric,
+    factorise,
+    multiply,
     multiply_add,
+    multiply_symmetric,
 )
 from bayesdrill.rig.models.latent_torque import TIME, AugmentedModel
 
@@ -74,7 +82,7 @@ class StateSpace:
 
     @property
     def text(self) -> str:
-        """See `Structure`."""
+        """See `compile_kernel`."""
         return f"{self.n} {self.n_torque_states} {self.channels} {formulas(self.p, self._formulas)}"
 
     def _formulas(self, lanes: Sequence[Vector]) -> Any:
@@ -111,38 +119,37 @@ class StateSpace:
         return channel_weights(b, weights, self.channels, k)
 
 
-def emit_transition(module: ir.Module, system: StateSpace, *, slopes: bool) -> ir.Function:
-    """Write `transition(parameters (P,), span, phi (n, n), q (n, n))`.
+@routine
+def store_transition(
+    b: Builder,
+    parameters: ir.Value,
+    span: ir.Value,
+    phi: ir.Value,
+    q: ir.Value,
+    system: StateSpace,
+    *,
+    slopes: bool,
+) -> None:
+    """Store Phi (n, n), and Q (n, n) of the process noise, of numbers with slopes or without.
 
-    It stores Phi, and Q of the process noise, of numbers with slopes or without.  `span`: one
-    vector, a length of time of each lane.
+    `span`: a length of time of each lane.
     """
-    n = system.n
-    multiply = emit_product(module, (n, n, n), slopes=slopes)
-    turned = emit_symmetric(module, n, adds=True, slopes=slopes)
-    function, b = begin_function(
-        module, "transition_d" if slopes else "transition", 0, [VECTORS] * 4
-    )
-    parameters, span, phi, q = function.args
-    memory = Memory(b, slopes)
+    n, memory = system.n, Numbers(b, slopes)
     named = dict(zip(system.model.parameters, memory.row(parameters, system.p), strict=True))
     entries = _entries(system, named)
-    halvings = _halvings(b, entries, n, b.read(span, 0))
-    exponent = b.shl(b.sub(whole_numbers(1023), b.splat(halvings)), whole_numbers(52))
-    short = Vector(b, b.fmul(b.read(span, 0), b.bitcast(exponent, VEC)))
+    halvings = _halvings(b, entries, n, span)
+    power = emit_power(b, b.sub(1023, b.splat(halvings)))
+    short = Vector(b, b.fmul(span, power))
     timed = {index: entry * short for index, entry in entries.items()}
     _emit_series(memory, timed, n, phi)
     driven = system.model.torque.intensity(named[TIME]) * short
     _emit_squares(memory, timed, n, q, driven)
     spare, other = memory.room(n * n), memory.room(n * n)
-    twice = Loop(b, halvings, [], "twice")
-    b.call(multiply, [spare, phi, q])
-    b.call(turned, [q, spare, phi])
-    b.call(multiply, [other, phi, phi])
-    b.copy(other, phi, n * n * memory.width)
-    twice.close([])
-    b.ret_void()
-    return function
+    with b.loop(halvings, "twice"):
+        multiply(b, spare, phi, q, (n, n, n), slopes=slopes)
+        multiply_symmetric(b, q, spare, phi, n, adds=True, slopes=slopes)
+        multiply(b, other, phi, phi, (n, n, n), slopes=slopes)
+        b.copy(other, phi, n * n * memory.width)
 
 
 def _entries(system: StateSpace, named: dict[str, Number]) -> dict[tuple[int, int], Number]:
@@ -155,16 +162,12 @@ def _halvings(
     b: Builder, entries: dict[tuple[int, int], Number], n: int, span: ir.Value
 ) -> ir.Value:
     """Return how often a step is halved: at least once, and as often in all lanes."""
-    norm = vector(0.0)
-    for row in range(n):
-        total = vector(0.0)
-        for entry in (value for (i, _), value in entries.items() if i == row):
-            value = dual(entry).value
-            known = value.value if isinstance(value, Vector) else vector(float(value))
-            total = b.fadd(total, b.absolute(known))
-        norm = b.select(b.fcmp_unordered(">", total, norm), total, norm)
-    most = b.largest(emit_halvings(b, b.fmul(norm, span), MAX_TAYLOR_NORM))
-    return b.select(b.icmp_signed(">", most, I64(1)), most, I64(1))
+    rows = (
+        [register(dual(value).value) for (i, _), value in entries.items() if i == row]
+        for row in range(n)
+    )
+    most = b.largest(emit_halvings(b, b.fmul(emit_norm(b, rows), span), MAX_TAYLOR_NORM))
+    return b.select(b.icmp_signed(">", most, 1), most, 1)
 
 
 def _moved(
@@ -181,7 +184,7 @@ def _moved(
 
 
 def _emit_series(
-    memory: Memory, timed: dict[tuple[int, int], Number], n: int, phi: ir.Value
+    memory: Numbers, timed: dict[tuple[int, int], Number], n: int, phi: ir.Value
 ) -> None:
     """Store the exponential of the timed entries, a column at a time."""
     b = memory.b
@@ -189,62 +192,49 @@ def _emit_series(
     for i in range(n):
         memory.put(1.0, phi, i * n + i)
     term = memory.room(n)
-    columns = Loop(b, I64(n), [], "columns")
-    top = memory.at(phi, columns.index)
-    for i in range(n):
-        memory.put(memory.get(top, i * n), term, i)
-    orders = Loop(b, I64(TAYLOR_DEGREE), [], "orders")
-    for i, value in enumerate(_moved(timed, n, memory.row(term, n), _over(b, orders.index))):
-        memory.put(value, term, i)
-        memory.put(memory.get(top, i * n) + value, top, i * n)
-    orders.close([])
-    columns.close([])
+    with b.loop(n, "columns") as column:
+        top = memory.at(phi, column)
+        for i in range(n):
+            memory.put(memory.get(top, i * n), term, i)
+        with b.loop(TAYLOR_DEGREE, "orders") as order:
+            for i, value in enumerate(_moved(timed, n, memory.row(term, n), _over(b, order))):
+                memory.put(value, term, i)
+                memory.put(memory.get(top, i * n) + value, top, i * n)
 
 
 def _over(b: Builder, index: ir.Value) -> Vector:
     """Return one over the number after `index`."""
-    number = b.sitofp(b.add(index, I64(1)), F64)
+    number = b.sitofp(b.add(index, 1), F64)
     return Vector(b, b.splat(b.fdiv(ir.Constant(F64, 1.0), number)))
 
 
 def _emit_squares(
-    memory: Memory, timed: dict[tuple[int, int], Number], n: int, q: ir.Value, driven: Number
+    memory: Numbers, timed: dict[tuple[int, int], Number], n: int, q: ir.Value, driven: Number
 ) -> None:
     """Store the integral of the process noise over 0 to 1, times the intensity `driven`."""
     b = memory.b
     terms = memory.room((TAYLOR_DEGREE + 1) * n)
-    for i in range(n):
-        memory.put(1.0 if i == n - 1 else 0.0, terms, i)
-    orders = Loop(b, I64(TAYLOR_DEGREE), [], "orders")
-    here = memory.at(terms, b.mul(orders.index, I64(n)))
-    for i, value in enumerate(_moved(timed, n, memory.row(here, n), _over(b, orders.index))):
-        memory.put(value, here, n + i)
-    orders.close([])
+    memory.put_row([*[0.0] * (n - 1), 1.0], terms)
+    with b.loop(TAYLOR_DEGREE, "orders") as order:
+        here = memory.at(terms, b.mul(order, n))
+        memory.put_row(_moved(timed, n, memory.row(here, n), _over(b, order)), here, n)
     memory.clear(q, n * n)
-    nodes, weights = _gauss()
-    table = b.alloca(VEC, I64(2 * GAUSS_NODES))
-    for k, (node, weight) in enumerate(zip(nodes, weights, strict=True)):
-        b.write(vector(float(node)), table, 2 * k)
-        b.write(vector(float(weight)), table, 2 * k + 1)
-    each = Loop(b, I64(GAUSS_NODES), [], "nodes")
-    row = b.gep(table, [b.mul(each.index, I64(2))])
-    node, weight = Vector(b, b.read(row, 0)), Vector(b, b.read(row, 1))
-    point = [memory.get(terms, TAYLOR_DEGREE * n + i) for i in range(n)]
-    for order in range(TAYLOR_DEGREE - 1, -1, -1):
-        point = [
-            multiply_add(partial, node, memory.get(terms, order * n + i))
-            for i, partial in enumerate(point)
-        ]
-    for i in range(n):
-        scaled = point[i] * weight * driven
-        for j in range(n):
-            memory.put(multiply_add(scaled, point[j], memory.get(q, i * n + j)), q, i * n + j)
-    each.close([])
-
-
-def _gauss() -> tuple[np.ndarray, np.ndarray]:
+    # Of Gauss and Legendre, from 0 to 1: nodes and weights in turn.
     nodes, weights = np.polynomial.legendre.leggauss(GAUSS_NODES)
-    return 0.5 * (nodes + 1.0), 0.5 * weights
+    gauss = np.stack([0.5 * (nodes + 1.0), 0.5 * weights], axis=1)
+    table = b.room(gauss.size)
+    b.write_row(map(vector, gauss.ravel().tolist()), table)
+    with b.loop(GAUSS_NODES, "nodes") as each:
+        row = b.offset(table, b.mul(each, 2))
+        node, weight = Vector(b, b.read(row, 0)), Vector(b, b.read(row, 1))
+        point = memory.row(terms, n, TAYLOR_DEGREE * n)
+        for known in range(TAYLOR_DEGREE - 1, -1, -1):
+            pairs = zip(point, memory.row(terms, n, known * n), strict=True)
+            point = [multiply_add(partial, node, term) for partial, term in pairs]
+        for i in range(n):
+            scaled = point[i] * weight * driven
+            for j in range(n):
+                memory.put(multiply_add(scaled, point[j], memory.get(q, i * n + j)), q, i * n + j)
 
 
 @dataclass(frozen=True, slots=True)
@@ -255,7 +245,7 @@ class Gains:
     `weights (K, n)`: the block of the channels' weights.
     """
 
-    memory: Memory
+    memory: Numbers
     system: StateSpace
     block: ir.Value
     weights: ir.Value
@@ -267,8 +257,7 @@ class Gains:
 
     def gain(self, k: int) -> list[Number]:
         """Load the gain of channel k."""
-        first = k * self.width(self.system.n)
-        return [self.memory.get(self.block, first + i) for i in range(self.system.n)]
+        return self.memory.row(self.block, self.system.n, k * self.width(self.system.n))
 
     def variance(self, k: int) -> Number:
         """Load the variance of the innovation of channel k."""
@@ -293,8 +282,7 @@ class Gains:
             for j in range(n):
                 memory.put(multiply_add(-gain[i], shown[j], memory.get(p, i * n + j)), p, i * n + j)
         numbers = [*gain, variance * is_seen + (1.0 - is_seen), _root(memory.b, over)]
-        for i, number in enumerate(numbers, start=k * self.width(n)):
-            memory.put(number, self.block, i)
+        memory.put_row(numbers, self.block, k * self.width(n))
 
     def update_state(
         self, k: int, state: Sequence[Number], y: Number
@@ -307,15 +295,12 @@ class Gains:
         return innovation, [multiply_add(gain, innovation, x) for gain, x in pairs]
 
 
-def predict_covariance(memory: Memory, n: int, p: ir.Value, phi: ir.Value, q: ir.Value) -> None:
+def predict_covariance(memory: Numbers, n: int, p: ir.Value, phi: ir.Value, q: ir.Value) -> None:
     """Store p = phi p phi' + q, in place."""
-    b = memory.b
-    half = emit_product(b.module, (n, n, n), slopes=memory.slopes)
-    whole = emit_symmetric(b.module, n, adds=True, slopes=memory.slopes)
-    spare = memory.room(n * n)
-    b.call(half, [spare, phi, p])
+    b, slopes, spare = memory.b, memory.slopes, memory.room(n * n)
+    multiply(b, spare, phi, p, (n, n, n), slopes=slopes)
     b.copy(q, p, n * n * memory.width)
-    b.call(whole, [p, spare, phi])
+    multiply_symmetric(b, p, spare, phi, n, adds=True, slopes=slopes)
 
 
 def _root(b: Builder, number: Number) -> Number:
@@ -327,7 +312,6 @@ def _root(b: Builder, number: Number) -> Number:
     return Dual(size, number.slope * 0.5 / Vector(b, safe))
 
 
-WHOLE = I64.as_pointer()
 STEADY_TOLERANCE = 1e-13  # of a variance: what it still changes when it is taken to have settled
 STEADY_SLOPE_TOLERANCE = 1e-10
 
@@ -344,61 +328,66 @@ BLOCKS = {
     "spans": NUMBERS,  # (M,)
     "weights": NUMBERS,  # (K, n) of channels
     "table": VECTORS,  # scratch (M, 2, n, n) numbers
-    "kept": VECTORS,  # scratch (T, `Steps.kept`) where it smooths
+    "kept": VECTORS,  # scratch (T, `smoother_size`) where it smooths
     "out": VECTORS,  # (G, T, K, 2) numbers, whitened and variances; or (G, T, n), (G, T, n + K)
 }
 
 
-def write_filter(module: ir.Module, system: StateSpace, name: str) -> None:
+def write_filter(module: Module, system: StateSpace, name: str) -> None:
     """Write `whiten`, `slopes` (whiten with slopes), `smooth` or `draw`.
 
     They are functions of COUNTS and addresses of BLOCKS.
     """
-    (_emit_draw if name == "draw" else _emit_filter)(module, system, name)
+    with kernel(module, name, COUNTS, BLOCKS) as (a, b), b.loop(a["groups"], "groups") as group:
+        w = _Writer(a, b, system, group, slopes=name == "slopes")
+        if name == "draw":
+            _emit_draw(w, group)
+        else:
+            _emit_filter(w, group, smooth=name == "smooth")
 
 
 class _Writer:
     """Writes what the filter, the smoother and the sampler have in common."""
 
-    def __init__(self, module: ir.Module, system: StateSpace, name: str) -> None:
-        self.a, self.b = begin_kernel(module, name, COUNTS, BLOCKS)
-        b = self.b
-        self.system, self.slopes, self.smooth = system, name == "slopes", name == "smooth"
-        self.memory = m = Memory(b, self.slopes)
+    def __init__(
+        self,
+        a: dict[str, ir.Value],
+        b: Builder,
+        system: StateSpace,
+        group: ir.Value,
+        *,
+        slopes: bool,
+    ) -> None:
+        """Store the matrices of all steps, and the covariance at the first sample."""
+        self.a, self.b, self.system, self.slopes = a, b, system, slopes
+        self.memory = m = Numbers(b, slopes)
         n = self.n = system.n
-        self.transition = emit_transition(module, system, slopes=self.slopes)
-        self.p, self.x = m.room(n * n), m.room(n)
-        block = m.room(system.k * Gains.width(n))
-        self.gains = Gains(m, system, block, self.a["weights"])
-        self.span = b.alloca(VEC, I64(1))
-        self.flag = b.alloca(I64, I64(1))
-
-    @property
-    def smoother_size(self) -> int:
-        return smoother_size(self.system)
+        self.p, self.x, self.flag = m.room(n * n), m.room(n), b.room(1, I64)
+        self.gains = Gains(m, system, m.room(system.k * Gains.width(n)), a["weights"])
+        parameters = m.at(a["parameters"], b.mul(group, system.p))
+        self.variances = m.at(a["variances"], b.mul(group, system.k))
+        with b.loop(a["steps"], "steps") as step:
+            span, (phi, q) = b.shared(a["spans"], step), self.matrices(step)
+            store_transition(b, parameters, span, phi, q, system, slopes=slopes)
+        m.clear(self.p, n * n)
+        for i in range(n - system.n_torque_states, n):
+            m.put(1.0, self.p, i * n + i)
+        m.clear(self.x, n)
+        b.store(0, self.flag)
+        with b.if_then(b.icmp_signed("!=", a["lead"], 0)):
+            phi, q = self.matrices(b.sub(a["steps"], 1))
+            predict_covariance(m, n, self.p, phi, q)
 
     def matrices(self, node: ir.Value) -> tuple[ir.Value, ir.Value]:
         b, size = self.b, self.n * self.n
-        phi = self.memory.at(self.a["table"], b.mul(node, I64(2 * size)))
+        phi = self.memory.at(self.a["table"], b.mul(node, 2 * size))
         return phi, self.memory.at(phi, size)
 
-    def begin(self, group: ir.Value) -> None:
-        """Store the matrices of all steps, and the covariance at the first sample."""
-        b, m, a, n = self.b, self.memory, self.a, self.n
-        parameters = m.at(a["parameters"], b.mul(group, I64(self.system.p)))
-        self.variances = m.at(a["variances"], b.mul(group, I64(self.system.k)))
-        steps = Loop(b, a["steps"], [], "steps")
-        b.write(b.splat(b.load(b.gep(a["spans"], [steps.index]))), self.span, 0)
-        b.call(self.transition, [parameters, self.span, *self.matrices(steps.index)])
-        steps.close([])
-        m.clear(self.p, n * n)
-        for i in range(n - self.system.n_torque_states, n):
-            m.put(1.0, self.p, i * n + i)
-        m.clear(self.x, n)
-        b.store(I64(0), self.flag)
-        with b.if_then(b.icmp_signed("!=", a["lead"], I64(0))):
-            phi, q = self.matrices(b.sub(a["steps"], I64(1)))
-            predict_covariance(m, n, self.p, phi, q)
+    def matrices_to(self, t: ir.Value) -> tuple[ir.Value, ir.Value]:
+        """Return those of the step that leads to a sample; of the first, any."""
+        b = self.b
+        before = b.select(b.icmp_signed(">", t, 0), b.sub(t, 1), 0)
+        return self.matrices(b.single(self.a["node"], before))
 
 
 def smoother_size(system: StateSpace) -> int:
@@ -407,151 +396,120 @@ def smoother_size(system: StateSpace) -> int:
     return system.k * (n + 1) + n + n * n
 
 
-def _emit_revise(module: ir.Module, system: StateSpace, *, slopes: bool) -> ir.Function:
-    """Write `revise(p, gains, variances, phi, q, seen, weights, flag)`: an update and a prediction."""
-    n = system.n
-    function, b = begin_function(module, "revise", 0, [VECTORS] * 5 + [NUMBERS, NUMBERS, WHOLE])
-    p, gains, variances, phi, q, observed, weights, flag = function.args
-    memory = Memory(b, slopes)
+@routine
+def _revise(
+    b: Builder,
+    p: ir.Value,
+    gains: ir.Value,
+    variances: ir.Value,
+    phi: ir.Value,
+    q: ir.Value,
+    observed: ir.Value,
+    weights: ir.Value,
+    flag: ir.Value,
+    system: StateSpace,
+    *,
+    slopes: bool,
+) -> None:
+    """Update and predict the covariance; the `flag` gets whether it has settled."""
+    n, memory = system.n, Numbers(b, slopes)
     filtered = Gains(memory, system, gains, weights)
     old = [dual(memory.get(p, i * n + i)) for i in range(n)]
     for k in range(system.k):
-        is_seen = Vector(b, b.splat(b.load(b.gep(observed, [I64(k)]))))
-        filtered.update_covariance(k, p, variances, is_seen)
+        filtered.update_covariance(k, p, variances, Vector(b, b.shared(observed, k)))
     predict_covariance(memory, n, p, phi, q)
-    moving = _moving(memory, n, p, old)
-    b.store(b.select(b.anywhere(moving), I64(0), I64(1)), flag)
-    b.ret_void()
-    return function
-
-
-def _moving(memory: Memory, n: int, p: ir.Value, old: list[Dual]) -> ir.Value:
-    """Tell in which lanes a variance still changes."""
-    b = memory.b
-    moving = ir.Constant(ir.VectorType(ir.IntType(1), LANES), [0] * LANES)
+    moving = NOWHERE
     for i, before in enumerate(old):
         now = dual(memory.get(p, i * n + i))
         far = b.absolute((now.value - before.value).value)
         near = (now.value * STEADY_TOLERANCE).value
         moving = b.or_(moving, b.fcmp_unordered(">", far, near))
-        if memory.slopes:
+        if slopes:
             far = b.absolute((now.slope - before.slope).value)
-            size = Vector(b, b.absolute(now.slope.value)) + now.value
-            moving = b.or_(
-                moving, b.fcmp_unordered(">", far, (size * STEADY_SLOPE_TOLERANCE).value)
-            )
-    return moving
+            near = ((now.slope.size() + now.value) * STEADY_SLOPE_TOLERANCE).value
+            moving = b.or_(moving, b.fcmp_unordered(">", far, near))
+    b.store(b.select(b.anywhere(moving), 0, 1), flag)
 
 
-def _emit_filter(module: ir.Module, system: StateSpace, name: str) -> None:
-    revise = _emit_revise(module, system, slopes=name == "slopes")
-    w = _Writer(module, system, name)
-    b, a, m, n = w.b, w.a, w.memory, w.n
-    groups = Loop(b, a["groups"], [], "groups")
-    w.begin(groups.index)
-    samples = Loop(b, a["samples"], [], "samples")
-    t = samples.index
-    here = b.mul(b.add(b.mul(groups.index, a["samples"]), t), I64(system.k))
-    if w.smooth:
-        keep = m.at(a["kept"], b.mul(t, I64(w.smoother_size)))
-        b.copy(w.x, b.gep(keep, [I64(system.k * (n + 1))]), n)
-        b.copy(w.p, b.gep(keep, [I64(system.k * (n + 1) + n)]), n * n)
-    phi, q = w.matrices(b.load(b.gep(a["node"], [t])))
-    settled = b.and_(b.load(w.flag), b.load(b.gep(a["same"], [t])))
-    observed = b.gep(a["seen"], [b.mul(t, I64(system.k))])
-    with b.if_then(b.icmp_signed("==", settled, I64(0))):
-        b.call(revise, [w.p, w.gains.block, w.variances, phi, q, observed, a["weights"], w.flag])
-    _emit_sample(w, here, t, phi)
-    samples.close([])
-    if w.smooth:
-        _emit_back(w, groups.index)
-    groups.close([])
-    b.ret_void()
-
-
-def _emit_sample(w: _Writer, here: ir.Value, t: ir.Value, phi: ir.Value) -> None:
-    """Update the state by a sample, and predict the next."""
-    b, m, n, system = w.b, w.memory, w.n, w.system
-    residuals, state = m.at(w.a["left"], here), m.row(w.x, n)
-    out = m.at(w.a["out"], b.mul(here, I64(2)))
-    for k in range(system.k):
-        innovation, state = w.gains.update_state(k, state, m.get(residuals, k))
-        over = w.gains.inverse_deviation(k)
-        white = innovation * over
-        if w.smooth:
-            keep = m.at(w.a["kept"], b.mul(t, I64(w.smoother_size)))
-            for i, gain in enumerate(w.gains.gain(k)):
-                m.put(gain, keep, k * (n + 1) + i)
-            m.put(white * over, keep, k * (n + 1) + n)
-        else:
-            m.put(white, out, 2 * k)
-            m.put(w.gains.variance(k), out, 2 * k + 1)
-    rows = [[m.get(phi, i * n + j) for j in range(n)] for i in range(n)]
-    for i, row in enumerate(rows):
-        m.put(dot(row, state), w.x, i)
+def _emit_filter(w: _Writer, group: ir.Value, *, smooth: bool) -> None:
+    b, a, m, n, system = w.b, w.a, w.memory, w.n, w.system
+    size, after_gains = smoother_size(system), system.k * (n + 1)
+    with b.loop(a["samples"], "samples") as t:
+        here = b.mul(b.add(b.mul(group, a["samples"]), t), system.k)
+        keep = m.at(a["kept"], b.mul(t, size)) if smooth else None
+        if smooth:
+            b.copy(w.x, b.offset(keep, after_gains), n)
+            b.copy(w.p, b.offset(keep, after_gains + n), n * n)
+        phi, q = w.matrices(b.single(a["node"], t))
+        settled = b.and_(b.load(w.flag), b.single(a["same"], t))
+        observed = b.offset(a["seen"], b.mul(t, system.k))
+        with b.if_then(b.icmp_signed("==", settled, 0)):
+            _revise(
+                b, w.p, w.gains.block, w.variances, phi, q, observed, a["weights"], w.flag, system,
+                slopes=w.slopes,
+            )  # fmt: skip
+        residuals, state = m.at(a["left"], here), m.row(w.x, n)
+        out = m.at(a["out"], b.mul(here, 2))
+        for k in range(system.k):
+            innovation, state = w.gains.update_state(k, state, m.get(residuals, k))
+            over = w.gains.inverse_deviation(k)
+            white = innovation * over
+            if keep is not None:
+                m.put_row([*w.gains.gain(k), white * over], keep, k * (n + 1))
+            else:
+                m.put_row([white, w.gains.variance(k)], out, 2 * k)
+        rows = [m.row(phi, n, i * n) for i in range(n)]
+        m.put_row([dot(row, state) for row in rows], w.x)
+    if smooth:
+        _emit_back(w, group)
 
 
 def _emit_back(w: _Writer, group: ir.Value) -> None:
     """Write the smoother, from the last sample to the first."""
     b, a, m, n, system = w.b, w.a, w.memory, w.n, w.system
     back = Loop(b, a["samples"], [vector(0.0)] * n, "back")
-    t = b.sub(b.sub(a["samples"], I64(1)), back.index)
-    adjoint: list[Number] = [Vector(b, register) for register in back.carried]
-    keep = m.at(a["kept"], b.mul(t, I64(w.smoother_size)))
+    t = b.sub(b.sub(a["samples"], 1), back.index)
+    adjoint: list[Number] = m.shaped(back.carried)
+    keep = m.at(a["kept"], b.mul(t, smoother_size(system)))
     for k in reversed(range(system.k)):
-        gain = [m.get(keep, k * (n + 1) + i) for i in range(n)]
-        more = m.get(keep, k * (n + 1) + n) - dot(gain, adjoint)
+        *gain, innovation = m.row(keep, n + 1, k * (n + 1))
+        more = innovation - dot(gain, adjoint)
         for i, weight in system.weights(b, a["weights"], k).items():
             adjoint[i] = multiply_add(weight, more, adjoint[i])
     first = system.k * (n + 1)
-    out = m.at(a["out"], b.mul(b.add(b.mul(group, a["samples"]), t), I64(n)))
+    out = m.at(a["out"], b.mul(b.add(b.mul(group, a["samples"]), t), n))
     for i in range(n):
-        row = [m.get(keep, first + n + i * n + j) for j in range(n)]
+        row = m.row(keep, n, first + n + i * n)
         m.put(dot(row, adjoint, m.get(keep, first + i)), out, i)
-    before = b.select(b.icmp_signed(">", t, I64(0)), b.sub(t, I64(1)), I64(0))
-    phi, _ = w.matrices(b.load(b.gep(a["node"], [before])))
+    phi, _ = w.matrices_to(t)
     columns = [[m.get(phi, j * n + i) for j in range(n)] for i in range(n)]
     back.close([dot(column, adjoint).value for column in columns])
 
 
-def _emit_draw(module: ir.Module, system: StateSpace, name: str) -> None:
+def _emit_draw(w: _Writer, group: ir.Value) -> None:
     """Write the draw of states, and of what channels show of them with noise, from normal numbers."""
-    factor = emit_cholesky(module, system.n)
-    w = _Writer(module, system, name)
-    b, a, m, n = w.b, w.a, w.memory, w.n
-    groups = Loop(b, a["groups"], [], "groups")
-    w.begin(groups.index)
-    first = m.room(n * n)
-    b.call(factor, [first, w.p])
-    steps = Loop(b, a["steps"], [], "factors")
-    _, q = w.matrices(steps.index)
-    spare = m.room(n * n)
-    b.call(factor, [spare, q])
-    b.copy(spare, q, n * n)
-    steps.close([])
+    b, a, m, n, k_count = w.b, w.a, w.memory, w.n, w.system.k
+    first, spare = m.room(n * n), m.room(n * n)
+    factorise(b, first, w.p, n)
+    with b.loop(a["steps"], "factors") as step:
+        _, q = w.matrices(step)
+        factorise(b, spare, q, n)
+        b.copy(spare, q, n * n)
     samples = Loop(b, a["samples"], [vector(0.0)] * n, "samples")
-    t, k_count = samples.index, system.k
-    here = b.mul(b.add(b.mul(groups.index, a["samples"]), t), I64(n + k_count))
+    t = samples.index
+    here = b.mul(b.add(b.mul(group, a["samples"]), t), n + k_count)
     normals = m.row(m.at(a["left"], here), n + k_count)
-    before = b.select(b.icmp_signed(">", t, I64(0)), b.sub(t, I64(1)), I64(0))
-    phi, q = w.matrices(b.load(b.gep(a["node"], [before])))
-    begins = b.icmp_signed("==", t, I64(0))
-    spreads = b.select(begins, first, q)
+    phi, q = w.matrices_to(t)
+    spreads = b.select(b.icmp_signed("==", t, 0), first, q)
     state: list[Number] = []
     for i in range(n):
-        moved = dot(
-            [m.get(phi, i * n + j) for j in range(n)], [Vector(b, x) for x in samples.carried]
-        )
-        spread = [m.get(spreads, i * n + j) for j in range(i + 1)]
-        state.append(dot(spread, normals[: i + 1], moved))
+        moved = dot(m.row(phi, n, i * n), m.shaped(samples.carried))
+        state.append(dot(m.row(spreads, i + 1, i * n), normals[: i + 1], moved))
     out = m.at(a["out"], here)
     m.put_row(state, out)
     for k in range(k_count):
-        size = Vector(b, b.root(b.read(w.variances, k)))
-        value = size * normals[n + k]
-        for i, weight in system.weights(b, a["weights"], k).items():
+        value = m.get(w.variances, k).sqrt() * normals[n + k]
+        for i, weight in w.system.weights(b, a["weights"], k).items():
             value = multiply_add(weight, state[i], value)
         m.put(value, out, n + k)
-    samples.close([entry.value for entry in state])
-    groups.close([])
-    b.ret_void()
+    samples.close(m.flat(state))

@@ -6,7 +6,7 @@ cell where that is long for a lane (`ExponentialLadder`), and then a Taylor seri
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from llvmlite import ir
@@ -16,8 +16,11 @@ from bayesdrill.rig.kernels.exponential import (
     Cell,
     Layout,
     Pattern,
-    Values,
+    emit_rates,
     emit_terms,
+    multiply_reached,
+    rate_entries,
+    store_exponential,
 )
 from bayesdrill.rig.kernels.lanes import (
     F64,
@@ -25,15 +28,15 @@ from bayesdrill.rig.kernels.lanes import (
     LANES,
     NUMBERS,
     VECTORS,
+    WHOLE,
     Builder,
     Loop,
+    Values,
+    Whole,
     vector,
-    whole_numbers,
 )
 from bayesdrill.rig.kernels.recurrence import next_state
 from bayesdrill.rig.kernels.sums import ResidualSums, Sample
-
-WHOLE = I64.as_pointer()
 
 # T knots; `high`: rungs of the ladder that lead beyond the cells, of which there are `cells`, 0 where
 # no sample wants it.
@@ -77,7 +80,7 @@ class IrregularShape:
 
     @property
     def text(self) -> str:
-        """See `Structure`."""
+        """See `compile_kernel`."""
         return f"{self.pattern} {self.tally} {self.shifted} {self.even} {self.layout.text}"
 
     @property
@@ -106,42 +109,27 @@ class IrregularShape:
         k, x = len(self.pattern), self.layout.n_states
         blocks = {"parameters": self.layout.n_parameters, "x0": x, "rows": k * self.r_count}
         if self.late:
-            blocks |= {"before": x} | dict.fromkeys(
-                ("shift", "share", "offset", "head", "begin"), k
-            )
+            shifts = ("shift", "share", "offset", "head", "begin")
+            blocks |= {"before": x} | dict.fromkeys(shifts, k)
         return blocks | ({"weight": k * self.weights} if self.weights else {})
 
+    @property
+    def row_blocks(self) -> int:
+        """The blocks of LANES numbers that a row with all inputs and slopes takes."""
+        return -(-self.layout.size // LANES)
 
-@dataclass(frozen=True, slots=True)
-class Arguments:
-    """The arguments of a kernel by name."""
 
-    b: Builder
-    named: dict[str, ir.Value]
+Arguments = dict[str, ir.Value]
 
-    def __getitem__(self, name: str) -> ir.Value:
-        return self.named[name]
 
-    def row(self, name: str, index: ir.Value, count: int) -> ir.Value:
-        """Return the address of row `index` of a block, whose rows have `count` entries."""
-        return self.b.offset(self.named[name], index, count)
-
-    def at(self, name: str, index: ir.Value) -> ir.Value:
-        """Load entry `index` of a block."""
-        return self.b.load(self.b.gep(self.named[name], [index]))
-
-    def number(self, index: int) -> ir.Value:
-        """Load entry `index` of the block `numbers`."""
-        return self.b.load(self.b.gep(self.named["numbers"], [I64(index)]))
-
-    def drive(self, layout: Layout, knot: ir.Value) -> tuple[list[ir.Value], list[ir.Value]]:
-        """Return the sampled inputs at a knot and, with a first-order hold, their slopes."""
-        b, count = self.b, layout.n_series
-        drive: list[list[ir.Value]] = []
-        for name in ("u", "slopes"):
-            mine = self.row(name, knot, count)
-            drive.append([b.splat(b.load(b.gep(mine, [I64(s)]))) for s in range(count)])
-        return drive[0], drive[1] if layout.first_order else []
+def emit_driven(b: Builder, layout: Layout, a: Arguments, knot: Whole) -> tuple[Values, Values]:
+    """Return the sampled inputs at a knot and, with a first-order hold, their slopes."""
+    count = layout.n_series
+    inputs, slopes = (
+        [b.shared(row, s) for s in range(count)]
+        for row in [b.offset(a[name], knot, count) for name in ("u", "slopes")]
+    )
+    return inputs, slopes if layout.first_order else []
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,66 +139,62 @@ class Channels:
     `walker`: the parts of the group's block `own`.
     """
 
+    b: Builder
     a: Arguments
     shape: IrregularShape
     group: ir.Value
     walker: Mapping[str, ir.Value]
 
-    def observe(self, knot: ir.Value, z: list[ir.Value], totals: list[ir.Value]) -> None:
+    def observe(self, knot: ir.Value, z: Values, totals: Values) -> None:
         """Observe the channels that are not late, at a knot; `z`: the state with one and inputs."""
-        b, shape, k_count = self.a.b, self.shape, len(self.shape.pattern)
+        b, shape, tally, k_count = self.b, self.shape, self.shape.tally, len(self.shape.pattern)
         for k in (k for k, shifted in enumerate(shape.shifted) if not shifted):
-            flat = b.add(b.mul(knot, I64(k_count)), I64(k))
-            total = vector(0.0)
-            for r in (r for r, used in enumerate(shape.pattern[k]) if used):
-                total = b.fma(b.read(self.walker["rows"], k * shape.r_count + r), z[r], total)
-            if shape.tally is not None:
-                y = b.splat(self.a.at("y", flat))
-                observed = b.fcmp_ordered("ord", y, y)
-                residual = b.select(observed, b.fsub(y, total), vector(0.0))
-                first = k * shape.weights
-                weights = [b.read(self.walker["weight"], first + n) for n in range(shape.weights)]
-                _add_to(b, shape.tally, totals[k], Sample(residual, observed, weights))
+            flat = b.add(b.mul(knot, k_count), k)
+            used = [r for r, entry in enumerate(shape.pattern[k]) if entry]
+            terms = ((b.read(self.walker["rows"], k * shape.r_count + r), z[r]) for r in used)
+            total = b.add_products(terms)
+            if tally is not None:
+                y = b.shared(self.a["y"], flat)
+                self._add(totals[k], k * tally.weights, b.fsub(y, total), y)
             else:
-                b.write(total, b.gep(self._signals, [flat]), 0)
+                b.write(total, self._signals, flat)
 
-    def observe_at(self, k: ir.Value, sample: ir.Value, due: ir.Value, value: ir.Value) -> None:
+    def observe_at(self, k: Whole, sample: ir.Value, due: ir.Value, value: ir.Value) -> None:
         """Observe channel k at a sample of each lane that is `due`.
 
         Sample T is none, but has a place.
         """
-        a, b, shape, k_count = self.a, self.a.b, self.shape, len(self.shape.pattern)
-        if shape.tally is None:
-            sample = b.select(due, sample, b.splat(a["knots"]))
-        flat = b.add(b.mul(sample, whole_numbers(k_count)), b.splat(k))
-        if shape.tally is None:
+        b, tally, k_count = self.b, self.shape.tally, len(self.shape.pattern)
+        if tally is None:
+            sample = b.select(due, sample, b.splat(self.a["knots"]))
+        flat = b.add(b.mul(sample, k_count), b.splat(k))
+        if tally is None:
             b.scatter_lanes(value, b.bitcast(self._signals, NUMBERS), flat)
             return
-        y = b.gather(a["y"], flat)
-        observed = b.and_(due, b.fcmp_ordered("ord", y, y))
-        residual = b.select(observed, b.fsub(y, value), vector(0.0))
-        address = b.offset(a.row("out", self.group, shape.out_count), k, shape.tally.count)
-        first = b.mul(k, I64(shape.weights))
-        weights = [b.read(b.gep(self.walker["weight"], [first]), n) for n in range(shape.weights)]
-        _add_to(b, shape.tally, address, Sample(residual, observed, weights))
+        y = b.gather(self.a["y"], flat)
+        sums = b.offset(self.a["out"], self.group, self.shape.out_count)
+        address, first = b.offset(sums, k, tally.count), b.mul(k, tally.weights)
+        self._add(address, first, b.fsub(y, value), y, due)
+
+    def _add(
+        self, sums: ir.Value, first: Whole, residual: ir.Value, y: ir.Value,
+        due: ir.Value | None = None,
+    ) -> None:  # fmt: skip
+        """Add a sample to the sums of one channel, whose weights begin with the `first`."""
+        b, tally = self.b, self.shape.tally
+        assert tally is not None
+        weights = Values()
+        if tally.weights:
+            weights = b.read_row(b.offset(self.walker["weight"], first), tally.weights)
+        sample = Sample.of(b, residual, y, weights, due)
+        b.write_row(tally.add(b, b.read_row(sums, tally.count), sample), sums)
 
     @property
     def _signals(self) -> ir.Value:
         """The address in `out` of the signals of the group."""
-        b = self.a.b
-        size = b.mul(b.add(self.a["knots"], I64(1)), I64(len(self.shape.pattern)))
+        b = self.b
+        size = b.mul(b.add(self.a["knots"], 1), len(self.shape.pattern))
         return b.offset(self.a["out"], self.group, size)
-
-
-def _add_to(b: Builder, tally: ResidualSums, address: ir.Value, sample: Sample) -> None:
-    """Add a sample to the sums of one channel."""
-    sums = b.read_row(address, tally.count)
-    b.write_row(tally.add(b, sums, sample), address)
-
-
-def row_blocks(shape: IrregularShape) -> int:
-    """Return the blocks of LANES numbers that a row with all inputs and slopes takes."""
-    return -(-shape.layout.size // LANES)
 
 
 MAX_LEVELS = MAX_SPAN_HALVINGS
@@ -222,47 +206,27 @@ def table_entries(layout: Layout) -> list[tuple[int, int]]:
     return [(i, j) for i in range(layout.n_states) for j in range(n) if reach[i][j]]
 
 
-@dataclass(frozen=True, slots=True)
-class Slots:
-    """The addresses of state and sampled inputs between two pieces of code."""
-
-    b: Builder
-    state: list[ir.Value]
-    inputs: list[ir.Value]
-
-    def read(self) -> tuple[Values, Values]:
-        """Load the state and the inputs."""
-        return (
-            [self.b.read(slot, 0) for slot in self.state],
-            [self.b.read(slot, 0) for slot in self.inputs],
-        )
-
-    def write(self, state: Values, inputs: Values) -> None:
-        """Store the state and the inputs."""
-        for value, slot in zip([*state, *inputs], [*self.state, *self.inputs], strict=True):
-            self.b.write(value, slot, 0)
-
-
-@dataclass(frozen=True, slots=True)
 class GroupMatrices:
-    """The matrices of a group of walkers, and the functions that make exponentials of them."""
+    """The matrices of a group of walkers, and exponentials of them.
 
-    b: Builder
-    layout: Layout
-    exponential: ir.Function
-    product: ir.Function
-    parameters: ir.Value
-    constants: ir.Value
-    rates: ir.Value
-    norm: ir.Value
-    over: ir.Value
-    spans: ir.Value  # one vector
-    e: ir.Value  # three matrices
+    `rates`: see `emit_rates`; `over`: one over their `norm`; `e`: room for three matrices.
+    """
 
-    def exponentiate(self, spans: ir.Value, out: ir.Value) -> None:
+    def __init__(
+        self, b: Builder, layout: Layout, a: Arguments, parameters: ir.Value, least: ir.Value
+    ) -> None:
+        self.b, self.layout, self._parameters = b, layout, parameters
+        self.rates = b.room(len(rate_entries(layout)))
+        self.e = b.room(3 * layout.size**2)
+        self._constants = b.offset(a["numbers"], LEADING_NUMBERS)
+        matrix = layout.matrix(b, parameters, self._constants)
+        self.norm = emit_rates(b, layout, matrix, least, self.rates)
+        self.over = b.fdiv(vector(1.0), self.norm)
+
+    def exponentiate(self, span: ir.Value, out: ir.Value) -> None:
         """Store the exponential over a span of each lane at `out`."""
-        self.b.write(spans, self.spans, 0)
-        self.b.call(self.exponential, [self.parameters, self.constants, self.spans, out])
+        own = (self._parameters, self._constants)
+        store_exponential(self.b, *own, span, out, self.layout, increments=False)
 
     def store(self, e: ir.Value, table: ir.Value) -> None:
         """Store the `table_entries` of the exponential `e` in a table."""
@@ -275,7 +239,7 @@ def apply_exponential(
 ) -> Values:
     """Return the state after a step whose exponential is in a table."""
     phi = {entry: b.read(table, index) for index, entry in enumerate(table_entries(layout))}
-    return next_state(b, layout.n_states, phi, state, [*inputs, *slopes])
+    return next_state(b, phi, state, [*inputs, *slopes])
 
 
 @dataclass(frozen=True, slots=True)
@@ -292,57 +256,57 @@ class ExponentialLadder:
 
     def fill(self, m: GroupMatrices, level: ir.Value, span: ir.Value) -> None:
         """Store the exponential over a span as that of a level."""
-        self.b.write(span, self.b.gep(self.spans, [level]), 0)
+        self.b.write(span, self.b.offset(self.spans, level), 0)
         m.exponentiate(span, m.e)
         m.store(m.e, self._at(level))
 
     def fill_cell(self, m: GroupMatrices, cell: Cell, width: ir.Value) -> None:
         """Fill levels with spans `width` / 2, / 4, ...; 0 where a lane needs none."""
         b, half = self.b, ir.Constant(F64, 0.5)
-        with b.if_then(b.icmp_signed(">", cell.depth, I64(0))):
+        with b.if_then(b.icmp_signed(">", cell.depth, 0)):
             levels = Loop(b, cell.depth, [half], "levels")
-            number = b.splat(b.add(levels.index, I64(1)))
+            number = b.splat(b.add(levels.index, 1))
             wanted = b.icmp_signed(">=", cell.halvings, number)
             span = b.select(wanted, b.splat(b.fmul(width, levels.carried[0])), vector(0.0))
             self.fill(m, levels.index, span)
             levels.close([b.fmul(levels.carried[0], half)])
 
     def advance(
-        self, level: ir.Value, slots: Slots, slopes: Values, mask: ir.Value | None = None
+        self,
+        level: ir.Value,
+        slots: Sequence[ir.Value],
+        slopes: Values,
+        mask: ir.Value | None = None,
     ) -> None:
         """Advance state and inputs by the span of one level, in all lanes or in those of a `mask`."""
-        b, table = self.b, self._at(level)
-        span = b.load(b.gep(self.spans, [level]), align=8)
-        state, inputs = slots.read()
-        new = apply_exponential(b, self.layout, table, state, inputs, slopes)
-        after = extrapolate_inputs(b, inputs, slopes, span)
+        b, span, old = self.b, self.b.read(self.spans, level), self.b.read_slots(slots)
+        state, inputs = old[: self.layout.n_states], old[self.layout.n_states :]
+        new = apply_exponential(b, self.layout, self._at(level), state, inputs, slopes)
+        new += extrapolate_inputs(b, inputs, slopes, span)
         if mask is not None:
-            new = [b.select(mask, moved, old) for moved, old in zip(new, state, strict=True)]
-            after = [b.select(mask, moved, old) for moved, old in zip(after, inputs, strict=True)]
-        slots.write(new, after)
+            new = [b.select(mask, *pair) for pair in zip(new, old, strict=True)]
+        b.write_slots(new, slots)
 
 
 def emit_nodes(m: GroupMatrices, a: Arguments, cell: Cell, width: ir.Value) -> None:
     """Fill the table of nodes: a chained one follows from the one before, others are exponentiated."""
     b, n = m.b, m.layout.size
-    e, hop, spare = (b.gep(m.e, [I64(k * n * n)]) for k in range(3))
-    with b.if_then(b.fcmp_ordered(">", width, ir.Constant(F64, 0.0))):
+    e, hop, spare = (b.offset(m.e, k * n * n) for k in range(3))
+    with b.if_then(b.fcmp_ordered(">", width, F64(0.0))):
         m.exponentiate(b.splat(width), hop)
-    each = Loop(b, a["nodes"], [], "nodes")
-    linked = b.icmp_signed("!=", a.at("chained", each.index), I64(0))
-    with b.if_else(linked) as (then, otherwise):
-        with then:
-            b.call(m.product, [spare, e, hop])
-            for i in range(n):
-                for j in (j for j in range(n) if m.layout.reach[i][j]):
-                    b.write(b.read(spare, i * n + j), e, i * n + j)
-        with otherwise:
-            middle = b.fmul(cell.half, b.splat(width))
-            inside = b.splat(a.at("inside", each.index))
-            span = b.fma(inside, middle, b.splat(a.at("spans", each.index)))
-            m.exponentiate(span, e)
-    m.store(e, a.row("table", each.index, len(table_entries(m.layout))))
-    each.close([])
+    with b.loop(a["nodes"], "nodes") as node:
+        linked = b.icmp_signed("!=", b.single(a["chained"], node), 0)
+        with b.if_else(linked) as (then, otherwise):
+            with then:
+                multiply_reached(b, spare, e, hop, m.layout)
+                for i in range(n):
+                    for j in (j for j in range(n) if m.layout.reach[i][j]):
+                        b.write(b.read(spare, i * n + j), e, i * n + j)
+            with otherwise:
+                middle = b.fmul(cell.half, b.splat(width))
+                inside = b.shared(a["inside"], node)
+                m.exponentiate(b.fma(inside, middle, b.shared(a["spans"], node)), e)
+        m.store(e, b.offset(a["table"], node, len(table_entries(m.layout))))
 
 
 def emit_remainder(
@@ -350,39 +314,34 @@ def emit_remainder(
     cell: Cell,
     ladder: ExponentialLadder,
     share: ir.Value,
-    slots: Slots,
+    slots: Sequence[ir.Value],
     slopes: Values,
 ) -> None:
     """Advance state and inputs by `share` (a number, 0 to 1) of a cell.
 
     A series covers what is left below the halvings of each lane, the ladder these.
     """
-    b, layout, x = m.b, m.layout, m.layout.n_states
-    state, inputs = slots.read()
+    b, layout, old = m.b, m.layout, m.b.read_slots(slots)
+    state, inputs = old[: layout.n_states], old[layout.n_states :]
     fine = b.fmul(b.splat(share), cell.power)
     remainder = b.fsub(fine, b.floor(fine))
     scaled = b.fmul(b.fsub(remainder, cell.half), cell.unit)
 
-    def add(k: ir.Value, term: Values, sums: Values) -> Values:
-        share_k = b.load(b.gep(cell.weights, [k]), align=8)
-        weight = b.fmul(sums[0], b.fmul(scaled, share_k))
-        totals = [
-            b.fma(weight, derivative, to) for derivative, to in zip(term, sums[1:], strict=True)
-        ]
-        return [weight, *totals]
+    def add(k: Whole, term: Values, sums: Values) -> Values:
+        weight = b.fmul(sums[0], b.fmul(scaled, b.read(cell.weights, k)))
+        pairs = zip(term, sums[1:], strict=True)
+        return [weight, *(b.fma(weight, derivative, to) for derivative, to in pairs)]
 
     start = [vector(1.0), *state]
     values = (state, inputs, slopes)
-    done = emit_terms(b, layout, m.rates, values, m.over, cell.count, start, add)
+    _, *moved = emit_terms(b, layout, m.rates, values, m.over, cell.count, start, add)
     span = b.fmul(scaled, m.over)
-    slots.write(done[1 : x + 1], extrapolate_inputs(b, inputs, slopes, span))
-    with b.if_then(b.icmp_signed(">", cell.depth, I64(0))):
-        levels = Loop(b, cell.depth, [], "descent")
-        power = b.shl(I64(1), b.add(levels.index, I64(1)))
+    b.write_slots([*moved, *extrapolate_inputs(b, inputs, slopes, span)], slots)
+    with b.if_then(b.icmp_signed(">", cell.depth, 0)), b.loop(cell.depth, "descent") as level:
+        power = b.shl(1, b.add(level, 1))
         number = b.fptosi(b.fmul(share, b.sitofp(power, F64)), I64)
-        with b.if_then(b.icmp_signed("!=", b.and_(number, I64(1)), I64(0))):
-            ladder.advance(levels.index, slots, slopes)
-        levels.close([])
+        with b.if_then(b.icmp_signed("!=", b.and_(number, I64(1)), 0)):
+            ladder.advance(level, slots, slopes)
 
 
 def extrapolate_inputs(b: Builder, inputs: Values, slopes: Values, span: ir.Value) -> Values:

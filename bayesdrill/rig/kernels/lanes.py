@@ -6,24 +6,28 @@ Constants, memory, loops and gathers; and numbers whose arithmetic becomes code.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import Any
+from functools import lru_cache, wraps
+from typing import Any, Concatenate
 
 from llvmlite import ir
 
 from bayesdrill.basics.duals import Choice, Number
 
 LANES = 8
+Values = list[ir.Value]
+type Whole = ir.Value | int  # a 64-bit integer of a kernel, or one that is known
 
 F64 = ir.DoubleType()
 I64 = ir.IntType(64)
 I32 = ir.IntType(32)
 VEC = ir.VectorType(F64, LANES)
 INT_VEC = ir.VectorType(I64, LANES)
-NUMBERS = F64.as_pointer()  # a block of single numbers, and ...
-VECTORS = VEC.as_pointer()  # ... one of vectors: `LANES` numbers each
+NOWHERE = ir.Constant(ir.VectorType(ir.IntType(1), LANES), [0] * LANES)  # a mask
+# Blocks of single numbers, of whole numbers, and of vectors: `LANES` numbers each.
+NUMBERS, WHOLE, VECTORS = F64.as_pointer(), I64.as_pointer(), VEC.as_pointer()
 
 
 def vector(value: float) -> ir.Constant:
@@ -41,14 +45,18 @@ def _vector(value: float, sign: float) -> ir.Constant:
 
 
 @lru_cache(maxsize=4096)
-def whole_numbers(value: int) -> ir.Constant:
-    """Return a vector constant of 64-bit integers that has `value` in all lanes."""
+def _whole_lanes(value: int) -> ir.Constant:
     return ir.Constant(INT_VEC, [value] * LANES)
 
 
 @lru_cache(maxsize=4096)
-def _place(index: int) -> ir.Constant:
-    return I64(index)
+def _whole(value: int) -> ir.Constant:
+    return I64(value)
+
+
+def whole(number: Whole) -> ir.Value:
+    """Return a 64-bit integer, a constant where it is known."""
+    return _whole(number) if isinstance(number, int) else number
 
 
 _LEAST_POWER = -700.0  # of e; what is smaller still is nothing
@@ -67,16 +75,65 @@ _EXP = (
 )
 
 
+def _of_whole(name: str) -> Any:
+    """Return LLVM's operation of this name, of whole numbers that may be known.
+
+    Beside vectors they stand for all lanes.
+    """
+    write = getattr(ir.IRBuilder, name)
+
+    def method(builder: Builder, *operands: Any, **options: Any) -> ir.Value:
+        kinds = [operand.type for operand in operands if isinstance(operand, ir.Value)]
+        constant = _whole_lanes if any(isinstance(k, ir.VectorType) for k in kinds) else _whole
+        known = (constant(x) if isinstance(x, int) else x for x in operands)
+        return write(builder, *known, **options)
+
+    return method
+
+
+def _of_lanes(name: str, result: ir.Type = VEC) -> Any:
+    """Return an operation that LLVM has by this name, of vectors of the type of its name."""
+
+    def method(builder: Builder, *operands: ir.Value) -> ir.Value:
+        full = f"llvm.{name}.v{LANES}{'i64' if result == I64 else 'f64'}"
+        kind = ir.FunctionType(result, [operand.type for operand in operands])
+        known = builder.module.globals.get(full)
+        return builder.call(known or ir.Function(builder.module, kind, full), operands)
+
+    return method
+
+
 class Builder(ir.IRBuilder):  # type: ignore[misc]
     """Writes the instructions of a function: LLVM's own, and those that kernels need for vectors."""
 
-    def read(self, base: ir.Value, index: int) -> ir.Value:
-        """Load vector number `index` of a block."""
-        return self.load(self.gep(base, [_place(index)]), align=8)
+    add, sub, mul, sdiv, srem = map(_of_whole, ("add", "sub", "mul", "sdiv", "srem"))
+    shl, lshr, and_, or_ = map(_of_whole, ("shl", "lshr", "and_", "or_"))
+    icmp_signed, select, store = map(_of_whole, ("icmp_signed", "select", "store"))
+    floor, absolute, root = map(_of_lanes, ("floor", "fabs", "sqrt"))
+    signed = _of_lanes("copysign")  # (value, like)
+    fma = _of_lanes("fmuladd")  # factor * other + total, fused where the processor can
+    largest = _of_lanes("vector.reduce.smax", I64)  # lane of integers
 
-    def write(self, value: ir.Value, base: ir.Value, index: int) -> None:
+    def room(self, count: int, kind: ir.Type = VEC) -> ir.Value:
+        """Reserve so many vectors on the stack, once, even where the code stands in a loop."""
+        with self.goto_entry_block():
+            return self.alloca(kind, I64(count))
+
+    def read(self, base: ir.Value, index: Whole) -> ir.Value:
+        """Load vector number `index` of a block."""
+        return self.load(self.offset(base, index), align=8)
+
+    def write(self, value: ir.Value, base: ir.Value, index: Whole) -> None:
         """Store `value` as vector number `index` of a block."""
-        self.store(value, self.gep(base, [_place(index)]), align=8)
+        self.store(value, self.offset(base, index), align=8)
+
+    def single(self, base: ir.Value, index: Whole) -> ir.Value:
+        """Load a number or an integer of a block of such."""
+        return self.load(self.offset(base, index))
+
+    def shared(self, base: ir.Value, index: Whole) -> ir.Value:
+        """Load a number of a block of single ones into all lanes."""
+        return self.splat(self.single(base, index))
 
     def read_row(self, base: ir.Value, count: int) -> list[ir.Value]:
         """Load the first `count` vectors of a block."""
@@ -87,79 +144,69 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
         for index, value in enumerate(values):
             self.write(value, base, index)
 
-    def offset(self, base: ir.Value, *counts: ir.Value | int) -> ir.Value:
-        """Return the address behind a number of rows.
+    def slots(self, count: int) -> list[ir.Value]:
+        """Reserve so many places of a vector each, which become registers where they can."""
+        return [self.room(1) for _ in range(count)]
 
-        The first of `counts` is that number; the product of the others is the size of a row.
-        """
-        first, *others = counts
-        for count in others:
-            first = self.mul(first, I64(count) if isinstance(count, int) else count)
-        return self.gep(base, [I64(first) if isinstance(first, int) else first])
+    def read_slots(self, slots: Iterable[ir.Value]) -> list[ir.Value]:
+        """Load the vectors at these places."""
+        return [self.read(slot, 0) for slot in slots]
 
-    def clear(self, base: ir.Value, count: ir.Value) -> None:
-        """Store zeros into the first `count` vectors."""
-        each = Loop(self, count, [], "clear")
-        self.store(vector(0.0), self.gep(base, [each.index]), align=8)
+    def write_slots(self, values: Sequence[ir.Value], slots: Sequence[ir.Value]) -> None:
+        """Store vectors at as many places."""
+        for value, slot in zip(values, slots, strict=True):
+            self.write(value, slot, 0)
+
+    def offset(self, base: ir.Value, count: Whole, size: Whole | None = None) -> ir.Value:
+        """Return the address behind so many entries of a block, or behind rows of this size."""
+        return self.gep(base, [whole(count if size is None else self.mul(count, size))])
+
+    @contextmanager
+    def loop(self, count: Whole, name: str) -> Iterator[ir.Value]:
+        """Repeat what is written inside, at least once; gives the index of a pass."""
+        each = Loop(self, count, [], name)
+        yield each.index
         each.close([])
+
+    def clear(self, base: ir.Value, count: Whole) -> None:
+        """Store zeros into the first `count` vectors."""
+        with self.loop(count, "clear") as index:
+            self.write(vector(0.0), base, index)
 
     def copy(self, source: ir.Value, target: ir.Value, count: int) -> None:
         """Copy `count` vectors."""
-        each = Loop(self, I64(count), [], "copy")
-        moved = self.load(self.gep(source, [each.index]), align=8)
-        self.store(moved, self.gep(target, [each.index]), align=8)
-        each.close([])
+        with self.loop(count, "copy") as index:
+            self.write(self.read(source, index), target, index)
 
-    def splat(self, scalar: ir.Value) -> ir.Value:
+    def least(self, count: ir.Value, other: Whole) -> ir.Value:
+        """Return the smaller of two integers."""
+        return self.select(self.icmp_signed("<", count, other), count, other)
+
+    def splat(self, scalar: Whole) -> ir.Value:
         """Broadcast a number or an integer to all lanes."""
+        scalar = whole(scalar)
         undefined = ir.Constant(ir.VectorType(scalar.type, LANES), ir.Undefined)
         single = self.insert_element(undefined, scalar, I32(0))
         lanes = ir.Constant(ir.VectorType(I32, LANES), [0] * LANES)
         return self.shuffle_vector(single, undefined, lanes)
 
-    def _intrinsic(self, name: str, *arguments: ir.Value, result: ir.Type = VEC) -> ir.Value:
-        known = self.module.globals.get(name)
-        kind = ir.FunctionType(result, [argument.type for argument in arguments])
-        return self.call(known or ir.Function(self.module, kind, name), arguments)
-
-    def floor(self, value: ir.Value) -> ir.Value:
-        """Round each lane down."""
-        return self._intrinsic(f"llvm.floor.v{LANES}f64", value)
-
-    def absolute(self, value: ir.Value) -> ir.Value:
-        """Return the absolute value of each lane."""
-        return self._intrinsic(f"llvm.fabs.v{LANES}f64", value)
-
-    def root(self, value: ir.Value) -> ir.Value:
-        """Return the square root of each lane."""
-        return self._intrinsic(f"llvm.sqrt.v{LANES}f64", value)
-
-    def signed(self, value: ir.Value, like: ir.Value) -> ir.Value:
-        """Return `value` with the signs of `like`."""
-        return self._intrinsic(f"llvm.copysign.v{LANES}f64", value, like)
-
-    def fma(self, factor: ir.Value, other: ir.Value, total: ir.Value) -> ir.Value:
-        """Return `factor * other + total`, fused where the processor can."""
-        return self._intrinsic(f"llvm.fmuladd.v{LANES}f64", factor, other, total)
-
-    def dot(self, base: ir.Value, values: Sequence[ir.Value]) -> ir.Value:
-        """Return the sum of products of the vectors at `base` with as many `values`."""
-        total = vector(0.0)
-        for index, value in enumerate(values):
-            total = self.fma(self.read(base, index), value, total)
+    def add_products(
+        self, pairs: Iterable[tuple[ir.Value, ir.Value]], total: ir.Value | None = None
+    ) -> ir.Value:
+        """Return `total`, or zero, and the products of pairs, added one by one."""
+        total = vector(0.0) if total is None else total
+        for factor, other in pairs:
+            total = self.fma(factor, other, total)
         return total
-
-    def largest(self, values: ir.Value) -> ir.Value:
-        """Return the largest lane of integers."""
-        return self._intrinsic(f"llvm.vector.reduce.smax.v{LANES}i64", values, result=I64)
 
     def anywhere(self, mask: ir.Value) -> ir.Value:
         """Tell whether a mask is true in any lane."""
         bits = ir.IntType(LANES)
         return self.icmp_unsigned("!=", self.bitcast(mask, bits), bits(0))
 
-    def polynomial(self, weights: list[ir.Value], x: ir.Value) -> ir.Value:
+    def polynomial(self, numbers: Sequence[float], x: ir.Value) -> ir.Value:
         """Evaluate a polynomial by pairs of its terms, in short chains of operations (Estrin 1960)."""
+        weights = [*map(vector, numbers)]
         while len(weights) > 1:
             ends = [*weights, None] if len(weights) % 2 else weights
             pairs = zip(ends[::2], ends[1::2], strict=True)
@@ -174,8 +221,8 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
         shifted = self.fma(value, vector(1.0 / math.log(2.0)), vector(_ROUNDER))
         whole = self.fsub(shifted, vector(_ROUNDER))
         remaining = self.fma(whole, vector(-math.log(2.0)), value)
-        total = self.polynomial([vector(weight) for weight in _EXP], remaining)
-        power = self.shl(self.bitcast(shifted, INT_VEC), whole_numbers(52))
+        total = self.polynomial(_EXP, remaining)
+        power = self.shl(self.bitcast(shifted, INT_VEC), 52)
         return self.bitcast(self.add(self.bitcast(total, INT_VEC), power), VEC)
 
     def sin(self, value: ir.Value) -> ir.Value:
@@ -186,8 +233,8 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
         for part in _PI:
             remaining = self.fma(whole, vector(-part), remaining)
         square = self.fmul(remaining, remaining)
-        total = self.polynomial([vector(weight) for weight in _SIN], square)
-        odd = self.shl(self.bitcast(shifted, INT_VEC), whole_numbers(63))
+        total = self.polynomial(_SIN, square)
+        odd = self.shl(self.bitcast(shifted, INT_VEC), 63)
         signed = self.xor(self.bitcast(self.fmul(total, remaining), INT_VEC), odd)
         return self.bitcast(signed, VEC)
 
@@ -195,22 +242,18 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
         """Load for each lane the number at its place of a block; fast where lanes have one place."""
 
         def of_lane(index: ir.Value, _: int) -> ir.Value:
-            return self.load(self.gep(numbers, [index]))
+            return self.single(numbers, index)
 
-        return self._gather(places, of_lane, lambda index: self.splat(of_lane(index, 0)))
+        return self._gather(places, of_lane, lambda index: self.shared(numbers, index))
 
     def gather_lanes(self, vectors: ir.Value, places: ir.Value) -> ir.Value:
         """Load for each lane its own number of the vector at its place of a block."""
-        numbers = self.bitcast(vectors, F64.as_pointer())
+        numbers = self.bitcast(vectors, NUMBERS)
 
         def of_lane(index: ir.Value, lane: int) -> ir.Value:
-            at = self.add(self.mul(index, I64(LANES)), I64(lane))
-            return self.load(self.gep(numbers, [at]))
+            return self.single(numbers, self.add(self.mul(index, LANES), lane))
 
-        def of_all(index: ir.Value) -> ir.Value:
-            return self.load(self.gep(vectors, [index]), align=8)
-
-        return self._gather(places, of_lane, of_all)
+        return self._gather(places, of_lane, lambda index: self.read(vectors, index))
 
     def _gather(
         self,
@@ -230,16 +273,35 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
             with otherwise:
                 broadcast = of_all(first)
                 block_alike = self.block
-        result = self.phi(VEC)
-        result.add_incoming(gathered, block_apart)
-        result.add_incoming(broadcast, block_alike)
+        return self._merged((gathered, block_apart), (broadcast, block_alike))
+
+    def _merged(self, *cases: tuple[ir.Value, ir.Block]) -> ir.Value:
+        """Return the value of the block that the code came from."""
+        result = self.phi(cases[0][0].type)
+        for case in cases:
+            result.add_incoming(*case)
         return result
+
+    def replace_if(
+        self,
+        flag: ir.Value,
+        default: Sequence[ir.Value],
+        other: Callable[[], Sequence[ir.Value]],
+        *,
+        likely: bool | None = None,
+    ) -> list[ir.Value]:
+        """Return what `other` writes where the flag is true, whose code runs there alone."""
+        before = self.block
+        with self.if_then(flag, likely=likely):
+            others, inside = other(), self.block
+        pairs = zip(default, others, strict=True)
+        return [self._merged((old, before), (new, inside)) for old, new in pairs]
 
     def scatter_lanes(self, value: ir.Value, numbers: ir.Value, places: ir.Value) -> None:
         """Store lane l of `value` as number l of the vector at the place of the lane."""
         for lane in range(LANES):
-            vector_of = self.mul(self.extract_element(places, I32(lane)), I64(LANES))
-            address = self.gep(numbers, [self.add(vector_of, I64(lane))])
+            index = self.mul(self.extract_element(places, I32(lane)), LANES)
+            address = self.offset(numbers, self.add(index, lane))
             self.store(self.extract_element(value, I32(lane)), address)
 
     def transpose(self, rows: list[ir.Value]) -> list[ir.Value]:
@@ -256,47 +318,82 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
         return rows
 
 
-def begin_function(
-    module: ir.Module, name: str, counts: int, blocks: Sequence[ir.Type]
-) -> tuple[ir.Function, Builder]:
-    """Begin a function without result, and return it with its builder.
+class Module(ir.Module):  # type: ignore[misc]
+    """The kernels that are compiled together, and the `routine`s that they call."""
 
-    Its arguments are `counts` integers, then the addresses of `blocks`, which do not overlap.
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+        self.routines: dict[Any, ir.Function] = {}
+
+
+@contextmanager
+def function(
+    module: Module, name: str, kinds: Iterable[ir.Type]
+) -> Iterator[tuple[ir.Function, Builder]]:
+    """Write a function without result of counts and of addresses of blocks, which do not overlap."""
+    written = ir.Function(module, ir.FunctionType(ir.VoidType(), [*kinds]), name)
+    for argument in written.args:
+        if isinstance(argument.type, ir.PointerType):
+            argument.add_attribute("noalias")
+    b = Builder(written.append_basic_block())
+    yield written, b
+    b.ret_void()
+
+
+@contextmanager
+def kernel(
+    module: Module, name: str, counts: Sequence[str], blocks: Mapping[str, ir.Type]
+) -> Iterator[tuple[dict[str, ir.Value], Builder]]:
+    """Write a kernel; gives its arguments, `counts` and addresses of `blocks`, by name."""
+    with function(module, name, [*[I64] * len(counts), *blocks.values()]) as (written, b):
+        yield dict(zip([*counts, *blocks], written.args, strict=True)), b
+
+
+def routine[**P](
+    write: Callable[Concatenate[Builder, P], None],
+) -> Callable[Concatenate[Builder, P], None]:
+    """Make of code a function that is written once into a module, and is called from then on.
+
+    Values that it is given are the arguments; what else it is given is what it is specialised for.
     """
-    signature = ir.FunctionType(ir.VoidType(), [I64] * counts + list(blocks))
-    function = ir.Function(module, signature, name)
-    for argument in function.args[counts:]:
-        argument.add_attribute("noalias")
-    return function, Builder(function.append_basic_block())
 
+    @wraps(write)
+    def call(b: Builder, /, *args: P.args, **options: P.kwargs) -> None:
+        values = [arg for arg in args if isinstance(arg, ir.Value)]
+        known = tuple(... if isinstance(arg, ir.Value) else arg for arg in args)
+        key = (write, known, tuple(options.items()))
+        if key not in b.module.routines:
+            name = b.module.get_unique_name(write.__name__)
+            with function(b.module, name, [value.type for value in values]) as (written, inner):
+                written.linkage = "internal"
+                b.module.routines[key] = written
+                own = iter(written.args)
+                placed: Any = [next(own) if isinstance(arg, ir.Value) else arg for arg in args]
+                write(inner, *placed, **options)
+        b.call(b.module.routines[key], values)
 
-def begin_kernel(
-    module: ir.Module, name: str, counts: Sequence[str], blocks: Mapping[str, ir.Type]
-) -> tuple[dict[str, ir.Value], Builder]:
-    """Begin a kernel, and return its arguments, `counts` and addresses of `blocks`, by name."""
-    function, b = begin_function(module, name, len(counts), list(blocks.values()))
-    return dict(zip([*counts, *blocks], function.args, strict=True)), b
+    return call
 
 
 class Loop:
     """A counted loop (at least one pass) that carries values: read `carried`, then `close`."""
 
-    def __init__(self, b: Builder, count: ir.Value, start: list[ir.Value], name: str) -> None:
+    def __init__(self, b: Builder, count: Whole, start: Iterable[Whole], name: str) -> None:
         self._b, self._count = b, count
-        before = b.block
+        before, begin = b.block, [*map(whole, start)]
         self._body = b.append_basic_block(name)
         b.branch(self._body)
         b.position_at_end(self._body)
         self.index = b.phi(I64)
         self.index.add_incoming(I64(0), before)
-        self.carried = [b.phi(value.type) for value in start]
-        for phi, value in zip(self.carried, start, strict=True):
+        self.carried = [b.phi(value.type) for value in begin]
+        for phi, value in zip(self.carried, begin, strict=True):
             phi.add_incoming(value, before)
 
     def close(self, new: list[ir.Value]) -> None:
         """End a pass with the `new` values, and continue behind the loop."""
         b = self._b
-        index = b.add(self.index, I64(1))
+        index = b.add(self.index, 1)
         self.index.add_incoming(index, b.block)
         for phi, value in zip(self.carried, new, strict=True):
             phi.add_incoming(value, b.block)
@@ -305,13 +402,23 @@ class Loop:
         b.position_at_end(after)
 
 
+def _method(name: str) -> Any:
+    """Return a method that is an operation of the builder."""
+
+    def method(*lanes: Vector) -> Vector:
+        b = lanes[0].b
+        return Vector(b, getattr(b, name)(*(lane.value for lane in lanes)))
+
+    return method
+
+
 def _operation(name: str, *, turned: bool = False) -> Callable[[Vector, Any], Any]:
     """Return a method that writes an operation of the builder; a plain number becomes a constant."""
 
     def method(lane: Vector, other: Any) -> Any:
         if not isinstance(other, Vector | float | int):
             return NotImplemented
-        pair = (lane.value, lane._operand(other))
+        pair = (lane.value, register(other))
         return Vector(lane.b, getattr(lane.b, name)(*(reversed(pair) if turned else pair)))
 
     return method
@@ -327,16 +434,11 @@ class Vector(Number):
     b: Builder
     value: ir.Value
 
-    def _operand(self, other: Vector | float) -> ir.Value:
-        return other.value if isinstance(other, Vector) else vector(float(other))
-
     __add__ = __radd__ = _operation("fadd")
     __sub__, __rsub__ = _operation("fsub"), _operation("fsub", turned=True)
     __mul__ = __rmul__ = _operation("fmul")
     __truediv__, __rtruediv__ = _operation("fdiv"), _operation("fdiv", turned=True)
-
-    def __neg__(self) -> Vector:
-        return Vector(self.b, self.b.fneg(self.value))
+    __neg__ = _method("fneg")
 
     def __pow__(self, power: int) -> Vector:
         if not isinstance(power, int) or power < 1:
@@ -346,33 +448,21 @@ class Vector(Number):
             result = result * self
         return result
 
-    def exp(self) -> Vector:
-        """See `Builder.exp`."""
-        return Vector(self.b, self.b.exp(self.value))
-
-    def sin(self) -> Vector:
-        """See `Builder.sin`."""
-        return Vector(self.b, self.b.sin(self.value))
-
-    def sqrt(self) -> Vector:
-        """Return the square roots."""
-        return Vector(self.b, self.b.root(self.value))
-
-    def size(self) -> Vector:
-        """Return the absolute values."""
-        return Vector(self.b, self.b.absolute(self.value))
-
-    def signed(self, like: Vector) -> Vector:
-        """Return these numbers with the signs of `like`."""
-        return Vector(self.b, self.b.signed(self.value, like.value))
+    exp, sin, sqrt, size = map(_method, ("exp", "sin", "root", "absolute"))
+    signed = _method("signed")
 
     def below(self, other: Vector | float) -> Mask:
         """Tell in which lanes it is less than `other`; NaN is not."""
-        return Mask(self.b, self.b.fcmp_ordered("<", self.value, self._operand(other)))
+        return Mask(self.b, self.b.fcmp_ordered("<", self.value, register(other)))
 
     def above(self, other: Vector | float) -> Mask:
         """Tell in which lanes it is greater than `other`; NaN is not."""
-        return Mask(self.b, self.b.fcmp_ordered(">", self.value, self._operand(other)))
+        return Mask(self.b, self.b.fcmp_ordered(">", self.value, register(other)))
+
+
+def register(number: Vector | float) -> ir.Value:
+    """Return the register of a number, or a constant."""
+    return number.value if isinstance(number, Vector) else vector(float(number))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -384,10 +474,7 @@ class Mask(Choice):
 
     def chosen(self, yes: Vector | float, no: Vector | float) -> Vector:
         """Select `yes` in lanes where it is true, `no` in others."""
-        chosen_value, other_value = (
-            n.value if isinstance(n, Vector) else vector(float(n)) for n in (yes, no)
-        )
-        return Vector(self.b, self.b.select(self.value, chosen_value, other_value))
+        return Vector(self.b, self.b.select(self.value, register(yes), register(no)))
 
     def both(self, other: Mask) -> Mask:
         """Return its conjunction with another mask."""

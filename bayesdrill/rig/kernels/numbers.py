@@ -12,48 +12,76 @@ from typing import Any
 from llvmlite import ir
 
 from bayesdrill.basics.duals import Dual, dual, where
-from bayesdrill.rig.kernels.lanes import (
-    I64,
-    VEC,
-    VECTORS,
-    Builder,
-    Loop,
-    Mask,
-    Vector,
-    begin_function,
-    vector,
-)
+from bayesdrill.rig.kernels.lanes import Builder, Mask, Vector, Whole, register, routine, vector
 
 Number = Any  # a Vector, or a Dual of them
 Column = Mapping[int, Number]
 
 
 @dataclass(frozen=True, slots=True)
-class NumberKind:
-    """Says whether numbers are registers, or, if `dual`, registers with slopes."""
+class Numbers:
+    """Reads and writes numbers: registers, or, with `slopes`, pairs of them."""
 
     b: Builder
-    dual: bool
+    slopes: bool
+
+    @property
+    def width(self) -> int:
+        """Vectors of one number."""
+        return 2 if self.slopes else 1
 
     def flat(self, numbers: Sequence[Number]) -> list[ir.Value]:
         """Return the registers of numbers, slopes after values."""
-        if not self.dual:
-            return [_register(number) for number in numbers]
-        duals = [dual(number) for number in numbers]
-        return [*(_register(d.value) for d in duals), *(_register(d.slope) for d in duals)]
+        if not self.slopes:
+            return [*map(register, numbers)]
+        duals = [*map(dual, numbers)]
+        return [register(d.value) for d in duals] + [register(d.slope) for d in duals]
 
     def shaped(self, registers: Sequence[ir.Value]) -> list[Number]:
         """Return the numbers of which `flat` gave the registers."""
         lanes = [Vector(self.b, value) for value in registers]
-        if not self.dual:
-            return list(lanes)
         n = len(lanes) // 2
-        return [Dual(value, slope) for value, slope in zip(lanes[:n], lanes[n:], strict=True)]
+        return [*map(Dual, lanes[:n], lanes[n:])] if self.slopes else [*lanes]
 
     def zero(self) -> Number:
         """Return zero, with a slope where numbers of this kind have one."""
-        nothing = Vector(self.b, vector(0.0))
-        return Dual(nothing, nothing) if self.dual else nothing
+        return self.shaped([vector(0.0)] * self.width)[0]
+
+    # In memory, `width` vectors each.
+
+    def at(self, base: ir.Value, index: Whole) -> ir.Value:
+        """Return the address of a number, or of the first of a row."""
+        known = isinstance(index, int)
+        return self.b.offset(base, index * self.width if known else self.b.mul(index, self.width))
+
+    def get(self, base: ir.Value, index: int) -> Number:
+        """Load number `index` of a block."""
+        parts = range(index * self.width, (index + 1) * self.width)
+        return self.shaped([self.b.read(base, part) for part in parts])[0]
+
+    def put(self, number: Number, base: ir.Value, index: int) -> None:
+        """Store number `index` of a block."""
+        for part, value in enumerate(self.flat([number]), start=index * self.width):
+            self.b.write(value, base, part)
+
+    def row(self, base: ir.Value, count: int, first: int = 0) -> list[Number]:
+        """Load so many numbers of a block, from the first on."""
+        return [self.get(base, first + k) for k in range(count)]
+
+    def put_row(self, numbers: Iterable[Number], base: ir.Value, first: int = 0) -> None:
+        """Store numbers of a block, from the first on."""
+        for index, number in enumerate(numbers, start=first):
+            self.put(number, base, index)
+
+    def room(self, count: int) -> ir.Value:
+        """Reserve `count` numbers, see `Builder.room`."""
+        return self.b.room(count * self.width)
+
+    def clear(self, base: ir.Value, count: int) -> None:
+        """Store `count` zeros."""
+        self.b.clear(base, count * self.width)
+
+    # Where code runs for few walkers.
 
     def select_if_any(
         self, mask: Mask, default: list[Number], other: Callable[[], list[Number]]
@@ -64,8 +92,7 @@ class NumberKind:
         """
 
         def blended() -> list[Number]:
-            pairs = zip(other(), default, strict=True)
-            return [where(mask, replacement, number) for replacement, number in pairs]
+            return [where(mask, *pair) for pair in zip(other(), default, strict=True)]
 
         return self.replace_if_any(mask, default, blended)
 
@@ -73,21 +100,9 @@ class NumberKind:
         self, mask: Mask, default: list[Number], other: Callable[[], list[Number]]
     ) -> list[Number]:
         """Return `other` in all lanes if the mask is true in any, else `default`."""
-        b = self.b
-        before, ones = b.block, self.flat(default)
-        with b.if_then(b.anywhere(mask.value), likely=False):
-            others = self.flat(other())
-            inside = b.block
-        merged = []
-        for register, other_register in zip(ones, others, strict=True):
-            merged.append(b.phi(register.type))
-            merged[-1].add_incoming(register, before)
-            merged[-1].add_incoming(other_register, inside)
-        return self.shaped(merged)
-
-
-def _register(number: Vector | float) -> ir.Value:
-    return number.value if isinstance(number, Vector) else vector(number)
+        old, wanted = self.flat(default), self.b.anywhere(mask.value)
+        new = self.b.replace_if(wanted, old, lambda: self.flat(other()), likely=False)
+        return self.shaped(new)
 
 
 def sum_products(start: Number, terms: Sequence[tuple[Number, Number]]) -> Number:
@@ -106,16 +121,10 @@ def sum_products(start: Number, terms: Sequence[tuple[Number, Number]]) -> Numbe
 
 def multiply_add(factor_a: Number, factor_b: Number, sum_: Number) -> Number:
     """Return factor_a * factor_b + sum_; a slope of 0.0 counts as none."""
-    a, b = dual(factor_a), dual(factor_b)
-    if (
-        not isinstance(factor_a, Dual)
-        and not isinstance(factor_b, Dual)
-        and not isinstance(sum_, Dual)
-    ):
+    if not any(isinstance(number, Dual) for number in (factor_a, factor_b, sum_)):
         return _lane(factor_a, factor_b, sum_)
-    before = dual(sum_) if sum_ is not None else None
-    value = _lane(a.value, b.value, before.value if before else None)
-    slope: Number = before.slope if before else 0.0
+    a, b, before = map(dual, (factor_a, factor_b, sum_))
+    value, slope = _lane(a.value, b.value, before.value), before.slope
     for factor, change in ((a.slope, b.value), (a.value, b.slope)):
         if not _nothing(factor) and not _nothing(change):
             slope = _lane(factor, change, None if _nothing(slope) else slope)
@@ -166,57 +175,6 @@ MIN_RELATIVE_PIVOT = 1e-13  # of a diagonal: a pivot below it is rounding
 
 
 @dataclass(frozen=True, slots=True)
-class Memory:
-    """Reads and writes numbers in memory, `width` vectors each."""
-
-    b: Builder
-    slopes: bool
-
-    @property
-    def width(self) -> int:
-        """Vectors of one number."""
-        return 2 if self.slopes else 1
-
-    def at(self, base: ir.Value, index: ir.Value | int) -> ir.Value:
-        """Return the address of a number, or of the first of a row."""
-        if isinstance(index, int):
-            return self.b.gep(base, [I64(index * self.width)])
-        return self.b.gep(base, [self.b.mul(index, I64(self.width))])
-
-    def get(self, base: ir.Value, index: int) -> Number:
-        """Load number `index` of a block."""
-        value = Vector(self.b, self.b.read(base, index * self.width))
-        if not self.slopes:
-            return value
-        return Dual(value, Vector(self.b, self.b.read(base, 2 * index + 1)))
-
-    def put(self, number: Number | float, base: ir.Value, index: int) -> None:
-        """Store number `index` of a block."""
-        parts = [dual(number).value, dual(number).slope] if self.slopes else [number]
-        for k, part in enumerate(parts):
-            value = part.value if isinstance(part, Vector) else vector(float(part))
-            self.b.write(value, base, index * self.width + k)
-
-    def row(self, base: ir.Value, count: int) -> list[Number]:
-        """Load the first `count` numbers of a block."""
-        return [self.get(base, k) for k in range(count)]
-
-    def put_row(self, numbers: Iterable[Number | float], base: ir.Value) -> None:
-        """Store the first numbers of a block."""
-        for index, number in enumerate(numbers):
-            self.put(number, base, index)
-
-    def room(self, count: int) -> ir.Value:
-        """Reserve `count` numbers on the stack, once, even where the code stands in a loop."""
-        with self.b.goto_entry_block():
-            return self.b.alloca(VEC, I64(count * self.width))
-
-    def clear(self, base: ir.Value, count: int) -> None:
-        """Store `count` zeros."""
-        self.b.clear(base, I64(count * self.width))
-
-
-@dataclass(frozen=True, slots=True)
 class Blocks:
     """Memory of numbers: a block of values, and another of slopes where they have some."""
 
@@ -225,18 +183,19 @@ class Blocks:
 
     def at(self, offset: ir.Value) -> Blocks:
         """Return what begins at an offset."""
-        return Blocks(self.b, tuple(self.b.gep(base, [offset]) for base in self.bases))
+        return Blocks(self.b, tuple(self.b.offset(base, offset) for base in self.bases))
 
     def get(self, index: int) -> Number:
         """Load a number."""
-        value, *slope = (Vector(self.b, self.b.read(base, index)) for base in self.bases)
-        return Dual(value, *slope) if slope else value
+        parts = [self.b.read(base, index) for base in self.bases]
+        return Numbers(self.b, len(parts) > 1).shaped(parts)[0]
 
     def put_row(self, numbers: Iterable[Number]) -> None:
         """Store the first numbers."""
-        for index, number in enumerate(map(dual, numbers)):
-            for base, part in zip(self.bases, (number.value, number.slope), strict=False):
-                self.b.write(_register(part), base, index)
+        kind = Numbers(self.b, len(self.bases) > 1)
+        for index, number in enumerate(numbers):
+            for base, part in zip(self.bases, kind.flat([number]), strict=True):
+                self.b.write(part, base, index)
 
 
 def dot(left: Sequence[Number], right: Sequence[Number], start: Number | None = None) -> Number:
@@ -277,62 +236,53 @@ def inverted(matrix: Matrix) -> Matrix:
     return rows
 
 
-def emit_product(
-    module: ir.Module, shape: tuple[int, int, int], *, slopes: bool = False
-) -> ir.Function:
-    """Write `product(out (m, n), a (m, k), b (k, n))`: out = a b."""
-    m, inner, n = shape
-    function, b = _begun(module, f"product_{m}_{inner}_{n}{'d' if slopes else ''}", 3)
-    if b is None:
-        return function
-    out, a, other = function.args
-    memory = Memory(b, slopes)
+@routine
+def multiply(
+    b: Builder,
+    out: ir.Value,
+    a: ir.Value,
+    other: ir.Value,
+    sizes: tuple[int, int, int],
+    *,
+    slopes: bool = False,
+) -> None:
+    """Store the product of `a (m, inner)` and `other (inner, n)`; `sizes`: m, inner, n."""
+    (m, inner, n), memory = sizes, Numbers(b, slopes)
     together = next(size for size in (3, 2, 1) if m % size in (0, 1) and size <= m)
 
-    def some(first: ir.Value, count: int) -> None:
+    def some(first: Whole, count: int) -> None:
         """`count` rows at once: what is read of the other matrix serves all of them."""
-        begin, into = (
-            memory.at(base, b.mul(first, I64(size))) for base, size in ((a, inner), (out, n))
-        )
+        begin, into = (memory.at(base, b.mul(first, size)) for base, size in ((a, inner), (out, n)))
         rows = [memory.row(memory.at(begin, r * inner), inner) for r in range(count)]
         for j in range(n):
             column = [memory.get(other, k * n + j) for k in range(inner)]
             for r, entries in enumerate(rows):
                 memory.put(dot(entries, column), into, r * n + j)
 
-    blocks = Loop(b, I64(m // together), [], "rows")
-    some(b.mul(blocks.index, I64(together)), together)
-    blocks.close([])
+    with b.loop(m // together, "rows") as block:
+        some(b.mul(block, together), together)
     if m % together:
-        some(I64(m - 1), 1)
-    b.ret_void()
-    return function
+        some(m - 1, 1)
 
 
-def _begun(module: ir.Module, name: str, blocks: int) -> tuple[ir.Function, Builder | None]:
-    """Begin a function of `blocks` blocks of vectors; no builder where the module has it already."""
-    if name in module.globals:
-        return module.globals[name], None
-    return begin_function(module, name, 0, [VECTORS] * blocks)
-
-
-def emit_symmetric(
-    module: ir.Module, n: int, *, transposed: bool = False, adds: bool = False, slopes: bool = False
-) -> ir.Function:
-    """Write `even(out, a, b)`, all (n, n): out = a b', or a' b if `transposed`.
+@routine
+def multiply_symmetric(
+    b: Builder,
+    out: ir.Value,
+    a: ir.Value,
+    other: ir.Value,
+    n: int,
+    *,
+    transposed: bool = False,
+    adds: bool = False,
+    slopes: bool = False,
+) -> None:
+    """Store a product, all (n, n): out = a other', or a' other if `transposed`.
 
     The product is known to be symmetric: only the lower half is computed and copied, so that the
     result is exactly that.  With `adds` the product is added to what `out` has.
     """
-    function, b = _begun(
-        module,
-        f"even_{n}{'t' if transposed else ''}{'a' if adds else ''}{'d' if slopes else ''}",
-        3,
-    )
-    if b is None:
-        return function
-    out, a, other = function.args
-    memory = Memory(b, slopes)
+    memory = Numbers(b, slopes)
 
     def line(base: ir.Value, i: int) -> list[Number]:
         return [memory.get(base, k * n + i if transposed else i * n + k) for k in range(n)]
@@ -345,19 +295,14 @@ def emit_symmetric(
                 total = dot(rows[i], column, memory.get(out, i * n + j) if adds else None)
                 for index in {i * n + j, j * n + i}:
                     memory.put(total, out, index)
-    b.ret_void()
-    return function
 
 
-def emit_cholesky(module: ir.Module, n: int) -> ir.Function:
-    """Write `factor(out, a)`: the Cholesky factor, lower with out out' = a (n, n).
+@routine
+def factorise(b: Builder, out: ir.Value, a: ir.Value, n: int) -> None:
+    """Store the Cholesky factor, lower with out out' = a (n, n).
 
     The matrix may be singular: a pivot that is rounding beside its diagonal gets a column of zeros.
     """
-    function, b = _begun(module, f"factor_{n}", 2)
-    if b is None:
-        return function
-    out, a = function.args
     zero = vector(0.0)
     factor: dict[tuple[int, int], Vector] = {}
     for j in range(n):
@@ -378,20 +323,15 @@ def emit_cholesky(module: ir.Module, n: int) -> ir.Function:
     for i in range(n):
         for j in range(n):
             b.write(factor[i, j].value if j <= i else zero, out, i * n + j)
-    b.ret_void()
-    return function
 
 
-def emit_lu(module: ir.Module, n: int) -> ir.Function:
-    """Write `decomposed(out (n, n), a (n, n), determinant)`: L and U with L U = a, in one matrix.
+@routine
+def decompose(b: Builder, out: ir.Value, a: ir.Value, determinant: ir.Value, n: int) -> None:
+    """Store L and U with L U = a (n, n) in one matrix, and the determinant.
 
     L is without its diagonal of ones; U has the inverse of its diagonal.  Without pivoting, as for
     one plus a product of two covariances, where pivots are as good in their order as in any.
     """
-    function, b = _begun(module, f"decomposed_{n}", 3)
-    if b is None:
-        return function
-    out, a, determinant = function.args
     entries = {(i, j): Vector(b, b.read(a, i * n + j)) for i in range(n) for j in range(n)}
     total = Vector(b, vector(1.0))
     for k in range(n):
@@ -404,38 +344,32 @@ def emit_lu(module: ir.Module, n: int) -> ir.Function:
     for (i, j), entry in entries.items():
         b.write(entry.value, out, i * n + j)
     b.write(total.value, determinant, 0)
-    b.ret_void()
-    return function
 
 
-def emit_lu_solve(module: ir.Module, n: int, m: int) -> ir.Function:
-    """Write `solved(out (n, m), lu (n, n), x (n, m))`: out = a^-1 x, with `lu` from `decomposed`."""
-    function, b = _begun(module, f"solved_{n}_{m}", 3)
-    if b is None:
-        return function
-    out, lu, x = function.args
+@routine
+def solve(b: Builder, out: ir.Value, lu: ir.Value, x: ir.Value, n: int, m: int) -> None:
+    """Store out = a^-1 x (n, m), with the `lu` that `decompose` has made of a (n, n)."""
     together = next(size for size in (3, 2, 1) if m % size == 0)
-    columns = Loop(b, I64(m // together), [], "columns")
-    first = b.mul(columns.index, I64(together))
-    source, target = b.gep(x, [first]), b.gep(out, [first])
-    entry = {(i, j): Vector(b, b.read(lu, i * n + j)) for i in range(n) for j in range(n)}
-    solution = [[Vector(b, b.read(source, i * m + c)) for c in range(together)] for i in range(n)]
-    for i in range(n):
-        for j in range(i):
-            minus = -entry[i, j]
-            solution[i] = [
-                multiply_add(minus, y, z) for y, z in zip(solution[j], solution[i], strict=True)
-            ]
-    for i in reversed(range(n)):
-        for j in range(i + 1, n):
-            minus = -entry[i, j]
-            solution[i] = [
-                multiply_add(minus, y, z) for y, z in zip(solution[j], solution[i], strict=True)
-            ]
-        solution[i] = [number * entry[i, i] for number in solution[i]]
-    for i, row in enumerate(solution):
-        for c, number in enumerate(row):
-            b.write(number.value, target, i * m + c)
-    columns.close([])
-    b.ret_void()
-    return function
+    with b.loop(m // together, "columns") as columns:
+        first = b.mul(columns, together)
+        source, target = b.offset(x, first), b.offset(out, first)
+        entry = {(i, j): Vector(b, b.read(lu, i * n + j)) for i in range(n) for j in range(n)}
+        solution = [
+            [Vector(b, b.read(source, i * m + c)) for c in range(together)] for i in range(n)
+        ]
+
+        def take(i: int, j: int) -> None:
+            """Take from row i what row j has of it."""
+            minus, rows = -entry[i, j], zip(solution[j], solution[i], strict=True)
+            solution[i] = [multiply_add(minus, *pair) for pair in rows]
+
+        for i in range(n):
+            for j in range(i):
+                take(i, j)
+        for i in reversed(range(n)):
+            for j in range(i + 1, n):
+                take(i, j)
+            solution[i] = [number * entry[i, i] for number in solution[i]]
+        for i, row in enumerate(solution):
+            for c, number in enumerate(row):
+                b.write(number.value, target, i * m + c)

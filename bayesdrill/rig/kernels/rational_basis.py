@@ -23,35 +23,26 @@ from itertools import islice
 import numpy as np
 from llvmlite import ir
 
-from bayesdrill.basics.duals import Dual
+from bayesdrill.basics.duals import Dual, dual
 from bayesdrill.rig.kernels.exponential import Layout, number
-from bayesdrill.rig.kernels.lanes import (
-    I64,
-    Builder,
-    Loop,
-    Vector,
-    vector,
-)
+from bayesdrill.rig.kernels.lanes import Builder, Loop, Vector, Whole, vector
 from bayesdrill.rig.kernels.numbers import (
     Blocks,
     Matrix,
     Number,
-    NumberKind,
+    Numbers,
     dot,
     inverted,
     multiply_add,
     plus,
     product,
 )
-from bayesdrill.rig.kernels.remainder_bound import RemainderBound
 
 REAL, PAIR = 1, 2  # coordinates of a real pole, and of a complex pair, and their functions
 ROWS = 4  # of the triangle at a time
 # Times that all poles are gone through: what rounding carries from one to another is then as small as
 # what the round before has left.
 ROUNDS = 2
-
-WHOLE_NUMBERS = I64.as_pointer()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,7 +53,7 @@ class BasisShape:
     of each, in the order of modal coordinates; `integrators`: coordinates before these, on which
     nothing depends.  `impulse`: whether the start moves the rig; `channels`: K.  `sums`: of squares of
     each channel, of residuals alone, or of steps between them and of both ends too.  `delays`: by how
-    many steps at most a channel looks beyond the sample of its states, see `delayed_rows`; zero where
+    many steps at most a channel looks beyond the sample of its states, see `compressed_sums`; zero where
     none is late.  `measured`: channels that are sources themselves, in a filter.
     """
 
@@ -78,7 +69,7 @@ class BasisShape:
 
     @property
     def text(self) -> str:
-        """See `Structure`."""
+        """See `compile_kernel`."""
         sizes = (self.integrators, self.channels, self.impulse, self.sums, self.delays)
         return f"{self.poles} {sizes} {self.measured} {self.tangent} {self.layout.text}"
 
@@ -231,23 +222,23 @@ class BasisExpansion:
     """The code that expands the response of a group of walkers, with slopes where it has a tangent."""
 
     def __init__(self, b: Builder, shape: BasisShape, arguments: dict[str, ir.Value]) -> None:
-        self.b, self.shape, self._kind = b, shape, NumberKind(b, shape.tangent)
+        self.b, self.shape, self.a = b, shape, arguments
+        self._kind = Numbers(b, shape.tangent)
         self.frame = ModalFrame(b, shape, arguments["frame"])
-        self.orders, self.columns = arguments["orders"], arguments["columns"]
         self.entry = ExponentialEntries(b, shape, arguments["scratch"])
-        self.after = b.gep(arguments["scratch"], [I64(shape.layout.size**2)])
-        size = I64(shape.decaying**2)
+        self.after = b.offset(arguments["scratch"], shape.layout.size**2)
+        size = shape.decaying**2
         # Of each pole: the inverse of M, the all-pass, M.
         self.matrices = [[self._room(size) for _ in range(3)] for _ in shape.poles]
-        self.count = b.mul(self.columns, I64(shape.channels))
+        self.count = b.mul(arguments["columns"], shape.channels)
         self.coefficients = self._room(self.count)
 
-    def _room(self, count: ir.Value) -> Blocks:
+    def _room(self, count: Whole) -> Blocks:
         """Take scratch for numbers."""
         bases = []
-        for _ in range(2 if self.shape.tangent else 1):
+        for _ in range(self._kind.width):
             bases.append(self.after)
-            self.after = self.b.gep(self.after, [count])
+            self.after = self.b.offset(self.after, count)
         return Blocks(self.b, tuple(bases))
 
     def run(
@@ -261,7 +252,7 @@ class BasisExpansion:
         shape, x = self.shape, self.shape.states
         rates = [[self.entry(i, j) for j in range(x)] for i in range(x)]
         self.begin(rates, [row[:x] for row in rows])
-        column = I64(0)
+        column = 0
         for source, size in zip(shape.sources, self.frame.sizes, strict=True):
             column = self.add_source(column, self._drive(source, start, rates), size)
         for s in range(shape.layout.n_series if shape.layout.first_order else 0):
@@ -290,7 +281,7 @@ class BasisExpansion:
             for row in self._shown
         ]
         self._store_matrices(self._fall)
-        self._bound = RemainderBound(self.b, self.shape.blocks, self._fall, self._seen)
+        self._bound = _RemainderBound(self.b, self.shape.blocks, self._fall, self._seen)
         self.errors: list[Number] = [Vector(self.b, vector(0.0))] * self.shape.channels
 
     def add_source(self, column: ir.Value, drive: list[Number], size: Number) -> ir.Value:
@@ -354,7 +345,7 @@ class BasisExpansion:
 
     def _expand(self, column: ir.Value, x: list[Number]) -> tuple[ir.Value, list[Number]]:
         """Store the coefficients of a source from `column` on; return the next, and what is left."""
-        rounds = Loop(self.b, I64(ROUNDS), [column, *self._kind.flat(x)], "rounds")
+        rounds = Loop(self.b, ROUNDS, [column, *self._kind.flat(x)], "rounds")
         column, x = rounds.carried[0], self._kind.shaped(rounds.carried[1:])
         for index in range(len(self.shape.poles)):
             column, x = self._expand_pole(index, column, x)
@@ -370,10 +361,10 @@ class BasisExpansion:
             [[blocks.get(i * n + j) for j in range(n)] for i in range(n)]
             for blocks in self.matrices[index]
         )
-        order = b.load(b.gep(self.orders, [I64(index)]))
+        order = b.single(self.a["orders"], index)
         loop = Loop(b, order, self._kind.flat(applied(inverse, x)), "order")
         x = self._kind.shaped(loop.carried)
-        at = b.add(column, b.mul(loop.index, I64(size)))
+        at = b.add(column, b.mul(loop.index, size))
         if size == REAL:
             self._store_shown(at, x, even)
         else:
@@ -383,7 +374,7 @@ class BasisExpansion:
             self._store_shown(at, moved, -odd)
         following = applied(pass_, x)
         loop.close(self._kind.flat(following))
-        column = b.add(column, b.mul(order, I64(size)))
+        column = b.add(column, b.mul(order, size))
         return column, applied(over, following)
 
     def _store_shown(self, column: ir.Value, x: list[Number], factor: Number) -> ir.Value:
@@ -392,10 +383,117 @@ class BasisExpansion:
 
     def store(self, column: ir.Value, values: list[Number]) -> ir.Value:
         """Store the coefficients of all channels; return the next column."""
-        self.coefficients.at(self.b.mul(column, I64(self.shape.channels))).put_row(values)
-        return self.b.add(column, I64(1))
+        self.coefficients.at(self.b.mul(column, self.shape.channels)).put_row(values)
+        return self.b.add(column, 1)
 
 
 def applied(matrix: Matrix, x: list[Number]) -> list[Number]:
     """Return a matrix times a vector."""
     return [dot(row, x) for row in matrix]
+
+
+TURNS = 3  # of coordinates towards a walker's own modes
+LEAST = -1e-300  # not below zero
+
+
+class _RemainderBound:
+    """A bound of what the functions leave: the walker's own response to what is left as its input.
+
+    Of blocks of modal coordinates, |(z - T)^-1| <= 1 / (1 - |T|) on the unit circle.  What blocks do to
+    each other, at most Q, is summed to (1 - Q)^-1, which is no bound unless it has no negative entry.
+    Coordinates are first turned towards the walker's own modes, so that Q is small.
+    """
+
+    def __init__(
+        self, b: Builder, blocks: Sequence[Sequence[int]], fall: Matrix, seen: Matrix
+    ) -> None:
+        self._blocks = blocks
+        self._zero, self._one = (Vector(b, vector(number)) for number in (0.0, 1.0))
+        values, seen = ([_values(row) for row in matrix] for matrix in (fall, seen))
+        self._back: Matrix = []
+        for _ in range(TURNS):
+            turn = self._turn(values)
+            back = inverted(turn)
+            values, seen = product(back, product(values, turn)), product(seen, turn)
+            self._back = product(back, self._back) if self._back else back
+        gains = [_gain(_part(values, block, block)) for block in blocks]
+        remaining = [[self._one] * len(blocks) for _ in blocks]
+        for i, j in itertools.permutations(range(len(blocks)), 2):
+            rows = _part(values, blocks[i], blocks[j])
+            remaining[i][j] = -gains[i] * _length([sum(e.size() for e in row) for row in rows])
+        series = inverted(remaining)
+        fine = gains[0].above(0.0)
+        for entry in itertools.chain(gains[1:], *series):
+            fine = fine.both(entry.above(LEAST))
+        gains = [fine.chosen(gain, math.inf) for gain in gains]
+        # Of each channel, by block of what is left.
+        self._shares = [
+            [gain * number for gain, number in zip(gains, row, strict=True)]
+            for row in product([self._lengths(row) for row in seen], series)
+        ]
+
+    def _turn(self, values: Matrix) -> Matrix:
+        """Return coordinates in which blocks do little to each other: any would do."""
+        turn = plus([[self._zero] * len(values) for _ in values], self._one)
+        for block, other in itertools.permutations(self._blocks, 2):
+            pairs = ((block, block), (block, other), (other, other), (other, block))
+            apart = _apart(*(_part(values, *pair) for pair in pairs))
+            for (i, row), (j, column) in itertools.product(enumerate(block), enumerate(other)):
+                turn[row][column] = apart[i][j]
+        return turn
+
+    def _lengths(self, row: Sequence[Number]) -> list[Number]:
+        """Return the length of each block of a vector."""
+        return [_length([row[i] for i in block]) for block in self._blocks]
+
+    def add(self, errors: list[Number], left: Sequence[Number], size: Number) -> list[Number]:
+        """Return the bounds `(K,)` with those of a source, whose input has this `size`."""
+        lengths = self._lengths([dot(row, _values(left)) for row in self._back])
+        pairs = zip(errors, self._shares, strict=True)
+        return [error + size * dot(lengths, shares) for error, shares in pairs]
+
+
+def _values(numbers: Sequence[Number]) -> list[Number]:
+    return [dual(number).value for number in numbers]
+
+
+def _part(values: Matrix, rows: Sequence[int], columns: Sequence[int]) -> Matrix:
+    return [[values[i][j] for j in columns] for i in rows]
+
+
+def _length(parts: Sequence[Number]) -> Number:
+    return parts[0].size() if len(parts) == 1 else dot(parts, parts).sqrt()
+
+
+def _apart(mine: Matrix, shared: Matrix, other: Matrix, back: Matrix) -> Matrix:
+    """Return X of A X - X B = -C (Sylvester 1884), for A `mine`, B `other` and C `shared`.
+
+    `back`: what the first does to the other.
+
+    By p(A) = 0, with p the characteristic polynomial of A, X p(B) = A C + C B - tr(A) C if A is
+    two by two.
+    """
+    if len(mine) == 1 and len(other) == 1:  # poles that nearly meet stay as they are
+        gap, pair = other[0][0] - mine[0][0], (shared[0][0] * back[0][0]).size()
+        return [[shared[0][0] * gap / (gap * gap + 4.0 * pair)]]
+    if len(mine) == 1:
+        return product(shared, inverted(plus(other, -mine[0][0])))
+    if len(other) == 1:
+        return product(inverted(plus([[-e for e in row] for row in mine], other[0][0])), shared)
+    (p, q), (r, s) = mine
+    trace, determinant = p + s, p * s - q * r
+    sides = zip(product(plus(mine, -trace), shared), product(shared, other), strict=True)
+    total = [[a + c for a, c in zip(*rows, strict=True)] for rows in sides]
+    over = plus(product(plus(other, -trace), other), determinant)
+    return product(total, inverted(over))
+
+
+def _gain(block: Matrix) -> Number:
+    """Return 1 / (1 - |T|), negative or infinite where |T| is not below one."""
+    block = plus(block, 1.0)
+    if len(block) == 1:
+        return 1.0 / (1.0 - block[0][0].size())
+    (p, q), (r, s) = block
+    half, determinant = 0.5 * dot((p, q, r, s), (p, q, r, s)), p * s - q * r
+    inner = half * half - determinant * determinant
+    return 1.0 / (1.0 - (half + inner.above(0.0).chosen(inner, 0.0).sqrt()).sqrt())

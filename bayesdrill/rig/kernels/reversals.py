@@ -27,11 +27,10 @@ from bayesdrill.rig.kernels.friction import (
     StepStart,
     any_of,
 )
-from bayesdrill.rig.kernels.lanes import F64, I64, LANES, Loop, Mask, Vector
+from bayesdrill.rig.kernels.lanes import F64, NOWHERE, Loop, Mask, Vector
 from bayesdrill.rig.kernels.numbers import (
     Column,
     Number,
-    NumberKind,
     above,
     is_moving,
     is_sticking,
@@ -92,15 +91,13 @@ class Substeps:
         e = x + (len(step.frictions) if shows else 0)
         nothing = [kind.zero() for _ in range(e - x)]
         start = kind.flat([*now.state, *nothing, *now.past.sizes, *now.past.trends])
-        loop = Loop(kind.b, I64(self.count), start, "parts")
+        loop = Loop(kind.b, self.count, start, "parts")
         values = kind.shaped(loop.carried)
         before = FrictionHistory(values[e : e + v], values[e + v :])
         drive = self._then(step, now.drive, loop.index)
         result = turning.advance(StepStart(values[:x], before, drive, now.inputs), shows=shows)
-        efforts = [
-            total + effort * (1.0 / self.count)
-            for total, effort in zip(values[x:e], result[x:e], strict=True)
-        ]
+        pairs = zip(values[x:e], result[x:e], strict=True)
+        efforts = [total + effort * (1.0 / self.count) for total, effort in pairs]
         result = [*result[:x], *efforts, *result[e:]]
         loop.close(kind.flat(result))
         return result
@@ -134,20 +131,15 @@ class ReversalStep:
         return self.step.frictions
 
     @property
-    def _kind(self) -> NumberKind:
-        return self.step.kind
-
-    @property
     def _order(self) -> list[int]:
         """The order in which efforts are computed, each with the others as known.
 
         At first these are as if nothing reversed.  What stops a current comes first, and once more:
         it and the motor act on each other strongly.
         """
-        order = sorted(
-            range(len(self._frictions)), key=lambda e: self._frictions[e].angle is not None
-        )
-        return order * (1 + any(friction.angle is None for friction in self._frictions))
+        angles = [friction.angle for friction in self._frictions]
+        order = sorted(range(len(angles)), key=lambda e: angles[e] is not None)
+        return order * (1 + (None in angles))
 
     def advance(self, now: StepStart, *, shows: bool) -> list[Number]:
         """Return new state, efforts if they are shown, sizes that vary, and their trends.
@@ -160,9 +152,8 @@ class ReversalStep:
             sizes[e] = magnitude
         free, later = step.frictionless(state, drive), step.final_drive(drive)
         holding = [friction.holding_effort(state, drive) for friction in self._frictions]
-        at_rest = [
-            RestState(*both) for both in zip(holding, step.rest_sizes(state, inputs), strict=True)
-        ]
+        rest_sizes = step.rest_sizes(state, inputs)
+        at_rest = [RestState(*both) for both in zip(holding, rest_sizes, strict=True)]
         efforts, slips = self._efforts(free, state, later, sizes, at_rest)
         if step.varying:
             ahead = self._stopped(self._moved(free, efforts), slips)
@@ -171,7 +162,7 @@ class ReversalStep:
         new = self._held(self._stopped(self._moved(free, efforts), slips), state, slips)
         shown = efforts if shows else []
         varying = [sizes[e] for e in step.varying]
-        return [*new, *shown, *varying, *(self._kind.zero() for _ in varying)]
+        return [*new, *shown, *varying, *(self.step.kind.zero() for _ in varying)]
 
     def _efforts(
         self,
@@ -194,16 +185,13 @@ class ReversalStep:
                 for k, effort in enumerate(known)
                 if k != e and friction.row in self._frictions[k].column
             ]
-            stop, speed = (
-                sum_products(free[friction.row], others) * friction.stop_gain,
-                state[friction.row],
-            )
+            stop = sum_products(free[friction.row], others) * friction.stop_gain
+            speed = state[friction.row]
             slipping = self._of_moving(stop, speed, friction.stop_gain, sizes[e], at_rest[e])
             stopped = [stop if k == e else effort for k, effort in enumerate(known)]
             there = self._moved(free, stopped, [k for k in friction.holding_row if k < len(free)])
-            still = self._of_still(
-                stop, friction.holding_effort(there, drive), sizes[e], at_rest[e]
-            )
+            later = friction.holding_effort(there, drive)
+            still = self._of_still(stop, later, sizes[e], at_rest[e])
             moves = is_moving(speed)
             known[e] = where(moves, slipping[0], still[0])
             slips[e] = slipping[1].both(moves).either(still[1].without(moves))
@@ -224,7 +212,7 @@ class ReversalStep:
         against = rate - ahead + most  # what drives it backwards, and what brakes it
         keeps, passes = above(ahead, most), above(against, most + at_rest.size)
         turned = where(keeps, most, ahead)
-        (turned,) = self._kind.select_if_any(
+        (turned,) = self.step.kind.select_if_any(
             passes.without(keeps), [turned], lambda: [most * (rate / against * 2.0 - 1.0)]
         )
         return where(back, -turned, turned), keeps.either(passes)
@@ -238,9 +226,8 @@ class ReversalStep:
         more than friction at rest can hold, the speed slips under `most`.
         """
         back = below(stop, 0.0)
-        mean, first, last = (
-            where(back, -effort, effort) for effort in (stop, at_rest.effort, later)
-        )
+        efforts = (stop, at_rest.effort, later)
+        mean, first, last = (where(back, -effort, effort) for effort in efforts)
         slips = above(last, at_rest.size).either(above(mean, at_rest.size))
 
         def slipping() -> list[Number]:
@@ -252,7 +239,7 @@ class ReversalStep:
             bent = mean - (first + middle * 2.0 + last) * 0.25
             return [mean - driving - share * (at_rest.size - most + bent)]
 
-        (turned,) = self._kind.select_if_any(slips, [mean], slipping)
+        (turned,) = self.step.kind.select_if_any(slips, [mean], slipping)
         return where(back, -turned, turned), slips
 
     def _moved(
@@ -310,12 +297,9 @@ class LongStep:
         """
         kind, state, past = self.step.kind, now.state, now.past
         directions = self.mode.directions()
-        slips = (
-            any_of([*(is_sticking(direction) for direction in directions), *self._falling(state)])
-            .negate()
-            .value
-        )
-        free = Mask(kind.b, kind.b.select(wanted, slips, ir.Constant(slips.type, [0] * LANES)))
+        stuck = [is_sticking(direction) for direction in directions]
+        slips = any_of([*stuck, *self._falling(state)]).negate()
+        free = Mask(kind.b, kind.b.select(wanted, slips.value, NOWHERE))
         stays = [*state, *past.sizes, *past.trends]
         long_step = kind.replace_if_any(free, stays, lambda: self._long_step(now, directions))
         new = long_step[: len(state)]

@@ -7,14 +7,18 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 from bayesdrill.basics.duals import Dual
-from bayesdrill.rig.kernels.exponential import Layout, Pattern, formulas, with_slopes
-from bayesdrill.rig.kernels.lanes import I64, NUMBERS, VECTORS, Builder, Vector, vector
+from bayesdrill.rig.kernels.exponential import (
+    AugmentedMatrix,
+    Layout,
+    Pattern,
+    formulas,
+    with_slopes,
+)
+from bayesdrill.rig.kernels.lanes import NUMBERS, VECTORS, WHOLE, Builder, Vector, vector
 from bayesdrill.rig.kernels.numbers import Number, sum_products
 from bayesdrill.rig.kernels.sums import ResidualSums
-from bayesdrill.rig.models.friction import Friction, SettlingLaw
+from bayesdrill.rig.models.friction import SettlingLaw
 from bayesdrill.rig.models.linear import Model, Tangent
-
-WHOLE = I64.as_pointer()
 
 # T samples; N steps.
 COUNTS = ("groups", "samples", "nodes")
@@ -58,7 +62,7 @@ class SteppedShape:
 
     @property
     def text(self) -> str:
-        """See `Structure`."""
+        """See `compile_kernel`."""
         described = ("model", "series", "late", "constant")  # by their formulas and places
         names = [setting.name for setting in fields(self) if setting.name not in described]
         settings = {name: getattr(self, name) for name in (*names, "long_steps")}
@@ -81,16 +85,13 @@ class SteppedShape:
         rates = Rates(lanes[0].b, self, named, {name: named[name] for name in self.constant})
         described: list[Any] = [rates.rows, rates.base]
         index = self.model.states.index
-        for friction in self.frictions:
-            law = friction.law
+        for friction in self.model.frictions:
+            law, speed = friction.law, named[friction.against]
             described += [index(friction.against), friction.holds and index(friction.holds)]
-            described += [
-                law.steady,
-                sorted(index(name) for name in law.seen if name in self.model.states),
-            ]
-            described.append(law.size(named, 0.0 if law.steady else named[friction.against], named))
+            seen = sorted(index(name) for name in law.seen if name in self.model.states)
+            described += [law.steady, seen, law.size(named, 0.0 if law.steady else speed, named)]
             if self.long_steps and isinstance(law, SettlingLaw):
-                described.append(law.decay_terms(named, named[friction.against]))
+                described.append(law.decay_terms(named, speed))
             else:
                 described.append(None)
         for gravity in self.model.gravities:
@@ -103,13 +104,8 @@ class SteppedShape:
         """Whether there are several steps to a sample, and sizes that come down to steady ones."""
         if self.single or self.read or self.late or self.model.gravities:
             return False
-        laws = [friction.law for friction in self.frictions if not friction.law.steady]
+        laws = [friction.law for friction in self.model.frictions if not friction.law.steady]
         return bool(laws) and all(isinstance(law, SettlingLaw) for law in laws)
-
-    @property
-    def frictions(self) -> tuple[Friction, ...]:
-        """The model's frictions."""
-        return self.model.frictions
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -124,7 +120,7 @@ class SteppedShape:
     @property
     def driven(self) -> tuple[str, ...]:
         """Columns after the constant one."""
-        return (*self.drives, *(friction.name for friction in self.frictions))
+        return (*self.drives, *(friction.name for friction in self.model.frictions))
 
     @property
     def numbers(self) -> int:
@@ -150,7 +146,7 @@ class SteppedShape:
     @property
     def r_count(self) -> int:
         """Entries R of a channel's row."""
-        return len(self.model.states) + 1 + (len(self.frictions) if self.efforts else 0)
+        return len(self.model.states) + 1 + (len(self.model.frictions) if self.efforts else 0)
 
     @property
     def layout(self) -> Layout:
@@ -169,25 +165,17 @@ class Rates:
         parameters: Mapping[str, Number],
         constant: Mapping[str, Number],
     ) -> None:
-        self.b, self.shape = b, shape
-        linear, states = shape.model.linear(parameters), shape.model.states
-        driven, x = shape.driven, len(states)
-        self.rows: list[dict[int, Number]] = [{} for _ in states]
-        self.base: list[Number] = [self._number(0.0) for _ in states]
-        for (row, column), value in linear.A.items():
-            self.rows[states.index(row)][states.index(column)] = self._number(value)
-        for row, value in linear.c.items():
-            self.base[states.index(row)] = self.base[states.index(row)] + value
-        for (row, name), value in linear.B.items():
-            i = states.index(row)
-            if name in driven:
-                self.rows[i][x + 1 + driven.index(name)] = self._number(value)
-            if name in constant:
-                self.base[i] = self.base[i] + value * constant[name]
-
-    def _number(self, value: Number) -> Number:
-        plain = not isinstance(value, Vector | Dual)
-        return Vector(self.b, vector(float(value))) if plain else value
+        self.shape, x = shape, len(shape.model.states)
+        self.rows: list[dict[int, Number]] = [{} for _ in range(x)]
+        self.base: list[Number] = [Vector(b, vector(0.0))] * x
+        numbers = [*(parameters[name] for name in shape.model.parameters), *constant.values()]
+        entries = AugmentedMatrix(shape.model, shape.driven, tuple(constant))(numbers)
+        for row, column, value in (entry for entry in entries if entry[0] < x):
+            if column == x:
+                self.base[row] = self.base[row] + value
+            else:
+                plain = not isinstance(value, Vector | Dual)
+                self.rows[row][column] = Vector(b, vector(float(value))) if plain else value
 
     def evaluate(
         self,

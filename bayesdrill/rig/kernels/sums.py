@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from llvmlite import ir
 
-from bayesdrill.rig.kernels.lanes import INT_VEC, VEC, Builder, Vector, vector, whole_numbers
-
-Values = list[ir.Value]
+from bayesdrill.rig.kernels.lanes import INT_VEC, VEC, Builder, Values, Vector, vector
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,6 +22,20 @@ class Sample:
     residual: ir.Value
     observed: ir.Value | None
     weights: Sequence[ir.Value]
+
+    @classmethod
+    def of(
+        cls,
+        b: Builder,
+        residual: ir.Value,
+        measured: ir.Value,
+        weights: Sequence[ir.Value],
+        due: ir.Value | None = None,
+    ) -> Sample:
+        """Return a sample that is observed where it was `measured`, and is `due` at all."""
+        observed = b.fcmp_ordered("ord", measured, measured)
+        observed = observed if due is None else b.and_(due, observed)
+        return cls(b.select(observed, residual, vector(0.0)), observed, weights)
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +62,13 @@ class ResidualSums:
     def add(self, b: Builder, totals: Sequence[ir.Value], sample: Sample) -> Values:
         """Return the registers `totals` with one more sample."""
         return [b.fma(sample.residual, sample.residual, totals[0])]
+
+    def add_all(self, b: Builder, totals: Values, samples: Iterable[Sample]) -> Values:
+        """Return the registers of all channels with one more sample of each."""
+        added = Values()
+        for k, sample in enumerate(samples):
+            added += self.add(b, totals[k * self.count : (k + 1) * self.count], sample)
+        return added
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,8 +119,8 @@ class _Logs(ResidualSums):
 def _times(b: Builder, product: ir.Value, powers: ir.Value, factor: ir.Value) -> Values:
     """Return a product and its powers of two, see `_Logs`, times a factor."""
     bits = b.bitcast(b.fmul(product, factor), INT_VEC)
-    power = b.sub(b.lshr(bits, whole_numbers(52)), whole_numbers(1023))
-    fraction = b.or_(b.and_(bits, whole_numbers(_FRACTION)), whole_numbers(_ONE))
+    power = b.sub(b.lshr(bits, 52), 1023)
+    fraction = b.or_(b.and_(bits, _FRACTION), _ONE)
     whole = b.add(b.bitcast(powers, INT_VEC), power)
     return [b.bitcast(fraction, VEC), b.bitcast(whole, VEC)]
 
@@ -138,9 +157,7 @@ def _tail(b: Builder, far: ir.Value) -> ir.Value:
     wide, twice = b.fadd(x, vector(_TURN)), b.fma(x, vector(2.0), vector(1.0))
     over = b.fdiv(vector(1.0), b.fmul(wide, twice))
     position = b.fmul(b.fmul(b.fsub(x, vector(_TURN)), twice), over)
-    return b.fmul(
-        b.polynomial([vector(coefficient) for coefficient in _TAIL], position), b.fmul(wide, over)
-    )
+    return b.fmul(b.polynomial(_TAIL, position), b.fmul(wide, over))
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,17 +177,15 @@ class _Intervals(ResidualSums):
         residual, observed, (over, half) = sample.residual, sample.observed, sample.weights
         middle = b.fmul(Vector(b, residual).size().value, over)
         near = b.fsub(middle, half)
-        products = [b.fma(residual, residual, totals[0])]
+        squares, *others = totals
+        squares = b.fma(residual, residual, squares)
+
+        def moved() -> Values:
+            return self._moved(b, others, near, middle, half, observed)
+
         # What the noise can hardly have moved out of its interval leaves the product as it is.
-        before = b.block
-        with b.if_then(b.anywhere(b.fcmp_unordered(">", near, vector(MAX_INSIDE_SDS)))):
-            moved = self._moved(b, totals[1:], near, middle, half, observed)
-            inside = b.block
-        for start, new in zip(totals[1:], moved, strict=True):
-            products.append(b.phi(VEC))
-            products[-1].add_incoming(start, before)
-            products[-1].add_incoming(new, inside)
-        return products
+        far = b.anywhere(b.fcmp_unordered(">", near, vector(MAX_INSIDE_SDS)))
+        return [squares, *b.replace_if(far, others, moved)]
 
     def _moved(
         self,

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from llvmlite import ir
 
 from bayesdrill.basics.duals import Dual, dual, where
-from bayesdrill.rig.kernels.exponential import addresses, emit_exponential, number
+from bayesdrill.rig.kernels.exponential import addresses, number, store_exponential
 from bayesdrill.rig.kernels.friction import (
     FrictionHistory,
     FrictionMode,
@@ -23,18 +23,17 @@ from bayesdrill.rig.kernels.friction import (
 )
 from bayesdrill.rig.kernels.lanes import (
     F64,
-    I64,
     INT_VEC,
-    VEC,
     Builder,
     Loop,
     Mask,
+    Module,
     Vector,
-    begin_kernel,
+    Whole,
+    kernel,
     vector,
-    whole_numbers,
 )
-from bayesdrill.rig.kernels.numbers import Number, NumberKind, multiply_add, sum_products
+from bayesdrill.rig.kernels.numbers import Number, Numbers, multiply_add, sum_products
 from bayesdrill.rig.kernels.reversals import LongStep, Substeps, advance_step
 from bayesdrill.rig.kernels.step_arguments import BLOCKS, COUNTS, Rates, SteppedShape
 from bayesdrill.rig.kernels.sums import Sample
@@ -44,125 +43,91 @@ class Writer:
     """Writes the code for a group of walkers."""
 
     def __init__(
-        self,
-        b: Builder,
-        shape: SteppedShape,
-        arguments: dict[str, ir.Value],
-        exponentials: tuple[ir.Value, ...],
+        self, b: Builder, shape: SteppedShape, arguments: dict[str, ir.Value], group: ir.Value
     ) -> None:
-        """`exponentials`: rooms for that of a step, a substep, and a long step if there is one."""
-        self.b, self.shape, self.a = b, shape, arguments
-        self.whole, self.part_of_it, *self.stride_of_it = exponentials
-        self.kind, self.spans = NumberKind(b, shape.dual), b.alloca(VEC)
+        """Compute the matrices of the group."""
+        self.b, self.shape, self.a, self.group, model = b, shape, arguments, group, shape.model
+        self.kind = Numbers(b, shape.dual)
         self.x_count, self.k_count = len(shape.model.states), len(shape.pattern)
-        columns = self.x_count + 1 + len(shape.drives)
-        size = FrictionMode.size(self.x_count, columns, len(shape.frictions))
-        self.room, *self.stride_room = (
-            b.alloca(VEC, I64(size)) for _ in range(1 + shape.long_steps)
-        )
-
-    # Numbers: a Vector, or a Dual of two.
-
-    def number(self, base: ir.Value, index: int, slope_offset: int) -> Number:
-        """Load a number of a part of `own`, whose slopes are `slope_offset` vectors behind."""
-        value = Vector(self.b, self.b.read(base, index))
-        if not self.shape.dual:
-            return value
-        return Dual(value, Vector(self.b, self.b.read(base, slope_offset + index)))
-
-    def walker_numbers(self, name: str) -> list[Number]:
-        """Load the numbers of a part of `own`."""
-        count = self.shape.walker_blocks[name]
-        return [self.number(self.walker[name], k, count) for k in range(count)]
-
-    def begin(self, group: ir.Value, exponential: ir.Function) -> None:
-        """Compute the matrices of a group of walkers."""
-        b, shape = self.b, self.shape
-        self.group, self.walker = group, addresses(b, self.a["own"], group, shape.walker_vectors)
-        model = shape.model
-        self.parameters = dict(
-            zip(model.parameters, self.walker_numbers("parameters"), strict=True)
-        )
+        self.walker = addresses(b, self.a["own"], group, shape.walker_vectors)
+        own = self.walker_numbers("parameters")
+        self.parameters = dict(zip(model.parameters, own, strict=True))
         self.constant = {
             name: number(b, self.a["numbers"], 2 + c) for c, name in enumerate(shape.constant)
         }
         self.span = number(b, self.a["numbers"], 0)
-        self._exponential(exponential, self.span, self.whole)
+        # Exponentials of a step, a substep and, if there is one, a long step.
+        count = 2 + shape.long_steps
+        whole, part, *stride = self.exponentials = [
+            b.room(shape.layout.size**2) for _ in range(count)
+        ]
+        self._exponential(self.span, whole)
         if shape.turns > 1:
-            self._exponential(exponential, self.span * (1.0 / shape.turns), self.part_of_it)
-        self.rows = self._rows()
-        self.step = self._step(self.whole, self.span)
-        self.mode = self._friction_mode(self.step, self.room)
-        self.stride = self._stride(exponential)
+            self._exponential(self.span * (1.0 / shape.turns), part)
+        count, rows = shape.r_count, self.walker_numbers("rows")
+        self.rows = [
+            {r: rows[k * count + r] for r, used in enumerate(pattern) if used}
+            for k, pattern in enumerate(shape.pattern)
+        ]
+        self.step = self._step(whole, self.span)
+        self.mode = self._friction_mode(self.step)
+        self.stride: LongStep | None = None  # from sample to sample, if that is more than a step
+        for matrix in stride:
+            span = number(b, self.a["numbers"], 1)
+            self._exponential(span, matrix)
+            step = self._step(matrix, span)
+            self.stride = LongStep(step, self._friction_mode(step))
 
-    def _stride(self, exponential: ir.Function) -> LongStep | None:
-        """Return the step from sample to sample, where that is more than a step and may be one."""
-        if not self.shape.long_steps:
-            return None
-        span = number(self.b, self.a["numbers"], 1)
-        (matrix,), (room,) = self.stride_of_it, self.stride_room
-        self._exponential(exponential, span, matrix)
-        step = self._step(matrix, span)
-        return LongStep(step, self._friction_mode(step, room))
+    def walker_numbers(self, name: str) -> list[Number]:
+        """Load the numbers of a part of `own`, whose slopes are behind them."""
+        return self.kind.shaped(self.b.read_row(self.walker[name], self.shape.walker_vectors[name]))
 
     def set_mode(self, state: list[Number]) -> None:
         """Set the friction modes of a step and of a long step to that of a state."""
         for mode in (self.mode, *([] if self.stride is None else [self.stride.mode])):
             mode.set(state)
 
-    def _exponential(self, function: ir.Function, span: Vector, room: ir.Value) -> None:
-        self.b.write(span.value, self.spans, 0)
-        constants = self.b.gep(self.a["numbers"], [I64(2)])
-        self.b.call(function, [self.walker["parameters"], constants, self.spans, room])
-
-    def _rows(self) -> list[dict[int, Number]]:
-        count, rows = self.shape.r_count, self.walker_numbers("rows")
-        return [
-            {r: rows[k * count + r] for r, used in enumerate(pattern) if used}
-            for k, pattern in enumerate(self.shape.pattern)
-        ]
+    def _exponential(self, span: Vector, room: ir.Value) -> None:
+        b, constants = self.b, self.b.offset(self.a["numbers"], 2)
+        parameters, layout = self.walker["parameters"], self.shape.layout
+        store_exponential(b, parameters, constants, span.value, room, layout, increments=False)
 
     def _entry(self, e: ir.Value, row: int, column: int) -> Number | None:
         """Return an entry of Phi or of what follows it; columns count states, one, and what drives."""
         layout, x = self.shape.layout, self.x_count
         n, reach = layout.size, layout.reach
         index = column if column < x or not self.shape.dual else column + x
-        value = Vector(self.b, self.b.read(e, row * n + index)) if reach[row][index] else None
-        if not self.shape.dual:
+        value, *slopes = (
+            Vector(self.b, self.b.read(e, r * n + index)) if reach[r][index] else None
+            for r in (row, x + row)[: self.kind.width]
+        )
+        if not slopes or (value is None and slopes[0] is None):
             return value
-        slope = None
-        if reach[x + row][index]:
-            slope = Vector(self.b, self.b.read(e, (x + row) * n + index))
-        if value is None and slope is None:
-            return None
         zero = Vector(self.b, vector(0.0))
-        return Dual(zero if value is None else value, 0.0 if slope is None else slope)
+        return Dual(zero if value is None else value, 0.0 if slopes[0] is None else slopes[0])
 
     def _step(self, e: ir.Value, span: Vector) -> Step:
         shape, x, s = self.shape, self.x_count, len(self.shape.series)
         first = x + 1 + len(shape.drives)
         acting, rates = [], Rates(self.b, shape, self.parameters, self.constant)
-        for f, friction in enumerate(shape.frictions):
-            row = shape.model.states.index(friction.against)
+        index = shape.model.states.index
+        for f, friction in enumerate(shape.model.frictions):
+            row, law = index(friction.against), friction.law
             column = {i: self._entry(e, i, first + f) for i in range(x)}
             nonzero = {i: value for i, value in column.items() if value is not None}
             acts = -rates.rows[row][first + f]  # a unit of it, on the rate
-            steady = friction.law.steady
-            known = friction.law.size(self.parameters, 0.0, {}) if steady else None
+            steady = law.size(self.parameters, 0.0, {}) if law.steady else None
+            holding = {k: entry / acts for k, entry in rates.rows[row].items() if k < first}
             acting.append(
                 StepFriction(
                     row=row,
-                    angle=None
-                    if friction.holds is None
-                    else shape.model.states.index(friction.holds),
+                    angle=None if friction.holds is None else index(friction.holds),
                     column=nonzero,
                     stop_gain=-1.0 / nonzero[row],
-                    holding_row={
-                        k: entry / acts for k, entry in rates.rows[row].items() if k < first
-                    },
+                    holding_row=holding,
                     holding_base=rates.base[row] / acts,
-                    law=friction.law,
-                    steady=known,
+                    law=law,
+                    steady=steady,
                 )
             )
         columns = [k for k in range(first) if k != x]
@@ -179,19 +144,21 @@ class Writer:
             kind=self.kind,
         )
 
-    def _friction_mode(self, step: Step, room: ir.Value) -> FrictionMode:
-        shape = self.shape
+    def _friction_mode(self, step: Step) -> FrictionMode:
+        shape, frictions = self.shape, len(self.shape.model.frictions)
+        rows = self.x_count + frictions
+        size = frictions + 2 * rows * (rows + 1 + len(shape.drives))  # directions, and all entries
         return FrictionMode(
             kind=self.kind,
             rows=step.rows(),
             frictions=step.frictions,
             first=step.first,
             shows=shape.read or shape.efforts,
-            block=room,
+            block=self.b.room(size),
         )
 
     def drive(
-        self, node: ir.Value, state: Sequence[Number]
+        self, node: Whole, state: Sequence[Number]
     ) -> tuple[dict[int, Number], dict[str, Number]]:
         """Return what drives a step from a node on: by column, and by name in its middle.
 
@@ -212,25 +179,19 @@ class Writer:
             driving.append(gravity.torque(self.parameters, ahead))
         return {first + k: number for k, number in enumerate(driving)}, middle
 
-    def _input(self, node: ir.Value, k: int) -> Number:
+    def _input(self, node: Whole, k: int) -> Number:
         """Load an input; a late one is between two rows of the block, each lane at its own."""
         b, shape, count = self.b, self.shape, len(self.shape.columns)
         name = shape.series[k % len(shape.series)]
         if name not in shape.late:
-            index = b.add(b.mul(node, I64(count)), I64(k))
-            return Vector(b, b.splat(b.load(b.gep(self.a["u"], [index]))))
+            index = b.add(b.mul(node, count), k)
+            return Vector(b, b.shared(self.a["u"], index))
         late = shape.late.index(name)
-        share = self.number(self.walker["share"], late, len(shape.late))
+        share = self.walker_numbers("share")[late]
         behind = b.fptosi(b.read(self.walker["behind"], late), INT_VEC)
-        row = b.sub(b.splat(node), behind)
+        row = b.mul(b.sub(b.splat(node), behind), count)
         here, earlier = (
-            Vector(
-                b,
-                b.gather(
-                    self.a["u"], b.add(b.mul(row, whole_numbers(count)), whole_numbers(k - back))
-                ),
-            )
-            for back in (0, count)
+            Vector(b, b.gather(self.a["u"], b.add(row, k - back))) for back in (0, count)
         )
         return here + (earlier - here) * share
 
@@ -240,15 +201,12 @@ class Writer:
         if not step.frictions:
             return self.kind.flat(state)
         self.set_mode(state)
-        sizes_now = step.sizes(state, self.drive(I64(0), state)[1])
+        sizes_now = step.sizes(state, self.drive(0, state)[1])
         sizes = [sizes_now[e] for e in step.varying]
-        return self._registers(state, FrictionHistory(sizes, [self.kind.zero() for _ in sizes]))
-
-    def _registers(self, state: list[Number], past: FrictionHistory) -> list[ir.Value]:
-        return self.kind.flat([*state, *past.sizes, *past.trends])
+        return self.kind.flat([*state, *sizes, *(self.kind.zero() for _ in sizes)])
 
     def advance(
-        self, node: ir.Value, registers: Sequence[ir.Value]
+        self, node: Whole, registers: Sequence[ir.Value]
     ) -> tuple[list[Number], list[Number], list[ir.Value]]:
         """Advance a step: new state, efforts (where they are shown), and what is carried on."""
         step, (state, past) = self.step, self._shaped(registers)
@@ -259,7 +217,7 @@ class Writer:
         going, parts = SmoothStep(step, self.mode), Substeps(self.shape.turns, self._part)
         now = StepStart(state, past, drive, inputs)
         new, efforts, past = advance_step(going, parts, now, self.set_mode)
-        return new, efforts, self._registers(new, past)
+        return new, efforts, self.kind.flat([*new, *past.sizes, *past.trends])
 
     def _shaped(self, registers: Sequence[ir.Value]) -> tuple[list[Number], FrictionHistory]:
         numbers, x, v = self.kind.shaped(registers), self.x_count, len(self.step.varying)
@@ -270,27 +228,27 @@ class Writer:
         count = self.shape.turns
         if count == 1:
             return self.step
-        return self._step(self.part_of_it, self.span * (1.0 / count))
+        return self._step(self.exponentials[1], self.span * (1.0 / count))
 
     def run_samples(self) -> None:
         """Advance from sample to sample; channels see the states there."""
         b, shape = self.b, self.shape
         sums = shape.tally.initial(self.k_count) if shape.tally is not None else []
         start = self.start()
-        samples = Loop(b, self.a["samples"], [I64(0), *start, *sums], "samples")
+        samples = Loop(b, self.a["samples"], [0, *start, *sums], "samples")
         node, registers = samples.carried[0], samples.carried[1:]
         state_registers, totals = registers[: len(start)], registers[len(start) :]
         state = self.kind.shaped(state_registers)[: self.x_count]
         if shape.single:
             _, efforts, last = self.advance(node, state_registers)
             totals = self.observe(samples.index, state, efforts, totals)
-            samples.close([b.add(node, I64(1)), *last, *totals])
+            samples.close([b.add(node, 1), *last, *totals])
         else:
             totals = self.observe(samples.index, state, [], totals)
-            count = b.load(b.gep(self.a["pieces"], [samples.index]))
+            count = b.single(self.a["pieces"], samples.index)
             last = self._to_next_sample(samples.index, node, count, state_registers)
             samples.close([b.add(node, count), *last, *totals])
-        self.write_sums(totals)
+        b.write_row(totals, b.offset(self.a["out"], self.group, len(totals)))
 
     def _to_next_sample(
         self, sample: ir.Value, node: ir.Value, count: ir.Value, registers: list[ir.Value]
@@ -306,15 +264,10 @@ class Writer:
 
         if self.stride is None:
             return self.kind.flat(steps())
-        wanted = b.icmp_signed("!=", b.load(b.gep(self.a["usual"], [sample])), I64(0))
+        wanted = b.icmp_signed("!=", b.single(self.a["usual"], sample), 0)
         state, past = self._shaped(registers)
         now = StepStart(state, past, *self.drive(node, state))
         return self.kind.flat(self.stride.advance(wanted, now, steps))
-
-    def write_sums(self, totals: Sequence[ir.Value]) -> None:
-        """Store the sums of the group."""
-        address = self.b.gep(self.a["out"], [self.b.mul(self.group, I64(len(totals)))])
-        self.b.write_row(totals, address)
 
     def output(self, k: int, state: Sequence[Number], efforts: Sequence[Number]) -> Number:
         """Return what channel k shows of states and efforts."""
@@ -347,31 +300,30 @@ class Writer:
 
     def measured(self, sample: ir.Value, k: int) -> Vector:
         """Load the measured value of channel k at a sample."""
-        flat = self.b.add(self.b.mul(sample, I64(self.k_count)), I64(k))
-        return Vector(self.b, self.b.splat(self.b.load(self.b.gep(self.a["y"], [flat]))))
+        flat = self.b.add(self.b.mul(sample, self.k_count), k)
+        return Vector(self.b, self.b.shared(self.a["y"], flat))
 
     def add_sample(
         self, sample: ir.Value, k: int, residual: Vector, totals: Sequence[ir.Value]
     ) -> list[ir.Value]:
         """Return the sums of channel k, among `totals`, with one more residual if it was observed."""
-        b, value, observed, tally = self.b, residual.value, None, self.shape.tally
+        b, tally = self.b, self.shape.tally
         assert tally is not None
-        if self.shape.gaps:
-            y = self.measured(sample, k).value
-            observed = b.fcmp_ordered("ord", y, y)
-            value = b.select(observed, value, vector(0.0))
         first, count = k * tally.weights, tally.count
         weights = [b.read(self.walker["weight"], first + n) for n in range(tally.weights)]
-        sample = Sample(value, observed, weights)
-        return tally.add(b, totals[k * count : (k + 1) * count], sample)
+        if self.shape.gaps:
+            seen = Sample.of(b, residual.value, self.measured(sample, k).value, weights)
+        else:
+            seen = Sample(residual.value, None, weights)
+        return tally.add(b, totals[k * count : (k + 1) * count], seen)
 
     def write_signal(self, sample: ir.Value, k: int, value: Number) -> None:
         """Store a value of channel k among the signals."""
         b, k_count = self.b, self.k_count
-        flat = b.add(b.mul(sample, I64(k_count)), I64(k))
-        row = b.mul(b.mul(self.group, self.a["samples"]), I64(k_count))
-        index = b.mul(b.add(row, flat), I64(self.shape.numbers))
-        b.write_row(self.kind.flat([value]), b.gep(self.a["out"], [index]))
+        flat = b.add(b.mul(sample, k_count), k)
+        row = b.mul(b.mul(self.group, self.a["samples"]), k_count)
+        index = b.mul(b.add(row, flat), self.shape.numbers)
+        b.write_row(self.kind.flat([value]), b.offset(self.a["out"], index))
 
 
 TRACE_VALUES = 3  # the value, and the rates after it and before the next one, times a step
@@ -396,13 +348,10 @@ def emit_trace(w: Writer) -> None:
         _keep(w, w.a["nodes"], k, [w.output(k, new, []), zero, zero])
 
 
-def _keep(w: Writer, node: ir.Value, k: int, entries: Sequence[Number]) -> None:
+def _keep(w: Writer, node: Whole, k: int, entries: Sequence[Number]) -> None:
     b, numbers = w.b, w.shape.numbers
-    index = b.mul(b.add(b.mul(node, I64(w.k_count)), I64(k)), I64(TRACE_VALUES * numbers))
-    at = b.gep(w.a["trace"], [index])
-    for q, value in enumerate(entries):
-        for n, register in enumerate(w.kind.flat([value])):
-            b.write(register, at, q * numbers + n)
+    index = b.add(b.mul(node, w.k_count), k)
+    w.kind.put_row(entries, b.offset(w.a["trace"], index, TRACE_VALUES * numbers))
 
 
 def _seen_rate(w: Writer, k: int, rates: Sequence[Number]) -> Number:
@@ -416,9 +365,10 @@ def emit_reading(w: Writer) -> None:
     """Observe all samples, each lane at its own time."""
     b, shape = w.b, w.shape
     sums = shape.tally.initial(w.k_count) if shape.tally is not None else []
-    shifts, begins = w.walker_numbers("shift"), _before(w)
+    shifts, before = w.walker_numbers("shift"), w.walker_numbers("before")
+    begins = [_seen_rate(w, k, before) for k in range(w.k_count)]  # before the start
     samples = Loop(b, w.a["samples"], sums, "read")
-    t = Vector(b, b.splat(b.load(b.gep(w.a["t"], [samples.index]))))
+    t = Vector(b, b.shared(w.a["t"], samples.index))
     totals: list[ir.Value] = []
     for k in range(w.k_count):
         when = t - shifts[k] / w.span
@@ -429,18 +379,13 @@ def emit_reading(w: Writer) -> None:
         else:
             w.write_signal(samples.index, k, value)
     samples.close(totals)
-    w.write_sums(totals)
-
-
-def _before(w: Writer) -> list[Number]:
-    """Return how much channels change in a step before the start."""
-    return [_seen_rate(w, k, w.walker_numbers("before")) for k in range(w.k_count)]
+    b.write_row(totals, b.offset(w.a["out"], w.group, len(totals)))
 
 
 def _read(w: Writer, k: int, when: Number, begin: Number) -> Number:
     b = w.b
     position = dual(when).value.value
-    last = b.splat(b.sitofp(b.sub(w.a["nodes"], I64(1)), F64))
+    last = b.splat(b.sitofp(b.sub(w.a["nodes"], 1), F64))
     node = b.floor(position)
     node = b.select(b.fcmp_ordered("<", node, last), node, last)
     node = b.select(b.fcmp_ordered(">", node, vector(0.0)), node, vector(0.0))
@@ -456,28 +401,21 @@ def _read(w: Writer, k: int, when: Number, begin: Number) -> Number:
 
 def _kept(w: Writer, node: ir.Value, k: int, q: int) -> Number:
     b, numbers = w.b, w.shape.numbers
-    row = b.mul(b.fptosi(node, INT_VEC), whole_numbers(w.k_count * TRACE_VALUES * numbers))
-    registers = [
-        b.gather_lanes(
-            w.a["trace"], b.add(row, whole_numbers((k * TRACE_VALUES + q) * numbers + n))
-        )
-        for n in range(numbers)
-    ]
-    return w.kind.shaped(registers)[0]
+    row = b.mul(b.fptosi(node, INT_VEC), w.k_count * TRACE_VALUES * numbers)
+    first = (k * TRACE_VALUES + q) * numbers
+    places = [b.add(row, first + n) for n in range(numbers)]
+    return w.kind.shaped([b.gather_lanes(w.a["trace"], place) for place in places])[0]
 
 
-def write_stepping(module: ir.Module, shape: SteppedShape) -> None:
+def write_stepping(module: Module, shape: SteppedShape) -> None:
     """Write the kernel `stepping`, of COUNTS and addresses of BLOCKS."""
-    exponential = emit_exponential(module, shape.layout, increments=False)
-    arguments, b = begin_kernel(module, "stepping", COUNTS, BLOCKS)
-    rooms = [b.alloca(VEC, I64(shape.layout.size**2)) for _ in range(2 + shape.long_steps)]
-    w = Writer(b, shape, arguments, tuple(rooms))
-    groups = Loop(b, w.a["groups"], [], "groups")
-    w.begin(groups.index, exponential)
-    if shape.read:
-        emit_trace(w)
-        emit_reading(w)
-    else:
-        w.run_samples()
-    groups.close([])
-    b.ret_void()
+    with (
+        kernel(module, "stepping", COUNTS, BLOCKS) as (a, b),
+        b.loop(a["groups"], "groups") as group,
+    ):
+        w = Writer(b, shape, a, group)
+        if shape.read:
+            emit_trace(w)
+            emit_reading(w)
+        else:
+            w.run_samples()

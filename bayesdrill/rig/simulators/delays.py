@@ -1,7 +1,7 @@
 """Channels that are late, in a record that is compressed: their delays, and its first samples.
 
-See `kernels.delayed_rows`.  A late channel shows the rig before the record began in its first samples:
-these are left to the exact simulator.
+See `kernels.compressed_sums`.  A late channel shows the rig before the record began in its first
+samples: these are left to the exact simulator.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class Delays:
         return cls(step, whole, steps if sensors.sensing.shifts else 0)
 
     def numbers(self, sensors: SensorParameters, full: Array) -> Array:
-        """Return what walkers show of each step from there `(W, K steps)`, see `delayed_rows`.
+        """Return what walkers show of each step from there `(W, K steps)`.
 
         It is NaN of channels that are too late or too early.
         """

@@ -25,7 +25,6 @@ from bayesdrill.rig.kernels.knots import (
     COUNTS,
     MAX_LEVELS,
     IrregularShape,
-    row_blocks,
     table_entries,
 )
 from bayesdrill.rig.kernels.lanes import LANES
@@ -155,7 +154,7 @@ class Dense:
             if late.searched:
                 high = int(max(self._farthest, late.farthest) / self._near).bit_length() or 1
             blocks["ladder"] = np.empty((high + MAX_LEVELS) * table_size)
-            each = (self._cells + 1) * LANES * LANES * row_blocks(shape)
+            each = (self._cells + 1) * LANES * LANES * shape.row_blocks
             blocks["rows"] = np.empty(rows.shape[1] * each)
         walker_parts += [] if weights is None else [weights]
         blocks["own"] = in_groups(*walker_parts)
