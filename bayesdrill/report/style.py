@@ -100,6 +100,9 @@ CHANCE: Mapping[str, Any] = MappingProxyType(  # the band that chance allows, ..
     {"facecolor": FAINT, "edgecolor": MIDDLE, "linewidth": 0.5}
 )
 OUTSIDE: Mapping[str, Any] = MappingProxyType({"color": MAP_COLOUR, "linewidth": 1.8})  # ... left
+HATCHED: Mapping[str, Any] = MappingProxyType(
+    {"facecolor": "none", "edgecolor": MIDDLE, "linewidth": 0}
+)
 PRIOR_LINE: Mapping[str, Any] = MappingProxyType(
     {"color": MIDDLE, "linestyle": (0, (6, 1, 1, 1)), "linewidth": 0.8}
 )

@@ -28,6 +28,7 @@ from bayesdrill.config.resolve import assembly
 from bayesdrill.output_files import FIGURES, REFITS, dumps_checksummed, loads_checksummed, typed
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.report import run_report
+from bayesdrill.report.scales import WIDTHS
 from bayesdrill.report.section import Section, as_markdown, markdown
 from bayesdrill.report.sections import calibration_words
 from bayesdrill.results import provenance, run_folder
@@ -219,7 +220,8 @@ def _pages(job: Job, folder: Folder, said: Sequence[Section]) -> None:
 
 def _draw(job: Job, folder: Folder, verdict: CalibrationVerdict) -> None:
     # Late: matplotlib takes a second to load.
-    from bayesdrill.report.sections.calibration_figure import save as save_figure
+    from bayesdrill.report import style
+    from bayesdrill.report.sections.calibration_figure import calibration_figure
 
     figures = folder.path / FIGURES
     figures.mkdir(exist_ok=True)
@@ -230,4 +232,5 @@ def _draw(job: Job, folder: Folder, verdict: CalibrationVerdict) -> None:
         for each in (output_files.FORMATS, output.formats)
     )
     folder.remove_stale(set(every) - set(wanted))
-    save_figure(verdict, job.problem.symbols, output, figures, note)
+    figure = calibration_figure(verdict, job.problem.symbols, WIDTHS[output.size])
+    style.save(figure, figures, "calibration", note, formats=output.formats, dpi=output.dpi)
