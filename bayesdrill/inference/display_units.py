@@ -108,7 +108,8 @@ SI = DisplayUnits({})
 class DisplayedUnknowns:
     """Unknowns, or what is derived, as figures show them: all numbers in the units of `symbols`.
 
-    `columns`: which of all they are in draws; `priors`, `nominal` and `mode` of those that have any.
+    `columns`: which of all they are in draws, none of these for all of them; `priors`, `nominal` and
+    `mode` of those that have any.
     """
 
     symbols: tuple[Symbol, ...]
@@ -120,5 +121,5 @@ class DisplayedUnknowns:
 
     def select(self, si: Array) -> Array:
         """Return the shown columns of `(..., D)` of all unknowns, in display units."""
-        selected = si if len(self.columns) == si.shape[-1] else si[..., self.columns]
+        selected = si if len(self.columns) in (0, si.shape[-1]) else si[..., self.columns]
         return selected if (self.factors == 1.0).all() else selected / self.factors
