@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,6 +15,7 @@ from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
 
 from bayesdrill.basics.symbols import NOMINAL, PARAMETERS, Symbol, noise_symbol
+from bayesdrill.inference.display_units import DisplayedUnknowns
 from bayesdrill.inference.priors import HalfNormal, Prior, Uniform
 
 Array = NDArray[np.float64]
@@ -54,6 +55,16 @@ def prior_of(symbol: Symbol) -> Prior:
 
 def mode_of(draws: Array, symbols: tuple[Symbol, ...]) -> dict[str, float]:
     return {s.name: float(np.quantile(draws[:, d], 0.4)) for d, s in enumerate(symbols)}
+
+
+def displayed(
+    symbols: Sequence[Symbol],
+    nominal: Mapping[str, float],
+    mode: Mapping[str, float],
+    priors: Mapping[str, Prior],
+) -> DisplayedUnknowns:
+    """In SI."""
+    return DisplayedUnknowns(symbols=tuple(symbols), nominal=nominal, mode=mode, priors=priors)
 
 
 def drawn(figure: Figure) -> Figure:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -106,16 +106,20 @@ SI = DisplayUnits({})
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DisplayedUnknowns:
-    """Unknowns as figures show them, in the units of `symbols`; `columns`: which in draws they are."""
+    """Unknowns, or what is derived, as figures show them: all numbers in the units of `symbols`.
 
-    columns: tuple[int, ...]
-    factors: Array
+    `columns`: which of all they are in draws, none of these for all of them; `priors`, `nominal` and
+    `mode` of those that have any.
+    """
+
     symbols: tuple[Symbol, ...]
-    priors: Mapping[str, Prior]
-    nominal: Mapping[str, float]
-    mode: Mapping[str, float]
+    columns: tuple[int, ...] = ()
+    factors: Array = field(default_factory=lambda: np.ones(1))
+    priors: Mapping[str, Prior] = field(default_factory=dict)
+    nominal: Mapping[str, float] = field(default_factory=dict)
+    mode: Mapping[str, float] = field(default_factory=dict)
 
     def select(self, si: Array) -> Array:
         """Return the shown columns of `(..., D)` of all unknowns, in display units."""
-        selected = si if len(self.columns) == si.shape[-1] else si[..., self.columns]
+        selected = si if len(self.columns) in (0, si.shape[-1]) else si[..., self.columns]
         return selected if (self.factors == 1.0).all() else selected / self.factors

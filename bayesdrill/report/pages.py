@@ -16,7 +16,8 @@ from matplotlib.transforms import Affine2D
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from bayesdrill.basics.arrays import Array
+from bayesdrill.analysis.calibration import RankBand
+from bayesdrill.basics.arrays import Array, Counts
 from bayesdrill.report import style
 from bayesdrill.report.scales import DOUBLE, Scale
 
@@ -103,6 +104,12 @@ LEGEND = style.fix_look(
 def legend_above(figure: Figure, handles: Sequence[Any], most: int, **look: Any) -> None:
     """Put a legend above, in at most `most` columns; `look`: what is not as in `LEGEND`."""
     figure.legend(handles=handles, ncols=min(most, len(handles)), **{**LEGEND, **look})
+
+
+def departures(band: RankBand, ranks: Counts) -> Array:
+    """Return the lower and upper edge of a band and what `ranks` are, less uniform: `(3, L + 2)`."""
+    counts = np.stack([band.low, band.high, band.counts(ranks)])
+    return np.pad(counts / max(band.n, 1) - band.shares, ((0, 0), (1, 1)))
 
 
 # of the largest difference: the ends of a panel, which has its name above

@@ -89,6 +89,7 @@ AWAY = fix_look(color=NOMINAL["color"], markersize=5, linestyle="none")  # a val
 # The band that chance allows, and what left it.
 CHANCE = fix_look(facecolor=FAINT, edgecolor=MIDDLE, linewidth=0.5)
 OUTSIDE = fix_look(color=MAP_COLOUR, linewidth=1.8)
+HATCHED = fix_look(facecolor="none", edgecolor=MIDDLE, linewidth=0)
 PRIOR_LINE = fix_look(color=MIDDLE, linestyle=(0, (6, 1, 1, 1)), linewidth=0.8)
 _DOT = fix_look(marker="o", markersize=1.2, markeredgewidth=0, linestyle="none")
 DOTS = fix_look(color=DARK, alpha=0.35, zorder=-1, rasterized=True, **_DOT)

@@ -23,6 +23,7 @@ from bayesdrill.config.resolve import assembly
 from bayesdrill.output_files import FIGURES, REFITS, dumps_checksummed, loads_checksummed, typed
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.report import run_report
+from bayesdrill.report.scales import WIDTHS
 from bayesdrill.report.section import as_markdown, markdown
 from bayesdrill.report.sections import calibration_words
 from bayesdrill.results import provenance, run_folder
@@ -156,8 +157,9 @@ def _read(path: Path, study: CalibrationStudy) -> Refit:
 
 def _publish(job: Job, folder: Folder, refits: Sequence[Refit]) -> CalibrationVerdict:
     # Late: templates, and matplotlib, which takes a second to load.
+    from bayesdrill.report import style
     from bayesdrill.report.render import as_html
-    from bayesdrill.report.sections.calibration_figure import save as save_figure
+    from bayesdrill.report.sections.calibration_figure import calibration_figure
 
     config, symbols, names = job.config, job.problem.symbols, study(job).names
     verdict = calibration.judge_calibration(names, refits, config.calibration.draws)
@@ -170,7 +172,10 @@ def _publish(job: Job, folder: Folder, refits: Sequence[Refit]) -> CalibrationVe
     )
     folder.remove_stale(set(known) - set(wanted))
     note = {"Title": config.name, "Creator": software.creator()}
-    save_figure(verdict, symbols, config.output, figures, note)
+    figure = calibration_figure(verdict, symbols, WIDTHS[config.output.size])
+    style.save(
+        figure, figures, "calibration", note, formats=config.output.formats, dpi=config.output.dpi
+    )
     title, shape = f"Calibration of {config.name}", output_files.shown_path(config.output.formats)
     said = calibration_words.sections(verdict, refits, shape)
     folder.write_text("summary.md", as_markdown(title, said))

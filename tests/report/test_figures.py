@@ -19,6 +19,7 @@ from pictures import (
     TABLE,
     clashes,
     corner_panels,
+    displayed,
     drawn,
     mode_of,
     posterior,
@@ -54,7 +55,8 @@ def corner_case(name: str) -> tuple[Figure, tuple[Symbol, ...], dict[str, float]
     draws = posterior(1500, width)[:, columns]
     symbols = tuple(SYMBOLS[column] for column in columns)
     mode = mode_of(draws, symbols)
-    figure = corner_figure(draws, symbols, TABLE, mode, {s.name: prior_of(s) for s in symbols})
+    shown = displayed(symbols, TABLE, mode, {s.name: prior_of(s) for s in symbols})
+    figure = corner_figure(draws, shown)
     return drawn(figure), symbols, mode
 
 
@@ -142,7 +144,7 @@ def test_a_flat_density_has_no_contour_and_a_box_is_full_to_its_ends() -> None:
     priors = {s.name: Uniform(a, b) for s, a, b in zip(pair, low, high, strict=True)}
     for flat in (True, False):
         share = rng.uniform(size=(n, 2)) if flat else rng.beta(4, 4, (n, 2))
-        figure = corner_figure(low + (high - low) * share, pair, TABLE, {}, priors)
+        figure = corner_figure(low + (high - low) * share, displayed(pair, TABLE, {}, priors))
         panels = corner_panels(figure)
         lines = [c for c in panels[1, 0].collections if not c.filled and len(c.get_paths()) > 1]
         assert bool(lines) != flat
@@ -157,7 +159,7 @@ def test_a_flat_density_has_no_contour_and_a_box_is_full_to_its_ends() -> None:
 
 def test_far_nominal_value_is_pointed_at_and_a_missing_one_is_not() -> None:
     draws = posterior(500, 1e-5)[:, [0, 9]] * np.array([1.2, 1.0])
-    figure = drawn(corner_figure(draws, (SYMBOLS[0], SYMBOLS[9]), TABLE, {}, {}))
+    figure = drawn(corner_figure(draws, displayed((SYMBOLS[0], SYMBOLS[9]), TABLE, {}, {})))
     first, _, last = figure.axes
     assert [c.get_marker() for c in first.get_lines()] == ["<"]
     assert len(last.get_lines()) == 0

@@ -9,7 +9,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.patches import Rectangle, StepPatch
-from pictures import SYMBOLS, TABLE, clashes, corner_panels, drawn, mode_of, posterior, si
+from pictures import (
+    SYMBOLS,
+    TABLE,
+    clashes,
+    corner_panels,
+    displayed,
+    drawn,
+    mode_of,
+    posterior,
+    si,
+)
 from together import for_each
 
 from bayesdrill.basics.symbols import PARAMETERS
@@ -43,7 +53,7 @@ def value(label: str, u: float, *, log: bool) -> float:
 def test_what_is_flat_in_the_log_is_a_box_in_the_corner_and_the_other_stays_plain() -> None:
     """Mutants killed: a density of the value drawn over its log; a log for every unknown."""
     draws, mode = flat(), {"j_m": 1e-4, "k_s": 0.3}
-    panels = corner_panels(corner_figure(draws, PAIR, TABLE, mode, PRIORS))
+    panels = corner_panels(corner_figure(draws, displayed(PAIR, TABLE, mode, PRIORS)))
     labels = [panels[1, k].get_xlabel() for k in range(2)]
     for k, (symbol, log) in enumerate(zip(PAIR, (True, False), strict=True)):
         panel = panels[k, k]
@@ -62,7 +72,7 @@ def test_what_is_flat_in_the_log_is_a_box_in_the_corner_and_the_other_stays_plai
 
 
 def test_ticks_of_a_logarithmic_axis_are_where_their_texts_say() -> None:
-    figure = drawn(corner_figure(flat(), PAIR, TABLE, {}, PRIORS))
+    figure = drawn(corner_figure(flat(), displayed(PAIR, TABLE, {}, PRIORS)))
     panel = corner_panels(figure)[1, 0]
     for text in panel.get_xticklabels():
         told = si(panel.get_xlabel(), float(text.get_text()))
@@ -77,7 +87,7 @@ def test_contours_of_two_logs_are_those_of_the_logs() -> None:
     z = np.random.default_rng(2).standard_normal((20_000, 2))
     draws = np.array([TABLE["j_m"], TABLE["k_s"]]) * 10.0 ** (0.5 * z)
     priors: dict[str, Prior] = {s.name: LogUniform(1e-9, 1e3) for s in PAIR}
-    panel = corner_panels(corner_figure(draws, PAIR, {}, {}, priors))[1, 0]
+    panel = corner_panels(corner_figure(draws, displayed(PAIR, {}, {}, priors)))[1, 0]
     (contours,) = (c for c in panel.collections if not c.filled)
     outer = max((path.vertices for path in contours.get_paths()), key=lambda v: np.ptp(v[:, 0]))
     middle = [
@@ -90,7 +100,7 @@ def test_contours_of_two_logs_are_those_of_the_logs() -> None:
 
 
 def test_prior_and_posterior_are_densities_of_the_log_on_its_axis() -> None:
-    figure = prior_posterior_figure(flat(), PAIR, PRIORS, TABLE, {})
+    figure = prior_posterior_figure(flat(), displayed(PAIR, TABLE, {}, PRIORS))
     for panel in figure.axes:
         (stairs, *_) = panel.patches
         heights, edges, _ = stairs.get_data()  # type: ignore[attr-defined]
@@ -109,7 +119,7 @@ def test_on_two_logarithmic_axes_a_symmetry_is_a_straight_line() -> None:
         s.name: LogUniform(1e-2 * mode[s.name], 1e2 * mode[s.name]) for s in SYMBOLS
     }
     figure = drawn(
-        ridge_figure(draws, CorrelatedPair((6, 7), (1, 2)), SYMBOLS, priors, TABLE, mode)
+        ridge_figure(draws, CorrelatedPair((6, 7), (1, 2)), displayed(SYMBOLS, TABLE, mode, priors))
     )
     assert list(clashes(figure)) == []
     (panel,) = figure.axes

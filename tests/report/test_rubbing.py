@@ -123,13 +123,9 @@ def test_the_fit_shows_frictions_with_their_bands_and_where_they_stick() -> None
     assert moved[0].reversals == 3
 
 
-def test_a_fit_without_draws_has_no_band() -> None:
+def test_a_fit_without_frictions_has_no_panels_of_them() -> None:
     (one,) = drawings("fit", view()).values()
     fit = one.arguments[0]
-    bare = dataclasses.replace(
-        fit, rubs=tuple(dataclasses.replace(rub, band=None) for rub in fit.rubs)
-    )
-    assert len(panel_of(fit_figure(bare), "T_m").collections) == 0
     none = fit_figure(dataclasses.replace(fit, rubs=()))
     assert len(none.axes) == len(fit_figure(fit).axes) - 2
 
@@ -169,14 +165,15 @@ def test_the_speeds_of_the_record_stand_below() -> None:
     np.testing.assert_allclose((heights - low) / (heights - low).max(), counts / counts.max())
 
 
-def test_a_law_without_draws_and_nominal_values_is_a_line() -> None:
+def test_a_law_without_nominal_values_is_a_line_with_its_band() -> None:
     (one,) = drawings("friction", view()).values()
     law: LawShown = one.arguments[0][0]
-    found = drawn(friction_figure([dataclasses.replace(law, band=None, nominal=None)]))
+    found = drawn(friction_figure([dataclasses.replace(law, nominal=None)]))
     assert list(clashes(found)) == []
     (legend,) = found.legends
-    assert [text.get_text() for text in legend.get_texts()] == ["MAP", "speeds of the record"]
-    assert not found.axes[0].collections
+    texts = [text.get_text() for text in legend.get_texts()]
+    assert texts == ["MAP", "94 % posterior", "speeds of the record"]
+    assert len(found.axes[0].get_lines()) == 2
 
 
 # Energy.

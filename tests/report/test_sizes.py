@@ -8,7 +8,19 @@ from typing import Any
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from pictures import SIGMAS, SYMBOLS, TABLE, clashes, drawn, mode_of, posterior, prior_of, shown, si
+from pictures import (
+    SIGMAS,
+    SYMBOLS,
+    TABLE,
+    clashes,
+    displayed,
+    drawn,
+    mode_of,
+    posterior,
+    prior_of,
+    shown,
+    si,
+)
 from together import for_each
 from verdicts import PRIOR_SD, linear_study
 
@@ -52,7 +64,8 @@ def prior(symbol: Symbol) -> Prior:
 def drawn_corner(n: int, inches: float) -> Figure:
     draws, symbols = posterior(1500)[:, :n], SYMBOLS[:n]
     priors = {s.name: prior(s) for s in symbols}
-    return drawn(corner_figure(draws, symbols, TABLE, mode_of(draws, symbols), priors, inches))
+    shown = displayed(symbols, TABLE, mode_of(draws, symbols), priors)
+    return drawn(corner_figure(draws, shown, inches))
 
 
 def letters(figure: Figure) -> list[float]:
@@ -94,7 +107,9 @@ def test_priors_against_posteriors(many: tuple[int, ...]) -> None:
         draws, symbols = posterior(1500)[:, :n], SYMBOLS[:n]
         priors = {s.name: prior(s) for s in symbols}
         mode = mode_of(draws, symbols)
-        figure = drawn(prior_posterior_figure(draws, symbols, priors, TABLE, mode, inches))
+        figure = drawn(
+            prior_posterior_figure(draws, displayed(symbols, TABLE, mode, priors), inches)
+        )
         assert list(clashes(figure)) == []
         assert figure.get_figwidth() <= inches
         assert figure.get_figheight() < 9.0
@@ -178,15 +193,14 @@ def test_a_warning_stands_on_the_page_and_moves_all_else_down() -> None:
         draws, some = posterior(1500), SYMBOLS[:3]
         mode = mode_of(draws, SYMBOLS)
         if kind == "corner":
-            figure = corner_figure(draws[:, :3], some, TABLE, mode, {}, inches)
+            figure = corner_figure(draws[:, :3], displayed(some, TABLE, mode, {}), inches)
         elif kind == "trace":
             theta = draws[:1200, :3].reshape(3, 50, 8, 3)
-            figure = trace_figure(theta, some, 5, TABLE, mode, (), inches)
+            figure = trace_figure(theta, displayed(some, TABLE, mode, {}), 5, inches)
         elif kind == "ridge":
             priors = {s.name: prior_of(s) for s in SYMBOLS}
-            figure = ridge_figure(
-                draws, CorrelatedPair((6, 7), (1, 1)), SYMBOLS, priors, TABLE, mode
-            )
+            shown = displayed(SYMBOLS, TABLE, mode, priors)
+            figure = ridge_figure(draws, CorrelatedPair((6, 7), (1, 1)), shown)
         else:
             layout = "constrained" if kind == "laid out" else None
             figure = Figure(figsize=(inches, 3.0), layout=layout)

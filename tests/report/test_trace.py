@@ -9,9 +9,10 @@ import pytest
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from pictures import SYMBOLS, TABLE, clashes, drawn, mode_of, posterior, si
+from pictures import SYMBOLS, TABLE, clashes, displayed, drawn, mode_of, posterior, si
 from together import for_each
 
+from bayesdrill.inference.priors import LogUniform
 from bayesdrill.report import scales
 from bayesdrill.report.sections.convergence_figure import STRETCHES, trace_figure
 
@@ -28,7 +29,9 @@ def case(
 ) -> Figure:
     theta = theta_of(width, n)
     mode = mode_of(theta.reshape(-1, n), SYMBOLS[:n])
-    return drawn(trace_figure(theta, SYMBOLS[:n], 70, TABLE, mode, logs, inches))
+    priors = {name: LogUniform(1e-9, 1e9) for name in logs}
+    shown = displayed(SYMBOLS[:n], TABLE, mode, priors)
+    return drawn(trace_figure(theta, shown, 70, inches))
 
 
 @pytest.mark.parametrize("inches", [scales.SINGLE, scales.DOUBLE])
@@ -84,7 +87,7 @@ def dash(line: Line2D) -> tuple[float, ...]:
 def test_four_ensembles_are_apart_in_print_and_numbered() -> None:
     """Mutants killed: looks that differ by a grey of a tenth alone; numbers at one place."""
     theta = np.concatenate([theta_of(), theta_of()[:1]])
-    figure = drawn(trace_figure(theta, SYMBOLS[:9], 70, TABLE, {}))
+    figure = drawn(trace_figure(theta, displayed(SYMBOLS[:9], TABLE, {}, {}), 70))
     for a, b in itertools.combinations(medians(figure, 0), 2):
         assert dash(a) != dash(b) or abs(grey(a) - grey(b)) > 0.4
     marks = {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from pictures import SYMBOLS, TABLE, clashes, drawn, mode_of, posterior, prior_of
+from pictures import SYMBOLS, TABLE, clashes, displayed, drawn, mode_of, posterior, prior_of
 from together import for_each
 from verdicts import NAMES, gaussian, verdict
 
@@ -26,7 +26,7 @@ def test_no_texts_of_priors_against_posteriors_overlap() -> None:
     def check(width: float | None, n: int) -> None:
         draws = posterior(1500, width)[:, :n]
         mode = mode_of(draws, ALL[:n])
-        figure = drawn(prior_posterior_figure(draws, ALL[:n], PRIORS, TABLE, mode))
+        figure = drawn(prior_posterior_figure(draws, displayed(ALL[:n], TABLE, mode, PRIORS)))
         assert not list(clashes(figure))
 
     for_each({f"{width} {n}": (width, n) for width in [None, 1e-5] for n in [1, 9, 13]}, check)
@@ -35,7 +35,9 @@ def test_no_texts_of_priors_against_posteriors_overlap() -> None:
 def test_posterior_and_prior_are_densities_on_one_scale() -> None:
     """The prior's line encloses what the posterior's area does: one."""
     draws = posterior(1500)[:, :9]
-    figure = prior_posterior_figure(draws, ALL[:9], PRIORS, TABLE, mode_of(draws, ALL[:9]))
+    figure = prior_posterior_figure(
+        draws, displayed(ALL[:9], TABLE, mode_of(draws, ALL[:9]), PRIORS)
+    )
     for panel in figure.axes:
         (stairs, *_) = panel.patches
         values, edges, _ = stairs.get_data()  # type: ignore[attr-defined]
@@ -65,7 +67,9 @@ def test_the_ridge_is_the_pair_that_follows_a_symmetry_most_closely() -> None:
 def test_the_exact_line_passes_through_the_map_with_the_slope_of_the_exponents() -> None:
     draws = posterior(2000)[:, :9]
     mode = mode_of(draws, ALL[:9])
-    figure = drawn(ridge_figure(draws, CorrelatedPair((6, 7), (1, 2)), ALL, PRIORS, TABLE, mode))
+    figure = drawn(
+        ridge_figure(draws, CorrelatedPair((6, 7), (1, 2)), displayed(ALL, TABLE, mode, PRIORS))
+    )
     assert not list(clashes(figure))
     (panel,) = figure.axes
     x, y = (

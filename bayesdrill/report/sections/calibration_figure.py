@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from pathlib import Path
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,18 +12,16 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from bayesdrill.analysis.calibration import CalibrationVerdict, RankedQuantity
+from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol
-from bayesdrill.config.schema.records import OutputSpec
 from bayesdrill.report import scales, style
-from bayesdrill.report.pages import Page, difference_panel, inches_panel, legend_above
+from bayesdrill.report.pages import Page, departures, difference_panel, inches_panel, legend_above
 
 # Inches.
 RIGHT, BOTTOM, FOOT, COVERAGE = 0.1, 0.3, 0.45, 1.6
 PAGE = Page(
     columns=4, row=1.05, left=0.62, right=RIGHT, top=0.34, bottom=BOTTOM, foot=COVERAGE + FOOT
 )
-FIT = r"\log L"
-
 MARKERS = ("o", "s", "^")  # of the levels
 
 
@@ -35,14 +32,16 @@ def calibration_figure(
 
     `symbols` of the unknowns; the log likelihood is the last quantity.
     """
-    labels = [*(symbol.latex for symbol in symbols), FIT]
+    labels = [*(symbol.latex for symbol in symbols), r"\log L"]
+    away = [departures(verdict.band, quantity.ranks) for quantity in verdict.quantities]
+    most = max(float(np.abs(each).max()) for each in away)
     with style.styled(width):
         handles = _handles(verdict)
-        page, most = PAGE.fitting(width, len(handles)), _most(verdict)
+        page = PAGE.fitting(width, len(handles))
         figure, panels = page.build(len(labels))
         covered = inches_panel(figure, page.left, BOTTOM, width - page.left - RIGHT, COVERAGE)
         for k, quantity in enumerate(verdict.quantities):
-            _difference(panels[k], labels[k], quantity, verdict, most)
+            _difference(panels[k], labels[k], quantity, verdict.band.shares, away[k], most)
             page.frame(panels[k], k, len(labels), "normalised rank", "ECDF difference")
         _coverage(covered, verdict, labels[:-1])
         most_columns = len(handles) if width >= scales.DOUBLE else 2
@@ -50,37 +49,12 @@ def calibration_figure(
     return figure
 
 
-def save(
-    verdict: CalibrationVerdict,
-    symbols: Sequence[Symbol],
-    output: OutputSpec,
-    folder: Path,
-    note: Mapping[str, str],
-) -> None:
-    """Save `calibration.*` in `folder`, as large and in such files as a config asks for."""
-    figure = calibration_figure(verdict, symbols, scales.WIDTHS[output.size])
-    style.save(figure, folder, "calibration", note, formats=tuple(output.formats), dpi=output.dpi)
-
-
-def _most(verdict: CalibrationVerdict) -> float:
-    """The end of the vertical axis, the same in all panels."""
-    band, n = verdict.band, max(verdict.band.n, 1)
-    ends = [np.abs(edge / n - band.shares).max() for edge in (band.low, band.high)]
-    ends += [np.abs(band.counts(q.ranks) / n - band.shares).max() for q in verdict.quantities]
-    return float(max(ends))
-
-
 def _difference(
-    panel: Axes, label: str, quantity: RankedQuantity, verdict: CalibrationVerdict, most: float
+    panel: Axes, label: str, quantity: RankedQuantity, shares: Array, away: Array, most: float
 ) -> None:
-    band, n = verdict.band, max(verdict.band.n, 1)
-    shares = np.concatenate([[0.0], band.shares, [1.0]])
-    counts = np.stack([band.low, band.high, band.counts(quantity.ranks)])
-    low, high, difference = np.pad(counts / n - band.shares, ((0, 0), (1, 1)))
-    difference_panel(panel, shares, (low, high), most, 3, style.BAND)
-    panel.plot(
-        shares, difference, zorder=3, **(style.BLACK_LINE if quantity.holds else style.OUTSIDE)
-    )
+    places, (low, high, ranks) = np.pad(shares, 1, constant_values=(0, 1)), away
+    difference_panel(panel, places, (low, high), most, 3, style.BAND)
+    panel.plot(places, ranks, zorder=3, **(style.BLACK_LINE if quantity.holds else style.OUTSIDE))
     style.corner_text(panel, f"${label}$")
     if not quantity.holds:
         word = (quantity.shape or "leaves the band").removeprefix("posterior ")
@@ -89,13 +63,9 @@ def _difference(
 
 
 def _mark(marker: str, holds: bool) -> dict[str, Any]:
-    return {
-        "marker": marker,
-        "markersize": 3.4,
-        "markerfacecolor": "white" if holds else style.MAP_COLOUR,
-        "markeredgecolor": style.BLACK if holds else style.MAP_COLOUR,
-        "markeredgewidth": 0.8,
-    }
+    face, edge = ("white", style.BLACK) if holds else (style.MAP_COLOUR, style.MAP_COLOUR)
+    look = {"marker": marker, "markersize": 3.4, "markeredgewidth": 0.8}
+    return {**look, "markerfacecolor": face, "markeredgecolor": edge}
 
 
 def _coverage(panel: Axes, verdict: CalibrationVerdict, labels: Sequence[str]) -> None:

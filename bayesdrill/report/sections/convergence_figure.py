@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -25,6 +25,7 @@ from bayesdrill.analysis.diagnostics import (
 from bayesdrill.basics import seeds
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol
+from bayesdrill.inference.display_units import DisplayedUnknowns
 from bayesdrill.inference.priors import flat_in_logs
 from bayesdrill.report import scales, style
 from bayesdrill.report.pages import SMALL_PANELS, Page, difference_panel, legend_above
@@ -60,36 +61,26 @@ MARK: dict[str, Any] = {
 }
 
 
-BURN_IN: dict[str, Any] = {
-    "facecolor": "none",
-    "edgecolor": style.MIDDLE,
-    "hatch": "////",
-    "linewidth": 0,
-}
+BURN_IN: dict[str, Any] = {**style.HATCHED, "hatch": "////"}
 BANDS = 0.24  # opacity of all bands together
 
 
 def trace_figure(
-    theta: Array,
-    symbols: Sequence[Symbol],
-    burn_in: int,
-    nominal: Mapping[str, float],
-    mode: Mapping[str, float],
-    logs: Collection[str] = (),
-    width: float = scales.DOUBLE,
+    theta: Array, shown: DisplayedUnknowns, burn_in: int, width: float = scales.DOUBLE
 ) -> Figure:
     """Draw medians and 5 to 95 % bands over the walkers of chains `(E, S, W, D)`, by step.
 
-    In the units of the symbols; the axes of the unknowns in `logs` are logarithmic.
+    In the units that are `shown`; an axis is logarithmic where the prior is flat in the log.
     """
-    n_ensembles, n_steps = theta.shape[:2]
+    symbols, (n_ensembles, n_steps) = shown.symbols, theta.shape[:2]
     steps = style.thin(n_steps, STEPS)
     bands = np.quantile(theta[:, steps], QUANTILES, axis=2)  # (3, E, steps, D)
     after_burn_in = steps >= min(burn_in, steps[-1])
-    known = [nominal.get(symbol.name) for symbol in symbols]
+    known = [shown.nominal.get(symbol.name) for symbol in symbols]
+    logs = [flat_in_logs(shown.priors.get(symbol.name)) for symbol in symbols]
     scales = [
-        _scale(bands[..., d], after_burn_in, value, log=symbol.name in logs)
-        for d, (symbol, value) in enumerate(zip(symbols, known, strict=True))
+        _scale(bands[..., d], after_burn_in, value, log=log)
+        for d, (value, log) in enumerate(zip(known, logs, strict=True))
     ]
     sides = {s.side(value) for s, value in zip(scales, known, strict=True) if value is not None}
     with style.styled(width):
@@ -108,7 +99,7 @@ def trace_figure(
             if burn_in > 0:
                 panel.axvspan(0, burn_in, zorder=0, **BURN_IN)
             _ensembles(panel, steps, scales[d](bands[..., d]))
-            value = mode.get(symbol.name)
+            value = shown.mode.get(symbol.name)
             style.mark_values(panel, scales[d], known[d], value, vertical=True, zorder=3)
             _step_axis(panel, n_steps)
             style.scale_axis(panel.yaxis, scales[d], scales[d].label(symbol, "\n"))
@@ -240,61 +231,39 @@ def autocorrelation_figure(
     return figure
 
 
-PLACES = np.concatenate([[0.0], SHARES, [1.0]])
-
-
 def rank_figure(
     ranks: Sequence[RankHistogram], symbols: Sequence[Symbol], width: float = scales.DOUBLE
 ) -> Figure:
     """Draw how many more draws of an ensemble than expected are below each share, in per cent."""
-    most = 100 * max(
-        max(np.abs(histogram.away).max(), histogram.room.max()) / histogram.draws
-        for histogram in ranks
-    )
+    most = 100 * max(max(np.abs(h.away).max(), h.room.max()) / h.draws for h in ranks)
+    places = np.pad(SHARES, 1, constant_values=(0, 1))
     wide = width >= scales.DOUBLE
     with style.styled(width):
-        handles = _rank_handles(ranks)
+        chance = f"{100 * (1 - FALSE_ALARM):g} % of chance, together"
+        handles = [*_thin_handles(len(ranks[0].holds)), Patch(label=chance, **style.CHANCE)]
+        if not all(np.all(histogram.holds) for histogram in ranks):
+            handles.append(Line2D([], [], label="leaves the band", **style.OUTSIDE))
         page = SMALL_PANELS.fitting(width, len(handles))
         figure, panels = page.build(len(ranks))
         for k, (panel, histogram, symbol) in enumerate(zip(panels, ranks, symbols, strict=True)):
             room = np.pad(100 * histogram.room / histogram.draws, 1)
-            difference_panel(panel, PLACES, (-room, room), float(most))
-            for ensemble, (away, holds) in enumerate(
-                zip(histogram.away, histogram.holds, strict=True)
-            ):
+            difference_panel(panel, places, (-room, room), float(most))
+            each = zip(histogram.away, histogram.holds, strict=True)
+            for ensemble, (away, holds) in enumerate(each):
                 look = {**ensemble_line(ensemble, THIN), **({} if holds else style.OUTSIDE)}
                 line = np.pad(100 * away / histogram.draws, 1)
-                panel.plot(PLACES, line, zorder=2 if holds else 3, **look)
+                panel.plot(places, line, zorder=2 if holds else 3, **look)
             style.corner_text(panel, f"${symbol.latex}$")
             page.frame(panel, k, len(ranks), "rank, as a share", "ECDF difference [%]")
         legend_above(figure, handles, 5 if wide else 2)
     return figure
 
 
-def _rank_handles(ranks: Sequence[RankHistogram]) -> list[Any]:
-    holds = np.array([histogram.holds for histogram in ranks])  # (D, E)
-    chance = Patch(label=f"{100 * (1 - FALSE_ALARM):g} % of chance, together", **style.CHANCE)
-    handles = [*_thin_handles(holds.shape[1]), chance]
-    if not holds.all():
-        handles.append(Line2D([], [], label="leaves the band", **style.OUTSIDE))
-    return handles
-
-
-TRACE = "What the walkers of each ensemble did, step by step."
-
-
 def draw_trace(run: ReportContext) -> Drawing:
     """Return the drawing of traces."""
-    shown, sampled = run.shown(run.config.output.parameters), run.sampled
-    logs = [name for name, prior in shown.priors.items() if flat_in_logs(prior)]
-    values = (shown.nominal, shown.mode, logs, run.width)
-    burn_in = sampled.convergence.burn_in
-    return Drawing(
-        trace_figure, (shown.select(sampled.theta), shown.symbols, burn_in, *values), says=TRACE
-    )
-
-
-RANK = "Whether the ensembles see the same: ranks of the draws of each among those of all."
+    shown, theta = run.shown(run.config.output.parameters), run.sampled.theta
+    given = (shown.select(theta), shown, run.sampled.convergence.burn_in, run.width)
+    return Drawing(trace_figure, given, "What the walkers of each ensemble did, step by step.")
 
 
 def draw_rank(run: ReportContext) -> Drawing:
@@ -302,17 +271,12 @@ def draw_rank(run: ReportContext) -> Drawing:
     c = run.sampled.convergence
     draws = independent_draws(run.sampled.theta, c.burn_in, float(c.tau.max()))
     histograms = rank_histograms(draws, seeds.stream(run.config.seed, "rank"))
-    return Drawing(rank_figure, (histograms, run.problem.symbols, run.width), says=RANK)
-
-
-AUTOCORRELATION = "How long the walkers remember: autocorrelation, its time and its window."
+    says = "Whether the ensembles see the same: ranks of the draws of each among those of all."
+    return Drawing(rank_figure, (histograms, run.problem.symbols, run.width), says)
 
 
 def draw_autocorrelation(run: ReportContext) -> Drawing:
     """Return the drawing of autocorrelations."""
     after_burn_in = run.sampled.theta[:, run.sampled.convergence.burn_in :]
-    return Drawing(
-        autocorrelation_figure,
-        (after_burn_in, run.problem.symbols, run.width),
-        says=AUTOCORRELATION,
-    )
+    says = "How long the walkers remember: autocorrelation, its time and its window."
+    return Drawing(autocorrelation_figure, (after_burn_in, run.problem.symbols, run.width), says)

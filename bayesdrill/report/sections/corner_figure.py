@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,8 @@ from numpy.typing import NDArray
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.derived import HDI_PROBABILITY, hdi
-from bayesdrill.inference.priors import Prior, flat_in_logs
+from bayesdrill.inference.display_units import DisplayedUnknowns
+from bayesdrill.inference.priors import flat_in_logs
 from bayesdrill.report import scales, style
 from bayesdrill.report.pages import (
     BINS,
@@ -48,7 +50,7 @@ TITLE = 0.106  # inches of a title, for each point of its letters
 LEGEND = 2.35, 0.21  # inches of a legend beside, or above, of 8 points, and of a line of it
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class CornerPage:
     """The layout of a corner: inches, and `letters` in points."""
 
@@ -58,44 +60,58 @@ class CornerPage:
     left: float
     right: float
     bottom: float
-    top: float
     letters: float
     legend_letters: float
     compact: bool
-    above: bool
+    top: float = 0.0
+    above: bool = False
 
     @classmethod
     def build(cls, n: int, width: float, lines: int) -> CornerPage:
         """Lay out `n` unknowns in at most `width`, with a legend of so many `lines`."""
-        compact, fits = False, _pitch(n, width, compact=False)
-        if fits[1] < READABLE:
-            compact, fits = True, _pitch(n, width, compact=True)
-        pitch, letters, left, right, bottom = fits
-        legend_letters = 8.0 if width >= DOUBLE else 6.4
-        across, line = (size * legend_letters / 8.0 for size in LEGEND)
-        page = left + n * pitch + right
-        title = 0.02 + 0.028 * letters
-        page = max(page, left + across + right + pitch if n == 1 else 0.0)
-        above = page > width or not _beside(
-            n, (page, pitch, left, letters), across, title + lines * line
-        )
-        if above:
-            page = max(left + n * pitch + right, min(width, SINGLE))
-            rows = math.ceil(lines / 2) + 1
-        top = title + (rows * 0.75 * line if above else 0.0)
+        page = cls._fitting(n, width, compact=False)
+        if page.letters < READABLE:
+            page = cls._fitting(n, width, compact=True)
+        across, line = (size * page.legend_letters / 8.0 for size in LEGEND)
+        title = 0.02 + 0.028 * page.letters
+        alone = page.left + across + page.right + page.pitch if n == 1 else 0.0
+        beside = replace(page, width=max(page.width, alone), top=title)
+        if beside.width <= width and beside._has_room(across, title + lines * line):
+            return beside
+        rows = math.ceil(lines / 2) + 1
+        least = max(page.width, min(width, SINGLE))
+        return replace(page, width=least, top=title + rows * 0.75 * line, above=True)
+
+    @classmethod
+    def _fitting(cls, n: int, width: float, *, compact: bool) -> CornerPage:
+        """With ticks and labels along the panels, or `compact`."""
+        letters, pitch, side, edge, foot, across = 10.0, 10.0, 0.088, 0.12, 0.088, LABEL
+        ends, most = (0.0, LARGEST * (1 + CORNER_GAP)), 10.0 if width >= DOUBLE else 8.5
+        if compact:
+            letters, pitch, side, edge, foot, across = 6.0, 0.3, 0.085, 0.06, 0.17, UPRIGHT
+            ends, most = (LEAST / 72, math.inf), 6.5
+        for _ in range(30):
+            left, right = side * letters, max(edge, TITLE * letters - pitch)
+            pitch = min(max((width - left - right) / n, ends[0]), ends[1])
+            letters = min(most, 72 * pitch / across)
         return cls(
             n=n,
-            width=page,
+            width=left + n * pitch + right,
             pitch=pitch,
             left=left,
             right=right,
-            bottom=bottom,
-            top=top,
+            bottom=foot * letters,
             letters=letters,
-            legend_letters=legend_letters,
+            legend_letters=8.0 if width >= DOUBLE else 6.4,
             compact=compact,
-            above=above,
         )
+
+    def _has_room(self, across: float, deep: float) -> bool:
+        """Whether a legend so broad and so deep has room in the corner, or beside a single panel."""
+        rows = min(self.n, math.ceil(deep / self.pitch))
+        titled = (rows - 1) * self.pitch + TITLE * self.letters
+        occupied = self.left + max(rows * self.pitch, titled)
+        return self.n == 1 or (rows < self.n and self.width - across > occupied)
 
     @property
     def inside(self) -> float:
@@ -121,30 +137,6 @@ class CornerPage:
     def letter(self) -> float:
         """The size of a letter of a tick, in panels."""
         return 0.43 * self.letters / (72 * self.pitch)
-
-
-def _pitch(n: int, width: float, *, compact: bool) -> tuple[float, ...]:
-    """Pitch, letters, left, right, bottom: with ticks and labels along the panels, or `compact`."""
-    letters, pitch, side, edge, foot, across = 10.0, 10.0, 0.088, 0.12, 0.088, LABEL
-    ends, most = (0.0, LARGEST * (1 + CORNER_GAP)), 10.0 if width >= DOUBLE else 8.5
-    if compact:
-        letters, pitch, side, edge, foot, across = 6.0, 0.3, 0.085, 0.06, 0.17, UPRIGHT
-        ends, most = (LEAST / 72, math.inf), 6.5
-    for _ in range(30):
-        left, right = side * letters, max(edge, TITLE * letters - pitch)
-        pitch = min(max((width - left - right) / n, ends[0]), ends[1])
-        letters = min(most, 72 * pitch / across)
-    return pitch, letters, left, right, foot * letters
-
-
-def _beside(n: int, page: tuple[float, ...], across: float, deep: float) -> bool:
-    """Whether a legend so broad and so deep has room in the corner, or beside a single panel."""
-    width, pitch, left, letters = page
-    if n == 1:
-        return True
-    rows = min(n, math.ceil(deep / pitch))
-    occupied = left + max(rows * pitch, (rows - 1) * pitch + TITLE * letters)
-    return rows < n and width - across > occupied
 
 
 Handles = list[Line2D | Patch]
@@ -179,20 +171,16 @@ def _handles(columns: Sequence[CornerColumn]) -> tuple[Handles, Handles]:
 
 def legend(figure: Figure, first: Handles, second: Handles, page: CornerPage) -> None:
     """Put the legend in the empty upper right, beside a single panel, or above."""
-    width, height = page.width, page.height
-    edge = 0.5 * min(page.right, 0.2) / width
-    look: dict[str, Any] = {
-        "fontsize": page.legend_letters,
-        "borderaxespad": 0.0,
-        "handlelength": 2.2,
-    }
-    high = 1 - 0.07 / height
+    size = page.legend_letters
+    look: dict[str, Any] = {"fontsize": size, "borderaxespad": 0.0, "handlelength": 2.2}
+    edge = 0.5 * min(page.right, 0.2) / page.width
     groups: list[tuple[Any, float, Handles]] = [("upper right", 1 - edge, [*first, *second])]
     if page.above:
         look["labelspacing"] = 0.35
-        groups = [("upper left", 0.05 / width, first), ("upper right", 1.0, second)]
+        groups = [("upper left", 0.05 / page.width, first), ("upper right", 1.0, second)]
     for location, x, group in groups:
-        figure.legend(handles=group, loc=location, bbox_to_anchor=(x, high), **look)
+        at = (x, 1 - 0.07 / page.height)
+        figure.legend(handles=group, loc=location, bbox_to_anchor=at, **look)
 
 
 POINTS = 2000  # drawn in a panel; contours and histograms count all draws
@@ -216,19 +204,9 @@ class CornerColumn:
     ends: tuple[float, float]  # of the prior, or infinite
 
 
-def corner_figure(
-    draws: Array,
-    symbols: Sequence[Symbol],
-    nominal: Mapping[str, float],
-    mode: Mapping[str, float],
-    priors: Mapping[str, Prior],
-    width: float = scales.DOUBLE,
-) -> Figure:
-    """Draw a D by D corner of draws `(N, D)` in the units of the symbols, at most `width` wide."""
-    columns = [
-        _column(x, symbol, nominal.get(symbol.name), mode.get(symbol.name), priors.get(symbol.name))
-        for x, symbol in zip(draws.T, symbols, strict=True)
-    ]
+def corner_figure(draws: Array, shown: DisplayedUnknowns, width: float = scales.DOUBLE) -> Figure:
+    """Draw a D by D corner of draws `(N, D)` of what is `shown`, at most `width` wide."""
+    columns = [_column(x, symbol, shown) for x, symbol in zip(draws.T, shown.symbols, strict=True)]
     with style.styled(width):
         first, second = _handles(columns)
         page = CornerPage.build(len(columns), width, len(first) + len(second))
@@ -243,23 +221,27 @@ def corner_figure(
             for j, column in enumerate(columns[:i]):
                 contours(panels[i, j], (column.x, row.x), (column.ends, row.ends), page.fine)
                 _marks(panels[i, j], column, row, page)
-        _arrange(panels, columns, page)
+        corner_axes(panels, [column.scale for column in columns], partial(_numbers, columns, page))
+        if page.n == 1:
+            panels[0, 0].set_ylabel("density", fontsize=page.letters)
+        if page.compact:
+            _upright(panels, columns, page)
         _points(figure, panels, columns, page)
         legend(figure, first, second, page)
     return figure
 
 
-def _column(
-    x: Array, symbol: Symbol, nominal: float | None, mode: float | None, prior: Prior | None
-) -> CornerColumn:
+def _column(x: Array, symbol: Symbol, shown: DisplayedUnknowns) -> CornerColumn:
+    prior, name = shown.priors.get(symbol.name), symbol.name
+    nominal, mode = shown.nominal.get(name), shown.mode.get(name)
     scale = _scale(x, nominal, mode, log=flat_in_logs(prior))
     density, ends = None, (-math.inf, math.inf)
     if prior is not None:
-        ends = (float(scale(np.array(prior.low))), float(scale(np.array(prior.high))))
+        ends = (float(scale(prior.low)), float(scale(prior.high)))
         places = np.linspace(scale.low, scale.high, 401)
         density = (places, scale.density(prior, places))
     interval = np.array(hdi(x))
-    near, far = (float(end) for end in scale(interval))
+    near, far = scale(interval).tolist()
     return CornerColumn(
         symbol=symbol,
         scale=scale,
@@ -275,9 +257,7 @@ def _column(
 
 def _scale(x: Array, nominal: float | None, mode: float | None, *, log: bool) -> scales.Scale:
     """The axis: nearly all draws, the mode, and the nominal value if it is not too far."""
-    low, high = (
-        float(q) for q in np.quantile(x, [0.5 - CENTRAL_SHARE / 2, 0.5 + CENTRAL_SHARE / 2])
-    )
+    low, high = np.quantile(x, [0.5 - CENTRAL_SHARE / 2, 0.5 + CENTRAL_SHARE / 2]).tolist()
     low, high = scales.reaching(low, high, mode, log=log)
     low, high = scales.reaching(low, high, nominal, REACH, log=log)
     return scales.scale(low, high, log=log, margin=0.06)
@@ -301,12 +281,10 @@ def _points(
     shown = style.thin(len(columns[0].x), round(POINTS * page.fine**2))
     places = []
     for i, j in itertools.combinations(range(len(columns)), 2):
-        panel = panels[j, i]
+        panel, pair = panels[j, i], (columns[i], columns[j])
         panel.patch.set_visible(False)
-        ends = ((columns[k].scale.low, columns[k].scale.high) for k in (i, j))
-        low, high = np.transpose([*ends])
-        inside = np.stack([columns[k].x[shown] for k in (i, j)], axis=-1)
-        inside = (inside - low) / (high - low)
+        low, high = np.transpose([(column.scale.low, column.scale.high) for column in pair])
+        inside = (np.stack([column.x[shown] for column in pair], axis=-1) - low) / (high - low)
         inside = inside[np.all((inside > 0) & (inside < 1), axis=-1)]
         box = panel.get_position()
         places.append(box.p0 + inside * box.size)
@@ -354,29 +332,17 @@ def _marks(panel: Axes, column: CornerColumn, row: CornerColumn, page: CornerPag
         panel.plot([x], [y], **style.finer(style.CROSS, page.fine))
 
 
-def _arrange(
-    panels: NDArray[np.object_], columns: Sequence[CornerColumn], page: CornerPage
+def _numbers(
+    columns: Sequence[CornerColumn], page: CornerPage, axis: Axis, k: int, outer: bool
 ) -> None:
     """Ticks in every panel, their texts and the labels at the left and at the bottom only."""
-
-    def numbers(axis: Axis, k: int, outer: bool) -> None:
-        _numbers(axis, columns[k], page, outer=outer and not page.compact)
-
-    corner_axes(panels, [column.scale for column in columns], numbers)
-    if len(columns) == 1:
-        panels[0, 0].set_ylabel("density", fontsize=page.letters)
-    if page.compact:
-        _upright(panels, columns, page)
-
-
-def _numbers(axis: Axis, column: CornerColumn, page: CornerPage, *, outer: bool) -> None:
-    places, texts = column.scale.ticks(clear=CLEAR, letter=page.letter)
+    scale, outer = columns[k].scale, outer and not page.compact
+    places, texts = scale.ticks(clear=CLEAR, letter=page.letter)
     style.set_ticks(axis, places, texts if outer else None)
-    small = column.scale.between.tolist() if page.fine == 1.0 else []
-    axis.set_minor_locator(FixedLocator(small))
+    axis.set_minor_locator(FixedLocator(scale.between.tolist() if page.fine == 1.0 else []))
     axis.set_minor_formatter(NullFormatter())
     if outer:
-        label, ticks = column.scale.label(column.symbol, "\n"), max(0.85 * page.letters, SMALLEST)
+        label, ticks = scale.label(columns[k].symbol, "\n"), max(0.85 * page.letters, SMALLEST)
         corner_label(axis, label, page.letters, ticks, 0.4 * page.letters)
         axis.labelpad = 0.2 * page.letters
 
@@ -397,18 +363,10 @@ def _upright(
             panels[k, 0].set_ylabel(name, rotation=0, ha="right", va="center", **look)
 
 
-CORNER = (
-    "The posterior of each parameter and each pair (corner plot), beside nominal values and MAP."
-)
-
-
 def draw_corner(run: ReportContext) -> Drawing:
     """Return the drawing of the joint posterior."""
-    display_units, at_map = run.units, run.chain.best[None]
     names = run.config.output.corner or run.config.output.parameters
-    shown = physics_words.derived_shown(run.problem, names, run.sampled.draws, run.derived, at_map)
-    draws = shown.draws / display_units.factors(shown.symbols)
-    nominal, mode = display_units.values(shown.nominal), display_units.values(shown.mode)
-    priors = display_units.priors(run.problem.posterior.space.priors)
-    given = (draws, display_units.symbols(shown.symbols), nominal, mode, priors, run.width)
-    return Drawing(corner_figure, given, says=CORNER)
+    at = (run.sampled.draws, run.derived, run.chain.best[None])
+    draws, shown = physics_words.derived_shown(run.problem, names, *at)
+    says = "The posterior of each parameter and each pair (corner plot), beside nominal values and MAP."
+    return Drawing(corner_figure, (draws, shown, run.width), says)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import groupby
@@ -19,6 +19,7 @@ from matplotlib.ticker import MaxNLocator
 from scipy.special import ndtri
 from scipy.stats import norm
 
+from bayesdrill.analysis.latent_torque import TAILS
 from bayesdrill.analysis.prediction import (
     FALSE_ALARM,
     FrequencyResponse,
@@ -40,115 +41,76 @@ from bayesdrill.inference.residual_checks import (
 )
 from bayesdrill.output_files import numbered
 from bayesdrill.report import scales, style, words
-from bayesdrill.report.pages import Page, difference_panel, inches_panel, legend_above
+from bayesdrill.report.pages import Page, departures, difference_panel, inches_panel, legend_above
 from bayesdrill.report.scales import WIDTHS
 from bayesdrill.report.sections import fit_words
-from bayesdrill.report.sections.fit_words import (
-    Course,
-    Fit,
-    Signal,
-    corners,
-    every_fit,
-    extremes,
-)
+from bayesdrill.report.sections.fit_words import Course, Fit, Signal, corners, every_fit, extremes
 from bayesdrill.report.sections.physics_words import FrictionCourse
 from bayesdrill.report.view import Drawing, ReportContext, for_each_experiment
 from bayesdrill.rig.models.linear import Model
 
 FIT_SHARE = 0.6  # of the width, for the signals, where the residuals are beside them
-
-
-@dataclass(frozen=True, slots=True)
-class _Sizes:
-    """Inches of signals (`row`), of inputs and frictions (`course`), of `residuals` and the rest."""
-
-    row: float
-    residuals: float
-    course: float
-    left: float
-    right: float
-    bottom: float
-    gap_x: float
-    gap_y: float
-    line: float
-    legend: float
-
-
-_WIDE = _Sizes(1.45, 1.45, 0.75, 0.84, 0.3, 0.42, 0.9, 0.12, 0.2, 0.6)
-_NARROW = _Sizes(0.95, 0.55, 0.55, 0.68, 0.27, 0.38, 0.0, 0.1, 0.17, 0.5)
+# Rows of signals, beside their residuals or above them; the legend has the room at the top.
+_WIDE = Page(row=1.45, left=0.84, right=0.3, gap_x=0.9, top=0.6)
+_NARROW = Page(row=0.95, left=0.68, right=0.27, gap_x=0.0, gap_y=0.1, top=0.5, bottom=0.38)
+RESIDUALS_BELOW = 0.55  # inches
 
 
 @dataclass(frozen=True, slots=True)
 class FitPage:
-    """Panels of inputs (`courses`), of signals and residuals by channel (`rows`), and of `rubs`.
-
-    `constant_line`: the height in the figure, as a share, of the line that says what is constant.
-    """
+    """Panels of inputs (`courses`), of signals and residuals by channel (`rows`), and of `rubs`."""
 
     figure: Figure
     courses: list[Axes]
     rows: list[tuple[Axes, Axes]]
     rubs: list[Axes]
-    constant_line: float
-    left: float
-
-    @property
-    def panels(self) -> list[Axes]:
-        """All panels."""
-        return [*self.courses, *(panel for row in self.rows for panel in row), *self.rubs]
 
 
-def build_fit_page(n: int, n_courses: int, n_rubs: int, width: float, *, constant: bool) -> FitPage:
-    """Build a page for `n` channels; times are written at the foot of each column only."""
+def build_fit_page(fit: Fit, width: float) -> FitPage:
+    """Build a page for a fit; times are written at the foot of each column only."""
     beside = width >= scales.DOUBLE
-    size = _WIDE if beside else _NARROW
-    channel = size.row if beside else size.row + size.gap_y + size.residuals
-    inputs = n_courses * (size.course + size.gap_y) + (size.line if n_courses else 0.0)
-    constant_line = (
-        size.line if constant and (n_courses or not beside) else 0.0
-    )  # or above the one legend
-    top = 0.06 + constant_line + inputs + size.legend
-    rubbing = size.gap_y + size.line + n_rubs * (size.course + size.gap_y) if n_rubs else 0.0
+    # Inches of a strip, of inputs or of frictions, and of a line of text.
+    size, strip, line = (_WIDE, 0.75, 0.2) if beside else (_NARROW, 0.55, 0.17)
+    n, n_courses, n_rubs = len(fit.signals), len(fit.courses), len(fit.rubs)
+    channel = size.row if beside else size.row + size.gap_y + RESIDUALS_BELOW
+    # What is constant stands in a line of its own, or above the one legend.
+    above = 0.06 + (line if fit.constant and (n_courses or not beside) else 0.0)
+    head = line if n_courses else 0.0
+    top = above + (n_courses * (strip + size.gap_y) + head) + size.top
+    rubbing = size.gap_y + line + n_rubs * (strip + size.gap_y) if n_rubs else 0.0
     height = top + n * channel + (n - 1) * size.gap_y + rubbing + size.bottom
     figure = Figure(figsize=(width, height))
-    free = width - size.left - size.right - (size.gap_x if beside else 0.0)
+    free = width - size.left - size.right - size.gap_x
     share = FIT_SHARE * free if beside else free
 
-    def panel(x: float, y: float, w: float, h: float) -> Axes:
+    def panel(y: float, h: float, x: float = size.left, w: float = share) -> Axes:
         axes = inches_panel(figure, x, height - y - h, w, h)
         axes.tick_params(labelbottom=False)
         return axes
 
-    y = 0.06 + constant_line + (size.line if n_courses else 0.0)
-    courses = [
-        panel(size.left, y + k * (size.course + size.gap_y), share, size.course)
-        for k in range(n_courses)
-    ]
-    rows = []
+    def strips(y: float, n: int) -> list[Axes]:
+        return [panel(y + k * (strip + size.gap_y), strip) for k in range(n)]
+
+    courses, rows = strips(above + head, n_courses), []
     for k in range(n):
         y = top + k * (channel + size.gap_y)
-        signals = panel(size.left, y, share, size.row)
+        signals = panel(y, size.row)
         if beside:
-            residuals = panel(size.left + share + size.gap_x, y, free - share, size.residuals)
+            right = size.left + share + size.gap_x
+            residuals = panel(y, size.row, right, free - share)
         else:
-            residuals = panel(size.left, y + size.row + size.gap_y, share, size.residuals)
+            residuals = panel(y + size.row + size.gap_y, RESIDUALS_BELOW)
         rows.append((signals, residuals))
-    y = top + n * (channel + size.gap_y) + size.line
-    rubs = [
-        panel(size.left, y + k * (size.course + size.gap_y), share, size.course)
-        for k in range(n_rubs)
-    ]
+    rubs = strips(top + n * (channel + size.gap_y) + line, n_rubs)
     signals, residuals = rows[-1]
-    left = rubs[-1] if rubs else signals
-    for foot in (left, residuals) if beside else (rubs or [residuals])[-1:]:
+    for foot in ([signals, *rubs][-1], residuals) if beside else [residuals, *rubs][-1:]:
         foot.tick_params(labelbottom=True)
-    return FitPage(figure, courses, rows, rubs, 1 - 0.06 / height, size.left / width)
+    return FitPage(figure, courses, rows, rubs)
 
 
 LINE_POINTS = 2000  # corners of a line
 
 SHARE = f"{100 * HDI_PROBABILITY:.0f} %"
-TAILS = (0.5 - HDI_PROBABILITY / 2, 0.5 + HDI_PROBABILITY / 2)
 SIGMAS = float(ndtri(TAILS[1]))  # 1.88: half the width of the band of the noise
 
 
@@ -157,9 +119,7 @@ def fit_figure(fit: Fit, width: float = scales.DOUBLE) -> Figure:
     t = fit.t
     time = scales.scale(float(t[0]), float(t[-1]), margin=0.01)
     with style.styled(width):
-        page = build_fit_page(
-            *(len(fit.signals), len(fit.courses), len(fit.rubs)), width, constant=bool(fit.constant)
-        )
+        page = build_fit_page(fit, width)
         for panel, course in zip(page.courses, fit.courses, strict=True):
             _course(panel, course, time, t)
         for signal, (left, right) in zip(fit.signals, page.rows, strict=True):
@@ -168,11 +128,10 @@ def fit_figure(fit: Fit, width: float = scales.DOUBLE) -> Figure:
         for panel, rub in zip(page.rubs, fit.rubs, strict=True):
             _rub(panel, rub, time, t)
         broad = page.rows[0][0].get_position().width
-        for panel in page.panels:
+        for panel in page.figure.axes:
             panel.set_xlim(time.low, time.high)
-            style.set_ticks(
-                panel.xaxis, *time.ticks(5 if panel.get_position().width >= broad else 4)
-            )
+            most = 5 if panel.get_position().width >= broad else 4
+            style.set_ticks(panel.xaxis, *time.ticks(most))
             if panel.xaxis.get_tick_params()["labelbottom"]:
                 panel.set_xlabel(time.label(fit.time))
         _legends(page, fit, beside=width >= scales.DOUBLE)
@@ -181,12 +140,7 @@ def fit_figure(fit: Fit, width: float = scales.DOUBLE) -> Figure:
 
 DOT: dict[str, Any] = {**style.DOTS, "color": "0.45", "alpha": 0.8, "zorder": 1}
 EDGE: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.6, "linestyle": (0, (4, 2))}
-STICKS: dict[str, Any] = {
-    "facecolor": "none",
-    "edgecolor": style.MIDDLE,
-    "hatch": "/////",
-    "linewidth": 0,
-}
+STICKS: dict[str, Any] = {**style.HATCHED, "hatch": "/////"}
 
 
 def _size(n: int) -> dict[str, float]:
@@ -206,21 +160,14 @@ def _course(panel: Axes, course: Course, time: scales.Scale, t: Array) -> None:
 def _rub(panel: Axes, rub: FrictionCourse, time: scales.Scale, t: Array) -> None:
     """Held from sample to sample, as it acts; where it sticks the panel is hatched."""
     drawn = extremes(rub.effort, LINE_POINTS)
-    band = rub.effort[None] if rub.band is None else rub.band
-    far = max(float(np.abs(band).max()), float(np.abs(rub.effort).max()))
+    far = max(float(np.abs(rub.band).max()), float(np.abs(rub.effort).max()))
     scale = _numbers(panel, rub.label, -far, far, 3)
     for begin, end in rub.sticks:
         panel.axvspan(float(time(begin)), float(time(end)), zorder=0, **STICKS)
-    if rub.band is not None:
-        look: dict[str, Any] = {**style.BAND, "step": "post", "zorder": 1}
-        panel.fill_between(time(t[drawn]), *scale(band[:, drawn]), **look)
-    panel.plot(
-        time(t[drawn]),
-        scale(rub.effort[drawn]),
-        drawstyle="steps-post",
-        zorder=2,
-        **style.BLACK_LINE,
-    )
+    low, high = scale(rub.band[:, drawn])
+    panel.fill_between(time(t[drawn]), low, high, step="post", zorder=1, **style.BAND)
+    look: dict[str, Any] = {**style.BLACK_LINE, "drawstyle": "steps-post", "zorder": 2}
+    panel.plot(time(t[drawn]), scale(rub.effort[drawn]), **look)
 
 
 def _signals(panel: Axes, signal: Signal, time: scales.Scale, t: Array) -> None:
@@ -268,11 +215,6 @@ def _numbers(
     return scale
 
 
-HELD = "input, held from each sample to the next"
-STRAIGHT = "input, straight from each sample to the next"
-LEFT = "unexplained: rms over spread"
-
-
 def _legends(page: FitPage, fit: Fit, *, beside: bool) -> None:
     """Above each kind of panel, what is shown in it; what is constant, in a line."""
     dot = Line2D([], [], **{**DOT, "markersize": 3, "rasterized": False})
@@ -286,30 +228,32 @@ def _legends(page: FitPage, fit: Fit, *, beside: bool) -> None:
         "model at the MAP": line,
         f"{SHARE} {what}": band,
     }
-    residual_handles = {noise: edged, LEFT: Line2D([], [], linestyle="none")}
+    residual_handles = {
+        noise: edged,
+        "unexplained: rms over spread": Line2D([], [], linestyle="none"),
+    }
     left, right = page.rows[0]
+    place = left.get_position()
     if beside:
         _legend(left, signals, 3)
         _legend(right, {"measured minus model at the MAP": dot, **residual_handles}, 1)
     else:
-        _legend(left, signals | residual_handles, 2, 0.02 - page.left / left.get_position().width)
+        _legend(left, signals | residual_handles, 2, 0.02 - place.x0 / place.width)
     if fit.rubs:
         rubs = {"friction at the MAP": line, "it sticks": Patch(**STICKS)}
-        known = {} if fit.rubs[0].band is None else {f"{SHARE} posterior": band}
-        _legend(page.rubs[0], rubs | known, 3)
+        _legend(page.rubs[0], {**rubs, f"{SHARE} posterior": band}, 3)
     if fit.courses:
-        _legend(page.courses[0], {STRAIGHT if fit.courses[0].straight else HELD: line}, 1)
+        how = "straight" if fit.courses[0].straight else "held"
+        _legend(page.courses[0], {f"input, {how} from each sample to the next": line}, 1)
     if fit.constant:
         each = []
         for label, value in fit.constant:
             number = scales.latex_number(float(f"{value:.5g}"))
             unit = rf"\,\mathrm{{{label.latex_unit}}}" if label.latex_unit else ""
             each.append(f"${label.latex} = {number}{unit}$")
-        values = ", ".join(each)
-        size = style.letters("legend.fontsize")
-        page.figure.text(
-            page.left, page.constant_line, f"constant input: {values}", va="top", size=size
-        )
+        text, size = f"constant input: {', '.join(each)}", style.letters("legend.fontsize")
+        y = 1 - 0.06 / page.figure.get_figheight()
+        page.figure.text(place.x0, y, text, va="top", size=size)
 
 
 def _legend(panel: Axes, entries: dict[str, Any], columns: int, x: float = 0.0) -> None:
@@ -336,7 +280,8 @@ FOUND: dict[str, Any] = {"facecolor": style.LIGHT, "edgecolor": style.BLACK, "li
 
 def predictive_figure(checks: Sequence[PredictionCheck], width: float = scales.DOUBLE) -> Figure:
     """Draw samples in standard deviations of their prediction, and their PIT, by channel."""
-    most = max(float(np.abs(_away(check)).max()) for check in checks)
+    away = [100 * departures(check.band, check.ranks) for check in checks]
+    most = max(float(np.abs(each).max()) for each in away)
     wide = width >= scales.DOUBLE
     with style.styled(width):
         chance = f"{100 * (1 - FALSE_ALARM):g} % of chance, together"
@@ -354,19 +299,13 @@ def predictive_figure(checks: Sequence[PredictionCheck], width: float = scales.D
         for k, check in enumerate(checks):
             left, right = panels[2 * k : 2 * k + 2]
             _densities(left, check)
-            _difference(right, check, most)
+            _difference(right, check, away[k], most)
             for panel in (left, right):
                 panel.tick_params(labelbottom=k == len(checks) - 1)
         panels[-2].set_xlabel("measured less predicted" + ", in sds of the prediction" * wide)
         panels[-1].set_xlabel("share of the prediction below (PIT)" if wide else "PIT")
         legend_above(figure, handles, 4 if wide else 2)
     return figure
-
-
-def _away(check: PredictionCheck) -> Any:
-    """Lower and upper edge of the band and the record between, less the expected, in per cent."""
-    counts = np.stack([check.band.low, check.band.high, check.band.counts(check.ranks)])
-    return 100 * (counts / check.band.n - check.band.shares)
 
 
 def _densities(panel: Axes, check: PredictionCheck) -> None:
@@ -385,11 +324,10 @@ def _densities(panel: Axes, check: PredictionCheck) -> None:
     style.corner_text(panel, f"${check.channel.latex}$")
 
 
-def _difference(panel: Axes, check: PredictionCheck, most: float) -> None:
-    places = np.concatenate([[0.0], check.band.shares, [1.0]])
-    low, high, difference = np.pad(_away(check), ((0, 0), (1, 1)))
+def _difference(panel: Axes, check: PredictionCheck, away: Array, most: float) -> None:
+    places, (low, high, record) = np.pad(check.band.shares, 1, constant_values=(0, 1)), away
     difference_panel(panel, places, (low, high), most)
-    panel.plot(places, difference, zorder=2, **(style.BLACK_LINE if check.holds else style.OUTSIDE))
+    panel.plot(places, record, zorder=2, **(style.BLACK_LINE if check.holds else style.OUTSIDE))
     panel.set_ylabel("ECDF difference [%]")
     if check.says:
         style.corner_text(panel, check.says, "right", fontsize=style.letters("legend.fontsize"))
@@ -414,47 +352,31 @@ def residuals_figure(
 
     `latex`: of inputs, by name.
     """
-    beside = [
-        correlation
-        for correlation in correlations
-        if correlation.channel == correlations[0].channel
-    ]
-    high = 1.1 * max(
-        float(np.maximum(correlation.values, correlation.band).max())
-        for correlation in correlations
-    )
-    low = 1.1 * min(
-        float(np.minimum(correlation.values, -correlation.band).min())
-        for correlation in correlations
-    )
+    beside = [c for c in correlations if c.channel == correlations[0].channel]
+    high = 1.1 * max(float(np.maximum(c.values, c.band).max()) for c in correlations)
+    low = 1.1 * min(float(np.minimum(c.values, -c.band).min()) for c in correlations)
     with style.styled(width):
         handles: list[Any] = [
             Patch(label=f"{100 * BAND_PROBABILITY:g} % of chance, each lag", **style.CHANCE),
             Line2D([], [], label="inside", **STEM),
         ]
-        if any(
-            (np.abs(correlation.values) > correlation.band).any() for correlation in correlations
-        ):
+        if any((np.abs(c.values) > c.band).any() for c in correlations):
             handles.append(Line2D([], [], label="outside", **style.OUTSIDE))
         page = Page(row=1.2, top=0.36).fitting(width, len(handles))
         page = replace(page, columns=len(beside))
         figure, panels = page.build(len(correlations))
-        for k, (panel, correlation) in enumerate(zip(panels, correlations, strict=True)):
-            panel.fill_between(
-                correlation.lags, -correlation.band, correlation.band, zorder=0, **style.CHANCE
-            )
+        for k, (panel, c) in enumerate(zip(panels, correlations, strict=True)):
+            panel.fill_between(c.lags, -c.band, c.band, zorder=0, **style.CHANCE)
             panel.axhline(0.0, color=style.MIDDLE, linewidth=0.5, zorder=1)
             for inside, look in ((True, STEM), (False, dict(style.OUTSIDE))):
-                shown = (np.abs(correlation.values) <= correlation.band) == inside
-                panel.vlines(
-                    correlation.lags[shown], 0.0, correlation.values[shown], zorder=2, **look
-                )
+                shown = (np.abs(c.values) <= c.band) == inside
+                panel.vlines(c.lags[shown], 0.0, c.values[shown], zorder=2, **look)
             panel.set_ylim(low, high + 0.3 * (high - low))  # the name is above
             style.set_ticks(panel.yaxis, *scales.Scale(0.0, 0, low, high).ticks(4))
             panel.xaxis.set_major_locator(MaxNLocator(4, integer=True, prune="both"))
-            panel.set_xlim(correlation.lags[0] - 1, correlation.lags[-1] + 1)
-            style.corner_text(panel, f"${correlation.channel.latex}$")
-            driver = latex.get(correlation.input, correlation.input)
+            panel.set_xlim(c.lags[0] - 1, c.lags[-1] + 1)
+            style.corner_text(panel, f"${c.channel.latex}$")
+            driver = latex.get(c.input, c.input)
             other = f"with ${driver}$" if driver else "with itself"
             style.corner_text(panel, other, "right", fontsize=style.letters("legend.fontsize"))
             page.frame(panel, k, len(correlations), "lag [samples]", "correlation")
@@ -478,9 +400,14 @@ def _residual_drawings(
     correlations: Sequence[ResidualCorrelation], width: float, rig: Model
 ) -> tuple[Drawing, ...]:
     latex = {name: rig.symbols[name].latex for name in rig.inputs}
-    each = groupby(correlations, key=lambda correlation: correlation.experiment)
-    shown = ((label, tuple(group)) for label, group in each)
+    shown = _by_label(correlations, lambda correlation: correlation.experiment)
     return for_each_experiment(partial(residuals_figure, latex=latex), shown, width, RESIDUALS)
+
+
+def _by_label[T](
+    items: Iterable[T], label: Callable[[T], str]
+) -> Iterator[tuple[str, Sequence[T]]]:
+    return ((name, tuple(group)) for name, group in groupby(items, label))
 
 
 def frequency_figure(
@@ -521,10 +448,9 @@ def _bode(panel: Axes, response: FrequencyResponse, *, phase: bool) -> None:
     y = scales.scale(float(magnitudes.min()), float(magnitudes.max()), log=not phase, margin=0.2)
     ends = y(np.stack([measured - 2 * error, measured + 2 * error])[:, there])
     panel.plot(x(response.frequencies), y(model), zorder=1, **style.BLACK_LINE)
-    panel.vlines(
-        x(response.frequencies[there]), *ends, color=POINT["color"], linewidth=0.6, zorder=2
-    )
-    panel.plot(x(response.frequencies[there]), y(measured[there]), zorder=3, **POINT)
+    places = x(response.frequencies[there])
+    panel.vlines(places, *ends, color=POINT["color"], linewidth=0.6, zorder=2)
+    panel.plot(places, y(measured[there]), zorder=3, **POINT)
     unit = f"{shown.latex}/{response.unit.latex}"
     what, unit = (r"\arg\, G", r"^\circ") if phase else ("|G|", unit)
     style.scale_axis(panel.xaxis, x, "", 5)
@@ -532,22 +458,16 @@ def _bode(panel: Axes, response: FrequencyResponse, *, phase: bool) -> None:
     style.corner_text(panel, rf"${response.input.latex} \to {response.channel.latex}$", "right")
 
 
-FREQUENCY_RESPONSE = "How inputs move channels: measured, where they excite, and by the model."
-
-
 def draw_frequency_response(run: ReportContext) -> tuple[Drawing, ...]:
     """Return drawings of frequency responses, where there are any."""
     responses = frequency_responses(run.problem.posterior, run.chain.best)
-    each = (
-        (label, tuple(group))
-        for label, group in groupby(responses, key=lambda response: response.label)
-    )
-    return for_each_experiment(frequency_figure, each, run.width, FREQUENCY_RESPONSE)
+    shown = _by_label(responses, lambda response: response.label)
+    says = "How inputs move channels: measured, where they excite, and by the model."
+    return for_each_experiment(frequency_figure, shown, run.width, says)
 
 
 FIT = "Record, model at the MAP and posterior predictive band; beside them what is left, and the noise."
 FIT_ALONE = "Record and model at the MAP; beside them what is left, and the noise."
-FIT_RUBBED = f"{FIT} Below: what rubs, and when it sticks."
 
 
 def draw_fit(run: ReportContext) -> tuple[Drawing, ...]:
@@ -557,11 +477,8 @@ def draw_fit(run: ReportContext) -> tuple[Drawing, ...]:
     draws = {str(name): np.asarray(values) for name, values in predicted.items()}
     best, rubbing = run.chain.best, run.chain.friction_motions
     fits = every_fit(run.problem, best, run.analysis.fit, draws, rubbing)
-    says = FIT_RUBBED if rubbing else FIT
+    says = f"{FIT} Below: what rubs, and when it sticks." if rubbing else FIT
     return for_each_experiment(fit_figure, ((fit.label, fit) for fit in fits), run.width, says)
-
-
-PREDICTIVE_CHECK = "Whether the record is as the posterior predicts it, channel by channel."
 
 
 def draw_predictive_check(run: ReportContext) -> Drawing:
@@ -571,7 +488,8 @@ def draw_predictive_check(run: ReportContext) -> Drawing:
     columns = np.unique(np.linspace(0, draws.shape[1] - 1, max(1, each)).astype(int))
     theta = draws[:, columns].reshape(-1, draws.shape[-1])
     results = prediction_checks(run.problem.posterior.likelihood, theta)
-    return Drawing(predictive_figure, (results, run.width), says=PREDICTIVE_CHECK)
+    says = "Whether the record is as the posterior predicts it, channel by channel."
+    return Drawing(predictive_figure, (results, run.width), says=says)
 
 
 def fits_alone(

@@ -79,13 +79,13 @@ def every_fit(
     left: Sequence[ResidualSummary],
     predictive: Mapping[str, Array] | None = None,
     rubbing: Sequence[Sequence[FrictionMotion]] = (),
-) -> tuple[Fit, ...]:
+) -> Iterator[Fit]:
     """Of each experiment, at the MAP `(D,)` and what it leaves.
 
     `predictive`: `(..., T)` of each channel, SI, by the name that it has among all; `rubbing`: of each
     experiment, or nothing.
     """
-    clock, fits, full = problem.clock, [], problem.posterior.space.full(best[None])
+    clock, full = problem.clock, problem.posterior.space.full(best[None])
     each = rubbing or [()] * len(problem.observations)
     for observation, rubbings in zip(problem.observations, each, strict=True):
         experiment, courses, constant = observation.experiment, [], []
@@ -100,7 +100,7 @@ def every_fit(
                 courses.append(Course(label=label, values=values, straight=experiment.first_order))
             elif name not in loads or experiment.constant[name]:  # no load need not be said
                 constant.append((label, experiment.constant[name] / unit.factor))
-        fit = Fit(
+        yield Fit(
             t=experiment.t[shown] / clock.factor,
             time=time_symbol(clock),
             signals=tuple(_signals(observation, models, shown, best, left, predictive or {})),
@@ -109,8 +109,6 @@ def every_fit(
             rubs=tuple(friction_course(rubbing, shown, clock) for rubbing in rubbings),
             label=observation.label,
         )
-        fits.append(fit)
-    return tuple(fits)
 
 
 def _signals(
@@ -144,10 +142,9 @@ SHOWN_STRETCHES = 20_000  # stretches of a long record, of which a figure is giv
 
 
 def _shown_samples(observation: Observation, models: Array, efforts: Sequence[Array]) -> Indices:
-    """Return which samples a figure is given, of channels that are modelled as `models (T, K)`.
+    """All samples of a record that is not long; else the extremes, in short stretches.
 
-    They are all of a record that is not long; else the extremes of records, of models, of what these
-    leave, of inputs and of `efforts (T,)` of frictions, in short stretches.
+    Those of the record, of `models (T, K)`, of what these leave, of inputs, of `efforts (T,)`.
     """
     experiment = observation.experiment
     if len(experiment.t) <= 4 * SHOWN_STRETCHES:
@@ -197,11 +194,7 @@ def prediction_csv(problem: Problem, theta: Array) -> dict[str, str]:
 
 
 def _prediction(observation: Observation, full: Array) -> str:
-    """Return a CSV with a line for each sample.
-
-    It has time, each channel as measured and as predicted without noise, and the inputs; the head of a
-    column has its unit, as in `w_1 measured [rpm]`.
-    """
+    """Time, channels as measured and as predicted without noise, inputs; `w_1 measured [rpm]`."""
     experiment, signals = observation.experiment, observation.signals(full)[0]
     unit = experiment.written.time
     columns = {f"t [{unit.name}]": experiment.t / unit.factor}

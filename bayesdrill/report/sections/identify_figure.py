@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+from matplotlib.ticker import LogLocator, NullLocator
 from scipy.interpolate import PchipInterpolator
 
 from bayesdrill.analysis.identifiability.profile import THRESHOLD, Profile
@@ -43,15 +43,13 @@ def profile_figure(
     with style.styled(width):
         page = PAGE.fitting(width, LEGEND) if not alone else replace(PAGE, width=scales.SINGLE)
         figure, panels = page.build(len(profiles))
-        sides = set()
+        sides, small = set(), style.letters("legend.fontsize")
         for k, (panel, profile) in enumerate(zip(panels, profiles, strict=True)):
             known, log = nominal.get(profile.name), profile.name in logs
             sides.add(_panel(panel, profile, symbols[profile.name], known, log=log))
             panel.tick_params(labelleft=k % page.columns == 0)
             if k % page.columns == 0:
-                panel.set_ylabel(
-                    "loss of log likelihood", fontsize=style.letters("legend.fontsize")
-                )
+                panel.set_ylabel("loss of log likelihood", fontsize=small)
         handles = [Patch(facecolor=style.FAINT, label="within 95 %"), *style.nominal_handles(sides)]
         most = 4 if width >= scales.DOUBLE else 2
         legend_above(figure, handles, most, columnspacing=2.0, handlelength=2.0)
@@ -72,8 +70,8 @@ def _panel(
     panel.plot(scale(fine), line, color=style.BLACK)
     panel.plot(scale(values), loss, color=style.BLACK, marker="o", markersize=2, linestyle="none")
     panel.axhline(THRESHOLD, color=style.MIDDLE, linewidth=0.7, linestyle=(0, (1, 1)))
-    left = profile.low if profile.low is not None else float(values[0])
-    right = profile.high if profile.high is not None else float(values[-1])
+    left = values[0] if profile.low is None else profile.low
+    right = values[-1] if profile.high is None else profile.high
     panel.axvspan(float(scale(left)), float(scale(right)), color=style.FAINT, zorder=-2)
     side = style.mark_values(panel, scale, nominal, arrow=False)
     panel.set_xlim(scale.low, scale.high)
@@ -81,8 +79,8 @@ def _panel(
     style.set_ticks(panel.yaxis, np.array([0.0, 2.0, 4.0, 6.0]), ["0", "2", "4", "6"])
     panel.set_xlabel(scale.label(symbol), labelpad=1)
     inches = panel.get_window_extent().width / panel.figure.dpi
-    most = 4 if inches > ROOMY else 3
-    style.set_numbers(panel.xaxis, scale, most, clear=0.08, letter=LETTER / inches)
+    room = {"clear": 0.08, "letter": LETTER / inches}
+    style.set_numbers(panel.xaxis, scale, 4 if inches > ROOMY else 3, **room)
     style.corner_text(panel, profile.shape, "right", fontsize=style.letters("legend.fontsize"))
     return side
 
@@ -140,33 +138,24 @@ def _bars(panel: Axes, study: IdentifiabilityStudy, thick: float) -> None:
     for mask, look in ((inside, KNOWN), (finite & ~inside, UNKNOWN), (~finite, BLIND)):
         panel.barh(places[mask], shown[mask], height=thick, left=smallest, **look)
     panel.axvline(prior, **style.PRIOR_LINE)
-    for position, direction in enumerate(study.directions):
-        if np.isfinite(direction.sd):
-            panel.annotate(
-                percent(direction.sd),
-                (smallest + 100.0 * direction.sd, position),
-                xytext=(3, 0),
-                textcoords="offset points",
-                va="center",
-                fontsize=0.94 * style.letters("legend.fontsize"),
-                bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.6},
-            )
+    box = {"facecolor": "white", "edgecolor": "none", "pad": 0.6}
+    size = 0.94 * style.letters("legend.fontsize")
+    text: dict[str, Any] = {"va": "center", "fontsize": size, "bbox": box}
+    for position in places[finite]:
+        at = (smallest + sd[position], position)
+        value = percent(study.directions[position].sd)
+        panel.annotate(value, at, (3, 0), textcoords="offset points", **text)
     panel.set_xscale("log")
     panel.set_xlim(smallest, largest)
     panel.xaxis.set_major_locator(LogLocator(numticks=8))
     panel.xaxis.set_minor_locator(NullLocator())
-    panel.xaxis.set_major_formatter(FuncFormatter(lambda x, _: _power_of_ten(x)))
+    panel.xaxis.set_major_formatter(_power_of_ten)
     panel.set_xlabel("relative standard deviation of the product, record alone [%]")
 
 
 KNOWN: dict[str, Any] = {"facecolor": style.DARK}
 UNKNOWN: dict[str, Any] = {"facecolor": style.LIGHT, "edgecolor": style.DARK, "linewidth": 0.5}
-BLIND: dict[str, Any] = {
-    "facecolor": "white",
-    "edgecolor": style.MIDDLE,
-    "linewidth": 0.5,
-    "hatch": "//////",
-}
+BLIND: dict[str, Any] = {**style.HATCHED, "facecolor": "white", "linewidth": 0.5, "hatch": "//////"}
 
 
 def _label(names: Sequence[str], exponents: Sequence[float], latex: Mapping[str, str]) -> str:
@@ -180,6 +169,6 @@ def _label(names: Sequence[str], exponents: Sequence[float], latex: Mapping[str,
     return "$" + r"\,".join(parts) + "$"
 
 
-def _power_of_ten(x: float) -> str:
+def _power_of_ten(x: float, _: object) -> str:
     exponent = round(np.log10(x))
     return {0: "1", 1: "10", 2: "100"}.get(exponent, f"$10^{{{exponent}}}$")

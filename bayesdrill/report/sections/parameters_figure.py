@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,6 +19,7 @@ from bayesdrill.analysis.identifiability.structure import ScalingStructure
 from bayesdrill.analysis.verdict import Verdict
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol, product_latex
+from bayesdrill.inference.display_units import DisplayedUnknowns
 from bayesdrill.inference.priors import Prior, flat_in_logs
 from bayesdrill.report import scales, style
 from bayesdrill.report.pages import AXES, Page, legend_above
@@ -43,27 +44,23 @@ BOX: dict[str, Any] = {
 
 
 def prior_posterior_figure(
-    draws: Array,
-    symbols: Sequence[Symbol],
-    priors: Mapping[str, Prior],
-    nominal: Mapping[str, float],
-    mode: Mapping[str, float],
-    width: float = scales.DOUBLE,
+    draws: Array, shown: DisplayedUnknowns, width: float = scales.DOUBLE
 ) -> Figure:
-    """Draw priors and draws `(N, D)` in the units of the symbols, over the range of each prior."""
+    """Draw priors and draws `(N, D)` of what is `shown`, over the range of each prior."""
+    symbols = shown.symbols
     page = PAGE if width >= scales.DOUBLE and len(symbols) > 1 else SMALL
     with style.styled(page.width):
         figure, panels = page.build(len(symbols))
         sides = set()
         for panel, x, symbol in zip(panels, draws.T, symbols, strict=True):
-            prior, known = priors[symbol.name], nominal.get(symbol.name)
+            prior, known = shown.priors[symbol.name], shown.nominal.get(symbol.name)
             scale = scales.scale(*_ends(prior, x), log=flat_in_logs(prior), margin=0.04)
             _densities(panel, scale, x, prior)
-            side = style.mark_values(panel, scale, known, mode.get(symbol.name), zorder=4)
+            style.mark_values(panel, scale, known, shown.mode.get(symbol.name), zorder=4)
             style.scale_axis(panel.xaxis, scale, scale.label(symbol))
             style.set_ticks(panel.yaxis, np.array([]), None)
             if known is not None:
-                sides.add(side)
+                sides.add(scale.side(known))
         handles: list[Line2D | Patch] = [
             Line2D([], [], label="prior", **DARK_PRIOR),
             Patch(facecolor=style.LIGHT, edgecolor=style.BLACK, linewidth=0.7, label="posterior"),
@@ -79,9 +76,8 @@ def prior_posterior_figure(
 def _densities(panel: Axes, scale: scales.Scale, x: Array, prior: Prior) -> None:
     """The posterior fills its panel; of a prior that it dwarfs the line lies low."""
     u = scale(x)
-    near, far = float(u.min()), float(u.max())
     across = min(float(BINS), 2.2 * math.cbrt(len(x)))
-    edges = np.linspace(near, far, max(2, round(across)))
+    edges = np.linspace(float(u.min()), float(u.max()), max(2, round(across)))
     heights, edges = np.histogram(u, edges, density=True)
     panel.stairs(heights, edges, fill=True, color=style.LIGHT, zorder=1)
     panel.stairs(heights, edges, color=style.BLACK, linewidth=0.7, zorder=2)
@@ -128,32 +124,24 @@ def strongest_pair(draws: Array, structure: ScalingStructure) -> CorrelatedPair 
     return strongest
 
 
-def ridge_figure(
-    draws: Array,
-    pair: CorrelatedPair,
-    symbols: Sequence[Symbol],
-    priors: Mapping[str, Prior],
-    nominal: Mapping[str, float],
-    mode: Mapping[str, float],
-) -> Figure:
-    """Draw the ridge of draws `(N, D)` in their units; the exact line passes through the MAP."""
-    factor, shown = np.geomspace(1 / REACH, REACH, CORNERS), style.thin(len(draws), POINTS)
+def ridge_figure(draws: Array, pair: CorrelatedPair, shown: DisplayedUnknowns) -> Figure:
+    """Draw the ridge of draws `(N, D)` of what is `shown`; the exact line passes through the MAP."""
+    factor, some = np.geomspace(1 / REACH, REACH, CORNERS), style.thin(len(draws), POINTS)
     box, line, dots, cross, marks = [], [], [], [], []
     with style.styled():
         figure, (panel,) = RIDGE_PAGE.build(1)
-        marked = all(symbols[k].name in nominal for k in pair.columns)
-        for column, power, axis in zip(
-            pair.columns, pair.exponents, (panel.xaxis, panel.yaxis), strict=True
-        ):
-            symbol, x = symbols[column], draws[:, column]
-            ends = _ends(priors[symbol.name], x)
-            scale = scales.scale(*ends, log=flat_in_logs(priors[symbol.name]), margin=0.12)
-            best = mode[symbol.name]
+        marked = all(shown.symbols[k].name in shown.nominal for k in pair.columns)
+        axes = (panel.xaxis, panel.yaxis)
+        for column, power, axis in zip(pair.columns, pair.exponents, axes, strict=True):
+            symbol, x = shown.symbols[column], draws[:, column]
+            prior, best = shown.priors[symbol.name], shown.mode[symbol.name]
+            ends = _ends(prior, x)
+            scale = scales.scale(*ends, log=flat_in_logs(prior), margin=0.12)
             box.append(scale(np.array(ends)))
             line.append(scale(best * factor**power))
-            dots.append(scale(x[shown]))
+            dots.append(scale(x[some]))
             cross.append([float(scale(best))])
-            marks.append((scale, nominal[symbol.name] if marked else None))
+            marks.append((scale, shown.nominal[symbol.name] if marked else None))
             style.scale_axis(axis, scale, scale.label(symbol))
         (x0, x1), (y0, y1) = box
         panel.add_patch(Rectangle((x0, y0), x1 - x0, y1 - y0, fill=False, zorder=1, **BOX))
@@ -162,7 +150,17 @@ def ridge_figure(
         for (scale, known), vertical in zip(marks, (False, True), strict=True):
             style.mark_values(panel, scale, known, vertical=vertical, arrow=False, zorder=4)
         panel.plot(*cross, zorder=5, **style.CROSS)
-        _ridge_legend(figure, marked=marked)
+        handles: list[Line2D | Patch] = [
+            Line2D([], [], label="exact symmetry: no measured signal changes along it", **BAND),
+            Line2D([], [], label="posterior draws", **{**DOTS, "markersize": 3}),
+            Patch(fill=False, label="prior", **BOX),
+            *(style.nominal_handles({0}) if marked else []),
+            Line2D([], [], label="MAP", **style.CROSS),
+        ]
+        look: dict[str, Any] = {"handlelength": 2.2, "columnspacing": 1.6, "labelspacing": 0.5}
+        legend_above(figure, handles[:1], 1, **look)
+        below = (0.5, 1 - 0.22 / float(figure.get_size_inches()[1]))
+        legend_above(figure, handles[1:], 2, bbox_to_anchor=below, **look)
     return figure
 
 
@@ -174,71 +172,38 @@ def _ends(prior: Prior, x: Array) -> tuple[float, float]:
     return low, high
 
 
-def _ridge_legend(figure: Figure, *, marked: bool) -> None:
-    handles: list[Line2D | Patch] = [
-        Line2D([], [], label="exact symmetry: no measured signal changes along it", **BAND),
-        Line2D([], [], label="posterior draws", **{**DOTS, "markersize": 3}),
-        Patch(fill=False, label="prior", **BOX),
-        *(style.nominal_handles({0}) if marked else []),
-        Line2D([], [], label="MAP", **style.CROSS),
-    ]
-    look: dict[str, Any] = {"handlelength": 2.2, "columnspacing": 1.6, "labelspacing": 0.5}
-    legend_above(figure, handles[:1], 1, **look)
-    below = (0.5, 1 - 0.22 / float(figure.get_size_inches()[1]))
-    legend_above(figure, handles[1:], 2, bbox_to_anchor=below, **look)
-
-
 def invariants_figure(
-    verdict: Verdict,
-    draws: Array,
-    mode: Array,
-    symbols: Sequence[Symbol],
-    width: float = DOUBLE,
+    verdict: Verdict, draws: Array, mode: Array, symbols: Sequence[Symbol], width: float = DOUBLE
 ) -> Figure:
     """Draw products of SI draws `(N, D)` at the MAP `(D,)`: determined ones, or all if none is."""
     sure = [q for q in verdict.products if q.says != "not determined"]
     selected = sure or list(verdict.products)
-    shown = [
-        Symbol(
-            name=product(verdict.names, quantity.exponents),
-            unit="%",
-            latex=rf"\Delta\,{product_latex(quantity.exponents, symbols)}",
-            latex_unit=r"\%\;of\;nominal",
-            meaning="deviation from the nominal value",
-        )
-        for quantity in selected
-    ]
+    names = [product(verdict.names, quantity.exponents) for quantity in selected]
+    latex = [rf"\Delta\,{product_latex(quantity.exponents, symbols)}" for quantity in selected]
+    deviations = tuple(
+        Symbol(name, "%", letters, r"\%\;of\;nominal", "deviation from the nominal value")
+        for name, letters in zip(names, latex, strict=True)
+    )
     powers = np.array([quantity.exponents for quantity in selected], dtype=float)
     table = np.log([quantity.nominal for quantity in selected])
     m = len(verdict.names)
     off = 100 * np.expm1(np.log(draws[:, :m]) @ powers.T - table)
     at = 100 * np.expm1(np.log(mode[:m]) @ powers.T - table)
-    return corner_figure(
-        off,
-        shown,
-        {symbol.name: 0.0 for symbol in shown},
-        {symbol.name: float(x) for symbol, x in zip(shown, at, strict=True)},
-        {},
-        width,
+    shown = DisplayedUnknowns(
+        symbols=deviations,
+        nominal=dict.fromkeys(names, 0.0),
+        mode=dict(zip(names, at.tolist(), strict=True)),
     )
-
-
-INVARIANTS = "The products of parameters that such a record can show (corner plot)."
+    return corner_figure(off, shown, width)
 
 
 def draw_invariants(run: ReportContext) -> Drawing | None:
     """Return the drawing of products, where there is a verdict."""
     if run.analysis.judged is None or not run.analysis.judged.verdict.products:
         return None
-    verdict, symbols = run.analysis.judged.verdict, run.problem.symbols
-    return Drawing(
-        invariants_figure, (verdict, run.draws, run.chain.best, symbols, run.width), says=INVARIANTS
-    )
-
-
-RIDGE = (
-    "The ridge: parameters that no such record can tell apart, and the line along which they go."
-)
+    at = (run.draws, run.chain.best, run.problem.symbols, run.width)
+    says = "The products of parameters that such a record can show (corner plot)."
+    return Drawing(invariants_figure, (run.analysis.judged.verdict, *at), says)
 
 
 def draw_ridge(run: ReportContext) -> Drawing | None:
@@ -247,19 +212,12 @@ def draw_ridge(run: ReportContext) -> Drawing | None:
     pair = None if judged is None else strongest_pair(run.draws, judged.study.structure)
     if pair is None:
         return None
-    given = (shown.select(run.draws), pair, shown.symbols, shown.priors, shown.nominal, shown.mode)
-    return Drawing(ridge_figure, given, says=RIDGE)
-
-
-PRIOR_POSTERIOR = "Prior against posterior of each parameter: what the record has added."
+    says = "The ridge: parameters that no such record can tell apart, and the line along which they go."
+    return Drawing(ridge_figure, (shown.select(run.draws), pair, shown), says)
 
 
 def draw_prior_posterior(run: ReportContext) -> Drawing:
     """Return the drawing of priors and posteriors."""
     shown = run.shown(run.config.output.parameters)
-    values = (shown.priors, shown.nominal, shown.mode, run.width)
-    return Drawing(
-        prior_posterior_figure,
-        (shown.select(run.draws), shown.symbols, *values),
-        says=PRIOR_POSTERIOR,
-    )
+    says = "Prior against posterior of each parameter: what the record has added."
+    return Drawing(prior_posterior_figure, (shown.select(run.draws), shown, run.width), says)

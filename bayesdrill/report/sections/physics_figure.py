@@ -137,9 +137,10 @@ def friction_figure(laws: Sequence[LawShown], width: float = scales.DOUBLE) -> F
         figure, panels = page.build(len(laws))
         for panel, law in zip(panels, laws, strict=True):
             _law(panel, law)
-        handles: list[Line2D | Patch] = [Line2D([], [], label="MAP", **BEST)]
-        if any(law.band is not None for law in laws):
-            handles.append(Patch(label=f"{100 * HDI_PROBABILITY:.0f} % posterior", **style.BAND))
+        handles: list[Line2D | Patch] = [
+            Line2D([], [], label="MAP", **BEST),
+            Patch(label=f"{100 * HDI_PROBABILITY:.0f} % posterior", **style.BAND),
+        ]
         if any(law.nominal is not None for law in laws):
             handles.append(Line2D([], [], label="nominal values", **style.NOMINAL))
         handles.append(Patch(label="speeds of the record", **SEEN))
@@ -149,17 +150,15 @@ def friction_figure(laws: Sequence[LawShown], width: float = scales.DOUBLE) -> F
 
 
 def _law(panel: Axes, law: LawShown) -> None:
-    curves = [law.best, *([] if law.band is None else law.band)]
-    curves += [] if law.nominal is None else [law.nominal]
+    curves = [law.best, *law.band, *([] if law.nominal is None else [law.nominal])]
     far = HEAD * max(float(np.abs(curve).max()) for curve in curves) or 1.0
     x = scales.scale(float(law.speeds[0]), float(law.speeds[-1]))
     y = scales.scale(-far, far)
     room = FOOT / (1.0 - FOOT) * (y.high - y.low)
-    if law.band is not None:
-        for side, outside, beside in ((law.speeds <= 0, -1, -2), (law.speeds >= 0, 0, 1)):
-            band = law.band[:, side]
-            band[:, outside] = band[:, beside]  # where a law has both signs
-            panel.fill_between(x(law.speeds[side]), *y(band), zorder=1, **style.BAND)
+    for side, outside, beside in ((law.speeds <= 0, -1, -2), (law.speeds >= 0, 0, 1)):
+        band = law.band[:, side]
+        band[:, outside] = band[:, beside]  # where a law has both signs
+        panel.fill_between(x(law.speeds[side]), *y(band), zorder=1, **style.BAND)
     if law.nominal is not None:
         panel.plot(x(law.speeds), y(law.nominal), zorder=2, **style.NOMINAL)
     panel.plot(x(law.speeds), y(law.best), zorder=3, **BEST)
@@ -236,7 +235,7 @@ def draw_friction(run: ReportContext) -> tuple[Drawing, ...]:
     chain, problem = run.chain, run.problem
     each = zip(problem.observations, chain.friction_motions, strict=False)
     at = (problem, chain.best, chain.some(BAND_DRAWS))
-    shown = ((observation.label, laws(observation, rubs, *at)) for observation, rubs in each)
+    shown = ((rig.label, tuple(laws(rig, rubs, *at))) for rig, rubs in each)
     says = "Each friction against its speed: its law, where the record saw it, and nominal values."
     return for_each_experiment(friction_figure, shown, run.width, says)
 

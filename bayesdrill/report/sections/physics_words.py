@@ -34,6 +34,7 @@ from bayesdrill.basics.arrays import Array, Indices
 from bayesdrill.basics.symbols import Symbol, own_symbol, plain
 from bayesdrill.basics.units import Unit
 from bayesdrill.inference.derived import Derived, DerivedRow, values_at
+from bayesdrill.inference.display_units import DisplayedUnknowns
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.report.section import HDI, Table, records_as_csv
@@ -51,16 +52,6 @@ TIME = Symbol("t", "s", "t", "s", "time")
 def time_symbol(clock: Unit) -> Symbol:
     """Return the symbol of times in the unit of a clock."""
     return dataclasses.replace(TIME, latex_unit=clock.latex)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FrictionShown:
-    """What a corner plot shows: `draws (N, D)`, and nominal and MAP where there are any; SI."""
-
-    draws: Array
-    symbols: tuple[Symbol, ...]
-    nominal: dict[str, float]
-    mode: dict[str, float]
 
 
 def derived_csv(rows: Sequence[DerivedRow]) -> str:
@@ -91,39 +82,35 @@ def derived_table(rows: Sequence[DerivedRow], meanings: Mapping[str, str]) -> Ta
 
 
 def derived_shown(
-    problem: Problem,
-    names: Sequence[str] | None,
-    draws: Array,
-    derived: Derived,
-    theta: Array,
-) -> FrictionShown:
+    problem: Problem, names: Sequence[str] | None, draws: Array, derived: Derived, theta: Array
+) -> tuple[Array, DisplayedUnknowns]:
     """Of the unknowns `draws (E, N, D)` and what is derived, those of `names`; None: all unknowns.
 
-    `theta (1, D)` is the MAP.  Draws without a value, and columns of one value alone, are left out.
+    `theta (1, D)` is the MAP.  Draws without a value, and columns of one value alone, are left out
+    of those that are returned, `(N, D)` in the units that are shown.
     """
-    every = np.concatenate([draws, derived.values], axis=-1)
-    symbols = (*problem.symbols, *derived.symbols)
-    unknown = [symbol.name for symbol in problem.symbols]
+    symbols, units = (*problem.symbols, *derived.symbols), problem.units
     order = [symbol.name for symbol in symbols]
-    mode = {name: float(x) for name, x in zip(unknown, theta[0], strict=True)}
-    mode |= {
-        name: float(x[0]) for name, x in values_at(problem, theta).items() if np.isfinite(x[0])
-    }
-    wanted = unknown if names is None else [name for name in dict.fromkeys(names) if name in order]
-    picked = every.reshape(-1, len(order))[:, [order.index(name) for name in wanted]]
-    some = [
-        k for k in range(len(wanted)) if len(np.unique(picked[np.isfinite(picked[:, k]), k])) > 1
-    ]
-    if not some:
+    every = np.concatenate([draws, derived.values], axis=-1).reshape(-1, len(order))
+    mode = {name: float(x) for name, x in zip(problem.names, theta[0], strict=True)}
+    at_map = values_at(problem, theta).items()
+    mode |= {name: float(x[0]) for name, x in at_map if np.isfinite(x[0])}
+    wanted = problem.names if names is None else dict.fromkeys(names)
+    columns = [order.index(name) for name in wanted if name in order]
+    columns = [k for k in columns if len(np.unique(every[np.isfinite(every[:, k]), k])) > 1]
+    if not columns:
         return derived_shown(problem, None, draws, derived, theta)
-    picked = picked[:, some]
     nominal = {name: x for name, x in derived.nominal.items() if np.isfinite(x)}
-    return FrictionShown(
-        draws=picked[np.isfinite(picked).all(axis=1)],
-        symbols=tuple(symbols[order.index(wanted[k])] for k in some),
-        nominal={**nominal, **problem.nominal},
-        mode=mode,
+    shown = DisplayedUnknowns(
+        columns=tuple(columns),
+        factors=units.factors(symbols[k] for k in columns),
+        symbols=units.symbols(symbols[k] for k in columns),
+        priors=units.priors(problem.posterior.space.priors),
+        nominal=units.values({**nominal, **problem.nominal}),
+        mode=units.values(mode),
     )
+    picked = every[:, columns] / shown.factors
+    return picked[np.isfinite(picked).all(axis=1)], shown
 
 
 OPEN = 1e-3  # of all, from which on what does not close is said
@@ -273,12 +260,12 @@ def speed_symbol(state: str, inertia: InertiaRoles | None, model: Model) -> Symb
 class FrictionCourse:
     """A friction over time: `effort (T,)` at the MAP.
 
-    `band (2, T)`: where there are draws; the rotor `sticks` between these times.
+    `band (2, T)`: of draws; the rotor `sticks` between these times.
     """
 
     label: Symbol
     effort: Array
-    band: Array | None
+    band: Array
     sticks: tuple[tuple[float, float], ...]
 
 
@@ -293,18 +280,17 @@ class LawShown:
     effort: Symbol
     speeds: Array
     best: Array
-    band: Array | None
+    band: Array
     nominal: Array | None
     seen: Array
 
 
 def friction_course(rubbing: FrictionMotion, shown: Indices, clock: Unit) -> FrictionCourse:
     """At the samples that are `shown`."""
-    efforts = rubbing.efforts[:, shown]
     return FrictionCourse(
         label=effort_symbol(rubbing.friction),
         effort=rubbing.effort[shown],
-        band=None if len(efforts) < 2 else np.quantile(efforts, TAILS, axis=0),
+        band=np.quantile(rubbing.efforts[:, shown], TAILS, axis=0),
         sticks=tuple((a / clock.factor, b / clock.factor) for a, b in rubbing.intervals),
     )
 
@@ -315,26 +301,23 @@ def laws(
     problem: Problem,
     best: Array,
     draws: Array,
-) -> tuple[LawShown, ...]:
+) -> Iterator[LawShown]:
     """Of one experiment, at the MAP `best (D,)` and draws `(N, D)`."""
-    space, every = problem.posterior.space, []
+    rig, points = observation.response.model, np.vstack([best[None], draws])
+    full = problem.posterior.space.full(points)
     for rubbing in rubbings:
-        rig, against = observation.response.model, rubbing.friction.against
+        against = rubbing.friction.against
         inertia = rig.roles.at_friction(against, rubbing.friction.where)
-        points = np.vstack([best[None], draws])
-        shown = friction_curve(observation, rubbing, space.full(points))
-        every.append(
-            LawShown(
-                speed=speed_symbol(against, inertia, rig),
-                effort=effort_symbol(rubbing.friction),
-                speeds=shown.speeds,
-                best=shown.sizes[0],
-                band=np.quantile(shown.sizes[1:], TAILS, axis=0) if len(draws) > 1 else None,
-                nominal=_nominal(observation, rubbing, problem, best),
-                seen=rubbing.speed * rubbing.gear,
-            )
+        shown = friction_curve(observation, rubbing, full)
+        yield LawShown(
+            speed=speed_symbol(against, inertia, rig),
+            effort=effort_symbol(rubbing.friction),
+            speeds=shown.speeds,
+            best=shown.sizes[0],
+            band=np.quantile(shown.sizes[1:], TAILS, axis=0),
+            nominal=_nominal(observation, rubbing, problem, best),
+            seen=rubbing.speed * rubbing.gear,
         )
-    return tuple(every)
 
 
 def _nominal(
@@ -343,13 +326,12 @@ def _nominal(
     """By the nominal values of what the law names; None where one of them is unknown and has none."""
     space = problem.posterior.space
     named = observation.named(observation.response.parameters)
-    names = {named.get(name, name) for name in rubbing.friction.law.parameters}
-    if not names & {*space.free} or not names & {*space.free} <= {*problem.nominal}:
+    unknown = {named.get(name, name) for name in rubbing.friction.law.parameters} & {*space.free}
+    if not unknown or not unknown <= {*problem.nominal}:
         return None
     values = {name: problem.nominal.get(name, x) for name, x in zip(space.free, best, strict=True)}
-    return np.asarray(
-        friction_curve(observation, rubbing, space.full(space.vector(values)[None])).sizes[0]
-    )
+    full = space.full(space.vector(values)[None])
+    return np.asarray(friction_curve(observation, rubbing, full).sizes[0])
 
 
 EXPERIMENTS: Mapping[str, str] = {
