@@ -156,33 +156,20 @@ def _read(path: Path, study: CalibrationStudy) -> Refit:
 
 
 def _publish(job: Job, folder: Folder, refits: Sequence[Refit]) -> CalibrationVerdict:
-    # Late: templates, and matplotlib, which takes a second to load.
-    from bayesdrill.report import style
-    from bayesdrill.report.render import as_html
-    from bayesdrill.report.sections.calibration_figure import calibration_figure
+    from bayesdrill.report.render import as_html  # late: templates are for this page alone
 
     config, symbols, names = job.config, job.problem.symbols, study(job).names
     verdict = calibration.judge_calibration(names, refits, config.calibration.draws)
     folder.write_text(RANKS, calibration_words.ranks_csv(names, refits))
-    figures = folder.path / FIGURES
-    figures.mkdir(exist_ok=True)
-    known, wanted = (
-        output_files.figure_files("calibration", formats=each)
-        for each in (output_files.FORMATS, config.output.formats)
-    )
-    folder.remove_stale(set(known) - set(wanted))
-    note = {"Title": config.name, "Creator": software.creator()}
-    figure = calibration_figure(verdict, symbols, WIDTHS[config.output.size])
-    style.save(
-        figure, figures, "calibration", note, formats=config.output.formats, dpi=config.output.dpi
-    )
+    _draw(job, folder, verdict)
     title, shape = f"Calibration of {config.name}", output_files.shown_path(config.output.formats)
     said = calibration_words.sections(verdict, refits, shape)
     folder.write_text("summary.md", as_markdown(title, said))
     seed, versions = str(config.seed), software.versions_text()
     lines = (("config", config.name), ("seed", seed), ("versions", versions))
     every = (*said, run_report.made_of(lines, folder.path), run_report.cite())
-    folder.write_text("report.html", as_html(title, "calibration", every, figures, symbols))
+    page = as_html(title, "calibration", every, folder.path / FIGURES, symbols)
+    folder.write_text("report.html", page)
     folder.write_run(
         status="finished",
         units={symbol.name: symbol.unit for symbol in symbols},
@@ -192,3 +179,20 @@ def _publish(job: Job, folder: Folder, refits: Sequence[Refit]) -> CalibrationVe
         seconds_of_a_refit=round(float(np.mean([refit.seconds for refit in refits])), 3),
     )
     return verdict
+
+
+def _draw(job: Job, folder: Folder, verdict: CalibrationVerdict) -> None:
+    # Late: matplotlib takes a second to load.
+    from bayesdrill.report import style
+    from bayesdrill.report.sections.calibration_figure import calibration_figure
+
+    figures, output = folder.path / FIGURES, job.config.output
+    figures.mkdir(exist_ok=True)
+    known, wanted = (
+        output_files.figure_files("calibration", formats=each)
+        for each in (output_files.FORMATS, output.formats)
+    )
+    folder.remove_stale(set(known) - set(wanted))
+    note = {"Title": job.config.name, "Creator": software.creator()}
+    figure = calibration_figure(verdict, job.problem.symbols, WIDTHS[output.size])
+    style.save(figure, figures, "calibration", note, formats=output.formats, dpi=output.dpi)
