@@ -280,7 +280,7 @@ def repeats(
     determined = []
     for exponents in products:
         powers = np.array(exponents, dtype=float)
-        each = [(label, *_product_estimate(*one, powers)) for label, one in alone]
+        each = [(label, *_product_estimate(*estimate, powers)) for label, estimate in alone]
         known = [(label, x, sd) for label, x, sd in each if np.isfinite(sd)]
         if len(known) > 1:
             determined.append((exponents, known))

@@ -47,7 +47,7 @@ TOLERANCE = 1e-4  # TolX and TolFun
 PER_UNKNOWN = 200  # MaxIter and MaxFunEvals, times the number of unknowns
 
 
-def climb(
+def maximise(
     density: Callable[[Array], float], start: Array, iterations: int, evaluations: int
 ) -> tuple[float, Optimum]:
     """Search as MATLAB's fminsearch does; return the log density at `start (D,)`, and the end.
@@ -100,7 +100,7 @@ class Fminsearch:
 
     def _search(self, task: Task, start: Array, evaluations: int) -> Optimum:
         most = PER_UNKNOWN * len(start)
-        return climb(task.at, start, most, min(most, evaluations))[1]
+        return maximise(task.at, start, most, min(most, evaluations))[1]
 
 
 Pairs = Sequence[Sequence[str]]
@@ -166,7 +166,7 @@ class Pairwise:
                 if spent == evaluations:
                     break
                 density = partial(_density, task, theta, pair)
-                first, end = climb(density, theta[pair], self.iterations, evaluations - spent)
+                first, end = maximise(density, theta[pair], self.iterations, evaluations - spent)
                 theta = _with(theta, pair, end.theta)
                 spent += end.evaluations
                 history += end.history

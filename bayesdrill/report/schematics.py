@@ -12,7 +12,7 @@ from matplotlib.patches import Polygon
 
 from bayesdrill.basics.symbols import INPUTS, PARAMETERS, STATES
 from bayesdrill.report import scales, style
-from bayesdrill.report.sheet import HOLLOW, NOTE, SMALL, SOLID, Point, Sheet
+from bayesdrill.report.sheet import HOLLOW, NOTE, SMALL, SOLID, Canvas, Point
 
 Pair = tuple[str, str]
 
@@ -25,7 +25,7 @@ UNMEASURED: dict[str, Any] = HOLLOW | {"linestyle": (0, (3, 2)), "edgecolor": st
 def rig_figure() -> Figure:
     """Draw supply, DC motor, gearbox, shaft and rotors, with the paper's symbols."""
     with style.styled():
-        sheet = Sheet(2.44)
+        sheet = Canvas(2.44)
         _circuit(sheet)
         _motor_side(sheet)
         _gearbox(sheet)
@@ -41,7 +41,7 @@ def heuristic_figure(pairs: Sequence[Pair], iterations: int) -> Figure:
     along = [ENTRY + (k + 0.5) * PITCH for k in range(5)]
     places = [*((x, UPPER) for x in along), *((x, LOWER) for x in reversed(along))]
     with style.styled():
-        sheet = Sheet(UPPER + 0.5 * BOX + 0.1)
+        sheet = Canvas(UPPER + 0.5 * BOX + 0.1)
         for position, pair in zip(places, pairs, strict=False):
             _pair_box(sheet, position, pair, iterations, order)
         _cycle(sheet, places, pairs)
@@ -60,7 +60,7 @@ MOTOR, GEARS, ROTOR_2, ROTOR_1 = (0.84, 3.34), (3.72, 4.50), 4.86, 6.42
 BESIDE, ABOVE, TAGS = AXIS + 0.36, AXIS + 0.53, 2.17  # rows of symbols
 
 
-def _circuit(sheet: Sheet) -> None:
+def _circuit(sheet: Canvas) -> None:
     """The armature's mesh: supply, resistance, inductance, back-emf."""
     r, left, right = 0.17, SUPPLY, ARMATURE
     frame = {"facecolor": style.FAINT, "edgecolor": "none", "zorder": 0}
@@ -90,7 +90,7 @@ def _circuit(sheet: Sheet) -> None:
     sheet.write(right - 0.54, AXIS, rf"${LATEX['k_e']}\,\dot\theta_3$")
 
 
-def _motor_side(sheet: Sheet) -> None:
+def _motor_side(sheet: Canvas) -> None:
     """From the armature to the gearbox, turning by theta_3."""
     _rod(sheet, ARMATURE + 0.24, GEARS[0])
     _turning(sheet, 2.48)
@@ -104,7 +104,7 @@ def _motor_side(sheet: Sheet) -> None:
     sheet.write(3.5, BESIDE, r"$\theta_3$")
 
 
-def _gearbox(sheet: Sheet) -> None:
+def _gearbox(sheet: Canvas) -> None:
     """Two equal stages on one axis, drawn to scale: the gears' heights are as 1 to sqrt(8)."""
     (left, right), small = GEARS, 0.13
     large, middle = small * np.sqrt(8), (GEARS[0] + GEARS[1]) / 2
@@ -119,7 +119,7 @@ def _gearbox(sheet: Sheet) -> None:
     sheet.write(middle, ABOVE, r"$i_m = 1/8$")
 
 
-def _shaft_side(sheet: Sheet) -> None:
+def _shaft_side(sheet: Canvas) -> None:
     """From the gearbox to rotor 1: two angles, and the shaft between them."""
     _rod(sheet, GEARS[1], ROTOR_2)
     _rod(sheet, ROTOR_1, 6.8)
@@ -138,11 +138,11 @@ def _shaft_side(sheet: Sheet) -> None:
     sheet.write(ROTOR_1 + 0.24, BESIDE, _math("t_1"))
 
 
-def _rod(sheet: Sheet, left: float, right: float, y: float = AXIS, thick: float = 0.07) -> None:
+def _rod(sheet: Canvas, left: float, right: float, y: float = AXIS, thick: float = 0.07) -> None:
     sheet.box((left + right) / 2, y, right - left, thick, **HOLLOW)
 
 
-def _turning(sheet: Sheet, x: float, *, forwards: bool = True) -> None:
+def _turning(sheet: Canvas, x: float, *, forwards: bool = True) -> None:
     """An arrow around the front of the shaft, which is hidden behind it."""
     angles = np.radians([*range(-115, 36, 5), 72])  # the last piece carries the head
     high = 0.2 if forwards else -0.2
@@ -151,7 +151,7 @@ def _turning(sheet: Sheet, x: float, *, forwards: bool = True) -> None:
     sheet.arrow(*points)
 
 
-def _names(sheet: Sheet) -> None:
+def _names(sheet: Canvas) -> None:
     middles = (sum(MOTOR) / 2, sum(GEARS) / 2, ROTOR_2, (ROTOR_2 + ROTOR_1) / 2, ROTOR_1)
     names = ("DC motor", "gearbox 8 : 1", "rotor 2", "steel shaft", "rotor 1")
     for x, name in zip((SUPPLY, *middles), ("supply", *names), strict=True):
@@ -167,7 +167,7 @@ WIDE, BOX = 0.96, 0.78  # of a box
 
 
 def _pair_box(
-    sheet: Sheet, position: Point, pair: Pair, iterations: int, order: Sequence[str]
+    sheet: Canvas, position: Point, pair: Pair, iterations: int, order: Sequence[str]
 ) -> None:
     """What one step of the cycle does; the strip below shows which parameters it moves."""
     x, y = position
@@ -182,7 +182,7 @@ def _pair_box(
         sheet.box(middle, y - 0.27, cell, 0.09, **CELLS | {"facecolor": fill})
 
 
-def _cycle(sheet: Sheet, places: Sequence[Point], pairs: Sequence[Pair]) -> None:
+def _cycle(sheet: Canvas, places: Sequence[Point], pairs: Sequence[Pair]) -> None:
     """Draw arrows from box to box, with what each hands to the next as its start.
 
     And the decision, round again or out, and the way in.
@@ -215,7 +215,7 @@ def _cycle(sheet: Sheet, places: Sequence[Point], pairs: Sequence[Pair]) -> None
         sheet.write(edge - 0.33, height, words, ha="right", fontsize=NOTE, linespacing=1.05)
 
 
-def _key(sheet: Sheet, order: Sequence[str]) -> None:
+def _key(sheet: Canvas, order: Sequence[str]) -> None:
     """The order of the cells in a strip, and what they and the arrows mean."""
     left = (scales.DOUBLE - len(order) * CELL - 1.35) / 2
     for k, name in enumerate(order):

@@ -19,7 +19,7 @@ SOLID: dict[str, Any] = {"facecolor": style.LIGHT, "edgecolor": style.BLACK, "li
 HOLLOW: dict[str, Any] = SOLID | {"facecolor": "white"}
 
 
-class Sheet:
+class Canvas:
     """A page as wide as two columns, to draw on in inches from its lower left corner."""
 
     def __init__(self, height: float) -> None:

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from bayesdrill.basics import software
 from bayesdrill.report import scales, style
-from bayesdrill.report.sheet import HOLLOW, SMALL, SOLID, Point, Sheet
+from bayesdrill.report.sheet import HOLLOW, SMALL, SOLID, Canvas, Point
 from bayesdrill.report.view import Drawing, ReportContext
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.models.roles import GROUND, ROTARY, InertiaRoles
@@ -101,7 +101,7 @@ class _TrainPicture:
         ground = [end for link in self.links for end in link.ends if end.startswith(GROUND)]
         parts = [*map(self._part, self.inertias), *map(_Part, ground)]
         self.parts = {part.name: part for part in parts}
-        self.sheet = Sheet(1.0)
+        self.sheet = Canvas(1.0)
         self.between: dict[str, list[_Link]] = {}
         self.at: dict[str, Point] = {}
 
@@ -367,7 +367,7 @@ class _TrainPicture:
             height -= LINE_HEIGHT
 
 
-def _spring(sheet: Sheet, left: float, right: float, y: float, *, damped: bool) -> None:
+def _spring(sheet: Canvas, left: float, right: float, y: float, *, damped: bool) -> None:
     """Draw a spring, and beside it a damper where it has one."""
     height = y + 0.08 if damped else y
     start, end = left + 0.08, right - 0.08
@@ -387,7 +387,7 @@ def _spring(sheet: Sheet, left: float, right: float, y: float, *, damped: bool) 
         sheet.wire(*cup, (middle + 0.06, low - 0.06), (middle - 0.08, low - 0.06))
 
 
-def _wheels(sheet: Sheet, times: float, left: float, right: float, y: float) -> None:
+def _wheels(sheet: Canvas, times: float, left: float, right: float, y: float) -> None:
     """Draw two wheels that mesh, the first `times` as large as the other, as far as can be seen."""
     times = float(np.clip(times, 1 / 3, 3.0))
     first, middle = 0.26 * times / (1 + times), (left + right) / 2
@@ -400,7 +400,7 @@ def _wheels(sheet: Sheet, times: float, left: float, right: float, y: float) -> 
     sheet.wire((touch + 2 * second, y), (right, y))
 
 
-def _wall(sheet: Sheet, x: float, y: float, side: int) -> None:
+def _wall(sheet: Canvas, x: float, y: float, side: int) -> None:
     """Draw what does not move: a line across, and strokes away from it."""
     sheet.wire((x, y - 0.2), (x, y + 0.2))
     for start in np.linspace(-0.2, 0.14, 6):

@@ -18,7 +18,7 @@ from bayesdrill.rig.simulators.contract import Simulator
 from bayesdrill.rig.simulators.exact import Response
 from bayesdrill.rig.simulators.long_record import long_states as fast
 from bayesdrill.rig.simulators.rational_basis import BLOCK, CompressionError, choose_basis
-from bayesdrill.rig.simulators.sensors import ObservationModel, Walkers
+from bayesdrill.rig.simulators.sensors import ObservationModel, ObservedWalkers
 
 SIGMA = 0.1
 DT = 0.01
@@ -368,7 +368,7 @@ def test_rigs_far_away_have_the_exact_simulator(one: CompressedSimulator) -> Non
 def test_a_pair_of_poles_that_becomes_two_real_ones() -> None:
     """Rigs to both sides of critical damping, c_1 = 2 sqrt(k_s j_1); the reference is on the edge."""
     response, points = imposed(np.linspace(-0.02, 0.02, 41), critical=True)
-    poles = np.linalg.eigvals(Walkers(response.sensors, points).system[0])
+    poles = np.linalg.eigvals(ObservedWalkers(response.sensors, points).system[0])
     assert 0.3 < np.mean((poles.imag != 0).any(axis=1)) < 0.7
     mine = made(response, points)
     assert not mine.beyond(*mine.expanded(points)).any()

@@ -39,8 +39,8 @@ def rivals(roles: Roles) -> dict[str, tuple[str, ...]]:
     each: dict[str, tuple[str, ...]] = {}
     for here in inertias:
         others = [n for i in inertias if i is not here for n in (i.sliding, i.friction, i.damping)]
-        own = [m for m in motors if m.inertia == here.name]
-        circuit = [name for m in own for name in (m.drop, f"offset_{m.voltage}")]
+        there = [m for m in motors if m.inertia == here.name]
+        circuit = [name for m in there for name in (m.drop, f"offset_{m.voltage}")]
         behind = [here.efficiency, *circuit]
         each[here.sliding] = (here.friction, here.damping, *back_emfs, *others, *behind)
     for motor in motors:

@@ -120,10 +120,10 @@ class Layout:
 
         Slopes of parameters, if any, stand `apart` from them.
         """
-        own = b.read_row(parameters, self.n_parameters)
+        row = b.read_row(parameters, self.n_parameters)
         if apart:
-            own += b.read_row(b.offset(parameters, apart), self.n_parameters)
-        numbers = Numbers(b, bool(apart)).shaped(own)
+            row += b.read_row(b.offset(parameters, apart), self.n_parameters)
+        numbers = Numbers(b, bool(apart)).shaped(row)
         return self.entries([*numbers, *(number(b, constants, c) for c in range(self.n_constants))])
 
 

@@ -225,8 +225,8 @@ class GroupMatrices:
 
     def exponentiate(self, span: ir.Value, out: ir.Value) -> None:
         """Store the exponential over a span of each lane at `out`."""
-        own = (self._parameters, self._constants)
-        store_exponential(self.b, *own, span, out, self.layout, increments=False)
+        numbers = (self._parameters, self._constants)
+        store_exponential(self.b, *numbers, span, out, self.layout, increments=False)
 
     def store(self, e: ir.Value, table: ir.Value) -> None:
         """Store the `table_entries` of the exponential `e` in a table."""

@@ -367,8 +367,8 @@ def routine[**P](
             with function(b.module, name, [value.type for value in values]) as (written, inner):
                 written.linkage = "internal"
                 b.module.routines[key] = written
-                own = iter(written.args)
-                placed: Any = [next(own) if isinstance(arg, ir.Value) else arg for arg in args]
+                given = iter(written.args)
+                placed: Any = [next(given) if isinstance(arg, ir.Value) else arg for arg in args]
                 write(inner, *placed, **options)
         b.call(b.module.routines[key], values)
 

@@ -80,9 +80,9 @@ def _products(
     b: Builder, system: StateSpace, weights: ir.Value, k: int
 ) -> Iterator[tuple[int, Vector]]:
     """Yield products of two weights of channel k, by index in a matrix."""
-    own = system.weights(b, weights, k)
-    for i, weight in own.items():
-        for j, other in own.items():
+    shown = system.weights(b, weights, k)
+    for i, weight in shown.items():
+        for j, other in shown.items():
             yield i * system.n + j, weight * other
 
 

@@ -50,8 +50,8 @@ class Writer:
         self.kind = Numbers(b, shape.dual)
         self.x_count, self.k_count = len(shape.model.states), len(shape.pattern)
         self.walker = addresses(b, self.a["own"], group, shape.walker_vectors)
-        own = self.walker_numbers("parameters")
-        self.parameters = dict(zip(model.parameters, own, strict=True))
+        numbers = self.walker_numbers("parameters")
+        self.parameters = dict(zip(model.parameters, numbers, strict=True))
         self.constant = {
             name: number(b, self.a["numbers"], 2 + c) for c, name in enumerate(shape.constant)
         }

@@ -18,7 +18,7 @@ from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulators.contract import in_groups, ungrouped
 from bayesdrill.rig.simulators.exact import constant_block, record_blocks
 from bayesdrill.rig.simulators.long_record import input_layout
-from bayesdrill.rig.simulators.sensors import ObservationModel, Walkers
+from bayesdrill.rig.simulators.sensors import ObservationModel, ObservedWalkers
 from bayesdrill.rig.simulators.stepped import Unstepped
 
 MOST_STATES = 10  # of rigs whose kernels are written out entry by entry
@@ -37,21 +37,23 @@ class ChainResponse(Unstepped):
         """See `Simulator.sums`."""
         n, k_count = len(full), self.experiment.y.shape[1]
         scales = [] if weights is None else [weights.reshape(n, -1)]
-        numbers = Walkers(self.sensors, full).numbers
+        numbers = ObservedWalkers(self.sensors, full).numbers
         out = self._run(tally.name, (k_count * tally.count,), numbers, *scales)
         return out.transpose(0, 2, 1).reshape(-1, k_count, tally.count)[:n]
 
     def signals(self, full: Array) -> Array:
         """See `Simulator.signals`."""
-        out = self._run("signals", self.experiment.y.shape, Walkers(self.sensors, full).numbers)
+        out = self._run(
+            "signals", self.experiment.y.shape, ObservedWalkers(self.sensors, full).numbers
+        )
         return ungrouped(out, len(full))
 
     def sensitivities(self, full: Array, along: Array) -> Array:
         """See `Simulator.sensitivities`."""
         (n, q, p), shape = along.shape, self.experiment.y.shape
         points, directions = np.repeat(full, q, axis=0), along.reshape(n * q, p)
-        walkers = Walkers(self.sensors, points)
-        slopes = Walkers(self.sensors, directions, walkers).numbers
+        walkers = ObservedWalkers(self.sensors, points)
+        slopes = ObservedWalkers(self.sensors, directions, walkers).numbers
         out = self._run(SLOPES, shape, walkers.numbers, slopes)
         return ungrouped(out, n * q).reshape(n, q, *shape)
 

@@ -41,7 +41,7 @@ from bayesdrill.rig.simulators.rational_basis import (
     choose_basis,
     triangle,
 )
-from bayesdrill.rig.simulators.sensors import ObservationModel, Walkers
+from bayesdrill.rig.simulators.sensors import ObservationModel, ObservedWalkers
 from bayesdrill.rig.simulators.stepped import Unstepped
 
 TOLERANCE = 1e-7  # of the log likelihood
@@ -243,13 +243,13 @@ class CompressedSimulator(Unstepped):
     def _walkers(self, full: Array) -> Array:
         delays = self.compression.delays
         late = [delays.numbers(self.sensors, full)] if self._shape.delays else []
-        return np.concatenate([Walkers(self.sensors, full).numbers, *late], axis=1)
+        return np.concatenate([ObservedWalkers(self.sensors, full).numbers, *late], axis=1)
 
     def _walker_slopes(self, full: Array, along: Array) -> Array:
         """Return the slopes `(n, P')` of what walkers have."""
         delays = self.compression.delays
         late = [delays.slopes(self.sensors, full, along)] if self._shape.delays else []
-        slopes = Walkers(self.sensors, along, Walkers(self.sensors, full)).numbers
+        slopes = ObservedWalkers(self.sensors, along, ObservedWalkers(self.sensors, full)).numbers
         return np.concatenate([slopes, *late], axis=1)
 
     def _run(self, blocks: dict[str, Array], q: int = 0) -> tuple[Array, Array]:
@@ -306,7 +306,7 @@ def compress(simulator: Simulator, points: Array, variances: Array, weights: Arr
     delays = Delays.near(sensors, points, record.step)
     record = dataclasses.replace(record, shifts=delays.shifts)
     with np.errstate(all="ignore"):
-        rates = Walkers(sensors, points).system[0]
+        rates = ObservedWalkers(sensors, points).system[0]
     sizes = np.linalg.norm(record.inputs(0, record.count) - record.first_inputs, axis=0)
     constants = present(sensors.experiment.constant).values()
     n = np.array(simulator.experiment.counts, dtype=float)

@@ -31,7 +31,7 @@ from bayesdrill.rig.kernels.lanes import LANES
 from bayesdrill.rig.kernels.sums import ResidualSums
 from bayesdrill.rig.models.linear import Model, Tangent
 from bayesdrill.rig.simulators.contract import in_groups, ungrouped
-from bayesdrill.rig.simulators.sensors import ObservationModel, Walkers
+from bayesdrill.rig.simulators.sensors import ObservationModel, ObservedWalkers
 from bayesdrill.rig.simulators.stepped import Unstepped
 from bayesdrill.rig.simulators.time_grid import Grid, build_grid, runs
 
@@ -233,14 +233,14 @@ class IrregularSimulator(Unstepped):
     def signals(self, full: Array) -> Array:
         """See `Simulator.signals`."""
         with np.errstate(all="ignore"):
-            settings = self._settings(Walkers(self.sensors, full))
+            settings = self._settings(ObservedWalkers(self.sensors, full))
             return self.sensors.drop_start(self._dense.signals(*settings))
 
     def sums(self, full: Array, tally: ResidualSums, weights: Array | None = None) -> Array:
         """See `Simulator.sums`."""
         channel_weights = None if weights is None else weights.reshape(len(full), -1)
         with np.errstate(all="ignore"):
-            settings = self._settings(Walkers(self.sensors, full))
+            settings = self._settings(ObservedWalkers(self.sensors, full))
             return self._dense.sums(settings, self.sensors.padded, tally, channel_weights)
 
     def sensitivities(self, full: Array, along: Array) -> Array:
@@ -266,7 +266,9 @@ class IrregularSimulator(Unstepped):
         constant, first_order = self.experiment.constant, self.experiment.first_order
         return Dense(model, t, series, constant, first_order, self.sensors.grid)
 
-    def _settings(self, walkers: Walkers) -> tuple[Array, Array, Array, Array | None, Array]:
+    def _settings(
+        self, walkers: ObservedWalkers
+    ) -> tuple[Array, Array, Array, Array | None, Array]:
         w, rows = self.sensors, walkers.rows
         rows = np.concatenate([rows, np.zeros((*rows.shape[:2], len(w.inputs)))], axis=2)
         shift = w.channel_delays(walkers.full) if self.sensing.shifts else None
@@ -274,8 +276,8 @@ class IrregularSimulator(Unstepped):
 
     def _slopes(self, full: Array, along: Array) -> Array:
         """Return d signal along `along (n, P)` at `full (n, P)`: `(n, T, K)`."""
-        w, walkers = self.sensors, Walkers(self.sensors, full)
-        changes = Walkers(w, along, walkers)
+        w, walkers = self.sensors, ObservedWalkers(self.sensors, full)
+        changes = ObservedWalkers(w, along, walkers)
         parameters, start, before, shift, rows = self._settings(walkers)
         x, (matrix, by_input, forcing) = start.shape[1], changes.system
         slopes = np.zeros((*rows.shape[:2], rows.shape[2] + x))
@@ -295,7 +297,12 @@ class IrregularSimulator(Unstepped):
         return sensitivities
 
     def _mend_before(
-        self, sensitivities: Array, shift: Array, ahead: Array, walkers: Walkers, changes: Walkers
+        self,
+        sensitivities: Array,
+        shift: Array,
+        ahead: Array,
+        walkers: ObservedWalkers,
+        changes: ObservedWalkers,
     ) -> None:
         """Correct sensitivities before the start, where states go on straight."""
         x = self.sensors.weights.shape[1]

@@ -17,7 +17,7 @@ from bayesdrill.basics.arrays import PART, Array
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.kernels.exponential import Layout, present
 from bayesdrill.rig.models.linear import Model
-from bayesdrill.rig.simulators.sensors import SensorParameters, Walkers
+from bayesdrill.rig.simulators.sensors import ObservedWalkers, SensorParameters
 from bayesdrill.rig.simulators.time_grid import Whole
 
 Long = np.longdouble
@@ -72,7 +72,7 @@ class LongRecord:
         """Yield inputs `(m, S)` and channels `(m, K)` of the rig `full (P,)`, part after part."""
         layout, sensors = self.layout, self.sensors
         x = layout.n_states
-        numbers = Walkers(sensors, full[None]).numbers[0]
+        numbers = ObservedWalkers(sensors, full[None]).numbers[0]
         p = layout.n_parameters
         constants = present(sensors.experiment.constant).values()
         matrix = np.zeros((layout.size, layout.size), dtype=Long)

@@ -294,13 +294,15 @@ class SensorParameters:
         return states
 
 
-class Walkers:
+class ObservedWalkers:
     """What walkers `full (W, P)` have of their own; each part is computed when it is asked for.
 
     `at`: None, or the walkers where all of this are slopes, along `full`.
     """
 
-    def __init__(self, sensors: SensorParameters, full: Array, at: Walkers | None = None) -> None:
+    def __init__(
+        self, sensors: SensorParameters, full: Array, at: ObservedWalkers | None = None
+    ) -> None:
         self.sensors, self.full, self.at = sensors, full, at
 
     @property

@@ -32,7 +32,7 @@ from bayesdrill.rig.simulators.contract import (
     Steps,
     in_groups,
 )
-from bayesdrill.rig.simulators.sensors import ObservationModel, Walkers
+from bayesdrill.rig.simulators.sensors import ObservationModel, ObservedWalkers
 from bayesdrill.rig.simulators.time_grid import UniformGrid
 
 NONE = np.zeros(0)
@@ -285,16 +285,16 @@ class Stepped(Simulator):
 
         Each is `(W, ...)`, or `(1, ...)` where walkers have the same.
         """
-        walkers = Walkers(self.sensors, full)
-        own = self._shared_parts if self._perfect else self._walker_parts(walkers)
-        parts = {"parameters": [walkers.parameters], **{name: [own[name]] for name in own}}
+        walkers = ObservedWalkers(self.sensors, full)
+        known = self._shared_parts if self._perfect else self._walker_parts(walkers)
+        parts = {"parameters": [walkers.parameters], **{name: [known[name]] for name in known}}
         if along is None:
             return parts
-        changes = Walkers(self.sensors, along, walkers)
+        changes = ObservedWalkers(self.sensors, along, walkers)
         slopes = {"parameters": changes.parameters, **self._walker_parts(changes)}
         return {name: [*parts[name], slope] for name, slope in slopes.items()}
 
-    def _walker_parts(self, walkers: Walkers) -> dict[str, Array]:
+    def _walker_parts(self, walkers: ObservedWalkers) -> dict[str, Array]:
         """Return the parts of each walker, as its sensors and its start are."""
         w, full = self.sensors, walkers.full
         return {
@@ -308,7 +308,9 @@ class Stepped(Simulator):
     @cached_property
     def _shared_parts(self) -> dict[str, Array]:
         """The parts of perfect sensors, and a start that is known: no channel shows what was before."""
-        parts = self._walker_parts(Walkers(self.sensors, np.zeros((1, len(self.parameters)))))
+        parts = self._walker_parts(
+            ObservedWalkers(self.sensors, np.zeros((1, len(self.parameters))))
+        )
         return parts | {"before": np.zeros((1, len(self.model.states)))}
 
 
