@@ -103,7 +103,7 @@ def test_opened_and_compared_runs_have_what_is_kept(
 
     monkeypatch.setattr(conclusions, "analyse", refused)
     monkeypatch.setattr(conclusions, "residuals", refused)
-    monkeypatch.setattr(comparison, "summarise", refused)
+    monkeypatch.setattr(comparison, "diffuse_priors", refused)
     folders = [runs / name for name in CHANGES]
     for folder in folders:
         kept = loads_checksummed((folder / "run.json").read_bytes())["analysis"]
