@@ -277,11 +277,11 @@ def test_figures_are_of_the_same_draws_in_these_units() -> None:
     for name in ("trace", "prior_posterior"):
         views = (pair().own, pair().plain)
         one, other = (publish.drawings(name, view)[name].arguments for view in views)
-        factors = [FACTORS.get(symbol.name, 1.0) for symbol in other[1]]
+        factors = [FACTORS.get(symbol.name, 1.0) for symbol in other[1].symbols]
         assert one[0] * np.array(factors) == pytest.approx(other[0])
-        for mine in one[1]:
+        for mine in one[1].symbols:
             assert mine.latex_unit == UNITS.get(mine.name, mine.latex_unit)
-    assert {s.name for s in one[1]} >= {"d", "sigma_w_1"}
+    assert {s.name for s in one[1].symbols} >= {"d", "sigma_w_1"}
 
 
 # --- several runs --------------------------------------------------------------------------------
