@@ -15,12 +15,14 @@ import scipy.linalg
 from together import for_each
 
 from bayesdrill.record.experiment import Channel, Experiment
+from bayesdrill.rig.kernels.lanes import LANES
 from bayesdrill.rig.models.linear import DOT, Tangent, constant_forcing, dynamics
 from bayesdrill.rig.models.train import Train
 from bayesdrill.rig.simulators import simulator
 from bayesdrill.rig.simulators.chains import ChainResponse
+from bayesdrill.rig.simulators.contract import in_groups
 from bayesdrill.rig.simulators.exact import Response
-from bayesdrill.rig.simulators.sensors import ObservationModel
+from bayesdrill.rig.simulators.sensors import ObservationModel, ObservedWalkers
 
 STEP = 0.002
 PERFECT = ObservationModel()
@@ -251,6 +253,24 @@ def test_a_walker_that_overflows_spoils_no_other() -> None:
     assert not np.isfinite(found[4]).all()
     kept = [0, 1, 2, 3, 5, 6, 7]
     assert found[kept].tobytes() == true[kept].tobytes()
+
+
+def test_nothing_is_computed_of_what_lay_in_memory() -> None:
+    """Numbers below the normal range make each product a hundred times as slow.
+
+    Mutant killed: panels are as wide as what they hold, and hold what was there.
+    """
+    case = Case(6)
+    response = simulator(case.model, case.experiment, PERFECT)
+    assert isinstance(response, ChainResponse)
+    scratch = np.full((response._shape.scratch(1), LANES), 5e-310)
+    groups = in_groups(ObservedWalkers(response.sensors, case.walkers).numbers)
+    out = np.empty((len(groups), *case.experiment.y.shape, LANES))
+    addresses = (block.ctypes.data for block in (groups, *response._blocks, out, scratch))
+    response._kernel("signals")["signals"](len(groups), len(case.experiment.t), *addresses)
+    sizes = np.abs(scratch)
+    assert not ((sizes > 0.0) & (sizes < np.finfo(float).tiny)).any()
+    assert sizes.any()
 
 
 def test_a_current_that_is_far_faster_than_all_else_costs_no_digits() -> None:

@@ -88,11 +88,12 @@ def _emit_response(module: Module, shape: BlockShape, name: str) -> None:
     tally, k_count = RESIDUAL_SUMS.get(name), shape.channels
     width, each = (2 if name == SLOPES else 1), tally.weights if tally is not None else 0
     size = width * sum(shape.walker.values())
-    with (
-        kernel(module, name, COUNTS, BLOCKS | {"scratch": VECTORS}) as (a, b),
-        b.loop(a["groups"], "groups") as group,
-    ):
-        mine = b.offset(a["parameters"], group, size + each * k_count)
+    with kernel(module, name, COUNTS, BLOCKS | {"scratch": VECTORS}) as (a, b):
+        # Panels are wider than what they hold, and what lay in memory may be numbers so small that
+        # each product with them takes a hundred times as long.
+        b.clear(a["scratch"], shape.scratch(width))
+        groups = Loop(b, a["groups"], [], "groups")
+        mine = b.offset(a["parameters"], groups.index, size + each * k_count)
         weights = b.read_row(b.offset(mine, size), each * k_count)
         w = _Group(b, shape, a, mine, width)
         w.begin()
@@ -106,7 +107,7 @@ def _emit_response(module: Module, shape: BlockShape, name: str) -> None:
         totals, sample = samples.carried, b.add(first, samples.index)
         values = w.channels(samples.index)
         if tally is None:
-            row = b.add(b.mul(group, a["samples"]), sample)
+            row = b.add(b.mul(groups.index, a["samples"]), sample)
             b.write_row(values, b.offset(a["out"], row, k_count))
         else:
             seen, y = list[Sample](), b.offset(a["y"], sample, k_count)
@@ -117,7 +118,8 @@ def _emit_response(module: Module, shape: BlockShape, name: str) -> None:
             totals = tally.add_all(b, totals, seen)
         samples.close(totals)
         stretches.close(totals)
-        b.write_row(totals, b.offset(a["out"], group, len(totals)))
+        b.write_row(totals, b.offset(a["out"], groups.index, len(totals)))
+        groups.close([])
 
 
 def _parts(b: Builder, count: ir.Value, length: int) -> ir.Value:

@@ -179,7 +179,8 @@ class Simulator(ABC):
         for rows in (slice(k, k + chunk) for k in range(0, n, chunk)):
             signals, slopes_here = self.course(full[rows], along[rows])
             both = np.concatenate([(y - signals)[:, None], slopes_here], axis=1)
-            both = whitened(np.where(observed, both, 0.0), observed, scales[rows])
+            both[:, :, ~observed] = 0.0
+            both = whitened(both, observed, scales[rows])
             residuals, shown = both[:, 0], both[:, 1:]
             flat = shown.reshape(*shown.shape[:2], -1)
             products[rows] = flat @ flat.swapaxes(1, 2)
