@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from llvmlite import ir
 
 from bayesdrill.rig.kernels.exponential import Layout, addresses
-from bayesdrill.rig.kernels.lanes import VECTORS, Builder, Loop, Module, Whole, kernel, vector
+from bayesdrill.rig.kernels.lanes import VECTORS, Builder, Integer, Loop, Module, kernel, vector
 from bayesdrill.rig.kernels.loops import (
     Block,
     in_panels,
@@ -92,34 +92,33 @@ def _emit_response(module: Module, shape: BlockShape, name: str) -> None:
         # Panels are wider than what they hold, and what lay in memory may be numbers so small that
         # each product with them takes a hundred times as long.
         b.clear(a["scratch"], shape.scratch(width))
-        groups = Loop(b, a["groups"], [], "groups")
-        mine = b.offset(a["parameters"], groups.index, size + each * k_count)
-        weights = b.read_row(b.offset(mine, size), each * k_count)
-        w = _Group(b, shape, a, mine, width)
-        w.begin()
-        w.fill()
-        start = tally.initial(k_count) if tally is not None else []
-        stretches = Loop(b, _parts(b, a["samples"], SAMPLES * STEPS), start, "stretches")
-        first = b.mul(stretches.index, SAMPLES * STEPS)
-        here = b.least(b.sub(a["samples"], first), SAMPLES * STEPS)
-        w.step(first, here)
-        samples = Loop(b, here, stretches.carried, "samples")
-        totals, sample = samples.carried, b.add(first, samples.index)
-        values = w.channels(samples.index)
-        if tally is None:
-            row = b.add(b.mul(groups.index, a["samples"]), sample)
-            b.write_row(values, b.offset(a["out"], row, k_count))
-        else:
-            seen, y = list[Sample](), b.offset(a["y"], sample, k_count)
-            for k, value in enumerate(values):
-                measured = b.shared(y, k)
-                part = weights[k * each : (k + 1) * each]
-                seen.append(Sample.of(b, b.fsub(measured, value), measured, part))
-            totals = tally.add_all(b, totals, seen)
-        samples.close(totals)
-        stretches.close(totals)
-        b.write_row(totals, b.offset(a["out"], groups.index, len(totals)))
-        groups.close([])
+        with b.loop(a["groups"], "groups") as group:
+            mine = b.offset(a["parameters"], group, size + each * k_count)
+            weights = b.read_row(b.offset(mine, size), each * k_count)
+            w = _Group(b, shape, a, mine, width)
+            w.begin()
+            w.fill()
+            start = tally.initial(k_count) if tally is not None else []
+            stretches = Loop(b, _parts(b, a["samples"], SAMPLES * STEPS), start, "stretches")
+            first = b.mul(stretches.index, SAMPLES * STEPS)
+            here = b.least(b.sub(a["samples"], first), SAMPLES * STEPS)
+            w.step(first, here)
+            samples = Loop(b, here, stretches.carried, "samples")
+            totals, sample = samples.carried, b.add(first, samples.index)
+            values = w.channels(samples.index)
+            if tally is None:
+                row = b.add(b.mul(group, a["samples"]), sample)
+                b.write_row(values, b.offset(a["out"], row, k_count))
+            else:
+                shown, y = list[Sample](), b.offset(a["y"], sample, k_count)
+                for k, value in enumerate(values):
+                    measured = b.shared(y, k)
+                    part = weights[k * each : (k + 1) * each]
+                    shown.append(Sample.from_measured(b, b.fsub(measured, value), measured, part))
+                totals = tally.add_all(b, totals, shown)
+            samples.close(totals)
+            stretches.close(totals)
+            b.write_row(totals, b.offset(a["out"], group, len(totals)))
 
 
 def _parts(b: Builder, count: ir.Value, length: int) -> ir.Value:
@@ -141,7 +140,7 @@ class _Group:
             blocks.append(tuple(ends))
         self._front, self._back, self._z, self._shown = blocks  # two of B, z, and channels
 
-    def _row(self, block: Block, index: Whole) -> Block:
+    def _row(self, block: Block, index: Integer) -> Block:
         """Return the address of a row."""
         return tuple(self._b.offset(base, index, self._shape.columns) for base in block)
 
@@ -163,7 +162,7 @@ class _Group:
             self._move(self._back, z, shape.head)
 
     def _multiply(
-        self, out: Block, left: Block, right: Block, size: tuple[Whole, int, int]
+        self, out: Block, left: Block, right: Block, size: tuple[Integer, int, int]
     ) -> None:
         multiply_panels(self._b, out, left, right, size, self._shape.columns)
 

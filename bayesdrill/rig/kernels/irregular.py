@@ -45,10 +45,10 @@ from bayesdrill.rig.kernels.lanes import (
     LANES,
     VECTORS,
     Builder,
+    Integer,
     Loop,
     Module,
     Values,
-    Whole,
     kernel,
     routine,
     vector,
@@ -100,7 +100,7 @@ class _Interval:
     def _derive(self, z: ir.Value, out: ir.Value) -> None:
         b, layout = self.b, self.shape.layout
 
-        def keep(k: Whole, term: Values, totals: Values) -> Values:
+        def keep(k: Integer, term: Values, totals: Values) -> Values:
             b.write_row(term, b.offset(out, b.sub(k, 1), self.x))
             return totals
 
@@ -122,8 +122,8 @@ class _Interval:
         span = b.select(due, b.fsub(tau, b.splat(self.begin)), vector(0.0))
         span = b.select(b.fcmp_ordered(">", span, vector(0.0)), span, vector(0.0))
         sample = b.read(a["next"], k)
-        seen = Channels(b, a, self.shape, a["group"], {"weight": a["weight"]})
-        seen.observe_at(k, sample, due, self._at(k, span))
+        channels = Channels(b, a, self.shape, a["group"], {"weight": a["weight"]})
+        channels.observe_at(k, sample, due, self._at(k, span))
         sample = b.add(sample, b.zext(due, INT_VEC))
         b.write(sample, a["next"], k)
         b.write(b.fsub(b.gather(a["t"], sample), shift), a["tau"], k)

@@ -30,9 +30,9 @@ from bayesdrill.rig.kernels.lanes import (
     VECTORS,
     WHOLE,
     Builder,
+    Integer,
     Loop,
     Values,
-    Whole,
     vector,
 )
 from bayesdrill.rig.kernels.recurrence import next_state
@@ -122,7 +122,7 @@ class IrregularShape:
 Arguments = dict[str, ir.Value]
 
 
-def emit_driven(b: Builder, layout: Layout, a: Arguments, knot: Whole) -> tuple[Values, Values]:
+def emit_driven(b: Builder, layout: Layout, a: Arguments, knot: Integer) -> tuple[Values, Values]:
     """Return the sampled inputs at a knot and, with a first-order hold, their slopes."""
     count = layout.n_series
     inputs, slopes = (
@@ -159,7 +159,7 @@ class Channels:
             else:
                 b.write(total, self._signals, flat)
 
-    def observe_at(self, k: Whole, sample: ir.Value, due: ir.Value, value: ir.Value) -> None:
+    def observe_at(self, k: Integer, sample: ir.Value, due: ir.Value, value: ir.Value) -> None:
         """Observe channel k at a sample of each lane that is `due`.
 
         Sample T is none, but has a place.
@@ -177,7 +177,7 @@ class Channels:
         self._add(address, first, b.fsub(y, value), y, due)
 
     def _add(
-        self, sums: ir.Value, first: Whole, residual: ir.Value, y: ir.Value,
+        self, sums: ir.Value, first: Integer, residual: ir.Value, y: ir.Value,
         due: ir.Value | None = None,
     ) -> None:  # fmt: skip
         """Add a sample to the sums of one channel, whose weights begin with the `first`."""
@@ -186,7 +186,7 @@ class Channels:
         weights = Values()
         if tally.weights:
             weights = b.read_row(b.offset(self.walker["weight"], first), tally.weights)
-        sample = Sample.of(b, residual, y, weights, due)
+        sample = Sample.from_measured(b, residual, y, weights, due)
         b.write_row(tally.add(b, b.read_row(sums, tally.count), sample), sums)
 
     @property
@@ -327,7 +327,7 @@ def emit_remainder(
     remainder = b.fsub(fine, b.floor(fine))
     scaled = b.fmul(b.fsub(remainder, cell.half), cell.unit)
 
-    def add(k: Whole, term: Values, sums: Values) -> Values:
+    def add(k: Integer, term: Values, sums: Values) -> Values:
         weight = b.fmul(sums[0], b.fmul(scaled, b.read(cell.weights, k)))
         pairs = zip(term, sums[1:], strict=True)
         return [weight, *(b.fma(weight, derivative, to) for derivative, to in pairs)]

@@ -18,7 +18,7 @@ from bayesdrill.basics.duals import Choice, Number
 
 LANES = 8
 Values = list[ir.Value]
-type Whole = ir.Value | int  # a 64-bit integer of a kernel, or one that is known
+type Integer = ir.Value | int  # a 64-bit integer of a kernel, or one that is known
 
 F64 = ir.DoubleType()
 I64 = ir.IntType(64)
@@ -45,18 +45,18 @@ def _vector(value: float, sign: float) -> ir.Constant:
 
 
 @lru_cache(maxsize=4096)
-def _whole_lanes(value: int) -> ir.Constant:
+def _integer_lanes(value: int) -> ir.Constant:
     return ir.Constant(INT_VEC, [value] * LANES)
 
 
 @lru_cache(maxsize=4096)
-def _whole(value: int) -> ir.Constant:
+def _integer(value: int) -> ir.Constant:
     return I64(value)
 
 
-def whole(number: Whole) -> ir.Value:
+def integer(number: Integer) -> ir.Value:
     """Return a 64-bit integer, a constant where it is known."""
-    return _whole(number) if isinstance(number, int) else number
+    return _integer(number) if isinstance(number, int) else number
 
 
 _LEAST_POWER = -700.0  # of e; what is smaller still is nothing
@@ -84,7 +84,7 @@ def _of_whole(name: str) -> Any:
 
     def method(builder: Builder, *operands: Any, **options: Any) -> ir.Value:
         kinds = [operand.type for operand in operands if isinstance(operand, ir.Value)]
-        constant = _whole_lanes if any(isinstance(k, ir.VectorType) for k in kinds) else _whole
+        constant = _integer_lanes if any(isinstance(k, ir.VectorType) for k in kinds) else _integer
         known = (constant(x) if isinstance(x, int) else x for x in operands)
         return write(builder, *known, **options)
 
@@ -119,19 +119,19 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
         with self.goto_entry_block():
             return self.alloca(kind, I64(count))
 
-    def read(self, base: ir.Value, index: Whole) -> ir.Value:
+    def read(self, base: ir.Value, index: Integer) -> ir.Value:
         """Load vector number `index` of a block."""
         return self.load(self.offset(base, index), align=8)
 
-    def write(self, value: ir.Value, base: ir.Value, index: Whole) -> None:
+    def write(self, value: ir.Value, base: ir.Value, index: Integer) -> None:
         """Store `value` as vector number `index` of a block."""
         self.store(value, self.offset(base, index), align=8)
 
-    def single(self, base: ir.Value, index: Whole) -> ir.Value:
+    def single(self, base: ir.Value, index: Integer) -> ir.Value:
         """Load a number or an integer of a block of such."""
         return self.load(self.offset(base, index))
 
-    def shared(self, base: ir.Value, index: Whole) -> ir.Value:
+    def shared(self, base: ir.Value, index: Integer) -> ir.Value:
         """Load a number of a block of single ones into all lanes."""
         return self.splat(self.single(base, index))
 
@@ -157,18 +157,18 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
         for value, slot in zip(values, slots, strict=True):
             self.write(value, slot, 0)
 
-    def offset(self, base: ir.Value, count: Whole, size: Whole | None = None) -> ir.Value:
+    def offset(self, base: ir.Value, count: Integer, size: Integer | None = None) -> ir.Value:
         """Return the address behind so many entries of a block, or behind rows of this size."""
-        return self.gep(base, [whole(count if size is None else self.mul(count, size))])
+        return self.gep(base, [integer(count if size is None else self.mul(count, size))])
 
     @contextmanager
-    def loop(self, count: Whole, name: str) -> Iterator[ir.Value]:
+    def loop(self, count: Integer, name: str) -> Iterator[ir.Value]:
         """Repeat what is written inside, at least once; gives the index of a pass."""
         each = Loop(self, count, [], name)
         yield each.index
         each.close([])
 
-    def clear(self, base: ir.Value, count: Whole) -> None:
+    def clear(self, base: ir.Value, count: Integer) -> None:
         """Store zeros into the first `count` vectors."""
         with self.loop(count, "clear") as index:
             self.write(vector(0.0), base, index)
@@ -178,13 +178,13 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
         with self.loop(count, "copy") as index:
             self.write(self.read(source, index), target, index)
 
-    def least(self, count: ir.Value, other: Whole) -> ir.Value:
+    def least(self, count: ir.Value, other: Integer) -> ir.Value:
         """Return the smaller of two integers."""
         return self.select(self.icmp_signed("<", count, other), count, other)
 
-    def splat(self, scalar: Whole) -> ir.Value:
+    def splat(self, scalar: Integer) -> ir.Value:
         """Broadcast a number or an integer to all lanes."""
-        scalar = whole(scalar)
+        scalar = integer(scalar)
         undefined = ir.Constant(ir.VectorType(scalar.type, LANES), ir.Undefined)
         single = self.insert_element(undefined, scalar, I32(0))
         lanes = ir.Constant(ir.VectorType(I32, LANES), [0] * LANES)
@@ -378,9 +378,9 @@ def routine[**P](
 class Loop:
     """A counted loop (at least one pass) that carries values: read `carried`, then `close`."""
 
-    def __init__(self, b: Builder, count: Whole, start: Iterable[Whole], name: str) -> None:
+    def __init__(self, b: Builder, count: Integer, start: Iterable[Integer], name: str) -> None:
         self._b, self._count = b, count
-        before, begin = b.block, [*map(whole, start)]
+        before, begin = b.block, [*map(integer, start)]
         self._body = b.append_basic_block(name)
         b.branch(self._body)
         b.position_at_end(self._body)

@@ -26,13 +26,13 @@ from bayesdrill.rig.kernels.lanes import (
     I64,
     VEC,
     Builder,
+    Integer,
     Loop,
     Module,
     Vector,
-    Whole,
+    integer,
     routine,
     vector,
-    whole,
 )
 
 PANEL = 7  # columns: two registers of AVX2 each, beside those of the other factor
@@ -50,7 +50,7 @@ def multiply_panels(
     out: Block,
     left: Block,
     right: Block,
-    size: tuple[Whole, int, int],
+    size: tuple[Integer, int, int],
     stride: int,
     entries: Entries = (),
 ) -> None:
@@ -60,11 +60,11 @@ def multiply_panels(
     `left` has these alone, one after the other.
     """
     rows, inner, columns = size
-    panels = whole(in_panels(columns) // PANEL)
+    panels = integer(in_panels(columns) // PANEL)
     terms = [(0, 0, 0), (1, 0, 1), (1, 1, 0)] if len(out) > 1 else [(0, 0, 0)]
     for n, (target, factor, other) in enumerate(terms):
         _store_product(
-            b, whole(rows), whole(inner), panels, out[target], left[factor], right[other],
+            b, integer(rows), integer(inner), panels, out[target], left[factor], right[other],
             stride, entries, add=n == 2,
         )  # fmt: skip
 
@@ -161,7 +161,7 @@ def store_transposed_exponential(
     _add_unit(b, stride, e[0], F64(1.0), layout.size)
 
 
-def _add_unit(b: Builder, stride: int, out: ir.Value, factor: ir.Value, count: Whole) -> None:
+def _add_unit(b: Builder, stride: int, out: ir.Value, factor: ir.Value, count: Integer) -> None:
     """Add a factor to so many entries of the diagonal."""
     with b.loop(count, "unit") as each:
         at = b.offset(out, each, stride + 1)

@@ -12,7 +12,7 @@ from typing import Any
 from llvmlite import ir
 
 from bayesdrill.basics.duals import Dual, dual, where
-from bayesdrill.rig.kernels.lanes import Builder, Mask, Vector, Whole, register, routine, vector
+from bayesdrill.rig.kernels.lanes import Builder, Integer, Mask, Vector, register, routine, vector
 
 Number = Any  # a Vector, or a Dual of them
 Column = Mapping[int, Number]
@@ -49,7 +49,7 @@ class Numbers:
 
     # In memory, `width` vectors each.
 
-    def at(self, base: ir.Value, index: Whole) -> ir.Value:
+    def at(self, base: ir.Value, index: Integer) -> ir.Value:
         """Return the address of a number, or of the first of a row."""
         known = isinstance(index, int)
         return self.b.offset(base, index * self.width if known else self.b.mul(index, self.width))
@@ -250,7 +250,7 @@ def multiply(
     (m, inner, n), memory = sizes, Numbers(b, slopes)
     together = next(size for size in (3, 2, 1) if m % size in (0, 1) and size <= m)
 
-    def some(first: Whole, count: int) -> None:
+    def some(first: Integer, count: int) -> None:
         """`count` rows at once: what is read of the other matrix serves all of them."""
         begin, into = (memory.at(base, b.mul(first, size)) for base, size in ((a, inner), (out, n)))
         rows = [memory.row(memory.at(begin, r * inner), inner) for r in range(count)]

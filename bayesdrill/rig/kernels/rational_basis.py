@@ -25,7 +25,7 @@ from llvmlite import ir
 
 from bayesdrill.basics.duals import Dual, dual
 from bayesdrill.rig.kernels.exponential import Layout, number
-from bayesdrill.rig.kernels.lanes import Builder, Loop, Vector, Whole, vector
+from bayesdrill.rig.kernels.lanes import Builder, Integer, Loop, Vector, vector
 from bayesdrill.rig.kernels.numbers import (
     Blocks,
     Matrix,
@@ -233,7 +233,7 @@ class BasisExpansion:
         self.count = b.mul(arguments["columns"], shape.channels)
         self.coefficients = self._room(self.count)
 
-    def _room(self, count: Whole) -> Blocks:
+    def _room(self, count: Integer) -> Blocks:
         """Take scratch for numbers."""
         bases = []
         for _ in range(self._kind.width):

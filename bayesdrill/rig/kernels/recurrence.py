@@ -20,10 +20,10 @@ from bayesdrill.rig.kernels.lanes import (
     NUMBERS,
     VECTORS,
     Builder,
+    Integer,
     Loop,
     Module,
     Values,
-    Whole,
     kernel,
     vector,
 )
@@ -136,11 +136,11 @@ def _emit_response(module: Module, layout: Layout, name: str) -> None:
                 for k, flat in enumerate(places):
                     b.write(constants.shown(k, state), a["out"], b.add(row, flat))
             else:
-                seen = []
+                shown = []
                 for k, flat in enumerate(places):
                     residual = constants.shown(k, state, b.shared(a["y"], flat))
-                    seen.append(Sample(residual, None, weights[k * each : (k + 1) * each]))
-                totals = tally.add_all(b, totals, seen)
+                    shown.append(Sample(residual, None, weights[k * each : (k + 1) * each]))
+                totals = tally.add_all(b, totals, shown)
             samples.close(next_state(b, phi, state, drive) + totals)
             b.write_row(totals, b.offset(a["out"], group, len(totals)))
 
@@ -177,10 +177,10 @@ def next_state(
     return following
 
 
-def emit_drive(b: Builder, layout: Layout, u: ir.Value, index: Whole) -> Values:
+def emit_drive(b: Builder, layout: Layout, u: ir.Value, index: Integer) -> Values:
     """Load the sampled inputs at a sample and, with a first-order hold, their increments."""
 
-    def series(row: Whole, s: int) -> ir.Value:
+    def series(row: Integer, s: int) -> ir.Value:
         return b.single(u, b.add(b.mul(row, layout.n_series), s))
 
     drive = [series(index, s) for s in range(layout.n_series)]

@@ -43,10 +43,10 @@ from bayesdrill.rig.kernels.lanes import (
     Loop,
     Module,
     Vector,
+    integer,
     kernel,
     routine,
     vector,
-    whole,
 )
 from bayesdrill.rig.kernels.numbers import (
     Number,
@@ -121,7 +121,7 @@ def solve_riccati(
     b.branch(body)
     b.position_at_end(body)
     count, transition, spare = b.phi(I64), b.phi(VECTORS), b.phi(VECTORS)
-    for node, value in ((count, whole(0)), (transition, transition_a), (spare, transition_b)):
+    for node, value in ((count, integer(0)), (transition, transition_a), (spare, transition_b)):
         node.add_incoming(value, entry)
     with b.if_then(b.trunc(b.lshr(samples, count), ir.IntType(1))):
         _prepend(b, transition, information, p, g, n)

@@ -24,7 +24,7 @@ class Sample:
     weights: Sequence[ir.Value]
 
     @classmethod
-    def of(
+    def from_measured(
         cls,
         b: Builder,
         residual: ir.Value,

@@ -25,11 +25,11 @@ from bayesdrill.rig.kernels.lanes import (
     F64,
     INT_VEC,
     Builder,
+    Integer,
     Loop,
     Mask,
     Module,
     Vector,
-    Whole,
     kernel,
     vector,
 )
@@ -158,7 +158,7 @@ class Writer:
         )
 
     def drive(
-        self, node: Whole, state: Sequence[Number]
+        self, node: Integer, state: Sequence[Number]
     ) -> tuple[dict[int, Number], dict[str, Number]]:
         """Return what drives a step from a node on: by column, and by name in its middle.
 
@@ -179,7 +179,7 @@ class Writer:
             driving.append(gravity.torque(self.parameters, ahead))
         return {first + k: number for k, number in enumerate(driving)}, middle
 
-    def _input(self, node: Whole, k: int) -> Number:
+    def _input(self, node: Integer, k: int) -> Number:
         """Load an input; a late one is between two rows of the block, each lane at its own."""
         b, shape, count = self.b, self.shape, len(self.shape.columns)
         name = shape.series[k % len(shape.series)]
@@ -206,7 +206,7 @@ class Writer:
         return self.kind.flat([*state, *sizes, *(self.kind.zero() for _ in sizes)])
 
     def advance(
-        self, node: Whole, registers: Sequence[ir.Value]
+        self, node: Integer, registers: Sequence[ir.Value]
     ) -> tuple[list[Number], list[Number], list[ir.Value]]:
         """Advance a step: new state, efforts (where they are shown), and what is carried on."""
         step, (state, past) = self.step, self._shaped(registers)
@@ -312,10 +312,10 @@ class Writer:
         first, count = k * tally.weights, tally.count
         weights = [b.read(self.walker["weight"], first + n) for n in range(tally.weights)]
         if self.shape.gaps:
-            seen = Sample.of(b, residual.value, self.measured(sample, k).value, weights)
+            each = Sample.from_measured(b, residual.value, self.measured(sample, k).value, weights)
         else:
-            seen = Sample(residual.value, None, weights)
-        return tally.add(b, totals[k * count : (k + 1) * count], seen)
+            each = Sample(residual.value, None, weights)
+        return tally.add(b, totals[k * count : (k + 1) * count], each)
 
     def write_signal(self, sample: ir.Value, k: int, value: Number) -> None:
         """Store a value of channel k among the signals."""
@@ -348,7 +348,7 @@ def emit_trace(w: Writer) -> None:
         _keep(w, w.a["nodes"], k, [w.output(k, new, []), zero, zero])
 
 
-def _keep(w: Writer, node: Whole, k: int, entries: Sequence[Number]) -> None:
+def _keep(w: Writer, node: Integer, k: int, entries: Sequence[Number]) -> None:
     b, numbers = w.b, w.shape.numbers
     index = b.add(b.mul(node, w.k_count), k)
     w.kind.put_row(entries, b.offset(w.a["trace"], index, TRACE_VALUES * numbers))
