@@ -80,8 +80,8 @@ def oracle(
         sliding[coordinate] += abs(ratios[k, coordinate]) * p.get(f"{t}_c_{name}", 0.0)
 
     def push(s: float) -> np.ndarray:
-        pushed = np.zeros(len(names))
-        pushed[places] = driven * u[int(s / dt)]
+        pushed = np.array([-p.get(f"{t}_f_{name}", 0.0) for name in names])
+        pushed[places] += driven * u[int(s / dt)]
         return pushed
 
     return Oracle(
@@ -153,6 +153,11 @@ def test_gears():
     train, ratios = two_gears(added=("c_motor", "c_first", "c_wheel", "c_load"))
     assert train.states[:3] == ("theta_pinion", "theta_drum", "theta_load")
     assert train.combinations["theta_wheel"] == {"theta_drum": -2.0}
+    assert compare(train, ratios) < 1e-8
+
+
+def test_frictions_of_constant_sign_add_up_where_gears_join_them():
+    train, ratios = two_gears(added=("c_motor", "t_f_motor", "t_f_pinion", "t_f_wheel", "t_f_drum"))
     assert compare(train, ratios) < 1e-8
 
 

@@ -30,7 +30,8 @@ from bayesdrill.rig.models.friction import (
 from bayesdrill.rig.models.linear import Linear, Model
 from bayesdrill.rig.models.roles import GROUND, InertiaRoles, MotorRoles, ShaftRoles
 
-Entry = tuple[str, str, Any]  # row, column of A or B, value
+CONSTANT = ""  # the column of what acts always, `c`
+Entry = tuple[str, str, Any]  # row, column of A, of B or `CONSTANT`, value
 
 
 class PartsModel(Model):
@@ -119,18 +120,17 @@ class _Parts:
     def linear(self, p: Named) -> Linear:
         """Return what `Model.linear` does."""
         model, totals = self.model, {speed: self.inertia(speed, p) for speed in self.moving}
-        a: dict[tuple[str, str], Any] = {}
-        b: dict[tuple[str, str], Any] = {}
+        entries: dict[tuple[str, str], Any] = {}
         for row, column, value in self._entries(p, totals):
-            entries = a if column in model.states else b
             key = (row, column)
             entries[key] = entries[key] + value if key in entries else value
         order = {name: k for k, name in enumerate((*model.states, *model.inputs))}
         where = lambda item: (order[item[0][0]], order.get(item[0][1], len(order)))  # noqa: E731
+        rows = sorted(entries.items(), key=where)
         return Linear(
-            A=dict(sorted(a.items(), key=where)),
-            B=dict(sorted(b.items(), key=where)),
-            c=dict(self._constant(p, totals)),
+            A={key: value for key, value in rows if key[1] in model.states},
+            B={key: value for key, value in rows if key[1] not in (*model.states, CONSTANT)},
+            c={row: value for (row, column), value in rows if column == CONSTANT},
         )
 
     def _entries(self, p: Named, totals: Named) -> Iterator[Entry]:
@@ -151,6 +151,8 @@ class _Parts:
 
     def _at_inertia(self, inertia: InertiaRoles, p: Named, total: Any) -> Iterator[Entry]:
         factor = self.torque_factor(inertia)
+        if self._has(inertia.friction):
+            yield inertia.speed, CONSTANT, _times(-factor, p[inertia.friction]) / total
         if self._has(inertia.damping):
             times = factor / inertia.reduction
             yield inertia.speed, inertia.speed, _times(-times, p[inertia.damping]) / total
@@ -208,12 +210,6 @@ class _Parts:
             if self._has(motor.back_emf):
                 braked = p[motor.back_emf] / _times(inertia.reduction, resistance)
                 yield inertia.speed, inertia.speed, -torque * braked
-
-    def _constant(self, p: Named, totals: Named) -> Iterator[tuple[str, Any]]:
-        for inertia in self.roles.inertias:
-            if self._has(inertia.friction) and inertia.speed in totals:
-                factor = self.torque_factor(inertia)
-                yield inertia.speed, _times(-factor, p[inertia.friction]) / totals[inertia.speed]
 
     # Gravity and frictions.
 
