@@ -177,8 +177,10 @@ class _Powers:
         return sum(map(self._imposed, moved)) if moved else self._column(name)
 
     def _imposed(self, inertia: InertiaRoles) -> Any:
-        """Return the power that moves an inertia against its shafts and its damping."""
+        """Return the power that moves an inertia against its shafts, its damping and its motor."""
         torque = self.p.get(inertia.damping, 0.0) * self._motion(inertia.name, "speed")
+        if motor := self.roles.motor(inertia.name):
+            torque = torque - self.p.get(motor.torque_constant, 0.0) * self._current(motor)
         for shaft in self.roles.shafts:
             if inertia.name in shaft.ends:
                 sign = 1.0 if shaft.ends[0] == inertia.name else -1.0

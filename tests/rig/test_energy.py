@@ -223,6 +223,19 @@ TRAINS: dict[str, Model] = {
     ),
     "added inertia": Motor(0.2, added=("k_e", "k_T", "r_m", "l_m", "t_f", "j_2")),
     "driven": DrivenShaft(added=("c_s", "c_1")),
+    "imposed motor": Train(
+        inertias=("motor", "load"),
+        gears={"box": {"between": ("motor", "load"), "ratio": 0.2}},
+        drives={"load": "speed", "motor": "voltage"},
+        shafts={"stop": ("load", "ground")},
+        added=("k_e_motor", "l_motor", "c_stop"),
+    ),
+    "frictions of constant sign": Train(
+        inertias=("motor", "load"),
+        gears={"box": {"between": ("motor", "load"), "ratio": 0.2}},
+        drives={"motor": "torque"},
+        added=("t_f_motor", "t_f_load"),
+    ),
 }
 
 

@@ -182,14 +182,13 @@ class _Parts:
                     yield near.speed, column, _times(sign, values[times])
 
     def _of_motor(self, motor: MotorRoles, p: Named, totals: Named) -> Iterator[Entry]:
-        model = self.model
+        model, torque = self.model, None
         inertia = self.roles.inertia(motor.inertia)
-        if inertia.speed not in totals or not self._has(motor.torque_constant):
-            return
-        total, factor = totals[inertia.speed], self.torque_factor(inertia)
-        torque = _times(factor, p[motor.torque_constant]) / total
-        if motor.current in (*model.states, *model.inputs):
-            yield inertia.speed, motor.current, torque
+        if inertia.speed in totals and self._has(motor.torque_constant):
+            factor = self.torque_factor(inertia)
+            torque = _times(factor, p[motor.torque_constant]) / totals[inertia.speed]
+            if motor.current in (*model.states, *model.inputs):
+                yield inertia.speed, motor.current, torque
         if not self._has(motor.resistance):
             return
         resistance = p[motor.resistance]
@@ -205,7 +204,7 @@ class _Parts:
             for drop in self.voltage_drops():
                 if drop.against == motor.current:
                     yield motor.current, drop.name, -1.0 / inductance
-        else:
+        elif torque is not None:
             yield inertia.speed, motor.voltage, torque / resistance
             if self._has(motor.back_emf):
                 braked = p[motor.back_emf] / _times(inertia.reduction, resistance)
