@@ -130,8 +130,8 @@ class _Powers:
         name = inertia.inertia
         varied: dict[str, Any] = {**self.p, name: Dual(self.p[name], 1.0)}
         linear = self.model.linear(varied)
-        items = (*linear.A.items(), *linear.B.items())
-        entries = (dual(x) for (row, _), x in items if row == inertia.speed)
+        items = [(row, x) for (row, _), x in (*linear.A.items(), *linear.B.items())]
+        entries = (dual(x) for row, x in (*items, *linear.c.items()) if row == inertia.speed)
         each = [x for x in entries if x.slope]
         return float(-each[0].value / each[0].slope / inertia.reduction**2) if each else 0.0
 

@@ -236,6 +236,9 @@ TRAINS: dict[str, Model] = {
         drives={"motor": "torque"},
         added=("t_f_motor", "t_f_load"),
     ),
+    "a disc that nothing else moves": Train(
+        inertias=("motor", "disc"), drives={"motor": "torque"}, added=("t_f_disc",)
+    ),
 }
 
 
