@@ -8,7 +8,6 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import chain
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -169,11 +168,10 @@ def parse(body: TextLines, dialect: Dialect, names: Sequence[str]) -> Array:
     parts = []
     for start in range(0, len(body.texts), _CHUNK):
         chunk = body.part(slice(start, start + _CHUNK))
-        rows = [split(line, dialect.separator) for line in chunk.texts]
         short_lines = max(map(len, chunk.texts)) <= _LONG
-        part = _parse_fast(rows, dialect, len(names)) if short_lines else None
+        part = _parse_fast(chunk.texts, dialect, len(names)) if short_lines else None
         if part is None:
-            part = _parse_carefully(rows, chunk, dialect, names, ragged, bad)
+            part = _parse_carefully(chunk, dialect, names, ragged, bad)
         parts.append(part)
     mend = "mend the rows or remove them, or check delimiter and decimal"
     problems = ragged.report(body.path, mend)
@@ -187,33 +185,27 @@ def parse(body: TextLines, dialect: Dialect, names: Sequence[str]) -> Array:
     return np.concatenate(parts)
 
 
-def _parse_fast(rows: list[list[str]], dialect: Dialect, width: int) -> Array | None:
+def _parse_fast(texts: list[str], dialect: Dialect, width: int) -> Array | None:
     """Rows without any fault and without empty cells; None sends the chunk the slow way."""
-    if set(map(len, rows)) != {width}:
-        return None
-    flat = list(chain.from_iterable(rows))
-    text = "\n".join(flat)
-    if "_" in text or (dialect.decimal == "," and "." in text):
-        return None
+    mark = dialect.separator
     if dialect.decimal == ",":
-        flat = text.replace(",", ".").split("\n")
+        if mark == "," or any("." in text for text in texts):
+            return None
+        texts = [text.replace(",", ".") for text in texts]
     try:
-        return np.fromiter(map(float, flat), np.float64, len(flat)).reshape(len(rows), width)
+        values = np.loadtxt(texts, delimiter=mark, comments=None, quotechar='"', ndmin=2)
     except ValueError:
         return None
+    return values if values.shape == (len(texts), width) else None
 
 
 def _parse_carefully(
-    rows: list[list[str]],
-    lines: TextLines,
-    dialect: Dialect,
-    names: Sequence[str],
-    ragged: _Faults,
-    bad: _Faults,
+    lines: TextLines, dialect: Dialect, names: Sequence[str], ragged: _Faults, bad: _Faults
 ) -> Array:
-    """`(len(rows), n)` of `rows`, the cells of `lines`; what is wrong with them is counted."""
-    values = np.full((len(rows), len(names)), np.nan)
-    for i, row in enumerate(rows):
+    """`(T, n)` of the cells of `lines`; what is wrong with them is counted."""
+    values = np.full((len(lines.texts), len(names)), np.nan)
+    for i, line in enumerate(lines.texts):
+        row = split(line, dialect.separator)
         if len(row) != len(names):
             ragged.add(lines.location(i), f"{len(row)} cells where {len(names)} are due")
             continue
