@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from bayesdrill.basics.errors import InputError, report_damage
-from bayesdrill.record.formats.arrays import CUT_SHORT, ITSELF, FileContents, datasets
+from bayesdrill.record.formats.arrays import CUT_SHORT, ITSELF, add_fields, datasets
 from bayesdrill.record.formats.table import RecordTable, read_bytes
 
 MAX_DEPTH = 100  # ten times what anyone nests, and a tenth of what SciPy stands
@@ -27,12 +27,11 @@ def read(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
     if head.startswith(b"MATLAB"):
         broken = f"the MATLAB file {CUT_SHORT}"
     with report_damage(str(path), broken):
-        contents = _read_v73(path, wanted) if is_hdf5 else _read_v5(path, wanted)
-    return contents.table(path)
+        return _read_v73(path, wanted) if is_hdf5 else _read_v5(path, wanted)
 
 
-def _read_v5(path: Path, wanted: Collection[str] | None) -> FileContents:
-    contents = FileContents()
+def _read_v5(path: Path, wanted: Collection[str] | None) -> RecordTable:
+    table = RecordTable(path=path)
     used = None if wanted is None else {name.split(".")[0] for name in wanted}
     with warnings.catch_warnings():
         # scipy warns of objects it cannot name; they are reported below when asked for.
@@ -42,8 +41,8 @@ def _read_v5(path: Path, wanted: Collection[str] | None) -> FileContents:
             content = _variables(path, None)
     for name, value in content.items():
         if not name.startswith("__"):
-            _walk_v5(name, value, contents)
-    return contents
+            _walk_v5(name, value, table)
+    return table
 
 
 def _variables(path: Path, names: Collection[str] | None) -> Mapping[str, Any]:
@@ -79,7 +78,7 @@ def _variables(path: Path, names: Collection[str] | None) -> Mapping[str, Any]:
         return dict(ShallowFile(file).get_variables(names))
 
 
-def _walk_v5(name: str, value: Any, contents: FileContents) -> None:
+def _walk_v5(name: str, value: Any, table: RecordTable) -> None:
     from scipy.io.matlab import MatlabFunction, MatlabObject, MatlabOpaque
 
     if isinstance(value, MatlabOpaque):
@@ -87,52 +86,52 @@ def _walk_v5(name: str, value: Any, contents: FileContents) -> None:
         known = value.dtype.names or ()
         name = _text(value["s0"].flat[0]) if "s0" in known else name
         kinds = [_text(value[key].flat[0]) for key in ("_Class", "s2") if key in known]
-        contents.ignored[name] = _opaque(name, kinds[0] if kinds else "")
+        table.ignored[name] = _opaque(name, kinds[0] if kinds else "")
     elif isinstance(value, MatlabObject | MatlabFunction):
-        contents.ignored[name] = _opaque(name, str(getattr(value, "classname", "function")))
+        table.ignored[name] = _opaque(name, str(getattr(value, "classname", "function")))
     elif not isinstance(value, np.ndarray):
-        contents.ignored[name] = "is sparse; save full(...) of it"
+        table.ignored[name] = "is sparse; save full(...) of it"
     elif value.dtype.names is not None:
         if "values" in value.dtype.names:
-            _add_signals(name, value, contents)
+            _add_signals(name, value, table)
             return
         if value.size != 1:
-            contents.ignored[name] = f"is an array of {value.size} structs; save a single struct"
+            table.ignored[name] = f"is an array of {value.size} structs; save a single struct"
             return
         for field_name in value.dtype.names:
-            _walk_v5(f"{name}.{field_name}", value[field_name].flat[0], contents)
+            _walk_v5(f"{name}.{field_name}", value[field_name].flat[0], table)
     elif value.dtype.kind in "US":
-        contents.ignored[name] = "is text, not numbers"
+        table.ignored[name] = "is text, not numbers"
     elif value.dtype.kind == "O":
-        contents.ignored[name] = "is a cell array; save cell2mat(...) of it"
+        table.ignored[name] = "is a cell array; save cell2mat(...) of it"
     else:
-        contents.add_fields(name, value)
+        add_fields(table, name, value)
 
 
-def _add_signals(name: str, signals: np.ndarray[Any, Any], contents: FileContents) -> None:
+def _add_signals(name: str, signals: np.ndarray[Any, Any], table: RecordTable) -> None:
     """Of Simulink's structure with time: the values of each signal, and what it is called."""
     for number, signal in enumerate(signals.flat, start=1):
         variable = f"{name}({number}).values" if signals.size > 1 else f"{name}.values"
-        contents.add_fields(variable, signal["values"])
+        add_fields(table, variable, signal["values"])
         texts = [signal[key] for key in ("label", "title") if key in (signals.dtype.names or ())]
         titles = [str(text.flat[0]) for text in texts if text.dtype.kind == "U" and text.size]
         if titles:
-            contents.labels[variable] = titles[0]
+            table.labels[variable] = titles[0]
 
 
-def _read_v73(path: Path, wanted: Collection[str] | None) -> FileContents:
+def _read_v73(path: Path, wanted: Collection[str] | None) -> RecordTable:
     import h5py
 
-    contents = FileContents()
+    table = RecordTable(path=path)
     layout = {"separator": ".", "called": "struct", "hidden": "#"}  # #refs#: MATLAB's own
     with h5py.File(path, "r") as file:
-        for name, item in datasets(file, contents, unfit=_unfit, **layout):
+        for name, item in datasets(file, table, unfit=_unfit, **layout):
             if wanted is None or name in wanted:
                 # MATLAB writes column by column, so HDF5 shows every array transposed.
-                contents.add_fields(name, np.asarray(item[()]).T)
+                add_fields(table, name, np.asarray(item[()]).T)
             else:
-                contents.unread.append(name)
-    return contents
+                table.unread.append(name)
+    return table
 
 
 def _unfit(name: str, item: Any) -> str:

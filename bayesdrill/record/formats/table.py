@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -25,15 +25,15 @@ class RecordTable:
     """
 
     path: Path
-    variables: Mapping[str, Array]
+    variables: dict[str, Array] = field(default_factory=dict)
     lines: Counts | None = None
     """`(T,)` numbers of the rows of a table, as `called`; None for a file of arrays."""
     called: str = "line"
     columns: tuple[str, ...] = ()
     """Of a table some of whose columns are no numbers: all of them, in order; else `variables`."""
-    ignored: Mapping[str, str] = field(default_factory=dict)
-    unread: tuple[str, ...] = ()
-    labels: Mapping[str, str] = field(default_factory=dict)
+    ignored: dict[str, str] = field(default_factory=dict)
+    unread: list[str] = field(default_factory=list)
+    labels: dict[str, str] = field(default_factory=dict)
     """What the file calls a variable, where that is not its name."""
 
     def where(self, index: int) -> str:
