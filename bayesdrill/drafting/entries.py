@@ -114,12 +114,10 @@ def record_lines(context: DraftContext) -> list[str]:
     lines.append("  channels:")
     for channel in context.channels:
         lines += _channel(context, channel)
-    names_by_reason: dict[str, list[str]] = {}
-    for name, why in lead.left_out.items():
-        names_by_reason.setdefault(why, []).append(name)
-    if names_by_reason:
+    if lead.left_out:
         lines.append("  # Not used:")
-    for why, same in names_by_reason.items():
+    for why in dict.fromkeys(lead.left_out.values()):
+        same = [name for name, reason in lead.left_out.items() if reason == why]
         lines += comment(f"- {'; '.join(same)}: {why}", 2)
     return lines
 

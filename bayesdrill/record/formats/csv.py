@@ -427,7 +427,10 @@ def table(path: Path, text: str, options: CsvOptions) -> RecordTable:
     values = parse(body, dialect, names)
     columns = {name: np.ascontiguousarray(values[:, i]) for i, name in enumerate(names)}
     numbers = np.array(body.numbers, dtype=np.int64)
-    return RecordTable(path=path, variables=columns, lines=numbers, ignored=ignored)
+    below = lines.texts[1] if len(lines.texts) - len(body.texts) == 2 else ""
+    cells = [cell.strip() for cell in split(below, dialect.separator)] if dialect.separator else []
+    units = dict(zip(names, cells, strict=True)) if len(cells) == width > 1 else {}
+    return RecordTable(path=path, variables=columns, lines=numbers, ignored=ignored, units=units)
 
 
 def check_options(path: Path, options: CsvOptions) -> None:
