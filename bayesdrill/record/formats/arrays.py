@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import zipfile
 from collections.abc import Callable, Collection, Iterator
+from itertools import accumulate, chain
 from pathlib import Path
 from typing import Any
 
@@ -60,9 +61,6 @@ def too_large(shape: tuple[int, ...], itemsize: int) -> str:
     return f"takes {size / 1e6:.0f} MB; {most}: save fewer columns, or resample to a lower rate"
 
 
-_HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
-
-
 def read_hdf5(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
     """Read the `wanted` datasets (records: dotted names; None: all); no attributes, also no `unit`."""
     import h5py
@@ -72,9 +70,11 @@ def read_hdf5(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
         message = "is a MATLAB file; give it the ending .mat, or say the format: mat"
         raise InputError.at(str(path), message)
     table = RecordTable(path=path)
-    used = None if wanted is None else {form for name in wanted for form in _records(name)}
+    # `table.speed` is a field of `table`, or has a point in its own name.
+    paths = [accumulate(name.lstrip("/").split("."), "{}.{}".format) for name in wanted or ()]
+    used = None if wanted is None else {*chain.from_iterable(paths)}
     broken = "is not an HDF5 file; save it with h5py, or give it the ending of what it is"
-    if head.startswith(_HDF5_MAGIC):
+    if head.startswith(b"\x89HDF\r\n\x1a\n"):
         broken = f"the HDF5 file {CUT_SHORT}"
     with report_damage(str(path), broken), h5py.File(path, "r") as file:
         for name, item in datasets(file, table, separator="/", called="group"):
@@ -85,12 +85,6 @@ def read_hdf5(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
             else:
                 add_fields(table, name, np.asarray(item[()]))
     return table
-
-
-def _records(name: str) -> tuple[str, ...]:
-    """`table.speed` is a field of `table`, or has a point in its own name."""
-    parts = name.lstrip("/").split(".")
-    return tuple(".".join(parts[:count]) for count in range(1, len(parts) + 1))
 
 
 def datasets(
@@ -162,7 +156,6 @@ def _filters_missing(item: Any) -> str:
     return ", ".join(name for name, known in zip(names, here, strict=True) if not known)
 
 
-_ZIP = b"PK\x03\x04"
 _HEADERS = {
     (1, 0): np.lib.format.read_array_header_1_0,
     (2, 0): np.lib.format.read_array_header_2_0,
@@ -172,7 +165,7 @@ _HEADERS = {
 def read_npz(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
     """Read the `wanted` arrays (fields of records under dotted names; None: all of numbers)."""
     head = read_bytes(path, 8)
-    if not head.startswith(_ZIP):
+    if not head.startswith(b"PK\x03\x04"):
         alone = head.startswith(b"\x93NUMPY")
         what = "holds one array without a name" if alone else "is not an .npz file"
         message = f"{what}; save it with numpy.savez('run.npz', t=t, w_1=w_1)"
@@ -216,7 +209,6 @@ def _unfit_array(name: str, file: zipfile.ZipFile, member: str) -> str:
     return too_large(shape, dtype.itemsize)
 
 
-_PARQUET_MAGIC = b"PAR1"
 _MISSING = (
     "a Parquet file needs the package pyarrow, which is missing; install it with pip install "
     "'bayesdrill[parquet]', or save the record as CSV"
@@ -225,7 +217,7 @@ _MISSING = (
 
 def read_parquet(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
     """Read the `wanted` columns (None: all), which needs `pyarrow`; empty cells become NaN."""
-    if read_bytes(path, 4) != _PARQUET_MAGIC:
+    if read_bytes(path, 4) != b"PAR1":
         message = "is not a Parquet file; save it as one, or give it the ending of what it is"
         raise InputError.at(str(path), message)
     try:

@@ -45,13 +45,11 @@ class Dialect:
 
 
 # In order of preference among dialects that explain a file equally well.
-_DIALECTS = tuple(
-    Dialect(*pair)
-    for pair in [
-        ("\t", "."), ("\t", ","), (";", "."), (";", ","), ("|", "."), ("|", ","),
-        (",", "."), (None, "."), (None, ","),
-    ]
-)  # fmt: skip
+_DIALECTS = [
+    Dialect(separator, decimal)
+    for separator in ("\t", ";", "|", ",", None)
+    for decimal in ("." if separator == "," else ".,")
+]
 
 
 _NUMBER = r"[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?"
@@ -521,8 +519,7 @@ def _why_not(header: str, count: int, lines: TextLines, dialect: Dialect, width:
 
 def _in_comment(lines: TextLines, dialect: Dialect, width: int) -> dict[str, str]:
     """Why names cannot be picked that stand in the comment before the data."""
-    comment = lines.comment[1:] if lines.comment else ""
-    names = _header_cells(comment, dialect, width)
+    names = _header_cells(lines.comment[1:], dialect, width)
     if len(names) != width:
         return {}
     why = f"stands in a line that begins with {lines.comment[:1]!r}, a comment; remove that sign"
