@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
@@ -220,7 +221,10 @@ def _glitches(label: str, sensor: Sensor) -> str:
 
 
 def _lag_prior(context: DraftContext, samples: float) -> str:
-    most = 1e3 * roles.max_lag(samples, context.lead.segment.dt)
+    """Around a hint of so many samples; its end has two digits."""
+    most = max(5.0, 2 * samples + 3) * context.lead.segment.dt
+    scale = 10.0 ** (1 - math.floor(math.log10(most)))
+    most = 1e3 * (math.ceil(most * scale) / scale)
     return f"{{prior: uniform, low: 0, high: {most:.6g}, unit: ms}}"
 
 
