@@ -229,7 +229,8 @@ def from_data[T](kind: type[T], data: Any) -> T:
 def _read(kind: Any, data: Any) -> Any:
     origin, inside = _parts(kind)
     if origin in (Union, UnionType):
-        return None if data is None else _read(*inside, data)
+        (choice,) = inside
+        return None if data is None else _read(choice, data)
     if origin is Literal and data in inside:
         return data
     if origin is np.ndarray:
@@ -281,7 +282,8 @@ def schema(kind: type) -> dict[str, Any]:
 def _schema(kind: Any, definitions: dict[str, Any]) -> dict[str, Any]:
     origin, inside = _parts(kind)
     if origin in (Union, UnionType):
-        return {"anyOf": [_schema(*inside, definitions), {"type": "null"}]}
+        (choice,) = inside
+        return {"anyOf": [_schema(choice, definitions), {"type": "null"}]}
     if origin is Literal:
         return {"enum": [*inside]}
     if origin is np.ndarray:
