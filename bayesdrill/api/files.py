@@ -166,7 +166,8 @@ def init(
     values = None if sheet is None else yaml_source.read(Path(sheet).expanduser())
     draft.check_draft_path(target, records, force=force)
     drafted = draft.guess(records, target, known, values)
-    draft.save_draft(drafted, records, force=force)
+    draft.check_draft_path(target, records, force=force)  # the guess took a while
+    output_files.write_text(target, drafted.text)
     return drafted
 
 

@@ -12,7 +12,7 @@ import traceback
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from functools import cache, cached_property
-from importlib.metadata import EntryPoint, EntryPoints, entry_points
+from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
 from bayesdrill.basics.errors import Stopped, did_you_mean
@@ -104,10 +104,7 @@ class Registry[T](Mapping[str, T]):
         return members
 
 
-@cache
-def _entry_points() -> EntryPoints:
-    """Return those of all packages: to look for them takes some milliseconds."""
-    return entry_points()
+_entry_points = cache(entry_points)  # of all packages: to look for them takes some milliseconds
 
 
 def blamed_package(error: BaseException) -> str:

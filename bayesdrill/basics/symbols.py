@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Literal
 
@@ -114,19 +114,17 @@ def latex_unit(unit: str) -> str:
     return re.sub(r"\bohms?\b", r"\\Omega", joined).replace(" ", "")
 
 
-def _symbol(
-    name: str,
-    unit: str,
-    latex: str,
-    meaning: str,
-    held: Literal["positive", "not negative", "any"] = "positive",
-    at_most: float = math.inf,
-    *,
-    drives: bool = False,
-) -> Symbol:
+def _symbol(name: str, unit: str, latex: str, meaning: str) -> Symbol:
     unit_in_formulas = latex_unit(unit).replace("^{2}", "^2")
-    typical = _TYPICAL.get(name, "")
-    return Symbol(name, unit, latex, unit_in_formulas, meaning, held, at_most, typical, drives)
+    return Symbol(name, unit, latex, unit_in_formulas, meaning, typical=_TYPICAL.get(name, ""))
+
+
+def _or_zero(name: str, unit: str, latex: str, meaning: str) -> Symbol:
+    return replace(_symbol(name, unit, latex, meaning), held="not negative")
+
+
+def _drive(name: str, unit: str, latex: str, meaning: str) -> Symbol:
+    return replace(_symbol(name, unit, latex, meaning), drives=True)
 
 
 def _table(*rows: Symbol) -> Mapping[str, Symbol]:
@@ -150,52 +148,37 @@ _TYPICAL = {
 PARAMETERS = _table(
     _symbol("j_m", "kg*m**2", "j_m", "moment of inertia of the motor"),
     # A motor may have no damping or friction; one that turns backwards, friction of the other sign.
-    _symbol("c_m", "N*m*s/rad", "c_m", "internal damping of the motor", "not negative"),
+    _or_zero("c_m", "N*m*s/rad", "c_m", "internal damping of the motor"),
     _symbol("k_e", "V*s/rad", "k_e", "voltage constant of the motor"),
     _symbol("k_T", "N*m/A", "k_T", "torque constant of the motor"),
     _symbol("r_m", "ohm", "r_m", "internal resistance of the motor"),
     _symbol("l_m", "H", "l_m", "internal inductance of the motor"),
     _symbol("k_s", "N*m/rad", "k_s", "torsional stiffness of the shaft"),
     _symbol("j_1", "kg*m**2", "j_1", "moment of inertia of rotor 1"),
-    _symbol("t_f", "N*m", "t_f", "torque of the motor's internal friction (not a time)", "any"),
+    replace(
+        _symbol("t_f", "N*m", "t_f", "torque of the motor's internal friction (not a time)"),
+        held="any",
+    ),
     # What a rig may have and is without where it is not named.
-    _symbol("c_s", "N*m*s/rad", "c_s", "damping of the shaft", "not negative"),
-    _symbol(
-        "j_2", "kg*m**2", "j_2", "moment of inertia at the output of the gearbox", "not negative"
-    ),
-    _symbol("r_s", "ohm", "r_s", "resistance in series with the motor", "not negative"),
-    _symbol("c_1", "N*m*s/rad", "c_1", "viscous damping at rotor 1", "not negative"),
-    _symbol(
-        "t_cm",
-        "N*m",
-        "t_{cm}",
-        "sliding friction at the motor, which changes its sign",
-        "not negative",
-    ),
-    _symbol("t_sm", "N*m", "t_{sm}", "static friction at the motor", "not negative"),
+    _or_zero("c_s", "N*m*s/rad", "c_s", "damping of the shaft"),
+    _or_zero("j_2", "kg*m**2", "j_2", "moment of inertia at the output of the gearbox"),
+    _or_zero("r_s", "ohm", "r_s", "resistance in series with the motor"),
+    _or_zero("c_1", "N*m*s/rad", "c_1", "viscous damping at rotor 1"),
+    _or_zero("t_cm", "N*m", "t_{cm}", "sliding friction at the motor, which changes its sign"),
+    _or_zero("t_sm", "N*m", "t_{sm}", "static friction at the motor"),
     _symbol("w_sm", "rad/s", "w_{sm}", "speed of the motor over which its static friction is lost"),
-    _symbol("t_c1", "N*m", "t_{c1}", "sliding friction at rotor 1", "not negative"),
-    _symbol("t_s1", "N*m", "t_{s1}", "static friction at rotor 1", "not negative"),
+    _or_zero("t_c1", "N*m", "t_{c1}", "sliding friction at rotor 1"),
+    _or_zero("t_s1", "N*m", "t_{s1}", "static friction at rotor 1"),
     _symbol("w_s1", "rad/s", "w_{s1}", "speed of rotor 1 over which its static friction is lost"),
-    _symbol(
-        "v_d",
-        "V",
-        "v_d",
-        "voltage that driver and brushes take, against the sign of the current",
-        "not negative",
+    _or_zero(
+        "v_d", "V", "v_d", "voltage that driver and brushes take, against the sign of the current"
     ),
-    _symbol("eta", "1", r"\eta", "efficiency of the gear", at_most=1.0),
+    replace(_symbol("eta", "1", r"\eta", "efficiency of the gear"), at_most=1.0),
     _symbol("j_s", "kg*m**2", "j_s", "moment of inertia of the shaft itself"),
     # Of a bit that cuts rock, under a weight.
     _symbol("b_0", "m", "b_0", "torque at the bit over the weight on it, at high speed"),
     _symbol("b_1", "s/rad", "b_1", "how steeply the torque at the bit begins with its speed"),
-    _symbol(
-        "b_2",
-        "s/rad",
-        "b_2",
-        "how high the hump of the torque at the bit is at low speed",
-        "not negative",
-    ),
+    _or_zero("b_2", "s/rad", "b_2", "how high the hump of the torque at the bit is at low speed"),
     _symbol("b_3", "s**2/rad**2", "b_3", "how soon that hump ends"),
 )
 
@@ -208,13 +191,11 @@ STATES = _table(
 )
 
 INPUTS = _table(
-    _symbol("v", "V", "v", "voltage supplied to the motor", drives=True),
+    _drive("v", "V", "v", "voltage supplied to the motor"),
     _symbol("t_1", "N*m", "t_1", "friction torque on rotor 1 (load)"),
     # Of rigs that are moved otherwise than by a voltage.
-    _symbol(
-        "w_2", "rad/s", r"\dot\theta_2", "speed imposed on the shaft at the gearbox", drives=True
-    ),
-    _symbol("t_m", "N*m", "t_m", "torque that the motor is driven with (motor side)", drives=True),
+    _drive("w_2", "rad/s", r"\dot\theta_2", "speed imposed on the shaft at the gearbox"),
+    _drive("t_m", "N*m", "t_m", "torque that the motor is driven with (motor side)"),
     _symbol("wob", "N", "W", "weight on the bit"),
 )
 

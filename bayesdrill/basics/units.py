@@ -44,7 +44,8 @@ def factor(unit: str, si: str) -> float:
     """Return how many `si` one `unit` is; raises `ValueError` with a message for the user."""
     if unit == si:
         return 1.0
-    examples = _EXAMPLES.get(si, si)
+    alike = [common for common, (kind, _) in _COMMON.items() if kind == si]
+    examples = _EXAMPLES.get(si) or " or ".join(alike) or si
     other_kind = f"unit '{unit}' is not a unit of {si}; write {examples}"
     if unit in _COMMON and si in _KINDS:
         kind, value = _COMMON[unit]
@@ -170,13 +171,6 @@ def _registry() -> Any:
 
 
 _EXAMPLES = {
-    "s": "s or ms",
     "rad": "rad, deg, revolution, or count/4096 of an encoder with 4096 counts in a turn",
     "rad/s": "rad/s, deg/s or rpm (a turn each second is revolution/s)",
-    "A": "A or mA",
-    "V": "V or mV",
-    "N*m": "N*m or mN*m",
-    "m": "m or mm",
-    "m/s": "m/s or mm/s",
-    "N": "N or mN",
 }

@@ -19,6 +19,7 @@ import inspect
 import math
 import re
 import typing
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache
 from numbers import Integral, Real
@@ -115,7 +116,8 @@ def _guarded(call: Callable[..., Any]) -> Callable[..., Any]:
 
     @functools.cache
     def hints() -> Mapping[str, Any]:
-        names = _Names(vars(builtins) | call.__globals__)
+        # The names of its module; those that it has not stand for anything.
+        names = defaultdict[str, Any](lambda: Any, vars(builtins) | call.__globals__)
         return typing.get_type_hints(call, {}, names, include_extras=True)
 
     @functools.wraps(call)
@@ -128,13 +130,6 @@ def _guarded(call: Callable[..., Any]) -> Callable[..., Any]:
         return call(*arguments, **named)
 
     return guarded
-
-
-class _Names(dict[str, Any]):
-    """The names of a module; those that it has not stand for anything."""
-
-    def __missing__(self, _: str) -> Any:
-        return Any
 
 
 def _mismatches(location: str, value: Any, hint: Any) -> Iterator[Issue]:
@@ -234,7 +229,8 @@ def from_data[T](kind: type[T], data: Any) -> T:
 def _read(kind: Any, data: Any) -> Any:
     origin, inside = _parts(kind)
     if origin in (Union, UnionType):
-        return None if data is None else _read(_without_none(inside), data)
+        (choice,) = inside
+        return None if data is None else _read(choice, data)
     if origin is Literal and data in inside:
         return data
     if origin is np.ndarray:
@@ -255,14 +251,10 @@ def _read(kind: Any, data: Any) -> Any:
 
 
 def _parts(kind: Any) -> tuple[Any, tuple[Any, ...]]:
-    """Return a type's origin, through an alias such as that of arrays, and what is in its brackets."""
+    """Return a type's origin, through an alias such as that of arrays, and what it is of but None."""
     origin = get_origin(kind)
-    return get_origin(getattr(origin, "__value__", None)) or origin, get_args(kind)
-
-
-def _without_none(kinds: tuple[Any, ...]) -> Any:
-    (kind,) = (choice for choice in kinds if choice is not NoneType)
-    return kind
+    inside = tuple(part for part in get_args(kind) if part is not NoneType)
+    return get_origin(getattr(origin, "__value__", None)) or origin, inside
 
 
 @cache
@@ -290,7 +282,8 @@ def schema(kind: type) -> dict[str, Any]:
 def _schema(kind: Any, definitions: dict[str, Any]) -> dict[str, Any]:
     origin, inside = _parts(kind)
     if origin in (Union, UnionType):
-        return {"anyOf": [_schema(_without_none(inside), definitions), {"type": "null"}]}
+        (choice,) = inside
+        return {"anyOf": [_schema(choice, definitions), {"type": "null"}]}
     if origin is Literal:
         return {"enum": [*inside]}
     if origin is np.ndarray:

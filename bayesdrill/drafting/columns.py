@@ -312,13 +312,13 @@ def read_columns(
 
 def _all_columns(table: RecordTable) -> list[FileColumn]:
     """Every column of the file; of a matrix of two of which the first grows, that is the time."""
-    columns, units_below = [], _units_below(table)
+    columns = []
     for position, (name, values) in enumerate(table.variables.items(), start=1):
         if values.ndim == 1:
             number = _number(table, name, position)
             address: dict[str, str | int] = {"column": number or name}
             head = table.labels.get(name, "" if number else name)
-            meaning = _meaning(head, units_below.get(name, ""))
+            meaning = _meaning(head, table.units.get(name, ""))
             columns.append(FileColumn(name, address, values, meaning))
             continue
         pair = values.shape[1] == 2 and bool(np.all(np.diff(values[:, 0]) > 0))
@@ -428,16 +428,3 @@ def _number(table: RecordTable, name: str, position: int) -> int | None:
     if match := re.fullmatch(r"\(column (\d+)\)", name):
         return int(match[1])
     return position if name == str(position) else None
-
-
-def _units_below(table: RecordTable) -> dict[str, str]:
-    """By name, what stands in a row of units between the head of a text and its first row."""
-    if table.lines is None or not len(table.lines) or table.lines[0] < 3:
-        return {}
-    with table.path.open(encoding="utf-8", errors="replace") as file:
-        lines = [file.readline().strip() for _ in range(int(table.lines[0]) - 1)]
-    for mark in ";\t,|":
-        head, below = ([cell.strip(' "') for cell in line.split(mark)] for line in lines[-2:])
-        if len(below) == len(head) == len(table.variables) > 1 and head[0] in table.variables:
-            return dict(zip(table.variables, below, strict=True))
-    return {}

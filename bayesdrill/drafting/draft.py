@@ -281,12 +281,6 @@ def guess(
     return Guess(target, text, channels, labels, _asks(text, target, paths[0], sheet))
 
 
-def save_draft(draft: Guess, records: Sequence[Path], *, force: bool) -> None:
-    """Write a draft; raises `InputError` as `check_draft_path` does."""
-    check_draft_path(draft.path, records, force=force)
-    output_files.write_text(draft.path, draft.text)
-
-
 def check_draft_path(path: Path, records: Sequence[Path], *, force: bool) -> None:
     """Refuse to write over a record, and without `force` over any file; raises `InputError`."""
     output_files.refuse_other_than_file(path)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
@@ -114,12 +115,10 @@ def record_lines(context: DraftContext) -> list[str]:
     lines.append("  channels:")
     for channel in context.channels:
         lines += _channel(context, channel)
-    names_by_reason: dict[str, list[str]] = {}
-    for name, why in lead.left_out.items():
-        names_by_reason.setdefault(why, []).append(name)
-    if names_by_reason:
+    if lead.left_out:
         lines.append("  # Not used:")
-    for why, same in names_by_reason.items():
+    for why in dict.fromkeys(lead.left_out.values()):
+        same = [name for name, reason in lead.left_out.items() if reason == why]
         lines += comment(f"- {'; '.join(same)}: {why}", 2)
     return lines
 
@@ -222,7 +221,10 @@ def _glitches(label: str, sensor: Sensor) -> str:
 
 
 def _lag_prior(context: DraftContext, samples: float) -> str:
-    most = 1e3 * roles.max_lag(samples, context.lead.segment.dt)
+    """Around a hint of so many samples; its end has two digits."""
+    most = max(5.0, 2 * samples + 3) * context.lead.segment.dt
+    scale = 10.0 ** (1 - math.floor(math.log10(most)))
+    most = 1e3 * (math.ceil(most * scale) / scale)
     return f"{{prior: uniform, low: 0, high: {most:.6g}, unit: ms}}"
 
 

@@ -357,13 +357,6 @@ def _twist_law(
     return unexplained
 
 
-def max_lag(samples: float, dt: float) -> float:
-    """Return the largest lag [s] that a prior around such a hint allows, to two digits."""
-    most = max(5.0, 2 * samples + 3) * dt
-    digits = 1 - math.floor(math.log10(most))
-    return math.ceil(most * 10.0**digits) / 10.0**digits
-
-
 FIRST_SAMPLES = 9  # that tell the first value
 MIN_AFTER_ZERO = 100  # samples after 0 s, for which those before it are given up
 CLEAR_OF_NOISE = 6.0  # times the noise, that is no noise

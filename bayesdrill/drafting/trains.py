@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import itertools
 import re
+from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
@@ -79,14 +80,12 @@ def assign_train(sensors: Sequence[Sensor], dt: float) -> SensorRoles:
 
 def _names(moving: Sequence[Sensor]) -> dict[int, str]:
     """Return the inertia of each sensor, by its identity: as it is named, or by its place."""
-    names: dict[int, str] = {}
-    counts: dict[str, int] = {}
+    names, counts = dict[int, str](), Counter[str]()
     for sensor in moving:
-        if match := _symbol(sensor):
-            names[id(sensor)] = match[2]
-            continue
-        counts[sensor.kind] = counts.get(sensor.kind, 0) + 1
-        names[id(sensor)] = LOCATIONS.get(sensor.location, f"inertia_{counts[sensor.kind]}")
+        match = _symbol(sensor)
+        counts[sensor.kind] += match is None
+        place = LOCATIONS.get(sensor.location, f"inertia_{counts[sensor.kind]}")
+        names[id(sensor)] = match[2] if match else place
     return names
 
 

@@ -28,11 +28,6 @@ class SampleGrid:
         """The times `(T,)`, in the unit of `step`."""
         return np.asarray(self.begin + self.step * self.indices, dtype=np.float64)
 
-    @property
-    def missing(self) -> int:
-        """Samples that would fill the grid."""
-        return int(self.indices[-1]) + 1 - len(self.indices)
-
 
 def grid(t: Array) -> SampleGrid | None:
     """The even grid on which each of `t (T,)` lies to `STEP_TOLERANCE` of its step, if there is one."""
@@ -79,11 +74,11 @@ def describe_times(t: Array) -> str:
 
 def _gaps(t: Array, grid: SampleGrid) -> str:
     gaps = np.diff(grid.indices)
-    longest, count = int(np.argmax(gaps)), int(np.sum(gaps > 1))
+    longest, count, missing = int(np.argmax(gaps)), int(np.sum(gaps > 1)), int(np.sum(gaps - 1))
     named = "1 gap" if count == 1 else f"{count} gaps, the longest"
     return (
         f"a sample every {grid.step:.6g} s ({1 / grid.step:.6g} Hz), the first at {t[0]:.6g} s; "
-        f"{grid.missing} missing in {named}{'' if count > 1 else ','} of {gaps[longest] - 1} between "
+        f"{missing} missing in {named}{'' if count > 1 else ','} of {gaps[longest] - 1} between "
         f"{t[longest]:.6g} and {t[longest + 1]:.6g} s"
     )
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import zipfile
 from collections.abc import Callable, Collection, Iterator
-from dataclasses import dataclass, field
+from itertools import accumulate, chain
 from pathlib import Path
 from typing import Any
 
@@ -22,50 +22,31 @@ _NUMERIC = "fiub"
 ITSELF = "save the numbers themselves in this file"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FileContents:
-    """What a walk through a file has gathered so far; of `unread` only the names are looked at."""
+def _add(table: RecordTable, name: str, values: np.ndarray[Any, Any]) -> None:
+    """Keep a real array up to 2-D, `(T, 1)` and `(1, T)` as `(T,)`; note others as ignored."""
+    if values.dtype.kind == "c":
+        table.ignored[name] = "is complex; save its real part"
+    elif values.dtype.kind not in _NUMERIC:
+        table.ignored[name] = "is not a numeric array; save it as a plain array of double"
+    elif values.size == 0:
+        table.ignored[name] = "is empty"
+    elif values.ndim > 2:
+        size = " x ".join(str(n) for n in values.shape)
+        table.ignored[name] = f"has {values.ndim} dimensions ({size}); save a matrix or a vector"
+    else:
+        flat = values.ravel() if 1 in values.shape or values.ndim == 0 else values
+        table.variables[name] = np.ascontiguousarray(flat, dtype=np.float64)
 
-    variables: dict[str, Array] = field(default_factory=dict)
-    ignored: dict[str, str] = field(default_factory=dict)
-    unread: list[str] = field(default_factory=list)
 
-    labels: dict[str, str] = field(default_factory=dict)
-
-    def add(self, name: str, values: np.ndarray[Any, Any]) -> None:
-        """Keep a real array up to 2-D, `(T, 1)` and `(1, T)` as `(T,)`; note others as ignored."""
-        if values.dtype.kind == "c":
-            self.ignored[name] = "is complex; save its real part"
-        elif values.dtype.kind not in _NUMERIC:
-            self.ignored[name] = "is not a numeric array; save it as a plain array of double"
-        elif values.size == 0:
-            self.ignored[name] = "is empty"
-        elif values.ndim > 2:
-            size = " x ".join(str(n) for n in values.shape)
-            self.ignored[name] = f"has {values.ndim} dimensions ({size}); save a matrix or a vector"
-        else:
-            flat = values.ravel() if 1 in values.shape or values.ndim == 0 else values
-            self.variables[name] = np.ascontiguousarray(flat, dtype=np.float64)
-
-    def add_fields(self, name: str, values: np.ndarray[Any, Any]) -> None:
-        """Do as `add`, records by fields, the longer side as time: writers differ in what a row is."""
-        if values.dtype.names:
-            for field_name in values.dtype.names:
-                self.add_fields(f"{name}.{field_name}", values[field_name])
-        elif values.ndim == 2 and values.shape[0] < values.shape[1]:
-            self.add(name, values.T)
-        else:
-            self.add(name, values)
-
-    def table(self, path: Path) -> RecordTable:
-        """Return what was gathered as the table of a file."""
-        return RecordTable(
-            path=path,
-            variables=self.variables,
-            ignored=self.ignored,
-            unread=tuple(self.unread),
-            labels=self.labels,
-        )
+def add_fields(table: RecordTable, name: str, values: np.ndarray[Any, Any]) -> None:
+    """Add an array, records by fields, the longer side as time: writers differ in what a row is."""
+    if values.dtype.names:
+        for field_name in values.dtype.names:
+            add_fields(table, f"{name}.{field_name}", values[field_name])
+    elif values.ndim == 2 and values.shape[0] < values.shape[1]:
+        _add(table, name, values.T)
+    else:
+        _add(table, name, values)
 
 
 CUT_SHORT = "is damaged or cut short ({}); copy or save it again"
@@ -80,9 +61,6 @@ def too_large(shape: tuple[int, ...], itemsize: int) -> str:
     return f"takes {size / 1e6:.0f} MB; {most}: save fewer columns, or resample to a lower rate"
 
 
-_HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
-
-
 def read_hdf5(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
     """Read the `wanted` datasets (records: dotted names; None: all); no attributes, also no `unit`."""
     import h5py
@@ -91,31 +69,27 @@ def read_hdf5(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
     if head.startswith(b"MATLAB 7.3"):
         message = "is a MATLAB file; give it the ending .mat, or say the format: mat"
         raise InputError.at(str(path), message)
-    contents = FileContents()
-    used = None if wanted is None else {form for name in wanted for form in _records(name)}
+    table = RecordTable(path=path)
+    # `table.speed` is a field of `table`, or has a point in its own name.
+    paths = [accumulate(name.lstrip("/").split("."), "{}.{}".format) for name in wanted or ()]
+    used = None if wanted is None else {*chain.from_iterable(paths)}
     broken = "is not an HDF5 file; save it with h5py, or give it the ending of what it is"
-    if head.startswith(_HDF5_MAGIC):
+    if head.startswith(b"\x89HDF\r\n\x1a\n"):
         broken = f"the HDF5 file {CUT_SHORT}"
     with report_damage(str(path), broken), h5py.File(path, "r") as file:
-        for name, item in datasets(file, contents, separator="/", called="group"):
+        for name, item in datasets(file, table, separator="/", called="group"):
             if used is not None and name not in used:
-                contents.unread.append(name)
+                table.unread.append(name)
             elif reason := _unfit_dataset(item):
-                contents.ignored[name] = reason
+                table.ignored[name] = reason
             else:
-                contents.add_fields(name, np.asarray(item[()]))
-    return contents.table(path)
-
-
-def _records(name: str) -> tuple[str, ...]:
-    """`table.speed` is a field of `table`, or has a point in its own name."""
-    parts = name.lstrip("/").split(".")
-    return tuple(".".join(parts[:count]) for count in range(1, len(parts) + 1))
+                add_fields(table, name, np.asarray(item[()]))
+    return table
 
 
 def datasets(
     file: Any,
-    contents: FileContents,
+    table: RecordTable,
     *,
     separator: str,
     called: str,
@@ -124,7 +98,7 @@ def datasets(
 ) -> Iterator[tuple[str, Any]]:
     """Yield names and items of HDF5, whose groups are `called` so.
 
-    Why others are left out is added to `contents`.
+    Why others are left out is added to `table`.
     `unfit(name, item)`: why nothing of it is read; `hidden`: how names begin that are the writer's own.
     """
     import h5py
@@ -137,15 +111,15 @@ def datasets(
             if name.startswith(hidden):
                 continue
             if not isinstance(group.get(member, getlink=True), h5py.HardLink):
-                contents.ignored[name] = f"is a link to elsewhere; {ITSELF}"
+                table.ignored[name] = f"is a link to elsewhere; {ITSELF}"
                 continue
             item = group[member]
             if reason := unfit(name, item):
-                contents.ignored[name] = reason
+                table.ignored[name] = reason
             elif not isinstance(item, h5py.Group):
                 yield name, item
             elif (address := h5py.h5o.get_info(item.id).addr) in groups:
-                contents.ignored[name] = f"is the same {called} under a second name; give the first"
+                table.ignored[name] = f"is the same {called} under a second name; give the first"
             else:
                 groups.add(address)
                 yield from below(item, f"{name}{separator}")
@@ -182,7 +156,6 @@ def _filters_missing(item: Any) -> str:
     return ", ".join(name for name, known in zip(names, here, strict=True) if not known)
 
 
-_ZIP = b"PK\x03\x04"
 _HEADERS = {
     (1, 0): np.lib.format.read_array_header_1_0,
     (2, 0): np.lib.format.read_array_header_2_0,
@@ -192,30 +165,30 @@ _HEADERS = {
 def read_npz(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
     """Read the `wanted` arrays (fields of records under dotted names; None: all of numbers)."""
     head = read_bytes(path, 8)
-    if not head.startswith(_ZIP):
+    if not head.startswith(b"PK\x03\x04"):
         alone = head.startswith(b"\x93NUMPY")
         what = "holds one array without a name" if alone else "is not an .npz file"
         message = f"{what}; save it with numpy.savez('run.npz', t=t, w_1=w_1)"
         raise InputError.at(str(path), message)
     used = None if wanted is None else {name.split(".")[0] for name in wanted} | {*wanted}
-    contents = FileContents()
+    table = RecordTable(path=path)
     with report_damage(str(path), f"the .npz file {CUT_SHORT}"), zipfile.ZipFile(path) as file:
         for member in file.namelist():
             name = member.removesuffix(".npy")
             if name == member:
-                contents.ignored[name] = "is no array"
+                table.ignored[name] = "is no array"
             elif used is not None and name not in used:
-                contents.unread.append(name)
+                table.unread.append(name)
             elif reason := _unfit_array(name, file, member):
-                contents.ignored[name] = reason
+                table.ignored[name] = reason
             else:
                 with file.open(member) as stream:
                     values = np.lib.format.read_array(stream, allow_pickle=False)
-                contents.add_fields(name, values)
-    nothing = not contents.variables and not contents.unread
-    if nothing and {*contents.ignored.values()} <= {"is no array"}:
+                add_fields(table, name, values)
+    nothing = not table.variables and not table.unread
+    if nothing and {*table.ignored.values()} <= {"is no array"}:
         raise InputError.at(str(path), "is a zip archive without arrays; save it with numpy.savez")
-    return contents.table(path)
+    return table
 
 
 def _unfit_array(name: str, file: zipfile.ZipFile, member: str) -> str:
@@ -236,7 +209,6 @@ def _unfit_array(name: str, file: zipfile.ZipFile, member: str) -> str:
     return too_large(shape, dtype.itemsize)
 
 
-_PARQUET_MAGIC = b"PAR1"
 _MISSING = (
     "a Parquet file needs the package pyarrow, which is missing; install it with pip install "
     "'bayesdrill[parquet]', or save the record as CSV"
@@ -245,7 +217,7 @@ _MISSING = (
 
 def read_parquet(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
     """Read the `wanted` columns (None: all), which needs `pyarrow`; empty cells become NaN."""
-    if read_bytes(path, 4) != _PARQUET_MAGIC:
+    if read_bytes(path, 4) != b"PAR1":
         message = "is not a Parquet file; save it as one, or give it the ending of what it is"
         raise InputError.at(str(path), message)
     try:
@@ -275,7 +247,7 @@ def read_parquet(path: Path, wanted: Collection[str] | None = None) -> RecordTab
         called="row",
         columns=tuple(keys),
         ignored=ignored | unfit,
-        unread=tuple(name for name in keys if name not in variables and name not in unfit),
+        unread=[name for name in keys if name not in variables and name not in unfit],
     )
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import codecs
+import csv
 import dataclasses
 import itertools
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from itertools import chain
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -17,17 +18,8 @@ from pydantic import Field
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.entries import MAX_COUNT
-from bayesdrill.basics.errors import InputError, Issue
-from bayesdrill.record.formats.table import RecordTable, keys_of
-from bayesdrill.record.formats.text import (
-    TextLines,
-    advice_of_cells,
-    decode,
-    read_lines,
-    short,
-    split,
-    to_number,
-)
+from bayesdrill.basics.errors import InputError, Issue, shortened
+from bayesdrill.record.formats.table import RecordTable, keys_of, read_bytes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,13 +45,181 @@ class Dialect:
 
 
 # In order of preference among dialects that explain a file equally well.
-_DIALECTS = tuple(
-    Dialect(*pair)
-    for pair in [
-        ("\t", "."), ("\t", ","), (";", "."), (";", ","), ("|", "."), ("|", ","),
-        (",", "."), (None, "."), (None, ","),
+_DIALECTS = [
+    Dialect(separator, decimal)
+    for separator in ("\t", ";", "|", ",", None)
+    for decimal in ("." if separator == "," else ".,")
+]
+
+
+_NUMBER = r"[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?"
+
+_KINDS: tuple[tuple[str, str], ...] = (
+    (
+        r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}([ T].*)?|.*\d{1,2}:\d{2}(:\d{2}.*)?",
+        "dates and times of day are not read: save seconds since the start, or say "
+        "time: {rate: ...} instead of the column",
+    ),
+    (
+        r"[-+]?\d{1,3}([ ,.'\u00a0\u2009\u202f]\d{3})+([.,]\d+)?",
+        "thousands separators are not read, as they may be decimal signs: export numbers without them",
+    ),
+    (r"0[xX][0-9a-fA-F]+", "hexadecimal numbers are not read: export decimal ones"),
+    (
+        rf"{_NUMBER}\s*[-+]\s*{_NUMBER}\s*\*?[ij]",
+        "complex numbers are not read: save the real part",
+    ),
+    (rf"{_NUMBER}\s*(#|%|//).+", "a comment may only stand in a line of its own: remove it"),
+    (
+        rf"{_NUMBER}\s*%",
+        "percent signs are not read: remove them, and say in the unit what a percent is",
+    ),
+    (
+        rf"{_NUMBER}\s*[a-zA-Z\u00b0\u00b5\u03bc][^\s\d]*",
+        "units do not stand in cells: remove them, and give the unit in the config",
+    ),
+)
+
+
+def advice_of_cells(cells: Iterable[str]) -> list[str]:
+    """Return one sentence for each kind of cell that is met."""
+    kinds = [
+        next((advice for form, advice in _KINDS if re.fullmatch(form, cell)), "") for cell in cells
     ]
-)  # fmt: skip
+    return list(dict.fromkeys(advice for advice in kinds if advice))
+
+
+_MAGIC = {
+    b"PK\x03\x04": "is a spreadsheet or zip archive; export it as CSV",
+    b"MATLAB": "is a MATLAB file; give it the ending .mat, or say the format: mat",
+    b"\x89HDF": "is an HDF5 file; give it the ending .h5, or .mat if MATLAB wrote it",
+    b"PAR1": "is a Parquet file; give it the ending .parquet, or say the format: parquet",
+    b"\xd0\xcf\x11\xe0": "is a spreadsheet (.xls); export it as CSV",
+    b"\x93NUMPY": "is a NumPy array; save it with numpy.savez('run.npz', t=t, w_1=w_1)",
+    b"version https://git-lfs": "is a pointer of Git LFS, not the file; run git lfs pull",
+    b"\x1f\x8b": "is compressed (gzip); unpack it first: gunzip, or 7-Zip",
+}
+
+
+LONGEST_LINE = 200_000  # letters: ten thousand columns
+_LONGEST_NUMBER = 400  # letters; Python takes minutes for a million digits
+_LINES_OF_TEXT = 2  # after which a file is a text, whatever follows
+
+_MISSING = frozenset({"na", "n/a", "#n/a", "null", "none", "--", "#div/0!", "1.#qnan", "1.#ind"})
+_POWER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[dD][-+]?\d+")  # of Fortran
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TextLines:
+    """The lines that hold something, their numbers (from 1), and the last `comment` before them."""
+
+    path: Path
+    texts: list[str]
+    numbers: list[int]
+    comment: str = ""
+
+    def part(self, rows: slice) -> TextLines:
+        """Return some of the lines."""
+        return dataclasses.replace(self, texts=self.texts[rows], numbers=self.numbers[rows])
+
+    def location(self, index: int) -> str:
+        """Return the file and line of one of them, as messages have it."""
+        return f"{self.path} line {self.numbers[index]}"
+
+
+def decode(path: Path) -> str:
+    """Read a text in UTF-8, UTF-16 or Latin-1; raises InputError for what is no table."""
+    raw = read_bytes(path)
+    for magic, message in _MAGIC.items():
+        if raw.startswith(magic):
+            raise InputError.at(str(path), message)
+    try:
+        if raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+            return raw.decode("utf-16")
+        if len(raw) > 2 and not raw[1:400:2].strip(b"\0"):  # without its mark
+            return raw.decode("utf-16-le")
+        text = raw.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = raw.decode("latin-1")
+    _check_text(path, text)
+    return text
+
+
+def _check_text(path: Path, text: str) -> None:
+    odd = re.search(r"[\x00-\x08\x0e-\x19\x1b-\x1f]", text)
+    line = text.count("\n", 0, odd.start()) + 1 if odd else 0
+    if line > _LINES_OF_TEXT:
+        message = "holds bytes that are no text, as where writing was cut; remove them"
+        raise InputError.at(f"{path} line {line}", message)
+    if odd:
+        raise InputError.at(str(path), "is a binary file, not text; export it as CSV in UTF-8")
+    kind = {"<": "a web page or XML", "{": "JSON"}.get(text.lstrip()[:1])
+    if kind:
+        raise InputError.at(str(path), f"is {kind}, not a table; export it as CSV")
+
+
+def read_lines(path: Path, text: str, skip: int) -> TextLines:
+    """Return the lines after the first `skip` that hold something; raises InputError without any."""
+    # Not str.splitlines: it also breaks at form feeds and other characters a cell may hold.
+    everything = text.replace("\r\n", "\n").replace("\r", "\n").rstrip("\x1a").split("\n")
+    for number, line in enumerate(everything, start=1):
+        if len(line) > LONGEST_LINE:
+            message = f"has {len(line)} letters; at most {LONGEST_LINE} are read. "
+            message += (
+                "A table has a line for each sample: write it with line ends, or leave out columns"
+            )
+            raise InputError.at(f"{path} line {number}", message)
+    filled = [
+        (number, line)
+        for number, line in enumerate(everything[skip:], start=skip + 1)
+        if (bare := line.strip()) and bare[0] not in "#%"
+    ]
+    if not filled:
+        where = f" after the {skip} lines of skip_rows" if skip else ""
+        raise InputError.at(str(path), f"holds no data{where}: only blank lines and comments")
+    before = [bare for line in everything[skip : filled[0][0] - 1] if (bare := line.strip())]
+    return TextLines(
+        path=path,
+        texts=[line for _, line in filled],
+        numbers=[n for n, _ in filled],
+        comment=before[-1] if before else "",
+    )
+
+
+def split(line: str, separator: str | None) -> list[str]:
+    """Split a line into cells, at runs of white space where the separator is None."""
+    if '"' not in line:
+        return line.split(separator)
+    if separator is None:
+        return [cell.strip('"') for cell in re.findall(r'"[^"]*"|\S+', line)]
+    try:
+        return next(csv.reader([line], delimiter=separator, skipinitialspace=separator != "\t"))
+    except csv.Error:  # a cell of more than 128 kB: a quote that nobody closed
+        return line.split(separator)
+
+
+def to_number(cell: str, decimal: str) -> float | None:
+    """Return the number in a cell, NaN for an empty one or a word for that, None for anything else."""
+    cell = cell.strip().replace("\u2212", "-")
+    if len(cell) > _LONGEST_NUMBER:
+        return None
+    if not cell or cell.lower() in _MISSING:
+        return float("nan")
+    if _POWER.fullmatch(cell.replace(decimal, ".")):
+        cell = cell.replace("D", "e").replace("d", "e")
+    if decimal == ",":
+        if "." in cell:
+            return None  # 1.234,5 or 1.5: which of the two marks is the decimal one?
+        cell = cell.replace(",", ".")
+    try:
+        return None if "_" in cell else float(cell)
+    except ValueError:
+        return None
+
+
+def short(text: str) -> str:
+    """Quote a text of a file in few letters."""
+    return repr(shortened(text.strip(), 40))
 
 
 def without_empty_tail(lines: TextLines, dialect: Dialect) -> TextLines:
@@ -169,11 +329,10 @@ def parse(body: TextLines, dialect: Dialect, names: Sequence[str]) -> Array:
     parts = []
     for start in range(0, len(body.texts), _CHUNK):
         chunk = body.part(slice(start, start + _CHUNK))
-        rows = [split(line, dialect.separator) for line in chunk.texts]
         short_lines = max(map(len, chunk.texts)) <= _LONG
-        part = _parse_fast(rows, dialect, len(names)) if short_lines else None
+        part = _parse_fast(chunk.texts, dialect, len(names)) if short_lines else None
         if part is None:
-            part = _parse_carefully(rows, chunk, dialect, names, ragged, bad)
+            part = _parse_carefully(chunk, dialect, names, ragged, bad)
         parts.append(part)
     mend = "mend the rows or remove them, or check delimiter and decimal"
     problems = ragged.report(body.path, mend)
@@ -187,33 +346,27 @@ def parse(body: TextLines, dialect: Dialect, names: Sequence[str]) -> Array:
     return np.concatenate(parts)
 
 
-def _parse_fast(rows: list[list[str]], dialect: Dialect, width: int) -> Array | None:
+def _parse_fast(texts: list[str], dialect: Dialect, width: int) -> Array | None:
     """Rows without any fault and without empty cells; None sends the chunk the slow way."""
-    if set(map(len, rows)) != {width}:
-        return None
-    flat = list(chain.from_iterable(rows))
-    text = "\n".join(flat)
-    if "_" in text or (dialect.decimal == "," and "." in text):
-        return None
+    mark = dialect.separator
     if dialect.decimal == ",":
-        flat = text.replace(",", ".").split("\n")
+        if mark == "," or any("." in text for text in texts):
+            return None
+        texts = [text.replace(",", ".") for text in texts]
     try:
-        return np.fromiter(map(float, flat), np.float64, len(flat)).reshape(len(rows), width)
+        values = np.loadtxt(texts, delimiter=mark, comments=None, quotechar='"', ndmin=2)
     except ValueError:
         return None
+    return values if values.shape == (len(texts), width) else None
 
 
 def _parse_carefully(
-    rows: list[list[str]],
-    lines: TextLines,
-    dialect: Dialect,
-    names: Sequence[str],
-    ragged: _Faults,
-    bad: _Faults,
+    lines: TextLines, dialect: Dialect, names: Sequence[str], ragged: _Faults, bad: _Faults
 ) -> Array:
-    """`(len(rows), n)` of `rows`, the cells of `lines`; what is wrong with them is counted."""
-    values = np.full((len(rows), len(names)), np.nan)
-    for i, row in enumerate(rows):
+    """`(T, n)` of the cells of `lines`; what is wrong with them is counted."""
+    values = np.full((len(lines.texts), len(names)), np.nan)
+    for i, line in enumerate(lines.texts):
+        row = split(line, dialect.separator)
         if len(row) != len(names):
             ragged.add(lines.location(i), f"{len(row)} cells where {len(names)} are due")
             continue
@@ -272,7 +425,10 @@ def table(path: Path, text: str, options: CsvOptions) -> RecordTable:
     values = parse(body, dialect, names)
     columns = {name: np.ascontiguousarray(values[:, i]) for i, name in enumerate(names)}
     numbers = np.array(body.numbers, dtype=np.int64)
-    return RecordTable(path=path, variables=columns, lines=numbers, ignored=ignored)
+    below = lines.texts[1] if len(lines.texts) - len(body.texts) == 2 else ""
+    cells = [cell.strip() for cell in split(below, dialect.separator)] if dialect.separator else []
+    units = dict(zip(names, cells, strict=True)) if len(cells) == width > 1 else {}
+    return RecordTable(path=path, variables=columns, lines=numbers, ignored=ignored, units=units)
 
 
 def check_options(path: Path, options: CsvOptions) -> None:
@@ -355,20 +511,15 @@ def _why_not(header: str, count: int, lines: TextLines, dialect: Dialect, width:
     if width == count + 1 and count > 1:
         return "if the first column holds row numbers, give it a name too, or set header: false"
     below = zip(lines.numbers[1:], lines.texts[1:], strict=True)
-    names = [n for n, text in below if _is_header(text, dialect, width)]
+    censuses = ((number, *_census(text, dialect)) for number, text in below)
+    names = [n for n, numeric, words in censuses if not numeric and len(words) == width]
     start = f"set skip_rows{f': {names[0] - 1}' if names else ''} to start at the header below it"
     return f"if it is a title, {start}, else check delimiter and decimal"
 
 
-def _is_header(text: str, dialect: Dialect, width: int) -> bool:
-    numeric, words = _census(text, dialect)
-    return not numeric and len(words) == width
-
-
 def _in_comment(lines: TextLines, dialect: Dialect, width: int) -> dict[str, str]:
     """Why names cannot be picked that stand in the comment before the data."""
-    comment = lines.comment[1:] if lines.comment else ""
-    names = _header_cells(comment, dialect, width)
+    names = _header_cells(lines.comment[1:], dialect, width)
     if len(names) != width:
         return {}
     why = f"stands in a line that begins with {lines.comment[:1]!r}, a comment; remove that sign"
@@ -376,7 +527,7 @@ def _in_comment(lines: TextLines, dialect: Dialect, width: int) -> dict[str, str
 
 
 def _header_cells(header: str, dialect: Dialect, width: int) -> list[str]:
-    names = [_bare(name.strip()) for name in split(header, dialect.separator)]
+    names = [re.sub("^'(.+)'$", r"\1", name.strip()) for name in split(header, dialect.separator)]
     if dialect.separator is not None:
         return names[:width] if len(names) == width + 1 and not names[-1] else names
     # `t [s]  w_1 [rpm]`: a blank inside a name is told from one between names by trial.
@@ -386,7 +537,3 @@ def _header_cells(header: str, dialect: Dialect, width: int) -> list[str]:
         if len(guess) == width:
             return [name.strip('"') for name in guess]
     return names
-
-
-def _bare(name: str) -> str:
-    return name[1:-1] if len(name) > 2 and name[0] == name[-1] == "'" else name

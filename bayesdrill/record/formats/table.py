@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -25,16 +25,18 @@ class RecordTable:
     """
 
     path: Path
-    variables: Mapping[str, Array]
+    variables: dict[str, Array] = field(default_factory=dict)
     lines: Counts | None = None
     """`(T,)` numbers of the rows of a table, as `called`; None for a file of arrays."""
     called: str = "line"
     columns: tuple[str, ...] = ()
     """Of a table some of whose columns are no numbers: all of them, in order; else `variables`."""
-    ignored: Mapping[str, str] = field(default_factory=dict)
-    unread: tuple[str, ...] = ()
-    labels: Mapping[str, str] = field(default_factory=dict)
+    ignored: dict[str, str] = field(default_factory=dict)
+    unread: list[str] = field(default_factory=list)
+    labels: dict[str, str] = field(default_factory=dict)
     """What the file calls a variable, where that is not its name."""
+    units: dict[str, str] = field(default_factory=dict)
+    """What a row between header and numbers says of each column."""
 
     def where(self, index: int) -> str:
         """The place of the sample `index` (0-based): `line 18` of a text, `row`, or `sample`."""
@@ -75,8 +77,10 @@ class RecordTable:
         if isinstance(column, str):
             column = None
         values = self._named(variable, "variable")
-        shape = f"variable {variable!r} of {self.path.name} has {_shape(values)}"
         width = 1 if values.ndim == 1 else values.shape[1]
+        size = f"{len(values)} rows and {width} columns"
+        size = f"{len(values)} samples in 1 column" if values.ndim == 1 else size
+        shape = f"variable {variable!r} of {self.path.name} has {size}"
         if column is None and width > 1:
             raise LookupError(f"{shape}; say which column, from 1 to {width}")
         if column is not None and not 1 <= column <= width:
@@ -139,11 +143,6 @@ def variable_name(column: str | int | None, variable: str | None) -> str | None:
     if not isinstance(column, str):
         return variable
     return column if variable is None else f"{variable}.{column}"
-
-
-def _shape(values: Array) -> str:
-    alone = f"{len(values)} samples in 1 column"
-    return alone if values.ndim == 1 else f"{len(values)} rows and {values.shape[1]} columns"
 
 
 def read_bytes(path: Path, count: int = -1) -> bytes:
