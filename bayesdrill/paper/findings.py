@@ -12,10 +12,9 @@ from bayesdrill.basics import Array, InputError, Issue
 from bayesdrill.config import Job, ResolvedCase, job, loading
 from bayesdrill.config import optimiser as optimiser_of
 from bayesdrill.paper import printed
-from bayesdrill.paper.forward import IntegratorError, MatrixReading
-from bayesdrill.paper.precision import ImpliedNoise, RecordLength
-from bayesdrill.paper.printed import DeviationCause, NaturalFrequency
-from bayesdrill.paper.searches import ControlRun, Heuristic, SearchEnd, Verification
+from bayesdrill.paper.forward import MatrixReading
+from bayesdrill.paper.printed import Row
+from bayesdrill.paper.searches import Heuristic, SearchEnd, Verification
 from bayesdrill.record import Experiment
 from bayesdrill.sampling import Optimiser
 
@@ -63,7 +62,7 @@ class NineParameterStudy:
     draws: Array
     verdict: Verdict
     misfits: Misfits
-    causes: tuple[DeviationCause, ...]
+    causes: Sequence[Row]
     converged: bool
 
 
@@ -72,16 +71,16 @@ class PaperFindings:
     """All that the studies find; `ends` of searches have distances from the truth of `searched`."""
 
     readings: tuple[MatrixReading, ...]
-    errors: tuple[IntegratorError, ...]
+    errors: Sequence[Row]
     verification: Verification
-    lengths: tuple[RecordLength, ...]
-    implied: tuple[ImpliedNoise, ...]
+    lengths: Sequence[Row]
+    implied: Sequence[Row]
     searched: str
     symmetries: tuple[tuple[str, ...], ...]
     ends: tuple[SearchEnd, ...]
-    control: tuple[ControlRun, ...]
+    control: Sequence[Row]
     nines: tuple[NineParameterStudy, ...]
-    tones: tuple[NaturalFrequency, ...]
+    tones: Sequence[Row]
 
     @property
     def converged(self) -> bool:

@@ -33,6 +33,7 @@ import numpy as np
 from bayesdrill.basics import Array
 from bayesdrill.inference import Likelihood, derived
 from bayesdrill.paper.plugins import AsPrinted
+from bayesdrill.paper.printed import Row
 from bayesdrill.record import Experiment, regular
 from bayesdrill.rig import Model, MotorShaft, Named, Response, constant_forcing, dynamics
 from bayesdrill.sampling import Task
@@ -181,16 +182,6 @@ class MatrixReading:
     curve: Array
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class IntegratorError:
-    """The error of the paper's integrator in one channel, at its default tolerances."""
-
-    channel: str
-    largest: float
-    rms: float
-    steps: int
-
-
 def readings(experiment: Experiment, p: Mapping[str, float]) -> tuple[MatrixReading, ...]:
     """Return the same step with each reading, at parameters `p` (SI), followed for `FOLLOWED` s."""
     experiment = regular(experiment, FOLLOWED, 1 / experiment.dt)
@@ -215,19 +206,19 @@ def readings(experiment: Experiment, p: Mapping[str, float]) -> tuple[MatrixRead
     return tuple(reading(name, *what) for name, what in READINGS.items())
 
 
-def errors(experiment: Experiment, p: Mapping[str, float]) -> tuple[IntegratorError, ...]:
-    """Return the errors of the integrator on the corrected model."""
+def errors(experiment: Experiment, p: Mapping[str, float]) -> list[Row]:
+    """Return the errors of the paper's integrator on the corrected model, by channel."""
     exact, stepped, steps = _both(MotorShaft(), experiment, p)
     off = stepped - exact
-    return tuple(
-        IntegratorError(
-            channel=name,
-            largest=float(np.abs(off[:, k]).max()),
-            rms=float(np.sqrt(np.mean(off[:, k] ** 2))),
-            steps=steps,
-        )
+    return [
+        {
+            "channel": name,
+            "largest": float(np.abs(off[:, k]).max()),
+            "rms": float(np.sqrt(np.mean(off[:, k] ** 2))),
+            "steps": steps,
+        }
         for k, name in enumerate(experiment.names)
-    )
+    ]
 
 
 def _both(model: Model, experiment: Experiment, p: Mapping[str, float]) -> tuple[Array, Array, int]:
