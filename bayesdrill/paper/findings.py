@@ -20,31 +20,6 @@ from bayesdrill.sampling import Optimiser
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Misfits:
-    """The paper's misfit per measured number of one record, of which there are `numbers`.
-
-    `others`: the largest of the heuristic's from other starts.  `stepped`: with the paper's integrator,
-    where there is no measured input.  95 % of records have it between `low` and `high` at the truth.
-    """
-
-    record: str
-    numbers: int
-    guess: float
-    heuristic: float
-    others: float
-    stepped: float | None
-    map: float
-    truth: float | None
-    low: float
-    high: float
-
-    @property
-    def explained(self) -> bool:
-        """Whether the best fit leaves no more than noise."""
-        return self.map <= self.high
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class NineParameterStudy:
     """The nine-parameter study of one record; vectors `(D,)` of `names`, physical, SI.
 
@@ -61,7 +36,7 @@ class NineParameterStudy:
     truth: Array | None
     draws: Array
     verdict: Verdict
-    misfits: Misfits
+    misfits: Row
     causes: Sequence[Row]
     converged: bool
 

@@ -167,17 +167,11 @@ FOLLOWED = 30.0  # s; the speed of theta_2 has settled by then but for a swing t
 class MatrixReading:
     """A way to read the printed matrix: the speed of theta_2 [rad/s] at `time` [s] and in the end.
 
-    `error`: of the paper's integrator until `time`, in `steps`; `curve (T,)`: the speed at `t (T,)`.
+    `row`: of the table, with the `error` of the paper's integrator until `time`, in `steps`;
+    `curve (T,)`: the speed at `t (T,)`.
     """
 
-    name: str
-    matrix: str
-    time: float
-    w_2: float
-    w_2_trapezoid: float
-    w_end: float
-    error: float
-    steps: int
+    row: Row
     t: Array
     curve: Array
 
@@ -190,18 +184,17 @@ def readings(experiment: Experiment, p: Mapping[str, float]) -> tuple[MatrixRead
     def reading(name: str, matrix: str, model: Model) -> MatrixReading:
         exact, stepped, steps = _both(model, experiment, p)
         end = derived.steady_values(model, model.linear(p), 1, experiment.constant)["w_end"]
-        return MatrixReading(
-            name=name,
-            matrix=matrix,
-            time=float(experiment.t[-1]),
-            w_2=float(exact[-1, k]),
-            w_2_trapezoid=float(stepped[-1, k]),
-            w_end=float(end[0]),
-            error=float(np.abs(stepped - exact)[:, k].max()),
-            steps=steps,
-            t=experiment.t,
-            curve=exact[:, k],
-        )
+        row = {
+            "name": name,
+            "matrix": matrix,
+            "time": float(experiment.t[-1]),
+            "w_2": float(exact[-1, k]),
+            "w_2_trapezoid": float(stepped[-1, k]),
+            "w_end": float(end[0]),
+            "error": float(np.abs(stepped - exact)[:, k].max()),
+            "steps": steps,
+        }
+        return MatrixReading(row=row, t=experiment.t, curve=exact[:, k])
 
     return tuple(reading(name, *what) for name, what in READINGS.items())
 

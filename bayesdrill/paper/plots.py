@@ -87,7 +87,7 @@ def readings_figure(readings: Sequence[MatrixReading]) -> Figure:
     near = (-BELOW * right, ABOVE * right)
     margin = 0.06 * float(far.max() - far.min())
     ranges = ((float(far.min()) - margin, float(far.max()) + margin), near)
-    time = scales.scale(0.0, max(reading.time for reading in readings))
+    time = scales.scale(0.0, max(reading.row["time"] for reading in readings))
     with style.styled():
         figure, panels = PAIR.build(2)
         for panel, (low, high) in zip(panels, ranges, strict=True):
@@ -113,8 +113,8 @@ def _axes(panel: Axes, time: scales.Scale, numbers: scales.Scale) -> None:
 
 
 def _ending(reading: MatrixReading) -> str:
-    end = f"{round(reading.w_end, 1) + 0.0:g}".replace("-", "\N{MINUS SIGN}")
-    return rf"{SHORT[reading.name]}; settles at {end} rad/s"
+    end = f"{round(reading.row['w_end'], 1) + 0.0:g}".replace("-", "\N{MINUS SIGN}")
+    return rf"{SHORT[reading.row['name']]}; settles at {end} rad/s"
 
 
 # Table 2

@@ -40,7 +40,8 @@ def in_words(findings: PaperFindings) -> tuple[str, ...]:
     ]
     for nine in findings.nines:
         lines = [line for line in lines_3(nine) if line["truth"] is not None]
-        text = f"{nine.name}: the heuristic ends at a misfit of {nine.misfits.heuristic:.3f} per number"
+        misfit = nine.misfits["heuristic"]
+        text = f"{nine.name}: the heuristic ends at a misfit of {misfit:.3f} per number"
         if lines:
             worst = max(lines, key=lambda line: abs(line["off_percent"]))
             inside = sum(line["holds"] for line in lines)

@@ -14,8 +14,9 @@ from bayesdrill.analysis import SensitivityStudy, study_of
 from bayesdrill.basics import Array, Interrupted, Reporter, Silent, software
 from bayesdrill.config import Job, ResolvedCase
 from bayesdrill.paper import forward, precision, printed, reproduction
-from bayesdrill.paper.findings import Misfits, NineParameterStudy, PaperFindings, Studies, prepare
+from bayesdrill.paper.findings import NineParameterStudy, PaperFindings, Studies, prepare
 from bayesdrill.paper.precision import truth_of
+from bayesdrill.paper.printed import Row
 from bayesdrill.paper.searches import (
     Heuristic,
     MisfitSearch,
@@ -168,19 +169,24 @@ def _nine(
     )
 
 
-def _misfits(nine: Job, heuristic: Heuristic, mode: Array, truth: Array | None) -> Misfits:
+def _misfits(nine: Job, heuristic: Heuristic, mode: Array, truth: Array | None) -> Row:
+    """The paper's misfit per measured number of one record, of which there are `numbers`.
+
+    `others`: the largest of the heuristic's from other starts.  `stepped`: with the paper's integrator,
+    where there is no measured input.  95 % of records have it between `low` and `high` at the truth.
+    """
     posterior = nine.problem.posterior
     numbers = posterior.likelihood.n_measured
     low, high = precision.expected_misfit(numbers)
-    return Misfits(
-        record=nine.config.name,
-        numbers=numbers,
-        guess=precision.misfit_per_number(posterior, heuristic.guess),
-        heuristic=precision.misfit_per_number(posterior, heuristic.estimate),
-        others=float(heuristic.others_misfits.max()),
-        stepped=heuristic.stepped_misfit,
-        map=precision.misfit_per_number(posterior, mode),
-        truth=None if truth is None else precision.misfit_per_number(posterior, truth),
-        low=low,
-        high=high,
-    )
+    return {
+        "record": nine.config.name,
+        "numbers": numbers,
+        "guess": precision.misfit_per_number(posterior, heuristic.guess),
+        "heuristic": precision.misfit_per_number(posterior, heuristic.estimate),
+        "others": float(heuristic.others_misfits.max()),
+        "stepped": heuristic.stepped_misfit,
+        "map": precision.misfit_per_number(posterior, mode),
+        "truth": None if truth is None else precision.misfit_per_number(posterior, truth),
+        "low": low,
+        "high": high,
+    }

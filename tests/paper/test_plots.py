@@ -43,14 +43,7 @@ def readings() -> tuple[MatrixReading, ...]:
     ends = (15.913, 1e-15, 660.26, -0.02)
     found = [
         MatrixReading(
-            name=name,
-            matrix=matrix,
-            time=10.0,
-            w_2=float(curve[-1]),
-            w_2_trapezoid=float(curve[-1]),
-            w_end=end,
-            error=0.01,
-            steps=100,
+            row={"name": name, "matrix": matrix, "time": 10.0, "w_end": end},
             t=t,
             curve=curve,
         )

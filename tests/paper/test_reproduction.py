@@ -82,21 +82,21 @@ def test_every_reading_is_followed_for_half_a_minute() -> None:
     that of the record's end; an error of one time alone.
     """
     found = forward.readings(experiment(101), NOMINAL)
-    assert [reading.name for reading in found] == list(forward.READINGS)
+    assert [reading.row["name"] for reading in found] == list(forward.READINGS)
     for reading in found:
-        model = forward.READINGS[reading.name][1]
+        model = forward.READINGS[reading.row["name"]][1]
         augmented = np.zeros((7, 7))
         augmented[:6, :6], augmented[:6, 6] = six_states(model, NOMINAL, {"v": 8.0})
         speed = SIX_STATES.index("w_2")
         then, last = (scipy.linalg.expm(t * augmented)[speed, 6] for t in (30.0, 1e4))
-        assert (reading.time, reading.t[-1]) == (30.0, 30.0)
-        assert reading.w_2 == pytest.approx(then, rel=1e-6, abs=1e-6)
-        assert reading.w_end == pytest.approx(last, rel=1e-4, abs=1e-4)
-        assert reading.curve[-1] == reading.w_2
+        assert (reading.row["time"], reading.t[-1]) == (30.0, 30.0)
+        assert reading.row["w_2"] == pytest.approx(then, rel=1e-6, abs=1e-6)
+        assert reading.row["w_end"] == pytest.approx(last, rel=1e-4, abs=1e-4)
+        assert reading.curve[-1] == reading.row["w_2"]
         stepped = integrate(augmented[:6, :6], augmented[:6, 6], np.zeros(6), reading.t)
-        assert reading.w_2_trapezoid == pytest.approx(stepped.x[-1, speed], rel=1e-9)
+        assert reading.row["w_2_trapezoid"] == pytest.approx(stepped.x[-1, speed], rel=1e-9)
         off = np.abs(stepped.x[:, speed] - reading.curve).max()
-        assert reading.error == pytest.approx(off, rel=1e-6)
+        assert reading.row["error"] == pytest.approx(off, rel=1e-6)
 
 
 def test_bounds_are_those_of_numeric_slopes() -> None:

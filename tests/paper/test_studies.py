@@ -69,10 +69,10 @@ def test_readings_settle_where_they_are_after_hours_and_their_errors_are_the_lar
     Mutants killed: the end of the record for the end; any other error.
     """
     for reading in forward.readings(experiment(51, 0.02), skewed()):
-        whole = augmented(reading.name, skewed())
+        whole = augmented(reading.row["name"], skewed())
         end = scipy.linalg.expm(2e4 * whole)[W_2, 6]
-        assert reading.w_end == pytest.approx(end, rel=1e-9, abs=1e-6)
-        assert abs(reading.w_2 - end) > 1e-3  # it still swings
+        assert reading.row["w_end"] == pytest.approx(end, rel=1e-9, abs=1e-6)
+        assert abs(reading.row["w_2"] - end) > 1e-3  # it still swings
         once = scipy.linalg.expm(0.02 * whole)
         x, exact = np.eye(7)[6], []
         for _ in reading.t:
@@ -80,9 +80,9 @@ def test_readings_settle_where_they_are_after_hours_and_their_errors_are_the_lar
             x = once @ x
         found = integrate(whole[:6, :6], whole[:6, 6], np.zeros(6), reading.t)
         error = np.abs(found.x[:, W_2] - exact).max()
-        assert reading.error == pytest.approx(error, rel=1e-6)
-        assert reading.steps == found.steps
-        assert reading.w_2_trapezoid == pytest.approx(found.x[-1, W_2])
+        assert reading.row["error"] == pytest.approx(error, rel=1e-6)
+        assert reading.row["steps"] == found.steps
+        assert reading.row["w_2_trapezoid"] == pytest.approx(found.x[-1, W_2])
 
 
 def test_the_integrators_error_in_each_channel() -> None:

@@ -24,7 +24,7 @@ from bayesdrill.analysis.verdict import Quantity, Verdict
 from bayesdrill.basics.symbols import PARAMETERS
 from bayesdrill.paper import printed, reproduction
 from bayesdrill.paper import study_tables as pages
-from bayesdrill.paper.findings import Misfits, NineParameterStudy, PaperFindings
+from bayesdrill.paper.findings import NineParameterStudy, PaperFindings
 from bayesdrill.paper.forward import MatrixReading
 from bayesdrill.paper.printed import FOLLOWING, PRODUCTS, Row
 from bayesdrill.paper.searches import Heuristic, SearchEnd, Verification
@@ -137,8 +137,8 @@ def nine(name: str, truth: np.ndarray | None) -> NineParameterStudy:
             limit=3.7,
             joint=None,
         ),
-        misfits=filled(
-            Misfits,
+        misfits=row(
+            "record numbers guess heuristic others stepped map truth low high",
             record=name,
             truth=None if truth is None else uneven(),
             numbers=4004,
@@ -169,9 +169,13 @@ def ends() -> tuple[SearchEnd, ...]:
 @cache
 def findings() -> PaperFindings:
     truth = np.array([printed.GUESS[n] for n in NAMES]) * [uneven() for _ in NAMES]
-    series = {"t": np.arange(3.0), "curve": np.arange(3.0)}
+    columns = "name matrix time w_2 w_2_trapezoid w_end error steps"
+    t = np.arange(3.0)
     return PaperFindings(
-        readings=tuple(filled(MatrixReading, name=n, matrix=f"A as {n}", **series) for n in "ab"),
+        readings=tuple(
+            MatrixReading(row=row(columns, name=n, matrix=f"A as {n}", steps=83), t=t, curve=t)
+            for n in "ab"
+        ),
         errors=[row("channel largest rms steps", channel=c, steps=71) for c in ("theta_1", "w_1")],
         verification=verification(),
         lengths=[
@@ -484,7 +488,7 @@ def test_the_words_name_the_worst_parameter_and_count_those_that_are_held() -> N
 def test_doubts_are_said_in_words_and_above_the_tables_of_their_record() -> None:
     """Mutants killed: a bad fit, or a posterior that did not converge, without a word."""
     one, two = findings().nines
-    bad = replace(one, misfits=replace(one.misfits, map=2716.846, high=1.0443))
+    bad = replace(one, misfits={**one.misfits, "map": 2716.846, "high": 1.0443})
     lost = replace(two, converged=False)
     whole = replace(findings(), nines=(bad, lost))
     text = reproduction.in_words(whole)
@@ -526,7 +530,7 @@ def test_an_unknown_of_ones_own_has_a_line_after_the_papers_and_what_is_given_is
 def test_without_the_integrator_its_cells_are_empty() -> None:
     found = findings().nines[1]
     nothing = replace(found.heuristic, stepped=None, stepped_misfit=None)
-    own = replace(found, heuristic=nothing, misfits=replace(found.misfits, stepped=None))
+    own = replace(found, heuristic=nothing, misfits={**found.misfits, "stepped": None})
     for line in lines_3(own):
         assert (line["stepped"], line["stepped_percent"], line["stepped_off_percent"]) == (
             None,
