@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from bayesdrill import output_files
+from bayesdrill.analysis import plausibility
 from bayesdrill.basics import software, symbols
 from bayesdrill.paper import printed
 from bayesdrill.paper.findings import PaperFindings
@@ -24,6 +25,7 @@ from bayesdrill.report import (
     made_of,
 )
 from bayesdrill.results import Folder
+from bayesdrill.rig import MotorShaft
 from bayesdrill.sampling import WorkerPool
 
 TITLE = "The paper, repeated"
@@ -88,12 +90,17 @@ def drawings(findings: PaperFindings) -> dict[str, Drawing]:
     """Return the figures, by the stems of their files."""
     # Late: matplotlib takes a second to load.
     from bayesdrill.paper import plots
-    from bayesdrill.report import heuristic_figure, rig_figure
+    from bayesdrill.report import heuristic_figure, train_figure
 
     known = symbols.PARAMETERS
     scaled = [", ".join(known[name].latex for name in names) for names in findings.symmetries]
     wanted = {
-        "rig": Drawing(rig_figure, says="The rig."),
+        "rig": Drawing(
+            train_figure,
+            (MotorShaft(), findings.nines[0].experiment.names),
+            "The rig. Its shaft is of steel, "
+            f"{plausibility.SHAFT_LENGTH:g} m long and {1e3 * plausibility.SHAFT_DIAMETER:g} mm thick.",
+        ),
         "heuristic": Drawing(
             heuristic_figure, (circle(ORDER), ITERATIONS), "The heuristic, as in the paper."
         ),

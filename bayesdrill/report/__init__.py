@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from bayesdrill.report.render import as_html as as_html
     from bayesdrill.report.run_report import made_of as made_of
     from bayesdrill.report.schematics import heuristic_figure as heuristic_figure
-    from bayesdrill.report.schematics import rig_figure as rig_figure
     from bayesdrill.report.section import Note as Note
     from bayesdrill.report.section import Picture as Picture
     from bayesdrill.report.section import Section as Section
@@ -32,6 +31,7 @@ if TYPE_CHECKING:
     from bayesdrill.report.style import set_decades as set_decades
     from bayesdrill.report.style import set_factors as set_factors
     from bayesdrill.report.style import usable as usable
+    from bayesdrill.report.train_picture import train_figure as train_figure
     from bayesdrill.report.view import Drawing as Drawing
     from bayesdrill.report.view import ReportContext as ReportContext
 
