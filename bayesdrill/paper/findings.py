@@ -15,7 +15,7 @@ from bayesdrill.paper import printed
 from bayesdrill.paper.forward import MatrixReading
 from bayesdrill.paper.printed import Row
 from bayesdrill.paper.searches import Heuristic, SearchEnd, Verification
-from bayesdrill.record import Experiment
+from bayesdrill.report import Fit
 from bayesdrill.sampling import Optimiser
 
 
@@ -23,16 +23,15 @@ from bayesdrill.sampling import Optimiser
 class NineParameterStudy:
     """The nine-parameter study of one record; vectors `(D,)` of `names`, physical, SI.
 
-    `draws (N, D)` of the posterior; `signals (T, K)` of the estimate; `given`: what was not searched.
+    `draws (N, D)` of the posterior; `fit` of the estimate; `given`: what was not searched.
     """
 
     name: str
     names: tuple[str, ...]
     units: tuple[str, ...]
     given: tuple[str, ...]
-    experiment: Experiment
     heuristic: Heuristic
-    signals: Array
+    fit: Fit
     truth: Array | None
     draws: Array
     verdict: Verdict

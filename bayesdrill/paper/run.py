@@ -13,6 +13,7 @@ from bayesdrill import output_files
 from bayesdrill.analysis import SensitivityStudy, study_of
 from bayesdrill.basics import Array, Interrupted, Reporter, Silent, software
 from bayesdrill.config import Job, ResolvedCase
+from bayesdrill.inference import residual_checks
 from bayesdrill.paper import forward, precision, printed, reproduction
 from bayesdrill.paper.findings import NineParameterStudy, PaperFindings, Studies, prepare
 from bayesdrill.paper.precision import truth_of
@@ -25,6 +26,7 @@ from bayesdrill.paper.searches import (
     run_heuristic,
     verify,
 )
+from bayesdrill.report import every_fit
 from bayesdrill.results import Folder
 from bayesdrill.rig import MotorShaft
 from bayesdrill.sampling import WorkerPool
@@ -148,6 +150,8 @@ def _nine(
     draws = whole.sampled.draws.reshape(-1, len(heuristic.estimate))
     values, vector = truth_of(nine.case, makers), posterior.space.vector
     truth, mode = None if values is None else vector(values), vector(whole.mode.values)
+    left = residual_checks.residual_summaries(posterior.likelihood, heuristic.estimate)
+    (fit,) = every_fit(nine.problem, heuristic.estimate, left)
     assert whole.verdict is not None  # there are unknowns with nominal values
     return NineParameterStudy(
         name=name,
@@ -157,9 +161,8 @@ def _nine(
             *(f"{name} = {value:.4g}" for name, value in posterior.space.fixed.items()),
             *(f"{name} = {tie.text}" for name, tie in posterior.space.relations.items()),
         ),
-        experiment=nine.problem.experiment,
         heuristic=heuristic,
-        signals=posterior.likelihood.signals(heuristic.estimate[None])[0],
+        fit=fit,
         truth=truth,
         draws=draws,
         verdict=whole.verdict,

@@ -24,8 +24,9 @@ if TYPE_CHECKING:
     from bayesdrill.report.section import as_markdown as as_markdown
     from bayesdrill.report.section import lines_as_csv as lines_as_csv
     from bayesdrill.report.section import markdown as markdown
-    from bayesdrill.report.sections.fit_figure import LINE_POINTS as LINE_POINTS
-    from bayesdrill.report.sections.fit_words import extremes as extremes
+    from bayesdrill.report.sections.fit_figure import fit_figure as fit_figure
+    from bayesdrill.report.sections.fit_words import Fit as Fit
+    from bayesdrill.report.sections.fit_words import every_fit as every_fit
     from bayesdrill.report.sections.identify_words import product as product
     from bayesdrill.report.sections.physics_words import TIME as TIME
     from bayesdrill.report.style import set_decades as set_decades

@@ -66,13 +66,13 @@ class _Row:
     y: float = 0.0
 
 
-def train_figure(rig: Model, measured: Collection[str] = ()) -> Figure:
+def train_figure(rig: Model, channels: Collection[str] = ()) -> Figure:
     """Draw the inertias of any rig, with shafts, gears, ground and drives, from its roles.
 
-    `measured`: channels; with them it is noted which states are measured.
+    With `channels` it is noted which states are measured.
     """
     with style.styled():
-        return _TrainPicture(rig).draw(measured)
+        return _TrainPicture(rig).draw(channels)
 
 
 def save_rig(rig: Model, path: Path) -> Path:
@@ -114,7 +114,7 @@ class _TrainPicture:
         self.between: dict[str, list[_Link]] = {}
         self.at: dict[str, Point] = {}
 
-    def draw(self, measured: Collection[str]) -> Figure:
+    def draw(self, channels: Collection[str]) -> Figure:
         """Lay all out, and draw it on a page that is as large as that."""
         rows = self._rows()
         shown = [link for links in self.between.values() for link in links]
@@ -123,10 +123,10 @@ class _TrainPicture:
             for link in self.links
             if link not in shown
         ]
-        if measured:
-            seen = [name for name in self.rig.states if name in measured]
-            told = {"measured": seen, "not measured": [n for n in self.rig.states if n not in seen]}
-            notes.append("; ".join(f"{w}: {self._formula(told[w])}" for w in told if told[w]))
+        if channels:
+            measured = self._formula([n for n in self.rig.states if n in channels])
+            others = self._formula([n for n in self.rig.states if n not in channels])
+            notes.append(f"measured: {measured or 'none'}; not measured: {others or 'none'}")
         height, width = 0.1 + LINE_HEIGHT * len(notes), self._measure(*notes) + 0.2
         for row in reversed(rows):
             height += self._reach(row, "below")
@@ -147,7 +147,8 @@ class _TrainPicture:
     # What there is.
 
     def _formula(self, names: Sequence[str]) -> str:
-        return "$" + r",\,".join(self.rig.symbols[n].latex for n in names) + "$" if names else ""
+        known = [self.rig.symbols[name].latex for name in names if name]
+        return "$" + r",\,".join(known) + "$" if known else ""
 
     def _latex(self, *names: str) -> str:
         return self._formula([n for n in names if n in self.rig.parameters])

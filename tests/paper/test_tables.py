@@ -16,12 +16,11 @@ from functools import cache
 import numpy as np
 import pytest
 from oracles import ORDER
-from rigs import experiment
 from together import together
 
 from bayesdrill import output_files
 from bayesdrill.analysis.verdict import Quantity, Verdict
-from bayesdrill.basics.symbols import PARAMETERS
+from bayesdrill.basics.symbols import PARAMETERS, STATES
 from bayesdrill.paper import printed, reproduction
 from bayesdrill.paper import study_tables as pages
 from bayesdrill.paper.findings import NineParameterStudy, PaperFindings
@@ -35,6 +34,7 @@ from bayesdrill.paper.study_tables import (
     products,
     ways,
 )
+from bayesdrill.report.sections.fit_words import Fit
 
 RNG = np.random.default_rng(11)
 NAMES = ("k_s", "t_f", "j_m", "l_m", "c_m", "k_T", "j_1", "r_m", "k_e")  # in no one's order
@@ -117,7 +117,6 @@ def nine(name: str, truth: np.ndarray | None) -> NineParameterStudy:
         names=NAMES,
         units=tuple(PARAMETERS[name].plain_unit for name in NAMES),
         given=(),
-        experiment=experiment(5),
         heuristic=filled(
             Heuristic,
             guess=guess,
@@ -127,7 +126,7 @@ def nine(name: str, truth: np.ndarray | None) -> NineParameterStudy:
             others_misfits=np.ones(6),
             stepped=guess * [uneven() for _ in NAMES],
         ),
-        signals=np.zeros((5, 5)),
+        fit=Fit(t=np.arange(5.0), time=STATES["w_1"], signals=()),
         truth=truth,
         draws=guess * np.exp(0.3 * RNG.standard_normal((400, 9)) + RNG.standard_normal(9)),
         verdict=Verdict(
