@@ -12,58 +12,31 @@ from bayesdrill.basics import Array, InputError, Issue
 from bayesdrill.config import Job, ResolvedCase, job, loading
 from bayesdrill.config import optimiser as optimiser_of
 from bayesdrill.paper import printed
-from bayesdrill.paper.forward import IntegratorError, MatrixReading
-from bayesdrill.paper.precision import ImpliedNoise, RecordLength
-from bayesdrill.paper.printed import DeviationCause, NaturalFrequency
-from bayesdrill.paper.searches import ControlRun, Heuristic, SearchEnd, Verification
-from bayesdrill.record import Experiment
+from bayesdrill.paper.forward import MatrixReading
+from bayesdrill.paper.printed import Row
+from bayesdrill.paper.searches import Heuristic, SearchEnd, Verification
+from bayesdrill.report import Fit
 from bayesdrill.sampling import Optimiser
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Misfits:
-    """The paper's misfit per measured number of one record, of which there are `numbers`.
-
-    `others`: the largest of the heuristic's from other starts.  `stepped`: with the paper's integrator,
-    where there is no measured input.  95 % of records have it between `low` and `high` at the truth.
-    """
-
-    record: str
-    numbers: int
-    guess: float
-    heuristic: float
-    others: float
-    stepped: float | None
-    map: float
-    truth: float | None
-    low: float
-    high: float
-
-    @property
-    def explained(self) -> bool:
-        """Whether the best fit leaves no more than noise."""
-        return self.map <= self.high
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NineParameterStudy:
     """The nine-parameter study of one record; vectors `(D,)` of `names`, physical, SI.
 
-    `draws (N, D)` of the posterior; `signals (T, K)` of the estimate; `given`: what was not searched.
+    `draws (N, D)` of the posterior; `fit` of the estimate; `given`: what was not searched.
     """
 
     name: str
     names: tuple[str, ...]
     units: tuple[str, ...]
     given: tuple[str, ...]
-    experiment: Experiment
     heuristic: Heuristic
-    signals: Array
+    fit: Fit
     truth: Array | None
     draws: Array
     verdict: Verdict
-    misfits: Misfits
-    causes: tuple[DeviationCause, ...]
+    misfits: Row
+    causes: Sequence[Row]
     converged: bool
 
 
@@ -72,16 +45,16 @@ class PaperFindings:
     """All that the studies find; `ends` of searches have distances from the truth of `searched`."""
 
     readings: tuple[MatrixReading, ...]
-    errors: tuple[IntegratorError, ...]
+    errors: Sequence[Row]
     verification: Verification
-    lengths: tuple[RecordLength, ...]
-    implied: tuple[ImpliedNoise, ...]
+    lengths: Sequence[Row]
+    implied: Sequence[Row]
     searched: str
     symmetries: tuple[tuple[str, ...], ...]
     ends: tuple[SearchEnd, ...]
-    control: tuple[ControlRun, ...]
+    control: Sequence[Row]
     nines: tuple[NineParameterStudy, ...]
-    tones: tuple[NaturalFrequency, ...]
+    tones: Sequence[Row]
 
     @property
     def converged(self) -> bool:

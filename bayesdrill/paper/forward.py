@@ -33,6 +33,7 @@ import numpy as np
 from bayesdrill.basics import Array
 from bayesdrill.inference import Likelihood, derived
 from bayesdrill.paper.plugins import AsPrinted
+from bayesdrill.paper.printed import Row
 from bayesdrill.record import Experiment, regular
 from bayesdrill.rig import Model, MotorShaft, Named, Response, constant_forcing, dynamics
 from bayesdrill.sampling import Task
@@ -166,29 +167,13 @@ FOLLOWED = 30.0  # s; the speed of theta_2 has settled by then but for a swing t
 class MatrixReading:
     """A way to read the printed matrix: the speed of theta_2 [rad/s] at `time` [s] and in the end.
 
-    `error`: of the paper's integrator until `time`, in `steps`; `curve (T,)`: the speed at `t (T,)`.
+    `row`: of the table, with the `error` of the paper's integrator until `time`, in `steps`;
+    `curve (T,)`: the speed at `t (T,)`.
     """
 
-    name: str
-    matrix: str
-    time: float
-    w_2: float
-    w_2_trapezoid: float
-    w_end: float
-    error: float
-    steps: int
+    row: Row
     t: Array
     curve: Array
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class IntegratorError:
-    """The error of the paper's integrator in one channel, at its default tolerances."""
-
-    channel: str
-    largest: float
-    rms: float
-    steps: int
 
 
 def readings(experiment: Experiment, p: Mapping[str, float]) -> tuple[MatrixReading, ...]:
@@ -199,35 +184,34 @@ def readings(experiment: Experiment, p: Mapping[str, float]) -> tuple[MatrixRead
     def reading(name: str, matrix: str, model: Model) -> MatrixReading:
         exact, stepped, steps = _both(model, experiment, p)
         end = derived.steady_values(model, model.linear(p), 1, experiment.constant)["w_end"]
-        return MatrixReading(
-            name=name,
-            matrix=matrix,
-            time=float(experiment.t[-1]),
-            w_2=float(exact[-1, k]),
-            w_2_trapezoid=float(stepped[-1, k]),
-            w_end=float(end[0]),
-            error=float(np.abs(stepped - exact)[:, k].max()),
-            steps=steps,
-            t=experiment.t,
-            curve=exact[:, k],
-        )
+        row = {
+            "name": name,
+            "matrix": matrix,
+            "time": float(experiment.t[-1]),
+            "w_2": float(exact[-1, k]),
+            "w_2_trapezoid": float(stepped[-1, k]),
+            "w_end": float(end[0]),
+            "error": float(np.abs(stepped - exact)[:, k].max()),
+            "steps": steps,
+        }
+        return MatrixReading(row=row, t=experiment.t, curve=exact[:, k])
 
     return tuple(reading(name, *what) for name, what in READINGS.items())
 
 
-def errors(experiment: Experiment, p: Mapping[str, float]) -> tuple[IntegratorError, ...]:
-    """Return the errors of the integrator on the corrected model."""
+def errors(experiment: Experiment, p: Mapping[str, float]) -> list[Row]:
+    """Return the errors of the paper's integrator on the corrected model, by channel."""
     exact, stepped, steps = _both(MotorShaft(), experiment, p)
     off = stepped - exact
-    return tuple(
-        IntegratorError(
-            channel=name,
-            largest=float(np.abs(off[:, k]).max()),
-            rms=float(np.sqrt(np.mean(off[:, k] ** 2))),
-            steps=steps,
-        )
+    return [
+        {
+            "channel": name,
+            "largest": float(np.abs(off[:, k]).max()),
+            "rms": float(np.sqrt(np.mean(off[:, k] ** 2))),
+            "steps": steps,
+        }
         for k, name in enumerate(experiment.names)
-    )
+    ]
 
 
 def _both(model: Model, experiment: Experiment, p: Mapping[str, float]) -> tuple[Array, Array, int]:

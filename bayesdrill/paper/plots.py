@@ -1,4 +1,4 @@
-"""Draw the paper's studies: printed matrix, two-parameter test, fit, searches, and Table 3."""
+"""Draw the paper's studies: printed matrix, two-parameter test, searches, and Table 3."""
 
 from __future__ import annotations
 
@@ -17,12 +17,9 @@ from bayesdrill.inference import HDI_PROBABILITY, hdi
 from bayesdrill.paper import printed as paper
 from bayesdrill.paper.forward import MatrixReading
 from bayesdrill.paper.searches import Heuristic, SearchEnd, Verification
-from bayesdrill.record import Experiment
 from bayesdrill.report import (
-    LINE_POINTS,
     TIME,
     Page,
-    extremes,
     scales,
     set_decades,
     set_factors,
@@ -87,14 +84,17 @@ def readings_figure(readings: Sequence[MatrixReading]) -> Figure:
     near = (-BELOW * right, ABOVE * right)
     margin = 0.06 * float(far.max() - far.min())
     ranges = ((float(far.min()) - margin, float(far.max()) + margin), near)
-    time = scales.scale(0.0, max(reading.time for reading in readings))
+    time = scales.scale(0.0, max(reading.row["time"] for reading in readings))
     with style.styled():
         figure, panels = PAIR.build(2)
         for panel, (low, high) in zip(panels, ranges, strict=True):
             speed = scales.scale(low, high)
             for k, (reading, look) in enumerate(zip(readings, CURVES, strict=False)):
                 panel.plot(time(reading.t), speed(reading.curve), zorder=3 - 0.1 * k, **look)
-            _axes(panel, time, speed)
+            panel.set_xlim(time.low, time.high)
+            panel.set_ylim(speed.low, speed.high)
+            style.set_ticks(panel.xaxis, *time.ticks(6, clear=0.0))
+            style.set_ticks(panel.yaxis, *speed.ticks(5))
             panel.set_xlabel(time.label(TIME))
             style.side_label(panel, speed.label(STATES["w_2"]))
         everything = scales.scale(*ranges[0])
@@ -105,16 +105,9 @@ def readings_figure(readings: Sequence[MatrixReading]) -> Figure:
     return figure
 
 
-def _axes(panel: Axes, time: scales.Scale, numbers: scales.Scale) -> None:
-    panel.set_xlim(time.low, time.high)
-    panel.set_ylim(numbers.low, numbers.high)
-    style.set_ticks(panel.xaxis, *time.ticks(6, clear=0.0))
-    style.set_ticks(panel.yaxis, *numbers.ticks(5))
-
-
 def _ending(reading: MatrixReading) -> str:
-    end = f"{round(reading.w_end, 1) + 0.0:g}".replace("-", "\N{MINUS SIGN}")
-    return rf"{SHORT[reading.name]}; settles at {end} rad/s"
+    end = f"{round(reading.row['w_end'], 1) + 0.0:g}".replace("-", "\N{MINUS SIGN}")
+    return rf"{SHORT[reading.row['name']]}; settles at {end} rad/s"
 
 
 # Table 2
@@ -177,44 +170,9 @@ def _errors(panel: Axes, v: Verification, k: int, printed: Mapping[float, paper.
     set_decades(panel.xaxis, sigmas.min() / 2.2, sigmas.max() * 2.2)
 
 
-# The fit
-
-FIT = replace(PAIR, row=1.45, gap_y=0.14, top=0.32)
-MEASURED = _line(NOMINAL_COLOUR, 0.8)
-ESTIMATED = _mark(style.MAP_COLOUR, "o", 3, 0.8, markerfacecolor="white")
-MARKS = 41
-
-
-def fit_paper_figure(experiment: Experiment, estimated: Array) -> Figure:
-    """Draw each channel, SI: the record as a line, `estimated (T, K)` as marks."""
-    t, n = experiment.t, len(experiment.channels)
-    margin = 0.015 * float(t[-1] - t[0])
-    time = scales.scale(float(t[0]) - margin, float(t[-1]) + margin)
-    marks = style.thin(len(t), MARKS)
-    with style.styled():
-        figure, panels = FIT.build(n)
-        for k, (panel, channel) in enumerate(zip(panels, experiment.channels, strict=True)):
-            y, model = experiment.y[:, k], estimated[:, k]
-            low, high = min(y.min(), model.min()), max(y.max(), model.max())
-            room = 0.07 * float(high - low)
-            numbers = scales.scale(float(low) - room, float(high) + room)
-            line = extremes(y, LINE_POINTS)
-            panel.plot(time(t[line]), numbers(y[line]), **MEASURED)
-            panel.plot(time(t[marks]), numbers(model[marks]), zorder=3, **ESTIMATED)
-            _axes(panel, time, numbers)
-            style.side_label(panel, numbers.label(channel))
-            lowest = k + FIT.columns >= n
-            panel.tick_params(labelbottom=lowest)
-            if lowest:
-                panel.set_xlabel(time.label(TIME))
-        _legend(figure, {"record": MEASURED, "estimated": ESTIMATED}, 2, columnspacing=1.6)
-    return figure
-
-
-FLOOR = _line(style.MIDDLE, 0.9, DASHED, zorder=1)
-
 # Where searches end
 
+FLOOR = _line(style.MIDDLE, 0.9, DASHED, zorder=1)
 ENDS = replace(PAIR, row=2.3, right=0.14, gap_x=0.72, top=0.32)
 WAYS: Mapping[str, tuple[str, str, str]] = {  # label, colour, marker
     "fminsearch": ("fminsearch", NOMINAL_COLOUR, "o"),
@@ -297,12 +255,6 @@ def _ways(ends: Sequence[SearchEnd]) -> list[str]:
 # The path of the heuristic
 
 ALONE = replace(ENDS, columns=1, width=scales.DOUBLE * 0.72)
-PATHS: tuple[LineStyle, ...] = (
-    _line(style.BLACK, 1.2),
-    _line(NOMINAL_COLOUR, 1.2, (0, (4, 1.5))),
-    _line(style.MAP_COLOUR, 1.4, DOTTED),
-    _line(style.MIDDLE, 1.2, DASH_DOTTED),
-)
 
 
 def convergence_figure(heuristics: Sequence[tuple[str, Heuristic]]) -> Figure:
@@ -311,7 +263,7 @@ def convergence_figure(heuristics: Sequence[tuple[str, Heuristic]]) -> Figure:
         figure, (panel,) = replace(ALONE, row=2.0, top=0.46).build(1)
         looks = {}
         for k, (name, heuristic) in enumerate(heuristics):
-            look, misfits = PATHS[k % len(PATHS)], heuristic.misfits
+            look, misfits = CURVES[k % len(CURVES)], heuristic.misfits
             panel.step(np.arange(len(misfits)), misfits, where="post", zorder=3, **look)
             panel.plot(len(misfits) - 1, misfits[-1], marker="o", markersize=4, color=look["color"])
             looks[f"record {name}".replace("$", r"\$")] = look

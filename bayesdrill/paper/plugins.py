@@ -96,11 +96,8 @@ class Fminsearch:
 
     def __call__(self, task: Task, starts: Array, evaluations: int) -> list[Optimum]:
         """Search from each of the physical `starts (S, D)`."""
-        return [self._search(task, start, evaluations) for start in starts]
-
-    def _search(self, task: Task, start: Array, evaluations: int) -> Optimum:
-        most = PER_UNKNOWN * len(start)
-        return maximise(task.at, start, most, min(most, evaluations))[1]
+        most = PER_UNKNOWN * len(task.names)
+        return [maximise(task.at, start, most, min(most, evaluations))[1] for start in starts]
 
 
 Pairs = Sequence[Sequence[str]]

@@ -10,7 +10,6 @@ import dataclasses
 import io
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import chi2
@@ -22,18 +21,10 @@ from bayesdrill.config import truth as simulated_truth
 from bayesdrill.inference import Likelihood, Posterior
 from bayesdrill.paper import printed
 from bayesdrill.paper.plugins import Fminsearch
+from bayesdrill.paper.printed import Row
 from bayesdrill.record import regular
 from bayesdrill.rig import Model, MotorShaft, Response, TwoRotors
 from bayesdrill.sampling import THOROUGH, Optimiser, Task, mode_search
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RecordLength:
-    """Relative Cramer-Rao bounds at sigma 1 of a record of `duration` s at `rate` Hz, by unknown."""
-
-    duration: float
-    rate: float
-    bounds: Mapping[str, float]
 
 
 def bounds(likelihood: Likelihood, truth: Array) -> Array:
@@ -53,32 +44,36 @@ def at_sigma_1(likelihood: Likelihood, truth: Mapping[str, float]) -> dict[str, 
     return dict(zip(likelihood.space.free, map(float, relative), strict=True))
 
 
+ATTAINED = printed.TWO_PARAMETERS[1.0]["c_m"].deviation  # per cent of c_m at sigma 1
+
+
 def lengths(
     likelihood: Likelihood, truth: Mapping[str, float], grid: Sequence[tuple[float, float]]
-) -> Iterator[RecordLength]:
-    """Yield bounds of records of (duration [s], rate [Hz]), otherwise like the one there is."""
+) -> Iterator[Row]:
+    """Yield bounds at sigma 0.001 of records of (duration [s], rate [Hz]), otherwise like this one.
+
+    `repeats`: how many such records at sigma 1 know c_m to `ATTAINED`.
+    """
     for duration, rate in grid:
         experiment = regular(likelihood.response.experiment, duration, rate)
         response = Response(likelihood.response.model, experiment)
         noise = likelihood.noise.for_length(len(experiment.t))
         longer = likelihood.replace_only(response=response, noise=noise)
-        yield RecordLength(duration=duration, rate=rate, bounds=at_sigma_1(longer, truth))
+        relative = at_sigma_1(longer, truth)
+        yield {
+            "duration": duration,
+            "rate": rate,
+            "c_m_percent": 0.1 * relative["c_m"],  # 100 % at a thousandth
+            "k_e_percent": 0.1 * relative["k_e"],
+            "repeats": (100 * relative["c_m"] / ATTAINED) ** 2,
+        }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ImpliedNoise:
-    """Deviations in per cent, by sigma_n, `rms` or `bound`, and the noise whose bound each is."""
+def implied_noise(values: Mapping[str, float]) -> list[Row]:
+    """Return deviations in per cent, by sigma_n, `rms` or `bound`, and the noise whose bound each is.
 
-    row: str
-    c_m_percent: float
-    k_e_percent: float
-    ratio: float
-    noise_c_m: float
-    noise_k_e: float
-
-
-def implied_noise(values: Mapping[str, float]) -> tuple[ImpliedNoise, ...]:
-    """Return what noise the printed deviations would come from; `values`: relative bounds."""
+    `values`: relative bounds at sigma 1.
+    """
     table = {
         f"{sigma:g}": {name: cell.deviation for name, cell in row.items()}
         for sigma, row in printed.TWO_PARAMETERS.items()
@@ -89,17 +84,17 @@ def implied_noise(values: Mapping[str, float]) -> tuple[ImpliedNoise, ...]:
     }
     table["rms"] = {name: math.sqrt(square) for name, square in squares.items()}
     table["bound"] = {name: 100 * 1e-3 * values[name] for name in printed.TWO_UNKNOWNS}
-    return tuple(
-        ImpliedNoise(
-            row=label,
-            c_m_percent=row["c_m"],
-            k_e_percent=row["k_e"],
-            ratio=row["c_m"] / row["k_e"],
-            noise_c_m=row["c_m"] / 100 / values["c_m"],
-            noise_k_e=row["k_e"] / 100 / values["k_e"],
-        )
+    return [
+        {
+            "row": label,
+            "c_m_percent": row["c_m"],
+            "k_e_percent": row["k_e"],
+            "ratio": row["c_m"] / row["k_e"],
+            "noise_c_m": row["c_m"] / 100 / values["c_m"],
+            "noise_k_e": row["k_e"] / 100 / values["k_e"],
+        }
         for label, row in table.items()
-    )
+    ]
 
 
 WAYS: Mapping[str, Optimiser] = {"fminsearch": Fminsearch(), "scaled": THOROUGH}

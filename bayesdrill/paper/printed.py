@@ -21,6 +21,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from decimal import Decimal
+from typing import Any
 
 import numpy as np
 
@@ -29,6 +30,8 @@ from bayesdrill.basics import Array, symbols
 from bayesdrill.inference import Posterior, derived, hdi
 from bayesdrill.record import typical_inputs
 from bayesdrill.rig import Model, MotorShaft, Named, TwoRotors
+
+Row = Mapping[str, Any]  # a line of a table by the names of its columns; what is None is empty
 
 TWO_UNKNOWNS = ("c_m", "k_e")  # of Table 2
 
@@ -87,7 +90,7 @@ MENDED: Mapping[str, str] = {
 }  # where Table 1 is not believed, and what is believed instead
 
 
-def table_1() -> list[Mapping[str, str | float]]:
+def table_1() -> list[Row]:
     """Return the lines of Table 1, SI: what it prints, what is the nominal value here, and why."""
     return [
         {
@@ -101,27 +104,19 @@ def table_1() -> list[Mapping[str, str | float]]:
     ]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Inconsistency:
-    """`printed` and `implied`: two numbers of the paper for one thing; `says`: our reading."""
+def inconsistencies() -> list[Row]:
+    """Return what numbers contradict; what is wrong with the matrix is in `plugins.AsPrinted`.
 
-    what: str
-    printed: float
-    implied: float
-    unit: str
-    says: str
-
-
-def inconsistencies() -> tuple[Inconsistency, ...]:
-    """Return what numbers contradict; what is wrong with the matrix is in `plugins.AsPrinted`."""
+    `printed` and `implied`: two numbers of the paper for one thing; `says`: our reading.
+    """
     of_tables = [
-        Inconsistency(
-            what=f"{name}: Table 1, and the initial guess of Table 3",
-            printed=TABLE_1[name],
-            implied=GUESS[name],
-            unit=symbols.PARAMETERS[name].plain_unit,
-            says=reading,
-        )
+        {
+            "what": f"{name}: Table 1, and the initial guess of Table 3",
+            "printed": TABLE_1[name],
+            "implied": GUESS[name],
+            "unit": symbols.PARAMETERS[name].plain_unit,
+            "says": reading,
+        }
         for name, reading in MENDED.items()
     ]
     estimates = [
@@ -130,52 +125,52 @@ def inconsistencies() -> tuple[Inconsistency, ...]:
         for name, cell in row.items()
     ]
     estimates += [(f"{n} in Table 3: deviation", n, cell) for n, cell in NINE_PARAMETERS.items()]
-    return (*of_tables, *_of_rig(), *filter(None, (_odd(*estimate) for estimate in estimates)))
+    return [*of_tables, *_of_rig(), *filter(None, (_odd(*estimate) for estimate in estimates))]
 
 
-def _of_rig() -> list[Inconsistency]:
+def _of_rig() -> list[Row]:
     stiffness, disc = (plausibility.GEOMETRY[role][0] for role in ("shaft", "rotor_1"))
     modulus = plausibility.STEEL * TABLE_1["k_s"] / stiffness
     return [
-        Inconsistency(
-            what="k_s: Table 1, and G pi d^4/(32 L) of a steel shaft (G 79.3 GPa)",
-            printed=TABLE_1["k_s"],
-            implied=stiffness,
-            unit="N m/rad",
-            says=f"0.26; 0.30 would need a shear modulus of {modulus / 1e9:.1f} GPa",
-        ),
-        Inconsistency(
-            what="j_1: Table 1, and m r^2/2 with 188 mm as the radius, as printed",
-            printed=TABLE_1["j_1"],
-            implied=4 * disc,
-            unit="kg m^2",
-            says=f"188 mm is the diameter, which gives {disc:.4f} kg m^2",
-        ),
-        Inconsistency(
-            what="k_T: Table 1, and k_e, which it equals in SI units in an ideal motor",
-            printed=TABLE_1["k_T"],
-            implied=TABLE_1["k_e"],
-            unit="N m/A",
-            says=f"{TABLE_1['k_T'] / TABLE_1['k_e']:.3f} times as much mechanical power as the back-EMF "
-            "takes from the current. So k_T, k_e, v or i_m is not what it is said to be",
-        ),
+        {
+            "what": "k_s: Table 1, and G pi d^4/(32 L) of a steel shaft (G 79.3 GPa)",
+            "printed": TABLE_1["k_s"],
+            "implied": stiffness,
+            "unit": "N m/rad",
+            "says": f"0.26; 0.30 would need a shear modulus of {modulus / 1e9:.1f} GPa",
+        },
+        {
+            "what": "j_1: Table 1, and m r^2/2 with 188 mm as the radius, as printed",
+            "printed": TABLE_1["j_1"],
+            "implied": 4 * disc,
+            "unit": "kg m^2",
+            "says": f"188 mm is the diameter, which gives {disc:.4f} kg m^2",
+        },
+        {
+            "what": "k_T: Table 1, and k_e, which it equals in SI units in an ideal motor",
+            "printed": TABLE_1["k_T"],
+            "implied": TABLE_1["k_e"],
+            "unit": "N m/A",
+            "says": f"{TABLE_1['k_T'] / TABLE_1['k_e']:.3f} times as much mechanical power as the "
+            "back-EMF takes from the current. So k_T, k_e, v or i_m is not what it is said to be",
+        },
     ]
 
 
-def _odd(what: str, name: str, cell: Estimate) -> Inconsistency | None:
+def _odd(what: str, name: str, cell: Estimate) -> Row | None:
     """A printed deviation that the estimate printed beside it excludes, however they were rounded."""
     plain = 100 * abs(cell.value / GUESS[name] - 1)
     half, digit = 100 * half_digit(cell.text) / GUESS[name], half_digit(cell.percent)
     if plain - half <= cell.deviation + digit and cell.deviation - digit <= plain + half:
         return None
-    return Inconsistency(
-        what=what,
-        printed=cell.deviation,
-        implied=plain,
-        unit="%",
-        says=f"{cell.value:g} is {plain:.2g} % from {GUESS[name]:g}, give or take {half:.2g} for its "
-        "rounding",
-    )
+    return {
+        "what": what,
+        "printed": cell.deviation,
+        "implied": plain,
+        "unit": "%",
+        "says": f"{cell.value:g} is {plain:.2g} % from {GUESS[name]:g}, give or take {half:.2g} for "
+        "its rounding",
+    }
 
 
 def implied(name: str) -> float:
@@ -207,34 +202,15 @@ STEP = 1e-4  # of a log, for slopes
 GIVEN = 1e-9  # logs of draws that all lie within this are rounding alone
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DeviationCause:
-    """A quantity over its value at the initial guesses of the paper.
+def causes(posterior: Posterior, mode: Array, estimate: Array, draws: Array) -> list[Row]:
+    """Compare quantities of the MAP, the heuristic's estimate `(D,)`, and draws `(N, D)`.
 
-    `table_3`: of the printed estimates, `table_3_digits` of those with the digits of the percentages;
-    `j_2`, `r_s`, `both`: of a rig with that missing; `k_T`: of one whose k_T equals k_e; the rest: of
-    the record, by the heuristic and the posterior (median, and 94 % HDI of the logarithm).  `alone`:
-    Cramer-Rao bound of its log without any prior, at the MAP.  None where the config itself gives it.
+    Each is over its value at the initial guesses of the paper.  `table_3`: of the printed estimates,
+    `table_3_digits` of those with the digits of the percentages; `j_2`, `r_s`, `both`: of a rig with
+    that missing; `k_T`: of one whose k_T equals k_e; the rest: of the record, by the heuristic and
+    the posterior (median, and 94 % HDI of the logarithm).  `alone`: Cramer-Rao bound of its log
+    without any prior, at the MAP.  None where the config itself gives it.
     """
-
-    quantity: str
-    table_3: float
-    table_3_digits: float
-    j_2: float
-    r_s: float
-    both: float
-    k_T: float
-    heuristic: float
-    posterior: float | None
-    hdi_low: float | None
-    hdi_high: float | None
-    alone: float | None
-
-
-def causes(
-    posterior: Posterior, mode: Array, estimate: Array, draws: Array
-) -> tuple[DeviationCause, ...]:
-    """Compare quantities of the MAP, the heuristic's estimate `(D,)`, and draws `(N, D)`."""
     inputs = typical_inputs(posterior.likelihood.response.experiment)
     guess = quantities(MotorShaft(), GUESS, inputs, 1)
     rigs: dict[str, Mapping[str, float]] = {
@@ -250,21 +226,21 @@ def causes(
     drawn = _at(posterior, draws, inputs)
     alone = _alone(posterior, mode, inputs)
 
-    def cause(name: str, value: Array) -> DeviationCause:
+    def cause(name: str, value: Array) -> Row:
         logs = np.log(drawn[name] / value)
         logs = logs[np.isfinite(logs)]
         there = np.ptp(logs) > GIVEN
         low, high = np.exp(hdi(logs)).tolist() if there else (None, None)
-        return DeviationCause(
-            quantity=name,
+        return {
+            "quantity": name,
             **{column: float((each[name] / value)[0]) for column, each in columns.items()},
-            posterior=float(np.exp(np.median(logs))) if there else None,
-            hdi_low=low,
-            hdi_high=high,
-            alone=alone[name] if there else None,
-        )
+            "posterior": float(np.exp(np.median(logs))) if there else None,
+            "hdi94_low": low,
+            "hdi94_high": high,
+            "alone": alone[name] if there else None,
+        }
 
-    return tuple(cause(name, value) for name, value in guess.items())
+    return [cause(name, value) for name, value in guess.items()]
 
 
 def quantities(model: Model, p: Named, inputs: Mapping[str, float], n: int) -> dict[str, Array]:
@@ -310,17 +286,11 @@ def _alone(posterior: Posterior, mode: Array, inputs: Mapping[str, float]) -> di
 DENSITY = 7850.0  # kg/m^3, of steel; the paper gives none
 
 
-@dataclass(frozen=True, slots=True)
-class NaturalFrequency:
-    """A natural frequency [Hz] of the free shaft with both inertias; `lumped`: of the spring."""
+def natural_frequencies(j_1: float, j_2: float, n: int) -> list[Row]:
+    """Return the first `n` [Hz], with inertias `j_1` and `j_2` [kg m^2] at the ends of a free shaft.
 
-    mode: int
-    distributed: float
-    lumped: float | None
-
-
-def natural_frequencies(j_1: float, j_2: float, n: int) -> tuple[NaturalFrequency, ...]:
-    """Return the first `n`, with inertias `j_1` and `j_2` [kg m^2] at the ends of the shaft."""
+    `lumped`: that of the spring.
+    """
     from scipy.optimize import brentq
 
     area = math.pi * plausibility.SHAFT_DIAMETER**4 / 32
@@ -334,10 +304,14 @@ def natural_frequencies(j_1: float, j_2: float, n: int) -> tuple[NaturalFrequenc
         a_1, a_2 = j_1 * phase / inertia, j_2 * phase / inertia
         return (a_1 + a_2) * math.cos(phase) + (1 - a_1 * a_2) * math.sin(phase)
 
-    def tone(mode: int) -> NaturalFrequency:
+    def tone(mode: int) -> Row:
         low, high = (mode - 1) * math.pi + 1e-9, mode * math.pi - 1e-9
         phase = brentq(residue, low, high, xtol=1e-15, rtol=1e-14)
         frequency = phase * speed / plausibility.SHAFT_LENGTH / (2 * math.pi)
-        return NaturalFrequency(mode, frequency, lumped if mode == 1 else None)
+        return {
+            "mode": mode,
+            "distributed": frequency,
+            "lumped": lumped if mode == 1 else None,
+        }
 
-    return tuple(tone(mode) for mode in range(1, n + 1))
+    return [tone(mode) for mode in range(1, n + 1)]

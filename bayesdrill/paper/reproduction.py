@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-
 import numpy as np
 
 from bayesdrill import output_files
+from bayesdrill.analysis import plausibility
 from bayesdrill.basics import software, symbols
 from bayesdrill.paper import printed
 from bayesdrill.paper.findings import PaperFindings
 from bayesdrill.paper.plugins import ORDER, circle
-from bayesdrill.paper.study_tables import StudyTable, doubts, lines_2, lines_3, percent, tables
+from bayesdrill.paper.study_tables import doubts, lines_2, lines_3, percent, tables
 from bayesdrill.report import (
     Drawing,
     Note,
@@ -24,6 +23,7 @@ from bayesdrill.report import (
     made_of,
 )
 from bayesdrill.results import Folder
+from bayesdrill.rig import MotorShaft
 from bayesdrill.sampling import WorkerPool
 
 TITLE = "The paper, repeated"
@@ -40,7 +40,8 @@ def in_words(findings: PaperFindings) -> tuple[str, ...]:
     ]
     for nine in findings.nines:
         lines = [line for line in lines_3(nine) if line["truth"] is not None]
-        text = f"{nine.name}: the heuristic ends at a misfit of {nine.misfits.heuristic:.3f} per number"
+        misfit = nine.misfits["heuristic"]
+        text = f"{nine.name}: the heuristic ends at a misfit of {misfit:.3f} per number"
         if lines:
             worst = max(lines, key=lambda line: abs(line["off_percent"]))
             inside = sum(line["holds"] for line in lines)
@@ -67,32 +68,31 @@ def write(findings: PaperFindings, folder: Folder, pool: WorkerPool) -> None:
         folder.write_text(f"{table.stem}.md", f"{table.says}\n\n{table.markdown}")
     for task in tasks:
         task.result()
-    page = sections(in_words(findings), report_tables, wanted)
+    page = (
+        Section("What comes out", (Sentences("\n".join(in_words(findings))),)),
+        *(Section(table.title, (Note(table.says), *table.grids)) for table in report_tables),
+        Section("Figures", tuple(Picture(stem, each.says) for stem, each in wanted.items())),
+    )
     folder.write_text("report.md", as_markdown(TITLE, page))
     made = made_of((("versions", software.versions_text()),), folder.path)
     folder.write_text("report.html", as_html(TITLE, "the paper", (*page, made), figures))
-
-
-def sections(
-    first: Sequence[str], report_tables: Sequence[StudyTable], figures: Mapping[str, Drawing]
-) -> tuple[Section, ...]:
-    """Return the sections of the report; `first`: what is said before all tables."""
-    opening = Section("What comes out", (Sentences("\n".join(first)),))
-    tables = (Section(table.title, (Note(table.says), *table.grids)) for table in report_tables)
-    pictures = tuple(Picture(stem, drawing.says) for stem, drawing in figures.items())
-    return (opening, *tables, Section("Figures", pictures))
 
 
 def drawings(findings: PaperFindings) -> dict[str, Drawing]:
     """Return the figures, by the stems of their files."""
     # Late: matplotlib takes a second to load.
     from bayesdrill.paper import plots
-    from bayesdrill.report import heuristic_figure, rig_figure
+    from bayesdrill.report import fit_figure, heuristic_figure, scales, train_figure
 
     known = symbols.PARAMETERS
     scaled = [", ".join(known[name].latex for name in names) for names in findings.symmetries]
     wanted = {
-        "rig": Drawing(rig_figure, says="The rig."),
+        "rig": Drawing(
+            train_figure,
+            (MotorShaft(), [signal.label.name for signal in findings.nines[0].fit.signals]),
+            "The rig. Its shaft is of steel, "
+            f"{plausibility.SHAFT_LENGTH:g} m long and {1e3 * plausibility.SHAFT_DIAMETER:g} mm thick.",
+        ),
         "heuristic": Drawing(
             heuristic_figure, (circle(ORDER), ITERATIONS), "The heuristic, as in the paper."
         ),
@@ -121,8 +121,8 @@ def drawings(findings: PaperFindings) -> dict[str, Drawing]:
         estimates = [printed.NINE_PARAMETERS.get(name) for name in nine.names]
         paper = np.array([np.nan if estimate is None else estimate.value for estimate in estimates])
         wanted[f"fit_{nine.name}"] = Drawing(
-            plots.fit_paper_figure,
-            (nine.experiment, nine.signals),
+            fit_figure,
+            (nine.fit, scales.DOUBLE, "the estimate"),
             f"Record `{nine.name}` and the heuristic's fit.",
         )
         wanted[f"table_3_{nine.name}"] = Drawing(

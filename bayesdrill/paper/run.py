@@ -13,9 +13,11 @@ from bayesdrill import output_files
 from bayesdrill.analysis import SensitivityStudy, study_of
 from bayesdrill.basics import Array, Interrupted, Reporter, Silent, software
 from bayesdrill.config import Job, ResolvedCase
+from bayesdrill.inference import residual_checks
 from bayesdrill.paper import forward, precision, printed, reproduction
-from bayesdrill.paper.findings import Misfits, NineParameterStudy, PaperFindings, Studies, prepare
+from bayesdrill.paper.findings import NineParameterStudy, PaperFindings, Studies, prepare
 from bayesdrill.paper.precision import truth_of
+from bayesdrill.paper.printed import Row
 from bayesdrill.paper.searches import (
     Heuristic,
     MisfitSearch,
@@ -24,6 +26,7 @@ from bayesdrill.paper.searches import (
     run_heuristic,
     verify,
 )
+from bayesdrill.report import every_fit
 from bayesdrill.results import Folder
 from bayesdrill.rig import MotorShaft
 from bayesdrill.sampling import WorkerPool
@@ -147,6 +150,8 @@ def _nine(
     draws = whole.sampled.draws.reshape(-1, len(heuristic.estimate))
     values, vector = truth_of(nine.case, makers), posterior.space.vector
     truth, mode = None if values is None else vector(values), vector(whole.mode.values)
+    left = residual_checks.residual_summaries(posterior.likelihood, heuristic.estimate)
+    (fit,) = every_fit(nine.problem, heuristic.estimate, left)
     assert whole.verdict is not None  # there are unknowns with nominal values
     return NineParameterStudy(
         name=name,
@@ -156,9 +161,8 @@ def _nine(
             *(f"{name} = {value:.4g}" for name, value in posterior.space.fixed.items()),
             *(f"{name} = {tie.text}" for name, tie in posterior.space.relations.items()),
         ),
-        experiment=nine.problem.experiment,
         heuristic=heuristic,
-        signals=posterior.likelihood.signals(heuristic.estimate[None])[0],
+        fit=fit,
         truth=truth,
         draws=draws,
         verdict=whole.verdict,
@@ -168,19 +172,24 @@ def _nine(
     )
 
 
-def _misfits(nine: Job, heuristic: Heuristic, mode: Array, truth: Array | None) -> Misfits:
+def _misfits(nine: Job, heuristic: Heuristic, mode: Array, truth: Array | None) -> Row:
+    """The paper's misfit per measured number of one record, of which there are `numbers`.
+
+    `others`: the largest of the heuristic's from other starts.  `stepped`: with the paper's integrator,
+    where there is no measured input.  95 % of records have it between `low` and `high` at the truth.
+    """
     posterior = nine.problem.posterior
     numbers = posterior.likelihood.n_measured
     low, high = precision.expected_misfit(numbers)
-    return Misfits(
-        record=nine.config.name,
-        numbers=numbers,
-        guess=precision.misfit_per_number(posterior, heuristic.guess),
-        heuristic=precision.misfit_per_number(posterior, heuristic.estimate),
-        others=float(heuristic.others_misfits.max()),
-        stepped=heuristic.stepped_misfit,
-        map=precision.misfit_per_number(posterior, mode),
-        truth=None if truth is None else precision.misfit_per_number(posterior, truth),
-        low=low,
-        high=high,
-    )
+    return {
+        "record": nine.config.name,
+        "numbers": numbers,
+        "guess": precision.misfit_per_number(posterior, heuristic.guess),
+        "heuristic": precision.misfit_per_number(posterior, heuristic.estimate),
+        "others": float(heuristic.others_misfits.max()),
+        "stepped": heuristic.stepped_misfit,
+        "map": precision.misfit_per_number(posterior, mode),
+        "truth": None if truth is None else precision.misfit_per_number(posterior, truth),
+        "low": low,
+        "high": high,
+    }

@@ -22,6 +22,7 @@ from bayesdrill.basics import Array, Silent, seeds
 from bayesdrill.inference import Coordinates, Posterior, laplace
 from bayesdrill.paper import forward, precision
 from bayesdrill.paper.precision import WAYS, bounds
+from bayesdrill.paper.printed import Row
 from bayesdrill.sampling import (
     THOROUGH,
     MemoryBackend,
@@ -182,16 +183,6 @@ def run_heuristic(
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ControlRun:
-    """Largest distance of the estimates of a parameter from its true value; 0: it never moved."""
-
-    sigma: float
-    parameter: str
-    largest_percent: float
-    records: int
-
-
 def control(
     pool: WorkerPool,
     posterior: Posterior,
@@ -199,22 +190,25 @@ def control(
     sigmas: Sequence[float],
     records: int,
     seed: int,
-) -> tuple[ControlRun, ...]:
-    """Control the search on records made at the configured start, where it begins too."""
+) -> list[Row]:
+    """Control the search on records made at the configured start, where it begins too.
+
+    Of each parameter the largest distance of the estimates from its true value; 0: it never moved.
+    """
     truth = posterior.space.vector(posterior.space.start)
     tasks = {
         sigma: [pool.submit(_of_record, search, truth, sigma, seed, k) for k in range(records)]
         for sigma in sigmas
     }
-    controls = []
+    controls: list[Row] = []
     for sigma, futures in tasks.items():
         estimates = np.array([task.result() for task in futures])
         largest = 100 * np.abs(estimates / truth - 1).max(axis=0)
         controls += [
-            ControlRun(sigma=sigma, parameter=name, largest_percent=float(off), records=records)
+            {"sigma": sigma, "parameter": name, "largest_percent": float(off), "records": records}
             for name, off in zip(posterior.space.free, largest, strict=True)
         ]
-    return tuple(controls)
+    return controls
 
 
 VERIFICATION_EVALUATIONS = 4000  # of one search, at most

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import string
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,12 +15,11 @@ from bayesdrill.inference import hdi
 from bayesdrill.paper import printed, searches
 from bayesdrill.paper.findings import NineParameterStudy, PaperFindings
 from bayesdrill.paper.forward import FOLLOWED
-from bayesdrill.paper.precision import RecordLength
-from bayesdrill.paper.searches import ControlRun, Verification
+from bayesdrill.paper.precision import ATTAINED
+from bayesdrill.paper.printed import Row
+from bayesdrill.paper.searches import Verification
 from bayesdrill.report import Table as Grid
 from bayesdrill.report import lines_as_csv, markdown, product
-
-Row = Mapping[str, Any]  # a line of a table by the names of its columns; what is None is empty
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,19 +89,6 @@ def cell(text: str, row: Row) -> str:
 def percent(x: float) -> str:
     """Return a number as text in per cent."""
     return f"{x:.2g}" if x < 99.5 else f"{x:.0f}"
-
-
-def as_rows(records: Iterable[Any], leave: Sequence[str] = ()) -> list[Row]:
-    """Return rows with a column for each field of these frozen records, but those to `leave`."""
-    named = {"hdi_low": "hdi94_low", "hdi_high": "hdi94_high"}
-    return [
-        {
-            named.get(field.name, field.name): getattr(record, field.name)
-            for field in dataclasses.fields(record)
-            if field.name not in leave
-        }
-        for record in records
-    ]
 
 
 # Of these only the deviation is told.
@@ -221,23 +207,6 @@ def _rms(values: Sequence[float]) -> float | None:
     return float(np.sqrt(np.mean(np.square(values)))) if values else None
 
 
-ATTAINED = printed.TWO_PARAMETERS[1.0]["c_m"].deviation  # per cent of c_m at sigma 1
-
-
-def lengths(lengths: Sequence[RecordLength]) -> list[Row]:
-    """Return bounds of records at sigma 0.001, and how many such at sigma 1 attain c_m."""
-    return [
-        {
-            "duration": line.duration,
-            "rate": line.rate,
-            "c_m_percent": 0.1 * line.bounds["c_m"],  # 100 % at a thousandth
-            "k_e_percent": 0.1 * line.bounds["k_e"],
-            "repeats": (100 * line.bounds["c_m"] / ATTAINED) ** 2,
-        }
-        for line in lengths
-    ]
-
-
 def products(nine: NineParameterStudy) -> list[Row]:
     """Return products in the verdict on one record."""
     return [
@@ -272,7 +241,7 @@ def _of_paper(findings: PaperFindings) -> tuple[StudyTable, ...]:
             "inconsistencies",
             "What the paper says twice",
             "Numbers of the paper that contradict each other, and our reading.",
-            as_rows(printed.inconsistencies()),
+            printed.inconsistencies(),
             "what | printed | implied | our reading",
             "{what} | {printed} {unit} | {implied:.3g} {unit} | {says}",
         ),
@@ -281,7 +250,7 @@ def _of_paper(findings: PaperFindings) -> tuple[StudyTable, ...]:
             "The printed matrix",
             f"Speed of theta_2 [rad/s] {FOLLOWED:g} s after the step, by the reading of the printed "
             "matrix. Then the same by the paper's integrator, and where it settles.",
-            as_rows(findings.readings, leave=("t", "curve")),
+            [reading.row for reading in findings.readings],
             f"matrix | after {FOLLOWED:g} s | trapezoidal rule | in the end | steps",
             "{matrix} | {w_2} | {w_2_trapezoid} | {w_end} | {steps}",
         ),
@@ -290,7 +259,7 @@ def _of_paper(findings: PaperFindings) -> tuple[StudyTable, ...]:
             "The paper's integrator",
             "Distance of the trapezoidal rule with adaptive steps (relative tolerance 1e-3) from the "
             "exact response, in rad and rad/s.",
-            as_rows(findings.errors),
+            findings.errors,
             "channel | largest | rms | steps",
             "{channel} | {largest} | {rms} | {steps}",
         ),
@@ -300,7 +269,7 @@ def _of_paper(findings: PaperFindings) -> tuple[StudyTable, ...]:
             "Which noise Table 2 has",
             "Deviations of Table 2 in per cent, their ratio, and for each the sigma_n at which it is "
             "the Cramer-Rao bound. Then their root mean square, and the bounds at 0.001.",
-            as_rows(findings.implied),
+            findings.implied,
             "sigma_n | c_m % | k_e % | ratio | noise by c_m | noise by k_e",
             "{row} | {c_m_percent} | {k_e_percent} | {ratio:.3g} | {noise_c_m:.2g} | {noise_k_e:.2g}",
         ),
@@ -309,7 +278,7 @@ def _of_paper(findings: PaperFindings) -> tuple[StudyTable, ...]:
             "For which record length",
             "Cramer-Rao bounds at sigma_n 0.001; they grow with sigma_n. Then how many such records at "
             f"sigma_n 1 it takes to know c_m to the {ATTAINED:g} % of Table 2.",
-            lengths(findings.lengths),
+            findings.lengths,
             "duration s | rate Hz | c_m % at 0.001 | k_e % at 0.001 | records at 1",
             "{duration:g} | {rate:g} | {c_m_percent} | {k_e_percent} | {repeats:.2g}",
         ),
@@ -380,7 +349,7 @@ def _of_searches(findings: PaperFindings) -> tuple[StudyTable, ...]:
             "`high`. `other starts`: the largest of the heuristic's. `ode23t`: the heuristic with the "
             "paper's integrator, its misfit computed with that (empty with a measured input, which the "
             "paper has not).",
-            as_rows(nine.misfits for nine in findings.nines),
+            [nine.misfits for nine in findings.nines],
             "record | numbers | guess | heuristic | other starts | ode23t | MAP | truth | low | high",
             "{record} | {numbers} | {guess} | {heuristic} | {others} | {stepped} | {map} | {truth} | "
             "{low} | {high}",
@@ -389,11 +358,11 @@ def _of_searches(findings: PaperFindings) -> tuple[StudyTable, ...]:
     )
 
 
-def _control(lines: Sequence[ControlRun]) -> StudyTable:
+def _control(lines: Sequence[Row]) -> StudyTable:
     """In Markdown a column for each noise."""
-    sigmas = list(dict.fromkeys(line.sigma for line in lines))
-    cells = {(line.parameter, line.sigma): line.largest_percent for line in lines}
-    parameters = dict.fromkeys(line.parameter for line in lines)
+    sigmas = list(dict.fromkeys(line["sigma"] for line in lines))
+    cells = {(line["parameter"], line["sigma"]): line["largest_percent"] for line in lines}
+    parameters = dict.fromkeys(line["parameter"] for line in lines)
     by_sigma = grid(
         ("", *(f"noise {sigma:g}" for sigma in sigmas)),
         ((name, *(percent(cells[name, sigma]) for sigma in sigmas)) for name in parameters),
@@ -401,10 +370,10 @@ def _control(lines: Sequence[ControlRun]) -> StudyTable:
     return StudyTable(
         stem="control",
         title="A rig that is as the table says",
-        says=f"The heuristic on {lines[0].records} records of the nominal rig at each noise (in rad and "
-        "rad/s), searched from its true values. Shown is the largest distance of an estimate from them, "
-        "in per cent. 0: it never moved.",
-        rows=as_rows(lines),
+        says=f"The heuristic on {lines[0]['records']} records of the nominal rig at each noise (in rad "
+        "and rad/s), searched from its true values. Shown is the largest distance of an estimate from "
+        "them, in per cent. 0: it never moved.",
+        rows=lines,
         grids=(by_sigma,),
     )
 
@@ -442,7 +411,7 @@ def _of_record(nine: NineParameterStudy) -> tuple[StudyTable, StudyTable, StudyT
             "both, or k_T = k_e. Then those of this record, by heuristic and posterior (median, "
             "94 % HDI of the logarithm). `alone` is the Cramer-Rao bound of the standard deviation "
             "without any prior, in per cent. Empty where the config gives the quantity.",
-            as_rows(nine.causes),
+            nine.causes,
             " | Table 3 | with digits | j_2 | r_s | j_2 and r_s | k_T = k_e",
             "{quantity} | {table_3} | {table_3_digits} | {j_2} | {r_s} | {both} | {k_T}",
             " | heuristic | posterior | 94 % HDI | alone %",
@@ -467,7 +436,7 @@ def _shaft(findings: PaperFindings) -> StudyTable:
         "shaft",
         "The shaft as a continuum",
         "Natural frequencies [Hz] of a steel shaft with both inertias, and of the model's spring.",
-        as_rows(findings.tones),
+        findings.tones,
         "mode | distributed | spring",
         "{mode} | {distributed:.7g} | {lumped:.7g}",
     )
@@ -476,10 +445,10 @@ def _shaft(findings: PaperFindings) -> StudyTable:
 def doubts(nine: NineParameterStudy) -> Iterator[str]:
     """Yield what takes the worth away from all that is said of a record."""
     m = nine.misfits
-    if not m.explained:
+    if not m["map"] <= m["high"]:
         yield (
-            f"even the MAP leaves a misfit of {m.map:.4g} per number, where noise leaves at most "
-            f"{m.high:.3g}. A unit, the voltage, a sigma or the model does not fit this record: "
+            f"even the MAP leaves a misfit of {m['map']:.4g} per number, where noise leaves at most "
+            f"{m['high']:.3g}. A unit, the voltage, a sigma or the model does not fit this record: "
             "estimates and intervals say little"
         )
     if not nine.converged:

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from bayesdrill.report.render import as_html as as_html
     from bayesdrill.report.run_report import made_of as made_of
     from bayesdrill.report.schematics import heuristic_figure as heuristic_figure
-    from bayesdrill.report.schematics import rig_figure as rig_figure
     from bayesdrill.report.section import Note as Note
     from bayesdrill.report.section import Picture as Picture
     from bayesdrill.report.section import Section as Section
@@ -25,13 +24,15 @@ if TYPE_CHECKING:
     from bayesdrill.report.section import as_markdown as as_markdown
     from bayesdrill.report.section import lines_as_csv as lines_as_csv
     from bayesdrill.report.section import markdown as markdown
-    from bayesdrill.report.sections.fit_figure import LINE_POINTS as LINE_POINTS
-    from bayesdrill.report.sections.fit_words import extremes as extremes
+    from bayesdrill.report.sections.fit_figure import fit_figure as fit_figure
+    from bayesdrill.report.sections.fit_words import Fit as Fit
+    from bayesdrill.report.sections.fit_words import every_fit as every_fit
     from bayesdrill.report.sections.identify_words import product as product
     from bayesdrill.report.sections.physics_words import TIME as TIME
     from bayesdrill.report.style import set_decades as set_decades
     from bayesdrill.report.style import set_factors as set_factors
     from bayesdrill.report.style import usable as usable
+    from bayesdrill.report.train_picture import train_figure as train_figure
     from bayesdrill.report.view import Drawing as Drawing
     from bayesdrill.report.view import ReportContext as ReportContext
 

@@ -31,11 +31,6 @@ class Canvas:
         """Write words around a place, or as their `look` says."""
         self.axes.text(x, y, words, **({"ha": "center", "va": "center"} | look))
 
-    def tag(self, x: float, y: float, words: str, look: dict[str, Any], **font: Any) -> None:
-        """Write words in a frame."""
-        rounded = {"boxstyle": "round,pad=0.28,rounding_size=0.25"}
-        self.write(x, y, words, bbox=look | rounded, **font)
-
     def box(self, x: float, y: float, wide: float, high: float, **look: Any) -> None:
         """Draw a rectangle around its middle."""
         self.axes.add_patch(Rectangle((x - wide / 2, y - high / 2), wide, high, **look))
@@ -44,10 +39,10 @@ class Canvas:
         """Draw a circle around its middle."""
         self.axes.add_patch(Circle((x, y), radius, **look))
 
-    def wire(self, *points: Point, color: str = style.BLACK, width: float = LINE) -> None:
+    def wire(self, *points: Point) -> None:
         """Draw a line through some points."""
         x, y = zip(*points, strict=True)
-        self.axes.plot(x, y, color=color, linewidth=width, solid_capstyle="butt", zorder=1.5)
+        self.axes.plot(x, y, color=style.BLACK, linewidth=LINE, solid_capstyle="butt", zorder=1.5)
 
     def arrow(self, *points: Point) -> None:
         """Draw a line with a filled head at its end."""
@@ -58,8 +53,8 @@ class Canvas:
         )
         self.axes.add_patch(line)
 
-    def ground(self, x: float, y: float, side: int) -> None:
-        """Draw what fixes to the ground: a line on the shaft and strokes away from it."""
+    def ground(self, x: float, y: float) -> None:
+        """Draw what fixes to the ground: a line and strokes below it."""
         self.wire((x - 0.11, y), (x + 0.11, y))
         for start in np.linspace(-0.11, 0.055, 4):
-            self.wire((x + start, y + side * 0.055), (x + start + 0.055, y))
+            self.wire((x + start, y - 0.055), (x + start + 0.055, y))

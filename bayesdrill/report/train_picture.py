@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import batched, count, pairwise
 from pathlib import Path
@@ -15,13 +15,18 @@ from bayesdrill.report import scales, style
 from bayesdrill.report.sheet import HOLLOW, SMALL, SOLID, Canvas, Point
 from bayesdrill.report.view import Drawing, ReportContext
 from bayesdrill.rig.models.linear import Model
-from bayesdrill.rig.models.roles import GROUND, ROTARY, InertiaRoles
+from bayesdrill.rig.models.roles import GROUND, ROTARY, InertiaRoles, MotorRoles
 
 # Places in inches: `x` of the middle of a part, `y` of the height of its row.
 PAD, LINE_HEIGHT, SPRING, HALF_DISC = 0.1, 0.19, 0.62, 0.4
 CART = (0.62, 0.4)
 BESIDE_EACH_OTHER = 1.0  # of shafts between the same inertias
 FOLDED = 1.1 * scales.DOUBLE  # a chain that is longer goes on in another row
+MACHINE, MESH, SYMBOLS = (
+    0.62,
+    0.66,
+    0.34,
+)  # a motor above what it turns, its circuit, and that above
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +53,7 @@ class _Part:
     pushed: bool = False  # by an input that the lines nearest to it name
     driven: bool = False  # by one without which the rig would stand still
     held: bool = False
+    circuit: MotorRoles | None = None  # of a voltage, drawn above it
 
 
 @dataclass(slots=True)
@@ -60,10 +66,13 @@ class _Row:
     y: float = 0.0
 
 
-def train_figure(rig: Model) -> Figure:
-    """Draw the inertias of any rig, with shafts, gears, ground and drives, from its roles."""
+def train_figure(rig: Model, channels: Collection[str] = ()) -> Figure:
+    """Draw the inertias of any rig, with shafts, gears, ground and drives, from its roles.
+
+    With `channels` it is noted which states are measured.
+    """
     with style.styled():
-        return _TrainPicture(rig).draw()
+        return _TrainPicture(rig).draw(channels)
 
 
 def save_rig(rig: Model, path: Path) -> Path:
@@ -105,7 +114,7 @@ class _TrainPicture:
         self.between: dict[str, list[_Link]] = {}
         self.at: dict[str, Point] = {}
 
-    def draw(self) -> Figure:
+    def draw(self, channels: Collection[str]) -> Figure:
         """Lay all out, and draw it on a page that is as large as that."""
         rows = self._rows()
         shown = [link for links in self.between.values() for link in links]
@@ -114,6 +123,10 @@ class _TrainPicture:
             for link in self.links
             if link not in shown
         ]
+        if channels:
+            measured = self._formula([n for n in self.rig.states if n in channels])
+            others = self._formula([n for n in self.rig.states if n not in channels])
+            notes.append(f"measured: {measured or 'none'}; not measured: {others or 'none'}")
         height, width = 0.1 + LINE_HEIGHT * len(notes), self._measure(*notes) + 0.2
         for row in reversed(rows):
             height += self._reach(row, "below")
@@ -133,9 +146,12 @@ class _TrainPicture:
 
     # What there is.
 
-    def _latex(self, *names: str) -> str:
-        known = [self.rig.symbols[n].latex for n in names if n in self.rig.parameters]
+    def _formula(self, names: Sequence[str]) -> str:
+        known = [self.rig.symbols[name].latex for name in names if name]
         return "$" + r",\,".join(known) + "$" if known else ""
+
+    def _latex(self, *names: str) -> str:
+        return self._formula([n for n in names if n in self.rig.parameters])
 
     def _links(self) -> Iterator[_Link]:
         grounds = count(1)
@@ -154,20 +170,27 @@ class _TrainPicture:
                 yield _Link((inertia.name, root.name), turns, below, "gear", ratio)
 
     def _part(self, inertia: InertiaRoles) -> _Part:
-        rig, driven = self.rig, list(self._drives(inertia))
+        rig, motor, inputs = self.rig, self.roles.motor(inertia.name), self._inputs(inertia)
+        circuit = motor if motor and motor.voltage in inputs else None
+        pushes = [name for name in inputs if not circuit or name != circuit.voltage]
+        constant = self._latex(motor.torque_constant) if motor and pushes and not circuit else ""
         angle = inertia.latex or rig.symbols[inertia.angle].latex
-        above = (*driven, self._latex(inertia.inertia), rf"${angle},\,\dot {angle}$")
+        turns = rf"${angle},\,\dot {angle}$"
+        above = [self._formula(pushes), constant, self._latex(inertia.inertia), turns]
         rubs = (inertia.damping, inertia.friction, inertia.sliding, inertia.static, inertia.fading)
         others = (*inertia.cutting, inertia.weight, inertia.tilt)
         known = [name for name in (*rubs, *others) if name in rig.parameters]
         below = [self._latex(*pair) for pair in batched(known, 2)]
+        if circuit:  # takes all the room above
+            above, below = [], [*reversed(above), *below]
         return _Part(
             inertia.name,
             tuple(filter(None, above)),
-            (*below, inertia.words.removeprefix("the ")),
-            pushed=bool(driven),
-            driven=any(rig.symbols[n].drives for n in self._inputs(inertia)),
+            (*filter(None, below), inertia.words.removeprefix("the ")),
+            pushed=bool(pushes) and not circuit,
+            driven=any(rig.symbols[n].drives for n in inputs),
             held=any(name in rig.parameters for name in rubs),
+            circuit=circuit,
         )
 
     def _inputs(self, inertia: InertiaRoles) -> list[str]:
@@ -177,16 +200,10 @@ class _TrainPicture:
         inputs += [motor.voltage, motor.current] if motor else []
         return [name for name in inputs if name in self.rig.inputs]
 
-    def _drives(self, inertia: InertiaRoles) -> Iterator[str]:
-        """Yield what drives an inertia, and what its circuit has."""
-        rig, motor = self.rig, self.roles.motor(inertia.name)
-        shown = [rig.symbols[name].latex for name in self._inputs(inertia)]
-        if shown:
-            yield "$" + r",\,".join(shown) + "$"
-        if motor and shown:
-            names = (motor.torque_constant, motor.back_emf, motor.resistance, motor.series)
-            known = [n for n in (*names, motor.inductance, motor.drop) if n in rig.parameters]
-            yield from (self._latex(*three) for three in batched(known, 3))
+    def _series(self, motor: MotorRoles) -> list[str]:
+        """Return what the current of a circuit passes, beside the source and the motor."""
+        names = (motor.resistance, motor.series, motor.inductance, motor.drop)
+        return [name for name in names if name in self.rig.parameters]
 
     # Where it is.
 
@@ -256,7 +273,14 @@ class _TrainPicture:
 
     def _width(self, name: str) -> float:
         part, body = self.parts[name], CART[0] if self.linear else 0.16
-        return max(self._measure(*part.above, *part.below), body, 0.3) + 2 * PAD
+        mesh = self._mesh(part.circuit) + 0.36 if part.circuit else 0.3
+        return max(self._measure(*part.above, *part.below), body, mesh) + 2 * PAD
+
+    def _mesh(self, motor: MotorRoles) -> float:
+        """Return the width of a circuit between its two sides."""
+        series, inside = self._series(motor), self._formula([motor.voltage, motor.current])
+        each = max(0.42, self._measure(*map(self._latex, series)) + PAD)
+        return max(1.2, len(series) * each, self._measure(inside) + 0.6)
 
     def _slot(self, name: str) -> float:
         """Return the width of the links that lead to a part from the one before it."""
@@ -266,13 +290,15 @@ class _TrainPicture:
 
     def _reach(self, row: _Row, side: str) -> float:
         """Return how far a row reaches from its height."""
-        lines = [
-            len(self.parts[n].above if side == "above" else self.parts[n].below) for n in row.parts
-        ]
-        drives = side == "above" and any(self.parts[name].pushed for name in row.parts)
+        parts = [self.parts[name] for name in row.parts]
+        lines = [len(part.above if side == "above" else part.below) for part in parts]
+        drives = side == "above" and any(part.pushed for part in parts)
+        words = 0.18 + LINE_HEIGHT * max(lines) + 0.3 * drives
+        if side == "above" and any(part.circuit for part in parts):
+            words = max(words, MACHINE + MESH + SYMBOLS)
         stacked = max((len(self.between.get(n, [])) for n in row.parts), default=1)
         links = 0.5 * BESIDE_EACH_OTHER * stacked if stacked > 1 else 0.0
-        return max(HALF_DISC + 0.18 + LINE_HEIGHT * max(lines) + 0.3 * drives, links)
+        return max(HALF_DISC + words, links)
 
     def _place(self, row: _Row) -> float:
         """Place the parts of a row, and return where it ends."""
@@ -353,7 +379,9 @@ class _TrainPicture:
         else:
             sheet.box(x, y, 0.16, top - bottom, **SOLID)
         if part.held or self.linear:
-            sheet.ground(x, y + bottom, -1)
+            sheet.ground(x, y + bottom)
+        if part.circuit:
+            self._draw_circuit(part.circuit, x, y + top)
         height = y + top + 0.14
         if part.pushed:
             sheet.arrow((x, height + 0.2), (x, height - 0.1))
@@ -365,6 +393,33 @@ class _TrainPicture:
         for line in part.below:
             sheet.write(x, height, line, fontsize=None if line.startswith("$") else SMALL)
             height -= LINE_HEIGHT
+
+    def _draw_circuit(self, motor: MotorRoles, x: float, top: float) -> None:
+        """Draw source, resistances, inductance and motor in a mesh above what the motor turns."""
+        sheet, series, width = self.sheet, self._series(motor), self._mesh(motor)
+        left, right, low, high = x - width / 2, x + width / 2, top + MACHINE, top + MACHINE + MESH
+        middle, radius = (low + high) / 2, 0.17
+        sheet.wire((left, high), (left, middle + radius))
+        sheet.wire((left, middle - radius), (left, low), (x - radius, low))
+        sheet.wire((x + radius, low), (right, low), (right, high))
+        ends = np.linspace(left, right, len(series) + 1).tolist()
+        for name, (begin, end) in zip(series, pairwise(ends), strict=True):
+            if name in (motor.resistance, motor.series):
+                _spring(sheet, begin, end, high, damped=False)
+            else:
+                sheet.wire((begin, high), (end, high))
+                fill = {"facecolor": style.BLACK} if name == motor.inductance else {}
+                sheet.box((begin + end) / 2, high, 0.22, 0.09, zorder=2, **HOLLOW | fill)
+            sheet.write((begin + end) / 2, high + 0.19, self._latex(name))
+        for place, words in (((left, middle), "$+$\n$-$"), ((x, low), "M")):
+            sheet.circle(*place, radius, **HOLLOW)
+            sheet.write(*place, words, linespacing=0.6)
+        sheet.arrow((right, high), (right, middle - 0.1))
+        sheet.arrow((x, low - radius), (x, top + 0.04))
+        sheet.write(left + 0.23, middle, self._formula([motor.voltage]), ha="left")
+        sheet.write(right - 0.1, middle, self._formula([motor.current]), ha="right")
+        sheet.write(x - 0.1, low - 0.28, self._latex(motor.torque_constant), ha="right")
+        sheet.write(x + 0.22, low - 0.13, self._latex(motor.back_emf), ha="left")
 
 
 def _spring(sheet: Canvas, left: float, right: float, y: float, *, damped: bool) -> None:

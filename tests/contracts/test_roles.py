@@ -322,10 +322,9 @@ def unpadded(value: Any) -> Any:
     return json.loads(re.sub(r"(?:(?<= ) +)", "", json.dumps(value)))
 
 
-# Where names are those of inputs, of a picture of the paper's rig, or stand in for what a config lacks.
+# Where names are those of inputs, or stand in for what a config lacks.
 ELSEWHERE = {"record/experiment.py", "config/resolve/quantities.py", "config/schema/records.py"} | {
     "analysis/identifiability/study.py",
-    "report/schematics.py",
     "config/loading.py",
 }
 ROOMS = ("rig/models/", "basics/symbols.py", "drafting/", "paper/")

@@ -7,14 +7,12 @@ import re
 import numpy as np
 from numpy.typing import NDArray
 from pictures import clashes, drawn, marked, within, xy
-from together import together
 
 from bayesdrill.basics.symbols import PARAMETERS
 from bayesdrill.paper import printed
 from bayesdrill.paper.forward import READINGS, MatrixReading
-from bayesdrill.paper.plots import SHORT, fit_paper_figure, readings_figure, verification_figure
+from bayesdrill.paper.plots import SHORT, readings_figure, verification_figure
 from bayesdrill.paper.searches import Verification
-from bayesdrill.record.experiment import Channel, Experiment
 
 Array = NDArray[np.float64]
 
@@ -43,14 +41,7 @@ def readings() -> tuple[MatrixReading, ...]:
     ends = (15.913, 1e-15, 660.26, -0.02)
     found = [
         MatrixReading(
-            name=name,
-            matrix=matrix,
-            time=10.0,
-            w_2=float(curve[-1]),
-            w_2_trapezoid=float(curve[-1]),
-            w_end=end,
-            error=0.01,
-            steps=100,
+            row={"name": name, "matrix": matrix, "time": 10.0, "w_end": end},
             t=t,
             curve=curve,
         )
@@ -137,55 +128,3 @@ def test_a_row_that_the_paper_does_not_print_is_left_out() -> None:
     assert not list(clashes(drawn(figure)))
     counts = [xy(marked(panel, "D")[0]).shape[1] for panel in figure.axes]
     assert counts == [1, 0]
-
-
-# The fit
-
-
-CHANNELS = (
-    ("theta_1", r"\theta_1", "rad", 160.0),
-    ("w_1", r"\dot\theta_1", "rad/s", 30.0),
-    ("i", r"\dot q", "A", 1.9),
-    ("s", r"\theta_1 - \theta_2", "rad", 2e-3),
-    ("theta_2", r"\theta_2", "rad", 4e3),
-    ("w_2", r"\dot\theta_2", "rad/s", 1e5),
-)
-
-
-def record(n_channels: int) -> tuple[Experiment, Array]:
-    """And the model that made it; each channel of its own size."""
-    rng = np.random.default_rng(7)
-    t = 0.1 + np.arange(700) / 70
-    model = (1 - np.exp(-t / 0.8) * np.cos(4 * t))[:, None] * [c[-1] for c in CHANNELS[:n_channels]]
-    experiment = Experiment(
-        t=t,
-        y=model * (1 + 0.03 * rng.standard_normal(model.shape)),
-        channels=tuple(
-            Channel(name=name, weights={}, unit=unit, latex=latex, latex_unit=unit)
-            for name, latex, unit, _ in CHANNELS[:n_channels]
-        ),
-        constant={},
-        series={},
-        first_order=False,
-        start={},
-        t_start=0.0,
-    )
-    return experiment, model
-
-
-@together("n_channels", [1, 3, 4, 6])
-def test_a_fit_shows_the_record_as_a_line_and_the_estimate_as_marks(n_channels: int) -> None:
-    experiment, model = record(n_channels)
-    figure = fit_paper_figure(experiment, model)
-    assert not list(clashes(drawn(figure)))
-    assert len(figure.axes) == n_channels
-    for k, panel in enumerate(figure.axes):
-        line, marks = panel.get_lines()
-        t, y = xy(line)
-        np.testing.assert_allclose(t, experiment.t)
-        np.testing.assert_allclose(si(panel.get_ylabel(), y), experiment.y[:, k], rtol=1e-9)
-        t, y = xy(marks)
-        assert 20 < len(t) < 60
-        at = np.searchsorted(experiment.t, t - 1e-9)
-        np.testing.assert_allclose(si(panel.get_ylabel(), y), model[at, k], rtol=1e-9)
-        assert panel.get_xlabel() == ("$t$ [$\\mathrm{s}$]" if k >= n_channels - 2 else "")

@@ -64,12 +64,13 @@ def test_tables_are_those_of_the_paper() -> None:
 
 
 def test_inconsistencies_are_what_they_say() -> None:
-    found = {i.what.split(":")[0]: i for i in printed.inconsistencies() if "Table 3: dev" in i.what}
+    every = printed.inconsistencies()
+    found = {i["what"].split(":")[0]: i for i in every if "Table 3: dev" in i["what"]}
     # 5.0 over 4.0 is 25 %, not the 28 that is printed; 587.7 over 601.6 is 2.3 %, as printed.
-    assert found["j_m in Table 3"].implied == pytest.approx(25.0)
+    assert found["j_m in Table 3"]["implied"] == pytest.approx(25.0)
     assert "k_e in Table 3" not in found
     assert printed.implied("l_m") == pytest.approx(1.1e-3 * 0.767)
-    assert {i.printed for i in printed.inconsistencies() if "Table 2" in i.what} == {
+    assert {i["printed"] for i in every if "Table 2" in i["what"]} == {
         0.60,
         0.82,
         0.0061,
@@ -81,21 +82,21 @@ def test_every_reading_is_followed_for_half_a_minute() -> None:
     that of the record's end; an error of one time alone.
     """
     found = forward.readings(experiment(101), NOMINAL)
-    assert [reading.name for reading in found] == list(forward.READINGS)
+    assert [reading.row["name"] for reading in found] == list(forward.READINGS)
     for reading in found:
-        model = forward.READINGS[reading.name][1]
+        model = forward.READINGS[reading.row["name"]][1]
         augmented = np.zeros((7, 7))
         augmented[:6, :6], augmented[:6, 6] = six_states(model, NOMINAL, {"v": 8.0})
         speed = SIX_STATES.index("w_2")
         then, last = (scipy.linalg.expm(t * augmented)[speed, 6] for t in (30.0, 1e4))
-        assert (reading.time, reading.t[-1]) == (30.0, 30.0)
-        assert reading.w_2 == pytest.approx(then, rel=1e-6, abs=1e-6)
-        assert reading.w_end == pytest.approx(last, rel=1e-4, abs=1e-4)
-        assert reading.curve[-1] == reading.w_2
+        assert (reading.row["time"], reading.t[-1]) == (30.0, 30.0)
+        assert reading.row["w_2"] == pytest.approx(then, rel=1e-6, abs=1e-6)
+        assert reading.row["w_end"] == pytest.approx(last, rel=1e-4, abs=1e-4)
+        assert reading.curve[-1] == reading.row["w_2"]
         stepped = integrate(augmented[:6, :6], augmented[:6, 6], np.zeros(6), reading.t)
-        assert reading.w_2_trapezoid == pytest.approx(stepped.x[-1, speed], rel=1e-9)
+        assert reading.row["w_2_trapezoid"] == pytest.approx(stepped.x[-1, speed], rel=1e-9)
         off = np.abs(stepped.x[:, speed] - reading.curve).max()
-        assert reading.error == pytest.approx(off, rel=1e-6)
+        assert reading.row["error"] == pytest.approx(off, rel=1e-6)
 
 
 def test_bounds_are_those_of_numeric_slopes() -> None:
@@ -197,15 +198,15 @@ def test_products_do_not_change_with_the_scales_and_missing_physics_is_exact() -
         factors[[ORDER.index(name) for name in group.split()]] *= factor
     draws = guess * factors * np.exp(1e-9 * np.random.default_rng(1).standard_normal((50, 9)))
     for cause in printed.causes(target, guess, guess * factors, draws):
-        assert cause.heuristic == pytest.approx(1.0)
-        assert cause.posterior == pytest.approx(1.0)
-        assert cause.alone < np.inf
-    found = {c.quantity: c for c in printed.causes(target, guess, guess, draws)}
+        assert cause["heuristic"] == pytest.approx(1.0)
+        assert cause["posterior"] == pytest.approx(1.0)
+        assert cause["alone"] < np.inf
+    found = {c["quantity"]: c for c in printed.causes(target, guess, guess, draws)}
     # j_m grows by 7e-3/64 to 5.09375e-4, r_m by 0.2 to 0.53.
-    assert found["k_s/j_m"].both == pytest.approx(4 / 5.09375)
-    assert found["r_m/l_m"].r_s == pytest.approx(0.53 / 0.33)
-    assert found["r_m j_m/(k_T k_e)"].both == pytest.approx(0.53 / 0.33 * 5.09375 / 4)
-    assert found["k_s/j_1"].table_3 == pytest.approx(2.7 / 2.6 * 28.3 / 29.8)
+    assert found["k_s/j_m"]["both"] == pytest.approx(4 / 5.09375)
+    assert found["r_m/l_m"]["r_s"] == pytest.approx(0.53 / 0.33)
+    assert found["r_m j_m/(k_T k_e)"]["both"] == pytest.approx(0.53 / 0.33 * 5.09375 / 4)
+    assert found["k_s/j_1"]["table_3"] == pytest.approx(2.7 / 2.6 * 28.3 / 29.8)
 
 
 def test_tones_of_the_shaft_are_those_of_finite_elements() -> None:
@@ -223,8 +224,8 @@ def test_tones_of_the_shaft_are_those_of_finite_elements() -> None:
     squares = scipy.linalg.eigh(stiffness, inertia, eigvals_only=True, subset_by_index=[1, 3])
     found = printed.natural_frequencies(j_1, j_2, 3)
     expected = np.sqrt(squares) / (2 * np.pi)
-    assert [tone.distributed for tone in found] == pytest.approx(expected, rel=1e-4)
-    assert found[0].distributed / found[0].lumped == pytest.approx(1.0, abs=1e-6)
+    assert [tone["distributed"] for tone in found] == pytest.approx(expected, rel=1e-4)
+    assert found[0]["distributed"] / found[0]["lumped"] == pytest.approx(1.0, abs=1e-6)
 
 
 def test_truth_is_known_only_of_a_record_that_comes_out_again(tmp_path: Path) -> None:

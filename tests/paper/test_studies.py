@@ -20,6 +20,7 @@ from bayesdrill.paper import searches as study
 from bayesdrill.paper.forward import SIX_STATES, integrate, six_states
 from bayesdrill.paper.plugins import Fminsearch
 from bayesdrill.paper.searches import MisfitSearch, Verification
+from bayesdrill.record import regular
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators.exact import Response
 from bayesdrill.sampling.convergence import Targets
@@ -68,10 +69,10 @@ def test_readings_settle_where_they_are_after_hours_and_their_errors_are_the_lar
     Mutants killed: the end of the record for the end; any other error.
     """
     for reading in forward.readings(experiment(51, 0.02), skewed()):
-        whole = augmented(reading.name, skewed())
+        whole = augmented(reading.row["name"], skewed())
         end = scipy.linalg.expm(2e4 * whole)[W_2, 6]
-        assert reading.w_end == pytest.approx(end, rel=1e-9, abs=1e-6)
-        assert abs(reading.w_2 - end) > 1e-3  # it still swings
+        assert reading.row["w_end"] == pytest.approx(end, rel=1e-9, abs=1e-6)
+        assert abs(reading.row["w_2"] - end) > 1e-3  # it still swings
         once = scipy.linalg.expm(0.02 * whole)
         x, exact = np.eye(7)[6], []
         for _ in reading.t:
@@ -79,9 +80,9 @@ def test_readings_settle_where_they_are_after_hours_and_their_errors_are_the_lar
             x = once @ x
         found = integrate(whole[:6, :6], whole[:6, 6], np.zeros(6), reading.t)
         error = np.abs(found.x[:, W_2] - exact).max()
-        assert reading.error == pytest.approx(error, rel=1e-6)
-        assert reading.steps == found.steps
-        assert reading.w_2_trapezoid == pytest.approx(found.x[-1, W_2])
+        assert reading.row["error"] == pytest.approx(error, rel=1e-6)
+        assert reading.row["steps"] == found.steps
+        assert reading.row["w_2_trapezoid"] == pytest.approx(found.x[-1, W_2])
 
 
 def test_the_integrators_error_in_each_channel() -> None:
@@ -95,10 +96,10 @@ def test_the_integrators_error_in_each_channel() -> None:
     off = found - exact
     assert np.abs(off).max() < 0.03 * np.abs(exact).max()
     for k, error in enumerate(forward.errors(record, skewed())):
-        assert error.channel == list(measures)[k]
-        assert error.largest == pytest.approx(np.abs(off[:, k]).max(), rel=1e-5)
-        assert error.rms == pytest.approx(np.sqrt((off[:, k] ** 2).mean()), rel=1e-5)
-        assert error.steps == steps
+        assert error["channel"] == list(measures)[k]
+        assert error["largest"] == pytest.approx(np.abs(off[:, k]).max(), rel=1e-5)
+        assert error["rms"] == pytest.approx(np.sqrt((off[:, k] ** 2).mean()), rel=1e-5)
+        assert error["steps"] == steps
 
 
 def test_the_integrator_starts_where_the_state_is_given() -> None:
@@ -377,10 +378,10 @@ def test_the_control_tells_the_largest_of_what_a_search_makes_of_records_with_th
         found = searches.control(pool, rig, MisfitSearch(off, 77), sigmas, 3, 9)
     assert seen == pytest.approx(np.repeat(sigmas, 3), rel=0.15)  # four standard deviations
     assert len(set(seen)) == 6
-    assert [(c.sigma, c.parameter, c.records) for c in found] == [
+    assert [(c["sigma"], c["parameter"], c["records"]) for c in found] == [
         (sigma, name, 3) for sigma in sigmas for name in names
     ]
-    assert [c.largest_percent for c in found] == pytest.approx([30.0, 4.0, 30.0, 4.0])
+    assert [c["largest_percent"] for c in found] == pytest.approx([30.0, 4.0, 30.0, 4.0])
     again = precision.made_record(precision.with_sigma(rig, 0.5), truth, 9, 1)
     per = precision.misfit_per_number(again, truth)
     assert seen[4] == pytest.approx(0.5 * np.exp(0.5 * (per - 1)))
@@ -389,27 +390,44 @@ def test_the_control_tells_the_largest_of_what_a_search_makes_of_records_with_th
 # What the deviations of Table 2 and the quantities of Table 3 say
 
 
+def test_bounds_of_lengths_are_those_at_a_thousandth_and_repeats_attain_what_is_wanted() -> None:
+    """Mutant killed: a factor of a thousand in the bounds."""
+    rig = target(("c_m", "k_e"), UNEVEN, 51, {})
+    grid = ((0.7, 50.0), (2.0, 120.0))
+    attained = printed.TWO_PARAMETERS[1.0]["c_m"].deviation / 100
+    for line, size in zip(precision.lengths(rig.likelihood, NOMINAL, grid), grid, strict=True):
+        assert (line["duration"], line["rate"]) == size
+        longer = regular(rig.likelihood.response.experiment, *size)
+        response = Response(rig.likelihood.response.model, longer)
+        noise = rig.likelihood.noise.for_length(len(longer.t))
+        own = rig.likelihood.replace_only(response=response, noise=noise)
+        relative = precision.at_sigma_1(own, NOMINAL)
+        for name, bound in relative.items():
+            assert line[f"{name}_percent"] / 100 == pytest.approx(0.001 * bound)
+        assert relative["c_m"] / np.sqrt(line["repeats"]) == pytest.approx(attained)
+
+
 def test_the_implied_noise_is_that_at_which_the_bound_is_the_deviation() -> None:
     """Back from its rows; and deviations that are the bounds at a noise lead to that."""
     one = {"c_m": 37.1, "k_e": 0.29}
-    found = {line.row: line for line in precision.implied_noise(one)}
+    found = {line["row"]: line for line in precision.implied_noise(one)}
     for line in found.values():
         for name in one:
-            percent, noise = getattr(line, f"{name}_percent"), getattr(line, f"noise_{name}")
+            percent, noise = line[f"{name}_percent"], line[f"noise_{name}"]
             assert noise * one[name] == pytest.approx(percent / 100)
-        assert line.ratio * line.k_e_percent == pytest.approx(line.c_m_percent)
-    assert found["bound"].noise_c_m == pytest.approx(0.001)
-    assert found["bound"].noise_k_e == pytest.approx(0.001)
+        assert line["ratio"] * line["k_e_percent"] == pytest.approx(line["c_m_percent"])
+    assert found["bound"]["noise_c_m"] == pytest.approx(0.001)
+    assert found["bound"]["noise_k_e"] == pytest.approx(0.001)
     rows = [found.pop(f"{sigma:g}") for sigma in printed.TWO_PARAMETERS]
     for name in one:
-        each = np.array([getattr(line, f"{name}_percent") for line in rows])
-        rms = getattr(found["rms"], f"{name}_percent")
+        each = np.array([line[f"{name}_percent"] for line in rows])
+        rms = found["rms"][f"{name}_percent"]
         assert rms**2 * len(each) == pytest.approx(each @ each)
         assert each.min() < rms < each.max()
     # A rig whose bounds are the printed deviations of one row, at a noise of 3.
     row = printed.TWO_PARAMETERS[0.1]
     same = precision.implied_noise({name: row[name].deviation / 100 / 3.0 for name in one})[2]
-    assert (same.noise_c_m, same.noise_k_e) == pytest.approx((3.0, 3.0))
+    assert (same["noise_c_m"], same["noise_k_e"]) == pytest.approx((3.0, 3.0))
 
 
 def speed(p: dict[str, float]) -> float:
@@ -442,14 +460,15 @@ def test_a_quantity_that_the_config_gives_is_none_of_the_records() -> None:
     rig = target(names, UNEVEN, 31, at(names, 1.1, 0.9))
     mode = rig.space.vector(at(names, 1.0, 1.0))
     draws = mode * np.exp(0.1 * np.random.default_rng(3).standard_normal((200, 2)))
-    found = {cause.quantity: cause for cause in printed.causes(rig, mode, 1.1 * mode, draws)}
+    found = {cause["quantity"]: cause for cause in printed.causes(rig, mode, 1.1 * mode, draws)}
     for name, cause in found.items():
-        known = (cause.posterior, cause.hdi_low, cause.hdi_high, cause.alone)
+        known = tuple(cause[what] for what in ("posterior", "hdi94_low", "hdi94_high", "alone"))
         if set(printed.PRODUCTS.get(name, names)) & set(names):
             assert np.all(np.isfinite(known)), name
         else:
             assert known == (None,) * 4, name
-        assert cause.heuristic == pytest.approx(1.0 if cause.posterior is None else cause.heuristic)
+        expected = 1.0 if cause["posterior"] is None else cause["heuristic"]
+        assert cause["heuristic"] == pytest.approx(expected)
 
 
 @together("channels", [STATES[:4], ("i",)])
@@ -481,23 +500,23 @@ def test_what_a_record_says_alone_is_its_information_without_any_prior(
         for name, powers in printed.PRODUCTS.items()
     } | dict(zip(("w_end", "zeta"), following, strict=True))
     draws = point * np.exp(0.1 * np.random.default_rng(1).standard_normal((500, 9)))
-    found = {c.quantity: c for c in printed.causes(rig, point, 1.1 * point, draws)}
+    found = {c["quantity"]: c for c in printed.causes(rig, point, 1.1 * point, draws)}
     assert set(found) == set(exponents)
     infinite = set()
     for name, own in exponents.items():
         along = rows[:7] @ own
         if np.linalg.norm(own - rows[:7].T @ along) > 0.1:
-            assert found[name].alone == np.inf
+            assert found[name]["alone"] == np.inf
             infinite.add(name)
         else:
             expected = np.linalg.norm(along / values[:7])
-            assert found[name].alone == pytest.approx(expected, rel=0.01)
+            assert found[name]["alone"] == pytest.approx(expected, rel=0.01)
     assert infinite >= {"k_e", "w_end"} if channels == ("i",) else not infinite
     # And the draws: of k_s/j_1, over its value at the guesses of the paper.
     ratio = draws[:, ORDER.index("k_s")] / draws[:, ORDER.index("j_1")] / (0.26 / 28.3e-3)
     cause = found["k_s/j_1"]
-    assert cause.posterior == pytest.approx(np.median(ratio))
-    assert np.mean((cause.hdi_low <= ratio) & (ratio <= cause.hdi_high)) == pytest.approx(
+    assert cause["posterior"] == pytest.approx(np.median(ratio))
+    assert np.mean((cause["hdi94_low"] <= ratio) & (ratio <= cause["hdi94_high"])) == pytest.approx(
         0.94, abs=0.005
     )
 

@@ -16,32 +16,32 @@ from functools import cache
 import numpy as np
 import pytest
 from oracles import ORDER
-from rigs import experiment
 from together import together
 
 from bayesdrill import output_files
 from bayesdrill.analysis.verdict import Quantity, Verdict
-from bayesdrill.basics.symbols import PARAMETERS
+from bayesdrill.basics.symbols import PARAMETERS, STATES
 from bayesdrill.paper import printed, reproduction
 from bayesdrill.paper import study_tables as pages
-from bayesdrill.paper.findings import Misfits, NineParameterStudy, PaperFindings
-from bayesdrill.paper.forward import IntegratorError, MatrixReading
-from bayesdrill.paper.precision import ImpliedNoise, RecordLength
-from bayesdrill.paper.printed import FOLLOWING, PRODUCTS, DeviationCause, NaturalFrequency
-from bayesdrill.paper.searches import ControlRun, Heuristic, SearchEnd, Verification
+from bayesdrill.paper.findings import NineParameterStudy, PaperFindings
+from bayesdrill.paper.forward import MatrixReading
+from bayesdrill.paper.printed import FOLLOWING, PRODUCTS, Row
+from bayesdrill.paper.searches import Heuristic, SearchEnd, Verification
 from bayesdrill.paper.study_tables import (
-    ATTAINED,
     StudyTable,
-    lengths,
     lines_2,
     lines_3,
     products,
     ways,
 )
+from bayesdrill.report.sections.fit_words import Fit
 
 RNG = np.random.default_rng(11)
 NAMES = ("k_s", "t_f", "j_m", "l_m", "c_m", "k_T", "j_1", "r_m", "k_e")  # in no one's order
 CONTROL_SIGMAS = (0.03, 0.4)
+RIGS = "table_3 table_3_digits j_2 r_s both k_T"
+CAUSES = f"quantity {RIGS} heuristic posterior hdi94_low hdi94_high alone"
+NOISES = "row c_m_percent k_e_percent ratio noise_c_m noise_k_e"
 ESTIMATES = (
     *("fminsearch", "scaled", "trapezoid_both", "trapezoid_fit"),
     *("weights_only", "weights_only_trapezoid", "posterior"),
@@ -64,6 +64,11 @@ def filled[T](kind: type[T], **given: object) -> T:
 
     own = {f.name: given[f.name] if f.name in given else some(f.name) for f in fields(kind)}
     return kind(**own)
+
+
+def row(columns: str, **given: object) -> Row:
+    """A line of a table, likewise."""
+    return {name: given[name] if name in given else uneven() for name in columns.split()}
 
 
 # PaperFindings made up
@@ -112,7 +117,6 @@ def nine(name: str, truth: np.ndarray | None) -> NineParameterStudy:
         names=NAMES,
         units=tuple(PARAMETERS[name].plain_unit for name in NAMES),
         given=(),
-        experiment=experiment(5),
         heuristic=filled(
             Heuristic,
             guess=guess,
@@ -122,7 +126,7 @@ def nine(name: str, truth: np.ndarray | None) -> NineParameterStudy:
             others_misfits=np.ones(6),
             stepped=guess * [uneven() for _ in NAMES],
         ),
-        signals=np.zeros((5, 5)),
+        fit=Fit(t=np.arange(5.0), time=STATES["w_1"], signals=()),
         truth=truth,
         draws=guess * np.exp(0.3 * RNG.standard_normal((400, 9)) + RNG.standard_normal(9)),
         verdict=Verdict(
@@ -132,15 +136,15 @@ def nine(name: str, truth: np.ndarray | None) -> NineParameterStudy:
             limit=3.7,
             joint=None,
         ),
-        misfits=filled(
-            Misfits,
+        misfits=row(
+            "record numbers guess heuristic others stepped map truth low high",
             record=name,
             truth=None if truth is None else uneven(),
             numbers=4004,
             map=0.9731,
             high=1.0371,
         ),
-        causes=tuple(filled(DeviationCause, quantity=q, alone=a) for q, a in quantities),
+        causes=[row(CAUSES, quantity=q, alone=a) for q, a in quantities],
         converged=True,
     )
 
@@ -164,27 +168,33 @@ def ends() -> tuple[SearchEnd, ...]:
 @cache
 def findings() -> PaperFindings:
     truth = np.array([printed.GUESS[n] for n in NAMES]) * [uneven() for _ in NAMES]
-    one = {"c_m": 37.9, "k_e": 0.33}
-    series = {"t": np.arange(3.0), "curve": np.arange(3.0)}
+    columns = "name matrix time w_2 w_2_trapezoid w_end error steps"
+    t = np.arange(3.0)
     return PaperFindings(
-        readings=tuple(filled(MatrixReading, name=n, matrix=f"A as {n}", **series) for n in "ab"),
-        errors=tuple(filled(IntegratorError, channel=c) for c in ("theta_1", "w_1")),
-        verification=verification(),
-        lengths=tuple(
-            RecordLength(duration=d, rate=r, bounds={n: uneven() * b for n, b in one.items()})
-            for d, r in ((3.0, 70.0), (11.0, 900.0))
+        readings=tuple(
+            MatrixReading(row=row(columns, name=n, matrix=f"A as {n}", steps=83), t=t, curve=t)
+            for n in "ab"
         ),
-        implied=tuple(filled(ImpliedNoise, row=r) for r in ("0.001", "rms")),
+        errors=[row("channel largest rms steps", channel=c, steps=71) for c in ("theta_1", "w_1")],
+        verification=verification(),
+        lengths=[
+            row("duration rate c_m_percent k_e_percent repeats", duration=d, rate=r)
+            for d, r in ((3.0, 70.0), (11.0, 900.0))
+        ],
+        implied=[row(NOISES, row=r) for r in ("0.001", "rms")],
         searched="one",
         symmetries=(("j_m", "k_T"), ("r_m", "l_m")),
         ends=ends(),
-        control=tuple(
-            filled(ControlRun, sigma=s, parameter=p, records=12)
+        control=[
+            row("sigma parameter largest_percent records", sigma=s, parameter=p, records=12)
             for s in CONTROL_SIGMAS
             for p in ("c_m", "k_e", "t_f")
-        ),
+        ],
         nines=(nine("one", truth), nine("two", None)),
-        tones=(filled(NaturalFrequency, mode=1), filled(NaturalFrequency, mode=2, lumped=None)),
+        tones=[
+            row("mode distributed lumped", mode=1),
+            row("mode distributed lumped", mode=2, lumped=None),
+        ],
     )
 
 
@@ -340,11 +350,11 @@ def test_the_layout_of_table_2_is_the_papers() -> None:
 def test_the_control_has_a_column_for_each_noise() -> None:
     ((heads, rows),) = grids(tables()["control"].markdown)
     assert [float(head.removeprefix("noise ")) for head in heads[1:]] == list(CONTROL_SIGMAS)
-    found = {(line.parameter, line.sigma): line for line in findings().control}
+    found = {(line["parameter"], line["sigma"]): line for line in findings().control}
     assert len(rows) * len(CONTROL_SIGMAS) == len(found) == len(records("control"))
     for name, *cells in rows:
         for cell, sigma in zip(cells, CONTROL_SIGMAS, strict=True):
-            assert agrees(cell, str(found[name, sigma].largest_percent))
+            assert agrees(cell, str(found[name, sigma]["largest_percent"]))
 
 
 # What is in the lines
@@ -446,18 +456,6 @@ def test_a_way_without_a_best_end_has_no_scatter() -> None:
     assert row[-3:] == ["", "", ""]
 
 
-def test_bounds_of_lengths_are_those_at_a_thousandth_and_repeats_attain_what_is_wanted() -> None:
-    """Mutant killed: a factor of a thousand in the bounds."""
-    assert float(printed.TWO_PARAMETERS[1.0]["c_m"].percent) == ATTAINED
-    found = findings().lengths
-    for line, length in zip(lengths(found), found, strict=True):
-        for name, percent in (("c_m", line["c_m_percent"]), ("k_e", line["k_e_percent"])):
-            assert percent / 100 == pytest.approx(0.001 * length.bounds[name])
-        mean_of_all = length.bounds["c_m"] / math.sqrt(line["repeats"])
-        assert mean_of_all == pytest.approx(ATTAINED / 100)
-        assert (line["duration"], line["rate"]) == (length.duration, length.rate)
-
-
 def test_the_verdict_names_its_products() -> None:
     found = findings().nines[0]
     lines = products(found)
@@ -489,7 +487,7 @@ def test_the_words_name_the_worst_parameter_and_count_those_that_are_held() -> N
 def test_doubts_are_said_in_words_and_above_the_tables_of_their_record() -> None:
     """Mutants killed: a bad fit, or a posterior that did not converge, without a word."""
     one, two = findings().nines
-    bad = replace(one, misfits=replace(one.misfits, map=2716.846, high=1.0443))
+    bad = replace(one, misfits={**one.misfits, "map": 2716.846, "high": 1.0443})
     lost = replace(two, converged=False)
     whole = replace(findings(), nines=(bad, lost))
     text = reproduction.in_words(whole)
@@ -531,7 +529,7 @@ def test_an_unknown_of_ones_own_has_a_line_after_the_papers_and_what_is_given_is
 def test_without_the_integrator_its_cells_are_empty() -> None:
     found = findings().nines[1]
     nothing = replace(found.heuristic, stepped=None, stepped_misfit=None)
-    own = replace(found, heuristic=nothing, misfits=replace(found.misfits, stepped=None))
+    own = replace(found, heuristic=nothing, misfits={**found.misfits, "stepped": None})
     for line in lines_3(own):
         assert (line["stepped"], line["stepped_percent"], line["stepped_off_percent"]) == (
             None,
@@ -543,13 +541,14 @@ def test_without_the_integrator_its_cells_are_empty() -> None:
 def test_what_the_config_gives_is_no_finding() -> None:
     found = findings().nines[0]
     first, *rest = found.causes
-    given = replace(first, posterior=None, hdi_low=None, hdi_high=None, alone=None)
-    own = replace(found, causes=(given, *rest))
+    nothing = dict.fromkeys(("posterior", "hdi94_low", "hdi94_high", "alone"))
+    given = {**first, **nothing}
+    own = replace(found, causes=[given, *rest])
     (table,) = [
         table
         for table in pages.tables(replace(findings(), nines=(own,)))
         if table.stem == "products_one"
     ]
     _, (_, ((name, heuristic, *empty), *_)) = grids(table.markdown)
-    assert (name, empty) == (given.quantity, ["", "", ""])
-    assert agrees(heuristic, str(given.heuristic))
+    assert (name, empty) == (given["quantity"], ["", "", ""])
+    assert agrees(heuristic, str(given["heuristic"]))

@@ -114,8 +114,11 @@ SHARE = f"{100 * HDI_PROBABILITY:.0f} %"
 SIGMAS = float(ndtri(TAILS[1]))  # 1.88: half the width of the band of the noise
 
 
-def fit_figure(fit: Fit, width: float = scales.DOUBLE) -> Figure:
-    """Draw inputs; and for each channel its signals, and beside or below them its residuals."""
+def fit_figure(fit: Fit, width: float = scales.DOUBLE, at: str = "the MAP") -> Figure:
+    """Draw inputs; and for each channel its signals, and beside or below them its residuals.
+
+    `at`: of what the fit is, in words.
+    """
     t = fit.t
     time = scales.scale(float(t[0]), float(t[-1]), margin=0.01)
     with style.styled(width):
@@ -134,7 +137,7 @@ def fit_figure(fit: Fit, width: float = scales.DOUBLE) -> Figure:
             style.set_ticks(panel.xaxis, *time.ticks(most))
             if panel.xaxis.get_tick_params()["labelbottom"]:
                 panel.set_xlabel(time.label(fit.time))
-        _legends(page, fit, beside=width >= scales.DOUBLE)
+        _legends(page, fit, at, beside=width >= scales.DOUBLE)
     return page.figure
 
 
@@ -215,17 +218,17 @@ def _numbers(
     return scale
 
 
-def _legends(page: FitPage, fit: Fit, *, beside: bool) -> None:
+def _legends(page: FitPage, fit: Fit, at: str, *, beside: bool) -> None:
     """Above each kind of panel, what is shown in it; what is constant, in a line."""
     dot = Line2D([], [], **{**DOT, "markersize": 3, "rasterized": False})
     line, band = Line2D([], [], **style.BLACK_LINE), Patch(**style.BAND)
     edged = Patch(facecolor=style.LIGHT, edgecolor=style.BLACK, linewidth=0.6, linestyle="--")
     what = "of the noise" if fit.signals[0].predictive is None else "posterior predictive"
-    at_map = " at the MAP" if beside else ""
-    noise = rf"{SHARE} of the noise ($\pm${SIGMAS:.2f} $\sigma${at_map})"
+    at_point = f" at {at}" if beside else ""
+    noise = rf"{SHARE} of the noise ($\pm${SIGMAS:.2f} $\sigma${at_point})"
     signals = {
         f"measured ({fit.label})" if fit.label else "measured": dot,
-        "model at the MAP": line,
+        f"model at {at}": line,
         f"{SHARE} {what}": band,
     }
     residual_handles = {
@@ -236,11 +239,11 @@ def _legends(page: FitPage, fit: Fit, *, beside: bool) -> None:
     place = left.get_position()
     if beside:
         _legend(left, signals, 3)
-        _legend(right, {"measured minus model at the MAP": dot, **residual_handles}, 1)
+        _legend(right, {f"measured minus model at {at}": dot, **residual_handles}, 1)
     else:
         _legend(left, signals | residual_handles, 2, 0.02 - place.x0 / place.width)
     if fit.rubs:
-        rubs = {"friction at the MAP": line, "it sticks": Patch(**STICKS)}
+        rubs = {f"friction at {at}": line, "it sticks": Patch(**STICKS)}
         _legend(page.rubs[0], {**rubs, f"{SHARE} posterior": band}, 3)
     if fit.courses:
         how = "straight" if fit.courses[0].straight else "held"
