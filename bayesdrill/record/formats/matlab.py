@@ -1,19 +1,119 @@
-"""MATLAB files: v5 to v7 through SciPy, v7.3 through h5py."""
+"""MATLAB files: v5 to v7 through SciPy, v7.3 through h5py.
+
+How deep cells and structs of a file of v5 to v7 lie in each other is looked at first, without recursion:
+SciPy reads each inside the one that holds it, and some thousands end the process.  Elements are a flat
+stream of tags, which is followed here as SciPy follows it: how many a cell holds is known from its
+dimensions, never from the length in its tag.
+"""
 
 from __future__ import annotations
 
+import math
+import struct
 import warnings
-from collections.abc import Collection, Mapping
+import zlib
+from collections.abc import Buffer, Collection, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from bayesdrill.basics.errors import InputError, report_damage
+from bayesdrill.output_files import LARGEST_FILE
 from bayesdrill.record.formats.arrays import CUT_SHORT, ITSELF, add_fields, datasets
 from bayesdrill.record.formats.table import RecordTable, read_bytes
 
 MAX_DEPTH = 100  # ten times what anyone nests, and a tenth of what SciPy stands
+
+_MATRIX, _COMPRESSED = 14, 15  # kinds of elements
+# Classes of matrices that hold others.
+_CELL, _STRUCT, _OBJECT, _FUNCTION, _OPAQUE = 1, 2, 3, 16, 17
+_HOLDING = {_CELL, _STRUCT, _OBJECT, _FUNCTION, _OPAQUE}
+_CLASS = 16  # bytes from the tag of a matrix to its class
+_DIMENSIONS = 32  # at most
+
+
+def too_deep(file: bytes) -> bool:
+    """Whether something lies deeper than `MAX_DEPTH`; of compressed numbers only the beginning is read.
+
+    Raises `zlib.error` or `struct.error` where the file is damaged.
+    """
+    if 0 in file[:4]:  # v4, which has no cells
+        return False
+    order = "<" if file[126:128] == b"IM" else ">"
+    at, view = 128, memoryview(file)
+    while at < len(file):
+        kind, size = struct.unpack_from(f"{order}II", file, at)
+        matrix: Buffer = view[at:]
+        if kind == _COMPRESSED:
+            packed = view[at + 8 : at + 8 + size]
+            matrix = zlib.decompressobj().decompress(packed, _CLASS + 4)
+            if _class(matrix, 0, order) in _HOLDING:
+                matrix = zlib.decompressobj().decompress(packed, LARGEST_FILE)
+        if _class(matrix, 0, order) in _HOLDING and _Walk(matrix, order).too_deep():
+            return True
+        at += 8 + size
+    return False
+
+
+def _class(matrix: Buffer, at: int, order: str) -> int:
+    return int(struct.unpack_from(f"{order}I", matrix, at + _CLASS)[0]) & 0xFF
+
+
+class _Walk:
+    """Through one variable, element by element."""
+
+    def __init__(self, data: Buffer, order: str) -> None:
+        self._data, self._order, self._at = memoryview(data), order, 0
+
+    def too_deep(self) -> bool:
+        remaining = [1]  # matrices still to come, at each depth
+        try:
+            while remaining and len(remaining) <= MAX_DEPTH + 1:
+                if remaining[-1] == 0:
+                    remaining.pop()
+                    continue
+                remaining[-1] -= 1
+                if count := self._enter():
+                    remaining.append(count)
+        except struct.error:  # the end, or cut short
+            return False
+        return bool(remaining)
+
+    def _enter(self) -> int:
+        """From the tag of a matrix to that of the next: how many it holds."""
+        (size,) = self._words(self._at + 4, 1)
+        if size == 0:
+            self._at += 8
+            return 0
+        kind, count = _class(self._data, self._at, self._order), 0
+        self._at += _CLASS + 8
+        if kind in (_FUNCTION, _OPAQUE):
+            count = 1
+        if kind != _OPAQUE:
+            begin, size = self._element()
+            count = count or math.prod(self._words(begin, min(size // 4, _DIMENSIONS)))
+            self._element()  # its name
+        if kind == _OBJECT:
+            self._element()  # that of its class
+        if kind in (_STRUCT, _OBJECT):
+            letters = self._words(self._element()[0], 1)[0]
+            count *= self._element()[1] // max(letters, 1)
+        while self._words(self._at, 1)[0] != _MATRIX:
+            self._element()
+        return count if kind in _HOLDING else 0
+
+    def _element(self) -> tuple[int, int]:
+        """Past one that is no matrix: where what it holds begins, and how many bytes that is."""
+        at, (kind, size) = self._at, self._words(self._at, 2)
+        if kind >> 16:  # a small one, all in its tag
+            self._at += 8
+            return at + 4, kind >> 16
+        self._at += 8 + size + -size % 8
+        return at + 8, size
+
+    def _words(self, at: int, count: int) -> tuple[int, ...]:
+        return struct.unpack_from(f"{self._order}{count}I", self._data, at)
 
 
 def read(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
@@ -31,51 +131,23 @@ def read(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
 
 
 def _read_v5(path: Path, wanted: Collection[str] | None) -> RecordTable:
+    from scipy.io import loadmat
+
     table = RecordTable(path=path)
     used = None if wanted is None else {name.split(".")[0] for name in wanted}
     with warnings.catch_warnings():
         # scipy warns of objects it cannot name; they are reported below when asked for.
         warnings.simplefilter("ignore")
-        content = _variables(path, used)
+        if too_deep(path.read_bytes()):
+            message = f"holds cells or structs more than {MAX_DEPTH} deep; save plain arrays"
+            raise InputError.at(str(path), message)
+        content: Mapping[str, Any] = loadmat(path, mat_dtype=False, variable_names=used)
         if used is not None and not used <= content.keys():  # for what is said of the mistake
-            content = _variables(path, None)
+            content = loadmat(path, mat_dtype=False)
     for name, value in content.items():
         if not name.startswith("__"):
             _walk_v5(name, value, table)
     return table
-
-
-def _variables(path: Path, names: Collection[str] | None) -> Mapping[str, Any]:
-    """Variables by name, as SciPy reads them: each inside the one that holds it.
-
-    Some thousands inside each other would end the process, so its reader is stopped before.
-    """
-    from scipy.io import loadmat
-    from scipy.io.matlab import matfile_version
-    from scipy.io.matlab._mio5 import MatFile5Reader
-    from scipy.io.matlab._mio5_utils import VarReader5
-
-    class ShallowReader(VarReader5):  # type: ignore[misc]
-        depth = 0
-
-        def array_from_header(self, header: Any, process: int = 1) -> Any:
-            if self.depth > MAX_DEPTH:
-                message = f"holds cells or structs more than {MAX_DEPTH} deep; save plain arrays"
-                raise InputError.at(str(path), message)
-            self.depth += 1
-            array = super().array_from_header(header, process)
-            self.depth -= 1
-            return array
-
-    class ShallowFile(MatFile5Reader):  # type: ignore[misc]
-        def initialize_read(self) -> None:
-            super().initialize_read()
-            self._matrix_reader = ShallowReader(self)
-
-    if matfile_version(path)[0] != 1:  # v4, which has no cells
-        return dict(loadmat(path, variable_names=names))
-    with path.open("rb") as file:
-        return dict(ShallowFile(file).get_variables(names))
 
 
 def _walk_v5(name: str, value: Any, table: RecordTable) -> None:
