@@ -280,14 +280,13 @@ def walk(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Walk:
-    """Ensembles under way: their `segments`, and the same steps in physical unknowns, `theta`."""
+    """Ensembles under way, and their `segments` so far."""
 
     pool: WorkerPool
     proposal: Proposal
     plan: Plan
     backend: Backend
     segments: list[list[ChainSegment]]
-    theta: list[list[Array]]
 
     @property
     def steps(self) -> list[int]:
@@ -314,26 +313,16 @@ class _Walk:
             for future in done:
                 ensemble = running.pop(future)
                 segment = future.result()
-                length = int(
-                    np.clip(
-                        SEGMENT_SECONDS * len(segment.z) / segment.seconds,
-                        1,
-                        MAX_SEGMENT_STEPS,
-                    )
-                )
+                in_time = SEGMENT_SECONDS * len(segment.z) / segment.seconds
+                length = int(np.clip(in_time, 1, MAX_SEGMENT_STEPS))
                 first = self.steps[ensemble]
                 self.segments[ensemble].append(segment)
                 if not self.pool.in_process:
                     submit(ensemble)  # first, so that others walk on while this process writes
                 self.backend.save(ensemble, first, segment)
-                self.theta[ensemble].append(_physical(self.pool.posterior, segment))
                 tell(min(self.steps))
                 if self.pool.in_process:
                     submit(ensemble)
-
-    def first(self, n: int) -> Array:
-        """`(E, n, W, D)`, physical."""
-        return np.array([np.concatenate(parts)[:n] for parts in self.theta])
 
     def _state(self, ensemble: int) -> State:
         if self.segments[ensemble]:
@@ -352,12 +341,7 @@ def sample(
     posterior, learnt = pool.posterior, prepare(pool, maxima, plan.seed, report)
     segments = [backend.segments(ensemble) for ensemble in range(plan.ensembles)]
     under_way = _Walk(
-        pool=pool,
-        proposal=learnt.proposal,
-        plan=plan,
-        backend=backend,
-        segments=segments,
-        theta=[[_physical(posterior, segment) for segment in chain] for chain in segments],
+        pool=pool, proposal=learnt.proposal, plan=plan, backend=backend, segments=segments
     )
     have, most = max(under_way.steps), plan.most_steps(maxima.shape[1])
     if not fits(posterior, maxima):
@@ -390,7 +374,7 @@ def _run_until_converged(
 
     Where it looks depends on nothing but the chain: not on how it was cut.
     """
-    plan, last = under_way.plan, max(most, have)
+    posterior, plan, last = under_way.pool.posterior, under_way.plan, max(most, have)
     goal = min(FIRST_CHECK, last)
     trail: list[tuple[int, float]] = []
     share = 0.01
@@ -401,7 +385,7 @@ def _run_until_converged(
     report.update(0.0, "the ensembles go on" if have else "starting the walkers")
     while True:
         under_way.advance_to(goal, tell)
-        theta = under_way.first(goal)
+        theta = _physical(posterior, _stack(under_way.segments, "z", goal))
         measured = chain_length(theta)
         trail.append((goal, measured.n_tau))
         hopeless = futility(trail, plan.targets.n_tau, plan.max_steps, most)
@@ -409,7 +393,7 @@ def _run_until_converged(
         following = min(measured.next_check(goal, plan.targets.n_tau), last)
         # Shorter lengths were judged before an interruption, and found wanting.
         if goal >= have and (ending or measured.n_tau >= plan.targets.n_tau):
-            sampled = _assess(under_way.pool.posterior, plan, under_way.segments, theta, measured)
+            sampled = _assess(posterior, plan, under_way.segments, theta, measured)
             convergence = sampled.convergence
             # How much of the way to the targets, as far as length goes.
             far = convergence.n_tau / plan.targets.n_tau
@@ -444,13 +428,15 @@ def _steps(segments: list[ChainSegment]) -> int:
     return sum(len(segment.z) for segment in segments)
 
 
-def _physical(posterior: Posterior, segment: ChainSegment) -> Array:
-    z = segment.z
+def _physical(posterior: Posterior, z: Array) -> Array:
     return posterior.coordinates.to_physical(z.reshape(-1, z.shape[-1])).reshape(z.shape)
 
 
-def _stack(chains: list[list[ChainSegment]], name: Literal["z", "log_p"]) -> Array:
-    return np.array([np.concatenate([getattr(part, name) for part in chain]) for chain in chains])
+def _stack(
+    chains: list[list[ChainSegment]], name: Literal["z", "log_p"], n: int | None = None
+) -> Array:
+    """The first `n` steps of each chain, or all."""
+    return np.array([np.concatenate([getattr(p, name) for p in ps])[:n] for ps in chains])
 
 
 def _state_of(c: Convergence) -> str:
@@ -473,5 +459,4 @@ def load_sampled(
         raise InputError.at(
             location, "the run stopped before its first check; continue it with --resume"
         )
-    theta = [np.concatenate([_physical(posterior, part) for part in chain]) for chain in chains]
-    return _assess(posterior, plan, chains, np.array(theta))
+    return _assess(posterior, plan, chains, _physical(posterior, _stack(chains, "z")))
