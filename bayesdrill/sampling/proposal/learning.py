@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.progress import SILENT, Reporter
@@ -323,16 +324,12 @@ def _inside(mixture: Mixture, n: int, surface: LogDensity, random: Random) -> tu
 def _begin(traced: Sequence[TracedRidge]) -> Mixture:
     """One component for each ridge, as wide as record and priors let it be."""
     means, roots = [], []
-    for traced_ridge in traced:
-        n_loose, d = len(traced_ridge.psi), len(traced_ridge.ridge.frame.centre)
-        root = INITIAL_TIGHT_SDS * np.eye(d)
-        root[:n_loose, :n_loose] = traced_ridge.spread
-        means.append(np.concatenate([traced_ridge.psi, np.zeros(d - n_loose)]))
-        roots.append(root)
-    ridges = [traced_ridge.ridge for traced_ridge in traced]
-    count = len(traced)
-    equal = np.full(count, 1.0 / count)
-    return independence.mixture(ridges, range(count), equal, np.array(means), np.array(roots))
+    for each in traced:
+        tight = each.ridge.frame.tight.shape[1]
+        means.append(np.append(each.psi, np.zeros(tight)))
+        roots.append(scipy.linalg.block_diag(each.spread, INITIAL_TIGHT_SDS * np.eye(tight)))
+    ridges, equal = [each.ridge for each in traced], np.full(len(traced), 1.0 / len(traced))
+    return independence.mixture(ridges, range(len(traced)), equal, means, roots)
 
 
 def _several_components(mixture: Mixture, u: Array, weights: Array, random: Random) -> Mixture:
@@ -357,7 +354,7 @@ def _several_components(mixture: Mixture, u: Array, weights: Array, random: Rand
         means = [centre] if count == 1 else list(picked)
         wide = root if count == 1 else COMPONENT_SCALE * root
         parts += [(s, float(sheet_weights.sum()) / count, mean, wide) for mean in means]
-    return _joined(mixture, parts)
+    return independence.mixture(mixture.sheets, *zip(*parts, strict=True))
 
 
 def _with_tails(narrow: Mixture, u: Array, weights: Array) -> Mixture:
@@ -375,14 +372,7 @@ def _with_tails(narrow: Mixture, u: Array, weights: Array) -> Mixture:
                 wider = np.full(u.shape[1], across)
                 wider[: narrow.sheets[s].n_loose] = along
                 parts.append((s, weight * known, centre, wider[:, None] * root))
-    return _joined(narrow, parts)
-
-
-def _joined(mixture: Mixture, parts: Sequence[Component]) -> Mixture:
-    sheet, weights, means, roots = (list(column) for column in zip(*parts, strict=True))
-    return independence.mixture(
-        mixture.sheets, sheet, np.array(weights), np.array(means), np.array(roots)
-    )
+    return independence.mixture(narrow.sheets, *zip(*parts, strict=True))
 
 
 def responsibilities(mixture: Mixture, u: Array, weights: Array) -> tuple[Array, Array]:

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from bayesdrill.basics.arrays import Array
@@ -167,15 +168,11 @@ def _wide(sheets: Sequence[RidgeMap], u: Array, weights: Array) -> Mixture:
     """A component for each sheet, wider than draws `u (N, D)` of `weights (S, N)` along it."""
     means, roots = [], []
     for sheet, sheet_weights in zip(sheets, weights, strict=True):
-        n, d = sheet.n_loose, u.shape[1]
+        tight = u.shape[1] - sheet.n_loose
         middle, root = moments(sheet.frame.split(u)[0], sheet_weights + NEGLIGIBLE_WEIGHT)
-        means.append(np.concatenate([middle, np.zeros(d - n)]))
-        roots.append(WIDTH_ACROSS * np.eye(d))
-        roots[-1][:n, :n] = WIDTH_ALONG * root
-    totals = weights.sum(axis=1)
-    return independence.mixture(
-        sheets, range(len(sheets)), totals, np.array(means), np.array(roots)
-    )
+        means.append(np.append(middle, np.zeros(tight)))
+        roots.append(scipy.linalg.block_diag(WIDTH_ALONG * root, WIDTH_ACROSS * np.eye(tight)))
+    return independence.mixture(sheets, range(len(sheets)), weights.sum(axis=1), means, roots)
 
 
 def _drawn(

@@ -226,11 +226,12 @@ def _summed(parts: Array) -> Array:
 def mixture(
     sheets: Sequence[RidgeMap],
     sheet: Sequence[int] | Indices,
-    weights: Array,
-    means: Array,
-    roots: Array,
+    weights: Sequence[float] | Array,
+    means: Sequence[Array] | Array,
+    roots: Sequence[Array] | Array,
 ) -> Mixture:
     """Build a mixture of components on `sheets`; `weights (K,)` need not be normalised."""
+    weights, means, roots = np.array(weights), np.array(means), np.array(roots)
     weights = weights / weights.sum()
     log_det = np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)
     with np.errstate(divide="ignore"):
