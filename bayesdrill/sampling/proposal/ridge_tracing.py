@@ -174,17 +174,23 @@ def trace(
         # As many again, the rare ones more often than their weights say.
         share = np.sqrt(weights)
         cloud = drawn[rng.choice(len(drawn), size=len(drawn), p=share / share.sum())]
+
+    def wanted(n: int) -> Array:
+        """Return psi `(n, l)` as it lies in the cloud, or normally, and wider."""
+        if cloud is None:
+            return psi + SCATTER_WIDTH * rng.standard_normal((n, len(psi))) @ spread.T
+        return psi + SCATTER_WIDTH * (cloud[rng.integers(len(cloud), size=n)] - psi)
+
     at = _at_centre(base, here)
     if len(known) == 0 or base.tight.shape[1] == 0:
         return TracedRidge(at, 0.0, psi, spread)
     bent = np.arange(still.shape[1], len(known))
-    for _ in range(MAX_HALVINGS):
-        traced = _follow(surface, at, bent, psi, spread, cloud, rng)
-        if traced.off < USELESS_ERROR:
+    for halvings in range(MAX_HALVINGS):
+        length = 0.5**halvings  # a shorter piece of it is better than none
+        followed, off = _follow(surface, at, bent, wanted, length)
+        if off < USELESS_ERROR:
             break
-        psi, spread = 0.5 * psi, 0.5 * spread  # a shorter piece of it is better than none
-        cloud = None if cloud is None else 0.5 * cloud
-    return traced
+    return TracedRidge(followed, off, length * psi, length * spread)
 
 
 def _expected(surface: LogDensity, base: LocalBasis, known: Array) -> tuple[Array, Array]:
@@ -200,12 +206,13 @@ def _follow(
     surface: LogDensity,
     at: RidgeMap,
     bent: Indices,
-    psi: Array,
-    spread: Array,
-    cloud: Array | None,
-    rng: np.random.Generator,
-) -> TracedRidge:
-    """Outward from where the maximum is, with polynomials of what has been found so far."""
+    wanted: Callable[[int], Array],
+    length: float,
+) -> tuple[RidgeMap, float]:
+    """Outward from where the maximum is, with polynomials of what has been found so far.
+
+    As far as `length` times those `wanted`; returns the ridge, and how far `off` it is.
+    """
     base = at.frame
     points: list[Array] = []
     off = 0.0
@@ -214,17 +221,17 @@ def _follow(
         degree = 2 if share < 0.4 else 3 if share < 1.0 else 4
         least = MIN_POINTS if share < 1.0 else LAST_POINTS
         n = int(np.clip(POINTS_PER_TERM * _terms(len(bent), degree), least, MAX_POINTS))
-        wanted = share * _scatter(surface, at, n, psi, spread, cloud, share, rng)
-        points = _arrivals(surface, at, wanted, points)
-        if len(points[0]) > 2 * (len(psi) + 1):
+        psi = share * _within_priors(surface, at, length * wanted(4 * n), share)
+        points = _arrivals(surface, at, psi, points)
+        if len(points[0]) > 2 * (at.n_loose + 1):
             at, off = _best_fit(base, bent, *points[:3], last=share == STAGES[-1])
     while off > FAIR_ERROR and 2 * len(points[0]) < MAX_POINTS:
-        wanted = _scatter(surface, at, len(points[0]), psi, spread, cloud, 1.0, rng)
-        points = _arrivals(surface, at, wanted, points)
+        psi = _within_priors(surface, at, length * wanted(4 * len(points[0])), 1.0)
+        points = _arrivals(surface, at, psi, points)
         before, (at, off) = off, _best_fit(base, bent, *points[:3], last=True)
         if off > 0.7 * before:
             break
-    return TracedRidge(at, off, psi, spread)
+    return at, off
 
 
 def trace_box(surface: LogDensity, centre: Array, rng: np.random.Generator) -> TracedRidge:
@@ -269,26 +276,12 @@ def _at_centre(base: LocalBasis, here: QuadraticModel) -> RidgeMap:
     return ridge.fit_ridge(base, np.zeros((1, n_loose)), step[None], roots, 0, 0)
 
 
-def _scatter(
-    surface: LogDensity,
-    at: RidgeMap,
-    n: int,
-    psi: Array,
-    spread: Array,
-    cloud: Array | None,
-    share: float,
-    rng: np.random.Generator,
-) -> Array:
-    """Places `(n, l)` where the prior has a density, as far as the ridge is known by now.
+def _within_priors(surface: LogDensity, at: RidgeMap, wanted: Array, share: float) -> Array:
+    """A fourth of those `wanted (4 n, l)`, as far as the ridge is known by now: `(n, l)`.
 
-    As psi of draws, the `cloud (N, l)`, lie, or normally, and wider.  Those beyond its ends are drawn
-    in towards the maximum until they are not.
+    Those beyond ends of the priors are drawn in towards the maximum until they are not.
     """
-    if cloud is None:
-        wanted = psi + SCATTER_WIDTH * rng.standard_normal((4 * n, len(psi))) @ spread.T
-    else:
-        wanted = psi + SCATTER_WIDTH * (cloud[rng.integers(len(cloud), size=4 * n)] - psi)
-    inwards = np.ones(len(wanted))
+    n, inwards = len(wanted) // 4, np.ones(len(wanted))
     for _ in range(12):
         points = min(share, PRIOR_MARGIN) * inwards[:, None] * wanted
         outside = ~surface.inside(at.frame.join(points, at.at(points)))
@@ -297,9 +290,8 @@ def _scatter(
         inwards[outside] *= 0.85
     whole = np.flatnonzero(inwards == 1.0)
     drawn = np.flatnonzero(inwards < 1.0)
-    selected = np.concatenate([whole[: (3 * n) // 4], drawn])[:n]
-    if len(selected) < n:
-        selected = np.concatenate([selected, whole[(3 * n) // 4 :]])[:n]
+    most = (3 * n) // 4
+    selected = np.concatenate([whole[:most], drawn, whole[most:]])[:n]
     return np.asarray(inwards[selected, None] * wanted[selected])
 
 
