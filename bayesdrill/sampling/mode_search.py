@@ -109,21 +109,15 @@ class Mode:
     @property
     def wandering(self) -> tuple[str, ...]:
         """Unknowns in which searches of the same height ended at different places."""
-        ends = [s.end for s in self.highest if not self._is_other(s.end)]
-        return tuple(
-            name
-            for name, value in self.values.items()
-            if any(self._differ(name, end[name], value) for end in ends)
-        )
+        ends = [s.end for s in self.highest]
+        ends = [end for end in ends if all(self._apart(end, other.values) for other in self.others)]
+        wandering = {name for end in ends for name in self._apart(end, self.values)}
+        return tuple(name for name in self.values if name in wandering)
 
-    def _is_other(self, end: Mapping[str, float]) -> bool:
-        return any(
-            not any(self._differ(name, end[name], x) for name, x in other.values.items())
-            for other in self.others
-        )
-
-    def _differ(self, name: str, value: float, other: float) -> bool:
-        return abs(value - other) > SAME_POINT * self.steps.get(name, abs(other))
+    def _apart(self, end: Mapping[str, float], values: Mapping[str, float]) -> list[str]:
+        """Return the unknowns in which `end` is not at these `values`."""
+        near = {name: SAME_POINT * self.steps.get(name, abs(x)) for name, x in values.items()}
+        return [name for name, x in values.items() if abs(end[name] - x) > near[name]]
 
 
 def starts(posterior: Posterior, n: int, rng: np.random.Generator) -> Array:
@@ -280,7 +274,7 @@ def _search_around(
     for _ in range(rounds):
         fresh = [u for u in ends if not (visited == u).all(axis=1).any()][:MAX_CENTRES]
         visited = np.concatenate([visited, *(u[None] for u in fresh)])
-        around = [multiple_modes.nearby_starts(surface, u) for u in fresh]
+        around = [each for u in fresh for each in multiple_modes.nearby_starts(surface, u)]
         left_out = max([left_out, *(nearby.missed_share for nearby in around)])
         if not any(len(nearby.u) for nearby in around):
             break

@@ -13,6 +13,7 @@ further maxima along each of them by itself.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -155,26 +156,23 @@ class NearbyStarts:
     missed_share: float
 
 
-def nearby_starts(surface: PosteriorLogDensity, u: Array) -> NearbyStarts:
-    """Return starts from which a search may find other maxima than the one at `u (D,)`."""
-    aliased, returned = alias_starts(surface, u), scan_starts(surface, u)
-    missed_share = max(aliased.missed_share, returned.missed_share)
-    return NearbyStarts(np.concatenate([aliased.u, returned.u]), missed_share)
+def nearby_starts(surface: PosteriorLogDensity, u: Array) -> Iterator[NearbyStarts]:
+    """Yield starts from which a search may find other maxima than the one at `u (D,)`."""
+    yield from alias_starts(surface, u)
+    yield from scan_starts(surface, u)
 
 
-def alias_starts(surface: PosteriorLogDensity, u: Array) -> NearbyStarts:
-    """Return points where a pair of poles swings at an alias of its frequency at `u (D,)`."""
+def alias_starts(surface: PosteriorLogDensity, u: Array) -> Iterator[NearbyStarts]:
+    """Yield points where each pair of poles swings at an alias of its frequency at `u (D,)`."""
     posterior = surface.posterior
     here = frequencies(posterior, u[None])[0]
     slowest, fastest = _frequency_range(surface, u)
-    aliases, missed_share, most = [np.empty((0, len(u)))], 0.0, MAX_ALIASES_TRIED
+    most = MAX_ALIASES_TRIED
     for pair in np.flatnonzero(here > 0):
         wanted = _aliases(posterior, here[pair], slowest[pair], fastest[pair])
         at = _at_frequencies(surface, u, int(pair), np.unique(wanted[:most]))
         heaviest, share = _heaviest(surface, at)
-        aliases.append(heaviest)
-        missed_share = max(missed_share, 1.0 - share * most / max(len(wanted), most))
-    return NearbyStarts(np.concatenate(aliases), missed_share)
+        yield NearbyStarts(heaviest, 1.0 - share * most / max(len(wanted), most))
 
 
 def _heaviest(surface: PosteriorLogDensity, at: Array) -> tuple[Array, float]:
@@ -187,9 +185,9 @@ def _heaviest(surface: PosteriorLogDensity, at: Array) -> tuple[Array, float]:
     return u[most], float(shares[most].sum())
 
 
-def scan_starts(surface: PosteriorLogDensity, u: Array) -> NearbyStarts:
-    """Return maxima along each unknown by itself, but for that of `u (D,)`."""
-    posterior, maxima, missed_share = surface.posterior, list[Array](), 0.0
+def scan_starts(surface: PosteriorLogDensity, u: Array) -> Iterator[NearbyStarts]:
+    """Yield maxima along each unknown by itself, but for that of `u (D,)`."""
+    posterior, most = surface.posterior, MAX_STARTS_PER_UNKNOWN
     step = min(
         float(np.diff(observation.experiment.t).min(initial=np.inf))
         for observation in posterior.likelihood.observations
@@ -208,11 +206,8 @@ def scan_starts(surface: PosteriorLogDensity, u: Array) -> NearbyStarts:
         tops = peaks(value, VALLEY_ALONG_LINE)
         modes = [k for k in tops if _valley_between(value, k, index)]
         modes.sort(key=lambda k: -value[k])
-        most = MAX_STARTS_PER_UNKNOWN
-        maxima.append(line[modes[:most]])
         high = sum(value[k] > value.max() - NEGLIGIBLE_DEPTH for k in modes)
-        missed_share = max(missed_share, 1.0 - most / max(high, most))
-    return NearbyStarts(np.concatenate(maxima), missed_share)
+        yield NearbyStarts(line[modes[:most]], 1.0 - most / max(high, most))
 
 
 def peaks(value: Array, valley: float) -> list[int]:
