@@ -220,11 +220,7 @@ def _start_worker(prepare: Callable[..., None], *arguments: Any) -> None:
 
 
 def _set_copied(copied: _Copy) -> None:
-    _set_posterior(copied.posterior())
-
-
-def _set_posterior(posterior: Posterior, version: int = 0) -> None:
-    _WORKER.update(posterior=posterior, version=version)
+    _WORKER.update(posterior=copied.posterior(), version=0)
 
 
 def _exit_soon(_number: int, _frame: object) -> None:
@@ -250,5 +246,5 @@ def _call_with_posterior(
     form: _Form, function: Callable[..., Any], *arguments: Any, **named: Any
 ) -> Any:
     if form.version > _WORKER["version"]:
-        _set_posterior(form.of_posterior(_WORKER["posterior"]), form.version)
+        _WORKER.update(posterior=form.of_posterior(_WORKER["posterior"]), version=form.version)
     return function(_WORKER["posterior"], *arguments, **named)
