@@ -326,7 +326,7 @@ def assess(
     ess_bulk = np.minimum(arviz.ess(draws, **axes, method="bulk"), still)
     ess_tail = np.minimum(arviz.ess(draws, **axes, method="tail", prob=0.9), still)
     disagreeing = not (r_hat <= targets.r_hat).all()
-    missing = list(_reasons(names, targets, tau, r_hat, ess_bulk, n_tau))
+    missing = list(_reasons(names, targets, measured, r_hat, ess_bulk))
     named: tuple[str, ...] = ()
     if post_burn_in.shape[1] >= MIN_STEPS_FOR_WALKERS:
         density = np.zeros(post_burn_in.shape[:-1]) if log_p is None else log_p[:, burn_in:]
@@ -437,12 +437,7 @@ def autocorrelation_time(chains: Array) -> Array:
 
 
 def _reasons(
-    names: tuple[str, ...],
-    targets: Targets,
-    tau: Array,
-    r_hat: Array,
-    ess: Array,
-    n_tau: float,
+    names: tuple[str, ...], targets: Targets, measured: ChainLength, r_hat: Array, ess: Array
 ) -> Iterator[str]:
     if not np.all(np.isfinite(r_hat)) or r_hat.max() > targets.r_hat:
         worst = int(np.argmax(np.nan_to_num(r_hat, nan=np.inf)))
@@ -450,11 +445,11 @@ def _reasons(
             f"the ensembles disagree on {names[worst]}: R-hat {r_hat[worst]:.4f}, "
             f"wanted at most {targets.r_hat:g}"
         )
-    if n_tau < targets.n_tau:
-        worst = int(np.argmax(tau))
+    if measured.n_tau < targets.n_tau:
+        worst = int(np.argmax(measured.tau))
         yield (
-            f"the chain is {n_tau:.0f} autocorrelation times long (tau {tau[worst]:.0f} steps, "
-            f"{names[worst]}), wanted at least {targets.n_tau:g}"
+            f"the chain is {measured.n_tau:.0f} autocorrelation times long (tau "
+            f"{measured.tau[worst]:.0f} steps, {names[worst]}), wanted at least {targets.n_tau:g}"
         )
     if not np.all(np.isfinite(ess)) or ess.min() < targets.ess:
         worst = int(np.argmin(np.nan_to_num(ess, nan=0.0)))

@@ -159,12 +159,13 @@ def _best_mixture(
     rounds: list[_Round] = []
     for _ in range(MAX_ROUNDS if max_added_ridges else MAX_ROUNDS // 3):
         done = _draw(mixture, origin, surface, random)
-        settled = bool(rounds) and done.share < MIN_IMPROVEMENT * rounds[-1].share
+        share = done.draws.share
+        settled = bool(rounds) and share < MIN_IMPROVEMENT * rounds[-1].draws.share
         rounds.append(done)
-        text = f"learning the proposal, round {len(rounds)}: {done.share:.0%} of its draws count"
+        text = f"learning the proposal, round {len(rounds)}: {share:.0%} of its draws count"
         report.update(len(rounds) / (MAX_ROUNDS + 1), text)
         leaving = done.draws.trapped < MAX_TRAPPED_MASS
-        good = done.share > MIN_EFFECTIVE_SHARE and leaving
+        good = share > MIN_EFFECTIVE_SHARE and leaving
         hopeless = done.draws.effective < HOPELESS_DRAWS  # one draw outweighs all others
         if (settled and good) or (len(rounds) > FEW_ROUNDS and hopeless):
             break
@@ -245,10 +246,6 @@ class _Round:
         return max(self.draws.trapped, self.missed)
 
     @property
-    def share(self) -> float:
-        return self.draws.share
-
-    @property
     def weighted_draws(self) -> tuple[Array, Array]:
         """Draws `(N, D)` that have a density, and their weights, flattened where they must be."""
         draws = self.draws.supported()
@@ -270,7 +267,7 @@ class _Round:
     @property
     def good(self) -> bool:
         return (
-            self.share > GOOD_EFFECTIVE_SHARE
+            self.draws.share > GOOD_EFFECTIVE_SHARE
             and self.strays < MAX_STRAY_MASS
             and self.trapped < 2.0 * MAX_TRAPPED_MASS
         )
@@ -279,7 +276,7 @@ class _Round:
     def worth(self) -> float:
         """Effective draws for what they cost: one outside the prior costs less than the model."""
         cost = 1.0 + REDRAW_COST / self.proposal.share
-        return self.share / (cost * (1.0 + TRAPPED_COST * self.trapped))
+        return self.draws.share / (cost * (1.0 + TRAPPED_COST * self.trapped))
 
 
 def _draw(mixture: Mixture, origin: tuple[int, ...], surface: LogDensity, random: Random) -> _Round:
