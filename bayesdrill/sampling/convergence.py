@@ -134,10 +134,9 @@ def _stuck_walkers(chain: PostBurnInChain, still: Flags, stay: Indices) -> Itera
         )
     elif still.any():
         stay = np.where(still, stay, 0)
-        ensemble, walker = np.unravel_index(int(np.argmax(stay)), stay.shape)
         yield (
             f"{_counted(still)} stuck: the longest did not move for {stay.max()} of {n_steps} steps "
-            f"({_where(chain, int(ensemble), int(walker), ~still)}). Start over with another seed. If "
+            f"({_where(chain, int(np.argmax(stay)), ~still)}). Start over with another seed. If "
             "it happens there again, look at what the model does at this place"
         )
 
@@ -147,11 +146,11 @@ def _low_density_walkers(
 ) -> Iterator[str]:
     if not low.any():
         return
-    ensemble, walker = np.unravel_index(int(np.argmin(np.where(low, medians, np.inf))), low.shape)
+    lowest = int(np.argmin(np.where(low, medians, np.inf)))
     yield (
-        f"{_counted(low)} far from where the posterior is: log density {medians[ensemble, walker]:.1f}"
+        f"{_counted(low)} far from where the posterior is: log density {medians.flat[lowest]:.1f}"
         f", the others' {np.median(medians[sound]):.1f} "
-        f"({_where(chain, int(ensemble), int(walker), sound)}). This is a lesser maximum, or "
+        f"({_where(chain, lowest, sound)}). This is a lesser maximum, or "
         "the chain is still on its way. Start over with another seed, or let an end of the prior "
         "exclude this place"
     )
@@ -208,8 +207,9 @@ def _counted(flags: Flags) -> str:
     return f"{n} of {flags.size} walkers ({where}) {'is' if n == 1 else 'are'}"
 
 
-def _where(chain: PostBurnInChain, ensemble: int, walker: int, sound: Flags) -> str:
-    """The unknown in which this walker is farthest from the sound ones, in their spreads."""
+def _where(chain: PostBurnInChain, k: int, sound: Flags) -> str:
+    """The unknown in which the k-th walker is farthest from the sound ones, in their spreads."""
+    ensemble, walker = np.unravel_index(k, sound.shape)
     others = _series(chain.theta, sound)
     mean, centre = chain.theta[ensemble, :, walker].mean(axis=0), others.mean(axis=0)
     sd = others.std(axis=0)

@@ -343,13 +343,13 @@ def sample(
     under_way = _Walk(
         pool=pool, proposal=learnt.proposal, plan=plan, backend=backend, segments=segments
     )
-    have, most = max(under_way.steps), plan.most_steps(maxima.shape[1])
+    most = plan.most_steps(maxima.shape[1])
     if not fits(posterior, maxima):
         most = min(most, MAX_STEPS_OF_A_MISFIT)
-    sampled = _run_until_converged(under_way, have, most, learnt, report)
+    sampled = _run_until_converged(under_way, most, report)
     report.update(1.0, "")
     z = posterior.coordinates.from_physical(sampled.draws.reshape(-1, maxima.shape[1]))
-    return dataclasses.replace(sampled, mode_shares=learnt.shares(z, len(maxima)))
+    return dataclasses.replace(sampled, learnt=learnt, mode_shares=learnt.shares(z, len(maxima)))
 
 
 def with_evidence(posterior: Posterior, sampled: SamplingResult, seed: int) -> SamplingResult:
@@ -367,14 +367,13 @@ def with_evidence(posterior: Posterior, sampled: SamplingResult, seed: int) -> S
     return dataclasses.replace(sampled, evidence=estimate)
 
 
-def _run_until_converged(
-    under_way: _Walk, have: int, most: int, learnt: LearnedProposal, report: Reporter
-) -> SamplingResult:
+def _run_until_converged(under_way: _Walk, most: int, report: Reporter) -> SamplingResult:
     """On and on until the targets are met, nothing more helps, or `most` steps are made.
 
     Where it looks depends on nothing but the chain: not on how it was cut.
     """
-    posterior, plan, last = under_way.pool.posterior, under_way.plan, max(most, have)
+    posterior, plan, have = under_way.pool.posterior, under_way.plan, max(under_way.steps)
+    last = max(most, have)
     goal = min(FIRST_CHECK, last)
     trail: list[tuple[int, float]] = []
     share = 0.01
@@ -404,7 +403,7 @@ def _run_until_converged(
                 reasons = (*convergence.reasons, hopeless)
                 convergence = dataclasses.replace(convergence, reasons=reasons, enough=None)
             if convergence.converged or ending:
-                return dataclasses.replace(sampled, convergence=convergence, learnt=learnt)
+                return dataclasses.replace(sampled, convergence=convergence)
         else:
             share = min(measured.n_tau / plan.targets.n_tau, 0.99)
             report.update(share, f"{goal} steps: {measured.n_tau:.0f} autocorrelation times")

@@ -18,9 +18,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.inference.laplace import LogDensity, PosteriorLogDensity
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.rig.models.linear import dynamics
@@ -77,7 +76,7 @@ def distinct_modes(surface: LogDensity, points: Array, values: Array, known: int
     return distinct
 
 
-def split_by_valley(surface: LogDensity, start: Array, others: Array) -> NDArray[np.bool_]:
+def split_by_valley(surface: LogDensity, start: Array, others: Array) -> Flags:
     """Return whether a valley parts `start (D,)` from each of `others (n, D)`, on a straight way.
 
     It does not between corners of a plateau, nor where one maximum has ripples.
@@ -91,7 +90,7 @@ def split_by_valley(surface: LogDensity, start: Array, others: Array) -> NDArray
     return np.asarray(deep | ~np.isfinite(lower))
 
 
-def joined_by_ridge(surface: LogDensity, start: Array, others: Array) -> NDArray[np.bool_]:
+def joined_by_ridge(surface: LogDensity, start: Array, others: Array) -> Flags:
     """Return whether the ridge through `start (D,)` leads to each of `others (n, D)`: `(n,)`.
 
     Where nothing is tight all of the prior is the ridge, and a valley parts it.

@@ -12,9 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.sampling.proposal.ridge_tracing import distances, moments, newton_mixture, trace
@@ -136,7 +135,7 @@ def _add_ridges(
     return newton_proposal.mixture
 
 
-def _waiting(ratio: Array) -> NDArray[np.bool_]:
+def _waiting(ratio: Array) -> Flags:
     """Which walkers wait long, of logs of p over q `(N,)`."""
     return np.asarray(ratio > np.median(ratio) + LONG_LOG_RATIO)
 
