@@ -120,9 +120,8 @@ def bridge(on_chain: Array, drawn: Array, tried: int) -> Evidence | None:
     mean_q = float(of_q.sum() / tried)
     spread_q = float((of_q**2).sum() / tried) / mean_q**2 - 1.0
     spread_p = float(walkers.var(ddof=1) / walkers.mean() ** 2)
-    error = math.hypot(
-        math.sqrt(spread_q / tried + spread_p / len(walkers)), _disagreement(q, tried, z)
-    )
+    chance = math.sqrt(spread_q / tried + spread_p / len(walkers))
+    error = math.hypot(chance, _disagreement(q, tried, z))
     return Evidence(log_z=median + math.log(z), error=error, overlap=min(mean_q, 1.0))
 
 

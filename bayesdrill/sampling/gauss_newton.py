@@ -31,11 +31,6 @@ class GaussNewtonResult:
     value: Array
     gain: Array
 
-    @property
-    def converged(self) -> Flags:
-        """Whether another step would gain next to nothing, `(W,)`."""
-        return np.asarray(self.gain < 1e-6)
-
 
 def gauss_newton(
     surface: LogDensity, start: Array, steps: int, *, exact: bool = False
@@ -122,8 +117,7 @@ def _back_to_ridge(
             break
         here = surface.quadratic_model(u[off], np.eye(u.shape[1]))
         there = _damped_step(surface, u[off], here, np.full(len(off), TIGHT_DAMPING))
-        there_values = surface.value(there)
-        u[off], value[off] = there, there_values
+        u[off], value[off] = there, surface.value(there)
     return u, value
 
 

@@ -100,10 +100,7 @@ def joined_by_ridge(surface: LogDensity, start: Array, others: Array) -> Flags:
     psi, tau = base.split(others)
     if tau.shape[1] == 0:
         return ~split_by_valley(surface, start, others)
-    at = np.zeros_like(tau)
-    before = np.zeros_like(tau)
-    arrived = np.zeros(len(others), dtype=bool)
-    roots = np.zeros((len(others), tau.shape[1], tau.shape[1]))
+    at = before = np.zeros_like(tau)
     steps = PATH_STEPS if psi.shape[1] else 1
     for k in range(1, steps + 1):
         ahead = 2.0 * at - before if k > 1 else at  # straight on from the last two
@@ -139,8 +136,7 @@ MAX_ITERATIONS = 12  # on the way to an alias
 SAME_ALIAS = 0.3  # radians over the whole record: what is left is for the search
 MIN_ALIAS_HEIGHT = 0.3  # of the window's height: lower peaks are no aliases
 WINDOW_OVERSAMPLING = 4  # times that the window is drawn finer than its peaks are wide
-# cells of time for each radian of the fastest swing, at most
-CELLS_PER_RADIAN, MAX_CELLS = 3, 2**19
+CELLS_PER_RADIAN, MAX_CELLS = 3, 2**19  # cells of time for a radian of the fastest swing, at most
 SCAN_POINTS, MAX_SCAN_POINTS = 240, 2000  # points along each unknown; along a moment so many ...
 SCAN_POINTS_PER_SAMPLE = 2  # ... from sample to sample, as what is written in steps may repeat
 MAX_STARTS_PER_UNKNOWN = 96  # starts that come of them

@@ -32,8 +32,7 @@ from bayesdrill.inference.step_error import StepSizes
 
 SPAWN = multiprocessing.get_context("spawn")
 TASK_SECONDS = 10.0  # seconds that a worker has for its task, where the work is stopped
-# Bytes of arrays that are not copied for each worker, and their places.
-LARGE, ALIGNED = 1 << 25, 64
+LARGE, ALIGNED = 1 << 25, 64  # bytes of arrays that workers share, and of their places
 SIGTERM_SECONDS = 5.0  # seconds from SIGTERM to the end of a worker
 
 

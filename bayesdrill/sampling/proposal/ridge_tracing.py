@@ -119,9 +119,8 @@ def flat_directions(surface: LogDensity, rng: np.random.Generator) -> Array:
     informed = largest > 0
     if not informed.any():
         return np.zeros((d, 0))
-    values, vectors = np.linalg.eigh(
-        (whitened[informed] / largest[informed, None, None]).mean(axis=0)
-    )
+    usual = (whitened[informed] / largest[informed, None, None]).mean(axis=0)
+    values, vectors = np.linalg.eigh(usual)
     return np.asarray(vectors[:, values < NEGLIGIBLE_CURVATURE])
 
 
@@ -245,9 +244,8 @@ def trace_box(surface: LogDensity, centre: Array, rng: np.random.Generator) -> T
             break
     base = ridge.local_basis(centre, np.diag(size), len(centre))
     nothing = np.zeros((1, len(centre))), np.zeros((1, 0)), np.zeros((1, 0, 0))
-    return TracedRidge(
-        ridge.fit_ridge(base, *nothing, 0, 0), 0.0, inward, np.diag(np.full(len(centre), 0.7))
-    )
+    box = ridge.fit_ridge(base, *nothing, 0, 0)
+    return TracedRidge(box, 0.0, inward, 0.7 * np.eye(len(centre)))
 
 
 def moments(points: Array, weights: Array) -> tuple[Array, Array]:

@@ -258,9 +258,8 @@ def fit_mixture(
         out = ~inside(drawn)
         share = max(1.0 - float(out.mean()), 1.0 / len(u))
         y_out, jacobian_out = current.straightened(drawn[out])
-        all_weights = np.concatenate(
-            [weights, np.full(int(out.sum()), CUT_OFF_FILL / (share * len(u)))]
-        )
+        fill = np.full(int(out.sum()), CUT_OFF_FILL / (share * len(u)))
+        all_weights = np.concatenate([weights, fill])
         points = np.concatenate([y, y_out], axis=1)
         jacobians = np.concatenate([jacobian, jacobian_out], axis=1)
         current = _step(current, points, jacobians, all_weights, floors)
