@@ -31,6 +31,11 @@ class GaussNewtonResult:
     value: Array
     gain: Array
 
+    @property
+    def converged(self) -> Flags:
+        """Whether another step would gain next to nothing, `(W,)`."""
+        return np.asarray(self.gain < 1e-6)
+
 
 def gauss_newton(
     surface: LogDensity, start: Array, steps: int, *, exact: bool = False

@@ -33,7 +33,6 @@ MAX_STEPPED_STARTS = 32  # the highest, of a rig that is stepped: each climb of 
 MULTI_STARTS = 24  # plain draws from the prior that are sent uphill without a simplex
 SEARCH_ROUNDS, MAX_CENTRES = 2, 8  # of looking around maxima, and around how many at a time
 POLISH_STEPS, NEWTON_STEPS = 40, 8  # of Gauss and Newton, and of Newton, at the end of a search
-SETTLED_GAIN = 1e-6  # of the log density: a search whose next step would gain less has settled
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -165,7 +164,7 @@ def _finished_search(
         value = float(surface.value(u)[0])
         top = _polished(surface, u)
         if top.value[0] > value:
-            u, value, settled = top.u, float(top.value[0]), bool(top.gain[0] < SETTLED_GAIN)
+            u, value, settled = top.u, float(top.value[0]), bool(top.converged[0])
         theta = posterior.coordinates.to_physical(u)[0]
     return Search(
         start=_named(posterior, start),
