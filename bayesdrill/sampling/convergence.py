@@ -20,32 +20,15 @@ import scipy
 
 from bayesdrill.basics.arrays import Array, Flags, Indices
 
-
-@dataclass(frozen=True, slots=True)
-class ConvergenceSettings:
-    """From what on walkers count as stuck or apart, and when a chain is given up."""
-
-    # of the kept steps: a walker that stands still for as long is stuck, ...
-    stuck_share: float = 0.5
-    stuck_ratio: float = 5.0  # ... if that is as many times longer than half of the walkers ever do
-    # quantile of the better walkers' log density: none spends half of its time below it
-    low_density_quantile: float = 0.001
-    min_group_distance: float = 1.0  # standard deviations between two groups of walkers, at least
-    # density between the groups over that in the thinner one; unimodal: 1 or more
-    max_valley_ratio: float = 0.5
-    group_bins: int = 12  # between the centres of the two groups
-    min_stay_share: float = 0.5  # of the kept steps: mean time until a walker of a group leaves it
-    # that the means of healthy walkers spread this far, for each unknown
-    false_alarm_probability: float = 1e-6
-    # so many times the steps that seem to be needed, since tau is not known well ...
-    steps_margin: float = 1.2
-    min_steps_to_stop: int = 1000  # steps before which no run is called futile
-    # twice the steps of a sound chain are twice as many autocorrelation times
-    min_n_tau_growth: float = 1.3
-    min_steps_for_walkers: int = 50  # steps, below which nothing can be told of single walkers
-
-
-SETTINGS = ConvergenceSettings()
+STUCK_SHARE = 0.5  # of the kept steps: a walker that stands still for as long is stuck, ...
+STUCK_RATIO = 5.0  # ... if that is as many times longer than half of the walkers ever do
+LOW_DENSITY_QUANTILE = 0.001  # of the better walkers: none is below it for half of its time
+MIN_GROUP_DISTANCE = 1.0  # standard deviations between two groups of walkers, at least
+MAX_VALLEY_RATIO = 0.5  # density between the groups over the thinner one's; unimodal: 1 or more
+GROUP_BINS = 12  # between the centres of the two groups
+MIN_STAY_SHARE = 0.5  # of the kept steps: mean time until a walker of a group leaves it
+FALSE_ALARM_PROBABILITY = 1e-6  # that the means of healthy walkers spread so far, each unknown's
+MIN_STEPS_FOR_WALKERS = 50  # steps, below which nothing can be told of single walkers
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,11 +49,11 @@ def walker_troubles(chain: PostBurnInChain) -> tuple[str, ...]:
     """
     stay, medians = longest_stay(chain.theta), np.median(chain.log_p, axis=1)
     # Walkers that once did not move for too long.
-    usual, least = float(np.median(stay)), SETTINGS.stuck_share * chain.theta.shape[1]
-    still = stay >= (least if usual >= least else max(least, SETTINGS.stuck_ratio * usual))
+    usual, least = float(np.median(stay)), STUCK_SHARE * chain.theta.shape[1]
+    still = stay >= (least if usual >= least else max(least, STUCK_RATIO * usual))
     # Walkers whose median log density is rare among the better half of the walkers.
     better = np.moveaxis(chain.log_p, 1, 2)[medians >= np.median(medians)]
-    low = (medians < np.quantile(better, SETTINGS.low_density_quantile)) & ~still
+    low = (medians < np.quantile(better, LOW_DENSITY_QUANTILE)) & ~still
     sound = ~(still | low)
     troubles = [*_stuck_walkers(chain, still, stay)]
     troubles += _low_density_walkers(chain, low, sound, medians)
@@ -101,8 +84,8 @@ class BimodalSplit:
 def find_two_groups(x: Array) -> BimodalSplit | None:
     """Find two places of one unknown `(S, N)` that its walkers hardly ever leave, or None."""
     low, high = group_centres(x.mean(axis=0))
-    counts, _ = np.histogram(x, bins=SETTINGS.group_bins, range=(low, high))
-    if counts[1:-1].min() >= SETTINGS.max_valley_ratio * min(counts[0], counts[-1]):
+    counts, _ = np.histogram(x, bins=GROUP_BINS, range=(low, high))
+    if counts[1:-1].min() >= MAX_VALLEY_RATIO * min(counts[0], counts[-1]):
         return None
     # A walker belongs to the place whose centre it was at, or beyond, last.
     side = np.where(x >= high, 1, np.where(x <= low, -1, 0))
@@ -110,7 +93,7 @@ def find_two_groups(x: Array) -> BimodalSplit | None:
     side = np.take_along_axis(side, last, axis=0)
     crossings = int((side[1:] * side[:-1] < 0).sum())
     upper, lower = int((side > 0).sum()), int((side < 0).sum())
-    if min(upper, lower) / max(0.5 * crossings, 1.0) < SETTINGS.min_stay_share * len(x):
+    if min(upper, lower) / max(0.5 * crossings, 1.0) < MIN_STAY_SHARE * len(x):
         return None
     return BimodalSplit(low=low, high=high, share=upper / (upper + lower), crossings=crossings)
 
@@ -145,16 +128,15 @@ def _stuck_walkers(chain: PostBurnInChain, still: Flags, stay: Indices) -> Itera
     n_steps = chain.theta.shape[1]
     if still.mean() > 0.5:
         yield (
-            f"{still.sum()} of {still.size} walkers did not move for {SETTINGS.stuck_share:.0%} of "
+            f"{still.sum()} of {still.size} walkers did not move for {STUCK_SHARE:.0%} of "
             f"{n_steps} steps or longer: the moves do not suit this posterior. Give sampler.moves "
             "other shares"
         )
     elif still.any():
         stay = np.where(still, stay, 0)
-        ensemble, walker = np.unravel_index(int(np.argmax(stay)), stay.shape)
         yield (
             f"{_counted(still)} stuck: the longest did not move for {stay.max()} of {n_steps} steps "
-            f"({_where(chain, int(ensemble), int(walker), ~still)}). Start over with another seed. If "
+            f"({_where(chain, int(np.argmax(stay)), ~still)}). Start over with another seed. If "
             "it happens there again, look at what the model does at this place"
         )
 
@@ -164,11 +146,11 @@ def _low_density_walkers(
 ) -> Iterator[str]:
     if not low.any():
         return
-    ensemble, walker = np.unravel_index(int(np.argmin(np.where(low, medians, np.inf))), low.shape)
+    lowest = int(np.argmin(np.where(low, medians, np.inf)))
     yield (
-        f"{_counted(low)} far from where the posterior is: log density {medians[ensemble, walker]:.1f}"
+        f"{_counted(low)} far from where the posterior is: log density {medians.flat[lowest]:.1f}"
         f", the others' {np.median(medians[sound]):.1f} "
-        f"({_where(chain, int(ensemble), int(walker), sound)}). This is a lesser maximum, or "
+        f"({_where(chain, lowest, sound)}). This is a lesser maximum, or "
         "the chain is still on its way. Start over with another seed, or let an end of the prior "
         "exclude this place"
     )
@@ -179,7 +161,7 @@ def _two_groups_of_walkers(chain: PostBurnInChain, sound: Flags, sd: Array) -> l
     places = []
     for d, name in enumerate(chain.names):
         low, high = group_centres(means[:, d])
-        if not high - low > SETTINGS.min_group_distance * sd[d]:
+        if not high - low > MIN_GROUP_DISTANCE * sd[d]:
             continue
         if groups := find_two_groups(np.swapaxes(chain.theta[..., d], 1, 2)[sound].T):
             places.append(
@@ -199,7 +181,7 @@ def _two_groups_of_walkers(chain: PostBurnInChain, sound: Flags, sd: Array) -> l
 def _growing_tau(chain: PostBurnInChain, sound: Flags, sd: Array) -> list[str]:
     n_steps, freedom = chain.theta.shape[1], int((sound.sum(axis=1) - 1).clip(0).sum())
     whole = long_run_tau(chain.theta, sound, sd)
-    by_chance = float(scipy.special.chdtri(freedom, SETTINGS.false_alarm_probability)) / freedom
+    by_chance = float(scipy.special.chdtri(freedom, FALSE_ALARM_PROBABILITY)) / freedom
     grown = (whole > by_chance * chain.tau) & (whole > n_steps / chain.n_tau)
     if not grown.any():
         return []
@@ -225,8 +207,9 @@ def _counted(flags: Flags) -> str:
     return f"{n} of {flags.size} walkers ({where}) {'is' if n == 1 else 'are'}"
 
 
-def _where(chain: PostBurnInChain, ensemble: int, walker: int, sound: Flags) -> str:
-    """The unknown in which this walker is farthest from the sound ones, in their spreads."""
+def _where(chain: PostBurnInChain, k: int, sound: Flags) -> str:
+    """The unknown in which the k-th walker is farthest from the sound ones, in their spreads."""
+    ensemble, walker = np.unravel_index(k, sound.shape)
     others = _series(chain.theta, sound)
     mean, centre = chain.theta[ensemble, :, walker].mean(axis=0), others.mean(axis=0)
     sd = others.std(axis=0)
@@ -238,7 +221,10 @@ def _where(chain: PostBurnInChain, ensemble: int, walker: int, sound: Flags) -> 
 
 
 BURN_IN_TAUS = 5  # steps dropped, in autocorrelation times
+STEPS_MARGIN = 1.2  # times the steps that seem to be needed, since tau is not known well ...
 MIN_CHECK_GROWTH, MAX_CHECK_GROWTH = 1.25, 1.5  # ... but not more often or less
+MIN_STEPS_TO_STOP = 1000  # steps before which no run is called futile
+MIN_N_TAU_GROWTH = 1.3  # twice the steps of a sound chain are twice as many autocorrelation times
 SOKAL_WINDOW = 5.0  # Sokal's window for the autocorrelation time
 
 
@@ -295,7 +281,7 @@ class ChainLength:
 
     def next_check(self, steps: int, n_tau: float) -> int:
         """Return after how many steps to look again: when the chain is likely to be long enough."""
-        foreseen = SETTINGS.steps_margin * (BURN_IN_TAUS + n_tau) * float(self.tau.max())
+        foreseen = STEPS_MARGIN * (BURN_IN_TAUS + n_tau) * float(self.tau.max())
         return math.ceil(min(max(foreseen, MIN_CHECK_GROWTH * steps), MAX_CHECK_GROWTH * steps))
 
 
@@ -340,9 +326,9 @@ def assess(
     ess_bulk = np.minimum(arviz.ess(draws, **axes, method="bulk"), still)
     ess_tail = np.minimum(arviz.ess(draws, **axes, method="tail", prob=0.9), still)
     disagreeing = not (r_hat <= targets.r_hat).all()
-    missing = list(_reasons(names, targets, tau, r_hat, ess_bulk, n_tau))
+    missing = list(_reasons(names, targets, measured, r_hat, ess_bulk))
     named: tuple[str, ...] = ()
-    if post_burn_in.shape[1] >= SETTINGS.min_steps_for_walkers:
+    if post_burn_in.shape[1] >= MIN_STEPS_FOR_WALKERS:
         density = np.zeros(post_burn_in.shape[:-1]) if log_p is None else log_p[:, burn_in:]
         chain = PostBurnInChain(
             theta=post_burn_in, log_p=density, names=names, tau=tau, n_tau=targets.n_tau
@@ -374,7 +360,7 @@ def assess(
 def _steps_needed(steps: int, targets: Targets, n_tau: float, ess: Array) -> int | None:
     """By proportion, with something to spare; None where nothing is missing."""
     short = max(targets.n_tau / n_tau, targets.ess / float(ess.min()))
-    return math.ceil(SETTINGS.steps_margin * short * steps) if short > 1 else None
+    return math.ceil(STEPS_MARGIN * short * steps) if short > 1 else None
 
 
 def thinned(chains: Array, burn_in: int, thin: int) -> Array:
@@ -390,10 +376,10 @@ def futility(trail: Sequence[tuple[int, float]], wanted: float, allowed: int, mo
     `allowed`: sampler.max_steps; `most`: that, or fewer where the chain would be too large.
     """
     steps, n_tau = trail[-1]
-    if steps < SETTINGS.min_steps_to_stop or n_tau >= wanted:
+    if steps < MIN_STEPS_TO_STOP or n_tau >= wanted:
         return ""
     earlier = [(n, count) for n, count in trail if n <= steps / 2]
-    if earlier and n_tau < SETTINGS.min_n_tau_growth * earlier[-1][1]:
+    if earlier and n_tau < MIN_N_TAU_GROWTH * earlier[-1][1]:
         n, count = earlier[-1]
         return (
             f"stopped early: tau grows with the chain, {n / count:.0f} steps after {n} and "
@@ -451,12 +437,7 @@ def autocorrelation_time(chains: Array) -> Array:
 
 
 def _reasons(
-    names: tuple[str, ...],
-    targets: Targets,
-    tau: Array,
-    r_hat: Array,
-    ess: Array,
-    n_tau: float,
+    names: tuple[str, ...], targets: Targets, measured: ChainLength, r_hat: Array, ess: Array
 ) -> Iterator[str]:
     if not np.all(np.isfinite(r_hat)) or r_hat.max() > targets.r_hat:
         worst = int(np.argmax(np.nan_to_num(r_hat, nan=np.inf)))
@@ -464,11 +445,11 @@ def _reasons(
             f"the ensembles disagree on {names[worst]}: R-hat {r_hat[worst]:.4f}, "
             f"wanted at most {targets.r_hat:g}"
         )
-    if n_tau < targets.n_tau:
-        worst = int(np.argmax(tau))
+    if measured.n_tau < targets.n_tau:
+        worst = int(np.argmax(measured.tau))
         yield (
-            f"the chain is {n_tau:.0f} autocorrelation times long (tau {tau[worst]:.0f} steps, "
-            f"{names[worst]}), wanted at least {targets.n_tau:g}"
+            f"the chain is {measured.n_tau:.0f} autocorrelation times long (tau "
+            f"{measured.tau[worst]:.0f} steps, {names[worst]}), wanted at least {targets.n_tau:g}"
         )
     if not np.all(np.isfinite(ess)) or ess.min() < targets.ess:
         worst = int(np.argmin(np.nan_to_num(ess, nan=0.0)))

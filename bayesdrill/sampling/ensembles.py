@@ -71,25 +71,16 @@ class MemoryBackend:
         self.saved.setdefault(ensemble, []).append(segment)
 
 
-@dataclass(frozen=True, slots=True)
-class EnsembleRunSettings:
-    """How ensembles start, and how often they are looked at and saved."""
-
-    climb_steps: int = 25  # steps from a maximum over the unknowns to one over the coordinates
-    max_slopes: int = 20_000  # of a point, of records with samples of their own
-    points_per_task: int = 64  # points that one process expands at a time
-    start_spread: float = 1.5  # ensembles start wider than the proposal, so that R-hat can tell
-    # of drawing points to start at, wider or not, and of mirroring others
-    max_start_tries: int = 20
-    # of the log density below the highest start: far off a bent ridge is no place to start
-    max_start_depth: float = 50.0
-    first_check: int = 200  # steps
-    max_segment_steps: int = 250  # steps between savings, at most, and ...
-    segment_seconds: float = 2.0  # ... about as many as take this long: what Ctrl-C waits for
-    max_steps_of_a_misfit: int = 800  # steps
-
-
-SETTINGS = EnsembleRunSettings()
+CLIMB_STEPS = 25  # steps from a maximum over the unknowns to one over the coordinates
+MAX_SLOPES = 20_000  # of a point, of records with samples of their own
+POINTS_PER_TASK = 64  # points that one process expands at a time
+START_SPREAD = 1.5  # ensembles start wider than the proposal, so that R-hat can tell
+MAX_START_TRIES = 20  # of drawing points to start at, wider or not, and of mirroring others
+MAX_START_DEPTH = 50.0  # of the log density, below the highest: far off a ridge nothing starts
+FIRST_CHECK = 200  # steps
+MAX_SEGMENT_STEPS = 250  # steps between savings, at most, and ...
+SEGMENT_SECONDS = 2.0  # ... about as many as take this long: what Ctrl-C waits for
+MAX_STEPS_OF_A_MISFIT = 800  # steps
 
 
 class _PooledLogDensity(PosteriorLogDensity):
@@ -101,7 +92,7 @@ class _PooledLogDensity(PosteriorLogDensity):
 
     def quadratic_model(self, u: Array, directions: Array) -> QuadraticModel:
         """Return value, slopes and curvature along `directions (D, q)`."""
-        n = SETTINGS.points_per_task
+        n = POINTS_PER_TASK
         if len(u) <= n:
             return super().quadratic_model(u, directions)
         parts = [u[k : k + n] for k in range(0, len(u), n)]
@@ -126,7 +117,7 @@ def prepare(
     with threadpool_limits(1):
         rng = seeds.stream(seed, "learn", 1)
         # Where the density over the coordinates is highest, most of the posterior is near.
-        central = gauss_newton(surface, modes, SETTINGS.climb_steps).u
+        central = gauss_newton(surface, modes, CLIMB_STEPS).u
         settle = not slopes_are_expensive(posterior)
         for k in range(1, len(modes)):  # one is not moved to where another is
             near = np.abs(central[:k] - central[k]) < SAME_MODE * surface.spread
@@ -150,7 +141,7 @@ def slopes_are_expensive(posterior: Posterior) -> bool:
     observations = posterior.likelihood.observations
     each = [observation for observation in observations if not observation.response.exact]
     numbers = sum(len(observation.experiment.t) for observation in each) * len(posterior.space.free)
-    return numbers > SETTINGS.max_slopes or any(
+    return numbers > MAX_SLOPES or any(
         observation.response.model.frictions for observation in observations
     )
 
@@ -167,12 +158,12 @@ def begin_walkers(
     random = np.random.RandomState(seeds.bits(seed, "start", ensemble))
     proposal = bind_to_posterior(proposal, posterior).widest
     mixture = proposal.mixture
-    centre, wide = mixture.sheets[0].frame.centre, mixture.with_width(SETTINGS.start_spread)
+    centre, wide = mixture.sheets[0].frame.centre, mixture.with_width(START_SPREAD)
     z, log_p = np.empty((n, len(centre))), np.full(n, -np.inf)
     missing = np.ones(n, dtype=bool)
-    for attempt in range(3 * SETTINGS.max_start_tries):
-        wanted, mirrored = int(missing.sum()), attempt - 2 * SETTINGS.max_start_tries
-        if attempt < SETTINGS.max_start_tries:
+    for attempt in range(3 * MAX_START_TRIES):
+        wanted, mirrored = int(missing.sum()), attempt - 2 * MAX_START_TRIES
+        if attempt < MAX_START_TRIES:
             fresh = wide.draw(wanted, random).u
         elif mirrored < 0:
             fresh = proposal.draw(wanted, posterior.supports, random)[0]
@@ -182,7 +173,7 @@ def begin_walkers(
             fresh = np.where(fresh < ends.low, 2.0 * ends.low - fresh, fresh)
             fresh = np.where(fresh > ends.high, 2.0 * ends.high - fresh, fresh)
         z[missing], log_p[missing] = fresh, posterior(fresh)
-        missing = ~(log_p > log_p.max() - SETTINGS.max_start_depth)
+        missing = ~(log_p > log_p.max() - MAX_START_DEPTH)
         if mirrored < 0:
             missing |= log_p > proposal.high(mixture.log_density(z))
         if not missing.any():
@@ -289,14 +280,13 @@ def walk(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Walk:
-    """Ensembles under way: their `segments`, and the same steps in physical unknowns, `theta`."""
+    """Ensembles under way, and their `segments` so far."""
 
     pool: WorkerPool
     proposal: Proposal
     plan: Plan
     backend: Backend
     segments: list[list[ChainSegment]]
-    theta: list[list[Array]]
 
     @property
     def steps(self) -> list[int]:
@@ -308,7 +298,7 @@ class _Walk:
         `tell`: of how many steps all have made.
         """
         running: dict[Future[ChainSegment], int] = {}
-        length = SETTINGS.max_segment_steps
+        length = MAX_SEGMENT_STEPS
 
         def submit(ensemble: int) -> None:
             remaining = goal - self.steps[ensemble]
@@ -323,26 +313,16 @@ class _Walk:
             for future in done:
                 ensemble = running.pop(future)
                 segment = future.result()
-                length = int(
-                    np.clip(
-                        SETTINGS.segment_seconds * len(segment.z) / segment.seconds,
-                        1,
-                        SETTINGS.max_segment_steps,
-                    )
-                )
+                in_time = SEGMENT_SECONDS * len(segment.z) / segment.seconds
+                length = int(np.clip(in_time, 1, MAX_SEGMENT_STEPS))
                 first = self.steps[ensemble]
                 self.segments[ensemble].append(segment)
                 if not self.pool.in_process:
                     submit(ensemble)  # first, so that others walk on while this process writes
                 self.backend.save(ensemble, first, segment)
-                self.theta[ensemble].append(_physical(self.pool.posterior, segment))
                 tell(min(self.steps))
                 if self.pool.in_process:
                     submit(ensemble)
-
-    def first(self, n: int) -> Array:
-        """`(E, n, W, D)`, physical."""
-        return np.array([np.concatenate(parts)[:n] for parts in self.theta])
 
     def _state(self, ensemble: int) -> State:
         if self.segments[ensemble]:
@@ -361,20 +341,15 @@ def sample(
     posterior, learnt = pool.posterior, prepare(pool, maxima, plan.seed, report)
     segments = [backend.segments(ensemble) for ensemble in range(plan.ensembles)]
     under_way = _Walk(
-        pool=pool,
-        proposal=learnt.proposal,
-        plan=plan,
-        backend=backend,
-        segments=segments,
-        theta=[[_physical(posterior, segment) for segment in chain] for chain in segments],
+        pool=pool, proposal=learnt.proposal, plan=plan, backend=backend, segments=segments
     )
-    have, most = max(under_way.steps), plan.most_steps(maxima.shape[1])
+    most = plan.most_steps(maxima.shape[1])
     if not fits(posterior, maxima):
-        most = min(most, SETTINGS.max_steps_of_a_misfit)
-    sampled = _run_until_converged(under_way, have, most, learnt, report)
+        most = min(most, MAX_STEPS_OF_A_MISFIT)
+    sampled = _run_until_converged(under_way, most, report)
     report.update(1.0, "")
     z = posterior.coordinates.from_physical(sampled.draws.reshape(-1, maxima.shape[1]))
-    return dataclasses.replace(sampled, mode_shares=learnt.shares(z, len(maxima)))
+    return dataclasses.replace(sampled, learnt=learnt, mode_shares=learnt.shares(z, len(maxima)))
 
 
 def with_evidence(posterior: Posterior, sampled: SamplingResult, seed: int) -> SamplingResult:
@@ -392,15 +367,14 @@ def with_evidence(posterior: Posterior, sampled: SamplingResult, seed: int) -> S
     return dataclasses.replace(sampled, evidence=estimate)
 
 
-def _run_until_converged(
-    under_way: _Walk, have: int, most: int, learnt: LearnedProposal, report: Reporter
-) -> SamplingResult:
+def _run_until_converged(under_way: _Walk, most: int, report: Reporter) -> SamplingResult:
     """On and on until the targets are met, nothing more helps, or `most` steps are made.
 
     Where it looks depends on nothing but the chain: not on how it was cut.
     """
-    plan, last = under_way.plan, max(most, have)
-    goal = min(SETTINGS.first_check, last)
+    posterior, plan, have = under_way.pool.posterior, under_way.plan, max(under_way.steps)
+    last = max(most, have)
+    goal = min(FIRST_CHECK, last)
     trail: list[tuple[int, float]] = []
     share = 0.01
 
@@ -410,7 +384,7 @@ def _run_until_converged(
     report.update(0.0, "the ensembles go on" if have else "starting the walkers")
     while True:
         under_way.advance_to(goal, tell)
-        theta = under_way.first(goal)
+        theta = _physical(posterior, _stack(under_way.segments, "z", goal))
         measured = chain_length(theta)
         trail.append((goal, measured.n_tau))
         hopeless = futility(trail, plan.targets.n_tau, plan.max_steps, most)
@@ -418,7 +392,7 @@ def _run_until_converged(
         following = min(measured.next_check(goal, plan.targets.n_tau), last)
         # Shorter lengths were judged before an interruption, and found wanting.
         if goal >= have and (ending or measured.n_tau >= plan.targets.n_tau):
-            sampled = _assess(under_way.pool.posterior, plan, under_way.segments, theta, measured)
+            sampled = _assess(posterior, plan, under_way.segments, theta, measured)
             convergence = sampled.convergence
             # How much of the way to the targets, as far as length goes.
             far = convergence.n_tau / plan.targets.n_tau
@@ -429,7 +403,7 @@ def _run_until_converged(
                 reasons = (*convergence.reasons, hopeless)
                 convergence = dataclasses.replace(convergence, reasons=reasons, enough=None)
             if convergence.converged or ending:
-                return dataclasses.replace(sampled, convergence=convergence, learnt=learnt)
+                return dataclasses.replace(sampled, convergence=convergence)
         else:
             share = min(measured.n_tau / plan.targets.n_tau, 0.99)
             report.update(share, f"{goal} steps: {measured.n_tau:.0f} autocorrelation times")
@@ -453,13 +427,15 @@ def _steps(segments: list[ChainSegment]) -> int:
     return sum(len(segment.z) for segment in segments)
 
 
-def _physical(posterior: Posterior, segment: ChainSegment) -> Array:
-    z = segment.z
+def _physical(posterior: Posterior, z: Array) -> Array:
     return posterior.coordinates.to_physical(z.reshape(-1, z.shape[-1])).reshape(z.shape)
 
 
-def _stack(chains: list[list[ChainSegment]], name: Literal["z", "log_p"]) -> Array:
-    return np.array([np.concatenate([getattr(part, name) for part in chain]) for chain in chains])
+def _stack(
+    chains: list[list[ChainSegment]], name: Literal["z", "log_p"], n: int | None = None
+) -> Array:
+    """The first `n` steps of each chain, or all."""
+    return np.array([np.concatenate([getattr(p, name) for p in ps])[:n] for ps in chains])
 
 
 def _state_of(c: Convergence) -> str:
@@ -477,10 +453,9 @@ def load_sampled(
     """Judge the stored `segments` of each ensemble; raises `InputError` if some are missing."""
     chains = [segments(ensemble) for ensemble in range(plan.ensembles)]
     steps = min(map(_steps, chains))
-    first = min(SETTINGS.first_check, plan.most_steps(len(posterior.space.free)))
+    first = min(FIRST_CHECK, plan.most_steps(len(posterior.space.free)))
     if steps < first or max(map(_steps, chains)) != steps:
         raise InputError.at(
             location, "the run stopped before its first check; continue it with --resume"
         )
-    theta = [np.concatenate([_physical(posterior, part) for part in chain]) for chain in chains]
-    return _assess(posterior, plan, chains, np.array(theta))
+    return _assess(posterior, plan, chains, _physical(posterior, _stack(chains, "z")))

@@ -57,13 +57,11 @@ def evidence(
     proposal have nothing in common that was seen.
     """
     random = Random(seeds.bits(seed, "evidence"))
-    if proposal.newton is None:
-        mixtures: tuple[Mixture, ...] = (proposal.mixture,)
-        inside, most = proposal.share, MAX_DRAWS
-    else:
-        widest = bind_to_posterior(proposal, posterior).widest
-        mixtures, most = (proposal.mixture, widest.mixture), MAX_NEWTON_DRAWS
-        inside = 0.5 * (proposal.share + widest.share)
+    bound = bind_to_posterior(proposal, posterior)
+    proposals = [bound] if bound.newton is None else [bound, bound.newton]
+    mixtures = tuple(each.mixture for each in proposals)
+    inside = sum(each.share for each in proposals) / len(proposals)
+    most = MAX_DRAWS if bound.newton is None else MAX_NEWTON_DRAWS
     thin = max(1, -(-log_p.size // most))
     thinned, there = z[:, ::thin], log_p[:, ::thin]
     log_q = log_density(mixtures, thinned.reshape(-1, z.shape[-1]))
@@ -122,9 +120,8 @@ def bridge(on_chain: Array, drawn: Array, tried: int) -> Evidence | None:
     mean_q = float(of_q.sum() / tried)
     spread_q = float((of_q**2).sum() / tried) / mean_q**2 - 1.0
     spread_p = float(walkers.var(ddof=1) / walkers.mean() ** 2)
-    error = math.hypot(
-        math.sqrt(spread_q / tried + spread_p / len(walkers)), _disagreement(q, tried, z)
-    )
+    chance = math.sqrt(spread_q / tried + spread_p / len(walkers))
+    error = math.hypot(chance, _disagreement(q, tried, z))
     return Evidence(log_z=median + math.log(z), error=error, overlap=min(mean_q, 1.0))
 
 

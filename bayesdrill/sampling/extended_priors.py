@@ -29,13 +29,10 @@ from bayesdrill.sampling.proposal.learning import NoSupportError
 from bayesdrill.sampling.workers import WorkerPool
 
 END_MASS = 0.05  # of the prior, at an end of it; half of the draws there is a crowd
-# of the draws are nearer than half the median where their density is flat
-MIN_SHARE_NEAR_END = 0.25
+MIN_SHARE_NEAR_END = 0.25  # of draws are nearer than half the median where their density is flat
 NEAR_END_MASS = 0.05  # of the prior between nominal value and end, or less
-# shares of the draws at three and two sigma of a normal
-THREE_SIGMA_TAIL, TWO_SIGMA_TAIL = 1e-3, 2.28e-2
-# An end is moved by the prior's own range, but by no more than this factor.
-MAX_LOG_EXTENSION = math.log(10.0)
+THREE_SIGMA_TAIL, TWO_SIGMA_TAIL = 1e-3, 2.28e-2  # of draws at three and two sigma of a normal
+MAX_LOG_EXTENSION = math.log(10.0)  # an end is moved by the prior's own range, but no further
 
 
 def with_extended_priors(

@@ -34,8 +34,7 @@ from bayesdrill.sampling.workers import WorkerPool
 
 SEARCHING = "searching the MAP"
 CHECKED_DRAWS = 500  # of a compressed likelihood, that are compared with the exact one
-# tasks of several starts each: of a batch a start costs little, and workers share them
-TASKS_PER_SEARCH = 2
+TASKS_PER_SEARCH = 2  # each of several starts: in a batch one costs little, and workers share them
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -9,32 +9,18 @@ import numpy as np
 from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.inference.laplace import LogDensity, QuadraticModel
 
-
-@dataclass(frozen=True, slots=True)
-class GaussNewtonSettings:
-    """The damping of Gauss-Newton steps, and when a climb ends."""
-
-    max_step: float = 3.0  # of the priors' spreads: what a curvature says is not true further on
-    # of what the priors know: it holds the loose directions, not the tight ones
-    initial_damping: float = 0.1
-    # ... so many first ones may leave a bent ridge, and are led back to it by ...
-    corrected_trials: int = 2
-    tight_damping: float = 100.0  # ... steps that hold all but the tight directions
-    damping_decrease: float = 0.3  # of the damping that was best, for the next step
-    # a slope away from a wall, over the square root of the curvature there
-    release_slope: float = 1e-9
-    # of the diagonal: what is flat but for rounding stays solvable
-    diagonal_rounding: float = 1e-12
-    difference_step: float = 1e-4  # of the priors' spreads, over which slopes are differentiated
-    max_corrections: int = 3  # back to a bent ridge, after a step along it
-    # of the log density: a point that would gain less by its next step has arrived
-    min_gain: float = 1e-9
-
-
-SETTINGS = GaussNewtonSettings()
-
+MAX_STEP = 3.0  # of the priors' spreads: what a curvature says is not true further on
+INITIAL_DAMPING = 0.1  # of what the priors know: it holds the loose directions, not the tight ones
 DAMPING_FACTORS = (0.01, 1.0, 30.0, 1e3, 3e4)  # times the present one, tried together, of which ...
+CORRECTED_TRIALS = 2  # ... so many first ones may leave a bent ridge, and are led back to it by ...
+TIGHT_DAMPING = 100.0  # ... steps that hold all but the tight directions
+MAX_CORRECTIONS = 3  # back to a bent ridge, after a step along it
 MIN_DAMPING, MAX_DAMPING = 1e-10, 1e18
+DAMPING_DECREASE = 0.3  # of the damping that was best, for the next step
+RELEASE_SLOPE = 1e-9  # a slope away from a wall, over the square root of the curvature there
+DIAGONAL_ROUNDING = 1e-12  # of the diagonal: what is flat but for rounding stays solvable
+DIFFERENCE_STEP = 1e-4  # of the priors' spreads, over which slopes are differentiated
+MIN_GAIN = 1e-9  # of the log density: a point that would gain less by its next step has arrived
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +46,7 @@ def gauss_newton(
     """
     u = np.clip(start, surface.low, surface.high)
     value = surface.value(u)
-    damping = np.full(len(u), SETTINGS.initial_damping)
+    damping = np.full(len(u), INITIAL_DAMPING)
     gain = np.full(len(u), np.inf)
     under_way = np.isfinite(value)
     look = _second_order_model if exact else _gauss_newton_model
@@ -72,7 +58,7 @@ def gauss_newton(
         gain[now] = newton_gain(surface, u[now], here)
         moved = _best_step(surface, u[now], value[now], damping[now], here)
         u[now], value[now], damping[now], advanced = moved
-        under_way[now] = (gain[now] > SETTINGS.min_gain) & (advanced | (damping[now] < MAX_DAMPING))
+        under_way[now] = (gain[now] > MIN_GAIN) & (advanced | (damping[now] < MAX_DAMPING))
     return GaussNewtonResult(u, value, np.where(np.isfinite(value), gain, np.inf))
 
 
@@ -84,7 +70,7 @@ def _second_order_model(surface: LogDensity, u: Array) -> QuadraticModel:
     """With second derivatives from differences of exact slopes, each taken as if it were downward."""
     n, d = u.shape
     here = _gauss_newton_model(surface, u)
-    steps = SETTINGS.difference_step * np.diag(surface.spread)
+    steps = DIFFERENCE_STEP * np.diag(surface.spread)
     around = [np.clip(u[:, None] + side * steps, surface.low, surface.high) for side in (1.0, -1.0)]
     models = (_gauss_newton_model(surface, at.reshape(-1, d)) for at in around)
     slopes = [model.slope.reshape(n, d, d) for model in models]
@@ -102,14 +88,14 @@ def _best_step(
     """The best of a few damped steps, or none; the damping for the next one."""
     tried = [_damped_step(surface, u, here, damping * factor) for factor in DAMPING_FACTORS]
     values = surface.value(np.concatenate(tried)).reshape(len(tried), -1)
-    for k in range(SETTINGS.corrected_trials):
+    for k in range(CORRECTED_TRIALS):
         wanted = value + 0.5 * _predicted_gain(here, tried[k] - u)
         tried[k], values[k] = _back_to_ridge(surface, tried[k], values[k], wanted)
     best = np.argmax(values, axis=0)
     best_values = np.take_along_axis(values, best[None], axis=0)[0]
     advanced = best_values > value
     there = np.array(tried)[best, np.arange(len(u))]
-    less = damping * np.array(DAMPING_FACTORS)[best] * SETTINGS.damping_decrease
+    less = damping * np.array(DAMPING_FACTORS)[best] * DAMPING_DECREASE
     return (
         np.where(advanced[:, None], there, u),
         np.where(advanced, best_values, value),
@@ -121,7 +107,7 @@ def _best_step(
 def _damped_step(surface: LogDensity, u: Array, here: QuadraticModel, damping: Array) -> Array:
     step = bounded_step(surface, u, here, damping)
     longest = (np.abs(step) / surface.spread).max(axis=1, keepdims=True)
-    step *= np.minimum(1.0, SETTINGS.max_step / np.maximum(longest, 1e-300))
+    step *= np.minimum(1.0, MAX_STEP / np.maximum(longest, 1e-300))
     return np.clip(u + step, surface.low, surface.high)
 
 
@@ -130,14 +116,13 @@ def _back_to_ridge(
 ) -> tuple[Array, Array]:
     """Points that a step along a bent ridge has led off it, led back by their tight directions."""
     u, value = u.copy(), value.copy()
-    for _ in range(SETTINGS.max_corrections):
+    for _ in range(MAX_CORRECTIONS):
         off = np.flatnonzero((value < wanted) & np.isfinite(value))
         if len(off) == 0:
             break
         here = surface.quadratic_model(u[off], np.eye(u.shape[1]))
-        there = _damped_step(surface, u[off], here, np.full(len(off), SETTINGS.tight_damping))
-        there_values = surface.value(there)
-        u[off], value[off] = there, there_values
+        there = _damped_step(surface, u[off], here, np.full(len(off), TIGHT_DAMPING))
+        u[off], value[off] = there, surface.value(there)
     return u, value
 
 
@@ -151,7 +136,7 @@ def bounded_step(surface: LogDensity, u: Array, here: QuadraticModel, damping: A
     matrix = here.curvature + (damping[:, None] / surface.spread**2)[:, :, None] * np.eye(d)
     # In units in which the diagonal is one, so that no direction is lost beside a stiffer one.
     scale = 1.0 / np.sqrt(np.maximum(np.einsum("wdd->wd", matrix), 1e-300))
-    matrix = matrix * scale[:, :, None] * scale[:, None, :] + SETTINGS.diagonal_rounding * np.eye(d)
+    matrix = matrix * scale[:, :, None] * scale[:, None, :] + DIAGONAL_ROUNDING * np.eye(d)
     slope = here.slope * scale
     low, high = (surface.low - u) / scale, (surface.high - u) / scale
     clamped = ((low >= 0) & (slope < 0)) | ((high <= 0) & (slope > 0))
@@ -159,7 +144,7 @@ def bounded_step(surface: LogDensity, u: Array, here: QuadraticModel, damping: A
     for _ in range(3 * d):
         remaining = slope - np.einsum("wij,wj->wi", matrix, step)
         inward = np.where(clamped, np.where(step <= low, remaining, -remaining), 0.0)
-        let_go = arrived & (inward.max(axis=1) > SETTINGS.release_slope)
+        let_go = arrived & (inward.max(axis=1) > RELEASE_SLOPE)
         clamped[let_go, np.argmax(inward, axis=1)[let_go]] = False
         if (arrived & ~let_go).all():
             break

@@ -22,31 +22,17 @@ from bayesdrill.sampling.gauss_newton import GaussNewtonResult, gauss_newton, ne
 from bayesdrill.sampling.optimisers.contract import Optimiser, Optimum, Task
 
 SAME_LOG_DENSITY = 1e-3  # searches that end nearer than this have found the same height
-
-
-@dataclass(frozen=True, slots=True)
-class ModeSearchSettings:
-    """How many starts a search for the MAP has, and which maxima are kept."""
-
-    # of the log posterior: nor can two searches agree better than its own digits
-    relative_rounding: float = 1e-12
-    candidates_per_start: int = 4096  # prior draws of which a search starts at the best
-    lowest_log_density: float = -1e300  # log density of a search that has led nowhere
-    max_maxima: int = 64  # maxima that are kept, those that hold most
-    negligible_mass: float = 1e-5  # of the posterior: maxima that hold no more together are none
-    max_missed_mass: float = 0.02  # of the posterior: with more it is not believed
-    # the highest, of a rig that is stepped: each climb of it takes seconds
-    max_stepped_starts: int = 32
-
-
-SETTINGS = ModeSearchSettings()
-
 SAME_POINT = 0.01  # ... and the same place, when no unknown differs by more than 1 %
+RELATIVE_ROUNDING = 1e-12  # of the log posterior: no two agree better than its own digits
+CANDIDATES_PER_START = 4096  # prior draws of which a search starts at the best
+LOWEST_LOG_DENSITY = -1e300  # log density of a search that has led nowhere
+MAX_MAXIMA = 64  # maxima that are kept, those that hold most
+NEGLIGIBLE_MASS = 1e-5  # of the posterior: maxima that hold no more together are none
+MAX_MISSED_MASS = 0.02  # of the posterior: with more it is not believed
+MAX_STEPPED_STARTS = 32  # the highest, of a rig that is stepped: each climb of it takes seconds
 MULTI_STARTS = 24  # plain draws from the prior that are sent uphill without a simplex
-# of looking for maxima around others, and around how many at a time
-SEARCH_ROUNDS, MAX_CENTRES = 2, 8
-# steps of Gauss and Newton, and of Newton, at the end of a search
-POLISH_STEPS, NEWTON_STEPS = 40, 8
+SEARCH_ROUNDS, MAX_CENTRES = 2, 8  # of looking around maxima, and around how many at a time
+POLISH_STEPS, NEWTON_STEPS = 40, 8  # of Gauss and Newton, and of Newton, at the end of a search
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -94,7 +80,7 @@ class Mode:
     @property
     def doubts(self) -> tuple[str, ...]:
         """Reasons why a posterior about these maxima must not be believed."""
-        if self.left_out < SETTINGS.max_missed_mass:
+        if self.left_out < MAX_MISSED_MASS:
             return ()
         return (
             f"the search for maxima stopped at {len(self.maxima)} of them: others, which the record "
@@ -110,7 +96,7 @@ class Mode:
     @property
     def tolerance(self) -> float:
         """How much two heights may differ and still be the same."""
-        return max(SAME_LOG_DENSITY, SETTINGS.relative_rounding * abs(self.log_posterior))
+        return max(SAME_LOG_DENSITY, RELATIVE_ROUNDING * abs(self.log_posterior))
 
     @property
     def highest(self) -> tuple[Search, ...]:
@@ -121,21 +107,15 @@ class Mode:
     @property
     def wandering(self) -> tuple[str, ...]:
         """Unknowns in which searches of the same height ended at different places."""
-        ends = [s.end for s in self.highest if not self._is_other(s.end)]
-        return tuple(
-            name
-            for name, value in self.values.items()
-            if any(self._differ(name, end[name], value) for end in ends)
-        )
+        ends = [s.end for s in self.highest]
+        ends = [end for end in ends if all(self._apart(end, other.values) for other in self.others)]
+        wandering = {name for end in ends for name in self._apart(end, self.values)}
+        return tuple(name for name in self.values if name in wandering)
 
-    def _is_other(self, end: Mapping[str, float]) -> bool:
-        return any(
-            not any(self._differ(name, end[name], x) for name, x in other.values.items())
-            for other in self.others
-        )
-
-    def _differ(self, name: str, value: float, other: float) -> bool:
-        return abs(value - other) > SAME_POINT * self.steps.get(name, abs(other))
+    def _apart(self, end: Mapping[str, float], values: Mapping[str, float]) -> list[str]:
+        """Return the unknowns in which `end` is not at these `values`."""
+        near = {name: SAME_POINT * self.steps.get(name, abs(x)) for name, x in values.items()}
+        return [name for name, x in values.items() if abs(end[name] - x) > near[name]]
 
 
 def starts(posterior: Posterior, n: int, rng: np.random.Generator) -> Array:
@@ -149,7 +129,7 @@ def starts(posterior: Posterior, n: int, rng: np.random.Generator) -> Array:
         first = posterior.space.vector(posterior.space.start)
     others = []
     for _ in range(n - 1):
-        candidates = posterior.space.draw(SETTINGS.candidates_per_start, rng)
+        candidates = posterior.space.draw(CANDIDATES_PER_START, rng)
         others.append(candidates[int(np.argmax(posterior.density(candidates)))])
     return np.array([first, *others])
 
@@ -292,21 +272,21 @@ def _search_around(
     for _ in range(rounds):
         fresh = [u for u in ends if not (visited == u).all(axis=1).any()][:MAX_CENTRES]
         visited = np.concatenate([visited, *(u[None] for u in fresh)])
-        around = [multiple_modes.nearby_starts(surface, u) for u in fresh]
+        around = [each for u in fresh for each in multiple_modes.nearby_starts(surface, u)]
         left_out = max([left_out, *(nearby.missed_share for nearby in around)])
         if not any(len(nearby.u) for nearby in around):
             break
         starts = np.concatenate([nearby.u for nearby in around])
         if surface.posterior.likelihood.observations[0].response.stepping is not None:
             highest = np.argsort(-surface.value(starts), kind="stable")
-            starts = starts[highest[: SETTINGS.max_stepped_starts]]
+            starts = starts[highest[:MAX_STEPPED_STARTS]]
         more, values = multiple_modes.best_ends(surface, starts, multiple_modes.MAX_NEARBY_STARTS)
         candidates = np.concatenate([ends, more]), np.concatenate([heights, values])
         ends, heights = _distinct_maxima(surface, *candidates, known=len(ends))
     shares = multiple_modes.shares_held(surface.posterior, ends)
     order = np.argsort(-shares, kind="stable")
-    enough = int(np.searchsorted(np.cumsum(shares[order]), 1.0 - SETTINGS.negligible_mass)) + 1
-    selected = np.union1d(order[: min(enough, SETTINGS.max_maxima)], 0)  # the highest stays
+    enough = int(np.searchsorted(np.cumsum(shares[order]), 1.0 - NEGLIGIBLE_MASS)) + 1
+    selected = np.union1d(order[: min(enough, MAX_MAXIMA)], 0)  # the highest stays
     left_out = 1.0 - (1.0 - left_out) * float(shares[selected].sum())
     return ends[selected], heights[selected], left_out
 
@@ -321,7 +301,7 @@ def polished_again(posterior: Posterior, searches: Sequence[Search]) -> list[Sea
     surface, space = PosteriorLogDensity(posterior, physical=True), posterior.space
     ends = np.array([space.vector(search.end) for search in searches])
     top = _polished(surface, posterior.coordinates.from_physical(ends))
-    values = np.nan_to_num(top.value, neginf=SETTINGS.lowest_log_density)
+    values = np.nan_to_num(top.value, neginf=LOWEST_LOG_DENSITY)
     ends = posterior.coordinates.to_physical(top.u)
     return [
         replace(search, end=_named(posterior, theta), log_posterior=float(value))

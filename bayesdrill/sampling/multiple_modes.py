@@ -13,70 +13,41 @@ further maxima along each of them by itself.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.inference.laplace import LogDensity, PosteriorLogDensity
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.rig.models.linear import dynamics
 from bayesdrill.sampling.gauss_newton import gauss_newton
 from bayesdrill.sampling.proposal import ridge_tracing
 
-
-@dataclass(frozen=True, slots=True)
-class ModeComparisonSettings:
-    """How many starts a search for other modes has, and when two modes are one."""
-
-    first_steps: int = 8  # of all starts, and then ...
-    max_starts: int = 10  # ... as many of those spread over the prior go on, ...
-    last_steps: int = 25  # ... as many steps
-    # of the log density: a maximum lower than the highest by more holds nothing
-    negligible_depth: float = 25.0
-    path_steps: int = 10  # steps between two points
-    # of the priors' spreads: points that are likely to end at the same maximum
-    cell_size: float = 1e-4
-    same_ridge_sds: float = 3.0  # standard deviations of the tight directions
-    # Of the log density: what is no deeper parts no maxima, but ripples of one.
-    valley_between_modes: float = 0.5
-    # places between two points, at which one looks for a valley; at no even ...
-    valley_probes: int = 24
-    golden_fraction: float = 0.5 * (5.0**0.5 - 1.0)  # ... distances, as a row of maxima has them
-    # of the log density: a point that is higher by less is no better than a known one
-    known_bonus: float = 1e-6
-    pole_pairs: int = 2  # of poles that are looked at, the fastest
-    min_alias_height: float = 0.3  # of the window's height: lower peaks are no aliases
-    max_aliases_tried: int = 384  # aliases of a pair of poles, the most alike first, of which ...
-    alias_steps: int = 8  # ... those that hold most of where they lead to in so many steps
-    window_oversampling: int = 4  # times that the window is drawn finer than its peaks are wide
-    max_iterations: int = 12
-    same_alias: float = 0.3  # radians over the whole record: what is left is for the search
-    slope_step: float = 1e-5  # of the priors' spreads
-    min_imaginary: float = 1e-6  # of the largest pole: an imaginary part above it is no rounding
-    # ... from sample to sample, as what is written down in steps may repeat itself
-    scan_points_per_sample: int = 2
-    max_starts_per_unknown: int = 96  # starts that come of them
-    valley_along_line: float = 1.0  # of the log density: what is less deep parts no maxima
-
-
-SETTINGS = ModeComparisonSettings()
-
+FIRST_STEPS = 8  # of all starts, and then ...
+MAX_STARTS = 10  # ... as many of those spread over the prior go on, ...
 MAX_NEARBY_STARTS = 128  # ... or of those that are likely to lead to other maxima, for ...
+LAST_STEPS = 25  # ... as many steps
+NEGLIGIBLE_DEPTH = 25.0  # of the log density: a maximum lower by more than that holds nothing
+PATH_STEPS = 10  # steps between two points
 SAME_MODE = 1e-3  # of the priors' spreads: the same point
+CELL_SIZE = 1e-4  # of the priors' spreads: points that are likely to end at the same maximum
+SAME_RIDGE_SDS = 3.0  # standard deviations of the tight directions
+VALLEY_BETWEEN_MODES = 0.5  # of the log density: what is no deeper parts no maxima, but ripples
+VALLEY_PROBES = 24  # places between two points, at which one looks for a valley; at no even ...
+GOLDEN_FRACTION = 0.5 * (5.0**0.5 - 1.0)  # ... distances, as a row of maxima has them
+KNOWN_BONUS = 1e-6  # of the log density: a point higher by less is no better than a known one
 
 
-def best_ends(
-    surface: LogDensity, starts: Array, most: int = SETTINGS.max_starts
-) -> tuple[Array, Array]:
+def best_ends(surface: LogDensity, starts: Array, most: int = MAX_STARTS) -> tuple[Array, Array]:
     """Climb from `starts (n, D)`: the `most` promising ends `(m, D)`, and their log densities."""
-    first = gauss_newton(surface, starts, SETTINGS.first_steps)
+    first = gauss_newton(surface, starts, FIRST_STEPS)
     order = np.argsort(-first.value, kind="stable")
-    cells = np.rint((first.u[order] - surface.low) / (SETTINGS.cell_size * surface.spread))
+    cells = np.rint((first.u[order] - surface.low) / (CELL_SIZE * surface.spread))
     best = order[np.sort(np.unique(cells, axis=0, return_index=True)[1])][:most]
-    climbed = gauss_newton(surface, first.u[best], SETTINGS.last_steps)
+    climbed = gauss_newton(surface, first.u[best], LAST_STEPS)
     good = np.isfinite(climbed.value)
     return climbed.u[good], climbed.value[good]
 
@@ -86,9 +57,9 @@ def distinct_modes(surface: LogDensity, points: Array, values: Array, known: int
 
     The first `known` of them are so already, and stay what stands for their maximum.
     """
-    rank = values + np.where(np.arange(len(values)) < known, SETTINGS.known_bonus, 0.0)
+    rank = values + np.where(np.arange(len(values)) < known, KNOWN_BONUS, 0.0)
     order = [int(k) for k in np.argsort(-rank, kind="stable")]
-    remaining = [k for k in order if values[k] >= values[order[0]] - SETTINGS.negligible_depth]
+    remaining = [k for k in order if values[k] >= values[order[0]] - NEGLIGIBLE_DEPTH]
     distinct: list[int] = []
     while remaining:
         highest, *lower = remaining
@@ -105,21 +76,21 @@ def distinct_modes(surface: LogDensity, points: Array, values: Array, known: int
     return distinct
 
 
-def split_by_valley(surface: LogDensity, start: Array, others: Array) -> NDArray[np.bool_]:
+def split_by_valley(surface: LogDensity, start: Array, others: Array) -> Flags:
     """Return whether a valley parts `start (D,)` from each of `others (n, D)`, on a straight way.
 
     It does not between corners of a plateau, nor where one maximum has ripples.
     """
-    between = np.sort(np.arange(1, SETTINGS.valley_probes + 1) * SETTINGS.golden_fraction % 1.0)
+    between = np.sort(np.arange(1, VALLEY_PROBES + 1) * GOLDEN_FRACTION % 1.0)
     share = np.concatenate([[0.0], between, [1.0]])[:, None, None]
     ways = start + share * (others - start)
     value = surface.value(ways.reshape(-1, len(start))).reshape(ways.shape[:2])
     lower = np.minimum(value[0], value[-1])
-    deep = value.min(axis=0) < lower - SETTINGS.valley_between_modes
+    deep = value.min(axis=0) < lower - VALLEY_BETWEEN_MODES
     return np.asarray(deep | ~np.isfinite(lower))
 
 
-def joined_by_ridge(surface: LogDensity, start: Array, others: Array) -> NDArray[np.bool_]:
+def joined_by_ridge(surface: LogDensity, start: Array, others: Array) -> Flags:
     """Return whether the ridge through `start (D,)` leads to each of `others (n, D)`: `(n,)`.
 
     Where nothing is tight all of the prior is the ridge, and a valley parts it.
@@ -129,11 +100,8 @@ def joined_by_ridge(surface: LogDensity, start: Array, others: Array) -> NDArray
     psi, tau = base.split(others)
     if tau.shape[1] == 0:
         return ~split_by_valley(surface, start, others)
-    at = np.zeros_like(tau)
-    before = np.zeros_like(tau)
-    arrived = np.zeros(len(others), dtype=bool)
-    roots = np.zeros((len(others), tau.shape[1], tau.shape[1]))
-    steps = SETTINGS.path_steps if psi.shape[1] else 1
+    at = before = np.zeros_like(tau)
+    steps = PATH_STEPS if psi.shape[1] else 1
     for k in range(1, steps + 1):
         ahead = 2.0 * at - before if k > 1 else at  # straight on from the last two
         ridge_tau, roots, _, arrived = ridge_tracing.return_to_ridge(
@@ -142,7 +110,7 @@ def joined_by_ridge(surface: LogDensity, start: Array, others: Array) -> NDArray
         before, at = at, ridge_tau
     roots[~arrived] = np.eye(tau.shape[1])  # of no use, where there is no density
     off = np.linalg.solve(roots, (tau - at)[..., None])[..., 0]
-    return np.asarray(arrived & (np.linalg.norm(off, axis=1) < SETTINGS.same_ridge_sds))
+    return np.asarray(arrived & (np.linalg.norm(off, axis=1) < SAME_RIDGE_SDS))
 
 
 def shares_held(posterior: Posterior, ends: Array) -> Array:
@@ -158,10 +126,21 @@ def shares_held(posterior: Posterior, ends: Array) -> Array:
     return np.asarray(mass / mass.sum())
 
 
+POLE_PAIRS = 2  # of poles that are looked at, the fastest
+MIN_IMAGINARY = 1e-6  # of the largest pole: an imaginary part above it is no rounding
+SLOPE_STEP = 1e-5  # of the priors' spreads
+MAX_ALIASES_TRIED = 384  # aliases of a pair of poles, the most alike first, of which ...
 MAX_ALIASES = 96  # ... so many are starts: where they are more, ...
-# cells of time for each radian of the fastest swing, at most
-CELLS_PER_RADIAN, MAX_CELLS = 3, 2**19
+ALIAS_STEPS = 8  # ... those that hold most of where they lead to in so many steps
+MAX_ITERATIONS = 12  # on the way to an alias
+SAME_ALIAS = 0.3  # radians over the whole record: what is left is for the search
+MIN_ALIAS_HEIGHT = 0.3  # of the window's height: lower peaks are no aliases
+WINDOW_OVERSAMPLING = 4  # times that the window is drawn finer than its peaks are wide
+CELLS_PER_RADIAN, MAX_CELLS = 3, 2**19  # cells of time for a radian of the fastest swing, at most
 SCAN_POINTS, MAX_SCAN_POINTS = 240, 2000  # points along each unknown; along a moment so many ...
+SCAN_POINTS_PER_SAMPLE = 2  # ... from sample to sample, as what is written in steps may repeat
+MAX_STARTS_PER_UNKNOWN = 96  # starts that come of them
+VALLEY_ALONG_LINE = 1.0  # of the log density: what is less deep parts no maxima
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,41 +151,38 @@ class NearbyStarts:
     missed_share: float
 
 
-def nearby_starts(surface: PosteriorLogDensity, u: Array) -> NearbyStarts:
-    """Return starts from which a search may find other maxima than the one at `u (D,)`."""
-    aliased, returned = alias_starts(surface, u), scan_starts(surface, u)
-    missed_share = max(aliased.missed_share, returned.missed_share)
-    return NearbyStarts(np.concatenate([aliased.u, returned.u]), missed_share)
+def nearby_starts(surface: PosteriorLogDensity, u: Array) -> Iterator[NearbyStarts]:
+    """Yield starts from which a search may find other maxima than the one at `u (D,)`."""
+    yield from alias_starts(surface, u)
+    yield from scan_starts(surface, u)
 
 
-def alias_starts(surface: PosteriorLogDensity, u: Array) -> NearbyStarts:
-    """Return points where a pair of poles swings at an alias of its frequency at `u (D,)`."""
+def alias_starts(surface: PosteriorLogDensity, u: Array) -> Iterator[NearbyStarts]:
+    """Yield points where each pair of poles swings at an alias of its frequency at `u (D,)`."""
     posterior = surface.posterior
     here = frequencies(posterior, u[None])[0]
     slowest, fastest = _frequency_range(surface, u)
-    aliases, missed_share, most = [np.empty((0, len(u)))], 0.0, SETTINGS.max_aliases_tried
+    most = MAX_ALIASES_TRIED
     for pair in np.flatnonzero(here > 0):
         wanted = _aliases(posterior, here[pair], slowest[pair], fastest[pair])
         at = _at_frequencies(surface, u, int(pair), np.unique(wanted[:most]))
         heaviest, share = _heaviest(surface, at)
-        aliases.append(heaviest)
-        missed_share = max(missed_share, 1.0 - share * most / max(len(wanted), most))
-    return NearbyStarts(np.concatenate(aliases), missed_share)
+        yield NearbyStarts(heaviest, 1.0 - share * most / max(len(wanted), most))
 
 
 def _heaviest(surface: PosteriorLogDensity, at: Array) -> tuple[Array, float]:
     """The `MAX_ALIASES` near `at (n, D)` that hold most, and their share of what all of them hold."""
     if len(at) <= MAX_ALIASES:
         return at, 1.0
-    u = gauss_newton(surface, at, SETTINGS.alias_steps).u
+    u = gauss_newton(surface, at, ALIAS_STEPS).u
     shares = shares_held(surface.posterior, u)
     most = np.argsort(-shares, kind="stable")[:MAX_ALIASES]
     return u[most], float(shares[most].sum())
 
 
-def scan_starts(surface: PosteriorLogDensity, u: Array) -> NearbyStarts:
-    """Return maxima along each unknown by itself, but for that of `u (D,)`."""
-    posterior, maxima, missed_share = surface.posterior, list[Array](), 0.0
+def scan_starts(surface: PosteriorLogDensity, u: Array) -> Iterator[NearbyStarts]:
+    """Yield maxima along each unknown by itself, but for that of `u (D,)`."""
+    posterior, most = surface.posterior, MAX_STARTS_PER_UNKNOWN
     step = min(
         float(np.diff(observation.experiment.t).min(initial=np.inf))
         for observation in posterior.likelihood.observations
@@ -215,21 +191,18 @@ def scan_starts(surface: PosteriorLogDensity, u: Array) -> NearbyStarts:
     for d, unknown in enumerate(posterior.space.unknowns):
         scanned = SCAN_POINTS
         if unknown.role == "sensor" and unknown.symbol.unit == "s":
-            many = SETTINGS.scan_points_per_sample * (ends[1, d] - ends[0, d]) / step
+            many = SCAN_POINTS_PER_SAMPLE * (ends[1, d] - ends[0, d]) / step
             scanned = int(np.clip(many, SCAN_POINTS, MAX_SCAN_POINTS))
         line = np.repeat(u[None], scanned + 1, axis=0)
         along = np.linspace(surface.low[d], surface.high[d], scanned)
         line[:, d] = np.sort(np.append(along, u[d]))
         value = surface.value(line)
         index = int(np.searchsorted(line[:, d], u[d]))
-        tops = peaks(value, SETTINGS.valley_along_line)
+        tops = peaks(value, VALLEY_ALONG_LINE)
         modes = [k for k in tops if _valley_between(value, k, index)]
         modes.sort(key=lambda k: -value[k])
-        most = SETTINGS.max_starts_per_unknown
-        maxima.append(line[modes[:most]])
-        high = sum(value[k] > value.max() - SETTINGS.negligible_depth for k in modes)
-        missed_share = max(missed_share, 1.0 - most / max(high, most))
-    return NearbyStarts(np.concatenate(maxima), missed_share)
+        high = sum(value[k] > value.max() - NEGLIGIBLE_DEPTH for k in modes)
+        yield NearbyStarts(line[modes[:most]], 1.0 - most / max(high, most))
 
 
 def peaks(value: Array, valley: float) -> list[int]:
@@ -252,7 +225,7 @@ def peaks(value: Array, valley: float) -> list[int]:
 def _valley_between(value: Array, first: int, second: int) -> bool:
     """Whether there is a valley between two places of a line."""
     between = value[min(first, second) : max(first, second) + 1]
-    return bool(between.min() < min(value[first], value[second]) - SETTINGS.valley_along_line)
+    return bool(between.min() < min(value[first], value[second]) - VALLEY_ALONG_LINE)
 
 
 def _aliases(posterior: Posterior, omega: float, low: float, high: float) -> Array:
@@ -282,11 +255,11 @@ def window_peaks(t: Array, highest: float) -> tuple[Array, Array]:
         return np.empty(0), np.empty(0)
     cells = int(np.ceil(CELLS_PER_RADIAN * highest * span)) + 1
     counts = np.bincount(np.rint((t - t[0]) / span * (cells - 1)).astype(int), minlength=cells)
-    size = scipy.fft.next_fast_len(SETTINGS.window_oversampling * cells, real=True)
+    size = scipy.fft.next_fast_len(WINDOW_OVERSAMPLING * cells, real=True)
     height = np.abs(scipy.fft.rfft(counts, size)) / len(t)
     delta = 2.0 * np.pi * np.arange(len(height)) / size * (cells - 1) / span
     here = height[1:-1]
-    inner = (here >= height[:-2]) & (here > height[2:]) & (here > SETTINGS.min_alias_height)
+    inner = (here >= height[:-2]) & (here > height[2:]) & (here > MIN_ALIAS_HEIGHT)
     top = 1 + np.flatnonzero(inner & (delta[1:-1] <= highest))
     return delta[top], height[top]
 
@@ -299,27 +272,27 @@ def frequencies(posterior: Posterior, u: Array) -> Array:
     matrices = dynamics(model.linear(full), model.states, len(u))
     poles = np.linalg.eigvals(np.where(np.isfinite(matrices), matrices, 0.0))
     size = np.abs(poles).max(axis=1, keepdims=True)
-    swings = np.sort(np.where(poles.imag > SETTINGS.min_imaginary * size, poles.imag, 0.0), axis=1)
-    return np.asarray(swings[:, ::-1][:, : SETTINGS.pole_pairs])
+    swings = np.sort(np.where(poles.imag > MIN_IMAGINARY * size, poles.imag, 0.0), axis=1)
+    return np.asarray(swings[:, ::-1][:, :POLE_PAIRS])
 
 
 def _slopes(surface: PosteriorLogDensity, u: Array, pair: int) -> tuple[Array, Array]:
     """Logs of the frequency of a pair at `u (W, D)`, and their slopes over the priors' spreads."""
     n, d = u.shape
-    steps = SETTINGS.slope_step * np.diag(surface.spread)
+    steps = SLOPE_STEP * np.diag(surface.spread)
     around = [u[:, None] + side * steps for side in (1.0, -1.0)]
     points = np.concatenate([u, *(at.reshape(-1, d) for at in around)])
     with np.errstate(divide="ignore", invalid="ignore"):
         logs = np.log(frequencies(surface.posterior, points)[:, pair])
         up, down = logs[n:].reshape(2, n, d)
-        slope = (up - down) / (2 * SETTINGS.slope_step)
+        slope = (up - down) / (2 * SLOPE_STEP)
     return logs[:n], np.where(np.isfinite(slope), slope, 0.0)
 
 
 def _frequency_range(surface: PosteriorLogDensity, u: Array) -> tuple[Array, Array]:
     """Return the slowest and fastest of each pair of poles from `u (D,)` to the ends of the priors."""
     ends = []
-    for pair in range(SETTINGS.pole_pairs):
+    for pair in range(POLE_PAIRS):
         slope = _slopes(surface, u[None], pair)[1][0]
         slow = np.where(slope > 0, surface.low, np.where(slope < 0, surface.high, u))
         fast = np.where(slope > 0, surface.high, np.where(slope < 0, surface.low, u))
@@ -335,9 +308,9 @@ def _at_frequencies(surface: PosteriorLogDensity, u: Array, pair: int, wanted: A
     """
     records = (each.experiment for each in surface.posterior.likelihood.observations)
     span = max(float(np.ptp(record.t)) for record in records)
-    near = SETTINGS.same_alias / (span * wanted)
+    near = SAME_ALIAS / (span * wanted)
     at = np.repeat(u[None], len(wanted), axis=0)
-    for _ in range(SETTINGS.max_iterations):
+    for _ in range(MAX_ITERATIONS):
         logs, slope = _slopes(surface, at, pair)
         off = np.log(wanted) - logs
         done = np.abs(off) < near

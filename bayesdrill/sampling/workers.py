@@ -32,8 +32,7 @@ from bayesdrill.inference.step_error import StepSizes
 
 SPAWN = multiprocessing.get_context("spawn")
 TASK_SECONDS = 10.0  # seconds that a worker has for its task, where the work is stopped
-# Bytes of arrays that are not copied for each worker, and their places.
-LARGE, ALIGNED = 1 << 25, 64
+LARGE, ALIGNED = 1 << 25, 64  # bytes of arrays that workers share, and of their places
 SIGTERM_SECONDS = 5.0  # seconds from SIGTERM to the end of a worker
 
 
@@ -220,11 +219,7 @@ def _start_worker(prepare: Callable[..., None], *arguments: Any) -> None:
 
 
 def _set_copied(copied: _Copy) -> None:
-    _set_posterior(copied.posterior())
-
-
-def _set_posterior(posterior: Posterior, version: int = 0) -> None:
-    _WORKER.update(posterior=posterior, version=version)
+    _WORKER.update(posterior=copied.posterior(), version=0)
 
 
 def _exit_soon(_number: int, _frame: object) -> None:
@@ -250,5 +245,5 @@ def _call_with_posterior(
     form: _Form, function: Callable[..., Any], *arguments: Any, **named: Any
 ) -> Any:
     if form.version > _WORKER["version"]:
-        _set_posterior(form.of_posterior(_WORKER["posterior"]), form.version)
+        _WORKER.update(posterior=form.of_posterior(_WORKER["posterior"]), version=form.version)
     return function(_WORKER["posterior"], *arguments, **named)

@@ -61,7 +61,8 @@ def at(target: Posterior, k_s: float) -> np.ndarray:
 
 
 def swings(target: Posterior, u: np.ndarray) -> np.ndarray:
-    return multiple_modes.alias_starts(PosteriorLogDensity(target, physical=True), u).u
+    found = multiple_modes.alias_starts(PosteriorLogDensity(target, physical=True), u)
+    return np.concatenate([starts.u for starts in found])
 
 
 def test_frequencies_are_those_of_the_equations_of_motion() -> None:

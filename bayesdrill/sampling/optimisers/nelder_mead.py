@@ -125,11 +125,6 @@ def in_lock_step[T](searches: Sequence[AskTell[T]], function: Callable[[Array], 
     return [results[search] for search in searches]
 
 
-# evaluations of a simplex for each unknown; more do not help it far from the top
-EVALUATIONS_PER_UNKNOWN = 200.0
-# of the log density: how near a simplex has to come, where slopes do the rest
-ROUGH_TOLERANCE = 1.0
-LOG_TOLERANCE = 1e-3  # ... and where they do not: what a restart gains that another follows
 MAX_STEP = 0.3  # of a standard deviation, in a log: where the record says little it is long
 FAR_GAIN = 100.0  # of the log density: a run that gained more was far from the optimum ...
 LOG_STEP = 0.1  # ... and there first steps of the simplex are this, in a log of each unknown
@@ -144,8 +139,8 @@ class NelderMead:
     the rest of the way.
     """
 
-    enough: float = ROUGH_TOLERANCE
-    per_unknown: float = EVALUATIONS_PER_UNKNOWN
+    enough: float = 1.0
+    per_unknown: float = 200.0
     polished: bool = True
 
     def check(self, unknown: Sequence[str]) -> None:
@@ -161,7 +156,7 @@ class NelderMead:
         return in_lock_step([_search(task, start, most, self.enough) for start in starts], lost)
 
 
-THOROUGH = NelderMead(enough=LOG_TOLERANCE, per_unknown=math.inf)
+THOROUGH = NelderMead(enough=1e-3, per_unknown=math.inf)  # ... and where they do not
 
 
 def _search(task: Task, start: Array, evaluations: int, enough: float) -> AskTell[Optimum]:

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.progress import SILENT, Reporter
@@ -37,40 +38,26 @@ from bayesdrill.sampling.samplers.independence import (
 
 Component = tuple[int, float, Array, Array]  # sheet, weight, mean, root
 
-
-@dataclass(frozen=True, slots=True)
-class LearningSettings:
-    """How many draws a proposal learns from, and when it is good enough."""
-
-    draws_per_round: int = 2400  # of one round, ...
-    ridges_per_batch: int = 6  # ridges: for each so many more draws
-    max_tries_per_draw: int = 50  # times as many at most, where hardly any is inside the prior
-    max_rounds: int = 12
-    # a round that improves the effective share of the draws by less is the last
-    min_improvement: float = 1.04
-    min_effective_share: float = 0.3  # of effective draws; with less it goes on
-    # of effective draws: below it the density is flattened until there are as many
-    min_tempered_share: float = 0.1
-    redraw_cost: float = 0.4  # of a density: what a draw costs that falls outside the prior
-    good_effective_share: float = 0.3  # ... unless as many draws are effective
-    centre_quantile: float = 0.9  # quantile of the weights: a new centre is a draw above it
-    # of the posterior: more than that beyond the ridges is not left there
-    max_stray_mass: float = 0.01
-    # what it costs to leave some of the posterior where walkers wait long
-    trapped_cost: float = 20.0
-    # of the posterior, where the proposal is far too thin: with more it goes on
-    max_trapped_mass: float = 0.005
-    component_scale: float = 0.7  # several components are narrower than one, to begin with
-    initial_tight_sds: float = 1.2  # standard deviations of the tight directions, to begin with
-    negligible_ridge: float = 1e-6  # of the posterior: a ridge with less is left out
-    negligible_maximum: float = 1e-3  # of the posterior: a maximum with less is not looked at again
-
-
-SETTINGS = LearningSettings()
-
+DRAWS_PER_ROUND = 2400  # of one round, ...
 WIDE_FACTOR, WIDE_DRAWS = 1.5, 800  # ... and so many that are as many times wider
-MAX_ADDED_RIDGES = 4  # times that a ridge is added, ...
+RIDGES_PER_BATCH = 6  # ridges: for each so many more draws
+MAX_TRIES_PER_DRAW = 50  # times as many at most, where hardly any is inside the prior
+MAX_ROUNDS = 12
 FEW_ROUNDS, HOPELESS_DRAWS = 5, 2.0  # rounds after which so few effective draws are no beginning
+MIN_IMPROVEMENT = 1.04  # a round that improves the effective share of the draws by less is the last
+MIN_EFFECTIVE_SHARE = 0.3  # of effective draws; with less it goes on
+MIN_TEMPERED_SHARE = 0.1  # of effective draws: the density is flattened until there are as many
+REDRAW_COST = 0.4  # of a density: what a draw costs that falls outside the prior
+MAX_ADDED_RIDGES = 4  # times that a ridge is added, ...
+GOOD_EFFECTIVE_SHARE = 0.3  # ... unless as many draws are effective
+CENTRE_QUANTILE = 0.9  # quantile of the weights: a new centre is a draw above it
+MAX_STRAY_MASS = 0.01  # of the posterior: more than that beyond the ridges is not left there
+TRAPPED_COST = 20.0  # what it costs to leave some of the posterior where walkers wait long
+MAX_TRAPPED_MASS = 0.005  # of the posterior, where q is far too thin: with more it goes on
+COMPONENT_SCALE = 0.7  # several components are narrower than one, to begin with
+INITIAL_TIGHT_SDS = 1.2  # standard deviations of the tight directions, to begin with
+NEGLIGIBLE_RIDGE = 1e-6  # of the posterior: a ridge with less is left out
+NEGLIGIBLE_MAXIMUM = 1e-3  # of the posterior: a maximum with less is not looked at again
 MAX_COMPONENTS_OF_RIDGE, MAX_COMPONENTS = 4, 32  # of a ridge, and of all
 EM_ROUNDS = (12, 6)  # of the fit, in the first round and later
 # Wider than all draws, to hold the tails: weight, and how many times, along the ridge and across it.
@@ -119,7 +106,6 @@ def learn(
     except NoSupportError:  # the posterior is narrower than all that its curvature foresees
         parts = [(0, trace_box(surface, maxima[0], rng))]
         best = last = _best_mixture(surface, parts, random, max_added_ridges, report)
-    cost = SETTINGS.trapped_cost
     for _ in range(max_added_ridges):
         if best.good:
             break
@@ -127,13 +113,13 @@ def learn(
         # Or the same, followed as far as draws have been seen.
         new_parts = [(k, trace(surface, at, rng, draws)) for k, at, draws in _central_draws(last)]
         good_parts = [part for part in parts if part[1].off < USELESS_ERROR]
-        parts = new_parts if last.strays > SETTINGS.max_stray_mass else good_parts + new_parts
+        parts = new_parts if last.strays > MAX_STRAY_MASS else good_parts + new_parts
         try:
             last = _best_mixture(surface, parts, random, max_added_ridges, report)
         except NoSupportError:  # at ends of priors ridges may lead out of them
             break
         best, last = _compared(best, last)
-        best = max(best, last, key=lambda done: done.worth / (1.0 + cost * done.strays))
+        best = max(best, last, key=lambda done: done.worth / (1.0 + TRAPPED_COST * done.strays))
     looked = None
     if max_added_ridges > 0 and settle:
         report.update(0.0, LOOKING)
@@ -154,7 +140,7 @@ def _heaviest(learning_round: _Round) -> tuple[list[int], tuple[Array, Array]]:
     for maximum in sorted(set(learning_round.origin)):
         ridges = [s for s in range(len(origin)) if origin[s] == maximum]
         masses = [float(shares[mixture.sheet == s].sum()) for s in ridges]
-        if sum(masses) > SETTINGS.negligible_maximum:
+        if sum(masses) > NEGLIGIBLE_MAXIMUM:
             sheets.append(ridges[int(np.argmax(masses))])
     each = [shares[origin[mixture.sheet] == origin[s]].sum(axis=0) for s in sheets]
     return sheets, (u, np.array(each))
@@ -171,14 +157,15 @@ def _best_mixture(
     origin, traced = zip(*parts, strict=True)
     narrow = mixture = _begin(traced)
     rounds: list[_Round] = []
-    for _ in range(SETTINGS.max_rounds if max_added_ridges else SETTINGS.max_rounds // 3):
+    for _ in range(MAX_ROUNDS if max_added_ridges else MAX_ROUNDS // 3):
         done = _draw(mixture, origin, surface, random)
-        settled = bool(rounds) and done.share < SETTINGS.min_improvement * rounds[-1].share
+        share = done.draws.share
+        settled = bool(rounds) and share < MIN_IMPROVEMENT * rounds[-1].draws.share
         rounds.append(done)
-        text = f"learning the proposal, round {len(rounds)}: {done.share:.0%} of its draws count"
-        report.update(len(rounds) / (SETTINGS.max_rounds + 1), text)
-        leaving = done.draws.trapped < SETTINGS.max_trapped_mass
-        good = done.share > SETTINGS.min_effective_share and leaving
+        text = f"learning the proposal, round {len(rounds)}: {share:.0%} of its draws count"
+        report.update(len(rounds) / (MAX_ROUNDS + 1), text)
+        leaving = done.draws.trapped < MAX_TRAPPED_MASS
+        good = share > MIN_EFFECTIVE_SHARE and leaving
         hopeless = done.draws.effective < HOPELESS_DRAWS  # one draw outweighs all others
         if (settled and good) or (len(rounds) > FEW_ROUNDS and hopeless):
             break
@@ -237,10 +224,10 @@ def _central_draws(learning_round: _Round) -> list[tuple[int, Array, tuple[Array
     middles = []
     for origin in dict.fromkeys(learning_round.origin):
         mode_shares = shares[owner == origin].sum(axis=0)
-        if mode_shares.sum() < SETTINGS.negligible_ridge:
+        if mode_shares.sum() < NEGLIGIBLE_RIDGE:
             continue
         far = distances(u, mode_shares)
-        least = np.quantile(mode_shares, SETTINGS.centre_quantile)
+        least = np.quantile(mode_shares, CENTRE_QUANTILE)
         likely = np.flatnonzero(mode_shares >= least)  # of few draws, all
         middles.append((origin, u[likely[np.argmin(far[likely])]], (u, mode_shares)))
     return middles
@@ -259,14 +246,10 @@ class _Round:
         return max(self.draws.trapped, self.missed)
 
     @property
-    def share(self) -> float:
-        return self.draws.share
-
-    @property
     def weighted_draws(self) -> tuple[Array, Array]:
         """Draws `(N, D)` that have a density, and their weights, flattened where they must be."""
         draws = self.draws.supported()
-        return draws.u, draws.tempered(SETTINGS.min_tempered_share * len(draws.u))
+        return draws.u, draws.tempered(MIN_TEMPERED_SHARE * len(draws.u))
 
     @property
     def strays(self) -> float:
@@ -284,23 +267,23 @@ class _Round:
     @property
     def good(self) -> bool:
         return (
-            self.share > SETTINGS.good_effective_share
-            and self.strays < SETTINGS.max_stray_mass
-            and self.trapped < 2.0 * SETTINGS.max_trapped_mass
+            self.draws.share > GOOD_EFFECTIVE_SHARE
+            and self.strays < MAX_STRAY_MASS
+            and self.trapped < 2.0 * MAX_TRAPPED_MASS
         )
 
     @property
     def worth(self) -> float:
         """Effective draws for what they cost: one outside the prior costs less than the model."""
-        cost = 1.0 + SETTINGS.redraw_cost / self.proposal.share
-        return self.share / (cost * (1.0 + SETTINGS.trapped_cost * self.trapped))
+        cost = 1.0 + REDRAW_COST / self.proposal.share
+        return self.draws.share / (cost * (1.0 + TRAPPED_COST * self.trapped))
 
 
 def _draw(mixture: Mixture, origin: tuple[int, ...], surface: LogDensity, random: Random) -> _Round:
     """Each draw is weighed with the density of all of them (the balance heuristic)."""
     wide = mixture.with_width(WIDE_FACTOR)
-    times = max(1, len(mixture.sheets) // SETTINGS.ridges_per_batch)
-    narrow_draws, n_narrow = _inside(mixture, times * SETTINGS.draws_per_round, surface, random)
+    times = max(1, len(mixture.sheets) // RIDGES_PER_BATCH)
+    narrow_draws, n_narrow = _inside(mixture, times * DRAWS_PER_ROUND, surface, random)
     wide_draws, n_wide = _inside(wide, times * WIDE_DRAWS, surface, random)
     u = np.concatenate([narrow_draws, wide_draws])
     log_every, log_q = _densities(mixture, (n_narrow, n_wide), u)
@@ -328,7 +311,7 @@ def _inside(mixture: Mixture, n: int, surface: LogDensity, random: Random) -> tu
     """About `n` draws inside the prior `(N, D)`, and of how many they are those inside."""
     first = mixture.draw(n, random).u
     inside = first[surface.inside(first)]
-    more = n * (n - len(inside)) // max(len(inside), n // SETTINGS.max_tries_per_draw)
+    more = n * (n - len(inside)) // max(len(inside), n // MAX_TRIES_PER_DRAW)
     if more == 0:
         return inside, n
     more_draws = mixture.draw(more, random).u
@@ -338,16 +321,12 @@ def _inside(mixture: Mixture, n: int, surface: LogDensity, random: Random) -> tu
 def _begin(traced: Sequence[TracedRidge]) -> Mixture:
     """One component for each ridge, as wide as record and priors let it be."""
     means, roots = [], []
-    for traced_ridge in traced:
-        n_loose, d = len(traced_ridge.psi), len(traced_ridge.ridge.frame.centre)
-        root = SETTINGS.initial_tight_sds * np.eye(d)
-        root[:n_loose, :n_loose] = traced_ridge.spread
-        means.append(np.concatenate([traced_ridge.psi, np.zeros(d - n_loose)]))
-        roots.append(root)
-    ridges = [traced_ridge.ridge for traced_ridge in traced]
-    count = len(traced)
-    equal = np.full(count, 1.0 / count)
-    return independence.mixture(ridges, range(count), equal, np.array(means), np.array(roots))
+    for each in traced:
+        tight = each.ridge.frame.tight.shape[1]
+        means.append(np.append(each.psi, np.zeros(tight)))
+        roots.append(scipy.linalg.block_diag(each.spread, INITIAL_TIGHT_SDS * np.eye(tight)))
+    ridges, equal = [each.ridge for each in traced], np.full(len(traced), 1.0 / len(traced))
+    return independence.mixture(ridges, range(len(traced)), equal, means, roots)
 
 
 def _several_components(mixture: Mixture, u: Array, weights: Array, random: Random) -> Mixture:
@@ -362,7 +341,7 @@ def _several_components(mixture: Mixture, u: Array, weights: Array, random: Rand
         known = effective_count(sheet_weights) / (5 * u.shape[1]) if sheet_weights.any() else 0
         count = int(np.clip(known, 0, most))
         if count == 0:  # too little is known of it yet
-            share = max(float(sheet_weights.sum()), SETTINGS.negligible_ridge)
+            share = max(float(sheet_weights.sum()), NEGLIGIBLE_RIDGE)
             of_sheet = np.flatnonzero(mixture.sheet == s)
             parts += [(s, share, mixture.means[k], mixture.roots[k]) for k in of_sheet]
             continue
@@ -370,9 +349,9 @@ def _several_components(mixture: Mixture, u: Array, weights: Array, random: Rand
         centre, root = moments(points, sheet_weights)
         picked = points[random.choice(len(mine), size=count, p=sheet_weights / sheet_weights.sum())]
         means = [centre] if count == 1 else list(picked)
-        wide = root if count == 1 else SETTINGS.component_scale * root
+        wide = root if count == 1 else COMPONENT_SCALE * root
         parts += [(s, float(sheet_weights.sum()) / count, mean, wide) for mean in means]
-    return _joined(mixture, parts)
+    return independence.mixture(mixture.sheets, *zip(*parts, strict=True))
 
 
 def _with_tails(narrow: Mixture, u: Array, weights: Array) -> Mixture:
@@ -390,14 +369,7 @@ def _with_tails(narrow: Mixture, u: Array, weights: Array) -> Mixture:
                 wider = np.full(u.shape[1], across)
                 wider[: narrow.sheets[s].n_loose] = along
                 parts.append((s, weight * known, centre, wider[:, None] * root))
-    return _joined(narrow, parts)
-
-
-def _joined(mixture: Mixture, parts: Sequence[Component]) -> Mixture:
-    sheet, weights, means, roots = (list(column) for column in zip(*parts, strict=True))
-    return independence.mixture(
-        mixture.sheets, sheet, np.array(weights), np.array(means), np.array(roots)
-    )
+    return independence.mixture(narrow.sheets, *zip(*parts, strict=True))
 
 
 def responsibilities(mixture: Mixture, u: Array, weights: Array) -> tuple[Array, Array]:

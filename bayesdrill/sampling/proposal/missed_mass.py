@@ -11,9 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+import scipy
 
-from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.sampling.proposal.ridge_tracing import distances, moments, newton_mixture, trace
@@ -30,34 +30,19 @@ from bayesdrill.sampling.samplers.independence import (
 from bayesdrill.sampling.samplers.ridge import RidgeMap
 
 DRAWS_PER_ROUND, LAST_DRAWS = 400, 1600  # of a round; the last ones judge once more
-
-
-@dataclass(frozen=True, slots=True)
-class CoverageCheckSettings:
-    """How long the check of a proposal walks, and how much mass it may miss."""
-
-    learning_rounds: int = 2
-    # of the posterior, where p over q is e^far_log_ratio times what is usual
-    max_missed_mass: float = 0.01
-    far_log_ratio: float = 3.0
-    # of effective draws: with less nothing is seen, and one looks on
-    min_effective_share: float = 0.02
-    max_tries_per_draw: int = 10  # times as many at most, where few are inside the prior
-    # of effective draws: below it the density is flattened until there are as many
-    min_tempered_share: float = 0.1
-    negligible_weight: float = 1e-9  # of the posterior: where a sheet has none of the draws
-    # times at most that a place which walkers get to, and draws do not, gets a ridge
-    max_added_ridges: int = 4
-    max_trapped_walkers: float = 0.01  # of the walkers, in places that are left too slowly
-    max_still_trapped: float = 0.02  # of them: with more, such a place gets another ridge
-
-
-SETTINGS = CoverageCheckSettings()
-
-LOOKING = "looking for what the proposal leaves out"
-# times as wide as what is known, along the ridge and across it
-WIDTH_ALONG, WIDTH_ACROSS = 1.3, 1.05
+LEARNING_ROUNDS = 2
+FAR_LOG_RATIO = 3.0  # p over q is e^3 times what is usual: ...
+MAX_MISSED_MASS = 0.01  # ... of the posterior, no more may be there
+MIN_EFFECTIVE_SHARE = 0.02  # of effective draws: with less nothing is seen, and one looks on
+MAX_TRIES_PER_DRAW = 10  # times as many at most, where few are inside the prior
+MIN_TEMPERED_SHARE = 0.1  # of effective draws: the density is flattened until there are as many
+NEGLIGIBLE_WEIGHT = 1e-9  # of the posterior: where a sheet has none of the draws
+MAX_ADDED_RIDGES = 4  # of places that walkers get to and draws do not
+MAX_TRAPPED_WALKERS = 0.01  # of the walkers, in places that are left too slowly
+MAX_STILL_TRAPPED = 0.02  # of them: with more, such a place gets another ridge
 WALKERS, STEPS, THINNING = 96, 90, 3  # that look for them; the last two thirds are seen
+WIDTH_ALONG, WIDTH_ACROSS = 1.3, 1.05  # times as wide as what is known of a ridge
+LOOKING = "looking for what the proposal leaves out"
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,12 +70,12 @@ def check_coverage(
     selected = [proposal.mixture.sheets[s] for s in sheets]
     if all(sheet.n_loose in (0, len(sheet.frame.centre)) for sheet in selected):
         return None
-    for k in range(SETTINGS.learning_rounds):
+    for k in range(LEARNING_ROUNDS):
         mixture = _wide(selected, *weighted_draws)
         draws, shares, inside = _drawn(surface, mixture, DRAWS_PER_ROUND, random)
         if len(draws.u) == 0 or (k == 0 and _covers(surface, proposal, draws)):
             return None
-        least = SETTINGS.min_tempered_share * len(draws.u)
+        least = MIN_TEMPERED_SHARE * len(draws.u)
         weighted_draws = draws.u, shares * draws.tempered(least)
     begin = draws.u[random.choice(len(draws.u), size=WALKERS, p=draws.weights)]
     mixture = _wide(selected, *weighted_draws)
@@ -118,8 +103,8 @@ def _add_ridges(
     """
     state = State(begin, surface.value(begin), tuple(random.get_state()))
     first = len(newton_proposal.mixture.sheets)
-    for k in range(SETTINGS.max_added_ridges):
-        report.update((k + 1) / (SETTINGS.max_added_ridges + 1), LOOKING)
+    for k in range(MAX_ADDED_RIDGES):
+        report.update((k + 1) / (MAX_ADDED_RIDGES + 1), LOOKING)
         # Into such a place walkers of all others have to step first: then those that are there go on.
         limit = -np.inf if k == 0 else newton_proposal.typical_log_ratio
         walking = replace(
@@ -135,14 +120,14 @@ def _add_ridges(
         )
         shares, log_q = walking.mixture.shares(*walking.mixture.straightened(u))
         waiting = _waiting(value - log_q)
-        if waiting.mean() < SETTINGS.max_trapped_walkers:
+        if waiting.mean() < MAX_TRAPPED_WALKERS:
             return _wide(newton_proposal.mixture.sheets, u, shares / len(u))
         known = np.where(waiting, 0.0, shares)
         # The last ridge began at the edge of what is seen by now: once more from its middle.
         joint = [np.vstack([known[:-1], known[-1] + waiting])] if len(known) > first else []
         for trial_shares in [*joint, np.vstack([known, waiting])]:
             mixture, ratio = _ending(surface, newton_proposal.mixture, u, value, trial_shares, rng)
-            if _waiting(ratio).mean() < SETTINGS.max_still_trapped:
+            if _waiting(ratio).mean() < MAX_STILL_TRAPPED:
                 break
         usual = float(np.median(ratio))
         newton_proposal = replace(newton_proposal, mixture=mixture, typical_log_ratio=usual)
@@ -150,7 +135,7 @@ def _add_ridges(
     return newton_proposal.mixture
 
 
-def _waiting(ratio: Array) -> NDArray[np.bool_]:
+def _waiting(ratio: Array) -> Flags:
     """Which walkers wait long, of logs of p over q `(N,)`."""
     return np.asarray(ratio > np.median(ratio) + LONG_LOG_RATIO)
 
@@ -182,15 +167,11 @@ def _wide(sheets: Sequence[RidgeMap], u: Array, weights: Array) -> Mixture:
     """A component for each sheet, wider than draws `u (N, D)` of `weights (S, N)` along it."""
     means, roots = [], []
     for sheet, sheet_weights in zip(sheets, weights, strict=True):
-        n, d = sheet.n_loose, u.shape[1]
-        middle, root = moments(sheet.frame.split(u)[0], sheet_weights + SETTINGS.negligible_weight)
-        means.append(np.concatenate([middle, np.zeros(d - n)]))
-        roots.append(WIDTH_ACROSS * np.eye(d))
-        roots[-1][:n, :n] = WIDTH_ALONG * root
-    totals = weights.sum(axis=1)
-    return independence.mixture(
-        sheets, range(len(sheets)), totals, np.array(means), np.array(roots)
-    )
+        tight = u.shape[1] - sheet.n_loose
+        middle, root = moments(sheet.frame.split(u)[0], sheet_weights + NEGLIGIBLE_WEIGHT)
+        means.append(np.append(middle, np.zeros(tight)))
+        roots.append(scipy.linalg.block_diag(WIDTH_ALONG * root, WIDTH_ACROSS * np.eye(tight)))
+    return independence.mixture(sheets, range(len(sheets)), weights.sum(axis=1), means, roots)
 
 
 def _drawn(
@@ -202,7 +183,7 @@ def _drawn(
     """
     mixture = newton_mixture(mixture, surface.quadratic_model)
     inside = surface.inside(mixture.draw(n, random).u).mean()
-    drawn = mixture.draw(int(n / max(float(inside), 1.0 / SETTINGS.max_tries_per_draw)), random)
+    drawn = mixture.draw(int(n / max(float(inside), 1.0 / MAX_TRIES_PER_DRAW)), random)
     value = surface.value(drawn.u)
     good = np.isfinite(value)
     valid = drawn.select(good)
@@ -213,7 +194,7 @@ def _drawn(
 def _covers(surface: LogDensity, proposal: Proposal, draws: WeightedDraws) -> bool:
     """Whether hardly any of the posterior is where the proposal hardly ever goes, as far as one sees."""
     ratio = surface.value(draws.u) - proposal.mixture.log_density(draws.u)
-    missed = ratio > proposal.typical_log_ratio + SETTINGS.far_log_ratio
+    missed = ratio > proposal.typical_log_ratio + FAR_LOG_RATIO
     missed_mass = float(draws.weights[missed].sum())
-    seen = draws.effective > SETTINGS.min_effective_share * len(draws.u)
-    return missed_mass < SETTINGS.max_missed_mass and seen
+    seen = draws.effective > MIN_EFFECTIVE_SHARE * len(draws.u)
+    return missed_mass < MAX_MISSED_MASS and seen

@@ -28,53 +28,33 @@ Expand = Callable[[Array, Array], QuadraticModel]
 
 # A direction is tight if the record makes its variance so many times smaller than the prior's, ...
 TIGHT_RATIO = 100.0
-
-
-@dataclass(frozen=True, slots=True)
-class RidgeTracingSettings:
-    """What counts as a ridge, and how exactly its curve is traced."""
-
-    # ... and by as many times the root of that of the tightest, which else bends along it.
-    straight_ratio: float = 0.003
-    near_end: float = 1e-6  # of the prior's spread
-    # share of an unknown that is not among what is set apart already: less is rounding
-    min_new_share: float = 1e-6
-    # standard deviations that a maximum may lie beyond an end of a prior
-    max_sds_beyond_end: float = 0.5
-    probes: int = 12  # points all over the prior
-    negligible_curvature: float = 1e-12  # of the largest knowledge: what is less is rounding
-    # what the record knows of the loose directions at the maximum need not hold elsewhere
-    knowledge_discount: float = 9.0
-    beyond_ends: float = 0.1  # of the priors' ranges, beyond which no point is of use
-    # how much wider than the posterior is thought to be points are scattered
-    scatter_width: float = 1.4
-    # how far beyond its points a fit is trusted to guide the next ones
-    trusted_extrapolation: float = 2.0
-    # times that the highest power may grow, in corners where no point happened to lie
-    max_corner_growth: float = 2.0
-    iterations: int = 6  # of Gauss and Newton, for each point
-    converged_sds: float = 0.03  # of a standard deviation: a smaller step is the last
-    max_step: float = 0.5  # of the priors' spreads
-    # standard deviations from the ridge: no slope of a response that is a number
-    max_sds: float = 1e100
-    max_degree: int = 14
-    error_quantile: float = 0.98  # quantile of the points held out
-    min_improvement: float = 0.8  # a higher degree has to be as much better
-    # of a standard deviation, on points held out: no higher degree is tried
-    good_error: float = 0.1
-    fair_error: float = 0.3  # of a standard deviation: what is further off is given more points
-    points_per_term: float = 2.5
-    max_halvings: int = 4  # times that half of the length is tried, where a polynomial is ...
-    max_depth: float = 100.0  # of the log density below the highest point: not on the ridge
-    held_out_every: int = 4  # every fourth point
-    prior_margin: float = 0.9  # points are wanted a little beyond the prior's ends too
-    # standard deviations: from there another step leads to the ridge, or as good as
-    near_sds: float = 0.5
-    # where polynomials are far astray, half of them are spent on the way
-    newton_iterations: int = 9
-
-
-SETTINGS = RidgeTracingSettings()
+# ... and by as many times the root of that of the tightest, which else bends along it.
+STRAIGHT_RATIO = 0.003
+NEAR_END = 1e-6  # of the prior's spread
+MIN_NEW_SHARE = 1e-6  # of an unknown, beside what is set apart already: less is rounding
+MAX_SDS_BEYOND_END = 0.5  # standard deviations that a maximum may lie beyond an end of a prior
+PROBES = 12  # points all over the prior
+NEGLIGIBLE_CURVATURE = 1e-12  # of the largest knowledge: what is less is rounding
+KNOWLEDGE_DISCOUNT = 9.0  # what is known of loose directions at a maximum need not hold elsewhere
+BEYOND_ENDS = 0.1  # of the priors' ranges, beyond which no point is of use
+SCATTER_WIDTH = 1.4  # how much wider than the posterior is thought to be points are scattered
+TRUSTED_EXTRAPOLATION = 2.0  # how far beyond its points a fit is trusted to guide the next ones
+MAX_CORNER_GROWTH = 2.0  # of the highest power, in corners where no point happened to lie
+ITERATIONS = 6  # of Gauss and Newton, for each point
+CONVERGED_SDS = 0.03  # of a standard deviation: a smaller step is the last
+MAX_STEP = 0.5  # of the priors' spreads
+MAX_SDS = 1e100  # standard deviations from the ridge: no slope of a response that is a number
+MAX_DEGREE = 14
+ERROR_QUANTILE = 0.98  # quantile of the points held out
+MIN_IMPROVEMENT = 0.8  # a higher degree has to be as much better
+GOOD_ERROR = 0.1  # of a standard deviation, on points held out: no higher degree is tried
+FAIR_ERROR = 0.3  # of a standard deviation: what is further off is given more points
+POINTS_PER_TERM = 2.5
+MAX_DEPTH = 100.0  # of the log density below the highest point: not on the ridge
+HELD_OUT_EVERY = 4  # every fourth point
+PRIOR_MARGIN = 0.9  # points are wanted a little beyond the prior's ends too
+NEAR_SDS = 0.5  # standard deviations: from there another step leads to the ridge, or as good as
+NEWTON_ITERATIONS = 9  # where polynomials are far astray, half of them are spent on the way
 
 
 def split_directions(
@@ -90,12 +70,12 @@ def split_directions(
     slope, curvature = here.slope[0] * scale, here.curvature[0] * np.outer(scale, scale)
     separate = np.zeros((len(centre), 0)) if still is None else still
     values, vectors = _directions(curvature, separate)
-    tight_from = max(TIGHT_RATIO, SETTINGS.straight_ratio * float(np.sqrt(max(values[-1], 0.0))))
+    tight_from = max(TIGHT_RATIO, STRAIGHT_RATIO * float(np.sqrt(max(values[-1], 0.0))))
     tight = values >= tight_from
     known = np.zeros(separate.shape[1])
     sds_beyond = np.linalg.norm((slope @ vectors[:, tight]) / np.sqrt(values[tight]))
-    if sds_beyond > SETTINGS.max_sds_beyond_end:
-        near = SETTINGS.near_end * scale
+    if sds_beyond > MAX_SDS_BEYOND_END:
+        near = NEAR_END * scale
         pressed = (centre <= surface.low + near) & (slope < 0)
         pressed |= (centre >= surface.high - near) & (slope > 0)
         separate, separate_unknowns = _orthogonal(separate, np.flatnonzero(pressed))
@@ -113,7 +93,7 @@ def _orthogonal(separate: Array, unknowns: Indices) -> tuple[Array, list[int]]:
     added: list[int] = []
     for d in map(int, unknowns):
         axis = np.eye(len(separate))[d] - separate @ separate[d]
-        if (length := float(np.linalg.norm(axis))) > SETTINGS.min_new_share:
+        if (length := float(np.linalg.norm(axis))) > MIN_NEW_SHARE:
             separate, added = np.column_stack([separate, axis / length]), [*added, d]
     return separate, added
 
@@ -132,23 +112,23 @@ def flat_directions(surface: LogDensity, rng: np.random.Generator) -> Array:
     Looked for at points all over the prior: what is flat at one of them may bend elsewhere.
     """
     d = len(surface.middle)
-    scattered = surface.middle + surface.spread * rng.standard_normal((SETTINGS.probes, d))
+    scattered = surface.middle + surface.spread * rng.standard_normal((PROBES, d))
     here = surface.quadratic_model(np.clip(scattered, surface.low, surface.high), np.eye(d))
     whitened = here.curvature * np.outer(surface.spread, surface.spread)
     largest = np.linalg.eigvalsh(whitened)[:, -1]
     informed = largest > 0
     if not informed.any():
         return np.zeros((d, 0))
-    values, vectors = np.linalg.eigh(
-        (whitened[informed] / largest[informed, None, None]).mean(axis=0)
-    )
-    return np.asarray(vectors[:, values < SETTINGS.negligible_curvature])
+    usual = (whitened[informed] / largest[informed, None, None]).mean(axis=0)
+    values, vectors = np.linalg.eigh(usual)
+    return np.asarray(vectors[:, values < NEGLIGIBLE_CURVATURE])
 
 
 # tenths of tenths of a prior's spread, and draws that feel for room
 MAX_SHRINKINGS, SHRINKING_DRAWS = 14, 200
 STAGES = (0.15, 0.3, 0.5, 0.75, 1.0)  # of the way from the maximum to where the ridge is wanted
 MIN_POINTS, LAST_POINTS, MAX_POINTS = 40, 300, 1600  # of a stage, of the last, and of all
+MAX_HALVINGS = 4  # times that half of the length is tried, where a polynomial is ...
 USELESS_ERROR = 5.0  # ... as many standard deviations off: of no use
 
 
@@ -193,22 +173,28 @@ def trace(
         # As many again, the rare ones more often than their weights say.
         share = np.sqrt(weights)
         cloud = drawn[rng.choice(len(drawn), size=len(drawn), p=share / share.sum())]
+
+    def wanted(n: int) -> Array:
+        """Return psi `(n, l)` as it lies in the cloud, or normally, and wider."""
+        if cloud is None:
+            return psi + SCATTER_WIDTH * rng.standard_normal((n, len(psi))) @ spread.T
+        return psi + SCATTER_WIDTH * (cloud[rng.integers(len(cloud), size=n)] - psi)
+
     at = _at_centre(base, here)
     if len(known) == 0 or base.tight.shape[1] == 0:
         return TracedRidge(at, 0.0, psi, spread)
     bent = np.arange(still.shape[1], len(known))
-    for _ in range(SETTINGS.max_halvings):
-        traced = _follow(surface, at, bent, psi, spread, cloud, rng)
-        if traced.off < USELESS_ERROR:
+    for halvings in range(MAX_HALVINGS):
+        length = 0.5**halvings  # a shorter piece of it is better than none
+        followed, off = _follow(surface, at, bent, wanted, length)
+        if off < USELESS_ERROR:
             break
-        psi, spread = 0.5 * psi, 0.5 * spread  # a shorter piece of it is better than none
-        cloud = None if cloud is None else 0.5 * cloud
-    return traced
+    return TracedRidge(followed, off, length * psi, length * spread)
 
 
 def _expected(surface: LogDensity, base: LocalBasis, known: Array) -> tuple[Array, Array]:
     """What the priors and the record say of psi, both taken as Gaussian: `(l,)`, root `(l, l)`."""
-    doubted = known / SETTINGS.knowledge_discount
+    doubted = known / KNOWLEDGE_DISCOUNT
     towards = base.split(surface.middle[None])[0][0]
     psi, sd = towards / (1.0 + doubted), 1.0 / np.sqrt(1.0 + doubted)
     # At an end of a prior that the record presses against, begin on the side where it goes on.
@@ -219,12 +205,13 @@ def _follow(
     surface: LogDensity,
     at: RidgeMap,
     bent: Indices,
-    psi: Array,
-    spread: Array,
-    cloud: Array | None,
-    rng: np.random.Generator,
-) -> TracedRidge:
-    """Outward from where the maximum is, with polynomials of what has been found so far."""
+    wanted: Callable[[int], Array],
+    length: float,
+) -> tuple[RidgeMap, float]:
+    """Outward from where the maximum is, with polynomials of what has been found so far.
+
+    As far as `length` times those `wanted`; returns the ridge, and how far `off` it is.
+    """
     base = at.frame
     points: list[Array] = []
     off = 0.0
@@ -232,18 +219,18 @@ def _follow(
         # Points for a polynomial of degree 2 near by, and of degree 4 in the end.
         degree = 2 if share < 0.4 else 3 if share < 1.0 else 4
         least = MIN_POINTS if share < 1.0 else LAST_POINTS
-        n = int(np.clip(SETTINGS.points_per_term * _terms(len(bent), degree), least, MAX_POINTS))
-        wanted = share * _scatter(surface, at, n, psi, spread, cloud, share, rng)
-        points = _arrivals(surface, at, wanted, points)
-        if len(points[0]) > 2 * (len(psi) + 1):
+        n = int(np.clip(POINTS_PER_TERM * _terms(len(bent), degree), least, MAX_POINTS))
+        psi = share * _within_priors(surface, at, length * wanted(4 * n), share)
+        points = _arrivals(surface, at, psi, points)
+        if len(points[0]) > 2 * (at.n_loose + 1):
             at, off = _best_fit(base, bent, *points[:3], last=share == STAGES[-1])
-    while off > SETTINGS.fair_error and 2 * len(points[0]) < MAX_POINTS:
-        wanted = _scatter(surface, at, len(points[0]), psi, spread, cloud, 1.0, rng)
-        points = _arrivals(surface, at, wanted, points)
+    while off > FAIR_ERROR and 2 * len(points[0]) < MAX_POINTS:
+        psi = _within_priors(surface, at, length * wanted(4 * len(points[0])), 1.0)
+        points = _arrivals(surface, at, psi, points)
         before, (at, off) = off, _best_fit(base, bent, *points[:3], last=True)
         if off > 0.7 * before:
             break
-    return TracedRidge(at, off, psi, spread)
+    return at, off
 
 
 def trace_box(surface: LogDensity, centre: Array, rng: np.random.Generator) -> TracedRidge:
@@ -257,9 +244,8 @@ def trace_box(surface: LogDensity, centre: Array, rng: np.random.Generator) -> T
             break
     base = ridge.local_basis(centre, np.diag(size), len(centre))
     nothing = np.zeros((1, len(centre))), np.zeros((1, 0)), np.zeros((1, 0, 0))
-    return TracedRidge(
-        ridge.fit_ridge(base, *nothing, 0, 0), 0.0, inward, np.diag(np.full(len(centre), 0.7))
-    )
+    box = ridge.fit_ridge(base, *nothing, 0, 0)
+    return TracedRidge(box, 0.0, inward, 0.7 * np.eye(len(centre)))
 
 
 def moments(points: Array, weights: Array) -> tuple[Array, Array]:
@@ -288,37 +274,22 @@ def _at_centre(base: LocalBasis, here: QuadraticModel) -> RidgeMap:
     return ridge.fit_ridge(base, np.zeros((1, n_loose)), step[None], roots, 0, 0)
 
 
-def _scatter(
-    surface: LogDensity,
-    at: RidgeMap,
-    n: int,
-    psi: Array,
-    spread: Array,
-    cloud: Array | None,
-    share: float,
-    rng: np.random.Generator,
-) -> Array:
-    """Places `(n, l)` where the prior has a density, as far as the ridge is known by now.
+def _within_priors(surface: LogDensity, at: RidgeMap, wanted: Array, share: float) -> Array:
+    """A fourth of those `wanted (4 n, l)`, as far as the ridge is known by now: `(n, l)`.
 
-    As psi of draws, the `cloud (N, l)`, lie, or normally, and wider.  Those beyond its ends are drawn
-    in towards the maximum until they are not.
+    Those beyond ends of the priors are drawn in towards the maximum until they are not.
     """
-    if cloud is None:
-        wanted = psi + SETTINGS.scatter_width * rng.standard_normal((4 * n, len(psi))) @ spread.T
-    else:
-        wanted = psi + SETTINGS.scatter_width * (cloud[rng.integers(len(cloud), size=4 * n)] - psi)
-    inwards = np.ones(len(wanted))
+    n, inwards = len(wanted) // 4, np.ones(len(wanted))
     for _ in range(12):
-        points = min(share, SETTINGS.prior_margin) * inwards[:, None] * wanted
+        points = min(share, PRIOR_MARGIN) * inwards[:, None] * wanted
         outside = ~surface.inside(at.frame.join(points, at.at(points)))
         if not outside.any():
             break
         inwards[outside] *= 0.85
     whole = np.flatnonzero(inwards == 1.0)
     drawn = np.flatnonzero(inwards < 1.0)
-    selected = np.concatenate([whole[: (3 * n) // 4], drawn])[:n]
-    if len(selected) < n:
-        selected = np.concatenate([selected, whole[(3 * n) // 4 :]])[:n]
+    most = (3 * n) // 4
+    selected = np.concatenate([whole[:most], drawn, whole[most:]])[:n]
     return np.asarray(inwards[selected, None] * wanted[selected])
 
 
@@ -329,13 +300,13 @@ def _arrivals(surface: LogDensity, at: RidgeMap, psi: Array, before: list[Array]
     at the ends.  But not far below the ridge: at a lesser maximum, where nothing is.
     """
     tau, roots, value, arrived = return_to_ridge(surface.quadratic_model, at.frame, psi, at.at(psi))
-    u, beyond = at.frame.join(psi, tau), SETTINGS.beyond_ends * (surface.high - surface.low)
+    u, beyond = at.frame.join(psi, tau), BEYOND_ENDS * (surface.high - surface.low)
     near = (u > surface.low - beyond) & (u < surface.high + beyond)
     arrived &= np.isfinite(value) | near.all(axis=1)
     new = [some[arrived] for some in (psi, tau, roots, value)]
     points = [np.concatenate(pair) for pair in zip(before or new, new, strict=True)]
     value = points[3]
-    on_ridge = (value > value.max(initial=-np.inf) - SETTINGS.max_depth) | (value == -np.inf)
+    on_ridge = (value > value.max(initial=-np.inf) - MAX_DEPTH) | (value == -np.inf)
     return [some[on_ridge] for some in points]
 
 
@@ -344,8 +315,8 @@ def return_to_ridge(
     base: LocalBasis,
     psi: Array,
     tau: Array,
-    near: float = SETTINGS.converged_sds,
-    iterations: int = SETTINGS.iterations,
+    near: float = CONVERGED_SDS,
+    iterations: int = ITERATIONS,
 ) -> tuple[Array, Array, Array, Flags]:
     """Lead points back to the ridge at `psi (N, l)` by Gauss-Newton.
 
@@ -369,12 +340,12 @@ def return_to_ridge(
         value[now] = here.value[good]
         roots[now] = covariance_roots(curvature)
         white = np.einsum("nij,ni->nj", roots[now], slope)
-        known = np.abs(white).max(axis=1) < SETTINGS.max_sds
+        known = np.abs(white).max(axis=1) < MAX_SDS
         under_way[now[~known]] = False
         now, white = now[known], white[known]
         step = np.einsum("nij,nj->ni", roots[now], white)
         longest = np.abs(step).max(axis=1, keepdims=True)
-        tau[now] += step * np.minimum(1.0, SETTINGS.max_step / np.maximum(longest, 1e-300))
+        tau[now] += step * np.minimum(1.0, MAX_STEP / np.maximum(longest, 1e-300))
         off = np.linalg.norm(white, axis=1)
         arrived[now] = off < near
         under_way[now] = ~arrived[now]
@@ -395,7 +366,7 @@ def _best_fit(
     base: LocalBasis, bent: Indices, psi: Array, tau: Array, roots: Array, *, last: bool
 ) -> tuple[RidgeMap, float]:
     """The polynomials of the degree that points held out ask for, and how far off those are."""
-    held_out = np.arange(len(psi)) % SETTINGS.held_out_every == SETTINGS.held_out_every - 1
+    held_out = np.arange(len(psi)) % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
     some = psi[~held_out], tau[~held_out], roots[~held_out]
     # No fit knows what lies beyond.
     within = held_out & ridge.fit_ridge(base, *some, 0, 0, bent).within(psi)
@@ -406,15 +377,15 @@ def _best_fit(
     def tried(degree: int, root_degree: int) -> RidgeMap:
         return ridge.fit_ridge(base, *some, degree, root_degree, bent)
 
-    upwards = range(1, SETTINGS.max_degree + 1)
+    upwards = range(1, MAX_DEGREE + 1)
     degrees = [d for d in upwards if d == 1 or _terms(len(bent), d) < 0.7 * n]
     degree, off = _best_degree(degrees, lambda d: ridge.residuals(tried(d, 0), *others))
     if not last:
-        reach = SETTINGS.trusted_extrapolation
+        reach = TRUSTED_EXTRAPOLATION
         return ridge.fit_ridge(base, psi, tau, roots, degree, 0, bent, reach), off
     lower = [d for d in range(degree + 1) if d <= 1 or _terms(len(bent), d) < n / 5]
     root_degree, _ = _best_degree(lower, lambda d: ridge.root_residuals(tried(degree, d), *others))
-    reach = SETTINGS.max_corner_growth ** (1.0 / max(degree, 1))
+    reach = MAX_CORNER_GROWTH ** (1.0 / max(degree, 1))
     return ridge.fit_ridge(base, psi, tau, roots, degree, root_degree, bent, reach), off
 
 
@@ -425,10 +396,10 @@ def _best_degree(degrees: Sequence[int], errors: Callable[[int], Array]) -> tupl
     """
     best, least = degrees[0], np.inf
     for degree in degrees:
-        error = float(np.quantile(errors(degree), SETTINGS.error_quantile))
-        if error < SETTINGS.min_improvement * least:
+        error = float(np.quantile(errors(degree), ERROR_QUANTILE))
+        if error < MIN_IMPROVEMENT * least:
             best, least = degree, error
-        if error < SETTINGS.good_error:
+        if error < GOOD_ERROR:
             break
     return best, least
 
@@ -447,7 +418,7 @@ def newton_ridge(fitted: RidgeMap, expand: Expand) -> RidgeMap:
         base: LocalBasis, psi: Array, tau: Array, root: Array, log_det: Array
     ) -> tuple[Array, Array, Array]:
         newton_tau, roots, _, arrived = return_to_ridge(
-            expand, base, psi, tau, SETTINGS.near_sds, SETTINGS.newton_iterations
+            expand, base, psi, tau, NEAR_SDS, NEWTON_ITERATIONS
         )
         row = np.arange(tau.shape[1])
         tau = np.where(arrived[:, None], newton_tau, tau)

@@ -177,9 +177,8 @@ def differential_evolution(walkers: Array, others: Array, random: Random) -> tup
 def stretch(walkers: Array, others: Array, random: Random) -> tuple[Array, Array]:
     """Move along the line through one of the others (Goodman and Weare 2010)."""
     n, d = walkers.shape
-    factor = (
-        np.square((STRETCH_SCALE - 1.0) * np.asarray(random.random_sample(n)) + 1.0) / STRETCH_SCALE
-    )
+    uniform = np.asarray(random.random_sample(n))
+    factor = np.square((STRETCH_SCALE - 1.0) * uniform + 1.0) / STRETCH_SCALE
     centre = others[random.randint(len(others), size=n)]
     return centre + factor[:, None] * (walkers - centre), (d - 1.0) * np.log(factor)
 

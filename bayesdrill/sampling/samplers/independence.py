@@ -226,11 +226,12 @@ def _summed(parts: Array) -> Array:
 def mixture(
     sheets: Sequence[RidgeMap],
     sheet: Sequence[int] | Indices,
-    weights: Array,
-    means: Array,
-    roots: Array,
+    weights: Sequence[float] | Array,
+    means: Sequence[Array] | Array,
+    roots: Sequence[Array] | Array,
 ) -> Mixture:
     """Build a mixture of components on `sheets`; `weights (K,)` need not be normalised."""
+    weights, means, roots = np.array(weights), np.array(means), np.array(roots)
     weights = weights / weights.sum()
     log_det = np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)
     with np.errstate(divide="ignore"):
@@ -257,9 +258,8 @@ def fit_mixture(
         out = ~inside(drawn)
         share = max(1.0 - float(out.mean()), 1.0 / len(u))
         y_out, jacobian_out = current.straightened(drawn[out])
-        all_weights = np.concatenate(
-            [weights, np.full(int(out.sum()), CUT_OFF_FILL / (share * len(u)))]
-        )
+        fill = np.full(int(out.sum()), CUT_OFF_FILL / (share * len(u)))
+        all_weights = np.concatenate([weights, fill])
         points = np.concatenate([y, y_out], axis=1)
         jacobians = np.concatenate([jacobian, jacobian_out], axis=1)
         current = _step(current, points, jacobians, all_weights, floors)

@@ -49,7 +49,7 @@ def build_monomials(n: int, degree: int) -> Monomials:
     """Build the monomials of `n` variables up to `degree`."""
     products: list[tuple[int, int]] = []
     last = [(0, 0)]  # each monomial of the degree before, and the largest variable in it
-    for _ in range(degree if n else 0):
+    for _ in range(degree):
         begin = 1 + len(products)
         pairs = [(m, v) for m, largest in last for v in range(largest, n)]
         products += pairs
@@ -147,9 +147,8 @@ class RidgeMap:
     def along(self, psi: Array) -> tuple[Array, Array, Array]:
         """Return t `(W, t)`, R `(t, t, W)` and log det R `(W,)`."""
         scaled = ((psi[:, self.bent] - self.middle) / self.width).T
-        if len(scaled):
-            far = np.sqrt(np.einsum("lw,lw->w", scaled, scaled))
-            scaled *= self.reach / np.maximum(far, self.reach)
+        far = np.sqrt(np.einsum("lw,lw->w", scaled, scaled))
+        scaled *= self.reach / np.maximum(far, self.reach)
         rows = self.powers.evaluate(scaled)
         entries = self.root.T @ rows[: len(self.root)]
         np.clip(entries, self.ends[0][:, None], self.ends[1][:, None], out=entries)
@@ -190,10 +189,9 @@ def fit_ridge(
     """
     bent = np.arange(psi.shape[1]) if bent is None else bent
     psi = psi[:, bent]
-    n_loose = psi.shape[1]
     middle = psi.mean(axis=0)
-    width = np.maximum(psi.std(axis=0), 1e-12) if n_loose else np.ones(0)
-    far = np.sqrt((((psi - middle) / width) ** 2).sum(axis=1)).max() if n_loose else 1.0
+    width = np.maximum(psi.std(axis=0), 1e-12)
+    far = np.sqrt((((psi - middle) / width) ** 2).sum(axis=1)).max()
     width = width * max(float(far), 1e-12)
     scaled = ((psi - middle) / width).T
     # Lower triangles as `Ridge.root` has them: logs of the diagonal, the rest over its column.
@@ -203,8 +201,8 @@ def fit_ridge(
     entries = np.concatenate([np.log(diagonal), below], axis=1)
     low, high = entries.min(axis=0), entries.max(axis=0)
     beyond = RANGE_MARGIN * (high - low)
-    monomials = build_monomials(n_loose, degree)
-    root_terms = build_monomials(n_loose, min(root_degree, degree)).terms
+    monomials = build_monomials(len(bent), degree)
+    root_terms = build_monomials(len(bent), min(root_degree, degree)).terms
     rows = monomials.evaluate(scaled).T
     return RidgeMap(
         frame=base,
