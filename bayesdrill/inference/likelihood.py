@@ -105,9 +105,6 @@ class LatentTorque(Protocol):
     def scale_torque(self, factor: float) -> Observation:
         """Return it with a torque so many times as large, where its size is known."""
 
-    def with_extra_channel(self, response: Simulator, sigma: float) -> Observation:
-        """Return it with a simulator that has one channel more, with white noise."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Observation:

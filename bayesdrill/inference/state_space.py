@@ -18,8 +18,6 @@ import numpy as np
 
 from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.inference.likelihood import Directions, Observation
-from bayesdrill.inference.noise.mixed import ChannelNoise, Mixed
-from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.unknowns import ParameterSpace, Unknown
 from bayesdrill.rig.models.latent_torque import SIZE, TIME
 from bayesdrill.rig.simulators.compressed_filter import (
@@ -127,14 +125,6 @@ class LatentTorqueObservation(Observation):
             return self
         return dataclasses.replace(self, process={**self.process, SIZE: size * factor})
 
-    def with_extra_channel(self, response: Simulator, sigma: float) -> LatentTorqueObservation:
-        """Return it with a simulator that has one channel more, with white noise."""
-        k, n = len(self.experiment.channels), len(response.experiment.t)
-        extra_noise = White(n_samples=n, known={0: sigma}, n_channels=1)
-        noise = Mixed((ChannelNoise(self.noise, tuple(range(k))), ChannelNoise(extra_noise, (k,))))
-        copied = dataclasses.replace(self, noise=noise)
-        return copied.with_simulator(response, self.parameters)
-
     # What it is told.
 
     def _kernel_arguments(self, theta: Array, full: Array | None = None) -> Array:
@@ -189,15 +179,12 @@ class LatentTorqueObservation(Observation):
         record = self.response.record
         if self.fixed is None and record is not None:
             return self.kalman_filter.log_density(*self._filter_arguments(theta, full), record)
-        terms = self._pointwise(self.residuals(full).samples, theta, full)
+        terms = self.pointwise(self.residuals(full).samples, theta)
         return np.asarray(np.nansum(terms, axis=1))
 
     def pointwise(self, samples: Array, theta: Array) -> Array:
         """Return the log density `(W, T, K)` of each residual given those before it."""
-        return self._pointwise(samples, theta)
-
-    def _pointwise(self, samples: Array, theta: Array, full: Array | None = None) -> Array:
-        white, variances = self._whitened(samples, theta, full)
+        white, variances = self._whitened(samples, theta)
         return np.asarray(-0.5 * (math.log(2 * math.pi) + np.log(variances) + white**2))
 
     def whiten(self, samples: Array, theta: Array) -> Array:
@@ -246,11 +233,9 @@ class LatentTorqueObservation(Observation):
         moved = self.sample_states(self.experiment.y - signals, theta, rng)[1]
         return self.noise.draw(signals + moved, self._levels(theta[:, self.noise_columns]), rng)
 
-    def _whitened(
-        self, samples: Array, theta: Array, full: Array | None = None
-    ) -> tuple[Array, Array]:
+    def _whitened(self, samples: Array, theta: Array) -> tuple[Array, Array]:
         with np.errstate(all="ignore"):
-            return self.kalman_filter.whiten(*self._filter_arguments(theta, full), samples)
+            return self.kalman_filter.whiten(*self._filter_arguments(theta), samples)
 
     # Slopes.
 
@@ -281,11 +266,11 @@ class LatentTorqueObservation(Observation):
             repeated = np.repeat(kernel_arguments[rows], q, axis=0)
             moved = along[rows].reshape(-1, along.shape[2])
             shifts = slopes[rows].reshape(-1, *residuals.shape[1:])
+            still = np.zeros_like(moved)  # what is held does not move
             with np.errstate(all="ignore"):
-                widths = self._scales(moved) - self._scales(np.zeros_like(moved))
                 results = self.kalman_filter.slopes(
-                    (self._of_process(repeated), self._slopes_of_process(moved)),
-                    (self._scales(repeated), widths),
+                    (self._of_process(repeated), self._of_process(moved) - self._of_process(still)),
+                    (self._scales(repeated), self._scales(moved) - self._scales(still)),
                     (np.repeat(residuals[rows], q, axis=0), shifts),
                 )
             white, change, variance, wider = (
@@ -295,17 +280,6 @@ class LatentTorqueObservation(Observation):
             slope[rows] = -(white * change).sum(axis=-1) - ratio.sum(axis=-1)
             curvature[rows] = change @ change.swapaxes(1, 2) + ratio @ ratio.swapaxes(1, 2)
         return slope, curvature
-
-    def _slopes_of_process(self, along: Array) -> Array:
-        """What is held does not move."""
-        moved = self._of_process(along)
-        count = moved.shape[-1] - 2
-        if self.fixed is not None:
-            moved[..., :count] = 0.0
-        for k, name in enumerate((SIZE, TIME)):
-            if not isinstance(self.process[name], Unknown):
-                moved[..., count + k] = 0.0
-        return moved
 
     def expected(self, theta: Array) -> Array:
         """Return the expected curvature by the unknowns of noise and torque."""

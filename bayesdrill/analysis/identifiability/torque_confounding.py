@@ -17,6 +17,8 @@ from bayesdrill.analysis.identifiability.structure import Exponents
 from bayesdrill.basics.arrays import Array, Counts
 from bayesdrill.inference.laplace import PosteriorLogDensity
 from bayesdrill.inference.likelihood import Observation
+from bayesdrill.inference.noise.mixed import ChannelNoise, Mixed
+from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.record.experiment import Channel, frozen
 from bayesdrill.rig.models.latent_torque import SIZE, TorqueLocation, torque_gain
@@ -167,11 +169,15 @@ def _showing(posterior: Posterior, theta: Array, state: str) -> Posterior:
     def showing(observation: Observation) -> Observation:
         if observation.torque is None:
             return observation
-        before = observation.experiment
-        y, channels = np.column_stack([before.y, np.zeros(len(before.t))]), before.channels
+        before, n = observation.experiment, len(observation.experiment.t)
+        y, channels = np.column_stack([before.y, np.zeros(n)]), before.channels
         shown = dataclasses.replace(before, channels=(*channels, channel), y=frozen(y))
         response = observation.response.of(shown)
         spread = float(response.signals(observation.simulator_parameters(full))[0, :, -1].std())
-        return observation.torque.with_extra_channel(response, SENSOR_NOISE * spread or 1.0)
+        extra = White(n_samples=n, known={0: SENSOR_NOISE * spread or 1.0}, n_channels=1)
+        k, noise = len(channels), observation.noise
+        both = Mixed((ChannelNoise(noise, tuple(range(k))), ChannelNoise(extra, (k,))))
+        wider = dataclasses.replace(observation, noise=both)
+        return wider.with_simulator(response, observation.parameters)
 
     return posterior.edit(each=showing)
