@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from itertools import islice
+from typing import Any
 
 import numpy as np
 from oracles import NOMINAL, ORDER
@@ -140,6 +141,12 @@ def near(posterior: Posterior, theta: np.ndarray, n: int, rng: np.random.Generat
         z = centre + rng.standard_normal((n, len(theta))) @ steps.T
         kept = np.concatenate([kept, z[np.isfinite(posterior(z))]])
     return kept[:n]
+
+
+def replace_only(likelihood: Likelihood, **changes: Any) -> Likelihood:
+    """With another `response` or `noise` of the only observation."""
+    changed = replace(likelihood.only_observation, **changes)
+    return replace(likelihood, observations=(changed,))
 
 
 def likelihood_of(space: ParameterSpace, *pairs: tuple[Simulator, Noise]) -> Likelihood:

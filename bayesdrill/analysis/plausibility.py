@@ -103,8 +103,8 @@ def plausibility_of_nominal(problem: Problem) -> tuple[str, ...]:
 def plausibility_of_draws(problem: Problem, draws: Array, known: Information) -> tuple[str, ...]:
     """Yield what is odd of draws `(N, D)`; `known` says what the record alone determines."""
     model = problem.model
-    rig = problem.posterior.likelihood.rig_parameters(draws[:: max(1, len(draws) // MOST_DRAWS)])
-    values = dict(zip(model.parameters, rig.T, strict=True))
+    some = draws[:: max(1, len(draws) // MOST_DRAWS)]
+    values = problem.posterior.likelihood.rig_parameters(some)
     energy = _energy_of_draws(values, known, model)
     return (*energy, *_poles(poles(model, values), problem))
 

@@ -132,18 +132,13 @@ def _product_name(exponents: Mapping[str, int]) -> str:
 
 
 def derived_symbols(problem: Problem) -> tuple[Symbol, ...]:
-    """Return the symbols in the order of the values."""
+    """Return the symbols in the order of the values; along a line a speed is one in m/s."""
     model, formulas = problem.model, (formula.symbol for formula in problem.derived)
     tied = [model.symbols[name] for name in problem.posterior.space.relations]
-    return (*tied, *of_motion(model), *formulas)
-
-
-def of_motion(model: Model) -> tuple[Symbol, ...]:
-    """Return the symbols of `poles` and `steady_values`; along a line a speed is one in m/s."""
     speed = SPEED_UNITS[model.symbols[model.angles[0]].unit] if model.angles else "rad/s"
     end = symbols.DERIVED["w_end"]
     moved = dataclasses.replace(end, unit=speed, latex_unit=symbols.latex_unit(speed))
-    return tuple({**symbols.DERIVED, end.name: moved}.values())
+    return (*tied, *{**symbols.DERIVED, end.name: moved}.values(), *formulas)
 
 
 def _current(model: Model) -> str | None:

@@ -160,12 +160,6 @@ class Observation:
         """Return the channels without noise and without a missing torque, `(W, T, K)`."""
         return self.response.signals(self.simulator_parameters(full))
 
-    def sensitivities(self, full: Array, along: Array) -> Array:
-        """Return slopes of the signals; see `Simulator.sensitivities`."""
-        return self.response.sensitivities(
-            self.simulator_parameters(full), self.simulator_parameters(along)
-        )
-
     def entitled(self, quantity: str) -> str:
         """Return `record of slow`, where there are several experiments."""
         return f"{quantity} of {self.label}" if self.label else quantity
@@ -325,14 +319,14 @@ class Observation:
         self, full: Array, along: Array, noise_theta: Array
     ) -> tuple[SimulatorResiduals, Array, Array]:
         """Residuals; slope `(W, q)` and curvature `(W, q, q)` along `along (W, q, P)`."""
-        residuals = self.residuals(full)
+        residuals, turned = self.residuals(full), self.simulator_parameters(along)
         weights = self.noise.square_weights(noise_theta)
         if weights is not None:
-            turned = self.simulator_parameters(along)
             squares, slope, curvature = self.response.normal(residuals.full, turned, weights)
             return SimulatorResiduals(self.response, residuals.full, squares), slope, curvature
         measured = self.experiment.seen
-        shifts = np.where(measured, self.sensitivities(full, along), 0.0)  # (W, q, T, K)
+        slopes = self.response.sensitivities(residuals.full, turned)
+        shifts = np.where(measured, slopes, 0.0)  # (W, q, T, K)
         pull = np.where(measured, self.noise.score(residuals.samples, noise_theta), 0.0)
         slope = np.einsum("wqtk,wtk->wq", shifts, pull)
         each = range(along.shape[1])
@@ -384,12 +378,9 @@ class Likelihood:
     def __call__(self, theta: Array) -> Array:
         """Log likelihood `(W,)`; NaN where a response overflows."""
         with np.errstate(all="ignore"):
-            return self.by_channel(theta).sum(axis=-1)
-
-    def by_channel(self, theta: Array) -> Array:
-        """Return the log likelihood `(W, K)` of the channels of all observations."""
-        full = self.space.full(theta)
-        return _concatenated([each.by_channel(full, theta) for each in self.observations])
+            full = self.space.full(theta)
+            parts = [each.by_channel(full, theta) for each in self.observations]
+            return _concatenated(parts).sum(axis=-1)
 
     @property
     def n_measured(self) -> int:
@@ -407,12 +398,6 @@ class Likelihood:
         full = self.space.full(theta)
         return [observation.signals(full) for observation in self.observations]
 
-    def with_fixed_covariance(self, theta: Array) -> Likelihood:
-        """Return it with covariances fixed as at `theta (D,)`; the very same if no rig decides one."""
-        fixed = tuple(observation.with_fixed_covariance(theta) for observation in self.observations)
-        same = all(new is old for new, old in zip(fixed, self.observations, strict=True))
-        return self if same else dataclasses.replace(self, observations=fixed)
-
     def whitened_residuals(self, theta: Array) -> Array:
         """Return model minus measured over the noise at `theta (D,)`: `(n,)`, zero if not seen."""
         full, parts = self.space.full(theta[None]), []
@@ -421,34 +406,17 @@ class Likelihood:
             parts.append(observation.whitened_jacobian_at(off, theta).ravel())
         return np.concatenate(parts)
 
-    def rig_parameters(self, theta: Array) -> Array:
-        """Return parameters of the rig `(W, P)`, as the first observation has them."""
-        observation = self.observations[0]
-        parameters = observation.simulator_parameters(self.space.full(theta))
-        return parameters[:, : len(observation.response.model.parameters)]
-
-    # Of the only observation, where there is no other.
+    def rig_parameters(self, theta: Array) -> dict[str, Array]:
+        """Return parameters of the rig by name, each `(W,)`, as the first observation has them."""
+        first = self.observations[0]
+        columns = first.simulator_parameters(self.space.full(theta)).T
+        return dict(zip(first.response.model.parameters, columns, strict=False))
 
     @property
     def only_observation(self) -> Observation:
         """Return the only observation; raises `ValueError` where there are more."""
         (observation,) = self.observations
         return observation
-
-    @property
-    def response(self) -> Simulator:
-        """Return the only simulator."""
-        return self.only_observation.response
-
-    @property
-    def noise(self) -> Any:
-        """Return the only noise."""
-        return self.only_observation.noise
-
-    def replace_only(self, **changes: Any) -> Likelihood:
-        """Return it with another `response` or `noise` of the only observation."""
-        changed = dataclasses.replace(self.only_observation, **changes)
-        return dataclasses.replace(self, observations=(changed,))
 
     def signals(self, theta: Array) -> Array:
         """Return the channels of the only observation without noise, `(W, T, K)`."""

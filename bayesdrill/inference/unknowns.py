@@ -90,21 +90,6 @@ class Coordinates:
             out[:, column] = step
         return out
 
-    def to_natural(self, theta: Array) -> Array:
-        """Return logs `(W, D)`, and what need not be positive over its step."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            out = np.log(theta)
-        for column, step in self.signed:
-            out[:, column] = theta[:, column] / step
-        return out
-
-    def from_natural(self, natural: Array) -> Array:
-        """Return the unknowns; the inverse of `to_natural`."""
-        out = np.exp(natural)
-        for column, step in self.signed:
-            out[:, column] = natural[:, column] * step
-        return out
-
 
 Role = Literal["rig", "quantity", "sensor", "start", "noise"]
 # What a simulator is told.

@@ -295,8 +295,8 @@ def frequencies(posterior: Posterior, u: Array) -> Array:
     """Return imaginary parts of the fastest poles at `u (W, D)`: `(W, POLE_PAIRS)`, 0 if none."""
     model = posterior.likelihood.observations[0].response.model
     theta = posterior.coordinates.to_physical(u)
-    full = dict(zip(model.parameters, posterior.likelihood.rig_parameters(theta).T, strict=True))
-    matrices = dynamics(model.linear(full), model.states, len(u))
+    rig = posterior.likelihood.rig_parameters(theta)
+    matrices = dynamics(model.linear(rig), model.states, len(u))
     poles = np.linalg.eigvals(np.where(np.isfinite(matrices), matrices, 0.0))
     size = np.abs(poles).max(axis=1, keepdims=True)
     swings = np.sort(np.where(poles.imag > SETTINGS.min_imaginary * size, poles.imag, 0.0), axis=1)

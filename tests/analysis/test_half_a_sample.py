@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from oracles import NOMINAL
-from rigs import experiment, likelihood_of, unknown, vector
+from rigs import experiment, likelihood_of, replace_only, unknown, vector
 from together import for_each
 
 import bayesdrill as bd
@@ -146,8 +146,10 @@ def test_half_a_sample_is_told_only_where_the_fit_is_noise() -> None:
     run = case.sample(seed=3)
     assert [note for note in run._view.notes if "timing: if the inputs act half a sample" in note]
     posterior = run.job.problem.posterior
-    response = posterior.likelihood.response.with_record((exact + 9.0 * noise)[:, None])
-    off = replace(posterior, likelihood=posterior.likelihood.replace_only(response=response))
+    response = posterior.likelihood.only_observation.response.with_record(
+        (exact + 9.0 * noise)[:, None]
+    )
+    off = replace(posterior, likelihood=replace_only(posterior.likelihood, response=response))
     job = replace(run.job, problem=replace(run.job.problem, posterior=off))
     view = concluded(
         SampledRun(job, run.mode, run.sampled), alone=False

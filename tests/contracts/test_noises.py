@@ -298,7 +298,7 @@ def test_a_posterior_with_it_has_the_slopes_of_its_density(name: str) -> None:
 def test_its_information_is_that_of_the_curvature_at_the_truth(name: str) -> None:
     """Laplace's root, in the natural scales, against the surface's, in the coordinates."""
     of = target(name)
-    own = truth(of.likelihood.noise)[0]
+    own = truth(of.likelihood.only_observation.noise)[0]
     at = np.append([NOMINAL[p] for p in ("k_e", "k_s", "j_1")], own)
     u = of.coordinates.from_physical(at[None])
     curvature = PosteriorLogDensity(of).quadratic_model(u, np.eye(len(at))).curvature[0]

@@ -106,10 +106,12 @@ def test_curvatures_are_those_of_least_squares() -> None:
         to = target.coordinates.to_physical
         theta = to(u)
         sigmas = likelihood.only_observation.scales(theta)
-        noise = likelihood.noise
+        noise = likelihood.only_observation.noise
         slopes = differences(lambda z: likelihood.signals(to(z)), u, h) / sigmas[:, None]
         expected = np.einsum("dwtk,ewtk->wde", slopes, slopes)
-        squares = ((likelihood.response.experiment.y - likelihood.signals(theta)) ** 2).sum(axis=1)
+        squares = (
+            (likelihood.only_observation.response.experiment.y - likelihood.signals(theta)) ** 2
+        ).sum(axis=1)
         for column, k in enumerate(noise.unknown, start=u.shape[1] - len(noise.unknown)):
             by_log = 1.0 if target.coordinates.logs[column] else 1.0 / sigmas[:, k]
             left = np.maximum(squares[:, k] / sigmas[:, k] ** 2, noise.n_samples)

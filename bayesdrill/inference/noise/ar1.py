@@ -132,11 +132,6 @@ class Spacing:
     channels: tuple[ChannelSpacing, ...]
     seen: Flags
 
-    @classmethod
-    def from_times(cls, t: Array, seen: Flags) -> Spacing:
-        """Return the spacing of samples `seen (T, K)` at times `t (T,)`."""
-        return cls(tuple(_channel_spacing(t, column) for column in seen.T), seen)
-
 
 @lru_cache(maxsize=8)
 def even_spacing(n_samples: int, n_channels: int) -> Spacing:
@@ -223,7 +218,8 @@ class AR1:
     def at_times(self, t: Array, seen: Flags) -> AR1:
         """Return the same noise at times `t (T,)`, where channels were seen `(T, K)`."""
         levels = self.levels.for_length(len(t)).with_counts(tuple(int(n) for n in seen.sum(axis=0)))
-        return dataclasses.replace(self, levels=levels, spacing=Spacing.from_times(t, seen))
+        spacing = Spacing(tuple(_channel_spacing(t, column) for column in seen.T), seen)
+        return dataclasses.replace(self, levels=levels, spacing=spacing)
 
     def fixed_values(self) -> Mapping[int, object]:
         """Return what is fixed of each channel, by index."""

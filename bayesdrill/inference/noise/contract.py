@@ -30,11 +30,9 @@ class NoisyChannel:
 
 
 class Residuals(Protocol):
-    """Measured minus model at W points of K channels, as far as a noise asks for them.
+    """Measured minus model at W points of K channels; sums of these are as `Simulator` has them.
 
-    `squares (W, K)`: their sums, without a sample kept; `weighted_squares`: of the residuals times
-    the noise's own `weights (W, K)`; `neighbours (W, K, 3)`, `logs (W, K)` and `intervals (W, K)`:
-    as `Simulator` has them, without a sample kept either; `samples (W, T, K)`.
+    No sample is kept for a sum.
     """
 
     @property
@@ -48,7 +46,7 @@ class Residuals(Protocol):
         """Return sums over intervals `(W, K)`."""
 
     def weighted_squares(self, weights: Array) -> Array:
-        """Return sums of squares of the residuals times `weights (W, K)`."""
+        """Return sums of squares of the residuals times the noise's own `weights (W, K)`."""
 
     @property
     def squares(self) -> Array:
