@@ -83,14 +83,10 @@ class TorqueEstimate:
         return self.rig.roles.inertia(self.at)
 
     @property
-    def speed(self) -> Array:
-        """The speed of the inertia on which it acts; before a gear, by itself."""
-        return self.speeds[0][1]
-
-    @property
     def turning(self) -> Flags:
         """Where the inertia turns, `(T,)`, or all where it hardly does: at rest friction is anything."""
-        fast = np.abs(self.speed) > STANDSTILL * np.sqrt(np.mean(self.speed**2))
+        speed = self.speeds[0][1]
+        fast = np.abs(speed) > STANDSTILL * np.sqrt(np.mean(speed**2))
         return fast if fast.mean() > MIN_TURNING_SHARE else np.ones(len(self.t), dtype=bool)
 
     @property

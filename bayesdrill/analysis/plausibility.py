@@ -250,10 +250,7 @@ MAX_REMAINING_WIDTH = 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DiffusePrior:
-    """A prior too wide for the evidence to mean much.
-
-    The prior of `name`: so many `decades` wide, or `times` as wide as what was found is large.
-    """
+    """The prior of `name`: so many `decades` wide, or `times` as wide as what was found is large."""
 
     name: str
     decades: float | None = None

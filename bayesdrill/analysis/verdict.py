@@ -188,10 +188,7 @@ class Verdict:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Judgement:
-    """A study, the verdict, and findings on the posterior.
-
-    `findings`: sentences of `physics` on the posterior.
-    """
+    """A study, the verdict, and `findings`: sentences of `plausibility` on the posterior."""
 
     study: IdentifiabilityStudy
     verdict: Verdict

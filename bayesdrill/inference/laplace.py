@@ -12,7 +12,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -178,30 +177,12 @@ def concatenate_models(parts: Sequence[QuadraticModel]) -> QuadraticModel:
     return QuadraticModel(*map(np.concatenate, columns))
 
 
-class LogDensity(Protocol):
-    """A log density over `u (W, D)`; `low`, `high` `(D,)`: the ends between which one searches.
+class LogDensity:
+    """The log density of a posterior, over the sampler's coordinates `u (W, D)`.
 
-    `middle (D,)`: the mean of each prior, and `spread (D,)` its sd: how far each unknown may go
-    before the record is seen.
+    `low`, `high` `(D,)`: the ends between which one searches.  `middle (D,)`: the mean of each prior,
+    and `spread (D,)` its sd: how far each unknown may go before the record is seen.
     """
-
-    low: Array
-    high: Array
-    middle: Array
-    spread: Array
-
-    def value(self, u: Array) -> Array:
-        """Return the log density `(W,)`."""
-
-    def inside(self, u: Array) -> Flags:
-        """Return whether the priors have a density there, `(W,)`."""
-
-    def quadratic_model(self, u: Array, directions: Array) -> QuadraticModel:
-        """Return value, slopes and curvature along `directions (D, q)`, column by column."""
-
-
-class PosteriorLogDensity:
-    """The log density of a posterior, over the sampler's coordinates."""
 
     def __init__(self, posterior: Posterior, *, physical: bool = False) -> None:
         """`physical`: the density over the unknowns themselves, whose maximum is the MAP."""
@@ -230,7 +211,7 @@ class PosteriorLogDensity:
         return self.posterior.supports(u)
 
     def quadratic_model(self, u: Array, directions: Array) -> QuadraticModel:
-        """Return value, slopes and curvature along `directions (D, q)`."""
+        """Return value, slopes and curvature along `directions (D, q)`, column by column."""
         model = self.curvature_model(u, directions)
         with np.errstate(all="ignore"):
             return dataclasses.replace(model, value=model.value + self.value(u))

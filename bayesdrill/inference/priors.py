@@ -43,7 +43,7 @@ class Prior:
     @property
     def in_logs(self) -> bool:
         """Whether its log is the scale of the unknown: not where zero itself has a density."""
-        return self.low > 0
+        return self.low > 0 or self.vanishes_at_ends
 
     def logpdf(self, x: Array) -> Array:
         """Return the log density at `x (N,)`: `(N,)`."""
@@ -184,11 +184,6 @@ class LogNormal(_Positive):
     median: Positive
     sd_log: Annotated[float, Field(ge=SMALLEST, le=20, description=_SD_LOG)]
 
-    @property
-    def in_logs(self) -> bool:
-        """Whether its log is the scale of the unknown: always."""
-        return True
-
     def _log_density(self, x: Array) -> Array:
         log_x = np.log(x)
         z = (log_x - math.log(self.median)) / self.sd_log
@@ -214,11 +209,6 @@ class HalfNormal(_Positive):
     def quantile(self, u: Array) -> Array:
         """Return the inverse of the distribution at `u (N,)`."""
         return np.asarray(self.scale * scipy.special.ndtri(0.5 * (1.0 + u)))
-
-
-def is_signed(prior: Prior) -> bool:
-    """Whether a prior allows numbers below zero."""
-    return prior.low < 0
 
 
 def flat_in_logs(prior: Prior | None) -> bool:

@@ -24,9 +24,10 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.duals import Dual
 from bayesdrill.basics.formulas import Expression
 from bayesdrill.basics.symbols import Symbol, superscript
-from bayesdrill.inference.priors import Prior, is_signed, prior_sd
+from bayesdrill.inference.priors import Prior, prior_sd
 
 LOG_ROOT_2PI = 0.5 * math.log(2.0 * math.pi)
+TINIEST = float(np.nextafter(0.0, 1.0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,7 +131,7 @@ class Unknown:
     def signed(self) -> bool:
         """Whether its log is no scale of it: it need not be positive, or may be next to nothing."""
         small = self.role in ("sensor", "start") and not self.in_logs
-        return self.between is not None or is_signed(self.prior) or small
+        return self.between is not None or self.prior.low < 0 or small
 
     @property
     def scale(self) -> float:
@@ -218,8 +219,7 @@ class ParameterSpace:
     def named(self, theta: Array) -> dict[str, Array | float]:
         """Return all parameters of the model and all quantities, each `(W,)` or a number."""
         named: dict[str, Array | float] = dict(self.fixed)
-        for name in self.free:
-            named[name] = theta[:, self.free.index(name)]
+        named |= zip(self.free, theta.T, strict=False)
         return named | {name: r.value(named) for name, r in self.relations.items()}
 
     def slopes(self, theta: Array) -> Array:
@@ -253,10 +253,10 @@ class ParameterSpace:
 
     def log_prior(self, theta: Array) -> Array:
         """Return the log prior `(W,)`; -inf outside the support, NaN included."""
-        columns, low, high, log_density = self.box
-        boxed, floor = theta[:, columns], self._floor
+        columns, low, high, log_density = self._box
+        boxed = theta[:, columns]
         with np.errstate(invalid="ignore"):
-            inside = ((boxed >= low) & (boxed <= high) & (boxed > floor)).all(axis=1)
+            inside = ((boxed >= low) & (boxed <= high)).all(axis=1)
         total = np.where(inside, log_density, -np.inf)
         for column, prior in self._curved:
             total += prior.logpdf(theta[:, column])
@@ -277,18 +277,14 @@ class ParameterSpace:
         return [(column, p) for column, p in enumerate(self.priors.values()) if not p.flat]
 
     @cached_property
-    def _floor(self) -> Array:
-        """Above which each of the box must be: zero, where its coordinate does not say otherwise."""
-        free = [self.unknowns[column].signed for column in self.box[0]]
-        return np.where(free, -np.inf, 0.0)
-
-    @cached_property
-    def box(self) -> tuple[list[int], Array, Array, float]:
-        """Return all uniform priors at once: columns, lower and upper ends, log density inside."""
-        boxes = {c: p for c, p in enumerate(self.priors.values()) if p.flat}
-        low = np.array([p.low for p in boxes.values()])
-        high = np.array([p.high for p in boxes.values()])
-        return list(boxes), low, high, -float(np.log(high - low).sum())
+    def _box(self) -> tuple[list[int], Array, Array, float]:
+        """All uniform priors at once: columns, least and greatest values, log density inside."""
+        boxes = {c: u for c, u in enumerate(self.unknowns) if u.prior.flat}
+        low = np.array([u.prior.low for u in boxes.values()])
+        high = np.array([u.prior.high for u in boxes.values()])
+        # Zero itself is none where a coordinate is a log.
+        least = np.where([u.signed for u in boxes.values()], low, np.maximum(low, TINIEST))
+        return list(boxes), least, high, -float(np.log(high - low).sum())
 
     def draw(self, n: int, rng: np.random.Generator) -> Array:
         """Draw `(n, D)` from the prior, also what `bounding` relations exclude."""

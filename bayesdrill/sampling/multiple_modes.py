@@ -20,7 +20,7 @@ import scipy
 from numpy.typing import NDArray
 
 from bayesdrill.basics.arrays import Array
-from bayesdrill.inference.laplace import LogDensity, PosteriorLogDensity
+from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.rig.models.linear import dynamics
 from bayesdrill.sampling.gauss_newton import gauss_newton
@@ -149,7 +149,7 @@ def shares_held(posterior: Posterior, ends: Array) -> Array:
     """Return the share of the posterior of each maximum `ends (M, D)`, by Laplace: `(M,)`, sum 1."""
     if len(ends) == 1:
         return np.ones(1)
-    over = PosteriorLogDensity(posterior)
+    over = LogDensity(posterior)
     here = over.quadratic_model(ends, np.eye(ends.shape[1]))
     scaled = here.curvature * np.outer(over.spread, over.spread) + np.eye(ends.shape[1])
     log_mass = here.value - 0.5 * np.linalg.slogdet(scaled)[1]
@@ -172,14 +172,14 @@ class NearbyStarts:
     missed_share: float
 
 
-def nearby_starts(surface: PosteriorLogDensity, u: Array) -> NearbyStarts:
+def nearby_starts(surface: LogDensity, u: Array) -> NearbyStarts:
     """Return starts from which a search may find other maxima than the one at `u (D,)`."""
     aliased, returned = alias_starts(surface, u), scan_starts(surface, u)
     missed_share = max(aliased.missed_share, returned.missed_share)
     return NearbyStarts(np.concatenate([aliased.u, returned.u]), missed_share)
 
 
-def alias_starts(surface: PosteriorLogDensity, u: Array) -> NearbyStarts:
+def alias_starts(surface: LogDensity, u: Array) -> NearbyStarts:
     """Return points where a pair of poles swings at an alias of its frequency at `u (D,)`."""
     posterior = surface.posterior
     here = frequencies(posterior, u[None])[0]
@@ -194,7 +194,7 @@ def alias_starts(surface: PosteriorLogDensity, u: Array) -> NearbyStarts:
     return NearbyStarts(np.concatenate(aliases), missed_share)
 
 
-def _heaviest(surface: PosteriorLogDensity, at: Array) -> tuple[Array, float]:
+def _heaviest(surface: LogDensity, at: Array) -> tuple[Array, float]:
     """The `MAX_ALIASES` near `at (n, D)` that hold most, and their share of what all of them hold."""
     if len(at) <= MAX_ALIASES:
         return at, 1.0
@@ -204,7 +204,7 @@ def _heaviest(surface: PosteriorLogDensity, at: Array) -> tuple[Array, float]:
     return u[most], float(shares[most].sum())
 
 
-def scan_starts(surface: PosteriorLogDensity, u: Array) -> NearbyStarts:
+def scan_starts(surface: LogDensity, u: Array) -> NearbyStarts:
     """Return maxima along each unknown by itself, but for that of `u (D,)`."""
     posterior, maxima, missed_share = surface.posterior, list[Array](), 0.0
     step = min(
@@ -303,7 +303,7 @@ def frequencies(posterior: Posterior, u: Array) -> Array:
     return np.asarray(swings[:, ::-1][:, : SETTINGS.pole_pairs])
 
 
-def _slopes(surface: PosteriorLogDensity, u: Array, pair: int) -> tuple[Array, Array]:
+def _slopes(surface: LogDensity, u: Array, pair: int) -> tuple[Array, Array]:
     """Logs of the frequency of a pair at `u (W, D)`, and their slopes over the priors' spreads."""
     n, d = u.shape
     steps = SETTINGS.slope_step * np.diag(surface.spread)
@@ -316,7 +316,7 @@ def _slopes(surface: PosteriorLogDensity, u: Array, pair: int) -> tuple[Array, A
     return logs[:n], np.where(np.isfinite(slope), slope, 0.0)
 
 
-def _frequency_range(surface: PosteriorLogDensity, u: Array) -> tuple[Array, Array]:
+def _frequency_range(surface: LogDensity, u: Array) -> tuple[Array, Array]:
     """Return the slowest and fastest of each pair of poles from `u (D,)` to the ends of the priors."""
     ends = []
     for pair in range(SETTINGS.pole_pairs):
@@ -328,7 +328,7 @@ def _frequency_range(surface: PosteriorLogDensity, u: Array) -> tuple[Array, Arr
     return low, high
 
 
-def _at_frequencies(surface: PosteriorLogDensity, u: Array, pair: int, wanted: Array) -> Array:
+def _at_frequencies(surface: LogDensity, u: Array, pair: int, wanted: Array) -> Array:
     """Return the points `(m, D)` nearest to `u (D,)` at which a pair swings as `wanted (n,)`.
 
     Nearest in the priors' spreads; those that are not reached are left out.

@@ -13,7 +13,7 @@ from together import for_each
 import bayesdrill as bd
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.suspicions import half_sample_shift
-from bayesdrill.inference.laplace import PosteriorLogDensity
+from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.inference.likelihood import Likelihood
 from bayesdrill.inference.noise.contract import NoisyChannel
 from bayesdrill.inference.noise.white import White
@@ -69,7 +69,7 @@ def believed(record: Experiment) -> Posterior:
 
 
 def best(posterior: Posterior) -> np.ndarray:
-    surface = PosteriorLogDensity(posterior, physical=True)
+    surface = LogDensity(posterior, physical=True)
     start = posterior.space.vector(posterior.space.start)
     top = gauss_newton(surface, posterior.coordinates.from_physical(start[None]), 60)
     return posterior.coordinates.to_physical(top.u)[0]

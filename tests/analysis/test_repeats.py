@@ -11,7 +11,7 @@ from rigs import experiment, likelihood_of, unknown, vector
 
 from bayesdrill.analysis.comparison import RepeatedProduct, repeats
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
-from bayesdrill.inference.laplace import PosteriorLogDensity
+from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.inference.likelihood import Likelihood, Observation
 from bayesdrill.inference.noise.contract import NoisyChannel
 from bayesdrill.inference.noise.white import White
@@ -56,7 +56,7 @@ def compared(stiffer: float, seed: int = 0) -> tuple[RepeatedProduct, ...]:
     space = ParameterSpace(model=ORDER, unknowns=unknowns, fixed=fixed)
     likelihood = Likelihood.joint(space, parts)
     posterior = Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates())
-    surface = PosteriorLogDensity(posterior, physical=True)
+    surface = LogDensity(posterior, physical=True)
     start = posterior.coordinates.from_physical(space.vector(space.start)[None])
     theta = posterior.coordinates.to_physical(gauss_newton(surface, start, 40).u)[0]
     return repeats(SensitivityStudy(likelihood), theta, [(1, 0, 0), (0, 1, -1), (0, 0, 1)])

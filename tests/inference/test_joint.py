@@ -11,7 +11,7 @@ from together import for_each
 
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.inference import laplace
-from bayesdrill.inference.laplace import PosteriorLogDensity
+from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import LogNormal, TruncatedNormal, Uniform
 from bayesdrill.inference.unknowns import Unknown
@@ -105,7 +105,7 @@ def _with_counts(noise: object, counts: tuple[int, ...]) -> object:
 def test_slopes_of_the_joint_density_are_its_differences() -> None:
     """Along every kind of unknown, signed or not; mutant killed: a step of sensors taken for a log."""
     posterior = target()
-    surface = PosteriorLogDensity(posterior)
+    surface = LogDensity(posterior)
     u = posterior.coordinates.from_physical(points(posterior))
     found = surface.quadratic_model(u, np.eye(u.shape[1]))
     h = 1e-5 * np.minimum(surface.spread, 1.0)

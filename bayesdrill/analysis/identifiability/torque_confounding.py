@@ -15,7 +15,7 @@ import numpy as np
 
 from bayesdrill.analysis.identifiability.structure import Exponents
 from bayesdrill.basics.arrays import Array, Counts
-from bayesdrill.inference.laplace import PosteriorLogDensity
+from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.noise.mixed import ChannelNoise, Mixed
 from bayesdrill.inference.noise.white import White
@@ -46,10 +46,7 @@ class TorqueRemedy:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TorqueConfounding:
-    """A parameter that a missing torque can stand in for.
-
-    The sd of a log with the torque, without it, and before the record.
-    """
+    """A parameter that a missing torque can stand in for: sd of its log with it, without, and before."""
 
     name: str
     at: TorqueLocation
@@ -154,7 +151,7 @@ def _information(posterior: Posterior, theta: Array, before: Array, seeds: Count
             observation.draw(observation.signals(full), theta[None], rng)[0]
             for observation in posterior.likelihood.observations
         ]
-        surface = PosteriorLogDensity(posterior.edit(records=drawn))
+        surface = LogDensity(posterior.edit(records=drawn))
         curvature = surface.record_slopes(theta[None], np.diag(steps))[1][0]
         total = total + curvature / len(seeds)
     return np.asarray(total)

@@ -9,6 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.priors import Prior
 from bayesdrill.inference.unknowns import Unknown
 from bayesdrill.record.experiment import Channel
@@ -162,6 +163,25 @@ class ChannelNumbers:
     def free(self) -> list[int]:
         """Return the channels where it is unknown."""
         return [k for k, value in enumerate(self.fixed) if value is None]
+
+    def unknowns(
+        self, channels: Sequence[NoisyChannel], letter: str, meaning: str, **declared: Any
+    ) -> tuple[Unknown, ...]:
+        """Return the unknown numbers, `<letter>_<channel>`, with what else is `declared` of them."""
+        return tuple(
+            Unknown(
+                symbol=Symbol(
+                    name=f"{letter}_{channel.name}",
+                    unit="1",
+                    latex=rf"\{letter}_{{{channel.latex}}}",
+                    latex_unit="",
+                    meaning=f"{meaning} the noise of channel {channel.name}",
+                ),
+                role="noise",
+                **declared,
+            )
+            for channel in (channels[k].channel for k in self.free)
+        )
 
     def values(self, theta: Array) -> Array:
         """Return the numbers of all channels `(W, K)`."""
