@@ -75,7 +75,7 @@ def believed(
         fixed={name: values[name] for name in rig.parameters if name not in FREE},
     )
     likelihood = likelihood_of(space, (simulator(rig, seen, ObservationModel()), scatter))
-    return Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates())
+    return Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates)
 
 
 def best(posterior: Posterior) -> np.ndarray:

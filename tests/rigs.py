@@ -112,7 +112,7 @@ def posterior(
     return Posterior(
         space=space,
         likelihood=likelihood_of(space, (simulator, scatter)),
-        coordinates=space.coordinates(),
+        coordinates=space.coordinates,
     )
 
 

@@ -115,7 +115,7 @@ class Observation:
 
     `parameters`, `noise_names`: what its simulator's parameters and its noise's unknowns are called
     among those of all; `columns`, `noise_columns`: where these stand in `full`, None for all of it,
-    and in `theta`, once it is bound.  `label`: its name among several.
+    and in `theta`, once it is bound to their `space`.  `label`: its name among several.
     """
 
     response: Simulator
@@ -125,6 +125,7 @@ class Observation:
     label: str = ""
     columns: list[int] | None = None
     noise_columns: slice | list[int] = slice(0)
+    space: ParameterSpace | None = None
 
     def bind(self, space: ParameterSpace) -> Self:
         """Return it with its columns among the parameters and unknowns of all."""
@@ -133,7 +134,7 @@ class Observation:
             columns = None
         of_noise = [space.free.index(name) for name in self.noise_names]
         noise_columns = _column_index(of_noise, len(space.free))
-        return dataclasses.replace(self, columns=columns, noise_columns=noise_columns)
+        return dataclasses.replace(self, columns=columns, noise_columns=noise_columns, space=space)
 
     @property
     def experiment(self) -> Experiment:

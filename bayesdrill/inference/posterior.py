@@ -60,7 +60,7 @@ class Posterior:
         if records:
             pairs = zip(observations, records, strict=True)
             observations = tuple(observation.with_record(y) for observation, y in pairs)
-        coordinates = self.coordinates if space is self.space else space.coordinates()
+        coordinates = self.coordinates if space is self.space else space.coordinates
         return Posterior(space, Likelihood(observations, space, held_out), coordinates)
 
     def __call__(self, z: Array) -> Array:

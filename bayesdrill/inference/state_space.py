@@ -18,7 +18,7 @@ import numpy as np
 
 from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.inference.likelihood import Directions, Observation
-from bayesdrill.inference.unknowns import ParameterSpace, Unknown
+from bayesdrill.inference.unknowns import Unknown
 from bayesdrill.rig.models.latent_torque import SIZE, TIME
 from bayesdrill.rig.simulators.compressed_filter import (
     CompressedFilter,
@@ -38,18 +38,14 @@ class LatentTorqueObservation(Observation):
     `noise`: of the sensors, white; `kalman_filter`: of the simulator's rig and experiment;
     `process`: of `SIZE` and `TIME` of the torque, the number or the unknown.
 
-    Arguments of the kernels `(W, n + P)` are its unknowns, and then the parameters of the simulator.
+    Arguments of the kernels `(W, n + P)` are its unknowns, those of the noise first, and then the
+    parameters of the simulator.  A noise, whose sizes are the first, takes all of them.
     `fixed (P,)`: what counts instead, where given: the covariance of one rig, whatever is left.
     """
 
     kalman_filter: KalmanFilter
     process: Mapping[str, float | Unknown]
-    space: ParameterSpace | None = None
     fixed: tuple[float, ...] | None = None
-
-    def bind(self, space: ParameterSpace) -> LatentTorqueObservation:
-        """Return it with its columns among the parameters and unknowns of all."""
-        return dataclasses.replace(Observation.bind(self, space), space=space)
 
     def with_simulator(
         self, response: Simulator, parameters: Sequence[str]
@@ -135,10 +131,7 @@ class LatentTorqueObservation(Observation):
     def _filter_arguments(self, theta: Array, full: Array | None = None) -> tuple[Array, Array]:
         """Parameters of rig and torque `(W, P + 2)`, and scales of the sensors `(W, K)`."""
         kernel_arguments = self._kernel_arguments(theta, full)
-        return self._of_process(kernel_arguments), self._scales(kernel_arguments)
-
-    def _levels(self, theta: Array) -> Array:
-        return theta[..., : len(self.noise.unknowns)]
+        return self._of_process(kernel_arguments), self.noise.scales(kernel_arguments)
 
     def _of_process(self, kernel_arguments: Array) -> Array:
         """Of the rig and its torque, `(..., P + 2)`."""
@@ -161,16 +154,9 @@ class LatentTorqueObservation(Observation):
                 out[..., k] = value
         return out
 
-    def _scales(self, kernel_arguments: Array) -> Array:
-        return self.noise.scales(self._levels(kernel_arguments))
-
     def sizes(self, theta: Array) -> Array:
         """Return size and time of the torque, `(W, 2)`."""
         return self._sizes(theta[:, self.noise_columns])
-
-    def scales(self, theta: Array) -> Array:
-        """Return standard deviations of the sensors alone `(W, K)`, SI."""
-        return self._scales(theta[:, self.noise_columns])
 
     # Densities.
 
@@ -231,7 +217,7 @@ class LatentTorqueObservation(Observation):
     def replicate(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
         """Draw this record once more `(W, T, K)`: with fresh noise, and the torque that it had."""
         moved = self.sample_states(self.experiment.y - signals, theta, rng)[1]
-        return self.noise.draw(signals + moved, self._levels(theta[:, self.noise_columns]), rng)
+        return self.noise.draw(signals + moved, theta[:, self.noise_columns], rng)
 
     def _whitened(self, samples: Array, theta: Array) -> tuple[Array, Array]:
         with np.errstate(all="ignore"):
@@ -259,7 +245,7 @@ class LatentTorqueObservation(Observation):
 
         `residuals (W, T, K)` change by `slopes (W, q, T, K)`, arguments by `along (W, q, n + P)`.
         """
-        n, q = along.shape[:2]
+        scales, (n, q) = self.noise.scales, along.shape[:2]
         slope, curvature = np.empty((n, q)), np.empty((n, q, q))
         chunk = max(1, int(MAX_SLOPE_BYTES / (64 * q * max(residuals[0].size, 1))))
         for rows in (slice(k, k + chunk) for k in range(0, n, chunk)):
@@ -270,7 +256,7 @@ class LatentTorqueObservation(Observation):
             with np.errstate(all="ignore"):
                 results = self.kalman_filter.slopes(
                     (self._of_process(repeated), self._of_process(moved) - self._of_process(still)),
-                    (self._scales(repeated), self._scales(moved) - self._scales(still)),
+                    (scales(repeated), scales(moved) - scales(still)),
                     (np.repeat(residuals[rows], q, axis=0), shifts),
                 )
             white, change, variance, wider = (

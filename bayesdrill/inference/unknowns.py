@@ -200,6 +200,7 @@ class ParameterSpace:
         changed = (dataclasses.replace(u, prior=priors.get(u.name, u.prior)) for u in self.unknowns)
         return dataclasses.replace(self, unknowns=tuple(changed))
 
+    @cached_property
     def coordinates(self) -> Coordinates:
         """Return the coordinates in which samplers walk."""
         return Coordinates(
@@ -227,25 +228,18 @@ class ParameterSpace:
 
         Noise is left out.  What need not be positive counts by itself over its `scale`.
         """
-        steps = self._steps
+        columns, steps = self.columns(*SIMULATOR_ROLES), self.coordinates.natural(theta)
         duals: dict[str, Dual | float] = dict(self.fixed)
-        for row, (name, step) in enumerate(steps.items()):
-            column_ = theta[:, row, None]
-            by = column_ if step is None else np.full_like(column_, step)
-            duals[name] = Dual(column_, by * np.eye(len(steps))[row])
+        for column, unit in zip(columns, np.eye(len(columns)), strict=True):
+            name, x = self.free[column], theta[:, column, None]
+            duals[name] = Dual(x, steps[:, column, None] * unit)
         duals |= {name: r.value(duals) for name, r in self.relations.items()}
-        out = np.zeros((len(theta), len(steps), len(self.model)))
+        out = np.zeros((len(theta), len(columns), len(self.model)))
         for column, name in enumerate(self.model):
             value = duals[name]
             if isinstance(value, Dual):
                 out[:, :, column] = value.slope
         return out
-
-    @cached_property
-    def _steps(self) -> dict[str, float | None]:
-        """Of what simulators are told: of what need not be positive its scale, or None."""
-        moving = [self.unknowns[k] for k in self.columns(*SIMULATOR_ROLES)]
-        return {u.name: u.scale if u.signed else None for u in moving}
 
     def vector(self, values: Mapping[str, float]) -> Array:
         """Return `(D,)` from named values."""

@@ -65,7 +65,7 @@ def believed(record: Experiment) -> Posterior:
     )
     rig = simulator(MotorShaft(), record, ObservationModel())
     likelihood = likelihood_of(space, (rig, White.from_channels(noisy, N)))
-    return Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates())
+    return Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates)
 
 
 def best(posterior: Posterior) -> np.ndarray:

@@ -55,7 +55,7 @@ def compared(stiffer: float, seed: int = 0) -> tuple[RepeatedProduct, ...]:
     fixed = {name: NOMINAL[name] for name in ORDER if name not in FREE}
     space = ParameterSpace(model=ORDER, unknowns=unknowns, fixed=fixed)
     likelihood = Likelihood.joint(space, parts)
-    posterior = Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates())
+    posterior = Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates)
     surface = LogDensity(posterior, physical=True)
     start = posterior.coordinates.from_physical(space.vector(space.start)[None])
     theta = posterior.coordinates.to_physical(gauss_newton(surface, start, 40).u)[0]

@@ -64,7 +64,7 @@ def shaken(at: TorqueLocation, rng: np.random.Generator) -> tuple[Posterior, np.
         model=base.space.model, unknowns=(*base.space.unknowns, *observed.unknowns), fixed={}
     )
     likelihood = Likelihood.joint(space, [observed])
-    made = Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates())
+    made = Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates)
     return made, SIZE * states[0, :, found.augmented.states.index("torque")]
 
 

@@ -273,7 +273,7 @@ def target(name: str) -> Posterior:
         fixed={p: NOMINAL[p] for p in PARAMETERS if p not in free},
     )
     likelihood = likelihood_of(space, (clean.with_record(y), of))
-    return Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates())
+    return Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates)
 
 
 @together("name", MADE)
@@ -329,7 +329,7 @@ def test_two_records_say_together_what_each_says() -> None:
     apart = one.likelihood(theta[:, :5]) + two.likelihood(theta[:, [0, 1, 2, 5, 6]])
     assert both(theta) == pytest.approx(apart)
     assert both.n_measured == one.likelihood.n_measured + two.likelihood.n_measured
-    whole = Posterior(space=space, likelihood=both, coordinates=space.coordinates())
+    whole = Posterior(space=space, likelihood=both, coordinates=space.coordinates)
     u = whole.coordinates.from_physical(theta)
     found = LogDensity(whole).quadratic_model(u, np.eye(7))
     for d in range(7):

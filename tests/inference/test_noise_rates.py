@@ -59,7 +59,7 @@ class Bench:
             fixed={p: NOMINAL[p] for p in PARAMETERS if p not in FREE},
         )
         likelihood = likelihood_of(space, (self.rig.with_record(y), noise))
-        return Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates())
+        return Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates)
 
     def record(self, seed: int) -> np.ndarray:
         """By its own recurrence, no noise of the house."""

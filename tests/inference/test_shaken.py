@@ -67,7 +67,7 @@ def target(*, gaps: bool = False) -> Posterior:
     unknowns = (*base.space.unknowns, *observed.unknowns)
     space = ParameterSpace(model=ORDER, unknowns=unknowns, fixed={})
     likelihood = Likelihood.joint(space, [observed])
-    return Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates())
+    return Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates)
 
 
 def points(n: int = 4) -> np.ndarray:

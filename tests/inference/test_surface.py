@@ -42,7 +42,7 @@ def tied() -> Posterior:
     )
     old = target.likelihood.only_observation
     likelihood = likelihood_of(space, (old.response, old.noise))
-    return Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates())
+    return Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates)
 
 
 TARGETS: dict[str, Callable[[], Posterior]] = {

@@ -64,7 +64,7 @@ def build_problem(case: ResolvedCase, records: Sequence[Experiment]) -> Problem:
     posterior = Posterior(
         space=unknowns,
         likelihood=Likelihood.joint(unknowns, parts, case.held_out),
-        coordinates=unknowns.coordinates(),
+        coordinates=unknowns.coordinates,
     )
     if config.model.pieces is None:
         start = unknowns.vector(unknowns.start)
