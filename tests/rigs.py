@@ -12,10 +12,10 @@ from oracles import NOMINAL, ORDER
 
 from bayesdrill.basics.symbols import PARAMETERS, own_symbol
 from bayesdrill.inference import laplace
-from bayesdrill.inference.likelihood import Likelihood, Observation
+from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.noise.contract import Noise, NoisyChannel
 from bayesdrill.inference.noise.white import White
-from bayesdrill.inference.posterior import Posterior
+from bayesdrill.inference.posterior import Likelihood, Posterior
 from bayesdrill.inference.priors import Prior, Uniform
 from bayesdrill.inference.unknowns import ParameterSpace, Transform, Unknown
 from bayesdrill.record.experiment import Channel, Experiment

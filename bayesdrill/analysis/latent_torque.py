@@ -19,7 +19,7 @@ import numpy as np
 
 from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.inference.derived import HDI_PROBABILITY
-from bayesdrill.inference.likelihood import LatentTorque, Observation
+from bayesdrill.inference.likelihood import LatentTorqueObservation, Observation
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.record.experiment import with_states
 from bayesdrill.rig.models.latent_torque import TORQUE, LoadedModel, TorqueLocation
@@ -156,7 +156,7 @@ def _estimate(
 
 
 def _states(
-    observation: Observation, torque: LatentTorque, motion: Array, more: Array
+    observation: Observation, torque: LatentTorqueObservation, motion: Array, more: Array
 ) -> dict[str, Array]:
     """With what the torque moves; an angle of which nothing tells follows from its speed."""
     augmented, t = torque.kalman_filter.augmented, np.asarray(observation.experiment.t)

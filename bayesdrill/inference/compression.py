@@ -15,8 +15,8 @@ import numpy as np
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.inference import laplace
-from bayesdrill.inference.likelihood import Likelihood, Observation
-from bayesdrill.inference.posterior import Posterior
+from bayesdrill.inference.likelihood import Observation
+from bayesdrill.inference.posterior import Likelihood, Posterior
 from bayesdrill.rig.simulators.rational_basis import CompressionError
 
 LONG = 4096  # samples: below, an exact evaluation takes hardly longer

@@ -16,10 +16,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayesdrill.basics.arrays import Array, Flags
-from bayesdrill.inference.likelihood import Directions, directional_curvature, directional_slope
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Prior, prior_log_sd, prior_sd
-from bayesdrill.inference.unknowns import SIMULATOR_ROLES, Coordinates, Unknown
+from bayesdrill.inference.unknowns import (
+    SIMULATOR_ROLES,
+    Coordinates,
+    Directions,
+    Unknown,
+    directional_curvature,
+    directional_slope,
+)
 
 _STEP = 1e-5  # of a log: central differences then err by about 1e-10
 

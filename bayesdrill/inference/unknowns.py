@@ -92,6 +92,36 @@ class Coordinates:
         return out
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Directions:
+    """Directions along which slopes are wanted, at unknowns `theta (W, D)`.
+
+    `full (W, P)`: their parameters; `columns (D, q)`: directions of coordinates, and
+    `parameter_directions (W, q, P)` of parameters, None where none moves.  `slopes (W, D)`: d
+    unknown / d coordinate; `by_log`: of its log, or of itself where it need not be positive.
+    """
+
+    theta: Array
+    full: Array
+    columns: Array
+    parameter_directions: Array | None
+    slopes: Array
+    by_log: Array
+
+
+def directional_slope(slope: Array, directions: Array) -> Array:
+    """Return `slope (W, D)` along `directions (D, q)`: `(W, q)`.
+
+    Point by point: one product of all of them rounds as their number has it.
+    """
+    return np.asarray((slope[:, None, :] @ directions)[:, 0])
+
+
+def directional_curvature(directions: Array, curvature: Array) -> Array:
+    """Return the diagonal `curvature (W, D)` along `directions (D, q)`: `(W, q, q)`."""
+    return np.asarray((curvature[:, None, :] * directions.T) @ directions)
+
+
 Role = Literal["rig", "quantity", "sensor", "start", "noise"]
 # What a simulator is told.
 SIMULATOR_ROLES: tuple[Role, ...] = ("rig", "quantity", "sensor", "start")
@@ -252,8 +282,9 @@ class ParameterSpace:
         with np.errstate(invalid="ignore"):
             inside = ((boxed >= low) & (boxed <= high)).all(axis=1)
         total = np.where(inside, log_density, -np.inf)
-        for column, prior in self._curved:
-            total += prior.logpdf(theta[:, column])
+        for column, unknown in enumerate(self.unknowns):
+            if not unknown.prior.flat:
+                total += unknown.prior.logpdf(theta[:, column])
         if self.bounding:
             named = self.named(theta)
             for name in self.bounding:  # what no positive number comes out of is impossible
@@ -264,11 +295,6 @@ class ParameterSpace:
     def bounding(self) -> tuple[str, ...]:
         """Return parameters whose relation may give something else than a positive number."""
         return tuple(name for name, r in self.relations.items() if not r.positive)
-
-    @cached_property
-    def _curved(self) -> list[tuple[int, Prior]]:
-        """Priors that are not in the box, with their columns."""
-        return [(column, p) for column, p in enumerate(self.priors.values()) if not p.flat]
 
     @cached_property
     def _box(self) -> tuple[list[int], Array, Array, float]:

@@ -14,10 +14,9 @@ import bayesdrill as bd
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.suspicions import half_sample_shift
 from bayesdrill.inference.laplace import LogDensity
-from bayesdrill.inference.likelihood import Likelihood
 from bayesdrill.inference.noise.contract import NoisyChannel
 from bayesdrill.inference.noise.white import White
-from bayesdrill.inference.posterior import Posterior
+from bayesdrill.inference.posterior import Likelihood, Posterior
 from bayesdrill.inference.priors import Uniform
 from bayesdrill.inference.residual_checks import like_noise
 from bayesdrill.inference.unknowns import ParameterSpace

@@ -12,9 +12,9 @@ from rigs import measured, posterior, replace_only
 from together import for_each
 
 from bayesdrill.basics.units import SECOND
-from bayesdrill.inference.likelihood import Likelihood
 from bayesdrill.inference.noise import NOISES
 from bayesdrill.inference.noise.contract import NoisyChannel
+from bayesdrill.inference.posterior import Likelihood
 from bayesdrill.inference.residual_checks import FALSE_ALARM, ResidualSummary, residual_summaries
 from bayesdrill.report.sections import fit_words as words
 from bayesdrill.tasks import run_entries

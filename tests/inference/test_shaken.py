@@ -18,12 +18,11 @@ from shaken import covariance, process
 
 from bayesdrill.inference import compression, laplace
 from bayesdrill.inference.laplace import LogDensity
-from bayesdrill.inference.likelihood import Likelihood
+from bayesdrill.inference.likelihood import LatentTorqueObservation
 from bayesdrill.inference.noise.white import White
-from bayesdrill.inference.posterior import Posterior
+from bayesdrill.inference.posterior import Likelihood, Posterior
 from bayesdrill.inference.priors import LogUniform, Uniform
 from bayesdrill.inference.residual_checks import residual_summaries
-from bayesdrill.inference.state_space import LatentTorqueObservation
 from bayesdrill.inference.unknowns import ParameterSpace, Unknown
 from bayesdrill.rig.models.latent_torque import MissingTorque
 from bayesdrill.rig.models.motor_shaft import MotorShaft

@@ -22,7 +22,8 @@ import numpy as np
 from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.compression import first_samples
 from bayesdrill.inference.laplace import natural_sd
-from bayesdrill.inference.likelihood import Likelihood, Observation
+from bayesdrill.inference.likelihood import Observation
+from bayesdrill.inference.posterior import Likelihood
 from bayesdrill.inference.unknowns import SIMULATOR_ROLES
 from bayesdrill.record.experiment import with_states
 

@@ -68,8 +68,7 @@ def find_confounded(
     known = _information(posterior, theta, before, seeds)
     if not np.isfinite(known).all():
         return ()
-    names, unknowns = posterior.space.free, enumerate(posterior.space.unknowns)
-    rig = [k for k, unknown in unknowns if unknown.role in ("rig", "quantity")]
+    names, rig = posterior.space.free, posterior.space.columns("rig", "quantity")
     sds = np.sqrt(np.diag(np.linalg.inv(known)))
     without = posterior.edit(each=lambda o: o.torque.scale_torque(NO_TORQUE) if o.torque else o)
     nothing = theta.copy()

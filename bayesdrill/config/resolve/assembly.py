@@ -20,9 +20,9 @@ from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import IssueCollector, Location
 from bayesdrill.inference import step_error
 from bayesdrill.inference.display_units import DisplayUnits
-from bayesdrill.inference.likelihood import Likelihood, Observation
+from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.noise.mixed import noise_for_record
-from bayesdrill.inference.posterior import Posterior, Problem
+from bayesdrill.inference.posterior import Likelihood, Posterior, Problem
 from bayesdrill.inference.unknowns import Unknown, labelled_name
 from bayesdrill.record.experiment import Experiment, raise_if_any
 from bayesdrill.rig.simulators import simulator

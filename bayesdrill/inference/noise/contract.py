@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -13,6 +14,7 @@ from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.priors import Prior
 from bayesdrill.inference.unknowns import Unknown
 from bayesdrill.record.experiment import Channel
+from bayesdrill.rig.simulators.contract import Simulator
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,6 +58,46 @@ class Residuals(Protocol):
     @property
     def samples(self) -> Array:
         """Return all residuals `(W, T, K)`."""
+
+
+@dataclass(frozen=True)
+class SimulatorResiduals:
+    """Measured minus model, each sum as it is first asked for.
+
+    `full (W, P)`: parameters of this simulator alone.  Samples are NaN where nothing was measured.
+    `over_scales (W, K)`: sums of squares over the noise's scales, where a kernel has given them.
+    """
+
+    response: Simulator
+    full: Array
+    over_scales: Array | None = None
+
+    @cached_property
+    def squares(self) -> Array:
+        """Return sums of squares `(W, K)`."""
+        return self.response.squares(self.full)
+
+    @cached_property
+    def samples(self) -> Array:
+        """Return all residuals `(W, T, K)`."""
+        return np.asarray(self.response.experiment.y - self.response.signals(self.full))
+
+    def weighted_squares(self, weights: Array) -> Array:
+        """Return sums of squares `(W, K)` of the residuals times `weights`."""
+        return self.squares * weights**2 if self.over_scales is None else self.over_scales
+
+    @cached_property
+    def neighbours(self) -> Array:
+        """Return sums over neighbouring samples, see `Simulator.neighbours`."""
+        return self.response.neighbours(self.full)
+
+    def logs(self, weights: Array) -> Array:
+        """Return sums of logs, see `Simulator.logs`."""
+        return self.response.logs(self.full, weights)
+
+    def intervals(self, over: Array, half: Array) -> Array:
+        """Return sums over intervals, see `Simulator.intervals`."""
+        return self.response.intervals(self.full, over, half)
 
 
 class Noise(Protocol):
@@ -168,20 +210,13 @@ class ChannelNumbers:
         self, channels: Sequence[NoisyChannel], letter: str, meaning: str, **declared: Any
     ) -> tuple[Unknown, ...]:
         """Return the unknown numbers, `<letter>_<channel>`, with what else is `declared` of them."""
-        return tuple(
-            Unknown(
-                symbol=Symbol(
-                    name=f"{letter}_{channel.name}",
-                    unit="1",
-                    latex=rf"\{letter}_{{{channel.latex}}}",
-                    latex_unit="",
-                    meaning=f"{meaning} the noise of channel {channel.name}",
-                ),
-                role="noise",
-                **declared,
-            )
-            for channel in (channels[k].channel for k in self.free)
-        )
+        unknowns = []
+        for channel in (channels[k].channel for k in self.free):
+            latex = rf"\{letter}_{{{channel.latex}}}"
+            about = f"{meaning} the noise of channel {channel.name}"
+            symbol = Symbol(f"{letter}_{channel.name}", "1", latex, "", about)
+            unknowns.append(Unknown(symbol=symbol, role="noise", **declared))
+        return tuple(unknowns)
 
     def values(self, theta: Array) -> Array:
         """Return the numbers of all channels `(W, K)`."""

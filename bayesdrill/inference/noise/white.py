@@ -37,7 +37,7 @@ class White:
     @classmethod
     def from_channels(cls, channels: Sequence[NoisyChannel], n_samples: int) -> White:
         """Build the noise of these channels; those whose sigma is a prior become unknowns."""
-        known, unknowns = dict[int, float](), []
+        known, levels = dict[int, float](), []
         for k, noisy in enumerate(channels):
             if isinstance(noisy.sigma, float):
                 known[k] = noisy.sigma
@@ -45,9 +45,9 @@ class White:
             c = noisy.channel
             symbol = noise_symbol(c.name, c.unit, c.latex, c.latex_unit)
             level = Unknown(symbol=symbol, role="noise", prior=noisy.sigma, start=noisy.start)
-            unknowns.append(level)
-        n_channels, levels = len(channels), tuple(unknowns)
-        return cls(n_samples=n_samples, known=known, n_channels=n_channels, unknowns=levels)
+            levels.append(level)
+        n, unknowns = len(channels), tuple(levels)
+        return cls(n_samples=n_samples, known=known, n_channels=n, unknowns=unknowns)
 
     @property
     def unknown(self) -> tuple[int, ...]:
