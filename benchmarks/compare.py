@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 import bayesdrill as bd
 from bayesdrill.analysis.comparison import ModelDecision, RunSummary, decide
 from bayesdrill.config.job import Job
-from bayesdrill.inference.laplace import PosteriorLogDensity
+from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.sampling.fit import FitPlan, fit
 from bayesdrill.sampling.gauss_newton import gauss_newton
@@ -158,7 +158,7 @@ class Bench:
     def wrong(self, clean: Array, theta: Array) -> float:
         """Root mean square of what the rig as given leaves of signals without noise."""
         posterior = of(self.known, clean).problem.posterior
-        surface = PosteriorLogDensity(posterior, physical=True)
+        surface = LogDensity(posterior, physical=True)
         start = posterior.coordinates.from_physical(theta[None, : len(posterior.space.free)])
         best = posterior.coordinates.to_physical(gauss_newton(surface, start, 60).u)
         left = clean - posterior.likelihood.signals(best)[0]

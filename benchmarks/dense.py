@@ -41,7 +41,10 @@ def shifts(rng: np.random.Generator) -> dict[str, np.ndarray | None]:
 
 def main() -> None:
     job, rng = problem.load(), np.random.default_rng(1)
-    space, model = job.problem.posterior.space, job.problem.posterior.likelihood.response.model
+    space, model = (
+        job.problem.posterior.space,
+        job.problem.posterior.likelihood.only_observation.response.model,
+    )
     theta = space.full(space.vector(job.problem.nominal) * rng.uniform(0.9, 1.1, (BATCH, 1)))
     start, rows = np.zeros((BATCH, 5)), np.zeros((BATCH, 4, 7))
     rows[:, range(4), range(4)] = rng.uniform(0.9, 1.1, (BATCH, 4))

@@ -34,7 +34,7 @@ def table(job: problem.Job) -> list[str]:
     ours = best_of(lambda: target.likelihood(theta)) / BATCH
     walked = best_of(lambda: target(z)) / BATCH
     single = best_of(lambda: target.density(theta[:1]))
-    response = target.likelihood.response
+    response = target.likelihood.only_observation.response
     full = target.space.full(theta)
     own, record = layout(response.model, response.experiment), response.experiment
     numbers = [*full[0], *(record.constant[name] for name in present(record.constant))]

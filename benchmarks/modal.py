@@ -89,7 +89,7 @@ class Modal:
 
 def of(job: Job) -> Modal:
     model, constant = (
-        job.problem.posterior.likelihood.response.model,
+        job.problem.posterior.likelihood.only_observation.response.model,
         job.problem.experiment.constant,
     )
     if model.name != "motor_shaft" or len(job.problem.names) != 9 or "v" not in constant:

@@ -9,9 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from bayesdrill.inference.likelihood import SimulatorResiduals
 from bayesdrill.inference.noise import NOISES
-from bayesdrill.inference.noise.contract import NoisyChannel
+from bayesdrill.inference.noise.contract import NoisyChannel, SimulatorResiduals
 from bayesdrill.inference.priors import LogUniform
 from bayesdrill.record.experiment import Channel, Experiment
 from bayesdrill.rig.models.motor_shaft import MotorShaft

@@ -31,7 +31,7 @@ def main() -> None:
     theta = nominal * rng.uniform(0.9, 1.1, (BATCH, len(nominal)))
     plain = best_of(lambda: posterior.likelihood(theta), REPEATS) / BATCH
     print(f"without: {1e6 * plain:.2f} us")
-    response = posterior.likelihood.response
+    response = posterior.likelihood.only_observation.response
     assert isinstance(response, Response)
     sigmas = np.full((BATCH, len(response.experiment.channels)), 0.1)
     size = rng.uniform(0.01, 0.1, BATCH)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
+from rigs import replace_only
 
 from bayesdrill.analysis.calibration import CalibrationStudy
 from bayesdrill.inference.noise.contract import Residuals
@@ -33,8 +34,8 @@ class Misfit:
 def with_misfit(study: CalibrationStudy, factor: float) -> CalibrationStudy:
     """The same study, its records made as before and its posteriors wrong."""
     likelihood = study.posterior.likelihood
-    noise = Misfit(likelihood.noise, factor)
+    noise = Misfit(likelihood.only_observation.noise, factor)
     posterior = dataclasses.replace(
-        study.posterior, likelihood=likelihood.replace_only(noise=noise)
+        study.posterior, likelihood=replace_only(likelihood, noise=noise)
     )
     return dataclasses.replace(study, posterior=posterior)

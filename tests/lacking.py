@@ -9,7 +9,7 @@ from oracles import NOMINAL
 from rigs import experiment, likelihood_of, unknown
 from rubbing import Rig, simulate
 
-from bayesdrill.inference.laplace import PosteriorLogDensity
+from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.inference.noise.contract import NoisyChannel
 from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.posterior import Posterior, Problem
@@ -75,11 +75,11 @@ def believed(
         fixed={name: values[name] for name in rig.parameters if name not in FREE},
     )
     likelihood = likelihood_of(space, (simulator(rig, seen, ObservationModel()), scatter))
-    return Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates())
+    return Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates)
 
 
 def best(posterior: Posterior) -> np.ndarray:
-    surface = PosteriorLogDensity(posterior, physical=True)
+    surface = LogDensity(posterior, physical=True)
     start = posterior.space.vector(posterior.space.start)
     top = gauss_newton(surface, posterior.coordinates.from_physical(start[None]), 60)
     return np.asarray(posterior.coordinates.to_physical(top.u)[0])

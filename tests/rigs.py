@@ -5,16 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from itertools import islice
+from typing import Any
 
 import numpy as np
 from oracles import NOMINAL, ORDER
 
 from bayesdrill.basics.symbols import PARAMETERS, own_symbol
 from bayesdrill.inference import laplace
-from bayesdrill.inference.likelihood import Likelihood, Observation
+from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.noise.contract import Noise, NoisyChannel
 from bayesdrill.inference.noise.white import White
-from bayesdrill.inference.posterior import Posterior
+from bayesdrill.inference.posterior import Likelihood, Posterior
 from bayesdrill.inference.priors import Prior, Uniform
 from bayesdrill.inference.unknowns import ParameterSpace, Transform, Unknown
 from bayesdrill.record.experiment import Channel, Experiment
@@ -111,7 +112,7 @@ def posterior(
     return Posterior(
         space=space,
         likelihood=likelihood_of(space, (simulator, scatter)),
-        coordinates=space.coordinates(),
+        coordinates=space.coordinates,
     )
 
 
@@ -140,6 +141,12 @@ def near(posterior: Posterior, theta: np.ndarray, n: int, rng: np.random.Generat
         z = centre + rng.standard_normal((n, len(theta))) @ steps.T
         kept = np.concatenate([kept, z[np.isfinite(posterior(z))]])
     return kept[:n]
+
+
+def replace_only(likelihood: Likelihood, **changes: Any) -> Likelihood:
+    """With another `response` or `noise` of the only observation."""
+    changed = replace(likelihood.only_observation, **changes)
+    return replace(likelihood, observations=(changed,))
 
 
 def likelihood_of(space: ParameterSpace, *pairs: tuple[Simulator, Noise]) -> Likelihood:

@@ -10,7 +10,7 @@ from scipy.stats import multivariate_t
 
 import bayesdrill as bd
 from bayesdrill.inference import laplace
-from bayesdrill.inference.laplace import PosteriorLogDensity
+from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.sampling.gauss_newton import gauss_newton
@@ -57,7 +57,7 @@ def weighed(
     """Draws about the maximum, over the coordinates, and their weights: of a proposal that is fitted to
     them until enough count.
     """
-    middle = gauss_newton(PosteriorLogDensity(target), true, 60).u[0]
+    middle = gauss_newton(LogDensity(target), true, 60).u[0]
     covariance = laplace.covariance(target, target.coordinates.to_physical(middle[None])[0])
     for k in range(ROUNDS):
         proposal = multivariate_t(middle, WIDER * covariance, df=5, seed=ROUNDS * seed + k)

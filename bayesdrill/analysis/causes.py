@@ -22,7 +22,7 @@ from bayesdrill.analysis.edits import with_candidates
 from bayesdrill.basics.arrays import Array
 from bayesdrill.inference import residual_checks, step_error
 from bayesdrill.inference.compression import excerpt
-from bayesdrill.inference.laplace import PosteriorLogDensity
+from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.inference.posterior import Posterior, Problem
 from bayesdrill.inference.residual_checks import ResidualSummary, like_noise
 from bayesdrill.sampling.gauss_newton import gauss_newton
@@ -81,7 +81,7 @@ def refit_candidate(
     candidate the same (MacKay 2003, ch. 27).
     """
     space, coordinates = posterior.space, posterior.coordinates
-    surface = PosteriorLogDensity(posterior, physical=True)
+    surface = LogDensity(posterior, physical=True)
     starts = coordinates.from_physical(_starts(posterior, near, alone))
     rows = np.clip(starts, surface.low, surface.high)
     first = gauss_newton(surface, rows, FIRST_STEPS)
@@ -95,7 +95,7 @@ def refit_candidate(
     steps = LAST_STEPS if (value + gain)[np.isfinite(value)].max() > least else 0
     if step_error.chosen_steps(posterior):
         posterior = step_error.choose_steps(posterior, coordinates.to_physical(u)[0])
-        surface = PosteriorLogDensity(posterior, physical=True)
+        surface = LogDensity(posterior, physical=True)
     top = gauss_newton(surface, u, steps)
     order = np.argsort(-top.value, kind="stable")
     u, heights = top.u[order], top.value[order]
@@ -138,7 +138,7 @@ def _starts(posterior: Posterior, near: Mapping[str, float], alone: Mapping[str,
 
 def _laplace(posterior: Posterior, u: Array) -> tuple[float, Array]:
     """The log evidence, and the sds `(D,)` of the unknowns, at the maximum `u (1, D)`."""
-    surface = PosteriorLogDensity(posterior)
+    surface = LogDensity(posterior)
     here = surface.quadratic_model(u, np.eye(u.shape[1]))
     # What a prior bends by itself is in the curvature already: of a box it is nothing.
     flat = np.maximum(1.0 / surface.spread**2 - surface.prior_derivatives(u)[1][0], 0.0)
@@ -300,7 +300,7 @@ def _fit_with_table(
     """With the unknown `which` of those tried, or with nothing: its value, and the likelihood."""
     ends = np.stack([start, start])
     ends[:, [*table]] = np.transpose([*table.values()])
-    surface = PosteriorLogDensity(wider, physical=True)
+    surface = LogDensity(wider, physical=True)
     fixed = np.zeros(len(start), dtype=bool)
     fixed[[*table, *tried]] = True
     rows = np.repeat(start[None], len(START_SHARES), axis=0)

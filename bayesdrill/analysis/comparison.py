@@ -249,9 +249,7 @@ FALSE_ALARM = 0.01  # of sets of repeats of one rig, any product at all
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RepeatedProduct:
-    """A product of unknowns as each of several experiments has it.
-
-    A product: how far each experiment (by name) puts its log from the joint one, and each one's sd.
+    """A product: how far each experiment (by name) puts its log from the joint one, and each one's sd.
 
     `p`: of a spread as large by chance; `spread`: sd of the log between experiments, beyond that.
     """

@@ -40,12 +40,11 @@ MEANING: dict[Word, str] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ParameterRow:
-    """A row of the summary table.
+    """One unknown, SI: a row of the summary table.
 
-    One unknown, SI. `deviation` is of the mean from the nominal value, relative.
-
-    `shrinkage`: 1 - sd / sd of the prior.  `nominal` and `deviation` are None for noise levels.
-    `pressed_against`: the end of the prior that the draws crowd at, or None.
+    `deviation`: of the mean from the nominal value, relative; both are None for noise levels.
+    `shrinkage`: 1 - sd / sd of the prior.  `pressed_against`: the end of the prior that the draws
+    crowd at, or None.
     """
 
     name: str

@@ -33,18 +33,27 @@ class EnergyPart:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class EnergyAccount:
-    """The energy of one experiment that `came` in and `went` by the times `t (N,)`, J, by name.
+class EnergySummary:
+    """The energy of one experiment: the `parts` that `came` in and `went`, until the end.
 
-    What is stored at the start came in; `imbalance`: the share in neither, of the order of the steps.
+    What is stored at the start came in; `left`: the share in neither, of the order of the steps.
     """
 
     label: str
+    parts: tuple[EnergyPart, ...]
+    came: tuple[str, ...]
+    went: tuple[str, ...]
+    left: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EnergyAccount:
+    """The energy of one experiment that `came` in and `went` by the times `t (N,)`, J, by name."""
+
+    summary: EnergySummary
     t: Array
     came: dict[str, Array]
     went: dict[str, Array]
-    parts: tuple[EnergyPart, ...]
-    imbalance: float
 
     @property
     def total(self) -> Array:
@@ -82,22 +91,20 @@ def _account(observation: Observation, arguments: Array) -> EnergyAccount:
 
     of_draws = [shares(_flows(energies(rig, each))) for each in arguments[1:]]
     total, several = sum(part[-1] for part in came.values()), len(of_draws) > 1
-    return EnergyAccount(
-        label=observation.label,
-        t=best.t,
-        came=came,
-        went=went,
-        parts=tuple(
-            EnergyPart(
-                name=name,
-                joules=float((came | went)[name][-1]),
-                share=share,
-                sd=float(np.std([o[name] for o in of_draws], ddof=1)) if several else None,
-            )
-            for name, share in shares(flows).items()
-        ),
-        imbalance=float(np.abs(best.open[-1]) / total) if total else 0.0,
+    parts = tuple(
+        EnergyPart(
+            name=name,
+            joules=float((came | went)[name][-1]),
+            share=share,
+            sd=float(np.std([o[name] for o in of_draws], ddof=1)) if several else None,
+        )
+        for name, share in shares(flows).items()
     )
+    left = float(np.abs(best.open[-1]) / total) if total else 0.0
+    summary = EnergySummary(
+        label=observation.label, parts=parts, came=tuple(came), went=tuple(went), left=left
+    )
+    return EnergyAccount(summary=summary, t=best.t, came=came, went=went)
 
 
 def _flows(energies: Energies) -> dict[str, Array]:

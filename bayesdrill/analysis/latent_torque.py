@@ -19,7 +19,7 @@ import numpy as np
 
 from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.inference.derived import HDI_PROBABILITY
-from bayesdrill.inference.likelihood import LatentTorque, Observation
+from bayesdrill.inference.likelihood import LatentTorqueObservation, Observation
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.record.experiment import with_states
 from bayesdrill.rig.models.latent_torque import TORQUE, LoadedModel, TorqueLocation
@@ -83,14 +83,10 @@ class TorqueEstimate:
         return self.rig.roles.inertia(self.at)
 
     @property
-    def speed(self) -> Array:
-        """The speed of the inertia on which it acts; before a gear, by itself."""
-        return self.speeds[0][1]
-
-    @property
     def turning(self) -> Flags:
         """Where the inertia turns, `(T,)`, or all where it hardly does: at rest friction is anything."""
-        fast = np.abs(self.speed) > STANDSTILL * np.sqrt(np.mean(self.speed**2))
+        speed = self.speeds[0][1]
+        fast = np.abs(speed) > STANDSTILL * np.sqrt(np.mean(speed**2))
         return fast if fast.mean() > MIN_TURNING_SHARE else np.ones(len(self.t), dtype=bool)
 
     @property
@@ -160,7 +156,7 @@ def _estimate(
 
 
 def _states(
-    observation: Observation, torque: LatentTorque, motion: Array, more: Array
+    observation: Observation, torque: LatentTorqueObservation, motion: Array, more: Array
 ) -> dict[str, Array]:
     """With what the torque moves; an angle of which nothing tells follows from its speed."""
     augmented, t = torque.kalman_filter.augmented, np.asarray(observation.experiment.t)

@@ -103,8 +103,8 @@ def plausibility_of_nominal(problem: Problem) -> tuple[str, ...]:
 def plausibility_of_draws(problem: Problem, draws: Array, known: Information) -> tuple[str, ...]:
     """Yield what is odd of draws `(N, D)`; `known` says what the record alone determines."""
     model = problem.model
-    rig = problem.posterior.likelihood.rig_parameters(draws[:: max(1, len(draws) // MOST_DRAWS)])
-    values = dict(zip(model.parameters, rig.T, strict=True))
+    some = draws[:: max(1, len(draws) // MOST_DRAWS)]
+    values = problem.posterior.likelihood.rig_parameters(some)
     energy = _energy_of_draws(values, known, model)
     return (*energy, *_poles(poles(model, values), problem))
 
@@ -250,10 +250,7 @@ MAX_REMAINING_WIDTH = 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DiffusePrior:
-    """A prior too wide for the evidence to mean much.
-
-    The prior of `name`: so many `decades` wide, or `times` as wide as what was found is large.
-    """
+    """The prior of `name`: so many `decades` wide, or `times` as wide as what was found is large."""
 
     name: str
     decades: float | None = None

@@ -20,8 +20,8 @@ from bayesdrill.analysis.calibration import RankBand, ecdf_band, shape
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.basics.units import Unit
-from bayesdrill.inference.likelihood import Likelihood, Observation
-from bayesdrill.inference.posterior import Posterior
+from bayesdrill.inference.likelihood import Observation
+from bayesdrill.inference.posterior import Likelihood, Posterior
 from bayesdrill.inference.residual_checks import ResidualSummary
 from bayesdrill.record.experiment import Channel, frozen
 from bayesdrill.rig.models.linear import dynamics

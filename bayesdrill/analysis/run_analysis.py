@@ -13,7 +13,7 @@ from bayesdrill.analysis import causes, diagnostics, energy, latent_torque, plau
 from bayesdrill.analysis.causes import Causes, EquivalentExplanation
 from bayesdrill.analysis.comparison import RepeatedProduct, repeats
 from bayesdrill.analysis.diagnostics import ParameterRow
-from bayesdrill.analysis.energy import EnergyAccount, EnergyPart, FrictionMotion
+from bayesdrill.analysis.energy import EnergyAccount, EnergySummary, FrictionMotion
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.identifiability.structure import Exponents
 from bayesdrill.analysis.latent_torque import (
@@ -133,20 +133,6 @@ class TorqueSummary:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class EnergySummary:
-    """The energy of one experiment: the `parts` that `came` in and `went`, until the end.
-
-    `left`: the share that is in neither, of the order of the steps.
-    """
-
-    label: str
-    parts: tuple[EnergyPart, ...]
-    came: tuple[str, ...]
-    went: tuple[str, ...]
-    left: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class RunAnalysis:
     """All that is said of a finished run; `numbers` has it by name, and `run.json` keeps it.
 
@@ -254,16 +240,7 @@ def analyse(
         leaning=diagnostics.prior_dependence(rows, run.draws),
         step_errors=step_errors(posterior.likelihood, best),
         torques=tuple(map(torque_summary, run.torque_estimates)),
-        energy=tuple(
-            EnergySummary(
-                label=account.label,
-                parts=account.parts,
-                came=tuple(account.came),
-                went=tuple(account.went),
-                left=account.imbalance,
-            )
-            for account in run.energy_accounts
-        ),
+        energy=tuple(account.summary for account in run.energy_accounts),
         # What another moment would leave looks like noise only where this fit does.
         moment=half_sample_shift(sensitivity, best) if fits else None,
         course=tuple(plausibility.plausibility_of_course(sensitivity, best)),

@@ -188,10 +188,7 @@ class Verdict:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Judgement:
-    """A study, the verdict, and findings on the posterior.
-
-    `findings`: sentences of `physics` on the posterior.
-    """
+    """A study, the verdict, and `findings`: sentences of `plausibility` on the posterior."""
 
     study: IdentifiabilityStudy
     verdict: Verdict
@@ -237,7 +234,8 @@ def judge(
     products_shown = basis(study, nominal)
     looked_at = dict.fromkeys((*units, *products_shown))
     shown = {e: scene.shows(e) for e in looked_at}
-    limit = sigma_limit(1 + sum(shown.values()))
+    looks = 1 + sum(shown.values())  # sigmas that these together pass by chance with `FALSE_ALARM`
+    limit = float(-scipy.special.ndtri(0.5 * FALSE_ALARM / looks))
     quantities = {e: scene.quantity(e, shown=shown[e], limit=limit) for e in looked_at}
     return Verdict(
         names=study.names,
@@ -266,11 +264,6 @@ def basis(study: IdentifiabilityStudy, among: Collection[str]) -> tuple[Exponent
         if np.linalg.matrix_rank(np.array([*selected, exponents], dtype=float)) > len(selected):
             selected.append(exponents)
     return tuple(selected)
-
-
-def sigma_limit(n: int) -> float:
-    """Return the sigmas that `n` looks together pass by chance with `FALSE_ALARM` at most."""
-    return float(-scipy.special.ndtri(0.5 * FALSE_ALARM / n))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

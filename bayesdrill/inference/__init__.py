@@ -1,7 +1,6 @@
 """The density: unknowns, priors, noise, likelihood, posterior, and its slopes.
 
-A record that a latent torque has moved is in `state_space`. How a density is explored is in
-`sampling`, what draws of it mean in `analysis`.
+How a density is explored is in `sampling`, what draws of it mean in `analysis`.
 """
 
 from __future__ import annotations
@@ -13,10 +12,10 @@ from bayesdrill.basics.registry import lazy_attributes
 if TYPE_CHECKING:
     from bayesdrill.inference.derived import HDI_PROBABILITY as HDI_PROBABILITY
     from bayesdrill.inference.derived import hdi as hdi
-    from bayesdrill.inference.likelihood import Likelihood as Likelihood
     from bayesdrill.inference.noise.contract import NoisyChannel as NoisyChannel
     from bayesdrill.inference.noise.contract import Residuals as Residuals
     from bayesdrill.inference.noise.white import White as White
+    from bayesdrill.inference.posterior import Likelihood as Likelihood
     from bayesdrill.inference.posterior import Posterior as Posterior
     from bayesdrill.inference.priors import Uniform as Uniform
     from bayesdrill.inference.unknowns import Coordinates as Coordinates

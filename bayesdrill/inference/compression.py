@@ -15,8 +15,8 @@ import numpy as np
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.inference import laplace
-from bayesdrill.inference.likelihood import Likelihood, Observation
-from bayesdrill.inference.posterior import Posterior
+from bayesdrill.inference.likelihood import Observation
+from bayesdrill.inference.posterior import Likelihood, Posterior
 from bayesdrill.rig.simulators.rational_basis import CompressionError
 
 LONG = 4096  # samples: below, an exact evaluation takes hardly longer
@@ -114,7 +114,7 @@ def _about(posterior: Posterior, theta: Array) -> Array:
     """Return points `(n, D)` about a maximum, near enough for rigs to do alike, whatever the priors."""
     rng = np.random.default_rng(0)
     u = posterior.coordinates.from_physical(theta[None])
-    quadratic = laplace.PosteriorLogDensity(posterior).quadratic_model(u, np.eye(len(theta)))
+    quadratic = laplace.LogDensity(posterior).quadratic_model(u, np.eye(len(theta)))
     known, directions = np.linalg.eigh(quadratic.curvature[0])
     spread = np.where(known > MAX_SPREAD**-2, np.abs(known), np.inf) ** -0.5
     shifts = rng.standard_normal((POINTS, len(theta))) * spread @ directions.T

@@ -83,10 +83,9 @@ def derive(problem: Problem, draws: Array) -> Derived:
     """Return what is tied, poles and steady state, and formulas at physical draws `(E, N, D)`."""
     values = values_at(problem, draws.reshape(-1, draws.shape[-1]))
     shape = draws.shape[:2]
-    columns = [np.broadcast_to(values[name], shape[0] * shape[1]) for name in values]
     return Derived(
         symbols=derived_symbols(problem),
-        values=np.stack([column.reshape(shape) for column in columns], axis=-1),
+        values=np.stack([x.reshape(shape) for x in values.values()], axis=-1),
         nominal=_nominal(problem),
     )
 
@@ -132,18 +131,13 @@ def _product_name(exponents: Mapping[str, int]) -> str:
 
 
 def derived_symbols(problem: Problem) -> tuple[Symbol, ...]:
-    """Return the symbols in the order of the values."""
+    """Return the symbols in the order of the values; along a line a speed is one in m/s."""
     model, formulas = problem.model, (formula.symbol for formula in problem.derived)
     tied = [model.symbols[name] for name in problem.posterior.space.relations]
-    return (*tied, *of_motion(model), *formulas)
-
-
-def of_motion(model: Model) -> tuple[Symbol, ...]:
-    """Return the symbols of `poles` and `steady_values`; along a line a speed is one in m/s."""
     speed = SPEED_UNITS[model.symbols[model.angles[0]].unit] if model.angles else "rad/s"
     end = symbols.DERIVED["w_end"]
     moved = dataclasses.replace(end, unit=speed, latex_unit=symbols.latex_unit(speed))
-    return tuple({**symbols.DERIVED, end.name: moved}.values())
+    return (*tied, *{**symbols.DERIVED, end.name: moved}.values(), *formulas)
 
 
 def _current(model: Model) -> str | None:
@@ -214,10 +208,11 @@ def poles(model: Model, linear: Linear, n: int) -> dict[str, Array]:
     current = _current(model)
     n_currents = len({m.current for m in model.roles.motors} & {*model.states})
     slow = (~swings).sum(axis=1) == n_currents + 1  # of the currents, and of the motor
+    nothing = np.full(n, np.nan)
     values = {
         "omega_n": np.where(none, np.nan, np.take_along_axis(size, least_damped, axis=1)[:, 0]),
         "zeta": np.where(none, np.nan, np.take_along_axis(damping, least_damped, axis=1)[:, 0]),
-        "tau_e": np.take_along_axis(times, fastest, axis=1)[:, 0] if current else _all_nan(n),
+        "tau_e": np.take_along_axis(times, fastest, axis=1)[:, 0] if current else nothing,
         "tau_m": np.where(slow, np.max(np.where(swings, -np.inf, times), axis=1), np.nan),
     }
     return {name: np.where(bad, np.nan, value) for name, value in values.items()}
@@ -237,12 +232,8 @@ def steady_values(
     final = equilibrium(matrix if turn is None else fix_rotation(matrix, angles, turn), pushed)
     speed = final[:, angles[0]] if turn is not None else 0.0 * final[:, angles[0]]
     current = _current(model)
-    at_end = final[:, model.states.index(current)] if current else _all_nan(n)
+    at_end = final[:, model.states.index(current)] if current else np.full(n, np.nan)
     return {"w_end": speed, "i_end": at_end}
-
-
-def _all_nan(n: int) -> Array:
-    return np.full(n, np.nan)
 
 
 def summarise(derived: Derived) -> tuple[DerivedRow, ...]:

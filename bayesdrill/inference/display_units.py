@@ -39,10 +39,6 @@ class DisplayUnits:
 
     units: Mapping[str, Unit]
 
-    def override(self, others: DisplayUnits) -> DisplayUnits:
-        """Return these units, and those of others where these have none."""
-        return DisplayUnits({**others.units, **self.units})
-
     def factor(self, name: str) -> float:
         """Return how many SI one of what is shown is."""
         return self.units[name].factor if name in self.units else 1.0

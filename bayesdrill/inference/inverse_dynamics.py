@@ -18,7 +18,7 @@ import scipy
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.duals import Dual
-from bayesdrill.inference.laplace import PosteriorLogDensity
+from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.record.experiment import Experiment
@@ -45,7 +45,7 @@ def regression_start(posterior: Posterior) -> Array | None:
     motions = [motion for each in observations if (motion := _motion(each))]
     if not columns or len(motions) < len(observations):
         return None
-    surface = PosteriorLogDensity(posterior, physical=True)
+    surface = LogDensity(posterior, physical=True)
     first = np.clip(coordinates.from_physical(start[None])[0], surface.low, surface.high)
 
     def unknowns(u: Array) -> Array:

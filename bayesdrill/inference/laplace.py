@@ -12,15 +12,20 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
 from bayesdrill.basics.arrays import Array, Flags
-from bayesdrill.inference.likelihood import Directions, directional_curvature, directional_slope
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Prior, prior_log_sd, prior_sd
-from bayesdrill.inference.unknowns import SIMULATOR_ROLES, Coordinates, Unknown
+from bayesdrill.inference.unknowns import (
+    SIMULATOR_ROLES,
+    Coordinates,
+    Directions,
+    Unknown,
+    directional_curvature,
+    directional_slope,
+)
 
 _STEP = 1e-5  # of a log: central differences then err by about 1e-10
 
@@ -178,30 +183,12 @@ def concatenate_models(parts: Sequence[QuadraticModel]) -> QuadraticModel:
     return QuadraticModel(*map(np.concatenate, columns))
 
 
-class LogDensity(Protocol):
-    """A log density over `u (W, D)`; `low`, `high` `(D,)`: the ends between which one searches.
+class LogDensity:
+    """The log density of a posterior, over the sampler's coordinates `u (W, D)`.
 
-    `middle (D,)`: the mean of each prior, and `spread (D,)` its sd: how far each unknown may go
-    before the record is seen.
+    `low`, `high` `(D,)`: the ends between which one searches.  `middle (D,)`: the mean of each prior,
+    and `spread (D,)` its sd: how far each unknown may go before the record is seen.
     """
-
-    low: Array
-    high: Array
-    middle: Array
-    spread: Array
-
-    def value(self, u: Array) -> Array:
-        """Return the log density `(W,)`."""
-
-    def inside(self, u: Array) -> Flags:
-        """Return whether the priors have a density there, `(W,)`."""
-
-    def quadratic_model(self, u: Array, directions: Array) -> QuadraticModel:
-        """Return value, slopes and curvature along `directions (D, q)`, column by column."""
-
-
-class PosteriorLogDensity:
-    """The log density of a posterior, over the sampler's coordinates."""
 
     def __init__(self, posterior: Posterior, *, physical: bool = False) -> None:
         """`physical`: the density over the unknowns themselves, whose maximum is the MAP."""
@@ -230,7 +217,7 @@ class PosteriorLogDensity:
         return self.posterior.supports(u)
 
     def quadratic_model(self, u: Array, directions: Array) -> QuadraticModel:
-        """Return value, slopes and curvature along `directions (D, q)`."""
+        """Return value, slopes and curvature along `directions (D, q)`, column by column."""
         model = self.curvature_model(u, directions)
         with np.errstate(all="ignore"):
             return dataclasses.replace(model, value=model.value + self.value(u))

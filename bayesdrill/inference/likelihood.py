@@ -1,112 +1,46 @@
-"""The likelihood of records given the unknowns: simulators and noises, put together."""
+"""The likelihood of a record given the unknowns: a simulator and a noise, put together.
+
+Where a latent torque moves the rig, the residuals of the simulator are a Gaussian process whose
+covariance follows from the rig: a likelihood of its own kind, of a state space, by a Kalman filter.
+Its slopes are exact; the curvature is that of Gauss and Newton of the whitened residuals, with what
+their standard deviations change, which on average is the Fisher information.
+"""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection, Iterator, Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any, Protocol, Self
+from typing import Any, Self
 
 import numpy as np
 
 from bayesdrill.basics.arrays import Array, Flags
-from bayesdrill.inference.noise.contract import Noise
+from bayesdrill.inference.noise.contract import Noise, SimulatorResiduals
 from bayesdrill.inference.noise.mixed import noise_for_record
-from bayesdrill.inference.unknowns import ParameterSpace, Unknown
+from bayesdrill.inference.unknowns import (
+    Directions,
+    ParameterSpace,
+    Unknown,
+    directional_curvature,
+    directional_slope,
+)
 from bayesdrill.record.experiment import Experiment
+from bayesdrill.rig.models.latent_torque import SIZE, TIME
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulators import simulator
 from bayesdrill.rig.simulators.compressed import compress, obstacle
+from bayesdrill.rig.simulators.compressed_filter import (
+    CompressedFilter,
+    compress_filter,
+    filter_obstacle,
+)
 from bayesdrill.rig.simulators.contract import Simulator
 from bayesdrill.rig.simulators.kalman import KalmanFilter
 from bayesdrill.rig.simulators.sensors import ObservationModel
 
-
-@dataclass(frozen=True)
-class SimulatorResiduals:
-    """Measured minus model, each sum as it is first asked for.
-
-    It is a `noise.contract.Residuals`.  `full (W, P)`: parameters of this simulator alone.  Samples
-    are NaN where nothing was measured.  `over_scales (W, K)`: sums of squares over the noise's
-    scales, where a kernel has given them already.
-    """
-
-    response: Simulator
-    full: Array
-    over_scales: Array | None = None
-
-    @cached_property
-    def squares(self) -> Array:
-        """Return sums of squares `(W, K)`."""
-        return self.response.squares(self.full)
-
-    @cached_property
-    def samples(self) -> Array:
-        """Return all residuals `(W, T, K)`."""
-        return np.asarray(self.response.experiment.y - self.response.signals(self.full))
-
-    def weighted_squares(self, weights: Array) -> Array:
-        """Return sums of squares `(W, K)` of the residuals times `weights`."""
-        return self.squares * weights**2 if self.over_scales is None else self.over_scales
-
-    @cached_property
-    def neighbours(self) -> Array:
-        """Return sums over neighbouring samples, see `Simulator.neighbours`."""
-        return self.response.neighbours(self.full)
-
-    def logs(self, weights: Array) -> Array:
-        """Return sums of logs, see `Simulator.logs`."""
-        return self.response.logs(self.full, weights)
-
-    def intervals(self, over: Array, half: Array) -> Array:
-        """Return sums over intervals, see `Simulator.intervals`."""
-        return self.response.intervals(self.full, over, half)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Directions:
-    """Directions along which slopes are wanted, at unknowns `theta (W, D)`.
-
-    `full (W, P)`: their parameters; `columns (D, q)`: directions of coordinates, and
-    `parameter_directions (W, q, P)` of parameters, None where none moves.  `slopes (W, D)`: d
-    unknown / d coordinate; `by_log`: of its log, or of itself where it need not be positive.
-    """
-
-    theta: Array
-    full: Array
-    columns: Array
-    parameter_directions: Array | None
-    slopes: Array
-    by_log: Array
-
-
-class LatentTorque(Protocol):
-    """An observation with a torque that its rig's equations are without; `theta (W, D)`."""
-
-    @property
-    def kalman_filter(self) -> KalmanFilter:
-        """Return the filter of rig and torque."""
-
-    def sizes(self, theta: Array) -> Array:
-        """Return size and time of the torque, `(W, 2)`."""
-
-    def smooth(self, samples: Array, theta: Array) -> Array:
-        """Return smoothed states `(W, T, n)` given all residuals `samples (W, T, K)`.
-
-        They are of the rig, as far as the torque moves it, and of the torque over its size.
-        """
-
-    def sample_states(
-        self, samples: Array, theta: Array, rng: np.random.Generator
-    ) -> tuple[Array, Array]:
-        """Draw states `(W, T, n)`, and what channels show of them without noise `(W, T, K)`."""
-
-    def scale_torque(self, factor: float) -> Observation:
-        """Return it with a torque so many times as large, where its size is known."""
-
-    def with_extra_channel(self, response: Simulator, sigma: float) -> Observation:
-        """Return it with a simulator that has one channel more, with white noise."""
+MAX_SLOPE_BYTES = 6e7  # of slopes at a time
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -118,7 +52,7 @@ class Observation:
 
     `parameters`, `noise_names`: what its simulator's parameters and its noise's unknowns are called
     among those of all; `columns`, `noise_columns`: where these stand in `full`, None for all of it,
-    and in `theta`, once it is bound.  `label`: its name among several.
+    and in `theta`, once it is bound to their `space`.  `label`: its name among several.
     """
 
     response: Simulator
@@ -128,6 +62,7 @@ class Observation:
     label: str = ""
     columns: list[int] | None = None
     noise_columns: slice | list[int] = slice(0)
+    space: ParameterSpace | None = None
 
     def bind(self, space: ParameterSpace) -> Self:
         """Return it with its columns among the parameters and unknowns of all."""
@@ -136,7 +71,7 @@ class Observation:
             columns = None
         of_noise = [space.free.index(name) for name in self.noise_names]
         noise_columns = _column_index(of_noise, len(space.free))
-        return dataclasses.replace(self, columns=columns, noise_columns=noise_columns)
+        return dataclasses.replace(self, columns=columns, noise_columns=noise_columns, space=space)
 
     @property
     def experiment(self) -> Experiment:
@@ -162,12 +97,6 @@ class Observation:
     def signals(self, full: Array) -> Array:
         """Return the channels without noise and without a missing torque, `(W, T, K)`."""
         return self.response.signals(self.simulator_parameters(full))
-
-    def sensitivities(self, full: Array, along: Array) -> Array:
-        """Return slopes of the signals; see `Simulator.sensitivities`."""
-        return self.response.sensitivities(
-            self.simulator_parameters(full), self.simulator_parameters(along)
-        )
 
     def entitled(self, quantity: str) -> str:
         """Return `record of slow`, where there are several experiments."""
@@ -238,7 +167,7 @@ class Observation:
         return "" if self.noise.white else repr(self.noise)
 
     @property
-    def torque(self) -> LatentTorque | None:
+    def torque(self) -> LatentTorqueObservation | None:
         """Return the observation of a latent torque; None where it has none."""
         return None
 
@@ -328,14 +257,14 @@ class Observation:
         self, full: Array, along: Array, noise_theta: Array
     ) -> tuple[SimulatorResiduals, Array, Array]:
         """Residuals; slope `(W, q)` and curvature `(W, q, q)` along `along (W, q, P)`."""
-        residuals = self.residuals(full)
+        residuals, turned = self.residuals(full), self.simulator_parameters(along)
         weights = self.noise.square_weights(noise_theta)
         if weights is not None:
-            turned = self.simulator_parameters(along)
             squares, slope, curvature = self.response.normal(residuals.full, turned, weights)
             return SimulatorResiduals(self.response, residuals.full, squares), slope, curvature
         measured = self.experiment.seen
-        shifts = np.where(measured, self.sensitivities(full, along), 0.0)  # (W, q, T, K)
+        slopes = self.response.sensitivities(residuals.full, turned)
+        shifts = np.where(measured, slopes, 0.0)  # (W, q, T, K)
         pull = np.where(measured, self.noise.score(residuals.samples, noise_theta), 0.0)
         slope = np.einsum("wqtk,wtk->wq", shifts, pull)
         each = range(along.shape[1])
@@ -364,98 +293,258 @@ class Observation:
         return self.draw(signals, theta, rng)
 
 
-@dataclass(frozen=True, slots=True)
-class Likelihood:
-    """The likelihood of unknowns `theta (W, D)`: a sum over observations, which share them.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LatentTorqueObservation(Observation):
+    """An observation whose rig is moved by a latent torque.
 
-    `held_out`: others, which are no evidence, and only to be predicted.
+    `noise`: of the sensors, white; `kalman_filter`: of the simulator's rig and experiment;
+    `process`: of `SIZE` and `TIME` of the torque, the number or the unknown.
+
+    Arguments of the kernels `(W, n + P)` are its unknowns, those of the noise first, and then the
+    parameters of the simulator.  A noise, whose sizes are the first, takes all of them.
+    `fixed (P,)`: what counts instead, where given: the covariance of one rig, whatever is left.
     """
 
-    observations: tuple[Observation, ...]
-    space: ParameterSpace
-    held_out: tuple[Observation, ...] = ()
+    kalman_filter: KalmanFilter
+    process: Mapping[str, float | Unknown]
+    fixed: tuple[float, ...] | None = None
 
-    @classmethod
-    def joint(
-        cls, space: ParameterSpace, parts: Sequence[Observation], held_out: Collection[str] = ()
-    ) -> Likelihood:
-        """Return the likelihood of experiments, whose names stand in `space`, but for `held_out`."""
-        bound = [observation.bind(space) for observation in parts]
-        selected = tuple(each for each in bound if each.label not in held_out)
-        return cls(selected, space, tuple(each for each in bound if each.label in held_out))
+    def with_simulator(
+        self, response: Simulator, parameters: Sequence[str]
+    ) -> LatentTorqueObservation:
+        """Return it with another simulator, whose parameters have these names; unbound."""
+        filtered = KalmanFilter(response.model, self.kalman_filter.torque, response.experiment)
+        made = Observation.with_simulator(self, response, parameters)
+        return dataclasses.replace(made, kalman_filter=filtered)
 
-    def __call__(self, theta: Array) -> Array:
-        """Log likelihood `(W,)`; NaN where a response overflows."""
+    @property
+    def unknowns(self) -> tuple[Unknown, ...]:
+        """Return the unknowns of noise and torque."""
+        of_torque = (u for u in self.process.values() if isinstance(u, Unknown))
+        return (*self.noise.unknowns, *of_torque)
+
+    @property
+    def white(self) -> bool:
+        """Whether samples are independent: never."""
+        return False
+
+    @property
+    def exact_reason(self) -> str:
+        """Say why its record cannot be compressed whatever its parameters; empty where it can."""
+        return filter_obstacle(self.response)
+
+    @property
+    def functions(self) -> int:
+        """How many functions its record has become; zero where it is not compressed."""
+        return self.kalman_filter.functions
+
+    def exceeds_bound(self, full: Array, theta: Array) -> Flags:
+        """Tell which unknowns `(W,)` of a compressed record have all samples."""
+        return self.kalman_filter.exceeds_bound(*self._filter_arguments(theta, full))
+
+    def compress(self, full: Array, theta: Array) -> CompressedFilter:
+        """Compress its record for these unknowns; see `Observation.compress`."""
+        exact = self.kalman_filter.by_samples
+        return compress_filter(exact, self.response, *self._filter_arguments(theta, full))
+
+    def with_compression(self, compression: Any) -> LatentTorqueObservation:
+        """Return it with its record compressed; with all samples where `compression` is None."""
+        filtered = self.kalman_filter.by_samples if compression is None else compression
+        return dataclasses.replace(self, kalman_filter=filtered)
+
+    def with_record(self, y: Array) -> LatentTorqueObservation:
+        """Return it for another record `(T, K)` of the same experiment, with all samples."""
+        made = self.with_compression(None)
+        return dataclasses.replace(made, response=self.response.with_record(y))
+
+    @property
+    def kind(self) -> str:
+        """Return the key by which results know its density: the text that it had as a noise."""
+        return (
+            f"Shaken(within={self.noise!r}, filtered={self.kalman_filter!r}, torque={self.process!r}, "
+            "pinned=None)"
+        )
+
+    @property
+    def torque(self) -> LatentTorqueObservation:
+        """Return itself."""
+        return self
+
+    def with_fixed_covariance(self, theta: Array) -> LatentTorqueObservation:
+        """Return it with the covariance of its residuals fixed as at `theta (D,)`."""
+        assert self.space is not None
+        parameters = self.simulator_parameters(self.space.full(theta[None]))[0]
+        return dataclasses.replace(self, fixed=tuple(map(float, parameters)))
+
+    def scale_torque(self, factor: float) -> LatentTorqueObservation:
+        """Return it with a torque so many times as large, where its size is known."""
+        size = self.process[SIZE]
+        if isinstance(size, Unknown):
+            return self
+        return dataclasses.replace(self, process={**self.process, SIZE: size * factor})
+
+    # What it is told.
+
+    def _kernel_arguments(self, theta: Array, full: Array | None = None) -> Array:
+        assert self.space is not None
+        parameters = self.simulator_parameters(self.space.full(theta) if full is None else full)
+        return np.concatenate([theta[:, self.noise_columns], parameters], axis=1)
+
+    def _filter_arguments(self, theta: Array, full: Array | None = None) -> tuple[Array, Array]:
+        """Parameters of rig and torque `(W, P + 2)`, and scales of the sensors `(W, K)`."""
+        kernel_arguments = self._kernel_arguments(theta, full)
+        return self._of_process(kernel_arguments), self.noise.scales(kernel_arguments)
+
+    def _of_process(self, kernel_arguments: Array) -> Array:
+        """Of the rig and its torque, `(..., P + 2)`."""
+        first, count = len(self.unknowns), len(self.kalman_filter.model.parameters)
+        rig = kernel_arguments[..., first : first + count]
+        if self.fixed is not None:
+            rig = np.broadcast_to(np.array(self.fixed[:count]), rig.shape)
+        return np.concatenate([rig, self._sizes(kernel_arguments)], axis=-1)
+
+    def _sizes(self, kernel_arguments: Array) -> Array:
+        """Size and time of the torque, `(..., 2)`."""
+        out = np.empty((*kernel_arguments.shape[:-1], 2))
+        column = len(self.noise.unknowns)
+        for k, name in enumerate((SIZE, TIME)):
+            value = self.process[name]
+            if isinstance(value, Unknown):
+                out[..., k] = kernel_arguments[..., column]
+                column += 1
+            else:
+                out[..., k] = value
+        return out
+
+    def sizes(self, theta: Array) -> Array:
+        """Return size and time of the torque, `(W, 2)`."""
+        return self._sizes(theta[:, self.noise_columns])
+
+    # Densities.
+
+    def by_channel(self, full: Array, theta: Array) -> Array:
+        """Return the log likelihood `(W, K)`."""
+        record = self.response.record
+        if self.fixed is None and record is not None:
+            return self.kalman_filter.log_density(*self._filter_arguments(theta, full), record)
+        terms = self.pointwise(self.residuals(full).samples, theta)
+        return np.asarray(np.nansum(terms, axis=1))
+
+    def pointwise(self, samples: Array, theta: Array) -> Array:
+        """Return the log density `(W, T, K)` of each residual given those before it."""
+        white, variances = self._whitened(samples, theta)
+        return np.asarray(-0.5 * (math.log(2 * math.pi) + np.log(variances) + white**2))
+
+    def whiten(self, samples: Array, theta: Array) -> Array:
+        """Return whitened residuals `(W, T, K)`."""
+        return self._whitened(samples, theta)[0]
+
+    def innovations(self, samples: Array, theta: Array) -> Array:
+        """Return errors of one-step-ahead predictions `(W, T, K)`, SI."""
+        white, variances = self._whitened(samples, theta)
+        return white * np.sqrt(variances)
+
+    def whitened_jacobian(self, shifts: Array, theta: Array) -> Array:
+        """Return whitened shifts of signals `(W, T, K)`."""
+        return np.nan_to_num(self.whiten(shifts, theta))
+
+    def draw(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
+        """Draw another record `(W, T, K)` of these signals, with another torque."""
+        return np.asarray(signals + self._draw_process(theta, rng)[1])
+
+    def _draw_process(self, theta: Array, rng: np.random.Generator) -> tuple[Array, Array]:
         with np.errstate(all="ignore"):
-            return self.by_channel(theta).sum(axis=-1)
+            return self.kalman_filter.draw(*self._filter_arguments(theta), rng)
 
-    def by_channel(self, theta: Array) -> Array:
-        """Return the log likelihood `(W, K)` of the channels of all observations."""
-        full = self.space.full(theta)
-        return _concatenated([each.by_channel(full, theta) for each in self.observations])
+    def smooth(self, samples: Array, theta: Array) -> Array:
+        """Return smoothed states `(W, T, n)` given all residuals `samples (W, T, K)`.
 
-    @property
-    def n_measured(self) -> int:
-        """Return how many numbers were measured."""
-        return sum(observation.n_measured for observation in self.observations)
+        They are of the rig, as far as the torque moves it, and of the torque over its size.
+        """
+        with np.errstate(all="ignore"):
+            states = self.kalman_filter.smooth(*self._filter_arguments(theta), samples)
+        return np.asarray(states)
 
-    def mean_square(self, theta: Array) -> Array:
-        """Return the mean squared residual over the noise variance `(W,)`: 1 of noise alone."""
-        full = self.space.full(theta)
-        squares = _concatenated([each.weighted_squares(full, theta) for each in self.observations])
-        return np.asarray(squares.sum(axis=-1) / self.n_measured)
+    def predict(self, full: Array, theta: Array) -> Array:
+        """Return the noise-free channels `(W, T, K)`, with the motion by the latent torque."""
+        signals = self.signals(full)
+        states = self.smooth(self.experiment.y - signals, theta)
+        return signals + np.asarray(states @ self.kalman_filter.output_matrix.T)
 
-    def all_signals(self, theta: Array) -> list[Array]:
-        """Return the signals `(W, T, K)` of each observation."""
-        full = self.space.full(theta)
-        return [observation.signals(full) for observation in self.observations]
+    def sample_states(
+        self, samples: Array, theta: Array, rng: np.random.Generator
+    ) -> tuple[Array, Array]:
+        """Draw states given all samples, and what channels show of them without noise."""
+        prior_states, prior_signals = self._draw_process(theta, rng)
+        states = prior_states + self.smooth(samples - prior_signals, theta)
+        return states, np.asarray(states @ self.kalman_filter.output_matrix.T)
 
-    def with_fixed_covariance(self, theta: Array) -> Likelihood:
-        """Return it with covariances fixed as at `theta (D,)`; the very same if no rig decides one."""
-        fixed = tuple(observation.with_fixed_covariance(theta) for observation in self.observations)
-        same = all(new is old for new, old in zip(fixed, self.observations, strict=True))
-        return self if same else dataclasses.replace(self, observations=fixed)
+    def replicate(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
+        """Draw this record once more `(W, T, K)`: with fresh noise, and the torque that it had."""
+        moved = self.sample_states(self.experiment.y - signals, theta, rng)[1]
+        return self.noise.draw(signals + moved, theta[:, self.noise_columns], rng)
 
-    def whitened_residuals(self, theta: Array) -> Array:
-        """Return model minus measured over the noise at `theta (D,)`: `(n,)`, zero if not seen."""
-        full, parts = self.space.full(theta[None]), []
-        for observation in self.observations:
-            off = -observation.residuals(full).samples
-            parts.append(observation.whitened_jacobian_at(off, theta).ravel())
-        return np.concatenate(parts)
+    def _whitened(self, samples: Array, theta: Array) -> tuple[Array, Array]:
+        with np.errstate(all="ignore"):
+            return self.kalman_filter.whiten(*self._filter_arguments(theta), samples)
 
-    def rig_parameters(self, theta: Array) -> Array:
-        """Return parameters of the rig `(W, P)`, as the first observation has them."""
-        observation = self.observations[0]
-        parameters = observation.simulator_parameters(self.space.full(theta))
-        return parameters[:, : len(observation.response.model.parameters)]
+    # Slopes.
 
-    # Of the only observation, where there is no other.
+    def quadratic_terms(self, at: Directions) -> Iterator[tuple[Array, Array]]:
+        """Yield slope and curvature of all unknowns together: the rig is in the covariance, too."""
+        levels = (at.slopes[:, None, :] * at.columns.T)[..., self.noise_columns]
+        along = at.parameter_directions
+        if along is None:
+            along = np.zeros((*levels.shape[:2], at.full.shape[1]))
+        turned = self.simulator_parameters(along)
+        signals, shifts = self.response.course(self.simulator_parameters(at.full), turned)
+        residuals = np.nan_to_num(self.experiment.y - signals)
+        kernel_arguments = self._kernel_arguments(at.theta, at.full)
+        moved = np.concatenate([levels, turned], axis=-1)
+        yield self._slopes(residuals, -shifts, kernel_arguments, moved)
 
-    @property
-    def only_observation(self) -> Observation:
-        """Return the only observation; raises `ValueError` where there are more."""
-        (observation,) = self.observations
-        return observation
+    def _slopes(
+        self, residuals: Array, slopes: Array, kernel_arguments: Array, along: Array
+    ) -> tuple[Array, Array]:
+        """Return slope `(W, q)` and curvature `(W, q, q)` of the log likelihood.
 
-    @property
-    def response(self) -> Simulator:
-        """Return the only simulator."""
-        return self.only_observation.response
+        `residuals (W, T, K)` change by `slopes (W, q, T, K)`, arguments by `along (W, q, n + P)`.
+        """
+        scales, (n, q) = self.noise.scales, along.shape[:2]
+        slope, curvature = np.empty((n, q)), np.empty((n, q, q))
+        chunk = max(1, int(MAX_SLOPE_BYTES / (64 * q * max(residuals[0].size, 1))))
+        for rows in (slice(k, k + chunk) for k in range(0, n, chunk)):
+            repeated = np.repeat(kernel_arguments[rows], q, axis=0)
+            moved = along[rows].reshape(-1, along.shape[2])
+            shifts = slopes[rows].reshape(-1, *residuals.shape[1:])
+            still = np.zeros_like(moved)  # what is held does not move
+            with np.errstate(all="ignore"):
+                results = self.kalman_filter.slopes(
+                    (self._of_process(repeated), self._of_process(moved) - self._of_process(still)),
+                    (scales(repeated), scales(moved) - scales(still)),
+                    (np.repeat(residuals[rows], q, axis=0), shifts),
+                )
+            white, change, variance, wider = (
+                part.reshape(len(repeated) // q, q, -1) for part in results
+            )
+            ratio = 0.5 * wider / variance
+            slope[rows] = -(white * change).sum(axis=-1) - ratio.sum(axis=-1)
+            curvature[rows] = change @ change.swapaxes(1, 2) + ratio @ ratio.swapaxes(1, 2)
+        return slope, curvature
 
-    @property
-    def noise(self) -> Any:
-        """Return the only noise."""
-        return self.only_observation.noise
+    def expected(self, theta: Array) -> Array:
+        """Return the expected curvature by the unknowns of noise and torque."""
+        kernel_arguments, count = self._kernel_arguments(theta[None]), len(self.unknowns)
+        along = np.zeros((1, count, kernel_arguments.shape[1]))
+        along[:, range(count), range(count)] = kernel_arguments[:, :count]
+        shape = self.experiment.y.shape
+        residuals, slopes = np.zeros((1, *shape)), np.zeros((1, count, *shape))
+        curvature = self._slopes(residuals, slopes, kernel_arguments, along)[1]
+        return np.asarray(2.0 * np.diagonal(curvature[0]))
 
-    def replace_only(self, **changes: Any) -> Likelihood:
-        """Return it with another `response` or `noise` of the only observation."""
-        changed = dataclasses.replace(self.only_observation, **changes)
-        return dataclasses.replace(self, observations=(changed,))
-
-    def signals(self, theta: Array) -> Array:
-        """Return the channels of the only observation without noise, `(W, T, K)`."""
-        return self.only_observation.signals(self.space.full(theta))
+    def fitted(self, samples: Array, theta: Array) -> Array:
+        """Return the unknowns as they are: of one record the levels cannot be told in a sum."""
+        return theta[self.noise_columns]
 
 
 def _column_index(columns: list[int], last: int) -> slice | list[int]:
@@ -463,20 +552,3 @@ def _column_index(columns: list[int], last: int) -> slice | list[int]:
     first = columns[0] if columns else last
     in_a_row = columns == list(range(first, first + len(columns)))
     return slice(first, first + len(columns)) if in_a_row else columns
-
-
-def _concatenated(parts: list[Array]) -> Array:
-    return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=-1)
-
-
-def directional_slope(slope: Array, directions: Array) -> Array:
-    """Return `slope (W, D)` along `directions (D, q)`: `(W, q)`.
-
-    Point by point: one product of all of them rounds as their number has it.
-    """
-    return np.asarray((slope[:, None, :] @ directions)[:, 0])
-
-
-def directional_curvature(directions: Array, curvature: Array) -> Array:
-    """Return the diagonal `curvature (W, D)` along `directions (D, q)`: `(W, q, q)`."""
-    return np.asarray((curvature[:, None, :] * directions.T) @ directions)

@@ -1,4 +1,4 @@
-"""The log posterior over unknowns and over the sampler's coordinates.
+"""The likelihood of all records, and the log posterior over unknowns and the sampler's coordinates.
 
 A `Problem` is a posterior with names and nominal values.
 """
@@ -6,7 +6,7 @@ A `Problem` is a posterior with names and nominal values.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
@@ -17,11 +17,79 @@ from bayesdrill.basics.formulas import Expression
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.basics.units import SECOND, Unit
 from bayesdrill.inference.display_units import SI, DisplayUnits
-from bayesdrill.inference.likelihood import Likelihood, Observation
+from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.priors import Prior
 from bayesdrill.inference.unknowns import SIMULATOR_ROLES, Coordinates, ParameterSpace, Unknown
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.models.linear import Model
+
+
+@dataclass(frozen=True, slots=True)
+class Likelihood:
+    """The likelihood of unknowns `theta (W, D)`: a sum over observations, which share them.
+
+    `held_out`: others, which are no evidence, and only to be predicted.
+    """
+
+    observations: tuple[Observation, ...]
+    space: ParameterSpace
+    held_out: tuple[Observation, ...] = ()
+
+    @classmethod
+    def joint(
+        cls, space: ParameterSpace, parts: Sequence[Observation], held_out: Collection[str] = ()
+    ) -> Likelihood:
+        """Return the likelihood of experiments, whose names stand in `space`, but for `held_out`."""
+        bound = [observation.bind(space) for observation in parts]
+        selected = tuple(each for each in bound if each.label not in held_out)
+        return cls(selected, space, tuple(each for each in bound if each.label in held_out))
+
+    def __call__(self, theta: Array) -> Array:
+        """Log likelihood `(W,)`; NaN where a response overflows."""
+        with np.errstate(all="ignore"):
+            full = self.space.full(theta)
+            parts = [each.by_channel(full, theta) for each in self.observations]
+            return _concatenated(parts).sum(axis=-1)
+
+    @property
+    def n_measured(self) -> int:
+        """Return how many numbers were measured."""
+        return sum(observation.n_measured for observation in self.observations)
+
+    def mean_square(self, theta: Array) -> Array:
+        """Return the mean squared residual over the noise variance `(W,)`: 1 of noise alone."""
+        full = self.space.full(theta)
+        squares = _concatenated([each.weighted_squares(full, theta) for each in self.observations])
+        return np.asarray(squares.sum(axis=-1) / self.n_measured)
+
+    def all_signals(self, theta: Array) -> list[Array]:
+        """Return the signals `(W, T, K)` of each observation."""
+        full = self.space.full(theta)
+        return [observation.signals(full) for observation in self.observations]
+
+    def whitened_residuals(self, theta: Array) -> Array:
+        """Return model minus measured over the noise at `theta (D,)`: `(n,)`, zero if not seen."""
+        full, parts = self.space.full(theta[None]), []
+        for observation in self.observations:
+            off = -observation.residuals(full).samples
+            parts.append(observation.whitened_jacobian_at(off, theta).ravel())
+        return np.concatenate(parts)
+
+    def rig_parameters(self, theta: Array) -> dict[str, Array]:
+        """Return parameters of the rig by name, each `(W,)`, as the first observation has them."""
+        first = self.observations[0]
+        columns = first.simulator_parameters(self.space.full(theta)).T
+        return dict(zip(first.response.model.parameters, columns, strict=False))
+
+    @property
+    def only_observation(self) -> Observation:
+        """Return the only observation; raises `ValueError` where there are more."""
+        (observation,) = self.observations
+        return observation
+
+    def signals(self, theta: Array) -> Array:
+        """Return the channels of the only observation without noise, `(W, T, K)`."""
+        return self.only_observation.signals(self.space.full(theta))
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +128,7 @@ class Posterior:
         if records:
             pairs = zip(observations, records, strict=True)
             observations = tuple(observation.with_record(y) for observation, y in pairs)
-        coordinates = self.coordinates if space is self.space else space.coordinates()
+        coordinates = self.coordinates if space is self.space else space.coordinates
         return Posterior(space, Likelihood(observations, space, held_out), coordinates)
 
     def __call__(self, z: Array) -> Array:
@@ -108,6 +176,10 @@ def _with_unknowns(space: ParameterSpace, new: Sequence[Unknown]) -> ParameterSp
         unknowns=(*old[:rig], *of_rig, *old[rig:moving], *others, *old[moving:]),
         fixed={name: value for name, value in space.fixed.items() if name not in names},
     )
+
+
+def _concatenated(parts: list[Array]) -> Array:
+    return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=-1)
 
 
 @dataclass(frozen=True, slots=True)

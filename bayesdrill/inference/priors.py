@@ -16,7 +16,6 @@ from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 from pydantic import Field
 
 from bayesdrill.basics.arrays import Array
@@ -35,6 +34,8 @@ class Prior:
     flat_in_logs: ClassVar[bool] = False
     # Whether its density vanishes at its ends, so that they are no bounds, only improbable.
     vanishes_at_ends: ClassVar[bool] = False
+    # It in words, of its numbers.
+    words: ClassVar[str] = ""
 
     low: float
     high: float
@@ -42,10 +43,17 @@ class Prior:
     @property
     def in_logs(self) -> bool:
         """Whether its log is the scale of the unknown: not where zero itself has a density."""
-        return self.low > 0
+        return self.low > 0 or self.vanishes_at_ends
 
     def logpdf(self, x: Array) -> Array:
         """Return the log density at `x (N,)`: `(N,)`."""
+        above = x >= self.low if self.low else x > 0  # zero itself has no log
+        inside = above & (x <= self.high)
+        with np.errstate(all="ignore"):
+            return np.where(inside, self._log_density(x), -np.inf)
+
+    def _log_density(self, x: Array) -> Array | float:
+        """Of what is inside the support."""
         raise NotImplementedError
 
     def quantile(self, u: Array) -> Array:
@@ -63,9 +71,9 @@ class Prior:
         scaled: Prior = dataclasses.replace(self, **moved)
         return scaled
 
-    def describe(self) -> str:
+    def describe(self: Any) -> str:
         """Return it in words, without a unit."""
-        raise NotImplementedError
+        return str(self.words.format_map(dataclasses.asdict(self)))
 
 
 class _Positive(Prior):
@@ -92,22 +100,17 @@ class Uniform(_Bounded):
     """The same density everywhere between low and high."""
 
     flat: ClassVar[bool] = True
+    words: ClassVar[str] = "uniform from {low:.6g} to {high:.6g}"
 
     low: NonNegative
     high: Positive
 
-    def logpdf(self, x: Array) -> Array:
-        """Return the log density at `x (N,)`: `(N,)`."""
-        inside = (x >= self.low) & (x <= self.high) & _possible(self, x)
-        return np.where(inside, -math.log(self.high - self.low), -np.inf)
+    def _log_density(self, x: Array) -> float:
+        return -math.log(self.high - self.low)
 
     def quantile(self, u: Array) -> Array:
         """Return the inverse of the distribution at `u (N,)`."""
         return self.low + (self.high - self.low) * u
-
-    def describe(self) -> str:
-        """Return it in words, without a unit."""
-        return f"uniform from {self.low:.6g} to {self.high:.6g}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,23 +118,17 @@ class LogUniform(_Bounded):
     """The log of the number is uniform between those of low and high."""
 
     flat_in_logs: ClassVar[bool] = True
+    words: ClassVar[str] = "log-uniform from {low:.6g} to {high:.6g}"
 
     low: Positive
     high: Positive
 
-    def logpdf(self, x: Array) -> Array:
-        """Return the log density at `x (N,)`: `(N,)`."""
-        inside = (x >= self.low) & (x <= self.high)
-        safe = np.where(inside, x, 1.0)
-        return np.where(inside, -np.log(safe) - math.log(math.log(self.high / self.low)), -np.inf)
+    def _log_density(self, x: Array) -> Array:
+        return np.asarray(-np.log(x) - math.log(math.log(self.high / self.low)))
 
     def quantile(self, u: Array) -> Array:
         """Return the inverse of the distribution at `u (N,)`."""
         return self.low * (self.high / self.low) ** u
-
-    def describe(self) -> str:
-        """Return it in words, without a unit."""
-        return f"log-uniform from {self.low:.6g} to {self.high:.6g}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,12 +140,9 @@ class TruncatedNormal(_Bounded):
     low: NonNegative = 0.0
     high: Positive = math.inf
 
-    def logpdf(self, x: Array) -> Array:
-        """Return the log density at `x (N,)`: `(N,)`."""
-        inside = (x >= self.low) & (x <= self.high) & _possible(self, x)
-        z = (np.where(inside, x, self.mean) - self.mean) / self.sd
-        density = -0.5 * z**2 - _LOG_SQRT_2PI - math.log(self.sd) - self._log_mass()
-        return np.where(inside, density, -np.inf)
+    def _log_density(self, x: Array) -> Array:
+        z = (x - self.mean) / self.sd
+        return -0.5 * z**2 - _LOG_SQRT_2PI - math.log(self.sd) - self._log_mass()
 
     def quantile(self, u: Array) -> Array:
         """Return the inverse of the distribution at `u (N,)`."""
@@ -185,62 +179,36 @@ class LogNormal(_Positive):
     """log x is normal with mean log(median) and standard deviation `sd_log`."""
 
     vanishes_at_ends: ClassVar[bool] = True
+    words: ClassVar[str] = "log-normal, median {median:.6g}, sd of the log {sd_log:.6g}"
 
     median: Positive
     sd_log: Annotated[float, Field(ge=SMALLEST, le=20, description=_SD_LOG)]
 
-    @property
-    def in_logs(self) -> bool:
-        """Whether its log is the scale of the unknown: always."""
-        return True
-
-    def logpdf(self, x: Array) -> Array:
-        """Return the log density at `x (N,)`: `(N,)`."""
-        inside = x > 0
-        log_x = np.log(np.where(inside, x, 1.0))
+    def _log_density(self, x: Array) -> Array:
+        log_x = np.log(x)
         z = (log_x - math.log(self.median)) / self.sd_log
-        density = -0.5 * z**2 - _LOG_SQRT_2PI - math.log(self.sd_log) - log_x
-        return np.where(inside, density, -np.inf)
+        return np.asarray(-0.5 * z**2 - _LOG_SQRT_2PI - math.log(self.sd_log) - log_x)
 
     def quantile(self, u: Array) -> Array:
         """Return the inverse of the distribution at `u (N,)`."""
         return np.asarray(self.median * np.exp(self.sd_log * scipy.special.ndtri(u)))
-
-    def describe(self) -> str:
-        """Return it in words, without a unit."""
-        return f"log-normal, median {self.median:.6g}, sd of the log {self.sd_log:.6g}"
 
 
 @dataclass(frozen=True, slots=True)
 class HalfNormal(_Positive):
     """|Normal(0, scale)|."""
 
+    words: ClassVar[str] = "half-normal, scale {scale:.6g}"
+
     scale: Positive
 
-    def logpdf(self, x: Array) -> Array:
-        """Return the log density at `x (N,)`: `(N,)`."""
-        inside = x > 0
-        z = np.where(inside, x, 0.0) / self.scale
+    def _log_density(self, x: Array) -> Array:
         constant = math.log(2.0) - _LOG_SQRT_2PI - math.log(self.scale)
-        return np.where(inside, constant - 0.5 * z**2, -np.inf)
+        return constant - 0.5 * (x / self.scale) ** 2
 
     def quantile(self, u: Array) -> Array:
         """Return the inverse of the distribution at `u (N,)`."""
         return np.asarray(self.scale * scipy.special.ndtri(0.5 * (1.0 + u)))
-
-    def describe(self) -> str:
-        """Return it in words, without a unit."""
-        return f"half-normal, scale {self.scale:.6g}"
-
-
-def _possible(prior: Prior, x: Array) -> NDArray[np.bool_] | bool:
-    """Of what cannot be negative zero itself is left out: it has no log."""
-    return is_signed(prior) or x > 0
-
-
-def is_signed(prior: Prior) -> bool:
-    """Whether a prior allows numbers below zero."""
-    return prior.low < 0
 
 
 def flat_in_logs(prior: Prior | None) -> bool:

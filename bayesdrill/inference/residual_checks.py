@@ -18,7 +18,8 @@ import numpy as np
 import scipy
 
 from bayesdrill.basics.arrays import Array, Indices
-from bayesdrill.inference.likelihood import Likelihood, Observation
+from bayesdrill.inference.likelihood import Observation
+from bayesdrill.inference.posterior import Likelihood
 from bayesdrill.record.experiment import Channel
 
 FALSE_ALARM = 0.01  # of records of the model, with its noise, would give any finding at most

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayesdrill.basics.arrays import Array
-from bayesdrill.inference.likelihood import Likelihood, Observation
-from bayesdrill.inference.posterior import Posterior
+from bayesdrill.inference.likelihood import Observation
+from bayesdrill.inference.posterior import Likelihood, Posterior
 from bayesdrill.rig.simulators.contract import REVERSAL_SUBSTEPS, Simulator, Stepping
 
 StepSizes = tuple[int, int]  # steps to a sample, and parts of those in which something turns

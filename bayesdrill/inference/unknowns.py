@@ -24,9 +24,10 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.duals import Dual
 from bayesdrill.basics.formulas import Expression
 from bayesdrill.basics.symbols import Symbol, superscript
-from bayesdrill.inference.priors import Prior, is_signed, prior_sd
+from bayesdrill.inference.priors import Prior, prior_sd
 
 LOG_ROOT_2PI = 0.5 * math.log(2.0 * math.pi)
+TINIEST = float(np.nextafter(0.0, 1.0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,20 +91,35 @@ class Coordinates:
             out[:, column] = step
         return out
 
-    def to_natural(self, theta: Array) -> Array:
-        """Return logs `(W, D)`, and what need not be positive over its step."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            out = np.log(theta)
-        for column, step in self.signed:
-            out[:, column] = theta[:, column] / step
-        return out
 
-    def from_natural(self, natural: Array) -> Array:
-        """Return the unknowns; the inverse of `to_natural`."""
-        out = np.exp(natural)
-        for column, step in self.signed:
-            out[:, column] = natural[:, column] * step
-        return out
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Directions:
+    """Directions along which slopes are wanted, at unknowns `theta (W, D)`.
+
+    `full (W, P)`: their parameters; `columns (D, q)`: directions of coordinates, and
+    `parameter_directions (W, q, P)` of parameters, None where none moves.  `slopes (W, D)`: d
+    unknown / d coordinate; `by_log`: of its log, or of itself where it need not be positive.
+    """
+
+    theta: Array
+    full: Array
+    columns: Array
+    parameter_directions: Array | None
+    slopes: Array
+    by_log: Array
+
+
+def directional_slope(slope: Array, directions: Array) -> Array:
+    """Return `slope (W, D)` along `directions (D, q)`: `(W, q)`.
+
+    Point by point: one product of all of them rounds as their number has it.
+    """
+    return np.asarray((slope[:, None, :] @ directions)[:, 0])
+
+
+def directional_curvature(directions: Array, curvature: Array) -> Array:
+    """Return the diagonal `curvature (W, D)` along `directions (D, q)`: `(W, q, q)`."""
+    return np.asarray((curvature[:, None, :] * directions.T) @ directions)
 
 
 Role = Literal["rig", "quantity", "sensor", "start", "noise"]
@@ -145,7 +161,7 @@ class Unknown:
     def signed(self) -> bool:
         """Whether its log is no scale of it: it need not be positive, or may be next to nothing."""
         small = self.role in ("sensor", "start") and not self.in_logs
-        return self.between is not None or is_signed(self.prior) or small
+        return self.between is not None or self.prior.low < 0 or small
 
     @property
     def scale(self) -> float:
@@ -214,6 +230,7 @@ class ParameterSpace:
         changed = (dataclasses.replace(u, prior=priors.get(u.name, u.prior)) for u in self.unknowns)
         return dataclasses.replace(self, unknowns=tuple(changed))
 
+    @cached_property
     def coordinates(self) -> Coordinates:
         """Return the coordinates in which samplers walk."""
         return Coordinates(
@@ -233,8 +250,7 @@ class ParameterSpace:
     def named(self, theta: Array) -> dict[str, Array | float]:
         """Return all parameters of the model and all quantities, each `(W,)` or a number."""
         named: dict[str, Array | float] = dict(self.fixed)
-        for name in self.free:
-            named[name] = theta[:, self.free.index(name)]
+        named |= zip(self.free, theta.T, strict=False)
         return named | {name: r.value(named) for name, r in self.relations.items()}
 
     def slopes(self, theta: Array) -> Array:
@@ -242,25 +258,18 @@ class ParameterSpace:
 
         Noise is left out.  What need not be positive counts by itself over its `scale`.
         """
-        steps = self._steps
+        columns, steps = self.columns(*SIMULATOR_ROLES), self.coordinates.natural(theta)
         duals: dict[str, Dual | float] = dict(self.fixed)
-        for row, (name, step) in enumerate(steps.items()):
-            column_ = theta[:, row, None]
-            by = column_ if step is None else np.full_like(column_, step)
-            duals[name] = Dual(column_, by * np.eye(len(steps))[row])
+        for column, unit in zip(columns, np.eye(len(columns)), strict=True):
+            name, x = self.free[column], theta[:, column, None]
+            duals[name] = Dual(x, steps[:, column, None] * unit)
         duals |= {name: r.value(duals) for name, r in self.relations.items()}
-        out = np.zeros((len(theta), len(steps), len(self.model)))
+        out = np.zeros((len(theta), len(columns), len(self.model)))
         for column, name in enumerate(self.model):
             value = duals[name]
             if isinstance(value, Dual):
                 out[:, :, column] = value.slope
         return out
-
-    @cached_property
-    def _steps(self) -> dict[str, float | None]:
-        """Of what simulators are told: of what need not be positive its scale, or None."""
-        moving = [self.unknowns[k] for k in self.columns(*SIMULATOR_ROLES)]
-        return {u.name: u.scale if u.signed else None for u in moving}
 
     def vector(self, values: Mapping[str, float]) -> Array:
         """Return `(D,)` from named values."""
@@ -268,13 +277,14 @@ class ParameterSpace:
 
     def log_prior(self, theta: Array) -> Array:
         """Return the log prior `(W,)`; -inf outside the support, NaN included."""
-        columns, low, high, log_density = self.box
-        boxed, floor = theta[:, columns], self._floor
+        columns, low, high, log_density = self._box
+        boxed = theta[:, columns]
         with np.errstate(invalid="ignore"):
-            inside = ((boxed >= low) & (boxed <= high) & (boxed > floor)).all(axis=1)
+            inside = ((boxed >= low) & (boxed <= high)).all(axis=1)
         total = np.where(inside, log_density, -np.inf)
-        for column, prior in self._curved:
-            total += prior.logpdf(theta[:, column])
+        for column, unknown in enumerate(self.unknowns):
+            if not unknown.prior.flat:
+                total += unknown.prior.logpdf(theta[:, column])
         if self.bounding:
             named = self.named(theta)
             for name in self.bounding:  # what no positive number comes out of is impossible
@@ -287,23 +297,14 @@ class ParameterSpace:
         return tuple(name for name, r in self.relations.items() if not r.positive)
 
     @cached_property
-    def _curved(self) -> list[tuple[int, Prior]]:
-        """Priors that are not in the box, with their columns."""
-        return [(column, p) for column, p in enumerate(self.priors.values()) if not p.flat]
-
-    @cached_property
-    def _floor(self) -> Array:
-        """Above which each of the box must be: zero, where its coordinate does not say otherwise."""
-        free = [self.unknowns[column].signed for column in self.box[0]]
-        return np.where(free, -np.inf, 0.0)
-
-    @cached_property
-    def box(self) -> tuple[list[int], Array, Array, float]:
-        """Return all uniform priors at once: columns, lower and upper ends, log density inside."""
-        boxes = {c: p for c, p in enumerate(self.priors.values()) if p.flat}
-        low = np.array([p.low for p in boxes.values()])
-        high = np.array([p.high for p in boxes.values()])
-        return list(boxes), low, high, -float(np.log(high - low).sum())
+    def _box(self) -> tuple[list[int], Array, Array, float]:
+        """All uniform priors at once: columns, least and greatest values, log density inside."""
+        boxes = {c: u for c, u in enumerate(self.unknowns) if u.prior.flat}
+        low = np.array([u.prior.low for u in boxes.values()])
+        high = np.array([u.prior.high for u in boxes.values()])
+        # Zero itself is none where a coordinate is a log.
+        least = np.where([u.signed for u in boxes.values()], low, np.maximum(low, TINIEST))
+        return list(boxes), least, high, -float(np.log(high - low).sum())
 
     def draw(self, n: int, rng: np.random.Generator) -> Array:
         """Draw `(n, D)` from the prior, also what `bounding` relations exclude."""

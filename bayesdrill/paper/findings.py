@@ -101,7 +101,7 @@ def prepare(configs: Path) -> Studies:
 def _of_noise(jobs: Sequence[Job]) -> Iterator[Issue]:
     message = "the paper's misfit needs known noise; give each sigma as a number"
     for each in jobs:
-        if each.problem.posterior.likelihood.noise.unknowns:
+        if each.problem.posterior.likelihood.only_observation.unknowns:
             yield each.source.issue(("record", "channels"), message)
 
 

@@ -236,13 +236,15 @@ def paper_signals(model: Model, experiment: Experiment, p: Array) -> tuple[Array
 def stepped_signals(likelihood: Likelihood, theta: Array) -> Array:
     """Return the channels without noise, `(T, K)`, at `theta (D,)`."""
     (full,) = likelihood.space.full(theta[None])
-    return paper_signals(likelihood.response.model, likelihood.response.experiment, full)[0]
+    observation = likelihood.only_observation
+    return paper_signals(observation.response.model, observation.experiment, full)[0]
 
 
 def stepped_misfit(likelihood: Likelihood, theta: Array) -> float:
     """Return the misfit per number at one point `(D,)`; for known noise."""
-    sigma = likelihood.noise.scales(np.empty((1, 0)))
-    off = stepped_signals(likelihood, theta) - likelihood.response.experiment.y
+    observation = likelihood.only_observation
+    sigma = observation.noise.scales(np.empty((1, 0)))
+    off = stepped_signals(likelihood, theta) - observation.experiment.y
     return float(np.mean((off / sigma) ** 2))
 
 

@@ -10,6 +10,7 @@ import dataclasses
 import io
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from scipy.stats import chi2
@@ -54,11 +55,13 @@ def lengths(
 
     `repeats`: how many such records at sigma 1 know c_m to `ATTAINED`.
     """
+    observation = likelihood.only_observation
     for duration, rate in grid:
-        experiment = regular(likelihood.response.experiment, duration, rate)
-        response = Response(likelihood.response.model, experiment)
-        noise = likelihood.noise.for_length(len(experiment.t))
-        longer = likelihood.replace_only(response=response, noise=noise)
+        experiment = regular(observation.experiment, duration, rate)
+        response = Response(observation.response.model, experiment)
+        noise = observation.noise.for_length(len(experiment.t))
+        long = dataclasses.replace(observation, response=response, noise=noise)
+        longer = dataclasses.replace(likelihood, observations=(long,))
         relative = at_sigma_1(longer, truth)
         yield {
             "duration": duration,
@@ -129,7 +132,8 @@ def made_record(posterior: Posterior, truth: Array, seed: int, index: int) -> Po
     """Return a copy with record `index` of the rig `truth (D,)`; its noise scales with sigma."""
     rng = seeds.stream(seed, "study", index)
     y = posterior.likelihood.signals(truth[None])
-    return posterior.edit(records=[*posterior.likelihood.noise.draw(y, np.empty((1, 0)), rng)])
+    observation = posterior.likelihood.only_observation
+    return posterior.edit(records=[*observation.draw(y, truth[None], rng)])
 
 
 def clean_record(posterior: Posterior, truth: Array) -> Posterior:
@@ -139,7 +143,7 @@ def clean_record(posterior: Posterior, truth: Array) -> Posterior:
 
 def with_sigma(posterior: Posterior, sigma: float) -> Posterior:
     """Return a copy with this noise in every channel."""
-    noise = posterior.likelihood.noise
+    noise: Any = posterior.likelihood.only_observation.noise
     known = dict.fromkeys(range(noise.n_channels), sigma)
     other = dataclasses.replace(noise, known=known)
     return posterior.edit(each=lambda observation: dataclasses.replace(observation, noise=other))

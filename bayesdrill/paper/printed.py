@@ -211,7 +211,7 @@ def causes(posterior: Posterior, mode: Array, estimate: Array, draws: Array) -> 
     the posterior (median, and 94 % HDI of the logarithm).  `alone`: Cramer-Rao bound of its log
     without any prior, at the MAP.  None where the config itself gives it.
     """
-    inputs = typical_inputs(posterior.likelihood.response.experiment)
+    inputs = typical_inputs(posterior.likelihood.only_observation.experiment)
     guess = quantities(MotorShaft(), GUESS, inputs, 1)
     rigs: dict[str, Mapping[str, float]] = {
         "table_3": {n: e.value for n, e in NINE_PARAMETERS.items()},
@@ -265,7 +265,7 @@ def with_missing(*, j_2: float = 0.0, r_s: float = 0.0) -> dict[str, float]:
 
 def _at(posterior: Posterior, theta: Array, inputs: Mapping[str, float]) -> dict[str, Array]:
     """At unknowns `(W, D)`."""
-    model = posterior.likelihood.response.model
+    model = posterior.likelihood.only_observation.response.model
     return quantities(model, posterior.space.named(theta), inputs, len(theta))
 
 

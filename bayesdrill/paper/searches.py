@@ -161,7 +161,7 @@ def run_heuristic(
     around = rng.uniform(1 - AROUND, 1 + AROUND, (starts, len(guess)))
     by_integrator = None
     # All inputs are constant in the paper.  First, because it takes longest.
-    if not posterior.likelihood.response.experiment.series:
+    if not posterior.likelihood.only_observation.experiment.series:
         by_integrator = pool.submit(replace(search, stepped=True), guess)
     tasks = [pool.submit(search, point) for point in (guess, *(guess * around))]
     first_result, *other_results = [task.result() for task in tasks]
@@ -345,6 +345,7 @@ def _by_trapezoid(
     exact = precision.clean_record(sized, truth)
     target = precision.made_record(sized, truth, seed, 0) if noisy else exact
     if from_integrator:
-        y = target.likelihood.response.experiment.y - exact.likelihood.response.experiment.y
-        target = target.edit(records=[y + forward.stepped_signals(target.likelihood, truth)])
+        drawn, clean = (x.likelihood.only_observation.experiment.y for x in (target, exact))
+        stepped = forward.stepped_signals(target.likelihood, truth)
+        target = target.edit(records=[drawn - clean + stepped])
     return _search("fminsearch", target, stepped=True)

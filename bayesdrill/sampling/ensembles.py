@@ -17,7 +17,7 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.inference.compression import CompressionCheck
-from bayesdrill.inference.laplace import PosteriorLogDensity, QuadraticModel, concatenate_models
+from bayesdrill.inference.laplace import LogDensity, QuadraticModel, concatenate_models
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.residual_checks import MAX_BELIEVABLE_RMS
 from bayesdrill.inference.step_error import evidence_shift
@@ -83,7 +83,7 @@ SEGMENT_SECONDS = 2.0  # ... about as many as take this long: what Ctrl-C waits 
 MAX_STEPS_OF_A_MISFIT = 800  # steps
 
 
-class _PooledLogDensity(PosteriorLogDensity):
+class _PooledLogDensity(LogDensity):
     """The log density over the sampler's coordinates, of which processes share many points."""
 
     def __init__(self, pool: WorkerPool) -> None:
@@ -101,7 +101,7 @@ class _PooledLogDensity(PosteriorLogDensity):
 
 
 def _quadratic_model(posterior: Posterior, u: Array, directions: Array) -> QuadraticModel:
-    return PosteriorLogDensity(posterior).quadratic_model(u, directions)
+    return LogDensity(posterior).quadratic_model(u, directions)
 
 
 def prepare(
@@ -169,7 +169,7 @@ def begin_walkers(
             fresh = proposal.draw(wanted, posterior.supports, random)[0]
         else:
             fresh = centre + 0.25**mirrored * (wide.draw(wanted, random).u - centre)
-            ends = PosteriorLogDensity(posterior)
+            ends = LogDensity(posterior)
             fresh = np.where(fresh < ends.low, 2.0 * ends.low - fresh, fresh)
             fresh = np.where(fresh > ends.high, 2.0 * ends.high - fresh, fresh)
         z[missing], log_p[missing] = fresh, posterior(fresh)

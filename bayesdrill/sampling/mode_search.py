@@ -14,7 +14,7 @@ import numpy as np
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.inference import inverse_dynamics, laplace, step_error
-from bayesdrill.inference.laplace import LogDensity, PosteriorLogDensity
+from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.step_error import StepSizes
 from bayesdrill.sampling import multiple_modes
@@ -158,7 +158,7 @@ def _finished_search(
 ) -> Search:
     theta, value, settled = optimum.theta, optimum.value, optimum.settled
     if optimiser.polished:
-        surface = PosteriorLogDensity(posterior, physical=True)
+        surface = LogDensity(posterior, physical=True)
         # A simplex may go on for ever towards an end that has none.
         u = np.clip(posterior.coordinates.from_physical(theta[None]), surface.low, surface.high)
         value = float(surface.value(u)[0])
@@ -182,7 +182,7 @@ def search(posterior: Posterior, optimiser: Optimiser, evaluations: int, start: 
 
 def multi_start(posterior: Posterior, starts: Array) -> tuple[Array, Array]:
     """Climb from physical `starts (n, D)`: the ends `(m, D)` and their log densities `(m,)`."""
-    surface = PosteriorLogDensity(posterior, physical=True)
+    surface = LogDensity(posterior, physical=True)
     u, value = multiple_modes.best_ends(surface, posterior.coordinates.from_physical(starts))
     return posterior.coordinates.to_physical(u), value
 
@@ -207,7 +207,7 @@ def summarise(
         if step_error.chosen_steps(posterior) != steps:
             searches = tuple(polished_again(posterior, searches))
             scouted = [(theta, posterior.density(theta)) for theta, _ in scouted]
-    surface = PosteriorLogDensity(posterior, physical=True)
+    surface = LogDensity(posterior, physical=True)
     to, back = posterior.coordinates.from_physical, posterior.coordinates.to_physical
     searched = np.array([posterior.space.vector(s.end) for s in searches])
     points = np.concatenate([to(theta) for theta in (searched, *(some[0] for some in scouted))])
@@ -262,7 +262,7 @@ def _distinct_maxima(
 
 
 def _search_around(
-    surface: PosteriorLogDensity, ends: Array, heights: Array, rounds: int
+    surface: LogDensity, ends: Array, heights: Array, rounds: int
 ) -> tuple[Array, Array, float]:
     """Search around maxima `ends (M, D)`, and around those that are reached from them, in `rounds`.
 
@@ -298,7 +298,7 @@ def _polished(surface: LogDensity, u: Array) -> GaussNewtonResult:
 
 def polished_again(posterior: Posterior, searches: Sequence[Search]) -> list[Search]:
     """Go on from where searches ended, of a posterior that has changed a little since."""
-    surface, space = PosteriorLogDensity(posterior, physical=True), posterior.space
+    surface, space = LogDensity(posterior, physical=True), posterior.space
     ends = np.array([space.vector(search.end) for search in searches])
     top = _polished(surface, posterior.coordinates.from_physical(ends))
     values = np.nan_to_num(top.value, neginf=LOWEST_LOG_DENSITY)

@@ -20,7 +20,7 @@ import numpy as np
 import scipy
 
 from bayesdrill.basics.arrays import Array, Flags
-from bayesdrill.inference.laplace import LogDensity, PosteriorLogDensity
+from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.rig.models.linear import dynamics
 from bayesdrill.sampling.gauss_newton import gauss_newton
@@ -117,7 +117,7 @@ def shares_held(posterior: Posterior, ends: Array) -> Array:
     """Return the share of the posterior of each maximum `ends (M, D)`, by Laplace: `(M,)`, sum 1."""
     if len(ends) == 1:
         return np.ones(1)
-    over = PosteriorLogDensity(posterior)
+    over = LogDensity(posterior)
     here = over.quadratic_model(ends, np.eye(ends.shape[1]))
     scaled = here.curvature * np.outer(over.spread, over.spread) + np.eye(ends.shape[1])
     log_mass = here.value - 0.5 * np.linalg.slogdet(scaled)[1]
@@ -151,13 +151,13 @@ class NearbyStarts:
     missed_share: float
 
 
-def nearby_starts(surface: PosteriorLogDensity, u: Array) -> Iterator[NearbyStarts]:
+def nearby_starts(surface: LogDensity, u: Array) -> Iterator[NearbyStarts]:
     """Yield starts from which a search may find other maxima than the one at `u (D,)`."""
     yield from alias_starts(surface, u)
     yield from scan_starts(surface, u)
 
 
-def alias_starts(surface: PosteriorLogDensity, u: Array) -> Iterator[NearbyStarts]:
+def alias_starts(surface: LogDensity, u: Array) -> Iterator[NearbyStarts]:
     """Yield points where each pair of poles swings at an alias of its frequency at `u (D,)`."""
     posterior = surface.posterior
     here = frequencies(posterior, u[None])[0]
@@ -170,7 +170,7 @@ def alias_starts(surface: PosteriorLogDensity, u: Array) -> Iterator[NearbyStart
         yield NearbyStarts(heaviest, 1.0 - share * most / max(len(wanted), most))
 
 
-def _heaviest(surface: PosteriorLogDensity, at: Array) -> tuple[Array, float]:
+def _heaviest(surface: LogDensity, at: Array) -> tuple[Array, float]:
     """The `MAX_ALIASES` near `at (n, D)` that hold most, and their share of what all of them hold."""
     if len(at) <= MAX_ALIASES:
         return at, 1.0
@@ -180,7 +180,7 @@ def _heaviest(surface: PosteriorLogDensity, at: Array) -> tuple[Array, float]:
     return u[most], float(shares[most].sum())
 
 
-def scan_starts(surface: PosteriorLogDensity, u: Array) -> Iterator[NearbyStarts]:
+def scan_starts(surface: LogDensity, u: Array) -> Iterator[NearbyStarts]:
     """Yield maxima along each unknown by itself, but for that of `u (D,)`."""
     posterior, most = surface.posterior, MAX_STARTS_PER_UNKNOWN
     step = min(
@@ -268,15 +268,15 @@ def frequencies(posterior: Posterior, u: Array) -> Array:
     """Return imaginary parts of the fastest poles at `u (W, D)`: `(W, POLE_PAIRS)`, 0 if none."""
     model = posterior.likelihood.observations[0].response.model
     theta = posterior.coordinates.to_physical(u)
-    full = dict(zip(model.parameters, posterior.likelihood.rig_parameters(theta).T, strict=True))
-    matrices = dynamics(model.linear(full), model.states, len(u))
+    rig = posterior.likelihood.rig_parameters(theta)
+    matrices = dynamics(model.linear(rig), model.states, len(u))
     poles = np.linalg.eigvals(np.where(np.isfinite(matrices), matrices, 0.0))
     size = np.abs(poles).max(axis=1, keepdims=True)
     swings = np.sort(np.where(poles.imag > MIN_IMAGINARY * size, poles.imag, 0.0), axis=1)
     return np.asarray(swings[:, ::-1][:, :POLE_PAIRS])
 
 
-def _slopes(surface: PosteriorLogDensity, u: Array, pair: int) -> tuple[Array, Array]:
+def _slopes(surface: LogDensity, u: Array, pair: int) -> tuple[Array, Array]:
     """Logs of the frequency of a pair at `u (W, D)`, and their slopes over the priors' spreads."""
     n, d = u.shape
     steps = SLOPE_STEP * np.diag(surface.spread)
@@ -289,7 +289,7 @@ def _slopes(surface: PosteriorLogDensity, u: Array, pair: int) -> tuple[Array, A
     return logs[:n], np.where(np.isfinite(slope), slope, 0.0)
 
 
-def _frequency_range(surface: PosteriorLogDensity, u: Array) -> tuple[Array, Array]:
+def _frequency_range(surface: LogDensity, u: Array) -> tuple[Array, Array]:
     """Return the slowest and fastest of each pair of poles from `u (D,)` to the ends of the priors."""
     ends = []
     for pair in range(POLE_PAIRS):
@@ -301,7 +301,7 @@ def _frequency_range(surface: PosteriorLogDensity, u: Array) -> tuple[Array, Arr
     return low, high
 
 
-def _at_frequencies(surface: PosteriorLogDensity, u: Array, pair: int, wanted: Array) -> Array:
+def _at_frequencies(surface: LogDensity, u: Array, pair: int, wanted: Array) -> Array:
     """Return the points `(m, D)` nearest to `u (D,)` at which a pair swings as `wanted (n,)`.
 
     Nearest in the priors' spreads; those that are not reached are left out.

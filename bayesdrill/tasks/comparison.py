@@ -15,8 +15,9 @@ from bayesdrill.analysis.comparison import PosteriorSummary, RunSummary
 from bayesdrill.analysis.plausibility import diffuse_priors
 from bayesdrill.basics import software
 from bayesdrill.basics.errors import InputError, encodable
+from bayesdrill.basics.units import Unit
 from bayesdrill.config.job import Job
-from bayesdrill.inference.display_units import SI, DisplayUnits
+from bayesdrill.inference.display_units import DisplayUnits
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.residual_checks import ResidualSummary
 from bayesdrill.inference.unknowns import SIMULATOR_ROLES
@@ -77,12 +78,12 @@ def report(form: Form, runs: Sequence[NamedRun]) -> ComparisonReport:
 
 def overlay_units(jobs: Sequence[Job]) -> DisplayUnits:
     """Of each unknown those of the first run that says any; SI where a name means two things."""
-    units, kinds = SI, dict[str, set[str]]()
+    units, kinds = dict[str, Unit](), dict[str, set[str]]()
     for job in jobs:
-        units = units.override(job.units)
+        units = {**job.units.units, **units}
         for symbol in job.problem.symbols:
             kinds.setdefault(symbol.name, set()).add(symbol.unit)
-    same = {name: item for name, item in units.units.items() if len(kinds.get(name, ())) < 2}
+    same = {name: item for name, item in units.items() if len(kinds.get(name, ())) < 2}
     return DisplayUnits(same)
 
 

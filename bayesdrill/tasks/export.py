@@ -71,8 +71,7 @@ def simulator_model(run: SampledRun, draws: int, rng: np.random.Generator) -> Si
     chain = run.sampled.draws.reshape(-1, len(problem.names))
     rows = rng.choice(len(chain), min(draws, len(chain)), replace=False)
     theta = np.vstack([posterior.space.vector(run.mode.values), chain[np.sort(rows)]])
-    parameters = posterior.likelihood.rig_parameters(theta)
-    p = dict(zip(model.parameters, parameters.T, strict=True))
+    p = posterior.likelihood.rig_parameters(theta)
     moving = model.roles.moving(model.states, model.parameters)
     if not moving:
         message = f"the rig {model.name} does not say what its inertias are (`roles`)"

@@ -13,8 +13,9 @@ import numpy as np
 
 from bayesdrill.analysis.causes import Causes, EquivalentExplanation
 from bayesdrill.analysis.comparison import RepeatedProduct
+from bayesdrill.analysis.energy import EnergySummary
 from bayesdrill.analysis.plausibility import DiffusePrior
-from bayesdrill.analysis.run_analysis import EnergySummary, RunAnalysis, TorqueSummary
+from bayesdrill.analysis.run_analysis import RunAnalysis, TorqueSummary
 from bayesdrill.analysis.verdict import Verdict
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.values import as_data, schema

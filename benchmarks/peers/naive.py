@@ -112,7 +112,7 @@ def log_density(job: problem.Job) -> Any:
     """`theta (9,)` to a number, up to a constant, without any of bayesdrill's own response."""
     low, high = job.problem.posterior.space.box[1:3]
     y = job.problem.experiment.y
-    known = job.problem.posterior.likelihood.noise.known
+    known = job.problem.posterior.likelihood.only_observation.noise.known
     sigma = np.array([known[k] for k in range(y.shape[1])])
 
     def density(theta: Array) -> float:

@@ -30,12 +30,15 @@ Density = Callable[[Any], Any]
 def log_likelihood(job: Job) -> Density:
     """`theta (9,)` to a number, up to a constant."""
     experiment, space = job.problem.experiment, job.problem.posterior.space
-    rig, names = MotorShaft(job.problem.posterior.likelihood.response.model.i_m), job.problem.names
+    rig, names = (
+        MotorShaft(job.problem.posterior.likelihood.only_observation.response.model.i_m),
+        job.problem.names,
+    )
     if experiment.series or experiment.t[0] != experiment.t_start or any(experiment.start.values()):
         raise ValueError("written for constant inputs and a start at rest")
     n, index = len(experiment.t), {state: k for k, state in enumerate(rig.states)}
     weights = jnp.array([[c.weights.get(s, 0.0) for s in rig.states] for c in experiment.channels])
-    known = job.problem.posterior.likelihood.noise.known
+    known = job.problem.posterior.likelihood.only_observation.noise.known
     sigma = jnp.array([known[k] for k in range(len(experiment.channels))])
     y = jnp.array(experiment.y.T)
 

@@ -45,7 +45,7 @@ def target(series: dict[str, Array], *, first_order: bool) -> Posterior:
     )
     pair = (simulator(MotorShaft(), record, SENSING), White.from_channels(noisy, N))
     likelihood = likelihood_of(space, pair)
-    return Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates())
+    return Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates)
 
 
 @together("first_order", [False, True])

@@ -7,17 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from oracles import NOMINAL
-from rigs import experiment, likelihood_of, unknown, vector
+from rigs import experiment, likelihood_of, replace_only, unknown, vector
 from together import for_each
 
 import bayesdrill as bd
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.suspicions import half_sample_shift
-from bayesdrill.inference.laplace import PosteriorLogDensity
-from bayesdrill.inference.likelihood import Likelihood
+from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.inference.noise.contract import NoisyChannel
 from bayesdrill.inference.noise.white import White
-from bayesdrill.inference.posterior import Posterior
+from bayesdrill.inference.posterior import Likelihood, Posterior
 from bayesdrill.inference.priors import Uniform
 from bayesdrill.inference.residual_checks import like_noise
 from bayesdrill.inference.unknowns import ParameterSpace
@@ -65,11 +64,11 @@ def believed(record: Experiment) -> Posterior:
     )
     rig = simulator(MotorShaft(), record, ObservationModel())
     likelihood = likelihood_of(space, (rig, White.from_channels(noisy, N)))
-    return Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates())
+    return Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates)
 
 
 def best(posterior: Posterior) -> np.ndarray:
-    surface = PosteriorLogDensity(posterior, physical=True)
+    surface = LogDensity(posterior, physical=True)
     start = posterior.space.vector(posterior.space.start)
     top = gauss_newton(surface, posterior.coordinates.from_physical(start[None]), 60)
     return posterior.coordinates.to_physical(top.u)[0]
@@ -146,8 +145,10 @@ def test_half_a_sample_is_told_only_where_the_fit_is_noise() -> None:
     run = case.sample(seed=3)
     assert [note for note in run._view.notes if "timing: if the inputs act half a sample" in note]
     posterior = run.job.problem.posterior
-    response = posterior.likelihood.response.with_record((exact + 9.0 * noise)[:, None])
-    off = replace(posterior, likelihood=posterior.likelihood.replace_only(response=response))
+    response = posterior.likelihood.only_observation.response.with_record(
+        (exact + 9.0 * noise)[:, None]
+    )
+    off = replace(posterior, likelihood=replace_only(posterior.likelihood, response=response))
     job = replace(run.job, problem=replace(run.job.problem, posterior=off))
     view = concluded(
         SampledRun(job, run.mode, run.sampled), alone=False

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from oracles import NOMINAL, ORDER
-from rigs import measured, posterior, vector
+from rigs import measured, posterior, replace_only, vector
 from together import for_each
 
 from bayesdrill.analysis.identifiability import information, structure
@@ -160,8 +160,8 @@ def test_a_known_inertia_beside_the_motors_settles_no_scale() -> None:
     target = posterior(measured(SIGMA), SIGMA)
     likelihood = target.likelihood
     rig = TwoRotors(j_2=7e-3, r_s=0.2)
-    response = Response(rig, likelihood.response.experiment)
-    target = replace(target, likelihood=likelihood.replace_only(response=response))
+    response = Response(rig, likelihood.only_observation.response.experiment)
+    target = replace(target, likelihood=replace_only(likelihood, response=response))
     theta = target.space.vector(target.space.start)
     found = study_of(SensitivityStudy(target.likelihood), target, theta, Asked())
     assert found.structure.symmetries == ()

@@ -14,8 +14,8 @@ from together import for_each
 
 from bayesdrill.analysis.prediction import leave_one_out_check, prediction_checks
 from bayesdrill.basics.symbols import Symbol
-from bayesdrill.inference.likelihood import Likelihood
 from bayesdrill.inference.noise.white import White
+from bayesdrill.inference.posterior import Likelihood
 from bayesdrill.inference.priors import Uniform
 from bayesdrill.inference.unknowns import ParameterSpace, Unknown
 from bayesdrill.record.experiment import Channel, Experiment

@@ -11,11 +11,11 @@ from rigs import experiment, likelihood_of, unknown, vector
 
 from bayesdrill.analysis.comparison import RepeatedProduct, repeats
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
-from bayesdrill.inference.laplace import PosteriorLogDensity
-from bayesdrill.inference.likelihood import Likelihood, Observation
+from bayesdrill.inference.laplace import LogDensity
+from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.noise.contract import NoisyChannel
 from bayesdrill.inference.noise.white import White
-from bayesdrill.inference.posterior import Posterior
+from bayesdrill.inference.posterior import Likelihood, Posterior
 from bayesdrill.inference.priors import Uniform
 from bayesdrill.inference.unknowns import ParameterSpace
 from bayesdrill.report.sections import verdict_words
@@ -55,8 +55,8 @@ def compared(stiffer: float, seed: int = 0) -> tuple[RepeatedProduct, ...]:
     fixed = {name: NOMINAL[name] for name in ORDER if name not in FREE}
     space = ParameterSpace(model=ORDER, unknowns=unknowns, fixed=fixed)
     likelihood = Likelihood.joint(space, parts)
-    posterior = Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates())
-    surface = PosteriorLogDensity(posterior, physical=True)
+    posterior = Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates)
+    surface = LogDensity(posterior, physical=True)
     start = posterior.coordinates.from_physical(space.vector(space.start)[None])
     theta = posterior.coordinates.to_physical(gauss_newton(surface, start, 40).u)[0]
     return repeats(SensitivityStudy(likelihood), theta, [(1, 0, 0), (0, 1, -1), (0, 0, 1)])

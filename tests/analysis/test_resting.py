@@ -160,7 +160,7 @@ def test_a_rig_s_own_parameters_may_be_held(monkeypatch: pytest.MonkeyPatch) -> 
     )
     (one,) = plain.likelihood.observations
     likelihood = likelihood_of(space, (Response(rig, record), one.noise))
-    target = Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates())
+    target = Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates)
     theta = space.vector(space.start)
     assert sets(rests(target, theta)) == {
         (MECHANICAL - {"j_1"}, frozenset({"j_1"})),

@@ -19,7 +19,7 @@ from together import for_each
 from torques import FREE, FRICTION, PIECES, TORQUE, T, observed, of, weighed
 
 from bayesdrill.analysis.latent_torque import torque_estimates
-from bayesdrill.inference.laplace import PosteriorLogDensity
+from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.report.sections.torque_words import HARMLESS
 from bayesdrill.rig.models.latent_torque import TORQUE as LOAD
@@ -111,9 +111,7 @@ def strayed(size: float, seed: int) -> float:
     """At the maximum."""
     target, truth, _ = shaken(size, seed)
     start = target.coordinates.from_physical(truth[None])
-    best = target.coordinates.to_physical(
-        gauss_newton(PosteriorLogDensity(target), start, 60).u[:1]
-    )
+    best = target.coordinates.to_physical(gauss_newton(LogDensity(target), start, 60).u[:1])
     (found,) = torque_estimates(target, best, np.random.default_rng(seed))
     return max(course.strayed for course in found.courses)
 

@@ -19,11 +19,10 @@ from together import for_each
 from bayesdrill.analysis.latent_torque import TorqueEstimate, torque_estimates
 from bayesdrill.analysis.run_analysis import torque_summary
 from bayesdrill.basics.units import Unit
-from bayesdrill.inference.likelihood import Likelihood
+from bayesdrill.inference.likelihood import LatentTorqueObservation
 from bayesdrill.inference.noise.white import White
-from bayesdrill.inference.posterior import Posterior
+from bayesdrill.inference.posterior import Likelihood, Posterior
 from bayesdrill.inference.priors import LogUniform
-from bayesdrill.inference.state_space import LatentTorqueObservation
 from bayesdrill.inference.unknowns import ParameterSpace
 from bayesdrill.report.sections import torque_words
 from bayesdrill.report.sections.physics_figure import torque_figure
@@ -64,7 +63,7 @@ def shaken(at: TorqueLocation, rng: np.random.Generator) -> tuple[Posterior, np.
         model=base.space.model, unknowns=(*base.space.unknowns, *observed.unknowns), fixed={}
     )
     likelihood = Likelihood.joint(space, [observed])
-    made = Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates())
+    made = Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates)
     return made, SIZE * states[0, :, found.augmented.states.index("torque")]
 
 

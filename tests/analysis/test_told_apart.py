@@ -72,7 +72,7 @@ def believed(
     return Posterior(
         space=space,
         likelihood=likelihood_of(space, (response, White.from_channels(noisy, N))),
-        coordinates=space.coordinates(),
+        coordinates=space.coordinates,
     )
 
 

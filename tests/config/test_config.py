@@ -42,7 +42,9 @@ def test_bundled_config_says_what_the_documents_say() -> None:
     assert experiment.y.shape == (1001, 4)
     assert experiment.dt == pytest.approx(0.01)
     assert experiment.constant == {"v": 8.0, "t_1": 0.0}
-    assert job.problem.posterior.likelihood.noise.known == dict.fromkeys(range(4), 0.1)
+    assert job.problem.posterior.likelihood.only_observation.noise.known == dict.fromkeys(
+        range(4), 0.1
+    )
     priors = job.problem.posterior.space.priors
     assert tuple(priors) == tuple(NOMINAL)
     for name, prior in priors.items():

@@ -79,7 +79,7 @@ def test_sigma_and_its_prior_are_in_the_columns_unit(tmp_path: Path) -> None:
     table(tmp_path)
     experiment = read(tmp_path, RECORD)
     problem = assembly.build_problem(loading.load(tmp_path / "mine.yaml"), [experiment])
-    noise = problem.posterior.likelihood.noise
+    noise = problem.posterior.likelihood.only_observation.noise
     assert noise.known == {0: pytest.approx(np.radians(2)), 2: pytest.approx(1.5 * np.pi / 30)}
     assert problem.names == ("k_e", "sigma_w_1")
     prior = problem.posterior.space.priors["sigma_w_1"]

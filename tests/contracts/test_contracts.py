@@ -16,11 +16,10 @@ import pytest
 
 import bayesdrill
 from bayesdrill.inference import priors
-from bayesdrill.inference.likelihood import Observation
+from bayesdrill.inference.likelihood import LatentTorqueObservation, Observation
 from bayesdrill.inference.noise import NOISES
 from bayesdrill.inference.noise.contract import Noise
 from bayesdrill.inference.noise.mixed import Mixed
-from bayesdrill.inference.state_space import LatentTorqueObservation
 from bayesdrill.record.formats import FORMATS
 from bayesdrill.report.publish import FIGURES
 from bayesdrill.rig.models import MODELS
@@ -138,7 +137,7 @@ def test_nobody_asks_a_member_which_one_it_is() -> None:
     [
         "isinstance(one.response, Stepped)",
         "isinstance(one, White | AR1)",
-        "isinstance(one, (state_space.LatentTorqueObservation, int))",
+        "isinstance(one, (likelihood.LatentTorqueObservation, int))",
         "isinstance(rig, MotorShaft)",
         "getattr(one.noise, name)",
         "getattr(anything, 'with_counts', None)",

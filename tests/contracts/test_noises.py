@@ -20,7 +20,7 @@ from rigs import experiment, likelihood_of, unknown
 from together import together
 
 from bayesdrill.inference import laplace
-from bayesdrill.inference.laplace import PosteriorLogDensity
+from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.inference.noise import NOISES
 from bayesdrill.inference.noise.contract import Noise, NoisyChannel, as_matrix
 from bayesdrill.inference.noise.mixed import ChannelNoise, Mixed
@@ -273,13 +273,13 @@ def target(name: str) -> Posterior:
         fixed={p: NOMINAL[p] for p in PARAMETERS if p not in free},
     )
     likelihood = likelihood_of(space, (clean.with_record(y), of))
-    return Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates())
+    return Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates)
 
 
 @together("name", MADE)
 def test_a_posterior_with_it_has_the_slopes_of_its_density(name: str) -> None:
     of = target(name)
-    surface = PosteriorLogDensity(of)
+    surface = LogDensity(of)
     share = np.random.default_rng(4).uniform(0.35, 0.65, (3, len(of.space.free)))
     priors = of.space.priors.values()
     theta = np.stack([p.quantile(s) for p, s in zip(priors, share.T, strict=True)], axis=-1)
@@ -298,15 +298,13 @@ def test_a_posterior_with_it_has_the_slopes_of_its_density(name: str) -> None:
 def test_its_information_is_that_of_the_curvature_at_the_truth(name: str) -> None:
     """Laplace's root, in the natural scales, against the surface's, in the coordinates."""
     of = target(name)
-    own = truth(of.likelihood.noise)[0]
+    own = truth(of.likelihood.only_observation.noise)[0]
     at = np.append([NOMINAL[p] for p in ("k_e", "k_s", "j_1")], own)
     u = of.coordinates.from_physical(at[None])
-    curvature = PosteriorLogDensity(of).quadratic_model(u, np.eye(len(at))).curvature[0]
+    curvature = LogDensity(of).quadratic_model(u, np.eye(len(at))).curvature[0]
     sd = np.sqrt(np.diag(laplace.covariance(of, at)))
     other = np.sqrt(np.diag(np.linalg.inv(curvature)))
-    told = (
-        other < 0.5 * PosteriorLogDensity(of).spread
-    )  # of others the priors decide, each in its way
+    told = other < 0.5 * LogDensity(of).spread  # of others the priors decide, each in its way
     assert told[:3].all()
     assert sd[told] == pytest.approx(other[told], rel=0.3)
 
@@ -331,12 +329,12 @@ def test_two_records_say_together_what_each_says() -> None:
     apart = one.likelihood(theta[:, :5]) + two.likelihood(theta[:, [0, 1, 2, 5, 6]])
     assert both(theta) == pytest.approx(apart)
     assert both.n_measured == one.likelihood.n_measured + two.likelihood.n_measured
-    whole = Posterior(space=space, likelihood=both, coordinates=space.coordinates())
+    whole = Posterior(space=space, likelihood=both, coordinates=space.coordinates)
     u = whole.coordinates.from_physical(theta)
-    found = PosteriorLogDensity(whole).quadratic_model(u, np.eye(7))
+    found = LogDensity(whole).quadratic_model(u, np.eye(7))
     for d in range(7):
         step = 1e-6 * np.eye(7)[d]
-        surface = PosteriorLogDensity(whole)
+        surface = LogDensity(whole)
         numeric = (surface.value(u + step) - surface.value(u - step)) / 2e-6
         assert found.slope[:, d] == pytest.approx(numeric, rel=1e-4, abs=1e-2)
     information = laplace.information_root(whole, theta[0])

@@ -143,10 +143,9 @@ def of_friction(of: bd.Case) -> Iterator[Any]:
         ]
     yield stall_voltage(model, dict(zip(model.parameters, full[0], strict=False)))
     (account,) = energy_accounts(posterior, theta, none)
-    summary: Any = SimpleNamespace(left=account.imbalance, came=account.came, went=account.went)
     yield [
-        physics_words.energy_table(account, model).lines,
-        physics_words.energy_note(summary, model),
+        physics_words.energy_table(account.summary, model).lines,
+        physics_words.energy_note(account.summary, model),
     ]
     balance = physics_words.energy_balance(account, model, of.job.clock)
     yield [balance.sources, [(part.kind, part.name, part.joules) for part in balance.parts]]

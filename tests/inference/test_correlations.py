@@ -10,7 +10,7 @@ import pytest
 from lacking import best
 from numpy.typing import NDArray
 from oracles import NOMINAL
-from rigs import experiment, posterior
+from rigs import experiment, posterior, replace_only
 from scipy.signal import lfilter
 
 from bayesdrill.analysis.diagnostics import sandwich_sds
@@ -50,8 +50,8 @@ def with_residuals(residuals: Array) -> Posterior:
     one = likelihood.only_observation
     shown = dataclasses.replace(one.experiment, y=y)
     counts = tuple(int(n) for n in (~np.isnan(y)).sum(axis=0))
-    changed = likelihood.replace_only(
-        response=one.response.of(shown), noise=one.noise.with_counts(counts)
+    changed = replace_only(
+        likelihood, response=one.response.of(shown), noise=one.noise.with_counts(counts)
     )
     return dataclasses.replace(rig(), likelihood=changed)
 

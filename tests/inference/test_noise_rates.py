@@ -14,7 +14,7 @@ from rigs import experiment, likelihood_of, unknown
 from scipy.stats import binom, multivariate_t
 
 from bayesdrill.inference import laplace
-from bayesdrill.inference.laplace import PosteriorLogDensity
+from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.inference.noise import NOISES
 from bayesdrill.inference.noise.contract import NoisyChannel
 from bayesdrill.inference.posterior import Posterior
@@ -59,7 +59,7 @@ class Bench:
             fixed={p: NOMINAL[p] for p in PARAMETERS if p not in FREE},
         )
         likelihood = likelihood_of(space, (self.rig.with_record(y), noise))
-        return Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates())
+        return Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates)
 
     def record(self, seed: int) -> np.ndarray:
         """By its own recurrence, no noise of the house."""
@@ -77,7 +77,7 @@ class Bench:
         truth = {**NOMINAL, "rho_w_1": RHO, "rho_w_2": RHO}
         truth |= dict(zip(("sigma_w_1", "sigma_w_2"), SIGMA, strict=True))
         true = target.coordinates.from_physical(target.space.vector(truth)[None])
-        surface = PosteriorLogDensity(target)
+        surface = LogDensity(target)
         found = gauss_newton(surface, true, 60)
         best = target.coordinates.to_physical(found.u)[0]
         covariance = laplace.covariance(target, best)

@@ -9,10 +9,9 @@ from rubbing_cases import CASES, moved
 from stepping import experiment_of, model_of, parameters
 from together import for_each
 
-from bayesdrill.inference.likelihood import Likelihood
 from bayesdrill.inference.noise.contract import NoisyChannel
 from bayesdrill.inference.noise.white import White
-from bayesdrill.inference.posterior import Posterior
+from bayesdrill.inference.posterior import Likelihood, Posterior
 from bayesdrill.inference.step_error import (
     CANDIDATE_STEPS,
     MAX_ERROR_OVER_NOISE,

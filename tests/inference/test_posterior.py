@@ -57,8 +57,9 @@ def test_pointwise_terms_sum_to_the_likelihood() -> None:
     theta = np.hstack([points(3), np.full((3, 4), 0.2)])
     sigma = theta[:, target.likelihood.only_observation.noise_columns]
     residuals = RECORD.y - target.likelihood.signals(theta)
-    pointwise = target.likelihood.noise.pointwise(residuals, sigma)
-    assert np.allclose(pointwise.sum(axis=1), target.likelihood.by_channel(theta), rtol=1e-10)
+    pointwise = target.likelihood.only_observation.noise.pointwise(residuals, sigma)
+    by_channel = target.likelihood.only_observation.by_channel(target.space.full(theta), theta)
+    assert np.allclose(pointwise.sum(axis=1), by_channel, rtol=1e-10)
 
 
 def test_predictive_noise_has_the_sigma_of_its_channel() -> None:

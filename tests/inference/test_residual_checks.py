@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from oracles import NOMINAL
-from rigs import measured, posterior
+from rigs import measured, posterior, replace_only
 from together import for_each
 
 from bayesdrill.basics.units import SECOND
-from bayesdrill.inference.likelihood import Likelihood
 from bayesdrill.inference.noise import NOISES
 from bayesdrill.inference.noise.contract import NoisyChannel
+from bayesdrill.inference.posterior import Likelihood
 from bayesdrill.inference.residual_checks import FALSE_ALARM, ResidualSummary, residual_summaries
 from bayesdrill.report.sections import fit_words as words
 from bayesdrill.tasks import run_entries
@@ -34,7 +34,7 @@ def rig() -> Likelihood:
 
 def with_residuals(rig: Likelihood, residuals: Array) -> Likelihood:
     y = rig.signals(AT[None])[0] + residuals
-    return rig.replace_only(response=rig.response.with_record(y))
+    return replace_only(rig, response=rig.only_observation.response.with_record(y))
 
 
 def white(seed: int) -> Array:
@@ -62,12 +62,15 @@ def test_sizes_and_correlations_are_those_of_the_channel(rig: Likelihood) -> Non
     found = residual_summaries(with_residuals(rig, residuals), AT)
     for k, one in enumerate(found):
         own = residuals[:, k]
-        assert one.channel == rig.response.experiment.names[k]
+        assert one.channel == rig.only_observation.response.experiment.names[k]
         assert one.rms * SIGMA[k] == pytest.approx(np.sqrt(np.mean(own**2)))
         assert one.farthest == pytest.approx(np.abs(own / SIGMA[k]).max())
-        assert own[np.argmin(np.abs(rig.response.experiment.t - one.time))] ** 2 == (own**2).max()
+        assert (
+            own[np.argmin(np.abs(rig.only_observation.response.experiment.t - one.time))] ** 2
+            == (own**2).max()
+        )
         assert one.correlation == pytest.approx(own[1:] @ own[:-1] / (own @ own), abs=1e-9)
-        spread = rig.response.experiment.y[:, k].std()
+        spread = rig.only_observation.response.experiment.y[:, k].std()
         assert one.share == pytest.approx(np.sqrt(np.mean(own**2)) / spread, rel=0.02)
     first, second = words.residual_sentences(found, SECOND).splitlines()
     assert first.startswith("fit: the MAP leaves unexplained ")
@@ -76,9 +79,11 @@ def test_sizes_and_correlations_are_those_of_the_channel(rig: Likelihood) -> Non
 
 
 def test_a_channel_that_does_nothing_has_no_share(rig: Likelihood) -> None:
-    flat = rig.response.experiment.y.copy()
+    flat = rig.only_observation.response.experiment.y.copy()
     flat[:, 0] = 3.0
-    found = residual_summaries(rig.replace_only(response=rig.response.with_record(flat)), AT)
+    found = residual_summaries(
+        replace_only(rig, response=rig.only_observation.response.with_record(flat)), AT
+    )
     assert np.isnan(found[0].share)
     assert "theta_1" not in words.residual_sentences(found, SECOND).splitlines()[0]
     assert run_entries.residual_data(found)[0]["rms_over_spread"] is None
@@ -119,7 +124,9 @@ def test_what_the_model_misses_is_told_with_unknown_noise_too() -> None:
     size = np.sqrt(np.mean(residuals**2, axis=0))
     theta = np.array([*AT, *size])
     y = rig.signals(theta[None])[0] + residuals
-    found = residual_summaries(rig.replace_only(response=rig.response.with_record(y)), theta)
+    found = residual_summaries(
+        replace_only(rig, response=rig.only_observation.response.with_record(y)), theta
+    )
     assert [one.correlated for one in found] == [False, False, False, True]
     assert not any(one.large or one.small or one.far for one in found)
     text = words.residual_sentences(found, SECOND)
@@ -130,7 +137,7 @@ def test_what_the_model_misses_is_told_with_unknown_noise_too() -> None:
 def test_an_unknown_sigma_that_its_prior_keeps_off_is_told() -> None:
     rig = posterior(measured(SIGMA, n=N), None, free=FREE).likelihood
     y = rig.signals(np.array([*AT, *SIGMA])[None])[0] + white(4)
-    own = rig.replace_only(response=rig.response.with_record(y))
+    own = replace_only(rig, response=rig.only_observation.response.with_record(y))
     found = residual_summaries(own, np.array([*AT, SIGMA[0] / 3, *SIGMA[1:]]))
     assert [one.large for one in found] == [True, False, False, False]
 
@@ -145,8 +152,9 @@ def test_a_differenced_column_and_one_bad_sample_are_told(rig: Likelihood) -> No
     assert [one.correlated for one in found] == [False, True, False, False]
     assert found[1].correlation == pytest.approx(-2 / 3, abs=0.15)
     assert [one.far for one in found] == [True, False, False, False]
-    assert f"theta_1 5.5 at {rig.response.experiment.t[20]:.4g} s" in words.residual_sentences(
-        found, SECOND
+    assert (
+        f"theta_1 5.5 at {rig.only_observation.response.experiment.t[20]:.4g} s"
+        in words.residual_sentences(found, SECOND)
     )
 
 
@@ -220,7 +228,7 @@ def test_the_simulation_and_predictions_one_step_ahead_stand_side_by_side() -> N
     noise = NOISES["ar1"].from_channels(channels, 400)
     blank = np.zeros((1, 400, 4))
     residuals = noise.draw(blank, np.empty((1, 0)), np.random.default_rng(2))[0]
-    found = residual_summaries(with_residuals(rig.replace_only(noise=noise), residuals), AT)
+    found = residual_summaries(with_residuals(replace_only(rig, noise=noise), residuals), AT)
     spread = rig.signals(AT[None])[0].std(axis=0)
     for k, one in enumerate(found):
         assert one.simulated == one.share

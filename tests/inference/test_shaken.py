@@ -17,13 +17,12 @@ from rigs import STATES, experiment, posterior, unknown, vector
 from shaken import covariance, process
 
 from bayesdrill.inference import compression, laplace
-from bayesdrill.inference.laplace import PosteriorLogDensity
-from bayesdrill.inference.likelihood import Likelihood
+from bayesdrill.inference.laplace import LogDensity
+from bayesdrill.inference.likelihood import LatentTorqueObservation
 from bayesdrill.inference.noise.white import White
-from bayesdrill.inference.posterior import Posterior
+from bayesdrill.inference.posterior import Likelihood, Posterior
 from bayesdrill.inference.priors import LogUniform, Uniform
 from bayesdrill.inference.residual_checks import residual_summaries
-from bayesdrill.inference.state_space import LatentTorqueObservation
 from bayesdrill.inference.unknowns import ParameterSpace, Unknown
 from bayesdrill.rig.models.latent_torque import MissingTorque
 from bayesdrill.rig.models.motor_shaft import MotorShaft
@@ -67,7 +66,7 @@ def target(*, gaps: bool = False) -> Posterior:
     unknowns = (*base.space.unknowns, *observed.unknowns)
     space = ParameterSpace(model=ORDER, unknowns=unknowns, fixed={})
     likelihood = Likelihood.joint(space, [observed])
-    return Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates())
+    return Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates)
 
 
 def points(n: int = 4) -> np.ndarray:
@@ -78,7 +77,7 @@ def points(n: int = 4) -> np.ndarray:
 def test_slopes_are_those_of_differences() -> None:
     """Of parameters, which move the mean and the covariance, of a level, of size and time."""
     of = target()
-    surface = PosteriorLogDensity(of)
+    surface = LogDensity(of)
     u = of.coordinates.from_physical(points())
     every = np.eye(u.shape[1])
     found = surface.quadratic_model(u, every)
@@ -99,7 +98,7 @@ def test_the_curvature_is_on_average_the_fisher_information() -> None:
     for _ in range(60):
         record = one.draw(clean, theta, rng)[0]
         likelihood = dataclasses.replace(of.likelihood, observations=(one.with_record(record),))
-        surface = PosteriorLogDensity(dataclasses.replace(of, likelihood=likelihood))
+        surface = LogDensity(dataclasses.replace(of, likelihood=likelihood))
         slope, curvature = surface.record_slopes(theta, np.eye(theta.shape[1]))
         slopes.append(slope[0])
         curvatures.append(np.diag(curvature[0]))

@@ -12,7 +12,7 @@ from rigs import likelihood_of, unknown, vector
 from together import for_each
 
 from bayesdrill.basics.formulas import expression
-from bayesdrill.inference.laplace import PosteriorLogDensity, QuadraticModel, concatenate_models
+from bayesdrill.inference.laplace import LogDensity, QuadraticModel, concatenate_models
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import HalfNormal, LogNormal, Prior, TruncatedNormal, Uniform
 from bayesdrill.inference.unknowns import ParameterSpace
@@ -42,7 +42,7 @@ def tied() -> Posterior:
     )
     old = target.likelihood.only_observation
     likelihood = likelihood_of(space, (old.response, old.noise))
-    return Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates())
+    return Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates)
 
 
 TARGETS: dict[str, Callable[[], Posterior]] = {
@@ -78,7 +78,7 @@ def test_slopes_are_those_of_the_density() -> None:
 
     def check(physical: bool, name: str) -> None:
         target = TARGETS[name]()
-        surface = PosteriorLogDensity(target, physical=physical)
+        surface = LogDensity(target, physical=physical)
         u = points(target)
         found = surface.quadratic_model(u, np.eye(u.shape[1]))
         assert np.array_equal(found.value, surface.value(u))
@@ -100,16 +100,18 @@ def test_curvatures_are_those_of_least_squares() -> None:
 
     def check(name: str) -> None:
         target = TARGETS[name]()
-        surface, likelihood = PosteriorLogDensity(target), target.likelihood
+        surface, likelihood = LogDensity(target), target.likelihood
         u = points(target)
         h = 1e-4 * surface.spread
         to = target.coordinates.to_physical
         theta = to(u)
         sigmas = likelihood.only_observation.scales(theta)
-        noise = likelihood.noise
+        noise = likelihood.only_observation.noise
         slopes = differences(lambda z: likelihood.signals(to(z)), u, h) / sigmas[:, None]
         expected = np.einsum("dwtk,ewtk->wde", slopes, slopes)
-        squares = ((likelihood.response.experiment.y - likelihood.signals(theta)) ** 2).sum(axis=1)
+        squares = (
+            (likelihood.only_observation.response.experiment.y - likelihood.signals(theta)) ** 2
+        ).sum(axis=1)
         for column, k in enumerate(noise.unknown, start=u.shape[1] - len(noise.unknown)):
             by_log = 1.0 if target.coordinates.logs[column] else 1.0 / sigmas[:, k]
             left = np.maximum(squares[:, k] / sigmas[:, k] ** 2, noise.n_samples)
@@ -133,7 +135,7 @@ def test_fewer_directions_are_parts_of_all() -> None:
 
     def check(name: str) -> None:
         target = TARGETS[name]()
-        surface = PosteriorLogDensity(target)
+        surface = LogDensity(target)
         u = points(target)
         d = u.shape[1]
         directions = surface.spread[:, None] * np.random.default_rng(2).standard_normal((d, 3))
@@ -153,7 +155,7 @@ def test_a_point_does_not_depend_on_its_neighbours() -> None:
 
     def check(name: str) -> None:
         target = TARGETS[name]()
-        surface = PosteriorLogDensity(target)
+        surface = LogDensity(target)
         u = points(target, 22)
         rng = np.random.default_rng(3)
         for q in (1, 3, u.shape[1]):
@@ -176,7 +178,7 @@ def assert_same(one: QuadraticModel, other: QuadraticModel) -> None:
 
 def test_a_response_that_overflows_has_no_slopes_and_leaves_its_neighbours_alone() -> None:
     target = seen("step", SIGMA, priors={"l_m": Uniform(0.0, 1.0)}, logs=False)
-    surface = PosteriorLogDensity(target)
+    surface = LogDensity(target)
     u = points(target, 5)
     well = surface.quadratic_model(u, np.eye(9))
     u[2, ORDER.index("l_m")] = 1e-320
@@ -191,7 +193,7 @@ def test_a_response_that_overflows_has_no_slopes_and_leaves_its_neighbours_alone
 
 def test_the_ends_are_those_of_the_priors() -> None:
     """What stands at one is inside; the spreads are those of the priors over the coordinates."""
-    surface = PosteriorLogDensity(TARGETS["linear, noise unknown"]())
+    surface = LogDensity(TARGETS["linear, noise unknown"]())
     for end in (surface.low, surface.high):
         assert surface.inside(end[None]).all()
         assert np.isfinite(surface.value(end[None])).all()

@@ -130,7 +130,7 @@ def test_estimates_are_those_of_least_squares(way: str, sigma: float) -> None:
     negative = 0
     for row, index in zip(found, indices, strict=True):
         own = precision.made_record(precision.with_sigma(target, sigma), truth, 7, index)
-        y = own.likelihood.response.experiment.y
+        y = own.likelihood.only_observation.response.experiment.y
 
         def rest(steps: np.ndarray, y: np.ndarray = y) -> np.ndarray:
             at = (truth + scale * steps)[None]
@@ -162,7 +162,7 @@ def test_distance_from_the_truth_is_split_along_the_symmetries() -> None:
 
 def test_misfit_is_the_papers() -> None:
     target = posterior(measured(SIGMA, n=40), np.array([0.02, 0.03, 0.05, 0.04]))
-    experiment = target.likelihood.response.experiment
+    experiment = target.likelihood.only_observation.response.experiment
     states = by_expm(skewed(), experiment.t, np.zeros(5), 8.0, 0.0)[:, :4]
     per = (((experiment.y - states) / [0.02, 0.03, 0.05, 0.04]) ** 2).mean()
     assert precision.misfit_per_number(target, vector(skewed())) == pytest.approx(per, rel=1e-8)

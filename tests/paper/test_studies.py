@@ -9,7 +9,7 @@ import pytest
 import scipy.linalg
 from numpy.typing import NDArray
 from oracles import NOMINAL, ORDER, by_expm, matrices, skewed
-from rigs import STATES, experiment, measured, posterior, starting, vector
+from rigs import STATES, experiment, measured, posterior, replace_only, starting, vector
 from together import together
 
 from bayesdrill.inference.posterior import Posterior
@@ -153,7 +153,7 @@ def boxed() -> Posterior:
 
 def test_the_misfit_with_the_integrator_is_its_own(boxed: Posterior) -> None:
     """Mutants killed: the exact misfit, twice the density, noise that is the same everywhere."""
-    y = boxed.likelihood.response.experiment.y
+    y = boxed.likelihood.only_observation.response.experiment.y
     rows, expected = np.array([[0.8, 1.1], [1.4, 0.6]]), []
     for factors in rows:
         p = NOMINAL | at(BOX, *factors)
@@ -197,9 +197,11 @@ def test_with_a_measured_voltage_the_heuristic_has_no_end_by_the_integrator() ->
     rig = target(names, np.full(4, 0.02), 41, at(names, 1.1, 0.9))
     likelihood = rig.likelihood
     own = replace(
-        likelihood.response.experiment, constant={"t_1": 0.0}, series={"v": np.full(41, 8.0)}
+        likelihood.only_observation.response.experiment,
+        constant={"t_1": 0.0},
+        series={"v": np.full(41, 8.0)},
     )
-    driven = likelihood.replace_only(response=Response(MotorShaft(), own))
+    driven = replace_only(likelihood, response=Response(MotorShaft(), own))
     with WorkerPool(measured := replace(rig, likelihood=driven), 1) as pool:
         found = searches.run_heuristic(pool, measured, MisfitSearch(Fminsearch(), 60), 1, 5)
     assert (found.stepped, found.stepped_misfit) == (None, None)
@@ -278,8 +280,10 @@ def test_each_search_ends_low_in_the_misfit_of_its_own_record_and_model(
     sized = precision.with_sigma(rig, sigma)
     noisy, clean = precision.made_record(sized, truth, 3, 0), precision.clean_record(sized, truth)
     p = vector(NOMINAL)
-    own = forward.paper_signals(MotorShaft(), rig.likelihood.response.experiment, p)[0]
-    y, exact = (x.likelihood.response.experiment.y for x in (noisy, clean))
+    own = forward.paper_signals(
+        MotorShaft(), rig.likelihood.only_observation.response.experiment, p
+    )[0]
+    y, exact = (x.likelihood.only_observation.response.experiment.y for x in (noisy, clean))
     record = {
         "trapezoid_both": sized.edit(records=[own + y - exact]),
         "trapezoid_fit": noisy,

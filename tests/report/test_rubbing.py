@@ -185,12 +185,12 @@ def test_shares_of_the_energy_close() -> None:
     assert sum(account.came.values())[-1] == pytest.approx(account.total[-1])
     went = sum(account.went.values())
     assert np.abs(went - account.total).max() < 2e-3 * account.total[-1]
-    shares = {part.name: part.share for part in account.parts}
+    shares = {part.name: part.share for part in account.summary.parts}
     assert sum(shares[name] for name in account.came) == pytest.approx(1.0)
     assert sum(shares[name] for name in account.went) == pytest.approx(1.0, abs=2e-3)
     assert {*account.came} == {"v", CONVERTED}
     assert {*account.went} == {"r_m", "c_m", "friction_m", "friction_1", STORED}
-    assert all(part.sd is not None and 0 < part.sd < 0.02 for part in account.parts)
+    assert all(part.sd is not None and 0 < part.sd < 0.02 for part in account.summary.parts)
     true = simulate(Rig(p={**NOMINAL, "t_f": 0.0, **TRUTH}), T, V).taken
     total = true["supply"][-1] - true["motor"][-1]
     rubs = shares["friction_m"] + shares["friction_1"]
@@ -210,8 +210,8 @@ def test_a_rig_that_runs_down_brings_its_energy() -> None:
     (account,) = energy_accounts(coasting, view().chain.best, np.empty((0, len(view().chain.best))))
     # A motor whose terminals are at no voltage brakes, and its k_T over k_e brakes more.
     assert {*account.came} == {AT_START}
-    assert account.parts[0].sd is None
-    table = physics_words.energy_table(account, view().problem.model)
+    assert account.summary.parts[0].sd is None
+    table = physics_words.energy_table(account.summary, view().problem.model)
     assert table.heads == ("", "", "J", "share")
     assert table.lines[0][:2] == ("in", "stored at the start")
 

@@ -169,7 +169,7 @@ def test_a_spectrum_names_every_bar_at_either_width() -> None:
         (panel,) = figure.axes
         texts = [*panel.get_yticklabels(), *panel.texts]
         named = [text for text in texts if "_" in text.get_text()]
-        assert len(named) == len(study.directions)
+        assert len(named) == len(study.information.directions)
         boxes = [text.get_window_extent() for text in named]
         assert all(figure.bbox.contains(*corner) for b in boxes for corner in (b.p0, b.p1))
         heights = [b.y0 for b in boxes]

@@ -11,7 +11,7 @@ from oracles import NOMINAL, matrices
 from rigs import experiment, posterior, vector
 from together import for_each
 
-from bayesdrill.inference.laplace import PosteriorLogDensity
+from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Uniform
 from bayesdrill.rig.models.motor_shaft import MotorShaft
@@ -61,7 +61,7 @@ def at(target: Posterior, k_s: float) -> np.ndarray:
 
 
 def swings(target: Posterior, u: np.ndarray) -> np.ndarray:
-    found = multiple_modes.alias_starts(PosteriorLogDensity(target, physical=True), u)
+    found = multiple_modes.alias_starts(LogDensity(target, physical=True), u)
     return np.concatenate([starts.u for starts in found])
 
 
@@ -91,8 +91,8 @@ def test_the_other_stiffness_of_a_torsion_near_half_the_sampling_rate() -> None:
         speeds = [swing(rig(**dict(zip(names, row, strict=True)))) for row in theta]
         wanted = swing(rig(k_s=another))
         assert min(abs(speed - wanted) for speed in speeds) < 1.0 / 11.0  # a radian over the record
-        assert PosteriorLogDensity(target).inside(found).all()
-        surface = PosteriorLogDensity(target, physical=True)
+        assert LogDensity(target).inside(found).all()
+        surface = LogDensity(target, physical=True)
         points, values = multiple_modes.best_ends(surface, np.vstack([at(target, one), found]))
         ends = target.coordinates.to_physical(
             points[multiple_modes.distinct_modes(surface, points, values)]

@@ -12,7 +12,7 @@ from surfaces import Gaussians, humps, ridged
 from together import for_each
 
 from bayesdrill.inference.laplace import (
-    PosteriorLogDensity,
+    LogDensity,
     QuadraticModel,
     concatenate_models,
 )
@@ -135,7 +135,7 @@ def test_a_bent_ridge_is_learnt() -> None:
     for_each({str(case): case for case in [(1, 1), (1, 3), (2, 3)]}, check)
 
 
-class Chunked(PosteriorLogDensity):
+class Chunked(LogDensity):
     """Expanded about so many points at a time."""
 
     def __init__(self, posterior: Posterior, size: int) -> None:

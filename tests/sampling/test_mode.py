@@ -13,7 +13,7 @@ import pytest
 import scipy.optimize
 from oracles import NOMINAL
 from oracles import ORDER as ORDER_OF_MODEL
-from rigs import measured, posterior, starting, vector
+from rigs import measured, posterior, replace_only, starting, vector
 from scipy.optimize import minimize
 from together import for_each
 
@@ -410,7 +410,9 @@ def test_a_search_for_a_zero_ends_where_its_prior_does() -> None:
         rig = posterior(RECORD, SIGMA, free=("c_m", "k_s"), priors={"c_m": prior}, logs=logs)
         assert rig.coordinates.logs == (bool(logs), True)
         y = rig.likelihood.signals(np.array([[-2e-3, NOMINAL["k_s"]]]))[0]
-        likelihood = rig.likelihood.replace_only(response=rig.likelihood.response.with_record(y))
+        likelihood = replace_only(
+            rig.likelihood, response=rig.likelihood.only_observation.response.with_record(y)
+        )
         target = dataclasses.replace(rig, likelihood=likelihood)
         start = target.space.vector(NOMINAL)
         found = mode_search.search(target, THOROUGH, 4000, start)

@@ -13,7 +13,7 @@ import pytest
 from scipy.special import logsumexp
 from together import for_each
 
-from bayesdrill.inference.laplace import PosteriorLogDensity
+from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.inference.priors import Uniform
 from bayesdrill.inference.unknowns import Coordinates
 from bayesdrill.sampling import multiple_modes
@@ -79,7 +79,7 @@ def test_aliases_that_the_prior_rules_out_are_not_missed(tmp_path: Path) -> None
     left_out = []
     for one in (posterior, dataclasses.replace(posterior, space=flat)):
         u = one.coordinates.from_physical(np.array([[68.217]]))[0]
-        (found,) = multiple_modes.alias_starts(PosteriorLogDensity(one, physical=True), u)
+        (found,) = multiple_modes.alias_starts(LogDensity(one, physical=True), u)
         assert len(found.u) == multiple_modes.MAX_ALIASES
         left_out.append(found.missed_share)
     assert left_out[0] < 1e-3

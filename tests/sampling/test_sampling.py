@@ -13,7 +13,7 @@ from surfaces import Walled, humps, ridged
 from together import for_each
 
 from bayesdrill.basics.progress import Silent
-from bayesdrill.inference.laplace import PosteriorLogDensity
+from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.sampling import workers
 from bayesdrill.sampling.convergence import Targets
@@ -124,7 +124,7 @@ def test_starts_in_a_corner_of_the_priors_are_mirrored_into_it() -> None:
     Mutants killed: no mirror, no way inwards.
     """
     target = seen("step", 1e6 * SIGMA, free=("k_s", "j_1", "t_f"))
-    surface = PosteriorLogDensity(target)
+    surface = LogDensity(target)
     d = len(surface.low)
     base = local_basis(surface.low + 1e-9 * surface.spread, np.diag(surface.spread), d)
     point = np.zeros((1, d)), np.zeros((1, 0)), np.zeros((1, 0, 0))

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rigs import replace_only
 
 from bayesdrill.analysis.identifiability import information
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
@@ -77,8 +78,10 @@ def test_bounds_are_the_spread_of_repeated_fits(job: Job) -> None:
     scenery = SensitivityStudy(likelihood)
     found = []
     for _ in range(FITS):
-        y = likelihood.noise.draw(clean, np.empty((1, 0)), rng)[0]
-        fresh = likelihood.replace_only(response=likelihood.response.with_record(y))
+        y = likelihood.only_observation.noise.draw(clean, np.empty((1, 0)), rng)[0]
+        fresh = replace_only(
+            likelihood, response=likelihood.only_observation.response.with_record(y)
+        )
         found.append(Fitter(replace(posterior, likelihood=fresh), scenery, nominal).best.logs)
     logs = np.array(found)
     bounds = bounds_at_nominal(job)

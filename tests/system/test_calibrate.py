@@ -128,7 +128,7 @@ def test_a_refit_depends_on_the_study_and_its_index_alone(
 
 
 def test_another_record_shares_the_compiled_code(study: CalibrationStudy) -> None:
-    response = study.posterior.likelihood.response
+    response = study.posterior.likelihood.only_observation.response
     y = np.random.default_rng(1).standard_normal(response.experiment.y.shape)
     theta = study.posterior.space.full(study.posterior.space.draw(9, np.random.default_rng(2)))
     other = response.with_record(y)

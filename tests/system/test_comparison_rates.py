@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from together import together
 
 from bayesdrill.config.job import Job
-from bayesdrill.inference.laplace import PosteriorLogDensity
+from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.sampling.fit import fit
 from bayesdrill.sampling.gauss_newton import gauss_newton
 from benchmarks import compare
@@ -56,7 +56,7 @@ def left(job: Job, y: NDArray[np.float64]) -> float:
     """The mean square of what the best fit leaves."""
     posterior = compare.of(job, y).problem.posterior
     start = posterior.space.vector(posterior.space.start)[None]
-    surface = PosteriorLogDensity(posterior, physical=True)
+    surface = LogDensity(posterior, physical=True)
     top = gauss_newton(surface, posterior.coordinates.from_physical(start), 60)
     best = posterior.coordinates.to_physical(top.u)
     return float(np.mean((y - posterior.likelihood.signals(best)[0]) ** 2))

@@ -32,7 +32,7 @@ def means(run, rows: int = 200) -> dict[str, float]:
     chain = run.sampled.draws.reshape(-1, len(problem.names))
     picked = np.sort(np.random.default_rng(1).choice(len(chain), rows, replace=False))
     parameters = problem.posterior.likelihood.rig_parameters(chain[picked])
-    return dict(zip(problem.model.parameters, parameters.mean(axis=0), strict=True))
+    return {name: float(draws.mean()) for name, draws in parameters.items()}
 
 
 def test_mjcf_has_the_rig(run, model):

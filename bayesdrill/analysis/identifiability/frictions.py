@@ -102,10 +102,7 @@ class Confounded:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UnseenStiction:
-    """Static friction that no record shows.
-
-    `names` that it leaves to the prior; `scale`: the speed over which it is lost.
-    """
+    """Static friction that no record shows: `names` left to the prior, lost over the speed `scale`."""
 
     names: tuple[str, ...]
     scale: float

@@ -22,7 +22,8 @@ import numpy as np
 from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.compression import first_samples
 from bayesdrill.inference.laplace import natural_sd
-from bayesdrill.inference.likelihood import Likelihood, Observation
+from bayesdrill.inference.likelihood import Observation
+from bayesdrill.inference.posterior import Likelihood
 from bayesdrill.inference.unknowns import SIMULATOR_ROLES
 from bayesdrill.record.experiment import with_states
 
@@ -71,8 +72,7 @@ class SensitivityStudy:
 
     def rig_at(self, theta: Array) -> dict[str, float]:
         """Return the rig's parameters at `theta (D,)`, by name."""
-        parameters = self.likelihood.rig_parameters(theta[None])[0]
-        return dict(zip(self.model.parameters, parameters, strict=True))
+        return {name: x[0] for name, x in self.likelihood.rig_parameters(theta[None]).items()}
 
     def sensitivities(self, theta: Array, scene: DesignVariant = AS_RECORDED) -> Array:
         """Return d channel / d log unknown over sigma at `theta (D,)`: `(n, m)`.
@@ -174,10 +174,7 @@ MAX_FACTORS = 3  # in a simple product
 
 @dataclass(frozen=True, slots=True)
 class Information:
-    """The information of a record.
-
-    `root (m, m)`: of the information of the record about `names`, in logs.
-    """
+    """The information of a record about the logs of `names`, as its root `(m, m)`."""
 
     names: tuple[str, ...]
     root: Array

@@ -17,6 +17,7 @@ from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.basics.arrays import Array, Indices
 from bayesdrill.inference.laplace import prior_ends
 from bayesdrill.inference.posterior import Posterior
+from bayesdrill.inference.unknowns import Coordinates
 
 Shape = Literal["bounded", "one-sided", "flat", "at the bound"]
 
@@ -60,15 +61,19 @@ class Fitter:
     """Least squares over rig, sensors and starts, on their natural scale, inside the priors."""
 
     def __init__(self, posterior: Posterior, sensitivity: SensitivityStudy, theta: Array) -> None:
-        self._likelihood = posterior.likelihood.with_fixed_covariance(theta)
-        same = self._likelihood is posterior.likelihood
-        self._scenery = sensitivity if same else SensitivityStudy(self._likelihood)
+        self._likelihood, self._scenery = posterior.likelihood, sensitivity
+        if any(each.torque for each in self._likelihood.observations):
+            fixed = posterior.edit(each=lambda each: each.with_fixed_covariance(theta))
+            self._likelihood = fixed.likelihood
+            self._scenery = SensitivityStudy(self._likelihood)
         self._m = len(sensitivity.unknowns) + len(sensitivity.nuisances)
         moving, self._noise = posterior.space.unknowns[: self._m], theta[self._m :]
-        self._coordinates = replace(posterior.space, unknowns=moving).coordinates()
+        self._steps = np.array([u.scale if u.signed else 1.0 for u in moving])
+        self._coordinates = Coordinates(tuple(not u.signed for u in moving))
         ends = np.array([prior_ends(unknown.prior, TAIL) for unknown in moving]).T
-        self.low, self.high = self._coordinates.to_natural(ends)
-        self.best = self._fit(self._coordinates.to_natural(theta[None, : self._m])[0], None)
+        ends, start = ends / self._steps, theta[None, : self._m] / self._steps
+        self.low, self.high = self._coordinates.from_physical(ends)
+        self.best = self._fit(self._coordinates.from_physical(start)[0], None)
         if len(self._noise):  # unknown levels, from what the best fit leaves
             theta = self._theta(self.best.logs)
             full, fitted = self._likelihood.space.full(theta[None]), theta.copy()
@@ -142,11 +147,12 @@ class Fitter:
         """Return one unknown in SI, of `values (n,)` on its natural scale."""
         rows = np.zeros((len(values), self._m))
         rows[:, column] = values
-        return self._coordinates.from_natural(rows)[:, column]
+        return np.asarray(self._coordinates.to_physical(rows) * self._steps)[:, column]
 
     def _theta(self, logs: Array) -> Array:
         """All unknowns `(D,)`, of `logs (m,)`."""
-        return np.append(self._coordinates.from_natural(logs[None])[0], self._noise)
+        moving = self._coordinates.to_physical(logs[None])[0] * self._steps
+        return np.append(moving, self._noise)
 
     def _residuals(self, logs: Array) -> Array:
         residuals = self._likelihood.whitened_residuals(self._theta(logs))

@@ -195,12 +195,10 @@ MIN_PRIOR_SHARE = 0.5  # of a scale, what priors settle; of the largest part, wh
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DependsOnFixed:
-    """A scale that a number which is held fixed settles.
+    """A scale that numbers which are held fixed settle.
 
     With `exponents` of `names`, of which the last are `held`, no measured signal changes.
-
-    `following (m, m)`: of unknowns, by how much the mean of each log follows the middle of each
-    prior.
+    `following (m, m)`: by how much the mean of each unknown's log follows the middle of each prior.
     """
 
     names: tuple[str, ...]

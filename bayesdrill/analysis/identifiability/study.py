@@ -23,7 +23,6 @@ from bayesdrill.analysis.identifiability.frictions import (
 from bayesdrill.analysis.identifiability.information import (
     RANK_TOLERANCE,
     DesignVariant,
-    Direction,
     Information,
     SensitivityStudy,
     from_sensitivities,
@@ -198,9 +197,7 @@ MIN_FALL = 2.0  # times: how much smaller an sd would be, for a nuisance that is
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KnownProduct:
-    """How well a product of unknowns is known.
-
-    A parameter or a simple product: sd of its log with record and prior, and before.
+    """How well a product of powers is known: sd of its log with record and prior, and before.
 
     `bound`: Cramer-Rao, from the record alone; inf if the record does not determine it.
     """
@@ -267,13 +264,11 @@ class Nuisance:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IdentifiabilityStudy:
-    """The identifiability of the unknowns.
+    """The identifiability of the unknowns at a physical point, which `at` names.
 
-    At a physical point, which `at` names.
-
-    `information` is that of the record alone, `directions` its sloppy spectrum.  `stand_ins`:
-    parameters that a missing torque can stand in for; `scaled`: names that can be multiplied
-    together, its size among them.  `resting`: scales that numbers which are held settle.
+    `information` is that of the record alone.  `stand_ins`: parameters that a missing torque can
+    stand in for; `scaled`: names that can be multiplied together, its size among them.  `resting`:
+    scales that numbers which are held settle.
     """
 
     names: tuple[str, ...]
@@ -289,11 +284,6 @@ class IdentifiabilityStudy:
     stand_ins: tuple[TorqueConfounding, ...] = ()
     scaled: tuple[tuple[str, ...], ...] = ()
     resting: tuple[DependsOnFixed, ...] = ()
-
-    @property
-    def directions(self) -> tuple[Direction, ...]:
-        """The sloppy spectrum of the record."""
-        return self.information.directions
 
 
 def study_of(

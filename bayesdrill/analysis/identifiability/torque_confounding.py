@@ -15,8 +15,10 @@ import numpy as np
 
 from bayesdrill.analysis.identifiability.structure import Exponents
 from bayesdrill.basics.arrays import Array, Counts
-from bayesdrill.inference.laplace import PosteriorLogDensity
+from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.inference.likelihood import Observation
+from bayesdrill.inference.noise.mixed import ChannelNoise, Mixed
+from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.record.experiment import Channel, frozen
 from bayesdrill.rig.models.latent_torque import SIZE, TorqueLocation, torque_gain
@@ -44,10 +46,7 @@ class TorqueRemedy:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TorqueConfounding:
-    """A parameter that a missing torque can stand in for.
-
-    The sd of a log with the torque, without it, and before the record.
-    """
+    """A parameter that a missing torque can stand in for: sd of its log with it, without, and before."""
 
     name: str
     at: TorqueLocation
@@ -69,8 +68,7 @@ def find_confounded(
     known = _information(posterior, theta, before, seeds)
     if not np.isfinite(known).all():
         return ()
-    names, unknowns = posterior.space.free, enumerate(posterior.space.unknowns)
-    rig = [k for k, unknown in unknowns if unknown.role in ("rig", "quantity")]
+    names, rig = posterior.space.free, posterior.space.columns("rig", "quantity")
     sds = np.sqrt(np.diag(np.linalg.inv(known)))
     without = posterior.edit(each=lambda o: o.torque.scale_torque(NO_TORQUE) if o.torque else o)
     nothing = theta.copy()
@@ -152,7 +150,7 @@ def _information(posterior: Posterior, theta: Array, before: Array, seeds: Count
             observation.draw(observation.signals(full), theta[None], rng)[0]
             for observation in posterior.likelihood.observations
         ]
-        surface = PosteriorLogDensity(posterior.edit(records=drawn))
+        surface = LogDensity(posterior.edit(records=drawn))
         curvature = surface.record_slopes(theta[None], np.diag(steps))[1][0]
         total = total + curvature / len(seeds)
     return np.asarray(total)
@@ -167,11 +165,15 @@ def _showing(posterior: Posterior, theta: Array, state: str) -> Posterior:
     def showing(observation: Observation) -> Observation:
         if observation.torque is None:
             return observation
-        before = observation.experiment
-        y, channels = np.column_stack([before.y, np.zeros(len(before.t))]), before.channels
+        before, n = observation.experiment, len(observation.experiment.t)
+        y, channels = np.column_stack([before.y, np.zeros(n)]), before.channels
         shown = dataclasses.replace(before, channels=(*channels, channel), y=frozen(y))
         response = observation.response.of(shown)
         spread = float(response.signals(observation.simulator_parameters(full))[0, :, -1].std())
-        return observation.torque.with_extra_channel(response, SENSOR_NOISE * spread or 1.0)
+        extra = White(n_samples=n, known={0: SENSOR_NOISE * spread or 1.0}, n_channels=1)
+        k, noise = len(channels), observation.noise
+        both = Mixed((ChannelNoise(noise, tuple(range(k))), ChannelNoise(extra, (k,))))
+        wider = dataclasses.replace(observation, noise=both)
+        return wider.with_simulator(response, observation.parameters)
 
     return posterior.edit(each=showing)

@@ -20,9 +20,9 @@ from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import IssueCollector, Location
 from bayesdrill.inference import step_error
 from bayesdrill.inference.display_units import DisplayUnits
-from bayesdrill.inference.likelihood import Likelihood, Observation
+from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.noise.mixed import noise_for_record
-from bayesdrill.inference.posterior import Posterior, Problem
+from bayesdrill.inference.posterior import Likelihood, Posterior, Problem
 from bayesdrill.inference.unknowns import Unknown, labelled_name
 from bayesdrill.record.experiment import Experiment, raise_if_any
 from bayesdrill.rig.simulators import simulator
@@ -64,7 +64,7 @@ def build_problem(case: ResolvedCase, records: Sequence[Experiment]) -> Problem:
     posterior = Posterior(
         space=unknowns,
         likelihood=Likelihood.joint(unknowns, parts, case.held_out),
-        coordinates=unknowns.coordinates(),
+        coordinates=unknowns.coordinates,
     )
     if config.model.pieces is None:
         start = unknowns.vector(unknowns.start)

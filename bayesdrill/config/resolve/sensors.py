@@ -25,12 +25,11 @@ from bayesdrill.config.schema.numbers import Quantity, SensorPrior
 from bayesdrill.config.schema.records import ChannelSpec, InputColumn, InputQuantity
 from bayesdrill.config.schema.vocabulary import Vocabulary, vocabulary_of
 from bayesdrill.config.yaml_source import Location
-from bayesdrill.inference.likelihood import Observation
+from bayesdrill.inference.likelihood import LatentTorqueObservation, Observation
 from bayesdrill.inference.noise import NOISES
 from bayesdrill.inference.noise.contract import Noise, NoisyChannel
 from bayesdrill.inference.noise.mixed import ChannelNoise as ChannelNoise
 from bayesdrill.inference.noise.mixed import Mixed
-from bayesdrill.inference.state_space import LatentTorqueObservation
 from bayesdrill.inference.unknowns import Role, Unknown
 from bayesdrill.record.experiment import Channel
 from bayesdrill.rig.models.latent_torque import SIZE, TIME, MissingTorque, torque_gain

@@ -18,7 +18,6 @@ import numpy as np
 from pydantic import Field
 
 from bayesdrill.basics.arrays import Array, Flags, Indices
-from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.noise.contract import ChannelNumbers, NoisyChannel, Residuals, pair_matrix
 from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.priors import Uniform
@@ -132,11 +131,6 @@ class Spacing:
     channels: tuple[ChannelSpacing, ...]
     seen: Flags
 
-    @classmethod
-    def from_times(cls, t: Array, seen: Flags) -> Spacing:
-        """Return the spacing of samples `seen (T, K)` at times `t (T,)`."""
-        return cls(tuple(_channel_spacing(t, column) for column in seen.T), seen)
-
 
 @lru_cache(maxsize=8)
 def even_spacing(n_samples: int, n_channels: int) -> Spacing:
@@ -213,8 +207,9 @@ class AR1:
         """Build the noise of these channels."""
         levels = White.from_channels(channels, n_samples)
         memory = ChannelNumbers(tuple(c.entries.get("rho") for c in channels), len(levels.unknowns))
-        correlations = [correlation(channels[k]) for k in memory.free]
-        return cls(levels=levels, memory=memory, unknowns=(*levels.unknowns, *correlations))
+        declared = {"prior": Uniform(0.0, 1.0), "start": START_RHO, "transform": (0.0, 1.0)}
+        own = memory.unknowns(channels, "rho", "correlation of neighbours in", **declared)
+        return cls(levels=levels, memory=memory, unknowns=(*levels.unknowns, *own))
 
     def for_length(self, n_samples: int) -> AR1:
         """Return the same noise for a record of another length."""
@@ -223,7 +218,8 @@ class AR1:
     def at_times(self, t: Array, seen: Flags) -> AR1:
         """Return the same noise at times `t (T,)`, where channels were seen `(T, K)`."""
         levels = self.levels.for_length(len(t)).with_counts(tuple(int(n) for n in seen.sum(axis=0)))
-        return dataclasses.replace(self, levels=levels, spacing=Spacing.from_times(t, seen))
+        spacing = Spacing(tuple(_channel_spacing(t, column) for column in seen.T), seen)
+        return dataclasses.replace(self, levels=levels, spacing=spacing)
 
     def fixed_values(self) -> Mapping[int, object]:
         """Return what is fixed of each channel, by index."""
@@ -351,16 +347,3 @@ class AR1:
         spacing = self.spacing or even_spacing(self.levels.n_samples, self.levels.n_channels)
         each = [channel.information(rho[:, k]) for k, channel in enumerate(spacing.channels)]
         return np.stack(each, axis=1)
-
-
-def correlation(noisy: NoisyChannel) -> Unknown:
-    """Return the unknown correlation of neighbours in a channel's noise, `rho_<channel>`."""
-    channel = noisy.channel
-    meaning = f"correlation of neighbours in the noise of channel {channel.name}"
-    return Unknown(
-        symbol=Symbol(f"rho_{channel.name}", "1", rf"\rho_{{{channel.latex}}}", "", meaning),
-        role="noise",
-        prior=Uniform(0.0, 1.0),
-        start=START_RHO,
-        transform=(0.0, 1.0),
-    )

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
 
 from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.priors import Prior
 from bayesdrill.inference.unknowns import Unknown
 from bayesdrill.record.experiment import Channel
+from bayesdrill.rig.simulators.contract import Simulator
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,11 +33,9 @@ class NoisyChannel:
 
 
 class Residuals(Protocol):
-    """Measured minus model at W points of K channels, as far as a noise asks for them.
+    """Measured minus model at W points of K channels; sums of these are as `Simulator` has them.
 
-    `squares (W, K)`: their sums, without a sample kept; `weighted_squares`: of the residuals times
-    the noise's own `weights (W, K)`; `neighbours (W, K, 3)`, `logs (W, K)` and `intervals (W, K)`:
-    as `Simulator` has them, without a sample kept either; `samples (W, T, K)`.
+    No sample is kept for a sum.
     """
 
     @property
@@ -48,7 +49,7 @@ class Residuals(Protocol):
         """Return sums over intervals `(W, K)`."""
 
     def weighted_squares(self, weights: Array) -> Array:
-        """Return sums of squares of the residuals times `weights (W, K)`."""
+        """Return sums of squares of the residuals times the noise's own `weights (W, K)`."""
 
     @property
     def squares(self) -> Array:
@@ -57,6 +58,46 @@ class Residuals(Protocol):
     @property
     def samples(self) -> Array:
         """Return all residuals `(W, T, K)`."""
+
+
+@dataclass(frozen=True)
+class SimulatorResiduals:
+    """Measured minus model, each sum as it is first asked for.
+
+    `full (W, P)`: parameters of this simulator alone.  Samples are NaN where nothing was measured.
+    `over_scales (W, K)`: sums of squares over the noise's scales, where a kernel has given them.
+    """
+
+    response: Simulator
+    full: Array
+    over_scales: Array | None = None
+
+    @cached_property
+    def squares(self) -> Array:
+        """Return sums of squares `(W, K)`."""
+        return self.response.squares(self.full)
+
+    @cached_property
+    def samples(self) -> Array:
+        """Return all residuals `(W, T, K)`."""
+        return np.asarray(self.response.experiment.y - self.response.signals(self.full))
+
+    def weighted_squares(self, weights: Array) -> Array:
+        """Return sums of squares `(W, K)` of the residuals times `weights`."""
+        return self.squares * weights**2 if self.over_scales is None else self.over_scales
+
+    @cached_property
+    def neighbours(self) -> Array:
+        """Return sums over neighbouring samples, see `Simulator.neighbours`."""
+        return self.response.neighbours(self.full)
+
+    def logs(self, weights: Array) -> Array:
+        """Return sums of logs, see `Simulator.logs`."""
+        return self.response.logs(self.full, weights)
+
+    def intervals(self, over: Array, half: Array) -> Array:
+        """Return sums over intervals, see `Simulator.intervals`."""
+        return self.response.intervals(self.full, over, half)
 
 
 class Noise(Protocol):
@@ -164,6 +205,18 @@ class ChannelNumbers:
     def free(self) -> list[int]:
         """Return the channels where it is unknown."""
         return [k for k, value in enumerate(self.fixed) if value is None]
+
+    def unknowns(
+        self, channels: Sequence[NoisyChannel], letter: str, meaning: str, **declared: Any
+    ) -> tuple[Unknown, ...]:
+        """Return the unknown numbers, `<letter>_<channel>`, with what else is `declared` of them."""
+        unknowns = []
+        for channel in (channels[k].channel for k in self.free):
+            latex = rf"\{letter}_{{{channel.latex}}}"
+            about = f"{meaning} the noise of channel {channel.name}"
+            symbol = Symbol(f"{letter}_{channel.name}", "1", latex, "", about)
+            unknowns.append(Unknown(symbol=symbol, role="noise", **declared))
+        return tuple(unknowns)
 
     def values(self, theta: Array) -> Array:
         """Return the numbers of all channels `(W, K)`."""

@@ -18,7 +18,6 @@ from pydantic import Field
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.entries import LARGEST
-from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.noise.contract import ChannelNumbers, NoisyChannel, Residuals, pair_matrix
 from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.priors import LogUniform
@@ -59,8 +58,10 @@ class StudentT:
         levels = White.from_channels(channels, n_samples)
         fixed = tuple(c.entries.get("degrees") for c in channels)
         degrees = ChannelNumbers(fixed, len(levels.unknowns))
-        unknowns = (*levels.unknowns, *(degrees_of_freedom(channels[k]) for k in degrees.free))
-        return cls(levels=levels, degrees=degrees, unknowns=unknowns)
+        prior = LogUniform(MIN_DEGREES, MAX_DEGREES)
+        meaning = "degrees of freedom of"
+        own = degrees.unknowns(channels, "nu", meaning, prior=prior, start=START_DEGREES)
+        return cls(levels=levels, degrees=degrees, unknowns=(*levels.unknowns, *own))
 
     def for_length(self, n_samples: int) -> StudentT:
         """Return the same noise for a record of another length."""
@@ -183,15 +184,3 @@ def _most_likely(
     logs = np.log1p(residuals[:, None] ** 2 / (nu * scales**2)).mean(axis=0)
     best = int(np.argmax(_constant(scales, nu) - 0.5 * (nu + 1.0) * logs))
     return float(scales[best]), float(nu[best])
-
-
-def degrees_of_freedom(noisy: NoisyChannel) -> Unknown:
-    """Return the unknown degrees of freedom of a channel's noise, `nu_<channel>`."""
-    channel = noisy.channel
-    meaning = f"degrees of freedom of the noise of channel {channel.name}"
-    return Unknown(
-        symbol=Symbol(f"nu_{channel.name}", "1", rf"\nu_{{{channel.latex}}}", "", meaning),
-        role="noise",
-        prior=LogUniform(MIN_DEGREES, MAX_DEGREES),
-        start=START_DEGREES,
-    )

@@ -37,9 +37,17 @@ class White:
     @classmethod
     def from_channels(cls, channels: Sequence[NoisyChannel], n_samples: int) -> White:
         """Build the noise of these channels; those whose sigma is a prior become unknowns."""
-        known = {k: c.sigma for k, c in enumerate(channels) if isinstance(c.sigma, float)}
-        unknowns = tuple(noise_level(c) for c in channels if not isinstance(c.sigma, float))
-        return cls(n_samples=n_samples, known=known, n_channels=len(channels), unknowns=unknowns)
+        known, levels = dict[int, float](), []
+        for k, noisy in enumerate(channels):
+            if isinstance(noisy.sigma, float):
+                known[k] = noisy.sigma
+                continue
+            c = noisy.channel
+            symbol = noise_symbol(c.name, c.unit, c.latex, c.latex_unit)
+            level = Unknown(symbol=symbol, role="noise", prior=noisy.sigma, start=noisy.start)
+            levels.append(level)
+        n, unknowns = len(channels), tuple(levels)
+        return cls(n_samples=n_samples, known=known, n_channels=n, unknowns=unknowns)
 
     @property
     def unknown(self) -> tuple[int, ...]:
@@ -125,15 +133,3 @@ class White:
     def draw(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
         """Draw signals `(W, T, K)` with fresh noise."""
         return signals + self.scales(theta)[:, None, :] * rng.standard_normal(signals.shape)
-
-
-def noise_level(noisy: NoisyChannel) -> Unknown:
-    """Return the unknown standard deviation of a channel's noise, `sigma_<channel>`."""
-    channel = noisy.channel
-    assert not isinstance(noisy.sigma, float)
-    return Unknown(
-        symbol=noise_symbol(channel.name, channel.unit, channel.latex, channel.latex_unit),
-        role="noise",
-        prior=noisy.sigma,
-        start=noisy.start,
-    )

@@ -104,11 +104,12 @@ def spectrum_figure(
     study: IdentifiabilityStudy, latex: Mapping[str, str], width: float = scales.DOUBLE
 ) -> Figure:
     """Draw a bar for each direction, its length the Cramer-Rao bound on a logarithmic axis."""
-    wide, n = width >= scales.DOUBLE, len(study.directions)
+    directions = study.information.directions
+    wide, n = width >= scales.DOUBLE, len(directions)
     left, bar = (SPECTRUM.left, BAR) if wide else (0.12, NARROW_BAR)
-    labels = [_label(study.names, d.exponents, latex) for d in study.directions]
+    labels = [_label(study.names, d.exponents, latex) for d in directions]
     handles: list[Patch | Line2D] = [Line2D([], [], label="prior", **style.PRIOR_LINE)]
-    if np.isinf([d.sd for d in study.directions]).any():
+    if np.isinf([d.sd for d in directions]).any():
         handles.append(Patch(label="leaves no trace in the record", **BLIND))
     with style.styled(width):
         figure, (panel,) = replace(SPECTRUM, width=width, row=n * bar, left=left).build(1)
@@ -127,7 +128,8 @@ def spectrum_figure(
 
 
 def _bars(panel: Axes, study: IdentifiabilityStudy, thick: float) -> None:
-    sd = 100.0 * np.array([d.sd for d in study.directions])
+    bounds = [direction.sd for direction in study.information.directions]
+    sd = 100.0 * np.array(bounds)
     finite = np.isfinite(sd)
     prior = 100.0 * float(np.median([known.prior_sd for known in study.parameters]))
     largest = max(sd[finite].max(initial=prior), prior) * BEYOND
@@ -143,7 +145,7 @@ def _bars(panel: Axes, study: IdentifiabilityStudy, thick: float) -> None:
     text: dict[str, Any] = {"va": "center", "fontsize": size, "bbox": box}
     for position in places[finite]:
         at = (smallest + sd[position], position)
-        value = percent(study.directions[position].sd)
+        value = percent(bounds[position])
         panel.annotate(value, at, (3, 0), textcoords="offset points", **text)
     panel.set_xscale("log")
     panel.set_xlim(smallest, largest)

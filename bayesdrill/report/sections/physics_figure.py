@@ -243,7 +243,7 @@ def draw_friction(run: ReportContext) -> tuple[Drawing, ...]:
 def draw_energy(run: ReportContext) -> tuple[Drawing, ...]:
     """Return drawings of the energy, of a rig with friction."""
     model, clock, accounts = run.problem.model, run.clock, run.chain.energy_accounts
-    shown = ((each.label, energy_balance(each, model, clock)) for each in accounts)
+    shown = ((each.summary.label, energy_balance(each, model, clock)) for each in accounts)
     says = "Where the energy goes: what came in, and what became of it, in joules and as shares."
     return for_each_experiment(energy_figure, shown, run.width, says)
 

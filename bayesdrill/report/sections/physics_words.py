@@ -7,7 +7,6 @@ import itertools
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from bayesdrill.analysis.energy import (
     STORED,
     EnergyAccount,
     EnergyPart,
+    EnergySummary,
     FrictionMotion,
     friction_curve,
 )
@@ -41,9 +41,6 @@ from bayesdrill.report.section import HDI, Table, records_as_csv
 from bayesdrill.rig.models.friction import Friction
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.models.roles import InertiaRoles, Roles
-
-if TYPE_CHECKING:
-    from bayesdrill.analysis.run_analysis import EnergySummary
 
 _HEADERS = ("", "unit", "nominal", "mean", "sd", HDI, "dev. %", "meaning")
 TIME = Symbol("t", "s", "t", "s", "time")
@@ -182,7 +179,7 @@ def energy_table(summary: EnergySummary, model: Model) -> Table:
     return Table(heads, tuple(lines), frozenset(heads[:1]))
 
 
-def ordered(summary: EnergyAccount | EnergySummary, names: Collection[str]) -> list[EnergyPart]:
+def ordered(summary: EnergySummary, names: Collection[str]) -> list[EnergyPart]:
     """The largest first; what is stored stands last."""
     parts = [part for part in summary.parts if part.name in names]
     return sorted(parts, key=lambda part: (part.name == STORED, -part.joules))
@@ -210,16 +207,16 @@ class Balance:
 
 def energy_balance(account: EnergyAccount, model: Model, clock: Unit) -> Balance:
     """For a figure."""
-    names = energy_names(model)
+    names, summary = energy_names(model), account.summary
     parts = [
         Stacked(*names[part.name], account.went[part.name])
-        for part in ordered(account, account.went)
+        for part in ordered(summary, summary.went)
     ]
     return Balance(
         t=account.t / clock.factor,
         time=time_symbol(clock),
         total=account.total,
-        sources=", ".join(names[part.name][1] for part in ordered(account, account.came)),
+        sources=", ".join(names[part.name][1] for part in ordered(summary, summary.came)),
         parts=tuple(sorted(parts, key=lambda part: KINDS.index(part.kind))),
     )
 

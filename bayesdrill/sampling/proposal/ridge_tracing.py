@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayesdrill.basics.arrays import Array, Flags, Indices
-from bayesdrill.inference.laplace import LogDensity, PosteriorLogDensity, QuadraticModel
+from bayesdrill.inference.laplace import LogDensity, QuadraticModel
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.sampling.samplers import ridge
 from bayesdrill.sampling.samplers.independence import Mixture, Proposal
@@ -434,7 +434,7 @@ def bind_to_posterior(proposal: Proposal, posterior: Posterior) -> Proposal:
     newton = proposal.newton
     if newton is None:
         return proposal
-    expand = PosteriorLogDensity(posterior).curvature_model
+    expand = LogDensity(posterior).curvature_model
     return replace(proposal, newton=replace(newton, mixture=newton_mixture(newton.mixture, expand)))
 
 
