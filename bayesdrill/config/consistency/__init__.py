@@ -34,12 +34,12 @@ def check(
         sensor_numbers, sensing = record.check_sensors(errors, config, model, free)
         torque = unknowns.check_torque(errors, config, model, sensing)
         local_numbers = record.local_numbers(config, channels, sensor_numbers, free, torque)
-        unknown_names = several.unknown_names(config, model, {"": local_numbers}) if alone else None
-        work.check_counts(errors, config, unknown_names)
-        work.check_map(errors, config, unknown_names)
-        work.check_output(errors, config, model, unknown_names)
+        work.check_settings(errors, config)
         if alone:
-            several.check_truth(errors, config, {"": local_numbers})
+            by_label = {"": local_numbers}
+            unknown_names = several.unknown_names(config, model, by_label)
+            work.check_unknown(errors, config, model, unknown_names)
+            several.check_truth(errors, config, by_label)
         if nominal is not None and rig is not None and sensing is not None:
             resolved = ResolvedExperiment(
                 label=label,

@@ -13,7 +13,7 @@ from bayesdrill.basics.symbols import SPEED_UNITS, noise_name
 from bayesdrill.config.resolve import quantities, sensors
 from bayesdrill.config.resolve.case import LocalNumbers
 from bayesdrill.config.resolve.quantities import ParsedNumber
-from bayesdrill.config.resolve.sensors import MeasuredChannel, SensorEntry
+from bayesdrill.config.resolve.sensors import SensorEntry
 from bayesdrill.config.schema import numbers
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.schema.records import (
@@ -29,6 +29,8 @@ from bayesdrill.config.schema.records import (
 )
 from bayesdrill.config.yaml_source import IssueCollector, Location
 from bayesdrill.inference.noise import NOISES
+from bayesdrill.inference.noise.contract import NoisyChannel
+from bayesdrill.inference.priors import Prior
 from bayesdrill.inference.unknowns import Unknown
 from bayesdrill.record.formats import FORMATS
 from bayesdrill.rig.models.linear import Model, missing_requirements, with_named
@@ -58,7 +60,7 @@ def check_sensors(
 
 def local_numbers(
     config: Config,
-    channels: Mapping[str, MeasuredChannel | None],
+    channels: Mapping[str, NoisyChannel | None],
     sensor_numbers: SensorNumbers,
     free: Sequence[str],
     torque: Mapping[str, float | Unknown | None],
@@ -68,21 +70,18 @@ def local_numbers(
     Of a channel with a mistake, which is reported elsewhere, only what is given is there, as None:
     what a kind of noise has by default may be what its entry was to hold.
     """
-    numbers_ = {e.symbol.name: None if x is None else x.value for e, x in sensor_numbers.items()}
-    noise_unknowns: dict[str, Unknown | None] = {}
+    numbers_: dict[str, float | Prior | Unknown | None]
+    numbers_ = {e.symbol.name: x and x.value for e, x in sensor_numbers.items()}
+    numbers_ |= dict.fromkeys(map(sensors.state_name, free))
     for name, channel in channels.items():
         if channel is not None:
             noise = sensors.build_noise([channel], n_samples=1)
-            noise_unknowns |= {unknown.name: unknown for unknown in noise.unknowns}
+            numbers_ |= {unknown.name: unknown for unknown in noise.unknowns}
         elif isinstance(config.record.channels[name].sigma, numbers.ParameterPrior):
-            noise_unknowns[noise_name(name)] = None
+            numbers_[noise_name(name)] = None
     if None not in torque.values():
-        noise_unknowns |= {n: number for n, number in torque.items() if isinstance(number, Unknown)}
-    return LocalNumbers(
-        sensors=numbers_ | {sensors.state_name(name): None for name in free},
-        noise_unknowns=noise_unknowns,
-        channels=tuple(config.record.channels),
-    )
+        numbers_ |= {n: number for n, number in torque.items() if isinstance(number, Unknown)}
+    return LocalNumbers(numbers=numbers_, channels=tuple(config.record.channels))
 
 
 def _sensor_number(errors: IssueCollector, entry: SensorEntry) -> ParsedNumber | None:
@@ -130,9 +129,9 @@ def _check_steady(errors: IssueCollector, config: Config, model: Model) -> None:
 
 def check_channels(
     errors: IssueCollector, config: Config, model: Model
-) -> dict[str, MeasuredChannel | None]:
+) -> dict[str, NoisyChannel | None]:
     """Return channels that are evidence, not derived from others; None for each with a mistake."""
-    measured, channels = dict[str, MeasuredChannel | None](), config.record.channels
+    measured, channels = dict[str, NoisyChannel | None](), config.record.channels
     for name, spec in channels.items():
         location: Location = ("record", "channels", name)
         channel = _check_measured(errors, location, spec, model)
@@ -150,7 +149,7 @@ def check_channels(
 
 def _check_measured(
     errors: IssueCollector, location: Location, spec: ChannelSpec, model: Model
-) -> MeasuredChannel | None:
+) -> NoisyChannel | None:
     """Entry by entry, so that each mistake has the line where it stands."""
     before, name = len(errors.issues), str(location[-1])
     combines = {name: 1.0}
@@ -169,7 +168,7 @@ def _check_measured(
         return None
     if (channel := errors.run(location, sensors.build_channel, name, spec, model)) is None:
         return None
-    measured = errors.run((*location, "sigma"), sensors.measured_channel, channel, spec)
+    measured = errors.run((*location, "sigma"), sensors.noisy_channel, channel, spec)
     noise = measured and errors.run((*location, "noise"), sensors.build_noise, [measured], 1)
     return measured if noise else None
 

@@ -28,6 +28,7 @@ from bayesdrill.config.schema.records import (
     window_spans,
 )
 from bayesdrill.config.yaml_source import Location
+from bayesdrill.inference.unknowns import Unknown
 from bayesdrill.record import anomalies, clocks
 from bayesdrill.record.experiment import (
     Anomaly,
@@ -76,8 +77,8 @@ class _Reader:
         inputs = {n: columns["inputs", quantities.input_entry(config, n)] for n in measured}
         series, turned = self._inputs(t, inputs)
         raise_if_any(self._sources.issues)
-        time, n_unknown = config.record.time, len(self._resolved.space.free)
-        n_unknown += len(self._resolved.local_numbers.noise_unknowns)
+        time, numbers = config.record.time, self._resolved.local_numbers.numbers.values()
+        n_unknown = len(self._resolved.space.free) + sum(isinstance(x, Unknown) for x in numbers)
         shortened_by = "file" if config.record.window is None else "window"
         label = self._sources.label(("record", shortened_by))
         raise_if_any(check_length(label, np.sum(~np.isnan(y), axis=0).tolist(), n_unknown))

@@ -17,11 +17,11 @@ from bayesdrill.basics.errors import InputError, Issue
 from bayesdrill.config.records import reading, sources
 from bayesdrill.config.resolve import quantities, sensors
 from bayesdrill.config.resolve.case import ResolvedCase, ResolvedExperiment, initial_state
-from bayesdrill.config.resolve.sensors import MeasuredChannel
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.schema.records import ChannelSpec, ColumnSpec, TimeColumn
 from bayesdrill.config.yaml_source import Location, Source
 from bayesdrill.inference import step_error
+from bayesdrill.inference.noise.contract import NoisyChannel
 from bayesdrill.inference.noise.mixed import noise_for_record
 from bayesdrill.inference.unknowns import ParameterSpace, Unknown, labelled_name
 from bayesdrill.record.experiment import Experiment, frozen, raise_if_any, times
@@ -263,9 +263,9 @@ def _given_truth(resolved: ResolvedExperiment, name: str) -> float | None:
     return values.get(labelled_name(name, resolved.label), values.get(name))
 
 
-def _with_known_sigma(resolved: ResolvedExperiment, entry: MeasuredChannel) -> MeasuredChannel:
+def _with_known_sigma(resolved: ResolvedExperiment, entry: NoisyChannel) -> NoisyChannel:
     """With the sigma of `simulation:`, where the noise is unknown."""
-    if isinstance(entry.noisy.sigma, float):
+    if isinstance(entry.sigma, float):
         return entry
     simulation: Any = resolved.config.simulation
     name = entry.channel.name
@@ -274,4 +274,4 @@ def _with_known_sigma(resolved: ResolvedExperiment, entry: MeasuredChannel) -> M
         message = f"the noise of this channel is unknown; {way_out}"
         raise resolved.source.error(("record", "channels", name, "sigma"), message)
     sigma = float(simulation.sigma[name]) * entry.channel.factor
-    return dataclasses.replace(entry, noisy=dataclasses.replace(entry.noisy, sigma=sigma))
+    return dataclasses.replace(entry, sigma=sigma)

@@ -149,7 +149,7 @@ def build_simulator(
             sensor_numbers.append(start)
     window, declared = resolved.config.record.window, resolved.config.initial.model_fields_set
     if window is not None and experiment.series and not declared - {"time"}:
-        sigmas = [channel.noisy.start for channel in resolved.channels]
+        sigmas = [channel.start for channel in resolved.channels]
         errors.run(("record", "window"), experiments.check_at_rest, experiment, sigmas)
     raise_if_any(errors.issues)
     values = {number.name: number.value for number in sensor_numbers}

@@ -251,19 +251,6 @@ def symbol_of_state(model: Model, name: str) -> Symbol:
     )
 
 
-@dataclass(frozen=True, slots=True)
-class MeasuredChannel:
-    """A channel with the kind of its noise, and what that kind has to know."""
-
-    kind: str
-    noisy: NoisyChannel
-
-    @property
-    def channel(self) -> Channel:
-        """Return the channel."""
-        return self.noisy.channel
-
-
 def build_channel(name: str, spec: ChannelSpec, model: Model) -> Channel:
     """Return what a channel of a rig measures, and the unit of its column."""
     signals, words = signal_names(model), vocabulary_of(model)
@@ -298,22 +285,28 @@ def build_channel(name: str, spec: ChannelSpec, model: Model) -> Channel:
     )
 
 
-def measured_channel(channel: Channel, spec: ChannelSpec) -> MeasuredChannel:
+def noisy_channel(channel: Channel, spec: ChannelSpec) -> NoisyChannel:
     """Return a channel with its noise, SI, and where a search for it begins."""
-    factor, entries = channel.factor, spec.noise.model_dump(exclude={"name"})
+    factor = channel.factor
     sigma, begin = number_in_si(spec.sigma, factor, "sigma", "the unit of the column")
-    noisy = NoisyChannel(channel=channel, sigma=sigma, start=begin, entries=entries, factor=factor)
-    return MeasuredChannel(spec.noise.name, noisy)
+    return NoisyChannel(
+        channel=channel,
+        sigma=sigma,
+        start=begin,
+        kind=spec.noise.name,
+        entries=spec.noise.model_dump(exclude={"name"}),
+        factor=factor,
+    )
 
 
-def build_noise(channels: Sequence[MeasuredChannel], n_samples: int) -> Noise:
+def build_noise(channels: Sequence[NoisyChannel], n_samples: int) -> Noise:
     """Return the noise of all channels: of one kind, or a mixture of kinds."""
     kinds: dict[str, list[int]] = {}
     for k, channel in enumerate(channels):
         kinds.setdefault(channel.kind, []).append(k)
     parts: list[ChannelNoise] = []
     for kind, columns in kinds.items():
-        noisy = [channels[k].noisy for k in columns]
-        noise = lookup(NOISES, kind, "noise").from_channels(noisy, n_samples)
+        alike = [channels[k] for k in columns]
+        noise = lookup(NOISES, kind, "noise").from_channels(alike, n_samples)
         parts.append(ChannelNoise(noise, (*columns,)))
     return parts[0].noise if len(parts) == 1 else Mixed(tuple(parts))
