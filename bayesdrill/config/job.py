@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,7 +18,7 @@ from bayesdrill.config import loading
 from bayesdrill.config.records import reading
 from bayesdrill.config.resolve import assembly
 from bayesdrill.config.resolve.case import ResolvedCase
-from bayesdrill.config.schema.config import Asked, Config
+from bayesdrill.config.schema.config import Asked, Config, Thresholds
 from bayesdrill.config.yaml_source import Source, as_yaml, parse
 from bayesdrill.inference import derived, step_error
 from bayesdrill.inference.display_units import DisplayUnits
@@ -54,7 +53,8 @@ class Job:
 
     def with_settings(self, **changed: Any) -> Job:
         """Return the job with other sections of the config that decide no posterior."""
-        return replace(self, case=self.case.with_settings(**changed))
+        config = self.config.model_copy(update=changed)
+        return replace(self, case=replace(self.case, config=config))
 
     def with_steps_at(self, mode: Mode) -> Job:
         """Return the job with the steps that `mode` needs, of a rig that is stepped."""
@@ -66,7 +66,12 @@ class Job:
     @property
     def asked(self) -> Asked:
         """Return what is asked of a study."""
-        return self.config.asked
+        settings = self.config.identify
+        thresholds = Thresholds(
+            determined=settings.determined, left_to_prior=settings.left_to_prior
+        )
+        of_interest = tuple(settings.of_interest)
+        return Asked(of_interest=of_interest, thresholds=thresholds, seed=self.config.seed)
 
     @property
     def units(self) -> DisplayUnits:
@@ -139,7 +144,7 @@ def job_in_memory(columns: Mapping[str, Array], entries: Mapping[str, Any]) -> J
     plain = _plain({**entries, "record": record}, (), wrong)
     raise_if_any(wrong)
     source = parse(ARRAYS_PATH, as_yaml(plain))
-    source = dataclasses.replace(source, lines={})  # of a text that nobody has seen
+    source = replace(source, lines={})  # of a text that nobody has seen
     return assemble(loading.validate(source), table)
 
 

@@ -71,7 +71,7 @@ def local_numbers(
     what a kind of noise has by default may be what its entry was to hold.
     """
     numbers_: dict[str, float | Prior | Unknown | None]
-    numbers_ = {e.symbol.name: x and x.value for e, x in sensor_numbers.items()}
+    numbers_ = {e.symbol.name: None if x is None else x.value for e, x in sensor_numbers.items()}
     numbers_ |= dict.fromkeys(map(sensors.state_name, free))
     for name, channel in channels.items():
         if channel is not None:

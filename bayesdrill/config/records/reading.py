@@ -61,7 +61,7 @@ class _Reader:
 
     def __init__(self, resolved: ResolvedExperiment, table: RecordTable | None) -> None:
         self._resolved, self._config, self._source = resolved, resolved.config, resolved.source
-        self._sources = Sources(resolved.config, resolved.source, table)
+        self._sources = Sources(resolved, table)
 
     def experiment(self) -> Experiment:
         config = self._config

@@ -47,17 +47,17 @@ def build_problem(case: ResolvedCase, records: Sequence[Experiment]) -> Problem:
     pairs = zip(case.experiments, records, strict=True)
     built = collect_each(lambda pair: _sensors_and_observation(*pair), pairs)
     for label, (parsed, observed) in zip(labels, built, strict=True):
-        renamed = {number.name: joint_name(config, number.name, label) for number in parsed}
         for number in parsed:
-            name = renamed[number.name]
-            sensor_numbers.setdefault(name, number.for_experiment(label, name))
+            joint = number if number.name in config.shared else number.for_experiment(label)
+            sensor_numbers.setdefault(joint.name, joint)
+        for unknown in observed.unknowns:
+            level = unknown if unknown.name in config.shared else unknown.for_experiment(label)
+            noise_unknowns.setdefault(level.name, level)
+        parameters = [labelled_name(n, label if n in config.own else "") for n in rig.parameters]
+        of_sensors = observed.parameters[len(parameters) :]
+        parameters += [joint_name(config, name, label) for name in of_sensors]
         names = [joint_name(config, unknown.name, label) for unknown in observed.unknowns]
-        for name, unknown in zip(names, observed.unknowns, strict=True):
-            shared = name == unknown.name
-            noise_unknowns.setdefault(name, unknown if shared else unknown.for_experiment(label))
-        of_rig = [labelled_name(n, label if n in config.own else "") for n in rig.parameters]
-        of_sensors = [renamed[name] for name in observed.parameters[len(of_rig) :]]
-        parts.append(replace(observed, parameters=[*of_rig, *of_sensors], noise_names=names))
+        parts.append(replace(observed, parameters=parameters, noise_names=names))
     numbers = case.experiments[0].rig_numbers
     local = [*sensor_numbers.values()], [*noise_unknowns.values()]
     unknowns = numbers.space(config.own, labels, *local)

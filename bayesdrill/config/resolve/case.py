@@ -6,10 +6,8 @@ wrong. The steps raise `ValueError` with a message for the user.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from bayesdrill.basics.entries import build_member
 from bayesdrill.basics.formulas import Expression, resolve_relations
@@ -161,7 +159,3 @@ class ResolvedCase:
     def experiment(self, label: str) -> ResolvedExperiment:
         """Return the experiment of this name."""
         return next(experiment for experiment in self.experiments if experiment.label == label)
-
-    def with_settings(self, **changed: Any) -> ResolvedCase:
-        """Return the case with other sections that decide no posterior, such as `sampler`."""
-        return dataclasses.replace(self, config=self.config.model_copy(update=changed))

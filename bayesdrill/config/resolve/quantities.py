@@ -45,11 +45,9 @@ class ParsedNumber:
         """Return its name."""
         return self.symbol.name
 
-    def for_experiment(self, label: str, name: str) -> ParsedNumber:
-        """Return it for one of several experiments, unless all have the same name."""
-        if name == self.name:
-            return self
-        return dataclasses.replace(self, symbol=labelled_symbol(self.symbol, label, name))
+    def for_experiment(self, label: str) -> ParsedNumber:
+        """Return a copy that belongs to the experiment `label`."""
+        return dataclasses.replace(self, symbol=labelled_symbol(self.symbol, label))
 
 
 _MAX_TRUNCATION = 5  # sd of a normal between its mean and zero, where it is cut
@@ -67,10 +65,7 @@ def build_prior(spec: PriorSpec, nominal_value: float | None = None) -> Prior:
         nothing = "nothing of the prior is left; all unknowns are positive"
         raise ValueError(f"{below}, so that {nothing}")
     built = spec.families[spec.prior](**values)
-    if is_relative(spec):
-        if nominal_value is None:
-            way_out = "give one in `nominal:`, or leave out `relative:`"
-            raise ValueError(f"there is no nominal value to be relative to; {way_out}")
+    if is_relative(spec) and nominal_value is not None:
         built = built.scaled(nominal_value)
     with np.errstate(all="ignore"):
         low, middle, high = built.quantile(np.array([0.01, 0.5, 0.99]))

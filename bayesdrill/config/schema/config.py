@@ -270,15 +270,6 @@ class Config(Strict):
     calibration: CalibrationSpec = CalibrationSpec()
     simulation: Simulation | None = None
 
-    @property
-    def asked(self) -> Asked:
-        """Return what is asked of a study."""
-        settings = self.identify
-        thresholds = Thresholds(
-            determined=settings.determined, left_to_prior=settings.left_to_prior
-        )
-        return Asked(of_interest=tuple(settings.of_interest), thresholds=thresholds, seed=self.seed)
-
 
 class _ConfigOfRig(Config):
     """A config with names of its rig, which is pickled as what it was read from."""
