@@ -13,7 +13,6 @@ from pydantic import TypeAdapter
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.entries import entries_of
 from bayesdrill.basics.errors import InputError, Issue, collect_each
-from bayesdrill.basics.units import Unit
 from bayesdrill.config import loading
 from bayesdrill.config.records import reading
 from bayesdrill.config.resolve import assembly
@@ -21,7 +20,6 @@ from bayesdrill.config.resolve.case import ResolvedCase
 from bayesdrill.config.schema.config import Asked, Config, Thresholds
 from bayesdrill.config.yaml_source import Source, as_yaml, parse
 from bayesdrill.inference import derived, step_error
-from bayesdrill.inference.display_units import DisplayUnits
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.output_files import RECORD
 from bayesdrill.record.experiment import raise_if_any
@@ -67,21 +65,9 @@ class Job:
     def asked(self) -> Asked:
         """Return what is asked of a study."""
         settings = self.config.identify
-        thresholds = Thresholds(
-            determined=settings.determined, left_to_prior=settings.left_to_prior
-        )
+        thresholds = Thresholds(**settings.model_dump(exclude={"of_interest"}))
         of_interest = tuple(settings.of_interest)
         return Asked(of_interest=of_interest, thresholds=thresholds, seed=self.config.seed)
-
-    @property
-    def units(self) -> DisplayUnits:
-        """Return the units in which people are shown what is inferred."""
-        return self.problem.units
-
-    @property
-    def clock(self) -> Unit:
-        """Return the unit in which people are shown times."""
-        return self.problem.clock
 
 
 def prepare(path: Path) -> Job:
@@ -108,10 +94,8 @@ def assemble(case: ResolvedCase, table: RecordTable | None = None) -> Job:
         reasons = filter(None, (each.exact_reason for each in problem.observations))
         message = "a record cannot be compressed: {}; say `auto`, or leave it out"
         raise_if_any([source.issue(("sampler", "likelihood"), message.format(r)) for r in reasons])
-    impossible = derived.impossible_formulas(problem)
-    if impossible:
-        named = [source.issue(("derived", name), text) for name, text in impossible.items()]
-        raise InputError(named)
+    impossible = derived.impossible_formulas(problem).items()
+    raise_if_any([source.issue(("derived", name), text) for name, text in impossible])
     return Job(case=case, problem=problem, table=table)
 
 

@@ -263,7 +263,7 @@ def nominal_of(
     """A config, the parameters that it compares with something, and what it calls that."""
     given = [("map: {", f"nominal: {say}\nmap: {{")] if say else []
     path = systems.small(folder, *changes, *given)
-    nominal = loading.load(path).nominal
+    nominal = loading.load(path).experiments[0].nominal
     return path, set(nominal.compared), nominal.name
 
 

@@ -162,8 +162,7 @@ def _check_measured(
     if errors.run((*location, "noise"), lookup, NOISES, spec.noise.name, "noise") is not None:
         kinds = {name: kind.Entries for name, kind in NOISES.usable().items()}
         vain = unknown_keys(("name", "noise"), kinds, kinds[spec.noise.name], spec.noise)
-        for entry, message in vain.items():
-            errors.add((*location, "noise", entry), message)
+        errors.add_all((*location, "noise"), vain)
     if len(errors.issues) > before:
         return None
     if (channel := errors.run(location, sensors.build_channel, name, spec, model)) is None:
@@ -176,11 +175,15 @@ def _check_measured(
 def check_series(errors: IssueCollector, location: Location, spec: Series) -> None:
     """Check where the numbers of a column stand, its time and its file."""
     _check_address(errors, location, spec)
-    if isinstance(spec.time, TimeColumn):
-        errors.run((*location, "time", "unit"), units.factor, spec.time.unit, "s")
-        _check_address(errors, (*location, "time"), spec.time)
+    _check_time(errors, (*location, "time"), spec.time)
     if isinstance(spec.file, FileSpec) and spec.file.format is not None:
         errors.run((*location, "file", "format"), lookup, FORMATS, spec.file.format, "format")
+
+
+def _check_time(errors: IssueCollector, location: Location, time: object) -> None:
+    if isinstance(time, TimeColumn):
+        errors.run((*location, "unit"), units.factor, time.unit, "s")
+        _check_address(errors, location, time)
 
 
 def _check_address(errors: IssueCollector, location: Location, spec: ColumnSpec) -> None:
@@ -190,10 +193,7 @@ def _check_address(errors: IssueCollector, location: Location, spec: ColumnSpec)
 
 def check_record(errors: IssueCollector, config: Config) -> None:
     """Check time, format and windows of the record."""
-    time = config.record.time
-    if isinstance(time, TimeColumn):
-        errors.run(("record", "time", "unit"), units.factor, time.unit, "s")
-        _check_address(errors, ("record", "time"), time)
+    _check_time(errors, ("record", "time"), config.record.time)
     if config.record.format is not None:
         errors.run(("record", "format"), lookup, FORMATS, config.record.format, "format")
     spans = window_spans(config.record.window)
@@ -211,10 +211,6 @@ def check_quantity(errors: IssueCollector, location: Location, value: object, un
     """Check the unit of a value that has one."""
     if isinstance(value, numbers.Quantity):
         errors.run((*location, "unit"), units.factor, value.unit, unit)
-
-
-MISSING_ENTRY = "this entry is missing; see `bayesdrill schema` or configs/nominal_step.yaml"
-EMPTY_ENTRY = "nothing is not a number; write the value itself"
 
 
 def check_inputs(errors: IssueCollector, config: Config, model: Model | None) -> None:
@@ -258,9 +254,9 @@ def _check_required(errors: IssueCollector, config: Config, model: Model) -> Non
 
 def _missing_message(config: Config, name: str) -> str:
     if name in config.inputs.model_fields_set:
-        return EMPTY_ENTRY
+        return "nothing is not a number; write the value itself"
     if name == "v":
-        return MISSING_ENTRY
+        return "this entry is missing; see `bayesdrill schema` or configs/nominal_step.yaml"
     symbol, angle = config.vocabulary.inputs[name], config.vocabulary.imposed.get(name)
     what = "angle" if symbol.unit == SPEED_UNITS["rad"] else "position"
     other = f" (or `{angle}:`, the {what})" if angle else ""

@@ -50,12 +50,11 @@ def unknown_names(config: Config, model: Model, by_label: NumbersByLabel) -> lis
     """Return the names of all unknowns."""
     rig = [n for n in unknowns.free_parameters(config, model.parameters) if n not in config.own]
     local_names = unknowns.free_parameters(config, config.own)
-    pairs = [(name, label) for label, local in by_label.items() for name in local.unknown]
-    observed = [joint_name(config, name, label) for name, label in pairs]
-    local_parameters = [labelled_name(name, label) for name in local_names for label in by_label]
-    priors = numbers.ParameterPrior
-    free_quantities = [name for name, q in config.quantities.items() if isinstance(q, priors)]
-    return list(dict.fromkeys([*rig, *local_parameters, *free_quantities, *observed]))
+    every = [*rig, *(labelled_name(name, label) for name in local_names for label in by_label)]
+    every += [n for n, q in config.quantities.items() if isinstance(q, numbers.QuantityPrior)]
+    for label, local in by_label.items():
+        every += [joint_name(config, name, label) for name in local.unknown]
+    return list(dict.fromkeys(every))
 
 
 def check_truth(errors: IssueCollector, config: Config, by_label: NumbersByLabel) -> None:

@@ -25,8 +25,7 @@ def check_settings(errors: IssueCollector, config: Config) -> None:
     kind = errors.run(("map", "method"), lookup, OPTIMISERS, config.map.method, "method")
     if kind is not None:
         vain = unknown_keys(("method", "method"), OPTIMISERS.usable(), kind, config.map)
-        for entry, message in vain.items():
-            errors.add(("map", entry), message)
+        errors.add_all(("map",), vain)
     shares = config.sampler.moves
     for name in shares:
         errors.run(("sampler", "moves", name), lookup, MOVES, name, "move")

@@ -212,8 +212,8 @@ def simulation_grid(resolved: ResolvedExperiment) -> Experiment:
 
 def truth(resolved: ResolvedExperiment) -> dict[str, float]:
     """Return the parameters of the rig, SI, that a simulated record is made with."""
-    rig, space, config = resolved.model, resolved.space, resolved.config
-    simulation: Any = config.simulation
+    rig, space = resolved.model, resolved.rig_numbers.space()
+    simulation: Any = resolved.config.simulation
     named = {name: getattr(simulation, name, None) for name in rig.parameters}
     named |= {n: x for n in rig.parameters if (x := _given_truth(resolved, n)) is not None}
     values = {**space.start, **resolved.nominal.compared, **space.fixed}

@@ -122,12 +122,10 @@ class Sources:
         self._clocks: dict[object, Clock | None] = {}
         self._spans = window_spans(self._config.record.window)
         entries = file_entries(self._config)
-        self._keys = {location: (file_of(s), s.time) for location, s in entries.items()}
-        self.several = len(set(self._keys.values())) > 1
+        self.several = len({(file_of(spec), spec.time) for spec in entries.values()}) > 1
         for location, spec in entries.items():
-            key = self._keys[location]
-            if key not in self._clocks:
-                self._clocks[key] = self._clock(location, spec)
+            if (file_of(spec), spec.time) not in self._clocks:
+                self._clocks[file_of(spec), spec.time] = self._clock(location, spec)
 
     def label(self, location: Location) -> str:
         """Return the label of a location in messages."""
@@ -137,18 +135,18 @@ class Sources:
         """Add an issue."""
         self.issues.append(self._resolved.source.issue(location, message))
 
-    def clock(self, location: Location) -> Clock | None:
+    def clock(self, spec: Series) -> Clock | None:
         """Return the clock of a column; None where it could not be read."""
-        return self._clocks[self._keys[location]]
+        return self._clocks[file_of(spec), spec.time]
 
     @property
     def clocks(self) -> list[Clock]:
         """Return all clocks."""
         return [clock for clock in self._clocks.values() if clock is not None]
 
-    def column(self, location: Location, spec: ColumnSpec) -> Array | None:
+    def column(self, location: Location, spec: Series) -> Array | None:
         """Return all rows of a channel or an input, as they stand in the file."""
-        table = self._tables.get(self._keys[location][0])
+        table = self._tables.get(file_of(spec))
         return None if table is None else self._pick(location, spec, table)
 
     def _pick(

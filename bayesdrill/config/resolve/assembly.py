@@ -36,12 +36,13 @@ def optimiser(config: Config) -> Optimiser:
     return build_member(lookup(OPTIMISERS, config.map.method, "method"), config.map)
 
 
+MAX_SHOWN_TIME = 1e4  # of the units of a record: nobody reads so many milliseconds
 SEARCH_STEPS = 4  # steps to a sample, for the search of the maximum: there they are chosen anew
 
 
 def build_problem(case: ResolvedCase, records: Sequence[Experiment]) -> Problem:
     """Build the problem of a case and its records; raises `InputError` where they do not suit."""
-    config, rig, nominal = case.config, case.model, case.nominal
+    config, rig, nominal = case.config, case.model, case.experiments[0].nominal
     labels = [experiment.label for experiment in case.experiments]
     parts, sensor_numbers, noise_unknowns = [], dict[str, ParsedNumber](), dict[str, Unknown]()
     pairs = zip(case.experiments, records, strict=True)
@@ -69,6 +70,10 @@ def build_problem(case: ResolvedCase, records: Sequence[Experiment]) -> Problem:
     if config.model.pieces is None:
         start = unknowns.vector(unknowns.start)
         posterior = step_error.choose_steps(posterior, start, SEARCH_STEPS)
+    clock = records[0].written.time
+    last = max(each.experiment.t[-1] for each in posterior.likelihood.observations)
+    if last / clock.factor >= MAX_SHOWN_TIME:
+        clock = SECOND
     table, published, tolerance = {**nominal.compared}, [*nominal.published], {**nominal.tolerance}
     for name, label in itertools.product(config.own, labels):
         if name in table:
@@ -84,7 +89,7 @@ def build_problem(case: ResolvedCase, records: Sequence[Experiment]) -> Problem:
         tolerance=tolerance,
         derived=numbers.derived,
         units=_display_units(case),
-        clock=_clock(records[0].written.time, posterior.likelihood.observations),
+        clock=clock,
         compared_with=nominal.name,
     )
 
@@ -105,15 +110,6 @@ def _display_units(case: ResolvedCase) -> DisplayUnits:
         if not isinstance(spec, float | int):
             shown_units[name] = units.display_unit(spec.unit)
     return DisplayUnits(shown_units)
-
-
-MAX_SHOWN_TIME = 1e4  # of the units of a record: nobody reads so many milliseconds
-
-
-def _clock(unit: Unit, observations: Sequence[Observation]) -> Unit:
-    """That of the time column of the first record, unless times in it are very many."""
-    last = max(observation.experiment.t[-1] for observation in observations)
-    return SECOND if last / unit.factor >= MAX_SHOWN_TIME else unit
 
 
 def _sensors_and_observation(
@@ -178,7 +174,7 @@ def _check_hidden(
 
 def _at_start(resolved: ResolvedExperiment) -> dict[str, float]:
     """The rig's parameters where searches begin."""
-    space = resolved.space
+    space = resolved.rig_numbers.space()
     values = {**space.fixed, **space.start}
     values |= {name: float(r.value(values)) for name, r in space.relations.items()}
     return {name: values[name] for name in resolved.model.parameters}

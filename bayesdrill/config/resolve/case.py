@@ -124,7 +124,6 @@ class ResolvedExperiment:
     model: Model
     nominal: NominalValues
     rig_numbers: RigNumbers
-    space: ParameterSpace  # of these numbers alone
     channels: tuple[NoisyChannel, ...]  # those that are evidence
     sensor_numbers: Mapping[SensorEntry, ParsedNumber]  # of sensors and start
     sensing: ObservationModel
@@ -145,11 +144,6 @@ class ResolvedCase:
     def model(self) -> Model:
         """Return the rig, which all experiments share."""
         return self.experiments[0].model
-
-    @property
-    def nominal(self) -> NominalValues:
-        """Return the nominal values."""
-        return self.experiments[0].nominal
 
     @property
     def held_out(self) -> list[str]:
