@@ -200,9 +200,8 @@ def parse_sensor_number(entry: SensorEntry) -> ParsedNumber:
             "log_normal, median: 1, sd_log: 0.02`"
         )
     role: Role = "start" if entry.kind == "state" else "sensor"
-    symbol = entry.symbol
     return ParsedNumber(
-        symbol=symbol, role=role, value=value, start=start, factor=factor, unit=unit
+        symbol=entry.symbol, role=role, value=value, start=start, factor=factor, unit=unit
     )
 
 
