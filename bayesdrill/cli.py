@@ -133,9 +133,8 @@ def init(
     force: Annotated[bool, force_option("Overwrite a config.")] = False,
 ) -> None:
     """Look at records and write a first config for them, with every guess marked and its reason."""
-    known: dict[str, Any] = {"voltage": voltage, "gear": gear, "rig": rig, "rate": rate}
-    known["sheet"] = sheet
-    say(str(bd.init(records, output, columns=columns or (), force=force, **known)))
+    known: dict[str, Any] = {"voltage": voltage, "gear": gear, "rate": rate, "sheet": sheet}
+    say(str(bd.init(records, output, rig=rig, columns=columns or (), force=force, **known)))
 
 
 @command("check configs/nominal_step.yaml")

@@ -36,6 +36,9 @@ CONFIG_FILE, RESOLVED_FILE = "config.yaml", "config.resolved.yaml"
 CONFIGS = (CONFIG_FILE, RESOLVED_FILE)
 
 
+MADE_ANEW = "make them anew with --force, or give another --output"
+
+
 @dataclass(frozen=True, slots=True)
 class Kind:
     """What `bayesdrill <job>` writes into its folder; `#` stands for a number.
@@ -46,8 +49,8 @@ class Kind:
     """
 
     job: str
-    mark: str
     files: tuple[str, ...]
+    mark: str = RUN
     nested: tuple[str, ...] = ()
     continue_hint: str = "continue them with --resume, or start over with --force"
     kept_files: tuple[str, ...] = ()
@@ -83,10 +86,10 @@ def shown_path(formats: Iterable[str]) -> str:
     return min(formats, key=("png", "svg", "pdf").index)
 
 
-UNFINISHED = Kind("posterior", RUN, (f"{PIECES}/ensemble_#_#.npz",))
+UNFINISHED = Kind("posterior", (f"{PIECES}/ensemble_#_#.npz",))
 
 # What a report is made from, beside the config with all defaults.
-GROUND = Kind("posterior", RUN, ("chain.h5", "map.json", CONFIG_FILE, *UNFINISHED.files))
+GROUND = Kind("posterior", ("chain.h5", "map.json", CONFIG_FILE, *UNFINISHED.files))
 
 
 # Figures of a run, by name, and the module of `report` whose `draw_<name>` draws each.  Those on
@@ -118,7 +121,6 @@ RUN_FIGURES: Registry[str] = Registry("figure", OWN_FIGURES)
 
 POSTERIOR = Kind(
     "posterior",
-    RUN,
     (
         *("chain.h5", OPENED, "map.json", *CONFIGS, "posterior.nc", "summary.csv", "summary.md"),
         *("derived.csv", "verdict.csv", "torque.csv", "table.tex", "report.html"),
@@ -129,7 +131,6 @@ POSTERIOR = Kind(
 )
 CALIBRATE = Kind(
     "calibrate",
-    RUN,
     (
         *(*CONFIGS, "ranks.csv", "summary.md", "report.html"),
         *(*figure_files("calibration", formats=FORMATS), f"{REFITS}/#.json"),
@@ -137,34 +138,30 @@ CALIBRATE = Kind(
 )
 OVERLAY = Kind(
     "report",
-    RUN,
     ("overlay.csv", "overlay.md", "report.html", *figure_files("corner", "intervals")),
-    continue_hint="make them anew with --force, or give another --output",
+    continue_hint=MADE_ANEW,
 )
 COMPARE = Kind(
     "compare",
-    RUN,
     ("comparison.csv", "comparison.md", "report.html", *figure_files("comparison")),
-    continue_hint="make them anew with --force, or give another --output",
+    continue_hint=MADE_ANEW,
 )
 MAP = Kind(
     "map",
-    RUN,
     (
         *("map.json", "map.md", "map.csv", "report.html"),
         *("prediction.csv", "prediction_#.csv"),
         *CONFIGS,
         *figure_files("fit", "fit_#", formats=FORMATS),
     ),
-    continue_hint="make them anew with --force, or give another --output",
+    continue_hint=MADE_ANEW,
     kept_files=(RECORD,),
 )
-IDENTIFY = Kind("identify", "identify.md", figure_files("spectrum", "profiles", formats=FORMATS))
+IDENTIFY = Kind("identify", figure_files("spectrum", "profiles", formats=FORMATS), "identify.md")
 
 
 LADDER = Kind(  # models of one record, each of which has a posterior in a folder of its own
     "ladder",
-    RUN,
     (*COMPARE.files, *CONFIGS, RECOMMENDED),
     nested=tuple(f"model_{k}" for k in range(1, 10)),
 )
@@ -183,13 +180,12 @@ def paper_files(records: Sequence[str]) -> Kind:
     )
     return Kind(
         "paper",
-        RUN,
         (
             *(f"{stem}.{end}" for stem in tables for end in ("csv", "md")),
             *("report.md", "report.html", *figure_files(*drawn)),
         ),
         nested=tuple(records),
-        continue_hint="make them anew with --force, or give another --output",
+        continue_hint=MADE_ANEW,
     )
 
 

@@ -19,10 +19,8 @@ from bayesdrill.config import loading
 from bayesdrill.config.job import Job, assemble
 from bayesdrill.config.records import sources
 from bayesdrill.config.resolve import experiments
-from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import Source, as_yaml
 from bayesdrill.inference.likelihood import Observation
-from bayesdrill.inference.noise import NOISES
 from bayesdrill.record.experiment import Experiment, typical_inputs
 from bayesdrill.record.formats.table import RecordTable
 from bayesdrill.rig.models.roles import InertiaRoles, Roles
@@ -126,14 +124,13 @@ LEAST, LONGEST = 3.0, 3.0  # samples, and of the record: the time of a missing t
 class CandidateModel:
     """A candidate model, as the config that has it.
 
-    `parts` that it has beside the config as given, and what each is in `words`; `output` that it
-    wants drawn; `lines` of a config that say so; `table`: a record that is in no file.
+    `parts` that it has beside the config as given, and what each is in `words`; `lines` of a config
+    that say so; `table`: a record that is in no file.
     """
 
     parts: tuple[str, ...]
     words: tuple[str, ...]
     source: Source
-    output: Mapping[str, Any]
     lines: str = ""
     table: RecordTable | None = None
 
@@ -284,7 +281,7 @@ class CandidateModels:
                 section["record"] = {**section.get("record", {}), "window": ends.tolist()}
                 section["initial"] = "free"
             source = Source(given.path, as_yaml(data), data, {}, ())
-            rungs.append(CandidateModel((), (), source, {}, table=self.job.table))
+            rungs.append(CandidateModel((), (), source, table=self.job.table))
         return rungs
 
     def _sensors(self) -> Iterator[str]:
@@ -316,20 +313,18 @@ class CandidateModels:
                 return None
         lines = as_yaml(changed_entries(given.data, data)).strip() if parts else ""
         lines = lines[1:-1] if lines.startswith("{") else lines
-        output = dict(data.get("output", {}))
         if parts:
-            data["output"] = {**output, "figures": ["fit"]}
+            data["output"] = {**data.get("output", {}), "figures": ["fit"]}
             data.pop("simulation", None)
             self._with_walkers(data)
         text, places = (as_yaml(data), {}) if parts else (given.text, given.lines)
         source = Source(given.path, text, data, places, ())
         words = tuple(map(self.parts.words, parts))
-        return CandidateModel(parts, words, source, output, lines, self.job.table)
+        return CandidateModel(parts, words, source, lines, self.job.table)
 
     def _changed(self, data: dict[str, Any], part: str) -> bool:
         if part in NOISE:
-            change = freed if part == UNKNOWN else reddened
-            return part in (UNKNOWN, *NOISES) and change_noise(data, change)
+            return change_noise(data, freed if part == UNKNOWN else reddened)
         known = self.parts
         if part in known.physics:
             wanted = known.physics[part]
@@ -346,7 +341,7 @@ class CandidateModels:
         if part not in known.torques:
             return self._sensed(data, *part.split("_", 1))
         at = known.torques[part]
-        if MISSING not in Config.model_fields or MISSING in data or at.sliding not in self.sizes:
+        if MISSING in data or at.sliding not in self.sizes:
             return False
         size = {"prior": "half_normal", "scale": rounded(QUARTER * self.sizes[at.sliding])}
         data[MISSING] = {"at": at.name, "smoothness": "1/2", "size": size, "time": self._times()}
@@ -390,12 +385,8 @@ class CandidateModels:
 
     def _lag(self) -> dict[str, Any]:
         """Either way, so many samples [s]."""
-        late = rounded(
-            max(
-                max(LATEST * each.dt, min(SLOW, SHARE * float(each.t[-1] - each.t[0])))
-                for each in self._experiments
-            )
-        )
+        lengths = [(each.dt, float(each.t[-1] - each.t[0])) for each in self._experiments]
+        late = rounded(max(max(LATEST * dt, min(SLOW, SHARE * length)) for dt, length in lengths))
         return {"prior": "uniform", "low": -late, "high": late}
 
     def _sensor_prior(self, kind: str, name: str, *, channel: bool) -> dict[str, Any]:
@@ -475,16 +466,16 @@ def _speeds(observations: Sequence[Observation], full: Array) -> dict[str, float
     return speeds
 
 
-def recommended(rung: CandidateModel, name: str, folder: Path, opening: str) -> str:
-    """The config of a rung, as a file in `folder`: `opening` in comments, and `name` for its results."""
-    given = rung.source
-    data = copy.deepcopy(given.data)
-    data["name"] = name
-    if rung.parts:
-        data["output"] = dict(rung.output)
-    if not data.get("output"):
+def recommended(rung: CandidateModel, given: Source, name: str, folder: Path, about: str) -> str:
+    """The config of a rung, as a file in `folder`, that draws what the one as `given` does.
+
+    `name`: for its results; `about`: in comments that it begins with.
+    """
+    data = copy.deepcopy(rung.source.data)
+    data["name"], data["output"] = name, given.data.get("output")
+    if not data["output"]:
         data.pop("output", None)
     for section in rung_sections(data):
         sources.rebase(section, given.path.parent, folder)
-    lines = "".join(f"# {line}\n" for line in opening.splitlines())
+    lines = "".join(f"# {line}\n" for line in about.splitlines())
     return f"{lines}{as_yaml(data)}"

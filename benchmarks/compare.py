@@ -172,7 +172,7 @@ class Bench:
             job = of(self.jobs[name], y)
             mode, sampled = fit(job.problem.posterior, plan(job, index))
             run = comparison.NamedRun(name, None, SampledRun(job, mode, sampled))
-            found.append(comparison.contender(run, job.units))
+            found.append(comparison.contender(run, job.problem.units))
         return found, size
 
     def found(self, kind: Kind, index: int) -> Found:

@@ -68,9 +68,8 @@ def rig(value: Any) -> Model:
         return value
     if isinstance(value, str):
         return known(MODELS, value, "rig", "model")()
-    raise InputError.at(
-        "rig", f"give a name ({', '.join(MODELS)}) or a model, such as MotorShaft()"
-    )
+    wanted = f"a name ({', '.join(MODELS)}) or a model, such as MotorShaft()"
+    raise InputError.at("rig", f"give {wanted}")
 
 
 def rig_with(value: Any, names: Collection[str]) -> Model:

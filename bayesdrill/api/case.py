@@ -198,10 +198,8 @@ class Case(Value):
         from bayesdrill.tasks import pipeline
 
         if self.columns is not None:
-            message = (
-                "arrays are in no file yet; give `sample().save(folder)`, then `load` its config"
-            )
-            raise InputError.at("run", message)
+            way_out = "give `sample().save(folder)`, then `load` its config"
+            raise InputError.at("run", f"arrays are in no file yet; {way_out}")
         how = arguments.mode(resume=resume, force=force)
         path, workers = self.place(folder), arguments.workers(processes)
         told = report or SILENT
@@ -235,8 +233,7 @@ class Case(Value):
 
         job, workers = self.job, arguments.workers(processes)
         if seed is not None:
-            changes = {"seed": arguments.whole("seed", seed, 0)}
-            job = job.with_settings(**changes)
+            job = job.with_settings(seed=arguments.whole("seed", seed, 0))
         progress = report or SILENT
         mode = find_map.find_mode(job, workers, progress) if best is None else self._mode(best)
         job = job.with_steps_at(mode)
@@ -249,9 +246,8 @@ class Case(Value):
         if not isinstance(best, Best):
             raise InputError.at("best", f"give what find_map found, not {type(best).__name__}")
         if not equal_content(best.job.problem.posterior, self.job.problem.posterior):
-            raise InputError.at(
-                "best", "this is the maximum of another case; find that of this one"
-            )
+            message = "this is the maximum of another case; find that of this one"
+            raise InputError.at("best", message)
         return best.mode
 
 
@@ -300,10 +296,9 @@ def case(
     if not isinstance(record, Mapping):
         message = f"give entries, such as a window, not {type(record).__name__}"
         raise InputError.at("record", message)
-    refused = [name for name in ("model",) if name in entries]
-    refused += [
-        f"record.{name}" for name in ("file", "format", "time", "channels") if name in record
-    ]
+    refused = ["model"] if "model" in entries else []
+    said = ("file", "format", "time", "channels")
+    refused += [f"record.{name}" for name in said if name in record]
     if refused:
         raise InputError.at(refused[0], "arrays and `rig` say this already; leave it out")
     model = arguments.rig(rig)
@@ -336,9 +331,8 @@ def _columns(
         if isinstance(channel, Channel):
             columns[name] = arguments.series(f"channels.{name}", channel.values, issues)
         else:
-            issues.append(
-                Issue(f"channels.{name}", f"give {CHANNELS}, not {type(channel).__name__}")
-            )
+            text = f"give {CHANNELS}, not {type(channel).__name__}"
+            issues.append(Issue(f"channels.{name}", text))
     measured = {}
     for name, given in inputs.items():
         if isinstance(given, Input) and name in channels:
@@ -358,10 +352,8 @@ def _columns(
             for name, n in lengths.items()
             if n != lengths[job.TIME_COLUMN]
         ]
-    hints = [f"; give {INPUTS}" if issue.place.startswith("inputs.") else "" for issue in issues]
-    raise_if_any(
-        [Issue(issue.place, issue.message + h) for issue, h in zip(issues, hints, strict=True)]
-    )
+    hints = {"inputs": f"; give {INPUTS}"}
+    raise_if_any([Issue(i.place, i.message + hints.get(i.place.split(".")[0], "")) for i in issues])
     return columns, measured
 
 

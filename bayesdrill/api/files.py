@@ -213,15 +213,14 @@ def simulate(
         message = "is no folder; name one for the records of several experiments"
         raise InputError.at(str(given), message)
     texts = simulation.simulate_all(case, used_seed, given)
-    records = [sources.path_of(each.config, each.source) for each in case.experiments]
-    rows = [(*pair, record) for pair, record in zip(texts.items(), records, strict=True)]
-    for target, text, record in rows:
+    records = [sources.path_of(each) for each in case.experiments]
+    for (target, text), record in zip(texts.items(), records, strict=True):
         simulation.check_target(text, target, record, force=force)
     files = {}
-    for (target, text, record), experiment in zip(rows, case.experiments, strict=True):
+    for (target, text), experiment in zip(texts.items(), case.experiments, strict=True):
         if several:
             target.parent.mkdir(parents=True, exist_ok=True)
-        simulation.save(text, target, record, force=force)
+        output_files.write_text(target, text)
         skipped = reading.csv_options(experiment.config.record).skip_rows
         files[target] = len(text.splitlines()) - 1 - skipped
     return Simulated(files)

@@ -58,10 +58,8 @@ def respond(
     `InputError` with all that is wrong.
     """
     model, issues = arguments.rig_with(rig, parameters), list[Issue]()
-    issues += [
-        Issue(f"parameters.{n}", requirement_text(n, of))
-        for n, of in missing_requirements(model).items()
-    ]
+    missing = missing_requirements(model).items()
+    issues += [Issue(f"parameters.{n}", requirement_text(n, of)) for n, of in missing]
     signals = [signals] if isinstance(signals, str) else signals
     times = arguments.times(t, issues)
     values = _parameters(model, parameters, issues)
@@ -97,10 +95,9 @@ def respond(
         t_start=float(times[0]) if series else min(0.0, float(times[0])),
     )
     theta = np.array([[values[name] for name in model.parameters]])
-    response = simulator(
-        model, experiment, ObservationModel(), step_error.MAX_CHOSEN_PIECES
-    ).signals(theta)[0]
-    return {name: response[:, k] for k, name in enumerate(signals)}
+    response = simulator(model, experiment, ObservationModel(), step_error.MAX_CHOSEN_PIECES)
+    response_values = response.signals(theta)[0]
+    return {name: response_values[:, k] for k, name in enumerate(signals)}
 
 
 def _parameters(rig: Model, values: Mapping[str, float], issues: list[Issue]) -> dict[str, float]:
@@ -124,9 +121,8 @@ def _check_names(
 ) -> None:
     for name in values:
         if name not in names:
-            issues.append(
-                Issue(f"{location}.{name}", f"the rig has none{did_you_mean(name, names)}")
-            )
+            hint = did_you_mean(name, names)
+            issues.append(Issue(f"{location}.{name}", f"the rig has none{hint}"))
     issues += [Issue(f"{location}.{name}", "is missing") for name in names if name not in values]
 
 

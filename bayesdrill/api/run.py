@@ -102,10 +102,9 @@ class Best(Value):
         `processes`, `report`: see `Case.sample`.
         """
         with WorkerPool(self.job.problem.posterior, arguments.workers(processes)) as pool:
-            causes, report_text = find_map.explain(
-                self.job, self.mode, pool.submit_function, report or SILENT
-            )
-        return Candidates(causes.ranked if causes is not None else (), report_text)
+            progress = report or SILENT
+            causes, table = find_map.explain(self.job, self.mode, pool.submit_function, progress)
+        return Candidates(causes.ranked if causes is not None else (), table)
 
     def plot(self, part: int = 1) -> Figure:
         """Draw the record, the model at the maximum, and what is left.
@@ -113,9 +112,8 @@ class Best(Value):
         `part`: which experiment, from 1; raises `InputError` where there is no such one.
         """
         drawings = list(self._report.figures.values())
-        return _drawn(
-            drawings, part, f"there are {len(drawings)} experiments", self._report.warning
-        )
+        count = f"there are {len(drawings)} experiments"
+        return _drawn(drawings, part, count, self._report.warning)
 
     @staticmethod
     def check_place(folder: str | Path, *, force: bool = False) -> None:
@@ -132,7 +130,7 @@ class Best(Value):
         return path
 
     def __str__(self) -> str:
-        return f"{self.table}\n\n{words.mode(self.mode, self.job.units)}"
+        return f"{self.table}\n\n{words.mode(self.mode, self.job.problem.units)}"
 
     __repr__ = __str__
 

@@ -18,7 +18,5 @@ if TYPE_CHECKING:
     from bayesdrill.config.records.sources import path_of as path_of
     from bayesdrill.config.resolve.assembly import optimiser as optimiser
     from bayesdrill.config.resolve.case import ResolvedCase as ResolvedCase
-    from bayesdrill.config.schema.config import Config as Config
-    from bayesdrill.config.yaml_source import Source as Source
 
 __getattr__ = lazy_attributes(__name__)

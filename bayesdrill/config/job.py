@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,15 +13,13 @@ from pydantic import TypeAdapter
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.entries import entries_of
 from bayesdrill.basics.errors import InputError, Issue, collect_each
-from bayesdrill.basics.units import Unit
 from bayesdrill.config import loading
 from bayesdrill.config.records import reading
 from bayesdrill.config.resolve import assembly
 from bayesdrill.config.resolve.case import ResolvedCase
-from bayesdrill.config.schema.config import Asked, Config
+from bayesdrill.config.schema.config import Asked, Config, Thresholds
 from bayesdrill.config.yaml_source import Source, as_yaml, parse
 from bayesdrill.inference import derived, step_error
-from bayesdrill.inference.display_units import DisplayUnits
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.output_files import RECORD
 from bayesdrill.record.experiment import raise_if_any
@@ -54,7 +51,8 @@ class Job:
 
     def with_settings(self, **changed: Any) -> Job:
         """Return the job with other sections of the config that decide no posterior."""
-        return replace(self, case=self.case.with_settings(**changed))
+        config = self.config.model_copy(update=changed)
+        return replace(self, case=replace(self.case, config=config))
 
     def with_steps_at(self, mode: Mode) -> Job:
         """Return the job with the steps that `mode` needs, of a rig that is stepped."""
@@ -66,17 +64,10 @@ class Job:
     @property
     def asked(self) -> Asked:
         """Return what is asked of a study."""
-        return self.config.asked
-
-    @property
-    def units(self) -> DisplayUnits:
-        """Return the units in which people are shown what is inferred."""
-        return self.problem.units
-
-    @property
-    def clock(self) -> Unit:
-        """Return the unit in which people are shown times."""
-        return self.problem.clock
+        settings = self.config.identify
+        thresholds = Thresholds(**settings.model_dump(exclude={"of_interest"}))
+        of_interest = tuple(settings.of_interest)
+        return Asked(of_interest=of_interest, thresholds=thresholds, seed=self.config.seed)
 
 
 def prepare(path: Path) -> Job:
@@ -103,10 +94,8 @@ def assemble(case: ResolvedCase, table: RecordTable | None = None) -> Job:
         reasons = filter(None, (each.exact_reason for each in problem.observations))
         message = "a record cannot be compressed: {}; say `auto`, or leave it out"
         raise_if_any([source.issue(("sampler", "likelihood"), message.format(r)) for r in reasons])
-    impossible = derived.impossible_formulas(problem)
-    if impossible:
-        named = [source.issue(("derived", name), text) for name, text in impossible.items()]
-        raise InputError(named)
+    impossible = derived.impossible_formulas(problem).items()
+    raise_if_any([source.issue(("derived", name), text) for name, text in impossible])
     return Job(case=case, problem=problem, table=table)
 
 
@@ -139,7 +128,7 @@ def job_in_memory(columns: Mapping[str, Array], entries: Mapping[str, Any]) -> J
     plain = _plain({**entries, "record": record}, (), wrong)
     raise_if_any(wrong)
     source = parse(ARRAYS_PATH, as_yaml(plain))
-    source = dataclasses.replace(source, lines={})  # of a text that nobody has seen
+    source = replace(source, lines={})  # of a text that nobody has seen
     return assemble(loading.validate(source), table)
 
 

@@ -89,8 +89,7 @@ def load_kind(source: Source) -> type[Config]:
         section = ModelSpec.model_validate(entry)
         kind = errors.run(("model", "name"), lookup, MODELS, section.name, "model")
         vain = {} if kind is None else unknown_keys(("name", "model"), kinds, kind, section)
-        for key, text in vain.items():
-            errors.add(("model", key), text)
+        errors.add_all(("model",), vain)
         if kind is not None and not vain:
             rig = errors.run(("model", "name"), build_member, kind, section)
             words = rig and errors.run(("model", "name"), vocabulary_of, rig)
@@ -134,28 +133,21 @@ def _load_several(
             problems += error.problems
     whole = experiments.join_experiments(source, alone)
     if alone or source.data[experiments.EXPERIMENTS]:
-        problems += _experiment_issues(whole, source, kind)
+        try:
+            config = kind.model_validate(whole)
+        except ValidationError as error:  # each of them tells the rest
+            problems += [
+                source.issue(location, _message(item, location, kind))
+                for location, item in _by_location(error, source).items()
+                if location and location[0] in (experiments.EXPERIMENTS, *experiments.SHARING_KEYS)
+            ]
     else:
         problems.append(source.issue((experiments.EXPERIMENTS,), NO_EXPERIMENT))
     if not problems:
-        config = kind.model_validate(whole)
         problems += several.check_experiments(config, source, resolved)
     if problems:
         raise InputError(sorted(dict.fromkeys(problems), key=_line))
     return config, resolved
-
-
-def _experiment_issues(data: Mapping[str, Any], source: Source, kind: type[Config]) -> list[Issue]:
-    """About experiments alone; the rest is told by each of them."""
-    try:
-        kind.model_validate(data)
-    except ValidationError as error:
-        return [
-            source.issue(location, _message(item, location, kind))
-            for location, item in _by_location(error, source).items()
-            if location and location[0] in ("experiments", "shared", "own")
-        ]
-    return []
 
 
 def _by_location(error: ValidationError, source: Source) -> dict[Location, dict[str, Any]]:

@@ -224,6 +224,11 @@ class IssueCollector:
         if not self.is_reported(location):
             self.issues.append(self.source.issue(location, message))
 
+    def add_all(self, location: Location, messages: Mapping[str, str]) -> None:
+        """Add issues of entries at `location`, by their names."""
+        for entry, message in messages.items():
+            self.add((*location, entry), message)
+
     def is_reported(self, location: Location) -> bool:
         """Whether an issue was reported of this entry, of one in it, or of one around it."""
         pairs = (zip(location, other, strict=False) for other in self._reported)

@@ -179,14 +179,14 @@ def labelled_name(name: str, label: str) -> str:
     return f"{name}_{label}" if label else name
 
 
-def labelled_symbol(symbol: Symbol, label: str, name: str | None = None) -> Symbol:
+def labelled_symbol(symbol: Symbol, label: str) -> Symbol:
     """Return the symbol in one of several experiments."""
     if not label:
         return symbol
     shown = label.replace("_", r"\_")
     return dataclasses.replace(
         symbol,
-        name=labelled_name(symbol.name, label) if name is None else name,
+        name=labelled_name(symbol.name, label),
         latex=superscript(symbol.latex, rf"\mathrm{{{shown}}}"),
         meaning=f"{symbol.meaning}, of the experiment {label}",
     )

@@ -154,9 +154,9 @@ SAME = 1e-6  # relative, and absolute: records hold nine digits
 
 def truth_of(case: ResolvedCase, makers: Sequence[ResolvedCase]) -> dict[str, float] | None:
     """Return parameters of its model with which its record was simulated by one of `makers`."""
-    path = path_of(case.config, case.source)
+    path = path_of(case.experiments[0])
     for other in makers:
-        if path_of(other.config, other.source).resolve() != path.resolve():
+        if path_of(other.experiments[0]).resolve() != path.resolve():
             continue
         text = path.read_text(encoding="utf-8", errors="replace")
         if _same(simulate(other, other.config.seed), text):

@@ -55,16 +55,13 @@ class CalibrationOutcome:
 def prepare(path: Path) -> Job:
     """As `job.prepare`, but nothing has to be measured yet where `simulation:` gives times."""
     case = loading.load(path)
-    there = all(
-        path.exists() for experiment in case.experiments for path in sources.paths(experiment)
-    )
+    paths = [path for experiment in case.experiments for path in sources.paths(experiment)]
+    there = all(path.exists() for path in paths)
     read: Callable[..., Experiment] = reading.read if there else simulation.simulation_grid
     problem = assembly.build_problem(case, [read(experiment) for experiment in case.experiments])
     # What was measured plays no part but in priors of free states, and so must not stop a calibration
     # from being resumed.
-    blank = [
-        np.where(observation.experiment.seen, 0.0, np.nan) for observation in problem.observations
-    ]
+    blank = [np.where(each.experiment.seen, 0.0, np.nan) for each in problem.observations]
     posterior = problem.posterior.edit(records=blank)
     return Job(case=case, problem=dataclasses.replace(problem, posterior=posterior))
 

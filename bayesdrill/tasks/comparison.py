@@ -7,7 +7,6 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 
 from bayesdrill import output_files
 from bayesdrill.analysis import prediction
@@ -58,7 +57,7 @@ def check_number(form: Form, n: int) -> None:
         raise InputError.at("runs", message)
 
 
-FORMS: Mapping[str, Form] = MappingProxyType({form.name: form for form in (OVERLAID, COMPARED)})
+FORMS: Mapping[str, Form] = {form.name: form for form in (OVERLAID, COMPARED)}
 
 
 def report(form: Form, runs: Sequence[NamedRun]) -> ComparisonReport:
@@ -69,9 +68,8 @@ def report(form: Form, runs: Sequence[NamedRun]) -> ComparisonReport:
     """
     units = overlay_units([run.run.job for run in runs])
     if form is OVERLAID:
-        return ComparisonReport(
-            tuple(overlay_layer(run.name, run.run, units) for run in runs), units
-        )
+        layers = tuple(overlay_layer(run.name, run.run, units) for run in runs)
+        return ComparisonReport(layers, units)
     check_same_record(runs)
     return ComparisonReport.of_models([contender(run, units) for run in runs], units)
 
@@ -80,7 +78,7 @@ def overlay_units(jobs: Sequence[Job]) -> DisplayUnits:
     """Of each unknown those of the first run that says any; SI where a name means two things."""
     units, kinds = dict[str, Unit](), dict[str, set[str]]()
     for job in jobs:
-        units = {**job.units.units, **units}
+        units = {**job.problem.units.units, **units}
         for symbol in job.problem.symbols:
             kinds.setdefault(symbol.name, set()).add(symbol.unit)
     same = {name: item for name, item in units.items() if len(kinds.get(name, ())) < 2}
@@ -248,7 +246,7 @@ def _rig(job: Job) -> dict[str, str]:
     """Rig, sensors, inputs and start, and which of their numbers are unknown."""
     space = job.problem.posterior.space
     unknown = {space.free[k]: "unknown" for k in space.columns(*SIMULATOR_ROLES)}
-    said = provenance.settings(job.config, job.problem, job.units)
+    said = provenance.settings(job.config, job.problem, job.problem.units)
     others = ("the seed", *space.free)
     kept = {n: v for n, v in said.items() if n not in others and not n.startswith(OF_NOISE)}
     torque = getattr(job.config, "missing_torque", None)

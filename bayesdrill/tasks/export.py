@@ -10,8 +10,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
-from xml.etree import ElementTree
+from xml.etree.ElementTree import Comment, Element, SubElement, indent, tostring
 
 import numpy as np
 
@@ -37,11 +36,6 @@ class ExportedNumber:
     def key(self) -> str:
         """Its name among all, such as `load.armature`."""
         return f"{self.part}.{self.name}"
-
-    @property
-    def text(self) -> str:
-        """Mean and sd."""
-        return f"{self.key} {self.draws.mean():.6g} +- {self.draws.std():.2g} {self.unit}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -178,32 +172,30 @@ def as_json(model: SimulatorModel) -> str:
 
 def as_mjcf(model: SimulatorModel) -> str:
     """Return a MuJoCo model at the posterior means, with a joint for each coordinate."""
-    root = ElementTree.Element("mujoco", model=model.title)
-    root.append(ElementTree.Comment(_spread(model)))
-    ElementTree.SubElement(root, "compiler", angle="radian", inertiafromgeom="false")
-    ElementTree.SubElement(root, "option", gravity="0 0 0")
-    world = ElementTree.SubElement(root, "worldbody")
+    root = Element("mujoco", model=model.title)
+    root.append(Comment(_spread(model)))
+    SubElement(root, "compiler", angle="radian", inertiafromgeom="false")
+    SubElement(root, "option", gravity="0 0 0")
+    world = SubElement(root, "worldbody")
     for joint in model.joints.values():
         means = model.means(joint)
-        body = ElementTree.SubElement(world, "body", name=joint)
+        body = SubElement(world, "body", name=joint)
         # A mass that weighs nothing beside the armature, as every body must have one.
-        ElementTree.SubElement(
-            body, "inertial", pos="0 0 0", mass="1e-9", diaginertia="1e-12 1e-12 1e-12"
-        )
+        SubElement(body, "inertial", pos="0 0 0", mass="1e-9", diaginertia="1e-12 1e-12 1e-12")
         entries = {"name": joint, "type": "slide" if model.linear else "hinge", "axis": "0 0 1"}
         entries |= {
             n: f"{means[n]:.9g}" for n in ("armature", "damping", "frictionloss") if n in means
         }
-        ElementTree.SubElement(body, "joint", entries)
-    tendons = ElementTree.SubElement(root, "tendon")
+        SubElement(body, "joint", entries)
+    tendons = SubElement(root, "tendon")
     for name, ends in model.springs.items():
         means = model.means(name)
         entries = {"name": name, "springlength": "0"}
         entries |= {n: f"{means[n]:.9g}" for n in ("stiffness", "damping") if n in means}
-        fixed = ElementTree.SubElement(tendons, "fixed", entries)
+        fixed = SubElement(tendons, "fixed", entries)
         for (joint, turns), sign in zip(ends, (1.0, -1.0), strict=False):
-            ElementTree.SubElement(fixed, "joint", joint=joint, coef=f"{sign * turns:.9g}")
-    actuators = ElementTree.SubElement(root, "actuator")
+            SubElement(fixed, "joint", joint=joint, coef=f"{sign * turns:.9g}")
+    actuators = SubElement(root, "actuator")
     for name, (joint, turns) in model.drives.items():
         means = model.means(name)
         resistance = means.get("resistance", 1.0) + means.get("series_resistance", 0.0)
@@ -211,50 +203,52 @@ def as_mjcf(model: SimulatorModel) -> str:
         entries = {"name": name, "joint": joint, "gear": f"{turns:.9g}", "gainprm": f"{gain:.9g}"}
         if "back_emf" in means:
             entries |= {"biastype": "affine", "biasprm": f"0 0 {-gain * means['back_emf']:.9g}"}
-        ElementTree.SubElement(actuators, "general", entries)
+        SubElement(actuators, "general", entries)
     return _written(root)
 
 
 def as_urdf(model: SimulatorModel) -> str:
     """Return a URDF model at the posterior means; springs and motors stand in a comment."""
-    root = ElementTree.Element("robot", name=model.title)
-    root.append(ElementTree.Comment(_spread(model)))
-    ElementTree.SubElement(root, "link", name="base")
+    root = Element("robot", name=model.title)
+    root.append(Comment(_spread(model)))
+    SubElement(root, "link", name="base")
     for joint in model.joints.values():
         means = model.means(joint)
-        link = ElementTree.SubElement(root, "link", name=joint)
-        inertial = ElementTree.SubElement(link, "inertial")
+        link = SubElement(root, "link", name=joint)
+        inertial = SubElement(link, "inertial")
         size = f"{means['armature']:.9g}"
-        ElementTree.SubElement(inertial, "mass", value=size if model.linear else "1e-9")
+        SubElement(inertial, "mass", value=size if model.linear else "1e-9")
         turned = "1e-12" if model.linear else size
         tensor = {"ixx": "1e-12", "iyy": "1e-12", "izz": turned, "ixy": "0", "ixz": "0", "iyz": "0"}
-        ElementTree.SubElement(inertial, "inertia", tensor)
+        SubElement(inertial, "inertia", tensor)
         kind = "prismatic" if model.linear else "continuous"
-        element = ElementTree.SubElement(root, "joint", name=joint, type=kind)
-        ElementTree.SubElement(element, "parent", link="base")
-        ElementTree.SubElement(element, "child", link=joint)
-        ElementTree.SubElement(element, "axis", xyz="0 0 1")
+        element = SubElement(root, "joint", name=joint, type=kind)
+        SubElement(element, "parent", link="base")
+        SubElement(element, "child", link=joint)
+        SubElement(element, "axis", xyz="0 0 1")
         if model.linear:
-            ElementTree.SubElement(
-                element, "limit", effort="1e9", velocity="1e9", lower="-1e3", upper="1e3"
-            )
+            SubElement(element, "limit", effort="1e9", velocity="1e9", lower="-1e3", upper="1e3")
         entries = {"damping": "damping", "frictionloss": "friction"}
         dynamics = {there: f"{means[here]:.9g}" for here, there in entries.items() if here in means}
-        ElementTree.SubElement(element, "dynamics", dynamics)
+        SubElement(element, "dynamics", dynamics)
     return _written(root)
 
 
-FORMS: Mapping[str, Callable[[SimulatorModel], str]] = MappingProxyType(
-    {"json": as_json, "mjcf": as_mjcf, "urdf": as_urdf}
-)
+FORMS: Mapping[str, Callable[[SimulatorModel], str]] = {
+    "json": as_json,
+    "mjcf": as_mjcf,
+    "urdf": as_urdf,
+}
 
 
 def _spread(model: SimulatorModel) -> str:
-    lines = [f"{q.text}" for q in model.quantities]
+    lines = [
+        f"{q.key} {q.draws.mean():.6g} +- {q.draws.std():.2g} {q.unit}" for q in model.quantities
+    ]
     head = f"by bayesdrill {__version__}: posterior means and standard deviations, SI"
     return "\n".join([head, *lines, ""]).replace("--", "- -")
 
 
-def _written(root: ElementTree.Element) -> str:
-    ElementTree.indent(root)
-    return ElementTree.tostring(root, encoding="unicode") + "\n"
+def _written(root: Element) -> str:
+    indent(root)
+    return tostring(root, encoding="unicode") + "\n"

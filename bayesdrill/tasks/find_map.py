@@ -106,8 +106,8 @@ def end_search(pool: WorkerPool, under_way: PendingSearches, report: Reporter) -
 
 def misfit(job: Job, mode: Mode) -> str:
     """What the maximum leaves, where no posterior about it can be believed; empty elsewhere."""
-    left = residuals(job, mode)
-    return fit_words.residual_sentences(left, job.clock) if fit_words.residual_reasons(left) else ""
+    left, clock = residuals(job, mode), job.problem.clock
+    return fit_words.residual_sentences(left, clock) if fit_words.residual_reasons(left) else ""
 
 
 def explain(

@@ -51,19 +51,40 @@ class Findings(Value):
     @property
     def symbols(self) -> tuple[Symbol, ...]:
         """In the units of the user."""
-        return self.job.units.symbols(self.job.problem.symbols)
+        return self.job.problem.units.symbols(self.job.problem.symbols)
 
     @property
     def shown(self) -> tuple[Profile, ...]:
         """The profiles in these units."""
-        return tuple(profile.over(self.job.units.factor(profile.name)) for profile in self.profiles)
+        units = self.job.problem.units
+        return tuple(profile.over(units.factor(profile.name)) for profile in self.profiles)
 
     def save(self, folder: str | Path, *, force: bool = False) -> str:
         """Text and figures into a folder, which may hold other results; says what is written.
 
         Raises `InputError` where something is in the way, or text and figures of before and not `force`.
         """
-        return publish(self, Path(folder).expanduser(), force=force)
+        from bayesdrill.report import style  # late: matplotlib takes a second to load
+        from bayesdrill.report.sections.identify_figure import profile_figure, spectrum_figure
+
+        place, problem, output = Path(folder).expanduser(), self.job.problem, self.job.config.output
+        check_place(place, force=force)
+        figures, width = place / FIGURES, WIDTHS[output.size]
+        symbols = {symbol.name: symbol for symbol in self.symbols}
+        latex = {name: symbol.latex for name, symbol in symbols.items()}
+        drawn = {"spectrum": spectrum_figure(self.study, latex, width)}
+        if self.profiles:
+            priors = problem.posterior.space.priors
+            logs = [name for name, prior in priors.items() if flat_in_logs(prior)]
+            nominal = problem.units.values(problem.nominal)
+            drawn["profiles"] = profile_figure(self.shown, symbols, nominal, logs, width)
+        note = {"Title": self.job.config.name}
+        with output_files.renewed(place, IDENTIFY):
+            figures.mkdir(parents=True, exist_ok=True)
+            output_files.write_text(place / IDENTIFY.mark, _markdown(self, drawn))
+            for name, figure in drawn.items():
+                style.save(figure, figures, name, note, formats=output.formats, dpi=output.dpi)
+        return f"{place}/ ({IDENTIFY.mark}, figures/)"
 
     def __str__(self) -> str:
         return self.text
@@ -103,13 +124,12 @@ def preflight(job: Job, scenery: SensitivityStudy) -> str:
     said += [torque_words.stand_ins(study, rig)]
     said += [torque_words.beside(rig)] if is_approximate(posterior) else []
     late = fit_words.moment(half_sample_shift(scenery, start))
-    return "\n".join(
-        [*filter(None, said), *late, *plausibility.plausibility_of_course(scenery, start)]
-    )
+    usual = plausibility.plausibility_of_course(scenery, start)
+    return "\n".join([*filter(None, said), *late, *usual])
 
 
 def check_place(folder: Path, *, force: bool) -> None:
-    """Raises `InputError` where something is in the way that `publish` must not replace."""
+    """Raises `InputError` where something is in the way that `Findings.save` must not replace."""
     output_files.refuse_unwritable(folder, IDENTIFY.folders)
     if obstacles := output_files.existing_outputs(folder, IDENTIFY):
         raise InputError(obstacles)
@@ -121,31 +141,6 @@ def check_place(folder: Path, *, force: bool) -> None:
     if there and not (text.exists() and text.read_bytes().startswith(MARK.encode())):
         message = "was not written by `bayesdrill identify`; give another --output"
         raise InputError.at(str(folder / there[0]), message)
-
-
-def publish(findings: Findings, folder: Path, *, force: bool) -> str:
-    """Text and figures into `folder`, which may hold other results; says where."""
-    from bayesdrill.report import style  # late: matplotlib takes a second to load
-    from bayesdrill.report.sections.identify_figure import profile_figure, spectrum_figure
-
-    check_place(folder, force=force)
-    figures, job = folder / FIGURES, findings.job
-    symbols = {symbol.name: symbol for symbol in findings.symbols}
-    latex = {name: symbol.latex for name, symbol in symbols.items()}
-    output, priors = job.config.output, job.problem.posterior.space.priors
-    width = WIDTHS[output.size]
-    drawn = {"spectrum": spectrum_figure(findings.study, latex, width)}
-    if findings.profiles:
-        logs = [name for name, prior in priors.items() if flat_in_logs(prior)]
-        nominal = job.units.values(job.problem.nominal)
-        drawn["profiles"] = profile_figure(findings.shown, symbols, nominal, logs, width)
-    note = {"Title": job.config.name}
-    with output_files.renewed(folder, IDENTIFY):
-        figures.mkdir(parents=True, exist_ok=True)
-        output_files.write_text(folder / IDENTIFY.mark, _markdown(findings, drawn))
-        for name, figure in drawn.items():
-            style.save(figure, figures, name, note, formats=tuple(output.formats), dpi=output.dpi)
-    return f"{folder}/ ({IDENTIFY.mark}, figures/)"
 
 
 def _columns(unknowns: tuple[str, ...], wanted: Sequence[str]) -> list[int]:

@@ -105,15 +105,15 @@ class _Sampling:
         self.folder.write_run(**{RANKED: known})
         ladder = CandidateModels(self.job, known["sizes"], known["speeds"], known["gear"])
         rungs = ladder.rungs(map(tuple, known["parts"]))[:sample]
-        jobs = {
-            f"model_{k}": (rung, made)
-            for k, rung in enumerate(rungs, start=1)
-            if (made := self._job(rung)) is not None
-        }
+        jobs: dict[str, tuple[CandidateModel, Job]] = {}
+        for k, rung in enumerate(rungs, start=1):
+            try:
+                jobs[f"model_{k}"] = rung, rung.job() if rung.parts else self.job
+            except InputError as error:
+                self.left_out[rung.name] = error.problems[0].message
         missing = {place: pair for place, pair in jobs.items() if not self._taken_up(place, *pair)}
-        self.report.say(
-            comparison_report.ladder_opening([value for value, _ in jobs.values()], len(missing))
-        )
+        candidates = [rung for rung, _ in jobs.values()]
+        self.report.say(comparison_report.ladder_opening(candidates, len(missing)))
 
         def finish(place: str, modes: tuple[Mode, SamplingResult] | str) -> str:
             self._finish(modes, place, *missing[place])
@@ -134,20 +134,11 @@ class _Sampling:
         ladder = ranked.ladder
         sampler = job.config.sampler
         evaluations = sampler.ensembles * sampler.walkers * STEPS
-        times = {parts: evaluations * each for parts, each in ranked.seconds.items()}
+        times = {parts: evaluations * each.seconds for parts, each in ranked.maxima.items()}
         self.report.say(comparison_report.ranking(causes, times))
         better = [cause.parts for cause in causes.ranked if cause.bayes > 0.0]
         parts = [*better, (), *(cause.parts for cause in causes.ranked[len(better) :])][:KEPT]
         return {"parts": parts, "sizes": ladder.sizes, "speeds": ladder.speeds, "gear": ladder.gear}
-
-    def _job(self, rung: CandidateModel) -> Job | None:
-        if not rung.parts:
-            return self.job
-        try:
-            return rung.job()
-        except InputError as error:
-            self.left_out[rung.name] = error.problems[0].message
-            return None
 
     def _taken_up(self, place: str, rung: CandidateModel, job: Job) -> bool:
         """Whether it was run before."""
@@ -174,7 +165,7 @@ class _Sampling:
     def _known(self, place: str, rung: CandidateModel, run: SampledRun) -> bool:
         if run.sampled.evidence is not None:
             named = comparison.NamedRun(rung.name, self.folder.path / place, run)
-            self.done[place] = rung, comparison.contender(named, self.job.units)
+            self.done[place] = rung, comparison.contender(named, self.job.problem.units)
         return place in self.done
 
 
@@ -198,12 +189,15 @@ def _published(job: Job, folder: Folder, work: _Sampling) -> LadderOutcome:
         raise InputError.at(str(job.source.path), "; ".join(work.left_out.values()))
     places = sorted(work.done, reverse=True)
     every = [work.done[place] for place in places]
-    report = ComparisonReport.of_models([observation for _, observation in every], job.units)
+    report = ComparisonReport.of_models(
+        [observation for _, observation in every], job.problem.units
+    )
     report = dataclasses.replace(report, heading=f"Ladder of {job.config.name}")
     chosen = recommended([rung for rung, _ in every], report)
     about = comparison_report.about_config(chosen, job.config.name, report)
     name = f"{job.config.name}_{chosen.name}"[: selection.LONGEST_NAME]
-    folder.write_text(RECOMMENDED, selection.recommended(chosen, name, folder.path, about))
+    text = selection.recommended(chosen, job.source, name, folder.path, about)
+    folder.write_text(RECOMMENDED, text)
     comparison.write(report, folder)
     folder.write_run(
         status="finished",
@@ -226,6 +220,5 @@ def recommended(every: Sequence[CandidateModel], report: ComparisonReport) -> Ca
     models = report.models
     least = max(model.log_z for model in models) - SURE_LOG_ODDS
     good = [k for k, model in enumerate(models) if model.log_z >= least]
-    return every[
-        min(good, key=lambda k: (len(every[k].parts), len(models[k].layer.problem.symbols), k))
-    ]
+    sizes = {k: (len(every[k].parts), len(models[k].layer.problem.symbols), k) for k in good}
+    return every[min(good, key=sizes.__getitem__)]

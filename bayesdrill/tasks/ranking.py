@@ -50,8 +50,7 @@ class Ranking:
     """A ranking of what `ladder` makes, under way or done.
 
     `given`: the refit of the config as it is; `causes_by_parts`: candidates that were refitted;
-    `seconds`: that an evaluation of each takes; `values`: its unknowns at the maximum; `left_out`: why
-    others could not be refitted.
+    `maxima`: where the refits of these ended; `left_out`: why others could not be refitted.
     """
 
     job: Job
@@ -61,8 +60,7 @@ class Ranking:
     report: Reporter
     causes_by_parts: dict[tuple[str, ...], Cause] = field(default_factory=dict)
     left_out: dict[str, str] = field(default_factory=dict)
-    seconds: dict[tuple[str, ...], float] = field(default_factory=dict)
-    values: dict[tuple[str, ...], Mapping[str, float]] = field(default_factory=dict)
+    maxima: dict[tuple[str, ...], RefitMaximum] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.ladder = CandidateModels.from_job(self.job, self.maximum)
@@ -75,12 +73,11 @@ class Ranking:
         # A rig that moves from its start alone shows only there what it may lack.
         if best is not None and best.parts == (START,) and best.bayes > SURE_LOG_ODDS:
             (rung,) = self.ladder.rungs([best.parts])
-            there = CandidateModels.from_job(rung.job(), self.values[best.parts])
+            there = CandidateModels.from_job(rung.job(), self.maxima[best.parts].values)
             self.ladder = self.ladder.moving(there.sizes, there.speeds)
             self.refit_all(self.ladder.singles(), self.maximum)
-        first = [
-            cause.parts[0] for cause in self._ranked(structural=True) if cause.bayes > SURE_LOG_ODDS
-        ]
+        ranked = self._ranked(structural=True)
+        first = [cause.parts[0] for cause in ranked if cause.bayes > SURE_LOG_ODDS]
         if self.causes_by_parts and not self._ranked()[0].explains_all:
             for k, part in enumerate(first[:PAIRED]):
                 self._beside((part,), first[k + 1 : PAIRED])
@@ -95,10 +92,7 @@ class Ranking:
         return dataclasses.replace(causes, windows=self._windows())
 
     def _climb(self, first: Sequence[str]) -> None:
-        """Try what gained by itself beside the best, and then all else, as long as it gets better.
-
-        At last try the best without each of its parts.
-        """
+        """Try what gained by itself beside the best, then all else; at last try without each part."""
         known = self.ladder.parts
         absorbing = {*NOISE, *known.torques}
         singles = [
@@ -115,11 +109,12 @@ class Ranking:
         before = -math.inf
         while (best := self._ranked(structural=True)[0]).bayes > before:
             before = best.bayes
-            self.refit_all(self.ladder.without_each(best.parts), self.values[best.parts])
+            fewer = self.ladder.without_each(best.parts)
+            self.refit_all(fewer, self.maxima[best.parts].values)
 
     def _beside(self, parts: tuple[str, ...], more: Iterable[str]) -> None:
         """Refit a candidate that was refitted, with each of `more`, from where its maximum is."""
-        self.refit_all(self.ladder.beyond(parts, more), self.values[parts])
+        self.refit_all(self.ladder.beyond(parts, more), self.maxima[parts].values)
 
     def _ranked(self, *, structural: bool = False) -> tuple[Cause, ...]:
         """The most probable first; `structural`: without those that would absorb any misfit."""
@@ -162,7 +157,8 @@ class Ranking:
                     self.left_out[rung.name] = error.problems[0].message
                     continue
                 least = self.given.log_posterior + PROMISE
-                alone = self.values.get(rung.parts[-1:], {}) if len(rung.parts) > 1 else {}
+                single = self.maxima.get(rung.parts[-1:]) if len(rung.parts) > 1 else None
+                alone = {} if single is None else single.values
                 future = self.submit(refit_candidate, job.problem.posterior, near, least, alone)
                 under_way.append((rung, job, future))
             if under_way:
@@ -176,9 +172,8 @@ class Ranking:
             return
         symbols = [symbol for symbol in job.problem.symbols if symbol.name not in self.maximum]
         new = _fitted(symbols, top)
-        doubts = [
-            f"{value.name} is at an end of its prior" for value in new if value.name in top.at_ends
-        ]
+        ends = [value.name for value in new if value.name in top.at_ends]
+        doubts = [f"{name} is at an end of its prior" for name in ends]
         if top.several:
             doubts.append("there is another maximum, about as high")
         # A lag leaves out samples of a rig that moves at the start.
@@ -195,7 +190,7 @@ class Ranking:
             fit=top.fit,
             doubts=tuple(doubts),
         )
-        self.seconds[rung.parts], self.values[rung.parts] = top.seconds, top.values
+        self.maxima[rung.parts] = top
 
     def _windows(self) -> tuple[tuple[FittedValue, ...], ...]:
         """Refit the config as given on each window; nothing where one of them cannot be."""

@@ -73,7 +73,7 @@ def dask_executor(scheduler: str) -> Iterator[RefitExecutor]:
             cluster.compare(client.scheduler_info(n_workers=-1)["workers"])
             yield cluster
         finally:
-            cluster.shutdown(wait=False)
+            cluster.pool.shutdown(wait=False)
             with suppress(TimeoutError):  # of a scheduler that no longer answers
                 client.close(timeout=PATIENCE)
 
@@ -102,24 +102,17 @@ def _check_answers(scheduler: str) -> None:
         raise InputError.at("--scheduler", message) from None
 
 
-class RefitExecutor(Executor):
-    """Processes of this machine: where one dies, all that waits for it is told.
-
-    Whoever waits for what it does calls `watch` now and then.
-    """
+class RefitExecutor:
+    """Processes of this machine; whoever waits for what they do calls `watch` now and then."""
 
     def __init__(self, pool: Executor) -> None:
-        self._pool = pool
+        self.pool = pool
 
     def submit[**P, T](
         self, function: Callable[P, T], /, *arguments: P.args, **named: P.kwargs
     ) -> Future[T]:
         """Submit `function(...)` and return its future."""
-        return self._pool.submit(function, *arguments, **named)
-
-    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Shut the workers down; see `concurrent.futures.Executor`."""
-        self._pool.shutdown(wait, cancel_futures=cancel_futures)
+        return self.pool.submit(function, *arguments, **named)
 
     def watch(self, say: Callable[[str], None]) -> str:
         """Why nothing will come any more; empty while something may."""
@@ -137,10 +130,6 @@ class Cluster(RefitExecutor):
         # By address: the scheduler's time of a worker's last word, and when that was new to us.
         self._heard: dict[str, tuple[float, float]] = {}
         self._last = self._looked = time.monotonic()
-
-    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """What is under way is finished first, or given up; Dask knows nothing between the two."""
-        self._pool.shutdown(wait=wait and not cancel_futures)
 
     def compare(self, workers: Collection[str]) -> None:
         """Raises `InputError` where one has other software than this process.
@@ -219,9 +208,14 @@ def results[T](
     for future in futures:
         future.add_done_callback(done.put)
     for _ in futures:
-        future = _next(crew, done, folder, report)
+        finished: Future[T] | None = None
+        while finished is None:
+            if reason := crew.watch(report.say):
+                raise _lost(folder, reason)
+            with suppress(Empty):
+                finished = done.get(timeout=WATCH)
         try:
-            yield future, future.result()
+            yield finished, finished.result()
         except CancelledError:
             raise _lost(folder, "the scheduler is gone") from None
         except Exception as error:
@@ -229,16 +223,6 @@ def results[T](
             if type(error).__name__ != "KilledWorker":
                 raise
             raise _lost(folder, "workers were killed again and again (out of memory?)") from None
-
-
-def _next[T](
-    crew: RefitExecutor, done: SimpleQueue[Future[T]], folder: Path, report: Reporter
-) -> Future[T]:
-    while True:
-        if reason := crew.watch(report.say):
-            raise _lost(folder, reason)
-        with suppress(Empty):
-            return done.get(timeout=WATCH)
 
 
 def _lost(folder: Path, reason: str) -> InputError:

@@ -6,7 +6,6 @@ import dataclasses
 import json
 import math
 from collections.abc import Mapping, Sequence
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -32,52 +31,50 @@ from bayesdrill.sampling.mode_search import Mode
 ANALYSIS, ANALYSIS_OF = "analysis", "analysis_of"  # entries of `run.json`
 
 
-ENTRIES: Mapping[str, str] = MappingProxyType(
-    {
-        "job": "the command that made the folder",
-        "fingerprint": "what decides the chain, by name",
-        "status": "running, interrupted or finished",
-        "seed": "the seed of all random numbers",
-        "versions": "of bayesdrill, Python and the libraries",
-        "seconds": "how long the parts of the run took [s]",
-        "missing": "tables and figures that could not be made, and why",
-        "files": "digests of all files that were written, by name",
-        "units": "SI units of the unknowns, by name",
-        "converged": "whether all targets of the sampler are met",
-        "reasons": "why the result must not be believed; empty where it may be",
-        "notes": "sentences on priors, record and rig",
-        "fit": "what the MAP leaves of each channel [sd of the noise]",
-        "repeats": "products as each of several experiments has them [natural logs]",
-        "causes": "candidates that would explain a fit that leaves more than noise [logs, SI]",
-        "instead": "what the rig may lack, where the nominal table would be blamed [SI]",
-        "pieces": "what the steps of a rig that is stepped do at the MAP [sd of the noise]",
-        "torque": "the missing torque of each experiment [N m]",
-        "energy": "where the energy goes, of a rig that rubs [J]",
-        "verdict": "what the run says of the nominal table [sigma]",
-        "steps": "steps of each ensemble",
-        "burn_in": "steps that are dropped",
-        "burn_in_rule": "how many these are, and why",
-        "thin": "one of so many steps is kept",
-        "n_tau": "length of the chain [autocorrelation times]",
-        "tau": "autocorrelation times by unknowns [steps]",
-        "r_hat": "the largest R-hat of all unknowns",
-        "ess_bulk": "the fewest effective draws of all unknowns",
-        "acceptance": "the share of proposals accepted, of each ensemble",
-        "failures": "proposals inside the prior that had no finite response",
-        "compression": "how the compressed likelihood of long records compares with the exact one",
-        "log_evidence": "how probable the record is under the model [natural log]",
-        "log_evidence_error": "its standard error",
-        "log_evidence_overlap": "what posterior and proposal have in common, from 0 to 1",
-        "log_evidence_steps": "what finer steps of a rig that is stepped add to it [natural log]",
-        "log_evidence_steps_error": "the standard error of that",
-        "vague_priors": "unknowns whose priors are too wide for it to mean much",
-        "importance": "posterior means that the proposal gives without a chain [SI]",
-        "maxima": "maxima of the posterior, and the share of each [SI]",
-        ANALYSIS: "all that is said of the run, evaluated once",
-        ANALYSIS_OF: "a digest of what the analysis was made of",
-        "checksum": "of all entries before it",
-    }
-)
+ENTRIES: Mapping[str, str] = {
+    "job": "the command that made the folder",
+    "fingerprint": "what decides the chain, by name",
+    "status": "running, interrupted or finished",
+    "seed": "the seed of all random numbers",
+    "versions": "of bayesdrill, Python and the libraries",
+    "seconds": "how long the parts of the run took [s]",
+    "missing": "tables and figures that could not be made, and why",
+    "files": "digests of all files that were written, by name",
+    "units": "SI units of the unknowns, by name",
+    "converged": "whether all targets of the sampler are met",
+    "reasons": "why the result must not be believed; empty where it may be",
+    "notes": "sentences on priors, record and rig",
+    "fit": "what the MAP leaves of each channel [sd of the noise]",
+    "repeats": "products as each of several experiments has them [natural logs]",
+    "causes": "candidates that would explain a fit that leaves more than noise [logs, SI]",
+    "instead": "what the rig may lack, where the nominal table would be blamed [SI]",
+    "pieces": "what the steps of a rig that is stepped do at the MAP [sd of the noise]",
+    "torque": "the missing torque of each experiment [N m]",
+    "energy": "where the energy goes, of a rig that rubs [J]",
+    "verdict": "what the run says of the nominal table [sigma]",
+    "steps": "steps of each ensemble",
+    "burn_in": "steps that are dropped",
+    "burn_in_rule": "how many these are, and why",
+    "thin": "one of so many steps is kept",
+    "n_tau": "length of the chain [autocorrelation times]",
+    "tau": "autocorrelation times by unknowns [steps]",
+    "r_hat": "the largest R-hat of all unknowns",
+    "ess_bulk": "the fewest effective draws of all unknowns",
+    "acceptance": "the share of proposals accepted, of each ensemble",
+    "failures": "proposals inside the prior that had no finite response",
+    "compression": "how the compressed likelihood of long records compares with the exact one",
+    "log_evidence": "how probable the record is under the model [natural log]",
+    "log_evidence_error": "its standard error",
+    "log_evidence_overlap": "what posterior and proposal have in common, from 0 to 1",
+    "log_evidence_steps": "what finer steps of a rig that is stepped add to it [natural log]",
+    "log_evidence_steps_error": "the standard error of that",
+    "vague_priors": "unknowns whose priors are too wide for it to mean much",
+    "importance": "posterior means that the proposal gives without a chain [SI]",
+    "maxima": "maxima of the posterior, and the share of each [SI]",
+    ANALYSIS: "all that is said of the run, evaluated once",
+    ANALYSIS_OF: "a digest of what the analysis was made of",
+    "checksum": "of all entries before it",
+}
 
 
 def run_schema() -> str:
@@ -217,11 +214,8 @@ def instead_data(explanation: EquivalentExplanation | None) -> dict[str, Any]:
     """An entry, SI, where there is something to say."""
     if explanation is None:
         return {}
-    said = {
-        "parameter": explanation.parameter,
-        "value": explanation.value,
-        "log_likelihood": -explanation.lost,
-    }
+    parameter, value = explanation.parameter, explanation.value
+    said = {"parameter": parameter, "value": value, "log_likelihood": -explanation.lost}
     return {"instead": said}
 
 
@@ -277,14 +271,11 @@ def repeats_data(repeats: Sequence[RepeatedProduct], names: Sequence[str]) -> li
 
 def step_data(errors: Sequence[StepError]) -> list[dict[str, Any]]:
     """Errors over the noise."""
-    rounded = [
-        dict(zip(error.channels, (round(size, 6) for size in error.errors), strict=True))
-        for error in errors
-    ]
-    return [
-        {**_of(error.label), "pieces": error.pieces, "over_sigma": sizes}
-        for error, sizes in zip(errors, rounded, strict=True)
-    ]
+    data = []
+    for error in errors:
+        sizes = {n: round(size, 6) for n, size in zip(error.channels, error.errors, strict=True)}
+        data.append({**_of(error.label), "pieces": error.pieces, "over_sigma": sizes})
+    return data
 
 
 def verdict_data(

@@ -148,9 +148,9 @@ def _of_map(folder: Path, _: Mapping[str, Any]) -> Iterator[Issue]:
 
 
 def _of_several(
-    form: Form, done: str, folder: Path, run: Mapping[str, Any], kind: Kind | None = None
+    form: Form, folder: Path, run: Mapping[str, Any], kind: Kind | None = None
 ) -> Iterator[Issue]:
-    """Runs that were only in memory cannot be looked at again; `done`: what was done with all."""
+    """Runs that were only in memory cannot be looked at again."""
     problems, told = [], run.get("runs", [])
     if len(told) < 2:
         yield Issue(str(folder / output_files.RUN), "names no two runs")
@@ -165,7 +165,8 @@ def _of_several(
             yield from error.problems
             continue
         if comparison.mark(stored_run) != entry["run"]:
-            yield Issue(str(place), f"is another run than the one that was {done}")
+            done = "laid over" if form is OVERLAID else "compared with"
+            yield Issue(str(place), f"is another run than the one that was {done} others")
         else:
             problems.append(NamedRun(entry["name"], place, stored_run))
     if len(problems) == len(told):
@@ -189,16 +190,16 @@ def _of_ladder(folder: Path, run: Mapping[str, Any]) -> Iterator[Issue]:
             yield from verify(folder / entry["folder"]).problems
         except InputError as error:  # no finished run
             yield from error.problems
-    yield from _of_several(COMPARED, "compared with others", folder, run, LADDER)
+    yield from _of_several(COMPARED, folder, run, LADDER)
 
 
 _FROM_CHAINS = "the table follows from their chains"
 _WAYS = (
     _Way(POSTERIOR, _of_posterior, "config, record, chain", "the tables follow from the chain"),
     _Way(MAP, _of_map, "config, record, maximum", "table and prediction follow from the maximum"),
-    _Way(COMPARE, partial(_of_several, COMPARED, "compared with others"), "runs", _FROM_CHAINS),
+    _Way(COMPARE, partial(_of_several, COMPARED), "runs", _FROM_CHAINS),
     _Way(LADDER, _of_ladder, "config, rungs", _FROM_CHAINS),
-    _Way(OVERLAY, partial(_of_several, OVERLAID, "laid over others"), "runs", _FROM_CHAINS),
+    _Way(OVERLAY, partial(_of_several, OVERLAID), "runs", _FROM_CHAINS),
 )
 
 

@@ -82,7 +82,7 @@ def test_to_name_a_parameter_is_to_switch_its_physics_on(
         path = config(tmp_path, *lines, model="{name: motor_shaft, i_m: 0.2, stribeck: 2}")
         assert model(path) == MotorShaft(0.2, 2, added)
         (one,) = loading.load(path).experiments
-        space = one.space
+        space = one.rig_numbers.space()
         assert space.model == one.model.parameters
         assert {"c_s", "eta"} & {*space.free} == {
             n for n in ("c_s", "eta") if f"{n}: {{pr" in f"{lines}"

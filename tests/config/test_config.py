@@ -146,7 +146,7 @@ def test_nominal_values_may_be_corrected(tmp_path: Path) -> None:
     )
     path = tmp_path / "mine.yaml"
     path.write_text(text)
-    found = loading.load(path).nominal.values
+    found = loading.load(path).experiments[0].nominal.values
     assert (found["k_s"], found["j_1"], found["j_m"]) == (0.30, 0.03, 4e-4)
 
 

@@ -192,7 +192,7 @@ def test_what_is_recommended_is_a_config_from_anywhere(
         far = tmp_path / "far" / "away"
         far.mkdir(parents=True)
         path = far / "recommended.yaml"
-        path.write_text(selection.recommended(one, "mine", far, "first\nsecond"))
+        path.write_text(selection.recommended(one, made.job.source, "mine", far, "first\nsecond"))
         assert path.read_text().startswith("# first\n# second\nname: mine\n")
         case = loading.load(path)
         assert list(case.config.output.figures) == ["corner"]

@@ -165,8 +165,8 @@ def test_numbers_and_priors_are_in_si(tmp_path: Path) -> None:
         (-45 * degree, 90 * degree, 10 * degree)
     )
     assert space.fixed["lag_w_1_slow"] == pytest.approx(0.003)
-    assert job.units.format_value("offset_theta_1", 0.1) == "5.73 deg"
-    assert job.units.format_value("t_0_slow", 0.04) == "40 ms"
+    assert job.problem.units.format_value("offset_theta_1", 0.1) == "5.73 deg"
+    assert job.problem.units.format_value("t_0_slow", 0.04) == "40 ms"
 
 
 def test_a_moving_start_leaves_out_what_a_lag_may_show_of_before(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ MAKERS = {
     "case": ("build_model",),
     "quantities": ("nominal_table", "parse_parameter", "parse_quantity", "parse_formula"),
     "sensors": (
-        *("measured_channel", "sensor_entries", "parse_sensor_number"),
+        *("noisy_channel", "sensor_entries", "parse_sensor_number"),
         *("build_sensing", "free_states", "latent_torque_number"),
     ),
     "experiments": ("split_experiments", "join_experiments"),

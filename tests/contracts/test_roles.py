@@ -147,7 +147,7 @@ def of_friction(of: bd.Case) -> Iterator[Any]:
         physics_words.energy_table(account.summary, model).lines,
         physics_words.energy_note(account.summary, model),
     ]
-    balance = physics_words.energy_balance(account, model, of.job.clock)
+    balance = physics_words.energy_balance(account, model, of.job.problem.clock)
     yield [balance.sources, [(part.kind, part.name, part.joules) for part in balance.parts]]
 
 
@@ -184,7 +184,9 @@ def of_torque(of: bd.Case) -> Iterator[Any]:
     (found,) = torque_estimates(posterior, theta[None], np.random.default_rng(1))
     yield [found.expected, found.angle, found.inertia.reduction, repr(regress_torque(found))]
     yield torque_words.law_sentences(torque_summary(found), found.rig)
-    yield [(each.label.latex, each.means) for each in torque_shown(found, of.job.clock).against]
+    yield [
+        (each.label.latex, each.means) for each in torque_shown(found, of.job.problem.clock).against
+    ]
 
 
 def analyses(rig: Model, own: dict[str, str]) -> dict[str, Any]:

@@ -91,7 +91,7 @@ def test_bundled_records_come_back_as_their_configs_have_them(
         tmp_path = tmp_path_factory.mktemp("case")
         case = loading.load(CONFIGS / f"{name}.yaml")
         record = tmp_path / "mine.csv"
-        simulation.save(simulation.simulate(case, 11, record), record, record, force=True)
+        record.write_text(simulation.simulate(case, 11, record))
         found, config = made(record, voltage=8.0, gear=8), case.config
         channels = config.record.channels
         assert told(found) == {k: (str(one.column), one.unit) for k, one in channels.items()}
@@ -119,7 +119,7 @@ def test_check_is_content_with_what_is_written(tmp_path_factory: pytest.TempPath
         tmp_path = tmp_path_factory.mktemp("case")
         case = loading.load(CONFIGS / f"{name}.yaml")
         record = tmp_path / "mine.csv"
-        simulation.save(simulation.simulate(case, 11, record), record, record, force=True)
+        record.write_text(simulation.simulate(case, 11, record))
         bd.init(record, voltage=8.0)
         assert systems.cli("check", tmp_path / "mine.yaml").status == 0
 

@@ -157,7 +157,7 @@ def test_every_prior_of_a_sigma_is_in_the_unit_of_its_column_and_said_so() -> No
         name = "sigma_theta_1"
         one, other = (each.job.problem.posterior.space for each in (degrees, radians))
         u = np.array([0.03, 0.4, 0.96])
-        given = degrees.job.units.prior(name, one.priors[name])
+        given = degrees.job.problem.units.prior(name, one.priors[name])
         assert one.priors[name].quantile(u) == pytest.approx(other.priors[name].quantile(u))
         assert given.quantile(u) == pytest.approx(
             other.priors[name].quantile(u) / math.radians(1.0)

@@ -62,12 +62,13 @@ class Stopping:
 
 def here(config: Path, folder: Path, how: str = "fresh", report: object = None) -> object:
     """A calibration in this process."""
-    with remote.RefitExecutor(ThreadPoolExecutor(1)) as crew:
+    with ThreadPoolExecutor(1) as pool:
+        crew = remote.RefitExecutor(pool)
         try:
             job = calibrate.prepare(config)
             return calibrate.calibrate(job, folder, how, crew, report or Silent())  # type: ignore[arg-type]
         finally:
-            crew.shutdown(cancel_futures=True)
+            pool.shutdown(cancel_futures=True)
 
 
 def command(config: Path, folder: Path, *options: str) -> systems.Ran:

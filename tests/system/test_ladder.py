@@ -80,11 +80,12 @@ class Stopping:
 
 def here(config: Path, folder: Path, how: str = "fresh", report: object = None) -> object:
     """A ladder in this process."""
-    with remote.RefitExecutor(ThreadPoolExecutor(1)) as crew:
+    with ThreadPoolExecutor(1) as pool:
+        crew = remote.RefitExecutor(pool)
         try:
             return ladder.ladder(prepare(config), folder, how, crew, report or Silent())  # type: ignore[arg-type]
         finally:
-            crew.shutdown(cancel_futures=True)
+            pool.shutdown(cancel_futures=True)
 
 
 @dataclass(frozen=True)

@@ -171,7 +171,7 @@ def test_a_simulated_record_is_written_as_its_config_reads_it(form: str, tmp_pat
     (one,) = loading.load(path).experiments
     grid = simulation.simulation_grid(one)
     y = np.random.default_rng(3).normal(size=(len(grid.t), 2)) * [1e-3, 1e4]
-    text = simulation.record_text(one.config, one.source, grid, y)
+    text = simulation.record_text(one, grid, y)
     (tmp_path / "other.txt").write_text(text, encoding="utf-8")
     read = reading.read(one)
     np.testing.assert_allclose(read.t, grid.t, rtol=1e-8)
@@ -263,7 +263,7 @@ def nominal_of(
     """A config, the parameters that it compares with something, and what it calls that."""
     given = [("map: {", f"nominal: {say}\nmap: {{")] if say else []
     path = systems.small(folder, *changes, *given)
-    nominal = loading.load(path).nominal
+    nominal = loading.load(path).experiments[0].nominal
     return path, set(nominal.compared), nominal.name
 
 

@@ -182,5 +182,7 @@ def test_simulate_replaces_nothing_but_a_record(name: str, force: bool, tmp_path
     says = never.get(name, "is no record with these columns" if force else "exists already")
     before = listing(tmp_path)
     with pytest.raises(InputError, match=says):
-        simulation.save("t,theta_1\n0,0\n", tmp_path / name, tmp_path / "none.csv", force=force)
+        simulation.check_target(
+            "t,theta_1\n0,0\n", tmp_path / name, tmp_path / "none.csv", force=force
+        )
     assert listing(tmp_path) == before

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from bayesdrill.basics.entries import unknown_keys
 from bayesdrill.basics.errors import Issue
 from bayesdrill.config.consistency import record, several, unknowns, work
 from bayesdrill.config.resolve import case, quantities, sensors
 from bayesdrill.config.resolve.case import ResolvedExperiment
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import IssueCollector, Location, Source
+from bayesdrill.rig.models import MODELS
 
 
 def check(
@@ -25,21 +27,20 @@ def check(
     nominal = errors.run(("nominal", "table"), quantities.nominal_table, config, given_nominal)
     resolved = None
     if model is not None:
-        unknowns.check_model(errors, config, model)
-        rig = None
-        if nominal is not None:
-            rig = unknowns.check_rig(errors, config, model, nominal)
+        vain = unknown_keys(("name", "model"), MODELS.usable(), type(model), config.model)
+        errors.add_all(("model",), vain)
+        rig = None if nominal is None else unknowns.check_rig(errors, config, model, nominal)
         channels = record.check_channels(errors, config, model)
         free = sensors.free_states(config, model)
         sensor_numbers, sensing = record.check_sensors(errors, config, model, free)
         torque = unknowns.check_torque(errors, config, model, sensing)
         local_numbers = record.local_numbers(config, channels, sensor_numbers, free, torque)
-        unknown_names = several.unknown_names(config, model, {"": local_numbers}) if alone else None
-        work.check_counts(errors, config, unknown_names)
-        work.check_map(errors, config, unknown_names)
-        work.check_output(errors, config, model, unknown_names)
+        work.check_settings(errors, config)
         if alone:
-            several.check_truth(errors, config, {"": local_numbers})
+            by_label = {"": local_numbers}
+            unknown_names = several.unknown_names(config, model, by_label)
+            work.check_unknown(errors, config, model, unknown_names)
+            several.check_truth(errors, config, by_label)
         if nominal is not None and rig is not None and sensing is not None:
             resolved = ResolvedExperiment(
                 label=label,
@@ -48,7 +49,6 @@ def check(
                 model=model,
                 nominal=nominal,
                 rig_numbers=rig,
-                space=rig.space(),
                 channels=tuple(channel for channel in channels.values() if channel is not None),
                 sensor_numbers={e: x for e, x in sensor_numbers.items() if x is not None},
                 sensing=sensing,

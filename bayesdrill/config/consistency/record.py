@@ -13,7 +13,7 @@ from bayesdrill.basics.symbols import SPEED_UNITS, noise_name
 from bayesdrill.config.resolve import quantities, sensors
 from bayesdrill.config.resolve.case import LocalNumbers
 from bayesdrill.config.resolve.quantities import ParsedNumber
-from bayesdrill.config.resolve.sensors import MeasuredChannel, SensorEntry
+from bayesdrill.config.resolve.sensors import SensorEntry
 from bayesdrill.config.schema import numbers
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.schema.records import (
@@ -29,6 +29,8 @@ from bayesdrill.config.schema.records import (
 )
 from bayesdrill.config.yaml_source import IssueCollector, Location
 from bayesdrill.inference.noise import NOISES
+from bayesdrill.inference.noise.contract import NoisyChannel
+from bayesdrill.inference.priors import Prior
 from bayesdrill.inference.unknowns import Unknown
 from bayesdrill.record.formats import FORMATS
 from bayesdrill.rig.models.linear import Model, missing_requirements, with_named
@@ -58,7 +60,7 @@ def check_sensors(
 
 def local_numbers(
     config: Config,
-    channels: Mapping[str, MeasuredChannel | None],
+    channels: Mapping[str, NoisyChannel | None],
     sensor_numbers: SensorNumbers,
     free: Sequence[str],
     torque: Mapping[str, float | Unknown | None],
@@ -68,21 +70,18 @@ def local_numbers(
     Of a channel with a mistake, which is reported elsewhere, only what is given is there, as None:
     what a kind of noise has by default may be what its entry was to hold.
     """
+    numbers_: dict[str, float | Prior | Unknown | None]
     numbers_ = {e.symbol.name: None if x is None else x.value for e, x in sensor_numbers.items()}
-    noise_unknowns: dict[str, Unknown | None] = {}
+    numbers_ |= dict.fromkeys(map(sensors.state_name, free))
     for name, channel in channels.items():
         if channel is not None:
             noise = sensors.build_noise([channel], n_samples=1)
-            noise_unknowns |= {unknown.name: unknown for unknown in noise.unknowns}
+            numbers_ |= {unknown.name: unknown for unknown in noise.unknowns}
         elif isinstance(config.record.channels[name].sigma, numbers.ParameterPrior):
-            noise_unknowns[noise_name(name)] = None
+            numbers_[noise_name(name)] = None
     if None not in torque.values():
-        noise_unknowns |= {n: number for n, number in torque.items() if isinstance(number, Unknown)}
-    return LocalNumbers(
-        sensors=numbers_ | {sensors.state_name(name): None for name in free},
-        noise_unknowns=noise_unknowns,
-        channels=tuple(config.record.channels),
-    )
+        numbers_ |= {n: number for n, number in torque.items() if isinstance(number, Unknown)}
+    return LocalNumbers(numbers=numbers_, channels=tuple(config.record.channels))
 
 
 def _sensor_number(errors: IssueCollector, entry: SensorEntry) -> ParsedNumber | None:
@@ -130,9 +129,9 @@ def _check_steady(errors: IssueCollector, config: Config, model: Model) -> None:
 
 def check_channels(
     errors: IssueCollector, config: Config, model: Model
-) -> dict[str, MeasuredChannel | None]:
+) -> dict[str, NoisyChannel | None]:
     """Return channels that are evidence, not derived from others; None for each with a mistake."""
-    measured, channels = dict[str, MeasuredChannel | None](), config.record.channels
+    measured, channels = dict[str, NoisyChannel | None](), config.record.channels
     for name, spec in channels.items():
         location: Location = ("record", "channels", name)
         channel = _check_measured(errors, location, spec, model)
@@ -150,7 +149,7 @@ def check_channels(
 
 def _check_measured(
     errors: IssueCollector, location: Location, spec: ChannelSpec, model: Model
-) -> MeasuredChannel | None:
+) -> NoisyChannel | None:
     """Entry by entry, so that each mistake has the line where it stands."""
     before, name = len(errors.issues), str(location[-1])
     combines = {name: 1.0}
@@ -163,13 +162,12 @@ def _check_measured(
     if errors.run((*location, "noise"), lookup, NOISES, spec.noise.name, "noise") is not None:
         kinds = {name: kind.Entries for name, kind in NOISES.usable().items()}
         vain = unknown_keys(("name", "noise"), kinds, kinds[spec.noise.name], spec.noise)
-        for entry, message in vain.items():
-            errors.add((*location, "noise", entry), message)
+        errors.add_all((*location, "noise"), vain)
     if len(errors.issues) > before:
         return None
     if (channel := errors.run(location, sensors.build_channel, name, spec, model)) is None:
         return None
-    measured = errors.run((*location, "sigma"), sensors.measured_channel, channel, spec)
+    measured = errors.run((*location, "sigma"), sensors.noisy_channel, channel, spec)
     noise = measured and errors.run((*location, "noise"), sensors.build_noise, [measured], 1)
     return measured if noise else None
 
@@ -177,11 +175,15 @@ def _check_measured(
 def check_series(errors: IssueCollector, location: Location, spec: Series) -> None:
     """Check where the numbers of a column stand, its time and its file."""
     _check_address(errors, location, spec)
-    if isinstance(spec.time, TimeColumn):
-        errors.run((*location, "time", "unit"), units.factor, spec.time.unit, "s")
-        _check_address(errors, (*location, "time"), spec.time)
+    _check_time(errors, (*location, "time"), spec.time)
     if isinstance(spec.file, FileSpec) and spec.file.format is not None:
         errors.run((*location, "file", "format"), lookup, FORMATS, spec.file.format, "format")
+
+
+def _check_time(errors: IssueCollector, location: Location, time: object) -> None:
+    if isinstance(time, TimeColumn):
+        errors.run((*location, "unit"), units.factor, time.unit, "s")
+        _check_address(errors, location, time)
 
 
 def _check_address(errors: IssueCollector, location: Location, spec: ColumnSpec) -> None:
@@ -191,10 +193,7 @@ def _check_address(errors: IssueCollector, location: Location, spec: ColumnSpec)
 
 def check_record(errors: IssueCollector, config: Config) -> None:
     """Check time, format and windows of the record."""
-    time = config.record.time
-    if isinstance(time, TimeColumn):
-        errors.run(("record", "time", "unit"), units.factor, time.unit, "s")
-        _check_address(errors, ("record", "time"), time)
+    _check_time(errors, ("record", "time"), config.record.time)
     if config.record.format is not None:
         errors.run(("record", "format"), lookup, FORMATS, config.record.format, "format")
     spans = window_spans(config.record.window)
@@ -212,10 +211,6 @@ def check_quantity(errors: IssueCollector, location: Location, value: object, un
     """Check the unit of a value that has one."""
     if isinstance(value, numbers.Quantity):
         errors.run((*location, "unit"), units.factor, value.unit, unit)
-
-
-MISSING_ENTRY = "this entry is missing; see `bayesdrill schema` or configs/nominal_step.yaml"
-EMPTY_ENTRY = "nothing is not a number; write the value itself"
 
 
 def check_inputs(errors: IssueCollector, config: Config, model: Model | None) -> None:
@@ -259,9 +254,9 @@ def _check_required(errors: IssueCollector, config: Config, model: Model) -> Non
 
 def _missing_message(config: Config, name: str) -> str:
     if name in config.inputs.model_fields_set:
-        return EMPTY_ENTRY
+        return "nothing is not a number; write the value itself"
     if name == "v":
-        return MISSING_ENTRY
+        return "this entry is missing; see `bayesdrill schema` or configs/nominal_step.yaml"
     symbol, angle = config.vocabulary.inputs[name], config.vocabulary.imposed.get(name)
     what = "angle" if symbol.unit == SPEED_UNITS["rad"] else "position"
     other = f" (or `{angle}:`, the {what})" if angle else ""

@@ -14,7 +14,8 @@ from bayesdrill.config.resolve.experiments import joint_name
 from bayesdrill.config.schema import numbers
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import IssueCollector, Location, Source
-from bayesdrill.inference.unknowns import labelled_name
+from bayesdrill.inference.priors import Prior
+from bayesdrill.inference.unknowns import Unknown, labelled_name
 from bayesdrill.rig.models.linear import Model
 
 # Each experiment by its name, which is empty where there is only one.
@@ -39,10 +40,7 @@ def check_experiments(
     _check_held_out(errors, config, by_label)
     _check_names(errors, config, by_label)
     if not errors.issues:
-        unknown = unknown_names(config, model, by_label)
-        work.check_counts(errors, config, unknown)
-        work.check_map(errors, config, unknown)
-        work.check_output(errors, config, model, unknown)
+        work.check_unknown(errors, config, model, unknown_names(config, model, by_label))
         work.check_identify(errors, config, [*by_label])
     check_truth(errors, config, by_label)
     return errors.issues
@@ -52,12 +50,11 @@ def unknown_names(config: Config, model: Model, by_label: NumbersByLabel) -> lis
     """Return the names of all unknowns."""
     rig = [n for n in unknowns.free_parameters(config, model.parameters) if n not in config.own]
     local_names = unknowns.free_parameters(config, config.own)
-    pairs = [(name, label) for label, local in by_label.items() for name in local.unknown]
-    observed = [joint_name(config, name, label) for name, label in pairs]
-    local_parameters = [labelled_name(name, label) for name in local_names for label in by_label]
-    priors = numbers.ParameterPrior
-    free_quantities = [name for name, q in config.quantities.items() if isinstance(q, priors)]
-    return list(dict.fromkeys([*rig, *local_parameters, *free_quantities, *observed]))
+    every = [*rig, *(labelled_name(name, label) for name in local_names for label in by_label)]
+    every += [n for n, q in config.quantities.items() if isinstance(q, numbers.QuantityPrior)]
+    for label, local in by_label.items():
+        every += [joint_name(config, name, label) for name in local.unknown]
+    return list(dict.fromkeys(every))
 
 
 def check_truth(errors: IssueCollector, config: Config, by_label: NumbersByLabel) -> None:
@@ -81,8 +78,7 @@ def _truth_names(config: Config, by_label: NumbersByLabel) -> list[str]:
         pairs += [(label, name) for label in by_label for name in sensors.TORQUE_ENTRIES]
     for label, local in by_label.items():
         sizes = {symbols.noise_name(name) for name in local.channels}  # `simulation.sigma`
-        pairs += [(label, name) for name in local.sensors]
-        pairs += [(label, name) for name in local.noise_unknowns if name not in sizes]
+        pairs += [(label, name) for name in local.numbers if name not in sizes]
     local_names = [labelled_name(name, label) for label, name in pairs if name not in config.shared]
     return list(dict.fromkeys([*(name for _, name in pairs), *local_names]))
 
@@ -102,34 +98,36 @@ def _check_shared(
     errors: IssueCollector, config: Config, model: Model, by_label: NumbersByLabel
 ) -> None:
     """What is shared is unknown in several experiments, with one prior."""
-    values_by_label = {label: local.all for label, local in by_label.items()}
-    known_names = [name for values in values_by_label.values() for name in values]
+    known_names = dict.fromkeys(name for local in by_label.values() for name in local.numbers)
     for k, name in enumerate(config.shared):
         location = ("shared", k)
-        having = [label for label, named in values_by_label.items() if name in named]
-        values = [values_by_label[label][name] for label in having]
+        having = [label for label, local in by_label.items() if name in local.numbers]
+        values = [_belief(by_label[label].numbers[name]) for label in having]
         if not having:
             rig = " (parameters of the rig are shared unless they are `own:`)"
             message = f"{name} is no unknown of a sensor, a start or noise"
             message += rig if name in model.parameters else ""
-            errors.expect(location, name, list(dict.fromkeys(known_names)), message)
-        elif any(isinstance(value, float) for value, _ in values):
+            errors.expect(location, name, known_names, message)
+        elif any(isinstance(value, float) for value in values):
             message = f"{name} is held, so that nothing is unknown of it; remove it here"
             errors.add(location, message)
         elif len(having) == 1:
             message = f"only {having[0]} has {name}; give it to another one, or remove it here"
             errors.add(location, message)
-        elif any(value is None for value, _ in values):
+        elif any(value is None for value in values):
             state = name.removesuffix("_0")
             example = f"`{state}: {{prior: normal, mean: 0, sd: 1}}`"
             way_out = f"give one in all, such as {example}, or remove it here"
             errors.add(location, f"each record gives {name} a prior of its own; {way_out}")
-        elif others := [
-            label for label in having if values_by_label[label][name][1] != values[0][1]
-        ]:
+        elif others := [n for n, x in zip(having, values, strict=True) if x != values[0]]:
             message = f"{name} has another prior in {others[0]} than in {having[0]}"
             way_out = "give it once, above `experiments:`, or remove it here"
             errors.add(location, f"{message}; {way_out}")
+
+
+def _belief(number: float | Prior | Unknown | None) -> object:
+    """What is the same where it is shared."""
+    return (number.prior, number.start) if isinstance(number, Unknown) else number
 
 
 def _check_held_out(errors: IssueCollector, config: Config, by_label: NumbersByLabel) -> None:
@@ -140,7 +138,7 @@ def _check_held_out(errors: IssueCollector, config: Config, by_label: NumbersByL
         errors.add(("experiments", held_out[0], "held_out"), message)
         return
     fitted = [local for label, local in by_label.items() if label not in held_out]
-    determined = {name for local in fitted for name in local.all if name in config.shared}
+    determined = {name for local in fitted for name in local.numbers if name in config.shared}
     for label in held_out:
         for k, name in enumerate(config.own):
             message = f"nothing tells {name} of {label}, which is held out; remove it here"
@@ -157,7 +155,7 @@ def _check_names(errors: IssueCollector, config: Config, by_label: NumbersByLabe
     used_names |= dict.fromkeys(config.derived, "")
     before = len(errors.issues)
     for label, local in by_label.items():
-        local_names = [*config.own, *(name for name in local.all if name not in config.shared)]
+        local_names = [*config.own, *(name for name in local.numbers if name not in config.shared)]
         _no_clash(errors, label, local_names, used_names)
     columns = dict[str, str]()
     for label, local in by_label.items() if len(errors.issues) == before else ():

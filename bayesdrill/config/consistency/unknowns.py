@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from bayesdrill.basics.entries import LARGEST, SMALLEST, unknown_keys
+from bayesdrill.basics.entries import LARGEST, SMALLEST
 from bayesdrill.basics.formulas import Expression, RelationError
 from bayesdrill.config import latex
 from bayesdrill.config.resolve import quantities, sensors
@@ -24,20 +24,12 @@ from bayesdrill.rig.simulators.sensors import ObservationModel
 _TRIED = 4096  # draws from the priors, at which formulas are tried
 
 
-def check_model(errors: IssueCollector, config: Config, model: Model) -> None:
-    """Report constants of another model, which would be given in vain."""
-    vain = unknown_keys(("name", "model"), MODELS.usable(), type(model), config.model)
-    for entry, message in vain.items():
-        errors.add(("model", entry), message)
-
-
 def check_nominal(errors: IssueCollector, config: Config, model: Model) -> dict[str, float]:
     """Return the values of the config's own table, SI, at their own sides of the gear."""
-    names = config.vocabulary.parameters
-    given_names = [name for name in names if getattr(config.nominal, name) is not None]
     values = {
         name: errors.run(("nominal", name), quantities.nominal_value, config, model, name)
-        for name in given_names
+        for name in config.vocabulary.parameters
+        if getattr(config.nominal, name) is not None
     }
     return {name: value for name, value in values.items() if value is not None}
 
@@ -133,9 +125,8 @@ def _check_relations(
     for name in [n for n in config.quantities if n not in used]:
         message = "no formula names it; use it in `parameters:` or `derived:`, or remove it"
         errors.add(("quantities", name), message)
-    numbers_ = {name: parsed_parameters[name] for name in model.parameters}
-    parameters = {name: number for name, number in numbers_.items() if number is not None}
-    if len(parameters) < len(numbers_):  # a prior or a start, said already
+    parameters = {n: x for n in model.parameters if (x := parsed_parameters[n]) is not None}
+    if len(parameters) < len(model.parameters):  # a prior or a start, said already
         return None
     rig = RigNumbers(parameters=parameters, quantities=quantities_, derived=tuple(derived))
     try:

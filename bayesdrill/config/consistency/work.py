@@ -20,41 +20,51 @@ from bayesdrill.sampling.optimisers import OPTIMISERS
 from bayesdrill.sampling.samplers.ensemble import MOVES, always_inside, moves_with_weights
 
 
-def check_map(errors: IssueCollector, config: Config, unknown: Sequence[str] | None) -> None:
-    """Check the optimiser and its settings."""
-    settings = config.map
-    kind = errors.run(("map", "method"), lookup, OPTIMISERS, settings.method, "method")
-    if kind is None:
-        return
-    vain = unknown_keys(("method", "method"), OPTIMISERS.usable(), kind, settings)
-    for entry, message in vain.items():
-        errors.add(("map", entry), message)
-    given_entries = [entry for entry in entries_of(kind) if getattr(settings, entry) is not None]
-    if unknown is not None:
-        location = ("map", *(given_entries or ["method"])[:1])
-        errors.run(location, assembly.optimiser(config).check, list(unknown))
-
-
-def check_counts(errors: IssueCollector, config: Config, unknown: Sequence[str] | None) -> None:
-    """Check the number of walkers against that of unknowns, and the moves."""
-    sampler, n_unknown = config.sampler, len(unknown or ())
-    if unknown is not None and not unknown:
-        errors.add(("parameters",), "nothing is unknown; give at least one parameter a prior")
-    if unknown and (sampler.walkers % 2 or sampler.walkers < 2 * n_unknown):
-        wanted = f"an even number, at least twice the {n_unknown} unknowns, is wanted"
-        errors.add(("sampler", "walkers"), f"{sampler.walkers} walkers: {wanted}")
-    if n_unknown:
-        arguments = (sampler.ensembles, sampler.walkers, n_unknown)
-        errors.run(("sampler", "walkers"), output_files.check_chain, *arguments)
-    for name in sampler.moves:
+def check_settings(errors: IssueCollector, config: Config) -> None:
+    """Check names of the optimiser, of moves and of figures, and what is said of them."""
+    kind = errors.run(("map", "method"), lookup, OPTIMISERS, config.map.method, "method")
+    if kind is not None:
+        vain = unknown_keys(("method", "method"), OPTIMISERS.usable(), kind, config.map)
+        errors.add_all(("map",), vain)
+    shares = config.sampler.moves
+    for name in shares:
         errors.run(("sampler", "moves", name), lookup, MOVES, name, "move")
-    known_moves = {name: weight for name, weight in sampler.moves.items() if name in MOVES}
+    known_moves = {name: weight for name, weight in shares.items() if name in MOVES}
     if not moves_with_weights(known_moves, None, always_inside):
         alone = [(n, moves_with_weights({n: 1.0}, None, always_inside)) for n in MOVES.usable()]
         waiting = [name for name, moves in alone if not moves]
         stays = "that never leaves a place that its proposal has missed; give another move one"
         message = f"no move but {' or '.join(waiting)} has a share, and {stays}"
         errors.add(("sampler", "moves"), message)
+    for k, name in enumerate(config.output.figures or ()):
+        errors.run(("output", "figures", k), lookup, RUN_FIGURES, name, "figure of a run")
+
+
+def check_unknown(
+    errors: IssueCollector, config: Config, model: Model, unknown: Sequence[str]
+) -> None:
+    """Check search, walkers and names in figures against the unknowns."""
+    if kind := OPTIMISERS.usable().get(config.map.method):
+        given_entries = [e for e in entries_of(kind) if getattr(config.map, e) is not None]
+        location = ("map", *(given_entries or ["method"])[:1])
+        errors.run(location, assembly.optimiser(config).check, list(unknown))
+    sampler, n_unknown = config.sampler, len(unknown)
+    if not unknown:
+        errors.add(("parameters",), "nothing is unknown; give at least one parameter a prior")
+    else:
+        if sampler.walkers % 2 or sampler.walkers < 2 * n_unknown:
+            wanted = f"an even number, at least twice the {n_unknown} unknowns, is wanted"
+            errors.add(("sampler", "walkers"), f"{sampler.walkers} walkers: {wanted}")
+        arguments = (sampler.ensembles, sampler.walkers, n_unknown)
+        errors.run(("sampler", "walkers"), output_files.check_chain, *arguments)
+    parameters = config.parameters
+    related = [name for name in model.parameters if quantities.is_tied(parameters.get(name))]
+    shown_names = [*unknown, *related, *symbols.DERIVED, *config.derived]
+    for k, name in enumerate(config.output.parameters or ()):
+        errors.expect(("output", "parameters", k), name, unknown, f"{name} is no unknown")
+    for k, name in enumerate(config.output.corner or ()):
+        message = f"{name} is neither unknown nor derived"
+        errors.expect(("output", "corner", k), name, shown_names, message)
 
 
 def check_calibration(errors: IssueCollector, config: Config) -> None:
@@ -82,24 +92,6 @@ def check_simulation(errors: IssueCollector, config: Config) -> None:
         if not errors.is_reported(("quantities", name)):
             location: Location = ("simulation", "quantities", name)
             errors.expect(location, name, config.quantities, "there is no such quantity")
-
-
-def check_output(
-    errors: IssueCollector, config: Config, model: Model, unknown: Sequence[str] | None
-) -> None:
-    """Check names in figures: of unknowns, and in a corner plot of what is tied or derived."""
-    for k, name in enumerate(config.output.figures or ()):
-        errors.run(("output", "figures", k), lookup, RUN_FIGURES, name, "figure of a run")
-    if unknown is None:
-        return
-    parameters = config.parameters
-    related = [name for name in model.parameters if quantities.is_tied(parameters.get(name))]
-    shown_names = [*unknown, *related, *symbols.DERIVED, *config.derived]
-    for k, name in enumerate(config.output.parameters or ()):
-        errors.expect(("output", "parameters", k), name, unknown, f"{name} is no unknown")
-    for k, name in enumerate(config.output.corner or ()):
-        message = f"{name} is neither unknown nor derived"
-        errors.expect(("output", "corner", k), name, shown_names, message)
 
 
 def check_identify(errors: IssueCollector, config: Config, labels: Sequence[str]) -> None:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,11 +53,10 @@ class RecordColumn:
 def row_mask(sources: Sources, location: Location, spec: Series, clock: Clock) -> Mask:
     """Return which rows `(n,)` of a clock the config masks; a span without a row is an issue."""
     masked_rows, mask_spec = np.zeros(len(clock.t), dtype=np.bool_), as_mask_spec(spec.mask)
-    spans: list[tuple[str, int, Sequence[float]]]
-    spans = [("rows", k, pair) for k, pair in enumerate(mask_spec.rows)]
-    spans += [("times", k, pair) for k, pair in enumerate(mask_spec.times)]
-    for entry, k, (first, last) in spans:
-        values, unit = (clock.numbers, "") if entry == "rows" else (clock.t, " s")
+    spans: list[tuple[str, int, Sequence[float], NDArray[Any], str]]
+    spans = [("rows", *span, clock.numbers, "") for span in enumerate(mask_spec.rows)]
+    spans += [("times", *span, clock.t, " s") for span in enumerate(mask_spec.times)]
+    for entry, k, (first, last), values, unit in spans:
         slack = 1e-9 * max(abs(first), abs(last))
         inside = (values >= first - slack) & (values <= last + slack)
         if not inside.any():
@@ -77,12 +79,15 @@ def rows_after_jumps(clock: Clock, inputs: list[RecordColumn]) -> Mask:
     return rows
 
 
-def unwrap(sources: Sources, column: RecordColumn, turn: float) -> RecordColumn:
-    """Return an angle unwrapped; `turn` is one turn in the column's unit, NaN where it is no angle."""
+def unwrap(sources: Sources, column: RecordColumn) -> RecordColumn:
+    """Return an angle unwrapped, and any other column as it is; an issue where it cannot be."""
     wraps = column.spec.wraps if isinstance(column.spec, ChannelSpec | AngleColumn) else None
     if not wraps:
         return column
-    period = turn if wraps is True else float(wraps)
+    period = 0.0 if wraps is True else float(wraps)
+    if wraps is True:
+        with suppress(ValueError):  # of another unit
+            period = 2 * math.pi / units.factor(column.spec.unit, "rad")
     if not period > 0:
         way_out = "say after how much it begins again, for example `wraps: 360`"
         sources.add((*column.location, "wraps"), f"{column.name} is no angle; {way_out}")

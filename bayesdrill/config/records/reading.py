@@ -28,6 +28,7 @@ from bayesdrill.config.schema.records import (
     window_spans,
 )
 from bayesdrill.config.yaml_source import Location
+from bayesdrill.inference.unknowns import Unknown
 from bayesdrill.record import anomalies, clocks
 from bayesdrill.record.experiment import (
     Anomaly,
@@ -60,7 +61,7 @@ class _Reader:
 
     def __init__(self, resolved: ResolvedExperiment, table: RecordTable | None) -> None:
         self._resolved, self._config, self._source = resolved, resolved.config, resolved.source
-        self._sources = Sources(resolved.config, resolved.source, table)
+        self._sources = Sources(resolved, table)
 
     def experiment(self) -> Experiment:
         config = self._config
@@ -76,8 +77,9 @@ class _Reader:
         inputs = {n: columns["inputs", quantities.input_entry(config, n)] for n in measured}
         series, turned = self._inputs(t, inputs)
         raise_if_any(self._sources.issues)
-        time, n_unknown = config.record.time, len(self._resolved.space.free)
-        n_unknown += len(self._resolved.local_numbers.noise_unknowns)
+        time, numbers = config.record.time, self._resolved.local_numbers.numbers.values()
+        n_unknown = len(self._resolved.rig_numbers.space().free)
+        n_unknown += sum(isinstance(number, Unknown) for number in numbers)
         shortened_by = "file" if config.record.window is None else "window"
         label = self._sources.label(("record", shortened_by))
         raise_if_any(check_length(label, np.sum(~np.isnan(y), axis=0).tolist(), n_unknown))
@@ -210,7 +212,7 @@ class _Reader:
         return clocks.hold_input(t, clock, values, first_order=_is_first_order(column.spec))
 
     def _column(self, location: Location, spec: Series) -> RecordColumn | None:
-        clock, values = self._sources.clock(location), self._sources.column(location, spec)
+        clock, values = self._sources.clock(spec), self._sources.column(location, spec)
         if values is None or clock is None:
             return None
         if len(values) != clock.n_rows:
@@ -242,7 +244,7 @@ class _Reader:
             instead=f", or {way_out}" if np.isnan(numbers).any() else "",
         )
         column = RecordColumn(location, spec, clock, unmasked)
-        return column_cleaning.unwrap(self._sources, column, _units_per_turn(spec))
+        return column_cleaning.unwrap(self._sources, column)
 
     def _t_start(self, time: Array, *, has_series: bool) -> float:
         """With measured inputs nothing is known before the first sample: the state is given there."""
@@ -279,11 +281,3 @@ def _is_first_order(spec: Series) -> bool:
     """Whether an input goes from one sample straight to the next; of an angle, its speed does not."""
     angle = isinstance(spec, AngleColumn)
     return isinstance(spec, InputColumn) and spec.hold == "first" and not angle
-
-
-def _units_per_turn(spec: Series) -> float:
-    """How much of a column's unit one turn is; NaN where it is no angle."""
-    try:
-        return 2 * math.pi / units.factor(spec.unit, "rad")
-    except ValueError:
-        return math.nan

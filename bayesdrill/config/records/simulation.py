@@ -17,11 +17,10 @@ from bayesdrill.basics.errors import InputError, Issue
 from bayesdrill.config.records import reading, sources
 from bayesdrill.config.resolve import quantities, sensors
 from bayesdrill.config.resolve.case import ResolvedCase, ResolvedExperiment, initial_state
-from bayesdrill.config.resolve.sensors import MeasuredChannel
-from bayesdrill.config.schema.config import Config
 from bayesdrill.config.schema.records import ChannelSpec, ColumnSpec, TimeColumn
-from bayesdrill.config.yaml_source import Location, Source
+from bayesdrill.config.yaml_source import Location
 from bayesdrill.inference import step_error
+from bayesdrill.inference.noise.contract import NoisyChannel
 from bayesdrill.inference.noise.mixed import noise_for_record
 from bayesdrill.inference.unknowns import ParameterSpace, Unknown, labelled_name
 from bayesdrill.record.experiment import Experiment, frozen, raise_if_any, times
@@ -34,17 +33,17 @@ DIGITS = 9
 READ_BACK_TOLERANCE = 1e-8  # of the largest number in a column
 
 
-def check_format(config: Config, source: Source, target: Path | None) -> None:
+def _check_format(resolved: ResolvedExperiment, target: Path | None) -> None:
     """Raise `InputError` unless the config can read its record, when written to `target`."""
-    record, location = config.record, ("record", "file")
+    record, source, location = resolved.config.record, resolved.source, ("record", "file")
     try:
-        kind = record.format or format_of(target or sources.path_of(config, source))
+        kind = record.format or format_of(target or sources.path_of(resolved))
         check_options(Path(), reading.csv_options(record))
     except InputError as error:
         raise source.error(location, error.problems[0].message) from None
     if kind != "csv":
         raise source.error(location, "a simulated record is text; name a .csv file")
-    for column, spec in sources.file_entries(config).items():
+    for column, spec in sources.file_entries(resolved.config).items():
         for entry in ("file", "time"):
             if getattr(spec, entry) is not None:
                 message = "a simulated record is one file with one time; remove this entry"
@@ -60,10 +59,10 @@ def check_format(config: Config, source: Source, target: Path | None) -> None:
         raise source.error(("record", "header"), message)
 
 
-def record_text(config: Config, source: Source, experiment: Experiment, y: Array) -> str:
+def record_text(resolved: ResolvedExperiment, grid: Experiment, y: Array) -> str:
     """Return channels `y (T, K)` and what else a config reads as text, in units of columns."""
-    columns = _columns(config, source, experiment, y)
-    record = reading.csv_options(config.record)
+    columns = _columns(resolved, grid, y)
+    record = reading.csv_options(resolved.config.record)
     mark = record.delimiter or (";" if record.decimal == "," else ",")
     head, body = io.StringIO(), io.StringIO()
     csv.writer(head, delimiter=mark, lineterminator="\n").writerow([name for name, _ in columns])
@@ -72,38 +71,36 @@ def record_text(config: Config, source: Source, experiment: Experiment, y: Array
     if record.decimal == ",":
         numbers = numbers.replace(".", ",")
     text = "# simulated\n" * record.skip_rows + head.getvalue() + numbers
-    _check_read_back(config, source, text, columns)
+    _check_read_back(resolved, text, columns)
     return text
 
 
-def _columns(
-    config: Config, source: Source, experiment: Experiment, y: Array
-) -> list[tuple[str, Array]]:
+def _columns(resolved: ResolvedExperiment, grid: Experiment, y: Array) -> list[tuple[str, Array]]:
     """Names and numbers, in the units of the config."""
     entries: list[tuple[Location, ColumnSpec, Array]] = []
-    time = config.record.time
+    config, time = resolved.config, resolved.config.record.time
     if isinstance(time, TimeColumn):
-        entries.append((("record", "time"), time, experiment.t / units.factor(time.unit, "s")))
+        entries.append((("record", "time"), time, grid.t / units.factor(time.unit, "s")))
     for (name, spec), channel in zip(config.record.channels.items(), y.T, strict=True):
         entries.append((("record", "channels", name), spec, channel))
-    for entry, spec_of_input, values in quantities.inputs_as_given(config, experiment):
+    for entry, spec_of_input, values in quantities.inputs_as_given(config, grid):
         entries.append((("inputs", entry), spec_of_input, values))
     columns = []
     for location, column, values in entries:
         if not isinstance(column.column, str):
             message = "a simulated record is a CSV file with named columns; give a name"
-            raise source.error(location, message)
+            raise resolved.source.error(location, message)
         columns.append((column.column, values))
     return columns
 
 
 def _check_read_back(
-    config: Config, source: Source, text: str, columns: list[tuple[str, Array]]
+    resolved: ResolvedExperiment, text: str, columns: list[tuple[str, Array]]
 ) -> None:
     """Names and marks that a reader takes for something else."""
-    path = sources.path_of(config, source)
+    options = reading.csv_options(resolved.config.record)
     try:
-        table = text_table(path, text, reading.csv_options(config.record))
+        table = text_table(sources.path_of(resolved), text, options)
         for name, values in columns:
             allowed = READ_BACK_TOLERANCE * np.ptp(values)
             if not np.allclose(table.pick(name), values, rtol=0, atol=allowed):
@@ -111,7 +108,7 @@ def _check_read_back(
     except InputError as error:
         first = error.problems[0].message
         message = f"the record could not be read as this config reads it: {first}"
-        raise source.error(("record",), message) from None
+        raise resolved.source.error(("record",), message) from None
 
 
 def simulate(case: ResolvedCase, seed: int, target: Path | None = None) -> str:
@@ -128,7 +125,7 @@ def simulate_all(case: ResolvedCase, seed: int, output: Path | None = None) -> d
     """
     texts, problems = dict[Path, str](), list[Issue]()
     for index, resolved in enumerate(case.experiments):
-        record_path = sources.path_of(resolved.config, resolved.source)
+        record_path = sources.path_of(resolved)
         target = output or record_path
         if output is not None and resolved.label:
             target = output / record_path.name
@@ -152,8 +149,7 @@ def simulate_one(
     True values are nominal, or the config's fixed ones, unless `simulation:` names them; what is
     tied follows from them, and sensors are where their priors start.
     """
-    config, source = resolved.config, resolved.source
-    check_format(config, source, target)
+    _check_format(resolved, target)
     experiment = simulation_grid(resolved)
     response = simulator(resolved.model, experiment, resolved.sensing, step_error.MAX_CHOSEN_PIECES)
     values = truth(resolved) | _sensor_truth(resolved)
@@ -162,19 +158,13 @@ def simulate_one(
     noisy_channels = [_with_known_sigma(resolved, entry) for entry in resolved.channels]
     noise = sensors.build_noise(noisy_channels, len(signals))
     noise = noise_for_record(noise, experiment.t, experiment.seen)
-    observed = sensors.build_observation(config, resolved.torque, response, noise)
+    observed = sensors.build_observation(resolved.config, resolved.torque, response, noise)
     noise_values = [_noise_truth(resolved, unknown) for unknown in observed.unknowns]
     rng = seeds.stream(seed, "record", index)
     space = ParameterSpace(model=response.parameters, unknowns=observed.unknowns, fixed=values)
     noisy = observed.bind(space).draw(signals[None], np.array([noise_values]), rng)[0]
     y = noisy / np.array([entry.channel.factor for entry in resolved.channels])
-    return record_text(config, source, experiment, y)
-
-
-def save(text: str, target: Path, record: Path, *, force: bool) -> None:
-    """Write a record; see `check_target`."""
-    check_target(text, target, record, force=force)
-    output_files.write_text(target, text)
+    return record_text(resolved, experiment, y)
 
 
 def check_target(text: str, target: Path, record: Path, *, force: bool) -> None:
@@ -222,8 +212,8 @@ def simulation_grid(resolved: ResolvedExperiment) -> Experiment:
 
 def truth(resolved: ResolvedExperiment) -> dict[str, float]:
     """Return the parameters of the rig, SI, that a simulated record is made with."""
-    rig, space, config = resolved.model, resolved.space, resolved.config
-    simulation: Any = config.simulation
+    rig, space = resolved.model, resolved.rig_numbers.space()
+    simulation: Any = resolved.config.simulation
     named = {name: getattr(simulation, name, None) for name in rig.parameters}
     named |= {n: x for n in rig.parameters if (x := _given_truth(resolved, n)) is not None}
     values = {**space.start, **resolved.nominal.compared, **space.fixed}
@@ -263,9 +253,9 @@ def _given_truth(resolved: ResolvedExperiment, name: str) -> float | None:
     return values.get(labelled_name(name, resolved.label), values.get(name))
 
 
-def _with_known_sigma(resolved: ResolvedExperiment, entry: MeasuredChannel) -> MeasuredChannel:
+def _with_known_sigma(resolved: ResolvedExperiment, entry: NoisyChannel) -> NoisyChannel:
     """With the sigma of `simulation:`, where the noise is unknown."""
-    if isinstance(entry.noisy.sigma, float):
+    if isinstance(entry.sigma, float):
         return entry
     simulation: Any = resolved.config.simulation
     name = entry.channel.name
@@ -274,4 +264,4 @@ def _with_known_sigma(resolved: ResolvedExperiment, entry: MeasuredChannel) -> M
         message = f"the noise of this channel is unknown; {way_out}"
         raise resolved.source.error(("record", "channels", name, "sigma"), message)
     sigma = float(simulation.sigma[name]) * entry.channel.factor
-    return dataclasses.replace(entry, noisy=dataclasses.replace(entry.noisy, sigma=sigma))
+    return dataclasses.replace(entry, sigma=sigma)

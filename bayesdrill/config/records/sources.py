@@ -28,7 +28,7 @@ from bayesdrill.config.schema.records import (
     TimeRate,
     window_spans,
 )
-from bayesdrill.config.yaml_source import Location, Source
+from bayesdrill.config.yaml_source import Location
 from bayesdrill.record import clocks
 from bayesdrill.record.clocks import on_grid
 from bayesdrill.record.experiment import Anomaly, Experiment, check_time, frozen
@@ -50,19 +50,16 @@ def file_of(spec: Series) -> FileSpec | None:
     return FileSpec(path=spec.file) if isinstance(spec.file, str) else spec.file
 
 
-def path_of(config: Config, source: Source, file: FileSpec | None = None) -> Path:
+def path_of(resolved: ResolvedExperiment, file: FileSpec | None = None) -> Path:
     """Return the path of a record's file; relative ones start at the folder of the config."""
-    return source.path.parent / (config.record.file if file is None else file.path)
-
-
-def files(config: Config) -> list[FileSpec | None]:
-    """Return all files that are read, the record's own first, each once."""
-    return list(dict.fromkeys([None, *map(file_of, file_entries(config).values())]))
+    name = resolved.config.record.file if file is None else file.path
+    return resolved.source.path.parent / name
 
 
 def paths(resolved: ResolvedExperiment) -> list[Path]:
-    """Return the paths of all files of an experiment."""
-    return [path_of(resolved.config, resolved.source, file) for file in files(resolved.config)]
+    """Return the paths of all files of an experiment, the record's own first, each once."""
+    files = dict.fromkeys([None, *map(file_of, file_entries(resolved.config).values())])
+    return [path_of(resolved, file) for file in files]
 
 
 def named_files(data: Mapping[str, Any]) -> list[tuple[dict[str, Any], str]]:
@@ -116,43 +113,40 @@ class Clock:
 class Sources:
     """Tables and clocks of all columns; issues, notes and anomalies are collected."""
 
-    def __init__(self, config: Config, source: Source, given: RecordTable | None) -> None:
+    def __init__(self, resolved: ResolvedExperiment, given: RecordTable | None) -> None:
         self.issues: list[Issue] = []
         self.notes: list[str] = []
         self.anomalies: list[Anomaly] = []
-        self._config, self._source = config, source
-        self._given = given
+        self._resolved, self._config, self._given = resolved, resolved.config, given
         self._tables: dict[FileSpec | None, RecordTable | None] = {}
         self._clocks: dict[object, Clock | None] = {}
-        self._spans = window_spans(config.record.window)
-        entries = file_entries(config)
-        self._keys = {location: (file_of(s), s.time) for location, s in entries.items()}
-        self.several = len(set(self._keys.values())) > 1
+        self._spans = window_spans(self._config.record.window)
+        entries = file_entries(self._config)
+        self.several = len({(file_of(spec), spec.time) for spec in entries.values()}) > 1
         for location, spec in entries.items():
-            key = self._keys[location]
-            if key not in self._clocks:
-                self._clocks[key] = self._clock(location, spec)
+            if (file_of(spec), spec.time) not in self._clocks:
+                self._clocks[file_of(spec), spec.time] = self._clock(location, spec)
 
     def label(self, location: Location) -> str:
         """Return the label of a location in messages."""
-        return self._source.issue(location, "").place
+        return self._resolved.source.issue(location, "").place
 
     def add(self, location: Location, message: str) -> None:
         """Add an issue."""
-        self.issues.append(self._source.issue(location, message))
+        self.issues.append(self._resolved.source.issue(location, message))
 
-    def clock(self, location: Location) -> Clock | None:
+    def clock(self, spec: Series) -> Clock | None:
         """Return the clock of a column; None where it could not be read."""
-        return self._clocks[self._keys[location]]
+        return self._clocks[file_of(spec), spec.time]
 
     @property
     def clocks(self) -> list[Clock]:
         """Return all clocks."""
         return [clock for clock in self._clocks.values() if clock is not None]
 
-    def column(self, location: Location, spec: ColumnSpec) -> Array | None:
+    def column(self, location: Location, spec: Series) -> Array | None:
         """Return all rows of a channel or an input, as they stand in the file."""
-        table = self._tables.get(self._keys[location][0])
+        table = self._tables.get(file_of(spec))
         return None if table is None else self._pick(location, spec, table)
 
     def _pick(
@@ -217,7 +211,7 @@ class Sources:
                 return self._given
             self.add(at_file, "the record is given as arrays; give this column as one of them")
             return None
-        path, written = path_of(self._config, self._source, file), file or self._config.record
+        path, written = path_of(self._resolved, file), file or self._config.record
         try:
             output_files.check_file(path)
             kind = FORMATS[written.format or format_of(path)]

@@ -36,28 +36,29 @@ def optimiser(config: Config) -> Optimiser:
     return build_member(lookup(OPTIMISERS, config.map.method, "method"), config.map)
 
 
+MAX_SHOWN_TIME = 1e4  # of the units of a record: nobody reads so many milliseconds
 SEARCH_STEPS = 4  # steps to a sample, for the search of the maximum: there they are chosen anew
 
 
 def build_problem(case: ResolvedCase, records: Sequence[Experiment]) -> Problem:
     """Build the problem of a case and its records; raises `InputError` where they do not suit."""
-    config, rig, nominal = case.config, case.model, case.nominal
+    config, rig, nominal = case.config, case.model, case.experiments[0].nominal
     labels = [experiment.label for experiment in case.experiments]
     parts, sensor_numbers, noise_unknowns = [], dict[str, ParsedNumber](), dict[str, Unknown]()
     pairs = zip(case.experiments, records, strict=True)
     built = collect_each(lambda pair: _sensors_and_observation(*pair), pairs)
     for label, (parsed, observed) in zip(labels, built, strict=True):
-        renamed = {number.name: joint_name(config, number.name, label) for number in parsed}
         for number in parsed:
-            name = renamed[number.name]
-            sensor_numbers.setdefault(name, number.for_experiment(label, name))
+            joint = number if number.name in config.shared else number.for_experiment(label)
+            sensor_numbers.setdefault(joint.name, joint)
+        for unknown in observed.unknowns:
+            level = unknown if unknown.name in config.shared else unknown.for_experiment(label)
+            noise_unknowns.setdefault(level.name, level)
+        parameters = [labelled_name(n, label if n in config.own else "") for n in rig.parameters]
+        of_sensors = observed.parameters[len(parameters) :]
+        parameters += [joint_name(config, name, label) for name in of_sensors]
         names = [joint_name(config, unknown.name, label) for unknown in observed.unknowns]
-        for name, unknown in zip(names, observed.unknowns, strict=True):
-            shared = name == unknown.name
-            noise_unknowns.setdefault(name, unknown if shared else unknown.for_experiment(label))
-        of_rig = [labelled_name(n, label if n in config.own else "") for n in rig.parameters]
-        of_sensors = [renamed[name] for name in observed.parameters[len(of_rig) :]]
-        parts.append(replace(observed, parameters=[*of_rig, *of_sensors], noise_names=names))
+        parts.append(replace(observed, parameters=parameters, noise_names=names))
     numbers = case.experiments[0].rig_numbers
     local = [*sensor_numbers.values()], [*noise_unknowns.values()]
     unknowns = numbers.space(config.own, labels, *local)
@@ -69,6 +70,10 @@ def build_problem(case: ResolvedCase, records: Sequence[Experiment]) -> Problem:
     if config.model.pieces is None:
         start = unknowns.vector(unknowns.start)
         posterior = step_error.choose_steps(posterior, start, SEARCH_STEPS)
+    clock = records[0].written.time
+    last = max(each.experiment.t[-1] for each in posterior.likelihood.observations)
+    if last / clock.factor >= MAX_SHOWN_TIME:
+        clock = SECOND
     table, published, tolerance = {**nominal.compared}, [*nominal.published], {**nominal.tolerance}
     for name, label in itertools.product(config.own, labels):
         if name in table:
@@ -84,7 +89,7 @@ def build_problem(case: ResolvedCase, records: Sequence[Experiment]) -> Problem:
         tolerance=tolerance,
         derived=numbers.derived,
         units=_display_units(case),
-        clock=_clock(records[0].written.time, posterior.likelihood.observations),
+        clock=clock,
         compared_with=nominal.name,
     )
 
@@ -105,15 +110,6 @@ def _display_units(case: ResolvedCase) -> DisplayUnits:
         if not isinstance(spec, float | int):
             shown_units[name] = units.display_unit(spec.unit)
     return DisplayUnits(shown_units)
-
-
-MAX_SHOWN_TIME = 1e4  # of the units of a record: nobody reads so many milliseconds
-
-
-def _clock(unit: Unit, observations: Sequence[Observation]) -> Unit:
-    """That of the time column of the first record, unless times in it are very many."""
-    last = max(observation.experiment.t[-1] for observation in observations)
-    return SECOND if last / unit.factor >= MAX_SHOWN_TIME else unit
 
 
 def _sensors_and_observation(
@@ -149,7 +145,7 @@ def build_simulator(
             sensor_numbers.append(start)
     window, declared = resolved.config.record.window, resolved.config.initial.model_fields_set
     if window is not None and experiment.series and not declared - {"time"}:
-        sigmas = [channel.noisy.start for channel in resolved.channels]
+        sigmas = [channel.start for channel in resolved.channels]
         errors.run(("record", "window"), experiments.check_at_rest, experiment, sigmas)
     raise_if_any(errors.issues)
     values = {number.name: number.value for number in sensor_numbers}
@@ -178,7 +174,7 @@ def _check_hidden(
 
 def _at_start(resolved: ResolvedExperiment) -> dict[str, float]:
     """The rig's parameters where searches begin."""
-    space = resolved.space
+    space = resolved.rig_numbers.space()
     values = {**space.fixed, **space.start}
     values |= {name: float(r.value(values)) for name, r in space.relations.items()}
     return {name: values[name] for name in resolved.model.parameters}

@@ -6,20 +6,19 @@ wrong. The steps raise `ValueError` with a message for the user.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from bayesdrill.basics.entries import build_member
 from bayesdrill.basics.formulas import Expression, resolve_relations
 from bayesdrill.basics.registry import lookup
 from bayesdrill.config.resolve import quantities
 from bayesdrill.config.resolve.quantities import NominalValues, ParsedNumber
-from bayesdrill.config.resolve.sensors import MeasuredChannel, SensorEntry
+from bayesdrill.config.resolve.sensors import SensorEntry
 from bayesdrill.config.schema import numbers
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import Source
+from bayesdrill.inference.noise.contract import NoisyChannel
 from bayesdrill.inference.posterior import Formula
 from bayesdrill.inference.priors import Prior
 from bayesdrill.inference.unknowns import ParameterSpace, Unknown, labelled_name
@@ -105,24 +104,14 @@ class RigNumbers:
 class LocalNumbers:
     """What an experiment has beside the rig, by the names that it gives; None with a mistake."""
 
-    sensors: Mapping[str, float | Prior | None]  # and of its start; None also of what records give
-    noise_unknowns: Mapping[str, Unknown | None]
+    # Of sensors and the start, None also of what records give; then unknowns of noise and torque.
+    numbers: Mapping[str, float | Prior | Unknown | None]
     channels: tuple[str, ...]
 
     @property
     def unknown(self) -> list[str]:
         """Return the names of those that are not fixed."""
-        return [name for name, (value, _) in self.all.items() if not isinstance(value, float)]
-
-    @property
-    def all(self) -> dict[str, tuple[float | Prior | None, object]]:
-        """Return all numbers: a value or a prior, and what is the same where it is shared."""
-        values: dict[str, tuple[float | Prior | None, object]] = {}
-        for name, value in self.sensors.items():
-            values[name] = value, value
-        for name, level in self.noise_unknowns.items():
-            values[name] = (level.prior, (level.prior, level.start)) if level else (None, None)
-        return values
+        return [name for name, number in self.numbers.items() if not isinstance(number, float)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -135,8 +124,7 @@ class ResolvedExperiment:
     model: Model
     nominal: NominalValues
     rig_numbers: RigNumbers
-    space: ParameterSpace  # of these numbers alone
-    channels: tuple[MeasuredChannel, ...]  # those that are evidence
+    channels: tuple[NoisyChannel, ...]  # those that are evidence
     sensor_numbers: Mapping[SensorEntry, ParsedNumber]  # of sensors and start
     sensing: ObservationModel
     free_states: tuple[str, ...]  # of the start, whose priors the record gives
@@ -158,11 +146,6 @@ class ResolvedCase:
         return self.experiments[0].model
 
     @property
-    def nominal(self) -> NominalValues:
-        """Return the nominal values."""
-        return self.experiments[0].nominal
-
-    @property
     def held_out(self) -> list[str]:
         """Return the names of experiments that are no evidence."""
         return [label for label, spec in self.config.experiments.items() if spec.held_out]
@@ -170,7 +153,3 @@ class ResolvedCase:
     def experiment(self, label: str) -> ResolvedExperiment:
         """Return the experiment of this name."""
         return next(experiment for experiment in self.experiments if experiment.label == label)
-
-    def with_settings(self, **changed: Any) -> ResolvedCase:
-        """Return the case with other sections that decide no posterior, such as `sampler`."""
-        return dataclasses.replace(self, config=self.config.model_copy(update=changed))

@@ -12,7 +12,7 @@ import numpy as np
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import SPEED_UNITS, Symbol
-from bayesdrill.config.resolve import sensors
+from bayesdrill.config.resolve import quantities, sensors
 from bayesdrill.config.resolve.quantities import ParsedNumber
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import Location, Source
@@ -197,14 +197,15 @@ def start_beyond_lags(
     y, notes = np.array(experiment.y), list(experiment.told)
     late = sensing.shifts or bool(sensing.input_lags)
     moves, t = late and sensing.moves(experiment.start, model.angles), experiment.t
-    felt = [_lag_range(values[name]) for name in sensing.input_lags.values()]
+    felt = [quantities.ends_of(values[name], LAG_TAIL) for name in sensing.input_lags.values()]
     first = min([0.0, *(low for low, _ in felt)])
     last = max([0.0, *(high for _, high in felt)])
     if sensing.delay is not None:
-        last += _lag_range(values[sensing.delay])[1]
+        last += quantities.ends_of(values[sensing.delay], LAG_TAIL)[1]
     for k, channel in enumerate(experiment.channels):
         lag = sensing.lags.get(channel.name)
-        lowest_lag, highest_lag = (0.0, 0.0) if lag is None else _lag_range(values[lag])
+        lag_value = 0.0 if lag is None else values[lag]
+        lowest_lag, highest_lag = quantities.ends_of(lag_value, LAG_TAIL)
         measured = ~np.isnan(y[:, k])
         before = measured & (t < experiment.t_start + last + highest_lag) & moves
         after = measured & (t > t[-1] + first + lowest_lag + 1e-9 * experiment.dt) & (first < 0.0)
@@ -224,12 +225,10 @@ def start_beyond_lags(
 def check_lag(lag: ParsedNumber, experiment: Experiment) -> None:
     """Raise `ValueError` for a lag, or a delay, that the record is too short for."""
     duration = float(experiment.t[-1] - experiment.t_start)
-    ends = np.array([lag.value] * 2)
-    if not isinstance(lag.value, float):
-        ends = lag.value.quantile(np.array([LAG_TAIL_BEYOND_RECORD, 1 - LAG_TAIL_BEYOND_RECORD]))
-    if not np.abs(ends).max() < duration:
+    low, high = quantities.ends_of(lag.value, LAG_TAIL_BEYOND_RECORD)
+    if not max(abs(low), abs(high)) < duration:
         raise ValueError(
-            f"lags from {ends[0]:.4g} to {ends[1]:.4g} s are allowed, and the record has "
+            f"lags from {low:.4g} to {high:.4g} s are allowed, and the record has "
             f"{duration:.4g} s: what it shows would be no answer to its inputs; check the unit, or "
             "narrow the prior"
         )
@@ -260,11 +259,3 @@ def check_at_rest(experiment: Experiment, sigmas: Sequence[float]) -> None:
                 "and the config says nothing of it; write `initial: free`, `initial: steady`, or the "
                 "states there"
             )
-
-
-def _lag_range(value: float | Prior) -> tuple[float, float]:
-    """As small, and as large, as a lag may be."""
-    if isinstance(value, float):
-        return value, value
-    low, high = value.quantile(np.array([LAG_TAIL, 1 - LAG_TAIL]))
-    return float(low), float(high)

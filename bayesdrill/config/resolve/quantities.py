@@ -45,11 +45,9 @@ class ParsedNumber:
         """Return its name."""
         return self.symbol.name
 
-    def for_experiment(self, label: str, name: str) -> ParsedNumber:
-        """Return it for one of several experiments, unless all have the same name."""
-        if name == self.name:
-            return self
-        return dataclasses.replace(self, symbol=labelled_symbol(self.symbol, label, name))
+    def for_experiment(self, label: str) -> ParsedNumber:
+        """Return a copy that belongs to the experiment `label`."""
+        return dataclasses.replace(self, symbol=labelled_symbol(self.symbol, label))
 
 
 _MAX_TRUNCATION = 5  # sd of a normal between its mean and zero, where it is cut
@@ -67,10 +65,7 @@ def build_prior(spec: PriorSpec, nominal_value: float | None = None) -> Prior:
         nothing = "nothing of the prior is left; all unknowns are positive"
         raise ValueError(f"{below}, so that {nothing}")
     built = spec.families[spec.prior](**values)
-    if is_relative(spec):
-        if nominal_value is None:
-            way_out = "give one in `nominal:`, or leave out `relative:`"
-            raise ValueError(f"there is no nominal value to be relative to; {way_out}")
+    if is_relative(spec) and nominal_value is not None:
         built = built.scaled(nominal_value)
     with np.errstate(all="ignore"):
         low, middle, high = built.quantile(np.array([0.01, 0.5, 0.99]))
@@ -118,6 +113,14 @@ def number_in_si(
     return built.scaled(factor), search_start(spec, built) * factor
 
 
+def ends_of(value: float | Prior, tail: float) -> tuple[float, float]:
+    """Return between which a number is, but for `tail` of its prior on either side."""
+    if isinstance(value, float):
+        return value, value
+    low, high = value.quantile(np.array([tail, 1 - tail]))
+    return float(low), float(high)
+
+
 def to_si(value: float | numbers.Quantity, unit: str) -> float:
     """Return a value in SI; a plain number is in SI already."""
     if isinstance(value, numbers.Quantity):
@@ -145,9 +148,7 @@ def nominal_value(config: Config, model: Model, name: str) -> float:
     entry, symbol = getattr(config.nominal, name), model.symbols[name]
     if not isinstance(entry, numbers.NominalValue):
         return float(entry)
-    value = (
-        entry.value if entry.unit is None else entry.value * units.factor(entry.unit, symbol.unit)
-    )
+    value = entry.value * (1.0 if entry.unit is None else units.factor(entry.unit, symbol.unit))
     value *= 1.0 if entry.side is None else gear_factor(model, symbol, entry.side)
     if not value <= symbol.at_most:
         raise ValueError(f"{value:g} is too large: {name} is at most {symbol.at_most:g}")
@@ -170,24 +171,20 @@ def nominal_table(config: Config, config_values: Mapping[str, float]) -> Nominal
     if given.table is None and (config_values or not used):
         compared = {n: x for n, x in values.items() if n in config_values or n in used}
     published = tuple(name for name in compared if name not in config_values)
+    tolerance = given.tolerance  # one number, or by symbol and `default`
+    if isinstance(tolerance, float):
+        tolerances = dict.fromkeys(known, tolerance)
+    else:
+        each = {name: getattr(tolerance, name) for name in known}
+        tolerances = {name: tolerance.default if x is None else x for name, x in each.items()}
     called = f"{table} ({', '.join(n for n in compared if n in config_values)} as in the config)"
     return NominalValues(
         values=values,
         compared=compared,
         published=published,
-        tolerance=_tolerance(config),
+        tolerance=tolerances,
         name=(called if published else "the config's nominal values") if config_values else table,
     )
-
-
-def _tolerance(config: Config) -> dict[str, float]:
-    """Of each parameter: one number, or by symbol and `default`."""
-    given: Any = config.nominal
-    names, tolerance = config.vocabulary.parameters, given.tolerance
-    if isinstance(tolerance, float):
-        return dict.fromkeys(names, tolerance)
-    values = {name: getattr(tolerance, name) for name in names}
-    return {name: tolerance.default if value is None else value for name, value in values.items()}
 
 
 def parse_parameter(

@@ -6,9 +6,9 @@ message for the user.
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Any, Literal
 
 import numpy as np
@@ -23,7 +23,7 @@ from bayesdrill.config.resolve.quantities import ParsedNumber, number_in_si
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.schema.numbers import Quantity, SensorPrior
 from bayesdrill.config.schema.records import ChannelSpec, InputColumn, InputQuantity
-from bayesdrill.config.schema.vocabulary import Vocabulary, vocabulary_of
+from bayesdrill.config.schema.vocabulary import vocabulary_of
 from bayesdrill.config.yaml_source import Location
 from bayesdrill.inference.likelihood import LatentTorqueObservation, Observation
 from bayesdrill.inference.noise import NOISES
@@ -38,20 +38,7 @@ from bayesdrill.rig.simulators.contract import Simulator
 from bayesdrill.rig.simulators.kalman import KalmanFilter, step_lengths
 from bayesdrill.rig.simulators.sensors import ObservationModel, signal_names, state_weights
 
-
-def _torque_symbol(vocabulary: Vocabulary, name: str) -> Symbol:
-    """Of size or time of a missing torque; along a line it is a force."""
-    turns = all(symbol.unit != "m" for symbol in vocabulary.states.values())
-    what, unit = ("torque", "N*m") if turns else ("force", "N")
-    if name == TIME:
-        return Symbol(
-            TIME, "s", r"\tau_d", "s", f"time after which the missing {what} is forgotten"
-        )
-    about = f"size of the missing {what}: its standard deviation"
-    return Symbol(SIZE, unit, "s_d", symbols.latex_unit(unit), about)
-
-
-TORQUE_ENTRIES: Mapping[str, str] = MappingProxyType({SIZE: "size", TIME: "time"})
+TORQUE_ENTRIES: Mapping[str, str] = {SIZE: "size", TIME: "time"}
 
 
 def latent_torque(config: Config) -> MissingTorque | None:
@@ -61,8 +48,14 @@ def latent_torque(config: Config) -> MissingTorque | None:
 
 
 def latent_torque_number(config: Config, name: str) -> float | Unknown:
-    """Return the torque's size or time, which has this `name` among unknowns."""
-    symbol = _torque_symbol(config.vocabulary, name)
+    """Return the torque's size or time, which has this `name` among unknowns; on a line, a force's."""
+    turns = all(symbol.unit != "m" for symbol in config.vocabulary.states.values())
+    what, unit = ("torque", "N*m") if turns else ("force", "N")
+    about = f"size of the missing {what}: its standard deviation"
+    symbol = Symbol(SIZE, unit, "s_d", symbols.latex_unit(unit), about)
+    if name == TIME:
+        about = f"time after which the missing {what} is forgotten"
+        symbol = Symbol(TIME, "s", r"\tau_d", "s", about)
     spec = getattr(config.missing_torque, TORQUE_ENTRIES[name])
     value, begin = number_in_si(spec, 1.0, unit=symbol.plain_unit)
     if isinstance(value, float):
@@ -93,9 +86,8 @@ def build_observation(
         )
     if not noise.white:
         why = "they could hardly be told apart; remove `noise:` of the channels, or this entry"
-        raise ValueError(
-            f"beside a missing torque the noise of every channel has to be white: {why}"
-        )
+        white = "beside a missing torque the noise of every channel has to be white"
+        raise ValueError(f"{white}: {why}")
     step_lengths(response.experiment)
     return LatentTorqueObservation(
         response=response,
@@ -200,8 +192,8 @@ def parse_sensor_number(entry: SensorEntry) -> ParsedNumber:
     value, start = number_in_si(entry.spec, factor)
     if not isinstance(value, float) and getattr(entry.spec, "start", None) is None:
         start = float(value.quantile(np.array([0.5]))[0])
-    quantiles = [value] if isinstance(value, float) else value.quantile(np.array([1e-6, 1 - 1e-6]))
-    if entry.kind == "gain" and min(quantiles) <= 0 <= max(quantiles):
+    low, high = quantities.ends_of(value, 1e-6)
+    if entry.kind == "gain" and low <= 0 <= high:
         raise ValueError(
             "a gain of zero shows nothing; keep its prior on one side of zero, such as `prior: "
             "log_normal, median: 1, sd_log: 0.02`"
@@ -216,28 +208,24 @@ def build_sensing(
     config: Config, entries: Sequence[SensorEntry], free: Sequence[str]
 ) -> ObservationModel:
     """Return the sensors of an experiment as simulators take them: `entries`, `free` states."""
-    delays = [entry for entry in entries if entry.kind == "delay"]
-    single = [entry for entry in entries if entry.kind == "lag" and entry.location[0] == "inputs"]
-    if len(delays) > 1 or (delays and single):
+    names: dict[tuple[SensorKind, bool], dict[str, str]] = defaultdict(dict)
+    for entry in entries:
+        names[entry.kind, entry.location[0] == "inputs"][entry.target] = entry.symbol.name
+    delays = [*names["delay", True].values()]
+    if len(delays) > 1 or (delays and names["lag", True]):
         raise ValueError(
             "all inputs have one delay, `t_0:`, or each that is measured its own, `lag:`; give one of "
             "the two"
         )
-
-    def names(kind: SensorKind, *, inputs: bool) -> dict[str, str]:
-        alike = [e for e in entries if e.kind == kind and (e.location[0] == "inputs") == inputs]
-        return {entry.target: entry.symbol.name for entry in alike}
-
-    states = {name: state_name(name) for name in free}
     return ObservationModel(
-        gains=names("gain", inputs=False),
-        offsets=names("offset", inputs=False),
-        lags=names("lag", inputs=False),
-        input_gains=names("gain", inputs=True),
-        input_offsets=names("offset", inputs=True),
-        input_lags=names("lag", inputs=True),
-        delay=delays[0].symbol.name if delays else None,
-        states=names("state", inputs=False) | states,
+        gains=names["gain", False],
+        offsets=names["offset", False],
+        lags=names["lag", False],
+        input_gains=names["gain", True],
+        input_offsets=names["offset", True],
+        input_lags=names["lag", True],
+        delay=delays[0] if delays else None,
+        states=names["state", False] | {name: state_name(name) for name in free},
         steady=config.initial.state == "steady",
     )
 
@@ -245,22 +233,8 @@ def build_sensing(
 def symbol_of_state(model: Model, name: str) -> Symbol:
     """Return the symbol of a state at the start."""
     state = model.symbols[name]
-    return Symbol(
-        state_name(name), state.unit, rf"{state.latex}(0)", state.latex_unit, f"{name} at the start"
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class MeasuredChannel:
-    """A channel with the kind of its noise, and what that kind has to know."""
-
-    kind: str
-    noisy: NoisyChannel
-
-    @property
-    def channel(self) -> Channel:
-        """Return the channel."""
-        return self.noisy.channel
+    latex, about = rf"{state.latex}(0)", f"{name} at the start"
+    return Symbol(state_name(name), state.unit, latex, state.latex_unit, about)
 
 
 def build_channel(name: str, spec: ChannelSpec, model: Model) -> Channel:
@@ -297,22 +271,28 @@ def build_channel(name: str, spec: ChannelSpec, model: Model) -> Channel:
     )
 
 
-def measured_channel(channel: Channel, spec: ChannelSpec) -> MeasuredChannel:
+def noisy_channel(channel: Channel, spec: ChannelSpec) -> NoisyChannel:
     """Return a channel with its noise, SI, and where a search for it begins."""
-    factor, entries = channel.factor, spec.noise.model_dump(exclude={"name"})
+    factor = channel.factor
     sigma, begin = number_in_si(spec.sigma, factor, "sigma", "the unit of the column")
-    noisy = NoisyChannel(channel=channel, sigma=sigma, start=begin, entries=entries, factor=factor)
-    return MeasuredChannel(spec.noise.name, noisy)
+    return NoisyChannel(
+        channel=channel,
+        sigma=sigma,
+        start=begin,
+        kind=spec.noise.name,
+        entries=spec.noise.model_dump(exclude={"name"}),
+        factor=factor,
+    )
 
 
-def build_noise(channels: Sequence[MeasuredChannel], n_samples: int) -> Noise:
+def build_noise(channels: Sequence[NoisyChannel], n_samples: int) -> Noise:
     """Return the noise of all channels: of one kind, or a mixture of kinds."""
     kinds: dict[str, list[int]] = {}
     for k, channel in enumerate(channels):
         kinds.setdefault(channel.kind, []).append(k)
     parts: list[ChannelNoise] = []
     for kind, columns in kinds.items():
-        noisy = [channels[k].noisy for k in columns]
-        noise = lookup(NOISES, kind, "noise").from_channels(noisy, n_samples)
+        alike = [channels[k] for k in columns]
+        noise = lookup(NOISES, kind, "noise").from_channels(alike, n_samples)
         parts.append(ChannelNoise(noise, (*columns,)))
     return parts[0].noise if len(parts) == 1 else Mixed(tuple(parts))

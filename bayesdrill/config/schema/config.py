@@ -90,13 +90,10 @@ def _per_symbol(
     name: str, base: type[Strict], kind: Callable[[symbols.Symbol], Any], vocabulary: Vocabulary
 ) -> type[Strict]:
     """`kind` of a symbol: what may stand there."""
-    fields: dict[str, Any] = {
-        symbol.name: (
-            kind(symbol) | None,
-            Field(None, description=f"{symbol.meaning} [{symbol.unit}]"),
-        )
-        for symbol in vocabulary.parameters.values()
-    }
+    fields: dict[str, Any] = {}
+    for symbol in vocabulary.parameters.values():
+        about = Field(None, description=f"{symbol.meaning} [{symbol.unit}]")
+        fields[symbol.name] = (kind(symbol) | None, about)
     return extended(name, base, fields)
 
 
@@ -167,14 +164,6 @@ def _sections(vocabulary: Vocabulary) -> tuple[Any, ...]:
     return parameters, tolerances, nominal, simulation
 
 
-if TYPE_CHECKING:
-    Parameters = dict[str, ParameterSpec]
-    Nominal = _NominalBase
-    Simulation = _SimulationBase
-else:
-    Parameters, Tolerances, Nominal, Simulation = _sections(HOUSE)
-
-
 class MapBase(Strict):
     """How the maximum of the posterior is searched."""
 
@@ -185,9 +174,13 @@ class MapBase(Strict):
 
 
 if TYPE_CHECKING:
+    Parameters = dict[str, ParameterSpec]
+    Nominal = _NominalBase
+    Simulation = _SimulationBase
     ModelSpec = ModelBase
     MapSpec = MapBase
-else:  # with what the members of the registries bring
+else:  # with names of the vocabulary, and what the members of the registries bring
+    Parameters, Tolerances, Nominal, Simulation = _sections(HOUSE)
     ModelSpec = member_section("ModelSpec", ModelBase, "name", MODELS.usable())
     MapSpec = member_section("MapSpec", MapBase, "method", OPTIMISERS.usable())
 
@@ -269,15 +262,6 @@ class Config(Strict):
     identify: IdentifySpec = IdentifySpec()
     calibration: CalibrationSpec = CalibrationSpec()
     simulation: Simulation | None = None
-
-    @property
-    def asked(self) -> Asked:
-        """Return what is asked of a study."""
-        settings = self.identify
-        thresholds = Thresholds(
-            determined=settings.determined, left_to_prior=settings.left_to_prior
-        )
-        return Asked(of_interest=tuple(settings.of_interest), thresholds=thresholds, seed=self.seed)
 
 
 class _ConfigOfRig(Config):

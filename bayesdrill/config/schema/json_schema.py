@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from types import MappingProxyType
 from typing import Any
 
 from bayesdrill.config.schema.config import Config
@@ -18,16 +17,14 @@ ABOUT = ("description", "default", "title")
 NAME_OF_PART = "^[A-Za-z]+(_[A-Za-z0-9]+)+$"  # a letter of a kind, and the name of a part
 
 # Sections with names of the rig, by what describes them.
-SECTIONS: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {
-        "Parameters": ("parameters",),
-        "Nominal": ("nominal",),
-        "Tolerances": ("nominal", "tolerance"),
-        "Simulation": ("simulation",),
-        "Inputs": ("inputs",),
-        "Initial": ("initial",),
-    }
-)
+SECTIONS: Mapping[str, tuple[str, ...]] = {
+    "Parameters": ("parameters",),
+    "Nominal": ("nominal",),
+    "Tolerances": ("nominal", "tolerance"),
+    "Simulation": ("simulation",),
+    "Inputs": ("inputs",),
+    "Initial": ("initial",),
+}
 
 
 def json_schema() -> str:
@@ -35,10 +32,13 @@ def json_schema() -> str:
     schema = Config.model_json_schema()
     defs = schema["$defs"]
     known: dict[str, Any] = {}
+    # Names whose entries are as free as any: of numbers that may be negative, of what drives.
+    free_names = {name for name, symbol in HOUSE.parameters.items() if symbol.held == "any"}
+    free_names |= {*HOUSE.inputs, *HOUSE.starts} - {*HOUSE.idle}
     for kind, place in SECTIONS.items():
         entries = defs[kind]["properties"]
         _nested(known, place)["propertyNames"] = {"enum": [*entries]}
-        free = next(entry for name, entry in entries.items() if name in _free_names())
+        free = next(entry for name, entry in entries.items() if name in free_names)
         plain = {key: value for key, value in free.items() if key not in ABOUT}
         defs[kind]["patternProperties"] = {NAME_OF_PART: plain}
     at = defs["MissingTorqueSpec"]["properties"]["at"]
@@ -56,9 +56,3 @@ def _nested(schema: dict[str, Any], place: tuple[str, ...]) -> dict[str, Any]:
     for name in place:
         schema = schema.setdefault("properties", {}).setdefault(name, {})
     return schema
-
-
-def _free_names() -> set[str]:
-    """Names whose entries are as free as any: of numbers that may be negative, of what drives."""
-    parameters = [name for name, symbol in HOUSE.parameters.items() if symbol.held == "any"]
-    return {*parameters, *(name for name in HOUSE.inputs if name not in HOUSE.idle), *HOUSE.starts}

@@ -6,7 +6,6 @@ import inspect
 import math
 import typing
 from collections.abc import Callable, Mapping
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Union
 
 from pydantic import BaseModel, BeforeValidator, Discriminator, Field, Tag, create_model
@@ -92,9 +91,11 @@ def _entries(family: Callable[..., Prior]) -> dict[str, Any]:
     return {name: hint for name, hint in hints.items() if name != "return"}
 
 
-_SIGNED: Mapping[str, Any] = MappingProxyType(
-    {"low": Number, "high": Number, "sd_log": Annotated[float, Field(ge=1e-6, le=20)]}
-)
+_SIGNED: Mapping[str, Any] = {
+    "low": Number,
+    "high": Number,
+    "sd_log": Annotated[float, Field(ge=1e-6, le=20)],
+}
 
 
 def _spec(base: type[PriorSpec], name: str) -> type[PriorSpec]:
@@ -106,21 +107,18 @@ def _spec(base: type[PriorSpec], name: str) -> type[PriorSpec]:
     return create_model(title, __base__=base, __doc__=family.__doc__, __module__=__name__, **fields)
 
 
-_SPECS: Mapping[str, type[PriorSpec]] = MappingProxyType(
-    {
-        model.__name__: model
-        for base in (ParameterPrior, QuantityPrior, SensorPrior)
-        for model in (_spec(base, name) for name in base.families)
-    }
-)
+_SPECS: Mapping[str, type[PriorSpec]] = {
+    model.__name__: model
+    for base in (ParameterPrior, QuantityPrior, SensorPrior)
+    for model in (_spec(base, name) for name in base.families)
+}
 
 
 def __getattr__(name: str) -> type[PriorSpec]:
     """By which records of them are pickled."""
-    try:
-        return _SPECS[name]
-    except KeyError:
-        raise AttributeError(name) from None
+    if name not in _SPECS:
+        raise AttributeError(name)
+    return _SPECS[name]
 
 
 def _any_of(base: type[PriorSpec]) -> Any:
@@ -157,9 +155,7 @@ def parameter_spec(number: Any) -> Any:
 
 
 ParameterSpec = float | str | Tie | ParameterPrior | None
-_FIXED: Mapping[str, Any] = MappingProxyType(
-    {"positive": Positive, "not negative": NonNegative, "any": Number}
-)
+_FIXED: Mapping[str, Any] = {"positive": Positive, "not negative": NonNegative, "any": Number}
 
 
 def fixed_spec(symbol: Symbol) -> Any:

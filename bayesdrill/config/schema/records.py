@@ -63,11 +63,20 @@ class FileBase(Strict):
     format: str | None = Field(None, description="Default: by the file's ending.")
 
 
+class NoiseBase(Strict):
+    """How what the rig does not explain is distributed."""
+
+    name: str = Field("white", description="The kind.")
+
+
 if TYPE_CHECKING:
     FileSpec = FileBase
+    NoiseSpec = NoiseBase
 else:
     _options = {name: file_format.options for name, file_format in FORMATS.usable().items()}
     FileSpec = member_section("FileSpec", FileBase, "format", _options)
+    _kinds = {name: kind.Entries for name, kind in NOISES.usable().items()}
+    NoiseSpec = member_section("NoiseSpec", NoiseBase, "name", _kinds)
 
 FileEntry = Annotated[
     Annotated[str, Tag("<word>")] | Annotated[FileSpec, Tag("<mapping>")],
@@ -238,19 +247,6 @@ InputSpec = Annotated[
 ]
 
 
-class NoiseBase(Strict):
-    """How what the rig does not explain is distributed."""
-
-    name: str = Field("white", description="The kind.")
-
-
-if TYPE_CHECKING:
-    NoiseSpec = NoiseBase
-else:
-    _kinds = {name: kind.Entries for name, kind in NOISES.usable().items()}
-    NoiseSpec = member_section("NoiseSpec", NoiseBase, "name", _kinds)
-
-
 class ChannelSpec(Series):
     """A measured channel."""
 
@@ -284,12 +280,6 @@ class RecordBase(Strict):
     channels: Annotated[dict[str, ChannelSpec], Field(min_length=1, max_length=MAX_NAMED)]
 
 
-if TYPE_CHECKING:
-    RecordSpec = RecordBase
-else:
-    RecordSpec = member_section("RecordSpec", RecordBase, "format", _options)
-
-
 class InputsBase(Strict):
     """Those of the rig: which it has, and wants, is for its model to say."""
 
@@ -313,11 +303,9 @@ def inputs_section(vocabulary: Vocabulary) -> type[InputsBase]:
         fields[name] = (kind, Field(default, description=about))
         if angle := angles.get(name):
             what = "angle" if angle.unit == "rad" else "position"
-            about = f"In the place of {name}: the {what} that is imposed, as it was measured."
-            fields[angle.name] = (
-                AngleColumn | None,
-                Field(None, description=f"[{angle.unit}] {about}"),
-            )
+            about = f"the {what} that is imposed, as it was measured."
+            about = f"[{angle.unit}] In the place of {name}: {about}"
+            fields[angle.name] = (AngleColumn | None, Field(None, description=about))
     fields["t_0"] = (SensorSpec | None, Field(None, description=_DELAY))
     return extended("Inputs", InputsBase, fields)
 
@@ -340,9 +328,11 @@ def initial_section(vocabulary: Vocabulary) -> type[InitialBase]:
 
 
 if TYPE_CHECKING:
+    RecordSpec = RecordBase
     Inputs = InputsBase
     Initial = InitialBase
 else:
+    RecordSpec = member_section("RecordSpec", RecordBase, "format", _options)
     Inputs = inputs_section(HOUSE)
     Initial = initial_section(HOUSE)
 

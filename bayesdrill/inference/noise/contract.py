@@ -21,13 +21,14 @@ from bayesdrill.rig.simulators.contract import Simulator
 class NoisyChannel:
     """A channel and what its config says of the noise.
 
-    `sigma`: in SI or its prior, with the `start` of a search; `entries`: those that the kind of
+    `sigma`: in SI or its prior, with the `start` of a search; `entries`: those that the `kind` of
     noise brings, None where they are not given.  `factor`: how many SI one unit of the column is.
     """
 
     channel: Channel
     sigma: float | Prior
     start: float
+    kind: str = "white"
     entries: Mapping[str, Any] = field(default_factory=dict)
     factor: float = 1.0
 
