@@ -34,6 +34,7 @@ from bayesdrill.basics.progress import SILENT
 from bayesdrill.inference import derived
 from bayesdrill.report import words
 from bayesdrill.report.sections import fit_words, physics_words, torque_words
+from bayesdrill.report.sections.physics_figure import stacked_looks
 from bayesdrill.report.sections.physics_words import effort_symbol, speed_symbol
 from bayesdrill.report.sections.torque_words import torque_shown
 from bayesdrill.rig import MotorShaft, energy
@@ -148,8 +149,10 @@ def of_friction(of: bd.Case) -> Iterator[Any]:
         physics_words.energy_table(account, model).lines,
         physics_words.energy_note(summary, model),
     ]
-    balance = physics_words.energy_balance(account, model, of.job.clock)
-    yield [balance.sources, [(part.kind, part.name, part.joules) for part in balance.parts]]
+    names = physics_words.energy_names(model)
+    parts = physics_words.ordered(account, {*account.came, *account.went})
+    yield [names[part.name] for part in parts]
+    yield [account.went[name] for name in stacked_looks(account, names)]
 
 
 def of_cause(rig: Model, own: dict[str, str]) -> Iterator[Any]:

@@ -9,15 +9,13 @@ import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import NullFormatter, NullLocator
+from matplotlib.ticker import NullLocator
 from numpy.typing import NDArray
 
 from bayesdrill.analysis.comparison import SURE_LOG_ODDS, OverlayRow, PosteriorSummary, RunSummary
@@ -32,7 +30,6 @@ from bayesdrill.report.pages import (
     LEVELS,
     contours,
     corner_axes,
-    corner_label,
     corner_panels,
     legend_above,
 )
@@ -86,7 +83,7 @@ MIN_FILLED_SHARE = 0.02  # of an axis that a run fills less of, its histogram wo
 PANEL_LARGEST, PANEL_SMALLEST, PANELS_WIDTH = 2.0, 1.03, 9.3
 LEFT, BOTTOM, TOP, RIGHT = 0.88, 0.88, 0.2, 0.15
 LEGEND_WIDTH, CORNER_LEGEND_LINE = 3.0, 0.21
-TICK_SIZE, LABEL_SIZE = 8.5, 10.0
+LETTERS, LETTER_SHARE = 10.0, 0.055  # of axes: points, and of a panel
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +112,7 @@ def overlay_corner_figure(
             _histograms(panels[i, i], row)
             for j, column in enumerate(columns[:i]):
                 _contours(panels[i, j], column, row)
-        corner_axes(panels, [c.scale for c in columns], partial(_numbers, columns))
+        corner_axes(panels, [(c.scale, c.row.symbol) for c in columns], LETTERS, LETTER_SHARE)
         _legend(figure, layers, columns)
     return figure
 
@@ -177,16 +174,6 @@ def _contours(panel: Axes, column: _Column, row: _Column) -> None:
             contours(panel, (x, y), (x_ends, y_ends), lines=lines)
     style.mark_values(panel, column.scale, column.row.agreed, arrow=False)
     style.mark_values(panel, row.scale, row.row.agreed, vertical=True, arrow=False)
-
-
-def _numbers(columns: Sequence[_Column], axis: Axis, k: int, outer: bool) -> None:
-    scale, symbol = columns[k].scale, columns[k].row.symbol
-    style.set_numbers(axis, scale, 3, clear=0.1, letter=0.055)
-    if outer:
-        corner_label(axis, scale.label(symbol, "\n"), LABEL_SIZE, TICK_SIZE, 4)
-        axis.labelpad = 2
-    else:
-        axis.set_major_formatter(NullFormatter())
 
 
 def _legend(figure: Figure, layers: Sequence[PosteriorSummary], columns: Sequence[_Column]) -> None:

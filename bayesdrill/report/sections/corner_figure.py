@@ -6,16 +6,13 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import FixedLocator, NullFormatter
 from numpy.typing import NDArray
 
 from bayesdrill.basics.arrays import Array
@@ -34,7 +31,6 @@ from bayesdrill.report.pages import (
     central,
     contours,
     corner_axes,
-    corner_label,
     corner_panels,
 )
 from bayesdrill.report.scales import DOUBLE, SINGLE
@@ -185,8 +181,6 @@ def legend(figure: Figure, first: Handles, second: Handles, page: CornerPage) ->
 
 POINTS = 2000  # drawn in a panel; contours and histograms count all draws
 REACH = 1.0  # the axis grows by this share of its width at most to show the nominal value
-CLEAR = 0.1  # of an axis, without ticks at its ends
-SMALLEST = 5.2  # letters of ticks, points
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,7 +215,9 @@ def corner_figure(draws: Array, shown: DisplayedUnknowns, width: float = scales.
             for j, column in enumerate(columns[:i]):
                 contours(panels[i, j], (column.x, row.x), (column.ends, row.ends), page.fine)
                 _marks(panels[i, j], column, row, page)
-        corner_axes(panels, [column.scale for column in columns], partial(_numbers, columns, page))
+        axes = [(column.scale, column.symbol) for column in columns]
+        look: dict[str, Any] = {"texts": not page.compact, "small": page.fine == 1.0}
+        corner_axes(panels, axes, page.letters, page.letter, **look)
         if page.n == 1:
             panels[0, 0].set_ylabel("density", fontsize=page.letters)
         if page.compact:
@@ -330,21 +326,6 @@ def _marks(panel: Axes, column: CornerColumn, row: CornerColumn, page: CornerPag
     if column.mode is not None and row.mode is not None:
         x, y = float(column.scale(column.mode)), float(row.scale(row.mode))
         panel.plot([x], [y], **style.finer(style.CROSS, page.fine))
-
-
-def _numbers(
-    columns: Sequence[CornerColumn], page: CornerPage, axis: Axis, k: int, outer: bool
-) -> None:
-    """Ticks in every panel, their texts and the labels at the left and at the bottom only."""
-    scale, outer = columns[k].scale, outer and not page.compact
-    places, texts = scale.ticks(clear=CLEAR, letter=page.letter)
-    style.set_ticks(axis, places, texts if outer else None)
-    axis.set_minor_locator(FixedLocator(scale.between.tolist() if page.fine == 1.0 else []))
-    axis.set_minor_formatter(NullFormatter())
-    if outer:
-        label, ticks = scale.label(columns[k].symbol, "\n"), max(0.85 * page.letters, SMALLEST)
-        corner_label(axis, label, page.letters, ticks, 0.4 * page.letters)
-        axis.labelpad = 0.2 * page.letters
 
 
 def _upright(

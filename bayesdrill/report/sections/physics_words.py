@@ -188,42 +188,6 @@ def ordered(summary: EnergyAccount | EnergySummary, names: Collection[str]) -> l
     return sorted(parts, key=lambda part: (part.name == STORED, -part.joules))
 
 
-@dataclass(frozen=True, slots=True)
-class Stacked:
-    """`kind`: one of `KINDS`; `name` for a legend; `joules (N,)`."""
-
-    kind: str
-    name: str
-    joules: Array
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Balance:
-    """At times `t (N,)` in the unit of `time`: `total` that came in from `sources`; what it became."""
-
-    t: Array
-    time: Symbol
-    total: Array
-    sources: str
-    parts: tuple[Stacked, ...]
-
-
-def energy_balance(account: EnergyAccount, model: Model, clock: Unit) -> Balance:
-    """For a figure."""
-    names = energy_names(model)
-    parts = [
-        Stacked(*names[part.name], account.went[part.name])
-        for part in ordered(account, account.went)
-    ]
-    return Balance(
-        t=account.t / clock.factor,
-        time=time_symbol(clock),
-        total=account.total,
-        sources=", ".join(names[part.name][1] for part in ordered(account, account.came)),
-        parts=tuple(sorted(parts, key=lambda part: KINDS.index(part.kind))),
-    )
-
-
 def energy_note(summary: EnergySummary, model: Model) -> str:
     """Explain the table of energies."""
     left = (
