@@ -16,7 +16,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import NullLocator
-from numpy.typing import NDArray
 
 from bayesdrill.analysis.comparison import SURE_LOG_ODDS, OverlayRow, PosteriorSummary, RunSummary
 from bayesdrill.basics.arrays import Array
@@ -106,8 +105,15 @@ def overlay_corner_figure(
     """
     columns = [_column(row, layers, display_units) for row in rows if row.shared]
     n = len(columns)
+    panel = min(PANEL_LARGEST, max(PANEL_SMALLEST, PANELS_WIDTH / n))
+    size = panel * (n + CORNER_GAP * (n - 1))
+    # Few panels have their legend beside them.
+    legend = (len(layers) + 4) * CORNER_LEGEND_LINE
+    beside = LEGEND_WIDTH if n == 1 else max(0.0, LEGEND_WIDTH - (n - 1) * panel)
+    above = max(0.0, legend - (n - 1) * panel) if n > 1 else 0.0
+    page = LEFT + size + RIGHT + beside, BOTTOM + size + TOP + above
     with style.styled():
-        figure, panels = _corner_page(n, len(layers) + 4)
+        figure, panels = corner_panels(n, page, LEFT, BOTTOM, size)
         for i, row in enumerate(columns):
             _histograms(panels[i, i], row)
             for j, column in enumerate(columns[:i]):
@@ -138,16 +144,6 @@ def _column(
         for prior in priors
     )
     return _Column(row=row, scale=scale, draws=shown, ends=ends)
-
-
-def _corner_page(n: int, lines: int) -> tuple[Figure, NDArray[np.object_]]:
-    """`(n, n)` panels, those above the diagonal empty; few of them have their legend beside them."""
-    panel = min(PANEL_LARGEST, max(PANEL_SMALLEST, PANELS_WIDTH / n))
-    size = panel * (n + CORNER_GAP * (n - 1))
-    beside = LEGEND_WIDTH if n == 1 else max(0.0, LEGEND_WIDTH - (n - 1) * panel)
-    above = max(0.0, lines * CORNER_LEGEND_LINE - (n - 1) * panel) if n > 1 else 0.0
-    page = LEFT + size + RIGHT + beside, BOTTOM + size + TOP + above
-    return corner_panels(n, page, LEFT, BOTTOM, size)
 
 
 def _histograms(panel: Axes, column: _Column) -> None:
