@@ -36,7 +36,7 @@ from bayesdrill.report import words
 from bayesdrill.report.sections import fit_words, physics_words, torque_words
 from bayesdrill.report.sections.physics_figure import stacked_looks
 from bayesdrill.report.sections.physics_words import effort_symbol, speed_symbol
-from bayesdrill.report.sections.torque_words import torque_shown
+from bayesdrill.report.sections.torque_words import regressors
 from bayesdrill.rig import MotorShaft, energy
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.linear import Model
@@ -188,7 +188,7 @@ def of_torque(of: bd.Case) -> Iterator[Any]:
     (found,) = torque_estimates(posterior, theta[None], np.random.default_rng(1))
     yield [found.expected, found.angle, found.inertia.reduction, repr(regress_torque(found))]
     yield torque_words.law_sentences(torque_summary(found), found.rig)
-    yield [(each.label.latex, each.means) for each in torque_shown(found, of.job.clock).against]
+    yield [(each.label.latex, each.means) for each in regressors(found)]
 
 
 def analyses(rig: Model, own: dict[str, str]) -> dict[str, Any]:

@@ -16,6 +16,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from bayesdrill.analysis.energy import EnergyAccount
+from bayesdrill.analysis.latent_torque import TorqueEstimate
 from bayesdrill.analysis.run_analysis import BAND_DRAWS
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol
@@ -25,14 +26,13 @@ from bayesdrill.report import scales, style
 from bayesdrill.report.pages import Page, inches_panel, legend_above
 from bayesdrill.report.sections.fit_words import extremes
 from bayesdrill.report.sections.physics_words import (
-    KINDS,
     LawShown,
     energy_names,
     laws,
     ordered,
     time_symbol,
 )
-from bayesdrill.report.sections.torque_words import TORQUE, Against, TorqueShown, torque_shown
+from bayesdrill.report.sections.torque_words import TORQUE, regressors
 from bayesdrill.report.view import Drawing, ReportContext, for_each_experiment
 from bayesdrill.rig.models.linear import Model
 
@@ -43,7 +43,7 @@ LINE = 0.17  # inches of a legend
 ENERGY_PAGE = Page(columns=1, row=1.5, left=0.84, gap_y=0.16)
 ENERGY_SMALL = dataclasses.replace(ENERGY_PAGE, width=scales.SINGLE, row=1.2, left=0.7)
 
-# Greys by kinds, and hatches within them: no colour is wanted.
+# Greys by kinds, from the foot of a stack, and hatches within them: no colour is wanted.
 LOOKS: Mapping[str, tuple[str, str]] = {
     "electrical": (style.FAINT, ""),
     "viscous": (style.LIGHT, ""),
@@ -113,7 +113,7 @@ def stacked_looks(account: EnergyAccount, names: Mapping[str, tuple[str, str]]) 
     parts = [part.name for part in ordered(account, account.went)]
     counts: Counter[str] = Counter()
     looks = {}
-    for part in sorted(parts, key=lambda part: KINDS.index(names[part][0])):
+    for part in sorted(parts, key=lambda part: [*LOOKS].index(names[part][0])):
         kind, label = names[part]
         face, hatch = LOOKS[kind]
         hatch = hatch or HATCHES[counts[kind] % len(HATCHES)]
@@ -181,17 +181,34 @@ TORQUE_SMALL = dataclasses.replace(TORQUE_PAGE, columns=1, width=scales.SINGLE, 
 TORQUE_POINTS = 1200  # of a line over time, and dots of a panel
 
 
-def torque_figure(shown: TorqueShown, width: float = scales.DOUBLE) -> Figure:
-    """Draw the torque over time, and against each thing that it may follow."""
+def torque_figure(torque: TorqueEstimate, width: float = scales.DOUBLE, *, clock: Unit) -> Figure:
+    """Draw a missing torque over time, and against each thing that it may follow."""
     page = TORQUE_PAGE if width >= scales.DOUBLE else TORQUE_SMALL
-    y = scales.scale(float(shown.band[0].min()), float(shown.band[1].max()), margin=0.04)
+    band, against = torque.band, list(regressors(torque))
+    y = scales.scale(float(band[0].min()), float(band[1].max()), margin=0.04)
     with style.styled(width):
-        figure, panels = page.build(len(shown.against))
+        figure, panels = page.build(len(against))
         height, inside = figure.get_figheight(), width - page.left - page.right
         first = (page.left, height - FIRST_TOP - FIRST_ROW, inside, FIRST_ROW)
-        _over_time(inches_panel(figure, *first), shown, y)
-        for k, (panel, regressor) in enumerate(zip(panels, shown.against, strict=True)):
-            _against(panel, regressor, shown, y, labelled=k % page.columns == 0)
+        panel = inches_panel(figure, *first)
+        x = scales.scale(float(torque.t[0] / clock.factor), float(torque.t[-1] / clock.factor))
+        some = style.thin(len(torque.t), TORQUE_POINTS)
+        t = x(torque.t[some] / clock.factor)
+        panel.fill_between(t, *y(band[:, some]), **style.BAND)
+        panel.plot(t, y(torque.expected[some]), **style.BLACK_LINE)
+        _finish(panel, x, y, time_symbol(clock))
+        for k, (panel, regressor) in enumerate(zip(panels, against, strict=True)):
+            x = scales.scale(
+                float(regressor.values.min()), float(regressor.values.max()), margin=0.02
+            )
+            some = style.thin(len(regressor.values), TORQUE_POINTS)
+            panel.plot(x(regressor.values[some]), y(torque.expected[some]), **style.DOTS)
+            panel.fill_between(x(regressor.centres), *y(regressor.band), zorder=1, **style.BAND)
+            panel.plot(x(regressor.centres), y(regressor.means), zorder=3, **style.BLACK_LINE)
+            _finish(panel, x, y, regressor.label)
+            if k % page.columns:
+                panel.set_ylabel("")
+                panel.tick_params(labelleft=False)
         handles = [
             Line2D([], [], label="mean", **style.BLACK_LINE),
             Patch(label=f"{100 * HDI_PROBABILITY:.0f} % posterior", **style.BAND),
@@ -199,29 +216,6 @@ def torque_figure(shown: TorqueShown, width: float = scales.DOUBLE) -> Figure:
         ]
         legend_above(figure, handles, 3, columnspacing=2.0, handlelength=2.0)
     return figure
-
-
-def _over_time(panel: Axes, shown: TorqueShown, y: scales.Scale) -> None:
-    x = scales.scale(float(shown.t[0]), float(shown.t[-1]))
-    some = style.thin(len(shown.t), TORQUE_POINTS)
-    t = x(shown.t[some])
-    panel.fill_between(t, *y(shown.band[:, some]), **style.BAND)
-    panel.plot(t, y(shown.expected[some]), **style.BLACK_LINE)
-    _finish(panel, x, y, shown.time)
-
-
-def _against(
-    panel: Axes, regressor: Against, shown: TorqueShown, y: scales.Scale, *, labelled: bool
-) -> None:
-    x = scales.scale(float(regressor.values.min()), float(regressor.values.max()), margin=0.02)
-    some = style.thin(len(regressor.values), TORQUE_POINTS)
-    panel.plot(x(regressor.values[some]), y(shown.expected[some]), **style.DOTS)
-    panel.fill_between(x(regressor.centres), *y(regressor.band), zorder=1, **style.BAND)
-    panel.plot(x(regressor.centres), y(regressor.means), zorder=3, **style.BLACK_LINE)
-    _finish(panel, x, y, regressor.label)
-    if not labelled:
-        panel.set_ylabel("")
-        panel.tick_params(labelleft=False)
 
 
 def _finish(panel: Axes, x: scales.Scale, y: scales.Scale, across: Symbol) -> None:
@@ -253,6 +247,7 @@ def draw_energy(run: ReportContext) -> tuple[Drawing, ...]:
 
 def draw_torque(run: ReportContext) -> tuple[Drawing, ...]:
     """Return drawings of the torque that a rig's equations leave out."""
-    shown = ((each.label, torque_shown(each, run.clock)) for each in run.chain.torque_estimates)
+    shown = ((torque.label, torque) for torque in run.chain.torque_estimates)
+    figure = partial(torque_figure, clock=run.clock)
     says = "The missing torque over time, and against what the rig did: speeds, angle, inputs."
-    return for_each_experiment(torque_figure, shown, run.width, says)
+    return for_each_experiment(figure, shown, run.width, says)
