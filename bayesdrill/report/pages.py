@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,12 +12,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, NullFormatter
 from matplotlib.transforms import Affine2D
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from bayesdrill.analysis.calibration import RankBand
 from bayesdrill.basics.arrays import Array, Counts
+from bayesdrill.basics.symbols import Symbol
 from bayesdrill.report import style
 from bayesdrill.report.scales import DOUBLE, Scale
 
@@ -162,34 +164,49 @@ def corner_panels(
     return figure, panels
 
 
+CLEAR = 0.1  # of an axis of a corner, without ticks at its ends
+SMALLEST = 5.2  # letters of its ticks, points
+
+
 def corner_axes(
     panels: NDArray[np.object_],
-    shown: Sequence[Scale],
-    numbers: Callable[[Axis, int, bool], None],
+    shown: Sequence[tuple[Scale, Symbol]],
+    letters: float,
+    letter: float,
+    *,
+    texts: bool = True,
+    small: bool = True,
 ) -> None:
-    """Set the limits of all panels `(n, n)`.
+    """Set limits and ticks of all panels `(n, n)`, and at the left and at the bottom their `texts`.
 
-    `numbers(axis, k, outer)` sets the ticks of unknown `k`, `outer` at the left and at the bottom.
+    `letters`: of labels, points; `letter`: the size of one of a tick, in panels; `small`: whether
+    logarithmic axes have small ticks.
     """
+
+    def numbers(axis: Axis, k: int, outer: bool) -> None:
+        scale, symbol = shown[k]
+        places, values = scale.ticks(clear=CLEAR, letter=letter)
+        style.set_ticks(axis, places, values if outer else None)
+        axis.set_minor_locator(FixedLocator(scale.between.tolist() if small else []))
+        axis.set_minor_formatter(NullFormatter())
+        if outer:
+            axis.set_tick_params(labelsize=max(0.85 * letters, SMALLEST), pad=0.4 * letters)
+            for text in axis.get_ticklabels():
+                text.set(rotation=45, ha="right", va="center_baseline", rotation_mode="anchor")
+            axis.set_label_text(scale.label(symbol, "\n"), fontsize=letters)
+            axis.labelpad = 0.2 * letters
+
     n = len(shown)
-    for i in range(n):
-        for j in range(i + 1):
-            panels[i, j].set_xlim(shown[j].low, shown[j].high)
-            numbers(panels[i, j].xaxis, j, i == n - 1)
+    for i, (row, _) in enumerate(shown):
+        for j, (column, _) in enumerate(shown[: i + 1]):
+            panels[i, j].set_xlim(column.low, column.high)
+            numbers(panels[i, j].xaxis, j, texts and i == n - 1)
             if i > j:
-                panels[i, j].set_ylim(shown[i].low, shown[i].high)
-                numbers(panels[i, j].yaxis, i, j == 0)
+                panels[i, j].set_ylim(row.low, row.high)
+                numbers(panels[i, j].yaxis, i, texts and j == 0)
     figure = panels[0, 0].figure
     figure.align_xlabels(list(panels[-1]))
     figure.align_ylabels(list(panels[1:, 0]))
-
-
-def corner_label(axis: Axis, label: str, letters: float, ticks: float, pad: float) -> None:
-    """Set the numbers of an outer axis, slanted; sizes in points."""
-    axis.set_tick_params(labelsize=ticks, pad=pad)
-    for text in axis.get_ticklabels():
-        text.set(rotation=45, ha="right", va="center_baseline", rotation_mode="anchor")
-    axis.set_label_text(label, fontsize=letters)
 
 
 Ends = tuple[float, float]

@@ -26,7 +26,6 @@ from bayesdrill.inference.priors import LogUniform
 from bayesdrill.inference.unknowns import ParameterSpace
 from bayesdrill.report.sections import torque_words
 from bayesdrill.report.sections.physics_figure import torque_figure
-from bayesdrill.report.sections.torque_words import torque_shown
 from bayesdrill.rig.models.latent_torque import MissingTorque, TorqueLocation
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators.exact import Response
@@ -114,7 +113,7 @@ def test_what_it_moves_is_what_was_left_without_it() -> None:
 
 def test_it_is_drawn_said_and_written() -> None:
     found, _ = seen("motor", 7)
-    figure = torque_figure(torque_shown(found, Unit("s", 1.0, "s")))
+    figure = torque_figure(found, clock=Unit("s", 1.0, "s"))
     panels = sorted(figure.axes, key=lambda panel: panel.get_position().y1)
     labels = [panel.get_xlabel() for panel in panels]
     assert labels[-1].startswith("time")

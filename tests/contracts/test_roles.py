@@ -34,8 +34,9 @@ from bayesdrill.basics.progress import SILENT
 from bayesdrill.inference import derived
 from bayesdrill.report import words
 from bayesdrill.report.sections import fit_words, physics_words, torque_words
+from bayesdrill.report.sections.physics_figure import stacked_looks
 from bayesdrill.report.sections.physics_words import effort_symbol, speed_symbol
-from bayesdrill.report.sections.torque_words import torque_shown
+from bayesdrill.report.sections.torque_words import regressors
 from bayesdrill.rig import MotorShaft, energy
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.linear import Model
@@ -147,8 +148,10 @@ def of_friction(of: bd.Case) -> Iterator[Any]:
         physics_words.energy_table(account.summary, model).lines,
         physics_words.energy_note(account.summary, model),
     ]
-    balance = physics_words.energy_balance(account, model, of.job.problem.clock)
-    yield [balance.sources, [(part.kind, part.name, part.joules) for part in balance.parts]]
+    names = physics_words.energy_names(model)
+    parts = physics_words.ordered(account.summary, {*account.came, *account.went})
+    yield [names[part.name] for part in parts]
+    yield [account.went[name] for name in stacked_looks(account, names)]
 
 
 def of_cause(rig: Model, own: dict[str, str]) -> Iterator[Any]:
@@ -184,9 +187,7 @@ def of_torque(of: bd.Case) -> Iterator[Any]:
     (found,) = torque_estimates(posterior, theta[None], np.random.default_rng(1))
     yield [found.expected, found.angle, found.inertia.reduction, repr(regress_torque(found))]
     yield torque_words.law_sentences(torque_summary(found), found.rig)
-    yield [
-        (each.label.latex, each.means) for each in torque_shown(found, of.job.problem.clock).against
-    ]
+    yield [(each.label.latex, each.means) for each in regressors(found)]
 
 
 def analyses(rig: Model, own: dict[str, str]) -> dict[str, Any]:

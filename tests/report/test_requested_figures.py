@@ -78,7 +78,7 @@ def correlations_case(width: str, n: int = 2) -> Figure:
             found.append(
                 ResidualCorrelation(input=given, lags=lags, values=values, sds=sds, **common)
             )
-    return drawn(residuals_figure(found, WIDTHS[width]))
+    return drawn(residuals_figure(found, WIDTHS[width], latex={}))
 
 
 def response_case(width: str, n: int = 2) -> Figure:

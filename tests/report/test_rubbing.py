@@ -18,7 +18,7 @@ from rubbing import Rig, simulate
 from together import for_each
 
 import bayesdrill as bd
-from bayesdrill.analysis.energy import AT_START, CONVERTED, STORED, energy_accounts
+from bayesdrill.analysis.energy import AT_START, CONVERTED, STORED, EnergyPart, energy_accounts
 from bayesdrill.inference.step_error import StepError
 from bayesdrill.output_files import POSTERIOR
 from bayesdrill.report import scales, style
@@ -27,8 +27,8 @@ from bayesdrill.report.run_report import sections
 from bayesdrill.report.section import as_markdown
 from bayesdrill.report.sections import physics_words, verdict_words
 from bayesdrill.report.sections.fit_figure import fit_figure
-from bayesdrill.report.sections.physics_figure import energy_figure, friction_figure, line_styles
-from bayesdrill.report.sections.physics_words import LawShown
+from bayesdrill.report.sections.physics_figure import energy_figure, friction_figure, stacked_looks
+from bayesdrill.report.sections.physics_words import LawShown, energy_names
 from bayesdrill.report.view import ReportContext
 from bayesdrill.tasks import run_entries
 
@@ -232,13 +232,20 @@ def test_the_figure_of_energy_stacks_to_what_came_in() -> None:
 def test_parts_are_told_apart_in_grey() -> None:
     """By grey, by hatches, or both; no colour is wanted."""
     (one,) = drawings("energy", view()).values()
-    seen = line_styles(one.arguments[0].parts)
+    account, model = one.arguments[0], view().problem.model
+    seen = stacked_looks(account, energy_names(model)).values()
     assert len({(look["facecolor"], look["hatch"]) for look in seen}) == len(seen)
     assert all(0.0 <= float(look["facecolor"]) <= 1.0 for look in seen)
+    more = dict.fromkeys(("j_m", "k_e", "k_T", "l_m", "j_1"), account.went["r_m"])
+    parts = [EnergyPart(name=name, joules=1.0, share=0.1, sd=None) for name in more]
     many = dataclasses.replace(
-        one.arguments[0], parts=one.arguments[0].parts * 2, sources="supply, stored at the start"
+        account,
+        came={"v": account.total, AT_START: 0 * account.t},
+        went={**account.went, **more},
+        summary=dataclasses.replace(account.summary, parts=(*account.summary.parts, *parts)),
     )
-    assert list(clashes(drawn(energy_figure(many, scales.SINGLE)))) == []
+    one_column = energy_figure(many, scales.SINGLE, model=model, clock=view().clock)
+    assert list(clashes(drawn(one_column))) == []
 
 
 def test_the_report_has_a_table_of_it() -> None:

@@ -9,16 +9,13 @@ import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import NullFormatter, NullLocator
-from numpy.typing import NDArray
+from matplotlib.ticker import NullLocator
 
 from bayesdrill.analysis.comparison import SURE_LOG_ODDS, OverlayRow, PosteriorSummary, RunSummary
 from bayesdrill.basics.arrays import Array
@@ -32,7 +29,6 @@ from bayesdrill.report.pages import (
     LEVELS,
     contours,
     corner_axes,
-    corner_label,
     corner_panels,
     legend_above,
 )
@@ -86,7 +82,7 @@ MIN_FILLED_SHARE = 0.02  # of an axis that a run fills less of, its histogram wo
 PANEL_LARGEST, PANEL_SMALLEST, PANELS_WIDTH = 2.0, 1.03, 9.3
 LEFT, BOTTOM, TOP, RIGHT = 0.88, 0.88, 0.2, 0.15
 LEGEND_WIDTH, CORNER_LEGEND_LINE = 3.0, 0.21
-TICK_SIZE, LABEL_SIZE = 8.5, 10.0
+LETTERS, LETTER_SHARE = 10.0, 0.055  # of axes: points, and of a panel
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,13 +105,20 @@ def overlay_corner_figure(
     """
     columns = [_column(row, layers, display_units) for row in rows if row.shared]
     n = len(columns)
+    panel = min(PANEL_LARGEST, max(PANEL_SMALLEST, PANELS_WIDTH / n))
+    size = panel * (n + CORNER_GAP * (n - 1))
+    # Few panels have their legend beside them.
+    legend = (len(layers) + 4) * CORNER_LEGEND_LINE
+    beside = LEGEND_WIDTH if n == 1 else max(0.0, LEGEND_WIDTH - (n - 1) * panel)
+    above = max(0.0, legend - (n - 1) * panel) if n > 1 else 0.0
+    page = LEFT + size + RIGHT + beside, BOTTOM + size + TOP + above
     with style.styled():
-        figure, panels = _corner_page(n, len(layers) + 4)
+        figure, panels = corner_panels(n, page, LEFT, BOTTOM, size)
         for i, row in enumerate(columns):
             _histograms(panels[i, i], row)
             for j, column in enumerate(columns[:i]):
                 _contours(panels[i, j], column, row)
-        corner_axes(panels, [c.scale for c in columns], partial(_numbers, columns))
+        corner_axes(panels, [(c.scale, c.row.symbol) for c in columns], LETTERS, LETTER_SHARE)
         _legend(figure, layers, columns)
     return figure
 
@@ -143,16 +146,6 @@ def _column(
     return _Column(row=row, scale=scale, draws=shown, ends=ends)
 
 
-def _corner_page(n: int, lines: int) -> tuple[Figure, NDArray[np.object_]]:
-    """`(n, n)` panels, those above the diagonal empty; few of them have their legend beside them."""
-    panel = min(PANEL_LARGEST, max(PANEL_SMALLEST, PANELS_WIDTH / n))
-    size = panel * (n + CORNER_GAP * (n - 1))
-    beside = LEGEND_WIDTH if n == 1 else max(0.0, LEGEND_WIDTH - (n - 1) * panel)
-    above = max(0.0, lines * CORNER_LEGEND_LINE - (n - 1) * panel) if n > 1 else 0.0
-    page = LEFT + size + RIGHT + beside, BOTTOM + size + TOP + above
-    return corner_panels(n, page, LEFT, BOTTOM, size)
-
-
 def _histograms(panel: Axes, column: _Column) -> None:
     """Each as high as its panel: a narrow posterior would dwarf a wide one."""
     for x, ends, look in zip(column.draws, column.ends, RUN_STYLES, strict=False):
@@ -177,16 +170,6 @@ def _contours(panel: Axes, column: _Column, row: _Column) -> None:
             contours(panel, (x, y), (x_ends, y_ends), lines=lines)
     style.mark_values(panel, column.scale, column.row.agreed, arrow=False)
     style.mark_values(panel, row.scale, row.row.agreed, vertical=True, arrow=False)
-
-
-def _numbers(columns: Sequence[_Column], axis: Axis, k: int, outer: bool) -> None:
-    scale, symbol = columns[k].scale, columns[k].row.symbol
-    style.set_numbers(axis, scale, 3, clear=0.1, letter=0.055)
-    if outer:
-        corner_label(axis, scale.label(symbol, "\n"), LABEL_SIZE, TICK_SIZE, 4)
-        axis.labelpad = 2
-    else:
-        axis.set_major_formatter(NullFormatter())
 
 
 def _legend(figure: Figure, layers: Sequence[PosteriorSummary], columns: Sequence[_Column]) -> None:

@@ -21,7 +21,6 @@ from bayesdrill.analysis.comparison import (
 from bayesdrill.analysis.prediction import MAX_BAD_SHARE, HeldOutScore, LooScore
 from bayesdrill.inference.display_units import DisplayUnits
 from bayesdrill.inference.priors import flat_in_logs
-from bayesdrill.inference.residual_checks import ResidualSummary
 from bayesdrill.report.section import (
     HDI_ENDS,
     Note,
@@ -38,15 +37,14 @@ from bayesdrill.report.sections import verdict_words
 def overlay_shown(row: OverlayRow, units: DisplayUnits) -> OverlayRow:
     """In the unit that its symbol then has."""
     factor = units.factor(row.symbol.name)
-
-    def over(place: MarginalEstimate) -> MarginalEstimate:
-        values = dataclasses.asdict(place)
-        return MarginalEstimate(**{name: x / factor for name, x in values.items()})
-
     return dataclasses.replace(
         row,
         symbol=units.symbol(row.symbol),
-        places=tuple(place and over(place) for place in row.places),
+        places=tuple(
+            place
+            and MarginalEstimate(**{k: x / factor for k, x in dataclasses.asdict(place).items()})
+            for place in row.places
+        ),
         nominal=tuple(None if value is None else value / factor for value in row.nominal),
     )
 
@@ -86,7 +84,10 @@ def comparison_sections(
     differs = differing(layers)
     moved = overlay_table(layers, [overlay_shown(row, units) for row in rows])
     read, far = Note(OVERLAY_READ), list(farthest(layers, rows))
-    settings = overlay_settings(layers, differs)
+    heads, lines = ("", *(layer.name for layer in layers)), []
+    for name, values in differs.items():
+        lines.append((name, *(elided(value or "", LONGEST) for value in values)))
+    settings = Table(heads, tuple(lines), frozenset(heads)) if differs else Note("nothing")
     if not models:
         doubts = [doubt(layer) for layer in layers if layer.warning]
         names = ", ".join(layer.name for layer in layers)
@@ -179,20 +180,6 @@ def _what_differs(
     return f"not the same: {'; '.join(listed)}"
 
 
-def overlay_settings(
-    layers: Sequence[PosteriorSummary], differs: dict[str, tuple[str | None, ...]]
-) -> Table | Note:
-    """Return the table of settings in which runs differ."""
-    if not differs:
-        return Note("nothing")
-    heads = ("", *(layer.name for layer in layers))
-    lines = [
-        (name, *(elided(value or "", LONGEST) for value in values))
-        for name, values in differs.items()
-    ]
-    return Table(heads, tuple(lines), frozenset(heads))
-
-
 def elided(text: str, most: int) -> str:
     """Without letters of its middle, where it has more than so many: names differ at their ends."""
     left = most - 3
@@ -235,23 +222,19 @@ def comparison_verdict(models: Sequence[RunSummary]) -> Iterator[str]:
 def _decided(models: Sequence[RunSummary], decision: ModelDecision) -> str:
     first, best = models[decision.first].name, models[decision.best].name
     gain = {name: odds(value) for name, value in decision.gain.items() if math.isfinite(value)}
-    if decision.word == "neither":
-        return (
-            f"NEITHER model nor noise: none is more than {odds(SURE_LOG_ODDS)} times as probable as "
-            f"{first}"
-        )
-    lead = f"{best} is {gain['first']} times as probable as {first}"
-    if decision.word == "priors":
-        return f"PRIORS: {lead}, with the same rig and the same noise"
+    lead = f"{best} is {gain.get('first', '')} times as probable as {first}"
     rig = f"{gain.get('model', '')} times as probable as any with the rig of {first}, whatever its noise"
     noise = f"{gain.get('noise', '')} times as probable as any with its noise, whatever the rig"
-    if decision.word == "model":
-        return f"MODEL: {best} is {rig}"
-    if decision.word == "noise":
-        return f"NOISE: {lead}, with the same rig, and {noise}"
-    if decision.word == "both":
-        return f"MODEL AND NOISE: {best} is {rig}, and {noise}"
-    return f"MODEL OR NOISE, not told apart: {lead}, and another noise or another rig does about as well"
+    sure = odds(SURE_LOG_ODDS)
+    return {
+        "neither": f"NEITHER model nor noise: none is more than {sure} times as probable as {first}",
+        "priors": f"PRIORS: {lead}, with the same rig and the same noise",
+        "model": f"MODEL: {best} is {rig}",
+        "noise": f"NOISE: {lead}, with the same rig, and {noise}",
+        "both": f"MODEL AND NOISE: {best} is {rig}, and {noise}",
+        "either": f"MODEL OR NOISE, not told apart: {lead}, and another noise or another rig does about "
+        "as well",
+    }[decision.word]
 
 
 def odds(log: float) -> str:
@@ -264,8 +247,6 @@ def odds(log: float) -> str:
 
 def comparison_table(models: Sequence[RunSummary]) -> Table:
     """The most probable first."""
-    heads = ("model", "unknowns", "log evidence", "against best", "probability")
-    more = ("held out", "LOO", "rms", "correlation")
     top = max(model.log_z for model in models)
     order = sorted(range(len(models)), key=lambda k: -models[k].log_z)
     share = probabilities(models)
@@ -275,22 +256,23 @@ def comparison_table(models: Sequence[RunSummary]) -> Table:
     lines = []
     for k in order:
         model = models[k]
-        rms, correlation = worst(model.residuals)
-        cells = (
-            model.name + ("" if model.converged else " (NOT CONVERGED)"),
-            str(len(model.layer.problem.symbols)),
-            verdict_words.evidence_said(model.evidence),
-            f"{model.log_z - top:.1f}" if model.log_z < top else "best",
-            f"{share[k]:.3g}" if share[k] > 1e-4 else "0",
-        )
-        lines.append((*cells, held[k], loo[k], f"{rms:.3g}", f"{correlation:.2g}"))
-    return Table((*heads, *more), tuple(lines), frozenset(heads[:1]))
-
-
-def worst(left: Sequence[ResidualSummary]) -> tuple[float, float]:
-    """Size over the noise and correlation, each in the channel where it is farthest from 1 or 0."""
-    rms = max((summary.rms for summary in left), key=lambda x: abs(math.log(max(x, 1e-300))))
-    return rms, max((summary.correlation for summary in left), key=abs)
+        # Of the channel in which each is farthest from 1 or 0.
+        sizes = (summary.rms for summary in model.residuals)
+        rms = max(sizes, key=lambda x: abs(math.log(max(x, 1e-300))))
+        correlation = max((summary.correlation for summary in model.residuals), key=abs)
+        cells = {
+            "model": model.name + ("" if model.converged else " (NOT CONVERGED)"),
+            "unknowns": str(len(model.layer.problem.symbols)),
+            "log evidence": verdict_words.evidence_said(model.evidence),
+            "against best": f"{model.log_z - top:.1f}" if model.log_z < top else "best",
+            "probability": f"{share[k]:.3g}" if share[k] > 1e-4 else "0",
+            "held out": held[k],
+            "LOO": loo[k],
+            "rms": f"{rms:.3g}",
+            "correlation": f"{correlation:.2g}",
+        }
+        lines.append(tuple(cells.values()))
+    return Table(tuple(cells), tuple(lines), frozenset(("model",)))
 
 
 def _against_best[S: (HeldOutScore, LooScore)](
@@ -310,11 +292,10 @@ def _against_best[S: (HeldOutScore, LooScore)](
 
 def predicted(models: Sequence[RunSummary]) -> Iterator[str]:
     """Where scores come from, and why there are none."""
-    held = [model.held_out for model in models if model.held_out is not None]
+    held = {model.name: model.held_out for model in models if model.held_out is not None}
     if held:
-        names = [model.name for model in models if model.held_out is not None]
-        best = names[max(range(len(held)), key=lambda k: held[k].score)]
-        yield f"held out: {held[0].samples} samples, which {best} predicts best"
+        best = max(held, key=lambda name: held[name].score)
+        yield f"held out: {held[best].samples} samples, which {best} predicts best"
     else:
         yield (
             "held out: nothing. `record: {held_out: [from, to]}` [s] in all configs keeps a stretch of "

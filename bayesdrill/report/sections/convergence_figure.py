@@ -26,7 +26,7 @@ from bayesdrill.basics import seeds
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.display_units import DisplayedUnknowns
-from bayesdrill.inference.priors import flat_in_logs
+from bayesdrill.inference.priors import Prior, flat_in_logs
 from bayesdrill.report import scales, style
 from bayesdrill.report.pages import SMALL_PANELS, Page, difference_panel, legend_above
 from bayesdrill.report.view import Drawing, ReportContext
@@ -73,16 +73,16 @@ def trace_figure(
     In the units that are `shown`; an axis is logarithmic where the prior is flat in the log.
     """
     symbols, (n_ensembles, n_steps) = shown.symbols, theta.shape[:2]
+    n, small = len(symbols), width < scales.DOUBLE
     steps = style.thin(n_steps, STEPS)
     bands = np.quantile(theta[:, steps], QUANTILES, axis=2)  # (3, E, steps, D)
     after_burn_in = steps >= min(burn_in, steps[-1])
     known = [shown.nominal.get(symbol.name) for symbol in symbols]
-    logs = [flat_in_logs(shown.priors.get(symbol.name)) for symbol in symbols]
-    scales = [
-        _scale(bands[..., d], after_burn_in, value, log=log)
-        for d, (value, log) in enumerate(zip(known, logs, strict=True))
+    vertical = [
+        _scale(bands[..., d], after_burn_in, known[d], shown.priors.get(symbol.name))
+        for d, symbol in enumerate(symbols)
     ]
-    sides = {s.side(value) for s, value in zip(scales, known, strict=True) if value is not None}
+    sides = {s.side(value) for s, value in zip(vertical, known, strict=True) if value is not None}
     with style.styled(width):
         handles = [
             *(
@@ -94,24 +94,35 @@ def trace_figure(
             *style.nominal_handles(sides, marker="^"),
             Line2D([], [], label="MAP", **style.MAP_LINE),
         ]
-        figure, panels = _page(len(symbols), len(handles), width)
+        most = 2 if n == 1 or small else 3
+        line = LEGEND_LINE * (style.SMALL if small else 1.0)
+        page = replace(
+            TRACE_SMALL if small else TRACE_PAGE,
+            columns={1: 1, 2: 1 if small else 2, 4: 2}.get(n, 2 if small else 3),
+            width=width if n > 1 or small else 1.3 * scales.SINGLE,
+            top=LEGEND_MARGIN + line * math.ceil(len(handles) / most),
+        )
+        figure, panels = page.build(n)
         for d, (panel, symbol) in enumerate(zip(panels, symbols, strict=True)):
             if burn_in > 0:
                 panel.axvspan(0, burn_in, zorder=0, **BURN_IN)
-            _ensembles(panel, steps, scales[d](bands[..., d]))
+            _ensembles(panel, steps, vertical[d](bands[..., d]))
             value = shown.mode.get(symbol.name)
-            style.mark_values(panel, scales[d], known[d], value, vertical=True, zorder=3)
+            style.mark_values(panel, vertical[d], known[d], value, vertical=True, zorder=3)
             _step_axis(panel, n_steps)
-            style.scale_axis(panel.yaxis, scales[d], scales[d].label(symbol, "\n"))
-        most = _legend_columns(len(symbols), width)
+            style.scale_axis(panel.yaxis, vertical[d], vertical[d].label(symbol, "\n"))
+            at_foot = d + page.columns >= n
+            panel.tick_params(labelbottom=at_foot)
+            panel.set_xlabel("step" if at_foot else "")
         legend_above(figure, handles, most, columnspacing=2.0, handlelength=2.8)
     return figure
 
 
 def _scale(
-    bands: Array, after_burn_in: NDArray[np.bool_], nominal: float | None, *, log: bool
+    bands: Array, after_burn_in: NDArray[np.bool_], nominal: float | None, prior: Prior | None
 ) -> scales.Scale:
     """An axis for bands `(3, E, steps)`: all after burn-in, and of burn-in what is not too far."""
+    log = flat_in_logs(prior)
     to, back = (np.log, np.exp) if log else (np.asarray, np.asarray)
     scaled, after = to(bands), to(bands[..., after_burn_in])
     low, high = float(after.min()), float(after.max())
@@ -120,26 +131,6 @@ def _scale(
     high = min(float(scaled.max()), high + EXCURSION * width)
     ends = scales.reaching(float(back(low)), float(back(high)), nominal, REACH, log=log)
     return scales.scale(*ends, log=log, margin=0.06)
-
-
-def _page(n: int, n_handles: int, width: float) -> tuple[Figure, list[Axes]]:
-    """Panels in rows, steps at the foot of each column, room for the legend above."""
-    small = width < scales.DOUBLE
-    columns = {1: 1, 2: 1 if small else 2, 4: 2}.get(n, 2 if small else 3)
-    line = LEGEND_LINE * (style.SMALL if small else 1.0)
-    page = replace(
-        TRACE_SMALL if small else TRACE_PAGE,
-        columns=columns,
-        width=width if n > 1 or small else 1.3 * scales.SINGLE,
-        top=LEGEND_MARGIN + line * math.ceil(n_handles / _legend_columns(n, width)),
-    )
-    figure, panels = page.build(n)
-    for k, panel in enumerate(panels):
-        if k + columns < n:
-            panel.tick_params(labelbottom=False)
-        else:
-            panel.set_xlabel("step")
-    return figure, panels
 
 
 def ensemble_line(ensemble: int, width: float | None = None) -> dict[str, Any]:
@@ -187,10 +178,6 @@ def _step_axis(panel: Axes, n: int, most: int = 3) -> None:
     panel.set_xlim(0, max(n - 1, 1))
     panel.xaxis.set_major_locator(MaxNLocator(most, integer=True, prune="upper"))
     panel.xaxis.set_major_formatter(lambda step, _: f"{step:.0f}")
-
-
-def _legend_columns(n: int, width: float) -> int:
-    return 2 if n == 1 or width < scales.DOUBLE else 3
 
 
 BEYOND = 2.0  # windows, the longest of which are shown

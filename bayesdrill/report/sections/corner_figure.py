@@ -6,23 +6,20 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import FixedLocator, NullFormatter
 from numpy.typing import NDArray
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.derived import HDI_PROBABILITY, hdi
 from bayesdrill.inference.display_units import DisplayedUnknowns
-from bayesdrill.inference.priors import flat_in_logs
+from bayesdrill.inference.priors import Prior, flat_in_logs
 from bayesdrill.report import scales, style
 from bayesdrill.report.pages import (
     BINS,
@@ -34,7 +31,6 @@ from bayesdrill.report.pages import (
     central,
     contours,
     corner_axes,
-    corner_label,
     corner_panels,
 )
 from bayesdrill.report.scales import DOUBLE, SINGLE
@@ -68,16 +64,23 @@ class CornerPage:
 
     @classmethod
     def build(cls, n: int, width: float, lines: int) -> CornerPage:
-        """Lay out `n` unknowns in at most `width`, with a legend of so many `lines`."""
+        """Lay out `n` unknowns in at most `width`, with a legend of so many `lines`.
+
+        It stands in the corner or beside a single panel, where it has room there; else above.
+        """
         page = cls._fitting(n, width, compact=False)
         if page.letters < READABLE:
             page = cls._fitting(n, width, compact=True)
         across, line = (size * page.legend_letters / 8.0 for size in LEGEND)
         title = 0.02 + 0.028 * page.letters
         alone = page.left + across + page.right + page.pitch if n == 1 else 0.0
-        beside = replace(page, width=max(page.width, alone), top=title)
-        if beside.width <= width and beside._has_room(across, title + lines * line):
-            return beside
+        broad = max(page.width, alone)
+        beside = min(n, math.ceil((title + lines * line) / page.pitch))
+        titled = (beside - 1) * page.pitch + TITLE * page.letters
+        occupied = page.left + max(beside * page.pitch, titled)
+        has_room = n == 1 or (beside < n and broad - across > occupied)
+        if broad <= width and has_room:
+            return replace(page, width=broad, top=title)
         rows = math.ceil(lines / 2) + 1
         least = max(page.width, min(width, SINGLE))
         return replace(page, width=least, top=title + rows * 0.75 * line, above=True)
@@ -106,13 +109,6 @@ class CornerPage:
             compact=compact,
         )
 
-    def _has_room(self, across: float, deep: float) -> bool:
-        """Whether a legend so broad and so deep has room in the corner, or beside a single panel."""
-        rows = min(self.n, math.ceil(deep / self.pitch))
-        titled = (rows - 1) * self.pitch + TITLE * self.letters
-        occupied = self.left + max(rows * self.pitch, titled)
-        return self.n == 1 or (rows < self.n and self.width - across > occupied)
-
     @property
     def inside(self) -> float:
         """The size of all panels, and the gaps between them."""
@@ -132,11 +128,6 @@ class CornerPage:
     def fine(self) -> float:
         """The factor by which lines and marks are thinner than in a large panel."""
         return min(1.0, max(0.45, self.panel / 1.05))
-
-    @property
-    def letter(self) -> float:
-        """The size of a letter of a tick, in panels."""
-        return 0.43 * self.letters / (72 * self.pitch)
 
 
 Handles = list[Line2D | Patch]
@@ -185,23 +176,26 @@ def legend(figure: Figure, first: Handles, second: Handles, page: CornerPage) ->
 
 POINTS = 2000  # drawn in a panel; contours and histograms count all draws
 REACH = 1.0  # the axis grows by this share of its width at most to show the nominal value
-CLEAR = 0.1  # of an axis, without ticks at its ends
-SMALLEST = 5.2  # letters of ticks, points
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class CornerColumn:
-    """One unknown on its axis; what follows `title` are numbers on this axis, `x` is `(N,)`."""
+    """One unknown on its axis: its draws `(N,)` are at `x`."""
 
     symbol: Symbol
     scale: scales.Scale
+    draws: Array
+    x: Array
+    prior: Prior | None
     nominal: float | None
     mode: float | None
-    title: str
-    x: Array
-    interval: tuple[float, float]
-    prior: tuple[Array, Array] | None  # places and densities
-    ends: tuple[float, float]  # of the prior, or infinite
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Where the prior ends on the axis, or infinite."""
+        if self.prior is None:
+            return -math.inf, math.inf
+        return float(self.scale(self.prior.low)), float(self.scale(self.prior.high))
 
 
 def corner_figure(draws: Array, shown: DisplayedUnknowns, width: float = scales.DOUBLE) -> Figure:
@@ -221,7 +215,9 @@ def corner_figure(draws: Array, shown: DisplayedUnknowns, width: float = scales.
             for j, column in enumerate(columns[:i]):
                 contours(panels[i, j], (column.x, row.x), (column.ends, row.ends), page.fine)
                 _marks(panels[i, j], column, row, page)
-        corner_axes(panels, [column.scale for column in columns], partial(_numbers, columns, page))
+        axes = [(column.scale, column.symbol) for column in columns]
+        look: dict[str, Any] = {"texts": not page.compact, "small": page.fine == 1.0}
+        corner_axes(panels, axes, page.letters, 0.43 * page.letters / (72 * page.pitch), **look)
         if page.n == 1:
             panels[0, 0].set_ylabel("density", fontsize=page.letters)
         if page.compact:
@@ -232,41 +228,23 @@ def corner_figure(draws: Array, shown: DisplayedUnknowns, width: float = scales.
 
 
 def _column(x: Array, symbol: Symbol, shown: DisplayedUnknowns) -> CornerColumn:
-    prior, name = shown.priors.get(symbol.name), symbol.name
-    nominal, mode = shown.nominal.get(name), shown.mode.get(name)
-    scale = _scale(x, nominal, mode, log=flat_in_logs(prior))
-    density, ends = None, (-math.inf, math.inf)
-    if prior is not None:
-        ends = (float(scale(prior.low)), float(scale(prior.high)))
-        places = np.linspace(scale.low, scale.high, 401)
-        density = (places, scale.density(prior, places))
-    interval = np.array(hdi(x))
-    near, far = scale(interval).tolist()
-    return CornerColumn(
-        symbol=symbol,
-        scale=scale,
-        nominal=nominal,
-        mode=mode,
-        title=_title(symbol, scale, float(np.median(x)), interval),
-        x=scale(x),
-        interval=(near, far),
-        prior=density,
-        ends=ends,
-    )
-
-
-def _scale(x: Array, nominal: float | None, mode: float | None, *, log: bool) -> scales.Scale:
-    """The axis: nearly all draws, the mode, and the nominal value if it is not too far."""
+    """Its axis has nearly all draws, the mode, and the nominal value if it is not too far."""
+    name, prior = symbol.name, shown.priors.get(symbol.name)
+    nominal, mode, log = shown.nominal.get(name), shown.mode.get(name), flat_in_logs(prior)
     low, high = np.quantile(x, [0.5 - CENTRAL_SHARE / 2, 0.5 + CENTRAL_SHARE / 2]).tolist()
     low, high = scales.reaching(low, high, mode, log=log)
     low, high = scales.reaching(low, high, nominal, REACH, log=log)
-    return scales.scale(low, high, log=log, margin=0.06)
+    scale = scales.scale(low, high, log=log, margin=0.06)
+    return CornerColumn(
+        symbol=symbol, scale=scale, draws=x, x=scale(x), prior=prior, nominal=nominal, mode=mode
+    )
 
 
-def _title(symbol: Symbol, scale: scales.Scale, median: float, interval: Array) -> str:
+def _title(column: CornerColumn, interval: Array) -> str:
     """Median and interval, in the numbers of the axis."""
-    name = ("" if scale.origin == 0 else r"\delta ") + symbol.latex
-    middle, near, far = scale.number(np.array([median, *interval]))
+    scale = column.scale
+    name = ("" if scale.origin == 0 else r"\delta ") + column.symbol.latex
+    middle, near, far = scale.number(np.array([float(np.median(column.draws)), *interval]))
     power = math.floor(math.log10(abs(middle))) if middle and not scale.origin else 0
     if not scale.log or -2 <= power <= 2:
         return f"${name} = {scales.with_spread(middle, near, far)}$"
@@ -294,32 +272,31 @@ def _points(
         figure.add_artist(Line2D(x, y, transform=figure.transFigure, **look))
 
 
-def _edges(column: CornerColumn) -> Array:
-    """Of bins, as many as give `BINS`, or fewer for few draws, across the draws."""
-    low, high = central(column.x)
-    across = min(float(BINS), 2.2 * math.cbrt(len(column.x)))
+def _marginal(panel: Axes, column: CornerColumn, page: CornerPage) -> None:
+    """A histogram of all draws, with bins that end where the prior does, and the prior on its scale."""
+    x, scale = column.x, column.scale
+    interval = np.array(hdi(column.draws))
+    near, far = scale(interval).tolist()
+    panel.axvspan(near, far, color=style.FAINT, zorder=-2, linewidth=0)
+    low, high = central(x)
+    across = min(float(BINS), 2.2 * math.cbrt(len(x)))  # fewer bins for few draws
     first = max(column.scale.low, column.ends[0])
     last = min(column.scale.high, column.ends[1])
     n = round(across * (last - first) / (high - low))
-    return np.linspace(first, last, max(1, min(n, 4 * BINS)) + 1)
-
-
-def _marginal(panel: Axes, column: CornerColumn, page: CornerPage) -> None:
-    """A histogram of all draws, with bins that end where the prior does, and the prior on its scale."""
-    panel.axvspan(*column.interval, color=style.FAINT, zorder=-2, linewidth=0)
-    edges = _edges(column)
-    counts, _ = np.histogram(column.x, edges)
+    edges = np.linspace(first, last, max(1, min(n, 4 * BINS)) + 1)
+    counts, _ = np.histogram(x, edges)
     panel.stairs(counts, edges, color=style.BLACK, linewidth=0.8 * page.fine)
     top = max(1.0, float(counts.max()))
     if column.prior is not None:
-        places, density = column.prior
-        height = density * len(column.x) * float(edges[1] - edges[0])
+        places = np.linspace(scale.low, scale.high, 401)
+        height = scale.density(column.prior, places) * len(x) * float(edges[1] - edges[0])
         panel.plot(places, height, **style.finer(style.PRIOR_LINE, page.fine))
         top = max(top, float(height.max()))
     panel.set_ylim(0, 1.1 * top)
     panel.set_yticks([])
-    style.mark_values(panel, column.scale, column.nominal, column.mode, fine=page.fine)
-    panel.set_title(column.title, fontsize=page.letters, loc="left", pad=0.6 * page.letters - 1)
+    style.mark_values(panel, scale, column.nominal, column.mode, fine=page.fine)
+    title, pad = _title(column, interval), 0.6 * page.letters - 1
+    panel.set_title(title, fontsize=page.letters, loc="left", pad=pad)
 
 
 def _marks(panel: Axes, column: CornerColumn, row: CornerColumn, page: CornerPage) -> None:
@@ -330,21 +307,6 @@ def _marks(panel: Axes, column: CornerColumn, row: CornerColumn, page: CornerPag
     if column.mode is not None and row.mode is not None:
         x, y = float(column.scale(column.mode)), float(row.scale(row.mode))
         panel.plot([x], [y], **style.finer(style.CROSS, page.fine))
-
-
-def _numbers(
-    columns: Sequence[CornerColumn], page: CornerPage, axis: Axis, k: int, outer: bool
-) -> None:
-    """Ticks in every panel, their texts and the labels at the left and at the bottom only."""
-    scale, outer = columns[k].scale, outer and not page.compact
-    places, texts = scale.ticks(clear=CLEAR, letter=page.letter)
-    style.set_ticks(axis, places, texts if outer else None)
-    axis.set_minor_locator(FixedLocator(scale.between.tolist() if page.fine == 1.0 else []))
-    axis.set_minor_formatter(NullFormatter())
-    if outer:
-        label, ticks = scale.label(columns[k].symbol, "\n"), max(0.85 * page.letters, SMALLEST)
-        corner_label(axis, label, page.letters, ticks, 0.4 * page.letters)
-        axis.labelpad = 0.2 * page.letters
 
 
 def _upright(

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import groupby
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -45,7 +44,6 @@ from bayesdrill.report.pages import Page, departures, difference_panel, inches_p
 from bayesdrill.report.scales import WIDTHS
 from bayesdrill.report.sections import fit_words
 from bayesdrill.report.sections.fit_words import Course, Fit, Signal, corners, every_fit, extremes
-from bayesdrill.report.sections.physics_words import FrictionCourse
 from bayesdrill.report.view import Drawing, ReportContext, for_each_experiment
 from bayesdrill.rig.models.linear import Model
 
@@ -56,18 +54,11 @@ _NARROW = Page(row=0.95, left=0.68, right=0.27, gap_x=0.0, gap_y=0.1, top=0.5, b
 RESIDUALS_BELOW = 0.55  # inches
 
 
-@dataclass(frozen=True, slots=True)
-class FitPage:
-    """Panels of inputs (`courses`), of signals and residuals by channel (`rows`), and of `rubs`."""
+def build_fit_page(fit: Fit, width: float) -> tuple[Figure, list[Axes], list[tuple[Axes, Axes]]]:
+    """Build a page for a fit; times are written at the foot of each column only.
 
-    figure: Figure
-    courses: list[Axes]
-    rows: list[tuple[Axes, Axes]]
-    rubs: list[Axes]
-
-
-def build_fit_page(fit: Fit, width: float) -> FitPage:
-    """Build a page for a fit; times are written at the foot of each column only."""
+    Panels of inputs and frictions; of each channel those of its signals and of its residuals.
+    """
     beside = width >= scales.DOUBLE
     # Inches of a strip, of inputs or of frictions, and of a line of text.
     size, strip, line = (_WIDE, 0.75, 0.2) if beside else (_NARROW, 0.55, 0.17)
@@ -105,7 +96,7 @@ def build_fit_page(fit: Fit, width: float) -> FitPage:
     signals, residuals = rows[-1]
     for foot in ([signals, *rubs][-1], residuals) if beside else [residuals, *rubs][-1:]:
         foot.tick_params(labelbottom=True)
-    return FitPage(figure, courses, rows, rubs)
+    return figure, [*courses, *rubs], rows
 
 
 LINE_POINTS = 2000  # corners of a line
@@ -122,23 +113,21 @@ def fit_figure(fit: Fit, width: float = scales.DOUBLE, at: str = "the MAP") -> F
     t = fit.t
     time = scales.scale(float(t[0]), float(t[-1]), margin=0.01)
     with style.styled(width):
-        page = build_fit_page(fit, width)
-        for panel, course in zip(page.courses, fit.courses, strict=True):
+        figure, strips, rows = build_fit_page(fit, width)
+        for panel, course in zip(strips, (*fit.courses, *fit.rubs), strict=True):
             _course(panel, course, time, t)
-        for signal, (left, right) in zip(fit.signals, page.rows, strict=True):
+        for signal, (left, right) in zip(fit.signals, rows, strict=True):
             _signals(left, signal, time, t)
             _residuals(right, signal, time, t)
-        for panel, rub in zip(page.rubs, fit.rubs, strict=True):
-            _rub(panel, rub, time, t)
-        broad = page.rows[0][0].get_position().width
-        for panel in page.figure.axes:
+        broad = rows[0][0].get_position().width
+        for panel in figure.axes:
             panel.set_xlim(time.low, time.high)
             most = 5 if panel.get_position().width >= broad else 4
             style.set_ticks(panel.xaxis, *time.ticks(most))
             if panel.xaxis.get_tick_params()["labelbottom"]:
                 panel.set_xlabel(time.label(fit.time))
-        _legends(page, fit, at, beside=width >= scales.DOUBLE)
-    return page.figure
+        _legends(figure, rows[0], strips, fit, at, beside=width >= scales.DOUBLE)
+    return figure
 
 
 DOT: dict[str, Any] = {**style.DOTS, "color": "0.45", "alpha": 0.8, "zorder": 1}
@@ -146,31 +135,27 @@ EDGE: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.6, "linestyle": (0,
 STICKS: dict[str, Any] = {**style.HATCHED, "hatch": "/////"}
 
 
-def _size(n: int) -> dict[str, float]:
-    """Dots that leave something to see of what is behind them."""
-    return {"markersize": min(3.0, max(1.0, 40 / math.sqrt(n)))}
+def _dots(panel: Axes, x: Array, y: Array) -> None:
+    """So small that they leave something to see of what is behind them."""
+    panel.plot(x, y, **(DOT | {"markersize": min(3.0, max(1.0, 40 / math.sqrt(len(x))))}))
 
 
 def _course(panel: Axes, course: Course, time: scales.Scale, t: Array) -> None:
-    """As the model takes it between samples."""
-    u = course.values
-    drawn = (extremes if course.straight else corners)(u, LINE_POINTS)
-    scale = _numbers(panel, course.label, float(u.min()), float(u.max()), 3)
+    """As the model takes it between samples; where a friction sticks the panel is hatched."""
+    u, band = course.values, course.band
+    drawn = (extremes if course.straight or band is not None else corners)(u, LINE_POINTS)
+    low, high = float(u.min()), float(u.max())
+    if band is not None:
+        high = max(float(np.abs(band).max()), float(np.abs(u).max()))
+        low = -high
+    scale = _numbers(panel, course.label, low, high, 3)
+    for begin, end in course.sticks:
+        panel.axvspan(float(time(begin)), float(time(end)), zorder=0, **STICKS)
+    if band is not None:
+        first, last = scale(band[:, drawn])
+        panel.fill_between(time(t[drawn]), first, last, step="post", zorder=1, **style.BAND)
     style_of = "default" if course.straight else "steps-post"
     panel.plot(time(t[drawn]), scale(u[drawn]), drawstyle=style_of, **style.BLACK_LINE)
-
-
-def _rub(panel: Axes, rub: FrictionCourse, time: scales.Scale, t: Array) -> None:
-    """Held from sample to sample, as it acts; where it sticks the panel is hatched."""
-    drawn = extremes(rub.effort, LINE_POINTS)
-    far = max(float(np.abs(rub.band).max()), float(np.abs(rub.effort).max()))
-    scale = _numbers(panel, rub.label, -far, far, 3)
-    for begin, end in rub.sticks:
-        panel.axvspan(float(time(begin)), float(time(end)), zorder=0, **STICKS)
-    low, high = scale(rub.band[:, drawn])
-    panel.fill_between(time(t[drawn]), low, high, step="post", zorder=1, **style.BAND)
-    look: dict[str, Any] = {**style.BLACK_LINE, "drawstyle": "steps-post", "zorder": 2}
-    panel.plot(time(t[drawn]), scale(rub.effort[drawn]), **look)
 
 
 def _signals(panel: Axes, signal: Signal, time: scales.Scale, t: Array) -> None:
@@ -185,8 +170,7 @@ def _signals(panel: Axes, signal: Signal, time: scales.Scale, t: Array) -> None:
     high = max(float(np.nanmax(y)), float(model.max()), float(band.max()))
     scale = _numbers(panel, signal.label, low, high)
     panel.fill_between(time(t[drawn]), *scale(band), zorder=0, **style.BAND)
-    dots = signal.dots
-    panel.plot(time(t[dots]), scale(y[dots]), **(DOT | _size(len(dots))))
+    _dots(panel, time(t[signal.dots]), scale(y[signal.dots]))
     panel.plot(time(t[drawn]), scale(model[drawn]), zorder=2, **style.BLACK_LINE)
 
 
@@ -200,8 +184,7 @@ def _residuals(panel: Axes, signal: Signal, time: scales.Scale, t: Array) -> Non
     panel.axhspan(*ends, zorder=0, **style.BAND)
     for end in ends:
         panel.axhline(end, zorder=2, **EDGE)
-    dots = signal.dots
-    panel.plot(time(t[dots]), scale(residual[dots]), **(DOT | _size(len(dots))))
+    _dots(panel, time(t[signal.dots]), scale(residual[signal.dots]))
     panel.axhline(float(scale(0.0)), zorder=2, **style.BLACK_LINE)
     if not math.isnan(signal.share):
         share = f"unexplained: {fit_words.percent(signal.share)}"
@@ -218,7 +201,15 @@ def _numbers(
     return scale
 
 
-def _legends(page: FitPage, fit: Fit, at: str, *, beside: bool) -> None:
+def _legends(
+    figure: Figure,
+    first: tuple[Axes, Axes],
+    strips: Sequence[Axes],
+    fit: Fit,
+    at: str,
+    *,
+    beside: bool,
+) -> None:
     """Above each kind of panel, what is shown in it; what is constant, in a line."""
     dot = Line2D([], [], **{**DOT, "markersize": 3, "rasterized": False})
     line, band = Line2D([], [], **style.BLACK_LINE), Patch(**style.BAND)
@@ -235,7 +226,7 @@ def _legends(page: FitPage, fit: Fit, at: str, *, beside: bool) -> None:
         noise: edged,
         "unexplained: rms over spread": Line2D([], [], linestyle="none"),
     }
-    left, right = page.rows[0]
+    left, right = first
     place = left.get_position()
     if beside:
         _legend(left, signals, 3)
@@ -244,10 +235,10 @@ def _legends(page: FitPage, fit: Fit, at: str, *, beside: bool) -> None:
         _legend(left, signals | residual_handles, 2, 0.02 - place.x0 / place.width)
     if fit.rubs:
         rubs = {f"friction at {at}": line, "it sticks": Patch(**STICKS)}
-        _legend(page.rubs[0], {**rubs, f"{SHARE} posterior": band}, 3)
+        _legend(strips[len(fit.courses)], {**rubs, f"{SHARE} posterior": band}, 3)
     if fit.courses:
         how = "straight" if fit.courses[0].straight else "held"
-        _legend(page.courses[0], {f"input, {how} from each sample to the next": line}, 1)
+        _legend(strips[0], {f"input, {how} from each sample to the next": line}, 1)
     if fit.constant:
         each = []
         for label, value in fit.constant:
@@ -255,8 +246,8 @@ def _legends(page: FitPage, fit: Fit, at: str, *, beside: bool) -> None:
             unit = rf"\,\mathrm{{{label.latex_unit}}}" if label.latex_unit else ""
             each.append(f"${label.latex} = {number}{unit}$")
         text, size = f"constant input: {', '.join(each)}", style.letters("legend.fontsize")
-        y = 1 - 0.06 / page.figure.get_figheight()
-        page.figure.text(place.x0, y, text, va="top", size=size)
+        y = 1 - 0.06 / figure.get_figheight()
+        figure.text(place.x0, y, text, va="top", size=size)
 
 
 def _legend(panel: Axes, entries: dict[str, Any], columns: int, x: float = 0.0) -> None:
@@ -349,7 +340,8 @@ STEM: dict[str, Any] = {"color": style.DARK, "linewidth": 1.1}
 def residuals_figure(
     correlations: Sequence[ResidualCorrelation],
     width: float = scales.DOUBLE,
-    latex: Mapping[str, str] = MappingProxyType({}),
+    *,
+    latex: Mapping[str, str],
 ) -> Figure:
     """Draw correlations of residuals with themselves and with each input, by channel.
 
@@ -403,14 +395,9 @@ def _residual_drawings(
     correlations: Sequence[ResidualCorrelation], width: float, rig: Model
 ) -> tuple[Drawing, ...]:
     latex = {name: rig.symbols[name].latex for name in rig.inputs}
-    shown = _by_label(correlations, lambda correlation: correlation.experiment)
+    each = groupby(correlations, lambda correlation: correlation.experiment)
+    shown = ((label, tuple(group)) for label, group in each)
     return for_each_experiment(partial(residuals_figure, latex=latex), shown, width, RESIDUALS)
-
-
-def _by_label[T](
-    items: Iterable[T], label: Callable[[T], str]
-) -> Iterator[tuple[str, Sequence[T]]]:
-    return ((name, tuple(group)) for name, group in groupby(items, label))
 
 
 def frequency_figure(
@@ -464,7 +451,8 @@ def _bode(panel: Axes, response: FrequencyResponse, *, phase: bool) -> None:
 def draw_frequency_response(run: ReportContext) -> tuple[Drawing, ...]:
     """Return drawings of frequency responses, where there are any."""
     responses = frequency_responses(run.problem.posterior, run.chain.best)
-    shown = _by_label(responses, lambda response: response.label)
+    each = groupby(responses, lambda response: response.label)
+    shown = ((label, tuple(group)) for label, group in each)
     says = "How inputs move channels: measured, where they excite, and by the model."
     return for_each_experiment(frequency_figure, shown, run.width, says)
 

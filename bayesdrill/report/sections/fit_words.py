@@ -14,6 +14,7 @@ import numpy as np
 from bayesdrill.analysis.causes import Cause, Causes, EquivalentExplanation
 from bayesdrill.analysis.edits import lacks
 from bayesdrill.analysis.energy import FrictionMotion
+from bayesdrill.analysis.latent_torque import TAILS
 from bayesdrill.analysis.suspicions import InputTiming
 from bayesdrill.basics.arrays import Array, Indices
 from bayesdrill.basics.symbols import Symbol
@@ -24,7 +25,7 @@ from bayesdrill.inference.residual_checks import ResidualSummary, like_noise
 from bayesdrill.inference.unknowns import labelled_name
 from bayesdrill.output_files import numbered
 from bayesdrill.report.section import Plain, Sentences, Table, aligned
-from bayesdrill.report.sections.physics_words import FrictionCourse, friction_course, time_symbol
+from bayesdrill.report.sections.physics_words import effort_symbol, time_symbol
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.models.roles import Roles
 
@@ -49,11 +50,16 @@ class Signal:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Course:
-    """A measured input `(T,)`; `straight` from one sample to the next, or held."""
+    """A measured input or a friction `(T,)`; `straight` from one sample to the next, or held.
+
+    Of a friction at the MAP, `band (2, T)`: of draws; it `sticks` between these times.
+    """
 
     label: Symbol
     values: Array
-    straight: bool
+    straight: bool = False
+    band: Array | None = None
+    sticks: tuple[tuple[float, float], ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,7 +75,7 @@ class Fit:
     signals: tuple[Signal, ...]
     courses: tuple[Course, ...] = ()
     constant: tuple[tuple[Symbol, float], ...] = ()
-    rubs: tuple[FrictionCourse, ...] = ()
+    rubs: tuple[Course, ...] = ()
     label: str = ""
 
 
@@ -86,7 +92,7 @@ def every_fit(
     experiment, or nothing.
     """
     clock, full = problem.clock, problem.posterior.space.full(best[None])
-    each = rubbing or [()] * len(problem.observations)
+    each, predicted = rubbing or [()] * len(problem.observations), predictive or {}
     for observation, rubbings in zip(problem.observations, each, strict=True):
         experiment, courses, constant = observation.experiment, [], []
         models, rig = observation.predict(full, best[None])[0], observation.response.model
@@ -100,40 +106,45 @@ def every_fit(
                 courses.append(Course(label=label, values=values, straight=experiment.first_order))
             elif name not in loads or experiment.constant[name]:  # no load need not be said
                 constant.append((label, experiment.constant[name] / unit.factor))
+        sigmas, signals = observation.scales(best[None])[0], []
+        shares = {row.channel: row.share for row in left if row.experiment == observation.label}
+        for k, channel in enumerate(experiment.channels):
+            unit, draws = (
+                channel.shown,
+                predicted.get(labelled_name(channel.name, observation.label)),
+            )
+            if draws is not None:
+                draws = (
+                    draws.reshape(-1, draws.shape[-1])[:, shown].astype(np.float64) / unit.factor
+                )
+            signals.append(
+                Signal(
+                    dots=np.searchsorted(shown, measured(experiment.y[:, k])),
+                    label=Symbol(channel.name, channel.unit, channel.latex, unit.latex, "channel"),
+                    y=experiment.y[shown, k] / unit.factor,
+                    model=models[shown, k] / unit.factor,
+                    predictive=draws,
+                    sigma=float(sigmas[k]) / unit.factor,
+                    share=shares[channel.name],
+                )
+            )
+        rubs = (
+            Course(
+                label=effort_symbol(rubbing.friction),
+                values=rubbing.effort[shown],
+                band=np.quantile(rubbing.efforts[:, shown], TAILS, axis=0),
+                sticks=tuple((a / clock.factor, b / clock.factor) for a, b in rubbing.intervals),
+            )
+            for rubbing in rubbings
+        )
         yield Fit(
             t=experiment.t[shown] / clock.factor,
             time=time_symbol(clock),
-            signals=tuple(_signals(observation, models, shown, best, left, predictive or {})),
+            signals=tuple(signals),
             courses=tuple(courses),
             constant=tuple(constant),
-            rubs=tuple(friction_course(rubbing, shown, clock) for rubbing in rubbings),
+            rubs=tuple(rubs),
             label=observation.label,
-        )
-
-
-def _signals(
-    observation: Observation,
-    models: Array,
-    shown: Indices,
-    best: Array,
-    left: Sequence[ResidualSummary],
-    predictive: Mapping[str, Array],
-) -> Iterator[Signal]:
-    sigmas = observation.scales(best[None])[0]
-    shares = {each.channel: each.share for each in left if each.experiment == observation.label}
-    for k, channel in enumerate(observation.experiment.channels):
-        unit, draws = channel.shown, predictive.get(labelled_name(channel.name, observation.label))
-        if draws is not None:
-            draws = draws.reshape(-1, draws.shape[-1])[:, shown].astype(np.float64) / unit.factor
-        dots = measured(observation.experiment.y[:, k])
-        yield Signal(
-            dots=np.searchsorted(shown, dots),
-            label=Symbol(channel.name, channel.unit, channel.latex, unit.latex, "channel"),
-            y=observation.experiment.y[shown, k] / unit.factor,
-            model=models[shown, k] / unit.factor,
-            predictive=draws,
-            sigma=float(sigmas[k]) / unit.factor,
-            share=shares[channel.name],
         )
 
 
@@ -221,8 +232,9 @@ def residual_sentences(summaries: Sequence[ResidualSummary], clock: Unit) -> str
     seen = ", ".join(f"{percent(summary.share)} of {summary.name}" for summary in shared)
     lines = [f"fit: the MAP leaves unexplained {seen or 'nothing to speak of'}."]
     # Where noise remembers, or a torque is missing; elsewhere both are what was said above.
+    # NRMSE fits, the complements of what is left: below zero where a mean would do better.
     each = ", ".join(
-        f"{summary.name} {explained_share(summary.simulated)} and {explained_share(summary.ahead)}"
+        f"{summary.name} {100 * (1 - summary.simulated):.4g} % and {100 * (1 - summary.ahead):.4g} %"
         for summary in shared
         if summary.ahead != summary.simulated
     )
@@ -299,17 +311,12 @@ def percent(share: float) -> str:
     return f"{100 * share:.2g} %"
 
 
-def explained_share(left: float) -> str:
-    """NRMSE fit, the complement of the share that is left: below zero where a mean would do better."""
-    return f"{100 * (1 - left):.4g} %"
-
-
 WIDER = 2.0  # times what was found, of a prior that is proposed
 SHOWN = 5  # candidates, or unknowns
 WANDERS = 3.0  # sds: more than by chance, from window to window
 STEPS = (
-    "bayesdrill map CONFIG shows whether that fits.",
-    "bayesdrill ladder CONFIG samples the best candidates and compares them.",
+    "next: bayesdrill map CONFIG shows whether that fits.\n"
+    "next: bayesdrill ladder CONFIG samples the best candidates and compares them."
 )
 LOOK = (
     "next: bayesdrill check CONFIG says what is odd in columns and units.\n"
@@ -364,7 +371,7 @@ def candidates(causes: Causes | None) -> tuple[Sentences | Table | Plain, ...]:
         _candidate_table(causes),
         Sentences(f"next: add these lines to the config (A{_new(best)}). That {rest}."),
         Plain(best.lines),
-        Sentences("\n".join(f"next: {step}" for step in STEPS)),
+        Sentences(STEPS),
     )
 
 

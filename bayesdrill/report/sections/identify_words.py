@@ -123,17 +123,18 @@ def priors_of(names: Sequence[str]) -> str:
 
 def knowledge(study: IdentifiabilityStudy) -> str:
     """How well parameters and simple products would be known, before sampling."""
-    lines = [
+    opening = (
         "what to expect (Fisher information at "
         f"{study.at}; relative standard deviations; 'alone' is the Cramer-Rao bound of the record "
         "without any prior):"
-    ]
+    )
     header = ("", "with the prior", "prior", "alone", "")
-    table = [header, *(_row(study, known) for known in study.parameters)]
-    lines.append(aligned(table, left={0, 4}))
-    lines.append("what the record knows best: simple products, each independent of those above it")
-    lines.append(aligned([header, *(_row(study, k) for k in study.products)], left={0, 4}))
-    return "\n".join(lines)
+    every, products = (
+        aligned([header, *(_row(study, known) for known in shown)], left={0, 4})
+        for shown in (study.parameters, study.products)
+    )
+    best = "what the record knows best: simple products, each independent of those above it"
+    return "\n".join([opening, every, best, products])
 
 
 def nuisances(study: IdentifiabilityStudy) -> str:

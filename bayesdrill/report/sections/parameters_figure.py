@@ -178,12 +178,17 @@ def invariants_figure(
     """Draw products of SI draws `(N, D)` at the MAP `(D,)`: determined ones, or all if none is."""
     sure = [q for q in verdict.products if q.says != "not determined"]
     selected = sure or list(verdict.products)
-    names = [product(verdict.names, quantity.exponents) for quantity in selected]
-    latex = [rf"\Delta\,{product_latex(quantity.exponents, symbols)}" for quantity in selected]
     deviations = tuple(
-        Symbol(name, "%", letters, r"\%\;of\;nominal", "deviation from the nominal value")
-        for name, letters in zip(names, latex, strict=True)
+        Symbol(
+            name=product(verdict.names, quantity.exponents),
+            unit="%",
+            latex=rf"\Delta\,{product_latex(quantity.exponents, symbols)}",
+            latex_unit=r"\%\;of\;nominal",
+            meaning="deviation from the nominal value",
+        )
+        for quantity in selected
     )
+    names = [symbol.name for symbol in deviations]
     powers = np.array([quantity.exponents for quantity in selected], dtype=float)
     table = np.log([quantity.nominal for quantity in selected])
     m = len(verdict.names)

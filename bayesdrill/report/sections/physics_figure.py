@@ -6,6 +6,7 @@ import dataclasses
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,24 +14,27 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from numpy.typing import NDArray
 
+from bayesdrill.analysis.energy import EnergyAccount
+from bayesdrill.analysis.latent_torque import TorqueEstimate
 from bayesdrill.analysis.run_analysis import BAND_DRAWS
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol
+from bayesdrill.basics.units import Unit
 from bayesdrill.inference.derived import HDI_PROBABILITY
 from bayesdrill.report import scales, style
 from bayesdrill.report.pages import Page, inches_panel, legend_above
 from bayesdrill.report.sections.fit_words import extremes
 from bayesdrill.report.sections.physics_words import (
-    Balance,
     LawShown,
-    Stacked,
-    energy_balance,
+    energy_names,
     laws,
+    ordered,
+    time_symbol,
 )
-from bayesdrill.report.sections.torque_words import TORQUE, Against, TorqueShown, torque_shown
+from bayesdrill.report.sections.torque_words import TORQUE, regressors
 from bayesdrill.report.view import Drawing, ReportContext, for_each_experiment
+from bayesdrill.rig.models.linear import Model
 
 JOULES = Symbol("E", "J", "E", "J", "energy so far")
 ENERGY_POINTS = 800  # of an edge
@@ -39,7 +43,7 @@ LINE = 0.17  # inches of a legend
 ENERGY_PAGE = Page(columns=1, row=1.5, left=0.84, gap_y=0.16)
 ENERGY_SMALL = dataclasses.replace(ENERGY_PAGE, width=scales.SINGLE, row=1.2, left=0.7)
 
-# Greys by kinds, and hatches within them: no colour is wanted.
+# Greys by kinds, from the foot of a stack, and hatches within them: no colour is wanted.
 LOOKS: Mapping[str, tuple[str, str]] = {
     "electrical": (style.FAINT, ""),
     "viscous": (style.LIGHT, ""),
@@ -49,74 +53,73 @@ LOOKS: Mapping[str, tuple[str, str]] = {
 }
 HATCHES = ("", "\\\\\\\\", "////", "xxxx")
 EDGES: dict[str, Any] = {"edgecolor": style.BLACK, "linewidth": 0.4}
+Looks = Mapping[str, Mapping[str, Any]]
 
 
-def energy_figure(balance: Balance, width: float = scales.DOUBLE) -> Figure:
+def energy_figure(
+    account: EnergyAccount, width: float = scales.DOUBLE, *, model: Model, clock: Unit
+) -> Figure:
     """Draw energies in joules, and below them shares of what came in until then."""
     broad = width >= scales.DOUBLE
     page, columns = (ENERGY_PAGE, 4) if broad else (ENERGY_SMALL, 2)
-    top = 0.1 + LINE * math.ceil((len(balance.parts) + 1) / columns)
+    names = energy_names(model)
+    sources = ", ".join(names[part.name][1] for part in ordered(account.summary, account.came))
+    looks = stacked_looks(account, names)
+    drawn = extremes(account.total, ENERGY_POINTS)
+    t, came = account.t[drawn] / clock.factor, account.total[drawn]
+    went = np.array([account.went[name][drawn] for name in looks])
+    time = scales.scale(float(t[0]), float(t[-1]))
+    top = 0.1 + LINE * math.ceil((len(looks) + 1) / columns)
     with style.styled(width):
-        figure, panels = dataclasses.replace(page, top=top).build(2)
-        drawn = extremes(balance.total, ENERGY_POINTS)
-        time = scales.scale(float(balance.t[0]), float(balance.t[-1]))
-        handles = _joules(panels[0], balance, drawn, time)
-        _shares(panels[1], balance, drawn, time)
-        for panel in panels:
+        figure, (joules, shares) = dataclasses.replace(page, top=top).build(2)
+        edges = _edges(went)
+        low, high = min(0.0, float(edges.min())), max(float(edges.max()), float(came.max()))
+        scale = scales.scale(low, high or 1.0, margin=0.03)
+        style.scale_axis(joules.yaxis, scale, scale.label(JOULES, "\n"))
+        joules.set_ylim(scale.low if low < 0 else 0.0, scale.high)
+        stack = _stack(joules, looks, time(t), scale(edges))
+        total = joules.plot(time(t), scale(came), label=f"came in: {sources}", **BEST)
+        known = came > FIRST * float(came.max())
+        if known.any():
+            _stack(shares, looks, time(t[known]), _edges(100.0 * went[:, known] / came[known]))
+            shares.set_ylim(0, 100)
+            style.set_ticks(shares.yaxis, np.arange(0, 101, 25.0), ["0", "25", "50", "75", "100"])
+            style.side_label(shares, "$\\mathrm{share}$\n[$\\mathrm{\\%}$]")
+        for panel in (joules, shares):
             panel.set_xlim(time.low, time.high)
             style.set_ticks(panel.xaxis, *time.ticks(5))
-        panels[0].tick_params(labelbottom=False)
-        panels[1].set_xlabel(time.label(balance.time))
+        joules.tick_params(labelbottom=False)
+        shares.set_xlabel(time.label(time_symbol(clock)))
         look = {"borderpad": 0.0, "labelspacing": 0.25, "handlelength": 1.8}
         at = (page.left / width if broad else 0.02, 1.0)
+        handles = [*total, *stack]
         legend_above(figure, handles, columns, loc="upper left", bbox_to_anchor=at, **look)
     return figure
 
 
-def _joules(
-    panel: Axes, balance: Balance, drawn: NDArray[np.intp], time: scales.Scale
-) -> list[Any]:
-    edges = np.cumsum([np.zeros(len(drawn)), *(p.joules[drawn] for p in balance.parts)], axis=0)
-    low, high = min(0.0, float(edges.min())), max(float(edges.max()), float(balance.total.max()))
-    scale = scales.scale(low, high or 1.0, margin=0.03)
-    style.scale_axis(panel.yaxis, scale, scale.label(JOULES, "\n"))
-    panel.set_ylim(scale.low if low < 0 else 0.0, scale.high)
-    t, came = time(balance.t[drawn]), f"came in: {balance.sources}"
-    handles = _stack(panel, balance, t, scale(edges))
-    return [*panel.plot(t, scale(balance.total[drawn]), label=came, **BEST), *handles]
+def _edges(parts: Array) -> Array:
+    """Of parts `(P, N)` that stand on each other, `(P + 1, N)`."""
+    return np.cumsum([np.zeros(parts.shape[1]), *parts], axis=0)
 
 
-def _shares(panel: Axes, balance: Balance, drawn: NDArray[np.intp], time: scales.Scale) -> None:
-    selected = drawn[balance.total[drawn] > FIRST * float(balance.total.max())]
-    if not len(selected):
-        return
-    parts = [100.0 * p.joules[selected] / balance.total[selected] for p in balance.parts]
-    edges = np.cumsum([np.zeros(len(selected)), *parts], axis=0)
-    _stack(panel, balance, time(balance.t[selected]), edges)
-    panel.set_ylim(0, 100)
-    style.set_ticks(panel.yaxis, np.arange(0, 101, 25.0), ["0", "25", "50", "75", "100"])
-    style.side_label(panel, "$\\mathrm{share}$\n[$\\mathrm{\\%}$]")
-
-
-def _stack(panel: Axes, balance: Balance, t: Array, edges: Array) -> list[Any]:
+def _stack(panel: Axes, looks: Looks, t: Array, edges: Array) -> list[Any]:
     """Each between two of `edges (P + 1, N)`."""
-    looks = line_styles(balance.parts)
-    return [
-        panel.fill_between(t, low, high, label=part.name, **look)
-        for part, look, low, high in zip(balance.parts, looks, edges, edges[1:], strict=False)
-    ]
+    each = zip(looks.values(), edges, edges[1:], strict=False)
+    return [panel.fill_between(t, low, high, **look) for look, low, high in each]
 
 
-def line_styles(parts: Sequence[Stacked]) -> list[dict[str, Any]]:
-    """Return styles of parts; those of one kind differ in their hatches."""
+def stacked_looks(account: EnergyAccount, names: Mapping[str, tuple[str, str]]) -> Looks:
+    """Return how parts look, by name, in the order of their kinds: hatches differ in each of them."""
+    parts = [part.name for part in ordered(account.summary, account.went)]
     counts: Counter[str] = Counter()
-    styles = []
-    for part in parts:
-        face, hatch = LOOKS[part.kind]
-        hatch = hatch or HATCHES[counts[part.kind] % len(HATCHES)]
-        counts[part.kind] += 1
-        styles.append({**EDGES, "facecolor": face, "hatch": hatch})
-    return styles
+    looks = {}
+    for part in sorted(parts, key=lambda part: [*LOOKS].index(names[part][0])):
+        kind, label = names[part]
+        face, hatch = LOOKS[kind]
+        hatch = hatch or HATCHES[counts[kind] % len(HATCHES)]
+        counts[kind] += 1
+        looks[part] = {**EDGES, "facecolor": face, "hatch": hatch, "label": label}
+    return looks
 
 
 PAGE = Page(row=1.6, left=0.84, right=0.1, gap_x=0.94, gap_y=0.6, top=0.36)
@@ -178,17 +181,34 @@ TORQUE_SMALL = dataclasses.replace(TORQUE_PAGE, columns=1, width=scales.SINGLE, 
 TORQUE_POINTS = 1200  # of a line over time, and dots of a panel
 
 
-def torque_figure(shown: TorqueShown, width: float = scales.DOUBLE) -> Figure:
-    """Draw the torque over time, and against each thing that it may follow."""
+def torque_figure(torque: TorqueEstimate, width: float = scales.DOUBLE, *, clock: Unit) -> Figure:
+    """Draw a missing torque over time, and against each thing that it may follow."""
     page = TORQUE_PAGE if width >= scales.DOUBLE else TORQUE_SMALL
-    y = scales.scale(float(shown.band[0].min()), float(shown.band[1].max()), margin=0.04)
+    band, against = torque.band, list(regressors(torque))
+    y = scales.scale(float(band[0].min()), float(band[1].max()), margin=0.04)
     with style.styled(width):
-        figure, panels = page.build(len(shown.against))
+        figure, panels = page.build(len(against))
         height, inside = figure.get_figheight(), width - page.left - page.right
         first = (page.left, height - FIRST_TOP - FIRST_ROW, inside, FIRST_ROW)
-        _over_time(inches_panel(figure, *first), shown, y)
-        for k, (panel, regressor) in enumerate(zip(panels, shown.against, strict=True)):
-            _against(panel, regressor, shown, y, labelled=k % page.columns == 0)
+        panel = inches_panel(figure, *first)
+        x = scales.scale(float(torque.t[0] / clock.factor), float(torque.t[-1] / clock.factor))
+        some = style.thin(len(torque.t), TORQUE_POINTS)
+        t = x(torque.t[some] / clock.factor)
+        panel.fill_between(t, *y(band[:, some]), **style.BAND)
+        panel.plot(t, y(torque.expected[some]), **style.BLACK_LINE)
+        _finish(panel, x, y, time_symbol(clock))
+        for k, (panel, regressor) in enumerate(zip(panels, against, strict=True)):
+            x = scales.scale(
+                float(regressor.values.min()), float(regressor.values.max()), margin=0.02
+            )
+            some = style.thin(len(regressor.values), TORQUE_POINTS)
+            panel.plot(x(regressor.values[some]), y(torque.expected[some]), **style.DOTS)
+            panel.fill_between(x(regressor.centres), *y(regressor.band), zorder=1, **style.BAND)
+            panel.plot(x(regressor.centres), y(regressor.means), zorder=3, **style.BLACK_LINE)
+            _finish(panel, x, y, regressor.label)
+            if k % page.columns:
+                panel.set_ylabel("")
+                panel.tick_params(labelleft=False)
         handles = [
             Line2D([], [], label="mean", **style.BLACK_LINE),
             Patch(label=f"{100 * HDI_PROBABILITY:.0f} % posterior", **style.BAND),
@@ -196,29 +216,6 @@ def torque_figure(shown: TorqueShown, width: float = scales.DOUBLE) -> Figure:
         ]
         legend_above(figure, handles, 3, columnspacing=2.0, handlelength=2.0)
     return figure
-
-
-def _over_time(panel: Axes, shown: TorqueShown, y: scales.Scale) -> None:
-    x = scales.scale(float(shown.t[0]), float(shown.t[-1]))
-    some = style.thin(len(shown.t), TORQUE_POINTS)
-    t = x(shown.t[some])
-    panel.fill_between(t, *y(shown.band[:, some]), **style.BAND)
-    panel.plot(t, y(shown.expected[some]), **style.BLACK_LINE)
-    _finish(panel, x, y, shown.time)
-
-
-def _against(
-    panel: Axes, regressor: Against, shown: TorqueShown, y: scales.Scale, *, labelled: bool
-) -> None:
-    x = scales.scale(float(regressor.values.min()), float(regressor.values.max()), margin=0.02)
-    some = style.thin(len(regressor.values), TORQUE_POINTS)
-    panel.plot(x(regressor.values[some]), y(shown.expected[some]), **style.DOTS)
-    panel.fill_between(x(regressor.centres), *y(regressor.band), zorder=1, **style.BAND)
-    panel.plot(x(regressor.centres), y(regressor.means), zorder=3, **style.BLACK_LINE)
-    _finish(panel, x, y, regressor.label)
-    if not labelled:
-        panel.set_ylabel("")
-        panel.tick_params(labelleft=False)
 
 
 def _finish(panel: Axes, x: scales.Scale, y: scales.Scale, across: Symbol) -> None:
@@ -242,14 +239,15 @@ def draw_friction(run: ReportContext) -> tuple[Drawing, ...]:
 
 def draw_energy(run: ReportContext) -> tuple[Drawing, ...]:
     """Return drawings of the energy, of a rig with friction."""
-    model, clock, accounts = run.problem.model, run.clock, run.chain.energy_accounts
-    shown = ((each.summary.label, energy_balance(each, model, clock)) for each in accounts)
+    shown = ((account.summary.label, account) for account in run.chain.energy_accounts)
+    figure = partial(energy_figure, model=run.problem.model, clock=run.clock)
     says = "Where the energy goes: what came in, and what became of it, in joules and as shares."
-    return for_each_experiment(energy_figure, shown, run.width, says)
+    return for_each_experiment(figure, shown, run.width, says)
 
 
 def draw_torque(run: ReportContext) -> tuple[Drawing, ...]:
     """Return drawings of the torque that a rig's equations leave out."""
-    shown = ((each.label, torque_shown(each, run.clock)) for each in run.chain.torque_estimates)
+    shown = ((torque.label, torque) for torque in run.chain.torque_estimates)
+    figure = partial(torque_figure, clock=run.clock)
     says = "The missing torque over time, and against what the rig did: speeds, angle, inputs."
-    return for_each_experiment(torque_figure, shown, run.width, says)
+    return for_each_experiment(figure, shown, run.width, says)

@@ -14,7 +14,6 @@ from bayesdrill.analysis.energy import (
     AT_START,
     CONVERTED,
     STORED,
-    EnergyAccount,
     EnergyPart,
     EnergySummary,
     FrictionMotion,
@@ -30,7 +29,7 @@ from bayesdrill.analysis.identifiability.frictions import (
     drives_of,
 )
 from bayesdrill.analysis.latent_torque import TAILS
-from bayesdrill.basics.arrays import Array, Indices
+from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol, own_symbol, plain
 from bayesdrill.basics.units import Unit
 from bayesdrill.inference.derived import Derived, DerivedRow, values_at
@@ -42,7 +41,6 @@ from bayesdrill.rig.models.friction import Friction
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.models.roles import InertiaRoles, Roles
 
-_HEADERS = ("", "unit", "nominal", "mean", "sd", HDI, "dev. %", "meaning")
 TIME = Symbol("t", "s", "t", "s", "time")
 
 
@@ -63,19 +61,18 @@ def derived_table(rows: Sequence[DerivedRow], meanings: Mapping[str, str]) -> Ta
         part = "" if row.share == 1.0 else f"; {100 * (1 - row.share):.2g} % of the draws have none"
         ratio = abs(row.mean) / row.sd if row.sd > 0 else 1.0
         digits = max(4, min(12, 2 + math.ceil(math.log10(max(ratio, 1.0)))))  # down to the sd's
-        cells = (
-            row.name,
-            plain(row.unit),
-            "" if row.nominal is None else f"{row.nominal:.4g}",
-            f"{row.mean:.{digits}g}",
-            f"{row.sd:.2g}",
-            f"{row.hdi_low:.{digits}g} to {row.hdi_high:.{digits}g}",
-            "" if row.deviation is None else f"{100 * row.deviation:+.2f}",
-            meanings[row.name] + part,
-        )
-        lines.append(cells)
-    left = frozenset((_HEADERS[0], _HEADERS[1], _HEADERS[-1]))
-    return Table(_HEADERS, tuple(lines), left).filled()
+        cells = {
+            "": row.name,
+            "unit": plain(row.unit),
+            "nominal": "" if row.nominal is None else f"{row.nominal:.4g}",
+            "mean": f"{row.mean:.{digits}g}",
+            "sd": f"{row.sd:.2g}",
+            HDI: f"{row.hdi_low:.{digits}g} to {row.hdi_high:.{digits}g}",
+            "dev. %": "" if row.deviation is None else f"{100 * row.deviation:+.2f}",
+            "meaning": meanings[row.name] + part,
+        }
+        lines.append(tuple(cells.values()))
+    return Table(tuple(cells), tuple(lines), frozenset(("", "unit", "meaning"))).filled()
 
 
 def derived_shown(
@@ -119,15 +116,19 @@ READ = (
 )
 
 
-KINDS = ("electrical", "viscous", "friction", "other", "stored")  # of losses, in this order
-
-
 def energy_names(model: Model) -> dict[str, tuple[str, str]]:
-    """Of each part its kind, one of `KINDS`, and what a table or a legend calls it."""
-    roles = model.roles
+    """Of each part its kind, by which figures show it, and what a table or a legend calls it."""
+    roles, motion = model.roles, model.roles.motion
     currents = {motor.current for motor in roles.motors}
+    # What gives power, with its place where there are several of its kind.
+    loads, several = [i for i in roles.inertias if i.load in model.inputs], len(roles.motors) > 1
+    inputs = {i.load: "load" if len(loads) == 1 else f"load {i.at}" for i in loads}
+    inputs |= {m.voltage: f"supply of {m.words}" if several else "supply" for m in roles.motors}
+    for i in roles.inertias:
+        inputs |= {i.torque: f"{motion.torque} {i.at}", i.speed: f"imposed speed {i.at}"}
+    inputs |= {m.current: f"current of {m.words}" for m in roles.motors}
     names = {name: ("other", name) for name in (*model.inputs, *model.parameters)}
-    names |= {name: ("other", words) for name, words in _inputs(model)}
+    names |= {name: ("other", words) for name, words in inputs.items()}
     names |= {m.resistance: ("electrical", f"resistance of {m.words}") for m in roles.motors}
     names |= {m.series: ("electrical", "resistance in series") for m in roles.motors}
     names |= {i.damping: ("viscous", f"viscous, {i.at}") for i in roles.inertias}
@@ -141,19 +142,6 @@ def energy_names(model: Model) -> dict[str, tuple[str, str]]:
         if friction.against in currents:
             names[friction.name] = "electrical", "voltage drop"
     return names
-
-
-def _inputs(model: Model) -> Iterator[tuple[str, str]]:
-    """Yield what gives power, with its place where there are several of its kind."""
-    roles, motion = model.roles, model.roles.motion
-    loads = [i for i in roles.inertias if i.load in model.inputs]
-    yield from ((i.load, "load" if len(loads) == 1 else f"load {i.at}") for i in loads)
-    several = len(roles.motors) > 1
-    yield from ((m.voltage, f"supply of {m.words}" if several else "supply") for m in roles.motors)
-    for inertia in roles.inertias:
-        yield inertia.torque, f"{motion.torque} {inertia.at}"
-        yield inertia.speed, f"imposed speed {inertia.at}"
-    yield from ((m.current, f"current of {m.words}") for m in roles.motors)
 
 
 def _unequal(model: Model) -> list[str]:
@@ -183,42 +171,6 @@ def ordered(summary: EnergySummary, names: Collection[str]) -> list[EnergyPart]:
     """The largest first; what is stored stands last."""
     parts = [part for part in summary.parts if part.name in names]
     return sorted(parts, key=lambda part: (part.name == STORED, -part.joules))
-
-
-@dataclass(frozen=True, slots=True)
-class Stacked:
-    """`kind`: one of `KINDS`; `name` for a legend; `joules (N,)`."""
-
-    kind: str
-    name: str
-    joules: Array
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Balance:
-    """At times `t (N,)` in the unit of `time`: `total` that came in from `sources`; what it became."""
-
-    t: Array
-    time: Symbol
-    total: Array
-    sources: str
-    parts: tuple[Stacked, ...]
-
-
-def energy_balance(account: EnergyAccount, model: Model, clock: Unit) -> Balance:
-    """For a figure."""
-    names, summary = energy_names(model), account.summary
-    parts = [
-        Stacked(*names[part.name], account.went[part.name])
-        for part in ordered(summary, summary.went)
-    ]
-    return Balance(
-        t=account.t / clock.factor,
-        time=time_symbol(clock),
-        total=account.total,
-        sources=", ".join(names[part.name][1] for part in ordered(summary, summary.came)),
-        parts=tuple(sorted(parts, key=lambda part: KINDS.index(part.kind))),
-    )
 
 
 def energy_note(summary: EnergySummary, model: Model) -> str:
@@ -254,23 +206,10 @@ def speed_symbol(state: str, inertia: InertiaRoles | None, model: Model) -> Symb
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FrictionCourse:
-    """A friction over time: `effort (T,)` at the MAP.
-
-    `band (2, T)`: of draws; the rotor `sticks` between these times.
-    """
-
-    label: Symbol
-    effort: Array
-    band: Array
-    sticks: tuple[tuple[float, float], ...]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class LawShown:
     """A friction over its speeds `(G,)`: at the MAP, with its band over draws `(2, G)`.
 
-    Also by nominal values, where all of it has one; `seen (T,)`: the speeds of the record.
+    Also by nominal values, where all that is unknown of it has one; `seen (T,)`: speeds of the record.
     """
 
     speed: Symbol
@@ -282,16 +221,6 @@ class LawShown:
     seen: Array
 
 
-def friction_course(rubbing: FrictionMotion, shown: Indices, clock: Unit) -> FrictionCourse:
-    """At the samples that are `shown`."""
-    return FrictionCourse(
-        label=effort_symbol(rubbing.friction),
-        effort=rubbing.effort[shown],
-        band=np.quantile(rubbing.efforts[:, shown], TAILS, axis=0),
-        sticks=tuple((a / clock.factor, b / clock.factor) for a, b in rubbing.intervals),
-    )
-
-
 def laws(
     observation: Observation,
     rubbings: Sequence[FrictionMotion],
@@ -300,35 +229,28 @@ def laws(
     draws: Array,
 ) -> Iterator[LawShown]:
     """Of one experiment, at the MAP `best (D,)` and draws `(N, D)`."""
-    rig, points = observation.response.model, np.vstack([best[None], draws])
-    full = problem.posterior.space.full(points)
+    rig, space, known = observation.response.model, problem.posterior.space, problem.nominal
+    full = space.full(np.vstack([best[None], draws]))
+    values = {name: known.get(name, x) for name, x in zip(space.free, best, strict=True)}
+    nominal = space.full(space.vector(values)[None])
+    named = observation.named(observation.response.parameters)
     for rubbing in rubbings:
         against = rubbing.friction.against
         inertia = rig.roles.at_friction(against, rubbing.friction.where)
         shown = friction_curve(observation, rubbing, full)
+        unknown = {named.get(name, name) for name in rubbing.friction.law.parameters} & {
+            *space.free
+        }
+        compared = unknown and unknown <= {*known}
         yield LawShown(
             speed=speed_symbol(against, inertia, rig),
             effort=effort_symbol(rubbing.friction),
             speeds=shown.speeds,
             best=shown.sizes[0],
             band=np.quantile(shown.sizes[1:], TAILS, axis=0),
-            nominal=_nominal(observation, rubbing, problem, best),
+            nominal=friction_curve(observation, rubbing, nominal).sizes[0] if compared else None,
             seen=rubbing.speed * rubbing.gear,
         )
-
-
-def _nominal(
-    observation: Observation, rubbing: FrictionMotion, problem: Problem, best: Array
-) -> Array | None:
-    """By the nominal values of what the law names; None where one of them is unknown and has none."""
-    space = problem.posterior.space
-    named = observation.named(observation.response.parameters)
-    unknown = {named.get(name, name) for name in rubbing.friction.law.parameters} & {*space.free}
-    if not unknown or not unknown <= {*problem.nominal}:
-        return None
-    values = {name: problem.nominal.get(name, x) for name, x in zip(space.free, best, strict=True)}
-    full = space.full(space.vector(values)[None])
-    return np.asarray(friction_curve(observation, rubbing, full).sizes[0])
 
 
 EXPERIMENTS: Mapping[str, str] = {

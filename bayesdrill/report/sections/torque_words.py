@@ -12,10 +12,9 @@ from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy
 from bayesdrill.analysis.latent_torque import TAILS, TorqueEstimate, TorqueRegression
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol
-from bayesdrill.basics.units import Unit
 from bayesdrill.report import section
 from bayesdrill.report.section import Table
-from bayesdrill.report.sections.physics_words import listed, speed_symbol, time_symbol
+from bayesdrill.report.sections.physics_words import listed, speed_symbol
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.models.roles import ROTARY
 
@@ -41,29 +40,7 @@ class Against:
     band: Array
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TorqueShown:
-    """Of one experiment; `expected (T,)`, `band (2, T)`."""
-
-    t: Array
-    time: Symbol
-    expected: Array
-    band: Array
-    against: tuple[Against, ...]
-
-
-def torque_shown(torque: TorqueEstimate, clock: Unit) -> TorqueShown:
-    """Return what a figure shows of a missing torque, in the units of its clock."""
-    return TorqueShown(
-        t=torque.t / clock.factor,
-        time=time_symbol(clock),
-        expected=torque.expected,
-        band=torque.band,
-        against=tuple(_against(torque)),
-    )
-
-
-def _against(torque: TorqueEstimate) -> Iterator[Against]:
+def regressors(torque: TorqueEstimate) -> Iterator[Against]:
     """Its own speed first, the others, the angle within a turn, the inputs that were measured."""
     rig, here = torque.rig, torque.inertia
     for inertia, (name, speed) in zip(torque.turned, torque.speeds, strict=True):

@@ -36,14 +36,15 @@ def evidence_sentences(
         lines.append(
             f"  of which {evidence.steps:+.2g} +- {evidence.steps_error:.1g} for the error of its steps"
         )
+    rough = ""
     if not converged:
-        lines.append("  ROUGH: the ensembles did not converge")
+        rough = "the ensembles did not converge"
     elif evidence.error > POOR and evidence.steps_error > 0.5 * evidence.error:
-        lines.append("  ROUGH: the steps of the rig are long for it; a larger `model.pieces` helps")
+        rough = "the steps of the rig are long for it; a larger `model.pieces` helps"
     elif evidence.error > POOR:
-        lines.append(
-            "  ROUGH: the proposal and the posterior have little in common; longer chains would help"
-        )
+        rough = "the proposal and the posterior have little in common; longer chains would help"
+    if rough:
+        lines.append(f"  ROUGH: {rough}")
     wide = [
         f"that of {prior.name} is {prior.times:.0f} times as wide as what was found is large"
         if prior.decades is None
@@ -110,23 +111,24 @@ def repeats_table(repeats: Sequence[RepeatedProduct], names: Sequence[str]) -> T
 
 def step_sentences(errors: Sequence[StepError]) -> str:
     """A line for each experiment; nothing of a rig that needs no steps."""
-    return "\n".join(map(_step_sentence, errors))
-
-
-def _step_sentence(error: StepError) -> str:
-    where = f" in {error.label}" if error.label else ""
-    steps = "one step" if error.pieces == 1 else f"{error.pieces} steps"
-    each = ", ".join(
-        f"{name} {error:.2g}" for name, error in zip(error.channels, error.errors, strict=True)
-    )
-    measured = f"{steps} to a sample{where}; {TRUTH_REFINEMENT} times as many would move samples by"
-    worst = f"{error.worst:.2g} of the noise ({each})"
-    if error.fine:
-        return f"steps: {measured} at most {worst}. That does no harm."
-    return (
-        f"steps: TOO FEW: {measured} up to {worst}. At most a tenth of the noise does no harm. Say "
-        f"`model: {{pieces: {steps_wanted(error)}}}`."
-    )
+    lines = []
+    for error in errors:
+        where = f" in {error.label}" if error.label else ""
+        steps = "one step" if error.pieces == 1 else f"{error.pieces} steps"
+        named = zip(error.channels, error.errors, strict=True)
+        each = ", ".join(f"{name} {size:.2g}" for name, size in named)
+        moved = (
+            f"{steps} to a sample{where}; {TRUTH_REFINEMENT} times as many would move samples by"
+        )
+        worst = f"{error.worst:.2g} of the noise ({each})"
+        said = f"{moved} at most {worst}. That does no harm."
+        if not error.fine:
+            said = (
+                f"TOO FEW: {moved} up to {worst}. At most a tenth of the noise does no harm. Say "
+                f"`model: {{pieces: {steps_wanted(error)}}}`."
+            )
+        lines.append(f"steps: {said}")
+    return "\n".join(lines)
 
 
 def steps_wanted(error: StepError) -> int:
@@ -170,27 +172,20 @@ def verdict_sentences(
     """
     if not believed:
         return no_verdict(converged=converged)
-    whole = [verdict_sentence(verdict, table, records)]
+    lines = [verdict_sentence(verdict, table, records)]
     if not verdict.fits:
         missing = f" It may lack {lacking}, which would distort its parameters." if lacking else ""
-        whole.append(
+        lines.append(
             "IN DOUBT: the verdict holds only if the model does. The fit leaves more than noise, which "
             f"is evidence against the model.{missing}"
         )
-    more = _resting(verdict, rests)
+    lines += _resting(verdict, rests)
     if verdict.opened:
-        more.append(
+        lines.append(
             f"The priors of {', '.join(verdict.opened)} end too near to the nominal values. For the "
             "tension they are taken as open there, as no draw could lie beyond."
         )
-    more += _not_determined(verdict)
-    pressed = [quantity_name(verdict, q) for q in verdict.saying("pressed against the prior")]
-    if pressed:
-        more.append(
-            f"At an end of its prior: {', '.join(pressed)}. The end decides there, so nothing is said "
-            "of the nominal value."
-        )
-    return "\n".join([*whole, *more])
+    return "\n".join([*lines, *_undecided(verdict)])
 
 
 def no_verdict(*, converged: bool) -> str:
@@ -234,16 +229,11 @@ def verdict_sentence(verdict: Verdict, table: str, records: int = 1) -> str:
         )
         how = "disagree with" if verdict.fits else "would, if the model were right, disagree with"
         return f"{opening} These {how} {table}: {listed}.{together}"
+    each = f"{opening} Each by itself agrees with {table}"
     if verdict.far_together and not verdict.fits:
-        return (
-            f"{opening} Each by itself agrees with {table}. If the model were right, {joint}, too far "
-            "for chance."
-        )
+        return f"{each}. If the model were right, {joint}, too far for chance."
     if not verdict.agrees:
-        return (
-            f"{opening} Each by itself agrees with {table}, but {joint}, too far for chance. The table "
-            "does not describe this rig."
-        )
+        return f"{each}, but {joint}, too far for chance. The table does not describe this rig."
     if not verdict.fits:
         all_of_them = "it" if k == 1 else f"all {k}"
         return (
@@ -287,23 +277,28 @@ def not_kept(beyond: ExtendedPriors | None) -> Iterator[str]:
         )
 
 
-def _not_determined(verdict: Verdict) -> list[str]:
+def _undecided(verdict: Verdict) -> Iterator[str]:
+    """What is not judged, and why."""
     open_ones = verdict.saying("not determined")
-    blind = [quantity_name(verdict, q) for q in open_ones if q.blind]
-    weak = [quantity_name(verdict, q) for q in open_ones if not q.blind]
-    lines = []
-    if blind:
-        lines.append(
-            f"Not determined by themselves: {', '.join(blind)}. No record of these channels can tell "
-            "them apart: some of them can be multiplied by one factor, and no measured signal changes. "
-            "Only their products count."
-        )
-    if weak:
-        lines.append(
-            f"Not determined: {', '.join(weak)}. This record says almost nothing about them: their "
-            "values are mostly those of the prior. A longer or cleaner record could show them."
-        )
-    return lines
+    reasons = {
+        "Not determined by themselves": (
+            [q for q in open_ones if q.blind],
+            "No record of these channels can tell them apart: some of them can be multiplied by one "
+            "factor, and no measured signal changes. Only their products count.",
+        ),
+        "Not determined": (
+            [q for q in open_ones if not q.blind],
+            "This record says almost nothing about them: their values are mostly those of the prior. A "
+            "longer or cleaner record could show them.",
+        ),
+        "At an end of its prior": (
+            verdict.saying("pressed against the prior"),
+            "The end decides there, so nothing is said of the nominal value.",
+        ),
+    }
+    for said, (quantities, why) in reasons.items():
+        if quantities:
+            yield f"{said}: {', '.join(quantity_name(verdict, q) for q in quantities)}. {why}"
 
 
 def verdict_rows(verdict: Verdict) -> tuple[Quantity, ...]:
