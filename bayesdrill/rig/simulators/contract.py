@@ -85,8 +85,8 @@ class Simulator(ABC):
         return SensorParameters(self.model, self.experiment, self.sensing)
 
     @property
-    def record(self) -> tuple[int, int] | None:
-        """Addresses of channels `(T, K)` and of inputs `(T + 1, S)`, for a kernel that reads them."""
+    def record(self) -> Mapping[str, int] | None:
+        """Addresses of channels `y (T, K)` and of inputs `u (T + 1, S)`, for a kernel."""
         return None
 
     @property
@@ -272,12 +272,3 @@ def in_groups(*parts: Array) -> Array:
         return np.ascontiguousarray(turned[0])
     groups_out = np.empty((groups, sum(part.shape[1] for part in turned), LANES))
     return np.concatenate(turned, axis=1, out=groups_out)
-
-
-def ungrouped(groups: Array, count: int) -> Array:
-    """Return the numbers `(W, T, K)` of the first `count` walkers of groups `(G, T, K, LANES)`."""
-    out = np.empty((count, *groups.shape[1:3]))
-    for group, first in zip(groups, range(0, count, LANES), strict=True):
-        rows = out[first : first + LANES]
-        rows[:] = np.moveaxis(group, -1, 0)[: len(rows)]
-    return out

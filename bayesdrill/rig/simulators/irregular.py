@@ -20,17 +20,11 @@ from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.kernels.compiling import Kernel, compile_kernel
 from bayesdrill.rig.kernels.exponential import Layout, Pattern, present
 from bayesdrill.rig.kernels.irregular import write_dense
-from bayesdrill.rig.kernels.knots import (
-    BLOCKS,
-    COUNTS,
-    MAX_LEVELS,
-    IrregularShape,
-    table_entries,
-)
+from bayesdrill.rig.kernels.knots import MAX_LEVELS, IrregularShape, table_entries
 from bayesdrill.rig.kernels.lanes import LANES
 from bayesdrill.rig.kernels.sums import ResidualSums
 from bayesdrill.rig.models.linear import Model, Tangent
-from bayesdrill.rig.simulators.contract import in_groups, ungrouped
+from bayesdrill.rig.simulators.contract import in_groups
 from bayesdrill.rig.simulators.sensors import ObservationModel, ObservedWalkers
 from bayesdrill.rig.simulators.stepped import Unstepped
 from bayesdrill.rig.simulators.time_grid import Grid, build_grid, runs
@@ -101,13 +95,10 @@ class Dense:
     def sums(
         self, walkers: tuple[Any, ...], y: Array, tally: ResidualSums, weights: Array | None = None
     ) -> Array:
-        """Return sums `(W, K, n)` of residuals of the record `y (T, K)`; `weights (W, K m)` if any."""
-        n, k_count = len(walkers[0]), y.shape[1]
-        out = np.empty((-(-n // LANES), k_count * tally.count, LANES))
+        """Return sums `(W, K, n)` of residuals of the record `y (T, K)`; `weights (W, K, m)` if any."""
         full = np.full((len(self._grid.t), y.shape[1]), np.nan)
         full[self._at] = y
-        self._run(walkers, full, out, tally, weights)
-        return out.transpose(0, 2, 1).reshape(-1, k_count, tally.count)[:n]
+        return self._run(walkers, full, (y.shape[1], tally.count), tally, weights)
 
     def signals(
         self,
@@ -118,19 +109,18 @@ class Dense:
         rows: Array,
     ) -> Array:
         """Return the channels `(W, T, K)`."""
-        n, k_count = rows.shape[:2]
-        out = np.empty((-(-n // LANES), len(self._grid.t), k_count, LANES))
-        self._run((parameters, x0, before, shift, rows), NONE, out)
-        return ungrouped(out[:, self._at], n)
+        shape = (len(self._grid.t), rows.shape[1])
+        signals = self._run((parameters, x0, before, shift, rows), NONE, shape)
+        return np.ascontiguousarray(signals[:, self._at])
 
     def _run(
         self,
         walkers: tuple[Any, ...],
         y: Array,
-        out: Array,
+        out: tuple[int, ...],
         tally: ResidualSums | None = None,
         weights: Array | None = None,
-    ) -> None:
+    ) -> Array:
         parameters, x0, before, shift, rows = walkers
         late = None
         if shift is not None and shift.any():
@@ -145,9 +135,8 @@ class Dense:
             "table": np.empty(len(g.spans) * table_size),
             "ladder": NONE,
             "rows": NONE,
-            "out": out,
         }
-        walker_parts = [parameters, x0, rows.reshape(len(rows), -1)]
+        walker_parts = [parameters, x0, rows]
         high = 0
         if late is not None:
             walker_parts += [before, *late.arguments]
@@ -158,11 +147,11 @@ class Dense:
             blocks["rows"] = np.empty(rows.shape[1] * each)
         walker_parts += [] if weights is None else [weights]
         blocks["own"] = in_groups(*walker_parts)
-        runs_count = len(self._blocks["node"])
-        counts = (len(out), len(g.t) - 1, len(g.spans), runs_count, self._cells, high)
-        assert len(counts) == len(COUNTS)
-        addresses = self._addresses | {name: block.ctypes.data for name, block in blocks.items()}
-        kernel["dense"](*counts, *(addresses[name] for name in BLOCKS))
+        return kernel.run(
+            "dense", len(rows), out, knots=len(g.t) - 1, nodes=len(g.spans),
+            runs=len(self._blocks["node"]), cells=self._cells, high=high,
+            **self._addresses, **blocks,
+        )  # fmt: skip
 
     def _kernel(
         self, pattern: Pattern, tally: ResidualSums | None, shifted: tuple[bool, ...]
@@ -238,10 +227,9 @@ class IrregularSimulator(Unstepped):
 
     def sums(self, full: Array, tally: ResidualSums, weights: Array | None = None) -> Array:
         """See `Simulator.sums`."""
-        channel_weights = None if weights is None else weights.reshape(len(full), -1)
         with np.errstate(all="ignore"):
             settings = self._settings(ObservedWalkers(self.sensors, full))
-            return self._dense.sums(settings, self.sensors.padded, tally, channel_weights)
+            return self._dense.sums(settings, self.sensors.padded, tally, weights)
 
     def sensitivities(self, full: Array, along: Array) -> Array:
         """See `Simulator.sensitivities`."""

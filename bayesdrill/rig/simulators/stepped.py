@@ -20,7 +20,7 @@ from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.kernels.compiling import Kernel, compile_kernel
 from bayesdrill.rig.kernels.exponential import present
 from bayesdrill.rig.kernels.lanes import LANES
-from bayesdrill.rig.kernels.step_arguments import BLOCKS, SteppedShape
+from bayesdrill.rig.kernels.step_arguments import SteppedShape
 from bayesdrill.rig.kernels.sums import ResidualSums
 from bayesdrill.rig.kernels.time_stepping import write_stepping
 from bayesdrill.rig.models.linear import Model
@@ -73,19 +73,13 @@ class BoundKernel:
         after = ahead.steps_after(parts["shift"][0]) if shape.read else 0
         walkers, nodes = self._in_lanes(n, parts), ahead.nodes + after
         signals = (ahead.samples, k, numbers)
-        each = signals if shape.tally is None else (k, shape.tally.count)
-        out = np.empty((len(walkers), *each, LANES))
+        out = signals if shape.tally is None else (k, shape.tally.count)
         trace = np.empty((nodes + 1) * k * 3 * numbers * LANES) if shape.read else NONE
         margin = ahead.margin(parts["lag"][0]) if shape.late else 0
-        places = self._fixed_addresses | {
-            "u": ahead.inputs(margin, after)[1],
-            "own": walkers.ctypes.data,
-            "trace": trace.ctypes.data,
-            "out": out.ctypes.data,
-        }
-        blocks = [places[name] for name in BLOCKS]
-        self.kernel["stepping"](len(walkers), ahead.samples, nodes, *blocks)
-        return np.moveaxis(out, -1, 1).reshape(-1, *each)[:n]
+        return self.kernel.run(
+            "stepping", n, out, samples=ahead.samples, nodes=nodes, own=walkers, trace=trace,
+            u=ahead.inputs(margin, after)[1], **self._fixed_addresses,
+        )  # fmt: skip
 
     def _in_lanes(self, n: int, parts: Mapping[str, list[Array]]) -> Array:
         """Return `(G, width, LANES)`, see `walker_blocks`; the last walker fills the last group."""
