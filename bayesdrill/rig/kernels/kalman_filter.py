@@ -359,7 +359,7 @@ class _Writer:
         slopes: bool,
     ) -> None:
         """Store the matrices of all steps, and the covariance at the first sample."""
-        self.a, self.b, self.system, self.slopes = a, b, system, slopes
+        self.a, self.b, self.system = a, b, system
         self.memory = m = Numbers(b, slopes)
         n = self.n = system.n
         self.p, self.x, self.flag = m.room(n * n), m.room(n), b.room(1, I64)
@@ -396,39 +396,24 @@ def smoother_size(system: StateSpace) -> int:
     return system.k * (n + 1) + n + n * n
 
 
-@routine
-def _revise(
-    b: Builder,
-    p: ir.Value,
-    gains: ir.Value,
-    variances: ir.Value,
-    phi: ir.Value,
-    q: ir.Value,
-    observed: ir.Value,
-    weights: ir.Value,
-    flag: ir.Value,
-    system: StateSpace,
-    *,
-    slopes: bool,
-) -> None:
-    """Update and predict the covariance; the `flag` gets whether it has settled."""
-    n, memory = system.n, Numbers(b, slopes)
-    filtered = Gains(memory, system, gains, weights)
-    old = [dual(memory.get(p, i * n + i)) for i in range(n)]
-    for k in range(system.k):
-        filtered.update_covariance(k, p, variances, Vector(b, b.shared(observed, k)))
-    predict_covariance(memory, n, p, phi, q)
+def _revise(w: _Writer, phi: ir.Value, q: ir.Value, observed: ir.Value) -> None:
+    """Update and predict the covariance; the flag gets whether it has settled."""
+    b, m, n = w.b, w.memory, w.n
+    old = [dual(m.get(w.p, i * n + i)) for i in range(n)]
+    for k in range(w.system.k):
+        w.gains.update_covariance(k, w.p, w.variances, Vector(b, b.shared(observed, k)))
+    predict_covariance(m, n, w.p, phi, q)
     moving = NOWHERE
     for i, before in enumerate(old):
-        now = dual(memory.get(p, i * n + i))
+        now = dual(m.get(w.p, i * n + i))
         far = b.absolute((now.value - before.value).value)
         near = (now.value * STEADY_TOLERANCE).value
         moving = b.or_(moving, b.fcmp_unordered(">", far, near))
-        if slopes:
+        if m.slopes:
             far = b.absolute((now.slope - before.slope).value)
             near = ((now.slope.size() + now.value) * STEADY_SLOPE_TOLERANCE).value
             moving = b.or_(moving, b.fcmp_unordered(">", far, near))
-    b.store(b.select(b.anywhere(moving), 0, 1), flag)
+    b.store(b.select(b.anywhere(moving), 0, 1), w.flag)
 
 
 def _emit_filter(w: _Writer, group: ir.Value, *, smooth: bool) -> None:
@@ -444,10 +429,7 @@ def _emit_filter(w: _Writer, group: ir.Value, *, smooth: bool) -> None:
         settled = b.and_(b.load(w.flag), b.single(a["same"], t))
         observed = b.offset(a["seen"], b.mul(t, system.k))
         with b.if_then(b.icmp_signed("==", settled, 0)):
-            _revise(
-                b, w.p, w.gains.block, w.variances, phi, q, observed, a["weights"], w.flag, system,
-                slopes=w.slopes,
-            )  # fmt: skip
+            _revise(w, phi, q, observed)
         residuals, state = m.at(a["left"], here), m.row(w.x, n)
         out = m.at(a["out"], b.mul(here, 2))
         for k in range(system.k):

@@ -102,19 +102,20 @@ def solve_riccati(
     any information on the start.
     """
     n, m = system.n, Numbers(b, False)
-    at = addresses(b, block, 0, block_sizes(n, system.k))
-    phi, q, p, g = (at[name] for name in ("phi", "q", "p", "g"))
     transition_a, transition_b, information = (m.room(n * n) for _ in range(3))
-    grown, moves, grows = m.room(system.k), b.room(1, ir.IntType(1)), b.room(1, ir.IntType(1))
-    m.put_row([math.inf] * system.k, grown)
-    b.copy(phi, transition_a, n * n)
-    b.copy(q, p, n * n)
+    at = addresses(b, block, 0, block_sizes(n, system.k)) | {
+        "information": information, "grown": m.room(system.k),
+        "variances": variances, "weights": weights,
+    }  # fmt: skip
+    m.put_row([math.inf] * system.k, at["grown"])
+    b.copy(at["phi"], transition_a, n * n)
+    b.copy(at["q"], at["p"], n * n)
     m.clear(information, n * n)
     for k in range(system.k):
         over = 1.0 / m.get(variances, k)
         for index, both in _products(b, system, weights, k):
             m.put(m.get(information, index) + over * both, information, index)
-    m.clear(g, n * n)
+    m.clear(at["g"], n * n)
     b.store(samples, first)
     entry = b.block
     body, after = b.append_basic_block("doubling"), b.append_basic_block("settled")
@@ -124,15 +125,15 @@ def solve_riccati(
     for node, value in ((count, integer(0)), (transition, transition_a), (spare, transition_b)):
         node.add_incoming(value, entry)
     with b.if_then(b.trunc(b.lshr(samples, count), ir.IntType(1))):
-        _prepend(b, transition, information, p, g, n)
-    _double(b, transition, spare, information, p, variances, weights, grown, moves, grows, system)
+        _prepend(m, n, at, transition)
+    grows, moves = _double(m, system, at, transition, spare)
     following = b.add(count, 1)
     length = b.shl(1, following)
-    informed = b.and_(b.not_(b.load(grows)), b.icmp_signed("<", length, b.load(first)))
+    informed = b.and_(b.not_(grows), b.icmp_signed("<", length, b.load(first)))
     with b.if_then(informed):
         b.store(length, first)
     beyond = b.icmp_signed(">", length, b.load(first))
-    more = b.or_(b.load(moves), b.icmp_signed("<", count, MIN_DOUBLINGS))
+    more = b.or_(moves, b.icmp_signed("<", count, MIN_DOUBLINGS))
     more = b.and_(b.or_(more, b.not_(beyond)), b.icmp_signed("<", count, MAX_DOUBLINGS))
     count.add_incoming(following, b.block)
     transition.add_incoming(spare, b.block)
@@ -140,31 +141,23 @@ def solve_riccati(
     b.cbranch(more, body, after)
     b.position_at_end(after)
     with b.if_then(b.icmp_signed("<", b.load(first), samples)):
-        b.copy(information, g, n * n)
-    _store_gains(b, block, variances, weights, system)
+        b.copy(information, at["g"], n * n)
+    _store_gains(m, system, at)
 
 
-@routine
+Addresses = dict[str, ir.Value]  # of the block, see `block_sizes`, and of what else there is
+
+
 def _double(
-    b: Builder,
-    transition: ir.Value,
-    following: ir.Value,
-    information: ir.Value,
-    p: ir.Value,
-    variances: ir.Value,
-    weights: ir.Value,
-    grown: ir.Value,
-    moves: ir.Value,
-    grows: ir.Value,
-    system: StateSpace,
-) -> None:
-    """Store the `following` B, and G and H of twice as many steps.
+    m: Numbers, system: StateSpace, at: Addresses, transition: ir.Value, following: ir.Value
+) -> tuple[ir.Value, ir.Value]:
+    """Store the `following` B, and G (`information`) and H (`p`) of twice as many steps.
 
-    `moves (1,)`: whether any channel would see the next addition to H, which is smaller by at least
-    as much as this one is than the one before, `grown (K,)`.  `grows (1,)`: whether G has grown by
-    more than rounding, and twice the stretch may grow more.
+    Return whether G has grown by more than rounding, and twice the stretch may grow more; and whether
+    any channel would see the next addition to H, which is smaller by at least as much as this one is
+    than the one before, `grown (K,)`.
     """
-    n, m = system.n, Numbers(b, False)
+    n, b, p, information = system.n, m.b, at["p"], at["information"]
     lu, x, e, more = (m.room(n * n) for _ in range(4))
     _decompose_sum(m, n, p, information, x, lu, m.room(1))
     solve(b, x, lu, p, n, n)
@@ -179,18 +172,17 @@ def _double(
     for i, old in enumerate(before):
         much, now = old * (1.0 + INFORMATION_TOLERANCE), m.get(information, i * n + i)
         changed = b.or_(changed, b.fcmp_ordered(">", now.value, much.value))
-    b.store(b.anywhere(changed), grows)
-    changed = NOWHERE
+    grows, changed = b.anywhere(changed), NOWHERE
     for k in range(system.k):
-        change, variance = Vector(b, vector(0.0)), m.get(variances, k)
-        for index, both in _products(b, system, weights, k):
+        change, variance = Vector(b, vector(0.0)), m.get(at["variances"], k)
+        for index, both in _products(b, system, at["weights"], k):
             change = multiply_add(both, m.get(more, index), change)
             variance = multiply_add(both, m.get(p, index), variance)
-        least = variance * COVARIANCE_TOLERANCE * m.get(grown, k)
+        least = variance * COVARIANCE_TOLERANCE * m.get(at["grown"], k)
         changed = b.or_(changed, b.fcmp_ordered(">", (change * change).value, least.value))
-        m.put(change, grown, k)
+        m.put(change, at["grown"], k)
     m.put_row([m.get(p, index) + m.get(more, index) for index in range(n * n)], p)
-    b.store(b.anywhere(changed), moves)
+    return grows, b.anywhere(changed)
 
 
 def _decompose_sum(
@@ -213,35 +205,28 @@ def _add_one(m: Numbers, n: int, x: ir.Value) -> None:
         m.put(m.get(x, i * n + i) + 1.0, x, i * n + i)
 
 
-@routine
-def _prepend(
-    b: Builder, transition: ir.Value, information: ir.Value, p: ir.Value, end: ir.Value, n: int
-) -> None:
-    """Put the stretch B, G, H before one of information `end (n, n)`, which becomes that of both."""
-    m = Numbers(b, False)
+def _prepend(m: Numbers, n: int, at: Addresses, transition: ir.Value) -> None:
+    """Put the stretch B, G, H before one of the information `g`, which becomes that of both."""
+    b, end = m.b, at["g"]
     lu, x, e = (m.room(n * n) for _ in range(3))
-    _decompose_sum(m, n, p, end, x, lu, m.room(1))
+    _decompose_sum(m, n, at["p"], end, x, lu, m.room(1))
     solve(b, e, lu, transition, n, n)
     multiply(b, x, end, e, (n, n, n))
-    b.copy(information, end, n * n)
+    b.copy(at["information"], end, n * n)
     multiply_symmetric(b, end, transition, x, n, transposed=True, adds=True)
 
 
-@routine
-def _store_gains(
-    b: Builder, block: ir.Value, variances: ir.Value, weights: ir.Value, system: StateSpace
-) -> None:
+def _store_gains(m: Numbers, system: StateSpace, at: Addresses) -> None:
     """Store gains, pulls, and A in the block."""
-    n, m = system.n, Numbers(b, False)
-    at = addresses(b, block, 0, block_sizes(n, system.k))
-    gains = Gains(m, system, at["gains"], weights)
+    n, b = system.n, m.b
+    gains = Gains(m, system, at["gains"], at["weights"])
     updated, closed_loop = m.room(n * n), m.room(n * n)
     b.copy(at["p"], updated, n * n)
     m.clear(closed_loop, n * n)
     _add_one(m, n, closed_loop)
     for k in range(system.k):
-        gains.update_covariance(k, updated, variances)
-        weights_k = list(system.weights(b, weights, k).values())
+        gains.update_covariance(k, updated, at["variances"])
+        weights_k = list(system.weights(b, at["weights"], k).values())
         rows = [m.row(closed_loop, n, i * n) for i in system.observed_states(k)]
         shows = [dot(weights_k, [row[j] for row in rows]) for j in range(n)]
         root = gains.inverse_deviation(k)
