@@ -87,16 +87,12 @@ class BoundKernel:
         if self.shape.late:
             behind, *shares = self.ahead.delays(parts["lag"])
             named = {**parts, "share": shares, "behind": [behind] * len(shares)}
-        rows, start = np.empty((n, self._width)), 0
-        for part in (part for name in self._names for part in named[name]):
-            flat = part.reshape(len(part), -1)
+        flats = [part.reshape(len(part), -1) for name in self._names for part in named[name]]
+        rows, start = np.empty((n, sum(flat.shape[1] for flat in flats))), 0
+        for flat in flats:
             rows[:, start : start + flat.shape[1]] = flat
             start += flat.shape[1]
         return in_groups(rows)
-
-    @cached_property
-    def _width(self) -> int:
-        return sum(self.shape.walker_vectors.values())
 
     @cached_property
     def _names(self) -> tuple[str, ...]:
@@ -211,10 +207,6 @@ class Stepped(Simulator):
         return UniformGrid(t, series, first_order, self.pieces, every_node=every_node)
 
     @cached_property
-    def _gaps(self) -> bool:
-        return bool(np.isnan(self.sensors.padded).any())
-
-    @cached_property
     def _bound_kernels(self) -> dict[Any, BoundKernel]:
         return {}
 
@@ -236,7 +228,7 @@ class Stepped(Simulator):
                 constant=tuple(present(experiment.constant)),
                 first_order=experiment.first_order and bool(w.inputs),
                 pattern=tuple(map(tuple, (rows != 0).tolist())),
-                gaps=self._gaps and tally is not None,
+                gaps=tally is not None and bool(np.isnan(w.padded).any()),
                 tally=tally,
                 turns=self.turns if self.model.frictions else 1,
                 **kind,
@@ -270,17 +262,13 @@ class Stepped(Simulator):
         result = bound.run(len(full), parts)
         return result[..., 0] if tally is None and along is None else result
 
-    @cached_property
-    def _perfect(self) -> bool:
-        return self.sensing.empty
-
     def _parts(self, full: Array, along: Array | None) -> dict[str, list[Array]]:
         """Return the parts of the block `own`, and their slopes.
 
         Each is `(W, ...)`, or `(1, ...)` where walkers have the same.
         """
         walkers = ObservedWalkers(self.sensors, full)
-        known = self._shared_parts if self._perfect else self._walker_parts(walkers)
+        known = self._shared_parts or self._walker_parts(walkers)
         parts = {"parameters": [walkers.parameters], **{name: [known[name]] for name in known}}
         if along is None:
             return parts
@@ -300,8 +288,13 @@ class Stepped(Simulator):
         }
 
     @cached_property
-    def _shared_parts(self) -> dict[str, Array]:
-        """The parts of perfect sensors, and a start that is known: no channel shows what was before."""
+    def _shared_parts(self) -> dict[str, Array] | None:
+        """The parts of perfect sensors, and a start that is known: no channel shows what was before.
+
+        None of others.
+        """
+        if not self.sensing.empty:
+            return None
         parts = self._walker_parts(
             ObservedWalkers(self.sensors, np.zeros((1, len(self.parameters))))
         )
