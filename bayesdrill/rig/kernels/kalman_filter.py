@@ -110,10 +110,6 @@ class StateSpace:
         """States of the torque, which are the last."""
         return len(self.model.torque.states)
 
-    def observed_states(self, k: int) -> list[int]:
-        """Return the states that channel k measures."""
-        return [i for i, kind in enumerate(self.channels[k]) if kind != 0]
-
     def weights(self, b: Builder, weights: ir.Value, k: int) -> dict[int, Vector]:
         """Return the weights of channel k, by state, from the block of all `weights (K, n)`."""
         return channel_weights(b, weights, self.channels, k)
@@ -339,7 +335,7 @@ def write_filter(module: Module, system: StateSpace, name: str) -> None:
     They are functions of COUNTS and addresses of BLOCKS.
     """
     with kernel(module, name, COUNTS, BLOCKS) as (a, b), b.loop(a["groups"], "groups") as group:
-        w = _Writer(a, b, system, group, slopes=name == "slopes")
+        w = _Writer(a, Numbers(b, name == "slopes"), system, group)
         if name == "draw":
             _emit_draw(w, group)
         else:
@@ -350,25 +346,18 @@ class _Writer:
     """Writes what the filter, the smoother and the sampler have in common."""
 
     def __init__(
-        self,
-        a: dict[str, ir.Value],
-        b: Builder,
-        system: StateSpace,
-        group: ir.Value,
-        *,
-        slopes: bool,
+        self, a: dict[str, ir.Value], m: Numbers, system: StateSpace, group: ir.Value
     ) -> None:
         """Store the matrices of all steps, and the covariance at the first sample."""
-        self.a, self.b, self.system = a, b, system
-        self.memory = m = Numbers(b, slopes)
-        n = self.n = system.n
+        self.a, self.b, self.memory, self.system, self.n = a, m.b, m, system, system.n
+        b, n = m.b, system.n
         self.p, self.x, self.flag = m.room(n * n), m.room(n), b.room(1, I64)
         self.gains = Gains(m, system, m.room(system.k * Gains.width(n)), a["weights"])
         parameters = m.at(a["parameters"], b.mul(group, system.p))
         self.variances = m.at(a["variances"], b.mul(group, system.k))
         with b.loop(a["steps"], "steps") as step:
             span, (phi, q) = b.shared(a["spans"], step), self.matrices(step)
-            store_transition(b, parameters, span, phi, q, system, slopes=slopes)
+            store_transition(b, parameters, span, phi, q, system, slopes=m.slopes)
         m.clear(self.p, n * n)
         for i in range(n - system.n_torque_states, n):
             m.put(1.0, self.p, i * n + i)
