@@ -76,7 +76,9 @@ def compile_kernel(write: Callable[..., None], *structures: Any, effort: int = O
         with _no_garbage_collection():
             module = Module(write.__module__)
             write(module, *structures)
-            code = _pack(module, effort)
+            # Before the machine code a line that says what arguments each function has.
+            line = json.dumps(module.arguments).encode() + b"\n"
+            code = line + machine_code(module, effort)
         cache.store(key, code)
     return _unpack(code)
 
@@ -113,11 +115,6 @@ def _processor() -> tuple[str, str]:
     import llvmlite.binding as llvm
 
     return llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
-
-
-def _pack(module: Module, effort: int) -> bytes:
-    """The machine code of `module`, after a line that says what arguments each function has."""
-    return json.dumps(module.arguments).encode() + b"\n" + machine_code(module, effort)
 
 
 def _unpack(packed: bytes) -> Kernel:

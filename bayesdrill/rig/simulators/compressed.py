@@ -27,11 +27,7 @@ from bayesdrill.rig.kernels.sums import SQUARES, ResidualSums
 from bayesdrill.rig.models.linear import Model, Tangent
 from bayesdrill.rig.simulators.contract import Simulator, in_groups
 from bayesdrill.rig.simulators.delays import NOT_LATE, Delays, RecordHead
-from bayesdrill.rig.simulators.long_record import (
-    LongRecord,
-    input_layout,
-    starts,
-)
+from bayesdrill.rig.simulators.long_record import LongRecord, input_layout
 from bayesdrill.rig.simulators.rational_basis import (
     BLOCK,
     Basis,
@@ -320,7 +316,8 @@ def compress(simulator: Simulator, points: Array, variances: Array, weights: Arr
         basis = choose_basis(rates, record.step, 10.0**-digits)
         nothing = Compression.of_nothing(
             basis, record, sizes, layout=record.layout, channels=k_count,
-            impulse=starts(sensors), sums=sums, delays=delays.steps,
+            impulse=sensors.sensing.moves(sensors.experiment.start, angles=()), sums=sums,
+            delays=delays.steps,
         )  # fmt: skip
         nothing.record.projected[..., -1] = variances[:, None] * usual  # it leaves noise alone
         made = dataclasses.replace(

@@ -264,9 +264,8 @@ def in_groups(*parts: Array) -> Array:
     """Put blocks `(W, ...)` side by side: `(G, n, LANES)`; the last walker fills the last group."""
     count = len(parts[0])
     groups = -(-count // LANES)
-    if count % LANES:
-        last = [part[-1:].repeat(groups * LANES - count, axis=0) for part in parts]
-        parts = tuple(np.concatenate(pair) for pair in zip(parts, last, strict=True))
+    if missing := groups * LANES - count:
+        parts = tuple(np.concatenate([p, p[-1:].repeat(missing, axis=0)]) for p in parts)
     turned = [part.reshape(groups, LANES, -1).transpose(0, 2, 1) for part in parts]
     if len(turned) == 1:
         return np.ascontiguousarray(turned[0])

@@ -42,8 +42,9 @@ class Dense:
 
     Walkers have `parameters (W, P)`, a start `x0 (W, X)` at `t[0]`, before which states move
     straight at the rates `before (W, X)`, and channels: at time t channel k of walker w sees
-    `rows[w, k] (R,)` times (states, 1, inputs of `series`) at the time t - `shift[w, k]`.  Before
-    and after the record inputs are constant.  `shift=None` is zero.  A walker whose numbers
+    `rows[w, k] (R,)` times (states, 1, inputs of `series`) at the time t - `shift[w, k]`; they are
+    given in the order (parameters, x0, before, shift, rows).  Before and after the record inputs
+    are constant.  A shift of None is zero.  A walker whose numbers
     overflow gets NaN (or infinity, in a sum) in its own row alone.
 
     Kernels are compiled when they are first wanted, and again when rows have entries that were zero
@@ -59,7 +60,6 @@ class Dense:
         first_order: bool,
         grid: Grid | None = None,
     ) -> None:
-        self.model = model
         self._t = np.array(t, dtype=float)
         self._layout = Layout.from_model(
             model, tuple(series), tuple(present(constant)), first_order=first_order
@@ -71,26 +71,20 @@ class Dense:
         steps = np.diff(g.t[:-1])
         self._near = float(steps[steps <= MAX_CELL_SPAN * g.usual].max()) if len(steps) else 1.0
         self._farthest = float(steps.max()) if len(steps) else 0.0
-        self._blocks = self._constant(series, constant)
-        self._addresses = {name: block.ctypes.data for name, block in self._blocks.items()}
-        # Where samples are among knots: a slice copies faster.
-        self._at: Any = slice(len(g.at)) if len(g.at) == len(g.t) - 1 else g.at
-        self._pattern: Mask | None = None
-        self._entries: Pattern = ()
-
-    def _constant(
-        self, series: Mapping[str, Array], constant: Mapping[str, float]
-    ) -> dict[str, Array]:
-        g = self._grid
         inputs_at_samples = np.array([*series.values()]).reshape(len(series), len(self._t)).T
         u, slopes = _driven(g, inputs_at_samples, self._layout.first_order)
         node, length, share = runs(g)
         widths = (g.width, self._near / self._cells, 1e-3 / g.usual)
         numbers = np.array([*widths, *present(constant).values()])
-        return {
+        self._blocks = {
             "numbers": numbers, "spans": g.spans, "inside": g.inside, "chained": g.chained,
             "node": node, "length": length, "share": share, "u": u, "slopes": slopes, "t": g.t,
         }  # fmt: skip
+        self._addresses = {name: block.ctypes.data for name, block in self._blocks.items()}
+        # Where samples are among knots: a slice copies faster.
+        self._at: Any = slice(len(g.at)) if len(g.at) == len(g.t) - 1 else g.at
+        self._pattern: Mask | None = None
+        self._entries: Pattern = ()
 
     def sums(
         self, walkers: tuple[Any, ...], y: Array, tally: ResidualSums, weights: Array | None = None
@@ -100,17 +94,9 @@ class Dense:
         full[self._at] = y
         return self._run(walkers, full, (y.shape[1], tally.count), tally, weights)
 
-    def signals(
-        self,
-        parameters: Array,
-        x0: Array,
-        before: Array,
-        shift: Array | None,
-        rows: Array,
-    ) -> Array:
+    def signals(self, *walkers: Any) -> Array:
         """Return the channels `(W, T, K)`."""
-        shape = (len(self._grid.t), rows.shape[1])
-        signals = self._run((parameters, x0, before, shift, rows), NONE, shape)
+        signals = self._run(walkers, NONE, (len(self._grid.t), walkers[-1].shape[1]))
         return np.ascontiguousarray(signals[:, self._at])
 
     def _run(
