@@ -18,13 +18,7 @@ from dataclasses import dataclass, replace
 from llvmlite import ir
 
 from bayesdrill.basics.duals import below, signed, size, where
-from bayesdrill.rig.kernels.friction import (
-    FrictionHistory,
-    FrictionMode,
-    Step,
-    StepStart,
-    any_of,
-)
+from bayesdrill.rig.kernels.friction import FrictionHistory, FrictionMode, Step, StepStart, any_of
 from bayesdrill.rig.kernels.lanes import F64, NOWHERE, Loop, Mask, Vector
 from bayesdrill.rig.kernels.numbers import (
     Column,

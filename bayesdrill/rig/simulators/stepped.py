@@ -289,10 +289,7 @@ class Stepped(Simulator):
 
     @cached_property
     def _shared_parts(self) -> dict[str, Array] | None:
-        """The parts of perfect sensors, and a start that is known: no channel shows what was before.
-
-        None of others.
-        """
+        """The parts of perfect sensors and a known start, before which none shows; None of others."""
         if not self.sensing.empty:
             return None
         parts = self._walker_parts(
