@@ -81,13 +81,6 @@ def state_slopes(
     matrix: Array, forcing: Array, matrix_slope: Array, forcing_slope: Array, angles: Sequence[int]
 ) -> Array:
     """Return the slope `(n, X)` of `states`, where matrix and forcing change by the slopes given."""
-    turn = free_turn(matrix, angles)
-    system = matrix if turn is None else fix_rotation(matrix, angles, turn)
-    change = matrix_slope.copy()
-    if turn is not None:
-        change[:, :, angles[0]] = 0.0
-    here = equilibrium(system, forcing)
-    slopes = equilibrium(system, np.einsum("nij,nj->ni", change, here) + forcing_slope)
-    if turn is not None:
-        slopes[:, angles[0]] = 0.0
-    return slopes
+    here = states(matrix, forcing, angles)
+    moved = np.einsum("nij,nj->ni", matrix_slope, here) + forcing_slope
+    return states(matrix, moved, angles)

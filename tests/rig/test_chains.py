@@ -266,8 +266,9 @@ def test_nothing_is_computed_of_what_lay_in_memory() -> None:
     scratch = np.full((response._shape.scratch(1), LANES), 5e-310)
     groups = in_groups(ObservedWalkers(response.sensors, case.walkers).numbers)
     out = np.empty((len(groups), *case.experiment.y.shape, LANES))
-    addresses = (block.ctypes.data for block in (groups, *response._blocks, out, scratch))
-    response._kernel("signals")["signals"](len(groups), len(case.experiment.t), *addresses)
+    given = {"groups": len(groups), "samples": len(case.experiment.t), **response._blocks}
+    given |= {"parameters": groups, "out": out, "scratch": scratch}
+    response._kernel("signals").call("signals", given)
     sizes = np.abs(scratch)
     assert not ((sizes > 0.0) & (sizes < np.finfo(float).tiny)).any()
     assert sizes.any()

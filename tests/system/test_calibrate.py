@@ -133,7 +133,7 @@ def test_another_record_shares_the_compiled_code(study: CalibrationStudy) -> Non
     y = np.random.default_rng(1).standard_normal(response.experiment.y.shape)
     theta = study.posterior.space.full(study.posterior.space.draw(9, np.random.default_rng(2)))
     other = response.with_record(y)
-    assert other._function("misfit") is response._function("misfit")
+    assert other._kernel("misfit") is response._kernel("misfit")
     anew = Response(response.model, dataclasses.replace(response.experiment, y=y))
     assert np.array_equal(other.squares(theta), anew.squares(theta))
     assert not np.array_equal(other.squares(theta), response.squares(theta))

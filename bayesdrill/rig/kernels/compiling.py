@@ -11,7 +11,8 @@ import ctypes
 import gc
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Mapping
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache
@@ -20,10 +21,11 @@ from typing import Any
 
 import numpy as np
 from llvmlite import ir
+from numpy.typing import NDArray
 
 from bayesdrill.basics import duals
 from bayesdrill.rig.kernels.cache import CodeCache, user_cache
-from bayesdrill.rig.kernels.lanes import Module
+from bayesdrill.rig.kernels.lanes import LANES, Module
 
 # Of LLVM's passes, those that a kernel gains from: it is written without branches that could go, calls
 # nothing small and has its loops over vectors already. All others take as long again as these, the
@@ -36,13 +38,25 @@ OPT_LEVEL, HIGH_OPT_LEVEL = 1, 2
 
 @dataclass(frozen=True, slots=True)
 class Kernel:
-    """Functions by name, of 64-bit counts and addresses, and the owner of their machine code."""
+    """Functions by name, the names of their `arguments`, and the owner of their machine code."""
 
     functions: Mapping[str, Callable[..., None]]
+    arguments: Mapping[str, Sequence[str]]
     engine: Any = field(repr=False)
 
-    def __getitem__(self, name: str) -> Callable[..., None]:
-        return self.functions[name]
+    def call(self, name: str, given: Mapping[str, NDArray[Any] | int]) -> None:
+        """Call a function with counts and with blocks, or their addresses, among those `given`."""
+        values = [given[argument] for argument in self.arguments[name]]
+        self.functions[name](*[x if isinstance(x, int) else x.ctypes.data for x in values])
+
+    def run(
+        self, name: str, n: int, shape: tuple[int, ...], **given: NDArray[Any] | int
+    ) -> NDArray[np.float64]:
+        """Return what a function stores of n walkers, `(n, *shape)`, in its block `out`."""
+        given["out"] = out = np.empty((-(-n // LANES), math.prod(shape), LANES))
+        given["groups"] = len(out)
+        self.call(name, given)
+        return out.transpose(0, 2, 1)[:, :n].reshape(-1, *shape)[:n]
 
 
 @cache
@@ -62,7 +76,9 @@ def compile_kernel(write: Callable[..., None], *structures: Any, effort: int = O
         with _no_garbage_collection():
             module = Module(write.__module__)
             write(module, *structures)
-            code = _pack(module, effort)
+            # Before the machine code a line that says what arguments each function has.
+            line = json.dumps(module.arguments).encode() + b"\n"
+            code = line + machine_code(module, effort)
         cache.store(key, code)
     return _unpack(code)
 
@@ -101,21 +117,14 @@ def _processor() -> tuple[str, str]:
     return llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
 
 
-def _pack(module: ir.Module, effort: int) -> bytes:
-    """The machine code of `module`, after a line that says how many arguments each function has."""
-    exported = (f for f in module.functions if not f.is_declaration and f.linkage != "internal")
-    line = json.dumps({function.name: len(function.args) for function in exported})
-    return line.encode() + b"\n" + machine_code(module, effort)
-
-
 def _unpack(packed: bytes) -> Kernel:
     line, _, code = packed.partition(b"\n")
     engine = link_code(code)
-    functions = {}
-    for name, count in json.loads(line).items():
-        prototype = ctypes.CFUNCTYPE(None, *[ctypes.c_int64] * count)
+    functions, arguments = {}, json.loads(line)
+    for name, names in arguments.items():
+        prototype = ctypes.CFUNCTYPE(None, *[ctypes.c_int64] * len(names))
         functions[name] = prototype(engine.get_function_address(name))
-    return Kernel(functions, engine)
+    return Kernel(functions, arguments, engine)
 
 
 def machine_code(module: ir.Module, effort: int = OPT_LEVEL) -> bytes:

@@ -346,8 +346,7 @@ def emit_halvings(b: Builder, norm: ir.Value, bound: float) -> ir.Value:
     mantissa = b.and_(bits, (1 << _MANTISSA_BITS) - 1)
     above = b.icmp_signed("!=", mantissa, 0)
     least = b.add(exponent, b.zext(above, INT_VEC))
-    for limit, side in ((0, "<"), (MAX_SQUARINGS, ">")):
-        end = limit
+    for end, side in ((0, "<"), (MAX_SQUARINGS, ">")):
         least = b.select(b.icmp_signed(side, least, end), end, least)
     return least
 

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, reduce
 
 from llvmlite import ir
 
@@ -64,98 +64,16 @@ class StepFriction:
 def row_terms(row: Column, state: Sequence[Number], drive: Column) -> list[tuple[Number, Number]]:
     """Return the terms of a row over states and drive, what is known first at first."""
     x = len(state)
-    known = [(entry, drive[k]) for k, entry in row.items() if k >= x]
+    known = [(entry, drive[k]) for k, entry in row.items() if k in drive]
     return known + [(entry, state[k]) for k, entry in row.items() if k < x]
 
 
 Rows = list[dict[int, Number]]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FrictionMode:
-    """The linear rig while each friction slips in one direction or sticks.
-
-    `rows`: of states over columns (states, one, drive, frictions from `first` on); `shows`: with a
-    row for the effort of each friction.  `block`: room for directions and rows.
-    """
-
-    kind: Numbers
-    rows: Rows
-    frictions: Sequence[StepFriction]
-    first: int
-    shows: bool
-    block: ir.Value
-    slots: dict[tuple[int, int], Number] = field(default_factory=dict)
-
-    # Where speeds have changed their signs.
-
-    def set(self, state: Sequence[Number]) -> None:
-        """Store the rows for the signs of the speeds in `state`; what is at rest sticks."""
-        b, constant = self.kind.b, len(self.rows)  # the column of what is constant
-        directions = [slip_direction(state[friction.row]) for friction in self.frictions]
-        rows = [dict(row) for row in self.rows]
-        if self.shows:
-            rows += [{self.first + e: Vector(b, vector(1.0))} for e in range(len(self.frictions))]
-        for e, direction in enumerate(directions):
-            self._hold(rows, e, is_sticking(direction))
-        for e, (friction, direction) in enumerate(zip(self.frictions, directions, strict=True)):
-            b.write(direction.value, self.block, e)
-            if friction.steady is not None:
-                effort = multiply_add(friction.steady, direction, None)
-                for row in (row for row in rows if self.first + e in row):
-                    entry = row.pop(self.first + e)
-                    row[constant] = multiply_add(entry, effort, row.get(constant))
-        self._store(rows)
-
-    def _hold(self, rows: Rows, e: int, still: Mask) -> None:
-        """Where friction e sticks, let it take what makes its speed zero."""
-        friction, column = self.frictions[e], self.first + e
-        pivot = dict(rows[friction.row])
-        stop = -1.0 / pivot.pop(column)
-        for i, row in enumerate(rows):
-            if i != friction.row and column in row:
-                share = where(still, row[column] * stop, 0.0)
-                for k, entry in pivot.items():
-                    row[k] = multiply_add(share, entry, row.get(k))
-        for k in pivot:
-            rows[friction.row][k] = where(still, 0.0, rows[friction.row][k])
-        if friction.angle is not None:
-            angle = rows[friction.angle]
-            for k in angle:
-                angle[k] = where(still, 1.0 if k == friction.angle else 0.0, angle[k])
-
-    def _store(self, rows: Rows) -> None:
-        """Store the rows, at the same places each time."""
-        index = len(self.frictions)
-        for i, row in enumerate(rows):
-            for k in sorted(row):
-                number = dual(row[k])
-                for part in (number.value, number.slope):
-                    if isinstance(part, Vector):
-                        self.kind.b.write(part.value, self.block, index)
-                    index += 1
-                self.slots[i, k] = row[k]
-
-    # As long as they do not.
-
-    def directions(self) -> list[Vector]:
-        """Load the directions: 1 or -1 as a friction slips, 0 as it sticks."""
-        b = self.kind.b
-        return [Vector(b, value) for value in b.read_row(self.block, len(self.frictions))]
-
-    def read_rows(self) -> Rows:
-        """Load the rows, which may have changed."""
-        b, rows = self.kind.b, Rows({} for _ in range(1 + max(i for i, _ in self.slots)))
-
-        def part(number: Vector | float, at: int) -> Vector | float:
-            return Vector(b, b.read(self.block, at)) if isinstance(number, Vector) else number
-
-        for n, ((i, k), like) in enumerate(self.slots.items()):
-            first, number = len(self.frictions) + 2 * n, dual(like)
-            value = part(number.value, first)
-            known = Dual(value, part(number.slope, first + 1)) if isinstance(like, Dual) else value
-            rows[i][k] = known
-        return rows
+def moved_by(rows: Rows, state: Sequence[Number], drive: Column) -> list[Number]:
+    """Return what rows make of states, one and drive."""
+    return [sum_products(row.get(len(state)), row_terms(row, state, drive)) for row in rows]
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,12 +88,11 @@ class FrictionHistory:
 class Step:
     """The matrices of a step, and its frictions.
 
-    `phi[row]`: what columns of (states, drive) do to a state; `base[row]`: what is constant;
-    `slopes`: columns of inputs, and those of their slopes; `first`: column of the first friction.
+    `rows`: of states over columns (states, one, drive, frictions from `first` on); `slopes`: columns
+    of inputs, and those of their slopes.
     """
 
-    phi: Sequence[Column]
-    base: Mapping[int, Number]
+    rows: Rows
     frictions: Sequence[StepFriction]
     parameters: Mapping[str, Number]
     states: tuple[str, ...]
@@ -196,16 +113,6 @@ class Step:
         names = {name for friction in unsteady for name in friction.law.seen}
         named = {i for i, name in enumerate(self.states) if name in names}
         return sorted(named | {friction.row for friction in unsteady})
-
-    def rows(self) -> list[dict[int, Number]]:
-        """Return the rows of states over all columns."""
-        rows = [dict(row) for row in self.phi]
-        for i, base in self.base.items():
-            rows[i][len(self.phi)] = base
-        for e, friction in enumerate(self.frictions):
-            for i, entry in friction.column.items():
-                rows[i][self.first + e] = entry
-        return rows
 
     def sizes(self, state: Sequence[Number], inputs: Mapping[str, Number]) -> list[Number]:
         """Return the sizes of all frictions."""
@@ -235,17 +142,14 @@ class Step:
             middle[i] = (size(here) + size(there) if turned else here + there) * 0.5
         return self.sizes(middle, inputs)
 
-    def final_drive(self, drive: Column) -> Column:
-        """Return what drives the rig at the end of the step."""
-        ends = {k: drive[k] + drive[slope] * self.span for k, slope in self.slopes.items()}
-        return {**drive, **ends}
+    def drive_after(self, drive: Column, span: Number) -> Column:
+        """Return what drives the rig a span later."""
+        later = {k: drive[k] + drive[slope] * span for k, slope in self.slopes.items()}
+        return {**drive, **later}
 
     def frictionless(self, state: Sequence[Number], drive: Column) -> list[Number]:
         """Return the new states that the rig would have without friction."""
-        return [
-            sum_products(self.base.get(i), row_terms(row, state, drive))
-            for i, row in enumerate(self.phi)
-        ]
+        return moved_by(self.rows, state, drive)
 
 
 @dataclass(frozen=True, slots=True)
@@ -262,27 +166,105 @@ class StepStart:
 
 
 @dataclass(frozen=True, slots=True)
-class SmoothStep:
-    """A step in which each friction slips on as it did, or sticks on."""
+class FrictionMode:
+    """A step in which each friction slips on as it did, or sticks on: the rig is linear then.
+
+    `shows`: with a row for the effort of each friction.  `block`: room for directions and rows.
+    """
 
     step: Step
-    mode: FrictionMode
+    shows: bool
+    block: ir.Value
+    slots: dict[tuple[int, int], Number] = field(default_factory=dict)
+
+    # Where speeds have changed their signs.
+
+    def set(self, state: Sequence[Number]) -> None:
+        """Store the rows for the signs of the speeds in `state`; what is at rest sticks."""
+        step, b = self.step, self.step.kind.b
+        first, constant = (
+            step.first,
+            len(step.rows),
+        )  # columns of frictions, and of what is constant
+        directions = [slip_direction(state[friction.row]) for friction in step.frictions]
+        rows = [dict(row) for row in step.rows]
+        if self.shows:
+            rows += [{first + e: Vector(b, vector(1.0))} for e in range(len(step.frictions))]
+        for e, direction in enumerate(directions):
+            self._hold(rows, e, is_sticking(direction))
+        for e, (friction, direction) in enumerate(zip(step.frictions, directions, strict=True)):
+            b.write(direction.value, self.block, e)
+            if friction.steady is not None:
+                effort = multiply_add(friction.steady, direction, None)
+                for row in (row for row in rows if first + e in row):
+                    entry = row.pop(first + e)
+                    row[constant] = multiply_add(entry, effort, row.get(constant))
+        self._store(rows)
+
+    def _hold(self, rows: Rows, e: int, still: Mask) -> None:
+        """Where friction e sticks, let it take what makes its speed zero."""
+        friction, column = self.step.frictions[e], self.step.first + e
+        pivot = dict(rows[friction.row])
+        stop = -1.0 / pivot.pop(column)
+        for i, row in enumerate(rows):
+            if i != friction.row and column in row:
+                share = where(still, row[column] * stop, 0.0)
+                for k, entry in pivot.items():
+                    row[k] = multiply_add(share, entry, row.get(k))
+        for k in pivot:
+            rows[friction.row][k] = where(still, 0.0, rows[friction.row][k])
+        if friction.angle is not None:
+            angle = rows[friction.angle]
+            for k in angle:
+                angle[k] = where(still, 1.0 if k == friction.angle else 0.0, angle[k])
+
+    def _store(self, rows: Rows) -> None:
+        """Store the rows, at the same places each time."""
+        index = len(self.step.frictions)
+        for i, row in enumerate(rows):
+            for k in sorted(row):
+                number = dual(row[k])
+                for part in (number.value, number.slope):
+                    if isinstance(part, Vector):
+                        self.step.kind.b.write(part.value, self.block, index)
+                    index += 1
+                self.slots[i, k] = row[k]
+
+    # As long as they do not.
+
+    def directions(self) -> list[Vector]:
+        """Load the directions: 1 or -1 as a friction slips, 0 as it sticks."""
+        b = self.step.kind.b
+        return [Vector(b, value) for value in b.read_row(self.block, len(self.step.frictions))]
+
+    def _read_rows(self) -> Rows:
+        """Load the rows, which may have changed."""
+        b, rows = self.step.kind.b, Rows({} for _ in range(1 + max(i for i, _ in self.slots)))
+
+        def part(number: Vector | float, at: int) -> Vector | float:
+            return Vector(b, b.read(self.block, at)) if isinstance(number, Vector) else number
+
+        for n, ((i, k), like) in enumerate(self.slots.items()):
+            first, number = len(self.step.frictions) + 2 * n, dual(like)
+            value = part(number.value, first)
+            known = Dual(value, part(number.slope, first + 1)) if isinstance(like, Dual) else value
+            rows[i][k] = known
+        return rows
 
     def advance(
         self, now: StepStart, directions: Sequence[Vector], sizes: Sequence[Number] | None = None
-    ) -> tuple[list[Number], list[Number], FrictionHistory]:
-        """Return the new state, efforts (if the mode shows them) and the history then.
+    ) -> list[Number]:
+        """Return new state, efforts (if the mode shows them), sizes that vary, and their trends.
 
         Sizes that vary are those in the middle of the step, for which its end is predicted with
         sizes that go on as they did.  Where `sizes` are known, they are these.
         """
         step, state, past = self.step, now.state, now.past
-        x, varying = len(state), step.varying
-        rows = self.mode.read_rows()
-        columns = [[row.pop(step.first + e, None) for row in rows] for e in varying]
-        new = [sum_products(row.pop(x, None), row_terms(row, state, now.drive)) for row in rows]
+        rows, varying = self._read_rows(), step.varying
+        columns = [[row.get(step.first + e) for row in rows] for e in varying]
+        new = moved_by(rows, state, now.drive)
         if not varying:
-            return new[:x], new[x:], past
+            return new
 
         def with_sizes(sizes: Sequence[Number], only: Sequence[int]) -> list[Number]:
             moved = list(new)
@@ -298,8 +280,7 @@ class SmoothStep:
             mean_sizes = step.mean_sizes(state, ahead, now.inputs)
             sizes = [mean_sizes[e] for e in varying]
         trends = [current - before for current, before in zip(sizes, past.sizes, strict=True)]
-        moved = with_sizes(sizes, range(len(rows)))
-        return moved[:x], moved[x:], FrictionHistory(list(sizes), trends)
+        return [*with_sizes(sizes, range(len(rows))), *sizes, *trends]
 
     def may_change(self, new: Sequence[Number], directions: Sequence[Vector]) -> Mask:
         """Tell in which lanes a speed changes its sign, or sticks."""
@@ -311,7 +292,7 @@ class SmoothStep:
     def changes(self, new: Sequence[Number], now: StepStart, directions: Sequence[Vector]) -> Mask:
         """Tell in which lanes a speed changes its sign, or what sticks must hold more than it can."""
         step = self.step
-        sizes, later = step.rest_sizes(new, now.inputs), step.final_drive(now.drive)
+        sizes, later = step.rest_sizes(new, now.inputs), step.drive_after(now.drive, step.span)
         changed = []
         for (direction, friction), most in zip(self._pairs(directions), sizes, strict=True):
             beyond = above(size(friction.holding_effort(new, later)), most)
@@ -326,7 +307,4 @@ class SmoothStep:
 
 def any_of(masks: Iterable[Mask]) -> Mask:
     """Return the disjunction of masks."""
-    first, *others = masks
-    for mask in others:
-        first = first.either(mask)
-    return first
+    return reduce(Mask.either, masks)

@@ -207,14 +207,8 @@ class Late:
         self, b: Builder, a: Arguments, shape: IrregularShape, m: GroupMatrices, seen: Channels
     ) -> None:
         """Prepare tables, and observe the samples before the first knot."""
-        self.b, self.a, self.shape, self.m, self.seen, self.walkers = (
-            b,
-            a,
-            shape,
-            m,
-            seen,
-            seen.walker,
-        )
+        self.b, self.a, self.shape, self.m, self.seen = b, a, shape, m, seen
+        self.walkers = seen.walker
         k, x, n = len(shape.pattern), shape.layout.n_states, shape.layout.size
         sizes = {
             "series": MAX_SERIES_DEGREE + 1, "levels": MAX_HIGH_LEVELS + MAX_LEVELS,

@@ -110,10 +110,6 @@ class StateSpace:
         """States of the torque, which are the last."""
         return len(self.model.torque.states)
 
-    def observed_states(self, k: int) -> list[int]:
-        """Return the states that channel k measures."""
-        return [i for i, kind in enumerate(self.channels[k]) if kind != 0]
-
     def weights(self, b: Builder, weights: ir.Value, k: int) -> dict[int, Vector]:
         """Return the weights of channel k, by state, from the block of all `weights (K, n)`."""
         return channel_weights(b, weights, self.channels, k)
@@ -339,7 +335,7 @@ def write_filter(module: Module, system: StateSpace, name: str) -> None:
     They are functions of COUNTS and addresses of BLOCKS.
     """
     with kernel(module, name, COUNTS, BLOCKS) as (a, b), b.loop(a["groups"], "groups") as group:
-        w = _Writer(a, b, system, group, slopes=name == "slopes")
+        w = _Writer(a, Numbers(b, name == "slopes"), system, group)
         if name == "draw":
             _emit_draw(w, group)
         else:
@@ -350,25 +346,18 @@ class _Writer:
     """Writes what the filter, the smoother and the sampler have in common."""
 
     def __init__(
-        self,
-        a: dict[str, ir.Value],
-        b: Builder,
-        system: StateSpace,
-        group: ir.Value,
-        *,
-        slopes: bool,
+        self, a: dict[str, ir.Value], m: Numbers, system: StateSpace, group: ir.Value
     ) -> None:
         """Store the matrices of all steps, and the covariance at the first sample."""
-        self.a, self.b, self.system, self.slopes = a, b, system, slopes
-        self.memory = m = Numbers(b, slopes)
-        n = self.n = system.n
+        self.a, self.b, self.memory, self.system, self.n = a, m.b, m, system, system.n
+        b, n = m.b, system.n
         self.p, self.x, self.flag = m.room(n * n), m.room(n), b.room(1, I64)
         self.gains = Gains(m, system, m.room(system.k * Gains.width(n)), a["weights"])
         parameters = m.at(a["parameters"], b.mul(group, system.p))
         self.variances = m.at(a["variances"], b.mul(group, system.k))
         with b.loop(a["steps"], "steps") as step:
             span, (phi, q) = b.shared(a["spans"], step), self.matrices(step)
-            store_transition(b, parameters, span, phi, q, system, slopes=slopes)
+            store_transition(b, parameters, span, phi, q, system, slopes=m.slopes)
         m.clear(self.p, n * n)
         for i in range(n - system.n_torque_states, n):
             m.put(1.0, self.p, i * n + i)
@@ -396,39 +385,24 @@ def smoother_size(system: StateSpace) -> int:
     return system.k * (n + 1) + n + n * n
 
 
-@routine
-def _revise(
-    b: Builder,
-    p: ir.Value,
-    gains: ir.Value,
-    variances: ir.Value,
-    phi: ir.Value,
-    q: ir.Value,
-    observed: ir.Value,
-    weights: ir.Value,
-    flag: ir.Value,
-    system: StateSpace,
-    *,
-    slopes: bool,
-) -> None:
-    """Update and predict the covariance; the `flag` gets whether it has settled."""
-    n, memory = system.n, Numbers(b, slopes)
-    filtered = Gains(memory, system, gains, weights)
-    old = [dual(memory.get(p, i * n + i)) for i in range(n)]
-    for k in range(system.k):
-        filtered.update_covariance(k, p, variances, Vector(b, b.shared(observed, k)))
-    predict_covariance(memory, n, p, phi, q)
+def _revise(w: _Writer, phi: ir.Value, q: ir.Value, observed: ir.Value) -> None:
+    """Update and predict the covariance; the flag gets whether it has settled."""
+    b, m, n = w.b, w.memory, w.n
+    old = [dual(m.get(w.p, i * n + i)) for i in range(n)]
+    for k in range(w.system.k):
+        w.gains.update_covariance(k, w.p, w.variances, Vector(b, b.shared(observed, k)))
+    predict_covariance(m, n, w.p, phi, q)
     moving = NOWHERE
     for i, before in enumerate(old):
-        now = dual(memory.get(p, i * n + i))
+        now = dual(m.get(w.p, i * n + i))
         far = b.absolute((now.value - before.value).value)
         near = (now.value * STEADY_TOLERANCE).value
         moving = b.or_(moving, b.fcmp_unordered(">", far, near))
-        if slopes:
+        if m.slopes:
             far = b.absolute((now.slope - before.slope).value)
             near = ((now.slope.size() + now.value) * STEADY_SLOPE_TOLERANCE).value
             moving = b.or_(moving, b.fcmp_unordered(">", far, near))
-    b.store(b.select(b.anywhere(moving), 0, 1), flag)
+    b.store(b.select(b.anywhere(moving), 0, 1), w.flag)
 
 
 def _emit_filter(w: _Writer, group: ir.Value, *, smooth: bool) -> None:
@@ -444,10 +418,7 @@ def _emit_filter(w: _Writer, group: ir.Value, *, smooth: bool) -> None:
         settled = b.and_(b.load(w.flag), b.single(a["same"], t))
         observed = b.offset(a["seen"], b.mul(t, system.k))
         with b.if_then(b.icmp_signed("==", settled, 0)):
-            _revise(
-                b, w.p, w.gains.block, w.variances, phi, q, observed, a["weights"], w.flag, system,
-                slopes=w.slopes,
-            )  # fmt: skip
+            _revise(w, phi, q, observed)
         residuals, state = m.at(a["left"], here), m.row(w.x, n)
         out = m.at(a["out"], b.mul(here, 2))
         for k in range(system.k):

@@ -89,11 +89,6 @@ class IrregularShape:
         return any(self.shifted)
 
     @property
-    def weights(self) -> int:
-        """Weights of each channel in the sums."""
-        return self.tally.weights if self.tally is not None else 0
-
-    @property
     def out_count(self) -> int:
         """Vectors of a group in `out`, where there are sums."""
         return len(self.pattern) * (self.tally.count if self.tally is not None else 1)
@@ -111,7 +106,8 @@ class IrregularShape:
         if self.late:
             shifts = ("shift", "share", "offset", "head", "begin")
             blocks |= {"before": x} | dict.fromkeys(shifts, k)
-        return blocks | ({"weight": k * self.weights} if self.weights else {})
+        weights = k * self.tally.weights if self.tally is not None else 0
+        return blocks | ({"weight": weights} if weights else {})
 
     @property
     def row_blocks(self) -> int:

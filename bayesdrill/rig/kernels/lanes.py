@@ -319,10 +319,14 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
 
 
 class Module(ir.Module):  # type: ignore[misc]
-    """The kernels that are compiled together, and the `routine`s that they call."""
+    """The kernels that are compiled together, and the `routine`s that they call.
+
+    `arguments`: names of those of each kernel.
+    """
 
     def __init__(self, name: str) -> None:
         super().__init__(name)
+        self.arguments: dict[str, list[str]] = {}
         self.routines: dict[Any, ir.Function] = {}
 
 
@@ -345,8 +349,9 @@ def kernel(
     module: Module, name: str, counts: Sequence[str], blocks: Mapping[str, ir.Type]
 ) -> Iterator[tuple[dict[str, ir.Value], Builder]]:
     """Write a kernel; gives its arguments, `counts` and addresses of `blocks`, by name."""
+    names = module.arguments[name] = [*counts, *blocks]
     with function(module, name, [*[I64] * len(counts), *blocks.values()]) as (written, b):
-        yield dict(zip([*counts, *blocks], written.args, strict=True)), b
+        yield dict(zip(names, written.args, strict=True)), b
 
 
 def routine[**P](

@@ -5,7 +5,7 @@ changes, f is the mean over the step: of both signs, each for as long as a strai
 speed has it, or, where the speed stays at zero once it is there, what stops it.
 
 Steps are as short as friction asks for whose size falls with the speed.  Where every speed is so
-high that nothing of that is left, and stays far from zero, a `LongStep` goes to the next sample at
+high that nothing of that is left, and stays far from zero, a long step goes to the next sample at
 once, and is exact; what sticks goes by steps, as in one that is long its speed is zero at the ends
 alone.
 """
@@ -18,15 +18,7 @@ from dataclasses import dataclass, replace
 from llvmlite import ir
 
 from bayesdrill.basics.duals import below, signed, size, where
-from bayesdrill.rig.kernels.friction import (
-    FrictionHistory,
-    FrictionMode,
-    SmoothStep,
-    Step,
-    StepFriction,
-    StepStart,
-    any_of,
-)
+from bayesdrill.rig.kernels.friction import FrictionHistory, FrictionMode, Step, StepStart, any_of
 from bayesdrill.rig.kernels.lanes import F64, NOWHERE, Loop, Mask, Vector
 from bayesdrill.rig.kernels.numbers import (
     Column,
@@ -42,74 +34,32 @@ from bayesdrill.rig.models.friction import SettlingLaw
 
 
 def advance_step(
-    going: SmoothStep, parts: Substeps, now: StepStart, turn: Callable[[list[Number]], None]
-) -> tuple[list[Number], list[Number], FrictionHistory]:
-    """Return the new state, efforts (where the mode shows them) and the history then.
+    mode: FrictionMode,
+    turning: Callable[[], ReversalStep],
+    now: StepStart,
+    turn: Callable[[list[Number]], None],
+) -> list[Number]:
+    """Return new state, efforts (where the mode shows them), sizes that vary, and their trends.
 
     Where a speed changes its sign or what stuck lets go, the mode is another from then on:
     `turn(state)`.
     """
-    step, mode, x = going.step, going.mode, len(now.state)
-    directions = mode.directions()
-    new, efforts, then = going.advance(now, directions)
-    smooth = [*new, *efforts, *then.sizes, *then.trends]
+    kind, x, directions = mode.step.kind, len(now.state), mode.directions()
+    smooth = mode.advance(now, directions)
+    new = smooth[:x]
 
     def looked() -> list[Number]:
-        changes = going.changes(new, now, directions)
+        changes = mode.changes(new, now, directions)
 
         def turned() -> list[Number]:
-            others = parts.advance(now, shows=mode.shows)
+            others = turning().advance(now, shows=mode.shows)
             merged = [where(changes, *both) for both in zip(others, smooth, strict=True)]
             turn(merged[:x])
             return merged
 
-        return step.kind.replace_if_any(changes, smooth, turned)
+        return kind.replace_if_any(changes, smooth, turned)
 
-    result = step.kind.replace_if_any(going.may_change(new, directions), smooth, looked)
-    e, v = x + len(efforts), len(step.varying)
-    return result[:x], result[x:e], FrictionHistory(result[e : e + v], result[e + v :])
-
-
-@dataclass(frozen=True, slots=True)
-class Substeps:
-    """A step with a reversal, in `count` parts, each of them one `step`.
-
-    What else happens in it, such as a current that follows fast, need not be as straight as a
-    speed.
-    """
-
-    count: int
-    step: Callable[[], Step]
-
-    def advance(self, now: StepStart, *, shows: bool) -> list[Number]:
-        """Return what `ReversalStep.advance` does, with the mean efforts."""
-        step = self.step()
-        turning, kind = ReversalStep(step), step.kind
-        if self.count == 1:
-            return turning.advance(now, shows=shows)
-        x, v = len(now.state), len(step.varying)
-        e = x + (len(step.frictions) if shows else 0)
-        nothing = [kind.zero() for _ in range(e - x)]
-        start = kind.flat([*now.state, *nothing, *now.past.sizes, *now.past.trends])
-        loop = Loop(kind.b, self.count, start, "parts")
-        values = kind.shaped(loop.carried)
-        before = FrictionHistory(values[e : e + v], values[e + v :])
-        drive = self._then(step, now.drive, loop.index)
-        result = turning.advance(StepStart(values[:x], before, drive, now.inputs), shows=shows)
-        pairs = zip(values[x:e], result[x:e], strict=True)
-        efforts = [total + effort * (1.0 / self.count) for total, effort in pairs]
-        result = [*result[:x], *efforts, *result[e:]]
-        loop.close(kind.flat(result))
-        return result
-
-    def _then(self, step: Step, drive: Column, index: ir.Value) -> Column:
-        """Return what drives the substep `index`."""
-        if not step.slopes:
-            return drive
-        b = step.kind.b
-        since = Vector(b, b.splat(b.sitofp(index, F64))) * step.span
-        ahead = {k: drive[k] + drive[slope] * since for k, slope in step.slopes.items()}
-        return {**drive, **ahead}
+    return kind.replace_if_any(mode.may_change(new, directions), smooth, looked)
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,13 +72,14 @@ class RestState:
 
 @dataclass(frozen=True, slots=True)
 class ReversalStep:
-    """A step in which speeds may change their signs, and frictions stick or let go."""
+    """A step in which speeds may change their signs, and frictions stick or let go.
+
+    It is in `count` parts, each of them one `step`: what else happens in it, such as a current that
+    follows fast, need not be as straight as a speed.
+    """
 
     step: Step
-
-    @property
-    def _frictions(self) -> Sequence[StepFriction]:
-        return self.step.frictions
+    count: int
 
     @property
     def _order(self) -> list[int]:
@@ -137,21 +88,42 @@ class ReversalStep:
         At first these are as if nothing reversed.  What stops a current comes first, and once more:
         it and the motor act on each other strongly.
         """
-        angles = [friction.angle for friction in self._frictions]
+        angles = [friction.angle for friction in self.step.frictions]
         order = sorted(range(len(angles)), key=lambda e: angles[e] is not None)
         return order * (1 + (None in angles))
 
     def advance(self, now: StepStart, *, shows: bool) -> list[Number]:
-        """Return new state, efforts if they are shown, sizes that vary, and their trends.
+        """Return new state, mean efforts if they are shown, sizes that vary, and their trends.
 
         After a reversal there are no trends.
         """
+        if self.count == 1:
+            return self._whole(now, shows=shows)
+        step, kind = self.step, self.step.kind
+        x, v = len(now.state), len(step.varying)
+        e = x + (len(step.frictions) if shows else 0)
+        nothing = [kind.zero() for _ in range(e - x)]
+        start = kind.flat([*now.state, *nothing, *now.past.sizes, *now.past.trends])
+        loop = Loop(kind.b, self.count, start, "parts")
+        values = kind.shaped(loop.carried)
+        before = FrictionHistory(values[e : e + v], values[e + v :])
+        since = Vector(kind.b, kind.b.splat(kind.b.sitofp(loop.index, F64))) * step.span
+        drive = step.drive_after(now.drive, since)
+        result = self._whole(StepStart(values[:x], before, drive, now.inputs), shows=shows)
+        pairs = zip(values[x:e], result[x:e], strict=True)
+        efforts = [total + effort * (1.0 / self.count) for total, effort in pairs]
+        result = [*result[:x], *efforts, *result[e:]]
+        loop.close(kind.flat(result))
+        return result
+
+    def _whole(self, now: StepStart, *, shows: bool) -> list[Number]:
+        """Return what `advance` does, of one part."""
         step, state, drive, inputs = self.step, now.state, now.drive, now.inputs
-        sizes = [friction.steady for friction in self._frictions]
+        sizes = [friction.steady for friction in self.step.frictions]
         for e, magnitude in zip(step.varying, now.past.sizes, strict=True):
             sizes[e] = magnitude
-        free, later = step.frictionless(state, drive), step.final_drive(drive)
-        holding = [friction.holding_effort(state, drive) for friction in self._frictions]
+        free, later = step.frictionless(state, drive), step.drive_after(drive, step.span)
+        holding = [friction.holding_effort(state, drive) for friction in self.step.frictions]
         rest_sizes = step.rest_sizes(state, inputs)
         at_rest = [RestState(*both) for both in zip(holding, rest_sizes, strict=True)]
         efforts, slips = self._efforts(free, state, later, sizes, at_rest)
@@ -175,15 +147,15 @@ class ReversalStep:
         """Return the efforts, and where they let slip; `drive` is that at the end of the step."""
         known = [
             where(is_moving(state[friction.row]), signed(most, state[friction.row]), at.effort)
-            for friction, most, at in zip(self._frictions, sizes, at_rest, strict=True)
+            for friction, most, at in zip(self.step.frictions, sizes, at_rest, strict=True)
         ]
         slips: dict[int, Mask] = {}
         for e in self._order:
-            friction = self._frictions[e]
+            friction = self.step.frictions[e]
             others = [
-                (self._frictions[k].column[friction.row], effort)
+                (self.step.frictions[k].column[friction.row], effort)
                 for k, effort in enumerate(known)
-                if k != e and friction.row in self._frictions[k].column
+                if k != e and friction.row in self.step.frictions[k].column
             ]
             stop = sum_products(free[friction.row], others) * friction.stop_gain
             speed = state[friction.row]
@@ -195,7 +167,7 @@ class ReversalStep:
             moves = is_moving(speed)
             known[e] = where(moves, slipping[0], still[0])
             slips[e] = slipping[1].both(moves).either(still[1].without(moves))
-        return known, [slips[e] for e in range(len(self._frictions))]
+        return known, [slips[e] for e in range(len(self.step.frictions))]
 
     def _of_moving(
         self, stop: Number, speed: Number, over: Number, most: Number, at_rest: RestState
@@ -247,20 +219,20 @@ class ReversalStep:
     ) -> list[Number]:
         """Return all states with efforts applied, or `only` those right."""
         new = list(free)
-        for friction, effort in zip(self._frictions, efforts, strict=True):
+        for friction, effort in zip(self.step.frictions, efforts, strict=True):
             for i in (i for i in friction.column if only is None or i in only):
                 new[i] = multiply_add(friction.column[i], effort, new[i])
         return new
 
     def _stopped(self, new: list[Number], slips: list[Mask]) -> list[Number]:
         new = list(new)
-        for friction, moves in zip(self._frictions, slips, strict=True):
+        for friction, moves in zip(self.step.frictions, slips, strict=True):
             new[friction.row] = where(moves, new[friction.row], 0.0)
         return new
 
     def _held(self, new: list[Number], old: list[Number], slips: list[Mask]) -> list[Number]:
         """Keep the angles of speeds that were and are zero."""
-        for friction, moves in zip(self._frictions, slips, strict=True):
+        for friction, moves in zip(self.step.frictions, slips, strict=True):
             if friction.angle is not None:
                 moved = moves.either(is_moving(old[friction.row]))
                 new[friction.angle] = where(moved, new[friction.angle], old[friction.angle])
@@ -280,59 +252,53 @@ def _beyond(first: Number, last: Number, limit: Number) -> tuple[Number, Number]
 SETTLED_EXPONENT = 18.0  # exponent: 2e-8 is left of what a friction has more at rest
 
 
-@dataclass(frozen=True, slots=True)
-class LongStep:
-    """A step of a whole sample, with its `step` and `mode`."""
+def advance_stride(
+    mode: FrictionMode, wanted: ir.Value, now: StepStart, steps: Callable[[], list[Number]]
+) -> list[Number]:
+    """Return what is carried on to the next sample; `mode`: of a step of a whole sample.
 
-    step: Step
-    mode: FrictionMode
+    Where it is `wanted`, lanes that slip far from any change take this step.  All others take
+    `steps`, whose code runs where there are any.
+    """
+    step, state, past, directions = mode.step, now.state, now.past, mode.directions()
 
-    def advance(
-        self, wanted: ir.Value, now: StepStart, steps: Callable[[], list[Number]]
-    ) -> list[Number]:
-        """Return what is carried on to the next sample.
-
-        Where it is `wanted`, lanes that slip far from any change take the long step.  All others
-        take `steps`, whose code runs where there are any.
-        """
-        kind, state, past = self.step.kind, now.state, now.past
-        directions = self.mode.directions()
-        stuck = [is_sticking(direction) for direction in directions]
-        slips = any_of([*stuck, *self._falling(state)]).negate()
-        free = Mask(kind.b, kind.b.select(wanted, slips.value, NOWHERE))
-        stays = [*state, *past.sizes, *past.trends]
-        long_step = kind.replace_if_any(free, stays, lambda: self._long_step(now, directions))
-        new = long_step[: len(state)]
-        walks = [free.negate(), *self._falling(new), *self._near_zero(state, new, directions)]
-        return kind.select_if_any(any_of(walks), long_step, steps)
-
-    def _long_step(self, now: StepStart, directions: Sequence[Vector]) -> list[Number]:
-        """Return new state, sizes and trends."""
-        step = self.step
-        steady = [sliding for sliding, _ in self._spent(now.state)]
+    def long_step() -> list[Number]:
+        steady = [sliding for sliding, _ in _spent(step, state)]
         trends = [step.kind.zero() for _ in steady]
         begin = replace(now, past=FrictionHistory(steady, trends))
-        new, _, _ = SmoothStep(step, self.mode).advance(begin, directions, sizes=steady)
-        return [*new, *steady, *trends]
+        new = mode.advance(begin, directions, sizes=steady)
+        return [*new[: len(state)], *steady, *trends]
 
-    def _falling(self, state: Sequence[Number]) -> Iterator[Mask]:
-        """Tell where sizes still change with the speed."""
-        for _, fallen in self._spent(state):
-            yield below(fallen, SETTLED_EXPONENT)
+    stuck = [is_sticking(direction) for direction in directions]
+    slips = any_of([*stuck, *_falling(step, state)]).negate()
+    free = Mask(step.kind.b, step.kind.b.select(wanted, slips.value, NOWHERE))
+    stays = [*state, *past.sizes, *past.trends]
+    moved = step.kind.replace_if_any(free, stays, long_step)
+    new = moved[: len(state)]
+    walks = [free.negate(), *_falling(step, new), *_near_zero(step, state, new, directions)]
+    return step.kind.select_if_any(any_of(walks), moved, steps)
 
-    def _spent(self, state: Sequence[Number]) -> Iterator[tuple[Number, Number]]:
-        """Evaluate `SettlingLaw.decay_terms` of the sizes that vary."""
-        for e in self.step.varying:
-            friction = self.step.frictions[e]
-            assert isinstance(friction.law, SettlingLaw)  # `SteppedShape.long_steps`
-            yield friction.law.decay_terms(self.step.parameters, size(state[friction.row]))
 
-    def _near_zero(
-        self, state: Sequence[Number], new: Sequence[Number], directions: Sequence[Vector]
-    ) -> Iterator[Mask]:
-        """Tell where speeds may have crossed zero: they change by more than is left of them."""
-        for friction, direction in zip(self.step.frictions, directions, strict=True):
-            change = size(new[friction.row] - state[friction.row])
-            for end in (state, new):
-                yield above(change, size(end[friction.row]))
-            yield keeps_direction(direction, new[friction.row]).negate()
+def _falling(step: Step, state: Sequence[Number]) -> Iterator[Mask]:
+    """Tell where sizes still change with the speed."""
+    for _, fallen in _spent(step, state):
+        yield below(fallen, SETTLED_EXPONENT)
+
+
+def _spent(step: Step, state: Sequence[Number]) -> Iterator[tuple[Number, Number]]:
+    """Evaluate `SettlingLaw.decay_terms` of the sizes that vary."""
+    for e in step.varying:
+        friction = step.frictions[e]
+        assert isinstance(friction.law, SettlingLaw)  # `SteppedShape.long_steps`
+        yield friction.law.decay_terms(step.parameters, size(state[friction.row]))
+
+
+def _near_zero(
+    step: Step, state: Sequence[Number], new: Sequence[Number], directions: Sequence[Vector]
+) -> Iterator[Mask]:
+    """Tell where speeds may have crossed zero: they change by more than is left of them."""
+    for friction, direction in zip(step.frictions, directions, strict=True):
+        change = size(new[friction.row] - state[friction.row])
+        for end in (state, new):
+            yield above(change, size(end[friction.row]))
+        yield keeps_direction(direction, new[friction.row]).negate()

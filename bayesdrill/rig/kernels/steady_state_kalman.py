@@ -16,7 +16,7 @@ in twos.
 
 With the gain of P the filter is the recurrence of the response, channel after channel of a sample e
 = y - c x, x <- x + k e, then x <- Phi x + g + G u.  That the start has another covariance than P is
-corrected at the end, from the information of all samples on it, see `correct_start`.
+corrected at the end, from the information of all samples on it, see `_correct_start`.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from dataclasses import dataclass
 
 from llvmlite import ir
 
-from bayesdrill.rig.kernels.exponential import Layout, addresses
+from bayesdrill.rig.kernels.exponential import Layout
 from bayesdrill.rig.kernels.kalman_filter import (
     Gains,
     StateSpace,
@@ -45,7 +45,6 @@ from bayesdrill.rig.kernels.lanes import (
     Vector,
     integer,
     kernel,
-    routine,
     vector,
 )
 from bayesdrill.rig.kernels.numbers import (
@@ -66,16 +65,6 @@ COVARIANCE_TOLERANCE = 1e-14  # of the variance of a sample: what one more doubl
 INFORMATION_TOLERANCE = 1e-15
 
 
-def block_sizes(n: int, k: int) -> dict[str, int]:
-    """Return the parts of the block that `solve_riccati` fills, and how many numbers each has.
-
-    Matrices (n, n); gains, see `Gains`; pulls `(K, n)`, what a channel shows of the state before
-    the sample, over its variance.
-    """
-    matrices = dict.fromkeys(("p", "phi", "q", "g", "a"), n * n)
-    return matrices | {"gains": k * Gains.width(n), "pulls": k * n}
-
-
 def _products(
     b: Builder, system: StateSpace, weights: ir.Value, k: int
 ) -> Iterator[tuple[int, Vector]]:
@@ -86,35 +75,30 @@ def _products(
             yield i * system.n + j, weight * other
 
 
-@routine
-def solve_riccati(
-    b: Builder,
-    samples: ir.Value,
-    block: ir.Value,
-    variances: ir.Value,
-    weights: ir.Value,
-    first: ir.Value,
-    system: StateSpace,
-) -> None:
-    """Fill the `block` of `block_sizes`, where Phi and Q are known.
+# Of the matrices (n, n) P, Phi, Q, G, A; gains, see `Gains`; pulls `(K, n)`, what a channel shows of
+# the state before the sample, over its variance; `variances` of noise, and `weights`.
+Addresses = dict[str, ir.Value]
 
-    `variances (K,)`: of noise.  G is that of all samples; `first (1,)` gets how many of them carry
-    any information on the start.
+
+def _solve_riccati(
+    m: Numbers, system: StateSpace, at: Addresses, samples: ir.Value, first: ir.Value
+) -> None:
+    """Store P, G, A, gains and pulls, where Phi and Q are known.
+
+    G is that of all samples; `first (1,)` gets how many of them carry any information on the start.
     """
-    n, m = system.n, Numbers(b, False)
-    at = addresses(b, block, 0, block_sizes(n, system.k))
-    phi, q, p, g = (at[name] for name in ("phi", "q", "p", "g"))
+    n, b = system.n, m.b
     transition_a, transition_b, information = (m.room(n * n) for _ in range(3))
-    grown, moves, grows = m.room(system.k), b.room(1, ir.IntType(1)), b.room(1, ir.IntType(1))
-    m.put_row([math.inf] * system.k, grown)
-    b.copy(phi, transition_a, n * n)
-    b.copy(q, p, n * n)
+    at = at | {"information": information, "grown": m.room(system.k)}
+    m.put_row([math.inf] * system.k, at["grown"])
+    b.copy(at["phi"], transition_a, n * n)
+    b.copy(at["q"], at["p"], n * n)
     m.clear(information, n * n)
     for k in range(system.k):
-        over = 1.0 / m.get(variances, k)
-        for index, both in _products(b, system, weights, k):
+        over = 1.0 / m.get(at["variances"], k)
+        for index, both in _products(b, system, at["weights"], k):
             m.put(m.get(information, index) + over * both, information, index)
-    m.clear(g, n * n)
+    m.clear(at["g"], n * n)
     b.store(samples, first)
     entry = b.block
     body, after = b.append_basic_block("doubling"), b.append_basic_block("settled")
@@ -124,15 +108,15 @@ def solve_riccati(
     for node, value in ((count, integer(0)), (transition, transition_a), (spare, transition_b)):
         node.add_incoming(value, entry)
     with b.if_then(b.trunc(b.lshr(samples, count), ir.IntType(1))):
-        _prepend(b, transition, information, p, g, n)
-    _double(b, transition, spare, information, p, variances, weights, grown, moves, grows, system)
+        _prepend(m, n, at, transition)
+    grows, moves = _double(m, system, at, transition, spare)
     following = b.add(count, 1)
     length = b.shl(1, following)
-    informed = b.and_(b.not_(b.load(grows)), b.icmp_signed("<", length, b.load(first)))
+    informed = b.and_(b.not_(grows), b.icmp_signed("<", length, b.load(first)))
     with b.if_then(informed):
         b.store(length, first)
     beyond = b.icmp_signed(">", length, b.load(first))
-    more = b.or_(b.load(moves), b.icmp_signed("<", count, MIN_DOUBLINGS))
+    more = b.or_(moves, b.icmp_signed("<", count, MIN_DOUBLINGS))
     more = b.and_(b.or_(more, b.not_(beyond)), b.icmp_signed("<", count, MAX_DOUBLINGS))
     count.add_incoming(following, b.block)
     transition.add_incoming(spare, b.block)
@@ -140,31 +124,20 @@ def solve_riccati(
     b.cbranch(more, body, after)
     b.position_at_end(after)
     with b.if_then(b.icmp_signed("<", b.load(first), samples)):
-        b.copy(information, g, n * n)
-    _store_gains(b, block, variances, weights, system)
+        b.copy(information, at["g"], n * n)
+    _store_gains(m, system, at)
 
 
-@routine
 def _double(
-    b: Builder,
-    transition: ir.Value,
-    following: ir.Value,
-    information: ir.Value,
-    p: ir.Value,
-    variances: ir.Value,
-    weights: ir.Value,
-    grown: ir.Value,
-    moves: ir.Value,
-    grows: ir.Value,
-    system: StateSpace,
-) -> None:
-    """Store the `following` B, and G and H of twice as many steps.
+    m: Numbers, system: StateSpace, at: Addresses, transition: ir.Value, following: ir.Value
+) -> tuple[ir.Value, ir.Value]:
+    """Store the `following` B, and G (`information`) and H (`p`) of twice as many steps.
 
-    `moves (1,)`: whether any channel would see the next addition to H, which is smaller by at least
-    as much as this one is than the one before, `grown (K,)`.  `grows (1,)`: whether G has grown by
-    more than rounding, and twice the stretch may grow more.
+    Return whether G has grown by more than rounding, and twice the stretch may grow more; and whether
+    any channel would see the next addition to H, which is smaller by at least as much as this one is
+    than the one before, `grown (K,)`.
     """
-    n, m = system.n, Numbers(b, False)
+    n, b, p, information = system.n, m.b, at["p"], at["information"]
     lu, x, e, more = (m.room(n * n) for _ in range(4))
     _decompose_sum(m, n, p, information, x, lu, m.room(1))
     solve(b, x, lu, p, n, n)
@@ -179,18 +152,17 @@ def _double(
     for i, old in enumerate(before):
         much, now = old * (1.0 + INFORMATION_TOLERANCE), m.get(information, i * n + i)
         changed = b.or_(changed, b.fcmp_ordered(">", now.value, much.value))
-    b.store(b.anywhere(changed), grows)
-    changed = NOWHERE
+    grows, changed = b.anywhere(changed), NOWHERE
     for k in range(system.k):
-        change, variance = Vector(b, vector(0.0)), m.get(variances, k)
-        for index, both in _products(b, system, weights, k):
+        change, variance = Vector(b, vector(0.0)), m.get(at["variances"], k)
+        for index, both in _products(b, system, at["weights"], k):
             change = multiply_add(both, m.get(more, index), change)
             variance = multiply_add(both, m.get(p, index), variance)
-        least = variance * COVARIANCE_TOLERANCE * m.get(grown, k)
+        least = variance * COVARIANCE_TOLERANCE * m.get(at["grown"], k)
         changed = b.or_(changed, b.fcmp_ordered(">", (change * change).value, least.value))
-        m.put(change, grown, k)
+        m.put(change, at["grown"], k)
     m.put_row([m.get(p, index) + m.get(more, index) for index in range(n * n)], p)
-    b.store(b.anywhere(changed), moves)
+    return grows, b.anywhere(changed)
 
 
 def _decompose_sum(
@@ -213,37 +185,30 @@ def _add_one(m: Numbers, n: int, x: ir.Value) -> None:
         m.put(m.get(x, i * n + i) + 1.0, x, i * n + i)
 
 
-@routine
-def _prepend(
-    b: Builder, transition: ir.Value, information: ir.Value, p: ir.Value, end: ir.Value, n: int
-) -> None:
-    """Put the stretch B, G, H before one of information `end (n, n)`, which becomes that of both."""
-    m = Numbers(b, False)
+def _prepend(m: Numbers, n: int, at: Addresses, transition: ir.Value) -> None:
+    """Put the stretch B, G, H before one of the information `g`, which becomes that of both."""
+    b, end = m.b, at["g"]
     lu, x, e = (m.room(n * n) for _ in range(3))
-    _decompose_sum(m, n, p, end, x, lu, m.room(1))
+    _decompose_sum(m, n, at["p"], end, x, lu, m.room(1))
     solve(b, e, lu, transition, n, n)
     multiply(b, x, end, e, (n, n, n))
-    b.copy(information, end, n * n)
+    b.copy(at["information"], end, n * n)
     multiply_symmetric(b, end, transition, x, n, transposed=True, adds=True)
 
 
-@routine
-def _store_gains(
-    b: Builder, block: ir.Value, variances: ir.Value, weights: ir.Value, system: StateSpace
-) -> None:
-    """Store gains, pulls, and A in the block."""
-    n, m = system.n, Numbers(b, False)
-    at = addresses(b, block, 0, block_sizes(n, system.k))
-    gains = Gains(m, system, at["gains"], weights)
+def _store_gains(m: Numbers, system: StateSpace, at: Addresses) -> None:
+    """Store gains, pulls, and A."""
+    n, b = system.n, m.b
+    gains = Gains(m, system, at["gains"], at["weights"])
     updated, closed_loop = m.room(n * n), m.room(n * n)
     b.copy(at["p"], updated, n * n)
     m.clear(closed_loop, n * n)
     _add_one(m, n, closed_loop)
     for k in range(system.k):
-        gains.update_covariance(k, updated, variances)
-        weights_k = list(system.weights(b, weights, k).values())
-        rows = [m.row(closed_loop, n, i * n) for i in system.observed_states(k)]
-        shows = [dot(weights_k, [row[j] for row in rows]) for j in range(n)]
+        gains.update_covariance(k, updated, at["variances"])
+        weights = system.weights(b, at["weights"], k)
+        rows = [m.row(closed_loop, n, i * n) for i in weights]
+        shows = [dot([*weights.values()], [row[j] for row in rows]) for j in range(n)]
         root = gains.inverse_deviation(k)
         m.put_row([weight * root * root for weight in shows], at["pulls"], k * n)
         for i, gain in enumerate(gains.gain(k)):
@@ -252,28 +217,20 @@ def _store_gains(
     multiply(b, at["a"], at["phi"], closed_loop, (n, n, n))
 
 
-@routine
-def correct_start(
-    b: Builder,
-    p: ir.Value,
-    g: ir.Value,
-    start: ir.Value,
-    shown: ir.Value,
-    gained: ir.Value,
-    determinant: ir.Value,
-    n: int,
-) -> None:
+def _correct_start(
+    m: Numbers, n: int, at: Addresses, start: ir.Value, shown: ir.Value, determinant: ir.Value
+) -> Number:
     """Correct the covariance of the start, P, to `start`, P0.
 
-    It computes what the start adds to the sum of squares, and the determinant of the covariance of
-    whitened residuals:
+    Store the determinant of the covariance of whitened residuals, and return what the start adds to
+    the sum of squares:
 
         b' (1 + P G) (1 + P0 G)^-1 (P - P0) b        det(1 + P0 G) / det(1 + P G)
 
     They are independent where the start has the covariance P, and it has P0; b (n,): what they show
     of it.
     """
-    m = Numbers(b, False)
+    b, p, g = m.b, at["p"], at["g"]
     settled, known, lu = (m.room(n * n) for _ in range(3))
     row, solved, other = m.room(n), m.room(n), m.room(1)
     _decompose_sum(m, n, p, g, settled, lu, other)
@@ -284,8 +241,8 @@ def correct_start(
         m.put(dot([now - begun for now, begun in pairs], scores), row, i)
     solve(b, solved, lu, row, n, 1)
     solution = m.row(solved, n)
-    m.put(dot(scores, [dot(m.row(settled, n, i * n), solution) for i in range(n)]), gained, 0)
     m.put(m.get(determinant, 0) / m.get(other, 0), determinant, 0)
+    return dot(scores, [dot(m.row(settled, n, i * n), solution) for i in range(n)])
 
 
 COUNTS = ("groups", "samples")
@@ -322,13 +279,14 @@ def emit_steady_state(
     n, k_count = system.n, system.k
     with kernel(module, "steadily", *signature) as (a, b):
         m, constants = Numbers(b, False), Constants(b, layout, a["constants"])
-        sizes, weights = block_sizes(n, k_count), constants.all_weights
-        e, block, start = (m.room(k) for k in (layout.size**2, sum(sizes.values()), n * n))
-        shown, gained, first = m.room(n), m.room(1), b.room(1, I64)
-        at = addresses(b, block, 0, sizes)
+        sizes = dict.fromkeys(("p", "phi", "q", "g", "a"), n * n)
+        sizes |= {"gains": k_count * Gains.width(n), "pulls": k_count * n}
+        at = {name: m.room(size) for name, size in sizes.items()}
+        at["weights"] = constants.all_weights
+        e, start, shown, first = m.room(layout.size**2), m.room(n * n), m.room(n), b.room(1, I64)
         with b.loop(a["groups"], "groups") as group:
             parameters = b.offset(a["told"], group, system.p + k_count)
-            variances = m.at(parameters, system.p)
+            at["variances"] = m.at(parameters, system.p)
             out = [
                 b.offset(a["out"], b.add(b.mul(a["groups"], k), group))
                 for k in range(2 * k_count + 1)
@@ -345,37 +303,36 @@ def emit_steady_state(
                 state = next_state(b, phi_entries(b, layout, e), state, [])
             span = constants.span(lead=False)
             store_transition(b, parameters, span, at["phi"], at["q"], system, slopes=False)
-            solve_riccati(b, a["samples"], block, variances, weights, first, system)
+            _solve_riccati(m, system, at, a["samples"], first)
             constants.exponential(parameters, e, lead=False)
             phi = phi_entries(b, layout, e)
-            steady = SteadyFilter(m, system, layout, a, phi, at, weights, first, group)
+            steady = SteadyFilter(m, system, layout, a, phi, at, first, group)
             squares = emit_sums(steady, state, shown)
-            correct_start(b, at["p"], at["g"], start, shown, gained, out[2 * k_count], n)
+            gained = _correct_start(m, n, at, start, shown, out[2 * k_count])
             for k, total in enumerate(squares):
                 root = steady.gains.inverse_deviation(k)
-                start_part = m.get(gained, 0) * (1.0 / k_count)
+                start_part = gained * (1.0 / k_count)
                 m.put(-0.5 * (total * root * root + start_part), out[k], 0)
                 m.put(1.0 / root, out[k_count + k], 0)
 
 
 @dataclass(frozen=True, slots=True)
 class SteadyFilter:
-    """What all samples of a group of walkers have in common; `first (1,)`: see `solve_riccati`."""
+    """What all samples of a group of walkers have in common; `first (1,)`: see `_solve_riccati`."""
 
     m: Numbers
     system: StateSpace
     layout: Layout
     a: dict[str, ir.Value]
     phi: dict[tuple[int, int], ir.Value]
-    at: dict[str, ir.Value]  # see `block_sizes`
-    weights: ir.Value
+    at: Addresses
     first: ir.Value
     group: ir.Value
 
     @property
     def gains(self) -> Gains:
         """The gains of all channels."""
-        return Gains(self.m, self.system, self.at["gains"], self.weights)
+        return Gains(self.m, self.system, self.at["gains"], self.at["weights"])
 
     def advance(
         self, index: ir.Value, registers: list[ir.Value], pulls: ir.Value | None

@@ -16,7 +16,6 @@ from bayesdrill.rig.kernels.exponential import addresses, number, store_exponent
 from bayesdrill.rig.kernels.friction import (
     FrictionHistory,
     FrictionMode,
-    SmoothStep,
     Step,
     StepFriction,
     StepStart,
@@ -34,7 +33,7 @@ from bayesdrill.rig.kernels.lanes import (
     vector,
 )
 from bayesdrill.rig.kernels.numbers import Number, Numbers, multiply_add, sum_products
-from bayesdrill.rig.kernels.reversals import LongStep, Substeps, advance_step
+from bayesdrill.rig.kernels.reversals import ReversalStep, advance_step, advance_stride
 from bayesdrill.rig.kernels.step_arguments import BLOCKS, COUNTS, Rates, SteppedShape
 from bayesdrill.rig.kernels.sums import Sample
 
@@ -71,12 +70,13 @@ class Writer:
         ]
         self.step = self._step(whole, self.span)
         self.mode = self._friction_mode(self.step)
-        self.stride: LongStep | None = None  # from sample to sample, if that is more than a step
+        self.stride: FrictionMode | None = (
+            None  # from sample to sample, if that is more than a step
+        )
         for matrix in stride:
             span = number(b, self.a["numbers"], 1)
             self._exponential(span, matrix)
-            step = self._step(matrix, span)
-            self.stride = LongStep(step, self._friction_mode(step))
+            self.stride = self._friction_mode(self._step(matrix, span))
 
     def walker_numbers(self, name: str) -> list[Number]:
         """Load the numbers of a part of `own`, whose slopes are behind them."""
@@ -84,7 +84,7 @@ class Writer:
 
     def set_mode(self, state: list[Number]) -> None:
         """Set the friction modes of a step and of a long step to that of a state."""
-        for mode in (self.mode, *([] if self.stride is None else [self.stride.mode])):
+        for mode in filter(None, (self.mode, self.stride)):
             mode.set(state)
 
     def _exponential(self, span: Vector, room: ir.Value) -> None:
@@ -109,32 +109,30 @@ class Writer:
     def _step(self, e: ir.Value, span: Vector) -> Step:
         shape, x, s = self.shape, self.x_count, len(self.shape.series)
         first = x + 1 + len(shape.drives)
+        columns = range(first + len(shape.model.frictions))
+        entries = [{k: self._entry(e, i, k) for k in columns} for i in range(x)]
+        matrix = [{k: v for k, v in row.items() if v is not None} for row in entries]
         acting, rates = [], Rates(self.b, shape, self.parameters, self.constant)
         index = shape.model.states.index
-        for f, friction in enumerate(shape.model.frictions):
+        for column, friction in enumerate(shape.model.frictions, start=first):
             row, law = index(friction.against), friction.law
-            column = {i: self._entry(e, i, first + f) for i in range(x)}
-            nonzero = {i: value for i, value in column.items() if value is not None}
-            acts = -rates.rows[row][first + f]  # a unit of it, on the rate
+            acts = -rates.rows[row][column]  # a unit of it, on the rate
             steady = law.size(self.parameters, 0.0, {}) if law.steady else None
             holding = {k: entry / acts for k, entry in rates.rows[row].items() if k < first}
             acting.append(
                 StepFriction(
                     row=row,
                     angle=None if friction.holds is None else index(friction.holds),
-                    column=nonzero,
-                    stop_gain=-1.0 / nonzero[row],
+                    column={i: terms[column] for i, terms in enumerate(matrix) if column in terms},
+                    stop_gain=-1.0 / matrix[row][column],
                     holding_row=holding,
                     holding_base=rates.base[row] / acts,
                     law=law,
                     steady=steady,
                 )
             )
-        columns = [k for k in range(first) if k != x]
-        phi = [{k: self._entry(e, i, k) for k in columns} for i in range(x)]
         return Step(
-            phi=[{k: value for k, value in row.items() if value is not None} for row in phi],
-            base={i: base for i in range(x) if (base := self._entry(e, i, x)) is not None},
+            rows=matrix,
             frictions=acting,
             parameters=self.parameters,
             states=shape.model.states,
@@ -148,14 +146,7 @@ class Writer:
         shape, frictions = self.shape, len(self.shape.model.frictions)
         rows = self.x_count + frictions
         size = frictions + 2 * rows * (rows + 1 + len(shape.drives))  # directions, and all entries
-        return FrictionMode(
-            kind=self.kind,
-            rows=step.rows(),
-            frictions=step.frictions,
-            first=step.first,
-            shows=shape.read or shape.efforts,
-            block=self.b.room(size),
-        )
+        return FrictionMode(step, shape.read or shape.efforts, self.b.room(size))
 
     def drive(
         self, node: Integer, state: Sequence[Number]
@@ -214,21 +205,20 @@ class Writer:
         if not step.frictions:
             new = step.frictionless(state, drive)
             return new, [], self.kind.flat(new)
-        going, parts = SmoothStep(step, self.mode), Substeps(self.shape.turns, self._part)
-        now = StepStart(state, past, drive, inputs)
-        new, efforts, past = advance_step(going, parts, now, self.set_mode)
-        return new, efforts, self.kind.flat([*new, *past.sizes, *past.trends])
+        now, x = StepStart(state, past, drive, inputs), self.x_count
+        result = advance_step(self.mode, self._turning, now, self.set_mode)
+        end, new = len(result) - 2 * len(step.varying), result[:x]
+        return new, result[x:end], self.kind.flat([*new, *result[end:]])
 
     def _shaped(self, registers: Sequence[ir.Value]) -> tuple[list[Number], FrictionHistory]:
         numbers, x, v = self.kind.shaped(registers), self.x_count, len(self.step.varying)
         return numbers[:x], FrictionHistory(numbers[x : x + v], numbers[x + v :])
 
-    def _part(self) -> Step:
-        """Return a part of a step with a reversal."""
-        count = self.shape.turns
-        if count == 1:
-            return self.step
-        return self._step(self.exponentials[1], self.span * (1.0 / count))
+    def _turning(self) -> ReversalStep:
+        step, count = self.step, self.shape.turns
+        if count > 1:
+            step = self._step(self.exponentials[1], self.span * (1.0 / count))
+        return ReversalStep(step, count)
 
     def run_samples(self) -> None:
         """Advance from sample to sample; channels see the states there."""
@@ -267,7 +257,7 @@ class Writer:
         wanted = b.icmp_signed("!=", b.single(self.a["usual"], sample), 0)
         state, past = self._shaped(registers)
         now = StepStart(state, past, *self.drive(node, state))
-        return self.kind.flat(self.stride.advance(wanted, now, steps))
+        return self.kind.flat(advance_stride(self.stride, wanted, now, steps))
 
     def output(self, k: int, state: Sequence[Number], efforts: Sequence[Number]) -> Number:
         """Return what channel k shows of states and efforts."""

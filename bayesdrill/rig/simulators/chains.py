@@ -15,7 +15,7 @@ from bayesdrill.rig.kernels.compiling import Kernel, compile_kernel
 from bayesdrill.rig.kernels.lanes import LANES
 from bayesdrill.rig.kernels.sums import SQUARES, ResidualSums
 from bayesdrill.rig.models.linear import Model
-from bayesdrill.rig.simulators.contract import in_groups, ungrouped
+from bayesdrill.rig.simulators.contract import in_groups
 from bayesdrill.rig.simulators.exact import constant_block, record_blocks
 from bayesdrill.rig.simulators.long_record import input_layout
 from bayesdrill.rig.simulators.sensors import ObservationModel, ObservedWalkers
@@ -35,18 +35,14 @@ class ChainResponse(Unstepped):
 
     def sums(self, full: Array, tally: ResidualSums, weights: Array | None = None) -> Array:
         """See `Simulator.sums`."""
-        n, k_count = len(full), self.experiment.y.shape[1]
-        scales = [] if weights is None else [weights.reshape(n, -1)]
         numbers = ObservedWalkers(self.sensors, full).numbers
-        out = self._run(tally.name, (k_count * tally.count,), numbers, *scales)
-        return out.transpose(0, 2, 1).reshape(-1, k_count, tally.count)[:n]
+        parts = (numbers,) if weights is None else (numbers, weights)
+        return self._run(tally.name, (self.experiment.y.shape[1], tally.count), *parts)
 
     def signals(self, full: Array) -> Array:
         """See `Simulator.signals`."""
-        out = self._run(
-            "signals", self.experiment.y.shape, ObservedWalkers(self.sensors, full).numbers
-        )
-        return ungrouped(out, len(full))
+        numbers = ObservedWalkers(self.sensors, full).numbers
+        return self._run("signals", self.experiment.y.shape, numbers)
 
     def sensitivities(self, full: Array, along: Array) -> Array:
         """See `Simulator.sensitivities`."""
@@ -54,19 +50,15 @@ class ChainResponse(Unstepped):
         points, directions = np.repeat(full, q, axis=0), along.reshape(n * q, p)
         walkers = ObservedWalkers(self.sensors, points)
         slopes = ObservedWalkers(self.sensors, directions, walkers).numbers
-        out = self._run(SLOPES, shape, walkers.numbers, slopes)
-        return ungrouped(out, n * q).reshape(n, q, *shape)
+        return self._run(SLOPES, shape, walkers.numbers, slopes).reshape(n, q, *shape)
 
     def _run(self, name: str, shape: tuple[int, ...], *walkers: Array) -> Array:
-        """Return what a function writes of each group, `(G, *shape, LANES)`."""
-        groups = in_groups(*walkers)
-        out = np.empty((len(groups), *shape, LANES))
         scratch = np.empty((self._shape.scratch(1 + (name == SLOPES)) + 1, LANES))
         start = scratch.ctypes.data  # vectors that cross lines of the cache take twice as long
-        inputs = (block.ctypes.data for block in (groups, *self._blocks))
-        addresses = (*inputs, out.ctypes.data, start + -start % 64)
-        self._kernel(name)[name](len(groups), len(self.experiment.t), *addresses)
-        return out
+        return self._kernel(name).run(
+            name, len(walkers[0]), shape, samples=len(self.experiment.t),
+            parameters=in_groups(*walkers), scratch=start + -start % 64, **self._blocks,
+        )  # fmt: skip
 
     def _kernel(self, name: str) -> Kernel:
         if name not in self._kernels:
@@ -86,6 +78,7 @@ class ChainResponse(Unstepped):
         return BlockShape(layout, self.experiment.y.shape[1])
 
     @cached_property
-    def _blocks(self) -> tuple[Array, Array, Array]:
+    def _blocks(self) -> dict[str, Array]:
         """Constants, record, inputs."""
-        return (constant_block(self.experiment, (), np.zeros(0)), *record_blocks(self.experiment))
+        constants = constant_block(self.experiment, (), np.zeros(0))
+        return {"constants": constants, **record_blocks(self.experiment)}

@@ -19,7 +19,7 @@ import numpy as np
 from bayesdrill.basics.arrays import Array, Counts, Flags
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.kernels.compiling import compile_kernel
-from bayesdrill.rig.kernels.compressed_sums import BLOCKS, write_sums
+from bayesdrill.rig.kernels.compressed_sums import write_sums
 from bayesdrill.rig.kernels.exponential import present
 from bayesdrill.rig.kernels.lanes import LANES
 from bayesdrill.rig.kernels.rational_basis import BasisShape
@@ -27,11 +27,7 @@ from bayesdrill.rig.kernels.sums import SQUARES, ResidualSums
 from bayesdrill.rig.models.linear import Model, Tangent
 from bayesdrill.rig.simulators.contract import Simulator, in_groups
 from bayesdrill.rig.simulators.delays import NOT_LATE, Delays, RecordHead
-from bayesdrill.rig.simulators.long_record import (
-    LongRecord,
-    input_layout,
-    starts,
-)
+from bayesdrill.rig.simulators.long_record import LongRecord, input_layout
 from bayesdrill.rig.simulators.rational_basis import (
     BLOCK,
     Basis,
@@ -92,6 +88,15 @@ class Compression:
             tolerance=NONE,
             delays=NOT_LATE,
         )
+
+    @property
+    def blocks(self) -> dict[str, Array | Counts]:
+        """Blocks of kernels, of all walkers."""
+        return {
+            "numbers": self.numbers, "frame": self.frame, "orders": self.orders,
+            "reference": self.reference, "triangles": self.record.matrix,
+            "projected": self.record.projected,
+        }  # fmt: skip
 
     def triangle(self, blocks: Iterable[tuple[Array, Array]], alike: Sequence[slice]) -> Triangle:
         """Put the blocks of a record into triangles, see `rational_basis.triangle`."""
@@ -176,6 +181,7 @@ class CompressedSimulator(Unstepped):
         if weights.shape[2] != self._shape.sums:
             return self.whole.normal(full, along, weights)
         slopes = self._walker_slopes(np.repeat(full, q, axis=0), along.reshape(n * q, -1))
+        slopes = slopes.reshape(n, q, -1)
         blocks = {"walkers": self._walkers(full), "directions": slopes, "weights": weights}
         rows, first = self._run(blocks, q)[0], self._k * (self._shape.sums + 1)
         numbers, slope, lower = np.split(rows, [first, first + q], axis=1)
@@ -257,19 +263,14 @@ class CompressedSimulator(Unstepped):
         known, n = self.compression, len(blocks["walkers"])
         _, alike, columns, _ = known.record.matrix.shape
         shape, size = self._tangent_shape if q else self._shape, columns**2
-        grouped = {name: in_groups(block.reshape(n, -1)) for name, block in blocks.items()}
-        groups = len(grouped["walkers"])
-        out = np.empty((groups, self._k * (shape.sums + 1) + q + q * q, LANES))
+        grouped = {name: in_groups(block) for name, block in blocks.items()}
         scratch = np.empty((shape.scratch_size(columns, q), LANES))
-        every = {
-            "numbers": known.numbers, "frame": known.frame, "orders": known.orders,
-            "reference": known.reference, "triangles": known.record.matrix,
-            "projected": known.record.projected, "directions": out, "weights": out,
-        } | grouped | {"out": out, "scratch": scratch}  # fmt: skip
-        counts = (groups, columns, size if alike > 1 else 0, alike * size, q)
-        kernel = compile_kernel(write_sums, shape)
-        kernel["sums"](*counts, *(every[block].ctypes.data for block in BLOCKS))
-        return out.transpose(0, 2, 1).reshape(-1, out.shape[1])[:n], scratch
+        given = {
+            "columns": columns, "channel": size if alike > 1 else 0, "sum": alike * size, "q": q,
+            "scratch": scratch, "directions": NONE, "weights": NONE,
+        } | known.blocks | grouped  # fmt: skip
+        width = self._k * (shape.sums + 1) + q + q * q
+        return compile_kernel(write_sums, shape).run("sums", n, (width,), **given), scratch
 
 
 def even_record(simulator: Simulator) -> LongRecord | None:
@@ -315,7 +316,8 @@ def compress(simulator: Simulator, points: Array, variances: Array, weights: Arr
         basis = choose_basis(rates, record.step, 10.0**-digits)
         nothing = Compression.of_nothing(
             basis, record, sizes, layout=record.layout, channels=k_count,
-            impulse=starts(sensors), sums=sums, delays=delays.steps,
+            impulse=sensors.sensing.moves(sensors.experiment.start, angles=()), sums=sums,
+            delays=delays.steps,
         )  # fmt: skip
         nothing.record.projected[..., -1] = variances[:, None] * usual  # it leaves noise alone
         made = dataclasses.replace(

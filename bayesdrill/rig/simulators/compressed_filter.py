@@ -7,7 +7,7 @@ what the record becomes are innovations.  Slopes and smoothing have all samples.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,8 +15,6 @@ import numpy as np
 from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.rig.kernels.compiling import compile_kernel
 from bayesdrill.rig.kernels.compressed_filter import (
-    BLOCKS,
-    CLOSED_BLOCKS,
     turning_angle,
     write_closed_loop,
     write_compressed_filter,
@@ -54,7 +52,7 @@ class CompressedFilter(KalmanFilter):
         """See `KalmanFilter.functions`."""
         return len(self.compression.reference)
 
-    def log_density(self, parameters: Array, sigmas: Array, record: tuple[int, int]) -> Array:
+    def log_density(self, parameters: Array, sigmas: Array, record: Mapping[str, int]) -> Array:
         """See `KalmanFilter.log_density`."""
         terms, errors, _ = self.expanded(parameters, sigmas)
         if (far := np.flatnonzero(~(errors <= TOLERANCE))).size:
@@ -77,16 +75,11 @@ class CompressedFilter(KalmanFilter):
         bounds = np.empty((len(walkers), k, LANES))
         out = np.empty((2 * k + 1, len(walkers) * LANES))
         scratch = np.empty((shape.scratch_size(columns, 2), LANES))
-        blocks = {
-            "told": walkers, "constants": self.constants[0], "frame": known.frame,
-            "orders": known.orders, "reference": known.reference, "bounds": bounds, "out": out,
-            "triangles": known.record.matrix, "projected": known.record.projected,
-            "scratch": scratch,
-        }  # fmt: skip
-        counts = (len(walkers), len(self.experiment.t), columns, 0, columns**2)
-        structures = (self.system, self.layout, shape)
-        kernel = compile_kernel(write_compressed_filter, *structures)
-        kernel["steadily"](*counts, *(blocks[name].ctypes.data for name in BLOCKS))
+        compile_kernel(write_compressed_filter, self.system, self.layout, shape).call("steadily", {
+            "groups": len(walkers), "samples": len(self.experiment.t), "columns": columns,
+            "channel": 0, "sum": columns**2, "told": walkers, "constants": self.constants[1],
+            "scratch": scratch, "bounds": bounds, "out": out, **known.blocks,
+        })  # fmt: skip
         with np.errstate(all="ignore"):
             sizes = bounds.swapaxes(0, 1).reshape(k, -1) / out[k : 2 * k]
             # The first rows are minus half the sums of squares over the variances: of each sample one.
@@ -107,15 +100,13 @@ def closed_loops(filtered: KalmanFilter, parameters: Array, sigmas: Array) -> Re
     """
     n, k, count = filtered.system.n, filtered.system.k, filtered.layout.size
     walkers, size = in_groups(parameters, sigmas**2), (n + k) ** 2
-    blocks = {
-        "told": walkers, "constants": filtered.constants[0],
-        "closed": np.empty((len(walkers), size + n * (count - n), LANES)),
+    closed = np.empty((len(walkers), size + n * (count - n), LANES))
+    compile_kernel(write_closed_loop, filtered.system, filtered.layout).call("steadily", {
+        "groups": len(walkers), "samples": len(filtered.experiment.t), "told": walkers,
+        "constants": filtered.constants[1], "closed": closed,
         "out": np.empty((2 * k + 1, len(walkers) * LANES)),
-    }  # fmt: skip
-    kernel = compile_kernel(write_closed_loop, filtered.system, filtered.layout)
-    addresses = (blocks[name].ctypes.data for name in CLOSED_BLOCKS)
-    kernel["steadily"](len(walkers), len(filtered.experiment.t), *addresses)
-    rows = blocks["closed"].transpose(0, 2, 1).reshape(len(walkers) * LANES, -1)[: len(parameters)]
+    })  # fmt: skip
+    rows = closed.transpose(0, 2, 1).reshape(len(walkers) * LANES, -1)[: len(parameters)]
     reactions, columns = rows[:, :size].reshape(-1, n + k, k + n), rows[:, size:]
     return reactions[..., :k], reactions[..., k:], columns.reshape(-1, count - n, n)
 

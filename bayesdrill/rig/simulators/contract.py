@@ -85,8 +85,8 @@ class Simulator(ABC):
         return SensorParameters(self.model, self.experiment, self.sensing)
 
     @property
-    def record(self) -> tuple[int, int] | None:
-        """Addresses of channels `(T, K)` and of inputs `(T + 1, S)`, for a kernel that reads them."""
+    def record(self) -> Mapping[str, int] | None:
+        """Addresses of channels `y (T, K)` and of inputs `u (T + 1, S)`, for a kernel."""
         return None
 
     @property
@@ -264,20 +264,10 @@ def in_groups(*parts: Array) -> Array:
     """Put blocks `(W, ...)` side by side: `(G, n, LANES)`; the last walker fills the last group."""
     count = len(parts[0])
     groups = -(-count // LANES)
-    if count % LANES:
-        last = [part[-1:].repeat(groups * LANES - count, axis=0) for part in parts]
-        parts = tuple(np.concatenate(pair) for pair in zip(parts, last, strict=True))
+    if missing := groups * LANES - count:
+        parts = tuple(np.concatenate([p, p[-1:].repeat(missing, axis=0)]) for p in parts)
     turned = [part.reshape(groups, LANES, -1).transpose(0, 2, 1) for part in parts]
     if len(turned) == 1:
         return np.ascontiguousarray(turned[0])
     groups_out = np.empty((groups, sum(part.shape[1] for part in turned), LANES))
     return np.concatenate(turned, axis=1, out=groups_out)
-
-
-def ungrouped(groups: Array, count: int) -> Array:
-    """Return the numbers `(W, T, K)` of the first `count` walkers of groups `(G, T, K, LANES)`."""
-    out = np.empty((count, *groups.shape[1:3]))
-    for group, first in zip(groups, range(0, count, LANES), strict=True):
-        rows = out[first : first + LANES]
-        rows[:] = np.moveaxis(group, -1, 0)[: len(rows)]
-    return out

@@ -8,7 +8,7 @@ the discrete system is exact (Van Loan 1978).
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
@@ -23,7 +23,7 @@ from bayesdrill.rig.kernels.lanes import LANES
 from bayesdrill.rig.kernels.recurrence import NORMALS, scratch_size, write_response
 from bayesdrill.rig.kernels.sums import SQUARES, ResidualSums
 from bayesdrill.rig.models.linear import DOT, Model, Tangent
-from bayesdrill.rig.simulators.contract import in_groups, ungrouped, whitening_scales
+from bayesdrill.rig.simulators.contract import in_groups, whitening_scales
 from bayesdrill.rig.simulators.long_record import LongRecord, input_layout
 from bayesdrill.rig.simulators.sensors import ObservationModel
 from bayesdrill.rig.simulators.stepped import Unstepped
@@ -45,26 +45,22 @@ class Response(Unstepped):
     exact: ClassVar[bool] = True
 
     @property
-    def record(self) -> tuple[int, int]:
+    def record(self) -> Mapping[str, int]:
         """See `Simulator.record`."""
-        return self._addresses[1:]
+        return {name: self._addresses[name] for name in ("y", "u")}
 
     @cached_property
-    def _blocks(self) -> tuple[Array, Array, Array]:
+    def _blocks(self) -> dict[str, Array]:
         """Constants, record, inputs."""
         start = [self.experiment.start.get(name, 0.0) for name in self.model.states]
         weights = self.experiment.weights(self.model.states)
         constants = constant_block(self.experiment, start, weights)
-        return (constants, *record_blocks(self.experiment))
+        return {"constants": constants, **record_blocks(self.experiment)}
 
     @cached_property
-    def _addresses(self) -> tuple[int, int, int]:
-        """Addresses of the blocks.
-
-        Asking an array for its own takes as long as some samples of a group.
-        """
-        first, second, third = (block.ctypes.data for block in self._blocks)
-        return first, second, third
+    def _addresses(self) -> dict[str, int]:
+        """Addresses; asking an array for its own takes as long as some samples of a group."""
+        return {name: block.ctypes.data for name, block in self._blocks.items()}
 
     @cached_property
     def _kernels(self) -> dict[str, Kernel]:
@@ -74,20 +70,17 @@ class Response(Unstepped):
     def _layout(self) -> Layout:
         return layout(self.model, self.experiment)
 
-    def _function(self, name: str) -> Callable[..., None]:
+    def _kernel(self, name: str) -> Kernel:
         if name not in self._kernels:
             names = self.together if name in self.together else (name,)
             kernel = compile_kernel(write_response, self._layout, *names)
             self._kernels.update(dict.fromkeys(names, kernel))
-        return self._kernels[name][name]
+        return self._kernels[name]
 
     def sums(self, full: Array, tally: ResidualSums, weights: Array | None = None) -> Array:
         """See `Simulator.sums`."""
-        n, k_count = len(full), self.experiment.y.shape[1]
-        blocks = in_groups(full) if weights is None else in_groups(full, weights.reshape(n, -1))
-        out = np.empty((len(blocks), k_count * tally.count, LANES))
-        self._run(tally.name, blocks, out)
-        return out.transpose(0, 2, 1).reshape(-1, k_count, tally.count)[:n]
+        parts = (full,) if weights is None else (full, weights)
+        return self._run(tally.name, (self.experiment.y.shape[1], tally.count), *parts)
 
     def signals(self, theta: Array) -> Array:
         """Return the channels: `(W, P) -> (W, T, K)`, SI."""
@@ -95,26 +88,19 @@ class Response(Unstepped):
         if self.experiment.y.size > MAX_GROUPED and not self._layout.lead:
             record = LongRecord(self.sensors, self.experiment.dt, shape[0])
             return np.array([record.signals(point) for point in theta])
-        blocks = in_groups(theta)
-        out = np.empty((len(blocks), *shape, LANES))
-        self._run("signals", blocks, out)
-        return ungrouped(out, len(theta))
+        return self._run("signals", shape, theta)
 
     def normal(self, theta: Array, directions: Array, weights: Array) -> tuple[Array, Array, Array]:
         """See `Simulator.normal`; q is at least 1."""
         tangent, (n, q, _) = self._tangent, directions.shape
-        layout, k_count = tangent._layout, self.experiment.y.shape[1]
-        scales = whitening_scales(weights)
-        blocks, scaled = in_groups(theta), in_groups(scales.swapaxes(1, 2).reshape(n, -1))
-        along = in_groups(directions.reshape(n, -1))
-        scratch = np.empty((scratch_size(layout, q) + 8, LANES))
-        out = np.empty((len(blocks), k_count + q + q * q, LANES))
-        inputs = (block.ctypes.data for block in (blocks, along, scaled, tangent._blocks[0]))
-        addresses = (*inputs, *self.record, scratch.ctypes.data, out.ctypes.data)
-        tangent._function(NORMALS[scales.shape[2] > 1])(
-            len(blocks), len(self.experiment.t), q, *addresses
-        )
-        rows = out.transpose(0, 2, 1).reshape(-1, out.shape[1])[:n]
+        k_count, scales = self.experiment.y.shape[1], whitening_scales(weights)
+        name = NORMALS[scales.shape[2] > 1]
+        rows = tangent._kernel(name).run(
+            name, n, (k_count + q + q * q,), samples=len(self.experiment.t), q=q,
+            parameters=in_groups(theta), directions=in_groups(directions),
+            scales=in_groups(scales.swapaxes(1, 2)), constants=tangent._addresses["constants"],
+            scratch=np.empty((scratch_size(tangent._layout, q) + 8, LANES)), **self.record,
+        )  # fmt: skip
         squares, slopes, lower = np.split(rows, [k_count, k_count + q], axis=1)
         products = np.tril(lower.reshape(n, q, q))
         return squares, slopes, products + np.tril(products, -1).swapaxes(1, 2)
@@ -154,9 +140,11 @@ class Response(Unstepped):
         points = np.concatenate([np.repeat(theta, q, axis=0), directions.reshape(n * q, p)], axis=1)
         return self.signals(points).reshape(n, q, *self.experiment.y.shape)
 
-    def _run(self, name: str, blocks: Array, out: Array) -> None:
-        addresses = (blocks.ctypes.data, *self._addresses, out.ctypes.data)
-        self._function(name)(len(blocks), len(self.experiment.t), *addresses)
+    def _run(self, name: str, shape: tuple[int, ...], *walkers: Array) -> Array:
+        return self._kernel(name).run(
+            name, len(walkers[0]), shape, samples=len(self.experiment.t),
+            parameters=in_groups(*walkers), **self._addresses,
+        )  # fmt: skip
 
 
 def layout(model: Model, experiment: Experiment) -> Layout:
@@ -178,8 +166,8 @@ def constant_block(experiment: Experiment, start: Sequence[float], weights: Arra
     return np.array([*spans, *inputs, *start, *np.ravel(weights)])
 
 
-def record_blocks(experiment: Experiment) -> tuple[Array, Array]:
+def record_blocks(experiment: Experiment) -> dict[str, Array]:
     """Return record and inputs; the last increment drives nothing that is measured any more."""
     series = [np.append(u, u[-1]) for u in experiment.series.values()]
     u = np.array(series, dtype=np.float64).reshape(len(series), len(experiment.t) + 1).T
-    return np.ascontiguousarray(experiment.y), np.ascontiguousarray(u)
+    return {"y": np.ascontiguousarray(experiment.y), "u": np.ascontiguousarray(u)}

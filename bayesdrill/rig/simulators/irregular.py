@@ -20,17 +20,11 @@ from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.kernels.compiling import Kernel, compile_kernel
 from bayesdrill.rig.kernels.exponential import Layout, Pattern, present
 from bayesdrill.rig.kernels.irregular import write_dense
-from bayesdrill.rig.kernels.knots import (
-    BLOCKS,
-    COUNTS,
-    MAX_LEVELS,
-    IrregularShape,
-    table_entries,
-)
+from bayesdrill.rig.kernels.knots import MAX_LEVELS, IrregularShape, table_entries
 from bayesdrill.rig.kernels.lanes import LANES
 from bayesdrill.rig.kernels.sums import ResidualSums
 from bayesdrill.rig.models.linear import Model, Tangent
-from bayesdrill.rig.simulators.contract import in_groups, ungrouped
+from bayesdrill.rig.simulators.contract import in_groups
 from bayesdrill.rig.simulators.sensors import ObservationModel, ObservedWalkers
 from bayesdrill.rig.simulators.stepped import Unstepped
 from bayesdrill.rig.simulators.time_grid import Grid, build_grid, runs
@@ -48,8 +42,9 @@ class Dense:
 
     Walkers have `parameters (W, P)`, a start `x0 (W, X)` at `t[0]`, before which states move
     straight at the rates `before (W, X)`, and channels: at time t channel k of walker w sees
-    `rows[w, k] (R,)` times (states, 1, inputs of `series`) at the time t - `shift[w, k]`.  Before
-    and after the record inputs are constant.  `shift=None` is zero.  A walker whose numbers
+    `rows[w, k] (R,)` times (states, 1, inputs of `series`) at the time t - `shift[w, k]`; they are
+    given in the order (parameters, x0, before, shift, rows).  Before and after the record inputs
+    are constant.  A shift of None is zero.  A walker whose numbers
     overflow gets NaN (or infinity, in a sum) in its own row alone.
 
     Kernels are compiled when they are first wanted, and again when rows have entries that were zero
@@ -65,7 +60,6 @@ class Dense:
         first_order: bool,
         grid: Grid | None = None,
     ) -> None:
-        self.model = model
         self._t = np.array(t, dtype=float)
         self._layout = Layout.from_model(
             model, tuple(series), tuple(present(constant)), first_order=first_order
@@ -77,60 +71,42 @@ class Dense:
         steps = np.diff(g.t[:-1])
         self._near = float(steps[steps <= MAX_CELL_SPAN * g.usual].max()) if len(steps) else 1.0
         self._farthest = float(steps.max()) if len(steps) else 0.0
-        self._blocks = self._constant(series, constant)
+        inputs_at_samples = np.array([*series.values()]).reshape(len(series), len(self._t)).T
+        u, slopes = _driven(g, inputs_at_samples, self._layout.first_order)
+        node, length, share = runs(g)
+        widths = (g.width, self._near / self._cells, 1e-3 / g.usual)
+        numbers = np.array([*widths, *present(constant).values()])
+        self._blocks = {
+            "numbers": numbers, "spans": g.spans, "inside": g.inside, "chained": g.chained,
+            "node": node, "length": length, "share": share, "u": u, "slopes": slopes, "t": g.t,
+        }  # fmt: skip
         self._addresses = {name: block.ctypes.data for name, block in self._blocks.items()}
         # Where samples are among knots: a slice copies faster.
         self._at: Any = slice(len(g.at)) if len(g.at) == len(g.t) - 1 else g.at
         self._pattern: Mask | None = None
         self._entries: Pattern = ()
 
-    def _constant(
-        self, series: Mapping[str, Array], constant: Mapping[str, float]
-    ) -> dict[str, Array]:
-        g = self._grid
-        inputs_at_samples = np.array([*series.values()]).reshape(len(series), len(self._t)).T
-        u, slopes = _driven(g, inputs_at_samples, self._layout.first_order)
-        node, length, share = runs(g)
-        widths = (g.width, self._near / self._cells, 1e-3 / g.usual)
-        numbers = np.array([*widths, *present(constant).values()])
-        return {
-            "numbers": numbers, "spans": g.spans, "inside": g.inside, "chained": g.chained,
-            "node": node, "length": length, "share": share, "u": u, "slopes": slopes, "t": g.t,
-        }  # fmt: skip
-
     def sums(
         self, walkers: tuple[Any, ...], y: Array, tally: ResidualSums, weights: Array | None = None
     ) -> Array:
-        """Return sums `(W, K, n)` of residuals of the record `y (T, K)`; `weights (W, K m)` if any."""
-        n, k_count = len(walkers[0]), y.shape[1]
-        out = np.empty((-(-n // LANES), k_count * tally.count, LANES))
+        """Return sums `(W, K, n)` of residuals of the record `y (T, K)`; `weights (W, K, m)` if any."""
         full = np.full((len(self._grid.t), y.shape[1]), np.nan)
         full[self._at] = y
-        self._run(walkers, full, out, tally, weights)
-        return out.transpose(0, 2, 1).reshape(-1, k_count, tally.count)[:n]
+        return self._run(walkers, full, (y.shape[1], tally.count), tally, weights)
 
-    def signals(
-        self,
-        parameters: Array,
-        x0: Array,
-        before: Array,
-        shift: Array | None,
-        rows: Array,
-    ) -> Array:
+    def signals(self, *walkers: Any) -> Array:
         """Return the channels `(W, T, K)`."""
-        n, k_count = rows.shape[:2]
-        out = np.empty((-(-n // LANES), len(self._grid.t), k_count, LANES))
-        self._run((parameters, x0, before, shift, rows), NONE, out)
-        return ungrouped(out[:, self._at], n)
+        signals = self._run(walkers, NONE, (len(self._grid.t), walkers[-1].shape[1]))
+        return np.ascontiguousarray(signals[:, self._at])
 
     def _run(
         self,
         walkers: tuple[Any, ...],
         y: Array,
-        out: Array,
+        out: tuple[int, ...],
         tally: ResidualSums | None = None,
         weights: Array | None = None,
-    ) -> None:
+    ) -> Array:
         parameters, x0, before, shift, rows = walkers
         late = None
         if shift is not None and shift.any():
@@ -145,9 +121,8 @@ class Dense:
             "table": np.empty(len(g.spans) * table_size),
             "ladder": NONE,
             "rows": NONE,
-            "out": out,
         }
-        walker_parts = [parameters, x0, rows.reshape(len(rows), -1)]
+        walker_parts = [parameters, x0, rows]
         high = 0
         if late is not None:
             walker_parts += [before, *late.arguments]
@@ -158,11 +133,11 @@ class Dense:
             blocks["rows"] = np.empty(rows.shape[1] * each)
         walker_parts += [] if weights is None else [weights]
         blocks["own"] = in_groups(*walker_parts)
-        runs_count = len(self._blocks["node"])
-        counts = (len(out), len(g.t) - 1, len(g.spans), runs_count, self._cells, high)
-        assert len(counts) == len(COUNTS)
-        addresses = self._addresses | {name: block.ctypes.data for name, block in blocks.items()}
-        kernel["dense"](*counts, *(addresses[name] for name in BLOCKS))
+        return kernel.run(
+            "dense", len(rows), out, knots=len(g.t) - 1, nodes=len(g.spans),
+            runs=len(self._blocks["node"]), cells=self._cells, high=high,
+            **self._addresses, **blocks,
+        )  # fmt: skip
 
     def _kernel(
         self, pattern: Pattern, tally: ResidualSums | None, shifted: tuple[bool, ...]
@@ -238,10 +213,9 @@ class IrregularSimulator(Unstepped):
 
     def sums(self, full: Array, tally: ResidualSums, weights: Array | None = None) -> Array:
         """See `Simulator.sums`."""
-        channel_weights = None if weights is None else weights.reshape(len(full), -1)
         with np.errstate(all="ignore"):
             settings = self._settings(ObservedWalkers(self.sensors, full))
-            return self._dense.sums(settings, self.sensors.padded, tally, channel_weights)
+            return self._dense.sums(settings, self.sensors.padded, tally, weights)
 
     def sensitivities(self, full: Array, along: Array) -> Array:
         """See `Simulator.sensitivities`."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -19,10 +20,9 @@ from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.kernels.compiling import HIGH_OPT_LEVEL, Kernel, compile_kernel
 from bayesdrill.rig.kernels.exponential import Layout, weight_kinds
-from bayesdrill.rig.kernels.kalman_filter import BLOCKS, StateSpace, smoother_size, write_filter
+from bayesdrill.rig.kernels.kalman_filter import StateSpace, smoother_size, write_filter
 from bayesdrill.rig.kernels.lanes import LANES
 from bayesdrill.rig.kernels.steady_state_kalman import BLOCK_SAMPLES, write_steady_state
-from bayesdrill.rig.kernels.steady_state_kalman import BLOCKS as STEADY_BLOCKS
 from bayesdrill.rig.models.latent_torque import AugmentedModel, MissingTorque, augment
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulators.contract import in_groups
@@ -129,7 +129,7 @@ class KalmanFilter:
             "weights": self.output_matrix,
         }
 
-    def log_density(self, parameters: Array, sigmas: Array, record: tuple[int, int]) -> Array:
+    def log_density(self, parameters: Array, sigmas: Array, record: Mapping[str, int]) -> Array:
         """Return the log-density `(W, K)` of the `Simulator.record` at these addresses.
 
         What the start is worth is shared by all channels alike.
@@ -137,11 +137,10 @@ class KalmanFilter:
         k, t_count = self.system.k, len(self.experiment.t)
         walkers = in_groups(parameters, sigmas**2)
         out = np.empty((2 * k + 1, len(walkers) * LANES))
-        (y, u), (_, shown) = record, self._shown
-        places = {"told": walkers.ctypes.data, "constants": self.constants[1], "y": y, "u": u}
-        places |= {"shown": shown, "out": out.ctypes.data}
-        blocks = [places[name] for name in STEADY_BLOCKS]
-        self._steady_state["steadily"](len(walkers), t_count, *blocks)
+        self._steady_state.call("steadily", {
+            "groups": len(walkers), "samples": t_count, "told": walkers, "out": out,
+            "constants": self.constants[1], "shown": self._shown[1], **record,
+        })  # fmt: skip
         return self._terms(out)[: len(parameters)]
 
     def _terms(self, out: Array) -> Array:
@@ -242,25 +241,16 @@ class KalmanFilter:
         system, width = self.system, len(parameters)
         n_walkers, t_count = len(parameters[0]), len(self.experiment.t)
         columns = system.k * each if each else system.n + (system.k if name == "draw" else 0)
-        rows = _in_turn(residuals)
-        out = np.empty((len(rows), t_count * columns, LANES))
-        blocks: dict[str, Any] = self._shared | {
-            "parameters": _in_turn(parameters),
-            "variances": _in_turn(variances),
-            "left": rows,
-            "table": np.empty((len(self.steps.spans) * 2 * system.n**2 * width, LANES)),
-            "kept": np.empty((t_count * smoother_size(system), LANES))
-            if name == "smooth"
-            else NONE,
-            "out": out,
-        }
-        counts = (len(out), t_count, len(self.steps.spans), int(self.steps.lead))
-        kernel = compile_kernel(write_filter, system, name)
-        kernel[name](*counts, *(blocks[block].ctypes.data for block in BLOCKS))
-        samples = out.transpose(0, 2, 1).reshape(-1, t_count, columns)[:n_walkers]
-        return np.ascontiguousarray(
-            samples.reshape(n_walkers, t_count, -1, each) if each else samples
-        )
+        smooths, steps = name == "smooth", len(self.steps.spans)
+        samples = compile_kernel(write_filter, system, name).run(
+            name, n_walkers, (t_count, columns), samples=t_count, steps=steps,
+            lead=int(self.steps.lead), parameters=_in_turn(parameters),
+            variances=_in_turn(variances), left=_in_turn(residuals),
+            table=np.empty((steps * 2 * system.n**2 * width, LANES)),
+            kept=np.empty((t_count * smoother_size(system), LANES)) if smooths else NONE,
+            **self._shared,
+        )  # fmt: skip
+        return samples.reshape(n_walkers, t_count, -1, each) if each else samples
 
 
 def _in_turn(parts: list[Array]) -> Array:

@@ -156,12 +156,6 @@ def input_layout(model: Model, experiment: Experiment) -> Layout:
     return Layout.from_model(model, series, constant, first_order=experiment.first_order)
 
 
-def starts(sensors: SensorParameters) -> bool:
-    """Tell whether the start moves the rig, or may."""
-    sensing, start = sensors.sensing, sensors.experiment.start
-    return sensing.steady or bool(sensing.states) or any(start.values())
-
-
 def long_exponential(matrix: LongArray) -> LongArray:
     """Return exp(M) - 1."""
     _, size = np.frexp(np.abs(matrix).sum(axis=1).max(initial=0.0))

@@ -64,11 +64,15 @@ class ObservationModel:
     steady: bool = False
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """All names, each once."""
+    def _kinds(self) -> list[tuple[str, Mapping[str, str]]]:
         sensors = (self.gains, self.offsets, self.lags)
         inputs = (self.input_gains, self.input_offsets, self.input_lags)
-        every = [name for named in (*sensors, *inputs) for name in named.values()]
+        return [*zip(("gain", "offset", "lag") * 2, (*sensors, *inputs), strict=True)]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All names, each once."""
+        every = [name for _, named in self._kinds for name in named.values()]
         every += [] if self.delay is None else [self.delay]
         return tuple(dict.fromkeys([*every, *self.states.values()]))
 
@@ -89,9 +93,7 @@ class ObservationModel:
     def summary(self) -> str:
         """What each of them has, such as `twist: gain, lag; v: offset; inputs: delay`."""
         kinds_of: dict[str, list[str]] = {}
-        sensors = (self.gains, self.offsets, self.lags)
-        inputs = (self.input_gains, self.input_offsets, self.input_lags)
-        for kind, named in zip(("gain", "offset", "lag") * 2, (*sensors, *inputs), strict=True):
+        for kind, named in self._kinds:
             for name in named:
                 kinds_of.setdefault(name, []).append(kind)
         if self.delay is not None:
@@ -142,9 +144,6 @@ def observed_model(rig: Model, sensing: ObservationModel) -> Model:
         return rig
     gains, offsets = sensing.input_gains.items(), sensing.input_offsets.items()
     return ObservedModel(rig, tuple(gains), tuple(offsets))
-
-
-LinearSystem = tuple[Array, Array, Array]
 
 
 @dataclass(frozen=True)
@@ -311,13 +310,23 @@ class ObservedWalkers:
         return self.sensors.simulator_parameters(self.full)
 
     @cached_property
-    def system(self) -> LinearSystem:
-        """The `linear_system` of the observed model, or of its tangent."""
-        w = self.sensors
-        if self.at is None:
-            return linear_system(w.observed_model, w.experiment, self.parameters)
-        both = np.concatenate([self.at.parameters, self.parameters], axis=1)
-        return linear_system(Tangent(w.observed_model), w.experiment, both)
+    def system(self) -> tuple[Array, Array, Array]:
+        """`A (n, X, X)`, `B (n, X, S)` of the sampled inputs, and what is constant `(n, X)`.
+
+        They are those of the observed model, or of its tangent.
+        """
+        experiment = self.sensors.experiment
+        model, columns = self.sensors.observed_model, self.parameters
+        if self.at is not None:
+            model, columns = Tangent(model), np.concatenate([self.at.parameters, columns], axis=1)
+        linear, n = model.linear(dict(zip(model.parameters, columns.T, strict=True))), len(columns)
+        sampled = list(experiment.series)
+        by_input = np.zeros((n, len(model.states), len(sampled)))
+        for (row, name), value in linear.B.items():
+            if name in sampled:
+                by_input[:, model.states.index(row), sampled.index(name)] += value
+        constant = constant_forcing(linear, model.states, n, experiment.constant)
+        return dynamics(linear, model.states, n), by_input, constant
 
     @cached_property
     def start(self) -> Array:
@@ -366,16 +375,3 @@ class ObservedWalkers:
         with np.errstate(all="ignore"):
             rows = self.rows.reshape(len(self.full), -1)
             return np.concatenate([self.parameters, self.start, rows], axis=1)
-
-
-def linear_system(model: Model, experiment: Experiment, parameters: Array) -> LinearSystem:
-    """Return `A (n, X, X)`, `B (n, X, S)` of the sampled inputs, and what is constant `(n, X)`."""
-    named = dict(zip(model.parameters, parameters.T, strict=True))
-    linear, n = model.linear(named), len(parameters)
-    sampled = list(experiment.series)
-    by_input = np.zeros((n, len(model.states), len(sampled)))
-    for (row, name), value in linear.B.items():
-        if name in sampled:
-            by_input[:, model.states.index(row), sampled.index(name)] += value
-    constant = constant_forcing(linear, model.states, n, experiment.constant)
-    return dynamics(linear, model.states, n), by_input, constant

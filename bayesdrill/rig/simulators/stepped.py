@@ -20,7 +20,7 @@ from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.kernels.compiling import Kernel, compile_kernel
 from bayesdrill.rig.kernels.exponential import present
 from bayesdrill.rig.kernels.lanes import LANES
-from bayesdrill.rig.kernels.step_arguments import BLOCKS, SteppedShape
+from bayesdrill.rig.kernels.step_arguments import SteppedShape
 from bayesdrill.rig.kernels.sums import ResidualSums
 from bayesdrill.rig.kernels.time_stepping import write_stepping
 from bayesdrill.rig.models.linear import Model
@@ -73,19 +73,13 @@ class BoundKernel:
         after = ahead.steps_after(parts["shift"][0]) if shape.read else 0
         walkers, nodes = self._in_lanes(n, parts), ahead.nodes + after
         signals = (ahead.samples, k, numbers)
-        each = signals if shape.tally is None else (k, shape.tally.count)
-        out = np.empty((len(walkers), *each, LANES))
+        out = signals if shape.tally is None else (k, shape.tally.count)
         trace = np.empty((nodes + 1) * k * 3 * numbers * LANES) if shape.read else NONE
         margin = ahead.margin(parts["lag"][0]) if shape.late else 0
-        places = self._fixed_addresses | {
-            "u": ahead.inputs(margin, after)[1],
-            "own": walkers.ctypes.data,
-            "trace": trace.ctypes.data,
-            "out": out.ctypes.data,
-        }
-        blocks = [places[name] for name in BLOCKS]
-        self.kernel["stepping"](len(walkers), ahead.samples, nodes, *blocks)
-        return np.moveaxis(out, -1, 1).reshape(-1, *each)[:n]
+        return self.kernel.run(
+            "stepping", n, out, samples=ahead.samples, nodes=nodes, own=walkers, trace=trace,
+            u=ahead.inputs(margin, after)[1], **self._fixed_addresses,
+        )  # fmt: skip
 
     def _in_lanes(self, n: int, parts: Mapping[str, list[Array]]) -> Array:
         """Return `(G, width, LANES)`, see `walker_blocks`; the last walker fills the last group."""
@@ -93,16 +87,12 @@ class BoundKernel:
         if self.shape.late:
             behind, *shares = self.ahead.delays(parts["lag"])
             named = {**parts, "share": shares, "behind": [behind] * len(shares)}
-        rows, start = np.empty((n, self._width)), 0
-        for part in (part for name in self._names for part in named[name]):
-            flat = part.reshape(len(part), -1)
+        flats = [part.reshape(len(part), -1) for name in self._names for part in named[name]]
+        rows, start = np.empty((n, sum(flat.shape[1] for flat in flats))), 0
+        for flat in flats:
             rows[:, start : start + flat.shape[1]] = flat
             start += flat.shape[1]
         return in_groups(rows)
-
-    @cached_property
-    def _width(self) -> int:
-        return sum(self.shape.walker_vectors.values())
 
     @cached_property
     def _names(self) -> tuple[str, ...]:
@@ -217,10 +207,6 @@ class Stepped(Simulator):
         return UniformGrid(t, series, first_order, self.pieces, every_node=every_node)
 
     @cached_property
-    def _gaps(self) -> bool:
-        return bool(np.isnan(self.sensors.padded).any())
-
-    @cached_property
     def _bound_kernels(self) -> dict[Any, BoundKernel]:
         return {}
 
@@ -242,7 +228,7 @@ class Stepped(Simulator):
                 constant=tuple(present(experiment.constant)),
                 first_order=experiment.first_order and bool(w.inputs),
                 pattern=tuple(map(tuple, (rows != 0).tolist())),
-                gaps=self._gaps and tally is not None,
+                gaps=tally is not None and bool(np.isnan(w.padded).any()),
                 tally=tally,
                 turns=self.turns if self.model.frictions else 1,
                 **kind,
@@ -276,17 +262,13 @@ class Stepped(Simulator):
         result = bound.run(len(full), parts)
         return result[..., 0] if tally is None and along is None else result
 
-    @cached_property
-    def _perfect(self) -> bool:
-        return self.sensing.empty
-
     def _parts(self, full: Array, along: Array | None) -> dict[str, list[Array]]:
         """Return the parts of the block `own`, and their slopes.
 
         Each is `(W, ...)`, or `(1, ...)` where walkers have the same.
         """
         walkers = ObservedWalkers(self.sensors, full)
-        known = self._shared_parts if self._perfect else self._walker_parts(walkers)
+        known = self._shared_parts or self._walker_parts(walkers)
         parts = {"parameters": [walkers.parameters], **{name: [known[name]] for name in known}}
         if along is None:
             return parts
@@ -306,8 +288,10 @@ class Stepped(Simulator):
         }
 
     @cached_property
-    def _shared_parts(self) -> dict[str, Array]:
-        """The parts of perfect sensors, and a start that is known: no channel shows what was before."""
+    def _shared_parts(self) -> dict[str, Array] | None:
+        """The parts of perfect sensors and a known start, before which none shows; None of others."""
+        if not self.sensing.empty:
+            return None
         parts = self._walker_parts(
             ObservedWalkers(self.sensors, np.zeros((1, len(self.parameters))))
         )

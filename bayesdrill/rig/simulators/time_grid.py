@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,26 +80,18 @@ def _merged(steps: Array, near: float) -> tuple[Whole, Array]:
     cluster = np.concatenate([[0], np.cumsum(edges)])
     cluster_of_step = np.empty(len(steps), np.int64)
     cluster_of_step[order] = cluster
-    return cluster_of_step, np.bincount(cluster_of_step, weights=steps) / np.bincount(
-        cluster_of_step
-    )
+    sizes = np.bincount(cluster_of_step)
+    return cluster_of_step, np.bincount(cluster_of_step, weights=steps) / sizes
 
 
-def _made(
-    t: Array, at: Whole, node: Whole, spans: Array, median: float, near: float, **cells: Any
-) -> Grid:
-    """Return a grid; `cells`: what else it has if not all its steps are over the span of a node."""
-    none = np.zeros(len(spans))
-    nodes: dict[str, Any] = {
-        "share": np.full(len(t), -1.0),
-        "inside": none,
-        "chained": none.astype(np.int64),
-        "width": 0.0,
-        "uniform": len(t) > 1 and len(spans) == 1,
-    }
-    node = np.append(node, 0)  # the last knot leads nowhere
-    known: dict[str, Any] = {"t": np.append(t, np.inf), "at": at, "node": node, "spans": spans}
-    return Grid(**known, usual=median, near=near, **(nodes | cells))
+def _made(t: Array, at: Whole, node: Whole, spans: Array, median: float, near: float) -> Grid:
+    """Return a grid whose steps are over the spans of nodes; the last knot leads nowhere."""
+    none, uniform = np.zeros(len(spans)), len(t) > 1 and len(spans) == 1
+    return Grid(
+        t=np.append(t, np.inf), at=at, node=np.append(node, 0), share=np.full(len(t), -1.0),
+        spans=spans, inside=none, chained=none.astype(np.int64), width=0.0, usual=median,
+        near=near, uniform=uniform,
+    )  # fmt: skip
 
 
 def _in_pieces(t: Array, steps: Array, median: float) -> tuple[Array, Whole, Whole]:
@@ -142,8 +133,8 @@ def _in_cells(t: Array, at: Whole, pieces: Whole, median: float, near: float) ->
     share[:-1][free] = np.clip(steps[free] / width - inside, 0.0, BELOW_ONE)
     node[~free] = len(cells) + np.searchsorted(sizes, pieces[~free])
     none = np.zeros(len(sizes))
-    return _made(
-        t, at, node, np.concatenate([cells * width, sizes * median]), median, near,
+    return replace(
+        _made(t, at, node, np.concatenate([cells * width, sizes * median]), median, near),
         share=share, inside=np.concatenate([np.ones(len(cells)), none]), width=width, uniform=False,
         chained=np.concatenate([[0], np.diff(cells) == 1, none]).astype(np.int64),
     )  # fmt: skip
@@ -258,9 +249,8 @@ class UniformGrid:
         # Few sizes, each kept.
         margin, after = (1 << n.bit_length() if n else 0 for n in (margin, after))
         if (margin, after) not in self._kept:
-            tail = np.repeat(self._last[None], after + margin, axis=0)
-            head = np.repeat(self._first[None], margin, axis=0)
-            known = np.ascontiguousarray(np.concatenate([head, self._over_steps, tail]))
+            at = np.arange(1 - margin, len(self._rows) - 1 + after + margin)
+            known = np.ascontiguousarray(self._rows[np.clip(at, 0, len(self._rows) - 1)])
             self._kept[margin, after] = known[margin:], known[margin:].ctypes.data
         return self._kept[margin, after]
 
@@ -270,7 +260,7 @@ class UniformGrid:
 
     def felt(self, which: int, lag: Array) -> tuple[Array, Array]:
         """Return an input, late by `lag (W,)`, as steps begin, and its slope: `(W, N)` each."""
-        rows = np.concatenate([self._first[None], self._over_steps, self._last[None]])
+        rows = self._rows
         whole, share = (part[:, None] for part in self.delays([lag]))
         at = 1 + np.arange(self.nodes) - whole.astype(np.int64)
         here, earlier = (np.clip(at - back, 0, len(rows) - 1) for back in (0, 1))
@@ -283,11 +273,14 @@ class UniformGrid:
         return values, late(which + self._slopes) if self._slopes else np.zeros_like(values)
 
     @cached_property
-    def _over_steps(self) -> Array:
-        return self._of_steps(np.asarray(np.arange(self.nodes + 2) * self.span))
+    def _rows(self) -> Array:
+        """Inputs, and slopes of these, before the record, over each step, and after it."""
+        still = [0.0] * self._slopes
+        first, last = ([u[end] for u in self._series] + still for end in (0, -1))
+        return np.concatenate([[first], self._over_steps(), [last]])
 
-    def _of_steps(self, nodes: Array) -> Array:
-        t = self._t - self._t[0]
+    def _over_steps(self) -> Array:
+        t, nodes = self._t - self._t[0], np.asarray(np.arange(self.nodes + 2) * self.span)
         if not self._series:
             return np.zeros((len(nodes) - 1, 0))
         if self._first_order:
@@ -297,14 +290,6 @@ class UniformGrid:
             near = np.searchsorted(t, nodes[:-1] + 0.5 * self.span, side="right") - 1
             return np.array([u[near] for u in self._series]).T
         return np.array([_means(nodes, t, u) for u in self._series]).T
-
-    @property
-    def _first(self) -> Array:
-        return np.array([u[0] for u in self._series] + [0.0] * self._slopes)
-
-    @property
-    def _last(self) -> Array:
-        return np.array([u[-1] for u in self._series] + [0.0] * self._slopes)
 
     @property
     def _slopes(self) -> int:
