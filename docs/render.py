@@ -15,6 +15,8 @@ import shutil
 import sys
 from pathlib import Path
 
+from PIL import Image
+
 DOCS = Path(__file__).parent
 TEMPLATE, PAGE = DOCS / "paper.template.md", DOCS / "paper.md"
 TABLES, FIGURES = DOCS / "paper", DOCS / "figures"
@@ -55,13 +57,14 @@ def _number(text: str) -> float | str:
 
 
 def gather(results: Path) -> None:
-    """Tables and figures (PNG) of a finished `make paper`."""
+    """Tables and figures of a finished `make paper`, these as PNG in 32 greys."""
     TABLES.mkdir(exist_ok=True)
     for path in sorted(results.glob("*.csv")) + sorted(results.glob("*.md")):
         if path.name != "report.md":
             shutil.copyfile(path, TABLES / path.name)
     for path in sorted((results / "figures").glob("*.png")):
-        shutil.copyfile(path, FIGURES / f"{PREFIX}{path.name}")
+        grey = Image.open(path).convert("L").quantize(32)
+        grey.save(FIGURES / f"{PREFIX}{path.name}", optimize=True)
 
 
 if __name__ == "__main__":

@@ -277,7 +277,7 @@ class ParameterSpace:
 
     def log_prior(self, theta: Array) -> Array:
         """Return the log prior `(W,)`; -inf outside the support, NaN included."""
-        columns, low, high, log_density = self._box
+        columns, low, high, log_density = self.box
         boxed = theta[:, columns]
         with np.errstate(invalid="ignore"):
             inside = ((boxed >= low) & (boxed <= high)).all(axis=1)
@@ -297,8 +297,8 @@ class ParameterSpace:
         return tuple(name for name, r in self.relations.items() if not r.positive)
 
     @cached_property
-    def _box(self) -> tuple[list[int], Array, Array, float]:
-        """All uniform priors at once: columns, least and greatest values, log density inside."""
+    def box(self) -> tuple[list[int], Array, Array, float]:
+        """Return all uniform priors at once: columns, least and greatest values, log density inside."""
         boxes = {c: u for c, u in enumerate(self.unknowns) if u.prior.flat}
         low = np.array([u.prior.low for u in boxes.values()])
         high = np.array([u.prior.high for u in boxes.values()])

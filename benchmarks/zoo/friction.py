@@ -41,7 +41,7 @@ class DryFriction:
                 weight * x[:, rig.states.index(state)]
                 for state, weight in entry.channel.weights.items()
             )
-            noise = entry.noisy.sigma * rng.standard_normal(len(t))  # type: ignore[operator]
+            noise = entry.sigma * rng.standard_normal(len(t))  # type: ignore[operator]
             columns[str(spec.column)] = (clean + noise) / entry.channel.factor
         return columns
 

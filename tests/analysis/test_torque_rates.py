@@ -70,7 +70,8 @@ def told(seed: int) -> Told:
     below["k_s/j_1"] = float(weights @ both_logs)
     physical = target.coordinates.to_physical(u[rng.choice(len(u), SHOWN, p=weights)])
     (found,) = torque_estimates(target, physical, rng)
-    turns, law = np.abs(found.speed) > MOVING, -friction * np.sign(found.speed)
+    _, speed = found.speeds[0]
+    turns, law = np.abs(speed) > MOVING, -friction * np.sign(speed)
     low, high = found.band
     first = regress_torque(found)[0]
     return Told(

@@ -397,14 +397,15 @@ def test_the_control_tells_the_largest_of_what_a_search_makes_of_records_with_th
 def test_bounds_of_lengths_are_those_at_a_thousandth_and_repeats_attain_what_is_wanted() -> None:
     """Mutant killed: a factor of a thousand in the bounds."""
     rig = target(("c_m", "k_e"), UNEVEN, 51, {})
+    one = rig.likelihood.only_observation
     grid = ((0.7, 50.0), (2.0, 120.0))
     attained = printed.TWO_PARAMETERS[1.0]["c_m"].deviation / 100
     for line, size in zip(precision.lengths(rig.likelihood, NOMINAL, grid), grid, strict=True):
         assert (line["duration"], line["rate"]) == size
-        longer = regular(rig.likelihood.response.experiment, *size)
-        response = Response(rig.likelihood.response.model, longer)
-        noise = rig.likelihood.noise.for_length(len(longer.t))
-        own = rig.likelihood.replace_only(response=response, noise=noise)
+        longer = regular(one.experiment, *size)
+        response = Response(one.response.model, longer)
+        noise = one.noise.for_length(len(longer.t))
+        own = replace_only(rig.likelihood, response=response, noise=noise)
         relative = precision.at_sigma_1(own, NOMINAL)
         for name, bound in relative.items():
             assert line[f"{name}_percent"] / 100 == pytest.approx(0.001 * bound)

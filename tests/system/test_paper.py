@@ -29,7 +29,7 @@ GIVEN = (
     r"ENIEF 2013|arXiv 2107\.13535|Tables? [123]|and 3, which|Figure [1-4]|A\([56],[15]\)|\bi_n\b|"
     r"ode23t|table_\w+|10 s at 100 Hz|10 s at 1 kHz|0\.1 rad(/s)?|7e-3 kg m²|0\.2 ohm|94 %|i_m²|"
     r"\(0\.001, 0\.01\)|64 times|sigma_n = (0\.1 and 1|0\.001|0\.01|1)|less than 0\.01|% at 0\.001\.|"
-    r"factor 1/2|1/sigma_n²|within 20 %|up to 60 %|noise of 1|\w+_[12]\b"
+    r"factor 1/2|1/sigma_n²|within 20 %|up to 60 %|2\.4 m long and 3 mm|noise of 1|\w+_[12]\b"
 )
 
 
