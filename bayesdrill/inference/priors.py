@@ -47,10 +47,13 @@ class Prior:
 
     def logpdf(self, x: Array) -> Array:
         """Return the log density at `x (N,)`: `(N,)`."""
-        above = x >= self.low if self.low else x > 0  # zero itself has no log
-        inside = above & (x <= self.high)
         with np.errstate(all="ignore"):
-            return np.where(inside, self._log_density(x), -np.inf)
+            return self.log_density(x)
+
+    def log_density(self, x: Array) -> Array:
+        """Return the same, for whoever has numpy's warnings off already: that takes 3 us."""
+        above = x >= self.low if self.low else x > 0  # zero itself has no log
+        return np.where(above & (x <= self.high), self._log_density(x), -np.inf)
 
     def _log_density(self, x: Array) -> Array | float:
         """Of what is inside the support."""

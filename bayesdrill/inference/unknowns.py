@@ -279,12 +279,12 @@ class ParameterSpace:
         """Return the log prior `(W,)`; -inf outside the support, NaN included."""
         columns, low, high, log_density = self.box
         boxed = theta[:, columns]
-        with np.errstate(invalid="ignore"):
+        with np.errstate(all="ignore"):
             inside = ((boxed >= low) & (boxed <= high)).all(axis=1)
-        total = np.where(inside, log_density, -np.inf)
-        for column, unknown in enumerate(self.unknowns):
-            if not unknown.prior.flat:
-                total += unknown.prior.logpdf(theta[:, column])
+            total = np.where(inside, log_density, -np.inf)
+            for column, unknown in enumerate(self.unknowns):
+                if not unknown.prior.flat:
+                    total += unknown.prior.log_density(theta[:, column])
         if self.bounding:
             named = self.named(theta)
             for name in self.bounding:  # what no positive number comes out of is impossible

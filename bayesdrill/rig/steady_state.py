@@ -67,9 +67,11 @@ def equilibrium(matrix: Array, forcing: Array) -> Array:
     return np.asarray(solution)
 
 
-def states(matrix: Array, forcing: Array, angles: Sequence[int]) -> Array:
-    """Return the steady state `(n, X)`, its first angle zero where all angles turn."""
-    turn = free_turn(matrix, angles)
+def states(matrix: Array, forcing: Array, angles: Sequence[int], turn: Array | None) -> Array:
+    """Return the steady state `(n, X)`, its first angle zero where all angles turn.
+
+    `turn`: as `free_turn` has it of the matrix.
+    """
     if turn is None:
         return equilibrium(matrix, forcing)
     steady = equilibrium(fix_rotation(matrix, angles, turn), forcing)
@@ -78,9 +80,14 @@ def states(matrix: Array, forcing: Array, angles: Sequence[int]) -> Array:
 
 
 def state_slopes(
-    matrix: Array, forcing: Array, matrix_slope: Array, forcing_slope: Array, angles: Sequence[int]
+    matrix: Array,
+    forcing: Array,
+    matrix_slope: Array,
+    forcing_slope: Array,
+    angles: Sequence[int],
+    turn: Array | None,
 ) -> Array:
     """Return the slope `(n, X)` of `states`, where matrix and forcing change by the slopes given."""
-    here = states(matrix, forcing, angles)
+    here = states(matrix, forcing, angles, turn)
     moved = np.einsum("nij,nj->ni", matrix_slope, here) + forcing_slope
-    return states(matrix, moved, angles)
+    return states(matrix, moved, angles, turn)

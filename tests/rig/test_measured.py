@@ -134,7 +134,8 @@ def test_a_steady_start_stays_steady() -> None:
 def test_a_rig_that_never_comes_to_rest_has_no_steady_state() -> None:
     """A torque on a rotor without friction; with friction it turns at torque over friction."""
     free = np.array([[[0.0, 1.0], [0.0, 0.0]], [[0.0, 1.0], [0.0, -0.5]]])
-    found = steady_state.states(free, np.array([[0.0, 3.0], [0.0, 3.0]]), [0])
+    turn = steady_state.free_turn(free, [0])
+    found = steady_state.states(free, np.array([[0.0, 3.0], [0.0, 3.0]]), [0], turn)
     assert np.isnan(found[0, 1])
     assert found[1] == pytest.approx([0.0, 6.0])
 

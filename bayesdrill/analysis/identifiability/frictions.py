@@ -310,11 +310,11 @@ def stall_voltage(model: Model, p: Mapping[str, float]) -> float:
     sizes = {f.name: float(np.asarray(f.law.size(p, 1e6, quick))) for f in frictions}
     linear = model.linear(p)
     matrix, angles = dynamics(linear, model.states, 1), steady_state.angle_indices(model)
-    speed = model.states.index(moved[0].speed)
+    speed, turn = model.states.index(moved[0].speed), steady_state.free_turn(matrix, angles)
 
     def at(volts: float) -> float:
         forcing = constant_forcing(linear, model.states, 1, {drive: volts, **sizes})
-        return float(steady_state.states(matrix, forcing, angles)[0, speed])
+        return float(steady_state.states(matrix, forcing, angles, turn)[0, speed])
 
     still, slope = at(0.0), at(1.0) - at(0.0)
     return max(0.0, -still / slope) if slope else 0.0

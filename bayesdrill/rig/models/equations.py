@@ -11,7 +11,7 @@ both of its ends, and what is imposed or held by the ground moves one of them.
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any, ClassVar, Literal
 
 from bayesdrill.basics.symbols import Symbol
@@ -47,22 +47,22 @@ class PartsModel(Model):
     @property
     def frictions(self) -> tuple[Friction, ...]:
         """Dry friction at inertias, then voltage drops of motors."""
-        parts = _Parts(self)
+        parts = _parts(self)
         return (*(friction for _, friction in parts.dry_frictions()), *parts.voltage_drops())
 
     @property
     def gravities(self) -> tuple[Gravity, ...]:
         """The pendulums among its inertias."""
-        return tuple(_Parts(self).pendulums())
+        return tuple(_parts(self).pendulums())
 
     def linear(self, p: Named) -> Linear:
         """See `Model.linear`."""
-        return _Parts(self).linear(p)
+        return _parts(self).linear(p)
 
 
 def coordinate_inertia(model: PartsModel, speed: str, p: Named) -> Any:
     """Return the inertia of all that turns with a speed, as it is at the first of them."""
-    return _Parts(model).inertia(speed, p)
+    return _parts(model).inertia(speed, p)
 
 
 def _times(factor: float, number: Any) -> Any:
@@ -293,3 +293,6 @@ class _Parts:
 def effort_name(symbol: Symbol | None, name: str) -> str:
     """Return the name of an effort: that of its symbol, else a `name` of its own."""
     return symbol.name if symbol else name
+
+
+_parts: Callable[[PartsModel], _Parts] = functools.lru_cache(maxsize=256)(_Parts)

@@ -7,6 +7,7 @@ rig that moves along a line an inertia is a mass, a torque a force, and an angle
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -180,6 +181,7 @@ FRICTION_1 = Symbol("friction_1", "N*m", "T_1", r"N\,m", "friction at rotor 1")
 DROP = Symbol("drop", "V", r"v_d", "V", "voltage drop")
 
 
+@functools.cache
 def usual_roles(i_m: float = 1.0, gear: str = "i_m") -> Roles:
     """Return the roles of the paper's rig, with the symbols of `basics.symbols`."""
     motor = InertiaRoles(

@@ -276,10 +276,12 @@ class SensorParameters:
         return steady_state.angle_indices(self.model)
 
     def shift_angles(
-        self, states: Array, matrix: Array, full: Array, known: Mapping[str, float]
+        self, states: Array, free: Array | None, full: Array, known: Mapping[str, float]
     ) -> Array:
-        """Turn the rig in steady states so that one of its angles is what it is known to be."""
-        free = steady_state.free_turn(matrix, self.angles)
+        """Turn the rig in steady states so that one of its angles is what it is known to be.
+
+        `free`: its `free_turn`.
+        """
         turn = np.ones(len(self.angles)) if free is None else free
         for k, times in zip(self.angles, turn, strict=True):
             name = self.model.states[k]
@@ -336,13 +338,14 @@ class ObservedWalkers:
         if w.sensing.steady:
             matrix, by_input, forcing = self.system
             drive, here = forcing + by_input @ w.first_inputs, matrix[:, :x, :x]
+            turn = steady_state.free_turn(here, w.angles)
             if self.at is None:
-                steady = steady_state.states(here, drive, w.angles)
+                steady = steady_state.states(here, drive, w.angles, turn)
             else:
                 steady = steady_state.state_slopes(
-                    here, drive[:, :x], matrix[:, x:, :x], drive[:, x:], w.angles
+                    here, drive[:, :x], matrix[:, x:, :x], drive[:, x:], w.angles, turn
                 )
-            return w.shift_angles(steady, here, self.full, known)
+            return w.shift_angles(steady, turn, self.full, known)
         out = np.empty((len(self.full), x))
         for k, name in enumerate(w.model.states):
             parameter = w.sensing.states.get(name)
