@@ -196,7 +196,7 @@ class _TrainPicture:
     def _inputs(self, inertia: InertiaRoles) -> list[str]:
         motor = self.roles.motor(inertia.name)
         inputs = [inertia.torque, inertia.load, inertia.bit_weight]
-        inputs += [inertia.speed] * (inertia.reduction == 1.0)
+        inputs += [inertia.speed] * (not inertia.latex)  # it is imposed where it is a state itself
         inputs += [motor.voltage, motor.current] if motor else []
         return [name for name in inputs if name in self.rig.inputs]
 
