@@ -16,7 +16,7 @@ from bayesdrill.config.resolve.case import ResolvedCase
 Array = NDArray[np.float64]
 Entry = dict[str, Any]  # a part of a config, as YAML has it
 
-MORE_THAN_NOISE = "more than the noise"
+MORE_THAN_NOISE = "larger than the noise"
 
 
 class Maker(Protocol):

@@ -48,7 +48,13 @@ def _slipping() -> tuple[Row, ...]:
         Row(
             name="rubs_reversing",
             shows="dry friction at both ends, a square wave, a record of another integrator",
-            config=e.experiment(e.paper(), e.states(0.1), _eight(**COULOMB), v=e.measured("v")),
+            config=e.experiment(
+                e.paper(),
+                e.states(0.1),
+                _eight(**COULOMB),
+                v=e.measured("v"),
+                simulation={"t_cm": 0.05, "t_c1": 0.25},
+            ),
             made=Rubbing(
                 duration=10,
                 rate=100,
@@ -77,7 +83,13 @@ def _sticking() -> tuple[Row, ...]:
         Row(
             name="rubs_stick_slip",
             shows="stick-slip of rotor 1 at 1.5 V, a record of another integrator",
-            config=e.experiment(e.paper(), e.states(0.1), _eight(**STRIBECK), v=e.measured("v")),
+            config=e.experiment(
+                e.paper(),
+                e.states(0.1),
+                _eight(**STRIBECK),
+                v=e.measured("v"),
+                simulation={"t_cm": 0.01, "t_c1": 0.2, "t_s1": 0.7, "w_s1": 0.5},
+            ),
             made=Rubbing(
                 duration=15,
                 rate=100,

@@ -89,8 +89,9 @@ def test_the_torque_of_a_rig_that_rubs_is_its_friction(seed: int, tmp_path: Path
     for k, name in enumerate(TRUTH):
         assert posterior.space.free[k] == name
         assert abs(theta[:, k].mean() - TRUTH[name]) < 4 * theta[:, k].std()
-    moving = np.abs(found.speed) > 1.0
-    law, (low, high) = -FRICTION * np.sign(found.speed), found.band
+    _, speed = found.speeds[0]
+    moving = np.abs(speed) > 1.0
+    law, (low, high) = -FRICTION * np.sign(speed), found.band
     assert np.mean(((law > low) & (law < high))[moving]) > 0.85
     first = regress_torque(found)[0]
     assert (first.kind, first.of, first.taken) == ("sign", "w_1", True)
@@ -244,8 +245,9 @@ def test_the_torque_of_a_servo_is_its_friction(window: str, tmp_path: Path) -> N
     first = regress_torque(found)[0]
     assert (first.kind, first.of, first.taken) == ("sign", "w_2", True)
     assert 2.4e-3 < -first.size < 3.1e-3
-    turns = np.abs(found.speed) > 5.0  # rad/s; about a jump it is rounded off
-    rows = np.column_stack([np.sign(found.speed), found.speed, np.ones(len(found.t))])[turns]
+    _, speed = found.speeds[0]
+    turns = np.abs(speed) > 5.0  # rad/s; about a jump it is rounded off
+    rows = np.column_stack([np.sign(speed), speed, np.ones(len(found.t))])[turns]
     law = np.linalg.lstsq(rows, found.expected[turns])[0]
     left = found.expected[turns] - rows @ law
     assert 1 - np.var(left) / np.var(found.expected[turns]) > 0.9

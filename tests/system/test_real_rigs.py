@@ -164,12 +164,10 @@ def test_a_torque_taken_as_if_it_were_in_time_is_named(tmp_path: Path) -> None:
     """Without its lag a third of the bit's speed is left, and the report says which would explain it."""
     path = config(tmp_path, "drill_string.yaml", (LAG, "}"))
     ran = systems.cli("map", path, "--output", tmp_path / "out", "--processes", "1")
-    assert "what each channel does the MAP leaves unexplained 33 % (w_1)" in ran.err
-    assert (
-        "a lag of inputs.t_1: -31.1 ms: say `lag: {prior: uniform, low: -0.0622, high: 0}`"
-        in ran.err
-    )
-    assert "what the MAP leaves is not white" in ran.err
+    assert "fit: the MAP leaves unexplained 33 % of w_1." in ran.out
+    assert "the residuals are correlated from one sample to the next: w_1" in ran.out
+    assert "fit: A is the config with a lag of w_1" in ran.out
+    assert "lag: {prior: uniform, low: -0.1, high: 0.1}" in ran.out
 
 
 # --- a servo, step of its torque by step -----------------------------------------------------------

@@ -111,4 +111,4 @@ def test_a_short_run_of_the_example(tmp_path: Path) -> None:
     assert header.startswith("name,unit,nominal,mean,sd,hdi94_low,hdi94_high")
     assert [row.split(",")[0] for row in rows][:2] == ["k_T", "k_s"]
     assert "| omega_1 | rad/s |" in (out / "summary.md").read_text()
-    assert "k_T = k_e" in ran.text
+    assert "agree with tables_2_3 (k_e, k_T, t_f as in the config)" in ran.text

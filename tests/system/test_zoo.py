@@ -17,6 +17,7 @@ from bayesdrill.config.job import Job, prepare
 from bayesdrill.config.records import simulation
 from bayesdrill.config.schema.config import Config
 from bayesdrill.inference import residual_checks
+from bayesdrill.inference.step_error import choose_steps
 from benchmarks.zoo import folder, judge, rows, runs
 from benchmarks.zoo.__main__ import arguments
 from benchmarks.zoo.makers import ROOT, Driven, Otherwise, Rubbing
@@ -219,9 +220,9 @@ def residuals_at_truth(job: Job) -> tuple[residual_checks.ResidualSummary, ...]:
         values |= made.truth
         for name, value in made.quantities.items():
             values[name] = value * one.rig_numbers.quantities[name].factor
-    return residual_checks.residual_summaries(
-        job.problem.posterior.likelihood, space.vector(values)
-    )
+    truth = space.vector(values)
+    posterior = choose_steps(job.problem.posterior, truth)  # as a run does at its maximum
+    return residual_checks.residual_summaries(posterior.likelihood, truth)
 
 
 def looks_like_noise(row: Row, place: Path) -> bool:
