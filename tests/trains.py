@@ -15,6 +15,21 @@ from dataclasses import dataclass, field
 import numpy as np
 import scipy.integrate
 
+from bayesdrill.rig.models.train import Train
+
+Spring = tuple[int, int | None, float, float]  # ends, stiffness, damping
+
+
+def springs(train: Train, p: dict[str, float]) -> list[Spring]:
+    """Those of a train's shafts; an end at the ground stands last."""
+    place = {name: k for k, name in enumerate(train.inertias)}
+    found = list[Spring]()
+    for shaft in train.shafts:
+        first, *second = (place[end] for end in shaft.ends if end in place)
+        numbers = p[f"k_{shaft.name}"], p.get(f"c_{shaft.name}", 0.0)
+        found.append((first, second[0] if second else None, *numbers))
+    return found
+
 
 @dataclass
 class Oracle:
@@ -22,7 +37,7 @@ class Oracle:
 
     inertias: np.ndarray
     ratios: np.ndarray
-    springs: list[tuple[int, int | None, float, float]]  # ends, stiffness, damping
+    springs: list[Spring]
     dampers: np.ndarray  # of each inertia, to the ground
     sliding: np.ndarray  # of each coordinate
     weights: np.ndarray  # m g l of each inertia

@@ -1,14 +1,11 @@
-"""Equations of random trains against Lagrange's, put together from matrices by other code.
-
-Of all inertias as if they were free, with `R` their turns by those of the coordinates: `R' J R w' = R'
-(torques - C own speeds - K own angles)`.
-"""
+"""Equations of random trains, with motors and imposed speeds, against the matrices of an `Oracle`."""
 
 from __future__ import annotations
 
 from contextlib import suppress
 
 import numpy as np
+from trains import Oracle, springs
 
 from bayesdrill.rig.models.drive_parts import PartsError
 from bayesdrill.rig.models.linear import with_named
@@ -58,14 +55,8 @@ def rates(train: Train, p: dict[str, float], x: dict[str, float]) -> dict[str, f
     angles = [name for name in train.states if name.startswith("theta_")]
     speeds = [name.replace("theta", "w") for name in angles]
     w, r = np.array([x[name] for name in speeds]), turns(train)
-    damping, stiffness, torques = np.diag(of("c")), np.diag(of("g")), -of("t_f")
-    for shaft in train.shafts:
-        twist = np.zeros(len(place))
-        for end, sign in zip(shaft.ends, (1.0, -1.0), strict=True):
-            if end in place:
-                twist[place[end]] = sign
-        stiffness += p[f"k_{shaft.name}"] * np.outer(twist, twist)
-        damping += p.get(f"c_{shaft.name}", 0.0) * np.outer(twist, twist)
+    torques, none = -of("t_f"), np.zeros(len(place))
+    pendulums = [(k, None, g, 0.0) for k, g in enumerate(of("g"))]  # nearly springs
     own, found = r @ w, dict(zip(angles, w, strict=True))
     for drive in train.drives:
         name, at = drive.inertia, place[drive.inertia]
@@ -74,8 +65,11 @@ def rates(train: Train, p: dict[str, float], x: dict[str, float]) -> dict[str, f
         torques[at] += x.get(f"t_{name}", 0.0) + p.get(f"k_T_{name}", 0.0) * current
         if f"l_{name}" in p:
             found[f"i_{name}"] = (voltage - p[f"r_{name}"] * current) / p[f"l_{name}"]
-    pushes = r.T @ (torques - damping @ own - stiffness @ (r @ [x[name] for name in angles]))
-    moved = zip(speeds, pushes / np.diag(r.T @ np.diag(of("j")) @ r + 1e-300), strict=True)
+    free = Oracle(
+        of("j"), r, springs(train, p) + pendulums, of("c"), none, none, none, lambda _: torques
+    )
+    pushes = free.force(0.0, np.array([x[name] for name in angles]), w)
+    moved = zip(speeds, pushes / np.diag(free.mass + 1e-300), strict=True)
     return found | {name: rate for name, rate in moved if name in train.states}
 
 
@@ -89,7 +83,8 @@ def test_any_train_moves_by_its_matrices() -> None:
                 zip(train.parameters, rng.uniform(0.5, 2.0, len(train.parameters)), strict=True)
             )
             x = {name: float(rng.normal()) for name in (*train.states, *train.inputs)}
-            linear, found = train.linear(p), dict.fromkeys(train.states, 0.0) | train.linear(p).c
+            linear = train.linear(p)
+            found = {**dict.fromkeys(train.states, 0.0), **linear.c}
             for (row, column), value in (*linear.A.items(), *linear.B.items()):
                 found[row] += value * x.get(column, 0.0)  # what is beyond a spring is no input
             expected = rates(train, p, x)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from trains import Oracle
+from trains import Oracle, springs
 
 import bayesdrill as bd
 from bayesdrill.record.experiment import Channel, Experiment
@@ -63,15 +63,6 @@ def oracle(
     """Typed from the train's entries; `ratios (n, q)`."""
     linear, names = train.motion == "linear", train.inertias
     j, t = ("m", "f") if linear else ("j", "t")
-    springs = [
-        (
-            names.index(shaft.ends[0]),
-            None if shaft.ends[1] == "ground" else names.index(shaft.ends[1]),
-            p[f"k_{shaft.name}"],
-            p.get(f"c_{shaft.name}", 0.0),
-        )
-        for shaft in train.shafts
-    ]
     driven = np.array([float(drive.kind == "torque") for drive in train.drives])
     places = [names.index(drive.inertia) for drive in train.drives]
     sliding = np.zeros(ratios.shape[1])
@@ -87,7 +78,7 @@ def oracle(
     return Oracle(
         inertias=np.array([p[f"{j}_{name}"] for name in names]),
         ratios=ratios,
-        springs=springs,
+        springs=springs(train, p),
         dampers=np.array([p.get(f"c_{name}", 0.0) for name in names]),
         sliding=sliding,
         weights=np.array([p.get(f"g_{name}", 0.0) for name in names]),

@@ -182,10 +182,8 @@ class FrictionMode:
     def set(self, state: Sequence[Number]) -> None:
         """Store the rows for the signs of the speeds in `state`; what is at rest sticks."""
         step, b = self.step, self.step.kind.b
-        first, constant = (
-            step.first,
-            len(step.rows),
-        )  # columns of frictions, and of what is constant
+        first = step.first  # the columns of frictions
+        constant = len(step.rows)  # the column of what is constant
         directions = [slip_direction(state[friction.row]) for friction in step.frictions]
         rows = [dict(row) for row in step.rows]
         if self.shows:
