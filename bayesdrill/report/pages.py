@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-import corner
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
@@ -239,6 +238,8 @@ def contours(
     density is flat there, is left out.  `xy`: draws `(N,)` each; `ends`: of their priors; `fine`:
     of lines; `lines`: how contours look that are not filled.
     """
+    import corner  # late: it loads pyplot and ArviZ
+
     x, y = xy
     correlation = float(np.corrcoef(x, y)[0, 1]) if np.ptp(x) > 0 and np.ptp(y) > 0 else 0.0
     slanted = abs(correlation) > MIN_SHEARED_CORRELATION
@@ -248,7 +249,8 @@ def contours(
     across = y - slope * x
     ranges = [central(x, ends[0]), central(across, None if slanted else ends[1])]
     smooth = [_bandwidth(values, span) for values, span in zip((x, across), ranges, strict=True)]
-    levels = _resolved_levels(x, across, ranges, smooth)
+    counts, *edges = np.histogram2d(x, across, BINS, ranges)
+    levels = _resolved_levels(counts, smooth)
     if not levels and lines is None:
         (left, right), (low, high) = ranges
         panel.fill(
@@ -257,9 +259,10 @@ def contours(
     if not levels:
         return
     fills = dict(zip(LEVELS, (INNER_GREY, OUTER_GREY), strict=True))
+    middles = np.meshgrid(*(0.5 * (edge[:-1] + edge[1:]) for edge in edges), indexing="ij")
     corner.hist2d(
-        x,
-        across,
+        *middles,
+        weights=counts.ravel(),
         ax=panel,
         range=ranges,
         bins=BINS,
@@ -285,11 +288,11 @@ def _bandwidth(x: Array, ends: Ends) -> float:
     )
 
 
-def _resolved_levels(
-    x: Array, y: Array, ranges: Sequence[Ends], smooth: Sequence[float]
-) -> tuple[float, ...]:
-    """Of `LEVELS`, those whose contour lies where the density falls by more than its noise."""
-    counts, _, _ = np.histogram2d(x, y, BINS, ranges)
+def _resolved_levels(counts: Array, smooth: Sequence[float]) -> tuple[float, ...]:
+    """Of `LEVELS`, those whose contour lies where the density falls by more than its noise.
+
+    `counts (BINS, BINS)`: of draws.
+    """
     density = gaussian_filter(counts, smooth)
     ordered = np.sort(density, axis=None)[::-1]
     cumulative = np.cumsum(ordered) / ordered.sum()

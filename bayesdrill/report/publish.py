@@ -145,7 +145,8 @@ def write_results(
 
 def load_drawing(_: Posterior) -> None:
     """Load what draws, in a process that has nothing else to do yet."""
-    importlib.import_module(f"{__package__}.pages")
+    for name in (f"{__package__}.pages", "corner"):
+        importlib.import_module(name)
 
 
 def draw(

@@ -32,7 +32,7 @@ from bayesdrill.inference.step_error import StepSizes
 
 SPAWN = multiprocessing.get_context("spawn")
 TASK_SECONDS = 10.0  # seconds that a worker has for its task, where the work is stopped
-LARGE, ALIGNED = 1 << 25, 64  # bytes of arrays that workers share, and of their places
+PIPE, ALIGNED = 1 << 15, 64  # bytes of arrays that a pipe takes at once, and of shared places
 SIGTERM_SECONDS = 5.0  # seconds from SIGTERM to the end of a worker
 
 
@@ -68,13 +68,14 @@ class _Copy:
 def _copy_posterior(posterior: Posterior) -> tuple[_Copy, IO[bytes] | None]:
     """Return a copy for workers, and the file that has its arrays, to be closed when they are done.
 
-    Where these are large, all workers map that one file.  It has no name, so that nothing of it stays
-    behind whatever happens; where a process cannot open such a file of another, each has its own copy.
+    All workers map that one file, unless it would be small: of what a pipe does not take at once the
+    rest would wait until a worker has started.  It has no name, so that nothing of it stays behind
+    whatever happens; where a process cannot open such a file of another, each has its own copy.
     """
     buffers: list[pickle.PickleBuffer] = []
     data = pickle.dumps(posterior, protocol=5, buffer_callback=buffers.append)
     views = [buffer.raw() for buffer in buffers]
-    if sum(view.nbytes for view in views) > LARGE and Path("/proc/self/fd").is_dir():
+    if sum(view.nbytes for view in views) > PIPE and Path("/proc/self/fd").is_dir():
         with suppress(OSError):
             file, spans = tempfile.TemporaryFile(), list[tuple[int, int]]()  # noqa: SIM115
             for view in views:

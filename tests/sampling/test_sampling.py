@@ -190,7 +190,7 @@ def test_walkers_start_on_all_maxima_alike() -> None:
 def test_workers_map_the_arrays_of_a_large_record(monkeypatch: pytest.MonkeyPatch) -> None:
     """Mutant killed: arrays that begin where others end."""
     target, maxima, _ = problem()
-    monkeypatch.setattr(workers, "LARGE", 1000)
+    monkeypatch.setattr(workers, "PIPE", 1000)
     with WorkerPool(target, 2) as pool:
         there = pool.submit(Posterior.density, maxima).result()
     assert np.array_equal(there, target.density(maxima))

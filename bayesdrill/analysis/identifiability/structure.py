@@ -23,6 +23,7 @@ from bayesdrill.analysis.identifiability.information import (
     RANK_TOLERANCE,
     Information,
     SensitivityStudy,
+    root_of,
 )
 from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.posterior import Posterior
@@ -185,7 +186,7 @@ def structure_of(
             for x, y in zip(signals, there, strict=True)
         )
 
-    sensitivities = [sensitivity.sensitivities(point) for point in points]
+    sensitivities = [root_of(sensitivity.sensitivities(point)) for point in points]
     return find_structure(sensitivity.unknowns, sensitivities, unchanged)
 
 
