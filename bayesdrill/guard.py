@@ -59,6 +59,9 @@ def guarded() -> Iterator[None]:
     except typer.Exit:
         raise
     except (Exception, SystemExit) as error:
+        if errors.was_stopped(error):
+            _tell("stopped")
+            raise typer.Exit(INTERRUPTED) from None
         if isinstance(error, BrokenExecutor):
             _tell(KILLED)
         elif errors.short_of_memory(error):

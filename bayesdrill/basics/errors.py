@@ -54,6 +54,8 @@ class ErrorCollector:
         except (OSError, MemoryError, BrokenExecutor):
             raise
         except Exception as error:
+            if was_stopped(error):
+                raise
             first = (str(error).splitlines() or [""])[0]
             self.missing.append(f"{what} ({type(error).__name__}: {first})")
 
@@ -105,6 +107,11 @@ class Stopped(KeyboardInterrupt):
 
 class Interrupted(Exception):
     """The user or the system asked to stop: what is saved, and how to go on. Exit status 130."""
+
+
+def was_stopped(error: BaseException | None) -> bool:
+    """Tell whether a signal asked to stop: native code that is loaded makes another error of it."""
+    return isinstance(error, Stopped) or (error is not None and was_stopped(error.__context__))
 
 
 def short_of_memory(error: BaseException | None) -> bool:

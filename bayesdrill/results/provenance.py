@@ -19,7 +19,7 @@ import numpy as np
 import bayesdrill
 from bayesdrill.basics import software
 from bayesdrill.basics.arrays import PART, Array
-from bayesdrill.basics.errors import InputError, Interrupted
+from bayesdrill.basics.errors import InputError, Interrupted, was_stopped
 from bayesdrill.basics.software import DECISIVE, installed_versions, versions_text
 from bayesdrill.basics.symbols import noise_name
 from bayesdrill.config.job import Job
@@ -242,9 +242,10 @@ def interruptions(
     stops: tuple[type[Exception], ...] = (BrokenProcessPool, *errors)
     try:
         yield
-    except KeyboardInterrupt:
-        folder.write_run(status="interrupted")
-        raise Interrupted(f"stopped; {progress()}; continue with --resume") from None
-    except stops:
-        folder.write_run(status="interrupted")
+    except (KeyboardInterrupt, Exception) as error:
+        stopped = isinstance(error, KeyboardInterrupt) or was_stopped(error)
+        if stopped or isinstance(error, stops):
+            folder.write_run(status="interrupted")
+        if stopped:
+            raise Interrupted(f"stopped; {progress()}; continue with --resume") from None
         raise

@@ -60,7 +60,12 @@ def equilibrium(matrix: Array, forcing: Array) -> Array:
     bad = ~(np.isfinite(matrix).all(axis=(1, 2)) & np.isfinite(forcing).all(axis=1))
     matrix[bad] = np.eye(size)
     rows = np.abs(matrix).max(axis=2, keepdims=True)
-    singular = np.linalg.matrix_rank(matrix / np.where(rows > 0, rows, 1.0)) < size
+    scaled = matrix / np.where(rows > 0, rows, 1.0)
+    # No singular value is larger than `size`, so that where the product of all is above this, the least
+    # is above what `matrix_rank` takes for zero.
+    doubtful = np.abs(np.linalg.det(scaled)) <= float(size) ** (size + 1) * np.finfo(float).eps
+    singular = doubtful.copy()
+    singular[doubtful] = np.linalg.matrix_rank(scaled[doubtful]) < size
     matrix[singular] = np.eye(size)
     solution = np.linalg.solve(matrix, -forcing[..., None])[..., 0]
     solution[bad | singular] = np.nan

@@ -18,8 +18,11 @@ import typer
 from systems import STOPPING
 from together import together
 
-from bayesdrill.basics.errors import InputError
+from bayesdrill.basics.errors import ErrorCollector, InputError
 from bayesdrill.guard import INPUT_WRONG, INTERRUPTED, guarded, saved_in
+from bayesdrill.output_files import POSTERIOR
+from bayesdrill.results.provenance import interruptions
+from bayesdrill.results.run_folder import Folder, read_run
 from bayesdrill.sampling import workers
 from bayesdrill.sampling.workers import WorkerPool
 
@@ -58,6 +61,47 @@ def hearing() -> Iterator[None]:
 def heard() -> Iterator[None]:
     with hearing():
         yield
+
+
+def stopped_at_a_library() -> None:
+    """What is raised while native code is being loaded comes out of there as an `ImportError`."""
+    try:
+        signal.raise_signal(signal.SIGHUP)
+    except KeyboardInterrupt as stopped:
+        raise ImportError("initialization failed") from stopped
+
+
+@pytest.mark.usefixtures("heard")
+def test_a_signal_while_a_library_is_loaded_stops_a_run(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Mutants killed: only a KeyboardInterrupt stops a run; a signal is a figure that failed."""
+    sparing = ErrorCollector()
+    with Folder(tmp_path / "out", "fresh", {}, POSTERIOR) as folder:
+        folder.begin(status="running")
+        with (
+            pytest.raises(typer.Exit) as ended,
+            guarded(),
+            interruptions(folder, lambda: "hardly"),
+            sparing.making("a figure"),
+        ):
+            stopped_at_a_library()
+    assert ended.value.exit_code == INTERRUPTED
+    assert capsys.readouterr().err == "stopped; hardly; continue with --resume\n"
+    assert not sparing.missing
+    run = read_run(tmp_path / "out")
+    assert run is not None
+    assert run["status"] == "interrupted"
+
+
+@pytest.mark.usefixtures("heard")
+def test_a_signal_while_a_library_is_loaded_stops_a_command(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with pytest.raises(typer.Exit) as ended, guarded():
+        stopped_at_a_library()
+    assert ended.value.exit_code == INTERRUPTED
+    assert capsys.readouterr().err == "stopped\n"
 
 
 @together("number", STOPPING, ids=lambda number: number.name)

@@ -6,6 +6,7 @@ import pickle
 
 import numpy as np
 import pytest
+import scipy.linalg
 from oracles import (
     NOMINAL,
     ORDER,
@@ -23,6 +24,7 @@ from together import for_each
 from bayesdrill.paper.forward import six_states
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators.exact import Response
+from bayesdrill.rig.steady_state import equilibrium
 
 START = {"theta_1": 0.7, "theta_2": -0.4, "w_1": 1.3, "w_2": -2.1, "i": 0.6}
 X0 = np.array([START[name] for name in STATES])
@@ -142,6 +144,17 @@ def test_ends_at_the_equilibrium() -> None:
     end = signals(experiment(2, 400.0), p)[0, -1]
     assert end[2:] == pytest.approx([current[0], current[0], current[1]], rel=1e-9)
     assert end[2] == pytest.approx(15.91, abs=0.005)
+
+
+def test_an_equilibrium_is_refused_by_rank_alone() -> None:
+    """Mutant killed: a small determinant taken for none."""
+    stiff = scipy.linalg.hilbert(6)  # of full rank, and its determinant is 5e-18
+    singular, unbounded = stiff.copy(), stiff.copy()
+    singular[3], unbounded[0, 0] = singular[1] - singular[2], np.inf
+    forcing = -np.sum(stiff, axis=1)
+    found = equilibrium(np.array([stiff, singular, unbounded]), np.array([forcing] * 3))
+    assert found[0] == pytest.approx(np.ones(6), rel=1e-6)
+    assert np.isnan(found[1:]).all()
 
 
 def test_rest_without_supply_and_friction_stays_at_rest() -> None:

@@ -17,9 +17,9 @@ from bayesdrill.sampling.workers import WorkerPool
 from bayesdrill.tasks import conclusions, find_map
 from benchmarks.zoo import folder, rows
 
-SEEDS = 16
 WITHIN = 0.2
-ROWS = ("bundled", "closed_loop", "half_normals", "two_springs")
+# Seeds by row.  Where unknowns hang together each seed says less: of the last, 16 give 1.26 and 80 1.07.
+ROWS = {"bundled": 16, "closed_loop": 16, "half_normals": 16, "two_springs": 48}
 
 
 @pytest.mark.slow
@@ -27,7 +27,7 @@ ROWS = ("bundled", "closed_loop", "half_normals", "two_springs")
 def test_means_scatter_as_their_errors_say(tmp_path: Path, name: str) -> None:
     """All that a run learns, starts and draws depends on its seed; the record and MAP do not.
 
-    Of D unknowns and 16 seeds the ratio itself is known to about 10 %.  Mutants killed: effective
+    Of D unknowns and so many seeds the ratio itself is known to about 10 %.  Mutants killed: effective
     draws of walkers in turn, which know nothing of what a walker remembers; burn-in kept.
     """
     row = next(one for one in rows.every() if one.name == name)
@@ -37,7 +37,7 @@ def test_means_scatter_as_their_errors_say(tmp_path: Path, name: str) -> None:
     tops = mode_search.modes(posterior, find_map.find_mode(job, 2, Silent()))
     plan = conclusions.plan(job.config)
     with WorkerPool(posterior, 2) as pool:
-        for seed in range(SEEDS):
+        for seed in range(ROWS[name]):
             own = dataclasses.replace(plan, seed=seed)
             sampled = ensembles.sample(pool, tops, own, MemoryBackend(), Silent())
             assert sampled.convergence.converged, sampled.convergence.reasons
