@@ -16,7 +16,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.arrays import Array, Indices
 from bayesdrill.basics.entries import MAX_COUNT
 from bayesdrill.basics.errors import InputError, Issue, shortened
 from bayesdrill.record.formats.table import RecordTable, keys_of, read_bytes
@@ -115,7 +115,7 @@ class TextLines:
 
     path: Path
     texts: list[str]
-    numbers: list[int]
+    numbers: Indices
     comment: str = ""
 
     def part(self, rows: slice) -> TextLines:
@@ -169,19 +169,20 @@ def read_lines(path: Path, text: str, skip: int) -> TextLines:
                 "A table has a line for each sample: write it with line ends, or leave out columns"
             )
             raise InputError.at(f"{path} line {number}", message)
-    filled = [
-        (number, line)
+    filled = (
+        number
         for number, line in enumerate(everything[skip:], start=skip + 1)
         if (bare := line.strip()) and bare[0] not in "#%"
-    ]
-    if not filled:
+    )
+    numbers = np.fromiter(filled, dtype=np.int64)
+    if not len(numbers):
         where = f" after the {skip} lines of skip_rows" if skip else ""
         raise InputError.at(str(path), f"holds no data{where}: only blank lines and comments")
-    before = [bare for line in everything[skip : filled[0][0] - 1] if (bare := line.strip())]
+    before = [bare for line in everything[skip : numbers[0] - 1] if (bare := line.strip())]
     return TextLines(
         path=path,
-        texts=[line for _, line in filled],
-        numbers=[n for n, _ in filled],
+        texts=[everything[number - 1] for number in numbers],
+        numbers=numbers,
         comment=before[-1] if before else "",
     )
 
@@ -404,6 +405,7 @@ def table(path: Path, text: str, options: CsvOptions) -> RecordTable:
     """Read the table of a text that stands, or is to stand, in the file `path`."""
     check_options(path, options)
     lines = read_lines(path, text, options.skip_rows)
+    del text  # as large as a file may be
     dialect = find_dialect(lines.texts, options)
     lines = without_empty_tail(lines, dialect)
     header, body = _split_header(lines, dialect, options.header)
@@ -424,11 +426,12 @@ def table(path: Path, text: str, options: CsvOptions) -> RecordTable:
         ignored = _in_comment(lines, dialect, width)
     values = parse(body, dialect, names)
     columns = {name: np.ascontiguousarray(values[:, i]) for i, name in enumerate(names)}
-    numbers = np.array(body.numbers, dtype=np.int64)
     below = lines.texts[1] if len(lines.texts) - len(body.texts) == 2 else ""
     cells = [cell.strip() for cell in split(below, dialect.separator)] if dialect.separator else []
     units = dict(zip(names, cells, strict=True)) if len(cells) == width > 1 else {}
-    return RecordTable(path=path, variables=columns, lines=numbers, ignored=ignored, units=units)
+    return RecordTable(
+        path=path, variables=columns, lines=body.numbers, ignored=ignored, units=units
+    )
 
 
 def check_options(path: Path, options: CsvOptions) -> None:
