@@ -6,12 +6,12 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from bayesdrill import selection
 from bayesdrill.analysis.comparison import SURE_LOG_ODDS, RunSummary
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import SILENT, Reporter
+from bayesdrill.basics.values import as_data, from_data
 from bayesdrill.config.job import Job
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.output_files import LADDER, POSTERIOR, RECOMMENDED
@@ -87,6 +87,16 @@ def ladder(
         return _published(job, folder, work)
 
 
+@dataclass(frozen=True, slots=True)
+class _Ranking:
+    """Parts of candidates, the most probable first, and what makes them; no parts: as given."""
+
+    parts: tuple[tuple[str, ...], ...]
+    sizes: Mapping[str, float]
+    speeds: Mapping[str, float]
+    gear: float | None
+
+
 class _Sampling:
     """Models under way: `done` has what each that was sampled says, `left_out` why others were not."""
 
@@ -100,11 +110,10 @@ class _Sampling:
 
     def run(self, sample: int) -> None:
         """Rank all candidates, and sample the most probable; the config as given counts as one."""
-        known = (run_folder.read_run(self.folder.path) or {}).get(RANKED) if self.again else None
-        known = known or self._ranked()
-        self.folder.write_run(**{RANKED: known})
-        ladder = CandidateModels(self.job, known["sizes"], known["speeds"], known["gear"])
-        rungs = ladder.rungs(map(tuple, known["parts"]))[:sample]
+        known = (self._ranked_before() if self.again else None) or self._ranked()
+        self.folder.write_run(**{RANKED: as_data(known)})
+        ladder = CandidateModels(self.job, known.sizes, known.speeds, known.gear)
+        rungs = ladder.rungs(known.parts)[:sample]
         jobs: dict[str, tuple[CandidateModel, Job]] = {}
         for k, rung in enumerate(rungs, start=1):
             try:
@@ -125,8 +134,14 @@ class _Sampling:
         }
         run_jobs(self.pool, _fit, tasks, finish, self.folder.path, self.report)
 
-    def _ranked(self) -> dict[str, Any]:
-        """Return parts of candidates, the most probable first, and what makes them; none: as given."""
+    def _ranked_before(self) -> _Ranking | None:
+        run = run_folder.read_run(self.folder.path) or {}
+        try:
+            return from_data(_Ranking, run[RANKED])
+        except (KeyError, ValueError):
+            return None
+
+    def _ranked(self) -> _Ranking:
         job = self.job
         mode = self.pool.submit(search, job.problem.posterior, fit_plan(job)).result()
         there = job.with_steps_at(mode)
@@ -138,7 +153,7 @@ class _Sampling:
         self.report.say(comparison_report.ranking(causes, times))
         better = [cause.parts for cause in causes.ranked if cause.bayes > 0.0]
         parts = [*better, (), *(cause.parts for cause in causes.ranked[len(better) :])][:KEPT]
-        return {"parts": parts, "sizes": ladder.sizes, "speeds": ladder.speeds, "gear": ladder.gear}
+        return _Ranking(tuple(parts), ladder.sizes, ladder.speeds, ladder.gear)
 
     def _taken_up(self, place: str, rung: CandidateModel, job: Job) -> bool:
         """Whether it was run before."""

@@ -247,12 +247,13 @@ def compression_of_data(run: Mapping[str, Any]) -> CompressionCheck | None:
 
 
 def evidence_of_data(run: Mapping[str, Any]) -> Evidence | None:
-    """What `evidence_data` has left in `run.json`."""
+    """What `evidence_data` has left in `run.json`; None where it is not there, or no numbers."""
     told = {_OF_STEPS: 0.0, f"{_OF_STEPS}_error": 0.0, **run}
     try:
-        return Evidence(**{key: float(told[name]) for name, key in _EVIDENCE.items()})
+        numbers = {key: float(told[name]) for name, key in _EVIDENCE.items()}
     except (KeyError, TypeError, ValueError):
         return None
+    return Evidence(**numbers) if all(map(math.isfinite, numbers.values())) else None
 
 
 def repeats_data(repeats: Sequence[RepeatedProduct], names: Sequence[str]) -> list[dict[str, Any]]:

@@ -79,4 +79,6 @@ def test_what_a_run_has_left_is_read_back() -> None:
     for found in (one, stepped):
         assert run_entries.evidence_of_data(run_entries.evidence_data(found, ())) == found
     assert run_entries.evidence_of_data({}) is None
+    forged = run_entries.evidence_data(one, ()) | {"log_evidence": "nan"}
+    assert run_entries.evidence_of_data(forged) is None
     assert run_entries.evidence_data(None, ()) == {}
