@@ -15,7 +15,7 @@ from functools import cache, cached_property
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
-from bayesdrill.basics.errors import Stopped, did_you_mean
+from bayesdrill.basics.errors import did_you_mean, was_stopped
 
 
 @cache
@@ -79,9 +79,9 @@ class Registry[T](Mapping[str, T]):
             member: T = entry_point.load()
             if self._judge is not None:
                 self._judge(entry_point.name, member)
-        except Stopped:
-            raise
         except BaseException as error:  # whatever the code of others does
+            if was_stopped(error):
+                raise
             failure = f"cannot be used from {entry_point.value}"
             raise ValueError(_blame(entry_point, failure, error)) from None
         return member

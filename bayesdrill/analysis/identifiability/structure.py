@@ -71,8 +71,7 @@ def null_space(sensitivities: Sequence[Array], *, nearly: bool = False) -> Array
     moving = [s / size for s in sensitivities if (size := np.linalg.norm(s)) > 0]
     if not moving:
         return np.eye(sensitivities[0].shape[1])
-    reduced = [np.linalg.qr(s, mode="r") for s in moving]
-    _, values, rows = np.linalg.svd(np.concatenate(reduced))
+    _, values, rows = np.linalg.svd(np.concatenate(moving))
     nothing = values <= RANK_TOLERANCE * values[0]
     if nearly:
         before = np.concatenate([values[:1], values[:-1]])
@@ -88,6 +87,7 @@ def find_structure(
     unchanged: Callable[[Exponents], bool],
 ) -> ScalingStructure:
     """Find the symmetries in sensitivities `(T K, m)` at several points; `unchanged` proves one."""
+    sensitivities = [root_of(s) for s in sensitivities]
     null = null_space(sensitivities)
     candidates = sparse_basis(null_space(sensitivities, nearly=True))
     proven = tuple(exponents for exponents in candidates if unchanged(exponents))
@@ -186,7 +186,7 @@ def structure_of(
             for x, y in zip(signals, there, strict=True)
         )
 
-    sensitivities = [root_of(sensitivity.sensitivities(point)) for point in points]
+    sensitivities = [sensitivity.sensitivities(point) for point in points]
     return find_structure(sensitivity.unknowns, sensitivities, unchanged)
 
 
