@@ -114,6 +114,8 @@ ON_REQUEST = {
     "frequency_response": "sections.fit_figure",
 }
 OWN_FIGURES = USUALLY_DRAWN | ON_REQUEST
+# Those of draws alone, which are drawn while the analysis of a run looks at its draws.
+OF_DRAWS = ("rig", "corner", "trace", "prior_posterior")
 # Those of which each of several experiments has one.
 EACH = ("fit", "friction", "energy", "torque", "residuals", "frequency_response")
 RUN_FIGURES: Registry[str] = Registry("figure", OWN_FIGURES)
@@ -360,6 +362,9 @@ MOST_GUESSED = 1_000_000  # samples that `init` looks at
 MOST_OF_CHAIN = 64_000_000  # numbers of a chain, half a gigabyte
 LEAST_STEPS = 200  # that a chain must have room for
 MOST_PREDICTED = 20_000_000  # numbers, 80 MB; as many log likelihoods go with them
+LEAST_PREDICTED = (
+    25  # draws of each ensemble: the extremes of fewer are all that they tell of tails
+)
 
 
 def check_file(path: Path, largest: int = LARGEST_FILE) -> None:
@@ -406,8 +411,9 @@ def steps_of_chain(ensembles: int, walkers: int, unknowns: int) -> int:
 
 
 def predictive_draws(wanted: int, ensembles: int, numbers: int) -> int:
-    """Of each ensemble: `wanted`, or as many as may be predicted; none of a very long record."""
-    return min(wanted, MOST_PREDICTED // (ensembles * numbers))
+    """Of each ensemble: `wanted`, or as many as there is room for; none where those would be few."""
+    room = MOST_PREDICTED // (ensembles * numbers)
+    return wanted if wanted <= room else room if room >= LEAST_PREDICTED else 0
 
 
 SEAL = "checksum"

@@ -18,6 +18,7 @@ from bayesdrill.basics import seeds
 from bayesdrill.basics.progress import Silent
 from bayesdrill.config import job
 from bayesdrill.config.job import Job
+from bayesdrill.inference.residual_checks import like_noise, residual_summaries
 from bayesdrill.report.sections import fit_words
 from bayesdrill.sampling import mode_search
 from bayesdrill.sampling.extended_priors import with_extended_priors
@@ -54,7 +55,9 @@ class Trial:
         tops, nominal = mode_search.modes(posterior, found), own.problem.nominal
         sampled = with_extended_priors(sampled, posterior, nominal, tops, chains, Silent())
         scenery = SensitivityStudy(posterior.likelihood)
-        _, left, judged = conclude(own.problem, own.asked, found, sampled, scenery)
+        left = residual_summaries(posterior.likelihood, posterior.space.vector(found.values))
+        fits = like_noise(left)
+        _, judged = conclude(own.problem, own.asked, found, sampled, scenery, fits=fits)
         assert judged is not None
         return judged.verdict, [*sampled.convergence.reasons, *fit_words.residual_reasons(left)]
 

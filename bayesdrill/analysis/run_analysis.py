@@ -38,6 +38,7 @@ from bayesdrill.inference.residual_checks import (
     correlations,
     input_sentences,
     like_noise,
+    residual_summaries,
 )
 from bayesdrill.inference.step_error import StepError, step_errors
 from bayesdrill.rig.models.latent_torque import TorqueLocation
@@ -70,6 +71,11 @@ class RunDraws(Value):
         """The MAP `(D,)`."""
         return self.problem.posterior.space.vector(self.mode.values)
 
+    @cached_property
+    def fit(self) -> tuple[ResidualSummary, ...]:
+        """What the MAP leaves of each channel."""
+        return residual_summaries(self.problem.posterior.likelihood, self.best)
+
     def some(self, n: int) -> Array:
         """Return at most `n` draws `(n, D)`, evenly spaced."""
         return self.draws[:: max(1, -(-len(self.draws) // n))]
@@ -92,6 +98,12 @@ class RunDraws(Value):
         rng = seeds.stream(self.seed, "torque")
         return latent_torque.torque_estimates(self.problem.posterior, self.some(TORQUE_DRAWS), rng)
 
+    @property
+    def nothing_derived(self) -> Derived:
+        """Derived quantities where there are none."""
+        values = np.empty((*self.sampled.draws.shape[:2], 0))
+        return Derived(symbols=(), values=values, nominal={})
+
     @cached_property
     def _derived(self) -> dict[tuple[Exponents, ...], Derived]:
         return {}  # by the products that they have with them
@@ -102,7 +114,7 @@ class RunDraws(Value):
         products = tuple(quantity.exponents for quantity in verdict)
         if products not in self._derived:
             problem, draws = self.problem, self.sampled.draws
-            result = Derived(symbols=(), values=np.empty((*draws.shape[:2], 0)), nominal={})
+            result = self.nothing_derived
             with self.sparing.making("derived quantities"):
                 following = derived.derive(problem, draws)
                 result = derived.with_products(following, problem, draws, products)
@@ -211,8 +223,8 @@ def analyse(
     """Evaluate the `RunAnalysis` of a finished run; nothing is sampled, arguments are as there."""
     problem, sampled, best = run.problem, run.sampled, run.best
     posterior = problem.posterior
-    rows, residual_rows, judged = conclude(problem, asked, run.mode, sampled, sensitivity)
-    fits = like_noise(residual_rows)
+    fits = like_noise(run.fit)
+    rows, judged = conclude(problem, asked, run.mode, sampled, sensitivity, fits=fits)
     blamed = alone and judged is not None and bool(judged.verdict.far)
     products = () if judged is None else basis(judged.study, judged.study.names)
     following = run.derived(judged)
@@ -221,10 +233,10 @@ def analyse(
         rows_of_derived = derived.summarise(following)
     return RunAnalysis(
         unknowns=rows,
-        fit=residual_rows,
+        fit=run.fit,
         inputs=() if fits else input_sentences(correlations(posterior.likelihood, best)),
         sandwich=diagnostics.sandwich_sds(posterior, best)
-        if any(row.correlated for row in residual_rows)
+        if any(row.correlated for row in run.fit)
         else {},
         judged=judged,
         repeats=repeats(sensitivity, best, products),

@@ -25,10 +25,8 @@ from bayesdrill.basics import seeds
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.values import check_arguments
 from bayesdrill.config.schema.config import Asked, Thresholds
-from bayesdrill.inference import residual_checks
 from bayesdrill.inference.derived import hdi
 from bayesdrill.inference.posterior import Problem
-from bayesdrill.inference.residual_checks import ResidualSummary
 from bayesdrill.sampling.ensembles import ExtendedPriors, SamplingResult
 from bayesdrill.sampling.mode_search import Mode
 
@@ -390,14 +388,18 @@ def conclude(
     mode: Mode,
     sampled: SamplingResult,
     sensitivity: SensitivityStudy,
-) -> tuple[tuple[ParameterRow, ...], tuple[ResidualSummary, ...], Judgement | None]:
-    """Return a row for each unknown, one for each channel, and the verdict where there is a table."""
+    *,
+    fits: bool,
+) -> tuple[tuple[ParameterRow, ...], Judgement | None]:
+    """Return a row for each unknown, and the verdict where there is a table.
+
+    `fits`: whether the MAP leaves nothing but noise.
+    """
     posterior, space = problem.posterior, problem.posterior.space
     rows = summarise(problem, sampled.draws, mode, sampled.convergence)
     best = space.vector(mode.values)
-    residual_rows = residual_checks.residual_summaries(posterior.likelihood, best)
     if not any(name in problem.nominal for name in sensitivity.unknowns):
-        return rows, residual_rows, None
+        return rows, None
     study = study_of(sensitivity, posterior, best, asked, "the MAP")
     draws, m = sampled.draws.reshape(-1, len(best)), len(study.names)
     prior_draws = space.draw(PRIOR_DRAWS, seeds.stream(asked.seed, "identify", 1))
@@ -411,9 +413,9 @@ def conclude(
         [row.name for row in rows if row.pressed_against is not None],
         asked.thresholds,
         sampled.extended,
-        fits=residual_checks.like_noise(residual_rows),
+        fits=fits,
     )
     findings = plausibility.plausibility_of_draws(problem, draws, study.information)
     findings += tuple(plausibility.plausibility_of_course(sensitivity, best))
     judged = Judgement(study=study, verdict=verdict, findings=findings)
-    return reconciled(rows, verdict), residual_rows, judged
+    return reconciled(rows, verdict), judged

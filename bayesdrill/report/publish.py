@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 import io
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import Future
 from pathlib import Path
 from types import MappingProxyType
@@ -100,21 +100,18 @@ def write_results(
     output, sparing = view.config.output, view.chain.sparing
     figures = folder.path / FOLDER
     figures.mkdir(exist_ok=True)
-    note = {"Title": view.config.name, "Creator": software.creator(), **view.marks}
-    destination = (figures, note, view.warning, tuple(output.formats), output.dpi)
-    tasks: list[tuple[str, str, Future[None]]] = []
     wanted = wanted_figures(output.figures)
     folder.remove_stale(
         set(output_files.figure_files(*FIGURES, *_SEVERAL, formats=output_files.FORMATS))
         - set(output_files.figure_files(*wanted, formats=output.formats))
     )
+    of_draws = [name for name in wanted if name in output_files.OF_DRAWS]
+    others = [name for name in wanted if name not in of_draws]
+    tasks = _begin_figures(of_draws, view, figures, pool, report)
+    report.update(0.0, "looking at what the draws say")
+    _ = view.analysis  # while others draw
     report.update(0.0, "making tables and figures")
-    for k, name in enumerate(wanted, 1):
-        report.update(0.5 * k / len(wanted), f"figure {name}")
-        with sparing.making(f"figures/{name}"):
-            for stem, drawing in drawings(name, view).items():
-                tasks.append((stem, drawing.says, pool.submit(draw, stem, drawing, *destination)))
-    # While others draw, the rest.
+    tasks |= _begin_figures(others, view, figures, pool, report)
     report.update(0.5, "tables")
     for name, table in TABLES.items():
         with sparing.making(name):
@@ -125,9 +122,9 @@ def write_results(
         image = io.BytesIO()
         view.tree.to_netcdf(image, engine="h5netcdf")
         output_files.write(folder.path_of("posterior.nc"), image.getvalue())
-    pictures = []
-    for k, (stem, says, task) in enumerate(tasks):
-        report.update(0.6 + 0.4 * k / len(tasks), f"figure {stem}")
+    pictures, every = [], [task for name in wanted for task in tasks[name]]
+    for k, (stem, says, task) in enumerate(every):
+        report.update(0.6 + 0.4 * k / len(every), f"figure {stem}")
         with sparing.making(f"figures/{stem}"):
             task.result()
             pictures.append(Picture(stem, says or stem, output_files.shown_path(output.formats)))
@@ -143,10 +140,23 @@ def write_results(
     return tuple(sparing.missing)
 
 
-def load_drawing(_: Posterior) -> None:
-    """Load what draws, in a process that has nothing else to do yet."""
-    for name in (f"{__package__}.pages", "corner"):
-        importlib.import_module(name)
+def _begin_figures(
+    names: Sequence[str], view: ReportContext, folder: Path, pool: WorkerPool, report: Reporter
+) -> dict[str, list[tuple[str, str, Future[None]]]]:
+    """Begin to draw figures, and return of each name the stems, captions and tasks that it has."""
+    output, tasks = (
+        view.config.output,
+        {name: list[tuple[str, str, Future[None]]]() for name in names},
+    )
+    note = {"Title": view.config.name, "Creator": software.creator(), **view.marks}
+    destination = (folder, note, view.warning, tuple(output.formats), output.dpi)
+    for k, name in enumerate(names, 1):
+        report.update(0.5 * k / len(names), f"figure {name}")
+        with view.chain.sparing.making(f"figures/{name}"):
+            for stem, drawing in drawings(name, view).items():
+                task = pool.submit(draw, stem, drawing, *destination)
+                tasks[name].append((stem, drawing.says, task))
+    return tasks
 
 
 def draw(

@@ -62,14 +62,19 @@ def for_each_experiment(
 class ReportContext(Value):
     """A finished run, as tables and figures look at it.
 
-    `chain`: its draws; `analysis`: all that is said of it; `seconds`: how long its parts took,
-    where that is known.
+    `chain`: its draws; `analyse`: what evaluates its analysis, when that is first asked for;
+    `seconds`: how long its parts took, where that is known.
     """
 
     chain: RunDraws
     config: Config
-    analysis: RunAnalysis
+    analyse: Callable[[RunDraws], RunAnalysis] = field(compare=False, repr=False)
     seconds: Mapping[str, float] = field(default_factory=dict)
+
+    @cached_property
+    def analysis(self) -> RunAnalysis:
+        """All that is said of the run."""
+        return self.analyse(self.chain)
 
     @property
     def problem(self) -> Problem:
@@ -94,7 +99,7 @@ class ReportContext(Value):
     @property
     def warning(self) -> str:
         """The warning that every figure must carry; empty where there is none."""
-        return words.warning(self.sampled, self.analysis.fit)
+        return words.warning(self.sampled, self.chain.fit)
 
     @property
     def reasons(self) -> tuple[str, ...]:

@@ -236,10 +236,10 @@ def size(problem: Problem, config: Config) -> str:
     draws, wanted = predictive_draws(problem, config), config.output.predictive_draws
     predicted = 8 * draws * sampler.ensembles * _numbers(problem)
     fewer = f", not {wanted}: those are too many for this record" if draws < wanted else ""
-    return (
-        f"size at most: chain {chain / 1e6:.3g} MB ({steps} steps), {draws} predictive draws of each "
-        f"ensemble {predicted / 1e6:.3g} MB{fewer}"
-    )
+    kept = f"{draws} predictive draws of each ensemble {predicted / 1e6:.3g} MB{fewer}"
+    if not draws:
+        kept = f"no predictive draws: {wanted} of each ensemble are too many for this record"
+    return f"size at most: chain {chain / 1e6:.3g} MB ({steps} steps), {kept}"
 
 
 def _misfit(problem: Problem) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import bayesdrill
@@ -50,20 +51,32 @@ def concluded(
     alone: bool = True,
     explained: Causes | None = None,
 ) -> ReportContext:
-    """Evaluate all that is said of a run, if it has not kept that, and return what its report needs.
+    """Return what the report of a run needs; what is said of it is evaluated when it is asked for.
 
     `scenery`: of the job's likelihood, where there is one already; `alone`: no other model of the
     record is tried beside it; `explained`: the causes of a bad fit, which are looked for otherwise.
     """
-    job, kept = run.job, run.kept
+    job = run.job
     chain = RunDraws(job.problem, run.mode, run.sampled, job.config.seed)
-    if kept is None:
-        scenery = scenery or SensitivityStudy(job.problem.posterior.likelihood)
-        suspicions = words.record_suspicions(job.problem)
-        if alone and explained is None:
-            explained = causes(job, run.mode)
-        kept = analyse(chain, job.asked, scenery, suspicions, alone=alone, explained=explained)
-    return ReportContext(chain, job.config, kept, seconds or {})
+    evaluate = partial(_analysis, run, scenery, explained, alone=alone)
+    return ReportContext(chain, job.config, evaluate, seconds or {})
+
+
+def _analysis(
+    run: SampledRun,
+    scenery: SensitivityStudy | None,
+    explained: Causes | None,
+    chain: RunDraws,
+    *,
+    alone: bool,
+) -> RunAnalysis:
+    if run.kept is not None:
+        return run.kept
+    posterior, suspicions = run.job.problem.posterior, words.record_suspicions(run.job.problem)
+    scenery = scenery or SensitivityStudy(posterior.likelihood)
+    if alone and explained is None:
+        explained = causes(run.job, run.mode)
+    return analyse(chain, run.job.asked, scenery, suspicions, alone=alone, explained=explained)
 
 
 def causes(

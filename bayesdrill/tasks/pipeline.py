@@ -36,7 +36,11 @@ from bayesdrill.tasks import find_map, run_entries
 from bayesdrill.tasks.conclusions import SampledRun, analysis_mark, concluded, kept_analysis, plan
 from bayesdrill.tasks.identify import preflight
 
-DRAWS_SAY = "looking at what the draws say"
+# What sampling and report load when they need it, for it takes a while.
+LOADED_LATE = (
+    *("scipy.stats", "arviz_stats.base"),
+    *("bayesdrill.results.arviz_tree", "bayesdrill.report.pages"),
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -114,7 +118,7 @@ def _run(
         if not pool.in_process:
             for _ in range(processes):  # one for each, as it is done with its searches
                 pool.submit(ensembles.preload)
-            for name in ("scipy.stats", "arviz_stats.base"):  # they take a while to load
+            for name in LOADED_LATE:
                 importlib.import_module(name)
         if searches is not None:
             mode = find_map.end_search(pool, searches, report)
@@ -132,12 +136,8 @@ def _run(
         clock.append(time.perf_counter())
         sampled = _sample(job, pool, mode, folder, report)
         clock.append(time.perf_counter())
-        if not pool.in_process:
-            for _ in range(processes):  # while this process reads the draws
-                pool.submit(publish.load_drawing)
         _finish_chain(job, folder, sampled)
         seconds = {"map": clock[1] - clock[0], "sampling": clock[2] - clock[1]}
-        report.update(0.0, DRAWS_SAY)
         run = SampledRun(job, mode, sampled)
         view = concluded(run, study, seconds, explained=explained)
         return _publish(job, folder, view, pool, report, clock[-1])
@@ -153,7 +153,6 @@ def republish(output: Path, processes: int, report: Reporter = SILENT) -> Outcom
         with WorkerPool(finished.job.problem.posterior, processes) as pool:
             seconds = dict(run.get("seconds", {}))
             seconds.pop("report", None)  # is being made again
-            report.update(0.0, DRAWS_SAY)
             view = concluded(finished, seconds=seconds)
             return _publish(finished.job, folder, view, pool, report)
 
@@ -277,9 +276,9 @@ def _publish(
     begun: float | None = None,
 ) -> Outcome:
     """`begun`: when the report began, of a run that is timed."""
-    seconds, judged = dict(view.seconds), view.analysis.judged
     missing = publish.write_results(view, folder, pool, report)
     report.update(1.0, "")
+    seconds, judged = dict(view.seconds), view.analysis.judged
     if begun is not None:
         seconds["report"] = time.perf_counter() - begun
         folder.write_run(seconds={name: round(value, 3) for name, value in seconds.items()})

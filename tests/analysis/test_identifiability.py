@@ -220,6 +220,21 @@ def test_sensitivities_are_the_slopes_of_the_response() -> None:
     assert np.abs(exact - close).max() < 1e-7 * np.abs(exact).max()
 
 
+def test_a_point_that_was_left_is_forgotten() -> None:
+    """Whatever is asked in between.  Mutants killed: the course that is kept is any point's, or any
+    inputs'."""
+    target = posterior(measured(SIGMA), SIGMA)
+    near, far = vector(NOMINAL), vector(NOMINAL) * np.linspace(0.8, 1.2, 9)
+    pushed = information.DesignVariant(times={"v": 0.5})
+    asked = [(near, pushed), (near, information.AS_RECORDED), (near, pushed), (far, pushed)]
+    asked += [(far, information.AS_RECORDED), (near, information.AS_RECORDED)]
+    scenery = SensitivityStudy(target.likelihood)
+    for theta, scene in asked:
+        fresh = SensitivityStudy(target.likelihood).with_nuisances(theta, scene)
+        assert np.array_equal(scenery.with_nuisances(theta, scene), fresh)
+    assert not np.array_equal(scenery.with_nuisances(near), scenery.with_nuisances(far))
+
+
 def test_dual_numbers_follow_the_rules_of_derivatives() -> None:
     x, h = 1.7, 1e-6
 

@@ -21,6 +21,7 @@ from together import for_each
 import bayesdrill as bd
 from bayesdrill import output_files
 from bayesdrill.analysis.diagnostics import ParameterRow
+from bayesdrill.analysis.run_analysis import RunAnalysis
 from bayesdrill.api.run import RunReport
 from bayesdrill.basics.symbols import PARAMETERS, Symbol
 from bayesdrill.inference.priors import LogUniform, Uniform
@@ -214,7 +215,20 @@ def test_a_table_is_in_doubt_where_the_fit_is_no_noise() -> None:
 
 def analysed(view: ReportContext, **said: object) -> ReportContext:
     """As if this were said of it."""
-    return dataclasses.replace(view, analysis=dataclasses.replace(view.analysis, **said))  # type: ignore[arg-type]
+    analysis = dataclasses.replace(view.analysis, **said)  # type: ignore[arg-type]
+    return dataclasses.replace(view, analyse=lambda _: analysis)
+
+
+def test_figures_of_draws_wait_for_no_analysis() -> None:
+    """They are drawn while it is made.  Mutant killed: the corner asks for the products of a verdict."""
+
+    def fail(_: object) -> RunAnalysis:
+        raise AssertionError("the analysis is asked for")
+
+    view = dataclasses.replace(run()._view, analyse=fail)
+    assert not view.warning
+    drawn = [stem for name in output_files.OF_DRAWS for stem in publish.drawings(name, view)]
+    assert drawn == ["corner", "trace", "prior_posterior"]
 
 
 def unfit() -> ReportContext:

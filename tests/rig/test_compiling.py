@@ -11,8 +11,16 @@ from compiled import response
 from llvmlite import ir
 from oracles import NOMINAL
 from rigs import vector
+from together import together
 
-from bayesdrill.rig.kernels.compiling import compile_kernel, link_code, machine_code
+from bayesdrill.rig.kernels.compiling import (
+    PIECE,
+    compile_kernel,
+    link_code,
+    machine_code,
+    rows_of_walkers,
+)
+from bayesdrill.rig.kernels.lanes import LANES
 from bayesdrill.rig.kernels.recurrence import write_response
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators.exact import Response, layout
@@ -47,6 +55,17 @@ def test_code_that_is_kept_takes_little() -> None:
     kind = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_double)
     for engine in (first, *engines):
         assert kind(engine.get_function_address("twice"))(1.5) == 3.0
+
+
+@together("n", (1, 8, 9, 20))
+def test_walkers_of_long_records_keep_to_themselves(n: int) -> None:
+    """Long rows are copied in pieces.  Mutant killed: each group takes the rows of the first."""
+    rng, size = np.random.default_rng(3), 2 * PIECE + 77
+    out = rng.random((-(-n // LANES), size, LANES))
+    rows = rows_of_walkers(out, n)
+    assert rows.shape == (n, size)
+    for walker, row in enumerate(rows):
+        assert np.array_equal(row, out[walker // LANES, :, walker % LANES])
 
 
 def test_code_lives_as_long_as_a_simulator_of_it() -> None:

@@ -193,14 +193,19 @@ def test_two_samples_are_a_record(tmp_path: Path) -> None:
 def test_the_size_is_said_before_and_fewer_draws_are_predicted_of_a_long_record(
     tmp_path: Path,
 ) -> None:
+    """Twelve of each of two ensembles are room for as many as are asked for, but not for tails."""
     config = systems.small(tmp_path, ("duration: 5, rate: 20", "duration: 5, rate: 40000"))
     systems.simulated(config)
     ran = systems.cli("check", config)
     assert ran.status == 0, ran.text
-    assert "size at most: chain 0.384 MB (500 steps)" in ran.out
+    assert "size at most: chain 0.384 MB (500 steps), 10 predictive draws" in ran.out
     config.write_text(config.read_text().replace("predictive_draws: 10", "predictive_draws: 125"))
     ran = systems.cli("check", config)
-    assert "12 predictive draws of each ensemble" in ran.out
+    assert "no predictive draws: 125 of each ensemble are too many" in ran.out
+    config.write_text(config.read_text().replace("rate: 40000", "rate: 16000"))
+    systems.simulated(config)
+    ran = systems.cli("check", config)
+    assert "31 predictive draws of each ensemble" in ran.out
     assert "not 125" in ran.out
 
 

@@ -328,7 +328,9 @@ def _upright(
 def draw_corner(run: ReportContext) -> Drawing:
     """Return the drawing of the joint posterior."""
     names = run.config.output.corner or run.config.output.parameters
-    at = (run.sampled.draws, run.derived, run.chain.best[None])
+    # Whom it shows unknowns alone, it does not keep waiting for what follows from them.
+    derived = run.chain.nothing_derived if {*(names or ())} <= {*run.problem.names} else run.derived
+    at = (run.sampled.draws, derived, run.chain.best[None])
     draws, shown = physics_words.derived_shown(run.problem, names, *at)
     says = "The posterior of each parameter and each pair (corner plot), beside nominal values and MAP."
     return Drawing(corner_figure, (draws, shown, run.width), says)

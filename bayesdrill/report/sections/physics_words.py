@@ -91,7 +91,7 @@ def derived_shown(
     mode |= {name: float(x[0]) for name, x in at_map if np.isfinite(x[0])}
     wanted = problem.names if names is None else dict.fromkeys(names)
     columns = [order.index(name) for name in wanted if name in order]
-    columns = [k for k in columns if len(np.unique(every[np.isfinite(every[:, k]), k])) > 1]
+    columns = [k for k in columns if _varies(every[np.isfinite(every[:, k]), k])]
     if not columns:
         return derived_shown(problem, None, draws, derived, theta)
     nominal = {name: x for name, x in derived.nominal.items() if np.isfinite(x)}
@@ -105,6 +105,10 @@ def derived_shown(
     )
     picked = every[:, columns] / shown.factors
     return picked[np.isfinite(picked).all(axis=1)], shown
+
+
+def _varies(values: Array) -> bool:
+    return bool(len(values) and values.min() < values.max())
 
 
 OPEN = 1e-3  # of all, from which on what does not close is said

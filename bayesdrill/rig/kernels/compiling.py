@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,7 @@ PASSES = ("sroa", "instruction_combine", "simplify_cfg")
 # Of how hard it looks for machine code: harder takes a quarter as long again, for 2 to 3 % in kernels of
 # few loops that keep the processor's arithmetic busy, and nothing in the others.
 OPT_LEVEL, HIGH_OPT_LEVEL = 1, 2
+PIECE = 4096  # numbers of a walker, which are next to those of others, that are copied at once
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +58,19 @@ class Kernel:
         given["out"] = out = np.empty((-(-n // LANES), math.prod(shape), LANES))
         given["groups"] = len(out)
         self.call(name, given)
-        return out.transpose(0, 2, 1)[:, :n].reshape(-1, *shape)[:n]
+        return rows_of_walkers(out, n).reshape(n, *shape)
+
+
+def rows_of_walkers(out: NDArray[np.float64], n: int) -> NDArray[np.float64]:
+    """Return `(n, M)` of n walkers in groups `(G, M, LANES)`: long rows by pieces that a cache holds."""
+    size = out.shape[1]
+    if size <= PIECE:
+        return out.transpose(0, 2, 1)[:, :n].reshape(-1, size)[:n]
+    rows = np.empty((n, size))
+    for group, first in product(range(len(out)), range(0, size, PIECE)):
+        piece, part = slice(first, first + PIECE), rows[LANES * group :][:LANES]
+        part[:, piece] = out[group, piece, : len(part)].T
+    return rows
 
 
 @cache
