@@ -47,6 +47,8 @@ class Walled:
             self.value(u), along, np.einsum("dp,wde,eq->wpq", directions, curvature, directions)
         )
 
+    approximate_model = quadratic_model
+
 
 @dataclass(frozen=True)
 class Gaussians(Walled):

@@ -12,6 +12,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -221,6 +222,17 @@ class LogDensity:
         model = self.curvature_model(u, directions)
         with np.errstate(all="ignore"):
             return dataclasses.replace(model, value=model.value + self.value(u))
+
+    @cached_property
+    def _unbounded(self) -> LogDensity:
+        return LogDensity(self.posterior.edit(each=lambda observation: observation.unbounded))
+
+    def approximate_model(self, u: Array, directions: Array) -> QuadraticModel:
+        """Return the curvature model by what compressed records say, however far from where they hold.
+
+        For what leads somewhere and is no density: all samples would take a thousand times as long.
+        """
+        return self._unbounded.curvature_model(u, directions)
 
     def curvature_model(self, u: Array, directions: Array) -> QuadraticModel:
         """Return the model with a value of 0 or -inf: its own would take another response."""

@@ -209,6 +209,11 @@ class Observation:
         """Tell which unknowns `(W,)` of a compressed record have all samples."""
         return self.response.exceeds_bound(self.simulator_parameters(full))
 
+    @property
+    def unbounded(self) -> Self:
+        """See `Simulator.unbounded`."""
+        return dataclasses.replace(self, response=self.response.unbounded)
+
     def compress(self, full: Array, theta: Array) -> Any:
         """Compress its record for these unknowns, the first of which are the reference.
 

@@ -365,6 +365,31 @@ def test_rigs_far_away_have_the_exact_simulator(one: CompressedSimulator) -> Non
         assert np.array_equal(mine[1:], exact[1:])
 
 
+def test_what_is_no_density_needs_no_samples_of_rigs_far_away(one: CompressedSimulator) -> None:
+    """However far, on the ridge of a symmetry too, where poles are the very same and states are not.
+
+    Mutant killed: a bound that is no number still asks for all samples.
+    """
+
+    class Forbidden:
+        def __getattr__(self, name: str) -> object:
+            raise AssertionError(f"{name} of all samples")
+
+    points = near(8, seed=7)
+    electric = [ORDER.index(name) for name in ("k_T", "r_m", "l_m")]
+    ridge = np.repeat(points[:1], 40, axis=0)
+    ridge[:, electric] *= np.geomspace(0.05, 20.0, 40)[:, None]
+    assert one.exceeds_bound(ridge).any()
+    alone = dataclasses.replace(one.unbounded, whole=Forbidden())
+    weights = np.full((40, one.experiment.y.shape[1], 1), SIGMA**-2)
+    along = np.repeat(np.diag(points[0])[None], 40, axis=0)
+    alone.normal(ridge, along, weights)
+    assert not alone.exceeds_bound(ridge).any()
+    some = one.normal(points, along[:8], weights[:8])
+    for found, expected in zip(alone.normal(points, along[:8], weights[:8]), some, strict=True):
+        assert np.array_equal(found, expected)
+
+
 def test_a_pair_of_poles_that_becomes_two_real_ones() -> None:
     """Rigs to both sides of critical damping, c_1 = 2 sqrt(k_s j_1); the reference is on the edge."""
     response, points = imposed(np.linspace(-0.02, 0.02, 41), critical=True)

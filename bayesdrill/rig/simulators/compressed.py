@@ -162,7 +162,8 @@ class CompressedSimulator(Unstepped):
         with np.errstate(all="ignore"):
             # A step has what two samples have.
             sizes = sizes[..., None] * np.array([1.0, 2.0, 1.0])[: self._shape.sums]
-            return sums, 2.0 * np.sqrt(sums) * sizes + sizes**2
+            errors = 2.0 * np.sqrt(sums) * sizes + sizes**2
+            return sums, np.where(np.isnan(errors), np.inf, errors)
 
     def coefficients(self, full: Array, *, late: bool = True) -> Array:
         """Return the coefficients `(n, K)` of one rig, less the reference's: the kernel's own.
@@ -204,7 +205,7 @@ class CompressedSimulator(Unstepped):
         """
         projected = self.compression.record.projected
         least = (projected[..., :-1] ** 2).sum(axis=-1) + projected[..., -1]
-        allowed = self.compression.tolerance + TOLERANCE * np.abs(sums - least)
+        allowed = self.compression.tolerance + TOLERANCE * np.nan_to_num(np.abs(sums - least))
         return np.asarray(~(errors <= allowed).all(axis=(1, 2)))
 
     def _mended(self, full: Array) -> Array:
@@ -222,6 +223,13 @@ class CompressedSimulator(Unstepped):
     def exceeds_bound(self, full: Array) -> Flags:
         """See `Simulator.exceeds_bound`."""
         return self.beyond(*self.expanded(full))
+
+    @property
+    def unbounded(self) -> CompressedSimulator:
+        """See `Simulator.unbounded`."""
+        anything = np.full_like(self.compression.tolerance, np.inf)
+        unbounded = dataclasses.replace(self.compression, tolerance=anything)
+        return dataclasses.replace(self, compression=unbounded)
 
     @property
     def functions(self) -> int:

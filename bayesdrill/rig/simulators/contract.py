@@ -104,6 +104,11 @@ class Simulator(ABC):
         return np.zeros(len(full), dtype=np.bool_)
 
     @property
+    def unbounded(self) -> Simulator:
+        """The same, but all walkers of a compressed record are simulated by that, however wrong."""
+        return self
+
+    @property
     def stepping(self) -> Stepping | None:
         """How it steps; None where there is no step whose size matters."""
         return None

@@ -109,7 +109,7 @@ def _add_ridges(
         limit = -np.inf if k == 0 else newton_proposal.typical_log_ratio
         walking = replace(
             newton_proposal,
-            mixture=newton_mixture(newton_proposal.mixture, surface.quadratic_model),
+            mixture=newton_mixture(newton_proposal.mixture, surface.approximate_model),
             typical_log_ratio=limit,
         )
         evaluate = lambda u: (surface.value(u), 0)  # noqa: E731
@@ -158,7 +158,7 @@ def _ending(
     last = trace(surface, centre, rng, (some, weights)).ridge
     sheets = [*before.sheets[: len(shares) - 1], last]
     # The places begin where others end: which points belong to which, once more.
-    whole = newton_mixture(_wide(sheets, u, shares / len(u)), surface.quadratic_model)
+    whole = newton_mixture(_wide(sheets, u, shares / len(u)), surface.approximate_model)
     shares, log_q = whole.shares(*whole.straightened(u))
     return _wide(sheets, u, shares / len(u)), value - log_q
 
@@ -181,7 +181,7 @@ def _drawn(
 
     Returns each sheet's shares of them `(S, N)`, and how many of all are inside, too.
     """
-    mixture = newton_mixture(mixture, surface.quadratic_model)
+    mixture = newton_mixture(mixture, surface.approximate_model)
     inside = surface.inside(mixture.draw(n, random).u).mean()
     drawn = mixture.draw(int(n / max(float(inside), 1.0 / MAX_TRIES_PER_DRAW)), random)
     value = surface.value(drawn.u)

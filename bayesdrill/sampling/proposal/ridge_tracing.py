@@ -434,7 +434,7 @@ def bind_to_posterior(proposal: Proposal, posterior: Posterior) -> Proposal:
     newton = proposal.newton
     if newton is None:
         return proposal
-    expand = LogDensity(posterior).curvature_model
+    expand = LogDensity(posterior).approximate_model
     return replace(proposal, newton=replace(newton, mixture=newton_mixture(newton.mixture, expand)))
 
 
