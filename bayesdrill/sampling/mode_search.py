@@ -21,7 +21,7 @@ from bayesdrill.sampling import multiple_modes
 from bayesdrill.sampling.gauss_newton import GaussNewtonResult, gauss_newton, newton_gain
 from bayesdrill.sampling.optimisers.contract import Optimiser, Optimum, Task
 
-SAME_LOG_DENSITY = 1e-3  # searches that end nearer than this have found the same height
+SAME_LOG_DENSITY = 1e-2  # searches that end nearer than this have found the same height
 SAME_POINT = 0.01  # ... and the same place, when no unknown differs by more than 1 %
 RELATIVE_ROUNDING = 1e-12  # of the log posterior: no two agree better than its own digits
 CANDIDATES_PER_START = 4096  # prior draws of which a search starts at the best
