@@ -362,9 +362,7 @@ MOST_GUESSED = 1_000_000  # samples that `init` looks at
 MOST_OF_CHAIN = 64_000_000  # numbers of a chain, half a gigabyte
 LEAST_STEPS = 200  # that a chain must have room for
 MOST_PREDICTED = 20_000_000  # numbers, 80 MB; as many log likelihoods go with them
-LEAST_PREDICTED = (
-    25  # draws of each ensemble: the extremes of fewer are all that they tell of tails
-)
+LEAST_PREDICTED = 25  # draws of each ensemble: of tails, fewer tell their extremes alone
 
 
 def check_file(path: Path, largest: int = LARGEST_FILE) -> None:

@@ -144,10 +144,8 @@ def _begin_figures(
     names: Sequence[str], view: ReportContext, folder: Path, pool: WorkerPool, report: Reporter
 ) -> dict[str, list[tuple[str, str, Future[None]]]]:
     """Begin to draw figures, and return of each name the stems, captions and tasks that it has."""
-    output, tasks = (
-        view.config.output,
-        {name: list[tuple[str, str, Future[None]]]() for name in names},
-    )
+    output = view.config.output
+    tasks: dict[str, list[tuple[str, str, Future[None]]]] = {name: [] for name in names}
     note = {"Title": view.config.name, "Creator": software.creator(), **view.marks}
     destination = (folder, note, view.warning, tuple(output.formats), output.dpi)
     for k, name in enumerate(names, 1):

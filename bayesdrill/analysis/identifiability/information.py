@@ -142,9 +142,8 @@ class _ExtendedExperiment:
         self._late = (np.arange(n) >= n // 2).astype(float)
         shown = with_states(experiment, model.states)
         self._response = observation.response.of(dataclasses.replace(shown, series=self.base))
-        self._recorded: tuple[bytes, tuple[Array, Array]] | None = (
-            None  # the last point, its course
-        )
+        # Of the inputs of the record: the last point, and its course.
+        self._recorded: tuple[bytes, tuple[Array, Array]] | None = None
 
     def whitened(self, full: Array, along: Array, theta: Array, scene: DesignVariant) -> Array:
         """Rows over the noise, zero where nothing was measured: `(n, m + k)`."""

@@ -328,7 +328,7 @@ def _upright(
 def draw_corner(run: ReportContext) -> Drawing:
     """Return the drawing of the joint posterior."""
     names = run.config.output.corner or run.config.output.parameters
-    # Whom it shows unknowns alone, it does not keep waiting for what follows from them.
+    # Where it shows unknowns alone, it does not wait for what follows from them.
     derived = run.chain.nothing_derived if {*(names or ())} <= {*run.problem.names} else run.derived
     at = (run.sampled.draws, derived, run.chain.best[None])
     draws, shown = physics_words.derived_shown(run.problem, names, *at)
