@@ -15,7 +15,7 @@ from bayesdrill import output_files
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import Silent
 from bayesdrill.inference import compression, likelihood
-from bayesdrill.report.sections import fit_words
+from bayesdrill.report.sections import fit_figure, fit_words
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators.compressed import CompressedSimulator
 from bayesdrill.rig.simulators.rational_basis import CompressionError
@@ -144,6 +144,10 @@ def test_of_a_record_that_is_too_long_nothing_is_predicted_sample_by_sample(
         # Dots are no extremes: else they would lie outside of the band of the noise.
         assert np.array_equal(signal.y[signal.dots], column[fit_words.measured(column)])
         assert (signal.y.min(), signal.y.max()) == (column.min(), column.max())
+    (drawing,) = fit_figure.draw_fit(run._view)
+    assert (
+        "predictive" not in drawing.says
+    )  # mutant killed: the caption names draws that are not there
     run.save(tmp_path / "long")
     assert (tmp_path / "long/figures/fit.png").exists()
 

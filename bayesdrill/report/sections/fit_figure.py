@@ -468,7 +468,8 @@ def draw_fit(run: ReportContext) -> tuple[Drawing, ...]:
     draws = {str(name): np.asarray(values) for name, values in predicted.items()}
     best, rubbing = run.chain.best, run.chain.friction_motions
     fits = every_fit(run.problem, best, run.analysis.fit, draws, rubbing)
-    says = f"{FIT} Below: what rubs, and when it sticks." if rubbing else FIT
+    said = FIT if predicted else FIT_ALONE
+    says = f"{said} Below: what rubs, and when it sticks." if rubbing else said
     return for_each_experiment(fit_figure, ((fit.label, fit) for fit in fits), run.width, says)
 
 
