@@ -28,7 +28,8 @@ def write(folder: Path, config: str, columns: Mapping[str, np.ndarray]) -> Path:
 def causes_of(case: bd.Case) -> Causes | None:
     """At the maximum that one search finds, in this process."""
     found = case.find_map(quick=True).mode
-    return conclusions.causes(case.job.with_steps_at(found), found)
+    job = case.job.with_steps_at(found)
+    return conclusions.causes(job, found, conclusions.residuals(job, found))
 
 
 def fits(case: bd.Case) -> bool:

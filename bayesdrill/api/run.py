@@ -103,7 +103,9 @@ class Best(Value):
         """
         with WorkerPool(self.job.problem.posterior, arguments.workers(processes)) as pool:
             progress = report or SILENT
-            causes, table = find_map.explain(self.job, self.mode, pool.submit_function, progress)
+            job = self.job.with_steps_at(self.mode)
+            left, submit = conclusions.residuals(job, self.mode), pool.submit_function
+            causes, table = find_map.explain(job, self.mode, left, submit, progress)
         return Candidates(causes.ranked if causes is not None else (), table)
 
     def plot(self, part: int = 1) -> Figure:

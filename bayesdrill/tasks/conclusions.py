@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -75,18 +75,22 @@ def _analysis(
     posterior, suspicions = run.job.problem.posterior, words.record_suspicions(run.job.problem)
     scenery = scenery or SensitivityStudy(posterior.likelihood)
     if alone and explained is None:
-        explained = causes(run.job, run.mode)
+        explained = causes(run.job, run.mode, chain.fit)
     return analyse(chain, run.job.asked, scenery, suspicions, alone=alone, explained=explained)
 
 
 def causes(
-    job: Job, mode: Mode, submit: ranking.Submit | None = None, report: Reporter = SILENT
+    job: Job,
+    mode: Mode,
+    left: Sequence[ResidualSummary],
+    submit: ranking.Submit | None = None,
+    report: Reporter = SILENT,
 ) -> Causes | None:
-    """Return what would explain what the maximum `mode` leaves; None where only noise is left.
+    """Return what would explain what the maximum `mode` has `left`; None where that is only noise.
 
     The job is in the steps of that mode.  `submit`: to other processes, or in this one.
     """
-    if residual_checks.like_noise(residuals(job, mode)):
+    if residual_checks.like_noise(left):
         return None
     with WorkerPool(job.problem.posterior, 1) as pool:
         return ranking.rank(job, mode.values, submit or pool.submit_function, report)[0]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +13,12 @@ from bayesdrill.analysis.causes import Causes
 from bayesdrill.basics import software
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import Reporter
+from bayesdrill.basics.units import Unit
 from bayesdrill.config.job import Job, prepare
 from bayesdrill.config.resolve import assembly
 from bayesdrill.inference.compression import LONG
 from bayesdrill.inference.posterior import Problem
+from bayesdrill.inference.residual_checks import ResidualSummary
 from bayesdrill.output_files import MAP, dumps_checksummed, loads_checksummed, typed
 from bayesdrill.report import publish, words
 from bayesdrill.report.map_report import MapReport
@@ -27,7 +30,7 @@ from bayesdrill.sampling.fit import FitPlan, PendingSearches, begin_searches, en
 from bayesdrill.sampling.mode_search import Mode
 from bayesdrill.sampling.workers import WorkerPool
 from bayesdrill.tasks import ranking, run_entries
-from bayesdrill.tasks.conclusions import causes, plan, residuals
+from bayesdrill.tasks.conclusions import causes, plan
 
 
 def check_place(output: Path, *, force: bool) -> None:
@@ -104,17 +107,23 @@ def end_search(pool: WorkerPool, under_way: PendingSearches, report: Reporter) -
     return mode
 
 
-def misfit(job: Job, mode: Mode) -> str:
-    """What the maximum leaves, where no posterior about it can be believed; empty elsewhere."""
-    left, clock = residuals(job, mode), job.problem.clock
+def misfit(left: Sequence[ResidualSummary], clock: Unit) -> str:
+    """What a maximum has `left`, where no posterior about it can be believed; empty elsewhere."""
     return fit_words.residual_sentences(left, clock) if fit_words.residual_reasons(left) else ""
 
 
 def explain(
-    job: Job, mode: Mode, submit: ranking.Submit, report: Reporter
+    job: Job,
+    mode: Mode,
+    left: Sequence[ResidualSummary],
+    submit: ranking.Submit,
+    report: Reporter,
 ) -> tuple[Causes | None, str]:
-    """Return the causes of what `mode` leaves, and what is said of them; None where that is noise."""
-    explained = causes(job.with_steps_at(mode), mode, submit, report)
+    """Return the causes of what `mode` has `left`, and what is said of them; None where that is noise.
+
+    The job is in the steps of that mode.
+    """
+    explained = causes(job, mode, left, submit, report)
     report.update(1.0, "")
     return explained, fit_words.explained(explained)
 

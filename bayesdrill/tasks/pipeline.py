@@ -33,13 +33,22 @@ from bayesdrill.sampling.mode_search import Mode
 from bayesdrill.sampling.proposal.learning import NoSupportError
 from bayesdrill.sampling.workers import WorkerPool
 from bayesdrill.tasks import find_map, run_entries
-from bayesdrill.tasks.conclusions import SampledRun, analysis_mark, concluded, kept_analysis, plan
+from bayesdrill.tasks.conclusions import (
+    SampledRun,
+    analysis_mark,
+    concluded,
+    kept_analysis,
+    plan,
+    residuals,
+)
 from bayesdrill.tasks.identify import preflight
 
 # What sampling and report load when they need it, for it takes a while.
 LOADED_LATE = (
-    *("scipy.stats", "arviz_stats.base"),
-    *("bayesdrill.results.arviz_tree", "bayesdrill.report.pages"),
+    "scipy.stats",
+    "arviz_stats.base",
+    "bayesdrill.results.arviz_tree",
+    "bayesdrill.report.pages",
 )
 
 
@@ -125,9 +134,10 @@ def _run(
             find_map.write_mode(folder, mode)
         assert mode is not None
         job = job.with_steps_at(mode)
-        if misfit := find_map.misfit(job, mode):
+        left = residuals(job, mode)
+        if misfit := find_map.misfit(left, job.problem.clock):
             report.say(misfit)
-        explained, said = find_map.explain(job, mode, pool.submit_function, report)
+        explained, said = find_map.explain(job, mode, left, pool.submit_function, report)
         if said:
             report.say(said)
         pool.set_steps(mode.pieces)

@@ -368,7 +368,7 @@ def test_rigs_far_away_have_the_exact_simulator(one: CompressedSimulator) -> Non
 def test_what_is_no_density_needs_no_samples_of_rigs_far_away(one: CompressedSimulator) -> None:
     """However far, on the ridge of a symmetry too, where poles are the very same and states are not.
 
-    Mutant killed: a bound that is no number still asks for all samples.
+    Mutant killed: rigs far away ask for all samples where any sums will do.
     """
 
     class Forbidden:

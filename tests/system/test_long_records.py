@@ -145,9 +145,7 @@ def test_of_a_record_that_is_too_long_nothing_is_predicted_sample_by_sample(
         assert np.array_equal(signal.y[signal.dots], column[fit_words.measured(column)])
         assert (signal.y.min(), signal.y.max()) == (column.min(), column.max())
     (drawing,) = fit_figure.draw_fit(run._view)
-    assert (
-        "predictive" not in drawing.says
-    )  # mutant killed: the caption names draws that are not there
+    assert "predictive" not in drawing.says
     run.save(tmp_path / "long")
     assert (tmp_path / "long/figures/fit.png").exists()
 

@@ -162,8 +162,7 @@ class CompressedSimulator(Unstepped):
         with np.errstate(all="ignore"):
             # A step has what two samples have.
             sizes = sizes[..., None] * np.array([1.0, 2.0, 1.0])[: self._shape.sums]
-            errors = 2.0 * np.sqrt(sums) * sizes + sizes**2
-            return sums, np.where(np.isnan(errors), np.inf, errors)
+            return sums, 2.0 * np.sqrt(sums) * sizes + sizes**2
 
     def coefficients(self, full: Array, *, late: bool = True) -> Array:
         """Return the coefficients `(n, K)` of one rig, less the reference's: the kernel's own.
@@ -205,8 +204,9 @@ class CompressedSimulator(Unstepped):
         """
         projected = self.compression.record.projected
         least = (projected[..., :-1] ** 2).sum(axis=-1) + projected[..., -1]
-        allowed = self.compression.tolerance + TOLERANCE * np.nan_to_num(np.abs(sums - least))
-        return np.asarray(~(errors <= allowed).all(axis=(1, 2)))
+        tolerance = self.compression.tolerance
+        within = errors <= tolerance + TOLERANCE * np.abs(sums - least)
+        return np.asarray(~(within | (tolerance == np.inf)).all(axis=(1, 2)))
 
     def _mended(self, full: Array) -> Array:
         """Return the sums, those of the exact simulator where errors may be too large."""
