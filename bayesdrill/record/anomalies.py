@@ -163,7 +163,7 @@ def _running_median(x: Array, size: int) -> Array:
 def _short_spikes(x: Array, width: int, caused: Flags) -> Flags:
     """Runs of `width` samples that all leave the chord between their neighbours to one side."""
     off = _off_chord(x, width)
-    height = np.maximum(np.maximum(off.min(axis=1), -off.max(axis=1)), 0.0)
+    height = np.maximum(np.maximum(off.min(axis=0), -off.max(axis=0)), 0.0)
     least = max(MIN_SPIKE_SDS * float(np.std(x)), MIN_DEPARTURE * _usual_step(x))
     back = np.abs(x[width + 1 :] - x[: -width - 1]) < MAX_RETURN_ERROR * height
     mask = np.zeros(len(x), dtype=np.bool_)
@@ -182,16 +182,19 @@ def _usual_step(x: Array) -> float:
 
 
 def _off_chord(x: Array, width: int) -> Array:
-    """`(T - width - 1, width)`: samples less the chord between their neighbours."""
-    share, window = np.arange(1, width + 1) / (width + 1), sliding_window_view(x, width + 2)
-    return np.asarray(window[:, 1:-1] - window[:, :1] * (1 - share) - window[:, -1:] * share)
+    """`(width, T - width - 1)`: samples less the chord between their neighbours."""
+    share, window = (
+        np.arange(1, width + 1)[:, None] / (width + 1),
+        sliding_window_view(x, width + 2).T,
+    )
+    return np.asarray(window[1:-1] - window[:1] * (1 - share) - window[-1:] * share)
 
 
 def leaves_chord(x: Array, first: int, last: int) -> float:
     """Return how far `x (T,)` is from the chord over samples `first` to `last`, over the typical."""
     if first < 1 or last > len(x) - 2:
         return 0.0
-    off = np.abs(_off_chord(x, last - first + 1)).max(axis=1)
+    off = np.abs(_off_chord(x, last - first + 1)).max(axis=0)
     typical = float(np.quantile(off, TYPICAL_QUANTILE))
     return float(off[first - 1]) / typical if typical > 0 else 0.0
 

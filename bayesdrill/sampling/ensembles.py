@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from bayesdrill.basics import seeds
 from bayesdrill.basics.arrays import Array
@@ -114,16 +113,15 @@ def prepare(
     z = posterior.coordinates.from_physical(maxima)
     max_added_ridges, modes = (MAX_ADDED_RIDGES, z) if fits(posterior, maxima) else (0, z[:1])
     surface = _PooledLogDensity(pool)
-    with threadpool_limits(1):
-        rng = seeds.stream(seed, "learn", 1)
-        # Where the density over the coordinates is highest, most of the posterior is near.
-        central = gauss_newton(surface, modes, CLIMB_STEPS).u
-        settle = not slopes_are_expensive(posterior)
-        for k in range(1, len(modes)):  # one is not moved to where another is
-            near = np.abs(central[:k] - central[k]) < SAME_MODE * surface.spread
-            if near.all(axis=1).any():
-                central[k] = modes[k]
-        return learn(surface, list(central), random, rng, max_added_ridges, report, settle=settle)
+    rng = seeds.stream(seed, "learn", 1)
+    # Where the density over the coordinates is highest, most of the posterior is near.
+    central = gauss_newton(surface, modes, CLIMB_STEPS).u
+    settle = not slopes_are_expensive(posterior)
+    for k in range(1, len(modes)):  # one is not moved to where another is
+        near = np.abs(central[:k] - central[k]) < SAME_MODE * surface.spread
+        if near.all(axis=1).any():
+            central[k] = modes[k]
+    return learn(surface, list(central), random, rng, max_added_ridges, report, settle=settle)
 
 
 def fits(posterior: Posterior, maxima: Array) -> bool:
@@ -358,10 +356,9 @@ def with_evidence(posterior: Posterior, sampled: SamplingResult, seed: int) -> S
         return sampled
     since = sampled.convergence.burn_in
     z, log_p = (_stack(sampled.segments, name)[:, since:] for name in ("z", "log_p"))
-    with threadpool_limits(1):
-        estimate = evidence(posterior, sampled.learnt.proposal, z, log_p, seed)
-        draws = sampled.draws.reshape(-1, z.shape[-1])
-        shift = None if estimate is None else evidence_shift(posterior, draws)
+    estimate = evidence(posterior, sampled.learnt.proposal, z, log_p, seed)
+    draws = sampled.draws.reshape(-1, z.shape[-1])
+    shift = None if estimate is None else evidence_shift(posterior, draws)
     if estimate is not None and shift is not None:
         estimate = estimate.in_finer_steps(*shift)
     return dataclasses.replace(sampled, evidence=estimate)

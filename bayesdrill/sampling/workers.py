@@ -1,12 +1,14 @@
 """Run tasks `function(posterior, *arguments)` in worker processes that share one posterior.
 
 Every worker gets the posterior once, computes on one thread, and leaves Ctrl-C to the parent. With
-one process the work is done in this one.
+one process the work is done in this one.  That has one thread too as long as they work: sums of many
+threads depend on how many there are, and so would a chain on the machine.
 """
 
 from __future__ import annotations
 
 import atexit
+import importlib
 import mmap
 import multiprocessing
 import os
@@ -113,8 +115,7 @@ class WorkerPool:
                     _call_with_posterior, self._form, function, *arguments, **named
                 )
         future: Future[T] = Future()
-        with threadpool_limits(1):
-            future.set_result(function(self.posterior, *arguments, **named))
+        future.set_result(function(self.posterior, *arguments, **named))
         return future
 
     def submit_function[**P, T](
@@ -141,13 +142,21 @@ class WorkerPool:
         return self._pool is None
 
     def __enter__(self) -> Self:
+        self._limits = one_thread()
         return self
 
     def __exit__(self, *_: object) -> None:
+        self._limits.restore_original_limits()
         if self._pool is not None:
             shut_down(self._pool, TASK_SECONDS)
         if self._arrays is not None:
             self._arrays.close()
+
+
+def one_thread() -> threadpool_limits:
+    """Compute on one thread from now on, or inside: it is a context manager."""
+    importlib.import_module("scipy.linalg")  # has threads of its own, which are none before
+    return threadpool_limits(1)
 
 
 def start_workers(
@@ -214,7 +223,7 @@ def _start_worker(prepare: Callable[..., None], *arguments: Any) -> None:
         signal.signal(signal.SIGHUP, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, _exit_soon)
     threading.Thread(target=_exit_with_parent, daemon=True).start()
-    threadpool_limits(1)
+    one_thread()
     atexit.register(os._exit, 0)  # nothing is left to be saved: no need to take all apart
     prepare(*arguments)
 

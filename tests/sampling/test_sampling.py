@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
 from compiled import SIGMA, seen
 from surfaces import Walled, humps, ridged
+from threadpoolctl import threadpool_info, threadpool_limits
 from together import for_each
 
 from bayesdrill.basics.progress import Silent
@@ -193,4 +196,20 @@ def test_workers_map_the_arrays_of_a_large_record(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(workers, "PIPE", 1000)
     with WorkerPool(target, 2) as pool:
         there = pool.submit(Posterior.density, maxima).result()
+        assert one_thread_each(pool.submit_function(threadpool_info).result())
     assert np.array_equal(there, target.density(maxima))
+
+
+def one_thread_each(libraries: Sequence[Mapping[str, Any]]) -> bool:
+    return all(library["num_threads"] == 1 for library in libraries)
+
+
+def test_what_workers_do_and_this_process_beside_them_is_done_on_one_thread() -> None:
+    """Sums of many threads depend on how many there are, and so would a chain on the machine.
+
+    Mutant killed: a process beside its workers with all of its threads.
+    """
+    with threadpool_limits(2):
+        with WorkerPool(problem()[0], 1):
+            assert one_thread_each(threadpool_info())
+        assert not one_thread_each(threadpool_info())

@@ -19,6 +19,7 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.rig.kernels.rational_basis import PAIR, REAL, ROUNDS, ROWS, PoleNumbers
 
 BLOCK = 1 << 14  # samples at a time
+ROWS_AT_ONCE = 16  # times the columns: so many a triangle takes in while they are near at hand
 MAX_ORDER = 30  # functions of a pole: with more the exact response is no dearer
 MAX_SHARED = 1e-9  # of a rate: how exactly a state moves nothing at all points, to be an integrator
 NEARLY_ONE = 0.3  # of a value: real modes nearer to each other are treated together
@@ -255,7 +256,10 @@ class _Rows:
 
 
 def _appended(part: Array, rows: Array) -> Array:
-    return np.linalg.qr(np.concatenate([part, rows]), mode="r")
+    size = ROWS_AT_ONCE * rows.shape[1]
+    for first in range(0, len(rows), size):
+        part = np.linalg.qr(np.concatenate([part, rows[first : first + size]]), mode="r")
+    return part
 
 
 def triangle(
