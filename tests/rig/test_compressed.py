@@ -17,7 +17,12 @@ from bayesdrill.rig.simulators.compressed import CompressedSimulator, compress
 from bayesdrill.rig.simulators.contract import Simulator
 from bayesdrill.rig.simulators.exact import Response
 from bayesdrill.rig.simulators.long_record import long_states as fast
-from bayesdrill.rig.simulators.rational_basis import BLOCK, CompressionError, choose_basis
+from bayesdrill.rig.simulators.rational_basis import (
+    BLOCK,
+    CompressionError,
+    basis_of,
+    choose_basis,
+)
 from bayesdrill.rig.simulators.sensors import ObservationModel, ObservedWalkers
 
 SIGMA = 0.1
@@ -434,6 +439,25 @@ def test_a_walker_does_not_depend_on_its_neighbours(one: CompressedSimulator) ->
 def test_functions_do_not_grow_with_the_record() -> None:
     short, long = (made(measured(n), near(64)) for n in (2001, 20001))
     assert long.functions <= 1.2 * short.functions
+
+
+def turning(*turns: float) -> np.ndarray:
+    """Phi - 1 of rigs with one pair each, that hardly decays and turns by so much in a step."""
+    values = np.exp(-1e-3 + 1j * np.array(turns)) - 1.0
+    pairs = [[[a.real, a.imag], [-a.imag, a.real]] for a in values]
+    return np.array(pairs)
+
+
+def test_pairs_that_turn_nearly_half_round_in_a_step() -> None:
+    """Mutant killed: a least turn that leads out of the unit circle."""
+    basis = basis_of(turning(3.1, 3.0999, 3.1001), np.zeros((2, 0)), 1e-12)
+    assert all(abs(1.0 + pole.mu) < 1.0 for pole in basis.poles)
+
+
+def test_pairs_whose_turns_are_known_too_little_are_refused() -> None:
+    """Mutant killed: a middle of pairs that is none."""
+    with pytest.raises(CompressionError, match="known too little"):
+        basis_of(turning(0.3, 0.1, 0.5), np.zeros((2, 0)), 1e-12)
 
 
 def test_states_in_stretches_are_those_of_single_steps() -> None:

@@ -23,7 +23,10 @@ ROWS_AT_ONCE = 16  # times the columns: so many a triangle takes in while they a
 MAX_ORDER = 30  # functions of a pole: with more the exact response is no dearer
 MAX_SHARED = 1e-9  # of a rate: how exactly a state moves nothing at all points, to be an integrator
 NEARLY_ONE = 0.3  # of a value: real modes nearer to each other are treated together
-LEAST_TURN = 0.25  # of a pair's decay: it is taken to turn, or to shear, by as much at least
+LEAST_TURN = 0.25  # of a pair's decay, or distance from -1: it turns or shears by as much at least
+
+
+UNKNOWN = "poles of the rig are known too little"
 
 
 class CompressionError(Exception):
@@ -95,7 +98,7 @@ def basis_of(falls: Array, shared: Array, left: float) -> Basis:
     d = shared.shape[1]
     inner = (duals @ falls @ vectors)[:, d:, d:]
     values: Any = np.linalg.eigvals(inner)
-    if (np.abs(1.0 + values) >= 1.0).any():
+    if (np.abs(1.0 + np.append(values, modes)) >= 1.0).any():
         raise CompressionError("a mode of the rig does not decay")
     return Basis(tuple(_chosen(modes, values, left)), d, vectors, duals)
 
@@ -130,7 +133,7 @@ def _modes(fall: Array, shared: Array) -> tuple[Array, list[complex]]:
             both = (mode.real, mode.imag if value.imag else vectors[:, order[k + 1]].real)
             columns.append(_pair(fall, np.array(both).T))
             middle = 0.5 * (value + other)
-            turn = max(abs(value.imag), LEAST_TURN * abs(middle.real))
+            turn = max(abs(value.imag), _least_turn(middle.real))
             modes.append(complex(middle.real, turn))
             k += 2
         else:
@@ -162,15 +165,22 @@ def _chosen(poles: list[complex], values: Array, left: float) -> Iterator[Pole]:
         middle = complex(-math.sqrt(decay.min() * decay.max()), 0.0)
         if mu.imag:
             turns = np.abs(mine.imag)
-            turn = max(0.5 * (turns.min() + turns.max()), LEAST_TURN * abs(middle.real))
+            turn = max(0.5 * (turns.min() + turns.max()), _least_turn(middle.real))
             middle = complex(middle.real, turn)
         # As numbers have it beside one.
         middle = complex((1.0 + middle.real) - 1.0, middle.imag)
+        if abs(1.0 + middle) >= 1.0:
+            raise CompressionError(UNKNOWN)
         share = float(_passed(middle, mine).max())
         order = 1 if share == 0.0 else 1 + math.ceil(math.log(left) / math.log(share) / ROUNDS)
         if order > MAX_ORDER:
-            raise CompressionError("poles of the rig are known too little")
+            raise CompressionError(UNKNOWN)
         yield Pole(middle, order)
+
+
+def _least_turn(real: float) -> float:
+    """Return the least imaginary part of a pair with this real part, which it decays with."""
+    return LEAST_TURN * min(-real, 2.0 + real)
 
 
 def _passed(mu: complex, values: Array) -> Array:
