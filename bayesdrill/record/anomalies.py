@@ -183,10 +183,8 @@ def _usual_step(x: Array) -> float:
 
 def _off_chord(x: Array, width: int) -> Array:
     """`(width, T - width - 1)`: samples less the chord between their neighbours."""
-    share, window = (
-        np.arange(1, width + 1)[:, None] / (width + 1),
-        sliding_window_view(x, width + 2).T,
-    )
+    share = np.arange(1, width + 1)[:, None] / (width + 1)
+    window = sliding_window_view(x, width + 2).T
     return np.asarray(window[1:-1] - window[:1] * (1 - share) - window[-1:] * share)
 
 

@@ -38,6 +38,32 @@ PIPE, ALIGNED = 1 << 15, 64  # bytes of arrays that a pipe takes at once, and of
 SIGTERM_SECONDS = 5.0  # seconds from SIGTERM to the end of a worker
 
 
+class _OneThread:
+    """Limits linear algebra to one thread inside: it has one limit for all of the process.
+
+    The first who enters sets it, and the last who leaves restores what was before.
+    """
+
+    def __init__(self) -> None:
+        self._lock, self._inside = threading.Lock(), 0
+
+    def __enter__(self) -> None:
+        with self._lock:
+            if self._inside == 0:
+                importlib.import_module("scipy.linalg")  # its threads are to be limited too
+                self._limits = threadpool_limits(1)
+            self._inside += 1
+
+    def __exit__(self, *_: object) -> None:
+        with self._lock:
+            self._inside -= 1
+            if self._inside == 0:
+                self._limits.restore_original_limits()
+
+
+ONE_THREAD = _OneThread()
+
+
 @dataclass(frozen=True, slots=True)
 class _Form:
     """What was decided of a posterior since workers were given it: steps, and compressed records."""
@@ -142,21 +168,15 @@ class WorkerPool:
         return self._pool is None
 
     def __enter__(self) -> Self:
-        self._limits = one_thread()
+        ONE_THREAD.__enter__()
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._limits.restore_original_limits()
+        ONE_THREAD.__exit__()
         if self._pool is not None:
             shut_down(self._pool, TASK_SECONDS)
         if self._arrays is not None:
             self._arrays.close()
-
-
-def one_thread() -> threadpool_limits:
-    """Compute on one thread from now on, or inside: it is a context manager."""
-    importlib.import_module("scipy.linalg")  # has threads of its own, which are none before
-    return threadpool_limits(1)
 
 
 def start_workers(
@@ -223,7 +243,7 @@ def _start_worker(prepare: Callable[..., None], *arguments: Any) -> None:
         signal.signal(signal.SIGHUP, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, _exit_soon)
     threading.Thread(target=_exit_with_parent, daemon=True).start()
-    one_thread()
+    ONE_THREAD.__enter__()
     atexit.register(os._exit, 0)  # nothing is left to be saved: no need to take all apart
     prepare(*arguments)
 

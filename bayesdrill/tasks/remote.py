@@ -19,7 +19,7 @@ from typing import Any
 from bayesdrill.basics import software
 from bayesdrill.basics.errors import InputError, Issue
 from bayesdrill.basics.progress import Reporter
-from bayesdrill.sampling.workers import held_signals, one_thread, shut_down, start_workers
+from bayesdrill.sampling.workers import ONE_THREAD, held_signals, shut_down, start_workers
 
 ADDRESS = re.compile(r"((tcp|tls|ws|wss)://)?(\[[0-9a-fA-F:]+\]|[^/:\s\[\]]+):\d{1,5}")
 PATIENCE = 5.0  # seconds for a scheduler to answer, a first worker, and what a worker is asked
@@ -278,5 +278,5 @@ def _work[T](
     """Compute one job where the software is the same; raises `InputError` elsewhere."""
     if wrong := software.version_differences(software.installed_versions(), versions):
         raise InputError.at("a worker", f"it has {', '.join(wrong)}; install the same there")
-    with _ONE_AT_A_TIME, one_thread():
+    with _ONE_AT_A_TIME, ONE_THREAD:
         return function(*_unpacked(blob), *arguments)

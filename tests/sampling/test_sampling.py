@@ -207,9 +207,14 @@ def one_thread_each(libraries: Sequence[Mapping[str, Any]]) -> bool:
 def test_what_workers_do_and_this_process_beside_them_is_done_on_one_thread() -> None:
     """Sums of many threads depend on how many there are, and so would a chain on the machine.
 
-    Mutant killed: a process beside its workers with all of its threads.
+    Two threads of Python may each have a pool, of which the first to open is the first to close.
+    Mutants killed: a process beside its workers with all of its threads, and with one for ever.
     """
+    first, second = (WorkerPool(problem()[0], 1) for _ in range(2))
     with threadpool_limits(2):
-        with WorkerPool(problem()[0], 1):
-            assert one_thread_each(threadpool_info())
+        for pool in (first, second):
+            pool.__enter__()
+        first.__exit__()
+        assert one_thread_each(threadpool_info())
+        second.__exit__()
         assert not one_thread_each(threadpool_info())

@@ -24,8 +24,6 @@ MAX_ORDER = 30  # functions of a pole: with more the exact response is no dearer
 MAX_SHARED = 1e-9  # of a rate: how exactly a state moves nothing at all points, to be an integrator
 NEARLY_ONE = 0.3  # of a value: real modes nearer to each other are treated together
 LEAST_TURN = 0.25  # of a pair's decay, or distance from -1: it turns or shears by as much at least
-
-
 UNKNOWN = "poles of the rig are known too little"
 
 
