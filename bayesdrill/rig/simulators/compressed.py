@@ -44,7 +44,7 @@ TOLERANCE = 1e-7  # of the log likelihood
 MAX_BEYOND = 0.02  # of points: walkers whose bound is larger have the exact simulator
 NONE = np.zeros(0)
 LEAST = 1e-300  # weight of a sum that does not count
-DIGITS = range(10, 26)  # of a response that functions are to have, the fewest that will do
+DIGITS = (12, 26, 2)  # of a response that functions are to have: first, last, and steps between
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -320,7 +320,7 @@ def compress(simulator: Simulator, points: Array, variances: Array, weights: Arr
     constants = present(sensors.experiment.constant).values()
     n = np.array(simulator.experiment.counts, dtype=float)
     usual = np.stack([n, 4.0 * n, np.full(len(n), 2.0)], axis=1)[:, :sums]
-    for digits in DIGITS:  # until the bound is small enough at nearly all points
+    for digits in range(*DIGITS):  # until the bound is small enough at nearly all points
         basis = choose_basis(rates, record.step, 10.0**-digits)
         nothing = Compression.of_nothing(
             basis, record, sizes, layout=record.layout, channels=k_count,
