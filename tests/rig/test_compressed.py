@@ -12,8 +12,9 @@ from oracles import ORDER, long_states, skewed
 from rigs import experiment, vector
 
 from bayesdrill.rig.models.motor_shaft import DrivenShaft, MotorShaft
+from bayesdrill.rig.models.train import Train
 from bayesdrill.rig.simulators import simulator
-from bayesdrill.rig.simulators.compressed import CompressedSimulator, compress
+from bayesdrill.rig.simulators.compressed import CompressedSimulator, compress, even_record
 from bayesdrill.rig.simulators.contract import Simulator
 from bayesdrill.rig.simulators.exact import Response
 from bayesdrill.rig.simulators.long_record import long_states as fast
@@ -458,6 +459,30 @@ def test_pairs_whose_turns_are_known_too_little_are_refused() -> None:
     """Mutant killed: a middle of pairs that is none."""
     with pytest.raises(CompressionError, match="known too little"):
         basis_of(turning(0.3, 0.1, 0.5), np.zeros((2, 0)), 1e-12)
+
+
+def test_a_reference_does_not_know_how_far_it_has_turned() -> None:
+    """Nothing holds a train, so its speeds are the same at any angle.
+
+    Mutant killed: entries of plain numbers, whose rounding is a spring to ground.
+    """
+    train = Train(
+        inertias=("a", "b", "c"), drives={"a": "torque"}, added=("c_c",),
+        shafts={"first": ["a", "b"], "second": ["b", "c"]},
+    )  # fmt: skip
+    p = np.array([0.013, 0.0037, 0.021, 3.3, 7.7, 0.03])
+    speeds = [name for name in train.states if name.startswith("w_")]
+    found = []
+    for turned in (0.0, 1e6):
+        angles = {name: turned for name in train.states if name not in speeds}
+        record = experiment(
+            10001, 1e-3, constant={}, series={"t_a": steps(10001)},
+            measures={name: {name: 1.0} for name in speeds}, start=angles,
+        )  # fmt: skip
+        reference = even_record(Response(train, record))
+        assert reference is not None
+        found.append(np.concatenate([shown for _, shown in reference.responses(p)]))
+    assert np.abs(found[1] - found[0]).max() < 1e-9
 
 
 def test_states_in_stretches_are_those_of_single_steps() -> None:

@@ -76,8 +76,9 @@ class LongRecord:
         p = layout.n_parameters
         constants = present(sensors.experiment.constant).values()
         matrix = np.zeros((layout.size, layout.size), dtype=Long)
-        for row, column, value in layout.entries([*numbers[:p], *constants]):
-            matrix[row, column] += value if row >= x else Long(value) * Long(self.step)
+        long = [Long(number) for number in (*numbers[:p], *constants)]
+        for row, column, value in layout.entries(long):
+            matrix[row, column] += value if row >= x else value * Long(self.step)
         step: LongArray = long_exponential(matrix).astype(kind)
         rows = numbers[p + x :].reshape(-1, x + 1).astype(kind)
         start = numbers[p : p + x].astype(kind)
