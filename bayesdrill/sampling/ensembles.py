@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib
 from collections.abc import Callable, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass, field
@@ -259,11 +258,6 @@ class SamplingResult:
         return sum(segment.failures for segments in self.segments for segment in segments)
 
 
-def preload(_: Posterior) -> None:
-    """Load what ensembles will need, in a process that has nothing else to do yet."""
-    importlib.import_module("emcee")
-
-
 def walk(
     posterior: Posterior,
     state: State,
@@ -381,6 +375,8 @@ def _run_until_converged(under_way: _Walk, most: int, report: Reporter) -> Sampl
     report.update(0.0, "the ensembles go on" if have else "starting the walkers")
     while True:
         under_way.advance_to(goal, tell)
+        if not trail:  # this process looks at the walkers, which may have arrived
+            under_way.pool.preload(under_way.pool.afterwards)
         theta = _physical(posterior, _stack(under_way.segments, "z", goal))
         measured = chain_length(theta)
         trail.append((goal, measured.n_tau))

@@ -17,7 +17,7 @@ import signal
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
@@ -117,10 +117,15 @@ def _copy_posterior(posterior: Posterior) -> tuple[_Copy, IO[bytes] | None]:
 
 
 class WorkerPool:
-    """A pool of workers that share one `posterior`, as it is taken by now; a context manager."""
+    """A pool of workers that share one `posterior`, as it is taken by now; a context manager.
 
-    def __init__(self, posterior: Posterior, processes: int) -> None:
-        self.posterior = posterior
+    `afterwards`: modules that are needed when sampling is over, see `preload`.
+    """
+
+    def __init__(
+        self, posterior: Posterior, processes: int, afterwards: Sequence[str] = ()
+    ) -> None:
+        self.posterior, self.processes, self.afterwards = posterior, processes, afterwards
         self._form = _Form()
         self._pool: ProcessPoolExecutor | None = None
         self._arrays: IO[bytes] | None = None
@@ -149,6 +154,12 @@ class WorkerPool:
     ) -> Future[T]:
         """Submit a function that needs another posterior than that of the pool."""
         return self.submit(_call, function, *arguments, **named)
+
+    def preload(self, modules: Sequence[str]) -> None:
+        """Have each worker load modules while this process works alone, for they take a while."""
+        if self._pool is not None and modules:
+            for _ in range(self.processes):
+                self.submit_function(_load, modules)
 
     def set_steps(self, steps: Mapping[str, StepSizes]) -> None:
         """Take the posterior in these steps from now on (`inference.step_error`)."""
@@ -265,6 +276,11 @@ def _exit_with_parent() -> None:
     if parent is not None:
         parent.join()
         os._exit(1)
+
+
+def _load(modules: Sequence[str]) -> None:
+    for name in modules:
+        importlib.import_module(name)
 
 
 def _call(_: Posterior, function: Callable[..., Any], *arguments: Any, **named: Any) -> Any:

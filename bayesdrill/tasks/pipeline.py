@@ -50,6 +50,9 @@ LOADED_LATE = (
     "bayesdrill.results.arviz_tree",
     "bayesdrill.report.pages",
 )
+# What workers do: all of a chain needs the first, figures the others.
+WALKED_WITH = ("emcee",)
+DRAWN_WITH = ("corner", "bayesdrill.report.sections.corner_figure")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -117,7 +120,8 @@ def _run(
     job: Job, folder: Folder, mode: Mode | None, processes: int, report: Reporter, details: Reporter
 ) -> Outcome:
     clock = [time.perf_counter()]
-    with WorkerPool(job.problem.posterior, processes) as pool:
+    drawn_with = DRAWN_WITH if publish.wanted_figures(job.config.output.figures) else ()
+    with WorkerPool(job.problem.posterior, processes, drawn_with) as pool:
         searches = None if mode else begin_searches(pool, find_map.fit_plan(job), report)
         # While others search the MAP, this process looks at what the record can show, and loads
         # what sampling and report will need.
@@ -125,8 +129,7 @@ def _run(
         report.update(0.0, "looking at what the record can show")
         details.say(preflight(job, study))
         if not pool.in_process:
-            for _ in range(processes):  # one for each, as it is done with its searches
-                pool.submit(ensembles.preload)
+            pool.preload(WALKED_WITH)
             for name in LOADED_LATE:
                 importlib.import_module(name)
         if searches is not None:
