@@ -191,11 +191,16 @@ def test_walkers_start_on_all_maxima_alike() -> None:
 
 
 def test_workers_map_the_arrays_of_a_large_record(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Mutant killed: arrays that begin where others end."""
+    """And load what they will need.  Mutants killed: arrays that begin where others end, and workers
+    that load nothing.
+    """
     target, maxima, _ = problem()
     monkeypatch.setattr(workers, "PIPE", 1000)
     with WorkerPool(target, 2) as pool:
+        pool.preload(("wave", "no_such_module"))  # what is missing is for those who need it to say
         there = pool.submit(Posterior.density, maxima).result()
+        loaded = [pool.submit_function(eval, "'wave' in __import__('sys').modules") for _ in "ab"]
+        assert any(task.result() for task in loaded)
         assert one_thread_each(pool.submit_function(threadpool_info).result())
     assert np.array_equal(there, target.density(maxima))
 
