@@ -159,7 +159,7 @@ class WorkerPool:
         """Have each worker load modules while this process works alone, for they take a while."""
         if self._pool is not None and modules:
             for _ in range(self.processes):
-                self.submit_function(_load, modules)
+                self.submit_function(load, modules)
 
     def set_steps(self, steps: Mapping[str, StepSizes]) -> None:
         """Take the posterior in these steps from now on (`inference.step_error`)."""
@@ -278,7 +278,8 @@ def _exit_with_parent() -> None:
         os._exit(1)
 
 
-def _load(modules: Sequence[str]) -> None:
+def load(modules: Sequence[str]) -> None:
+    """Load modules that are needed soon."""
     for name in modules:
         importlib.import_module(name)
 

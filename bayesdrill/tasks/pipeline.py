@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -31,7 +30,7 @@ from bayesdrill.sampling.extended_priors import unsaved_extension
 from bayesdrill.sampling.fit import begin_searches, sample_maxima
 from bayesdrill.sampling.mode_search import Mode
 from bayesdrill.sampling.proposal.learning import NoSupportError
-from bayesdrill.sampling.workers import WorkerPool
+from bayesdrill.sampling.workers import WorkerPool, load
 from bayesdrill.tasks import find_map, run_entries
 from bayesdrill.tasks.conclusions import (
     SampledRun,
@@ -50,7 +49,7 @@ LOADED_LATE = (
     "bayesdrill.results.arviz_tree",
     "bayesdrill.report.pages",
 )
-# What workers do: all of a chain needs the first, figures the others.
+# What workers walk with, and draw with.
 WALKED_WITH = ("emcee",)
 DRAWN_WITH = ("corner", "bayesdrill.report.sections.corner_figure")
 
@@ -130,8 +129,7 @@ def _run(
         details.say(preflight(job, study))
         if not pool.in_process:
             pool.preload(WALKED_WITH)
-            for name in LOADED_LATE:
-                importlib.import_module(name)
+            load(LOADED_LATE)
         if searches is not None:
             mode = find_map.end_search(pool, searches, report)
             find_map.write_mode(folder, mode)
