@@ -6,6 +6,7 @@ import dataclasses
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 from bayesdrill import output_files
@@ -148,7 +149,10 @@ def _run(
         sampled = _sample(job, pool, mode, folder, report)
         clock.append(time.perf_counter())
         _finish_chain(job, folder, sampled)
-        seconds = {"map": clock[1] - clock[0], "sampling": clock[2] - clock[1]}
+        seconds = {
+            name: round(end - start, 3)
+            for name, (start, end) in zip(("map", "sampling"), pairwise(clock), strict=True)
+        }
         run = SampledRun(job, mode, sampled)
         view = concluded(run, study, seconds, explained=explained)
         return _publish(job, folder, view, pool, report, clock[-1])
@@ -291,8 +295,8 @@ def _publish(
     report.update(1.0, "")
     seconds, judged = dict(view.seconds), view.analysis.judged
     if begun is not None:
-        seconds["report"] = time.perf_counter() - begun
-        folder.write_run(seconds={name: round(value, 3) for name, value in seconds.items()})
+        seconds["report"] = round(time.perf_counter() - begun, 3)
+        folder.write_run(seconds=seconds)
     folder.write_run(
         status="finished",
         missing=missing,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import re
@@ -14,6 +15,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import h5py
@@ -26,6 +28,7 @@ from together import together
 
 from bayesdrill.output_files import POSTERIOR, dumps_checksummed, loads_checksummed
 from bayesdrill.results.run_folder import Folder, seal
+from bayesdrill.tasks import pipeline
 
 ALL_FIGURES = ("figures: []", "figures: null")  # to draw takes longer than all else of a small run
 # Targets that cannot be met, so that a run goes on to the end of its steps.
@@ -293,6 +296,23 @@ def test_the_chain_does_not_depend_on_the_processes(done: Done, tmp_path: Path) 
     assert_same_chains(done.folder, other.folder)
     for name in ("summary.csv", "map.json"):
         assert (done.folder / name).read_bytes() == (other.folder / name).read_bytes()
+
+
+def test_a_report_made_again_says_the_same_times(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Mutant killed: the run's own report has more digits than `run.json`, and rounds otherwise."""
+    clock = (k * 0.04996 for k in itertools.count())
+    with monkeypatch.context() as patch:
+        patch.setattr(pipeline, "time", SimpleNamespace(perf_counter=lambda: next(clock)))
+        run = fresh(tmp_path)
+    assert run.ran.status == 0, run.ran.text
+    seconds = run_of(run.folder)["seconds"]
+    assert seconds == {"map": 0.05, "sampling": 0.05, "report": 0.05}
+    page = (run.folder / "report.html").read_bytes()
+    ran = systems.cli("report", run.folder, "--processes", "1")
+    assert ran.status == 0, ran.text
+    assert (run.folder / "report.html").read_bytes() == page
 
 
 def test_another_seed_makes_another_chain(done: Done, copy: Done) -> None:
