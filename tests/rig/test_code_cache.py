@@ -17,7 +17,7 @@ import pytest
 import systems
 from compiled import response
 from oracles import NOMINAL
-from rigs import vector
+from rigs import experiment, vector
 
 from bayesdrill.rig.kernels import cache
 from bayesdrill.rig.kernels.cache import CACHE_VARIABLE, CodeCache, user_cache
@@ -29,6 +29,9 @@ from bayesdrill.rig.kernels.sums import LOGS, SQUARES
 from bayesdrill.rig.kernels.time_stepping import write_stepping
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators.exact import Response, layout
+from bayesdrill.rig.simulators.irregular import IrregularSimulator
+from bayesdrill.rig.simulators.sensors import ObservationModel
+from bayesdrill.rig.simulators.stepped import Stepped
 
 KEY, CODE = "a kernel", bytes(range(256)) * 4
 THETA = vector(NOMINAL)[None]
@@ -358,3 +361,19 @@ def test_equal_formulas_are_one_kernel_wherever_they_come_from() -> None:
     alike = replace(one, entries=lambda p: list(one.entries(p)))
     assert alike.text == one.text != other.text
     assert code(write_response, alike, "misfit") == code(write_response, one, "misfit")
+
+
+def test_offsets_of_channels_need_no_kernel_of_their_own() -> None:
+    """Mutant killed: one for each set of channels that has one."""
+    record, offsets = experiment(20), {"w_1": 0.7, "w_2": -1.5}
+    for kind, model in ((Stepped, MotorShaft(added=("t_c1",))), (IrregularSimulator, MotorShaft())):
+        own = np.append(THETA, np.full(len(model.parameters) - THETA.size, 0.05))
+        plain = kind(model, record, ObservationModel()).signals(own[None])[0]
+        before = compile_kernel.cache_info().misses
+        for names in (("w_1",), ("w_2",), ("w_1", "w_2")):
+            sensing = ObservationModel(offsets={name: f"offset_{name}" for name in names})
+            full = np.append(own, [offsets[name] for name in names])
+            shown = kind(model, record, sensing).signals(full[None])[0]
+            added = [offsets[name] if name in names else 0.0 for name in record.names]
+            assert shown == pytest.approx(plain + added, rel=1e-12, abs=1e-12)
+        assert compile_kernel.cache_info().misses == before, kind

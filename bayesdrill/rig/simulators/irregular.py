@@ -150,10 +150,11 @@ class Dense:
         return self._kernels[wanted]
 
     def _used(self, rows: Array) -> Pattern:
-        """Return which entries of rows are or were not zero."""
+        """Return which entries of rows are or were not zero, offsets included: one kernel for all."""
         known = self._pattern
         if known is None or known.shape != rows.shape[1:]:
             known = np.zeros(rows.shape[1:], dtype=bool)
+            known[:, self._layout.n_states] = True
         if self._pattern is None or rows[:, ~known].any():
             known = known | (rows != 0.0).any(axis=0)
             self._pattern, self._entries = known, tuple(map(tuple, known.tolist()))

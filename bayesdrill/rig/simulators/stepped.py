@@ -212,9 +212,9 @@ class Stepped(Simulator):
 
     @cached_property
     def _pattern(self) -> Array:
-        """`(K, X + 1)`: what channels see of states, and of one."""
-        offset = [channel.name in self.sensing.offsets for channel in self.experiment.channels]
-        return np.column_stack([self.sensors.weights, offset])
+        """`(K, X + 1)`: what channels may see of states, and of one: with offsets or without."""
+        weights = self.sensors.weights
+        return np.column_stack([weights, np.ones(len(weights))])
 
     def _bind(self, ahead: UniformGrid, *, tally: ResidualSums | None, **kind: bool) -> BoundKernel:
         wanted = (id(ahead), tally, *kind.values())
