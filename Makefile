@@ -22,7 +22,7 @@ help:
 	@echo "make paper       the studies of the paper, repeated: results/paper/ (2 to 3 minutes)"
 	@echo "make results     what results/published holds, made anew from every config (5 minutes)"
 	@echo "make docs        the site of docs/, its notebooks run: build/docs/index.html (2 minutes, in .venv-docs)"
-	@echo "make test        the tests, about 10 minutes"
+	@echo "make test        the tests, about 15 minutes"
 	@echo "make test-slow   longer proofs"
 	@echo "make check       format, lint, types and tests"
 	@echo "make format      put the code into the project's format"
