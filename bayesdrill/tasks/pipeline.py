@@ -149,10 +149,8 @@ def _run(
         sampled = _sample(job, pool, mode, folder, report)
         clock.append(time.perf_counter())
         _finish_chain(job, folder, sampled)
-        seconds = {
-            name: round(end - start, 3)
-            for name, (start, end) in zip(("map", "sampling"), pairwise(clock), strict=True)
-        }
+        searching, sampling = (round(end - start, 3) for start, end in pairwise(clock))
+        seconds = {"map": searching, "sampling": sampling}
         run = SampledRun(job, mode, sampled)
         view = concluded(run, study, seconds, explained=explained)
         return _publish(job, folder, view, pool, report, clock[-1])

@@ -210,17 +210,13 @@ class Stepped(Simulator):
     def _bound_kernels(self) -> dict[Any, BoundKernel]:
         return {}
 
-    @cached_property
-    def _pattern(self) -> Array:
-        """`(K, X + 1)`: what channels may see of states, and of one: with offsets or without."""
-        weights = self.sensors.weights
-        return np.column_stack([weights, np.ones(len(weights))])
-
     def _bind(self, ahead: UniformGrid, *, tally: ResidualSums | None, **kind: bool) -> BoundKernel:
         wanted = (id(ahead), tally, *kind.values())
         if wanted not in self._bound_kernels:
             w, experiment = self.sensors, self.experiment
-            rows = _unit_rows(self.model)[0] if kind["efforts"] else self._pattern
+            # Of states, and of one whether channels have offsets or not: one kernel for all.
+            seen = np.column_stack([w.weights, np.ones(len(w.weights))])
+            rows = _unit_rows(self.model)[0] if kind["efforts"] else seen
             shape = SteppedShape(
                 model=w.observed_model,
                 series=w.inputs,
