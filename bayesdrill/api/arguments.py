@@ -170,6 +170,28 @@ def number(location: str, value: Any, issues: list[Issue], *, positive: bool = F
     return read
 
 
+def number_or_series(location: str, value: Any, issues: list[Issue]) -> Array:
+    """Read one number, of shape `()`, or several, `(T,)`; a mistake is added to `issues`."""
+    if is_series(value):
+        return series(location, value, issues)
+    return np.array(number(location, value, issues))
+
+
+def check_names(
+    names: Collection[str],
+    given: Collection[str],
+    location: str,
+    owner: str,
+    issues: list[Issue],
+) -> None:
+    """Add a mistake to `issues` for each given name that the `owner` lacks, and each missing one."""
+    for name in given:
+        if name not in names:
+            hint = did_you_mean(name, names)
+            issues.append(Issue(f"{location}.{name}", f"{owner} has none{hint}"))
+    issues += [Issue(f"{location}.{name}", "is missing") for name in names if name not in given]
+
+
 def times(t: Any, issues: list[Issue]) -> Array:
     """Read times `(T,)` in s, which increase; mistakes are added to `issues`."""
     values = series("t", t, issues)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
@@ -32,7 +33,10 @@ if TYPE_CHECKING:
 
 CHANNELS = "a bd.Channel(values, unit, sigma) for each name"
 INPUTS = "a number in SI or a bd.Input(values, unit) for each name"
+VALUES = "a number in SI, or several, for each unknown"
 PRIORS = "a prior, a number or 'nominal' for each name"
+
+POINTS_AT_ONCE = 50  # of a log density: some kinds of noise keep all samples of each point
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,6 +116,32 @@ class Case(Value):
         first = identify.preflight(self.job, SensitivityStudy(problem.posterior.likelihood))
         columns = [] if self.columns is not None else [words.record_columns(problem, self.job.case)]
         return "\n".join([str(self), *columns, words.preview(problem, config), first])
+
+    def log_density(self, values: Annotated[Mapping[str, ArrayLike], VALUES]) -> Array:
+        """Compute the log posterior density over the unknowns, without its norm: `(N,)`.
+
+            case.log_density(case.find_map().values)
+
+        It is the log likelihood plus the log prior, both normalised, and -inf outside the priors.
+        `values`: for each unknown a number or `(N,)` numbers, SI.  Raises `InputError` with all that is
+        wrong.
+        """
+        issues, names = list[Issue](), self.unknowns
+        arguments.check_names(names, values, "values", "the case", issues)
+        columns = {
+            name: arguments.number_or_series(f"values.{name}", values[name], issues)
+            for name in names
+            if name in values
+        }
+        lengths = {len(column) for column in columns.values() if column.ndim}
+        if len(lengths) > 1:
+            issues.append(Issue("values", f"give {VALUES}, and equally many"))
+        raise_if_any(issues)
+        theta = np.empty((max(lengths, default=1), len(names)))
+        for position, name in enumerate(names):
+            theta[:, position] = columns[name]
+        parts = np.array_split(theta, max(1, -(-len(theta) // POINTS_AT_ONCE)))
+        return np.concatenate([self.job.problem.posterior.density(part) for part in parts])
 
     def draw_rig(self, path: str | Path) -> str:
         """Draw inertias, shafts, gears and drives of the rig; says what is written.

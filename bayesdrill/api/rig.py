@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from bayesdrill.api import arguments
 from bayesdrill.basics import symbols
 from bayesdrill.basics.arrays import Array
-from bayesdrill.basics.errors import InputError, Issue, did_you_mean, short_repr
+from bayesdrill.basics.errors import InputError, Issue, short_repr
 from bayesdrill.basics.formulas import linear_combination
 from bayesdrill.basics.values import check_arguments
 from bayesdrill.config.schema.vocabulary import idle_inputs
@@ -64,16 +64,13 @@ def respond(
     times = arguments.times(t, issues)
     values = _parameters(model, parameters, issues)
     states = dict.fromkeys(model.states, 0.0) | dict(initial or {})
-    _check_names(model.states, states, "initial", issues)
+    arguments.check_names(model.states, states, "initial", "the rig", issues)
     start = {n: arguments.number(f"initial.{n}", states[n], issues) for n in model.states}
     idle: dict[str, ArrayLike] = dict.fromkeys(idle_inputs(model), 0.0)
     given: dict[str, Array] = {}
     for name, value in (idle | dict(inputs)).items():
-        if arguments.is_series(value):
-            given[name] = arguments.series(f"inputs.{name}", value, issues)
-        else:
-            given[name] = np.array(arguments.number(f"inputs.{name}", value, issues))
-    _check_names(model.inputs, given, "inputs", issues)
+        given[name] = arguments.number_or_series(f"inputs.{name}", value, issues)
+    arguments.check_names(model.inputs, given, "inputs", "the rig", issues)
     if hold not in ("zero", "first"):
         issues.append(Issue("hold", f"'{hold}' is neither zero nor first"))
     series = {name: signal for name, signal in given.items() if signal.ndim}
@@ -102,7 +99,7 @@ def respond(
 
 def _parameters(rig: Model, values: Mapping[str, float], issues: list[Issue]) -> dict[str, float]:
     """One for each parameter, as it may be held."""
-    _check_names(rig.parameters, values, "parameters", issues)
+    arguments.check_names(rig.parameters, values, "parameters", "the rig", issues)
     read = {}
     for name in (name for name in rig.parameters if name in values):
         symbol, location = rig.symbols[name], f"parameters.{name}"
@@ -114,16 +111,6 @@ def _parameters(rig: Model, values: Mapping[str, float], issues: list[Issue]) ->
             message = f"{short_repr(values[name])} is more than {symbol.at_most:g}"
             issues.append(Issue(location, message))
     return read
-
-
-def _check_names(
-    names: Sequence[str], values: Mapping[str, object], location: str, issues: list[Issue]
-) -> None:
-    for name in values:
-        if name not in names:
-            hint = did_you_mean(name, names)
-            issues.append(Issue(f"{location}.{name}", f"the rig has none{hint}"))
-    issues += [Issue(f"{location}.{name}", "is missing") for name in names if name not in values]
 
 
 def _channel(name: str, rig: Model) -> Channel:

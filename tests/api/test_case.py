@@ -15,6 +15,7 @@ import systems
 import xarray
 from cases import BOX, SHAFT, T, noisy, run, two
 from oracles import NOMINAL, by_expm
+from scipy import stats
 from together import for_each
 
 import bayesdrill as bd
@@ -210,6 +211,35 @@ def test_a_run_says_what_it_found() -> None:
     assert "k_s" in str(two().identify())
     assert "241 samples" in repr(two())
     assert "k_s" in str(bd.Best(run().job, run().mode))
+
+
+def test_the_log_density_is_that_of_the_noise_and_the_priors() -> None:
+    case, k_s = two(), np.array([0.3, 0.31])
+    expected = []
+    for value in k_s:
+        log_p = -2.0 * np.log(1.5 - 0.5) - np.log(NOMINAL["k_s"] * NOMINAL["t_f"])
+        for name, sigma in (("theta_2", 0.05), ("w_1", 0.1)):
+            measured = case.columns[name] * (np.pi / 180 if name == "theta_2" else 1.0)
+            values = {**NOMINAL, "k_s": value, "t_f": 0.09}
+            exact = bd.respond(MotorShaft(), values, T, {"v": 5.0}, [name])[name]
+            log_p += stats.norm.logpdf(measured, exact, sigma).sum()
+        expected.append(log_p)
+    assert case.log_density({"k_s": k_s, "t_f": 0.09}) == pytest.approx(expected, rel=1e-9)
+    assert case.log_density({"k_s": 0.31, "t_f": 0.09}) == pytest.approx(expected[1:], rel=1e-9)
+    draws = run().draws
+    every = case.log_density({name: values[0] for name, values in draws.items()})
+    assert every.shape == draws["k_s"][0].shape
+    assert np.isfinite(every).all()
+    assert case.log_density({"k_s": [9.0, np.nan], "t_f": 0.1}).tolist() == [-np.inf, -np.inf]
+
+
+def test_a_log_density_at_values_that_do_not_fit_the_unknowns_is_refused() -> None:
+    with pytest.raises(bd.InputError) as refused:
+        two().log_density({"k_q": 0.3, "t_f": "much"})
+    places = [problem.place for problem in refused.value.problems]
+    assert places == ["values.k_q", "values.k_s", "values.t_f"]
+    with pytest.raises(bd.InputError, match="and equally many"):
+        two().log_density({"k_s": [0.3, 0.31], "t_f": [0.1, 0.1, 0.1]})
 
 
 def test_the_same_seed_gives_the_same_draws_and_another_others() -> None:
