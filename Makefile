@@ -14,7 +14,7 @@ DOCS := .venv-docs/bin
 DOCS_READY := .venv-docs/.ready
 SITE := build/docs
 
-.PHONY: help posterior paper docs test test-slow check format bench bench-growth zoo modes real mutants attack pages results schema citation dist clean
+.PHONY: help posterior paper docs test test-slow check format bench bench-growth zoo modes real baseline mutants attack pages results schema citation dist clean
 
 help:
 	@echo "make posterior [CONFIG=configs/mine.yaml] [ARGS=--resume|--force]"
@@ -31,6 +31,7 @@ help:
 	@echo "make zoo         run records of many kinds and judge each (half an hour); ARGS=--list names them"
 	@echo "make modes       run records of several modes, whose masses a grid knows (minutes); ARGS=--list names them"
 	@echo "make real        run the benches of others whose data are there (minutes); ARGS=--fetch gets them"
+	@echo "make baseline    compare all results with those that are stored (4 minutes); ARGS=--write stores them"
 	@echo "make mutants     break the code in named ways and see the tests fail"
 	@echo "make attack      malformed configs, records and results, SECONDS=60 of each of eighteen kinds"
 	@echo "make pages       look at reports in a headless Chromium, which has to be on PATH (a minute, in .venv-browser)"
@@ -89,6 +90,9 @@ modes: $(READY)
 
 real: $(READY)
 	@$(BIN)/python -m benchmarks.real $(ARGS)
+
+baseline: $(READY)
+	@$(BIN)/python -m benchmarks.baseline $(ARGS)
 
 mutants: $(READY)
 	@$(BIN)/python tests/mutants.py
