@@ -255,7 +255,7 @@ def _numbers(old: Numbers, new: Numbers) -> Iterator[Difference]:
         beyond = [name for name in off if off[name] > MOST_ERRORS]
         if any(off.values()):
             names = beyond or [max(off, key=lambda name: off[name])]
-            said = ", ".join(f"{name} {off[name]:.1f}" for name in names)
+            said = ", ".join(f"{name} {off[name]:.2g}" for name in names)
             yield Difference(f"{what}, in standard errors: {said}", bool(beyond))
 
 
