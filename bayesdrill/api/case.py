@@ -118,7 +118,7 @@ class Case(Value):
         return "\n".join([str(self), *columns, words.preview(problem, config), first])
 
     def log_density(self, values: Annotated[Mapping[str, ArrayLike], VALUES]) -> Array:
-        """Compute the log posterior density over the unknowns, without its norm: `(N,)`.
+        """Compute the unnormalised log posterior density over the unknowns: `(N,)`.
 
             case.log_density(case.find_map().values)
 
