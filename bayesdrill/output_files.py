@@ -169,28 +169,6 @@ LADDER = Kind(  # models of one record, each of which has a posterior in a folde
 )
 
 
-def paper_files(records: Sequence[str]) -> Kind:
-    """Of the studies of the paper; each of `records` has a posterior in a folder of its own."""
-    tables = (
-        *("table_1", "inconsistencies", "matrix", "integrator", "table_2", "implied", "lengths"),
-        *("simultaneous", "control", "misfits", "shaft"),
-        *(f"{stem}_{name}" for name in records for stem in ("table_3", "products", "verdict")),
-    )
-    drawn = (
-        *("rig", "heuristic", "matrix", "table_2", "simultaneous", "convergence"),
-        *(f"{stem}_{name}" for name in records for stem in ("fit", "table_3")),
-    )
-    return Kind(
-        "paper",
-        (
-            *(f"{stem}.{end}" for stem in tables for end in ("csv", "md")),
-            *("report.md", "report.html", *figure_files(*drawn)),
-        ),
-        nested=tuple(records),
-        continue_hint=MADE_ANEW,
-    )
-
-
 def present(folder: Path, kind: Kind) -> list[str]:
     """Files and folders in `folder` that bear a name of this kind, whatever they are."""
     names = _names(folder, ("", *kind.folders))

@@ -18,13 +18,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-PARTS = ("bayesdrill", "benchmarks", "configs", "docs", "tests", "pyproject.toml", "README.md")
+PARTS = (
+    *("bayesdrill", "benchmarks", "configs", "docs", "studies", "tests"),
+    *("conftest.py", "pyproject.toml", "README.md"),
+)
 
 
 @dataclass(frozen=True)
 class Mutant:
     name: str
-    file: str
+    file: str  # of the package, or of the studies
     old: str
     new: str
     killer: str  # the test that must fail
@@ -73,7 +76,7 @@ def main() -> None:
                 raise SystemExit(f"{killer} fails without any mutant")
         for mutant in mutants:
             begun = time.perf_counter()
-            path = tree / "bayesdrill" / mutant.file
+            path = tree / ("" if mutant.file.startswith("studies") else "bayesdrill") / mutant.file
             text = path.read_text()
             path.write_text(text.replace(mutant.old, mutant.new))
             survived = run(tree, mutant.killer)

@@ -19,11 +19,22 @@ from bayesdrill.inference.posterior import Likelihood, Posterior
 from bayesdrill.inference.priors import Prior, Uniform
 from bayesdrill.inference.unknowns import ParameterSpace, Transform, Unknown
 from bayesdrill.record.experiment import Channel, Experiment
+from bayesdrill.rig.models.friction import Named
+from bayesdrill.rig.models.linear import Linear
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators.contract import Simulator
 from bayesdrill.rig.simulators.exact import Response
 
 STATES = ("theta_1", "theta_2", "w_1", "w_2", "i")
+
+
+class Held(MotorShaft):
+    """A rig that cannot turn for ever: a spring, half as stiff as the shaft, holds its motor."""
+
+    def linear(self, p: Named) -> Linear:
+        free = super().linear(p)
+        spring = 1.5 * free.A["w_2", "theta_2"]
+        return Linear(A={**free.A, ("w_2", "theta_2"): spring}, B=free.B, c=free.c)
 
 
 def experiment(

@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from bayesdrill.report.publish import draw as draw
     from bayesdrill.report.render import as_html as as_html
     from bayesdrill.report.run_report import made_of as made_of
-    from bayesdrill.report.schematics import heuristic_figure as heuristic_figure
     from bayesdrill.report.section import Note as Note
     from bayesdrill.report.section import Picture as Picture
     from bayesdrill.report.section import Section as Section
@@ -29,6 +28,10 @@ if TYPE_CHECKING:
     from bayesdrill.report.sections.fit_words import every_fit as every_fit
     from bayesdrill.report.sections.identify_words import product as product
     from bayesdrill.report.sections.physics_words import TIME as TIME
+    from bayesdrill.report.sheet import HOLLOW as HOLLOW
+    from bayesdrill.report.sheet import SMALL as SMALL
+    from bayesdrill.report.sheet import SOLID as SOLID
+    from bayesdrill.report.sheet import Canvas as Canvas
     from bayesdrill.report.style import set_decades as set_decades
     from bayesdrill.report.style import set_factors as set_factors
     from bayesdrill.report.style import usable as usable

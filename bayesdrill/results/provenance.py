@@ -37,6 +37,8 @@ from bayesdrill.results.run_folder import VERSION_OF, Folder, mark
 from bayesdrill.rig.models.linear import Model, constants
 
 RUN_MARK = "Run"  # by which a file says whose it is
+# Entries of `map:` that are gone. All fingerprints have them, so that earlier runs can be continued.
+FORMER_ENTRIES = ("map.pairs", "map.iterations", "map.steady")
 
 
 def fingerprint(config: Config, problem: Problem) -> dict[str, str]:
@@ -51,6 +53,7 @@ def fingerprint(config: Config, problem: Problem) -> dict[str, str]:
         **{f"the relation of {name}": r.text for name, r in space.relations.items()},
         "the start of the MAP search": repr(dict(space.start)),
         **{f"map.{name}": repr(value) for name, value in config.map},
+        **dict.fromkeys(FORMER_ENTRIES, "None"),
         "sampler.ensembles": str(sampler.ensembles),
         "sampler.walkers": str(sampler.walkers),
         "sampler.moves": repr(dict(sorted(sampler.moves.items()))),

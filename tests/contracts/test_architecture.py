@@ -36,7 +36,6 @@ FLOORS = (
     "report",
     "tasks",
     "api",
-    "paper",
     "cli",
     "__main__",
 )
@@ -103,22 +102,27 @@ def test_a_folder_imports_only_folders_nearer_the_ground() -> None:
 
 def test_the_command_line_is_a_user_of_the_api() -> None:
     """It parses, calls and prints: what it can do, Python can."""
-    allowed = {"basics", "api", "paper", "guard"}
+    allowed = {"basics", "api", "guard"}
     text = re.sub(r"if TYPE_CHECKING:\n(    .*\n)+", "", (PACKAGE / "cli.py").read_text())
     used = set(re.findall(r"^ *from bayesdrill\.(\w+)", text, re.M)) - {"cli"}
     assert "api" in used <= allowed
 
 
-def test_the_paper_uses_what_floors_hand_on_and_nothing_deeper() -> None:
+def test_studies_use_what_floors_hand_on_and_nothing_deeper() -> None:
     """`from bayesdrill.rig import Response`: so rooms can be moved below it, and below others."""
-    deeper = []
-    for module, path in MODULES.items():
-        if folder_of(module) == "paper":
-            for node in nodes(path):
-                parts = (node.module or "").split(".") if isinstance(node, ast.ImportFrom) else []
-                if len(parts) > 2 and parts[0] == "bayesdrill" and parts[1] != "paper":
-                    deeper.append(f"{module} imports {'.'.join(parts)}")
-    assert deeper == []
+    paths = [p for p in (ROOT / "studies").rglob("*.py") if "tests" not in p.parts]
+    assert paths
+    modules = {
+        (str(path.relative_to(ROOT)), node.module or "")
+        for path in paths
+        for node in nodes(path)
+        if isinstance(node, ast.ImportFrom)
+    }
+    names = {
+        a.name for path in paths for n in nodes(path) if isinstance(n, ast.Import) for a in n.names
+    }
+    assert [m for m in modules if re.match(r"bayesdrill\.\w+\.", m[1])] == []
+    assert not any(name.startswith("bayesdrill") for name in names)
 
 
 @together("folder", [f for f in FLOORS if (PACKAGE / f).is_dir()])
@@ -132,15 +136,6 @@ def test_what_a_floor_hands_on_is_there(folder: str) -> None:
     if names:
         with pytest.raises(AttributeError, match="it has"):
             floor.nothing_of_this_name  # noqa: B018
-
-
-def test_nothing_below_knows_the_paper() -> None:
-    """Its searches and its matrix come in by entry points, as those of other packages do."""
-    below = {m for m in MODULES if FLOOR[folder_of(m)] < FLOOR["paper"]}
-    knowing = [m for m in below if any(i.startswith("paper") for i in imported_modules(MODULES[m]))]
-    assert knowing == []
-    for name in ("config/resolve/assembly.py", "config/schema/config.py", "basics/seeds.py"):
-        assert not re.search("pairwise|fminsearch|as_printed", (PACKAGE / name).read_text())
 
 
 def test_no_module_imports_itself_by_a_way_round() -> None:
@@ -199,7 +194,7 @@ def _module_in(dotted: str) -> str | None:
 def test_only_reports_know_how_to_plot() -> None:
     plotting = []
     for path in FILES:
-        if folder_of(module_of(path)) not in ("report", "paper") and path.name != "latex.py":
+        if folder_of(module_of(path)) != "report" and path.name != "latex.py":
             text = re.sub(r"if TYPE_CHECKING:\n(    .*\n)+", "", path.read_text())
             imports = ("import matplotlib", "from matplotlib", "import corner")
             plotting += [f"{name(path)}: {each}" for each in imports if each in text]

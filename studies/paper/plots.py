@@ -14,9 +14,6 @@ from matplotlib.lines import Line2D
 
 from bayesdrill.basics import PARAMETERS, STATES, Array, own_symbol
 from bayesdrill.inference import HDI_PROBABILITY, hdi
-from bayesdrill.paper import printed as paper
-from bayesdrill.paper.forward import MatrixReading
-from bayesdrill.paper.searches import Heuristic, SearchEnd, Verification
 from bayesdrill.report import (
     TIME,
     Page,
@@ -26,6 +23,9 @@ from bayesdrill.report import (
     style,
     usable,
 )
+from studies.paper import printed as paper
+from studies.paper.forward import MatrixReading
+from studies.paper.searches import Heuristic, SearchEnd, Verification
 
 LineStyle = Mapping[str, Any]
 

@@ -105,7 +105,7 @@ def table_1() -> list[Row]:
 
 
 def inconsistencies() -> list[Row]:
-    """Return what numbers contradict; what is wrong with the matrix is in `plugins.AsPrinted`.
+    """Return what numbers contradict; what is wrong with the matrix is in `forward.AsPrinted`.
 
     `printed` and `implied`: two numbers of the paper for one thing; `says`: our reading.
     """
