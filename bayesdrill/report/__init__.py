@@ -32,9 +32,6 @@ if TYPE_CHECKING:
     from bayesdrill.report.sheet import SMALL as SMALL
     from bayesdrill.report.sheet import SOLID as SOLID
     from bayesdrill.report.sheet import Canvas as Canvas
-    from bayesdrill.report.style import set_decades as set_decades
-    from bayesdrill.report.style import set_factors as set_factors
-    from bayesdrill.report.style import usable as usable
     from bayesdrill.report.train_picture import train_figure as train_figure
     from bayesdrill.report.view import Drawing as Drawing
     from bayesdrill.report.view import ReportContext as ReportContext

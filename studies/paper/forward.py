@@ -33,7 +33,7 @@ import numpy as np
 
 from bayesdrill.basics import Array, Symbol
 from bayesdrill.inference import Likelihood, derived
-from bayesdrill.record import Experiment, regular
+from bayesdrill.record import Experiment
 from bayesdrill.rig import Linear, Model, MotorShaft, Named, Response, constant_forcing, dynamics
 from bayesdrill.sampling import Task
 from studies.paper.printed import Row
@@ -203,6 +203,12 @@ class MatrixReading:
     row: Row
     t: Array
     curve: Array
+
+
+def regular(experiment: Experiment, duration: float, rate: float) -> Experiment:
+    """Return the same with `duration` [s] at `rate` [Hz] from 0, constant inputs and zero signals."""
+    t = np.arange(round(duration * rate) + 1) / rate
+    return dataclasses.replace(experiment, t=t, y=np.zeros((len(t), len(experiment.channels))))
 
 
 def readings(experiment: Experiment, p: Mapping[str, float]) -> tuple[MatrixReading, ...]:

@@ -20,10 +20,10 @@ from bayesdrill.basics import Array, seeds
 from bayesdrill.config import ResolvedCase, path_of, simulate
 from bayesdrill.config import truth as simulated_truth
 from bayesdrill.inference import Likelihood, Posterior
-from bayesdrill.record import regular
 from bayesdrill.rig import Model, MotorShaft, Response, TwoRotors
 from bayesdrill.sampling import NelderMead, Optimum, Task, mode_search
 from studies.paper import printed
+from studies.paper.forward import regular
 from studies.paper.optimisers import fminsearch
 from studies.paper.printed import Row
 

@@ -14,8 +14,6 @@ from pathlib import Path
 import pytest
 from together import together
 
-import bayesdrill
-
 ROOT = Path(__file__).parents[2]
 PACKAGE = ROOT / "bayesdrill"
 
@@ -155,40 +153,6 @@ def test_the_picture_of_the_house_is_that_of_its_imports() -> None:
     draw = runpy.run_path(str(ROOT / "docs" / "architecture.py"))
     assert tuple(draw["order"]()) == FLOORS[:-1]
     assert draw["drawn"](draw["floors"](FLOORS[:-1])) == draw["PICTURE"].read_text()
-
-
-def test_what_the_page_of_the_house_names_is_there() -> None:
-    """Files and folders; modules of a folder; registries, in the file that is said to have them."""
-    page = (ROOT / "docs" / "architecture.md").read_text()
-    quoted = set(re.findall(r"`([\w./<>]+)`", page))
-    files = {q for q in quoted if ("/" in q or q.endswith(".py")) and "<" not in q}
-    paths = {q for q in files if not q.startswith(("tests", "docs", "test_"))}
-    folders = [path.name for path in PACKAGE.rglob("*/")]
-    missing = {q for q in paths if not (PACKAGE / q).exists() and q.strip("/") not in folders}
-    dotted = {
-        q
-        for q in quoted
-        if re.fullmatch(r"[a-z_]+(\.[a-z_]+)+", q) and not q.endswith((".yaml", ".json", ".py"))
-    }
-    names = {q for q in dotted if _module_in(q) is None}
-    assert not missing
-    assert not names
-    for registry, file in re.findall(r"`([A-Z]+)`(?: and `[A-Z]+`)? in `([\w/.]+)`", page):
-        assert f"\n{registry}" in (PACKAGE / file).read_text(), registry
-
-
-def _module_in(dotted: str) -> str | None:
-    """The module that `dotted` names, or that has such a function; or what the package offers."""
-    if dotted.startswith("bd."):
-        return dotted if dotted.removeprefix("bd.") in dir(bayesdrill) else None
-    if dotted in MODULES:
-        return dotted
-    module, _, name = dotted.rpartition(".")
-    if module in MODULES and re.search(
-        rf"^(def|class) {name}\b", MODULES[module].read_text(), re.M
-    ):
-        return module
-    return None
 
 
 def test_only_reports_know_how_to_plot() -> None:

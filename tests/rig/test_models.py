@@ -150,7 +150,7 @@ def test_a_constant_of_another_model_is_an_error_with_its_line(
             "model.elements: the model two_rotors has no elements; remove it, or name: long_shaft",
         ),
         ("{name: two_rotors, r_s: -0.1}", "model.r_s: -0.1"),
-        ("{name: motor_shaft, stribeck: 3}", "model.stribeck: 3 is not possible"),
+        ("{name: motor_shaft, stribeck: 3}", "model.stribeck: '3' is not possible"),
         ("{name: two_rotor}", "model.name: 'two_rotor' is not a model; did you mean two_rotors?"),
     ]
 

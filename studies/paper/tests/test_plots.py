@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 from pictures import SYMBOLS, clashes, drawn, marked, posterior, within, xy
@@ -19,6 +20,7 @@ from studies.paper.plots import (
     SHORT,
     convergence_figure,
     readings_figure,
+    set_decades,
     simultaneous_figure,
     table_3_figure,
     verification_figure,
@@ -143,6 +145,20 @@ SCALES = (r"j_m, c_m, k_T, k_s, j_1, t_f", r"k_T, r_m, l_m")
 
 def points(lines: Sequence[Line2D]) -> list[tuple[float, float]]:
     return sorted((float(x), float(y)) for line in lines for x, y in xy(line).T)
+
+
+@together("ends_at", [(0.7, 9e5), (2e-7, 30.0), (0.004, 2e3), (1e-40, 1e40)])
+def test_decades_are_labelled_with_what_they_are(ends_at: tuple[float, float]) -> None:
+    panel = Figure().add_subplot()
+    set_decades(panel.yaxis, *ends_at)
+    drawn(panel.figure)
+    low, high = ends_at
+    labels = [label.get_text() for label in panel.get_yticklabels()]
+    assert 2 <= len(labels) <= 9
+    for place, label in zip(panel.get_yticks(), labels, strict=True):
+        assert low <= place <= high
+        power = re.fullmatch(r"\$10\^\{(0|-?[1-9]\d*)\}\$", label)
+        assert place == pytest.approx(10.0 ** int(power[1]) if power else float(label))
 
 
 def end(way: str, misfit: float, scales: tuple[float, ...], distance: float) -> SearchEnd:

@@ -12,9 +12,9 @@ from rigs import measured, posterior, replace_only, vector
 from together import together
 
 from bayesdrill.config import loading
-from bayesdrill.record import regular
 from bayesdrill.rig import Response
 from studies.paper import precision, printed
+from studies.paper.forward import regular
 from studies.paper.precision import truth_of
 from studies.paper.tests.records import UNEVEN, at, target
 
