@@ -11,9 +11,14 @@ from typing import TYPE_CHECKING
 from bayesdrill.basics.registry import lazy_attributes
 
 if TYPE_CHECKING:
+    from bayesdrill.report.canvas import HOLLOW as HOLLOW
+    from bayesdrill.report.canvas import SMALL as SMALL
+    from bayesdrill.report.canvas import SOLID as SOLID
+    from bayesdrill.report.canvas import Canvas as Canvas
     from bayesdrill.report.pages import Page as Page
     from bayesdrill.report.publish import draw as draw
     from bayesdrill.report.render import as_html as as_html
+    from bayesdrill.report.rig_figure import rig_figure as rig_figure
     from bayesdrill.report.run_report import made_of as made_of
     from bayesdrill.report.section import Note as Note
     from bayesdrill.report.section import Picture as Picture
@@ -28,11 +33,6 @@ if TYPE_CHECKING:
     from bayesdrill.report.sections.fit_words import every_fit as every_fit
     from bayesdrill.report.sections.identify_words import product as product
     from bayesdrill.report.sections.physics_words import TIME as TIME
-    from bayesdrill.report.sheet import HOLLOW as HOLLOW
-    from bayesdrill.report.sheet import SMALL as SMALL
-    from bayesdrill.report.sheet import SOLID as SOLID
-    from bayesdrill.report.sheet import Canvas as Canvas
-    from bayesdrill.report.train_picture import train_figure as train_figure
     from bayesdrill.report.view import Drawing as Drawing
     from bayesdrill.report.view import ReportContext as ReportContext
 

@@ -105,7 +105,7 @@ def write(findings: PaperFindings, folder: Folder, pool: WorkerPool) -> None:
 def drawings(findings: PaperFindings) -> dict[str, Drawing]:
     """Return the figures, by the stems of their files."""
     # Late: matplotlib takes a second to load.
-    from bayesdrill.report import fit_figure, scales, train_figure
+    from bayesdrill.report import fit_figure, rig_figure, scales
     from studies.paper import plots
     from studies.paper.schematics import heuristic_figure
 
@@ -113,7 +113,7 @@ def drawings(findings: PaperFindings) -> dict[str, Drawing]:
     scaled = [", ".join(known[name].latex for name in names) for names in findings.symmetries]
     wanted = {
         "rig": Drawing(
-            train_figure,
+            rig_figure,
             (MotorShaft(), [signal.label.name for signal in findings.nines[0].fit.signals]),
             "The rig. Its shaft is of steel, "
             f"{plausibility.SHAFT_LENGTH:g} m long and {1e3 * plausibility.SHAFT_DIAMETER:g} mm thick.",

@@ -17,7 +17,7 @@ from pictures import box, drawn, overlap, shown
 from together import for_each
 
 from bayesdrill.basics.symbols import PARAMETERS
-from bayesdrill.report.train_picture import train_figure
+from bayesdrill.report.rig_figure import rig_figure
 from bayesdrill.rig.models.linear import Model, with_named
 from bayesdrill.rig.models.motor_shaft import Motor, MotorShaft
 from bayesdrill.rig.models.train import Train
@@ -78,8 +78,8 @@ PICTURES |= {f"full {name}": full(rig) for name, rig in TRAINS.items()}
 @cache
 def picture(name: str) -> Figure:
     if name in PICTURES:
-        return drawn(train_figure(PICTURES[name]))
-    return drawn(train_figure(MotorShaft(), ("theta_1", "w_1", "theta_2", "w_2")))
+        return drawn(rig_figure(PICTURES[name]))
+    return drawn(rig_figure(MotorShaft(), ("theta_1", "w_1", "theta_2", "w_2")))
 
 
 def texts(figure: Figure) -> list[Text]:
