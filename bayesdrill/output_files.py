@@ -95,7 +95,7 @@ GROUND = Kind("posterior", ("chain.h5", "map.json", CONFIG_FILE, *UNFINISHED.fil
 # Figures of a run, by name, and the module of `report` whose `draw_<name>` draws each.  Those on
 # request are drawn where a config names them.
 USUALLY_DRAWN = {
-    "rig": "rig_figure",  # where the config describes it
+    "rig": "rig_drawing",  # where the config describes it
     "corner": "sections.corner_figure",
     "invariants": "sections.parameters_figure",
     "ridge": "sections.parameters_figure",

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from bayesdrill.report.pages import Page as Page
     from bayesdrill.report.publish import draw as draw
     from bayesdrill.report.render import as_html as as_html
-    from bayesdrill.report.rig_figure import rig_figure as rig_figure
+    from bayesdrill.report.rig_drawing import rig_figure as rig_figure
     from bayesdrill.report.run_report import made_of as made_of
     from bayesdrill.report.section import Note as Note
     from bayesdrill.report.section import Picture as Picture

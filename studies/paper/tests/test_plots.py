@@ -17,7 +17,6 @@ from bayesdrill.basics import PARAMETERS
 from studies.paper import printed
 from studies.paper.forward import READINGS, MatrixReading
 from studies.paper.plots import (
-    SHORT,
     convergence_figure,
     readings_figure,
     set_decades,
@@ -79,11 +78,6 @@ def test_readings_are_all_on_the_left_and_the_right_one_is_large_on_the_right() 
         assert label.endswith(f"settles at {end} rad/s")
 
 
-def test_every_reading_has_a_short_name() -> None:
-    assert set(SHORT) == set(READINGS)
-    assert len(set(SHORT.values())) == len(READINGS)
-
-
 def verification(records: int) -> Verification:
     """Estimates far from normal: by fminsearch half as far off again, and one exact."""
     rng = np.random.default_rng(3)
@@ -130,14 +124,6 @@ def test_errors_and_bounds_stand_at_their_sigmas_in_per_cent() -> None:
         assert all(within(panel, xy(line)[1]) for line in (bound, fminsearch, scaled, paper))
         assert panel.get_xscale() == panel.get_yscale() == "log"
         assert rf"${PARAMETERS[name].latex}$" in panel.get_ylabel()
-
-
-def test_a_row_that_the_paper_does_not_print_is_left_out() -> None:
-    some = {0.01: {"c_m": printed.Estimate("19.0e-5", "0.77")}}
-    figure = verification_figure(verification(3), some)
-    assert not list(clashes(drawn(figure)))
-    counts = [xy(marked(panel, "D")[0]).shape[1] for panel in figure.axes]
-    assert counts == [1, 0]
 
 
 SCALES = (r"j_m, c_m, k_T, k_s, j_1, t_f", r"k_T, r_m, l_m")
@@ -216,13 +202,6 @@ def test_the_truth_stands_at_factor_one(n_scales: int) -> None:
         low, high = left.get_xlim()
         assert np.all((low <= xy(line)[0]) & (xy(line)[0] <= high))
         assert within(left, xy(line)[1])
-
-
-def test_searches_that_all_reach_the_noise_have_no_open_mark() -> None:
-    figure = simultaneous_figure([end("scaled", 0.99, (0.0, 0.0), 0.0)] * 2, SCALES)
-    assert not list(clashes(drawn(figure)))
-    labels = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert not any("open" in label or "fminsearch" in label for label in labels)
 
 
 def heuristic(**given: Array) -> Heuristic:

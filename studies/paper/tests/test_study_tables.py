@@ -536,19 +536,3 @@ def test_without_the_integrator_its_cells_are_empty() -> None:
         ) * 3
     for table in pages.tables(replace(findings(), nines=(own,))):
         assert "None" not in table.csv + table.markdown
-
-
-def test_what_the_config_gives_is_no_finding() -> None:
-    found = findings().nines[0]
-    first, *rest = found.causes
-    nothing = dict.fromkeys(("posterior", "hdi94_low", "hdi94_high", "alone"))
-    given = {**first, **nothing}
-    own = replace(found, causes=[given, *rest])
-    (table,) = [
-        table
-        for table in pages.tables(replace(findings(), nines=(own,)))
-        if table.stem == "products_one"
-    ]
-    _, (_, ((name, heuristic, *empty), *_)) = grids(table.markdown)
-    assert (name, empty) == (given["quantity"], ["", "", ""])
-    assert agrees(heuristic, str(given["heuristic"]))

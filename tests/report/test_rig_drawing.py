@@ -17,7 +17,7 @@ from pictures import box, drawn, overlap, shown
 from together import for_each
 
 from bayesdrill.basics.symbols import PARAMETERS
-from bayesdrill.report.rig_figure import rig_figure
+from bayesdrill.report.rig_drawing import rig_figure
 from bayesdrill.rig.models.linear import Model, with_named
 from bayesdrill.rig.models.motor_shaft import Motor, MotorShaft
 from bayesdrill.rig.models.train import Train
