@@ -29,12 +29,12 @@ STATES = ("theta_1", "theta_2", "w_1", "w_2", "i")
 
 
 class Held(MotorShaft):
-    """A rig that cannot turn for ever: a spring, half as stiff as the shaft, holds its motor."""
+    """A rig that its angles hold, but where j_m and j_1 are alike: its shaft pulls unevenly."""
 
     def linear(self, p: Named) -> Linear:
-        free = super().linear(p)
-        spring = 1.5 * free.A["w_2", "theta_2"]
-        return Linear(A={**free.A, ("w_2", "theta_2"): spring}, B=free.B, c=free.c)
+        right = super().linear(p)
+        pull = right.A["w_2", "theta_1"] * p["j_m"] / p["j_1"]
+        return Linear(A={**right.A, ("w_2", "theta_1"): pull}, B=right.B, c=right.c)
 
 
 def experiment(
