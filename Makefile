@@ -45,11 +45,11 @@ posterior: $(READY)
 
 # What is there comes from the same configs, so it is made anew.
 paper: $(READY)
-	@$(BIN)/bayesdrill paper --force
+	@$(BIN)/python -m studies.paper --force
 
 results: $(READY)
 	@set -e; for config in configs/*.yaml; do $(BIN)/bayesdrill posterior $$config --force; done
-	@$(BIN)/bayesdrill paper --force
+	@$(BIN)/python -m studies.paper --force
 	@$(BIN)/python docs/results.py
 
 # From nothing, so that no page of another state stays; a warning or a dead link is an error.

@@ -325,28 +325,6 @@ def simulate(
         say(f"{path}: {samples} samples")
 
 
-@command("paper --output results/paper")
-def paper(
-    configs: Annotated[
-        Path, typer.Argument(metavar="FOLDER", help="With the configs of the studies.")
-    ] = Path("configs/paper"),
-    output: Annotated[Path, output_option("Folder for tables and figures.")] = Path(
-        "results/paper"
-    ),
-    force: Force = False,
-    processes: Processes = None,
-) -> None:
-    """Repeat the studies of the paper, each beside what a full posterior says of it (minutes)."""
-    from bayesdrill.api.arguments import workers
-    from bayesdrill.paper.reproduction import in_words
-    from bayesdrill.paper.run import reproduce
-
-    with saved_in(output, "start over with --force"), reporter() as report:
-        done = reproduce(configs, output, workers(processes), report, force=force)
-    files = "report.html, report.md, tables, figures/, two posteriors"
-    _end("\n".join(in_words(done)), output, files, good=done.converged)
-
-
 @command("schema > schema.json")
 def schema(
     of: Annotated[

@@ -95,7 +95,7 @@ GROUND = Kind("posterior", ("chain.h5", "map.json", CONFIG_FILE, *UNFINISHED.fil
 # Figures of a run, by name, and the module of `report` whose `draw_<name>` draws each.  Those on
 # request are drawn where a config names them.
 USUALLY_DRAWN = {
-    "rig": "train_picture",  # where the config describes it
+    "rig": "rig_drawing",  # where the config describes it
     "corner": "sections.corner_figure",
     "invariants": "sections.parameters_figure",
     "ridge": "sections.parameters_figure",
@@ -167,28 +167,6 @@ LADDER = Kind(  # models of one record, each of which has a posterior in a folde
     (*COMPARE.files, *CONFIGS, RECOMMENDED),
     nested=tuple(f"model_{k}" for k in range(1, 10)),
 )
-
-
-def paper_files(records: Sequence[str]) -> Kind:
-    """Of the studies of the paper; each of `records` has a posterior in a folder of its own."""
-    tables = (
-        *("table_1", "inconsistencies", "matrix", "integrator", "table_2", "implied", "lengths"),
-        *("simultaneous", "control", "misfits", "shaft"),
-        *(f"{stem}_{name}" for name in records for stem in ("table_3", "products", "verdict")),
-    )
-    drawn = (
-        *("rig", "heuristic", "matrix", "table_2", "simultaneous", "convergence"),
-        *(f"{stem}_{name}" for name in records for stem in ("fit", "table_3")),
-    )
-    return Kind(
-        "paper",
-        (
-            *(f"{stem}.{end}" for stem in tables for end in ("csv", "md")),
-            *("report.md", "report.html", *figure_files(*drawn)),
-        ),
-        nested=tuple(records),
-        continue_hint=MADE_ANEW,
-    )
 
 
 def present(folder: Path, kind: Kind) -> list[str]:

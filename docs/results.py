@@ -21,6 +21,7 @@ from bayesdrill import output_files
 from bayesdrill.results import provenance
 from bayesdrill.results.run_folder import VERSION_OF
 from docs import products
+from studies.paper import reproduction
 
 ROOT = Path(__file__).parent.parent
 PAPER = "paper"
@@ -104,7 +105,7 @@ def main() -> int:
     for name in configs(ROOT):
         publish(results / name, published(ROOT) / name, output_files.POSTERIOR)
     records = [path.parent.name for path in (results / PAPER).glob("*/run.json")]
-    publish(results / PAPER, published(ROOT) / PAPER, output_files.paper_files(records))
+    publish(results / PAPER, published(ROOT) / PAPER, reproduction.files_of(records))
     products.save(ROOT)
     return 0
 

@@ -96,7 +96,7 @@ EXTRAS = (
     "quantities: {d: {unit: mm, prior: uniform, low: 1, high: 5}}", "nominal: {k_s: 0.3}",
     "model: {name: two_rotors}",
     "model: {i_m: 70}", "initial: {time: 0, theta_1: 1}", "seed: 1",
-    "map: {method: fminsearch, starts: 2}",
+    "map: {starts: 2, evaluations: 500}",
     "inputs: {v: {column: w_1, unit: V, hold: first}}", "inputs: {v: 1, t_1: 2}",
     "calibration: {refits: 10}",
     "record: {file: small.csv}", "simulation: {duration: 1, rate: 10}", "nominal: {tolerance: 0.1}",

@@ -18,16 +18,24 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-PARTS = ("bayesdrill", "benchmarks", "configs", "docs", "tests", "pyproject.toml", "README.md")
+PARTS = (
+    *("bayesdrill", "benchmarks", "configs", "docs", "studies", "tests"),
+    *("conftest.py", "pyproject.toml", "README.md"),
+)
 
 
 @dataclass(frozen=True)
 class Mutant:
     name: str
-    file: str
+    file: str  # below the package, or from the root where it is of the studies
     old: str
     new: str
     killer: str  # the test that must fail
+
+    @property
+    def path(self) -> str:
+        """From the root of the tree."""
+        return self.file if self.file.startswith("studies/") else f"bayesdrill/{self.file}"
 
 
 LISTED = tomllib.loads((ROOT / "tests/mutants.toml").read_text(encoding="utf-8"))
@@ -73,7 +81,7 @@ def main() -> None:
                 raise SystemExit(f"{killer} fails without any mutant")
         for mutant in mutants:
             begun = time.perf_counter()
-            path = tree / "bayesdrill" / mutant.file
+            path = tree / mutant.path
             text = path.read_text()
             path.write_text(text.replace(mutant.old, mutant.new))
             survived = run(tree, mutant.killer)

@@ -19,11 +19,22 @@ from bayesdrill.inference.posterior import Likelihood, Posterior
 from bayesdrill.inference.priors import Prior, Uniform
 from bayesdrill.inference.unknowns import ParameterSpace, Transform, Unknown
 from bayesdrill.record.experiment import Channel, Experiment
+from bayesdrill.rig.models.friction import Named
+from bayesdrill.rig.models.linear import Linear
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators.contract import Simulator
 from bayesdrill.rig.simulators.exact import Response
 
 STATES = ("theta_1", "theta_2", "w_1", "w_2", "i")
+
+
+class Held(MotorShaft):
+    """A rig that its angles hold, but where j_m and j_1 are alike: its shaft pulls unevenly."""
+
+    def linear(self, p: Named) -> Linear:
+        right = super().linear(p)
+        pull = right.A["w_2", "theta_1"] * p["j_m"] / p["j_1"]
+        return Linear(A={**right.A, ("w_2", "theta_1"): pull}, B=right.B, c=right.c)
 
 
 def experiment(

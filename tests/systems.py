@@ -10,6 +10,7 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
+import typer
 from typer.testing import CliRunner
 
 from bayesdrill import output_files
@@ -60,11 +61,11 @@ class Ran:
         return self.out + self.err
 
 
-def cli(*arguments: str | Path) -> Ran:
-    """The command line in this process; the handlers of signals are put back."""
+def cli(*arguments: str | Path, program: typer.Typer = app) -> Ran:
+    """A command line in this process; the handlers of signals are put back."""
     before = {number: signal.getsignal(number) for number in STOPPING}
     try:
-        result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+        result = CliRunner().invoke(program, [str(argument) for argument in arguments])
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

@@ -148,7 +148,7 @@ class Case(Value):
 
         Raises `InputError` for a file that is no .pdf, .png or .svg.
         """
-        from bayesdrill.report.train_picture import save_rig  # late: it loads what draws
+        from bayesdrill.report.rig_drawing import save_rig  # late: it loads what draws
 
         problem, to = self.job.problem, Path(path).expanduser()
         if to.suffix[1:] not in FORMATS:

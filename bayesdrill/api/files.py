@@ -33,9 +33,6 @@ FILES = (
     *("example_torque.yaml", "schema.json"),
     *(f"records/{name}.csv" for name in ("nominal_step", "example_rig", "example_ties")),
     *(f"records/{name}.csv" for name in ("example_step", "example_rundown", "example_torque")),
-    *(f"paper/{name}.yaml" for name in ("estimates", "measured", "missing_physics")),
-    "paper/two_parameters.yaml",
-    *(f"paper/records/{name}.csv" for name in ("estimates", "missing_physics", "two_parameters")),
 )
 
 
@@ -49,8 +46,8 @@ def _bundled() -> Path:
 
 def _in_the_way(folder: Path, wanted: Iterable[Path]) -> list[Issue]:
     """Files where the examples need folders, and whatever has the name of one of them."""
-    below = [folder / name for name in ("records", "paper", "paper/records")]
-    wrong = [path for path in below if output_files.what(path) not in ("", "a folder")]
+    records = folder / "records"
+    wrong = [] if output_files.what(records) in ("", "a folder") else [records]
     if folder.exists() and not folder.is_dir():
         wrong = [folder]
     no_folder = "is no folder, where the examples need one"

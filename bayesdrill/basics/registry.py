@@ -113,7 +113,7 @@ def blamed_package(error: BaseException) -> str:
     for entry_point in _entry_points():
         top = entry_point.module.partition(".")[0]
         file = getattr(sys.modules.get(top), "__file__", None)
-        if not entry_point.group.startswith("bayesdrill.") or top == "bayesdrill" or file is None:
+        if not entry_point.group.startswith("bayesdrill.") or file is None:
             continue
         prefix = re.escape(file.removesuffix("__init__.py"))
         lines = re.findall(rf'File "({prefix}[^"]*)", line (\d+)', text)

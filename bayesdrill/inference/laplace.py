@@ -3,8 +3,9 @@
 The approximation is the Gauss-Newton information of the record plus that of the priors, both in the
 logs of the unknowns.  It decides where to start and how to scale, never what is reported.
 
-Slopes of the response are exact (`models.tangent`), its curvature is that of Gauss and Newton: what
-a straight response would have.  That is positive, and right where the fit leaves only noise.
+Slopes of the response are exact (`rig.models.linear.Tangent`), its curvature is that of Gauss and
+Newton: what a straight response would have.  That is positive, and right where the fit leaves only
+noise.
 """
 
 from __future__ import annotations

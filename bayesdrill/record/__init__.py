@@ -12,7 +12,6 @@ from bayesdrill.basics.registry import lazy_attributes
 
 if TYPE_CHECKING:
     from bayesdrill.record.experiment import Experiment as Experiment
-    from bayesdrill.record.experiment import regular as regular
     from bayesdrill.record.experiment import typical_inputs as typical_inputs
     from bayesdrill.record.formats import Format as Format
     from bayesdrill.record.formats import Wanted as Wanted

@@ -195,13 +195,6 @@ def times(duration: float, rate: float) -> Array:
     return np.arange(round(duration * rate) + 1) / rate
 
 
-def regular(experiment: Experiment, duration: float, rate: float) -> Experiment:
-    """Return the same with `duration` [s] at `rate` [Hz] from 0, constant inputs and zero signals."""
-    t = times(duration, rate)
-    y = np.zeros((len(t), len(experiment.channels)))
-    return dataclasses.replace(experiment, t=frozen(t), y=frozen(y))
-
-
 def check_series(
     location: str,
     what: str,

@@ -11,11 +11,15 @@ from typing import TYPE_CHECKING
 from bayesdrill.basics.registry import lazy_attributes
 
 if TYPE_CHECKING:
+    from bayesdrill.report.canvas import HOLLOW as HOLLOW
+    from bayesdrill.report.canvas import SMALL as SMALL
+    from bayesdrill.report.canvas import SOLID as SOLID
+    from bayesdrill.report.canvas import Canvas as Canvas
     from bayesdrill.report.pages import Page as Page
     from bayesdrill.report.publish import draw as draw
     from bayesdrill.report.render import as_html as as_html
+    from bayesdrill.report.rig_drawing import rig_figure as rig_figure
     from bayesdrill.report.run_report import made_of as made_of
-    from bayesdrill.report.schematics import heuristic_figure as heuristic_figure
     from bayesdrill.report.section import Note as Note
     from bayesdrill.report.section import Picture as Picture
     from bayesdrill.report.section import Section as Section
@@ -29,10 +33,6 @@ if TYPE_CHECKING:
     from bayesdrill.report.sections.fit_words import every_fit as every_fit
     from bayesdrill.report.sections.identify_words import product as product
     from bayesdrill.report.sections.physics_words import TIME as TIME
-    from bayesdrill.report.style import set_decades as set_decades
-    from bayesdrill.report.style import set_factors as set_factors
-    from bayesdrill.report.style import usable as usable
-    from bayesdrill.report.train_picture import train_figure as train_figure
     from bayesdrill.report.view import Drawing as Drawing
     from bayesdrill.report.view import ReportContext as ReportContext
 

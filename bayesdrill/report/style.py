@@ -18,7 +18,7 @@ from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FixedFormatter, FixedLocator, NullFormatter, NullLocator
+from matplotlib.ticker import FixedFormatter, FixedLocator, NullFormatter
 from matplotlib.transforms import Affine2D, ScaledTranslation
 from numpy.typing import NDArray
 
@@ -236,38 +236,6 @@ def _entries(kind: str, metadata: Mapping[str, str]) -> dict[str, str | None]:
     if others:
         known["Keywords"] = "; ".join(others)
     return known | {_DATES[kind]: None}
-
-
-MOST = 8  # ticks
-
-
-def set_decades(axis: Axis, low: float, high: float, base: int = 10) -> None:
-    """Set a logarithmic axis from `low` to `high`, with powers of the `base` for ticks."""
-    name: Any = axis.axis_name  # type: ignore[attr-defined]
-    axis.axes.set(**{f"{name}scale": "log", f"{name}lim": (low, high)})
-    first, last = (np.log(end) / np.log(base) for end in (low, high))
-    exponents = np.arange(np.ceil(first), np.floor(last) + 1)
-    exponents = exponents[exponents % -(-len(exponents) // MOST) == 0]
-    places = float(base) ** exponents
-    plain = places.min(initial=1.0) > 0.9e-3 and places.max(initial=1.0) < 1.1e4
-    texts = [
-        f"{x:g}" if plain else rf"$10^{{{round(k)}}}$"
-        for k, x in zip(exponents, places, strict=True)
-    ]
-    set_ticks(axis, places, texts)
-    axis.set_minor_locator(NullLocator())
-
-
-def set_factors(axis: Axis, factors: Array) -> None:
-    """Set an axis of factors: at least 0.5 to 2, with powers of 2, or of 10 if it is long."""
-    sure = usable(factors)
-    low, high = min(0.48, 0.85 * sure.min(initial=1.0)), max(2.1, 1.18 * sure.max(initial=1.0))
-    set_decades(axis, low, high, 2 if high / low < 2**MOST else 10)
-
-
-def usable(x: Array) -> Array:
-    """Return those values that a logarithmic axis can show."""
-    return x[np.isfinite(x) & (x > 0)]
 
 
 MARGIN, LINE, LETTER = 0.09, 0.16, 0.066  # inches: of the strip, a line of it, a letter of that

@@ -37,12 +37,16 @@ from bayesdrill.results.run_folder import VERSION_OF, Folder, mark
 from bayesdrill.rig.models.linear import Model, constants
 
 RUN_MARK = "Run"  # by which a file says whose it is
+# Entries of `map:` that went with their searches. Every fingerprint names them as not given, as
+# earlier versions did, so that their runs can be continued.
+FORMER_ENTRIES = ("map.pairs", "map.iterations", "map.steady")
 
 
 def fingerprint(config: Config, problem: Problem) -> dict[str, str]:
     """What decides the chain, by names and values that a user knows from the config."""
     posterior, sampler = problem.posterior, config.sampler
     space = posterior.space
+    search = {f"map.{name}": repr(value) for name, value in config.map}
     return {
         **_of_experiments(problem),
         "the model": _model(problem.model),
@@ -50,7 +54,8 @@ def fingerprint(config: Config, problem: Problem) -> dict[str, str]:
         **{f"{name}, which is held,": repr(value) for name, value in space.fixed.items()},
         **{f"the relation of {name}": r.text for name, r in space.relations.items()},
         "the start of the MAP search": repr(dict(space.start)),
-        **{f"map.{name}": repr(value) for name, value in config.map},
+        **search,
+        **{name: "None" for name in FORMER_ENTRIES if name not in search},
         "sampler.ensembles": str(sampler.ensembles),
         "sampler.walkers": str(sampler.walkers),
         "sampler.moves": repr(dict(sorted(sampler.moves.items()))),

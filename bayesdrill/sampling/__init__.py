@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from bayesdrill.sampling.optimisers.contract import Optimiser as Optimiser
     from bayesdrill.sampling.optimisers.contract import Optimum as Optimum
     from bayesdrill.sampling.optimisers.contract import Task as Task
-    from bayesdrill.sampling.optimisers.nelder_mead import THOROUGH as THOROUGH
+    from bayesdrill.sampling.optimisers.nelder_mead import NelderMead as NelderMead
     from bayesdrill.sampling.samplers.ensemble import halves as halves
     from bayesdrill.sampling.workers import WorkerPool as WorkerPool
 

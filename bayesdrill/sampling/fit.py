@@ -98,8 +98,9 @@ def begin_searches(pool: WorkerPool, plan: FitPlan, report: Reporter) -> Pending
         for some in np.array_split(points, TASKS_PER_SEARCH)
         if len(some)
     ]
-    scouted = np.array_split(plain, TASKS_PER_SEARCH) if plan.optimiser.polished else []
-    scouts = [submit(mode_search.multi_start, some) for some in scouted]
+    scouts = [
+        submit(mode_search.multi_start, some) for some in np.array_split(plain, TASKS_PER_SEARCH)
+    ]
     return PendingSearches(searches, scouts, excerpt)
 
 

@@ -147,28 +147,24 @@ def task(posterior: Posterior) -> Task:
 def searches(
     posterior: Posterior, optimiser: Optimiser, evaluations: int, starts: Array
 ) -> list[Search]:
-    """Search from each of the physical `starts (S, D)`; polished, it ends at the very maximum."""
+    """Search from each of the physical `starts (S, D)`, and then by slopes to the very maximum."""
     optima = optimiser(task(posterior), starts, evaluations)
     pairs = zip(starts, optima, strict=True)
-    return [_finished_search(posterior, optimiser, *pair) for pair in pairs]
+    return [_finished_search(posterior, *pair) for pair in pairs]
 
 
-def _finished_search(
-    posterior: Posterior, optimiser: Optimiser, start: Array, optimum: Optimum
-) -> Search:
-    theta, value, settled = optimum.theta, optimum.value, optimum.settled
-    if optimiser.polished:
-        surface = LogDensity(posterior, physical=True)
-        # A simplex may go on for ever towards an end that has none.
-        u = np.clip(posterior.coordinates.from_physical(theta[None]), surface.low, surface.high)
-        value = float(surface.value(u)[0])
-        top = _polished(surface, u)
-        if top.value[0] > value:
-            u, value, settled = top.u, float(top.value[0]), bool(top.converged[0])
-        theta = posterior.coordinates.to_physical(u)[0]
+def _finished_search(posterior: Posterior, start: Array, optimum: Optimum) -> Search:
+    surface, settled = LogDensity(posterior, physical=True), optimum.settled
+    # A simplex may go on for ever towards an end that has none.
+    z = posterior.coordinates.from_physical(optimum.theta[None])
+    u = np.clip(z, surface.low, surface.high)
+    value = float(surface.value(u)[0])
+    top = _polished(surface, u)
+    if top.value[0] > value:
+        u, value, settled = top.u, float(top.value[0]), bool(top.converged[0])
     return Search(
         start=_named(posterior, start),
-        end=_named(posterior, theta),
+        end=_named(posterior, posterior.coordinates.to_physical(u)[0]),
         log_posterior=value,
         evaluations=optimum.evaluations,
         settled=settled,

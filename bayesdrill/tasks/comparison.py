@@ -249,8 +249,7 @@ def _rig(job: Job) -> dict[str, str]:
     said = provenance.settings(job.config, job.problem, job.problem.units)
     others = ("the seed", *space.free)
     kept = {n: v for n, v in said.items() if n not in others and not n.startswith(OF_NOISE)}
-    torque = getattr(job.config, "missing_torque", None)
-    if torque is not None:
+    if torque := job.config.missing_torque:
         unknown["a missing torque"] = f"at {torque.at}, {torque.smoothness}"
     return kept | unknown
 

@@ -27,7 +27,7 @@ from bayesdrill.output_files import (
 from bayesdrill.results.run_folder import Folder, WriteMode
 
 KINDS = [
-    *(POSTERIOR, output_files.CALIBRATE, output_files.paper_files(("one", "two"))),
+    *(POSTERIOR, output_files.CALIBRATE, output_files.LADDER),
     *(output_files.MAP, output_files.OVERLAY),
 ]
 # In a results folder of any kind; a trailing slash: an empty folder.
@@ -35,10 +35,10 @@ STRANGERS = [
     *("notes.md", "mydata.csv", "summary.xlsx", "summary.md.bak", "fit.annotated.png"),
     *(
         "run.json~",
-        "table_3_three.csv",
+        "model_1.csv",
         "summary.old/mine.csv",
         "chain.h5.old/",
-        "one/posterior.nc",
+        "model_x/posterior.nc",
     ),
     *("figures.zip", ".notes.12.aside.md", ".summary.twelve.aside.csv", "sub/.run.12.aside.json"),
     *("figures/photo.jpg", "figures/corner.eps", "figures/corner.png.orig"),

@@ -30,7 +30,6 @@ def test_the_examples_are_those_of_the_checkout_and_run(tmp_path: Path) -> None:
 def test_every_config_of_the_checkout_is_an_example() -> None:
     """Whoever adds one adds it to the list."""
     named = {CONFIGS / "schema.json", *CONFIGS.glob("example_*.yaml")}
-    named |= {*(CONFIGS / "paper").glob("*.yaml"), *(CONFIGS / "paper" / "records").glob("*.csv")}
     assert {path.relative_to(CONFIGS).as_posix() for path in named} <= {*files.FILES}
 
 
@@ -55,7 +54,7 @@ def test_other_files_of_the_folder_stay(tmp_path: Path) -> None:
     assert "bayesdrill check" in repr(made)
 
 
-@together("name", ["", "records", "paper"])
+@together("name", ["", "records"])
 def test_what_is_no_folder_is_not_written_through(name: str, tmp_path: Path) -> None:
     folder, elsewhere = tmp_path / "here", tmp_path / "elsewhere"
     elsewhere.mkdir()

@@ -108,11 +108,6 @@ REFUSED = {
         {},
         "parameters.w_sm: w_sm means nothing without t_sm; name t_sm too, or remove w_sm",
     ),
-    "another model": (
-        ("c_s: 0.01",),
-        {"model": "{name: as_printed}"},
-        "parameters.c_s: the model as_printed has no c_s; remove it, or take model.name: motor_shaft",
-    ),
     "held by the model": (
         ("j_2: 0.01",),
         {"model": "{name: two_rotors}"},
@@ -256,15 +251,6 @@ def test_a_run_says_what_was_added(tmp_path: Path) -> None:
     plain = prepare(config(tmp_path, simulation="{duration: 5, rate: 20}"))
     without = provenance.fingerprint(plain.config, plain.problem)
     assert without["the model"] == "MotorShaft(i_m=0.125)"
-
-
-def test_a_rig_with_constants_that_are_no_numbers_is_told(tmp_path: Path) -> None:
-    path = simulated(config(tmp_path, model="{name: as_printed, a_51: j_m}"))
-    said = systems.cli("check", path)
-    assert said.status == 0, said.text
-    assert (
-        "model: as_printed (i_m = 0.125, a_51 = j_m; the motor turns 8 times as fast)" in said.out
-    )
 
 
 def test_each_experiment_may_have_its_own(tmp_path: Path) -> None:

@@ -14,8 +14,6 @@ from pathlib import Path
 import pytest
 from together import together
 
-import bayesdrill
-
 ROOT = Path(__file__).parents[2]
 PACKAGE = ROOT / "bayesdrill"
 
@@ -36,7 +34,6 @@ FLOORS = (
     "report",
     "tasks",
     "api",
-    "paper",
     "cli",
     "__main__",
 )
@@ -103,22 +100,27 @@ def test_a_folder_imports_only_folders_nearer_the_ground() -> None:
 
 def test_the_command_line_is_a_user_of_the_api() -> None:
     """It parses, calls and prints: what it can do, Python can."""
-    allowed = {"basics", "api", "paper", "guard"}
+    allowed = {"basics", "api", "guard"}
     text = re.sub(r"if TYPE_CHECKING:\n(    .*\n)+", "", (PACKAGE / "cli.py").read_text())
     used = set(re.findall(r"^ *from bayesdrill\.(\w+)", text, re.M)) - {"cli"}
     assert "api" in used <= allowed
 
 
-def test_the_paper_uses_what_floors_hand_on_and_nothing_deeper() -> None:
+def test_studies_use_what_floors_hand_on_and_nothing_deeper() -> None:
     """`from bayesdrill.rig import Response`: so rooms can be moved below it, and below others."""
-    deeper = []
-    for module, path in MODULES.items():
-        if folder_of(module) == "paper":
-            for node in nodes(path):
-                parts = (node.module or "").split(".") if isinstance(node, ast.ImportFrom) else []
-                if len(parts) > 2 and parts[0] == "bayesdrill" and parts[1] != "paper":
-                    deeper.append(f"{module} imports {'.'.join(parts)}")
-    assert deeper == []
+    paths = [p for p in (ROOT / "studies").rglob("*.py") if "tests" not in p.parts]
+    assert paths
+    modules = {
+        (str(path.relative_to(ROOT)), node.module or "")
+        for path in paths
+        for node in nodes(path)
+        if isinstance(node, ast.ImportFrom)
+    }
+    names = {
+        a.name for path in paths for n in nodes(path) if isinstance(n, ast.Import) for a in n.names
+    }
+    assert [m for m in modules if re.match(r"bayesdrill\.\w+\.", m[1])] == []
+    assert not any(name.startswith("bayesdrill") for name in names)
 
 
 @together("folder", [f for f in FLOORS if (PACKAGE / f).is_dir()])
@@ -132,15 +134,6 @@ def test_what_a_floor_hands_on_is_there(folder: str) -> None:
     if names:
         with pytest.raises(AttributeError, match="it has"):
             floor.nothing_of_this_name  # noqa: B018
-
-
-def test_nothing_below_knows_the_paper() -> None:
-    """Its searches and its matrix come in by entry points, as those of other packages do."""
-    below = {m for m in MODULES if FLOOR[folder_of(m)] < FLOOR["paper"]}
-    knowing = [m for m in below if any(i.startswith("paper") for i in imported_modules(MODULES[m]))]
-    assert knowing == []
-    for name in ("config/resolve/assembly.py", "config/schema/config.py", "basics/seeds.py"):
-        assert not re.search("pairwise|fminsearch|as_printed", (PACKAGE / name).read_text())
 
 
 def test_no_module_imports_itself_by_a_way_round() -> None:
@@ -162,44 +155,10 @@ def test_the_picture_of_the_house_is_that_of_its_imports() -> None:
     assert draw["drawn"](draw["floors"](FLOORS[:-1])) == draw["PICTURE"].read_text()
 
 
-def test_what_the_page_of_the_house_names_is_there() -> None:
-    """Files and folders; modules of a folder; registries, in the file that is said to have them."""
-    page = (ROOT / "docs" / "architecture.md").read_text()
-    quoted = set(re.findall(r"`([\w./<>]+)`", page))
-    files = {q for q in quoted if ("/" in q or q.endswith(".py")) and "<" not in q}
-    paths = {q for q in files if not q.startswith(("tests", "docs", "test_"))}
-    folders = [path.name for path in PACKAGE.rglob("*/")]
-    missing = {q for q in paths if not (PACKAGE / q).exists() and q.strip("/") not in folders}
-    dotted = {
-        q
-        for q in quoted
-        if re.fullmatch(r"[a-z_]+(\.[a-z_]+)+", q) and not q.endswith((".yaml", ".json", ".py"))
-    }
-    names = {q for q in dotted if _module_in(q) is None}
-    assert not missing
-    assert not names
-    for registry, file in re.findall(r"`([A-Z]+)`(?: and `[A-Z]+`)? in `([\w/.]+)`", page):
-        assert f"\n{registry}" in (PACKAGE / file).read_text(), registry
-
-
-def _module_in(dotted: str) -> str | None:
-    """The module that `dotted` names, or that has such a function; or what the package offers."""
-    if dotted.startswith("bd."):
-        return dotted if dotted.removeprefix("bd.") in dir(bayesdrill) else None
-    if dotted in MODULES:
-        return dotted
-    module, _, name = dotted.rpartition(".")
-    if module in MODULES and re.search(
-        rf"^(def|class) {name}\b", MODULES[module].read_text(), re.M
-    ):
-        return module
-    return None
-
-
 def test_only_reports_know_how_to_plot() -> None:
     plotting = []
     for path in FILES:
-        if folder_of(module_of(path)) not in ("report", "paper") and path.name != "latex.py":
+        if folder_of(module_of(path)) != "report" and path.name != "latex.py":
             text = re.sub(r"if TYPE_CHECKING:\n(    .*\n)+", "", path.read_text())
             imports = ("import matplotlib", "from matplotlib", "import corner")
             plotting += [f"{name(path)}: {each}" for each in imports if each in text]

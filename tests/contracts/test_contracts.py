@@ -71,11 +71,6 @@ MEMBERS = {
 ALLOWED = {
     ("api/arguments.py", "getattr(rig, name)"): "values of a class that a notebook brings, judged",
     ("inference/display_units.py", "getattr(si, key, None)"): "a row of a table, and no prior",
-    (
-        "paper/precision.py",
-        "isinstance(model, MotorShaft)",
-    ): "two published rigs, and no others",
-    ("paper/precision.py", "isinstance(rig, TwoRotors)"): "likewise",
 }
 
 

@@ -333,7 +333,6 @@ def fails(what):
 
 @dataclasses.dataclass(frozen=True)
 class Odd:
-    polished = True
     def check(self, unknown): fails("check")
     def __call__(self, task, start, evaluations): fails("call")
     model_config: Annotated[float, Field(ge=0)] = 1.0

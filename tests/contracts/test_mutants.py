@@ -10,7 +10,7 @@ MUTANTS = runpy.run_path(str(ROOT / "tests/mutants.py"))["MUTANTS"]
 
 
 def test_each_mutant_changes_lines_that_stand_once() -> None:
-    texts = {mutant.file: (ROOT / "bayesdrill" / mutant.file).read_text() for mutant in MUTANTS}
+    texts = {mutant.file: (ROOT / mutant.path).read_text() for mutant in MUTANTS}
     assert [m.name for m in MUTANTS if texts[m.file].count(m.old) != 1] == []
     assert [m.name for m in MUTANTS if m.new == m.old] == []
 

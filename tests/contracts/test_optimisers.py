@@ -1,6 +1,6 @@
 """What holds of every optimiser: it climbs, counts what it spends, and gives the best it has seen.
 
-Where it is polished, slopes go the rest of the way: so it has to come near, no more.
+Slopes go the rest of the way: so it has to come near, no more.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def test_it_comes_near_the_top(name: str) -> None:
     found, seen = searched(name, 4000)
     assert found.settled
     assert found.value == max(seen) == hill(found.theta[None])[0]
-    assert found.value > (-1.0 if OPTIMISERS[name]().polished else -0.01)
+    assert found.value > -1.0
 
 
 @together("name", OPTIMISERS)
@@ -59,7 +59,6 @@ def test_what_it_may_spend_is_all_it_spends(name: str, most: int) -> None:
     found, seen = searched(name, most)
     assert found.evaluations == len(seen) <= most
     assert found.value == max(seen)
-    assert list(found.history) == sorted(found.history)
     assert not found.settled
 
 
@@ -77,7 +76,7 @@ def test_a_start_finds_the_same_alone_and_beside_others(name: str) -> None:
     for start, found in zip(starts, beside, strict=True):
         (alone,) = OPTIMISERS[name]()(task, start[None], 4000)
         assert np.array_equal(found.theta, alone.theta)
-        assert (found.evaluations, found.history) == (alone.evaluations, alone.history)
+        assert found.evaluations == alone.evaluations
 
 
 @together("name", OPTIMISERS)

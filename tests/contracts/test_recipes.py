@@ -25,7 +25,7 @@ from bayesdrill.report.view import ReportContext
 
 DRAWN = [
     name for name in FIGURES if name != "rig"
-]  # of trains alone: tests/report/test_schematics.py
+]  # of trains alone: tests/report/test_rig_drawing.py
 OWN = [name for name in DRAWN if not name.startswith("toy_")]
 T = np.linspace(0.0, 4.0, 161)
 BOX = {"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}

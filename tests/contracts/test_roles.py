@@ -329,7 +329,7 @@ ELSEWHERE = {"record/experiment.py", "config/resolve/quantities.py", "config/sch
     "analysis/identifiability/study.py",
     "config/loading.py",
 }
-ROOMS = ("rig/models/", "basics/symbols.py", "drafting/", "paper/")
+ROOMS = ("rig/models/", "basics/symbols.py", "drafting/")
 
 
 def test_no_module_outside_rigs_knows_a_symbol_by_its_spelling() -> None:

@@ -15,11 +15,10 @@ import pytest
 import shaken
 from numpy.typing import NDArray
 from oracles import skewed
-from rigs import experiment, vector
+from rigs import Held, experiment, vector
 from together import for_each
 
 from bayesdrill.record.experiment import Experiment
-from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.latent_torque import (
     MissingTorque,
     Smoothness,
@@ -266,10 +265,8 @@ def test_smoothing_is_what_is_expected_of_the_torque() -> None:
 
 
 def test_a_rig_that_an_angle_holds_is_not_taken_for_one_that_turns() -> None:
-    """As the paper prints it a spring holds the motor to the room, but where j_m and j_1 are alike."""
-
     def check(measures: dict[str, dict[str, float]]) -> None:
-        rig, one = MODELS["as_printed"](), experiment(80, 0.02, measures=measures)
+        rig, one = Held(), experiment(80, 0.02, measures=measures)
         found = KalmanFilter(rig, MissingTorque(at="motor"), one)
         row, sigmas = told()[0], SIGMAS[None, : len(measures)]
         left = found.draw(row, sigmas, np.random.default_rng(4))[1][0]

@@ -21,7 +21,7 @@ from oracles import (
 from rigs import STATES, experiment, vector
 from together import for_each
 
-from bayesdrill.paper.forward import six_states
+from bayesdrill.rig.models.linear import dynamics
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators.exact import Response
 from bayesdrill.rig.steady_state import equilibrium
@@ -192,27 +192,9 @@ def test_the_two_scaling_symmetries() -> None:
     for_each(cases, check)
 
 
-def test_the_papers_six_state_matrix() -> None:
-    """As the paper orders it, with A(5,1) over j_m and A(6,5) = -k_e/(i_m l_m)."""
-    p = skewed()
-    k, j1, jm, lm = p["k_s"], p["j_1"], p["j_m"], p["l_m"]
-    true = np.array(
-        [
-            [0, 0, 0, 1, 0, 0],
-            [0, 0, 0, 0, 1, 0],
-            [0, 0, 0, 0, 0, 1],
-            [-k / j1, k / j1, 0, 0, 0, 0],
-            [k / 64 / jm, -k / 64 / jm, 0, 0, -p["c_m"] / jm, p["k_T"] / 8 / jm],
-            [0, 0, 0, 0, -8 * p["k_e"] / lm, -p["r_m"] / lm],
-        ]
-    )
-    matrix, forcing = six_states(MotorShaft(), p, {"v": 8.0, "t_1": 0.3})
-    assert np.allclose(matrix, true, rtol=1e-14)
-    assert forcing == pytest.approx([0, 0, 0, -0.3 / j1, -p["t_f"] / 8 / jm, 8.0 / lm], rel=1e-14)
-
-
 def test_nominal_poles() -> None:
-    matrix, _ = six_states(MotorShaft(), {**NOMINAL, "k_s": 0.3}, {})
+    linear = MotorShaft().linear({**NOMINAL, "k_s": 0.3})
+    matrix = dynamics(linear, STATES, 1)[0]
     poles = np.sort_complex(np.linalg.eigvals(matrix))
     assert poles.real[:2] == pytest.approx([-227.9, -72.4], abs=0.06)
     assert np.abs(poles.imag).max() == pytest.approx(3.26, abs=0.005)

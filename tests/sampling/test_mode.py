@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -12,26 +12,17 @@ import numpy as np
 import pytest
 import scipy.optimize
 from oracles import NOMINAL
-from oracles import ORDER as ORDER_OF_MODEL
 from rigs import measured, posterior, replace_only, starting, vector
 from scipy.optimize import minimize
 from together import for_each
 
-from bayesdrill.config import loading
-from bayesdrill.config.resolve import assembly
 from bayesdrill.inference import laplace
 from bayesdrill.inference.laplace import TAIL_MASS
 from bayesdrill.inference.priors import HalfNormal, LogNormal, Uniform
 from bayesdrill.inference.unknowns import Coordinates
-from bayesdrill.paper.plugins import ORDER, Fminsearch, Pairwise, circle
 from bayesdrill.sampling import mode_search
-from bayesdrill.sampling.optimisers import OPTIMISERS
 from bayesdrill.sampling.optimisers.contract import Optimum, Task
-from bayesdrill.sampling.optimisers.nelder_mead import (
-    THOROUGH,
-    in_lock_step,
-    nelder_mead,
-)
+from bayesdrill.sampling.optimisers.nelder_mead import NelderMead, in_lock_step, nelder_mead
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 SIGMA = np.array([0.02, 0.03, 0.05, 0.04])
@@ -90,14 +81,11 @@ def task(names: tuple[str, ...], density: Callable[[np.ndarray], np.ndarray]) ->
     )
 
 
-# With tolerances that find this maximum; others do by default.
-EXACT = {
-    "nelder_mead": THOROUGH,
-    "pairwise": Pairwise(pairs=[["b", "a"], ["a", "b"]], steady=1e-6),
-}
+# Goes to the very maximum without any slopes.
+THOROUGH = NelderMead(enough=1e-3, per_unknown=math.inf)
 
 
-def searched(method: str, evaluations: int) -> tuple[Optimum, list[tuple[float, ...]]]:
+def searched(evaluations: int) -> tuple[Optimum, list[tuple[float, ...]]]:
     """In the valley; and every point that was asked for, with its value."""
     asked: list[tuple[float, ...]] = []
 
@@ -106,51 +94,34 @@ def searched(method: str, evaluations: int) -> tuple[Optimum, list[tuple[float, 
         asked.extend((*map(float, row), float(value)) for row, value in zip(x, values, strict=True))
         return values
 
-    optimiser = EXACT[method] if method in EXACT else OPTIMISERS[method]()
     start = np.array([-3.0, 0.05])
-    (found,) = optimiser(task(("a", "b"), density), start[None], evaluations)
+    (found,) = THOROUGH(task(("a", "b"), density), start[None], evaluations)
     assert start == pytest.approx([-3.0, 0.05])  # untouched
     return found, asked
 
 
-def test_every_optimiser_finds_a_curved_skewed_maximum() -> None:
-    def check(method: str) -> None:
-        found, _ = searched(method, 8000)
-        assert found.settled
-        assert found.theta == pytest.approx([6.0, 0.02], rel=0.02)
-        assert found.value == pytest.approx(valley(found.theta[None])[0])
-        assert found.evaluations <= 8000
-        assert found.history[-1] == pytest.approx(found.value)
-
-    for_each({str(method): (method,) for method in OPTIMISERS}, check)
+def test_a_simplex_finds_a_curved_skewed_maximum() -> None:
+    found, asked = searched(8000)
+    assert found.settled
+    assert found.theta == pytest.approx([6.0, 0.02], rel=0.02)
+    assert found.value == pytest.approx(valley(found.theta[None])[0])
+    assert found.evaluations == len(asked) <= 8000
 
 
 def test_what_a_search_may_spend_only_cuts_it_short() -> None:
     """Wherever it is cut: the same points as without a limit, and the best of them.
 
     Mutants killed: settled because nothing was gained before the end; a limit of each descent, not
-    of all; a start that is not counted; the best point lost with the iteration that was cut, or left
-    out of the history.
+    of all; a start that is not counted; the best point lost with the iteration that was cut.
     """
-
-    def check(method: str) -> None:
-        whole, asked = searched(method, 8000)
-        assert whole.evaluations == len(asked)
-        for most in (*range(1, 201), len(asked) - 1, len(asked), len(asked) + 1):
-            found, made = searched(method, most)
-            assert made == asked[:most], most
-            assert found.evaluations == len(made), most
-            assert found.value == max(value for *_, value in made), most
-            assert found.value == valley(found.theta[None])[0], most
-            assert found.settled == (most > len(asked)), most
-            assert found.history[:-1] == whole.history[: max(len(found.history) - 1, 0)], most
-            assert list(found.history) == sorted(found.history), most
-            if (
-                method == "fminsearch" and found.history
-            ):  # others may be cut as they set up a simplex
-                assert found.history[-1] == found.value, most
-
-    for_each({str(method): (method,) for method in OPTIMISERS}, check)
+    _, asked = searched(8000)
+    for most in (*range(1, 201), len(asked) - 1, len(asked), len(asked) + 1):
+        found, made = searched(most)
+        assert made == asked[:most], most
+        assert found.evaluations == len(made), most
+        assert found.value == max(value for *_, value in made), most
+        assert found.value == valley(found.theta[None])[0], most
+        assert found.settled == (most > len(asked)), most
 
 
 def test_simplices_in_lock_step_ask_for_the_points_of_scipy() -> None:
@@ -208,67 +179,6 @@ def test_simplices_in_lock_step_ask_for_the_points_of_scipy() -> None:
 def _numbered(k: int, x: np.ndarray) -> np.ndarray:
     """A point with a first number that says whose it is."""
     return np.append(k, x)
-
-
-def test_fminsearch_stops_at_tolerances_that_are_absolute() -> None:
-    """The same hill in other units: of an unknown of 1e-4 it finds no digit.  MATLAB's defaults."""
-
-    def hill(x: np.ndarray, unit: float) -> np.ndarray:
-        return -1e-4 * (x[:, 0] / unit - 3.0) ** 2
-
-    (fine,) = Fminsearch()(task(("a",), lambda x: hill(x, 1.0)), np.array([[2.0]]), 8000)
-    (coarse,) = Fminsearch()(task(("a",), lambda x: hill(x, 1e-4)), np.array([[2e-4]]), 8000)
-    assert fine.theta[0] == pytest.approx(3.0, rel=1e-3)
-    assert abs(coarse.theta[0] / 3e-4 - 1) > 0.05
-    assert coarse.settled
-
-
-def test_pairs_are_the_papers_for_its_nine_and_a_circle_for_fewer() -> None:
-    printed = "t_f j_m, j_m c_m, c_m k_e, k_e k_T, k_T r_m, r_m l_m, l_m k_s, k_s j_1, j_1 t_f"
-    assert circle(ORDER) == tuple(tuple(pair.split()) for pair in printed.split(", "))
-    assert circle(("k_s", "sigma_w_1", "c_m")) == (
-        ("c_m", "k_s"),
-        ("k_s", "sigma_w_1"),
-        ("sigma_w_1", "c_m"),
-    )
-    assert circle(("k_e", "c_m")) == (("c_m", "k_e"),)
-    with pytest.raises(ValueError, match="two unknowns"):
-        circle(("k_e",))
-
-
-def test_no_unknown_may_be_left_out_of_the_pairs() -> None:
-    config = loading.load(CONFIGS / "nominal_step.yaml").config
-    pairs = [["k_s", "j_1"], ["j_m", "c_m"], ["k_e", "k_T"]]
-    own = config.map.model_copy(update={"method": "pairwise", "pairs": pairs})
-    changed = config.model_copy(update={"map": own})
-    with pytest.raises(ValueError, match="no pair has r_m, l_m, t_f"):
-        assembly.optimiser(changed).check(ORDER_OF_MODEL)
-
-
-def test_pairwise_moves_two_unknowns_at_a_time_in_the_order_given() -> None:
-    """Mutants killed: pairs in another order, other unknowns that move, iterations not counted."""
-    seen: list[np.ndarray] = []
-
-    def bowl(x: np.ndarray) -> np.ndarray:
-        seen.append(x[0].copy())
-        return -((x - np.array([1.0, 2.0, 3.0])) ** 2).sum(axis=1)
-
-    start = np.array([2.0, 3.0, 4.0])
-    pairs = [["c", "a"], ["b", "c"]]
-    of = task(("a", "b", "c"), bowl)
-    (found,) = Pairwise(pairs, iterations=5, steady=1e-8)(of, start[None], 8000)
-    assert found.settled
-    assert found.theta == pytest.approx([1.0, 2.0, 3.0], abs=0.03)
-    first = next(k for k, x in enumerate(seen) if x[1] != start[1])
-    assert all(x[1] == start[1] for x in seen[:first])  # the first pair has no b
-    assert first >= 5
-    held = seen[first][0]
-    again = next(k for k, x in enumerate(seen) if k > first and x[0] != held)
-    assert all(x[0] == held for x in seen[first:again])  # the second has no a
-    assert list(found.history) == sorted(found.history)
-    (once,) = Pairwise(pairs, iterations=5, steady=1e8)(of, start[None], 8000)
-    assert once.settled
-    assert len(once.history) == 2 * (5 - 1)  # to set up the simplex counts as one
 
 
 def test_searches_agree_where_the_record_determines_everything() -> None:
@@ -334,7 +244,7 @@ def test_gradient_at_a_slope_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where the way to the maximum was cut short the report says so."""
     target = posterior(RECORD, SIGMA, free=TWO)
     off = target.space.vector({**NOMINAL, "k_e": NOMINAL["k_e"] * 1.01})
-    search = mode_search.search(target, replace(THOROUGH, polished=False), 1, off)
+    search = mode_search.search(target, THOROUGH, 1, off)
     start = {name: float(x) for name, x in zip(target.space.free, off, strict=True)}
     stuck = dataclasses.replace(search, end=start, log_posterior=target.density(off[None])[0])
     assert mode_search.summarise(target, (stuck,)).gain < 1e-6
@@ -349,27 +259,15 @@ def test_a_search_cut_short_is_polished_to_the_very_maximum() -> None:
     """Mutant killed: no steps of Gauss and Newton after the simplex."""
     target = posterior(RECORD, SIGMA, free=TWO)
     start = target.space.vector({**NOMINAL, "k_e": NOMINAL["k_e"] * 1.02})
-    rough, fine = (
-        mode_search.search(target, replace(THOROUGH, polished=polished), 6, start)
-        for polished in (False, True)
-    )
+    (rough,) = THOROUGH(mode_search.task(target), start[None], 6)
+    fine = mode_search.search(target, THOROUGH, 6, start)
     top = mode_search.search(target, THOROUGH, 4000, target.space.vector(NOMINAL))
-    assert rough.log_posterior < top.log_posterior - 1.0
+    assert rough.value < top.log_posterior - 1.0
     assert not rough.settled
     assert fine.settled
     assert fine.log_posterior == pytest.approx(top.log_posterior, abs=1e-7)
     assert fine.end == pytest.approx(top.end, rel=1e-5)
     assert rough.evaluations == fine.evaluations == 6
-
-
-def test_a_search_that_is_not_to_be_polished_says_where_it_ended() -> None:
-    """The paper's ways are there to be seen.  Mutant killed: polished all the same."""
-    target = posterior(RECORD, SIGMA, free=TWO)
-    start = target.space.vector({**NOMINAL, "k_e": NOMINAL["k_e"] * 1.02})
-    found = mode_search.search(target, replace(THOROUGH, polished=False), 20, start)
-    (alone,) = THOROUGH(mode_search.task(target), start[None], 20)
-    assert np.array_equal(target.space.vector(found.end), alone.theta)
-    assert (found.log_posterior, found.settled) == (alone.value, alone.settled)
 
 
 def test_a_log_normal_has_no_bound_to_be_at() -> None:

@@ -653,24 +653,6 @@ NAMES = [
         says=("map.method: 'nelder'", "did you mean nelder_mead?"),
     ),
     case(
-        "pairs for another method",
-        ("map: {", "map: {pairs: [[k_s, j_1]], "),
-        at="map:",
-        says=("map.pairs: the method nelder_mead has no pairs", "method: pairwise"),
-    ),
-    case(
-        "a pair of what is not unknown",
-        ("map: {", "map: {method: pairwise, pairs: [[k_e, k_z]], "),
-        at="map:",
-        says=("map.pairs: 'k_z' in `pairs:` is not unknown", "did you mean k_"),
-    ),
-    case(
-        "three in a pair",
-        ("map: {", "map: {method: pairwise, pairs: [[k_s, j_1, k_e]], "),
-        at="map:",
-        says=("map.pairs",),
-    ),
-    case(
         "unknown move",
         ("walkers: 8", "walkers: 8, moves: {snooker: 1}"),
         at="sampler:",

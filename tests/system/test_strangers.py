@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 import systems
-from systems import ROOT, cli, listing
+from systems import cli, listing
 from together import together
 
 from bayesdrill import output_files
@@ -56,45 +56,6 @@ def test_a_calibration_and_a_posterior_do_not_mix(option: str, tmp_path: Path) -
         folder = systems.results(tmp_path / kind.job, kind)
         says = f"these are results of `bayesdrill {kind.job}`; give another --output"
         refused(command, config, "-o", folder, *option.split(), below=tmp_path, says=says)
-
-
-@together("option", ["", "--force"])
-@together(
-    "kind, names, says",
-    [
-        (None, ["notes.md", "mydata.csv", "figures/photo.jpg"], "holds other files (figures)"),
-        (None, ["run.json", "notes.md"], "run.json: is damaged, or not of this bayesdrill"),
-        (POSTERIOR, [], "results of `bayesdrill posterior`"),
-    ],
-    ids=["notes", "run.json", "posterior"],
-)
-def test_paper_leaves_what_it_has_not_made(
-    kind: output_files.Kind | None,
-    names: list[str],
-    says: str,
-    option: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.chdir(ROOT)
-    if kind is not None:
-        systems.results(tmp_path / "out", kind)
-    for name in names:
-        write(tmp_path / "out", name)
-    refused("paper", "-o", tmp_path / "out", *option.split(), below=tmp_path, says=says)
-
-
-def test_paper_looks_into_the_folders_of_its_posteriors_first(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(ROOT)
-    out = systems.results(tmp_path / "out", output_files.paper_files(("estimates", "measured")))
-    write(out, "measured/thesis.tex")
-    refused("paper", "--force", "-o", out, below=tmp_path, says="other files (thesis.tex)")
-    (out / "measured").rename(tmp_path / "measured")
-    (tmp_path / "measured" / "thesis.tex").unlink()
-    (out / "measured").symlink_to("../measured")
-    refused("paper", "--force", "-o", out, below=tmp_path, says="measured: a link, ")
 
 
 # --- identify ------------------------------------------------------------------------------------

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +20,6 @@ Array = NDArray[np.float64]
 class Compass:
     shortest: Annotated[float, Field(gt=0, lt=1, description="Step at which it ends")] = 1e-4
 
-    polished: ClassVar[bool] = True
-
     def check(self, unknown: Sequence[str]) -> None:
         if len(unknown) > 20:
             raise ValueError(f"{len(unknown)} unknowns are too many for this search; hold some")
@@ -31,7 +29,7 @@ class Compass:
 
     def _search(self, task: Task, start: Array, evaluations: int) -> Optimum:
         physical = task.coordinates.to_physical
-        best, spent, step, history = start.copy(), 1, 1.0, list[float]()
+        best, spent, step = start.copy(), 1, 1.0
         value = task.at(start)
         while step > self.shortest and spent < evaluations:
             z = task.coordinates.from_physical(best[None])[0]
@@ -45,8 +43,5 @@ class Compass:
                 if found > value:
                     best, value = there, found
             step *= 1.0 if value > before else 0.5
-            history.append(value)
         settled = step <= self.shortest
-        return Optimum(
-            theta=best, value=value, evaluations=spent, settled=settled, history=tuple(history)
-        )
+        return Optimum(theta=best, value=value, evaluations=spent, settled=settled)

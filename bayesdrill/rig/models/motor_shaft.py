@@ -8,8 +8,8 @@
 
 Sandoval, Cunha Jr and Sampaio (ENIEF 2013), equations for motor, gearbox and rotors.  The matrix
 printed there has two errors that its own equations correct: A(5,1) is `i_m^2 k_s/j_m` (printed
-over j_1) and A(6,5) is `-k_e/(i_m l_m)` (printed `-i_n k_e/l_m`).  What they do shows in
-`as_printed`.  The charge `q` never feeds back and is left out here.
+over j_1) and A(6,5) is `-k_e/(i_m l_m)` (printed `-i_n k_e/l_m`).  The charge `q` never feeds
+back and is left out here.
 
 Assumes: rigid gearbox without play, massless shaft, friction `t_f` of constant sign (one-way rotation),
 `t_1` the load torque on rotor 1.  What is `added` goes beyond that:

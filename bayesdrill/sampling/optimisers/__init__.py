@@ -11,7 +11,7 @@ from bayesdrill.sampling.optimisers.nelder_mead import NelderMead
 
 
 def _is_optimiser(_: str, member: Any) -> None:
-    missing = [name for name in ("polished", "check", "__call__") if not hasattr(member, name)]
+    missing = [name for name in ("check", "__call__") if not hasattr(member, name)]
     if not isinstance(member, type) or missing:
         raise ValueError(f"an optimiser is a dataclass with {', '.join(missing) or 'entries'}")
     check_entries(member)

@@ -33,26 +33,20 @@ class Optimum:
     """The best point reached from one start, physical: `theta (D,)`.
 
     `value`: the highest seen; `evaluations`: all that were made.  `settled`: the search stopped by
-    itself, before its evaluations ran out.  `history`: the best log density after each iteration of
-    a simplex.
+    itself, before its evaluations ran out.
     """
 
     theta: Array
     value: float
     evaluations: int
     settled: bool
-    history: tuple[float, ...]
 
 
 class Optimiser(Protocol):
     """A frozen dataclass whose annotated fields are its entries of `map:`.
 
-    `polished`: whether slopes go the rest of the way, and scouts look for maxima elsewhere.
+    It has to come near a maximum, no more: Gauss-Newton goes the rest of the way.
     """
-
-    @property
-    def polished(self) -> bool:
-        """Whether Gauss-Newton finishes each search."""
 
     def check(self, unknown: Sequence[str]) -> None:
         """Check that it can search these unknowns; raises `ValueError` otherwise."""

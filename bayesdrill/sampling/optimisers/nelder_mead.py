@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Generator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -31,7 +31,7 @@ class SimplexRun:
     """The progress of a simplex, whose `x (D,)` stands for the point `place(x)`.
 
     `evaluations`: at most `most`; `first`: the value at the start; `lowest`: at `x`, of all that
-    were asked for; `history`: the lowest after each iteration; `stopped`: by its tolerances.
+    were asked for; `stopped`: by its tolerances.
     """
 
     most: int
@@ -41,7 +41,6 @@ class SimplexRun:
     lowest: float = math.inf
     evaluations: int = 0
     stopped: bool = False
-    history: list[float] = field(default_factory=list)
 
     def ask(self, points: Array) -> AskTell[Array]:
         """Ask for the values at `points (n, D)`; inf at those that are too many."""
@@ -102,7 +101,6 @@ def nelder_mead(
         else:
             simplex[1:] = simplex[0] + shrink * (simplex[1:] - simplex[0])
             values[1:] = yield from run.ask(simplex[1:])
-        run.history.append(run.lowest)
         order = np.argsort(values)
         simplex, values = simplex[order], values[order]
     return run
@@ -141,7 +139,6 @@ class NelderMead:
 
     enough: float = 1.0
     per_unknown: float = 200.0
-    polished: bool = True
 
     def check(self, unknown: Sequence[str]) -> None:
         """Accept whatever is unknown."""
@@ -156,15 +153,11 @@ class NelderMead:
         return in_lock_step([_search(task, start, most, self.enough) for start in starts], lost)
 
 
-THOROUGH = NelderMead(enough=1e-3, per_unknown=math.inf)  # ... and where they do not
-
-
 def _search(task: Task, start: Array, evaluations: int, enough: float) -> AskTell[Optimum]:
     """In the coordinates of the task."""
     physical = task.coordinates.to_physical
     z, spent = task.coordinates.from_physical(start[None])[0], 0
     corners = np.vstack([np.zeros(len(z)), np.eye(len(z))])
-    history: list[float] = []
     gain, done = np.inf, False
     while not done and spent < evaluations:
         root = _steps(task, physical(z[None])[0], far=gain > FAR_GAIN)
@@ -175,13 +168,11 @@ def _search(task: Task, start: Array, evaluations: int, enough: float) -> AskTel
         if gain > 0:
             z = z + root @ run.x
         done = gain < enough
-        history += [-low for low in run.history]
     return Optimum(
         theta=physical(z[None])[0],
         value=-run.lowest,
         evaluations=spent,
         settled=done and run.stopped,
-        history=tuple(history),
     )
 
 

@@ -14,7 +14,7 @@ from bayesdrill.report.scales import DOUBLE
 
 Point = tuple[float, float]
 LINE = 0.8
-NOTE, SMALL = 8.0, 7.5  # fonts
+SMALL = 7.5  # size of a font
 SOLID: dict[str, Any] = {"facecolor": style.LIGHT, "edgecolor": style.BLACK, "linewidth": LINE}
 HOLLOW: dict[str, Any] = SOLID | {"facecolor": "white"}
 

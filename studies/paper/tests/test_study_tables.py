@@ -21,20 +21,20 @@ from together import together
 from bayesdrill import output_files
 from bayesdrill.analysis.verdict import Quantity, Verdict
 from bayesdrill.basics.symbols import PARAMETERS, STATES
-from bayesdrill.paper import printed, reproduction
-from bayesdrill.paper import study_tables as pages
-from bayesdrill.paper.findings import NineParameterStudy, PaperFindings
-from bayesdrill.paper.forward import MatrixReading
-from bayesdrill.paper.printed import FOLLOWING, PRODUCTS, Row
-from bayesdrill.paper.searches import Heuristic, SearchEnd, Verification
-from bayesdrill.paper.study_tables import (
+from bayesdrill.report.sections.fit_words import Fit
+from studies.paper import printed, reproduction
+from studies.paper import study_tables as pages
+from studies.paper.findings import NineParameterStudy, PaperFindings
+from studies.paper.forward import MatrixReading
+from studies.paper.printed import FOLLOWING, PRODUCTS, Row
+from studies.paper.searches import Heuristic, SearchEnd, Verification
+from studies.paper.study_tables import (
     StudyTable,
     lines_2,
     lines_3,
     products,
     ways,
 )
-from bayesdrill.report.sections.fit_words import Fit
 
 RNG = np.random.default_rng(11)
 NAMES = ("k_s", "t_f", "j_m", "l_m", "c_m", "k_T", "j_1", "r_m", "k_e")  # in no one's order
@@ -325,7 +325,7 @@ def test_every_file_is_one_that_a_later_force_knows() -> None:
     drawn = list(reproduction.drawings(findings()))
     written = {f"{stem}.{end}" for stem in tables() for end in ("csv", "md")}
     assert {*written, "report.md", "report.html", *output_files.figure_files(*drawn)} == set(
-        output_files.paper_files(("one", "two")).files
+        reproduction.files_of(("one", "two")).files
     )
 
 
@@ -536,19 +536,3 @@ def test_without_the_integrator_its_cells_are_empty() -> None:
         ) * 3
     for table in pages.tables(replace(findings(), nines=(own,))):
         assert "None" not in table.csv + table.markdown
-
-
-def test_what_the_config_gives_is_no_finding() -> None:
-    found = findings().nines[0]
-    first, *rest = found.causes
-    nothing = dict.fromkeys(("posterior", "hdi94_low", "hdi94_high", "alone"))
-    given = {**first, **nothing}
-    own = replace(found, causes=[given, *rest])
-    (table,) = [
-        table
-        for table in pages.tables(replace(findings(), nines=(own,)))
-        if table.stem == "products_one"
-    ]
-    _, (_, ((name, heuristic, *empty), *_)) = grids(table.markdown)
-    assert (name, empty) == (given["quantity"], ["", "", ""])
-    assert agrees(heuristic, str(given["heuristic"]))

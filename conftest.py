@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-CACHE = Path(__file__).parents[1] / ".pytest_cache"
+CACHE = Path(__file__).parent / ".pytest_cache"
 
 # Kernels of all workers and their children are compiled once, and apart from those of the user.
 os.environ["BAYESDRILL_CACHE"] = str(CACHE)

@@ -9,23 +9,22 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import NullLocator
 
 from bayesdrill.basics import PARAMETERS, STATES, Array, own_symbol
 from bayesdrill.inference import HDI_PROBABILITY, hdi
-from bayesdrill.paper import printed as paper
-from bayesdrill.paper.forward import MatrixReading
-from bayesdrill.paper.searches import Heuristic, SearchEnd, Verification
 from bayesdrill.report import (
     TIME,
     Page,
     scales,
-    set_decades,
-    set_factors,
     style,
-    usable,
 )
+from studies.paper import printed as paper
+from studies.paper.forward import MatrixReading
+from studies.paper.searches import Heuristic, SearchEnd, Verification
 
 LineStyle = Mapping[str, Any]
 
@@ -46,6 +45,38 @@ def _legend(figure: Figure, looks: Mapping[str, LineStyle], columns: int, **more
     """Above all panels, by label."""
     handles = [Line2D([], [], label=label, **look) for label, look in looks.items()]
     figure.legend(handles=handles, loc="upper center", ncols=columns, borderaxespad=0.3, **more)
+
+
+MOST_TICKS = 8  # of a logarithmic axis
+
+
+def set_decades(axis: Axis, low: float, high: float, base: int = 10) -> None:
+    """Set a logarithmic axis from `low` to `high`, with powers of the `base` for ticks."""
+    name: Any = axis.axis_name  # type: ignore[attr-defined]
+    axis.axes.set(**{f"{name}scale": "log", f"{name}lim": (low, high)})
+    first, last = (np.log(end) / np.log(base) for end in (low, high))
+    exponents = np.arange(np.ceil(first), np.floor(last) + 1)
+    exponents = exponents[exponents % -(-len(exponents) // MOST_TICKS) == 0]
+    places = float(base) ** exponents
+    plain = places.min(initial=1.0) > 0.9e-3 and places.max(initial=1.0) < 1.1e4
+    texts = [
+        f"{x:g}" if plain else rf"$10^{{{round(k)}}}$"
+        for k, x in zip(exponents, places, strict=True)
+    ]
+    style.set_ticks(axis, places, texts)
+    axis.set_minor_locator(NullLocator())
+
+
+def set_factors(axis: Axis, factors: Array) -> None:
+    """Set an axis of factors: at least 0.5 to 2, with powers of 2, or of 10 if it is long."""
+    sure = usable(factors)
+    low, high = min(0.48, 0.85 * sure.min(initial=1.0)), max(2.1, 1.18 * sure.max(initial=1.0))
+    set_decades(axis, low, high, 2 if high / low < 2**MOST_TICKS else 10)
+
+
+def usable(x: Array) -> Array:
+    """Return those values that a logarithmic axis can show."""
+    return x[np.isfinite(x) & (x > 0)]
 
 
 # The printed matrix

@@ -1,4 +1,4 @@
-"""The drawings of the rig and of the pairwise search as they are rendered."""
+"""The drawing of a rig as it is rendered."""
 
 from __future__ import annotations
 
@@ -7,9 +7,8 @@ import re
 from functools import cache
 
 import numpy as np
-from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
-from matplotlib.patches import FancyArrowPatch, Polygon, Rectangle
+from matplotlib.patches import FancyArrowPatch, Rectangle
 from matplotlib.path import Path
 from matplotlib.text import Text
 from matplotlib.transforms import Bbox
@@ -18,15 +17,11 @@ from pictures import box, drawn, overlap, shown
 from together import for_each
 
 from bayesdrill.basics.symbols import PARAMETERS
-from bayesdrill.report.schematics import heuristic_figure
-from bayesdrill.report.train_picture import train_figure
+from bayesdrill.report.rig_drawing import rig_figure
 from bayesdrill.rig.models.linear import Model, with_named
 from bayesdrill.rig.models.motor_shaft import Motor, MotorShaft
 from bayesdrill.rig.models.train import Train
 
-CHAIN = ("t_f", "j_m", "c_m", "k_e", "k_T", "r_m", "l_m", "k_s", "j_1")
-CYCLE = [(name, CHAIN[(k + 1) % 9]) for k, name in enumerate(CHAIN)]
-CASES = {"9": CYCLE, "another order": CYCLE[3:] + CYCLE[:3]}
 DISCS = tuple(f"disc_{k}" for k in range(1, 7))
 TRAINS: dict[str, Model] = {
     "two": Train(
@@ -83,10 +78,8 @@ PICTURES |= {f"full {name}": full(rig) for name, rig in TRAINS.items()}
 @cache
 def picture(name: str) -> Figure:
     if name in PICTURES:
-        return drawn(train_figure(PICTURES[name]))
-    if name == "rig":
-        return drawn(train_figure(MotorShaft(), ("theta_1", "w_1", "theta_2", "w_2")))
-    return drawn(heuristic_figure(CASES[name], 10))
+        return drawn(rig_figure(PICTURES[name]))
+    return drawn(rig_figure(MotorShaft(), ("theta_1", "w_1", "theta_2", "w_2")))
 
 
 def texts(figure: Figure) -> list[Text]:
@@ -110,11 +103,6 @@ def corners(arrow: FancyArrowPatch) -> NDArray[np.float64]:
     return kept
 
 
-def names(text: Text) -> list[str]:
-    found = re.findall(r"(?<![\\\w])[a-z]_\w", text.get_text())
-    return [name for name in found if name in PARAMETERS]
-
-
 def test_texts_are_apart_inside_the_page_and_off_the_lines() -> None:
     def check(name: str) -> None:
         figure = picture(name)
@@ -136,7 +124,7 @@ def test_texts_are_apart_inside_the_page_and_off_the_lines() -> None:
                 inside = edge.contains(*a.p0) and edge.contains(*a.p1)
                 assert inside or not overlap(a, edge), f"{text} on the edge of a box"
 
-    for_each({str(name): (name,) for name in ["rig", *CASES, *PICTURES]}, check)
+    for_each({str(name): (name,) for name in ["rig", *PICTURES]}, check)
 
 
 def test_a_picture_shows_each_part_of_a_rig_and_each_parameter_once() -> None:
@@ -151,7 +139,9 @@ def test_a_picture_shows_each_part_of_a_rig_and_each_parameter_once() -> None:
 
 
 def test_the_rig_shows_the_nine_parameters() -> None:
-    assert {name for text in texts(picture("rig")) for name in names(text)} == set(CHAIN)
+    nine = {"t_f", "j_m", "c_m", "k_e", "k_T", "r_m", "l_m", "k_s", "j_1"}
+    named = [re.findall(r"(?<![\\\w])[a-z]_\w", t.get_text()) for t in texts(picture("rig"))]
+    assert {name for each in named for name in each if name in PARAMETERS} == nine
 
 
 def test_the_rig_says_what_is_measured_and_by_how_much_it_is_geared() -> None:
@@ -163,70 +153,3 @@ def test_the_rig_says_what_is_measured_and_by_how_much_it_is_geared() -> None:
         assert rf"\dot\theta_{k}" in seen
     assert unseen == r"$\dot q$"
     assert f"{1 / MotorShaft().i_m:g} : 1" in shown
-
-
-def steps(figure: Figure) -> list[Rectangle]:
-    """The boxes of the search, there along the upper row and back along the lower one."""
-    boxes = [p for p in figure.axes[0].patches if isinstance(p, Rectangle) and p.get_height() > 0.5]
-    top = max(p.get_y() for p in boxes)
-    return sorted(
-        boxes, key=lambda p: (p.get_y() < top, p.get_x() * (1 if p.get_y() == top else -1))
-    )
-
-
-def inside(outer: Rectangle, inner: Bbox) -> bool:
-    area = outer.get_window_extent()
-    return bool(area.contains(*inner.p0) and area.contains(*inner.p1))
-
-
-def test_each_pair_has_a_box_and_its_two_cells_are_dark() -> None:
-    def check(name: str) -> None:
-        figure, pairs = picture(name), CASES[name]
-        boxes = steps(figure)
-        assert len(boxes) == len(pairs)
-        lowest = [text for text in texts(figure) if text.get_position()[1] < 0.5 and names(text)]
-        order = [names(text)[0] for text in sorted(lowest, key=lambda text: text.get_position()[0])]
-        assert sorted(order) == sorted(CHAIN)
-        words = [(text, box(text)) for text in texts(figure)]
-        cells = [p for p in figure.axes[0].patches if isinstance(p, Rectangle) and p not in boxes]
-        places = [p.get_window_extent() for p in cells]
-        for pair, outer in zip(pairs, boxes, strict=True):
-            own = [text for text, place in words if inside(outer, place)]
-            assert [found for text in own for found in names(text)] == list(pair)
-            assert any("10 iterations" in text.get_text() for text in own)
-            strip = [p for p, place in zip(cells, places, strict=True) if inside(outer, place)]
-            strip.sort(key=lambda p: p.get_x())
-            dark = [to_hex(p.get_facecolor()) != to_hex("white") for p in strip]
-            searched = {name for name, full in zip(order, dark, strict=True) if full}
-            assert searched == set(pair)
-
-    for_each({str(name): (name,) for name in CASES}, check)
-
-
-def test_arrows_lead_through_all_pairs_to_the_decision_and_back() -> None:
-    def check(name: str) -> None:
-        figure = picture(name)
-        (decision,) = (p for p in figure.axes[0].patches if isinstance(p, Polygon))
-        nodes = [p.get_window_extent().padded(12) for p in (*steps(figure), decision)]
-        edges = set()
-        for arrow in arrows(figure):
-            path = figure.axes[0].transData.transform(corners(arrow))
-            touched = [{k for k, node in enumerate(nodes) if node.contains(*v)} for v in path]
-            edges |= set(itertools.product(touched[0], set().union(*touched) - touched[0]))
-        n = len(nodes)
-        assert edges == {(k, (k + 1) % n) for k in range(n)}
-
-    for_each({str(name): (name,) for name in CASES}, check)
-
-
-def test_an_arrow_says_what_the_next_search_starts_from() -> None:
-    def passed(name: str) -> list[str]:
-        figure = picture(name)
-        outside = [
-            text
-            for text in texts(figure)
-            if text.get_position()[1] > 0.5 and not any(inside(b, box(text)) for b in steps(figure))
-        ]
-        return sorted(found for text in outside for found in names(text))
-
-    assert passed("9") == sorted(CHAIN)

@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 
 from bayesdrill.inference import hdi
-from bayesdrill.paper import printed, searches
-from bayesdrill.paper.findings import NineParameterStudy, PaperFindings
-from bayesdrill.paper.forward import FOLLOWED
-from bayesdrill.paper.precision import ATTAINED
-from bayesdrill.paper.printed import Row
-from bayesdrill.paper.searches import Verification
 from bayesdrill.report import Table as Grid
 from bayesdrill.report import lines_as_csv, markdown, product
+from studies.paper import printed, searches
+from studies.paper.findings import NineParameterStudy, PaperFindings
+from studies.paper.forward import FOLLOWED
+from studies.paper.precision import ATTAINED
+from studies.paper.printed import Row
+from studies.paper.searches import Verification
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

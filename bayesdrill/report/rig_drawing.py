@@ -1,4 +1,8 @@
-"""Draw any rig from its roles: inertias, shafts, gears, ground and drives."""
+"""Draw any rig from its roles: inertias, shafts, gears, ground and drives.
+
+Inertias and ends at the ground are parts; shafts and gears are links between them. The longest
+chain of parts is the first row, and what branches off stands in rows below.
+"""
 
 from __future__ import annotations
 
@@ -12,29 +16,23 @@ from matplotlib.figure import Figure
 
 from bayesdrill.basics import software
 from bayesdrill.report import scales, style
-from bayesdrill.report.sheet import HOLLOW, SMALL, SOLID, Canvas, Point
+from bayesdrill.report.canvas import HOLLOW, SMALL, SOLID, Canvas, Point
 from bayesdrill.report.view import Drawing, ReportContext
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.models.roles import GROUND, ROTARY, InertiaRoles, MotorRoles
 
-# Places in inches: `x` of the middle of a part, `y` of the height of its row.
-PAD, LINE_HEIGHT, SPRING, HALF_DISC = 0.1, 0.19, 0.62, 0.4
+# Inches; a place is the middle of a part.
+PAD, LINE_HEIGHT, SPRING, DISC = 0.1, 0.19, 0.62, (0.16, 0.8)
 CART = (0.62, 0.4)
-BESIDE_EACH_OTHER = 1.0  # of shafts between the same inertias
-FOLDED = 1.1 * scales.DOUBLE  # a chain that is longer goes on in another row
-MACHINE, MESH, SYMBOLS = (
-    0.62,
-    0.66,
-    0.34,
-)  # a motor above what it turns, its circuit, and that above
+BESIDE_EACH_OTHER = 1.0  # distance of shafts between the same inertias
+FOLDED = 1.1 * scales.DOUBLE  # a longer chain goes on in another row
+# Heights of a motor above what it turns, of its circuit, and of the symbols above that.
+MACHINE, MESH, SYMBOLS = 0.62, 0.66, 0.34
 
 
 @dataclass(frozen=True, slots=True)
 class _Link:
-    """A shaft, or a gear with its `ratio`, between two parts, with symbols above it and below.
-
-    A shaft with a symbol below it has a damper.
-    """
+    """A shaft, or a gear with its `ratio`; a shaft with a symbol below it has a damper."""
 
     ends: tuple[str, str]
     above: str
@@ -66,39 +64,35 @@ class _Row:
     y: float = 0.0
 
 
-def train_figure(rig: Model, channels: Collection[str] = ()) -> Figure:
-    """Draw the inertias of any rig, with shafts, gears, ground and drives, from its roles.
-
-    With `channels` it is noted which states are measured.
-    """
+def rig_figure(rig: Model, channels: Collection[str] = ()) -> Figure:
+    """Draw any rig; with `channels` it is noted which states are measured."""
     with style.styled():
-        return _TrainPicture(rig).draw(channels)
+        return _RigDrawing(rig).draw(channels)
 
 
 def save_rig(rig: Model, path: Path) -> Path:
     """Draw any rig into a file, in the format that its name ends with."""
     note = {"Title": f"rig {rig.name}", "Creator": software.creator()}
     (written,) = style.save(
-        train_figure(rig), path.parent, path.stem, note, formats=(path.suffix[1:],)
+        rig_figure(rig), path.parent, path.stem, note, formats=(path.suffix[1:],)
     )
     return written
 
 
-SHOWN_RIG = "The rig: its inertias, with shafts, gears and drives."
-
-
 def draw_rig(run: ReportContext) -> Drawing | None:
     """Return the drawing of a rig that a config describes."""
+    says = "The rig: its inertias, with shafts, gears and drives."
     rig = run.problem.model
-    return Drawing(train_figure, (rig,), says=SHOWN_RIG) if rig.has_private_names else None
+    return Drawing(rig_figure, (rig,), says) if rig.has_private_names else None
 
 
-class _TrainPicture:
+class _RigDrawing:
     """The parts of a rig, laid out in rows: the longest chain first, then what branches off."""
 
     def __init__(self, rig: Model) -> None:
         self.rig, self.roles = rig, rig.roles
         self.linear = self.roles.motion != ROTARY
+        self.body, self.height = CART if self.linear else DISC
         ends = {end for shaft in self.roles.shafts for end in shaft.ends}
         self.inertias = [
             inertia
@@ -272,9 +266,9 @@ class _TrainPicture:
         return max(widths, default=0.0)
 
     def _width(self, name: str) -> float:
-        part, body = self.parts[name], CART[0] if self.linear else 0.16
+        part = self.parts[name]
         mesh = self._mesh(part.circuit) + 0.36 if part.circuit else 0.3
-        return max(self._measure(*part.above, *part.below), body, mesh) + 2 * PAD
+        return max(self._measure(*part.above, *part.below), self.body, mesh) + 2 * PAD
 
     def _mesh(self, motor: MotorRoles) -> float:
         """Return the width of a circuit between its two sides."""
@@ -298,7 +292,7 @@ class _TrainPicture:
             words = max(words, MACHINE + MESH + SYMBOLS)
         stacked = max((len(self.between.get(n, [])) for n in row.parts), default=1)
         links = 0.5 * BESIDE_EACH_OTHER * stacked if stacked > 1 else 0.0
-        return max(HALF_DISC + words, links)
+        return max(DISC[1] / 2 + words, links)
 
     def _place(self, row: _Row) -> float:
         """Place the parts of a row, and return where it ends."""
@@ -313,11 +307,10 @@ class _TrainPicture:
 
     # How it is drawn.
 
-    def _body(self, name: str) -> float:
-        """Return half of the width of what is drawn of a part."""
-        if name.startswith(GROUND):
-            return 0.0
-        return CART[0] / 2 if self.linear else 0.08
+    def _edge(self, name: str, side: int) -> Point:
+        """Return where the body of a part ends on its left (-1) or right (1)."""
+        x, y = self.at[name]
+        return (x + side * (0.0 if name.startswith(GROUND) else self.body / 2), y)
 
     def _draw_row(self, row: _Row) -> None:
         before = row.behind
@@ -328,23 +321,20 @@ class _TrainPicture:
                 begins = left - self._slot(name)
                 self._join(before, row, (begins, y))
                 self._draw_links(name, begins, left, y)
-                self.sheet.wire((left, y), (x - self._body(name), y))
+                self.sheet.wire((left, y), self._edge(name, -1))
             self._draw_part(self.parts[name], x, y, first=name == row.parts[0] and not before)
             before = name
 
     def _join(self, before: str, row: _Row, end: Point) -> None:
         """Draw the line from a part to the links that lead on from it."""
         x, y = self.at[before]
-        begin = (x + self._body(before), y)
-        if y == end[1]:
-            self.sheet.wire(begin, end)
-            return
-        out = x + self._width(before) / 2
-        way = [begin, (out, y), (out, end[1]), end]
-        if row.folded:
+        out, turns = x + self._width(before) / 2, []
+        if row.folded and y != end[1]:
             middle = end[1] + self._reach(row, "above") + 0.06
-            way = [begin, (out, y), (out, middle), (end[0], middle), end]
-        self.sheet.wire(*way)
+            turns = [(out, y), (out, middle), (end[0], middle)]
+        elif y != end[1]:
+            turns = [(out, y), (out, end[1])]
+        self.sheet.wire(self._edge(before, 1), *turns, end)
 
     def _draw_links(self, name: str, left: float, right: float, y: float) -> None:
         links, middle = self.between.get(name, []), (left + right) / 2
@@ -370,14 +360,10 @@ class _TrainPicture:
         if part.name.startswith(GROUND):
             _wall(sheet, x, y, -1 if first else 1)
             return
-        top, bottom = HALF_DISC, -HALF_DISC
-        if self.linear:
-            top, bottom = CART[1] / 2, -CART[1] / 2 - 0.12
-            sheet.box(x, y, *CART, **SOLID)
-            for side in (-1, 1):
-                sheet.circle(x + side * 0.18, y + bottom + 0.06, 0.06, **HOLLOW)
-        else:
-            sheet.box(x, y, 0.16, top - bottom, **SOLID)
+        top, bottom = self.height / 2, -self.height / 2 - 0.12 * self.linear
+        sheet.box(x, y, self.body, self.height, **SOLID)
+        for wheel in (-0.18, 0.18) if self.linear else ():
+            sheet.circle(x + wheel, y + bottom + 0.06, 0.06, **HOLLOW)
         if part.held or self.linear:
             sheet.ground(x, y + bottom)
         if part.circuit:

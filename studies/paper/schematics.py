@@ -9,11 +9,13 @@ from typing import Any
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
-from bayesdrill.basics.symbols import PARAMETERS
-from bayesdrill.report import scales, style
-from bayesdrill.report.sheet import HOLLOW, NOTE, SMALL, SOLID, Canvas, Point
+from bayesdrill.basics import PARAMETERS
+from bayesdrill.report import HOLLOW, SMALL, SOLID, Canvas, scales, style
 
 Pair = tuple[str, str]
+Point = tuple[float, float]
+
+NOTE = 8.0  # size of a font
 
 CELLS: dict[str, Any] = {"edgecolor": style.DARK, "linewidth": 0.6}
 

@@ -3,7 +3,7 @@
 The tables are those of Sandoval, Cunha Jr and Sampaio (ENIEF 2013), Tables 1 to 3.
 
 An inertia j_2 at the output of the gearbox and a resistance r_s in series make the rig another one
-of the same model: with j_m + i_m^2 j_2 and r_m + r_s (`models.two_rotors`).  So they move products
+of the same model: with j_m + i_m^2 j_2 and r_m + r_s (`TwoRotors`).  So they move products
 of the paper's parameters by factors known beforehand, and a fit of the paper's model finds those.
 
 Torsion of the shaft as a continuum, which the paper proposes, beside the spring of its model.
@@ -105,7 +105,7 @@ def table_1() -> list[Row]:
 
 
 def inconsistencies() -> list[Row]:
-    """Return what numbers contradict; what is wrong with the matrix is in `plugins.AsPrinted`.
+    """Return what numbers contradict; what is wrong with the matrix is in `forward.AsPrinted`.
 
     `printed` and `implied`: two numbers of the paper for one thing; `says`: our reading.
     """

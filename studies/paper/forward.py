@@ -27,16 +27,16 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import ClassVar, Literal
 
 import numpy as np
 
-from bayesdrill.basics import Array
+from bayesdrill.basics import Array, Symbol
 from bayesdrill.inference import Likelihood, derived
-from bayesdrill.paper.plugins import AsPrinted
-from bayesdrill.paper.printed import Row
-from bayesdrill.record import Experiment, regular
-from bayesdrill.rig import Model, MotorShaft, Named, Response, constant_forcing, dynamics
+from bayesdrill.record import Experiment
+from bayesdrill.rig import Linear, Model, MotorShaft, Named, Response, constant_forcing, dynamics
 from bayesdrill.sampling import Task
+from studies.paper.printed import Row
 
 SIX_STATES = ("theta_1", "theta_2", "q", "w_1", "w_2", "i")
 
@@ -150,7 +150,36 @@ def _between(ends: Array, states: Array, slopes: Array, t: Array) -> Array:
     return np.asarray(x)
 
 
-GEAR = 1 / MotorShaft().i_m  # the right i_n; the models read it as i_m unless told
+@dataclass(frozen=True, slots=True)
+class AsPrinted(Model):
+    """The rig with the matrix that the paper prints, whose errors the two fields can mend.
+
+    `i_n` is the undefined factor in A(6,5), read as `i_m` where it is None; 1/i_m is right.
+    `a_51` is the inertia that A(5,1) stands over; j_m is right.
+    """
+
+    i_m: float = 1 / 8
+    i_n: float | None = None
+    a_51: Literal["j_1", "j_m"] = "j_1"
+
+    name: ClassVar[str] = "as_printed"
+    declares: ClassVar[tuple[Symbol, ...]] = ()
+    parameters: ClassVar[tuple[str, ...]] = MotorShaft.parameters
+    states: ClassVar[tuple[str, ...]] = MotorShaft.states
+    inputs: ClassVar[tuple[str, ...]] = MotorShaft.inputs
+
+    def linear(self, p: Named) -> Linear:
+        """Return the linear model as the paper prints it."""
+        right = MotorShaft(self.i_m).linear(p)
+        i_n = self.i_m if self.i_n is None else self.i_n
+        printed = {
+            ("w_2", "theta_1"): self.i_m**2 * p["k_s"] / p[self.a_51],
+            ("i", "w_2"): -i_n * p["k_e"] / p["l_m"],
+        }
+        return Linear(A={**right.A, **printed}, B=right.B, c=right.c)
+
+
+GEAR = 1 / MotorShaft().i_m  # the right i_n
 READINGS: Mapping[str, tuple[str, AsPrinted]] = {
     "right": (
         "A(5,1) over j_m, A(6,5) with 1/i_m: the equations",
@@ -174,6 +203,12 @@ class MatrixReading:
     row: Row
     t: Array
     curve: Array
+
+
+def regular(experiment: Experiment, duration: float, rate: float) -> Experiment:
+    """Return the same with `duration` [s] at `rate` [Hz] from 0, constant inputs and zero signals."""
+    t = np.arange(round(duration * rate) + 1) / rate
+    return dataclasses.replace(experiment, t=t, y=np.zeros((len(t), len(experiment.channels))))
 
 
 def readings(experiment: Experiment, p: Mapping[str, float]) -> tuple[MatrixReading, ...]:

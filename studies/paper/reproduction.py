@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from bayesdrill import output_files
 from bayesdrill.analysis import plausibility
 from bayesdrill.basics import software, symbols
-from bayesdrill.paper import printed
-from bayesdrill.paper.findings import PaperFindings
-from bayesdrill.paper.plugins import ORDER, circle
-from bayesdrill.paper.study_tables import doubts, lines_2, lines_3, percent, tables
 from bayesdrill.report import (
     Drawing,
     Note,
@@ -25,9 +23,35 @@ from bayesdrill.report import (
 from bayesdrill.results import Folder
 from bayesdrill.rig import MotorShaft
 from bayesdrill.sampling import WorkerPool
+from studies.paper import printed
+from studies.paper.findings import PaperFindings
+from studies.paper.optimisers import ORDER, circle
+from studies.paper.study_tables import doubts, lines_2, lines_3, percent, tables
 
 TITLE = "The paper, repeated"
 ITERATIONS = 10  # of each pair, in the paper
+
+
+def files_of(records: Sequence[str]) -> output_files.Kind:
+    """Return the files of the studies; each of `records` has a posterior in a folder of its own."""
+    tables = (
+        *("table_1", "inconsistencies", "matrix", "integrator", "table_2", "implied", "lengths"),
+        *("simultaneous", "control", "misfits", "shaft"),
+        *(f"{stem}_{name}" for name in records for stem in ("table_3", "products", "verdict")),
+    )
+    drawn = (
+        *("rig", "heuristic", "matrix", "table_2", "simultaneous", "convergence"),
+        *(f"{stem}_{name}" for name in records for stem in ("fit", "table_3")),
+    )
+    return output_files.Kind(
+        "paper",
+        (
+            *(f"{stem}.{end}" for stem in tables for end in ("csv", "md")),
+            *("report.md", "report.html", *output_files.figure_files(*drawn)),
+        ),
+        nested=tuple(records),
+        continue_hint=output_files.MADE_ANEW,
+    )
 
 
 def in_words(findings: PaperFindings) -> tuple[str, ...]:
@@ -81,14 +105,15 @@ def write(findings: PaperFindings, folder: Folder, pool: WorkerPool) -> None:
 def drawings(findings: PaperFindings) -> dict[str, Drawing]:
     """Return the figures, by the stems of their files."""
     # Late: matplotlib takes a second to load.
-    from bayesdrill.paper import plots
-    from bayesdrill.report import fit_figure, heuristic_figure, scales, train_figure
+    from bayesdrill.report import fit_figure, rig_figure, scales
+    from studies.paper import plots
+    from studies.paper.schematics import heuristic_figure
 
     known = symbols.PARAMETERS
     scaled = [", ".join(known[name].latex for name in names) for names in findings.symmetries]
     wanted = {
         "rig": Drawing(
-            train_figure,
+            rig_figure,
             (MotorShaft(), [signal.label.name for signal in findings.nines[0].fit.signals]),
             "The rig. Its shaft is of steel, "
             f"{plausibility.SHAFT_LENGTH:g} m long and {1e3 * plausibility.SHAFT_DIAMETER:g} mm thick.",

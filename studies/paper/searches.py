@@ -11,7 +11,7 @@ Estimates are free, as the paper's are: no prior holds them, not even above zero
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 
@@ -20,13 +20,8 @@ import numpy as np
 from bayesdrill.analysis import Exponents
 from bayesdrill.basics import Array, Silent, seeds
 from bayesdrill.inference import Coordinates, Posterior, laplace
-from bayesdrill.paper import forward, precision
-from bayesdrill.paper.precision import WAYS, bounds
-from bayesdrill.paper.printed import Row
 from bayesdrill.sampling import (
-    THOROUGH,
     MemoryBackend,
-    Optimiser,
     Optimum,
     Plan,
     Task,
@@ -34,6 +29,10 @@ from bayesdrill.sampling import (
     mode_search,
     sample,
 )
+from studies.paper import forward, precision
+from studies.paper.optimisers import TracedOptimum
+from studies.paper.precision import SCALED, WAYS, bounds
+from studies.paper.printed import Row
 
 EVALUATIONS = 8000
 SAME = 4.0  # of the paper's misfit: ends nearer to the least one are equally good
@@ -41,14 +40,14 @@ WITHIN = 0.5  # starts are drawn from 1 - this to 1 + this of the configured one
 
 
 @dataclass(frozen=True, slots=True)
-class MisfitSearch:
+class MisfitSearch[R: Optimum]:
     """A search for the least misfit; `stepped`: in that which the paper's integrator has."""
 
-    optimiser: Optimiser
+    optimiser: Callable[[Task, Array, int], Sequence[R]]
     evaluations: int
     stepped: bool = False
 
-    def __call__(self, posterior: Posterior, point: Array) -> Optimum:
+    def __call__(self, posterior: Posterior, point: Array) -> R:
         """Search from `point (D,)`."""
         task = precision.misfit_task(posterior)
         if self.stepped:
@@ -57,7 +56,12 @@ class MisfitSearch:
 
 
 def _of_record(
-    posterior: Posterior, search: MisfitSearch, truth: Array, sigma: float, seed: int, index: int
+    posterior: Posterior,
+    search: MisfitSearch[Optimum],
+    truth: Array,
+    sigma: float,
+    seed: int,
+    index: int,
 ) -> Array:
     """The estimate `(D,)` from a record that is made at `truth`, where the search begins too."""
     target = precision.made_record(precision.with_sigma(posterior, sigma), truth, seed, index)
@@ -153,7 +157,11 @@ class Heuristic:
 
 
 def run_heuristic(
-    pool: WorkerPool, posterior: Posterior, search: MisfitSearch, starts: int, seed: int
+    pool: WorkerPool,
+    posterior: Posterior,
+    search: MisfitSearch[TracedOptimum],
+    starts: int,
+    seed: int,
 ) -> Heuristic:
     """Run the heuristic from the configured start, and from `starts` others around it."""
     guess = posterior.space.vector(posterior.space.start)
@@ -186,7 +194,7 @@ def run_heuristic(
 def control(
     pool: WorkerPool,
     posterior: Posterior,
-    search: MisfitSearch,
+    search: MisfitSearch[Optimum],
     sigmas: Sequence[float],
     records: int,
     seed: int,
@@ -329,7 +337,7 @@ def _posterior(
 ) -> tuple[Array, Array, bool]:
     """Mean and standard deviation `(D,)` from record 0, and whether the ensembles converged."""
     target = precision.made_record(precision.with_sigma(posterior, sigma), truth, plan.seed, 0)
-    search = mode_search.search(target, THOROUGH, VERIFICATION_EVALUATIONS, truth)
+    search = mode_search.search(target, SCALED, VERIFICATION_EVALUATIONS, truth)
     with WorkerPool(target, 1) as alone:
         start = target.space.vector(search.end)
         sampled = sample(alone, start[None], plan, MemoryBackend(), Silent())

@@ -1,4 +1,4 @@
-"""Figures of the paper's searches and of its Table 3: nothing overlaps, every mark is in its place."""
+"""Figures of the studies: nothing overlaps, and every mark is in its place."""
 
 from __future__ import annotations
 
@@ -13,20 +13,124 @@ from numpy.typing import NDArray
 from pictures import SYMBOLS, clashes, drawn, marked, posterior, within, xy
 from together import together
 
-from bayesdrill.paper.plots import convergence_figure, simultaneous_figure, table_3_figure
-from bayesdrill.paper.searches import Heuristic, SearchEnd
-from bayesdrill.report.style import set_decades
+from bayesdrill.basics import PARAMETERS
+from studies.paper import printed
+from studies.paper.forward import READINGS, MatrixReading
+from studies.paper.plots import (
+    convergence_figure,
+    readings_figure,
+    set_decades,
+    simultaneous_figure,
+    table_3_figure,
+    verification_figure,
+)
+from studies.paper.searches import Heuristic, SearchEnd, Verification
 
 Array = NDArray[np.float64]
+
+
+SIGMAS = (0.001, 0.01, 0.1, 1.0)
+
+
+BOUNDS = {"c_m": 0.0072, "k_e": 0.0198}  # at sigma 1, SI
+
+
+def si(label: str, u: Array) -> Array:
+    """What a reader of the axis makes of the numbers u on it."""
+    power = re.search(r"\[\$10\^\{(-?\d+)\}", label)
+    return u * 10.0 ** (int(power[1]) if power else 0)
+
+
+def readings() -> tuple[MatrixReading, ...]:
+    t = np.linspace(0.0, 10.0, 401)
+    fast = 1 - np.exp(-t / 0.03)
+    curves = (
+        16 * fast + np.sin(3 * t),
+        16 * fast * np.exp(-t / 5),
+        660 * (1 - np.exp(-t)),
+        -260 * np.exp(-0.2 * t) * np.sin(6 * t),
+    )
+    ends = (15.913, 1e-15, 660.26, -0.02)
+    found = [
+        MatrixReading(
+            row={"name": name, "matrix": matrix, "time": 10.0, "w_end": end},
+            t=t,
+            curve=curve,
+        )
+        for (name, (matrix, _)), curve, end in zip(READINGS.items(), curves, ends, strict=True)
+    ]
+    return tuple(found)
+
+
+def test_readings_are_all_on_the_left_and_the_right_one_is_large_on_the_right() -> None:
+    found = readings()
+    figure = readings_figure(found)
+    assert not list(clashes(drawn(figure)))
+    left, right = figure.axes
+    for reading, line in zip(found, left.get_lines(), strict=True):
+        np.testing.assert_allclose(si(left.get_ylabel(), xy(line)[1]), reading.curve, rtol=1e-12)
+        assert within(left, xy(line)[1])
+    first = xy(right.get_lines()[0])[1]
+    assert within(right, first)
+    assert np.ptp(first) > 0.5 * np.ptp(right.get_ylim())
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    for label, end in zip(labels, ("15.9", "0", "660.3", "0"), strict=True):
+        assert label.endswith(f"settles at {end} rad/s")
+
+
+def verification(records: int) -> Verification:
+    """Estimates far from normal: by fminsearch half as far off again, and one exact."""
+    rng = np.random.default_rng(3)
+    names = ("c_m", "k_e")
+    truth = np.array([printed.GUESS[name] for name in names])
+    bound = np.array([BOUNDS[name] for name in names])
+    z = rng.standard_exponential((records, 2)) * rng.choice([-1, 1], (records, 2))
+    z[0] = 0.0
+    found = {
+        way: {s: truth + wide * s * bound * z for s in SIGMAS}
+        for way, wide in (("fminsearch", 1.5), ("scaled", 1.0))
+    }
+    values = {
+        s: {
+            "truth": truth,
+            "bound": s * bound,
+            **{f"sd_{way}": rows[s].std(axis=0, ddof=1) for way, rows in found.items()},
+        }
+        for s in SIGMAS
+    }
+    return Verification(
+        names=names, records=records, values=values, estimates=found, converged=True
+    )
+
+
+def test_errors_and_bounds_stand_at_their_sigmas_in_per_cent() -> None:
+    v = verification(60)
+    figure = verification_figure(v, printed.TWO_PARAMETERS)
+    assert not list(clashes(drawn(figure)))
+    for k, (panel, name) in enumerate(zip(figure.axes, v.names, strict=True)):
+        percent = {
+            what: [100 * own[what][k] / own["truth"][k] for own in v.values.values()]
+            for what in ("bound", "sd_fminsearch", "sd_scaled")
+        }
+        (bound,) = (line for line in panel.get_lines() if line.get_marker() == "None")
+        np.testing.assert_allclose(xy(bound), [SIGMAS, percent["bound"]])
+        (fminsearch,) = (line for line in marked(panel, "o", filled=False))
+        np.testing.assert_allclose(xy(fminsearch)[1], percent["sd_fminsearch"])
+        (scaled,) = marked(panel, "+")
+        np.testing.assert_allclose(xy(scaled)[1], percent["sd_scaled"])
+        (paper,) = marked(panel, "D")
+        expected = [printed.TWO_PARAMETERS[s][name].deviation for s in SIGMAS]
+        np.testing.assert_array_equal(xy(paper), [SIGMAS, expected])
+        assert all(within(panel, xy(line)[1]) for line in (bound, fminsearch, scaled, paper))
+        assert panel.get_xscale() == panel.get_yscale() == "log"
+        assert rf"${PARAMETERS[name].latex}$" in panel.get_ylabel()
+
 
 SCALES = (r"j_m, c_m, k_T, k_s, j_1, t_f", r"k_T, r_m, l_m")
 
 
 def points(lines: Sequence[Line2D]) -> list[tuple[float, float]]:
     return sorted((float(x), float(y)) for line in lines for x, y in xy(line).T)
-
-
-# Searches
 
 
 @together("ends_at", [(0.7, 9e5), (2e-7, 30.0), (0.004, 2e3), (1e-40, 1e40)])
@@ -100,16 +204,6 @@ def test_the_truth_stands_at_factor_one(n_scales: int) -> None:
         assert within(left, xy(line)[1])
 
 
-def test_searches_that_all_reach_the_noise_have_no_open_mark() -> None:
-    figure = simultaneous_figure([end("scaled", 0.99, (0.0, 0.0), 0.0)] * 2, SCALES)
-    assert not list(clashes(drawn(figure)))
-    labels = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert not any("open" in label or "fminsearch" in label for label in labels)
-
-
-# The heuristic
-
-
 def heuristic(**given: Array) -> Heuristic:
     """Of one record, what is not given all ones, and without other starts."""
     ones = np.ones(9)
@@ -135,9 +229,6 @@ def test_the_misfit_after_each_iteration() -> None:
         np.testing.assert_array_equal(xy(line), [np.arange(len(path)), path])
         assert within(panel, path)
     assert any(np.all(xy(line)[1] == 1.0) for line in panel.get_lines())
-
-
-# Table 3
 
 
 @together(

@@ -1,10 +1,9 @@
-"""`bayesdrill paper`: whole, twice, and its numbers in `docs/paper.md`."""
+"""`python -m studies.paper`: refused, and whole."""
 
 from __future__ import annotations
 
 import csv
 import re
-import runpy
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -13,63 +12,32 @@ import pytest
 import systems
 from together import together
 
-from bayesdrill.output_files import dumps_checksummed
-from bayesdrill.paper.printed import NINE_PARAMETERS
+from bayesdrill.output_files import POSTERIOR
+from studies.paper.__main__ import app
+from studies.paper.printed import NINE_PARAMETERS
+from studies.paper.reproduction import files_of
+from studies.paper.tests.test_page import DOCS, TABLES, rendered
 
-ROOT = Path(__file__).parents[2]
-DOCS = ROOT / "docs"
-TABLES = DOCS / "paper"
-FIGURES = (
-    *("rig", "heuristic", "matrix", "table_2", "simultaneous", "convergence"),
-    *("fit_estimates", "fit_measured", "table_3_estimates", "table_3_measured"),
-)
-
-# Numbers that the text may have without a table: what the studies are given, names and ranges.
-GIVEN = (
-    r"ENIEF 2013|arXiv 2107\.13535|Tables? [123]|and 3, which|Figure [1-4]|A\([56],[15]\)|\bi_n\b|"
-    r"ode23t|table_\w+|10 s at 100 Hz|10 s at 1 kHz|0\.1 rad(/s)?|7e-3 kg m²|0\.2 ohm|94 %|i_m²|"
-    r"\(0\.001, 0\.01\)|64 times|sigma_n = (0\.1 and 1|0\.001|0\.01|1)|less than 0\.01|% at 0\.001\.|"
-    r"factor 1/2|1/sigma_n²|within 20 %|up to 60 %|2\.4 m long and 3 mm|noise of 1|\w+_[12]\b"
-)
+ROOT = Path(__file__).parents[3]
 
 
-def rows(folder: Path, stem: str) -> list[dict[str, str]]:
-    with (folder / f"{stem}.csv").open(newline="") as file:
-        return list(csv.DictReader(file))
-
-
-def rendered(tables: Path) -> str:
-    render = runpy.run_path(str(DOCS / "render.py"))["render"]
-    return render((DOCS / "paper.template.md").read_text(), tables)
-
-
-def test_every_number_in_the_page_comes_from_the_tables() -> None:
-    """The page is its template filled in; what the template itself has are names and givens."""
-    assert rendered(TABLES) == (DOCS / "paper.md").read_text()
-    text = (DOCS / "paper.template.md").read_text()
-    text = re.sub(r"\{[^}]*\}|`[^`]*`|\]\([^)]*\)", " ", text)
-    left = re.sub(GIVEN, " ", text)
-    assert re.findall(r".*\d.*", left) == []
-
-
-def test_a_table_that_has_no_such_line_is_told(tmp_path: Path) -> None:
-    shutil.copytree(TABLES, tmp_path / "tables")
-    path = tmp_path / "tables" / "matrix.csv"
-    path.write_text(path.read_text().replace("right,", "wrong,"))
-    with pytest.raises(LookupError, match=r"matrix\.csv has 0 lines with right"):
-        rendered(tmp_path / "tables")
-
-
-def test_results_are_not_overwritten_unasked(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.fixture(autouse=True)
+def _in_the_checkout(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
-    (tmp_path / "run.json").write_text(dumps_checksummed({"job": "paper", "fingerprint": {}}))
-    ran = systems.cli("paper", "--output", str(tmp_path))
+
+
+def paper(*arguments: str | Path) -> systems.Ran:
+    return systems.cli(*arguments, program=app)
+
+
+def refused(*arguments: str | Path, below: Path, says: str) -> None:
+    """Status 2, no traceback, and nothing below `below` changes."""
+    before = systems.listing(below)
+    ran = paper(*arguments)
     assert ran.status == 2
-    assert "exist already" in ran.err
-    assert "--force" in ran.err
-    assert [p.name for p in tmp_path.iterdir()] == ["run.json"]
+    assert says in ran.err
+    assert "Traceback" not in ran.err
+    assert systems.listing(below) == before
 
 
 def changed(name: str, old: str, new: str) -> Callable[[Path], None]:
@@ -130,41 +98,27 @@ def test_a_mistake_in_the_configs_is_told_before_anything_runs(
 ) -> None:
     shutil.copytree(ROOT / "configs" / "paper", tmp_path / "paper")
     spoil(tmp_path / "paper")
-    ran = systems.cli("paper", str(tmp_path / "paper"), "--output", str(tmp_path / "out"))
-    assert ran.status == 2
-    assert says in ran.err
-    assert "Traceback" not in ran.err
-    assert not (tmp_path / "out").exists()
+    refused(tmp_path / "paper", "-o", tmp_path / "out", below=tmp_path, says=says)
 
 
 @together("given", ["configs/paper/measured.yaml", "configs/nothing"])
-def test_what_is_no_folder_of_studies_is_told(given: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(ROOT)
-    ran = systems.cli("paper", given)
-    assert ran.status == 2
-    assert ran.err.startswith(f"{given}: ")
-    assert "give the one that holds two_parameters.yaml" in ran.err
+def test_what_is_no_folder_of_studies_is_told(given: str, tmp_path: Path) -> None:
+    says = f"{given}: no such folder; give the one that holds two_parameters.yaml"
+    refused(given, "-o", tmp_path / "out", below=tmp_path, says=says)
 
 
-def test_a_report_of_these_results_says_what_makes_it(tmp_path: Path) -> None:
-    (tmp_path / "run.json").write_text(
-        dumps_checksummed({"status": "running", "job": "paper", "fingerprint": {}})
-    )
-    ran = systems.cli("report", str(tmp_path))
-    assert ran.status == 2
-    assert "results of `bayesdrill paper`" in ran.err
-    assert "--resume" not in ran.err
-
-
-def test_a_file_in_the_place_of_the_results_is_told(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(ROOT)
-    (tmp_path / "out").write_text("mine")
-    ran = systems.cli("paper", "--output", str(tmp_path / "out"))
-    assert ran.status == 2
-    assert "a file is in the way; give another --output" in ran.err
-    assert (tmp_path / "out").read_text() == "mine"
+def test_results_and_files_of_others_are_left_alone(tmp_path: Path) -> None:
+    """Mutant killed: the folders of the posteriors are looked into after minutes."""
+    (tmp_path / "file").write_text("mine")
+    says = "a file is in the way; give another --output"
+    refused("-o", tmp_path / "file", below=tmp_path, says=says)
+    other = systems.results(tmp_path / "other", POSTERIOR)
+    refused("--force", "-o", other, below=tmp_path, says="results of `bayesdrill posterior`")
+    own = systems.results(tmp_path / "own", files_of(("estimates", "measured")))
+    refused("-o", own, below=tmp_path, says="make them anew with --force")
+    (own / "measured").mkdir()
+    (own / "measured" / "thesis.tex").write_text("mine")
+    refused("--force", "-o", own, below=tmp_path, says="other files (thesis.tex)")
 
 
 @pytest.fixture(scope="module")
@@ -172,16 +126,20 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("paper") / "results"
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(ROOT)
-        ran = systems.cli("paper", "--output", str(folder))
+        ran = paper("--output", folder)
     assert ran.status == 0, ran.err
     return folder
 
 
+def rows(folder: Path, stem: str) -> list[dict[str, str]]:
+    with (folder / f"{stem}.csv").open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
 @pytest.mark.slow
 def test_all_tables_and_figures_are_written(results: Path) -> None:
-    for stem in FIGURES:
-        for end in ("png", "pdf"):
-            assert (results / "figures" / f"{stem}.{end}").stat().st_size > 5000
+    for name in files_of(("estimates", "measured")).files:
+        assert (results / name).stat().st_size > (5000 if name.startswith("figures") else 0)
     for path in TABLES.iterdir():
         assert (results / path.name).exists()
     for name in ("estimates", "measured"):
@@ -226,9 +184,7 @@ def test_the_heuristic_reaches_the_floor_at_wrong_values_and_the_posterior_holds
 @pytest.mark.slow
 def test_again_the_tables_are_the_same_to_the_byte(results: Path, tmp_path: Path) -> None:
     """In one process instead of two."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(ROOT)
-        ran = systems.cli("paper", "--output", str(tmp_path / "again"), "--processes", "1")
+    ran = paper("--output", tmp_path / "again", "--processes", "1")
     assert ran.status == 0, ran.err
     tables = [p for p in results.rglob("*") if p.suffix in (".csv", ".md")]
     assert len(tables) > 20

@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import io
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -20,12 +20,12 @@ from bayesdrill.basics import Array, seeds
 from bayesdrill.config import ResolvedCase, path_of, simulate
 from bayesdrill.config import truth as simulated_truth
 from bayesdrill.inference import Likelihood, Posterior
-from bayesdrill.paper import printed
-from bayesdrill.paper.plugins import Fminsearch
-from bayesdrill.paper.printed import Row
-from bayesdrill.record import regular
 from bayesdrill.rig import Model, MotorShaft, Response, TwoRotors
-from bayesdrill.sampling import THOROUGH, Optimiser, Task, mode_search
+from bayesdrill.sampling import NelderMead, Optimum, Task, mode_search
+from studies.paper import printed
+from studies.paper.forward import regular
+from studies.paper.optimisers import fminsearch
+from studies.paper.printed import Row
 
 
 def bounds(likelihood: Likelihood, truth: Array) -> Array:
@@ -100,7 +100,11 @@ def implied_noise(values: Mapping[str, float]) -> list[Row]:
     ]
 
 
-WAYS: Mapping[str, Optimiser] = {"fminsearch": Fminsearch(), "scaled": THOROUGH}
+type Search = Callable[[Task, Array, int], Sequence[Optimum]]
+
+# Nelder-Mead in scaled coordinates goes to the very optimum: no slopes go the rest of the way here.
+SCALED = NelderMead(enough=1e-3, per_unknown=math.inf)
+WAYS: Mapping[str, Search] = {"fminsearch": fminsearch, "scaled": SCALED}
 SHARE = 0.95  # of records have a misfit within `expected` at their truth
 
 

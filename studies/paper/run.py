@@ -14,11 +14,17 @@ from bayesdrill.analysis import SensitivityStudy, study_of
 from bayesdrill.basics import Array, Interrupted, Reporter, Silent, software
 from bayesdrill.config import Job, ResolvedCase
 from bayesdrill.inference import residual_checks
-from bayesdrill.paper import forward, precision, printed, reproduction
-from bayesdrill.paper.findings import NineParameterStudy, PaperFindings, Studies, prepare
-from bayesdrill.paper.precision import truth_of
-from bayesdrill.paper.printed import Row
-from bayesdrill.paper.searches import (
+from bayesdrill.report import every_fit
+from bayesdrill.results import Folder
+from bayesdrill.rig import MotorShaft
+from bayesdrill.sampling import WorkerPool
+from bayesdrill.tasks import conclusions, pipeline
+from studies.paper import forward, precision, printed, reproduction
+from studies.paper.findings import NineParameterStudy, PaperFindings, Studies, prepare
+from studies.paper.optimisers import Pairwise
+from studies.paper.precision import truth_of
+from studies.paper.printed import Row
+from studies.paper.searches import (
     Heuristic,
     MisfitSearch,
     control,
@@ -26,16 +32,11 @@ from bayesdrill.paper.searches import (
     run_heuristic,
     verify,
 )
-from bayesdrill.report import every_fit
-from bayesdrill.results import Folder
-from bayesdrill.rig import MotorShaft
-from bayesdrill.sampling import WorkerPool
-from bayesdrill.tasks import conclusions, pipeline
 
 RECORDS = 400  # of each sigma in the verification study
 STARTS = 40  # of the simultaneous searches, each way
-OTHERS = 24  # further starts of the heuristic ...
-EVALUATIONS = 50_000  # ... which may spend so many
+OTHERS = 24  # further starts of the heuristic
+PAIRWISE = MisfitSearch(Pairwise(), 50_000)  # evaluations at most
 CONTROLS = 12  # records of the rig that is as the table says, at each of ...
 SIGMAS = (0.01, 0.1, 1.0)
 LENGTHS = ((1.0, 1000.0), (10.0, 100.0), (10.0, 1000.0), (100.0, 100.0), (100.0, 1000.0))
@@ -50,7 +51,7 @@ def reproduce(
     names = [nine.config.name for nine in studies.nines]
     for name in names:
         Folder(output / name, "force", {}, output_files.POSTERIOR).check()  # not after minutes
-    kind = output_files.paper_files(names)
+    kind = reproduction.files_of(names)
     with Folder(output, "force" if force else "fresh", {}, kind) as folder:
         folder.begin(status="running", versions=software.installed_versions())
         report.say("two parameters, nine of two records: two to five minutes with two processes")
@@ -75,10 +76,8 @@ def _run(studies: Studies, folder: Folder, processes: int, clock: _Clock) -> Pap
         verification = verify(pool, two.posterior, truth, sigmas, RECORDS, plan)
     lengths = tuple(precision.lengths(likelihood, nominal, LENGTHS))
     clock.done(f"two parameters: {RECORDS} records at each of {len(sigmas)} sigmas")
-    searches = [MisfitSearch(optimiser, EVALUATIONS) for optimiser in studies.pairwise]
     nines = tuple(
-        _nine(nine, search, studies.makers, folder.path, processes, clock)
-        for nine, search in zip(studies.nines, searches, strict=True)
+        _nine(nine, studies.makers, folder.path, processes, clock) for nine in studies.nines
     )
     first = studies.nines[0]
     posterior, seed = first.problem.posterior, first.config.seed
@@ -90,7 +89,7 @@ def _run(studies: Studies, folder: Folder, processes: int, clock: _Clock) -> Pap
     with WorkerPool(posterior, processes) as pool:
         ends = many_searches(pool, posterior, centre, symmetries, STARTS, seed)
         clock.done(f"all at once: {len(ends)} searches")
-        controls = control(pool, posterior, searches[0], SIGMAS, CONTROLS, seed)
+        controls = control(pool, posterior, PAIRWISE, SIGMAS, CONTROLS, seed)
     clock.done(f"the heuristic on {CONTROLS} nominal records at each of {len(SIGMAS)} sigmas")
     j_2 = nominal["j_m"] / MotorShaft().i_m ** 2
     findings = PaperFindings(
@@ -133,7 +132,6 @@ class _Clock:
 
 def _nine(
     nine: Job,
-    search: MisfitSearch,
     makers: Sequence[ResolvedCase],
     folder: Path,
     processes: int,
@@ -142,7 +140,7 @@ def _nine(
     """Heuristic and posterior of one record; the posterior has a results folder of its own."""
     name, posterior = nine.config.name, nine.problem.posterior
     with WorkerPool(posterior, processes) as pool:
-        heuristic = run_heuristic(pool, posterior, search, OTHERS, nine.config.seed)
+        heuristic = run_heuristic(pool, posterior, PAIRWISE, OTHERS, nine.config.seed)
     clock.done(f"{name}: the heuristic from {OTHERS + 1} starts, and with the paper's integrator")
     whole = pipeline.run_posterior(nine, folder / name, "force", processes, Silent())
     converged = whole.sampled.convergence.converged

@@ -10,13 +10,11 @@ from bayesdrill import output_files
 from bayesdrill.analysis import Verdict
 from bayesdrill.basics import Array, InputError, Issue
 from bayesdrill.config import Job, ResolvedCase, job, loading
-from bayesdrill.config import optimiser as optimiser_of
-from bayesdrill.paper import printed
-from bayesdrill.paper.forward import MatrixReading
-from bayesdrill.paper.printed import Row
-from bayesdrill.paper.searches import Heuristic, SearchEnd, Verification
 from bayesdrill.report import Fit
-from bayesdrill.sampling import Optimiser
+from studies.paper import printed
+from studies.paper.forward import MatrixReading
+from studies.paper.printed import Row
+from studies.paper.searches import Heuristic, SearchEnd, Verification
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,11 +67,10 @@ MAKERS = ("estimates.yaml", "missing_physics.yaml")  # make records, whose truth
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Studies:
-    """The configs of all studies, the heuristic for each of `nines`, and `makers` of the records."""
+    """The configs of all studies, and `makers` of the records whose truth is known."""
 
     two: Job
     nines: tuple[Job, ...]
-    pairwise: tuple[Optimiser, ...]
     makers: tuple[ResolvedCase, ...]
 
 
@@ -90,12 +87,7 @@ def prepare(configs: Path) -> Studies:
     problems = [*_of_noise((two, *nines)), *_of_two(two), *_of_nines(nines)]
     if problems:
         raise InputError(problems)
-    pairwise = []
-    for nine in nines:
-        settings = nine.config.map.model_copy(update={"method": "pairwise"})
-        pairwise.append(optimiser_of(nine.config.model_copy(update={"map": settings})))
-        pairwise[-1].check(nine.problem.names)
-    return Studies(two=two, nines=tuple(nines), pairwise=tuple(pairwise), makers=makers)
+    return Studies(two=two, nines=tuple(nines), makers=makers)
 
 
 def _of_noise(jobs: Sequence[Job]) -> Iterator[Issue]:

@@ -1,0 +1,1 @@
+"""Studies made with bayesdrill by its public names; the package knows nothing of them."""
