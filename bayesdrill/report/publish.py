@@ -102,8 +102,9 @@ def write_results(
     figures.mkdir(exist_ok=True)
     wanted = wanted_figures(output.figures)
     folder.remove_stale(
-        set(output_files.figure_files(*FIGURES, *_SEVERAL, formats=output_files.FORMATS))
-        - set(output_files.figure_files(*wanted, formats=output.formats))
+        {*output_files.figure_files(*FIGURES, *_SEVERAL, formats=output_files.FORMATS)}
+        - {*output_files.figure_files(*wanted, formats=output.formats)}
+        | {*output_files.OUTDATED}
     )
     of_draws = [name for name in wanted if name in output_files.OF_DRAWS]
     others = [name for name in wanted if name not in of_draws]

@@ -66,7 +66,7 @@ def run_marks(run: ReportContext) -> tuple[Badge, ...]:
 
 
 def _table_mark(verdict: Verdict, table: str) -> Badge:
-    if all(quantity.says == "not determined" for quantity in verdict.products):
+    if not verdict.judged:
         return Badge(f"says nothing of {table}", "doubt")
     if not verdict.fits:
         return Badge("verdict in doubt", "doubt")
@@ -237,6 +237,7 @@ def _verdict(run: ReportContext) -> str:
         records=len(run.problem.observations),
         lacking=fit_words.lacking(run.analysis.causes, rig.roles),
         rests=judged.study.resting,
+        units=run.units,
     )
     more = fit_words.instead(run.analysis.instead, rig) if converged else ()
     return "\n".join([said, *more])

@@ -195,29 +195,12 @@ class Plan:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ExtendedPriors:
-    """Unknowns whose priors were extended, and what is seen beyond their ends.
-
-    `names`: unknowns whose priors end too near to their nominal values.  `draws (N, D)`: of the
-    posterior with these ends moved; None where it did not converge, so that nothing can be said of
-    what depends on them.  `pressed`: those whose draws crowd there as well.  `saved`: whether the
-    run has left what it found, or it is unknown.
-    """
-
-    names: tuple[str, ...]
-    draws: Array | None
-    pressed: tuple[str, ...]
-    saved: bool = True
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class SamplingResult:
     """The chains of a run, and what was learnt from them.
 
     `theta (E, S, W, D)` physical; `segments` of each ensemble as they were saved.  `learnt`: what the
     proposal was learnt from, and `mode_shares (M,)`: how many of the draws each maximum has; None
     where a chain was only read again.  `evidence`: where it was asked for, see `with_evidence`.
-    `extended`: what is seen beyond ends of priors that are in the way, None where none is.
     `compression`: how the likelihood of long records compares with the exact one.
     """
 
@@ -227,7 +210,6 @@ class SamplingResult:
     learnt: LearnedProposal | None = None
     mode_shares: Array | None = None
     evidence: Evidence | None = None
-    extended: ExtendedPriors | None = None
     compression: CompressionCheck | None = None
 
     def with_reasons(self, reasons: tuple[str, ...]) -> SamplingResult:

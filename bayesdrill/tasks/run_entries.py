@@ -282,16 +282,17 @@ def step_data(errors: Sequence[StepError]) -> list[dict[str, Any]]:
 def verdict_data(
     verdict: Verdict, table: str, *, converged: bool = True, believed: bool = True
 ) -> dict[str, Any]:
-    """`agrees` is None where the run must not be believed, or the fit is not noise."""
+    """`agrees` is None where the run is not believed, the fit is not noise, or no end lets it judge."""
     whole = verdict_words.verdict_sentence(verdict, table)
+    unjudged = verdict.saying("cannot judge") and not verdict.judged
     return {
         "table": table,
-        "agrees": verdict.agrees if believed and verdict.fits else None,
+        "agrees": verdict.agrees if believed and verdict.fits and not unjudged else None,
         "fits": verdict.fits,
         "sentence": whole if believed else verdict_words.no_verdict(converged=converged),
         "joint_sigma": None if verdict.joint is None else round(verdict.joint, 3),
         "limit_sigma": round(verdict.limit, 3),
-        "opened": list(verdict.opened),
+        "ends": dict(verdict.ends),
         "quantities": {
             verdict_words.quantity_name(verdict, q): {"says": q.says, "sigma": round(q.tension, 3)}
             for q in verdict_words.verdict_rows(verdict)

@@ -24,7 +24,6 @@ from bayesdrill.config.job import Job
 from bayesdrill.output_files import COMPARE, LADDER, MAP, OVERLAY, POSTERIOR, Kind
 from bayesdrill.report import publish
 from bayesdrill.report.comparison_report import COMPARED, OVERLAID, Form
-from bayesdrill.report.sections import verdict_words
 from bayesdrill.results import provenance, run_folder
 from bayesdrill.tasks import comparison, conclusions, find_map, pipeline, run_entries
 from bayesdrill.tasks.comparison import NamedRun
@@ -111,13 +110,9 @@ def _of_posterior(folder: Path, run: Mapping[str, Any]) -> Iterator[Issue]:
         explained = from_data(Causes, kept["causes"]) if kept.get("causes") else None
     afresh = dataclasses.replace(stored_run, kept=None)
     view = conclusions.concluded(afresh, alone=kept.get("alone", True), explained=explained)
-    beyond = view.sampled.extended
-    if beyond is None or beyond.saved:
-        texts = {name: table(view) or "" for name, table in publish.TABLES.items()}
-        yield from _tables(folder, texts, "the chain")
-        yield from _numbers(folder, run, view.analysis)
-    else:
-        yield Issue(str(folder / output_files.OPENED), verdict_words.NOT_KEPT)
+    texts = {name: table(view) or "" for name, table in publish.TABLES.items()}
+    yield from _tables(folder, texts, "the chain")
+    yield from _numbers(folder, run, view.analysis)
     mark = view.marks[provenance.RUN_MARK]
     yield from _figures(folder, POSTERIOR, mark, view.config.name)
 

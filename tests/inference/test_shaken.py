@@ -16,12 +16,12 @@ from oracles import NOMINAL, ORDER
 from rigs import STATES, experiment, posterior, unknown, vector
 from shaken import covariance, process
 
-from bayesdrill.inference import compression, laplace
+from bayesdrill.inference import compression
 from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.inference.likelihood import LatentTorqueObservation
 from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.posterior import Likelihood, Posterior
-from bayesdrill.inference.priors import LogUniform, Uniform
+from bayesdrill.inference.priors import LogUniform
 from bayesdrill.inference.residual_checks import residual_summaries
 from bayesdrill.inference.unknowns import ParameterSpace, Unknown
 from bayesdrill.rig.models.latent_torque import MissingTorque
@@ -141,14 +141,6 @@ def test_pinned_the_covariance_is_that_of_one_rig() -> None:
     assert (pinned[0] == rows[0]).all()
     assert (pinned[1] == pinned[0]).all()
     assert not np.allclose(rows[1], rows[0])
-
-
-def test_other_priors_leave_the_rest_as_it_is() -> None:
-    """What is said of one posterior with its levels in other places."""
-    of = target()
-    space = of.space.with_priors({"k_s": Uniform(0.1, 0.5)})
-    assert laplace.covariance(of, points(1)[0]).shape == (12, 12)
-    assert dataclasses.replace(of, space=space).density(points(1)).shape == (1,)
 
 
 def test_one_step_ahead_of_a_missing_torque_is_what_its_filter_predicts() -> None:

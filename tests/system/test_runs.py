@@ -796,6 +796,22 @@ def test_a_parameter_pressed_against_its_prior_is_told_and_believed(tmp_path: Pa
     assert [note for note in notes if note.startswith("note: k_e")]
 
 
+def test_a_nominal_value_at_an_end_of_its_prior_is_not_judged(tmp_path: Path) -> None:
+    """The end is said, with the way out; a file of older versions, with draws beyond it, goes."""
+    found = fresh(tmp_path, ("k_e: {prior: uniform, low: 0.5", "k_e: {prior: uniform, low: 1.0"))
+    assert found.ran.status == 0, found.ran.text
+    said = "Cannot judge: k_e. The prior of k_e ends at 0.06016; widen it."
+    assert said in found.ran.out
+    verdict = run_of(found.folder)["verdict"]
+    assert verdict["ends"] == {"k_e": 0.06016}
+    assert verdict["quantities"]["k_e"]["says"] == "cannot judge"
+    (found.folder / "opened.npz").write_text("of an older version")
+    again = systems.cli("report", found.folder, "--processes", "1")
+    assert again.status == 0, again.text
+    assert said in again.out
+    assert not (found.folder / "opened.npz").exists()
+
+
 def digit_changed(content: bytes) -> bytes:
     """The first log posterior of `map.json`, by a hundredth."""
     return re.sub(rb"(log_posterior.*\.\d)\d", rb"\g<1>0", content, count=1)
