@@ -218,8 +218,8 @@ def _read_sampled(job: Job, folder: Folder) -> SampledRun:
     posterior = job.problem.posterior
     _read_ahead(job, folder)
     again = ensembles.load_sampled(posterior, plan(job.config), folder.segments, str(path))
-    again = again.with_reasons(mode.doubts)
     run = run_folder.read_run(path) or {}
+    again = again.with_missed(run_entries.missed_of_data(run)).with_reasons(mode.doubts)
     sampled = dataclasses.replace(
         again,
         mode_shares=run_entries.maxima_weights(run),

@@ -70,6 +70,7 @@ ENTRIES: Mapping[str, str] = {
     "log_evidence_steps_error": "the standard error of that",
     "vague_priors": "unknowns whose priors are too wide for it to mean much",
     "importance": "posterior means that the proposal gives without a chain [SI]",
+    "missed": "about how much of the posterior the proposal hardly ever reaches",
     "maxima": "maxima of the posterior, and the share of each [SI]",
     ANALYSIS: "all that is said of the run, evaluated once",
     ANALYSIS_OF: "a digest of what the analysis was made of",
@@ -124,6 +125,7 @@ def entries(view: ReportContext, made_of: str) -> dict[str, Any]:
         "failures": analysis.failures,
         **evidence_data(analysis.evidence, analysis.vague),
         **({"compression": as_data(check)} if (check := view.sampled.compression) else {}),
+        **({"missed": view.sampled.missed} if view.sampled.missed else {}),
         **_learnt(problem, view.mode, view.sampled),
         ANALYSIS: as_data(analysis),
         ANALYSIS_OF: made_of,
@@ -244,6 +246,12 @@ def compression_of_data(run: Mapping[str, Any]) -> CompressionCheck | None:
         return CompressionCheck(**run["compression"])
     except (KeyError, TypeError):
         return None
+
+
+def missed_of_data(run: Mapping[str, Any]) -> float:
+    """How much of the posterior the proposal missed, by `run.json`; 0 where it says nothing."""
+    missed = run.get("missed")
+    return missed if isinstance(missed, float) and 0.0 < missed <= 1.0 else 0.0
 
 
 def evidence_of_data(run: Mapping[str, Any]) -> Evidence | None:
