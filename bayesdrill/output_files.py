@@ -101,7 +101,6 @@ USUALLY_DRAWN = {
     "trace": "sections.convergence_figure",
     "prior_posterior": "sections.parameters_figure",
     "friction": "sections.physics_figure",
-    "energy": "sections.physics_figure",
     "torque": "sections.physics_figure",
     "residuals": "sections.fit_figure",  # where more than noise is left, or by name
     "fit": "sections.fit_figure",  # last: its draws take a while
@@ -116,10 +115,10 @@ OWN_FIGURES = USUALLY_DRAWN | ON_REQUEST
 # Those of draws alone, which are drawn while the analysis of a run looks at its draws.
 OF_DRAWS = ("rig", "corner", "trace", "prior_posterior")
 # Those of which each of several experiments has one.
-EACH = ("fit", "friction", "energy", "torque", "residuals", "frequency_response")
+EACH = ("fit", "friction", "torque", "residuals", "frequency_response")
 RUN_FIGURES: Registry[str] = Registry("figure", OWN_FIGURES)
 # Files of older versions, which a report or --force takes away.
-OUTDATED = ("opened.npz",)
+OUTDATED = ("opened.npz", *figure_files("energy", "energy_#", formats=FORMATS))
 
 
 POSTERIOR = Kind(

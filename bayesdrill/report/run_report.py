@@ -179,11 +179,6 @@ def _sections(run: ReportContext, pictures: Sequence[Picture]) -> Iterator[Secti
         said = "\n".join(filter(None, (words_of(torque, run.problem.model) for words_of in parts)))
         shown = torque_words.torque_table(torque)
         yield build(f"The missing torque{where}", said, shown, Note(torque_words.READ))
-    for energy in analysis.energy:
-        where = f" in {energy.label}" if energy.label else ""
-        shown = physics_words.energy_table(energy, run.problem.model)
-        read = Note(physics_words.energy_note(energy, run.problem.model))
-        yield build(f"Where the energy goes{where}", shown, read, brief=False)
     if pictures:
         yield build("Figures", *pictures, brief=False)
     if analysis.evidence is not None:

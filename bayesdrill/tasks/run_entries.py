@@ -12,7 +12,6 @@ import numpy as np
 
 from bayesdrill.analysis.causes import Causes, EquivalentExplanation
 from bayesdrill.analysis.comparison import RepeatedProduct
-from bayesdrill.analysis.energy import EnergySummary
 from bayesdrill.analysis.plausibility import DiffusePrior
 from bayesdrill.analysis.run_analysis import RunAnalysis, TorqueSummary
 from bayesdrill.analysis.verdict import Verdict
@@ -22,7 +21,7 @@ from bayesdrill.inference.compression import CompressionCheck
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.residual_checks import ResidualSummary
 from bayesdrill.inference.step_error import StepError
-from bayesdrill.report.sections import identify_words, physics_words, verdict_words
+from bayesdrill.report.sections import identify_words, verdict_words
 from bayesdrill.report.view import ReportContext
 from bayesdrill.sampling.ensembles import SamplingResult
 from bayesdrill.sampling.evidence import Evidence
@@ -50,7 +49,6 @@ ENTRIES: Mapping[str, str] = {
     "instead": "what the rig may lack, where the nominal table would be blamed [SI]",
     "pieces": "what the steps of a rig that is stepped do at the MAP [sd of the noise]",
     "torque": "the missing torque of each experiment [N m]",
-    "energy": "where the energy goes, of a rig that rubs [J]",
     "verdict": "what the run says of the nominal table [sigma]",
     "steps": "steps of each ensemble",
     "burn_in": "steps that are dropped",
@@ -108,7 +106,6 @@ def entries(view: ReportContext, made_of: str) -> dict[str, Any]:
         **instead_data(analysis.instead if c.converged else None),
         **({"pieces": step_data(analysis.step_errors)} if analysis.step_errors else {}),
         **({"torque": torque_data(analysis.torques)} if analysis.torques else {}),
-        **({"energy": energy_data(analysis.energy)} if analysis.energy else {}),
         "verdict": analysis.judged
         and verdict_data(
             analysis.judged.verdict,
@@ -328,24 +325,4 @@ def torque_data(every: Sequence[TorqueSummary]) -> list[dict[str, Any]]:
             },
         }
         for summary in every
-    ]
-
-
-def energy_data(summaries: Sequence[EnergySummary]) -> list[dict[str, Any]]:
-    """J."""
-
-    def parts(summary: EnergySummary, names: Sequence[str]) -> dict[str, dict[str, float | None]]:
-        return {
-            part.name: {"joules": part.joules, "share": part.share, "sd": part.sd}
-            for part in physics_words.ordered(summary, names)
-        }
-
-    return [
-        {
-            **_of(summary.label),
-            "in": parts(summary, summary.came),
-            "out": parts(summary, summary.went),
-            "open": summary.left,
-        }
-        for summary in summaries
     ]
