@@ -362,8 +362,8 @@ def schema(
 def export(
     folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Of a finished run.")],
     to: Annotated[
-        Literal["json", "mjcf", "urdf"],
-        typer.Option("--to", help="For MuJoCo, URDF, or any program."),
+        Literal["json", "mjcf"],
+        typer.Option("--to", help="For any program, or MuJoCo."),
     ],
     output: Annotated[Path | None, output_option("Default: it is printed.")] = None,
     draws: Annotated[

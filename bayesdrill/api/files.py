@@ -272,7 +272,7 @@ def export(
     seed: int = 0,
     force: bool = False,
 ) -> str:
-    """Return a run's rig as simulators take it: `mjcf`, `urdf` or `json`; `output`: also a file.
+    """Return a run's rig as simulators take it: `mjcf` or `json`; `output`: also a file.
 
         bd.export("results/mine", "mjcf", "rig.xml")
 
