@@ -165,7 +165,6 @@ class RunAnalysis:
     course: sentences on friction that drives instead of braking
     rig: sentences on roles and gear of the rig
     suspicions: sentences on columns, units and sensors of the record
-    alone: whether no other model of the record is tried beside it, so that causes are looked for
     """
 
     unknowns: tuple[ParameterRow, ...]
@@ -190,7 +189,6 @@ class RunAnalysis:
     course: tuple[str, ...]
     rig: tuple[str, ...]
     suspicions: tuple[str, ...]
-    alone: bool
 
     @property
     def numbers(self) -> Mapping[str, Any]:
@@ -250,7 +248,6 @@ def analyse(
         course=tuple(plausibility.plausibility_of_course(sensitivity, best)),
         rig=(*plausibility.of_roles(problem), *plausibility.plausibility_of_gear(problem)),
         suspicions=suspicions,
-        alone=alone,
     )
 
 

@@ -255,7 +255,7 @@ def publish(
 def verify(folder: str | Path) -> Verified:
     """Check whether config, record, tables and figures of a run still belong together.
 
-    The tables are computed again from the chain.  Raises `InputError` where there is no finished run.
+    By digests: no number is computed again.  Raises `InputError` where there is no finished run.
     """
     from bayesdrill.tasks import verify as verifying
 

@@ -76,8 +76,8 @@ def _table_mark(verdict: Verdict, table: str) -> Badge:
 
 
 CHECKED = (
-    "`bayesdrill verify` computes the tables again from the chain and says whether config, record, "
-    "chain, tables and figures of a folder still belong together."
+    "`bayesdrill verify` says whether config, record, chain, tables and figures of a folder are as "
+    "the run wrote them, and belong together."
 )
 
 
