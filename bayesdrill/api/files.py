@@ -15,7 +15,6 @@ from bayesdrill.api.arguments import ManyFits
 from bayesdrill.basics import software as citing
 from bayesdrill.basics.errors import InputError, Issue, collect_each
 from bayesdrill.basics.progress import SILENT, Reporter
-from bayesdrill.basics.software import Citation
 from bayesdrill.basics.values import check_arguments
 
 if TYPE_CHECKING:
@@ -93,21 +92,9 @@ def example(folder: str | Path = "configs") -> Example:
     return Example(target, tuple(contents))
 
 
-@check_arguments
-def citation(folder: str | Path | None = None) -> Citation:
-    """Return how to cite what is installed, or what the run in `folder` was made with.
-
-    Raises `InputError` where no run is finished.
-    """
-    if folder is None:
-        return citing.citation()
-    from bayesdrill.results.run_folder import read_run
-
-    path = Path(folder).expanduser()
-    made_with = (read_run(path) or {}).get("versions")
-    if not isinstance(made_with, dict):
-        raise InputError.at(str(path), "no finished run is here; give the folder of one, or none")
-    return citing.citation(made_with)
+def citation() -> str:
+    """Return BibTeX entries of bayesdrill and of the works that its results stand on."""
+    return citing.citation()
 
 
 @check_arguments

@@ -133,7 +133,7 @@ def write_results(
         folder.write_text("summary.md", as_markdown(view.config.name, sections(view, pictures)))
     with sparing.making("report.html"):
         made_of = run_report.provenance_section(view, folder.path)
-        page_sections = (*sections(view, pictures), made_of, run_report.cite(folder.path))
+        page_sections = (*sections(view, pictures), made_of, run_report.cite())
         text = render.as_html(
             view.config.name, "posterior", page_sections, figures, view.problem.symbols
         )

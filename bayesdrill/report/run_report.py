@@ -42,7 +42,7 @@ from bayesdrill.report.sections import (
 )
 from bayesdrill.report.view import ReportContext
 from bayesdrill.results import provenance
-from bayesdrill.results.run_folder import CHAIN, read_run
+from bayesdrill.results.run_folder import CHAIN
 
 
 def run_marks(run: ReportContext) -> tuple[Badge, ...]:
@@ -131,12 +131,15 @@ def provenance_of_records(problem: Problem) -> Iterator[tuple[str, str]]:
         yield observation.entitled("channels"), ", ".join(observation.experiment.names)
 
 
-def cite(folder: Path | None = None) -> Section:
-    """How to cite what the run in `folder` was made with, or what is installed."""
-    run = {} if folder is None else read_run(folder) or {}
-    cited = citation(run.get("versions"))
-    bibtex = Plain(cited.bibtex, folded="BibTeX")
-    return build("How to cite", cited.text.replace("\n\n", "\n"), bibtex, brief=False)
+CITE = (
+    "Cite bayesdrill and the works that a result stands on, with the versions given above. "
+    "`bayesdrill cite` prints these entries."
+)
+
+
+def cite() -> Section:
+    """How to cite what a run was made with."""
+    return build("How to cite", CITE, Plain(citation(), folded="BibTeX"), brief=False)
 
 
 FOUND = "nothing found: energy, poles and sampling are as in a real rig"
