@@ -262,10 +262,7 @@ def _resting(verdict: Verdict, rests: Sequence[DependsOnFixed]) -> list[str]:
 def _undecided(verdict: Verdict, units: DisplayUnits) -> Iterator[str]:
     """What is not judged, and why."""
     open_ones = verdict.saying("not determined")
-    ends = "; ".join(
-        f"the prior of {name} ends at {units.format_value(name, end)}; widen it"
-        for name, end in verdict.ends.items()
-    )
+    ends = [f"of {name} ends at {units.format_value(name, e)}" for name, e in verdict.ends.items()]
     reasons = {
         "Not determined by themselves": (
             [q for q in open_ones if q.blind],
@@ -283,8 +280,8 @@ def _undecided(verdict: Verdict, units: DisplayUnits) -> Iterator[str]:
         ),
         "Cannot judge": (
             verdict.saying("cannot judge"),
-            f"{ends[:1].upper()}{ends[1:]}. Hardly a draw can lie beyond it, however well the record "
-            "agrees with the nominal value.",
+            f"The prior {', that '.join(ends)}; widen it. Hardly a draw can lie beyond, however well the "
+            "record agrees with the nominal value.",
         ),
     }
     for said, (quantities, why) in reasons.items():

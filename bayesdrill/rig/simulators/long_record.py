@@ -63,41 +63,27 @@ class LongRecord:
 
     def responses(self, full: Array, kind: type = Long) -> Iterator[tuple[Array, LongArray]]:
         """Yield inputs `(m, S)` and channels `(m, K)` of the rig `full (P,)`, part after part."""
-        layout, sensors = self.layout, self.sensors
-        x = layout.n_states
-        numbers = ObservedWalkers(sensors, full[None]).numbers[0]
-        p = layout.n_parameters
-        constants = present(sensors.experiment.constant).values()
+        layout, experiment = self.layout, self.sensors.experiment
+        x, p, series = layout.n_states, layout.n_parameters, layout.n_series
+        numbers = ObservedWalkers(self.sensors, full[None]).numbers[0]
         matrix = np.zeros((layout.size, layout.size), dtype=Long)
-        long = [Long(number) for number in (*numbers[:p], *constants)]
+        long = [Long(n) for n in (*numbers[:p], *present(experiment.constant).values())]
         for row, column, value in layout.entries(long):
             matrix[row, column] += value if row >= x else value * Long(self.step)
         step: LongArray = long_exponential(matrix).astype(kind)
+        # Of one and of inputs, then of their increments where they change straight.
+        fall, columns = step[:x, :x], step[:x, x:].T
         rows = numbers[p + x :].reshape(-1, x + 1).astype(kind)
-        start = numbers[p : p + x].astype(kind)
-        for inputs, states in self.courses(step[:x, :x], step[:x, x:].T, start):
-            yield inputs, states @ rows[:, :x].T + rows[:, x]
-
-    def courses(
-        self, fall: LongArray, columns: LongArray, state: LongArray
-    ) -> Iterator[tuple[Array, LongArray]]:
-        """Yield inputs `(m, S)` and states `(m, X)`, see `long_states`, part after part.
-
-        `columns (1 + S, X)`: of one and of inputs, then of their increments where they change
-        straight.
-        """
-        layout = self.layout
-        series = layout.n_series
+        state = numbers[p : p + x].astype(kind)
         for first in range(0, self.count, PART):
-            last = min(first + PART, self.count)
-            inputs = self.inputs(first, last + 1)
-            u: LongArray = inputs.astype(fall.dtype)
+            inputs = self.inputs(first, min(first + PART, self.count) + 1)
+            u: LongArray = inputs.astype(kind)
             drive = columns[0] + u[:-1] @ columns[1 : 1 + series]
             if layout.first_order:
                 drive = drive + np.diff(u, axis=0) @ columns[1 + series :]
             states = long_states(fall, drive, state)
             state = states[-1]
-            yield inputs[:-1], states[:-1]
+            yield inputs[:-1], states[:-1] @ rows[:, :x].T + rows[:, x]
 
     @property
     def alike(self) -> list[slice]:
