@@ -280,8 +280,8 @@ def _undecided(verdict: Verdict, units: DisplayUnits) -> Iterator[str]:
         ),
         "Cannot judge": (
             verdict.saying("cannot judge"),
-            f"The prior {', that '.join(ends)}; widen it. Hardly a draw can lie beyond, however well the "
-            "record agrees with the nominal value.",
+            f"The prior {', that '.join(ends)}; widen it. Hardly a draw can lie beyond, whatever the "
+            "record says of the nominal value.",
         ),
     }
     for said, (quantities, why) in reasons.items():
