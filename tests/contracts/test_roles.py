@@ -288,7 +288,6 @@ def test_a_rig_in_other_words_has_every_analysis() -> None:
     for text in (
         "friction: ",
         "tie k_T = k_e",
-        "friction t_f",
         "unit: ",
         "missing torque: it follows",
     ):
