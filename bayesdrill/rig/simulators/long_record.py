@@ -67,7 +67,8 @@ class LongRecord:
         x, p, series = layout.n_states, layout.n_parameters, layout.n_series
         numbers = ObservedWalkers(self.sensors, full[None]).numbers[0]
         matrix = np.zeros((layout.size, layout.size), dtype=Long)
-        long = [Long(n) for n in (*numbers[:p], *present(experiment.constant).values())]
+        constants = present(experiment.constant).values()
+        long = [Long(number) for number in (*numbers[:p], *constants)]
         for row, column, value in layout.entries(long):
             matrix[row, column] += value if row >= x else value * Long(self.step)
         step: LongArray = long_exponential(matrix).astype(kind)
