@@ -14,7 +14,7 @@ DOCS := .venv-docs/bin
 DOCS_READY := .venv-docs/.ready
 SITE := build/docs
 
-.PHONY: help posterior paper docs test test-slow check format bench bench-growth zoo modes real baseline mutants attack pages results schema citation dist clean
+.PHONY: help posterior paper docs test test-slow check format bench bench-growth zoo modes real baseline mutants attack pages results schema dist clean
 
 help:
 	@echo "make posterior [CONFIG=configs/mine.yaml] [ARGS=--resume|--force]"
@@ -36,7 +36,6 @@ help:
 	@echo "make attack      malformed configs, records and results, SECONDS=60 of each of eighteen kinds"
 	@echo "make pages       look at reports in a headless Chromium, which has to be on PATH (a minute, in .venv-browser)"
 	@echo "make schema      write configs/schema.json anew"
-	@echo "make citation    write CITATION.cff anew"
 	@echo "make dist        the files of a release: dist/"
 	@echo "make clean       remove .venv, .venv-bench, .venv-browser, .venv-docs, build and caches; results stay"
 
@@ -105,9 +104,6 @@ pages: $(BROWSER_READY)
 
 schema: $(READY)
 	@$(BIN)/bayesdrill schema > configs/schema.json
-
-citation: $(READY)
-	@$(BIN)/bayesdrill cite --format cff > CITATION.cff
 
 # What is not committed would be in the files too.
 dist: $(READY)

@@ -340,8 +340,8 @@ def schema(
 def export(
     folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Of a finished run.")],
     to: Annotated[
-        Literal["json", "mjcf", "urdf"],
-        typer.Option("--to", help="For MuJoCo, URDF, or any program."),
+        Literal["json", "mjcf"],
+        typer.Option("--to", help="For any program, or MuJoCo."),
     ],
     output: Annotated[Path | None, output_option("Default: it is printed.")] = None,
     draws: Annotated[
@@ -354,19 +354,10 @@ def export(
     typer.echo(text if output is None else f"{output}: written", nl=output is not None)
 
 
-@command("cite results/nominal_step --format bibtex")
-def cite(
-    folder: Annotated[
-        Path | None,
-        typer.Argument(metavar="FOLDER", help="Of a run; default: what is installed."),
-    ] = None,
-    form: Annotated[
-        Literal["text", "bibtex", "cff"],
-        typer.Option("--format", help="To read, for BibTeX, or as CITATION.cff."),
-    ] = "text",
-) -> None:
-    """Say how to cite bayesdrill and what a run stands on."""
-    say(getattr(bd.citation(folder), form).rstrip("\n"))
+@command("cite")
+def cite() -> None:
+    """Print BibTeX entries of bayesdrill and of the works that a result stands on."""
+    say(bd.citation().rstrip("\n"))
 
 
 @command("cache --clear")

@@ -30,7 +30,6 @@ FIGURES = "figures"
 PIECES = ".pieces"
 REFITS = ".refits"
 RECOMMENDED = "recommended.yaml"  # of a ladder
-OPENED = "opened.npz"  # draws beyond ends of priors, where these are in the way
 RECORD = "record.csv"  # of a case that was made without any file
 CONFIG_FILE, RESOLVED_FILE = "config.yaml", "config.resolved.yaml"
 CONFIGS = (CONFIG_FILE, RESOLVED_FILE)
@@ -102,7 +101,6 @@ USUALLY_DRAWN = {
     "trace": "sections.convergence_figure",
     "prior_posterior": "sections.parameters_figure",
     "friction": "sections.physics_figure",
-    "energy": "sections.physics_figure",
     "torque": "sections.physics_figure",
     "residuals": "sections.fit_figure",  # where more than noise is left, or by name
     "fit": "sections.fit_figure",  # last: its draws take a while
@@ -117,14 +115,16 @@ OWN_FIGURES = USUALLY_DRAWN | ON_REQUEST
 # Those of draws alone, which are drawn while the analysis of a run looks at its draws.
 OF_DRAWS = ("rig", "corner", "trace", "prior_posterior")
 # Those of which each of several experiments has one.
-EACH = ("fit", "friction", "energy", "torque", "residuals", "frequency_response")
+EACH = ("fit", "friction", "torque", "residuals", "frequency_response")
 RUN_FIGURES: Registry[str] = Registry("figure", OWN_FIGURES)
+# Files of older versions, which a report or --force takes away.
+OUTDATED = ("opened.npz", *figure_files("energy", "energy_#", formats=FORMATS))
 
 
 POSTERIOR = Kind(
     "posterior",
     (
-        *("chain.h5", OPENED, "map.json", *CONFIGS, "posterior.nc", "summary.csv", "summary.md"),
+        *("chain.h5", "map.json", *CONFIGS, "posterior.nc", "summary.csv", "summary.md", *OUTDATED),
         *("derived.csv", "verdict.csv", "torque.csv", "table.tex", "report.html"),
         *figure_files(*RUN_FIGURES, *(f"{stem}_#" for stem in EACH), formats=FORMATS),
         *UNFINISHED.files,

@@ -58,7 +58,7 @@ def errors(posterior: Posterior, draws: Array) -> Iterator[Array]:
     for theta in draws[:: max(1, len(draws) // DRAWS)]:
         total = np.zeros(4)
         for observation in short:
-            if not observation.functions or observation.response.sensors.sensing.shifts:
+            if not observation.functions:
                 continue
             full = observation.simulator_parameters(posterior.space.full(theta[None]))
             simulator: Any = observation.response

@@ -15,15 +15,12 @@ from threadpoolctl import threadpool_limits
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.verdict import Verdict, conclude
 from bayesdrill.basics import seeds
-from bayesdrill.basics.progress import Silent
 from bayesdrill.config import job
 from bayesdrill.config.job import Job
 from bayesdrill.inference.residual_checks import like_noise, residual_summaries
 from bayesdrill.report.sections import fit_words
-from bayesdrill.sampling import mode_search
-from bayesdrill.sampling.extended_priors import with_extended_priors
 from bayesdrill.sampling.fit import fit
-from bayesdrill.tasks import calibrate, conclusions
+from bayesdrill.tasks import calibrate
 from benchmarks.zoo import entries as e
 from benchmarks.zoo import folder
 from benchmarks.zoo.makers import Driven
@@ -49,11 +46,8 @@ class Trial:
         shaped = lfilter([np.sqrt(1.0 - self.memory**2)], [1.0, -self.memory], noise, axis=0)
         posterior = self.job.problem.posterior.edit(records=[self.clean + SIGMA * shaped])
         own = replace(self.job, problem=replace(self.job.problem, posterior=posterior))
-        plan, chains = calibrate.study(own).plan, conclusions.plan(own.config)
-        own_chains = replace(plan.chains, seed=seed)
-        found, sampled = fit(posterior, replace(plan, chains=own_chains))
-        tops, nominal = mode_search.modes(posterior, found), own.problem.nominal
-        sampled = with_extended_priors(sampled, posterior, nominal, tops, chains, Silent())
+        plan = calibrate.study(own).plan
+        found, sampled = fit(posterior, replace(plan, chains=replace(plan.chains, seed=seed)))
         scenery = SensitivityStudy(posterior.likelihood)
         left = residual_summaries(posterior.likelihood, posterior.space.vector(found.values))
         fits = like_noise(left)

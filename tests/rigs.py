@@ -143,6 +143,12 @@ def starting(target: Posterior, start: Mapping[str, float]) -> Posterior:
     return replace(target, space=replace(target.space, unknowns=tuple(changed)))
 
 
+def with_priors(space: ParameterSpace, priors: Mapping[str, Prior]) -> ParameterSpace:
+    """The same unknowns with other priors of some."""
+    changed = (replace(u, prior=priors.get(u.name, u.prior)) for u in space.unknowns)
+    return replace(space, unknowns=tuple(changed))
+
+
 def near(posterior: Posterior, theta: np.ndarray, n: int, rng: np.random.Generator) -> np.ndarray:
     """`(n, D)` points of finite posterior around `theta (D,)`, in the sampler's coordinates."""
     centre = posterior.coordinates.from_physical(theta[None])[0]

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from bayesdrill.analysis import causes, diagnostics, energy, latent_torque, plausibility
+from bayesdrill.analysis import causes, diagnostics, latent_torque, plausibility
 from bayesdrill.analysis.causes import Causes, EquivalentExplanation
 from bayesdrill.analysis.comparison import RepeatedProduct, repeats
 from bayesdrill.analysis.diagnostics import ParameterRow
-from bayesdrill.analysis.energy import EnergyAccount, EnergySummary, FrictionMotion
+from bayesdrill.analysis.friction_motion import FrictionMotion, friction_motions
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.identifiability.structure import Exponents
 from bayesdrill.analysis.latent_torque import (
@@ -47,7 +47,7 @@ from bayesdrill.sampling.ensembles import SamplingResult
 from bayesdrill.sampling.evidence import Evidence
 from bayesdrill.sampling.mode_search import Mode
 
-BAND_DRAWS, ENERGY_DRAWS, TORQUE_DRAWS = 100, 25, 300  # draws
+BAND_DRAWS, TORQUE_DRAWS = 100, 300  # draws
 CENTRAL_SHARES = (0.03, 0.97)  # of the samples of a torque
 
 
@@ -85,12 +85,7 @@ class RunDraws(Value):
         """The friction of each experiment; nothing where the rig has none."""
         if not self.problem.model.frictions:
             return ()
-        return energy.friction_motions(self.problem.posterior, self.best, self.some(BAND_DRAWS))
-
-    @cached_property
-    def energy_accounts(self) -> tuple[EnergyAccount, ...]:
-        """The energy accounts of a rig with friction."""
-        return energy.energy_accounts(self.problem.posterior, self.best, self.some(ENERGY_DRAWS))
+        return friction_motions(self.problem.posterior, self.best, self.some(BAND_DRAWS))
 
     @cached_property
     def torque_estimates(self) -> tuple[TorqueEstimate, ...]:
@@ -166,12 +161,10 @@ class RunAnalysis:
     leaning: unknowns that are determined by the priors of others alone
     step_errors: what the steps of a rig that is stepped do at the MAP [sd of the noise]
     torques: the missing torque of each experiment [N m]
-    energy: where the energy goes in each experiment, of a rig that rubs [J, 1]
     moment: what inputs half a sample later would move [s, sd of the unknown]
     course: sentences on friction that drives instead of braking
     rig: sentences on roles and gear of the rig
     suspicions: sentences on columns, units and sensors of the record
-    alone: whether no other model of the record is tried beside it, so that causes are looked for
     """
 
     unknowns: tuple[ParameterRow, ...]
@@ -192,12 +185,10 @@ class RunAnalysis:
     leaning: Mapping[str, tuple[str, ...]]
     step_errors: tuple[StepError, ...]
     torques: tuple[TorqueSummary, ...]
-    energy: tuple[EnergySummary, ...]
     moment: InputTiming | None
     course: tuple[str, ...]
     rig: tuple[str, ...]
     suspicions: tuple[str, ...]
-    alone: bool
 
     @property
     def numbers(self) -> Mapping[str, Any]:
@@ -252,13 +243,11 @@ def analyse(
         leaning=diagnostics.prior_dependence(rows, run.draws),
         step_errors=step_errors(posterior.likelihood, best),
         torques=tuple(map(torque_summary, run.torque_estimates)),
-        energy=tuple(account.summary for account in run.energy_accounts),
         # What another moment would leave looks like noise only where this fit does.
         moment=half_sample_shift(sensitivity, best) if fits else None,
         course=tuple(plausibility.plausibility_of_course(sensitivity, best)),
         rig=(*plausibility.of_roles(problem), *plausibility.plausibility_of_gear(problem)),
         suspicions=suspicions,
-        alone=alone,
     )
 
 

@@ -15,7 +15,6 @@ from bayesdrill.api.arguments import ManyFits
 from bayesdrill.basics import software as citing
 from bayesdrill.basics.errors import InputError, Issue, collect_each
 from bayesdrill.basics.progress import SILENT, Reporter
-from bayesdrill.basics.software import Citation
 from bayesdrill.basics.values import check_arguments
 
 if TYPE_CHECKING:
@@ -90,21 +89,9 @@ def example(folder: str | Path = "configs") -> Example:
     return Example(target, tuple(contents))
 
 
-@check_arguments
-def citation(folder: str | Path | None = None) -> Citation:
-    """Return how to cite what is installed, or what the run in `folder` was made with.
-
-    Raises `InputError` where no run is finished.
-    """
-    if folder is None:
-        return citing.citation()
-    from bayesdrill.results.run_folder import read_run
-
-    path = Path(folder).expanduser()
-    made_with = (read_run(path) or {}).get("versions")
-    if not isinstance(made_with, dict):
-        raise InputError.at(str(path), "no finished run is here; give the folder of one, or none")
-    return citing.citation(made_with)
+def citation() -> str:
+    """Return BibTeX entries of bayesdrill and of the works that its results stand on."""
+    return citing.citation()
 
 
 @check_arguments
@@ -252,7 +239,7 @@ def publish(
 def verify(folder: str | Path) -> Verified:
     """Check whether config, record, tables and figures of a run still belong together.
 
-    The tables are computed again from the chain.  Raises `InputError` where there is no finished run.
+    By digests: no number is computed again.  Raises `InputError` where there is no finished run.
     """
     from bayesdrill.tasks import verify as verifying
 
@@ -269,7 +256,7 @@ def export(
     seed: int = 0,
     force: bool = False,
 ) -> str:
-    """Return a run's rig as simulators take it: `mjcf`, `urdf` or `json`; `output`: also a file.
+    """Return a run's rig as simulators take it: `mjcf` or `json`; `output`: also a file.
 
         bd.export("results/mine", "mjcf", "rig.xml")
 

@@ -31,11 +31,6 @@ from bayesdrill.rig.models.latent_torque import SIZE, TIME
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulators import simulator
 from bayesdrill.rig.simulators.compressed import compress, obstacle
-from bayesdrill.rig.simulators.compressed_filter import (
-    CompressedFilter,
-    compress_filter,
-    filter_obstacle,
-)
 from bayesdrill.rig.simulators.contract import Simulator
 from bayesdrill.rig.simulators.kalman import KalmanFilter
 from bayesdrill.rig.simulators.sensors import ObservationModel
@@ -335,32 +330,8 @@ class LatentTorqueObservation(Observation):
 
     @property
     def exact_reason(self) -> str:
-        """Say why its record cannot be compressed whatever its parameters; empty where it can."""
-        return filter_obstacle(self.response)
-
-    @property
-    def functions(self) -> int:
-        """How many functions its record has become; zero where it is not compressed."""
-        return self.kalman_filter.functions
-
-    def exceeds_bound(self, full: Array, theta: Array) -> Flags:
-        """Tell which unknowns `(W,)` of a compressed record have all samples."""
-        return self.kalman_filter.exceeds_bound(*self._filter_arguments(theta, full))
-
-    def compress(self, full: Array, theta: Array) -> CompressedFilter:
-        """Compress its record for these unknowns; see `Observation.compress`."""
-        exact = self.kalman_filter.by_samples
-        return compress_filter(exact, self.response, *self._filter_arguments(theta, full))
-
-    def with_compression(self, compression: Any) -> LatentTorqueObservation:
-        """Return it with its record compressed; with all samples where `compression` is None."""
-        filtered = self.kalman_filter.by_samples if compression is None else compression
-        return dataclasses.replace(self, kalman_filter=filtered)
-
-    def with_record(self, y: Array) -> LatentTorqueObservation:
-        """Return it for another record `(T, K)` of the same experiment, with all samples."""
-        made = self.with_compression(None)
-        return dataclasses.replace(made, response=self.response.with_record(y))
+        """Say why its record cannot be compressed."""
+        return "a torque is missing"
 
     @property
     def kind(self) -> str:

@@ -8,7 +8,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
-from types import MappingProxyType
 
 import numpy as np
 
@@ -18,7 +17,6 @@ from bayesdrill.basics.symbols import Symbol
 from bayesdrill.basics.units import SECOND, Unit
 from bayesdrill.inference.display_units import SI, DisplayUnits
 from bayesdrill.inference.likelihood import Observation
-from bayesdrill.inference.priors import Prior
 from bayesdrill.inference.unknowns import SIMULATOR_ROLES, Coordinates, ParameterSpace, Unknown
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.models.linear import Model
@@ -108,7 +106,6 @@ class Posterior:
         self,
         *,
         free: Sequence[Unknown] = (),
-        priors: Mapping[str, Prior] = MappingProxyType({}),
         records: Sequence[Array] = (),
         each: Callable[[Observation], Observation] = lambda observation: observation,
     ) -> Posterior:
@@ -116,11 +113,10 @@ class Posterior:
 
         `free`: what becomes unknown, numbers that were fixed or parameters that observations have
         only now: those of the rig stand behind the rig's others, and all others before the noise.
-        `priors`: of unknowns, by name.  `records`: one `(T, K)` for each observation.  `each`: makes
-        another observation of each, such as `Observation.for_rig`, of those that are held out, too.
+        `records`: one `(T, K)` for each observation.  `each`: makes another observation of each,
+        such as `Observation.for_rig`, of those that are held out, too.
         """
         space = self.space if not free else _with_unknowns(self.space, free)
-        space = space if not priors else space.with_priors(priors)
         observations, held_out = (
             tuple(each(observation).bind(space) for observation in some)
             for some in (self.likelihood.observations, self.likelihood.held_out)

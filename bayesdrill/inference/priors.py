@@ -63,10 +63,6 @@ class Prior:
         """Return the inverse of the distribution at `u (N,)`."""
         raise NotImplementedError
 
-    def extended(self, low: float, high: float) -> Prior:
-        """Return the same density with other ends, where it has some."""
-        return self
-
     def scaled(self: Any, factor: float) -> Prior:
         """Return the prior of the unknown times a positive factor, as in another unit."""
         names = (field.name for field in dataclasses.fields(self))
@@ -87,19 +83,8 @@ class _Positive(Prior):
     high: float = math.inf
 
 
-class _Bounded(Prior):
-    """With ends of its own."""
-
-    __slots__ = ()
-
-    def extended(self: Any, low: float, high: float) -> Prior:
-        """Return the same density with other ends."""
-        extended: Prior = dataclasses.replace(self, low=low, high=high)
-        return extended
-
-
 @dataclass(frozen=True, slots=True)
-class Uniform(_Bounded):
+class Uniform(Prior):
     """The same density everywhere between low and high."""
 
     flat: ClassVar[bool] = True
@@ -117,7 +102,7 @@ class Uniform(_Bounded):
 
 
 @dataclass(frozen=True, slots=True)
-class LogUniform(_Bounded):
+class LogUniform(Prior):
     """The log of the number is uniform between those of low and high."""
 
     flat_in_logs: ClassVar[bool] = True
@@ -135,7 +120,7 @@ class LogUniform(_Bounded):
 
 
 @dataclass(frozen=True, slots=True)
-class TruncatedNormal(_Bounded):
+class TruncatedNormal(Prior):
     """Normal(mean, sd) given low <= x <= high; mean and sd are those before truncation."""
 
     mean: Number

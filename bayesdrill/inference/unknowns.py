@@ -225,11 +225,6 @@ class ParameterSpace:
         """Return the columns of the unknowns that play one of these roles."""
         return [k for k, unknown in enumerate(self.unknowns) if unknown.role in roles]
 
-    def with_priors(self, priors: Mapping[str, Prior]) -> ParameterSpace:
-        """Return it with other priors of some."""
-        changed = (dataclasses.replace(u, prior=priors.get(u.name, u.prior)) for u in self.unknowns)
-        return dataclasses.replace(self, unknowns=tuple(changed))
-
     @cached_property
     def coordinates(self) -> Coordinates:
         """Return the coordinates in which samplers walk."""

@@ -94,14 +94,10 @@ class MapReport:
     @property
     def texts(self) -> Mapping[str, str]:
         """Files by name."""
-        return {**self.numbers, PAGE: as_markdown(self.config.name, self.sections)}
-
-    @property
-    def numbers(self) -> Mapping[str, str]:
-        """Those that follow from `map.json` alone."""
         return {
             TABLE: section.records_as_csv(ModeRow, section.mode_rows(self.problem, self.mode)),
             **fit_words.prediction_csv(self.problem, self.best),
+            PAGE: as_markdown(self.config.name, self.sections),
         }
 
     def page(self, folder: Path) -> str:

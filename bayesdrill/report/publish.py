@@ -102,8 +102,9 @@ def write_results(
     figures.mkdir(exist_ok=True)
     wanted = wanted_figures(output.figures)
     folder.remove_stale(
-        set(output_files.figure_files(*FIGURES, *_SEVERAL, formats=output_files.FORMATS))
-        - set(output_files.figure_files(*wanted, formats=output.formats))
+        {*output_files.figure_files(*FIGURES, *_SEVERAL, formats=output_files.FORMATS)}
+        - {*output_files.figure_files(*wanted, formats=output.formats)}
+        | {*output_files.OUTDATED}
     )
     of_draws = [name for name in wanted if name in output_files.OF_DRAWS]
     others = [name for name in wanted if name not in of_draws]
@@ -132,7 +133,7 @@ def write_results(
         folder.write_text("summary.md", as_markdown(view.config.name, sections(view, pictures)))
     with sparing.making("report.html"):
         made_of = run_report.provenance_section(view, folder.path)
-        page_sections = (*sections(view, pictures), made_of, run_report.cite(folder.path))
+        page_sections = (*sections(view, pictures), made_of, run_report.cite())
         text = render.as_html(
             view.config.name, "posterior", page_sections, figures, view.problem.symbols
         )

@@ -42,7 +42,7 @@ from bayesdrill.report.sections import (
 )
 from bayesdrill.report.view import ReportContext
 from bayesdrill.results import provenance
-from bayesdrill.results.run_folder import CHAIN, read_run
+from bayesdrill.results.run_folder import CHAIN
 
 
 def run_marks(run: ReportContext) -> tuple[Badge, ...]:
@@ -66,7 +66,7 @@ def run_marks(run: ReportContext) -> tuple[Badge, ...]:
 
 
 def _table_mark(verdict: Verdict, table: str) -> Badge:
-    if all(quantity.says == "not determined" for quantity in verdict.products):
+    if not verdict.judged:
         return Badge(f"says nothing of {table}", "doubt")
     if not verdict.fits:
         return Badge("verdict in doubt", "doubt")
@@ -76,8 +76,8 @@ def _table_mark(verdict: Verdict, table: str) -> Badge:
 
 
 CHECKED = (
-    "`bayesdrill verify` computes the tables again from the chain and says whether config, record, "
-    "chain, tables and figures of a folder still belong together."
+    "`bayesdrill verify` says whether config, record, chain, tables and figures of a folder are as "
+    "the run wrote them, and belong together."
 )
 
 
@@ -131,12 +131,15 @@ def provenance_of_records(problem: Problem) -> Iterator[tuple[str, str]]:
         yield observation.entitled("channels"), ", ".join(observation.experiment.names)
 
 
-def cite(folder: Path | None = None) -> Section:
-    """How to cite what the run in `folder` was made with, or what is installed."""
-    run = {} if folder is None else read_run(folder) or {}
-    cited = citation(run.get("versions"))
-    bibtex = Plain(cited.bibtex, folded="BibTeX")
-    return build("How to cite", cited.text.replace("\n\n", "\n"), bibtex, brief=False)
+CITE = (
+    "Cite bayesdrill and the works that a result stands on, with the versions given above. "
+    "`bayesdrill cite` prints these entries."
+)
+
+
+def cite() -> Section:
+    """How to cite what a run was made with."""
+    return build("How to cite", CITE, Plain(citation(), folded="BibTeX"), brief=False)
 
 
 FOUND = "nothing found: energy, poles and sampling are as in a real rig"
@@ -179,11 +182,6 @@ def _sections(run: ReportContext, pictures: Sequence[Picture]) -> Iterator[Secti
         said = "\n".join(filter(None, (words_of(torque, run.problem.model) for words_of in parts)))
         shown = torque_words.torque_table(torque)
         yield build(f"The missing torque{where}", said, shown, Note(torque_words.READ))
-    for energy in analysis.energy:
-        where = f" in {energy.label}" if energy.label else ""
-        shown = physics_words.energy_table(energy, run.problem.model)
-        read = Note(physics_words.energy_note(energy, run.problem.model))
-        yield build(f"Where the energy goes{where}", shown, read, brief=False)
     if pictures:
         yield build("Figures", *pictures, brief=False)
     if analysis.evidence is not None:
@@ -237,6 +235,7 @@ def _verdict(run: ReportContext) -> str:
         records=len(run.problem.observations),
         lacking=fit_words.lacking(run.analysis.causes, rig.roles),
         rests=judged.study.resting,
+        units=run.units,
     )
     more = fit_words.instead(run.analysis.instead, rig) if converged else ()
     return "\n".join([said, *more])

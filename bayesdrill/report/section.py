@@ -358,9 +358,8 @@ def notes(rows: Sequence[ParameterRow], display_units: DisplayUnits) -> list[str
     """Return notes that doubt the prior or the model, but not the draws; `rows` in SI."""
     return [
         f"note: {row.name} is pressed against the end "
-        f"{display_units.format_value(row.name, row.pressed_against)} of its prior, "
-        "as if the record wanted it beyond. Widen the prior, or doubt the model, the units and "
-        "what is held."
+        f"{display_units.format_value(row.name, row.pressed_against)} of its prior, which ends "
+        "where the record pulls. Widen it, or doubt the model, the units and what is held."
         for row in rows
         if row.pressed_against is not None
     ]

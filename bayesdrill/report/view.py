@@ -19,7 +19,7 @@ from bayesdrill.inference.display_units import DisplayedUnknowns, DisplayUnits
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.report import section, words
 from bayesdrill.report.scales import WIDTHS
-from bayesdrill.report.sections import fit_words, verdict_words
+from bayesdrill.report.sections import fit_words
 from bayesdrill.results import provenance
 from bayesdrill.sampling.ensembles import SamplingResult
 from bayesdrill.sampling.mode_search import Mode
@@ -111,7 +111,6 @@ class ReportContext(Value):
         """Sentences on priors, record and rig that are no reason to doubt the draws."""
         analysis = self.analysis
         others = (
-            *verdict_words.not_kept(self.sampled.extended),
             *fit_words.moment(analysis.moment),
             *analysis.course,
             *analysis.rig,

@@ -17,8 +17,7 @@ from filelock import FileLock, Timeout
 
 from bayesdrill import output_files
 from bayesdrill.basics.errors import InputError, Issue, report_damage, shortened
-from bayesdrill.output_files import LOCK, OPENED, PIECES, RUN, Kind, atomic_write
-from bayesdrill.sampling.ensembles import ExtendedPriors
+from bayesdrill.output_files import LOCK, PIECES, RUN, Kind, atomic_write
 from bayesdrill.sampling.samplers.ensemble import ChainSegment, State
 
 SEAL = "checksum"
@@ -409,30 +408,6 @@ class Folder:
             self.path_of(CHAIN), chain_image(pieces, {"run": self.run, **attributes})
         )
         output_files.remove_outputs(self.path, output_files.UNFINISHED)
-
-    def keep_opened_ends(
-        self, opened: ExtendedPriors | None, pieces: Sequence[Sequence[ChainSegment]]
-    ) -> None:
-        """Keep what was found beyond ends of priors, of the chain of these `pieces`; None: nothing."""
-        self.remove_stale({OPENED})
-        if opened is not None:
-            names, pressed = opened.names, opened.pressed
-            draws = () if opened.draws is None else opened.draws
-            with atomic_write(self.path_of(OPENED)) as path:
-                np.savez(path, names=names, pressed=pressed, draws=draws, chain=chain_mark(pieces))
-
-    def opened_ends(self, pieces: Sequence[Sequence[ChainSegment]]) -> ExtendedPriors | None:
-        """None where nothing was kept; raises `InputError` where it is damaged or of another chain."""
-        path = self.path / OPENED
-        if not output_files.what(path):
-            return None
-        damage = report_damage(str(path), f"is of another chain, or {COMPUTED_AGAIN}")
-        with damage, path.open("rb") as raw, np.load(raw) as file:
-            names, pressed = (tuple(map(str, file[name])) for name in ("names", "pressed"))
-            draws, mark = file["draws"].reshape(-1, pieces[0][0].z.shape[-1]), str(file["chain"])
-            if mark != chain_mark(pieces):
-                raise ValueError("of another chain")
-        return ExtendedPriors(names=names, draws=draws if draws.size else None, pressed=pressed)
 
 
 def _piece_name(ensemble: int, first_step: int) -> str:

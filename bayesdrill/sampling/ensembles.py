@@ -38,7 +38,6 @@ from bayesdrill.sampling.proposal.learning import (
     NoSupportError,
     learn,
 )
-from bayesdrill.sampling.proposal.ridge_tracing import bind_to_posterior
 from bayesdrill.sampling.samplers.ensemble import ChainSegment, State, advance
 from bayesdrill.sampling.samplers.independence import Proposal
 from bayesdrill.sampling.workers import WorkerPool
@@ -115,12 +114,12 @@ def prepare(
     rng = seeds.stream(seed, "learn", 1)
     # Where the density over the coordinates is highest, most of the posterior is near.
     central = gauss_newton(surface, modes, CLIMB_STEPS).u
-    settle = not slopes_are_expensive(posterior)
+    check = not slopes_are_expensive(posterior)
     for k in range(1, len(modes)):  # one is not moved to where another is
         near = np.abs(central[:k] - central[k]) < SAME_MODE * surface.spread
         if near.all(axis=1).any():
             central[k] = modes[k]
-    return learn(surface, list(central), random, rng, max_added_ridges, report, settle=settle)
+    return learn(surface, list(central), random, rng, max_added_ridges, report, check=check)
 
 
 def fits(posterior: Posterior, maxima: Array) -> bool:
@@ -130,10 +129,10 @@ def fits(posterior: Posterior, maxima: Array) -> bool:
 
 
 def slopes_are_expensive(posterior: Posterior) -> bool:
-    """Return whether Newton ridges are too expensive to be walked along.
+    """Return whether it is too expensive to look along Newton ridges for what a proposal misses.
 
-    Slopes jump where friction lets go. And a walk along such ridges, of some 1e5 points, takes
-    minutes where each sample has slopes of its own, and not sums alone.
+    Slopes jump where friction lets go. And some 1e5 points take minutes where each sample has slopes
+    of its own, and not sums alone.
     """
     observations = posterior.likelihood.observations
     each = [observation for observation in observations if not observation.response.exact]
@@ -153,7 +152,6 @@ def begin_walkers(
     are mirrored at its ends, nearer and nearer to the first maximum.
     """
     random = np.random.RandomState(seeds.bits(seed, "start", ensemble))
-    proposal = bind_to_posterior(proposal, posterior).widest
     mixture = proposal.mixture
     centre, wide = mixture.sheets[0].frame.centre, mixture.with_width(START_SPREAD)
     z, log_p = np.empty((n, len(centre))), np.full(n, -np.inf)
@@ -195,30 +193,14 @@ class Plan:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ExtendedPriors:
-    """Unknowns whose priors were extended, and what is seen beyond their ends.
-
-    `names`: unknowns whose priors end too near to their nominal values.  `draws (N, D)`: of the
-    posterior with these ends moved; None where it did not converge, so that nothing can be said of
-    what depends on them.  `pressed`: those whose draws crowd there as well.  `saved`: whether the
-    run has left what it found, or it is unknown.
-    """
-
-    names: tuple[str, ...]
-    draws: Array | None
-    pressed: tuple[str, ...]
-    saved: bool = True
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class SamplingResult:
     """The chains of a run, and what was learnt from them.
 
     `theta (E, S, W, D)` physical; `segments` of each ensemble as they were saved.  `learnt`: what the
     proposal was learnt from, and `mode_shares (M,)`: how many of the draws each maximum has; None
     where a chain was only read again.  `evidence`: where it was asked for, see `with_evidence`.
-    `extended`: what is seen beyond ends of priors that are in the way, None where none is.
-    `compression`: how the likelihood of long records compares with the exact one.
+    `compression`: how the likelihood of long records compares with the exact one.  `missed`: about
+    how much of the posterior the proposal hardly ever reaches, 0 where none was found.
     """
 
     segments: list[list[ChainSegment]]
@@ -227,8 +209,18 @@ class SamplingResult:
     learnt: LearnedProposal | None = None
     mode_shares: Array | None = None
     evidence: Evidence | None = None
-    extended: ExtendedPriors | None = None
     compression: CompressionCheck | None = None
+    missed: float = 0.0
+
+    def with_missed(self, missed: float) -> SamplingResult:
+        """Return a copy that is not believed where the proposal has `missed` some of the posterior."""
+        if missed == 0.0:
+            return self
+        reason = (
+            f"coverage: about {100 * missed:.2g} % of the posterior lies where the proposal hardly "
+            "ever leads, so all numbers are rough; narrow the priors that span decades"
+        )
+        return dataclasses.replace(self, missed=missed).with_reasons((reason,))
 
     def with_reasons(self, reasons: tuple[str, ...]) -> SamplingResult:
         """Return a copy with further `reasons` not to believe it."""
@@ -266,8 +258,7 @@ def walk(
     proposal: Proposal,
 ) -> ChainSegment:
     """Advance one ensemble by `n_steps`."""
-    bound_proposal = bind_to_posterior(proposal, posterior)
-    return advance(posterior.evaluate, state, n_steps, moves, bound_proposal, posterior.supports)
+    return advance(posterior.evaluate, state, n_steps, moves, proposal, posterior.supports)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -341,7 +332,9 @@ def sample(
     sampled = _run_until_converged(under_way, most, report)
     report.update(1.0, "")
     z = posterior.coordinates.from_physical(sampled.draws.reshape(-1, maxima.shape[1]))
-    return dataclasses.replace(sampled, learnt=learnt, mode_shares=learnt.shares(z, len(maxima)))
+    shares = learnt.shares(z, len(maxima))
+    sampled = dataclasses.replace(sampled, learnt=learnt, mode_shares=shares)
+    return sampled.with_missed(learnt.missed)
 
 
 def with_evidence(posterior: Posterior, sampled: SamplingResult, seed: int) -> SamplingResult:

@@ -15,11 +15,9 @@ import numpy as np
 from bayesdrill.basics import seeds
 from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.sampling.proposal.ridge_tracing import bind_to_posterior
 from bayesdrill.sampling.samplers.independence import Mixture, Proposal, Random
 
 MAX_DRAWS = 40_000  # of the chain at most, and as many of the proposal inside the prior
-MAX_NEWTON_DRAWS = 4000  # of each, where a draw costs some hundred responses
 MAX_TRIES_PER_DRAW = 50  # times as many at most, where hardly any is inside the prior
 BATCH_DRAWS = 4000  # draws
 MAX_DISAGREEMENT = 3.0  # standard errors that two estimates of the evidence may be apart
@@ -57,41 +55,30 @@ def evidence(
     proposal have nothing in common that was seen.
     """
     random = Random(seeds.bits(seed, "evidence"))
-    bound = bind_to_posterior(proposal, posterior)
-    proposals = [bound] if bound.newton is None else [bound, bound.newton]
-    mixtures = tuple(each.mixture for each in proposals)
-    inside = sum(each.share for each in proposals) / len(proposals)
-    most = MAX_DRAWS if bound.newton is None else MAX_NEWTON_DRAWS
-    thin = max(1, -(-log_p.size // most))
+    mixture = proposal.mixture
+    thin = max(1, -(-log_p.size // MAX_DRAWS))
     thinned, there = z[:, ::thin], log_p[:, ::thin]
-    log_q = log_density(mixtures, thinned.reshape(-1, z.shape[-1]))
+    log_q = log_density(mixture, thinned.reshape(-1, z.shape[-1]))
     on_chain = there - log_q.reshape(there.shape)
-    tried = math.ceil(min(there.size / inside, MAX_TRIES_PER_DRAW * there.size))
-    drawn = _draw(posterior, mixtures, tried, random)
+    tried = math.ceil(min(there.size / proposal.share, MAX_TRIES_PER_DRAW * there.size))
+    drawn = _draw(posterior, mixture, tried, random)
     return bridge(on_chain, drawn, tried)
 
 
-def log_density(mixtures: tuple[Mixture, ...], u: Array) -> Array:
-    """Return the log density of mixtures in equal shares at `u (N, D)`: `(N,)`."""
-    parts = []
-    for begin in range(0, len(u), BATCH_DRAWS):
-        some = u[begin : begin + BATCH_DRAWS]
-        each = [mixture.log_density(some) for mixture in mixtures]
-        parts.append(np.logaddexp.reduce(each, axis=0) - math.log(len(mixtures)))
-    return np.concatenate(parts)
+def log_density(mixture: Mixture, u: Array) -> Array:
+    """Return the log density of a mixture at `u (N, D)`, in batches: `(N,)`."""
+    begins = range(0, len(u), BATCH_DRAWS)
+    return np.concatenate([mixture.log_density(u[k : k + BATCH_DRAWS]) for k in begins])
 
 
-def _draw(posterior: Posterior, mixtures: tuple[Mixture, ...], n: int, random: Random) -> Array:
+def _draw(posterior: Posterior, mixture: Mixture, n: int, random: Random) -> Array:
     """Logs of p over q at those of `n` draws that are inside the prior; elsewhere p is zero."""
     log_ratios = []
     for begin in range(0, n, BATCH_DRAWS):
-        count = min(BATCH_DRAWS, n - begin)
-        shares = random.multinomial(count, [1.0 / len(mixtures)] * len(mixtures))
-        pairs = zip(mixtures, shares, strict=True)
-        u = np.concatenate([mixture.draw(int(k), random).u for mixture, k in pairs])
+        u = mixture.draw(min(BATCH_DRAWS, n - begin), random).u
         u = u[posterior.supports(u)]
         if len(u) > 0:
-            log_ratios.append(posterior(u) - log_density(mixtures, u))
+            log_ratios.append(posterior(u) - log_density(mixture, u))
     return np.concatenate(log_ratios) if log_ratios else np.empty(0)
 
 

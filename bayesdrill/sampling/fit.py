@@ -1,4 +1,4 @@
-"""Fit a posterior: its maxima, ensembles about them, the evidence, and what ends of priors hide.
+"""Fit a posterior: its maxima, ensembles about them, and the evidence.
 
 The main job, a notebook, a worker elsewhere and a refit of a calibration all fit like this, with
 the same streams of random numbers for the same purposes.
@@ -6,9 +6,9 @@ the same streams of random numbers for the same purposes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from concurrent.futures import Future
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -27,7 +27,6 @@ from bayesdrill.sampling.ensembles import (
     sample,
     with_evidence,
 )
-from bayesdrill.sampling.extended_priors import with_extended_priors
 from bayesdrill.sampling.mode_search import Mode, Search
 from bayesdrill.sampling.optimisers.contract import Optimiser
 from bayesdrill.sampling.workers import WorkerPool
@@ -42,16 +41,14 @@ class FitPlan:
     """How a posterior is fitted.
 
     `optimiser`, `starts`, `evaluations`: of the searches for the MAP; `chains`: of the ensembles.
-    `nominal`: values that ends of priors must not hide.  `shortest`: samples from which records are
-    compressed; None: none is.  `brief`: one search after the other, until one is seen to have
-    arrived, and no evidence: for what is fitted many times.
+    `shortest`: samples from which records are compressed; None: none is.  `brief`: one search after
+    the other, until one is seen to have arrived, and no evidence: for what is fitted many times.
     """
 
     optimiser: Optimiser
     starts: int
     evaluations: int
     chains: Plan
-    nominal: Mapping[str, float] = field(default_factory=dict)
     brief: bool = False
     shortest: int | None = compression.LONG
 
@@ -179,7 +176,7 @@ def sample_maxima(
     some = draws[:: max(1, len(draws) // CHECKED_DRAWS)][:CHECKED_DRAWS]
     sampled = replace(sampled, compression=compression.check_draws(posterior, some))
     report.update(1.0, "")
-    return with_extended_priors(sampled, posterior, plan.nominal, maxima, chains, report)
+    return sampled
 
 
 def _first_converged(posterior: Posterior, plan: FitPlan) -> list[Search]:

@@ -118,14 +118,13 @@ def settings(case: ResolvedCase) -> dict[str, Any]:
 def analysis_mark(job: Job, mode: Mode, sampled: SamplingResult) -> str:
     """A digest of all that an analysis is made of: config, record, maximum, chain, and the version."""
     given = {name: x for name, x in settings(job.case).items() if name != "output"}
-    extended = sampled.extended and (sampled.extended.pressed, sampled.extended.saved)
     made_of = (
         bayesdrill.__version__,
         repr(given),
         repr(sorted(provenance.fingerprint(job.config, job.problem).items())),
         repr((dict(mode.values), mode.doubts, mode.pieces, job.asked)),
         chain_mark(sampled.segments),
-        repr((sampled.evidence, extended)),
+        repr(sampled.evidence),
     )
     return hashlib.sha256("\n".join(made_of).encode("utf-8", "replace")).hexdigest()
 

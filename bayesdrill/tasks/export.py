@@ -1,8 +1,8 @@
-"""Export what a run found of a rig to simulators: MJCF (MuJoCo), URDF, or JSON.
+"""Export what a run found of a rig to simulators: MJCF (MuJoCo) or JSON.
 
 A joint is a coordinate of the rig: the inertias that turn as one, with the state that is their
 angle.  Its armature, damping and dry friction are those behind gears, in SI.  Springs between joints
-are fixed tendons in MJCF, a motor is an actuator; URDF knows neither, and says so in a comment.
+are fixed tendons in MJCF, and a motor is an actuator.
 """
 
 from __future__ import annotations
@@ -207,38 +207,7 @@ def as_mjcf(model: SimulatorModel) -> str:
     return _written(root)
 
 
-def as_urdf(model: SimulatorModel) -> str:
-    """Return a URDF model at the posterior means; springs and motors stand in a comment."""
-    root = Element("robot", name=model.title)
-    root.append(Comment(_spread(model)))
-    SubElement(root, "link", name="base")
-    for joint in model.joints.values():
-        means = model.means(joint)
-        link = SubElement(root, "link", name=joint)
-        inertial = SubElement(link, "inertial")
-        size = f"{means['armature']:.9g}"
-        SubElement(inertial, "mass", value=size if model.linear else "1e-9")
-        turned = "1e-12" if model.linear else size
-        tensor = {"ixx": "1e-12", "iyy": "1e-12", "izz": turned, "ixy": "0", "ixz": "0", "iyz": "0"}
-        SubElement(inertial, "inertia", tensor)
-        kind = "prismatic" if model.linear else "continuous"
-        element = SubElement(root, "joint", name=joint, type=kind)
-        SubElement(element, "parent", link="base")
-        SubElement(element, "child", link=joint)
-        SubElement(element, "axis", xyz="0 0 1")
-        if model.linear:
-            SubElement(element, "limit", effort="1e9", velocity="1e9", lower="-1e3", upper="1e3")
-        entries = {"damping": "damping", "frictionloss": "friction"}
-        dynamics = {there: f"{means[here]:.9g}" for here, there in entries.items() if here in means}
-        SubElement(element, "dynamics", dynamics)
-    return _written(root)
-
-
-FORMS: Mapping[str, Callable[[SimulatorModel], str]] = {
-    "json": as_json,
-    "mjcf": as_mjcf,
-    "urdf": as_urdf,
-}
+FORMS: Mapping[str, Callable[[SimulatorModel], str]] = {"json": as_json, "mjcf": as_mjcf}
 
 
 def _spread(model: SimulatorModel) -> str:

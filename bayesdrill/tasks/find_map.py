@@ -95,7 +95,6 @@ def fit_plan(job: Job) -> FitPlan:
         starts=settings.starts,
         evaluations=settings.evaluations,
         chains=plan(job.config),
-        nominal=job.problem.nominal,
         shortest={"auto": LONG, "exact": None, "compressed": 0}[job.config.sampler.likelihood],
     )
 

@@ -27,7 +27,6 @@ from bayesdrill.results.run_folder import Folder
 from bayesdrill.rig.simulators.rational_basis import CompressionError
 from bayesdrill.sampling import ensembles
 from bayesdrill.sampling.ensembles import Backend, MemoryBackend, SamplingResult
-from bayesdrill.sampling.extended_priors import unsaved_extension
 from bayesdrill.sampling.fit import begin_searches, sample_maxima
 from bayesdrill.sampling.mode_search import Mode
 from bayesdrill.sampling.proposal.learning import NoSupportError
@@ -216,17 +215,15 @@ def _read_sampled(job: Job, folder: Folder) -> SampledRun:
         message = "is not there; continue with --resume, which searches the MAP again"
         raise InputError.at(str(path / find_map.MAP_FILE), message)
     job = job.with_steps_at(mode)
-    posterior, nominal = job.problem.posterior, job.problem.nominal
+    posterior = job.problem.posterior
     _read_ahead(job, folder)
     again = ensembles.load_sampled(posterior, plan(job.config), folder.segments, str(path))
-    again = again.with_reasons(mode.doubts)
-    beyond = folder.opened_ends(again.segments) or unsaved_extension(again, posterior, nominal)
     run = run_folder.read_run(path) or {}
+    again = again.with_missed(run_entries.missed_of_data(run)).with_reasons(mode.doubts)
     sampled = dataclasses.replace(
         again,
         mode_shares=run_entries.maxima_weights(run),
         evidence=run_entries.evidence_of_data(run),
-        extended=beyond,
         compression=run_entries.compression_of_data(run),
     )
     return SampledRun(job, mode, sampled, kept=kept_analysis(job, mode, sampled, run))
@@ -277,7 +274,6 @@ def _finish_chain(job: Job, folder: Folder, sampled: SamplingResult) -> None:
     units = ",".join(symbol.unit for symbol in job.problem.symbols)
     attributes = {"coordinates": coordinates, "unknowns": names, "units": units}
     folder.finish_chain(sampled.segments, attributes)
-    folder.keep_opened_ends(sampled.extended, sampled.segments)
 
 
 def _publish(

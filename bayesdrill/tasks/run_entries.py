@@ -12,7 +12,6 @@ import numpy as np
 
 from bayesdrill.analysis.causes import Causes, EquivalentExplanation
 from bayesdrill.analysis.comparison import RepeatedProduct
-from bayesdrill.analysis.energy import EnergySummary
 from bayesdrill.analysis.plausibility import DiffusePrior
 from bayesdrill.analysis.run_analysis import RunAnalysis, TorqueSummary
 from bayesdrill.analysis.verdict import Verdict
@@ -22,7 +21,7 @@ from bayesdrill.inference.compression import CompressionCheck
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.residual_checks import ResidualSummary
 from bayesdrill.inference.step_error import StepError
-from bayesdrill.report.sections import identify_words, physics_words, verdict_words
+from bayesdrill.report.sections import identify_words, verdict_words
 from bayesdrill.report.view import ReportContext
 from bayesdrill.sampling.ensembles import SamplingResult
 from bayesdrill.sampling.evidence import Evidence
@@ -50,7 +49,6 @@ ENTRIES: Mapping[str, str] = {
     "instead": "what the rig may lack, where the nominal table would be blamed [SI]",
     "pieces": "what the steps of a rig that is stepped do at the MAP [sd of the noise]",
     "torque": "the missing torque of each experiment [N m]",
-    "energy": "where the energy goes, of a rig that rubs [J]",
     "verdict": "what the run says of the nominal table [sigma]",
     "steps": "steps of each ensemble",
     "burn_in": "steps that are dropped",
@@ -70,6 +68,7 @@ ENTRIES: Mapping[str, str] = {
     "log_evidence_steps_error": "the standard error of that",
     "vague_priors": "unknowns whose priors are too wide for it to mean much",
     "importance": "posterior means that the proposal gives without a chain [SI]",
+    "missed": "about how much of the posterior the proposal hardly ever reaches",
     "maxima": "maxima of the posterior, and the share of each [SI]",
     ANALYSIS: "all that is said of the run, evaluated once",
     ANALYSIS_OF: "a digest of what the analysis was made of",
@@ -107,7 +106,6 @@ def entries(view: ReportContext, made_of: str) -> dict[str, Any]:
         **instead_data(analysis.instead if c.converged else None),
         **({"pieces": step_data(analysis.step_errors)} if analysis.step_errors else {}),
         **({"torque": torque_data(analysis.torques)} if analysis.torques else {}),
-        **({"energy": energy_data(analysis.energy)} if analysis.energy else {}),
         "verdict": analysis.judged
         and verdict_data(
             analysis.judged.verdict,
@@ -124,6 +122,7 @@ def entries(view: ReportContext, made_of: str) -> dict[str, Any]:
         "failures": analysis.failures,
         **evidence_data(analysis.evidence, analysis.vague),
         **({"compression": as_data(check)} if (check := view.sampled.compression) else {}),
+        **({"missed": view.sampled.missed} if view.sampled.missed else {}),
         **_learnt(problem, view.mode, view.sampled),
         ANALYSIS: as_data(analysis),
         ANALYSIS_OF: made_of,
@@ -246,6 +245,12 @@ def compression_of_data(run: Mapping[str, Any]) -> CompressionCheck | None:
         return None
 
 
+def missed_of_data(run: Mapping[str, Any]) -> float:
+    """How much of the posterior the proposal missed, by `run.json`; 0 where it says nothing."""
+    missed = run.get("missed")
+    return missed if isinstance(missed, float) and 0.0 < missed <= 1.0 else 0.0
+
+
 def evidence_of_data(run: Mapping[str, Any]) -> Evidence | None:
     """What `evidence_data` has left in `run.json`; None where it is not there, or no numbers."""
     told = {_OF_STEPS: 0.0, f"{_OF_STEPS}_error": 0.0, **run}
@@ -282,16 +287,17 @@ def step_data(errors: Sequence[StepError]) -> list[dict[str, Any]]:
 def verdict_data(
     verdict: Verdict, table: str, *, converged: bool = True, believed: bool = True
 ) -> dict[str, Any]:
-    """`agrees` is None where the run must not be believed, or the fit is not noise."""
+    """`agrees` is None where the run is not believed, the fit is not noise, or no end lets it judge."""
     whole = verdict_words.verdict_sentence(verdict, table)
+    unjudged = verdict.saying("cannot judge") and not verdict.judged
     return {
         "table": table,
-        "agrees": verdict.agrees if believed and verdict.fits else None,
+        "agrees": verdict.agrees if believed and verdict.fits and not unjudged else None,
         "fits": verdict.fits,
         "sentence": whole if believed else verdict_words.no_verdict(converged=converged),
         "joint_sigma": None if verdict.joint is None else round(verdict.joint, 3),
         "limit_sigma": round(verdict.limit, 3),
-        "opened": list(verdict.opened),
+        "ends": dict(verdict.ends),
         "quantities": {
             verdict_words.quantity_name(verdict, q): {"says": q.says, "sigma": round(q.tension, 3)}
             for q in verdict_words.verdict_rows(verdict)
@@ -319,24 +325,4 @@ def torque_data(every: Sequence[TorqueSummary]) -> list[dict[str, Any]]:
             },
         }
         for summary in every
-    ]
-
-
-def energy_data(summaries: Sequence[EnergySummary]) -> list[dict[str, Any]]:
-    """J."""
-
-    def parts(summary: EnergySummary, names: Sequence[str]) -> dict[str, dict[str, float | None]]:
-        return {
-            part.name: {"joules": part.joules, "share": part.share, "sd": part.sd}
-            for part in physics_words.ordered(summary, names)
-        }
-
-    return [
-        {
-            **_of(summary.label),
-            "in": parts(summary, summary.came),
-            "out": parts(summary, summary.went),
-            "open": summary.left,
-        }
-        for summary in summaries
     ]

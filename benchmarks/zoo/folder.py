@@ -37,5 +37,5 @@ def text(row: Row, seed: int, up: str = "") -> str:
     """The config of a row, which says what it shows; `up` leads to the folder of its record."""
     record = {"file": f"{up}records/{row.name}.csv", **row.config["record"]}
     data = {"name": row.name, "seed": seed, **row.config, "record": record}
-    expected = "" if row.sound else f"# The rig does not fit: {row.reason}.\n"
+    expected = "" if row.sound else f"# A run must not be believed, and says: {row.reason}.\n"
     return f"# {row.shows[0].upper()}{row.shows[1:]}.\n{expected}\n{as_yaml(data)}"

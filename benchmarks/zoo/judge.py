@@ -158,7 +158,7 @@ def _of_run(row: Row, run: Run, most: float) -> list[str]:
     elif row.sound and run.status == 3:
         found.append(f"status 3: {'; '.join(run.reasons)}")
     elif not row.sound and run.status == 0:
-        found.append("status 0, as if the rig did fit")
+        found.append("status 0, as if all were well")
     elif row.sound and not run.converged:
         found.append("not converged")
     elif row.reason is not None and not any(row.reason in reason for reason in run.reasons):

@@ -16,7 +16,7 @@ ROW = 0.155  # inches
 ABOVE, BELOW, LEFT, GAP, RIGHT = 0.42, 0.5, 1.42, 0.22, 0.12
 KINDS = {
     "converged": {"marker": "o", "markerfacecolor": style.BLACK},
-    "does not fit, and said so": {"marker": "s", "markerfacecolor": "white"},
+    "not to be believed, and said so": {"marker": "s", "markerfacecolor": "white"},
     "failed": {"marker": "X", "markerfacecolor": style.MAP_COLOUR},
 }
 LIMIT = {"color": style.MIDDLE, "linestyle": (0, (4, 2)), "linewidth": 0.8}
@@ -62,7 +62,7 @@ def figure(every: Sequence[Measured], seconds: float, folder: Path) -> None:
 def kind(one: Measured) -> str:
     if not one.passed:
         return "failed"
-    return "converged" if one.sound else "does not fit, and said so"
+    return "converged" if one.sound else "not to be believed, and said so"
 
 
 def _look(name: str) -> dict[str, object]:

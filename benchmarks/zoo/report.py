@@ -98,7 +98,7 @@ def _tau(outcome: Outcome) -> str:
 
 def _end(one: Measured) -> str:
     if one.passed:
-        return "converged" if one.sound else "says that it does not fit"
+        return "converged" if one.sound else "says why it must not be believed"
     said = one.said("complaints").replace("|", "/")
     return f"**{said if len(said) <= SHORT else said[: SHORT - 3] + '...'}**"
 

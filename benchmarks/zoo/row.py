@@ -66,7 +66,7 @@ class Two:
 class Row:
     """`config` has all entries but name, seed and `record.file`; `shows` is a phrase.
 
-    `reason`: what one of the reasons of an unsound row must say; None where the rig fits.
+    `reason`: what one of the reasons of an unsound row must say; None where a run is believed.
     `quick`: small enough for a first look.  `seconds`: that a run may take, if more than of others.
     """
 
@@ -83,6 +83,11 @@ class Row:
     @property
     def sound(self) -> bool:
         return self.reason is None
+
+    @property
+    def fits(self) -> bool:
+        """Whether the rig fits its record."""
+        return self.reason != MORE_THAN_NOISE
 
     @property
     def seed(self) -> int:

@@ -325,10 +325,9 @@ def test_profile_of_what_the_record_does_not_show_is_flat() -> None:
 
 def test_a_profile_whose_best_fit_is_an_end_of_its_prior_has_each_place_once() -> None:
     """Mutant killed: places between the best fit and an end where it is already."""
-    target = posterior(measured(SIGMA), SIGMA, free=("k_s", "j_m"))
     high = 0.9 * NOMINAL["k_s"]  # below what fits
-    prior = Uniform(0.5 * high, high)
-    target = replace(target, space=target.space.with_priors({"k_s": prior}))
+    priors = {"k_s": Uniform(0.5 * high, high)}
+    target = posterior(measured(SIGMA), SIGMA, free=("k_s", "j_m"), priors=priors)
     theta = target.space.vector({"k_s": high, "j_m": NOMINAL["j_m"]})
     found = profile(Fitter(target, SensitivityStudy(target.likelihood), theta), ("k_s", "j_m"), 0)
     assert found.best == pytest.approx(high)

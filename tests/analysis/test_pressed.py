@@ -1,10 +1,11 @@
-"""Draws that crowd at an end of their prior, against those that only may look so."""
+"""Draws at an end of their prior: those that crowd there, and those that no draw beyond follows."""
 
 from __future__ import annotations
 
 import numpy as np
 from together import for_each
 
+from bayesdrill.analysis.diagnostics import end_at_nominal, pressed_against
 from bayesdrill.inference.priors import (
     HalfNormal,
     LogNormal,
@@ -13,7 +14,6 @@ from bayesdrill.inference.priors import (
     TruncatedNormal,
     Uniform,
 )
-from bayesdrill.sampling.extended_priors import pressed_against
 
 N = 4000
 U = (np.arange(N) + 0.5) / N
@@ -67,3 +67,32 @@ def test_a_peak_near_an_end_that_does_not_touch_it_is_not_reported() -> None:
         assert pressed_against(near, BOX) is None
 
     for_each({str(sd): (sd,) for sd in [1e-4, 5e-3]}, check)
+
+
+def bell(middle: float, sd: float, low: float = -np.inf, high: float = np.inf) -> np.ndarray:
+    """Draws of a normal that is cut at its ends."""
+    return TruncatedNormal(middle, sd, low, high).quantile(U)
+
+
+def test_an_end_at_the_nominal_value_is_found_where_it_cuts_draws_off() -> None:
+    """Mutants killed: one end alone is looked at; an end is found wherever the nominal value is near."""
+    cases = {
+        "begins at nominal": (Uniform(1.0, 1.5), bell(1.0, 0.01, 1.0, 1.5), 1.0),
+        "ends at nominal": (LogUniform(0.5, 1.0), bell(1.0, 0.01, 0.5, 1.0), 1.0),
+        "begins beyond it": (TruncatedNormal(1.0, 0.3, 1.1, 3.0), bell(1.4, 0.01), 1.1),
+        "ends beyond it, far from the draws": (Uniform(0.2, 0.9), bell(0.5, 0.01), 0.9),
+        "begins a little before it": (Uniform(0.99, 1.5), bell(1.0, 0.01, 0.99), 0.99),
+        "begins a little before it, far from the draws": (
+            Uniform(0.99, 1.5),
+            bell(1.2, 0.01),
+            None,
+        ),
+        "nominal in the middle": (Uniform(0.5, 1.5), bell(1.0, 0.3, 0.5, 1.5), None),
+        "an end at zero": (Uniform(0.0, 40.0), bell(0.0, 1.0, 1e-9), None),
+        "no end at all": (LogNormal(1.0, 0.5), bell(1.0, 0.01), None),
+    }
+
+    def check(prior: Prior, draws: np.ndarray, end: float | None) -> None:
+        assert end_at_nominal(draws, prior, 1.0) == end
+
+    for_each(cases, check)

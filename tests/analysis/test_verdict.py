@@ -237,6 +237,35 @@ def test_a_parameter_pressed_against_its_prior_says_so_before_all_else() -> None
     assert says(found)[1, -1, 0] == "agrees"
 
 
+def cut(exponent: float) -> Verdict:
+    """A verdict on a rig of which r_m has a prior that begins at its nominal value.
+
+    `exponent`: how k_s/j_1 follows r_m in the posterior.
+    """
+    r_m, ratio, other = np.abs(0.02 * NORMAL), 0.01 * NORMAL[::-1], 0.1 * RNG.standard_normal(N)
+    k_s = other + ratio + exponent * r_m
+    draws = np.exp(np.stack([k_s, other, r_m], -1)) * list(TABLE.values())
+    ends = {"r_m": TABLE["r_m"]}
+    return judge(LINEAR, draws, PRIOR, TABLE, {}, ("r_m",), Thresholds(), ends)
+
+
+def test_what_an_end_at_its_nominal_value_cuts_off_cannot_be_judged() -> None:
+    """Mutants killed: it disagrees; so does what it dominates; what it leaves alone is not judged."""
+    apart, dominated = cut(0.0), cut(3.0)
+    assert says(apart)[0, 0, 1] == says(dominated)[0, 0, 1] == "cannot judge"
+    assert says(apart)[1, -1, 0] == "agrees"
+    assert says(dominated)[1, -1, 0] == "cannot judge"
+    assert apart.joint is dominated.joint is None
+    text = verdict_words.verdict_sentences(apart, "table")
+    assert "Cannot judge: r_m. The prior of r_m ends at 0.33; widen it." in text
+    assert "It agrees with table" in text
+    text = verdict_words.verdict_sentences(dominated, "table")
+    assert "none of the 2 independent products" in text
+    assert "Cannot judge: " in text
+    assert run_entries.verdict_data(apart, "table")["agrees"] is True
+    assert run_entries.verdict_data(dominated, "table")["agrees"] is None
+
+
 def test_deviation_is_that_of_the_paper_and_an_unknown_without_nominal_is_left_out() -> None:
     draws = gaussian(TABLE, np.random.default_rng(6))
     table = {name: TABLE[name] for name in ("k_s", "j_1")}

@@ -44,7 +44,7 @@ def test_other_shells_are_answered(shell: str) -> None:
 
 def test_options_and_their_words_are_completed() -> None:
     assert asked("bash", "bayesdrill posterior a.yaml --f").split() == ["--force"]
-    assert asked("bash", "bayesdrill cite --format b").split() == ["bibtex"]
+    assert asked("bash", "bayesdrill export --to m").split() == ["mjcf"]
     assert not asked("bash", "bayesdrill check co").split()  # files are the shell's
 
 

@@ -160,8 +160,6 @@ def test_it_speaks_the_units_of_the_user(name: str, size: str) -> None:
         assert r"\mathrm{deg}" in said
     if name == "frequency_response":
         assert r"\mathrm{rpm/mV}" in said
-    if name == "energy":
-        assert r"\mathrm{ms}" in said
     if name == "fit":
         for unit in ("deg", "rpm", "ms", "mV"):
             assert rf"\mathrm{{{unit}}}" in said, unit

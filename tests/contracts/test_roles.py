@@ -24,7 +24,7 @@ from oracles import NOMINAL
 import bayesdrill as bd
 from bayesdrill.analysis import edits, plausibility
 from bayesdrill.analysis.causes import Causes, EquivalentExplanation, refit_candidate
-from bayesdrill.analysis.energy import energy_accounts, friction_curve, friction_motions
+from bayesdrill.analysis.friction_motion import friction_curve, friction_motions
 from bayesdrill.analysis.identifiability.frictions import rivals, stall_voltage
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.latent_torque import regress_torque, torque_estimates
@@ -33,16 +33,13 @@ from bayesdrill.basics import symbols
 from bayesdrill.basics.progress import SILENT
 from bayesdrill.inference import derived
 from bayesdrill.report import words
-from bayesdrill.report.sections import fit_words, physics_words, torque_words
-from bayesdrill.report.sections.physics_figure import stacked_looks
+from bayesdrill.report.sections import fit_words, torque_words
 from bayesdrill.report.sections.physics_words import effort_symbol, speed_symbol
 from bayesdrill.report.sections.torque_words import regressors
-from bayesdrill.rig import MotorShaft, energy
+from bayesdrill.rig import MotorShaft
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.models.roles import Roles, usual_roles
-from bayesdrill.rig.simulators.sensors import ObservationModel
-from bayesdrill.rig.simulators.stepped import Stepped
 from bayesdrill.sampling.workers import WorkerPool
 from bayesdrill.selection import CandidateModels
 from bayesdrill.tasks import ranking
@@ -121,7 +118,7 @@ def of_record(of: bd.Case) -> Iterator[Any]:
 
 
 def of_friction(of: bd.Case) -> Iterator[Any]:
-    """What frictions did, what can be told of them, remedies, energy, and how all of it is shown."""
+    """What frictions did, what can be told of them, remedies, and how all of it is shown."""
     problem, posterior = of.job.problem, of.job.problem.posterior
     theta, none = posterior.space.vector(posterior.space.start), np.empty((0, len(problem.names)))
     model, full = problem.model, posterior.space.full(theta[None])
@@ -143,15 +140,6 @@ def of_friction(of: bd.Case) -> Iterator[Any]:
             friction_curve(one, each, full).sizes,
         ]
     yield stall_voltage(model, dict(zip(model.parameters, full[0], strict=False)))
-    (account,) = energy_accounts(posterior, theta, none)
-    yield [
-        physics_words.energy_table(account.summary, model).lines,
-        physics_words.energy_note(account.summary, model),
-    ]
-    names = physics_words.energy_names(model)
-    parts = physics_words.ordered(account.summary, {*account.came, *account.went})
-    yield [names[part.name] for part in parts]
-    yield [account.went[name] for name in stacked_looks(account, names)]
 
 
 def of_cause(rig: Model, own: dict[str, str]) -> Iterator[Any]:
@@ -248,18 +236,9 @@ def chained() -> None:
     theta = posterior.space.vector({**posterior.space.start, "s_d": dry, "tau_d": 1.0})
     (found,) = torque_estimates(posterior, theta[None], rng)
     true, turns = -dry * np.sign(moved["speed_middle"]), np.abs(moved["speed_middle"]) > 0.3
-    damped = Chain(added=("oil_top", "oil_middle", "loss_collar"))
-    one = plain.job.problem.observations[0].experiment
-    p = {**truth, "oil_middle": 0.04, "loss_collar": 0.02}
-    balance = energy.energies(
-        Stepped(damped, one, ObservationModel()), np.array([p[n] for n in damped.parameters])
-    )
-    came = float(np.abs(balance.given["t_m"]).max())
-    off = {"open": balance.open, "converted": balance.converted}
     torque = float(np.sqrt(np.mean((found.expected - true)[turns] ** 2))) / dry
     said = torque_words.law_sentences(torque_summary(found), found.rig)
-    left = {name: float(np.abs(x).max()) / came for name, x in off.items()}
-    print(json.dumps([parts, left, [*balance.lost], torque, said]))
+    print(json.dumps([parts, torque, said]))
 
 
 def printed_by(function: str) -> Any:
@@ -273,15 +252,13 @@ def printed_by(function: str) -> Any:
 
 def test_each_part_of_a_chain_has_every_analysis() -> None:
     """Mutants killed: parts of the paper's rig alone; a torque that is divided by another inertia."""
-    parts, left, lost, torque, said = printed_by("chained")
+    parts, torque, said = printed_by("chained")
     for disc in ("top", "middle", "bit"):
         assert f"dry_{disc}" in parts[f"friction_{disc}"]
         assert {f"missing_torque_{disc}"} <= {*parts}
     assert "oil_bit" in parts["damping_bit"]
     assert "loss_collar" in parts["damping_collar"]
     assert "friction_both" not in parts
-    assert max(left.values()) < 1e-9
-    assert {*lost} == {"oil_top", "oil_middle", "loss_collar"}
     assert torque < 0.2
     assert "it follows the sign of the speed of the middle" in said
     assert "dry friction at the middle of 0.1" in said
@@ -311,7 +288,6 @@ def test_a_rig_in_other_words_has_every_analysis() -> None:
     for text in (
         "friction: ",
         "tie k_T = k_e",
-        "friction t_f",
         "unit: ",
         "missing torque: it follows",
     ):

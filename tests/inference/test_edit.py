@@ -62,16 +62,6 @@ def test_what_was_held_is_unknown_where_it_was(posterior: Posterior) -> None:
     assert [one.label for one in freed.likelihood.held_out] == ["twin"]
 
 
-def test_another_prior_changes_the_prior_alone(posterior: Posterior) -> None:
-    name = posterior.space.free[0]
-    value = posterior.space.start[name]
-    other = posterior.edit(priors={name: Uniform(0.9 * value, 1.1 * value)})
-    theta = at(posterior)
-    assert other.likelihood(theta) == posterior.likelihood(theta)
-    shift = other.space.log_prior(theta) - posterior.space.log_prior(theta)
-    assert other.density(theta) - posterior.density(theta) == pytest.approx(shift)
-
-
 def test_another_record_is_what_is_explained(posterior: Posterior) -> None:
     theta = at(posterior)
     signals = posterior.likelihood.signals(theta)

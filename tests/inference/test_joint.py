@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pairs
 import pytest
+from rigs import with_priors
 from together import for_each
 
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
@@ -201,8 +202,7 @@ def test_natural_scales_are_logs_and_multiples_of_a_step() -> None:
 def test_a_prior_below_zero_is_a_density_of_its_own() -> None:
     """`log_prior` of all, against each by itself; mutant killed: zero as a floor of a signed uniform."""
     posterior = target()
-    priors = {"offset_v_late": Uniform(-2.0, -0.5)}
-    space = posterior.space.with_priors(priors)
+    space = with_priors(posterior.space, {"offset_v_late": Uniform(-2.0, -0.5)})
     theta = points(replace(posterior, space=space))
     each = [p.logpdf(x) for p, x in zip(space.priors.values(), theta.T, strict=True)]
     assert space.log_prior(theta) == pytest.approx(np.sum(each, axis=0), rel=1e-12)

@@ -16,12 +16,11 @@ from oracles import NOMINAL, ORDER
 from rigs import STATES, experiment, posterior, unknown, vector
 from shaken import covariance, process
 
-from bayesdrill.inference import compression, laplace
 from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.inference.likelihood import LatentTorqueObservation
 from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.posterior import Likelihood, Posterior
-from bayesdrill.inference.priors import LogUniform, Uniform
+from bayesdrill.inference.priors import LogUniform
 from bayesdrill.inference.residual_checks import residual_summaries
 from bayesdrill.inference.unknowns import ParameterSpace, Unknown
 from bayesdrill.rig.models.latent_torque import MissingTorque
@@ -143,14 +142,6 @@ def test_pinned_the_covariance_is_that_of_one_rig() -> None:
     assert not np.allclose(rows[1], rows[0])
 
 
-def test_other_priors_leave_the_rest_as_it_is() -> None:
-    """What is said of one posterior with its levels in other places."""
-    of = target()
-    space = of.space.with_priors({"k_s": Uniform(0.1, 0.5)})
-    assert laplace.covariance(of, points(1)[0]).shape == (12, 12)
-    assert dataclasses.replace(of, space=space).density(points(1)).shape == (1,)
-
-
 def test_one_step_ahead_of_a_missing_torque_is_what_its_filter_predicts() -> None:
     """By the covariance of all samples, typed in: each given those before it."""
     posterior = target()
@@ -171,25 +162,3 @@ def test_one_step_ahead_of_a_missing_torque_is_what_its_filter_predicts() -> Non
     for channel in found:
         assert channel.ahead < channel.simulated
         assert channel.share < channel.ahead
-
-
-def test_a_long_record_is_compressed_and_has_the_same_density() -> None:
-    """Of its own accord where the record is long: here all that is longer than 100 samples."""
-    of, theta = target(), points(24)
-    near = points(1) * np.exp(2e-3 * np.random.default_rng(6).standard_normal((64, theta.shape[1])))
-    near[0] = points(1)[0]
-    assert compression.is_long(of.likelihood.only_observation, 100)
-    known = compression.compressions(of, near, 100)
-    short = compression.compressed(of, known)
-    assert short.likelihood.only_observation.functions > 0
-    assert np.abs(short.likelihood(near) - of.likelihood(near)).max() < 1e-7
-    checked = compression.check_draws(short, near)
-    assert checked is not None
-    assert checked.difference < 1e-7
-    assert short.likelihood.only_observation.kind == of.likelihood.only_observation.kind
-    whole = compression.uncompressed(short)
-    assert np.array_equal(whole.likelihood(theta), of.likelihood(theta))
-    other = short.likelihood.only_observation.with_record(np.zeros((151, 2)))
-    assert other.functions == 0
-    gaps = target(gaps=True).likelihood.only_observation
-    assert "torque is missing" in gaps.exact_reason

@@ -1,9 +1,8 @@
-"""What is seen of friction and energy: figures, tables, words; and nothing where nothing rubs."""
+"""What is seen of friction: figures, words; and nothing where nothing rubs."""
 
 from __future__ import annotations
 
 import dataclasses
-import json
 from functools import cache
 from pathlib import Path
 
@@ -18,17 +17,16 @@ from rubbing import Rig, simulate
 from together import for_each
 
 import bayesdrill as bd
-from bayesdrill.analysis.energy import AT_START, CONVERTED, STORED, EnergyPart, energy_accounts
 from bayesdrill.inference.step_error import StepError
 from bayesdrill.output_files import POSTERIOR
 from bayesdrill.report import scales, style
 from bayesdrill.report.publish import drawings
 from bayesdrill.report.run_report import sections
 from bayesdrill.report.section import as_markdown
-from bayesdrill.report.sections import physics_words, verdict_words
+from bayesdrill.report.sections import verdict_words
 from bayesdrill.report.sections.fit_figure import fit_figure
-from bayesdrill.report.sections.physics_figure import energy_figure, friction_figure, stacked_looks
-from bayesdrill.report.sections.physics_words import LawShown, energy_names
+from bayesdrill.report.sections.physics_figure import friction_figure
+from bayesdrill.report.sections.physics_words import LawShown
 from bayesdrill.report.view import ReportContext
 from bayesdrill.tasks import run_entries
 
@@ -81,7 +79,7 @@ def test_no_texts_overlap() -> None:
         {
             f"{width} {name}": (width, name)
             for width in [scales.SINGLE, scales.DOUBLE]
-            for name in ["fit", "friction", "energy"]
+            for name in ["fit", "friction"]
         },
         check,
     )
@@ -176,99 +174,6 @@ def test_a_law_without_nominal_values_is_a_line_with_its_band() -> None:
     assert len(found.axes[0].get_lines()) == 2
 
 
-# Energy.
-
-
-def test_shares_of_the_energy_close() -> None:
-    """Mutants killed: a part left out, a part counted on both sides."""
-    (account,) = view().chain.energy_accounts
-    assert sum(account.came.values())[-1] == pytest.approx(account.total[-1])
-    went = sum(account.went.values())
-    assert np.abs(went - account.total).max() < 2e-3 * account.total[-1]
-    shares = {part.name: part.share for part in account.summary.parts}
-    assert sum(shares[name] for name in account.came) == pytest.approx(1.0)
-    assert sum(shares[name] for name in account.went) == pytest.approx(1.0, abs=2e-3)
-    assert {*account.came} == {"v", CONVERTED}
-    assert {*account.went} == {"r_m", "c_m", "friction_m", "friction_1", STORED}
-    assert all(part.sd is not None and 0 < part.sd < 0.02 for part in account.summary.parts)
-    true = simulate(Rig(p={**NOMINAL, "t_f": 0.0, **TRUTH}), T, V).taken
-    total = true["supply"][-1] - true["motor"][-1]
-    rubs = shares["friction_m"] + shares["friction_1"]
-    assert rubs == pytest.approx(true["friction"][-1] / total, abs=0.02)
-
-
-def test_a_rig_that_runs_down_brings_its_energy() -> None:
-    """What is stored at the start has come in; without draws nothing is said of how sure it is."""
-    posterior = view().problem.posterior
-    one = posterior.likelihood.observations[0]
-    moving = dataclasses.replace(
-        one.experiment, start={"w_1": 9.0, "w_2": 9.0}, series={"v": np.zeros(len(T))}
-    )
-    rig = dataclasses.replace(one, response=one.response.of(moving))
-    likelihood = dataclasses.replace(posterior.likelihood, observations=(rig,))
-    coasting = dataclasses.replace(posterior, likelihood=likelihood)
-    (account,) = energy_accounts(coasting, view().chain.best, np.empty((0, len(view().chain.best))))
-    # A motor whose terminals are at no voltage brakes, and its k_T over k_e brakes more.
-    assert {*account.came} == {AT_START}
-    assert account.summary.parts[0].sd is None
-    table = physics_words.energy_table(account.summary, view().problem.model)
-    assert table.heads == ("", "", "J", "share")
-    assert table.lines[0][:2] == ("in", "stored at the start")
-
-
-def test_the_figure_of_energy_stacks_to_what_came_in() -> None:
-    found = figure("energy")
-    joules, shares = found.axes
-    (total,) = joules.get_lines()
-    (account,) = view().chain.energy_accounts
-    assert si(joules.get_ylabel(), total.get_ydata()[-1]) == pytest.approx(account.total[-1])
-    tops = [band.get_paths()[0].vertices[:, 1].max() for band in joules.collections]
-    assert tops == sorted(tops)
-    assert max(tops) == pytest.approx(total.get_ydata().max(), rel=3e-3)
-    last = shares.collections[-1].get_paths()[0].vertices[:, 1]
-    assert last.max() == pytest.approx(100, abs=1)
-
-
-def test_parts_are_told_apart_in_grey() -> None:
-    """By grey, by hatches, or both; no colour is wanted."""
-    (one,) = drawings("energy", view()).values()
-    account, model = one.arguments[0], view().problem.model
-    seen = stacked_looks(account, energy_names(model)).values()
-    assert len({(look["facecolor"], look["hatch"]) for look in seen}) == len(seen)
-    assert all(0.0 <= float(look["facecolor"]) <= 1.0 for look in seen)
-    more = dict.fromkeys(("j_m", "k_e", "k_T", "l_m", "j_1"), account.went["r_m"])
-    parts = [EnergyPart(name=name, joules=1.0, share=0.1, sd=None) for name in more]
-    many = dataclasses.replace(
-        account,
-        came={"v": account.total, AT_START: 0 * account.t},
-        went={**account.went, **more},
-        summary=dataclasses.replace(account.summary, parts=(*account.summary.parts, *parts)),
-    )
-    one_column = energy_figure(many, scales.SINGLE, model=model, clock=view().clock)
-    assert list(clashes(drawn(one_column))) == []
-
-
-def test_the_report_has_a_table_of_it() -> None:
-    text = as_markdown("x", sections(view()))
-    assert "## Where the energy goes" in text
-    assert "| out | friction at rotor 1 | " in text
-    assert "k_T is not k_e" in text
-    (data,) = run_entries.energy_data(view().analysis.energy)
-    assert list(data["in"]) == ["conversion", "v"] or list(data["in"]) == ["v", "conversion"]
-    assert data["out"]["friction_1"]["share"] > 0.1
-    assert json.loads(json.dumps(data)) == data
-
-
-def test_what_does_not_close_is_said() -> None:
-    (account,) = view().analysis.energy
-    assert "is in neither" not in physics_words.energy_note(
-        dataclasses.replace(account, left=1e-4), view().problem.model
-    )
-    assert "but 1.2 % of it is in neither" in physics_words.energy_note(
-        dataclasses.replace(account, left=0.012), view().problem.model
-    )
-
-
 # Steps.
 
 
@@ -311,12 +216,9 @@ def test_a_rig_that_does_not_rub_has_none_of_it() -> None:
     )
     plain = case.sample(processes=1)._view
     assert drawings("friction", plain) == {}
-    assert drawings("energy", plain) == {}
-    assert plain.chain.energy_accounts == plain.analysis.energy == ()
     assert plain.chain.friction_motions == ()
     assert plain.analysis.step_errors == ()
     text = as_markdown("x", sections(plain))
-    assert "energy goes" not in text
     assert "steps: " not in text
 
 

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 from oracles import NOMINAL, matrices
-from rigs import experiment, posterior, vector
+from rigs import experiment, posterior, vector, with_priors
 from together import for_each
 
 from bayesdrill.inference.laplace import LogDensity
@@ -112,7 +112,7 @@ def test_an_alias_outside_the_priors_is_not_looked_for() -> None:
     """Nor one of a rig that does not swing."""
     target = aliased(("k_s",), 0.26)
     narrow = dataclasses.replace(
-        target, space=target.space.with_priors({"k_s": Uniform(0.25, 0.27)})
+        target, space=with_priors(target.space, {"k_s": Uniform(0.25, 0.27)})
     )
     assert swings(narrow, at(narrow, 0.26)).shape == (0, 1)
     still = aliased(("r_m", "t_f"), 0.26)

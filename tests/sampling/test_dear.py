@@ -1,4 +1,4 @@
-"""Where a walk along settled ridges would take minutes it is not made."""
+"""Where a look along Newton ridges would take minutes it is not made."""
 
 from __future__ import annotations
 

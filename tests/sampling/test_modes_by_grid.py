@@ -10,6 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from rigs import with_priors
 from scipy.special import logsumexp
 from together import for_each
 
@@ -75,7 +76,7 @@ def test_aliases_that_the_prior_rules_out_are_not_missed(tmp_path: Path) -> None
     """
     puzzle = collection.chosen(["twenty"])[0]
     posterior = puzzle.load(tmp_path).job.problem.posterior
-    flat = posterior.space.with_priors({"k_s": Uniform(1e-3, 1e5)})
+    flat = with_priors(posterior.space, {"k_s": Uniform(1e-3, 1e5)})
     left_out = []
     for one in (posterior, dataclasses.replace(posterior, space=flat)):
         u = one.coordinates.from_physical(np.array([[68.217]]))[0]

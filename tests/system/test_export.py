@@ -77,18 +77,6 @@ def test_json_has_spread_and_draws(run, model):
     assert stiffness["map"] == pytest.approx(run.mode.values.get("k_s", means(run)["k_s"]))
 
 
-def test_urdf_has_joints(run, model):
-    root = ElementTree.fromstring(export.as_urdf(model))
-    inertias = {
-        link.get("name"): float(link.find("inertial/inertia").get("izz"))
-        for link in root.iter("link")
-        if link.find("inertial") is not None
-    }
-    p = means(run)
-    assert inertias["rotor_1"] == pytest.approx(p["j_1"], rel=1e-7)
-    assert sum(inertias.values()) == pytest.approx(p["j_1"] + 64 * p["j_m"], rel=1e-7)
-
-
 def test_command_writes_and_refuses(run, tmp_path, capsys):
     with warnings.catch_warnings():  # whether all figures could be drawn is no matter here
         warnings.simplefilter("ignore", UserWarning)

@@ -36,7 +36,7 @@ def test_the_wheel_works_where_no_checkout_is(version: str, dist: Dist, tmp_path
     assert at.run("python", "-m", "bayesdrill", "--version") == number
     _brings_what_it_says(at)
     _begins(at)
-    assert "bayesdrill" in at.run("bayesdrill", "cite", "--format", "bibtex")
+    assert "bayesdrill" in at.run("bayesdrill", "cite")
 
 
 def _brings_what_it_says(at: Installed) -> None:

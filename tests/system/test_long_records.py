@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -67,47 +68,38 @@ def test_the_posterior_is_that_of_all_samples() -> None:
     assert whole.sampled.compression is None
 
 
-LAG, RHO = 0.0047, 0.8
+RHO = 0.8
 
 
 @cache
-def late(likelihood: str) -> bd.Run:
-    """One speed is seen late, by a number of samples that is none; the noise of the other remembers."""
+def coloured(likelihood: str) -> bd.Run:
+    """Two speeds under random steps of voltage; the noise of one of them remembers."""
     t, rng = T[:4201], np.random.default_rng(6)
     v = np.where(rng.random(len(t) // 100 + 1) < 0.5, 4.0, 12.0).repeat(100)[: len(t)]
-    fine = bd.respond(
-        MotorShaft(),
-        NOMINAL,
-        np.arange(42_001) / 5000.0,
-        {"v": v.repeat(10)[:42_001]},
-        ["w_1", "w_2"],
-    )
-    shift = round(LAG * 5000.0)
-    shown = np.append(np.zeros(shift), fine["w_1"])[:42_001:10]
+    exact = bd.respond(MotorShaft(), NOMINAL, t, {"v": v}, ["w_1", "w_2"])
     noise = 0.1 * rng.standard_normal((2, len(t)))
     noise[1] = lfilter([np.sqrt(1.0 - RHO**2)], [1.0, -RHO], noise[1])
-    lag = {"prior": "uniform", "low": 0.0, "high": 0.02}
     free = ("k_e", "r_m", "k_s")
     return bd.case(
         t,
         {
-            "w_1": bd.Channel(shown + noise[0], "rad/s", 0.1, lag=lag),
-            "w_2": bd.Channel(fine["w_2"][::10] + noise[1], "rad/s", LEVEL, noise="ar1"),
+            "w_1": bd.Channel(exact["w_1"] + noise[0], "rad/s", 0.1),
+            "w_2": bd.Channel(exact["w_2"] + noise[1], "rad/s", LEVEL, noise="ar1"),
         },
         {"v": bd.Input(v, "V")},
         parameters={name: BOX if name in free else "nominal" for name in NOMINAL},
         nominal="tables_2_3",
         sampler={"likelihood": likelihood, "walkers": 32, "ess": 1000},
-        name="late",
+        name="coloured",
     ).sample(processes=1)
 
 
-def test_late_channels_and_noise_that_remembers_go_with_it() -> None:
-    short, whole = late("auto"), late("exact")
+def test_noise_that_remembers_goes_with_it() -> None:
+    short, whole = coloured("auto"), coloured("exact")
     pairs = zip(short.analysis.unknowns, whole.analysis.unknowns, strict=True)
     assert max(abs(mine.mean - row.mean) / row.sd for mine, row in pairs) < 0.15
     found = {row.name: row for row in short.analysis.unknowns}
-    for name, true in (("lag_w_1", LAG), ("rho_w_2", RHO), ("k_s", NOMINAL["k_s"])):
+    for name, true in (("rho_w_2", RHO), ("k_s", NOMINAL["k_s"])):
         assert abs(found[name].mean - true) < 4.0 * found[name].sd, name
     check = short.sampled.compression
     assert check is not None
@@ -212,15 +204,32 @@ def test_an_excerpt_that_says_too_little_grows(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_what_cannot_be_compressed_is_refused_where_it_is_asked_for() -> None:
-    with pytest.raises(InputError, match="cannot be compressed: the rig has dry friction"):
-        bd.case(
-            T[:200],
-            {"w_1": bd.Channel(np.sin(T[:200]), "rad/s", 0.1)},
-            {"v": 8.0},
-            parameters={**dict.fromkeys(NOMINAL, "nominal"), "t_c1": 0.01, "k_e": BOX},
-            sampler={"likelihood": "compressed"},
-            name="rubbing",
-        )
+    """By itself it has all samples, however long it is."""
+    lag = {"lag": {"prior": "uniform", "low": 0, "high": 0.1}}
+    torque = {"missing_torque": {"at": "rotor_1", "size": 0.1, "time": 0.5}}
+    cases = [
+        ("the rig has dry friction", {"t_c1": 0.01}, {}, {}),
+        ("its channels are late, or its inputs", {}, lag, {}),
+        ("a torque is missing", {}, {}, torque),
+    ]
+    for reason, rubs, sensor, missing in cases:
+
+        def made(likelihood: str, *entries: dict[str, Any]) -> bd.Case:
+            rig, channel, more = entries
+            return bd.case(
+                T[:5000],
+                {"w_1": bd.Channel(np.sin(T[:5000]), "rad/s", 0.1, **channel)},
+                {"v": 8.0},
+                parameters={**dict.fromkeys(NOMINAL, "nominal"), **rig, "k_e": BOX},
+                sampler={"likelihood": likelihood},
+                **more,
+            )
+
+        with pytest.raises(InputError, match=f"cannot be compressed: {reason}"):
+            made("compressed", rubs, sensor, missing)
+        (whole,) = made("auto", rubs, sensor, missing).job.problem.observations
+        assert reason in whole.exact_reason
+        assert not compression.is_long(whole)
 
 
 def test_what_turns_out_not_to_be_compressible_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,7 +14,6 @@ from releases import Dist
 
 import bayesdrill
 from bayesdrill.api import files as api_files
-from bayesdrill.basics.software import RELEASED
 
 ROOT = systems.ROOT
 LARGEST = {".whl": 1_200_000, ".gz": 4_000_000}  # bytes; on the way to whoever installs it
@@ -42,7 +41,9 @@ def test_the_changelog_tells_of_this_version() -> None:
     text = (ROOT / "CHANGELOG.md").read_text()
     first, newest, *_ = re.findall(r"^## (.*)$", text, re.M)
     assert first == "Unreleased"
-    assert newest == f"{bayesdrill.__version__} - {RELEASED}"
+    day = re.search(r"^date-released: '(.*)'$", (ROOT / "CITATION.cff").read_text(), re.M)
+    assert day is not None
+    assert newest == f"{bayesdrill.__version__} - {day[1]}"
     sections = set(re.findall(r"^### (.*)$", text, re.M))
     assert sections <= {"Added", "Changed", "Deprecated", "Removed", "Fixed", "Security"}
 

@@ -126,28 +126,6 @@ def test_a_chain_that_went_on_is_analysed_anew(runs: Path) -> None:
     assert as_data(bd.open(folder).analysis) == run["analysis"]
 
 
-def test_verify_compares_each_number_and_samples_nothing(
-    runs: Path, evaluations: dict[str, int]
-) -> None:
-    """A number that is forged with pains is named.  Mutant killed: numbers are not looked at."""
-
-    def check(name: str) -> None:
-        folder = runs / name
-        ran = systems.cli("verify", folder)
-        assert ran.status == 0, ran.text
-        assert "the tables follow from the chain, and so do the " in ran.out
-        run = loads_checksummed((folder / "run.json").read_bytes())
-        run["analysis"]["unknowns"][0]["mean"] *= 1.01
-        (folder / "run.json").write_text(dumps_checksummed(run))
-        ran = systems.cli("verify", folder)
-        assert ran.status == 2
-        assert "run.json: unknowns.k_e.mean is " in ran.err
-        assert ran.err.count("the chain gives") == 1
-        assert evaluations["evaluate"] == 0
-
-    for_each({name: (name,) for name in CHANGES}, check)
-
-
 def test_another_config_or_chain_is_analysed_anew(runs: Path) -> None:
     """A formula that is added to the config has its row.  Mutant killed: what was kept is believed."""
     folder = runs / "plain"

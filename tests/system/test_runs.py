@@ -28,6 +28,7 @@ from together import together
 
 from bayesdrill.output_files import POSTERIOR, dumps_checksummed, loads_checksummed
 from bayesdrill.results.run_folder import Folder, seal
+from bayesdrill.sampling.proposal import learning
 from bayesdrill.tasks import pipeline
 
 ALL_FIGURES = ("figures: []", "figures: null")  # to draw takes longer than all else of a small run
@@ -794,6 +795,39 @@ def test_a_parameter_pressed_against_its_prior_is_told_and_believed(tmp_path: Pa
     assert "k_e is pressed" in (found.folder / "summary.md").read_text()
     notes = run_of(found.folder)["notes"]
     assert [note for note in notes if note.startswith("note: k_e")]
+
+
+def test_what_the_proposal_does_not_reach_is_said_and_ends_with_status_3(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also of a chain that is only read again; mutant killed: that is believed."""
+    monkeypatch.setattr(learning, "missed_mass", lambda *_: 0.125)
+    found = fresh(tmp_path)
+    again = systems.cli("report", found.folder, "--processes", "1")
+    for ran in (found.ran, again):
+        assert ran.status == 3, ran.text
+        assert (
+            "coverage: about 12 % of the posterior lies where the proposal hardly ever" in ran.out
+        )
+    run = run_of(found.folder)
+    assert (run["missed"], run["verdict"]["agrees"]) == (0.125, None)
+    assert "ROUGH" in (found.folder / "summary.md").read_text()
+
+
+def test_a_nominal_value_at_an_end_of_its_prior_is_not_judged(tmp_path: Path) -> None:
+    """The end is said, with the way out; a file of older versions, with draws beyond it, goes."""
+    found = fresh(tmp_path, ("k_e: {prior: uniform, low: 0.5", "k_e: {prior: uniform, low: 1.0"))
+    assert found.ran.status == 0, found.ran.text
+    said = "Cannot judge: k_e. The prior of k_e ends at 0.06016; widen it."
+    assert said in found.ran.out
+    verdict = run_of(found.folder)["verdict"]
+    assert verdict["ends"] == {"k_e": 0.06016}
+    assert verdict["quantities"]["k_e"]["says"] == "cannot judge"
+    (found.folder / "opened.npz").write_text("of an older version")
+    again = systems.cli("report", found.folder, "--processes", "1")
+    assert again.status == 0, again.text
+    assert said in again.out
+    assert not (found.folder / "opened.npz").exists()
 
 
 def digit_changed(content: bytes) -> bytes:

@@ -52,6 +52,17 @@ def test_two_parameters_that_are_off_disagree_and_no_others(tmp_path: Path) -> N
     assert others <= {"agrees", "not determined"}
 
 
+def test_no_nominal_value_at_an_end_of_its_prior_disagrees(tmp_path: Path) -> None:
+    """Six records of a rig at its nominal values; mutant killed: draws that no end lets pass count."""
+    job = refits.built(tmp_path, refits.row(e.parameters("nominal", k_s=BEGINS, k_e=ENDS)))
+    trial = Trial(job, refits.truly(job))
+    for seed in range(6):
+        verdict, reasons = trial.concluded(seed)
+        assert not reasons
+        assert {q.says for q in (*verdict.products, *verdict.parameters)} == {"cannot judge"}
+        assert verdict.ends == {name: job.problem.nominal[name] for name in ("k_s", "k_e")}
+
+
 @pytest.mark.slow
 @together(
     "parameters",
@@ -68,7 +79,7 @@ def test_two_parameters_that_are_off_disagree_and_no_others(tmp_path: Path) -> N
 def test_nominal_records_rarely_disagree(tmp_path: Path, parameters: e.Entry) -> None:
     """At most 1 % of them, as the verdict says, wherever the priors end.
 
-    Mutants killed: a limit of 1.96 sigma; ends of priors at nominal values are left as they are.
+    Mutants killed: a limit of 1.96 sigma; values at ends of their priors are judged.
     """
     job = refits.built(tmp_path, made(parameters))
     found = refits.outcomes(Trial(job, refits.truly(job, **true(job))), range(RECORDS))

@@ -27,7 +27,7 @@ from benchmarks.zoo.signals import Chirp, Loop, RandomSteps, Square
 from benchmarks.zoo.texts import changed
 
 ROWS = rows.every()
-SOUND = [row for row in ROWS if row.sound]
+FITTING = [row for row in ROWS if row.fits]
 THERE = [row for row in ROWS if row.made.available and not row.seconds]  # of a usual length
 SHORT = {  # of a run whose means are looked at with what they are worth
     "map.starts": 2,
@@ -159,12 +159,12 @@ COVERED: dict[str, Callable[[Row], bool]] = {
 def test_names_are_unique_and_there_are_many() -> None:
     assert len(set(ids(ROWS))) == len(ROWS) >= 40
     assert len({row.seed for row in ROWS}) == len(ROWS)
-    assert len(ROWS) - len(SOUND) >= 8
+    assert len(ROWS) - len(FITTING) >= 8
 
 
 @together("what", COVERED)
 def test_every_kind_of_record_is_there(what: str) -> None:
-    assert [row.name for row in SOUND if COVERED[what](row)]
+    assert [row.name for row in FITTING if COVERED[what](row)]
 
 
 def test_unsound_rows_are_of_several_kinds() -> None:
@@ -240,7 +240,7 @@ def test_a_sound_record_leaves_its_noise_at_the_truth(name: str, tmp_path: Path)
 def test_records_leave_their_noise_at_the_truth_where_the_rig_fits(
     row: Row, tmp_path: Path
 ) -> None:
-    assert looks_like_noise(row, tmp_path) == row.sound
+    assert looks_like_noise(row, tmp_path) == row.fits
 
 
 GRIDS = {1: (20_001,), 2: (201, 1501), 3: (121, 601, 31)}  # k_e, k_s, j_1

@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from bayesdrill.analysis.energy import FrictionMotion, friction_motions
+from bayesdrill.analysis.friction_motion import FrictionMotion, friction_motions
 from bayesdrill.analysis.identifiability.information import DesignVariant, SensitivityStudy
 from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.posterior import Posterior

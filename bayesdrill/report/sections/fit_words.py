@@ -13,7 +13,7 @@ import numpy as np
 
 from bayesdrill.analysis.causes import Cause, Causes, EquivalentExplanation
 from bayesdrill.analysis.edits import lacks
-from bayesdrill.analysis.energy import FrictionMotion
+from bayesdrill.analysis.friction_motion import FrictionMotion
 from bayesdrill.analysis.latent_torque import TAILS
 from bayesdrill.analysis.suspicions import InputTiming
 from bayesdrill.basics.arrays import Array, Indices

@@ -1,11 +1,9 @@
-"""Draw the energy, each friction against its speed, and the missing torque over time."""
+"""Draw each friction against its speed, and the missing torque over time."""
 
 from __future__ import annotations
 
 import dataclasses
-import math
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -15,112 +13,16 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from bayesdrill.analysis.energy import EnergyAccount
 from bayesdrill.analysis.latent_torque import TorqueEstimate
 from bayesdrill.analysis.run_analysis import BAND_DRAWS
-from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.basics.units import Unit
 from bayesdrill.inference.derived import HDI_PROBABILITY
 from bayesdrill.report import scales, style
 from bayesdrill.report.pages import Page, inches_panel, legend_above
-from bayesdrill.report.sections.fit_words import extremes
-from bayesdrill.report.sections.physics_words import (
-    LawShown,
-    energy_names,
-    laws,
-    ordered,
-    time_symbol,
-)
+from bayesdrill.report.sections.physics_words import LawShown, laws, time_symbol
 from bayesdrill.report.sections.torque_words import TORQUE, regressors
 from bayesdrill.report.view import Drawing, ReportContext, for_each_experiment
-from bayesdrill.rig.models.linear import Model
-
-JOULES = Symbol("E", "J", "E", "J", "energy so far")
-ENERGY_POINTS = 800  # of an edge
-FIRST = 0.02  # of all that comes in: before it shares mean nothing
-LINE = 0.17  # inches of a legend
-ENERGY_PAGE = Page(columns=1, row=1.5, left=0.84, gap_y=0.16)
-ENERGY_SMALL = dataclasses.replace(ENERGY_PAGE, width=scales.SINGLE, row=1.2, left=0.7)
-
-# Greys by kinds, from the foot of a stack, and hatches within them: no colour is wanted.
-LOOKS: Mapping[str, tuple[str, str]] = {
-    "electrical": (style.FAINT, ""),
-    "viscous": (style.LIGHT, ""),
-    "friction": (style.MIDDLE, ""),
-    "other": ("1.0", ""),
-    "stored": ("1.0", "......"),
-}
-HATCHES = ("", "\\\\\\\\", "////", "xxxx")
-EDGES: dict[str, Any] = {"edgecolor": style.BLACK, "linewidth": 0.4}
-Looks = Mapping[str, Mapping[str, Any]]
-
-
-def energy_figure(
-    account: EnergyAccount, width: float = scales.DOUBLE, *, model: Model, clock: Unit
-) -> Figure:
-    """Draw energies in joules, and below them shares of what came in until then."""
-    broad = width >= scales.DOUBLE
-    page, columns = (ENERGY_PAGE, 4) if broad else (ENERGY_SMALL, 2)
-    names = energy_names(model)
-    sources = ", ".join(names[part.name][1] for part in ordered(account.summary, account.came))
-    looks = stacked_looks(account, names)
-    drawn = extremes(account.total, ENERGY_POINTS)
-    t, came = account.t[drawn] / clock.factor, account.total[drawn]
-    went = np.array([account.went[name][drawn] for name in looks])
-    time = scales.scale(float(t[0]), float(t[-1]))
-    top = 0.1 + LINE * math.ceil((len(looks) + 1) / columns)
-    with style.styled(width):
-        figure, (joules, shares) = dataclasses.replace(page, top=top).build(2)
-        edges = _edges(went)
-        low, high = min(0.0, float(edges.min())), max(float(edges.max()), float(came.max()))
-        scale = scales.scale(low, high or 1.0, margin=0.03)
-        style.scale_axis(joules.yaxis, scale, scale.label(JOULES, "\n"))
-        joules.set_ylim(scale.low if low < 0 else 0.0, scale.high)
-        stack = _stack(joules, looks, time(t), scale(edges))
-        total = joules.plot(time(t), scale(came), label=f"came in: {sources}", **BEST)
-        known = came > FIRST * float(came.max())
-        if known.any():
-            _stack(shares, looks, time(t[known]), _edges(100.0 * went[:, known] / came[known]))
-            shares.set_ylim(0, 100)
-            style.set_ticks(shares.yaxis, np.arange(0, 101, 25.0), ["0", "25", "50", "75", "100"])
-            style.side_label(shares, "$\\mathrm{share}$\n[$\\mathrm{\\%}$]")
-        for panel in (joules, shares):
-            panel.set_xlim(time.low, time.high)
-            style.set_ticks(panel.xaxis, *time.ticks(5))
-        joules.tick_params(labelbottom=False)
-        shares.set_xlabel(time.label(time_symbol(clock)))
-        look = {"borderpad": 0.0, "labelspacing": 0.25, "handlelength": 1.8}
-        at = (page.left / width if broad else 0.02, 1.0)
-        handles = [*total, *stack]
-        legend_above(figure, handles, columns, loc="upper left", bbox_to_anchor=at, **look)
-    return figure
-
-
-def _edges(parts: Array) -> Array:
-    """Of parts `(P, N)` that stand on each other, `(P + 1, N)`."""
-    return np.cumsum([np.zeros(parts.shape[1]), *parts], axis=0)
-
-
-def _stack(panel: Axes, looks: Looks, t: Array, edges: Array) -> list[Any]:
-    """Each between two of `edges (P + 1, N)`."""
-    each = zip(looks.values(), edges, edges[1:], strict=False)
-    return [panel.fill_between(t, low, high, **look) for look, low, high in each]
-
-
-def stacked_looks(account: EnergyAccount, names: Mapping[str, tuple[str, str]]) -> Looks:
-    """Return how parts look, by name, in the order of their kinds: hatches differ in each of them."""
-    parts = [part.name for part in ordered(account.summary, account.went)]
-    counts: Counter[str] = Counter()
-    looks = {}
-    for part in sorted(parts, key=lambda part: [*LOOKS].index(names[part][0])):
-        kind, label = names[part]
-        face, hatch = LOOKS[kind]
-        hatch = hatch or HATCHES[counts[kind] % len(HATCHES)]
-        counts[kind] += 1
-        looks[part] = {**EDGES, "facecolor": face, "hatch": hatch, "label": label}
-    return looks
-
 
 PAGE = Page(row=1.6, left=0.84, right=0.1, gap_x=0.94, gap_y=0.6, top=0.36)
 SMALL = dataclasses.replace(
@@ -235,14 +137,6 @@ def draw_friction(run: ReportContext) -> tuple[Drawing, ...]:
     shown = ((rig.label, tuple(laws(rig, rubs, *at))) for rig, rubs in each)
     says = "Each friction against its speed: its law, where the record saw it, and nominal values."
     return for_each_experiment(friction_figure, shown, run.width, says)
-
-
-def draw_energy(run: ReportContext) -> tuple[Drawing, ...]:
-    """Return drawings of the energy, of a rig with friction."""
-    shown = ((account.summary.label, account) for account in run.chain.energy_accounts)
-    figure = partial(energy_figure, model=run.problem.model, clock=run.clock)
-    says = "Where the energy goes: what came in, and what became of it, in joules and as shares."
-    return for_each_experiment(figure, shown, run.width, says)
 
 
 def draw_torque(run: ReportContext) -> tuple[Drawing, ...]:

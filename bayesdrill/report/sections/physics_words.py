@@ -1,24 +1,16 @@
-"""Write what follows from the unknowns: derived quantities, energy and friction."""
+"""Write what follows from the unknowns: derived quantities and friction."""
 
 from __future__ import annotations
 
 import dataclasses
 import itertools
 import math
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from bayesdrill.analysis.energy import (
-    AT_START,
-    CONVERTED,
-    STORED,
-    EnergyPart,
-    EnergySummary,
-    FrictionMotion,
-    friction_curve,
-)
+from bayesdrill.analysis.friction_motion import FrictionMotion, friction_curve
 from bayesdrill.analysis.identifiability.frictions import (
     Confounded,
     Excitation,
@@ -109,88 +101,6 @@ def derived_shown(
 
 def _varies(values: Array) -> bool:
     return bool(len(values) and values.min() < values.max())
-
-
-OPEN = 1e-3  # of all, from which on what does not close is said
-
-READ = (
-    "At the MAP: what came in, and what became of it until the end of the record. `share` is that of "
-    "all that came in, `sd` of it over the posterior. Each is an integral of a power over all steps, "
-    "exact where no speed changes its sign"
-)
-
-
-def energy_names(model: Model) -> dict[str, tuple[str, str]]:
-    """Of each part its kind, by which figures show it, and what a table or a legend calls it."""
-    roles, motion = model.roles, model.roles.motion
-    currents = {motor.current for motor in roles.motors}
-    # What gives power, with its place where there are several of its kind.
-    loads, several = [i for i in roles.inertias if i.load in model.inputs], len(roles.motors) > 1
-    inputs = {i.load: "load" if len(loads) == 1 else f"load {i.at}" for i in loads}
-    inputs |= {m.voltage: f"supply of {m.words}" if several else "supply" for m in roles.motors}
-    for i in roles.inertias:
-        inputs |= {i.torque: f"{motion.torque} {i.at}", i.speed: f"imposed speed {i.at}"}
-    inputs |= {m.current: f"current of {m.words}" for m in roles.motors}
-    names = {name: ("other", name) for name in (*model.inputs, *model.parameters)}
-    names |= {name: ("other", words) for name, words in inputs.items()}
-    names |= {m.resistance: ("electrical", f"resistance of {m.words}") for m in roles.motors}
-    names |= {m.series: ("electrical", "resistance in series") for m in roles.motors}
-    names |= {i.damping: ("viscous", f"viscous, {i.at}") for i in roles.inertias}
-    names |= {shaft.damping: ("viscous", f"viscous, in {shaft.words}") for shaft in roles.shafts}
-    names |= {i.friction: ("friction", f"friction {i.friction}") for i in roles.inertias}
-    names[CONVERTED] = "other", " and ".join(_unequal(model))
-    names[AT_START] = "other", "stored at the start"
-    names[STORED] = "stored", "stored"
-    for friction in model.frictions:
-        names[friction.name] = "friction", f"friction {friction.where}"
-        if friction.against in currents:
-            names[friction.name] = "electrical", "voltage drop"
-    return names
-
-
-def _unequal(model: Model) -> list[str]:
-    """Return why each motor may give more than it takes, or less."""
-    return [
-        f"{motor.torque_constant} is not {motor.back_emf}"
-        if motor.back_emf in model.parameters
-        else f"{motor.torque_constant} has no back-emf"
-        for motor in model.roles.motors
-    ]
-
-
-def energy_table(summary: EnergySummary, model: Model) -> Table:
-    """In the order: what came in, the largest first; what it went to; what is stored."""
-    surely = any(part.sd is not None for part in summary.parts)
-    heads = ("", "", "J", "share", *(("sd",) if surely else ()))
-    called, lines = energy_names(model), []
-    for side, names in (("in", summary.came), ("out", summary.went)):
-        for part in ordered(summary, names):
-            sure = (f"{100 * part.sd:.2g} %",) if part.sd is not None else ("",) * surely
-            share = f"{100 * part.share:.3g} %"
-            lines.append((side, called[part.name][1], f"{part.joules:.4g}", share, *sure))
-    return Table(heads, tuple(lines), frozenset(heads[:1]))
-
-
-def ordered(summary: EnergySummary, names: Collection[str]) -> list[EnergyPart]:
-    """The largest first; what is stored stands last."""
-    parts = [part for part in summary.parts if part.name in names]
-    return sorted(parts, key=lambda part: (part.name == STORED, -part.joules))
-
-
-def energy_note(summary: EnergySummary, model: Model) -> str:
-    """Explain the table of energies."""
-    left = (
-        f", but {100 * summary.left:.2g} % of it is in neither, because of steps in which a speed "
-        "changes its sign: finer steps are `model: {pieces: ...}`"
-    )
-    said = READ + (left if summary.left > OPEN else "") + "."
-    pairs = [(motor.torque_constant, motor.back_emf) for motor in model.roles.motors]
-    gains = ", ".join(f"({given} - {taken})" for given, taken in pairs)
-    unequal = (
-        f"*{' and '.join(_unequal(model))}*: what a motor gives beyond what it takes, {gains} times "
-        "current and speed. In an ideal one the two are equal."
-    )
-    return f"{said} {unequal}" if CONVERTED in (*summary.came, *summary.went) else said
 
 
 def effort_symbol(friction: Friction) -> Symbol:

@@ -8,14 +8,14 @@ from collections.abc import Iterator, Sequence
 from bayesdrill.analysis.comparison import RepeatedProduct
 from bayesdrill.analysis.identifiability.structure import DependsOnFixed
 from bayesdrill.analysis.plausibility import DiffusePrior
-from bayesdrill.analysis.verdict import FALSE_ALARM, Quantity, Verdict
+from bayesdrill.analysis.verdict import FALSE_ALARM, JUDGED, Quantity, Verdict
 from bayesdrill.basics.symbols import Symbol, unit_product
+from bayesdrill.inference.display_units import SI, DisplayUnits
 from bayesdrill.inference.step_error import MAX_ERROR_OVER_NOISE, TRUTH_REFINEMENT, StepError
 from bayesdrill.report import section
 from bayesdrill.report.section import Table
 from bayesdrill.report.sections.identify_words import percent, priors_of, product
 from bayesdrill.report.sections.physics_words import listed
-from bayesdrill.sampling.ensembles import ExtendedPriors
 from bayesdrill.sampling.evidence import Evidence
 
 POOR = 0.1  # error, from which on it is said to be rough
@@ -164,6 +164,7 @@ def verdict_sentences(
     records: int = 1,
     lacking: str = "",
     rests: Sequence[DependsOnFixed] = (),
+    units: DisplayUnits = SI,
 ) -> str:
     """The whole in a sentence, then what it rests on, what is not determined and what is pressed.
 
@@ -180,12 +181,7 @@ def verdict_sentences(
             f"is evidence against the model.{missing}"
         )
     lines += _resting(verdict, rests)
-    if verdict.opened:
-        lines.append(
-            f"The priors of {', '.join(verdict.opened)} end too near to the nominal values. For the "
-            "tension they are taken as open there, as no draw could lie beyond."
-        )
-    return "\n".join([*lines, *_undecided(verdict)])
+    return "\n".join([*lines, *_undecided(verdict, units)])
 
 
 def no_verdict(*, converged: bool) -> str:
@@ -207,14 +203,16 @@ def verdict_rule(verdict: Verdict) -> str:
 
 def verdict_sentence(verdict: Verdict, table: str, records: int = 1) -> str:
     """Return the verdict: how much was determined, whether it agrees, and all taken together."""
-    judged = [q for q in verdict.products if q.says != "not determined"]
-    n, k = len(verdict.products), len(judged)
+    n, k = len(verdict.products), len(verdict.judged)
     determines, such, says = "this record determines", "such a record", "It says"
     if records > 1:
         determines, such, says = "these records determine", "such records", "They say"
     can = f"the {n} independent products of parameters that {such} can show"
-    if not judged:
-        return f"verdict: {determines} none of {can}. {says} nothing of {table}."
+    if not verdict.judged:
+        none = f"{determines} none of {can}"
+        if verdict.saying("cannot judge"):
+            none = f"none of {can} can be judged"
+        return f"verdict: {none}. {says} nothing of {table}."
     joint = together = ""
     if verdict.joint is not None:
         joint = f"taken together they are {_sigmas(verdict.joint)} from {table}"
@@ -245,7 +243,7 @@ def verdict_sentence(verdict: Verdict, table: str, records: int = 1) -> str:
 
 def _resting(verdict: Verdict, rests: Sequence[DependsOnFixed]) -> list[str]:
     """What is judged only as far as a number is right that the config holds, or a prior."""
-    judged = [q for q in verdict_rows(verdict) if q.says != "not determined"]
+    judged = [q for q in verdict_rows(verdict) if q.says in JUDGED]
     lines: dict[tuple[str, str], list[str]] = {}
     for dependence in rests:
         for q in judged:
@@ -261,25 +259,10 @@ def _resting(verdict: Verdict, rests: Sequence[DependsOnFixed]) -> list[str]:
     ]
 
 
-NOT_KEPT = (
-    "not there: a run of an older version has not kept its draws beyond the ends of priors. Tables "
-    "need them. `--resume`, or under another version `--force`, samples them"
-)
-
-
-def not_kept(beyond: ExtendedPriors | None) -> Iterator[str]:
-    """Of a run that has left nothing of what lies beyond ends of priors."""
-    if beyond is not None and not beyond.saved:
-        yield (
-            f"The priors of {', '.join(beyond.names)} end near nominal values. The version that sampled "
-            "this run did not keep draws beyond, so nothing is said of these values. Continue it with "
-            "--resume, or under another version start over with --force."
-        )
-
-
-def _undecided(verdict: Verdict) -> Iterator[str]:
+def _undecided(verdict: Verdict, units: DisplayUnits) -> Iterator[str]:
     """What is not judged, and why."""
     open_ones = verdict.saying("not determined")
+    ends = [f"of {name} ends at {units.format_value(name, e)}" for name, e in verdict.ends.items()]
     reasons = {
         "Not determined by themselves": (
             [q for q in open_ones if q.blind],
@@ -294,6 +277,11 @@ def _undecided(verdict: Verdict) -> Iterator[str]:
         "At an end of its prior": (
             verdict.saying("pressed against the prior"),
             "The end decides there, so nothing is said of the nominal value.",
+        ),
+        "Cannot judge": (
+            verdict.saying("cannot judge"),
+            f"The prior {', that '.join(ends)}; widen it. Hardly a draw can lie beyond, whatever the "
+            "record says of the nominal value.",
         ),
     }
     for said, (quantities, why) in reasons.items():

@@ -1,11 +1,6 @@
 """Sums of squares of a long record, and their normal equations, from its triangle.
 
 See `rational_basis` for the functions that are the triangle's columns.
-
-A channel that is late by d sees x(t - d).  With a whole number m of samples no less than d, that is
-the rig a span s = m dt - d after sample n - m: states there through exp(A s), and the inputs of the
-steps between.  So a delay changes rows of weights, and adds inputs that are seen at once.  The span
-is shares of the steps from there on: of a step that it does not reach, zero.
 """
 
 from __future__ import annotations
@@ -16,25 +11,21 @@ from itertools import islice
 import numpy as np
 from llvmlite import ir
 
-from bayesdrill.basics.duals import Dual, dual
 from bayesdrill.rig.kernels.exponential import store_exponential
 from bayesdrill.rig.kernels.lanes import (
     NUMBERS,
     VECTORS,
     WHOLE,
-    Builder,
     Loop,
     Module,
-    Vector,
     kernel,
     vector,
 )
-from bayesdrill.rig.kernels.numbers import Blocks, Matrix, Number, dot
+from bayesdrill.rig.kernels.numbers import Blocks
 from bayesdrill.rig.kernels.rational_basis import (
     ROWS,
     BasisExpansion,
     BasisShape,
-    ExponentialEntries,
 )
 
 COUNTS = ("groups", "columns", "channel", "sum", "q")
@@ -44,83 +35,6 @@ BLOCKS = (
     | {"orders": WHOLE}
 )
 ENDS = 2  # which of the sums has but two rows: of the first sample and the last
-
-
-def _store_over(
-    expansion: BasisExpansion, share: ir.Value, parameters: ir.Value, e: ir.Value
-) -> None:
-    """Store exp(M span) - 1 of a walker over a `share` of a step."""
-    b, numbers, layout = expansion.b, expansion.a["numbers"], expansion.shape.layout
-    span, constants = b.fmul(share, b.shared(numbers, 0)), b.offset(numbers, 1)
-    store_exponential(b, parameters, constants, span, e, layout, increments=True, beside_one=False)
-
-
-class _DelayedRows:
-    """The code of rows over the states at a sample, of what is seen at a later time."""
-
-    def __init__(self, expansion: BasisExpansion, parameters: ir.Value) -> None:
-        b, shape = expansion.b, expansion.shape
-        self._shape, self._x, self._series = shape, shape.states, shape.layout.n_series
-        self._expansion, self._parameters = expansion, parameters
-        self._entry = ExponentialEntries(b, shape, b.room(shape.layout.size**2))
-        self._nothing: list[Number] = [Vector(b, vector(0.0))] * self._series
-        self._rates = self._of_a_step(b)
-
-    def row(self, states: list[Number], shares: list[Number]) -> tuple[list[Number], Matrix]:
-        """Return the row `(X + 1,)`, and weights of inputs `(D + 1, S)` at the samples from there.
-
-        `shares (D,)`: of each step, that are in the span.
-        """
-        weights = [[*self._nothing] for _ in range(len(shares) + 1)]
-        for step, share in reversed([*enumerate(shares)]):
-            states, held, rise = self._passed(states, share)
-            for s in range(self._series):
-                weights[step][s] = weights[step][s] + (held[s] - rise[s])
-                weights[step + 1][s] = weights[step + 1][s] + rise[s]
-        return states, weights
-
-    def _passed(self, row: list[Number], share: Number) -> tuple[list[Number], ...]:
-        """Return a row before a span, and weights of inputs at its begin, and of their increments."""
-        x, n, first_order = self._x, self._series, self._shape.layout.first_order
-        span, by_share = dual(share).value, dual(share).slope
-        e = self._entry
-        _store_over(self._expansion, span.value, self._parameters, e.e)
-        columns = [
-            dot(row[:x], [e(i, column) for i in range(x)], row[column] if column <= x else None)
-            for column in range(x + 1 + n * (1 + first_order))
-        ]
-        states, held, rise = columns[: x + 1], columns[x + 1 : x + 1 + n], columns[x + 1 + n :]
-        rise = [number * span for number in rise] if first_order else self._nothing
-        if self._shape.tangent:
-            values = [dual(number).value for number in states]
-            if first_order:
-                rise = [
-                    a + Dual(0.0, dual(c).value * by_share) for a, c in zip(rise, held, strict=True)
-                ]
-            states, held = (
-                [
-                    number + Dual(0.0, self._rate(values, column) * by_share)
-                    for column, number in enumerate(part, first)
-                ]
-                for first, part in ((0, states), (x + 1, held))
-            )
-        return states, held, rise
-
-    def _rate(self, values: list[Number], column: int) -> Number:
-        """Return by how much a row times exp(M span) changes with a share of a step."""
-        return sum(values[i] * rate for (i, at), rate in self._rates.items() if at == column)
-
-    def _of_a_step(self, b: Builder) -> dict[tuple[int, int], Number]:
-        """Return the entries of M of the rig, times a step, by row and column of the rig."""
-        x, layout = self._x, self._shape.layout
-        shift, rates = layout.n_states - x, dict[tuple[int, int], Number]()
-        numbers = self._expansion.a["numbers"]
-        step, constants = Vector(b, b.shared(numbers, 0)), b.offset(numbers, 1)
-        for row, column, value in layout.matrix(b, self._parameters, constants):
-            if row < x and (column < x or column >= layout.n_states):
-                place = (row, column if column < x else column - shift)
-                rates[place] = value * step + rates.get(place, 0.0)
-        return rates
 
 
 def _projections(
@@ -146,8 +60,8 @@ def _projections(
 def write_sums(module: Module, shape: BasisShape) -> None:
     """Write `sums(G, n, triangle, ..., q, ...)`, whose arguments are `COUNTS` and `BLOCKS`.
 
-    Of G groups of walkers `(G, P + X + K (X + 1) + K D, LANES)`: parameters, start, rows of channels,
-    spans of delays.  `n` columns, a multiple of `ROWS`; `channel`: numbers from the triangle `(n, n)`
+    Of G groups of walkers `(G, P + X + K (X + 1), LANES)`: parameters, start, rows of channels.
+    `n` columns, a multiple of `ROWS`; `channel`: numbers from the triangle `(n, n)`
     of a channel to that of the next, zero where all have the same, and `sum` to that of the next sum.
     `numbers`: step and constant inputs.  `projected (K, sums, n + 1)`: of the reference's residuals,
     and the square of what no function has.  `out (G, K sums + K, LANES)`: squares, and bounds of the
@@ -192,17 +106,14 @@ def _expand(
     expansion: BasisExpansion, bases: tuple[ir.Value, ...], parameters: ir.Value
 ) -> list[ir.Value]:
     """Store the coefficients of walkers; return bounds `(K,)`; `bases`: of numbers, and of slopes."""
-    b, shape = expansion.b, expansion.shape
-    blocks, inputs = Blocks(b, bases), list[Matrix]()
-    numbers = map(blocks.get, range(shape.parameters, shape.walker_size))
+    b, shape, layout = expansion.b, expansion.shape, expansion.shape.layout
+    numbers = map(Blocks(b, bases).get, range(shape.parameters, shape.walker_size))
     start = [*islice(numbers, shape.states)]
     rows = [[*islice(numbers, shape.states + 1)] for _ in range(shape.channels)]
-    _store_over(expansion, vector(1.0), parameters, expansion.entry.e)
-    if shape.delays:
-        late = _DelayedRows(expansion, parameters)
-        pairs = [late.row(row, [*islice(numbers, shape.delays)]) for row in rows]
-        rows, inputs = [row for row, _ in pairs], [weights for _, weights in pairs]
-    return expansion.run(start, rows, inputs)
+    span, constants = b.shared(expansion.a["numbers"], 0), b.offset(expansion.a["numbers"], 1)
+    e = expansion.entry.e
+    store_exponential(b, parameters, constants, span, e, layout, increments=True, beside_one=False)
+    return expansion.run(start, rows)
 
 
 def store_squares(expansion: BasisExpansion, out: ir.Value, residuals: ir.Value | None) -> None:

@@ -20,7 +20,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import islice
 
-import numpy as np
 from llvmlite import ir
 
 from bayesdrill.basics.duals import Dual, dual
@@ -52,9 +51,7 @@ class BasisShape:
     `layout`: of the rig, or of its tangent where slopes are wanted (`tangent`).  `poles`: coordinates
     of each, in the order of modal coordinates; `integrators`: coordinates before these, on which
     nothing depends.  `impulse`: whether the start moves the rig; `channels`: K.  `sums`: of squares of
-    each channel, of residuals alone, or of steps between them and of both ends too.  `delays`: by how
-    many steps at most a channel looks beyond the sample of its states, see `compressed_sums`; zero where
-    none is late.  `measured`: channels that are sources themselves, in a filter.
+    each channel, of residuals alone, or of steps between them and of both ends too.
     """
 
     layout: Layout
@@ -63,15 +60,13 @@ class BasisShape:
     channels: int
     impulse: bool
     sums: int = 1
-    delays: int = 0
-    measured: int = 0
     tangent: bool = False
 
     @property
     def text(self) -> str:
         """See `compile_kernel`."""
-        sizes = (self.integrators, self.channels, self.impulse, self.sums, self.delays)
-        return f"{self.poles} {sizes} {self.measured} {self.tangent} {self.layout.text}"
+        sizes = (self.integrators, self.channels, self.impulse, self.sums)
+        return f"{self.poles} {sizes} {self.tangent} {self.layout.text}"
 
     @property
     def states(self) -> int:
@@ -104,8 +99,8 @@ class BasisShape:
 
     @property
     def sources(self) -> list[str]:
-        """What drives it: the `impulse` of the start, what is `constant`, each series or channel."""
-        series = [f"series {s}" for s in range(self.layout.n_series + self.measured)]
+        """What drives it: the `impulse` of the start, what is `constant`, each series."""
+        series = [f"series {s}" for s in range(self.layout.n_series)]
         return ["impulse"] * self.impulse + ["constant"] * self.constant + series
 
     def columns(self, orders: Iterable[int]) -> int:
@@ -114,19 +109,13 @@ class BasisShape:
         `orders`: of each pole in a round.
         """
         poles = sum(n * size for n, size in zip(orders, self.poles, strict=True))
-        direct = self.layout.n_series * (self.layout.first_order + self.inputs_ahead)
-        direct += self.measured
+        direct = self.layout.n_series * self.layout.first_order
         return len(self.sources) * (self.integrators + ROUNDS * poles) + direct + 1
 
     @property
-    def inputs_ahead(self) -> int:
-        """Samples of inputs, from its own on, that a late channel shows at once."""
-        return self.delays + self.layout.first_order if self.delays else 0
-
-    @property
     def walker_size(self) -> int:
-        """Numbers of a walker: parameters, start, rows of channels, and their delays."""
-        rows = self.channels * (self.states + 1 + self.delays)
+        """Numbers of a walker: parameters, start, and rows of channels."""
+        rows = self.channels * (self.states + 1)
         return self.parameters + self.states + rows
 
     def scratch_size(self, columns: int, q: int = 0) -> int:
@@ -241,13 +230,10 @@ class BasisExpansion:
             self.after = self.b.offset(self.after, count)
         return Blocks(self.b, tuple(bases))
 
-    def run(
-        self, start: list[Number], rows: Matrix, direct: Sequence[Matrix] = ()
-    ) -> list[ir.Value]:
+    def run(self, start: list[Number], rows: Matrix) -> list[ir.Value]:
         """Store the coefficients; return bounds `(K,)` of what they leave, as sizes over all samples.
 
-        `start (X,)`; `rows (K, X + 1)`: weights of states, and offsets; `direct (K, n, S)`: of inputs at
-        the next samples, of late channels.
+        `start (X,)`; `rows (K, X + 1)`: weights of states, and offsets.
         """
         shape, x = self.shape, self.shape.states
         rates = [[self.entry(i, j) for j in range(x)] for i in range(x)]
@@ -258,13 +244,7 @@ class BasisExpansion:
         for s in range(shape.layout.n_series if shape.layout.first_order else 0):
             rise = self._increment(s)
             column = self.store(column, [dot(row[:x], rise) for row in rows])
-        offsets = [row[x] for row in rows]
-        for step, s in np.ndindex(shape.inputs_ahead, shape.layout.n_series):
-            weights = [channel[step][s] for channel in direct]
-            column = self.store(column, weights)
-            pairs = zip(weights, offsets, strict=True)
-            offsets = [multiply_add(self.frame.first[s], *pair) for pair in pairs]
-        self.store(column, offsets)
+        self.store(column, [row[x] for row in rows])
         return [error.value for error in self.errors]
 
     def begin(self, rates: Matrix, rows: Matrix) -> None:
@@ -294,11 +274,7 @@ class BasisExpansion:
             lost = dot([-entry for entry in self._carried[n]], modes[d:], modes[n])
             lost_shown = [multiply_add(row[n], lost, None) for row in self._shown]
             column = self.store(column, lost_shown)
-        return self.add_modes(column, modes[d:], size)
-
-    def add_modes(self, column: ir.Value, modes: list[Number], size: Number) -> ir.Value:
-        """Store the coefficients of a source that drives `modes (X - d,)`; see `add_source`."""
-        column, left = self._expand(column, modes)
+        column, left = self._expand(column, modes[d:])
         self.errors = self._bound.add(self.errors, left, size)
         return column
 

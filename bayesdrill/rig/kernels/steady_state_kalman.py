@@ -22,7 +22,7 @@ corrected at the end, from the information of all samples on it, see `_correct_s
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from llvmlite import ir
@@ -258,26 +258,14 @@ BLOCK_SAMPLES = 8  # samples
 
 
 def write_steady_state(module: Module, system: StateSpace, layout: Layout) -> None:
-    """Write `steadily`, of COUNTS and addresses of BLOCKS; see `emit_steady_state`."""
-    emit_steady_state(module, system, layout, (COUNTS, BLOCKS), _by_samples)
-
-
-def emit_steady_state(
-    module: Module,
-    system: StateSpace,
-    layout: Layout,
-    signature: tuple[Sequence[str], Mapping[str, ir.Type]],
-    emit_sums: Callable[[SteadyFilter, list[ir.Value], ir.Value], list[Number]],
-) -> None:
-    """Write `steadily`, of counts and addresses of blocks, among them `told`, `constants`, `out`.
+    """Write `steadily`, of COUNTS and addresses of BLOCKS.
 
     It stores minus half the sums of squares of the whitened residuals `(K,)`, the start's part with
     them, their standard deviations `(K,)`, and the determinant that the start takes.  `layout`: of
-    the rig with its torque.  `emit_sums`: of a filter that starts from a state `(n,)`, sums of
-    squared innovations `(K,)`; it stores what they show of the first state `(n,)`.
+    the rig with its torque.
     """
     n, k_count = system.n, system.k
-    with kernel(module, "steadily", *signature) as (a, b):
+    with kernel(module, "steadily", COUNTS, BLOCKS) as (a, b):
         m, constants = Numbers(b, False), Constants(b, layout, a["constants"])
         sizes = dict.fromkeys(("p", "phi", "q", "g", "a"), n * n)
         sizes |= {"gains": k_count * Gains.width(n), "pulls": k_count * n}
@@ -306,8 +294,8 @@ def emit_steady_state(
             _solve_riccati(m, system, at, a["samples"], first)
             constants.exponential(parameters, e, lead=False)
             phi = phi_entries(b, layout, e)
-            steady = SteadyFilter(m, system, layout, a, phi, at, first, group)
-            squares = emit_sums(steady, state, shown)
+            steady = SteadyFilter(m, system, layout, a, phi, at, first)
+            squares = _emit_sums(steady, state, shown)
             gained = _correct_start(m, n, at, start, shown, out[2 * k_count])
             for k, total in enumerate(squares):
                 root = steady.gains.inverse_deviation(k)
@@ -327,7 +315,6 @@ class SteadyFilter:
     phi: dict[tuple[int, int], ir.Value]
     at: Addresses
     first: ir.Value
-    group: ir.Value
 
     @property
     def gains(self) -> Gains:
@@ -354,8 +341,11 @@ class SteadyFilter:
         return [*following, *(total.value for total in (*sums, *shown))]
 
 
-def _by_samples(w: SteadyFilter, state: list[ir.Value], shown: ir.Value) -> list[Number]:
-    """Filter sample after sample; see `emit_steady_state`."""
+def _emit_sums(w: SteadyFilter, state: list[ir.Value], shown: ir.Value) -> list[Number]:
+    """Return sums of squared innovations `(K,)` of a filter that starts from a `state (n,)`.
+
+    What they show of the first state `(n,)` is stored in `shown`.
+    """
     b, informed = w.m.b, w.m.b.load(w.first)
     blocks = b.sdiv(b.add(informed, BLOCK_SAMPLES - 1), BLOCK_SAMPLES)
     squares = _emit_samples(w, blocks, state)

@@ -26,7 +26,6 @@ from bayesdrill.rig.kernels.rational_basis import BasisShape
 from bayesdrill.rig.kernels.sums import SQUARES, ResidualSums
 from bayesdrill.rig.models.linear import Model, Tangent
 from bayesdrill.rig.simulators.contract import Simulator, in_groups
-from bayesdrill.rig.simulators.delays import NOT_LATE, Delays, RecordHead
 from bayesdrill.rig.simulators.long_record import LongRecord, input_layout
 from bayesdrill.rig.simulators.rational_basis import (
     BLOCK,
@@ -52,8 +51,8 @@ class Compression:
     """A record along functions, which is small whatever the record's length.
 
     `shape`, `orders`, `frame`: what kernels know of the functions.  `reference (n, K)`: coefficients
-    of the reference, from which all is a difference.  For a rig alone: `numbers` of the record,
-    `tolerance (K, sums)`, what sums of squares may be wrong by, and `delays`.
+    of the reference, from which all is a difference; `numbers` of the record; `tolerance (K, sums)`:
+    what sums of squares may be wrong by.
     """
 
     shape: BasisShape
@@ -63,15 +62,14 @@ class Compression:
     record: Triangle
     reference: Array
     tolerance: Array
-    delays: Delays
 
     @classmethod
     def of_nothing(
-        cls, basis: Basis, record: LongRecord, sizes: Array, **settings: Any
+        cls, basis: Basis, record: LongRecord, sizes: Array, tolerance: Array, **settings: Any
     ) -> Compression:
         """Return that of a record that is zero, and of a reference that does nothing.
 
-        `sizes`: of series, and of channels that are sources; `settings`: what else the shape has.
+        `sizes`: of series; `settings`: what else the shape has.
         """
         poles = tuple(pole.size for pole in basis.poles)
         shape = BasisShape(poles=poles, integrators=basis.integrators, **settings)
@@ -84,9 +82,8 @@ class Compression:
             frame=basis.frame([*still, *sizes], record.first_inputs),
             record=empty,
             reference=np.zeros((empty.matrix.shape[-1], shape.channels)),
-            numbers=NONE,
-            tolerance=NONE,
-            delays=NOT_LATE,
+            numbers=np.array([record.step, *present(record.sensors.experiment.constant).values()]),
+            tolerance=tolerance,
         )
 
     @property
@@ -164,15 +161,10 @@ class CompressedSimulator(Unstepped):
             sizes = sizes[..., None] * np.array([1.0, 2.0, 1.0])[: self._shape.sums]
             return sums, 2.0 * np.sqrt(sums) * sizes + sizes**2
 
-    def coefficients(self, full: Array, *, late: bool = True) -> Array:
-        """Return the coefficients `(n, K)` of one rig, less the reference's: the kernel's own.
-
-        `late=False`: of channels that are late by whole steps.
-        """
-        walkers = self._walkers(full)
-        walkers[:, walkers.shape[1] - self._shape.delays * self._k * (not late) :] = 0.0
+    def coefficients(self, full: Array) -> Array:
+        """Return the coefficients `(n, K)` of one rig, less the reference's: the kernel's own."""
         first, n = self._shape.coefficients_at, self.functions
-        scratch = self._run({"walkers": walkers})[1][first : first + n * self._k, 0]
+        scratch = self._run({"walkers": self._walkers(full)})[1][first : first + n * self._k, 0]
         return np.ascontiguousarray(scratch.reshape(n, self._k))
 
     def normal(self, full: Array, along: Array, weights: Array) -> tuple[Array, Array, Array]:
@@ -180,7 +172,8 @@ class CompressedSimulator(Unstepped):
         n, q, _ = along.shape
         if weights.shape[2] != self._shape.sums:
             return self.whole.normal(full, along, weights)
-        slopes = self._walker_slopes(np.repeat(full, q, axis=0), along.reshape(n * q, -1))
+        at = ObservedWalkers(self.sensors, np.repeat(full, q, axis=0))
+        slopes = ObservedWalkers(self.sensors, along.reshape(n * q, -1), at).numbers
         slopes = slopes.reshape(n, q, -1)
         blocks = {"walkers": self._walkers(full), "directions": slopes, "weights": weights}
         rows, first = self._run(blocks, q)[0], self._k * (self._shape.sums + 1)
@@ -189,9 +182,6 @@ class CompressedSimulator(Unstepped):
         products = products + np.tril(products, -1).swapaxes(1, 2)
         sums, errors = self._with_bounds(numbers)
         squares = np.asarray((weights * sums).sum(axis=2))
-        if self._head is not None:
-            further = self._head.normal(full, along, weights)
-            squares, slope, products = map(np.add, (squares, slope, products), further)
         if (far := np.flatnonzero(self.beyond(sums, errors))).size:
             exact = self.whole.normal(full[far], along[far], weights[far])
             squares[far], slope[far], products[far] = exact
@@ -212,8 +202,6 @@ class CompressedSimulator(Unstepped):
         """Return the sums, those of the exact simulator where errors may be too large."""
         sums, errors = self.expanded(full)
         far = np.flatnonzero(self.beyond(sums, errors))
-        if self._head is not None:
-            sums = sums + self._head.sums(full, self._shape.sums)
         if len(far):
             sums = sums.copy()
             exact = self.whole.neighbours if self._shape.sums > 1 else self.whole.squares
@@ -249,22 +237,8 @@ class CompressedSimulator(Unstepped):
         layout = input_layout(Tangent(self.sensors.observed_model), self.experiment)
         return dataclasses.replace(self._shape, layout=layout, tangent=True)
 
-    @cached_property
-    def _head(self) -> RecordHead | None:
-        record = even_record(self.whole) if self._shape.delays else None
-        return self.compression.delays.head(self.whole, record.at) if record else None
-
     def _walkers(self, full: Array) -> Array:
-        delays = self.compression.delays
-        late = [delays.numbers(self.sensors, full)] if self._shape.delays else []
-        return np.concatenate([ObservedWalkers(self.sensors, full).numbers, *late], axis=1)
-
-    def _walker_slopes(self, full: Array, along: Array) -> Array:
-        """Return the slopes `(n, P')` of what walkers have."""
-        delays = self.compression.delays
-        late = [delays.slopes(self.sensors, full, along)] if self._shape.delays else []
-        slopes = ObservedWalkers(self.sensors, along, ObservedWalkers(self.sensors, full)).numbers
-        return np.concatenate([slopes, *late], axis=1)
+        return ObservedWalkers(self.sensors, full).numbers
 
     def _run(self, blocks: dict[str, Array], q: int = 0) -> tuple[Array, Array]:
         """Run the kernel on blocks `(W, ...)`; returns its numbers `(W, n)`, and scratch."""
@@ -282,9 +256,10 @@ class CompressedSimulator(Unstepped):
 
 
 def even_record(simulator: Simulator) -> LongRecord | None:
-    """Return the record of a linear rig that has one step; None of others."""
+    """Return the record of a linear rig that has one step, and no channel that is late; or None."""
     experiment, sensors = simulator.experiment, simulator.sensors
-    if simulator.stepping is not None or len(experiment.t) < 2:
+    late = simulator.sensing.shifts or simulator.stepping is not None
+    if late or len(experiment.t) < 2:
         return None
     if simulator.exact:  # steps that are nearly one are one
         return None if sensors.lead else LongRecord(sensors, experiment.dt, len(experiment.t))
@@ -297,6 +272,8 @@ def obstacle(simulator: Simulator) -> str:
     """Say in words why a record cannot be compressed whatever the parameters; empty where it can."""
     if simulator.stepping is not None:
         return "the rig has dry friction or inputs with lags, and is stepped"
+    if simulator.sensing.shifts:
+        return "its channels are late, or its inputs"
     return "its samples are not evenly spaced" if even_record(simulator) is None else ""
 
 
@@ -312,35 +289,27 @@ def compress(simulator: Simulator, points: Array, variances: Array, weights: Arr
     if record is None:
         raise CompressionError(obstacle(simulator))
     sensors, (k_count, sums) = record.sensors, weights.shape
-    delays = Delays.near(sensors, points, record.step)
-    record = dataclasses.replace(record, shifts=delays.shifts)
     with np.errstate(all="ignore"):
         rates = ObservedWalkers(sensors, points).system[0]
     sizes = np.linalg.norm(record.inputs(0, record.count) - record.first_inputs, axis=0)
-    constants = present(sensors.experiment.constant).values()
     n = np.array(simulator.experiment.counts, dtype=float)
     usual = np.stack([n, 4.0 * n, np.full(len(n), 2.0)], axis=1)[:, :sums]
+    tolerance = 2.0 * TOLERANCE / np.maximum(np.abs(weights), LEAST) / weights.size
     for digits in range(*DIGITS):  # until the bound is small enough at nearly all points
         basis = choose_basis(rates, record.step, 10.0**-digits)
         nothing = Compression.of_nothing(
-            basis, record, sizes, layout=record.layout, channels=k_count,
+            basis, record, sizes, tolerance, layout=record.layout, channels=k_count,
             impulse=sensors.sensing.moves(sensors.experiment.start, angles=()), sums=sums,
-            delays=delays.steps,
         )  # fmt: skip
         nothing.record.projected[..., -1] = variances[:, None] * usual  # it leaves noise alone
-        made = dataclasses.replace(
-            nothing,
-            numbers=np.array([record.step, *constants]),
-            tolerance=2.0 * TOLERANCE / np.maximum(np.abs(weights), LEAST) / weights.size,
-            delays=delays,
-        ).applied(simulator)
+        made = nothing.applied(simulator)
         if np.mean(made.exceeds_bound(points)) <= MAX_BEYOND:
             break
     else:
         raise CompressionError("the bound of what functions leave stays too large")
     blocks = column_blocks(record, basis, nothing.shape, record.residuals(points[0]))
     known = nothing.triangle(blocks, record.alike)
-    reference = made.coefficients(points[:1], late=False)
+    reference = made.coefficients(points[:1])
     return dataclasses.replace(made.compression, record=known, reference=reference)
 
 
@@ -349,27 +318,18 @@ def column_blocks(
     basis: Basis,
     shape: BasisShape,
     left: Iterable[tuple[Array, Array]],
-    before: Array = NONE,
 ) -> Iterator[tuple[Array, Array]]:
     """Yield columns `(m, n)` at samples, and what the reference leaves of them `(m, K)`.
 
-    `left`: inputs `(m, S)`, then channels if they are sources too, and what the reference leaves.
-    `before`: of these channels, a sample before the first.
+    `left`: inputs `(m, S)`, and what the reference leaves.
     """
     still = np.array([[0.0] * shape.impulse + [1.0] * shape.constant])
-    driven, n_series, knot = Columns(basis), shape.layout.n_series, 0
-    begin = np.append(record.first_inputs, np.zeros(shape.measured))
+    driven, direct = Columns(basis), shape.layout.first_order
     if shape.impulse:  # a sample before the first
-        earlier = np.eye(1, len(shape.sources))
-        earlier[0, len(shape.sources) - len(before) :] = before
-        driven.block(earlier)
+        driven.block(np.eye(1, len(shape.sources)))
     for inputs, residuals in left:
         for first in range(0, len(inputs), BLOCK):
-            u = inputs[first : first + BLOCK] - begin
+            u = inputs[first : first + BLOCK] - record.first_inputs
             sources = np.concatenate([still.repeat(len(u), axis=0), u], axis=1)
-            parts = [driven.block(sources), u[:, 0 if shape.layout.first_order else n_series :]]
-            for ahead in range(knot, knot + shape.inputs_ahead):
-                parts.append(record.inputs(ahead, ahead + len(u)) - begin)
-            knot += len(u)
-            columns = np.concatenate([*parts, np.ones((len(u), 1))], axis=1)
-            yield columns, residuals[first : first + BLOCK]
+            parts = [driven.block(sources), u[:, : u.shape[1] * direct], np.ones((len(u), 1))]
+            yield np.concatenate(parts, axis=1), residuals[first : first + BLOCK]

@@ -32,20 +32,6 @@ class Motion:
     efforts: Array
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Steps:
-    """Steps of one length `span` [s] that begin at `t (N,)`, with the `motion` there.
-
-    Of each input as the rig feels it: `felt (W, N)`, and `slopes (W, N)` through the step.
-    """
-
-    t: Array
-    span: float
-    motion: Motion
-    felt: Mapping[str, Array]
-    slopes: Mapping[str, Array]
-
-
 REVERSAL_SUBSTEPS = 4  # 2 leave several times the error, 8 hardly less
 
 
@@ -122,10 +108,6 @@ class Simulator(ABC):
     @abstractmethod
     def motion(self, full: Array) -> Motion:
         """Return the motion of the rig, whatever sensors make of it."""
-
-    @abstractmethod
-    def steps(self, full: Array) -> Steps:
-        """Return all steps to the last sample, which is where the last one begins."""
 
     @abstractmethod
     def signals(self, full: Array) -> Array:

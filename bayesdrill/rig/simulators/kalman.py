@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.basics.arrays import Array, Flags
+from bayesdrill.basics.arrays import Array
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.kernels.compiling import HIGH_OPT_LEVEL, Kernel, compile_kernel
 from bayesdrill.rig.kernels.exponential import Layout, weight_kinds
@@ -84,7 +84,7 @@ class KalmanFilter:
 
     def __repr__(self) -> str:
         """Begin with the name by which runs know the kind of their noise."""
-        names = [f.name for f in dataclasses.fields(KalmanFilter)]
+        names = [f.name for f in dataclasses.fields(self)]
         return f"Filtered({', '.join(f'{name}={getattr(self, name)!r}' for name in names)})"
 
     def __getstate__(self) -> dict[str, Any]:
@@ -141,28 +141,9 @@ class KalmanFilter:
             "groups": len(walkers), "samples": t_count, "told": walkers, "out": out,
             "constants": self.constants[1], "shown": self._shown[1], **record,
         })  # fmt: skip
-        return self._terms(out)[: len(parameters)]
-
-    def _terms(self, out: Array) -> Array:
-        """Return the log-density `(W, K)` from numbers of a kernel `(2 K + 1, W)`."""
-        k, t_count = self.system.k, len(self.experiment.t)
         logs = np.log(out[k:])
         spread = t_count * (logs[:k] + 0.5 * math.log(2 * math.pi)) + logs[k] / (2 * k)
-        return np.asarray((out[:k] - spread).T)
-
-    @property
-    def by_samples(self) -> KalmanFilter:
-        """The filter that has all samples: itself, unless its record is compressed."""
-        return self
-
-    @property
-    def functions(self) -> int:
-        """How many functions its record has become; zero where it is not compressed."""
-        return 0
-
-    def exceeds_bound(self, parameters: Array, sigmas: Array) -> Flags:
-        """Tell which walkers `(W,)` of a compressed record are filtered by all samples."""
-        return np.zeros(len(parameters), dtype=np.bool_)
+        return np.asarray((out[:k] - spread).T)[: len(parameters)]
 
     @cached_property
     def _shown(self) -> tuple[Array, int]:

@@ -31,19 +31,12 @@ class LongRecord:
     """A record of even steps, for a rig with `sensors`.
 
     `step` [s] between `count` knots; `at (n,)`: those of samples, None where all are samples.
-    `shifts (K,)`: by how many knots later than the rig does it a channel shows what it does.
     """
 
     sensors: SensorParameters
     step: float
     count: int
     at: Whole | None = None
-    shifts: tuple[int, ...] = ()
-
-    @property
-    def length(self) -> int:
-        """The knots up to which channels show the rig: those of the record, and others after it."""
-        return self.count - min((0, *self.shifts))
 
     @property
     def layout(self) -> Layout:
@@ -70,80 +63,52 @@ class LongRecord:
 
     def responses(self, full: Array, kind: type = Long) -> Iterator[tuple[Array, LongArray]]:
         """Yield inputs `(m, S)` and channels `(m, K)` of the rig `full (P,)`, part after part."""
-        layout, sensors = self.layout, self.sensors
-        x = layout.n_states
-        numbers = ObservedWalkers(sensors, full[None]).numbers[0]
-        p = layout.n_parameters
-        constants = present(sensors.experiment.constant).values()
+        layout, experiment = self.layout, self.sensors.experiment
+        x, p, series = layout.n_states, layout.n_parameters, layout.n_series
+        numbers = ObservedWalkers(self.sensors, full[None]).numbers[0]
         matrix = np.zeros((layout.size, layout.size), dtype=Long)
+        constants = present(experiment.constant).values()
         long = [Long(number) for number in (*numbers[:p], *constants)]
         for row, column, value in layout.entries(long):
             matrix[row, column] += value if row >= x else value * Long(self.step)
         step: LongArray = long_exponential(matrix).astype(kind)
+        # Of one and of inputs, then of their increments where they change straight.
+        fall, columns = step[:x, :x], step[:x, x:].T
         rows = numbers[p + x :].reshape(-1, x + 1).astype(kind)
-        start = numbers[p : p + x].astype(kind)
-        for inputs, states in self.courses(step[:x, :x], step[:x, x:].T, start):
-            yield inputs, states @ rows[:, :x].T + rows[:, x]
-
-    def courses(
-        self,
-        fall: LongArray,
-        columns: LongArray,
-        state: LongArray,
-        sources: tuple[Array, LongArray] | None = None,
-    ) -> Iterator[tuple[Array, LongArray]]:
-        """Yield inputs `(m, S)` and states `(m, X)`, see `long_states`, part after part.
-
-        `columns (1 + S, X)`: of one and of inputs, then of their increments where they change
-        straight; `sources`: further signals `(T, K)`, and their columns.
-        """
-        layout = self.layout
-        series = layout.n_series
-        for first in range(0, self.length, PART):
-            last = min(first + PART, self.length)
-            inputs = self.inputs(first, last + 1)
-            u: LongArray = inputs.astype(fall.dtype)
+        state = numbers[p : p + x].astype(kind)
+        for first in range(0, self.count, PART):
+            inputs = self.inputs(first, min(first + PART, self.count) + 1)
+            u: LongArray = inputs.astype(kind)
             drive = columns[0] + u[:-1] @ columns[1 : 1 + series]
-            if sources is not None:
-                drive = drive + sources[0][first:last] @ sources[1]
             if layout.first_order:
                 drive = drive + np.diff(u, axis=0) @ columns[1 + series :]
             states = long_states(fall, drive, state)
             state = states[-1]
-            yield inputs[:-1], states[:-1]
+            yield inputs[:-1], states[:-1] @ rows[:, :x].T + rows[:, x]
 
     @property
     def alike(self) -> list[slice]:
         """Channels that were seen at the same times, part by part: all, or each by itself."""
-        seen = ~np.isnan(self._shifted())
+        seen = ~np.isnan(self._at_knots())
         k_count = seen.shape[1]
         size = k_count if (seen == seen[:, :1]).all() else 1
         return [slice(k, k + size) for k in range(0, k_count, size)]
 
     def residuals(self, full: Array) -> Iterator[tuple[Array, Array]]:
-        """Yield inputs `(m, S)`, and what the rig leaves of the record `(m, K)`, NaN if not seen.
-
-        The record is that of `shifts` samples later.
-        """
-        y, first = self._shifted(), 0
+        """Yield inputs `(m, S)`, and what the rig leaves of the record `(m, K)`, NaN if not seen."""
+        y, first = self._at_knots(), 0
         for inputs, shown in self.responses(full):
             last = first + len(inputs)
             yield inputs, np.asarray(y[first:last] - shown, dtype=np.float64)
             first = last
 
-    def _shifted(self) -> Array:
-        """Return the record at all knots `(T, K)`, as much earlier as channels are late."""
+    def _at_knots(self) -> Array:
+        """Return the record at all knots `(T, K)`."""
         y = self.sensors.padded
         if self.at is not None:
             y = np.full((self.count, y.shape[1]), np.nan)
             y[self.at] = self.sensors.padded
-        if not any(self.shifts):
-            return y
-        out = np.full((self.length, y.shape[1]), np.nan)
-        for k, shift in enumerate(self.shifts):
-            later = y[max(shift, 0) :, k]
-            out[max(-shift, 0) :, k][: len(later)] = later
-        return out
+        return y
 
     def signals(self, full: Array) -> Array:
         """Return the channels `(T, K)` at the knots."""

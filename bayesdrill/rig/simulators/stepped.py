@@ -29,7 +29,6 @@ from bayesdrill.rig.simulators.contract import (
     Motion,
     Simulator,
     Stepping,
-    Steps,
     in_groups,
 )
 from bayesdrill.rig.simulators.sensors import ObservationModel, ObservedWalkers
@@ -143,51 +142,13 @@ class Stepped(Simulator):
 
     def motion(self, full: Array) -> Motion:
         """See `Simulator.motion`."""
-        states, efforts = self._at_nodes(full)
+        with np.errstate(all="ignore"):
+            nodes = self._run(self._nodes, full, efforts=True)
+        states, efforts = np.split(nodes, [len(self.model.states)], axis=2)
         last, share = self._grid.between(self.experiment.t)
         share = share[None, :, None]
         states = states[:, last] * (1 - share) + states[:, last + 1] * share
         return Motion(states=states, efforts=efforts[:, last])
-
-    def _at_nodes(self, full: Array) -> tuple[Array, Array]:
-        """Return states `(W, N, X)` and efforts of frictions `(W, N, E)`."""
-        with np.errstate(all="ignore"):
-            nodes = self._run(self._nodes, full, efforts=True)
-        states, efforts = np.split(nodes, [len(self.model.states)], axis=2)
-        return states, efforts
-
-    def steps(self, full: Array) -> Steps:
-        """See `Simulator.steps`."""
-        n = self._grid.nodes
-        states, efforts = self._at_nodes(full)
-        felt, slopes = self._inputs_at_steps(full)
-        return Steps(
-            t=self.sensors.knots[0][0] + self._grid.span * np.arange(n),
-            span=self._grid.span,
-            motion=Motion(states=states[:, :n], efforts=efforts[:, :n]),
-            felt=felt,
-            slopes=slopes,
-        )
-
-    def _inputs_at_steps(self, full: Array) -> tuple[dict[str, Array], dict[str, Array]]:
-        """Return inputs at the beginning of steps, and their slopes, `(W, N)` each."""
-        w, sensing, zero = self.sensors, self.sensing, np.zeros((len(full), self._grid.nodes))
-        felt, slopes = dict[str, Array](), dict[str, Array]()
-
-        def sensor_values(names: Mapping[str, str], name: str, default: float) -> Array:
-            values = w.column(names[name], full) if name in names else np.full(len(full), default)
-            return np.asarray(values)
-
-        for name in self.model.inputs:
-            if name in w.inputs:
-                lag = sensor_values(sensing.input_lags, name, 0.0)
-                u, slope = self._grid.felt(w.inputs.index(name), lag)
-            else:
-                u, slope = zero + self.experiment.constant.get(name, 0.0), zero
-            gain = sensor_values(sensing.input_gains, name, 1.0)[:, None]
-            felt[name] = gain * u + sensor_values(sensing.input_offsets, name, 0.0)[:, None]
-            slopes[name] = gain * slope
-        return felt, slopes
 
     # What the kernels are told.
 
@@ -300,10 +261,6 @@ class Unstepped(Simulator):
     def motion(self, full: Array) -> Motion:
         """See `Simulator.motion`."""
         return Stepped(self.model, self.experiment, self.sensing).motion(full)
-
-    def steps(self, full: Array) -> Steps:
-        """See `Simulator.steps`."""
-        return Stepped(self.model, self.experiment, self.sensing).steps(full)
 
     def course(self, full: Array, along: Array) -> tuple[Array, Array]:
         """See `Simulator.course`."""

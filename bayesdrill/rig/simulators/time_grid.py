@@ -258,20 +258,6 @@ class UniformGrid:
     def _kept(self) -> dict[tuple[int, int], tuple[Array, int]]:
         return {}
 
-    def felt(self, which: int, lag: Array) -> tuple[Array, Array]:
-        """Return an input, late by `lag (W,)`, as steps begin, and its slope: `(W, N)` each."""
-        rows = self._rows
-        whole, share = (part[:, None] for part in self.delays([lag]))
-        at = 1 + np.arange(self.nodes) - whole.astype(np.int64)
-        here, earlier = (np.clip(at - back, 0, len(rows) - 1) for back in (0, 1))
-
-        def late(column: int) -> Array:
-            now = rows[here, column]
-            return np.asarray(now + (rows[earlier, column] - now) * share)
-
-        values = late(which)
-        return values, late(which + self._slopes) if self._slopes else np.zeros_like(values)
-
     @cached_property
     def _rows(self) -> Array:
         """Inputs, and slopes of these, before the record, over each step, and after it."""

@@ -5,8 +5,8 @@ that the record knows far better (tight) and the rest (loose).  Then points are 
 loose directions, a little further each time, Gauss and Newton bring each back to the ridge, and
 polynomials are fitted to where they arrive.
 
-Where polynomials are no match for a ridge, Gauss and Newton bring every point of it home: a draw,
-with its density on the way there and back, costs some hundred times as much as a response.
+On a Newton ridge Gauss and Newton bring every point home, as the check of what a proposal misses
+needs it: a draw, with its density, costs some hundred times as much as a response.
 """
 
 from __future__ import annotations
@@ -19,9 +19,8 @@ import numpy as np
 
 from bayesdrill.basics.arrays import Array, Flags, Indices
 from bayesdrill.inference.laplace import LogDensity, QuadraticModel
-from bayesdrill.inference.posterior import Posterior
 from bayesdrill.sampling.samplers import ridge
-from bayesdrill.sampling.samplers.independence import Mixture, Proposal
+from bayesdrill.sampling.samplers.independence import Mixture
 from bayesdrill.sampling.samplers.ridge import LocalBasis, RidgeMap
 
 Expand = Callable[[Array, Array], QuadraticModel]
@@ -427,15 +426,6 @@ def newton_ridge(fitted: RidgeMap, expand: Expand) -> RidgeMap:
         return tau, root, log_det
 
     return replace(fitted, correction=correction)
-
-
-def bind_to_posterior(proposal: Proposal, posterior: Posterior) -> Proposal:
-    """Bind the Newton ridges of a proposal, where it has any, to the posterior."""
-    newton = proposal.newton
-    if newton is None:
-        return proposal
-    expand = LogDensity(posterior).approximate_model
-    return replace(proposal, newton=replace(newton, mixture=newton_mixture(newton.mixture, expand)))
 
 
 def newton_mixture(mixture: Mixture, expand: Expand) -> Mixture:

@@ -33,6 +33,7 @@ from bayesdrill.sampling.samplers.independence import (
 )
 from bayesdrill.sampling.samplers.ridge import RidgeMap
 
+LOCAL_SHARE = 0.2  # of the steps: the model is as dear for one walker as for thirty
 MIN_LENGTH, MAX_LENGTH = 0.01, 1.0  # of a component's widths, over the root of the dimension
 
 
@@ -111,24 +112,23 @@ class SplitEnsembleMove:
 class IndependenceMove:
     """A move of all walkers at once, to points that do not depend on where any of them stands.
 
-    After a share of the steps (of the settled ones, where there are any), those that would wait
-    long for such a point take a step by themselves.
+    After a share of the steps, those that would wait long for such a point take a step by
+    themselves.
     """
 
     proposal: Proposal
     inside: Inside
-    remembered: tuple[CachedLogDensity, CachedLogDensity]  # of the proposal, and of the widest
+    remembered: CachedLogDensity
 
     def propose(self, model: Any, state: Any) -> tuple[Any, Flags]:
         """Advance all walkers by a draw of the proposal, and perhaps by local steps."""
         everyone = np.arange(len(state.coords))
-        proposal = self.proposal.pick(model.random)
-        known = self.remembered[proposal is self.proposal.newton]
+        proposal, known = self.proposal, self.remembered
         before = known.at(state.coords)
         fresh, after = proposal.draw(len(everyone), self.inside, model.random)
         moved = _accept(model, state, everyone, fresh, before - after)
         known.keep(state.coords, np.where(moved, after, before))
-        if proposal is self.proposal.widest and model.random.random_sample() < proposal.local_share:
+        if model.random.random_sample() < LOCAL_SHARE:
             moved |= step_trapped(model, state, proposal, known.at(state.coords))
         return state, moved
 
@@ -197,8 +197,7 @@ def _independent(learnt: Proposal | None, inside: Inside) -> Move | None:
     """None as long as nothing has been learnt."""
     if learnt is None:
         return None
-    remembered = CachedLogDensity(learnt.mixture), CachedLogDensity(learnt.widest.mixture)
-    return IndependenceMove(learnt, inside, remembered)
+    return IndependenceMove(learnt, inside, CachedLogDensity(learnt.mixture))
 
 
 MOVES: Registry[MoveFactory] = Registry(

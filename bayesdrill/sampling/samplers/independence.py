@@ -9,8 +9,8 @@ one normalised density over u (up to what the prior cuts off, which is the same 
 The proposal is learnt before the first step, and depends on nothing that the chain does, so that
 detailed balance holds exactly: u' drawn from q is accepted with min(1, p(u') q(u) / (p(u) q(u'))).
 
-Draws outside the prior are drawn again, which costs no response of the model where no ridge is
-settled; what the cut does to the norm of q cancels.
+Draws outside the prior are drawn again, which costs no response of the model; what the cut does to
+the norm of q cancels.
 """
 
 from __future__ import annotations
@@ -300,9 +300,6 @@ def _floor(y: Array, weights: Array) -> Array:
     return np.diag(VARIANCE_FLOOR * spread + 1e-12)
 
 
-NEWTON_SHARE = 0.5  # of the steps, where there is such a proposal
-LOCAL_SHARE = 0.2  # of the steps: the model is as dear for one walker as for thirty, ...
-NEWTON_LOCAL_SHARE = 0.5  # ... and of those along settled ridges: there more are left waiting
 MAX_REDRAWS = 8
 MAX_DRAWS_PER_WANTED = 10  # draws for each that is wanted: in a corner of the prior few are inside
 
@@ -312,26 +309,12 @@ class Proposal:
     """A mixture from which steps are drawn inside the prior.
 
     `share`: of the mixture's draws that are inside the prior, about.  `typical_log_ratio`: log p -
-    log q where most of p is.  `local_share`: after which share of its steps walkers that would wait
-    step by themselves.  `newton`: another, which costs far more and goes where this one hardly does.
+    log q where most of p is.
     """
 
     mixture: Mixture
     share: float
     typical_log_ratio: float
-    local_share: float = LOCAL_SHARE
-    newton: Proposal | None = None
-
-    def pick(self, random: Random) -> Proposal:
-        """Return what a step draws from: mostly this proposal."""
-        if self.newton is None or random.random_sample() > NEWTON_SHARE:
-            return self
-        return self.newton
-
-    @property
-    def widest(self) -> Proposal:
-        """The proposal that leaves least of the posterior out."""
-        return self.newton or self
 
     def high(self, log_q: Array) -> Array:
         """Return the log p above which a walker would wait long, where q is `log_q (W,)`."""

@@ -1,8 +1,8 @@
-"""Account for the energy of each experiment, and describe what frictions do in it."""
+"""Describe what each friction does in an experiment, and its law over the speeds of the record."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,110 +10,8 @@ import numpy as np
 from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.rig.energy import Energies, can_balance, energies
 from bayesdrill.rig.models.friction import Friction
 from bayesdrill.rig.simulators.contract import Simulator
-
-STORED, CONVERTED, AT_START = "stored", "conversion", "start"
-NEGLIGIBLE_SHARE = 1e-9  # of the largest flow
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EnergyPart:
-    """A part of the energy of one experiment.
-
-    `name`: of an input, a parameter, a friction, or `conversion`, `start` and `stored`; `joules`
-    until the end; `share` of all that came in, and its `sd` over draws, None without any.
-    """
-
-    name: str
-    joules: float
-    share: float
-    sd: float | None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EnergySummary:
-    """The energy of one experiment: the `parts` that `came` in and `went`, until the end.
-
-    What is stored at the start came in; `left`: the share in neither, of the order of the steps.
-    """
-
-    label: str
-    parts: tuple[EnergyPart, ...]
-    came: tuple[str, ...]
-    went: tuple[str, ...]
-    left: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EnergyAccount:
-    """The energy of one experiment that `came` in and `went` by the times `t (N,)`, J, by name."""
-
-    summary: EnergySummary
-    t: Array
-    came: dict[str, Array]
-    went: dict[str, Array]
-
-    @property
-    def total(self) -> Array:
-        """All that came in so far, `(N,)`."""
-        return np.asarray(sum(self.came.values(), np.zeros(len(self.t))))
-
-
-def energy_accounts(posterior: Posterior, theta: Array, draws: Array) -> tuple[EnergyAccount, ...]:
-    """Account for experiments with friction, at the MAP `theta (D,)` and draws `(N, D)`."""
-    full = posterior.space.full(np.vstack([theta[None], draws]))
-    return tuple(
-        _account(observation, observation.simulator_parameters(full))
-        for observation in posterior.likelihood.observations
-        if observation.response.model.frictions and can_balance(observation.response.model)
-    )
-
-
-def _account(observation: Observation, arguments: Array) -> EnergyAccount:
-    """At parameters `(1 + N, P)` of its simulator: of the MAP, and of draws."""
-    rig = observation.response
-    best = energies(rig, arguments[0])
-    flows = _flows(best)
-    # What is next to nothing has no side, unless it is what is stored.
-    least = NEGLIGIBLE_SHARE * max(float(np.abs(part).max()) for part in flows.values())
-    sizable = {n: part for n, part in flows.items() if n == STORED or np.abs(part).max() > least}
-    came = {n: part for n, part in sizable.items() if n != STORED and part[-1] >= 0}
-    went = {n: -part for n, part in sizable.items() if n not in came}
-
-    def shares(flows: dict[str, Array]) -> dict[str, float]:
-        """Of all that came in."""
-        ends = {name: float(flows[name][-1]) for name in (*came, *went)}
-        total = sum(ends[name] for name in came)
-        ends |= {name: -ends[name] for name in went}
-        return {name: end / total if total else 0.0 for name, end in ends.items()}
-
-    of_draws = [shares(_flows(energies(rig, each))) for each in arguments[1:]]
-    total, several = sum(part[-1] for part in came.values()), len(of_draws) > 1
-    parts = tuple(
-        EnergyPart(
-            name=name,
-            joules=float((came | went)[name][-1]),
-            share=share,
-            sd=float(np.std([o[name] for o in of_draws], ddof=1)) if several else None,
-        )
-        for name, share in shares(flows).items()
-    )
-    left = float(np.abs(best.open[-1]) / total) if total else 0.0
-    summary = EnergySummary(
-        label=observation.label, parts=parts, came=tuple(came), went=tuple(went), left=left
-    )
-    return EnergyAccount(summary=summary, t=best.t, came=came, went=went)
-
-
-def _flows(energies: Energies) -> dict[str, Array]:
-    """By name, what comes in is positive."""
-    flows = {**energies.given, CONVERTED: energies.converted}
-    flows |= {name: -part for name, part in energies.lost.items()}
-    start = np.full(len(energies.t), energies.stored[0])
-    return {**flows, AT_START: start, STORED: -energies.stored}
-
 
 CURVE_POINTS = 200  # of each sign, at which a law is drawn: ...
 # ... from this share of the largest one on, as static friction falls near zero
@@ -227,14 +125,24 @@ def friction_curve(observation: Observation, rubbing: FrictionMotion, full: Arra
 
 
 def _law_inputs(rig: Simulator, friction: Friction, arguments: Array) -> dict[str, Array]:
-    """States, and inputs, that the law looks at; of two angles only their difference counts."""
-    steps = rig.steps(arguments)
-    states = rig.model.states
+    """Root mean squares of inputs that the law looks at, and of the difference of two angles."""
+    states, experiment, sensing = rig.model.states, rig.experiment, rig.sensing
+
+    def sensor_value(names: Mapping[str, str], name: str, default: float) -> float:
+        return float(rig.sensors.column(names[name], arguments)[0]) if name in names else default
+
+    values = {}
+    for name in (name for name in friction.law.seen if name not in states):
+        u = experiment.series.get(name, np.array(experiment.constant.get(name, 0.0)))
+        gain = sensor_value(sensing.input_gains, name, 1.0)
+        values[name] = _rms(gain * u + sensor_value(sensing.input_offsets, name, 0.0))
     angles = [name for name in friction.law.seen if name in states]
-    others = [name for name in friction.law.seen if name not in states]
-    values = {name: np.asarray(np.sqrt(np.mean(steps.felt[name] ** 2))) for name in others}
     if len(angles) == 2:
-        first, second = (steps.motion.states[0, :, states.index(name)] for name in angles)
-        values[angles[0]] = np.asarray(0.0)
-        values[angles[1]] = np.asarray(np.sqrt(np.mean((second - first) ** 2)))
+        motion = rig.motion(arguments).states[0]
+        first, second = (motion[:, states.index(name)] for name in angles)
+        values |= {angles[0]: np.asarray(0.0), angles[1]: _rms(second - first)}
     return values
+
+
+def _rms(x: Array) -> Array:
+    return np.asarray(np.sqrt(np.mean(x**2)))
