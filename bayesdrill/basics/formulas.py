@@ -59,6 +59,12 @@ class Expression:
         """Whether it surely is where all unknowns are: no sum, as a number in it can be negative."""
         return _is_positive(self.tree)
 
+    def renamed(self, names: Mapping[str, str]) -> Expression:
+        """Return it with other names; itself where none changes."""
+        others = {n: names[n] for n in self.names if names.get(n, n) != n}
+        trees = {n: Expression(new, ast.Name(new, ast.Load())) for n, new in others.items()}
+        return self.substituted(trees) if trees else self
+
     def substituted(self, others: Mapping[str, Expression]) -> Expression:
         """Return it with the names of `others` replaced; raises `ValueError` where that is too long."""
 

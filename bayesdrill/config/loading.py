@@ -7,7 +7,7 @@ import dataclasses
 import functools
 import operator
 import typing
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -66,7 +66,7 @@ def validate(source: Source) -> ResolvedCase:
     if experiments.EXPERIMENTS in source.data:
         config, resolved = _load_several(source, kind)
     else:
-        alone = _load_single(source, kind, alone=True)
+        alone = _load_single(source, kind)
         config, resolved = alone.config, {"": alone}
     experiments_ = tuple(resolved.values())
     config = _with_walkers(config, experiments_[0].model)
@@ -128,7 +128,7 @@ def _load_several(
             location = (experiments.EXPERIMENTS, label, "record", "file")
             problems += [source.issue(location, NO_RECORD)] if alone else []
         try:
-            resolved[label] = _load_single(local_source, kind, label, alone=False)
+            resolved[label] = _load_single(local_source, kind, label, [*local_sources])
         except InputError as error:
             problems += error.problems
     whole = experiments.join_experiments(source, alone)
@@ -156,9 +156,9 @@ def _by_location(error: ValidationError, source: Source) -> dict[Location, dict[
 
 
 def _load_single(
-    source: Source, kind: type[Config], label: str = "", *, alone: bool
+    source: Source, kind: type[Config], label: str = "", labels: Sequence[str] = ()
 ) -> ResolvedExperiment:
-    """`alone`: whether there is no other experiment."""
+    """`labels`: of all experiments, where there are several."""
     problems = list(source.repeated)
     pruned = copy.deepcopy(source.data)
     try:
@@ -171,9 +171,9 @@ def _load_single(
         implied = {at for at, item in errors.items() if at in meant and item["type"] == "missing"}
         problems += [source.issue(at, messages[at]) for at in errors if at not in implied]
         spoilt = [*errors, *filter(None, meant)]
-        problems += _check_remaining(pruned, spoilt, source, kind, alone=alone)
+        problems += _check_remaining(pruned, spoilt, source, kind, labels)
     else:
-        broken, resolved = consistency.check(config, source, frozenset(), label, alone=alone)
+        broken, resolved = consistency.check(config, source, frozenset(), label, labels)
         problems += broken
         if not problems and resolved is not None:
             return resolved
@@ -181,7 +181,11 @@ def _load_single(
 
 
 def _check_remaining(
-    data: Any, spoilt: list[Location], source: Source, kind: type[Config], *, alone: bool
+    data: Any,
+    spoilt: list[Location],
+    source: Source,
+    kind: type[Config],
+    labels: Sequence[str],
 ) -> list[Issue]:
     """Checks across entries, for what is left after the spoilt entries are taken out."""
     for location in spoilt:
@@ -194,7 +198,7 @@ def _check_remaining(
         config = kind.model_validate(data)
     except ValidationError:
         return []
-    return consistency.check(config, source, frozenset(spoilt), alone=alone)[0]
+    return consistency.check(config, source, frozenset(spoilt), labels=labels)[0]
 
 
 def _intended_location(error: dict[str, Any], location: Location, hint: str) -> Location | None:

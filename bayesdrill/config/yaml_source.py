@@ -11,7 +11,6 @@ from typing import Any
 
 from bayesdrill import output_files
 from bayesdrill.basics.errors import InputError, Issue, did_you_mean
-from bayesdrill.rig.models.drive_parts import PartsError
 
 Location = tuple[str | int, ...]
 
@@ -241,13 +240,14 @@ class IssueCollector:
         """
         try:
             return step(*arguments)
+        except InputError as error:
+            if location[0] != "model":
+                raise
+            for issue in error.problems:
+                self.add(("model", issue.place), issue.message)
         except ValueError as error:
-            if isinstance(error, PartsError) and location[0] == "model":
-                for entry, message in error.entries:
-                    self.add(("model", entry), message)
-            else:
-                self.add(location, str(error))
-            return None
+            self.add(location, str(error))
+        return None
 
     def expect(self, location: Location, name: str, known: Collection[str], message: str) -> None:
         """Add an issue unless `name`, at `location`, is one of `known`; the nearest is proposed."""

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 import bayesdrill
+from bayesdrill import output_files
 from bayesdrill.basics import software
 from bayesdrill.basics.arrays import PART, Array
 from bayesdrill.basics.errors import InputError, Interrupted, was_stopped
@@ -26,7 +27,7 @@ from bayesdrill.config.job import Job
 from bayesdrill.config.records import sources
 from bayesdrill.config.resolve import experiments
 from bayesdrill.config.resolve.case import ResolvedCase
-from bayesdrill.config.resolve.experiments import SHARING_KEYS
+from bayesdrill.config.resolve.experiments import HELD_SECTIONS, SHARING_KEYS
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import as_yaml
 from bayesdrill.inference.display_units import DisplayUnits
@@ -168,8 +169,9 @@ def resolved(case: ResolvedCase, folder: Path) -> str:
         if experiment.label:
             entries = experiment.config.model_dump(exclude_none=True)
             sections = {key: entries[key] for key in experiments.SECTIONS}
-            held_out = {"held_out": True} if config.experiments[experiment.label].held_out else {}
-            data["experiments"][experiment.label] = sections | held_out
+            spec = config.experiments[experiment.label]
+            own = spec.model_dump(include={*HELD_SECTIONS, "held_out"}, exclude_defaults=True)
+            data["experiments"][experiment.label] = sections | own
         _remove_defaults(sections, experiment.config, case.model)
         sources.rebase(sections, case.source.path.parent, folder)
     # Of several, those of the first are no defaults of the others.
@@ -223,6 +225,10 @@ def check_record(job: Job, output: Path, record: str | None = None) -> None:
 
 def begin(job: Job, folder: Folder, record: str | None = None, **more: Any) -> None:
     """Write the config, as given and with all defaults; `record`: its text, where it has no file."""
+    if record is None:
+        outputs = output_files.present(folder.path, folder.kind)
+        read = (path for each in job.case.experiments for path in sources.paths(each))
+        output_files.refuse_replacing(read, [folder.path / name for name in outputs])
     versions = software.installed_versions()
     folder.begin(status="running", seed=job.config.seed, versions=versions, **more)
     folder.write_text(CONFIG_FILE, job.source.text)

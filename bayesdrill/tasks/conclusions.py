@@ -111,6 +111,8 @@ def settings(case: ResolvedCase) -> dict[str, Any]:
         alone = experiment.config.model_dump(exclude_none=True, include=set(experiments.SECTIONS))
         for section, key in sources.named_files(alone):
             del section[key]
+        if experiments.held_names(case.config, experiment.label):
+            alone |= experiment.config.model_dump(include=set(experiments.HELD_SECTIONS))
         entries[f"experiment {experiment.label}"] = alone
     return entries | {"held out": case.held_out}
 

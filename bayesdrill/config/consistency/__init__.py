@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from bayesdrill.basics.entries import unknown_keys
 from bayesdrill.basics.errors import Issue
 from bayesdrill.config.consistency import record, several, unknowns, work
@@ -13,12 +15,17 @@ from bayesdrill.rig.models import MODELS
 
 
 def check(
-    config: Config, source: Source, spoilt: frozenset[Location], label: str = "", *, alone: bool
+    config: Config,
+    source: Source,
+    spoilt: frozenset[Location],
+    label: str = "",
+    labels: Sequence[str] = (),
 ) -> tuple[list[Issue], ResolvedExperiment | None]:
     """Problems of a config whose entries are each valid; `spoilt` places were reported already.
 
-    `alone`: whether there is no other experiment, so that it is known what all unknowns are called.
+    `labels`: of all experiments; where there is one alone, it is known what all unknowns are called.
     """
+    alone = not labels
     errors = IssueCollector(source, spoilt)
     names = config.vocabulary.parameters
     spoilt_names = [name for name in names if errors.is_reported(("parameters", name))]
@@ -29,7 +36,9 @@ def check(
     if model is not None:
         vain = unknown_keys(("name", "model"), MODELS.usable(), type(model), config.model)
         errors.add_all(("model",), vain)
-        rig = None if nominal is None else unknowns.check_rig(errors, config, model, nominal)
+        rig = (
+            None if nominal is None else unknowns.check_rig(errors, config, model, nominal, labels)
+        )
         channels = record.check_channels(errors, config, model)
         free = sensors.free_states(config, model)
         sensor_numbers, sensing = record.check_sensors(errors, config, model, free)
@@ -37,10 +46,9 @@ def check(
         local_numbers = record.local_numbers(config, channels, sensor_numbers, free, torque)
         work.check_settings(errors, config)
         if alone:
-            by_label = {"": local_numbers}
-            unknown_names = several.unknown_names(config, model, by_label)
+            unknown_names = several.unknown_names(config, model, local_numbers)
             work.check_unknown(errors, config, model, unknown_names)
-            several.check_truth(errors, config, by_label)
+            several.check_truth(errors, config, {"": local_numbers})
         if nominal is not None and rig is not None and sensing is not None:
             resolved = ResolvedExperiment(
                 label=label,
@@ -65,5 +73,5 @@ def check(
     work.check_simulation(errors, config)
     work.check_calibration(errors, config)
     if alone:
-        work.check_identify(errors, config, [""])
+        work.check_identify(errors, config, unknowns.free_parameters(config, config.parameters))
     return errors.issues, None if errors.issues else resolved

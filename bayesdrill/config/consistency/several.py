@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
 from bayesdrill.basics import symbols
 from bayesdrill.basics.errors import Issue
+from bayesdrill.basics.formulas import Expression
 from bayesdrill.config.consistency import unknowns, work
-from bayesdrill.config.resolve import quantities, sensors
-from bayesdrill.config.resolve.case import LocalNumbers, ResolvedExperiment
-from bayesdrill.config.resolve.experiments import joint_name
+from bayesdrill.config.resolve import sensors
+from bayesdrill.config.resolve.case import (
+    LocalNumbers,
+    ResolvedExperiment,
+    RigNumbers,
+    joint_space,
+    names_among_all,
+)
+from bayesdrill.config.resolve.experiments import held_names, joint_name
+from bayesdrill.config.resolve.quantities import ParsedNumber
 from bayesdrill.config.schema import numbers
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import IssueCollector, Location, Source
 from bayesdrill.inference.priors import Prior
-from bayesdrill.inference.unknowns import Unknown, labelled_name
+from bayesdrill.inference.unknowns import ParameterSpace, Unknown, labelled_name
 from bayesdrill.rig.models.linear import Model
 
 # Each experiment by its name, which is empty where there is only one.
@@ -35,26 +43,75 @@ def check_experiments(
         return errors.issues
     model = next(iter(resolved.values())).model
     by_label = {label: experiment.local_numbers for label, experiment in resolved.items()}
-    _check_local(errors, config, model)
+    _check_local(errors, config, model, [each.rig_numbers for each in resolved.values()])
+    _check_held(errors, config, resolved)
     _check_shared(errors, config, model, by_label)
     _check_held_out(errors, config, by_label)
     _check_names(errors, config, by_label)
     if not errors.issues:
-        work.check_unknown(errors, config, model, unknown_names(config, model, by_label))
-        work.check_identify(errors, config, [*by_label])
+        rig = _check_derived(errors, config, resolved)
+        local = [joint_name(config, n, label) for label, x in by_label.items() for n in x.unknown]
+        work.check_unknown(errors, config, model, list(dict.fromkeys([*rig.free, *local])))
+        free = [unknown.name for unknown in rig.unknowns if unknown.role == "rig"]
+        work.check_identify(errors, config, free)
     check_truth(errors, config, by_label)
     return errors.issues
 
 
-def unknown_names(config: Config, model: Model, by_label: NumbersByLabel) -> list[str]:
-    """Return the names of all unknowns."""
-    rig = [n for n in unknowns.free_parameters(config, model.parameters) if n not in config.own]
-    local_names = unknowns.free_parameters(config, config.own)
-    every = [*rig, *(labelled_name(name, label) for name in local_names for label in by_label)]
+def unknown_names(config: Config, model: Model, local: LocalNumbers) -> list[str]:
+    """Return the names of all unknowns of an experiment alone."""
+    every = unknowns.free_parameters(config, model.parameters)
     every += [n for n, q in config.quantities.items() if isinstance(q, numbers.QuantityPrior)]
-    for label, local in by_label.items():
-        every += [joint_name(config, name, label) for name in local.unknown]
-    return list(dict.fromkeys(every))
+    return list(dict.fromkeys([*every, *local.unknown]))
+
+
+def _check_held(
+    errors: IssueCollector, config: Config, resolved: Mapping[str, ResolvedExperiment]
+) -> None:
+    """Check that what an experiment holds by itself is a number or a formula, of a rig that all have."""
+    formulas = (x for experiment in resolved.values() for x in experiment.rig_numbers.formulas)
+    used = {name for formula in formulas for name in formula.names}
+    for name in [name for name in config.quantities if name not in used]:
+        errors.add(("quantities", name), unknowns.UNUSED)
+    for label, experiment in resolved.items():
+        spec = config.experiments[label]
+        parsed = {**experiment.rig_numbers.parameters, **experiment.rig_numbers.quantities}
+        for section, name in [
+            *(("parameters", name) for name in spec.parameters),
+            *(("quantities", name) for name in spec.quantities),
+        ]:
+            location: Location = ("experiments", label, section, name)
+            number = parsed.get(name)
+            lacking = [n for n, each in resolved.items() if name not in each.model.parameters]
+            if isinstance(number, ParsedNumber) and not isinstance(number.value, float):
+                message = "an experiment holds a number or a formula by itself, and no prior"
+                errors.add(location, f"{message}; `own: [{name}]` gives each an unknown")
+            elif name in config.own:
+                message = (
+                    f"{name} is `own:`, another unknown in each experiment; remove one of the two"
+                )
+                errors.add(location, message)
+            elif section == "parameters" and lacking:
+                message = f"the rig of {lacking[0]} is without {name}; name it above, or in each"
+                errors.add(location, f"{message} experiment")
+            elif section == "quantities" and not used & {name, labelled_name(name, label)}:
+                errors.add(location, unknowns.UNUSED)
+
+
+def _check_derived(
+    errors: IssueCollector, config: Config, resolved: Mapping[str, ResolvedExperiment]
+) -> ParameterSpace:
+    """Check that formulas name what there is among all; return the unknowns of the rig."""
+    every = {label: experiment.rig_numbers for label, experiment in resolved.items()}
+    called = {label: names_among_all(config, label, each) for label, each in every.items()}
+    space = joint_space(every, called)
+    known = {*space.free, *space.fixed, *space.relations, *symbols.DERIVED, *config.derived}
+    for formula in next(iter(every.values())).derived:
+        for name in [name for name in formula.expression.names if name not in known]:
+            others = " and ".join(dict.fromkeys(x[name] for x in called.values() if name in x))
+            message = f"{name} is not the same in all experiments; name {others}"
+            errors.add(("derived", formula.symbol.name), message if others else f"no {name}")
+    return space
 
 
 def check_truth(errors: IssueCollector, config: Config, by_label: NumbersByLabel) -> None:
@@ -83,10 +140,12 @@ def _truth_names(config: Config, by_label: NumbersByLabel) -> list[str]:
     return list(dict.fromkeys([*(name for _, name in pairs), *local_names]))
 
 
-def _check_local(errors: IssueCollector, config: Config, model: Model) -> None:
+def _check_local(
+    errors: IssueCollector, config: Config, model: Model, each: Collection[RigNumbers]
+) -> None:
     free = unknowns.free_parameters(config, model.parameters)
-    relations = [quantities.parse_relation(config, model, name) for name in model.parameters]
-    related_names = {name for relation in relations if relation for name in relation.names}
+    parameters = [x for numbers in each for x in numbers.parameters.values()]
+    related_names = {name for x in parameters if isinstance(x, Expression) for name in x.names}
     for k, name in enumerate(config.own):
         errors.expect(("own", k), name, free, f"{name} is no unknown parameter of the rig")
         if name in related_names:
@@ -155,7 +214,8 @@ def _check_names(errors: IssueCollector, config: Config, by_label: NumbersByLabe
     used_names |= dict.fromkeys(config.derived, "")
     before = len(errors.issues)
     for label, local in by_label.items():
-        local_names = [*config.own, *(name for name in local.numbers if name not in config.shared)]
+        local_names = [*config.own, *held_names(config, label)]
+        local_names += [name for name in local.numbers if name not in config.shared]
         _no_clash(errors, label, local_names, used_names)
     columns = dict[str, str]()
     for label, local in by_label.items() if len(errors.issues) == before else ():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.linear import Model, missing_requirements, requirement_text, with_all
 from bayesdrill.rig.simulators.sensors import ObservationModel
 
+UNUSED = "no formula names it; use it in `parameters:` or `derived:`, or remove it"
 _TRIED = 4096  # draws from the priors, at which formulas are tried
 
 
@@ -50,9 +51,13 @@ def check_torque(
 
 
 def check_rig(
-    errors: IssueCollector, config: Config, model: Model, table: NominalValues
+    errors: IssueCollector,
+    config: Config,
+    model: Model,
+    table: NominalValues,
+    labels: Sequence[str] = (),
 ) -> RigNumbers | None:
-    """Return parameters, quantities and formulas; None with a mistake."""
+    """Return parameters, quantities and formulas; None with a mistake.  `labels`: of all experiments."""
     parsed_parameters = dict[str, ParsedNumber | Expression | None]()
     for name in config.vocabulary.parameters:
         location: Location = ("parameters", name)
@@ -68,7 +73,7 @@ def check_rig(
             arguments = (config, model, table, name)
             parsed_parameters[name] = errors.run(location, quantities.parse_parameter, *arguments)
     _check_added(errors, config, model)
-    return _check_relations(errors, config, model, parsed_parameters)
+    return _check_relations(errors, config, model, parsed_parameters, labels)
 
 
 def _removal_hint(name: str) -> str:
@@ -100,6 +105,7 @@ def _check_relations(
     config: Config,
     model: Model,
     parsed_parameters: Mapping[str, ParsedNumber | Expression | None],
+    labels: Sequence[str],
 ) -> RigNumbers | None:
     before = len(errors.issues)
     quantities_, derived = dict[str, ParsedNumber](), list[Formula]()
@@ -110,7 +116,8 @@ def _check_relations(
             if getattr(spec, "latex", None) is not None:
                 errors.run(("quantities", name, "latex"), latex.check, number.symbol)
     for name, formula in config.derived.items():
-        parsed = errors.run(("derived", name), quantities.parse_formula, config, model, name)
+        arguments = (config, model, name, labels)
+        parsed = errors.run(("derived", name), quantities.parse_formula, *arguments)
         if parsed is not None:
             derived.append(parsed)
             if formula.latex is not None:
@@ -120,15 +127,13 @@ def _check_relations(
     wrong = any(parsed_parameters[name] is None for name in tied) or len(errors.issues) > before
     if wrong or not {*model.parameters} <= {*parsed_parameters}:
         return None
-    used = {name for formula in derived for name in formula.expression.names}
-    used |= {name for expression in related.values() for name in expression.names}
-    for name in [n for n in config.quantities if n not in used]:
-        message = "no formula names it; use it in `parameters:` or `derived:`, or remove it"
-        errors.add(("quantities", name), message)
     parameters = {n: x for n in model.parameters if (x := parsed_parameters[n]) is not None}
     if len(parameters) < len(model.parameters):  # a prior or a start, said already
         return None
     rig = RigNumbers(parameters=parameters, quantities=quantities_, derived=tuple(derived))
+    used = {name for formula in rig.formulas for name in formula.names}
+    for name in [name for name in config.quantities if name not in used and not labels]:
+        errors.add(("quantities", name), UNUSED)
     try:
         space = rig.space()
     except RelationError as error:

@@ -9,11 +9,9 @@ from bayesdrill import output_files
 from bayesdrill.basics import symbols
 from bayesdrill.basics.entries import entries_of, unknown_keys
 from bayesdrill.basics.registry import lookup
-from bayesdrill.config.consistency.unknowns import free_parameters
 from bayesdrill.config.resolve import assembly, quantities
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import IssueCollector, Location
-from bayesdrill.inference.unknowns import labelled_name
 from bayesdrill.output_files import RUN_FIGURES
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.sampling.optimisers import OPTIMISERS
@@ -94,13 +92,9 @@ def check_simulation(errors: IssueCollector, config: Config) -> None:
             errors.expect(location, name, config.quantities, "there is no such quantity")
 
 
-def check_identify(errors: IssueCollector, config: Config, labels: Sequence[str]) -> None:
-    """Check what `identify` is asked for."""
+def check_identify(errors: IssueCollector, config: Config, unknown: Sequence[str]) -> None:
+    """Check what `identify` is asked for against the `unknown` parameters."""
     settings = config.identify
-    unknown = []
-    for name in free_parameters(config, config.vocabulary.parameters):
-        experiments = labels if name in config.own else [""]
-        unknown += [labelled_name(name, label) for label in experiments]
     for k, name in enumerate(settings.of_interest):
         message = f"{name} is no unknown parameter"
         errors.expect(("identify", "of_interest", k), name, unknown, message)

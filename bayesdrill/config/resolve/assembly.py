@@ -12,11 +12,17 @@ from bayesdrill.basics.errors import collect_each
 from bayesdrill.basics.registry import lookup
 from bayesdrill.basics.units import SECOND, Unit
 from bayesdrill.config.resolve import experiments, sensors
-from bayesdrill.config.resolve.case import ResolvedCase, ResolvedExperiment
+from bayesdrill.config.resolve.case import (
+    ResolvedCase,
+    ResolvedExperiment,
+    joint_space,
+    names_among_all,
+)
 from bayesdrill.config.resolve.experiments import joint_name
 from bayesdrill.config.resolve.quantities import ParsedNumber
 from bayesdrill.config.resolve.sensors import build_noise
 from bayesdrill.config.schema.config import Config
+from bayesdrill.config.schema.numbers import Quantity
 from bayesdrill.config.yaml_source import IssueCollector, Location
 from bayesdrill.inference import step_error
 from bayesdrill.inference.display_units import DisplayUnits
@@ -45,6 +51,8 @@ def build_problem(case: ResolvedCase, records: Sequence[Experiment]) -> Problem:
     config, rig, nominal = case.config, case.model, case.experiments[0].nominal
     labels = [experiment.label for experiment in case.experiments]
     parts, sensor_numbers, noise_unknowns = [], dict[str, ParsedNumber](), dict[str, Unknown]()
+    numbers = {each.label: each.rig_numbers for each in case.experiments}
+    called = {label: names_among_all(config, label, each) for label, each in numbers.items()}
     pairs = zip(case.experiments, records, strict=True)
     built = collect_each(lambda pair: _sensors_and_observation(*pair), pairs)
     for label, (parsed, observed) in zip(labels, built, strict=True):
@@ -54,14 +62,13 @@ def build_problem(case: ResolvedCase, records: Sequence[Experiment]) -> Problem:
         for unknown in observed.unknowns:
             level = unknown if unknown.name in config.shared else unknown.for_experiment(label)
             noise_unknowns.setdefault(level.name, level)
-        parameters = [labelled_name(n, label if n in config.own else "") for n in rig.parameters]
+        parameters = [called[label][name] for name in rig.parameters]
         of_sensors = observed.parameters[len(parameters) :]
         parameters += [joint_name(config, name, label) for name in of_sensors]
         names = [joint_name(config, unknown.name, label) for unknown in observed.unknowns]
         parts.append(replace(observed, parameters=parameters, noise_names=names))
-    numbers = case.experiments[0].rig_numbers
     local = [*sensor_numbers.values()], [*noise_unknowns.values()]
-    unknowns = numbers.space(config.own, labels, *local)
+    unknowns = joint_space(numbers, called, *local)
     posterior = Posterior(
         space=unknowns,
         likelihood=Likelihood.joint(unknowns, parts, case.held_out),
@@ -87,7 +94,7 @@ def build_problem(case: ResolvedCase, records: Sequence[Experiment]) -> Problem:
         nominal=table,
         published=frozenset(published),
         tolerance=tolerance,
-        derived=numbers.derived,
+        derived=case.experiments[0].rig_numbers.derived,
         units=_display_units(case),
         clock=clock,
         compared_with=nominal.name,
@@ -109,6 +116,11 @@ def _display_units(case: ResolvedCase) -> DisplayUnits:
     for name, spec in {**config.quantities, **config.derived}.items():
         if not isinstance(spec, float | int):
             shown_units[name] = units.display_unit(spec.unit)
+    for label, experiment in config.experiments.items():
+        for name in experiment.quantities:
+            quantity = case.experiment(label).config.quantities[name]
+            if isinstance(quantity, Quantity):
+                shown_units[labelled_name(name, label)] = units.display_unit(quantity.unit)
     return DisplayUnits(shown_units)
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from bayesdrill.basics.entries import build_member
 from bayesdrill.basics.formulas import Expression, resolve_relations
 from bayesdrill.basics.registry import lookup
-from bayesdrill.config.resolve import quantities
+from bayesdrill.config.resolve import experiments, quantities
 from bayesdrill.config.resolve.quantities import NominalValues, ParsedNumber
 from bayesdrill.config.resolve.sensors import SensorEntry
 from bayesdrill.config.schema import numbers
@@ -54,50 +54,89 @@ class RigNumbers:
     quantities: Mapping[str, ParsedNumber]
     derived: tuple[Formula, ...]
 
-    def space(
-        self,
-        local: Sequence[str] = (),
-        labels: Sequence[str] = (),
-        sensors: Sequence[ParsedNumber] = (),
-        noise: Sequence[Unknown] = (),
-    ) -> ParameterSpace:
-        """Return the unknowns: free parameters, quantities, those of `sensors` and starts, then `noise`.
+    @property
+    def formulas(self) -> list[Expression]:
+        """Return the expressions of parameters, then of derived quantities."""
+        related = [x for x in self.parameters.values() if isinstance(x, Expression)]
+        return [*related, *(formula.expression for formula in self.derived)]
 
-        A parameter that is `local` is there once for each of the `labels`.  Raises `RelationError`.
-        """
-        unknowns: list[Unknown] = []
-        fixed: dict[str, float] = {}
-        names: list[str] = []
-
-        def add(number: ParsedNumber, several: Sequence[str] = ("",)) -> None:
-            if isinstance(number.value, float):
-                fixed[number.name] = number.value
-                return
-            unknown = Unknown(
-                symbol=number.symbol, role=number.role, prior=number.value, start=number.start
-            )
-            unknowns.extend(unknown.for_experiment(label) for label in several)
-
-        for name, number in self.parameters.items():
-            several = labels if name in local else [""]
-            names += [labelled_name(name, label) for label in several]
-            if isinstance(number, ParsedNumber):
-                add(number, several)
-        for number in self.quantities.values():
-            add(number)
-        free = {unknown.name for unknown in unknowns}
+    @property
+    def related(self) -> Mapping[str, Expression]:
+        """Return what parameters follow from, in names of others; raises `RelationError`."""
         related = {n: x for n, x in self.parameters.items() if isinstance(x, Expression)}
-        relations = resolve_relations(related)
-        for name in [n for n, r in relations.items() if not set(r.names) & free]:
-            fixed[name] = float(relations.pop(name).value(fixed))
-        for number in sensors:
-            add(number)
-        return ParameterSpace(
-            model=(*names, *(number.name for number in sensors)),
-            unknowns=(*unknowns, *noise),
-            fixed=fixed,
-            relations=relations,
-        )
+        return resolve_relations(related)
+
+    def space(self) -> ParameterSpace:
+        """Return the unknowns of one experiment alone; see `joint_space`."""
+        return joint_space({"": self}, {"": {name: name for name in self.names}})
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the names of parameters, then of quantities."""
+        return (*self.parameters, *self.quantities)
+
+
+def names_among_all(config: Config, label: str, numbers: RigNumbers) -> dict[str, str]:
+    """Return what numbers of an experiment are called among those of all.
+
+    What is its own, or held by it alone, and what follows from that, has its label.
+    """
+    local = {*config.own, *experiments.held_names(config, label)}
+    local |= {name for name, relation in numbers.related.items() if local & {*relation.names}}
+    return {name: labelled_name(name, label if name in local else "") for name in numbers.names}
+
+
+def joint_space(
+    each: Mapping[str, RigNumbers],
+    called: Mapping[str, Mapping[str, str]],
+    sensors: Sequence[ParsedNumber] = (),
+    noise: Sequence[Unknown] = (),
+) -> ParameterSpace:
+    """Return the unknowns: free parameters, quantities, those of `sensors` and starts, then `noise`.
+
+    `each`: of experiments, by label; `called`: by label what names are among all.  Raises
+    `RelationError`.
+    """
+    unknowns: list[Unknown] = []
+    fixed: dict[str, float] = {}
+    relations: dict[str, Expression] = {}
+    names, done = list[str](), set[str]()
+
+    def add(number: ParsedNumber) -> None:
+        if isinstance(number.value, float):
+            fixed[number.name] = number.value
+        else:
+            prior, start = number.value, number.start
+            unknowns.append(
+                Unknown(symbol=number.symbol, role=number.role, prior=prior, start=start)
+            )
+
+    parameters, quantities_ = (
+        dict.fromkeys(name for numbers in each.values() for name in getattr(numbers, section))
+        for section in ("parameters", "quantities")
+    )
+    for name in (*parameters, *quantities_):
+        for label, joint in ((label, here[name]) for label, here in called.items() if name in here):
+            if joint in done:
+                continue
+            done.add(joint)
+            names += [joint] if name in parameters else []
+            number = {**each[label].parameters, **each[label].quantities}[name]
+            if isinstance(number, ParsedNumber):
+                add(number if joint == name else number.for_experiment(label))
+            else:
+                relations[joint] = each[label].related[name].renamed(called[label])
+    free = {unknown.name for unknown in unknowns}
+    for name in [n for n, r in relations.items() if not set(r.names) & free]:
+        fixed[name] = float(relations.pop(name).value(fixed))
+    for number in sensors:
+        add(number)
+    return ParameterSpace(
+        model=(*names, *(number.name for number in sensors)),
+        unknowns=(*unknowns, *noise),
+        fixed=fixed,
+        relations=relations,
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

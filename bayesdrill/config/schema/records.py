@@ -344,5 +344,13 @@ class ExperimentSpec(Strict):
     inputs: dict[str, Any] = Field(default_factory=dict, description="Entries as in `inputs:`.")
     initial: dict[str, Any] | str = Field(default_factory=dict)
     """Entries as in `initial:`."""
+    parameters: dict[str, Any] = Field(
+        default_factory=dict,
+        description="Numbers and formulas as in `parameters:`, which hold in this experiment alone.",
+    )
+    quantities: dict[str, Any] = Field(
+        default_factory=dict,
+        description="Numbers as in `quantities:`, such as a known load, of this experiment alone.",
+    )
     held_out: bool = False
     """No sample of it is evidence: `compare` says how well each model predicts it."""
