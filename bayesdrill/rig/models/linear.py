@@ -26,6 +26,8 @@ import numpy as np
 from bayesdrill.basics import symbols
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.duals import Dual, dual
+from bayesdrill.basics.entries import set_constants
+from bayesdrill.basics.errors import InputError, did_you_mean, short_repr
 from bayesdrill.basics.symbols import SPEED_UNITS, Symbol
 from bayesdrill.rig.models.friction import Friction, Gravity, Named
 from bayesdrill.rig.models.roles import GEAR_POWERS, Roles, usual_roles
@@ -75,9 +77,14 @@ def constant_forcing(
 class Model(Protocol):
     """A rig: a frozen dataclass that derives from this.
 
-    Its annotated fields are its constants, entries of `model:`.  Names are those of
-    `basics.symbols`, or of `declares`: symbols of parameters and states of its own.
+    Its annotated fields are its constants, entries of `model:`, which are checked as one is made:
+    `InputError`.  Names are those of `basics.symbols`, or of `declares`: symbols of parameters and
+    states of its own.
     """
+
+    def __post_init__(self) -> None:
+        set_constants(self)
+        check_added(self)
 
     @property
     def declares(self) -> tuple[Symbol, ...]:
@@ -189,6 +196,18 @@ class Model(Protocol):
     def geared(self) -> bool:
         """Whether one of its constants is that ratio."""
         return bool(self.roles.gear) and hasattr(self, self.roles.gear)
+
+
+def check_added(rig: Model) -> None:
+    """Raise `InputError` where `added` is no tuple of names that the rig offers."""
+    added: object = rig.added
+    if not (isinstance(added, tuple) and all(isinstance(name, str) for name in added)):
+        raise InputError.at("added", f"give a tuple of names, not {short_repr(added)}")
+    offers = tuple(rig.offers)
+    for name in added:
+        if name not in offers:
+            hint = did_you_mean(name, offers)
+            raise InputError.at("added", f"{rig.name} has no {name!r} to add{hint}")
 
 
 def gear_factor(rig: Model, symbol: Symbol, side: str) -> float:
