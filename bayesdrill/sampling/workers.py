@@ -14,6 +14,7 @@ import multiprocessing
 import os
 import pickle
 import signal
+import sys
 import tempfile
 import threading
 import time
@@ -21,6 +22,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import IO, Any, Concatenate, Self, cast
 
@@ -198,7 +200,8 @@ def start_workers(
     Each calls `prepare(*arguments)` before its first task.
     """
     try:
-        with held_signals():  # it starts a process that looks after its semaphores
+        with held_signals():
+            _start_tracker()
             return ProcessPoolExecutor(
                 max_workers=processes,
                 mp_context=SPAWN,
@@ -209,6 +212,19 @@ def start_workers(
         reason = f"no worker processes can be started here ({error.strerror or error})"
         message = f"{reason}; see whether /dev/shm is full, or give --processes 1"
         raise InputError.at("", message) from None
+
+
+def _start_tracker() -> None:
+    """Start the process that looks after semaphores, unless it runs.
+
+    It outlives a run that is killed, removes its semaphores, and would warn of them on a terminal
+    where the next run has begun.
+    """
+    sys.warnoptions.append("ignore:resource_tracker")
+    try:
+        resource_tracker.ensure_running()
+    finally:
+        sys.warnoptions.pop()
 
 
 def shut_down(pool: ProcessPoolExecutor, patience: float) -> None:
