@@ -170,6 +170,14 @@ def as_json(model: SimulatorModel) -> str:
     return json.dumps(data, indent=1, ensure_ascii=False) + "\n"
 
 
+def _body(joint: str, model: SimulatorModel) -> str:
+    """Return the name of what turns with a joint: `world` and `base` simulators have themselves."""
+    name, joints = joint, {*model.joints.values()} - {joint}
+    while name in joints or name in ("world", "base"):
+        name += "_body"
+    return name
+
+
 def as_mjcf(model: SimulatorModel) -> str:
     """Return a MuJoCo model at the posterior means, with a joint for each coordinate."""
     root = Element("mujoco", model=model.title)
@@ -179,7 +187,7 @@ def as_mjcf(model: SimulatorModel) -> str:
     world = SubElement(root, "worldbody")
     for joint in model.joints.values():
         means = model.means(joint)
-        body = SubElement(world, "body", name=joint)
+        body = SubElement(world, "body", name=_body(joint, model))
         # A mass that weighs nothing beside the armature, as every body must have one.
         SubElement(body, "inertial", pos="0 0 0", mass="1e-9", diaginertia="1e-12 1e-12 1e-12")
         entries = {"name": joint, "type": "slide" if model.linear else "hinge", "axis": "0 0 1"}
@@ -214,7 +222,7 @@ def as_urdf(model: SimulatorModel) -> str:
     SubElement(root, "link", name="base")
     for joint in model.joints.values():
         means = model.means(joint)
-        link = SubElement(root, "link", name=joint)
+        link = SubElement(root, "link", name=_body(joint, model))
         inertial = SubElement(link, "inertial")
         size = f"{means['armature']:.9g}"
         SubElement(inertial, "mass", value=size if model.linear else "1e-9")
@@ -224,7 +232,7 @@ def as_urdf(model: SimulatorModel) -> str:
         kind = "prismatic" if model.linear else "continuous"
         element = SubElement(root, "joint", name=joint, type=kind)
         SubElement(element, "parent", link="base")
-        SubElement(element, "child", link=joint)
+        SubElement(element, "child", link=_body(joint, model))
         SubElement(element, "axis", xyz="0 0 1")
         if model.linear:
             SubElement(element, "limit", effort="1e9", velocity="1e9", lower="-1e3", upper="1e3")
