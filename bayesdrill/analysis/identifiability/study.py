@@ -113,9 +113,7 @@ def _actions(
         *_more_channels(sensitivity, theta),
         *_other_inputs(sensitivity, theta),
     ):
-        sensitivities = sensitivity.sensitivities(theta, scene)
-        if np.isfinite(sensitivities).all():
-            yield what, from_sensitivities(names, sensitivities)
+        yield what, from_sensitivities(names, sensitivity.sensitivities(theta, scene))
 
 
 def _other_drives(sensitivity: SensitivityStudy) -> Iterator[tuple[str, DesignVariant]]:
@@ -327,7 +325,7 @@ def _nuisances(
     sensitivity: SensitivityStudy, posterior: Posterior, theta: Array, thresholds: Thresholds
 ) -> tuple[Nuisance, ...]:
     rows = sensitivity.with_nuisances(theta)
-    if not sensitivity.nuisances or not np.isfinite(rows).all():
+    if not sensitivity.nuisances:
         return ()
     joint = from_sensitivities((*sensitivity.unknowns, *sensitivity.nuisances), rows)
     inverse = np.linalg.inv(joint.with_priors(sensitivity.prior_spreads).root)

@@ -8,7 +8,9 @@ from collections.abc import Sequence
 from bayesdrill.analysis.identifiability.profile import Profile
 from bayesdrill.analysis.identifiability.structure import Exponents
 from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy, KnownProduct
+from bayesdrill.analysis.identifiability.study_point import StudyPoint
 from bayesdrill.basics.symbols import Symbol, fraction
+from bayesdrill.inference.posterior import Problem
 from bayesdrill.report.section import aligned
 from bayesdrill.report.sections import physics_words, torque_words
 from bayesdrill.report.sections.physics_words import listed
@@ -34,6 +36,29 @@ def product(names: Sequence[str], exponents: Sequence[float]) -> str:
     above = [_power(n, e) for n, e in zip(names, exponents, strict=True) if e > 0]
     below = [_power(n, -e) for n, e in zip(names, exponents, strict=True) if e < 0]
     return fraction(above, below, " ")
+
+
+def study_point(point: StudyPoint, problem: Problem) -> str:
+    """Return why a record is not studied at the start; empty where the rig moves there."""
+    if not point.still:
+        return ""
+    verb = "stand" if len(point.still) > 1 else "stands"
+    holds = ", as friction may hold it" if problem.model.frictions else ""
+    opening = (
+        f"AT REST: at the start values the rig does not move{holds}. {listed(point.still)} {verb} still "
+        "in the model, and not in the record"
+    )
+    way_out = (
+        "Give priors a `start:` with which the rig moves, or look at the maximum: `bayesdrill identify "
+        "--at-map`."
+    )
+    if not point.moves:
+        tried = "Nor does it move at the likeliest draws from the priors"
+        return f"{opening}. {tried}, so that nothing can be said of what it shows. {way_out}"
+    space, units = problem.posterior.space, problem.units
+    named = zip(space.free, point.theta.tolist(), strict=True)
+    values = ", ".join(f"{name} = {units.format_value(name, x)}" for name, x in named)
+    return f"{opening}. What follows is computed at {point.at} ({values}). {way_out}"
 
 
 def full(study: IdentifiabilityStudy, rig: Model) -> str:
@@ -195,9 +220,13 @@ def _of_each(study: IdentifiabilityStudy) -> str:
     named = list(zip(study.names, study.parameters, strict=True))
     loose = [f"{name} to {percent(known.bound)}" for name, known in named if known.bound > WELL]
     left = [name for name, known in named if known.word != "determined"]
+    unseen = [nuisance.name for nuisance in study.nuisances if nuisance.word != "determined"]
     tied = [n for n in study.nuisances if n.like]
     if not loose and not left and not tied:
-        return "the record determines every unknown"
+        if not unseen:
+            return "the record determines every unknown"
+        sensors = f"of sensors and starts it leaves {listed(unseen)} largely to the prior"
+        return f"the record determines every parameter of the rig; {sensors}"
     parts = ["no symmetry hides an unknown from this record"]
     if loose:
         parts.append(f"without their priors it would know {listed(loose)} at best")
