@@ -196,6 +196,8 @@ def identify(
     say(findings.text)
     if output is not None:
         say("\nwritten: " + findings.save(output, force=force))
+    if findings.reasons:
+        raise typer.Exit(NOT_CONVERGED)
 
 
 @command("map configs/nominal_step.yaml", "map")

@@ -24,7 +24,7 @@ from bayesdrill.analysis.latent_torque import (
 )
 from bayesdrill.analysis.plausibility import DiffusePrior
 from bayesdrill.analysis.suspicions import InputTiming, half_sample_shift
-from bayesdrill.analysis.verdict import Judgement, basis, conclude
+from bayesdrill.analysis.verdict import Judgement, basis, conclude, unsupported
 from bayesdrill.basics import seeds, values
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import ErrorCollector
@@ -151,7 +151,7 @@ class RunAnalysis:
     unknowns: what the draws say of each unknown [its own unit, SI]
     fit: what the MAP leaves of each channel [sd of the noise]
     inputs: sentences on inputs that residuals follow, where the fit leaves more than noise
-    sandwich: sds of unknowns as correlated residuals have them [its own unit, SI]
+    sandwich: sds of unknowns and products that allow for what the fit leaves [its own unit, SI]
     judged: what the record can show, and the verdict, if there is a table [SI, sigma, natural logs]
     repeats: products of unknowns as each of several experiments has them [natural logs]
     causes: what would explain a fit that leaves more than noise [SI]
@@ -204,6 +204,12 @@ class RunAnalysis:
         """All numbers, by names such as `unknowns.k_s.mean`, `fit.w_1.rms` and `evidence.log_z`."""
         return dict(values.leaves(values.as_data(self)))
 
+    @property
+    def unsupported(self) -> Mapping[str, float]:
+        """What only the draws determine, and how many times as large its sandwich sd is."""
+        verdict = None if self.judged is None else self.judged.verdict
+        return unsupported(self.unknowns, verdict, self.sandwich)
+
     @classmethod
     def describe(cls, name: str) -> str:
         """Describe the number of this name, with its unit; raises `KeyError` for an unknown name."""
@@ -227,6 +233,7 @@ def analyse(
     rows, judged = conclude(problem, asked, run.mode, sampled, sensitivity, fits=fits)
     blamed = alone and judged is not None and bool(judged.verdict.far)
     products = () if judged is None else basis(judged.study, judged.study.names)
+    compared = () if judged is None else [q.exponents for q in judged.verdict.compared]
     following = run.derived(judged)
     rows_of_derived: tuple[derived.DerivedRow, ...] = ()
     with run.sparing.making("derived quantities"):
@@ -235,9 +242,7 @@ def analyse(
         unknowns=rows,
         fit=run.fit,
         inputs=() if fits else input_sentences(correlations(posterior.likelihood, best)),
-        sandwich=diagnostics.sandwich_sds(posterior, best)
-        if any(row.correlated for row in run.fit)
-        else {},
+        sandwich={} if fits else diagnostics.sandwich_sds(posterior, best, compared),
         judged=judged,
         repeats=repeats(sensitivity, best, products),
         causes=explained,

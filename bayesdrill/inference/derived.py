@@ -101,7 +101,7 @@ def with_products(
         factors = [(symbols_by_name[n], e) for n, e in zip(names, powers, strict=True) if e]
         if len(factors) < 2:  # an unknown by itself has its own row already
             continue
-        name = _product_name({n.name: e for n, e in factors})
+        name = product_name({n.name: e for n, e in factors})
         if name in nominal:  # of the config's own
             name += "_"
         described_.append(
@@ -122,8 +122,8 @@ def with_products(
     )
 
 
-def _product_name(exponents: Mapping[str, int]) -> str:
-    """A name that files and Python know: `r_m_t_f_squared_over_k_s`."""
+def product_name(exponents: Mapping[str, int]) -> str:
+    """Return a name that files and Python know: `r_m_t_f_squared_over_k_s`."""
     powers = {1: "", 2: "_squared", 3: "_cubed"}
     sides = [[(n, s * e) for n, e in exponents.items() if s * e > 0] for s in (1, -1)]
     above, below = ("_".join(n + powers.get(e, f"_to_{e}") for n, e in side) for side in sides)

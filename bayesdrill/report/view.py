@@ -104,7 +104,8 @@ class ReportContext(Value):
     @property
     def reasons(self) -> tuple[str, ...]:
         """Reasons why the result must not be believed: it did not converge, or does not fit."""
-        return words.reasons(self.sampled, self.analysis.fit)
+        sandwich = fit_words.sandwich_reasons(self.analysis.unsupported)
+        return (*words.reasons(self.sampled, self.analysis.fit), *sandwich)
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -9,8 +9,10 @@ from functools import partial
 from typing import Any
 
 import bayesdrill
+from bayesdrill.analysis import verdict
 from bayesdrill.analysis.causes import Causes
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
+from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy
 from bayesdrill.analysis.run_analysis import RunAnalysis, RunDraws, analyse
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.basics.values import Value, from_data
@@ -22,6 +24,7 @@ from bayesdrill.config.schema.config import Config
 from bayesdrill.inference import residual_checks
 from bayesdrill.inference.residual_checks import ResidualSummary
 from bayesdrill.report import words
+from bayesdrill.report.sections import fit_words, identify_words
 from bayesdrill.report.view import ReportContext
 from bayesdrill.results import provenance
 from bayesdrill.results.run_folder import chain_mark
@@ -101,6 +104,24 @@ def residuals(job: Job, mode: Mode) -> tuple[ResidualSummary, ...]:
     posterior = job.problem.posterior
     best = posterior.space.vector(mode.values)
     return residual_checks.residual_summaries(posterior.likelihood, best)
+
+
+def unsupported(run: SampledRun, left: Sequence[ResidualSummary]) -> Mapping[str, float]:
+    """Return what the draws alone determine, of a run that has `left` this; see `RunAnalysis`."""
+    if run.kept is not None or residual_checks.like_noise(left):
+        return {} if run.kept is None else run.kept.unsupported
+    return verdict.unsupported_unknowns(run.job.problem, run.mode, run.sampled)
+
+
+def doubts(job: Job, mode: Mode, study: IdentifiabilityStudy) -> tuple[str, ...]:
+    """Why what a `study` at the maximum calls determined must not be believed: the fit there."""
+    posterior, left = job.problem.posterior, residuals(job, mode)
+    if residual_checks.like_noise(left):
+        return ()
+    best, limit = posterior.space.vector(mode.values), job.asked.thresholds.determined
+    wide = verdict.unsupported_products(posterior, best, study, limit)
+    times = {identify_words.product(study.names, powers): x for powers, x in wide.items()}
+    return (*fit_words.residual_reasons(left), *fit_words.sandwich_reasons(times))
 
 
 def settings(case: ResolvedCase) -> dict[str, Any]:

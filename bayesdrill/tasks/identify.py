@@ -26,6 +26,7 @@ from bayesdrill.report.scales import WIDTHS
 from bayesdrill.report.sections import fit_words, physics_words, torque_words
 from bayesdrill.report.sections import identify_words as words
 from bayesdrill.sampling.mode_search import Mode
+from bayesdrill.tasks import conclusions
 
 ALL = "all"
 MARK = "<!-- bayesdrill identify -->"  # begins the text, and so says whose the figures are
@@ -41,13 +42,14 @@ class Findings(Value):
     profiles: tuple[Profile, ...]
     moment: InputTiming | None
     point: StudyPoint
+    reasons: tuple[str, ...] = ()
 
     @property
     def text(self) -> str:
         """All that it says, for the terminal."""
         parts = [words.study_point(self.point, self.job.problem)]
         if self.point.moves:
-            parts += [words.full(self.study, self.job.problem.model)]
+            parts += [words.full(self.study, self.job.problem.model, self.reasons)]
             parts += fit_words.moment(self.moment)
         if self.profiles:
             parts.append(words.profiles(self.shown, self.study, self.symbols))
@@ -121,7 +123,10 @@ def identify(job: Job, best: Mode | None, wanted: Sequence[str], report: Reporte
             profiles.append(profile(fitter, scenery.unknowns, column))
     report.update(1.0, "")
     late = half_sample_shift(scenery, theta)
-    return Findings(job=job, study=study, profiles=tuple(profiles), moment=late, point=point)
+    reasons = () if best is None else conclusions.doubts(job, best, study)
+    return Findings(
+        job=job, study=study, profiles=tuple(profiles), moment=late, point=point, reasons=reasons
+    )
 
 
 def preflight(job: Job, scenery: SensitivityStudy) -> str:

@@ -67,7 +67,7 @@ def calls() -> Iterator[tuple[str, Callable[..., Any]]]:
         "Findings": case.identify(),
         "Verdict": run().judge().verdict,
         "Overlay": bd.overlay([run(), run()]),
-        "Comparison": bd.compare([run(), run()]),
+        "Comparison": bd.compare([run(), dataclasses.replace(run())]),
         "Ladder": bd.ladder(CONFIG),
         "Calibration": bd.calibration(CONFIG),
     }

@@ -114,7 +114,7 @@ def test_an_output_is_never_a_file_that_a_command_reads(
 def test_a_folder_of_results_never_replaces_the_record_of_its_config(
     command: str, names: list[str], done: Path, tmp_path: Path, home: Path
 ) -> None:
-    """A record that bears the name of a result, where an earlier run of the same job has left its mark."""
+    """A record that bears the name of a result, where an earlier run of that job has left its mark."""
     out = home / "out"
     quick = ("seed: 7\n", "seed: 7\ncalibration: {refits: 10}\n")
     config = systems.small(home, quick, name="quick.yaml")

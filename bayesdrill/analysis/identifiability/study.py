@@ -84,7 +84,7 @@ def remedies(
     def tried(what: str, after: Information) -> Remedy:
         sd = after.with_priors(prior_sd).bounds()[rows]
         # What is known to all digits, by a record at the edge of numbers, gets no better.
-        finite = (before > 0) & (sd > 0) & (before < np.inf)
+        finite = (before > 0) & (sd > 0) & (before < np.inf) & (sd < np.inf)
         ratio = np.divide(before, sd, out=np.ones_like(sd), where=finite)
         least = RANK_TOLERANCE * np.linalg.norm(after.root)
         breaks = (k for k, move in enumerate(moves) if np.linalg.norm(after.root @ move) > least)

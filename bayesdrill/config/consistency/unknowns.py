@@ -18,7 +18,14 @@ from bayesdrill.config.yaml_source import IssueCollector, Location
 from bayesdrill.inference.posterior import Formula
 from bayesdrill.inference.unknowns import ParameterSpace, Unknown
 from bayesdrill.rig.models import MODELS
-from bayesdrill.rig.models.linear import Model, missing_requirements, requirement_text, with_all
+from bayesdrill.rig.models.linear import (
+    BELOW_SLIDING,
+    Model,
+    missing_requirements,
+    requirement_text,
+    static_frictions,
+    with_all,
+)
 from bayesdrill.rig.simulators.sensors import ObservationModel
 
 UNUSED = "no formula names it; use it in `parameters:` or `derived:`, or remove it"
@@ -139,14 +146,21 @@ def _check_relations(
     except RelationError as error:
         errors.add(("parameters", error.name), str(error))
         return None
-    _check_values(errors, config, space, related)
+    _check_values(errors, config, model, space, related)
     return rig
 
 
 def _check_values(
-    errors: IssueCollector, config: Config, space: ParameterSpace, related: Mapping[str, Expression]
+    errors: IssueCollector,
+    config: Config,
+    model: Model,
+    space: ParameterSpace,
+    related: Mapping[str, Expression],
 ) -> None:
-    """What is computed for a parameter must be a positive number wherever the priors lead."""
+    """What is computed for a parameter must be a positive number wherever the priors lead.
+
+    And there must be places where static friction is no smaller than sliding friction.
+    """
     theta = space.draw(_TRIED, np.random.default_rng(0)) if space.free else np.ones((1, 0))
     named = space.named(theta)
     for name, relation in related.items():
@@ -161,6 +175,9 @@ def _check_values(
                 f"priors allow, and must be positive (and at most {upper_limit:g}); mend the "
                 "formula or narrow the priors",
             )
+    for static, sliding in static_frictions(model):
+        if np.all(np.asarray(named[static]) < named[sliding]):
+            errors.add(("parameters", static), f"{static} {BELOW_SLIDING.format(sliding)}")
 
 
 def free_parameters(config: Config, names: Iterable[str]) -> list[str]:

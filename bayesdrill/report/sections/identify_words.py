@@ -14,6 +14,7 @@ from bayesdrill.inference.posterior import Problem
 from bayesdrill.report.section import aligned
 from bayesdrill.report.sections import physics_words, torque_words
 from bayesdrill.report.sections.physics_words import listed
+from bayesdrill.report.words import unbelievable
 from bayesdrill.rig.models.linear import Model
 
 MOST_REMEDIES = 8
@@ -61,9 +62,10 @@ def study_point(point: StudyPoint, problem: Problem) -> str:
     return f"{opening}. What follows is computed at {point.at} ({values}). {way_out}"
 
 
-def full(study: IdentifiabilityStudy, rig: Model) -> str:
-    """All that `identify` prints."""
-    parts = [structure(study), dependence_sentences(study), knowledge(study), nuisances(study)]
+def full(study: IdentifiabilityStudy, rig: Model, reasons: Sequence[str] = ()) -> str:
+    """All that `identify` prints; `reasons`: why a fit, where it is at one, must not be believed."""
+    parts = [unbelievable(reasons, converged=False), structure(study), dependence_sentences(study)]
+    parts += [] if reasons else [knowledge(study), nuisances(study)]
     parts += [physics_words.friction_sentences(study.frictions, rig)]
     parts += [torque_words.stand_ins(study, rig), remedies(study)]
     return "\n\n".join(part for part in parts if part).rstrip()

@@ -316,6 +316,15 @@ def missing_requirements(rig: Model) -> dict[str, tuple[str, ...]]:
     return {name: names for name, names in missing.items() if names}
 
 
+BELOW_SLIDING = "is below {}; static friction is at least as large as sliding friction"
+
+
+def static_frictions(rig: Model) -> list[tuple[str, str]]:
+    """Return the static friction of each inertia that has one, with its sliding friction."""
+    pairs = [(inertia.static, inertia.sliding) for inertia in rig.roles.inertias]
+    return [pair for pair in pairs if {*pair} <= {*rig.parameters}]
+
+
 def requirement_text(name: str, missing: Collection[str]) -> str:
     """Return the message on a name that is added in vain."""
     others = " and ".join(missing)
