@@ -81,10 +81,8 @@ def _drop_unwritten() -> None:
     """Drop what stdout does not take any more: Python would try once more at the end, and fail."""
     try:
         sys.stdout.flush()
-    except OSError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    except AttributeError:  # it was closed from the beginning
-        return
+    except (OSError, AttributeError):  # there is none where it was closed from the beginning
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
 
 
 def say(text: str, *, err: bool = False) -> None:

@@ -679,15 +679,10 @@ def campaign(draw: st.DrawFn) -> tuple[str, list[np.ndarray]]:
     if len(labels) > 1 and flip(0.6):
         name = str(rng.choice([*numbers, "k_x"]))
         for label in labels[: int(rng.integers(1, 4))]:
-            entry = str(
-                rng.choice(
-                    [f"{name}: {10 ** rng.uniform(-5, 3):.3g}", f"{name}: 2*n", "j_load: j_load"]
-                )
+            number = draw(
+                st.sampled_from([*NUMBERS, *numbers, f"2*{name}", "nominal", "0.5*j_load"])
             )
-            lines[label] += [
-                f"parameters: {{{entry}}}",
-                f"quantities: {{n: {draw(st.sampled_from(NUMBERS))}}}",
-            ]
+            lines[label].append(f"parameters: {{{name}: {number}}}")
     parts = "inertias: [motor, load], shafts: {s: [motor, load]}" if two else "inertias: [load]"
     parts += f", drives: {{{driven}: {kind}}}"
     parts += ", rock: [load]" if bit else ""

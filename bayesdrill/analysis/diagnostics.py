@@ -222,27 +222,10 @@ def sandwich_sds(
     covariance, names = laplace.sandwich(posterior, theta), posterior.space.free
     natural = posterior.coordinates.natural(theta[None])[0]
     sds = dict(zip(names, (np.sqrt(np.diag(covariance)) * natural).tolist(), strict=True))
-    for exponents, sd in zip(
-        products, _of_products(covariance, natural / theta, products), strict=True
-    ):
-        name = product_name({n: e for n, e in zip(names, exponents, strict=False) if e})
-        sds[name] = sd * float(np.prod(theta[: len(exponents)] ** np.array(exponents)))
-    return sds
-
-
-def sandwich_of_logs(
-    posterior: Posterior, theta: Array, products: Sequence[Exponents]
-) -> list[float]:
-    """Return sds of the logs of `products` of powers of the first unknowns at `theta (D,)`."""
-    natural = posterior.coordinates.natural(theta[None])[0]
-    return _of_products(laplace.sandwich(posterior, theta), natural / theta, products)
-
-
-def _of_products(covariance: Array, slopes: Array, products: Sequence[Exponents]) -> list[float]:
-    """`slopes (D,)`: of the log of each unknown along its natural scale."""
-    sds = []
     for exponents in products:
         used = np.flatnonzero(exponents)
-        along = np.array(exponents, dtype=float)[used] * slopes[used]
-        sds.append(math.sqrt(along @ covariance[np.ix_(used, used)] @ along))
+        powers = np.array(exponents, dtype=float)[used]
+        along = powers * (natural / theta)[used]
+        sd = math.sqrt(along @ covariance[np.ix_(used, used)] @ along)
+        sds[product_name(names, exponents)] = sd * float(np.prod(theta[used] ** powers))
     return sds

@@ -12,7 +12,7 @@ import numpy as np
 from bayesdrill.analysis import causes, diagnostics, energy, latent_torque, plausibility
 from bayesdrill.analysis.causes import Causes, EquivalentExplanation
 from bayesdrill.analysis.comparison import RepeatedProduct, repeats
-from bayesdrill.analysis.diagnostics import ParameterRow
+from bayesdrill.analysis.diagnostics import DETERMINED_SHRINKAGE, ParameterRow
 from bayesdrill.analysis.energy import EnergyAccount, EnergySummary, FrictionMotion
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.identifiability.structure import Exponents
@@ -24,14 +24,14 @@ from bayesdrill.analysis.latent_torque import (
 )
 from bayesdrill.analysis.plausibility import DiffusePrior
 from bayesdrill.analysis.suspicions import InputTiming, half_sample_shift
-from bayesdrill.analysis.verdict import Judgement, basis, conclude, unsupported
+from bayesdrill.analysis.verdict import Judgement, basis, conclude
 from bayesdrill.basics import seeds, values
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import ErrorCollector
 from bayesdrill.basics.values import Value
 from bayesdrill.config.schema.config import Asked
 from bayesdrill.inference import derived
-from bayesdrill.inference.derived import Derived
+from bayesdrill.inference.derived import Derived, product_name
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.residual_checks import (
     ResidualSummary,
@@ -206,9 +206,14 @@ class RunAnalysis:
 
     @property
     def unsupported(self) -> Mapping[str, float]:
-        """What only the draws determine, and how many times as large its sandwich sd is."""
-        verdict = None if self.judged is None else self.judged.verdict
-        return unsupported(self.unknowns, verdict, self.sandwich)
+        """What the draws determine and its sandwich sd does not: how many times as large that is."""
+        ratios = {u.name: (u.sd, 1 - u.shrinkage) for u in self.unknowns if u.word == "determined"}
+        if self.judged is not None:
+            verdict = self.judged.verdict
+            for q in (*verdict.saying("agrees"), *verdict.far):
+                ratios[product_name(verdict.names, q.exponents)] = q.sd, q.sd_ratio
+        times = {n: self.sandwich.get(n, 0.0) / sd for n, (sd, _) in ratios.items() if sd > 0}
+        return {n: x for n, x in times.items() if x * ratios[n][1] >= 1 - DETERMINED_SHRINKAGE}
 
     @classmethod
     def describe(cls, name: str) -> str:
@@ -233,7 +238,7 @@ def analyse(
     rows, judged = conclude(problem, asked, run.mode, sampled, sensitivity, fits=fits)
     blamed = alone and judged is not None and bool(judged.verdict.far)
     products = () if judged is None else basis(judged.study, judged.study.names)
-    compared = () if judged is None else [q.exponents for q in judged.verdict.compared]
+    compared = () if judged is None else [q.exponents for q in judged.verdict.products]
     following = run.derived(judged)
     rows_of_derived: tuple[derived.DerivedRow, ...] = ()
     with run.sparing.making("derived quantities"):

@@ -17,14 +17,7 @@ import scipy
 from numpy.typing import NDArray
 
 from bayesdrill.analysis import plausibility
-from bayesdrill.analysis.diagnostics import (
-    DETERMINED_SHRINKAGE,
-    ParameterRow,
-    Word,
-    sandwich_of_logs,
-    sandwich_sds,
-    summarise,
-)
+from bayesdrill.analysis.diagnostics import ParameterRow, Word, summarise
 from bayesdrill.analysis.identifiability.information import SensitivityStudy, simple_exponents
 from bayesdrill.analysis.identifiability.structure import Exponents
 from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy, products, study_of
@@ -32,8 +25,8 @@ from bayesdrill.basics import seeds
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.values import check_arguments
 from bayesdrill.config.schema.config import Asked, Thresholds
-from bayesdrill.inference.derived import hdi, product_name
-from bayesdrill.inference.posterior import Posterior, Problem
+from bayesdrill.inference.derived import hdi
+from bayesdrill.inference.posterior import Problem
 from bayesdrill.sampling.ensembles import ExtendedPriors, SamplingResult
 from bayesdrill.sampling.mode_search import Mode
 
@@ -176,12 +169,6 @@ class Verdict:
         return tuple(q for q in quantities.values() if q.says == says)
 
     @property
-    def compared(self) -> tuple[Quantity, ...]:
-        """Return products of several factors that are determined."""
-        judged = (q for q in self.products if q.says in ("agrees", "disagrees", "in doubt"))
-        return tuple(q for q in judged if np.count_nonzero(q.exponents) > 1)
-
-    @property
     def far(self) -> tuple[Quantity, ...]:
         """Quantities that are farther from the table than chance, whoever is to blame."""
         return (*self.saying("disagrees"), *self.saying("in doubt"))
@@ -195,39 +182,6 @@ class Verdict:
     def agrees(self) -> bool:
         """Whether nothing is farther from the table than chance."""
         return not self.far_together and not self.far
-
-
-def unsupported(
-    rows: Sequence[ParameterRow], verdict: Verdict | None, sandwich: Mapping[str, float]
-) -> dict[str, float]:
-    """Return what the draws determine and its `sandwich` sd does not: how many times as large that is.
-
-    Nothing where there are no such sds, as the fit leaves what looks like the noise.
-    """
-    ratios = {row.name: (row.sd, 1.0 - row.shrinkage) for row in rows if row.word == "determined"}
-    if verdict is not None:
-        for q in verdict.compared:
-            powers = zip(verdict.names, q.exponents, strict=True)
-            ratios[product_name({name: e for name, e in powers if e})] = q.sd, q.sd_ratio
-    times = {name: sandwich.get(name, 0.0) / sd for name, (sd, _) in ratios.items() if sd > 0}
-    return {n: x for n, x in times.items() if x * ratios[n][1] >= 1.0 - DETERMINED_SHRINKAGE}
-
-
-def unsupported_unknowns(problem: Problem, mode: Mode, sampled: SamplingResult) -> dict[str, float]:
-    """Return what `unsupported` does of the unknowns of a run alone, which no study is made of."""
-    rows = summarise(problem, sampled.draws, mode, sampled.convergence)
-    best = problem.posterior.space.vector(mode.values)
-    return unsupported(rows, None, sandwich_sds(problem.posterior, best))
-
-
-def unsupported_products(
-    posterior: Posterior, best: Array, study: IdentifiabilityStudy, limit: float
-) -> dict[Exponents, float]:
-    """Return the same of a `study` at `best (D,)`, by exponents; `limit`: sd over that of the prior."""
-    known = [known for known in (*study.parameters, *study.products) if known.word == "determined"]
-    sds = sandwich_of_logs(posterior, best, [each.exponents for each in known])
-    pairs = zip(known, sds, strict=True)
-    return {x.exponents: sd / x.sd for x, sd in pairs if sd >= limit * x.prior_sd}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -18,11 +18,10 @@ from bayesdrill.config.schema.vocabulary import idle_inputs
 from bayesdrill.inference import step_error
 from bayesdrill.record.experiment import Channel, Experiment, frozen, raise_if_any
 from bayesdrill.rig.models.linear import (
-    BELOW_SLIDING,
     Model,
     missing_requirements,
     requirement_text,
-    static_frictions,
+    weak_statics,
 )
 from bayesdrill.rig.simulators import simulator
 from bayesdrill.rig.simulators.sensors import ObservationModel, signal_names, state_weights
@@ -119,9 +118,7 @@ def _parameters(rig: Model, values: Mapping[str, float], issues: list[Issue]) ->
         if read[name] > symbol.at_most:
             message = f"{short_repr(values[name])} is more than {symbol.at_most:g}"
             issues.append(Issue(location, message))
-    for static, sliding in static_frictions(rig):
-        if read.get(static, 0.0) < read.get(sliding, 0.0) and static in read:
-            issues.append(Issue(f"parameters.{static}", BELOW_SLIDING.format(sliding)))
+    issues += [Issue(f"parameters.{name}", why) for name, why in weak_statics(rig, read).items()]
     return read
 
 

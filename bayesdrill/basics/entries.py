@@ -70,17 +70,14 @@ def set_constants(member: Any) -> None:
     """Give a frozen member its entries as a config reads them; raises `InputError` with all mistakes."""
     section = entries_model(cast("Hashable", type(member)))
     given = {name: getattr(member, name) for name in section.model_fields}
-    plain = {n: x.item() if getattr(x, "shape", None) == () else x for n, x in given.items()}
     try:
-        read = section(**plain)
+        read = section(
+            **{n: x.item() if getattr(x, "shape", 0) == () else x for n, x in given.items()}
+        )
     except ValidationError as error:
         reasons = {str(e["loc"][0]): e["msg"].removeprefix("Value error, ") for e in error.errors()}
-        raise InputError(
-            [
-                Issue(name, f"{short_repr(given[name])} cannot be this: {reason}")
-                for name, reason in reasons.items()
-            ]
-        ) from None
+        said = {n: f"{short_repr(given[n])} cannot be this: {why}" for n, why in reasons.items()}
+        raise InputError([Issue(*each) for each in said.items()]) from None
     for name in given:
         object.__setattr__(member, name, getattr(read, name))
 

@@ -60,10 +60,8 @@ class Expression:
         return _is_positive(self.tree)
 
     def renamed(self, names: Mapping[str, str]) -> Expression:
-        """Return it with other names; itself where none changes."""
-        others = {n: names[n] for n in self.names if names.get(n, n) != n}
-        trees = {n: Expression(new, ast.Name(new, ast.Load())) for n, new in others.items()}
-        return self.substituted(trees) if trees else self
+        """Return it with other names."""
+        return self.substituted({old: Expression(x, ast.Name(x)) for old, x in names.items()})
 
     def substituted(self, others: Mapping[str, Expression]) -> Expression:
         """Return it with the names of `others` replaced; raises `ValueError` where that is too long."""

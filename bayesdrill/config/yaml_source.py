@@ -32,6 +32,7 @@ class Source:
     lines: Mapping[Location, int]  # of the key (or list item) at each location, from 1
     repeated: tuple[Issue, ...]  # keys that stand twice
     moved: Mapping[Location, Location] = field(default_factory=dict)  # from where they are read
+    labels: tuple[str, ...] = ()  # of all experiments, where it is what one of them reads
 
     def issue(self, location: Location, message: str) -> Issue:
         """Return an issue labelled `file:line: a.b.c`; the line is that of the nearest entry."""

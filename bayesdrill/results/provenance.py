@@ -27,7 +27,7 @@ from bayesdrill.config.job import Job
 from bayesdrill.config.records import sources
 from bayesdrill.config.resolve import experiments
 from bayesdrill.config.resolve.case import ResolvedCase
-from bayesdrill.config.resolve.experiments import HELD_SECTIONS, SHARING_KEYS
+from bayesdrill.config.resolve.experiments import SHARING_KEYS
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import as_yaml
 from bayesdrill.inference.display_units import DisplayUnits
@@ -169,9 +169,9 @@ def resolved(case: ResolvedCase, folder: Path) -> str:
         if experiment.label:
             entries = experiment.config.model_dump(exclude_none=True)
             sections = {key: entries[key] for key in experiments.SECTIONS}
-            spec = config.experiments[experiment.label]
-            own = spec.model_dump(include={*HELD_SECTIONS, "held_out"}, exclude_defaults=True)
-            data["experiments"][experiment.label] = sections | own
+            spec, own = config.experiments[experiment.label], {"parameters", "held_out"}
+            own_entries = spec.model_dump(include=own, exclude_defaults=True)
+            data["experiments"][experiment.label] = sections | own_entries
         _remove_defaults(sections, experiment.config, case.model)
         sources.rebase(sections, case.source.path.parent, folder)
     # Of several, those of the first are no defaults of the others.
@@ -227,8 +227,8 @@ def begin(job: Job, folder: Folder, record: str | None = None, **more: Any) -> N
     """Write the config, as given and with all defaults; `record`: its text, where it has no file."""
     if record is None:
         outputs = output_files.present(folder.path, folder.kind)
-        read = (path for each in job.case.experiments for path in sources.paths(each))
-        output_files.refuse_replacing(read, [folder.path / name for name in outputs])
+        replaced = [folder.path / name for name in outputs]
+        output_files.refuse_replacing(sources.files(job.case)[1:], replaced)
     versions = software.installed_versions()
     folder.begin(status="running", seed=job.config.seed, versions=versions, **more)
     folder.write_text(CONFIG_FILE, job.source.text)

@@ -201,7 +201,11 @@ def start_workers(
     """
     try:
         with held_signals():
-            _start_tracker()
+            # What looks after its semaphores outlives a run that is killed, removes them, and would
+            # warn of that on a terminal where the next run has begun.
+            sys.warnoptions.append("ignore:resource_tracker")
+            resource_tracker.ensure_running()
+            sys.warnoptions.pop()
             return ProcessPoolExecutor(
                 max_workers=processes,
                 mp_context=SPAWN,
@@ -212,19 +216,6 @@ def start_workers(
         reason = f"no worker processes can be started here ({error.strerror or error})"
         message = f"{reason}; see whether /dev/shm is full, or give --processes 1"
         raise InputError.at("", message) from None
-
-
-def _start_tracker() -> None:
-    """Start the process that looks after semaphores, unless it runs.
-
-    It outlives a run that is killed, removes its semaphores, and would warn of them on a terminal
-    where the next run has begun.
-    """
-    sys.warnoptions.append("ignore:resource_tracker")
-    try:
-        resource_tracker.ensure_running()
-    finally:
-        sys.warnoptions.pop()
 
 
 def shut_down(pool: ProcessPoolExecutor, patience: float) -> None:

@@ -22,7 +22,6 @@ from bayesdrill.inference.residual_checks import ResidualSummary
 from bayesdrill.inference.unknowns import SIMULATOR_ROLES
 from bayesdrill.report import words
 from bayesdrill.report.comparison_report import COMPARED, OVERLAID, ComparisonReport, Form
-from bayesdrill.report.sections import fit_words
 from bayesdrill.results import provenance
 from bayesdrill.results.run_folder import Folder
 from bayesdrill.tasks import conclusions
@@ -106,10 +105,7 @@ def overlay_layer(
         draws=sampled.draws.reshape(-1, sampled.draws.shape[-1]),
         settings=provenance.settings(job.config, job.problem, units),
         warning=words.warning(sampled, fit),
-        reasons=(
-            *words.reasons(sampled, fit),
-            *fit_words.sandwich_reasons(conclusions.unsupported(run, fit)),
-        ),
+        reasons=words.reasons(sampled, fit, run.kept.unsupported if run.kept else {}),
     )
 
 

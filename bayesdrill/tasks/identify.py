@@ -10,8 +10,12 @@ from bayesdrill import output_files
 from bayesdrill.analysis import plausibility
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.identifiability.profile import Fitter, Profile, profile
-from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy, study_of
-from bayesdrill.analysis.identifiability.study_point import StudyPoint, study_point
+from bayesdrill.analysis.identifiability.study import (
+    IdentifiabilityStudy,
+    StudyPoint,
+    study_of,
+    study_point,
+)
 from bayesdrill.analysis.latent_torque import is_approximate
 from bayesdrill.analysis.suspicions import InputTiming, half_sample_shift
 from bayesdrill.basics.errors import InputError, did_you_mean
@@ -48,7 +52,7 @@ class Findings(Value):
     def text(self) -> str:
         """All that it says, for the terminal."""
         parts = [words.study_point(self.point, self.job.problem)]
-        if self.point.moves:
+        if self.point.at:
             parts += [words.full(self.study, self.job.problem.model, self.reasons)]
             parts += fit_words.moment(self.moment)
         if self.profiles:
@@ -136,7 +140,7 @@ def preflight(job: Job, scenery: SensitivityStudy) -> str:
     posterior = job.problem.posterior
     point, rig = study_point(scenery, posterior, job.config.seed), job.problem.model
     at_rest = words.study_point(point, job.problem)
-    if not point.moves:
+    if not point.at:
         return at_rest
     study = study_of(scenery, posterior, point.theta, job.asked, point.at)
     said = [at_rest, words.brief(study), physics_words.friction_sentences(study.frictions, rig)]

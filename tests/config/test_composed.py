@@ -18,7 +18,6 @@ from bayesdrill.basics.errors import InputError
 from bayesdrill.config import loading
 from bayesdrill.config.job import prepare
 from bayesdrill.config.records import simulation
-from bayesdrill.config.resolve.case import joint_space, names_among_all
 from bayesdrill.report import words
 from bayesdrill.results import provenance
 from bayesdrill.rig.models.linear import Model
@@ -274,9 +273,7 @@ def test_each_experiment_may_have_its_own(tmp_path: Path) -> None:
     case = loading.load(path)
     rig = case.model
     assert rig.parameters[9:] == ("c_s",)
-    each = {experiment.label: experiment.rig_numbers for experiment in case.experiments}
-    called = {label: names_among_all(case.config, label, x) for label, x in each.items()}
-    assert joint_space(each, called).free == ("k_e", "j_1", "c_s_slow", "c_s_fast")
+    assert case.space().free == ("k_e", "j_1", "c_s_slow", "c_s_fast")
     assert len(simulation.simulate_all(case, 1, tmp_path)) == 2
 
 

@@ -46,7 +46,7 @@ CASES = [
     ("a section misspelt", [fast("{record: {file: fast.csv}, input: {v: 3}}")],
      "experiments.fast.input", "did you mean inputs?"),
     ("what is no section", [fast("{record: {file: fast.csv}, sampler: {ess: 1}}")],
-     "experiments.fast.sampler", "known: held_out, initial, inputs, parameters, quantities, record"),
+     "experiments.fast.sampler", "known: held_out, initial, inputs, parameters, record"),
     ("no record", [fast("{inputs: {v: 3}}")], f"{WHERE}.file", "this experiment has no record"),
     ("a record that is text", [fast("{record: fast.csv}")], WHERE, "`key: value` entries"),
     ("a key of its record", [fast("{record: {file: fast.csv, windw: [0, 1]}}")],

@@ -46,6 +46,7 @@ from bayesdrill.config.schema.config import Asked, Identification, Thresholds
 from bayesdrill.inference.compression import excerpt
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import prior_log_sd
+from bayesdrill.inference.unknowns import labelled_name
 from bayesdrill.record.experiment import typical_inputs
 
 WEIGHED_TO = 0.01  # what fixing or weighing a part is taken to give: one per cent
@@ -319,6 +320,56 @@ def study_of(
         resting=depends_on_fixed(posterior, theta, known, prior_sd, rng),
         scaled=scaled_with_torque(posterior, structure.symmetries),
     )
+
+
+START_DRAWS, TRIED = 128, 16  # from the priors, and of these the likeliest that are looked at
+STILL = 1e-3  # of what a channel does in the record: a model that does no more stands still
+MIN_MOTION_OVER_NOISE = 3.0  # sd of a channel over that of its noise, as neighbours tell it
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StudyPoint:
+    """A point `theta (D,)`, what it is called, and channels that stand `still` at the start.
+
+    The record moves these.  At `theta` they move, unless it is called nothing.
+    """
+
+    theta: Array
+    at: str
+    still: tuple[str, ...] = ()
+
+
+def study_point(sensitivity: SensitivityStudy, posterior: Posterior, seed: int) -> StudyPoint:
+    """Return the start or, where the rig stands still there, a likely draw of the priors that moves.
+
+    At rest signals depend on next to nothing, and all would be left to the prior on that ground.
+    """
+    space = posterior.space
+    start = space.vector(space.start)
+    if not (still := _still_channels(sensitivity, start)):
+        return StudyPoint(theta=start, at="the start")
+    drawn = space.draw(START_DRAWS, seeds.stream(seed, "identify", 2))
+    likely = np.argsort(-(excerpt(posterior) or posterior).density(drawn), kind="stable")[:TRIED]
+    moving = (theta for theta in drawn[likely] if not _still_channels(sensitivity, theta))
+    if (theta := next(moving, None)) is None:
+        return StudyPoint(theta=start, at="", still=still)
+    name = f"the likeliest of {START_DRAWS} draws from the priors with which the rig moves"
+    return StudyPoint(theta=theta, at=name, still=still)
+
+
+def _still_channels(sensitivity: SensitivityStudy, theta: Array) -> tuple[str, ...]:
+    """Return the channels that stand still at `theta (D,)`, of those that the record moves."""
+    full, still = sensitivity.likelihood.space.full(theta[None]), []
+    for observation in sensitivity.likelihood.observations:
+        experiment = observation.experiment
+        with np.errstate(all="ignore"):
+            predicted = observation.predict(full, theta[None])[0]
+            for k, seen in enumerate(experiment.seen.T):
+                y, noise = experiment.y[seen, k], np.diff(experiment.y[seen, k]).std() / 2.0**0.5
+                moves = np.ptp(predicted[seen, k]) > STILL * np.ptp(y)
+                if not moves and y.std() > MIN_MOTION_OVER_NOISE * noise:
+                    still.append(labelled_name(experiment.names[k], observation.label))
+    return tuple(still)
 
 
 def _nuisances(

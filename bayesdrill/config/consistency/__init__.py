@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from bayesdrill.basics.entries import unknown_keys
 from bayesdrill.basics.errors import Issue
 from bayesdrill.config.consistency import record, several, unknowns, work
@@ -15,18 +13,10 @@ from bayesdrill.rig.models import MODELS
 
 
 def check(
-    config: Config,
-    source: Source,
-    spoilt: frozenset[Location],
-    label: str = "",
-    labels: Sequence[str] = (),
+    config: Config, source: Source, spoilt: frozenset[Location], label: str = ""
 ) -> tuple[list[Issue], ResolvedExperiment | None]:
-    """Problems of a config whose entries are each valid; `spoilt` places were reported already.
-
-    `labels`: of all experiments; where there is one alone, it is known what all unknowns are called.
-    """
-    alone = not labels
-    errors = IssueCollector(source, spoilt)
+    """Problems of a config whose entries are each valid; `spoilt` places were reported already."""
+    errors, alone = IssueCollector(source, spoilt), not source.labels
     names = config.vocabulary.parameters
     spoilt_names = [name for name in names if errors.is_reported(("parameters", name))]
     model = errors.run(("model", "name"), case.build_model, config, spoilt_names)
@@ -36,9 +26,7 @@ def check(
     if model is not None:
         vain = unknown_keys(("name", "model"), MODELS.usable(), type(model), config.model)
         errors.add_all(("model",), vain)
-        rig = (
-            None if nominal is None else unknowns.check_rig(errors, config, model, nominal, labels)
-        )
+        rig = None if nominal is None else unknowns.check_rig(errors, config, model, nominal)
         channels = record.check_channels(errors, config, model)
         free = sensors.free_states(config, model)
         sensor_numbers, sensing = record.check_sensors(errors, config, model, free)
@@ -46,8 +34,9 @@ def check(
         local_numbers = record.local_numbers(config, channels, sensor_numbers, free, torque)
         work.check_settings(errors, config)
         if alone:
-            unknown_names = several.unknown_names(config, model, local_numbers)
-            work.check_unknown(errors, config, model, unknown_names)
+            unknown = several.unknown_names(config, model, local_numbers)
+            tied = [name for name, x in config.parameters.items() if quantities.is_tied(x)]
+            work.check_unknown(errors, config, unknown, tied)
             several.check_truth(errors, config, {"": local_numbers})
         if nominal is not None and rig is not None and sensing is not None:
             resolved = ResolvedExperiment(

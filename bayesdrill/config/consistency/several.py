@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from bayesdrill.basics import symbols
 from bayesdrill.basics.errors import Issue
-from bayesdrill.basics.formulas import Expression
 from bayesdrill.config.consistency import unknowns, work
 from bayesdrill.config.resolve import sensors
 from bayesdrill.config.resolve.case import (
     LocalNumbers,
+    ResolvedCase,
     ResolvedExperiment,
     RigNumbers,
-    joint_space,
-    names_among_all,
 )
-from bayesdrill.config.resolve.experiments import held_names, joint_name
-from bayesdrill.config.resolve.quantities import ParsedNumber
+from bayesdrill.config.resolve.experiments import joint_name
 from bayesdrill.config.schema import numbers
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import IssueCollector, Location, Source
@@ -43,17 +40,19 @@ def check_experiments(
         return errors.issues
     model = next(iter(resolved.values())).model
     by_label = {label: experiment.local_numbers for label, experiment in resolved.items()}
-    _check_local(errors, config, model, [each.rig_numbers for each in resolved.values()])
     _check_held(errors, config, resolved)
+    _check_local(errors, config, model, [each.rig_numbers for each in resolved.values()])
     _check_shared(errors, config, model, by_label)
     _check_held_out(errors, config, by_label)
     _check_names(errors, config, by_label)
     if not errors.issues:
-        rig = _check_derived(errors, config, resolved)
+        case = ResolvedCase(config=config, source=source, experiments=(*resolved.values(),))
+        space = case.space()
+        _check_derived(errors, case, space)
         local = [joint_name(config, n, label) for label, x in by_label.items() for n in x.unknown]
-        work.check_unknown(errors, config, model, list(dict.fromkeys([*rig.free, *local])))
-        free = [unknown.name for unknown in rig.unknowns if unknown.role == "rig"]
-        work.check_identify(errors, config, free)
+        unknown = list(dict.fromkeys([*space.free, *local]))
+        work.check_unknown(errors, config, unknown, space.relations)
+        work.check_identify(errors, config, [x for x in space.free if x not in config.quantities])
     check_truth(errors, config, by_label)
     return errors.issues
 
@@ -69,49 +68,31 @@ def _check_held(
     errors: IssueCollector, config: Config, resolved: Mapping[str, ResolvedExperiment]
 ) -> None:
     """Check that what an experiment holds by itself is a number or a formula, of a rig that all have."""
-    formulas = (x for experiment in resolved.values() for x in experiment.rig_numbers.formulas)
-    used = {name for formula in formulas for name in formula.names}
-    for name in [name for name in config.quantities if name not in used]:
-        errors.add(("quantities", name), unknowns.UNUSED)
     for label, experiment in resolved.items():
-        spec = config.experiments[label]
-        parsed = {**experiment.rig_numbers.parameters, **experiment.rig_numbers.quantities}
-        for section, name in [
-            *(("parameters", name) for name in spec.parameters),
-            *(("quantities", name) for name in spec.quantities),
-        ]:
-            location: Location = ("experiments", label, section, name)
-            number = parsed.get(name)
-            lacking = [n for n, each in resolved.items() if name not in each.model.parameters]
-            if isinstance(number, ParsedNumber) and not isinstance(number.value, float):
-                message = "an experiment holds a number or a formula by itself, and no prior"
-                errors.add(location, f"{message}; `own: [{name}]` gives each an unknown")
-            elif name in config.own:
-                message = (
-                    f"{name} is `own:`, another unknown in each experiment; remove one of the two"
-                )
-                errors.add(location, message)
-            elif section == "parameters" and lacking:
-                message = f"the rig of {lacking[0]} is without {name}; name it above, or in each"
-                errors.add(location, f"{message} experiment")
-            elif section == "quantities" and not used & {name, labelled_name(name, label)}:
-                errors.add(location, unknowns.UNUSED)
+        for name in config.experiments[label].parameters:
+            free = isinstance(experiment.config.parameters.get(name), numbers.ParameterPrior)
+            without = [n for n, each in resolved.items() if name not in each.model.parameters]
+            messages = {
+                f"only a number or a formula can be held; `own: [{name}]` makes unknowns": free,
+                f"{name} is `own:`, and so unknown in each; remove one of the two": name
+                in config.own,
+                f"{name} is not in the rig of {' and '.join(without)}; name it above": bool(
+                    without
+                ),
+            }
+            for message in [message for message, wrong in messages.items() if wrong][:1]:
+                errors.add(("experiments", label, "parameters", name), message)
 
 
-def _check_derived(
-    errors: IssueCollector, config: Config, resolved: Mapping[str, ResolvedExperiment]
-) -> ParameterSpace:
-    """Check that formulas name what there is among all; return the unknowns of the rig."""
-    every = {label: experiment.rig_numbers for label, experiment in resolved.items()}
-    called = {label: names_among_all(config, label, each) for label, each in every.items()}
-    space = joint_space(every, called)
-    known = {*space.free, *space.fixed, *space.relations, *symbols.DERIVED, *config.derived}
-    for formula in next(iter(every.values())).derived:
+def _check_derived(errors: IssueCollector, case: ResolvedCase, space: ParameterSpace) -> None:
+    """Check that formulas name what there is among all experiments."""
+    known = {*space.free, *space.fixed, *space.relations, *symbols.DERIVED, *case.config.derived}
+    for formula in case.experiments[0].rig_numbers.derived:
         for name in [name for name in formula.expression.names if name not in known]:
-            others = " and ".join(dict.fromkeys(x[name] for x in called.values() if name in x))
-            message = f"{name} is not the same in all experiments; name {others}"
-            errors.add(("derived", formula.symbol.name), message if others else f"no {name}")
-    return space
+            others = dict.fromkeys(called.get(name, "") for called in case.called.values())
+            way_out = f"name {' or '.join(others)}" if all(others) else "it is the same in all"
+            message = f"there is no {name} among all experiments; {way_out}"
+            errors.add(("derived", formula.symbol.name), message)
 
 
 def check_truth(errors: IssueCollector, config: Config, by_label: NumbersByLabel) -> None:
@@ -141,11 +122,10 @@ def _truth_names(config: Config, by_label: NumbersByLabel) -> list[str]:
 
 
 def _check_local(
-    errors: IssueCollector, config: Config, model: Model, each: Collection[RigNumbers]
+    errors: IssueCollector, config: Config, model: Model, each: Iterable[RigNumbers]
 ) -> None:
     free = unknowns.free_parameters(config, model.parameters)
-    parameters = [x for numbers in each for x in numbers.parameters.values()]
-    related_names = {name for x in parameters if isinstance(x, Expression) for name in x.names}
+    related_names = unknowns.check_used(errors, config, each)
     for k, name in enumerate(config.own):
         errors.expect(("own", k), name, free, f"{name} is no unknown parameter of the rig")
         if name in related_names:
@@ -214,7 +194,7 @@ def _check_names(errors: IssueCollector, config: Config, by_label: NumbersByLabe
     used_names |= dict.fromkeys(config.derived, "")
     before = len(errors.issues)
     for label, local in by_label.items():
-        local_names = [*config.own, *held_names(config, label)]
+        local_names = [*config.own, *config.experiments[label].parameters]
         local_names += [name for name in local.numbers if name not in config.shared]
         _no_clash(errors, label, local_names, used_names)
     columns = dict[str, str]()

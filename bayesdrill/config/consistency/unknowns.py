@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
@@ -18,17 +18,16 @@ from bayesdrill.config.yaml_source import IssueCollector, Location
 from bayesdrill.inference.posterior import Formula
 from bayesdrill.inference.unknowns import ParameterSpace, Unknown
 from bayesdrill.rig.models import MODELS
+from bayesdrill.rig.models.friction import Named
 from bayesdrill.rig.models.linear import (
-    BELOW_SLIDING,
     Model,
     missing_requirements,
     requirement_text,
-    static_frictions,
+    weak_statics,
     with_all,
 )
 from bayesdrill.rig.simulators.sensors import ObservationModel
 
-UNUSED = "no formula names it; use it in `parameters:` or `derived:`, or remove it"
 _TRIED = 4096  # draws from the priors, at which formulas are tried
 
 
@@ -58,13 +57,9 @@ def check_torque(
 
 
 def check_rig(
-    errors: IssueCollector,
-    config: Config,
-    model: Model,
-    table: NominalValues,
-    labels: Sequence[str] = (),
+    errors: IssueCollector, config: Config, model: Model, table: NominalValues
 ) -> RigNumbers | None:
-    """Return parameters, quantities and formulas; None with a mistake.  `labels`: of all experiments."""
+    """Return parameters, quantities and formulas; None with a mistake."""
     parsed_parameters = dict[str, ParsedNumber | Expression | None]()
     for name in config.vocabulary.parameters:
         location: Location = ("parameters", name)
@@ -80,7 +75,7 @@ def check_rig(
             arguments = (config, model, table, name)
             parsed_parameters[name] = errors.run(location, quantities.parse_parameter, *arguments)
     _check_added(errors, config, model)
-    return _check_relations(errors, config, model, parsed_parameters, labels)
+    return _check_relations(errors, config, model, parsed_parameters)
 
 
 def _removal_hint(name: str) -> str:
@@ -112,7 +107,6 @@ def _check_relations(
     config: Config,
     model: Model,
     parsed_parameters: Mapping[str, ParsedNumber | Expression | None],
-    labels: Sequence[str],
 ) -> RigNumbers | None:
     before = len(errors.issues)
     quantities_, derived = dict[str, ParsedNumber](), list[Formula]()
@@ -123,7 +117,7 @@ def _check_relations(
             if getattr(spec, "latex", None) is not None:
                 errors.run(("quantities", name, "latex"), latex.check, number.symbol)
     for name, formula in config.derived.items():
-        arguments = (config, model, name, labels)
+        arguments = (config, model, name, errors.source.labels)
         parsed = errors.run(("derived", name), quantities.parse_formula, *arguments)
         if parsed is not None:
             derived.append(parsed)
@@ -138,29 +132,33 @@ def _check_relations(
     if len(parameters) < len(model.parameters):  # a prior or a start, said already
         return None
     rig = RigNumbers(parameters=parameters, quantities=quantities_, derived=tuple(derived))
-    used = {name for formula in rig.formulas for name in formula.names}
-    for name in [name for name in config.quantities if name not in used and not labels]:
-        errors.add(("quantities", name), UNUSED)
+    if not errors.source.labels:
+        check_used(errors, config, [rig])
     try:
         space = rig.space()
     except RelationError as error:
         errors.add(("parameters", error.name), str(error))
         return None
-    _check_values(errors, config, model, space, related)
+    named = _check_values(errors, config, space, related)
+    errors.add_all(("parameters",), weak_statics(model, named))
     return rig
 
 
-def _check_values(
-    errors: IssueCollector,
-    config: Config,
-    model: Model,
-    space: ParameterSpace,
-    related: Mapping[str, Expression],
-) -> None:
-    """What is computed for a parameter must be a positive number wherever the priors lead.
+def check_used(errors: IssueCollector, config: Config, each: Iterable[RigNumbers]) -> set[str]:
+    """Check that a formula names each quantity; return what formulas of parameters name."""
+    every = [*each]
+    used = {name for rig in every for x in rig.related.values() for name in x.names}
+    others = {name for rig in every for formula in rig.derived for name in formula.expression.names}
+    for name in [n for n in config.quantities if n not in used | others]:
+        message = "no formula names it; use it in `parameters:` or `derived:`, or remove it"
+        errors.add(("quantities", name), message)
+    return used
 
-    And there must be places where static friction is no smaller than sliding friction.
-    """
+
+def _check_values(
+    errors: IssueCollector, config: Config, space: ParameterSpace, related: Mapping[str, Expression]
+) -> Named:
+    """What is computed for a parameter must be positive wherever the priors lead; return all there."""
     theta = space.draw(_TRIED, np.random.default_rng(0)) if space.free else np.ones((1, 0))
     named = space.named(theta)
     for name, relation in related.items():
@@ -175,9 +173,7 @@ def _check_values(
                 f"priors allow, and must be positive (and at most {upper_limit:g}); mend the "
                 "formula or narrow the priors",
             )
-    for static, sliding in static_frictions(model):
-        if np.all(np.asarray(named[static]) < named[sliding]):
-            errors.add(("parameters", static), f"{static} {BELOW_SLIDING.format(sliding)}")
+    return named
 
 
 def free_parameters(config: Config, names: Iterable[str]) -> list[str]:

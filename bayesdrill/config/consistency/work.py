@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from bayesdrill import output_files
 from bayesdrill.basics import symbols
 from bayesdrill.basics.entries import entries_of, unknown_keys
 from bayesdrill.basics.registry import lookup
-from bayesdrill.config.resolve import assembly, quantities
+from bayesdrill.config.resolve import assembly
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import IssueCollector, Location
 from bayesdrill.output_files import RUN_FIGURES
-from bayesdrill.rig.models.linear import Model
 from bayesdrill.sampling.optimisers import OPTIMISERS
 from bayesdrill.sampling.samplers.ensemble import MOVES, always_inside, moves_with_weights
 
@@ -39,9 +38,9 @@ def check_settings(errors: IssueCollector, config: Config) -> None:
 
 
 def check_unknown(
-    errors: IssueCollector, config: Config, model: Model, unknown: Sequence[str]
+    errors: IssueCollector, config: Config, unknown: Sequence[str], related: Iterable[str]
 ) -> None:
-    """Check search, walkers and names in figures against the unknowns."""
+    """Check search, walkers and names in figures against the unknowns, and what is `related` to them."""
     if kind := OPTIMISERS.usable().get(config.map.method):
         given_entries = [e for e in entries_of(kind) if getattr(config.map, e) is not None]
         location = ("map", *(given_entries or ["method"])[:1])
@@ -55,8 +54,6 @@ def check_unknown(
             errors.add(("sampler", "walkers"), f"{sampler.walkers} walkers: {wanted}")
         arguments = (sampler.ensembles, sampler.walkers, n_unknown)
         errors.run(("sampler", "walkers"), output_files.check_chain, *arguments)
-    parameters = config.parameters
-    related = [name for name in model.parameters if quantities.is_tied(parameters.get(name))]
     shown_names = [*unknown, *related, *symbols.DERIVED, *config.derived]
     for k, name in enumerate(config.output.parameters or ()):
         errors.expect(("output", "parameters", k), name, unknown, f"{name} is no unknown")

@@ -12,17 +12,11 @@ from bayesdrill.basics.errors import collect_each
 from bayesdrill.basics.registry import lookup
 from bayesdrill.basics.units import SECOND, Unit
 from bayesdrill.config.resolve import experiments, sensors
-from bayesdrill.config.resolve.case import (
-    ResolvedCase,
-    ResolvedExperiment,
-    joint_space,
-    names_among_all,
-)
+from bayesdrill.config.resolve.case import ResolvedCase, ResolvedExperiment
 from bayesdrill.config.resolve.experiments import joint_name
 from bayesdrill.config.resolve.quantities import ParsedNumber
 from bayesdrill.config.resolve.sensors import build_noise
 from bayesdrill.config.schema.config import Config
-from bayesdrill.config.schema.numbers import Quantity
 from bayesdrill.config.yaml_source import IssueCollector, Location
 from bayesdrill.inference import step_error
 from bayesdrill.inference.display_units import DisplayUnits
@@ -49,10 +43,8 @@ SEARCH_STEPS = 4  # steps to a sample, for the search of the maximum: there they
 def build_problem(case: ResolvedCase, records: Sequence[Experiment]) -> Problem:
     """Build the problem of a case and its records; raises `InputError` where they do not suit."""
     config, rig, nominal = case.config, case.model, case.experiments[0].nominal
-    labels = [experiment.label for experiment in case.experiments]
+    labels, called = [experiment.label for experiment in case.experiments], case.called
     parts, sensor_numbers, noise_unknowns = [], dict[str, ParsedNumber](), dict[str, Unknown]()
-    numbers = {each.label: each.rig_numbers for each in case.experiments}
-    called = {label: names_among_all(config, label, each) for label, each in numbers.items()}
     pairs = zip(case.experiments, records, strict=True)
     built = collect_each(lambda pair: _sensors_and_observation(*pair), pairs)
     for label, (parsed, observed) in zip(labels, built, strict=True):
@@ -67,8 +59,7 @@ def build_problem(case: ResolvedCase, records: Sequence[Experiment]) -> Problem:
         parameters += [joint_name(config, name, label) for name in of_sensors]
         names = [joint_name(config, unknown.name, label) for unknown in observed.unknowns]
         parts.append(replace(observed, parameters=parameters, noise_names=names))
-    local = [*sensor_numbers.values()], [*noise_unknowns.values()]
-    unknowns = joint_space(numbers, called, *local)
+    unknowns = case.space([*sensor_numbers.values()], [*noise_unknowns.values()])
     posterior = Posterior(
         space=unknowns,
         likelihood=Likelihood.joint(unknowns, parts, case.held_out),
@@ -116,11 +107,6 @@ def _display_units(case: ResolvedCase) -> DisplayUnits:
     for name, spec in {**config.quantities, **config.derived}.items():
         if not isinstance(spec, float | int):
             shown_units[name] = units.display_unit(spec.unit)
-    for label, experiment in config.experiments.items():
-        for name in experiment.quantities:
-            quantity = case.experiment(label).config.quantities[name]
-            if isinstance(quantity, Quantity):
-                shown_units[labelled_name(name, label)] = units.display_unit(quantity.unit)
     return DisplayUnits(shown_units)
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from bayesdrill.basics.entries import build_member
 from bayesdrill.basics.formulas import Expression, resolve_relations
 from bayesdrill.basics.registry import lookup
-from bayesdrill.config.resolve import experiments, quantities
+from bayesdrill.config.resolve import quantities
 from bayesdrill.config.resolve.quantities import NominalValues, ParsedNumber
 from bayesdrill.config.resolve.sensors import SensorEntry
 from bayesdrill.config.schema import numbers
@@ -55,77 +55,47 @@ class RigNumbers:
     derived: tuple[Formula, ...]
 
     @property
-    def formulas(self) -> list[Expression]:
-        """Return the expressions of parameters, then of derived quantities."""
-        related = [x for x in self.parameters.values() if isinstance(x, Expression)]
-        return [*related, *(formula.expression for formula in self.derived)]
-
-    @property
     def related(self) -> Mapping[str, Expression]:
         """Return what parameters follow from, in names of others; raises `RelationError`."""
         related = {n: x for n, x in self.parameters.items() if isinstance(x, Expression)}
         return resolve_relations(related)
 
     def space(self) -> ParameterSpace:
-        """Return the unknowns of one experiment alone; see `joint_space`."""
-        return joint_space({"": self}, {"": {name: name for name in self.names}})
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Return the names of parameters, then of quantities."""
-        return (*self.parameters, *self.quantities)
+        """Return the unknowns of one experiment alone; see `ResolvedCase.space`."""
+        return _space([("", self, {name: name for name in self.parameters})])
 
 
-def names_among_all(config: Config, label: str, numbers: RigNumbers) -> dict[str, str]:
-    """Return what numbers of an experiment are called among those of all.
-
-    What is its own, or held by it alone, and what follows from that, has its label.
-    """
-    local = {*config.own, *experiments.held_names(config, label)}
-    local |= {name for name, relation in numbers.related.items() if local & {*relation.names}}
-    return {name: labelled_name(name, label if name in local else "") for name in numbers.names}
-
-
-def joint_space(
-    each: Mapping[str, RigNumbers],
-    called: Mapping[str, Mapping[str, str]],
+def _space(
+    each: Sequence[tuple[str, RigNumbers, Mapping[str, str]]],
     sensors: Sequence[ParsedNumber] = (),
     noise: Sequence[Unknown] = (),
 ) -> ParameterSpace:
-    """Return the unknowns: free parameters, quantities, those of `sensors` and starts, then `noise`.
-
-    `each`: of experiments, by label; `called`: by label what names are among all.  Raises
-    `RelationError`.
-    """
+    """`each`: label, numbers and what its parameters are called among all."""
     unknowns: list[Unknown] = []
     fixed: dict[str, float] = {}
     relations: dict[str, Expression] = {}
-    names, done = list[str](), set[str]()
+    names: list[str] = []
 
     def add(number: ParsedNumber) -> None:
         if isinstance(number.value, float):
             fixed[number.name] = number.value
-        else:
-            prior, start = number.value, number.start
-            unknowns.append(
-                Unknown(symbol=number.symbol, role=number.role, prior=prior, start=start)
-            )
+            return
+        unknowns.append(
+            Unknown(symbol=number.symbol, role=number.role, prior=number.value, start=number.start)
+        )
 
-    parameters, quantities_ = (
-        dict.fromkeys(name for numbers in each.values() for name in getattr(numbers, section))
-        for section in ("parameters", "quantities")
-    )
-    for name in (*parameters, *quantities_):
-        for label, joint in ((label, here[name]) for label, here in called.items() if name in here):
-            if joint in done:
+    for name in each[0][1].parameters:
+        for label, numbers_, called in each:
+            if (joint := called[name]) in names:
                 continue
-            done.add(joint)
-            names += [joint] if name in parameters else []
-            number = {**each[label].parameters, **each[label].quantities}[name]
+            names.append(joint)
+            number = numbers_.parameters[name]
             if isinstance(number, ParsedNumber):
                 add(number if joint == name else number.for_experiment(label))
             else:
-                relations[joint] = each[label].related[name].renamed(called[label])
+                relations[joint] = numbers_.related[name].renamed(called)
+    for number in each[0][1].quantities.values():
+        add(number)
     free = {unknown.name for unknown in unknowns}
     for name in [n for n, r in relations.items() if not set(r.names) & free]:
         fixed[name] = float(relations.pop(name).value(fixed))
@@ -183,6 +153,32 @@ class ResolvedCase:
     def model(self) -> Model:
         """Return the rig, which all experiments share."""
         return self.experiments[0].model
+
+    @property
+    def called(self) -> dict[str, dict[str, str]]:
+        """Return by label what parameters of an experiment are called among those of all.
+
+        What is its own, or held by it alone, and what follows from that, has its label.
+        """
+        called = {}
+        for each in self.experiments:
+            label, numbers_, spec = each.label, each.rig_numbers, self.config.experiments
+            local = {*self.config.own, *(spec[label].parameters if label else ())}
+            local |= {name for name, x in numbers_.related.items() if local & {*x.names}}
+            names = {n: labelled_name(n, label if n in local else "") for n in numbers_.parameters}
+            called[label] = names
+        return called
+
+    def space(
+        self, sensors: Sequence[ParsedNumber] = (), noise: Sequence[Unknown] = ()
+    ) -> ParameterSpace:
+        """Return the unknowns: free parameters, quantities, those of `sensors` and starts, then `noise`.
+
+        Raises `RelationError`.
+        """
+        called = self.called
+        each = [(x.label, x.rig_numbers, called[x.label]) for x in self.experiments]
+        return _space(each, sensors, noise)
 
     @property
     def held_out(self) -> list[str]:

@@ -345,12 +345,7 @@ class ExperimentSpec(Strict):
     initial: dict[str, Any] | str = Field(default_factory=dict)
     """Entries as in `initial:`."""
     parameters: dict[str, Any] = Field(
-        default_factory=dict,
-        description="Numbers and formulas as in `parameters:`, which hold in this experiment alone.",
-    )
-    quantities: dict[str, Any] = Field(
-        default_factory=dict,
-        description="Numbers as in `quantities:`, such as a known load, of this experiment alone.",
+        default_factory=dict, description="Numbers and formulas that it holds by itself."
     )
     held_out: bool = False
     """No sample of it is evidence: `compare` says how well each model predicts it."""

@@ -289,15 +289,13 @@ def residual_reasons(summaries: Sequence[ResidualSummary]) -> tuple[str, ...]:
 
 def sandwich_reasons(unsupported: Mapping[str, float]) -> tuple[str, ...]:
     """Why a fit must not be believed that leaves only a little more than noise."""
-    if not unsupported:
-        return ()
     worst = sorted(unsupported.items(), key=lambda pair: -pair[1])
     each = ", ".join(f"{name} ({times:.3g} times as large)" for name, times in worst[:SHOWN])
-    more = f" and {len(worst) - SHOWN} more" if len(worst) > SHOWN else ""
+    more = ", ..." if len(worst) > SHOWN else ""
     allowed = (
         "with the sds that allow for what the fit leaves (sandwich), the record does not determine"
     )
-    return (f"{allowed} {each}{more}",)
+    return (f"{allowed} {each}{more}",) if worst else ()
 
 
 def _larger(large: Sequence[ResidualSummary]) -> str:

@@ -7,8 +7,11 @@ from collections.abc import Sequence
 
 from bayesdrill.analysis.identifiability.profile import Profile
 from bayesdrill.analysis.identifiability.structure import Exponents
-from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy, KnownProduct
-from bayesdrill.analysis.identifiability.study_point import StudyPoint
+from bayesdrill.analysis.identifiability.study import (
+    IdentifiabilityStudy,
+    KnownProduct,
+    StudyPoint,
+)
 from bayesdrill.basics.symbols import Symbol, fraction
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.report.section import aligned
@@ -43,23 +46,19 @@ def study_point(point: StudyPoint, problem: Problem) -> str:
     """Return why a record is not studied at the start; empty where the rig moves there."""
     if not point.still:
         return ""
-    verb = "stand" if len(point.still) > 1 else "stands"
+    named = zip(problem.names, point.theta.tolist(), strict=True)
+    values = ", ".join(f"{name} = {problem.units.format_value(name, x)}" for name, x in named)
+    what = f"What follows is computed at {point.at} ({values})"
+    if not point.at:
+        what = (
+            "Nor does it at likely draws from the priors, so that nothing can be said of the record"
+        )
     holds = ", as friction may hold it" if problem.model.frictions else ""
-    opening = (
-        f"AT REST: at the start values the rig does not move{holds}. {listed(point.still)} {verb} still "
-        "in the model, and not in the record"
+    return (
+        f"AT REST: at the start values the rig does not move{holds}, and in the record it does "
+        f"({listed(point.still)}). {what}. Give priors a `start:` with which it moves, or look at the "
+        "maximum: `bayesdrill identify --at-map`."
     )
-    way_out = (
-        "Give priors a `start:` with which the rig moves, or look at the maximum: `bayesdrill identify "
-        "--at-map`."
-    )
-    if not point.moves:
-        tried = "Nor does it move at the likeliest draws from the priors"
-        return f"{opening}. {tried}, so that nothing can be said of what it shows. {way_out}"
-    space, units = problem.posterior.space, problem.units
-    named = zip(space.free, point.theta.tolist(), strict=True)
-    values = ", ".join(f"{name} = {units.format_value(name, x)}" for name, x in named)
-    return f"{opening}. What follows is computed at {point.at} ({values}). {way_out}"
 
 
 def full(study: IdentifiabilityStudy, rig: Model, reasons: Sequence[str] = ()) -> str:

@@ -316,13 +316,11 @@ def missing_requirements(rig: Model) -> dict[str, tuple[str, ...]]:
     return {name: names for name, names in missing.items() if names}
 
 
-BELOW_SLIDING = "is below {}; static friction is at least as large as sliding friction"
-
-
-def static_frictions(rig: Model) -> list[tuple[str, str]]:
-    """Return the static friction of each inertia that has one, with its sliding friction."""
-    pairs = [(inertia.static, inertia.sliding) for inertia in rig.roles.inertias]
-    return [pair for pair in pairs if {*pair} <= {*rig.parameters}]
+def weak_statics(rig: Model, p: Mapping[str, Any]) -> dict[str, str]:
+    """Return a message on each static friction below the sliding one at all of `p`, by its name."""
+    why = "is below {}; static friction is at least as large as sliding friction"
+    pairs = ((i.static, i.sliding) for i in rig.roles.inertias if {i.static, i.sliding} <= {*p})
+    return {s: why.format(c) for s, c in pairs if np.all(np.asarray(p[s]) < p[c])}
 
 
 def requirement_text(name: str, missing: Collection[str]) -> str:
