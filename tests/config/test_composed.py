@@ -108,6 +108,16 @@ REFUSED = {
         {},
         "parameters.w_sm: w_sm means nothing without t_sm; name t_sm too, or remove w_sm",
     ),
+    "static friction below sliding friction": (
+        ("t_cm: 0.2", "t_sm: 0.1", "w_sm: 1.0"),
+        {},
+        "parameters.t_sm: is below t_cm; static friction is at least as large as sliding friction",
+    ),
+    "below it wherever the priors lead": (
+        ("t_c1: {prior: uniform, low: 1, high: 2}", "t_s1: 0.5*t_c1", "w_s1: 1.0"),
+        {},
+        "parameters.t_s1: is below t_c1; static friction is at least as large as sliding friction",
+    ),
     "another model": (
         ("c_s: 0.01",),
         {"model": "{name: as_printed}"},
@@ -335,6 +345,10 @@ def test_a_rig_by_itself_takes_what_is_named() -> None:
         ({"c_s": -0.1}, "parameters.c_s: -0.1 is negative"),
         ({"eta": 1.1}, "parameters.eta: 1.1 is more than 1"),
         ({"c_2": 0.1}, "parameters.c_2: the rig has none"),
+        (
+            {"t_cm": 0.2, "t_sm": 0.1, "w_sm": 1.0},
+            "parameters.t_sm: is below t_cm; static friction",
+        ),
     ):
         with pytest.raises(InputError) as caught:
             bd.respond("motor_shaft", NOMINAL | wrong, t, {"v": 8.0}, ["w_1"])

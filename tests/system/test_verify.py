@@ -180,6 +180,21 @@ def test_a_chain_that_does_not_say_whose_it_is_is_believed_where_run_json_knows_
     assert "chain.h5: is of a run that it does not name (an older version wrote it)" in ran.err
 
 
+def test_a_run_is_not_compared_with_itself(done: Path, tmp_path: Path) -> None:
+    """By whatever name; laid over itself it may be."""
+    link = tmp_path / "link"
+    link.symlink_to(done / "out")
+    for other in (done / "out", done / "other" / ".." / "out", link):
+        ran = systems.cli("compare", done / "out", other, "-o", tmp_path / "both")
+        assert ran.status == 2
+        assert "would be compared with itself; give another run" in ran.err
+        assert not (tmp_path / "both").exists()
+    run = bd.open(done / "out")
+    with pytest.raises(bd.InputError, match="number 2 would be compared with itself"):
+        bd.compare([run, run])
+    assert systems.cli("report", done / "out", link, "-o", tmp_path / "over").status == 0
+
+
 GROUND = ("chain.h5", "map.json", "config.resolved.yaml")
 
 
