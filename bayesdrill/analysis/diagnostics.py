@@ -225,7 +225,7 @@ def sandwich_sds(
     for exponents in products:
         used = np.flatnonzero(exponents)
         powers = np.array(exponents, dtype=float)[used]
-        along = powers * (natural / theta)[used]
+        along = powers * natural[used] / theta[used]
         sd = math.sqrt(along @ covariance[np.ix_(used, used)] @ along)
         sds[product_name(names, exponents)] = sd * float(np.prod(theta[used] ** powers))
     return sds
