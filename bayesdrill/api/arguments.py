@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +19,7 @@ from bayesdrill.basics.values import Value, check_arguments
 from bayesdrill.config.job import Job
 from bayesdrill.record.experiment import check_time
 from bayesdrill.rig.models import MODELS
-from bayesdrill.rig.models.linear import Model, with_named
+from bayesdrill.rig.models.linear import Model
 from bayesdrill.sampling.workers import available_processors
 
 if TYPE_CHECKING:
@@ -65,16 +65,6 @@ def rig(value: Any) -> Model:
         return known(MODELS, value, "rig", "model")()
     wanted = f"a name ({', '.join(MODELS)}) or a model, such as MotorShaft()"
     raise InputError.at("rig", f"give {wanted}")
-
-
-def rig_with(value: Any, names: Collection[str]) -> Model:
-    """A model with what it offers of these names; raises `InputError` where they do not go together."""
-    plain = rig(value)
-    try:
-        return with_named(plain, names)
-    except InputError as error:
-        issues = [Issue(f"rig.{issue.place}", issue.message) for issue in error.problems]
-    raise InputError(issues)
 
 
 def known[T](registry: Mapping[str, T], name: Any, location: str, what: str) -> T:

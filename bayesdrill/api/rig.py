@@ -22,6 +22,7 @@ from bayesdrill.rig.models.linear import (
     missing_requirements,
     requirement_text,
     weak_statics,
+    with_named,
 )
 from bayesdrill.rig.simulators import simulator
 from bayesdrill.rig.simulators.sensors import ObservationModel, signal_names, state_weights
@@ -62,7 +63,7 @@ def respond(
     time.  To name a parameter that the rig only offers, such as `c_s`, is to switch it on.  Raises
     `InputError` with all that is wrong.
     """
-    model, issues = arguments.rig_with(rig, parameters), list[Issue]()
+    model, issues = with_named(arguments.rig(rig), parameters), list[Issue]()
     missing = missing_requirements(model).items()
     issues += [Issue(f"parameters.{n}", requirement_text(n, of)) for n, of in missing]
     signals = [signals] if isinstance(signals, str) else signals

@@ -172,10 +172,10 @@ def as_json(model: SimulatorModel) -> str:
 
 def _body(joint: str, model: SimulatorModel) -> str:
     """Return the name of what turns with a joint: `world` and `base` simulators have themselves."""
-    name, joints = joint, {*model.joints.values()} - {joint}
-    while name in joints or name in ("world", "base"):
+    taken, name = {"world", "base", *model.joints.values()}, f"{joint}_body"
+    while name in taken:
         name += "_body"
-    return name
+    return name if joint in ("world", "base") else joint
 
 
 def as_mjcf(model: SimulatorModel) -> str:
