@@ -140,8 +140,7 @@ class Case(Value):
 
         `profiles`: names of parameters whose profile likelihoods are computed, or `all`; `at`: the
         maximum at which this is evaluated, else the start values or, where the rig stands still
-        there, draws from the priors.  Raises `InputError` where no
-        parameter is unknown.
+        there, a draw from the priors.  Raises `InputError` where no parameter is unknown.
         """
         mode = None if at is None else self._mode(at)
         job = self.job if mode is None else self.job.with_steps_at(mode)
