@@ -33,7 +33,7 @@ help:
 	@echo "make real        run the benches of others whose data are there (minutes); ARGS=--fetch gets them"
 	@echo "make baseline    compare all results with those that are stored (4 minutes); ARGS=--write stores them"
 	@echo "make mutants     break the code in named ways and see the tests fail"
-	@echo "make attack      malformed configs, records and results, SECONDS=60 of each of eighteen kinds"
+	@echo "make attack      malformed configs, records and results, SECONDS=60 of each of 22 kinds"
 	@echo "make pages       look at reports in a headless Chromium, which has to be on PATH (a minute, in .venv-browser)"
 	@echo "make schema      write configs/schema.json anew"
 	@echo "make dist        the files of a release: dist/"

@@ -18,6 +18,8 @@ All that is returned is a frozen record and prints itself in words; nothing else
 
 from __future__ import annotations
 
+import os
+import re
 from typing import TYPE_CHECKING
 
 from bayesdrill.basics.registry import lazy_attributes, public_names
@@ -58,6 +60,11 @@ if TYPE_CHECKING:
     from bayesdrill.rig.models.motor_shaft import TwoRotors as TwoRotors
     from bayesdrill.rig.models.train import Train as Train
     from bayesdrill.tasks.identify import Findings as Findings
+
+# Transforms of SciPy raise an error at anything else; what is no number of threads counts as unset.
+for _name in ("OMP_NUM_THREADS", "DUCC0_NUM_THREADS"):
+    if not re.fullmatch(r"\s*\+?\d{1,9}\s*", os.environ.get(_name, "1")):
+        del os.environ[_name]
 
 __version__ = "0.1.0"
 

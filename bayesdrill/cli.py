@@ -10,12 +10,27 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
+from typer.core import TyperGroup
 
 import bayesdrill as bd
 from bayesdrill.basics.progress import reporter
 from bayesdrill.guard import INPUT_WRONG, NOT_CONVERGED, finish, guarded, saved_in, say
 
+
+class _Guarded(TyperGroup):
+    """All commands, whose mistakes, as those of help and version, end in a message and a status."""
+
+    def make_context(self, *arguments: Any, **named: Any) -> Any:
+        with guarded():
+            return super().make_context(*arguments, **named)
+
+    def invoke(self, ctx: Any) -> Any:
+        with guarded():
+            return super().invoke(ctx)
+
+
 app = typer.Typer(
+    cls=_Guarded,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -42,9 +57,8 @@ Processes = Annotated[
 
 
 def command[F: Callable[..., None]](example: str, name: str | None = None) -> Callable[[F], F]:
-    """A command, whose mistakes end in a message and a status; `example`: of its use."""
-    register = app.command(name, epilog=f"Example: bayesdrill {example}")
-    return lambda function: register(guarded()(function))
+    """A command; `example`: of its use."""
+    return app.command(name, epilog=f"Example: bayesdrill {example}")
 
 
 def _tell_version(wanted: bool) -> None:
@@ -182,6 +196,8 @@ def identify(
     say(findings.text)
     if output is not None:
         say("\nwritten: " + findings.save(output, force=force))
+    if findings.reasons:
+        raise typer.Exit(NOT_CONVERGED)
 
 
 @command("map configs/nominal_step.yaml", "map")

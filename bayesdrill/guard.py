@@ -52,13 +52,13 @@ def guarded() -> Iterator[None]:
     except (Interrupted, KeyboardInterrupt) as stopped:
         _tell(str(stopped) if isinstance(stopped, Interrupted) else "stopped")
         raise typer.Exit(INTERRUPTED) from None
-    except BrokenPipeError:
-        # Nobody reads on.  Python would try once more at the end, and fail, so give it a place.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        raise typer.Exit(0) from None
     except typer.Exit:
         raise
     except (Exception, SystemExit) as error:
+        # Nobody reads on, which the writer of helps makes an end of the process.
+        if BrokenPipeError in (type(error), type(error.__context__)):
+            _drop_unwritten()
+            raise typer.Exit(0) from None
         if errors.was_stopped(error):
             _tell("stopped")
             raise typer.Exit(INTERRUPTED) from None
@@ -69,11 +69,20 @@ def guarded() -> Iterator[None]:
         elif isinstance(error, OSError):
             where = f"{error.filename}: " if error.filename else ""
             _tell(f"{where}{_reason(error)}")
+            _drop_unwritten()
         elif text := blamed_package(error):
             _tell(text)
         else:
             raise
         raise typer.Exit(INPUT_WRONG) from None
+
+
+def _drop_unwritten() -> None:
+    """Drop what stdout does not take any more: Python would try once more at the end, and fail."""
+    try:
+        sys.stdout.flush()
+    except (OSError, AttributeError):  # there is none where it was closed from the beginning
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
 
 
 def say(text: str, *, err: bool = False) -> None:

@@ -266,8 +266,18 @@ def refuse_other_than_file(path: Path) -> None:
         raise InputError.at(str(path), message)
 
 
-def refuse_existing(path: Path, *, force: bool) -> None:
-    """Raises `InputError` where a file is, unless by `force`, or where none can be made."""
+def refuse_replacing(read: Iterable[Path], written: Iterable[Path]) -> None:
+    """Raises `InputError` where a command would replace a file that it reads, by whatever name."""
+    there = [path for path in read if path.is_file()]
+    for path in written:
+        if path.exists() and any(path.samefile(other) for other in there):
+            message = "is read by this command, or named by its config, and never replaced"
+            raise InputError.at(str(path), f"{message}; give another --output")
+
+
+def refuse_existing(path: Path, read: Iterable[Path] = (), *, force: bool) -> None:
+    """Raises `InputError` where a file is, unless by `force`, and of those `read` anyway."""
+    refuse_replacing(read, [path])
     if path.exists() and not force:
         raise InputError.at(str(path), "exists already; give --force or another --output")
     if not path.parent.is_dir():

@@ -20,6 +20,7 @@ from scipy.io import savemat
 
 from bayesdrill import output_files
 from bayesdrill.results import run_folder
+from bayesdrill.rig.models.drive_parts import Drive, Gear, Shaft
 
 NUMBERS = (
     "0", "-0.0", "1e-320", "1e-150", "1e-18", "-1", "1e18", "1e150", "1.7e308", "1e400", ".nan", ".inf",
@@ -464,3 +465,245 @@ def _written(ending: str, heads: list[str], every: list[Any], draw: st.DrawFn) -
     except Exception:  # not every format holds every kind
         return b"x"
     return out.getvalue()
+
+
+RUNS, CONFIGS = ("results/small", "results/other"), ("small.yaml", "campaign.yaml")
+PLACES = (
+    *RUNS, *CONFIGS, "small.csv", "sheet.yaml", "results/small/chain.h5", "results/small/run.json",
+    "results/small/config.yaml", "results", ".", "..", "", "nothing", "new.yaml", "new.csv", "out",
+    "out.xml", "new.svg", "/dev/null", "/dev/full", "~", "~nobody-here/x", "a\nb", "\udcff", "x" * 300,
+    "small.csv/x", "notes.md", "figures", "link.yaml", "hard.csv", "-", "--",
+)  # fmt: skip
+COUNTS = ("0", "1", "2", "-1", "3.5", "x", "", "1e9", "9" * 30, "nan")
+OPTIONS: dict[str, tuple[str, ...]] = {
+    "--output": PLACES,
+    "--figure": (*PLACES, "rig.png", "rig.svg"),
+    "--sheet": PLACES,
+    "--force": (),
+    "--resume": (),
+    "--quick": (),
+    "--verbose": (),
+    "--at-map": (),
+    "--clear": (),
+    "--help": (),
+    "--version": (),
+    "--processes": COUNTS,
+    "--seed": COUNTS,
+    "--draws": COUNTS,
+    "--sample": COUNTS,
+    "--gear": (*COUNTS, "14", "0.125"),
+    "--voltage": (*COUNTS, "8"),
+    "--rate": (*COUNTS, "20"),
+    "--rig": ("motor", "train", "motor_shaft", "x", ""),
+    "--columns": ("theta_1", "w_1=w_1 [rad/s]", "w_1=theta_2 [x]", "=", "t=t [ms]", "x=[", ""),
+    "--profile": ("all", "k_e", "k_s", "x", ""),
+    "--to": ("json", "mjcf", "urdf", "x"),
+    "--format": ("text", "bibtex", "cff", "x"),
+    "--of": ("run", "config", "x"),
+}
+TAKES: dict[str, tuple[str, ...]] = {
+    "init": (
+        "--output",
+        "--sheet",
+        "--force",
+        "--gear",
+        "--voltage",
+        "--rate",
+        "--rig",
+        "--columns",
+    ),
+    "check": ("--figure",),
+    "identify": ("--output", "--force", "--profile", "--at-map", "--processes"),
+    "map": ("--output", "--force", "--quick", "--processes"),
+    "posterior": ("--output", "--force", "--resume", "--processes", "--verbose"),
+    "report": ("--output", "--force", "--processes"),
+    "compare": ("--output", "--force"),
+    "verify": (),
+    "simulate": ("--output", "--force", "--seed"),
+    "export": ("--to", "--output", "--force", "--draws"),
+    "cite": ("--format",),
+    "schema": ("--of",),
+    "example": (),
+    "cache": (),
+}
+
+
+@st.composite
+def command_line(draw: st.DrawFn) -> list[str]:
+    """A command with things that it may be given, and at times others."""
+    command = draw(st.sampled_from([*TAKES]))
+    likely = {"init": ("small.csv",), "report": RUNS, "compare": RUNS, "verify": RUNS, "export": RUNS,
+              "cite": RUNS, "schema": (), "cache": (), "example": ("new", "out")}  # fmt: skip
+    usual = likely.get(command, CONFIGS)
+    least = min(len(usual), 1) + (command == "compare")
+    words = [
+        draw(st.sampled_from(usual if usual and draw(st.integers(0, 3)) else PLACES))
+        for _ in range(draw(st.integers(least if draw(st.integers(0, 9)) else 0, least + 1)))
+    ]
+    for _ in range(draw(st.integers(0, 4))):
+        any_option = draw(st.integers(0, 9)) == 0 or not TAKES[command]
+        option = draw(st.sampled_from([*OPTIONS] if any_option else TAKES[command]))
+        values = OPTIONS[option]
+        words += [option, draw(st.sampled_from(values))] if values else [option]
+    if command == "export" and "--to" not in words:
+        words += ["--to", draw(st.sampled_from(OPTIONS["--to"]))]
+    return [command, *words]
+
+
+OUTPUTS = ("pipe", "closed pipe", "/dev/full", "closed")
+ENVIRONMENTS = {
+    "OMP_NUM_THREADS": ("", "x", "0", "-1", "4,2", "1e3", "2"),
+    "DUCC0_NUM_THREADS": ("", "x", "2"),
+    "BAYESDRILL_CACHE": ("off", "OFF", "0", "", "~", "/dev/null", "cache", "~nobody-here", "a\nb"),
+    "COLUMNS": ("0", "1", "x", "500"),
+    "PYTHONIOENCODING": ("ascii", "utf-8", "latin-1"),
+    "NO_COLOR": ("1",),
+    "TERM": ("dumb", ""),
+}
+
+
+@st.composite
+def environment(draw: st.DrawFn) -> dict[str, str]:
+    names = draw(st.sets(st.sampled_from([*ENVIRONMENTS]), max_size=3))
+    return {name: draw(st.sampled_from(ENVIRONMENTS[name])) for name in sorted(names)}
+
+
+ENDS = ("motor", "load")
+GIVEN: tuple[Any, ...] = (
+    *VALUES, np.float64(0.5), np.array(0.5), np.array([1.0, 2.0]), np.datetime64("2026-01-01"), 1j,
+    b"x", {1: 2}, {"x"}, range(3), len, int, object(), Path("nothing"), ("motor",), ENDS,
+    ("motor",) * 50, {"s": ENDS}, {"s": ["motor", 5]}, {"motor": "voltage"},
+    {"g": {"between": ENDS, "ratio": 0.5}}, {"g": {"between": ENDS, "ratio": 10**400}},
+    (Shaft("s", ENDS),), (Shaft("s", 5),),  # type: ignore[arg-type]
+    (Shaft(3, (["motor"], "load")),), (Gear("g", ENDS, 10**400),), (Gear("g", ENDS, float("nan")),),  # type: ignore[arg-type]
+    (Drive("motor", "torque"),), (Drive(5, []),), Drive("motor", "speed"), ("t_cm", "t_sm", "w_sm"),  # type: ignore[arg-type]
+)  # fmt: skip
+T = np.linspace(0.0, 2.0, 41)
+BOX = {"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}
+# What is called, and what it is called with where nothing else is drawn.
+CALLS: dict[str, dict[str, Any]] = {
+    "MotorShaft": {"i_m": 0.125, "stribeck": 1, "added": ()},
+    "Motor": {"i_m": 1.0, "stribeck": 1, "added": ()},
+    "DrivenShaft": {"stribeck": 1, "added": ()},
+    "LongShaft": {"i_m": 0.125, "elements": 2, "stribeck": 1, "added": ()},
+    "TwoRotors": {"i_m": 0.125, "j_2": 0.0, "r_s": 0.0},
+    "Train": {"inertias": ENDS, "shafts": {"s": ENDS}, "gears": {}, "drives": {"motor": "voltage"},
+              "motion": "rotary", "gravity": (), "rock": (), "stribeck": 1, "added": ()},
+    "respond": {"rig": "motor_shaft", "parameters": {}, "t": T, "inputs": {"v": 8.0}, "signals": "w_1",
+                "initial": None, "hold": "zero"},
+    "case": {"t": T, "channels": {}, "inputs": {"v": 8.0}, "parameters": {"k_s": BOX}, "nominal": None,
+             "seed": 0, "name": "case", "rig": "motor_shaft"},
+    "load": {"path": "small.yaml"},
+    "open": {"folder": "results/small"},
+    "verify": {"folder": "results/small"},
+    "export": {"folder": "results/small", "to": "json", "draws": 5, "seed": 0},
+    "compare": {"runs": [*RUNS], "names": None},
+    "overlay": {"runs": [*RUNS], "names": None},
+    "citation": {"folder": None},
+    "schema": {"of": "config"},
+    "nominal": {"table": "tables_2_3"},
+    "example": {"folder": "new"},
+    "simulate": {"config": "small.yaml", "output": "new.csv", "seed": 1, "force": True},
+    "ladder": {"config": "small.yaml", "sample": 2},
+    "calibration": {"config": "small.yaml"},
+}  # fmt: skip
+
+
+@st.composite
+def api_call(draw: st.DrawFn) -> tuple[str, dict[str, Any]]:
+    """A call with one to three arguments of any kind."""
+    name = draw(st.sampled_from([*CALLS]))
+    given = dict(CALLS[name])
+    changed = draw(st.sets(st.sampled_from([*given]), min_size=1, max_size=3))
+    return name, given | {each: draw(st.sampled_from(GIVEN)) for each in sorted(changed)}
+
+
+DRIVES = {"voltage": ("u_{}", "V"), "torque": ("t_{}", "N*m"), "speed": ("w_{}", "rad/s"),
+          "current": ("i_{}", "A")}  # fmt: skip
+
+
+@st.composite
+def campaign(draw: st.DrawFn) -> tuple[str, list[np.ndarray]]:
+    """Experiments with a train that rubs or drills: the config, and their records `t w u n`."""
+    rng = np.random.default_rng(draw(st.integers(0, 2**32)))
+    flip = lambda share: bool(rng.random() < share)  # noqa: E731
+    kind, bit = str(rng.choice([*DRIVES])), flip(0.5)
+    two = flip(0.6) or kind == "speed"
+    driven = "motor" if two else "load"
+    numbers: dict[str, str] = {}
+
+    def number(name: str, smallest: float = -5, largest: float = 3) -> None:
+        x = 10 ** rng.uniform(smallest, largest)
+        box = f"{{prior: log_uniform, low: {x:.3g}, high: {x * 10 ** rng.uniform(0.5, 4):.3g}}}"
+        ends = f"{{prior: uniform, low: 0, high: {x:.3g}}}"
+        numbers[name] = str(rng.choice([box, ends, f"{x:.3g}"], p=[0.5, 0.2, 0.3]))
+
+    for name in (
+        *(["j_motor"] if two and kind != "speed" else []),
+        *(["k_s"] if two else []),
+        "j_load",
+    ):
+        number(name)
+    for name in ("c_load", "t_c_load", "c_s" if two else "c_load"):
+        if flip(0.3):
+            number(name)
+    if "t_c_load" in numbers and flip(0.5):
+        number("t_s_load")
+        number("w_s_load")
+    if kind in ("voltage", "current"):
+        number(f"k_T_{driven}", -2, 1)
+    if kind == "voltage":
+        number(f"r_{driven}", -1, 1)
+        if flip(0.5):
+            number(f"k_e_{driven}", -2, 1)
+    for k in range(4) if bit else ():
+        number(f"b_{k}_load")
+    if gravity := flip(0.2):
+        number("g_load")
+        number("a_load", -1, 0.5)
+    labels = ["a", "b", "c"][: int(rng.integers(1, 4))]
+    count, step = int(rng.choice([3, 12, 60])), float(rng.choice([0.01, 0.05]))
+    size, weight = 10 ** rng.uniform(-3, 3), 10 ** rng.uniform(0, 8)
+    t = np.arange(count) * step
+    records = []
+    for _ in labels:
+        u = [np.full(count, size), size * np.sin(3 * t), size * (t > 0.3), 0.0 * t][rng.integers(4)]
+        w = [0.01 * np.sin(t), size * np.sin(3 * t), 0.1 * t, 0.0 * t][rng.integers(4)]
+        records.append(np.stack([t, w, u, np.full(count, weight)], axis=-1))
+    lines = {label: [f"record: {{file: {label}.csv}}"] for label in labels}
+    priors = [name for name, text in numbers.items() if "prior" in text]
+    own = [name for name in priors if flip(0.2)] if len(labels) > 1 else []
+    derived = [
+        f"x_{k}: {draw(st.sampled_from([*numbers, *priors, 'k_s']))}_a*2" for k in range(flip(0.5))
+    ]
+    if len(labels) > 1 and flip(0.6):
+        name = str(rng.choice([*numbers, "k_x"]))
+        for label in labels[: int(rng.integers(1, 4))]:
+            number = draw(
+                st.sampled_from([*NUMBERS, *numbers, f"2*{name}", "nominal", "0.5*j_load"])
+            )
+            lines[label].append(f"parameters: {{{name}: {number}}}")
+    parts = "inertias: [motor, load], shafts: {s: [motor, load]}" if two else "inertias: [load]"
+    parts += f", drives: {{{driven}: {kind}}}"
+    parts += ", rock: [load]" if bit else ""
+    parts += ", gravity: [load]" if gravity else ""
+    symbol, unit = DRIVES[kind]
+    channel = str(
+        rng.choice(["w_load: {column: w, unit: rad/s", "theta_load: {column: w, unit: rad"])
+    )
+    sigma = str(rng.choice(["0.1", "1.0e-3", "{prior: log_uniform, low: 0.001, high: 1}"]))
+    several = "".join(f"  {label}: {{{', '.join(entries)}}}\n" for label, entries in lines.items())
+    text = (
+        "name: campaign\nseed: 1\nrecord:\n"
+        + ("" if len(labels) > 1 else "  file: a.csv\n")
+        + f"  time: {{column: t, unit: s}}\n  channels:\n    {channel}, sigma: {sigma}}}\n"
+        + f"inputs:\n  {symbol.format(driven)}: {{column: u, unit: {unit}, hold: zero}}\n"
+        + ("  wob_load: {column: n, unit: N, hold: zero}\n" if bit else "")
+        + (f"experiments:\n{several}" if len(labels) > 1 else "")
+        + (f"own: [{', '.join(own)}]\n" if own else "")
+        + draw(st.sampled_from(["", "initial: free\n", "initial: steady\n"]))
+        + f"model: {{name: train, {parts}}}\nparameters:\n"
+        + "".join(f"  {name}: {value}\n" for name, value in numbers.items())
+        + (f"derived: {{{', '.join(derived)}}}\n" if derived else "")
+    )
+    return text, records

@@ -9,7 +9,7 @@ import signal
 import sys
 import time
 import traceback
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,11 +19,15 @@ MEMORY = 2 * 1024**3  # beyond what the parent has
 
 @dataclass(frozen=True)
 class Ended:
-    """`status`: of the exit, or minus the number of the signal that ended it."""
+    """`status`: of the exit, or minus the number of the signal that ended it.
+
+    `silence`: the longest time in which nothing was printed, in seconds.
+    """
 
     status: int
     text: str
     hung: bool
+    silence: float = 0.0
 
     @property
     def traceback(self) -> bool:
@@ -32,16 +36,30 @@ class Ended:
 
 def ran(arguments: Sequence[str | Path], cwd: Path, seconds: float = SECONDS) -> Ended:
     """Killed, with all that it started, where it takes longer than `seconds`."""
+
+    def command() -> None:
+        from bayesdrill.cli import main
+
+        sys.argv = ["bayesdrill", *map(str, arguments)]
+        main()
+
+    return called(command, cwd, seconds)
+
+
+def called(what: Callable[[], object], cwd: Path, seconds: float = SECONDS) -> Ended:
+    """As `ran`, of a call; an `InputError` has the status that it has on the command line."""
     out, into = os.pipe()
     child = os.fork()
     if child == 0:
-        _inside([str(argument) for argument in arguments], cwd, into)
+        _inside(what, cwd, into)
     os.close(into)
     return _watched(child, out, time.monotonic() + seconds)
 
 
-def _inside(arguments: list[str], cwd: Path, into: int) -> None:
+def _inside(what: Callable[[], object], cwd: Path, into: int) -> None:
     """Never returns."""
+    from bayesdrill.basics.errors import InputError
+
     status = 1
     try:
         os.setpgid(0, 0)
@@ -53,11 +71,11 @@ def _inside(arguments: list[str], cwd: Path, into: int) -> None:
         sys.stderr = os.fdopen(2, "w", closefd=False)
         own = _virtual()
         resource.setrlimit(resource.RLIMIT_AS, (own + MEMORY, own + MEMORY))
-        from bayesdrill.cli import main
-
-        sys.argv = ["bayesdrill", *arguments]
-        main()
+        what()
         status = 0
+    except InputError as error:
+        print(repr(str(error)))
+        status = 2
     except SystemExit as end:
         status = end.code if isinstance(end.code, int) else int(bool(end.code))
     except BaseException:
@@ -74,7 +92,7 @@ def _virtual() -> int:
 
 
 def _watched(child: int, out: int, end: float) -> Ended:
-    said, hung = [], False
+    said, hung, silence, last = [], False, 0.0, time.monotonic()
     with os.fdopen(out, "rb") as pipe:
         while True:
             ready, _, _ = select.select([pipe], [], [], max(0.0, end - time.monotonic()))
@@ -82,6 +100,7 @@ def _watched(child: int, out: int, end: float) -> Ended:
                 hung = True
                 break
             block = os.read(pipe.fileno(), 65536)
+            silence, last = max(silence, time.monotonic() - last), time.monotonic()
             if not block:
                 break
             said.append(block)
@@ -89,4 +108,4 @@ def _watched(child: int, out: int, end: float) -> Ended:
         os.killpg(child, signal.SIGKILL)
     _, code = os.waitpid(child, 0)
     text = b"".join(said).decode("utf-8", "replace")
-    return Ended(os.waitstatus_to_exitcode(code), text, hung)
+    return Ended(os.waitstatus_to_exitcode(code), text, hung, silence)

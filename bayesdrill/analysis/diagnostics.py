@@ -15,9 +15,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdrill.analysis.identifiability.structure import Exponents
 from bayesdrill.basics.arrays import Array, Counts
 from bayesdrill.inference import laplace
-from bayesdrill.inference.derived import hdi
+from bayesdrill.inference.derived import hdi, product_name
 from bayesdrill.inference.posterior import Posterior, Problem
 from bayesdrill.inference.priors import Prior, prior_sd
 from bayesdrill.sampling.convergence import Convergence, thinned
@@ -277,8 +278,20 @@ def _chance_widths(n_ensembles: int, n: int, false_alarm: float, rng: np.random.
     return np.asarray(spread * np.quantile(np.concatenate(farthest), 1.0 - false_alarm))
 
 
-def sandwich_sds(posterior: Posterior, theta: Array) -> dict[str, float]:
-    """Return the sds of the unknowns by `laplace.sandwich`, in the units of `theta (D,)`."""
-    sds = np.sqrt(np.diag(laplace.sandwich(posterior, theta)))
+def sandwich_sds(
+    posterior: Posterior, theta: Array, products: Sequence[Exponents] = ()
+) -> dict[str, float]:
+    """Return the sds of the unknowns by `laplace.sandwich`, in the units of `theta (D,)`.
+
+    Also those of `products` of powers of the first unknowns, by their names as derived quantities.
+    """
+    covariance, names = laplace.sandwich(posterior, theta), posterior.space.free
     natural = posterior.coordinates.natural(theta[None])[0]
-    return dict(zip(posterior.space.free, (sds * natural).tolist(), strict=True))
+    sds = dict(zip(names, (np.sqrt(np.diag(covariance)) * natural).tolist(), strict=True))
+    for exponents in products:
+        used = np.flatnonzero(exponents)
+        powers = np.array(exponents, dtype=float)[used]
+        along = powers * natural[used] / theta[used]
+        sd = math.sqrt(along @ covariance[np.ix_(used, used)] @ along)
+        sds[product_name(names, exponents)] = sd * float(np.prod(theta[used] ** powers))
+    return sds

@@ -86,18 +86,20 @@ def plausibility_of_gear(problem: Problem) -> Iterator[str]:
 
 
 def plausibility_of_nominal(problem: Problem) -> tuple[str, ...]:
-    """Yield what is odd of nominal values, or of fixed ones and those at the start."""
-    space = problem.posterior.space
-    values = {**space.start, **problem.nominal, **space.fixed}
-    values |= {name: float(relation.value(values)) for name, relation in space.relations.items()}
-    table = {name for name in problem.published if values[name] == problem.nominal[name]}
-    model = problem.model
-    rig = {name: np.array([values[name]]) for name in model.parameters}
-    return (
-        *_energy_of_nominal({n: x for n, x in values.items() if n in model.parameters}, model),
-        *_geometry({name: x for name, x in values.items() if name in table}, model),
-        *_poles(poles(model, rig), problem),
-    )
+    """Return what is odd of nominal values, or of fixed ones and those at the start, each once."""
+    space, model = problem.posterior.space, problem.model
+    every = {**space.start, **problem.nominal, **space.fixed}
+    every |= {name: float(relation.value(every)) for name, relation in space.relations.items()}
+    found: list[str] = []
+    for observation in problem.observations:
+        names = observation.named(model.parameters)
+        values = {name: every[called] for name, called in names.items()}
+        table = {n: x for n, x in values.items() if n in problem.published}
+        table = {n: x for n, x in table.items() if x == problem.nominal[n]}
+        found += _energy_of_nominal(values, model)
+        found += _geometry(table, model)
+        found += _poles(poles(model, {n: np.array([x]) for n, x in values.items()}), problem)
+    return tuple(dict.fromkeys(found))
 
 
 def plausibility_of_draws(problem: Problem, draws: Array, known: Information) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ import numpy as np
 from bayesdrill.analysis import causes, diagnostics, latent_torque, plausibility
 from bayesdrill.analysis.causes import Causes, EquivalentExplanation
 from bayesdrill.analysis.comparison import RepeatedProduct, repeats
-from bayesdrill.analysis.diagnostics import ParameterRow
+from bayesdrill.analysis.diagnostics import DETERMINED_SHRINKAGE, ParameterRow
 from bayesdrill.analysis.friction_motion import FrictionMotion, friction_motions
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.identifiability.structure import Exponents
@@ -31,7 +31,7 @@ from bayesdrill.basics.errors import ErrorCollector
 from bayesdrill.basics.values import Value
 from bayesdrill.config.schema.config import Asked
 from bayesdrill.inference import derived
-from bayesdrill.inference.derived import Derived
+from bayesdrill.inference.derived import Derived, product_name
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.residual_checks import (
     ResidualSummary,
@@ -146,7 +146,7 @@ class RunAnalysis:
     unknowns: what the draws say of each unknown [its own unit, SI]
     fit: what the MAP leaves of each channel [sd of the noise]
     inputs: sentences on inputs that residuals follow, where the fit leaves more than noise
-    sandwich: sds of unknowns as correlated residuals have them [its own unit, SI]
+    sandwich: sds of unknowns and products that allow for what the fit leaves [its own unit, SI]
     judged: what the record can show, and the verdict, if there is a table [SI, sigma, natural logs]
     repeats: products of unknowns as each of several experiments has them [natural logs]
     causes: what would explain a fit that leaves more than noise [SI]
@@ -195,6 +195,17 @@ class RunAnalysis:
         """All numbers, by names such as `unknowns.k_s.mean`, `fit.w_1.rms` and `evidence.log_z`."""
         return dict(values.leaves(values.as_data(self)))
 
+    @property
+    def unsupported(self) -> Mapping[str, float]:
+        """What the draws determine and its sandwich sd does not: how many times as large that is."""
+        ratios = {u.name: (u.sd, 1 - u.shrinkage) for u in self.unknowns if u.word == "determined"}
+        if self.judged is not None:
+            verdict = self.judged.verdict
+            for q in (*verdict.saying("agrees"), *verdict.far):
+                ratios[product_name(verdict.names, q.exponents)] = q.sd, q.sd_ratio
+        times = {n: self.sandwich.get(n, 0.0) / sd for n, (sd, _) in ratios.items() if sd > 0}
+        return {n: x for n, x in times.items() if x * ratios[n][1] >= 1 - DETERMINED_SHRINKAGE}
+
     @classmethod
     def describe(cls, name: str) -> str:
         """Describe the number of this name, with its unit; raises `KeyError` for an unknown name."""
@@ -218,6 +229,7 @@ def analyse(
     rows, judged = conclude(problem, asked, run.mode, sampled, sensitivity, fits=fits)
     blamed = alone and judged is not None and bool(judged.verdict.far)
     products = () if judged is None else basis(judged.study, judged.study.names)
+    compared = () if judged is None else [q.exponents for q in judged.verdict.products]
     following = run.derived(judged)
     rows_of_derived: tuple[derived.DerivedRow, ...] = ()
     with run.sparing.making("derived quantities"):
@@ -226,9 +238,7 @@ def analyse(
         unknowns=rows,
         fit=run.fit,
         inputs=() if fits else input_sentences(correlations(posterior.likelihood, best)),
-        sandwich=diagnostics.sandwich_sds(posterior, best)
-        if any(row.correlated for row in run.fit)
-        else {},
+        sandwich={} if fits else diagnostics.sandwich_sds(posterior, best, compared),
         judged=judged,
         repeats=repeats(sensitivity, best, products),
         causes=explained,

@@ -199,7 +199,7 @@ def half_sample_shift(sensitivity: SensitivityStudy, theta: Array) -> InputTimin
     pairs = zip(observations, sensitivity.motions(theta), strict=True)
     late = np.concatenate([_delay_sensitivity(*p, sensitivity, theta).ravel() for p in pairs])
     rows = sensitivity.with_nuisances(theta)
-    if not (np.isfinite(half) and np.isfinite(rows).all() and np.isfinite(late).all()):
+    if not (np.isfinite(half) and np.isfinite(late).all()):
         return None
     matrix = np.vstack([rows, np.diag(1.0 / sensitivity.prior_spreads)])
     target = np.append(half * late, np.zeros(rows.shape[1]))

@@ -3,26 +3,23 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-from pydantic import TypeAdapter, ValidationError
 
 from bayesdrill.basics.arrays import Array
-from bayesdrill.basics.entries import entries_of
-from bayesdrill.basics.errors import InputError, Issue, did_you_mean, short_repr
+from bayesdrill.basics.errors import InputError, Issue, short_repr
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.basics.registry import lookup
 from bayesdrill.basics.values import Value, check_arguments
 from bayesdrill.config.job import Job
-from bayesdrill.record.experiment import check_time, raise_if_any
+from bayesdrill.record.experiment import check_time
 from bayesdrill.rig.models import MODELS
-from bayesdrill.rig.models.drive_parts import PartsError
-from bayesdrill.rig.models.linear import Model, with_named
+from bayesdrill.rig.models.linear import Model
 from bayesdrill.sampling.workers import available_processors
 
 if TYPE_CHECKING:
@@ -63,45 +60,11 @@ def rig(value: Any) -> Model:
     """A model, or that of its name as it is by default."""
     kinds = tuple(MODELS.usable().values())
     if isinstance(value, kinds):
-        _check_constants(value)
-        _check_added(value)
         return value
     if isinstance(value, str):
         return known(MODELS, value, "rig", "model")()
     wanted = f"a name ({', '.join(MODELS)}) or a model, such as MotorShaft()"
     raise InputError.at("rig", f"give {wanted}")
-
-
-def rig_with(value: Any, names: Collection[str]) -> Model:
-    """A model with what it offers of these names; raises `InputError` where they do not go together."""
-    try:
-        return with_named(rig(value), names)
-    except PartsError as error:
-        issues = [Issue(f"rig.{entry}", message) for entry, message in error.entries]
-    raise InputError(issues)
-
-
-def _check_constants(rig: Model) -> None:
-    problems = []
-    for name, kind in entries_of(type(rig)).items():
-        value = getattr(rig, name)
-        plain = value.item() if getattr(value, "shape", None) == () else value
-        try:
-            TypeAdapter(kind).validate_python(plain, strict=True)
-        except ValidationError as error:
-            why = error.errors()[0]["msg"].removeprefix("Value error, ")
-            problems.append(Issue(f"rig.{name}", f"{short_repr(value)} cannot be this: {why}"))
-    raise_if_any(problems)
-
-
-def _check_added(rig: Model) -> None:
-    added = rig.added
-    if not isinstance(added, tuple):
-        raise InputError.at("rig.added", f"give a tuple of names, not {type(added).__name__}")
-    for name in added:
-        if name not in tuple(rig.offers):
-            hint = did_you_mean(str(name), rig.offers)
-            raise InputError.at("rig.added", f"{rig.name} has no {name!r} to add{hint}")
 
 
 def known[T](registry: Mapping[str, T], name: Any, location: str, what: str) -> T:

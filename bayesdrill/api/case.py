@@ -19,7 +19,8 @@ from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.basics.values import Value, check_arguments, equal_content
 from bayesdrill.config import job
 from bayesdrill.config.job import Job, prepare
-from bayesdrill.output_files import FORMATS
+from bayesdrill.config.records import sources
+from bayesdrill.output_files import FORMATS, refuse_replacing
 from bayesdrill.record.experiment import raise_if_any
 from bayesdrill.report import words
 from bayesdrill.rig.models.linear import Model
@@ -153,6 +154,7 @@ class Case(Value):
         problem, to = self.job.problem, Path(path).expanduser()
         if to.suffix[1:] not in FORMATS:
             raise InputError.at("--figure", f"'{to.name}' is none of .{', .'.join(FORMATS)}")
+        refuse_replacing(sources.files(self.job.case), [to])
         return f"figure: {save_rig(problem.model, to)}"
 
     def identify(
@@ -167,17 +169,13 @@ class Case(Value):
             case.identify("all", at=case.find_map())
 
         `profiles`: names of parameters whose profile likelihoods are computed, or `all`; `at`: the
-        maximum at which this is evaluated, else the start values.  Raises `InputError` where no
-        parameter is unknown.
+        maximum at which this is evaluated, else the start values or, where the rig stands still
+        there, a draw from the priors.  Raises `InputError` where no parameter is unknown.
         """
-        job, space = self.job, self.job.problem.posterior.space
-        values, where = space.start, "the start"
-        if at is not None:
-            mode = self._mode(at)
-            job, values, where = job.with_steps_at(mode), mode.values, "the MAP"
+        mode = None if at is None else self._mode(at)
+        job = self.job if mode is None else self.job.with_steps_at(mode)
         names = [profiles] if isinstance(profiles, str) else profiles
-        progress = report or SILENT
-        return identify.identify(job, space.vector(values), where, names, progress)
+        return identify.identify(job, mode, names, report or SILENT)
 
     @staticmethod
     def check_place(folder: str | Path, *, force: bool = False) -> None:

@@ -185,11 +185,12 @@ def compare(
 def _compared(
     form: str, runs: Sequence[single.Run | str | Path], names: Sequence[str] | None
 ) -> Comparison:
-    comparison.check_number(comparison.FORMS[form], len(runs))
+    places = [None if isinstance(run, single.Run) else Path(run).expanduser() for run in runs]
+    given = [run if place is None else place for run, place in zip(runs, places, strict=True)]
+    comparison.check_runs(comparison.FORMS[form], given)
     if names is not None and len(names) != len(runs):
         raise InputError.at("names", f"{len(names)} names of {len(runs)} runs")
     opened = [run if isinstance(run, single.Run) else single.open(run) for run in runs]
-    places = [None if isinstance(run, single.Run) else Path(run).expanduser() for run in runs]
     defaults = [
         run.job.config.name if place is None else place.resolve().name
         for run, place in zip(opened, places, strict=True)
@@ -211,8 +212,8 @@ def check_folder(
 
     Raises `InputError` where it cannot be.
     """
-    comparison.check_number(comparison.FORMS[form], len(folders))
     places = [Path(folder).expanduser() for folder in folders]
+    comparison.check_runs(comparison.FORMS[form], places)
     names = comparison.distinct([path.resolve().name for path in places])
     default = comparison.default_folder(comparison.FORMS[form], names)
     target = arguments.results_folder(output, default)

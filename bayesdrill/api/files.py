@@ -147,7 +147,9 @@ def init(
     if len(records) > 1:
         beside = records[0].with_name(f"{record_files.common_stem(records)}.yaml")
     target = arguments.results_folder(output, beside)
-    values = None if sheet is None else yaml_source.read(Path(sheet).expanduser())
+    read = [*records, *([] if sheet is None else [Path(sheet).expanduser()])]
+    output_files.refuse_replacing(read, [target])
+    values = None if sheet is None else yaml_source.read(read[-1])
     draft.check_draft_path(target, records, force=force)
     drafted = draft.guess(records, target, known, values)
     draft.check_draft_path(target, records, force=force)  # the guess took a while
@@ -197,9 +199,8 @@ def simulate(
         message = "is no folder; name one for the records of several experiments"
         raise InputError.at(str(given), message)
     texts = simulation.simulate_all(case, used_seed, given)
-    records = [sources.path_of(each) for each in case.experiments]
-    for (target, text), record in zip(texts.items(), records, strict=True):
-        simulation.check_target(text, target, record, force=force)
+    for target, text in texts.items():
+        simulation.check_target(text, target, sources.files(case), force=force)
     files = {}
     for (target, text), experiment in zip(texts.items(), case.experiments, strict=True):
         if several:
@@ -266,19 +267,23 @@ def export(
     """
     import numpy as np
 
+    from bayesdrill.config.records import sources
     from bayesdrill.tasks import export as exporting
     from bayesdrill.tasks import pipeline
 
     write = arguments.known(exporting.FORMS, to, "to", "form")
     count = arguments.whole("draws", draws, 2)
     target = None if output is None else Path(output).expanduser()
+    place = Path(folder).expanduser()
     if target is not None:
         output_files.refuse_other_than_file(target)
-        output_files.refuse_existing(target, force=force)
-    run = pipeline.read_result(Path(folder).expanduser())
+        read = (place / name for name in output_files.present(place, output_files.POSTERIOR))
+        output_files.refuse_existing(target, read, force=force)
+    run = pipeline.read_result(place)
     rng = np.random.default_rng(seed)
     text = write(exporting.simulator_model(run, count, rng))
     if target is not None:
+        output_files.refuse_replacing(sources.files(run.job.case), [target])
         output_files.write_text(target, text)
     return text
 

@@ -17,7 +17,13 @@ from bayesdrill.basics.values import check_arguments
 from bayesdrill.config.schema.vocabulary import idle_inputs
 from bayesdrill.inference import step_error
 from bayesdrill.record.experiment import Channel, Experiment, frozen, raise_if_any
-from bayesdrill.rig.models.linear import Model, missing_requirements, requirement_text
+from bayesdrill.rig.models.linear import (
+    Model,
+    missing_requirements,
+    requirement_text,
+    weak_statics,
+    with_named,
+)
 from bayesdrill.rig.simulators import simulator
 from bayesdrill.rig.simulators.sensors import ObservationModel, signal_names, state_weights
 
@@ -57,7 +63,7 @@ def respond(
     time.  To name a parameter that the rig only offers, such as `c_s`, is to switch it on.  Raises
     `InputError` with all that is wrong.
     """
-    model, issues = arguments.rig_with(rig, parameters), list[Issue]()
+    model, issues = with_named(arguments.rig(rig), parameters), list[Issue]()
     missing = missing_requirements(model).items()
     issues += [Issue(f"parameters.{n}", requirement_text(n, of)) for n, of in missing]
     signals = [signals] if isinstance(signals, str) else signals
@@ -110,6 +116,7 @@ def _parameters(rig: Model, values: Mapping[str, float], issues: list[Issue]) ->
         if read[name] > symbol.at_most:
             message = f"{short_repr(values[name])} is more than {symbol.at_most:g}"
             issues.append(Issue(location, message))
+    issues += [Issue(f"parameters.{name}", why) for name, why in weak_statics(rig, read).items()]
     return read
 
 

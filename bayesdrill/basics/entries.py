@@ -7,13 +7,16 @@ is `Annotated` is an entry of the config: `i_m: Positive = 0.125`.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import types
 import typing
-from collections.abc import Mapping
-from typing import Annotated, Any
+from collections.abc import Hashable, Mapping
+from typing import Annotated, Any, cast
 
-from pydantic import BaseModel, ConfigDict, Field, create_model
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
 from pydantic.fields import FieldInfo
+
+from bayesdrill.basics.errors import InputError, Issue, short_repr
 
 
 class Strict(BaseModel):
@@ -56,10 +59,27 @@ def entries_of(kind: type) -> dict[str, Any]:
     return {name: hints[name] for name in names if _annotated(hints[name])}
 
 
-def check_entries(kind: type) -> None:
-    """Raise an error where the entries of another package's member can stand in no config."""
+@functools.cache
+def entries_model(kind: Any) -> type[Strict]:
+    """Return the section with all entries of a member; raises where they can stand in no config."""
     fields: dict[str, Any] = {name: (hint, ...) for name, hint in entries_of(kind).items()}
-    create_model("Entries", __base__=Strict, **fields)
+    return create_model("Entries", __base__=Strict, **fields)
+
+
+def set_constants(member: Any) -> None:
+    """Give a frozen member its entries as a config reads them; raises `InputError` with all mistakes."""
+    section = entries_model(cast("Hashable", type(member)))
+    given = {name: getattr(member, name) for name in section.model_fields}
+    try:
+        read = section(
+            **{n: x.item() if getattr(x, "shape", 0) == () else x for n, x in given.items()}
+        )
+    except ValidationError as error:
+        reasons = {str(e["loc"][0]): e["msg"].removeprefix("Value error, ") for e in error.errors()}
+        said = {n: f"{short_repr(given[n])} cannot be this: {why}" for n, why in reasons.items()}
+        raise InputError([Issue(*each) for each in said.items()]) from None
+    for name in given:
+        object.__setattr__(member, name, getattr(read, name))
 
 
 def _annotated(hint: Any) -> bool:

@@ -59,6 +59,10 @@ class Expression:
         """Whether it surely is where all unknowns are: no sum, as a number in it can be negative."""
         return _is_positive(self.tree)
 
+    def renamed(self, names: Mapping[str, str]) -> Expression:
+        """Return it with other names."""
+        return self.substituted({old: Expression(x, ast.Name(x)) for old, x in names.items()})
+
     def substituted(self, others: Mapping[str, Expression]) -> Expression:
         """Return it with the names of `others` replaced; raises `ValueError` where that is too long."""
 

@@ -66,7 +66,7 @@ def validate(source: Source) -> ResolvedCase:
     if experiments.EXPERIMENTS in source.data:
         config, resolved = _load_several(source, kind)
     else:
-        alone = _load_single(source, kind, alone=True)
+        alone = _load_single(source, kind)
         config, resolved = alone.config, {"": alone}
     experiments_ = tuple(resolved.values())
     config = _with_walkers(config, experiments_[0].model)
@@ -128,7 +128,7 @@ def _load_several(
             location = (experiments.EXPERIMENTS, label, "record", "file")
             problems += [source.issue(location, NO_RECORD)] if alone else []
         try:
-            resolved[label] = _load_single(local_source, kind, label, alone=False)
+            resolved[label] = _load_single(local_source, kind, label)
         except InputError as error:
             problems += error.problems
     whole = experiments.join_experiments(source, alone)
@@ -155,10 +155,7 @@ def _by_location(error: ValidationError, source: Source) -> dict[Location, dict[
     return {_location(item["loc"], source.data): dict(item) for item in error.errors()}
 
 
-def _load_single(
-    source: Source, kind: type[Config], label: str = "", *, alone: bool
-) -> ResolvedExperiment:
-    """`alone`: whether there is no other experiment."""
+def _load_single(source: Source, kind: type[Config], label: str = "") -> ResolvedExperiment:
     problems = list(source.repeated)
     pruned = copy.deepcopy(source.data)
     try:
@@ -171,9 +168,9 @@ def _load_single(
         implied = {at for at, item in errors.items() if at in meant and item["type"] == "missing"}
         problems += [source.issue(at, messages[at]) for at in errors if at not in implied]
         spoilt = [*errors, *filter(None, meant)]
-        problems += _check_remaining(pruned, spoilt, source, kind, alone=alone)
+        problems += _check_remaining(pruned, spoilt, source, kind)
     else:
-        broken, resolved = consistency.check(config, source, frozenset(), label, alone=alone)
+        broken, resolved = consistency.check(config, source, frozenset(), label)
         problems += broken
         if not problems and resolved is not None:
             return resolved
@@ -181,7 +178,7 @@ def _load_single(
 
 
 def _check_remaining(
-    data: Any, spoilt: list[Location], source: Source, kind: type[Config], *, alone: bool
+    data: Any, spoilt: list[Location], source: Source, kind: type[Config]
 ) -> list[Issue]:
     """Checks across entries, for what is left after the spoilt entries are taken out."""
     for location in spoilt:
@@ -194,7 +191,7 @@ def _check_remaining(
         config = kind.model_validate(data)
     except ValidationError:
         return []
-    return consistency.check(config, source, frozenset(spoilt), alone=alone)[0]
+    return consistency.check(config, source, frozenset(spoilt))[0]
 
 
 def _intended_location(error: dict[str, Any], location: Location, hint: str) -> Location | None:

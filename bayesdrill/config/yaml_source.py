@@ -11,7 +11,6 @@ from typing import Any
 
 from bayesdrill import output_files
 from bayesdrill.basics.errors import InputError, Issue, did_you_mean
-from bayesdrill.rig.models.drive_parts import PartsError
 
 Location = tuple[str | int, ...]
 
@@ -33,6 +32,7 @@ class Source:
     lines: Mapping[Location, int]  # of the key (or list item) at each location, from 1
     repeated: tuple[Issue, ...]  # keys that stand twice
     moved: Mapping[Location, Location] = field(default_factory=dict)  # from where they are read
+    labels: tuple[str, ...] = ()  # of all experiments, where it is what one of them reads
 
     def issue(self, location: Location, message: str) -> Issue:
         """Return an issue labelled `file:line: a.b.c`; the line is that of the nearest entry."""
@@ -241,13 +241,14 @@ class IssueCollector:
         """
         try:
             return step(*arguments)
+        except InputError as error:
+            if location[0] != "model":
+                raise
+            for issue in error.problems:
+                self.add(("model", issue.place), issue.message)
         except ValueError as error:
-            if isinstance(error, PartsError) and location[0] == "model":
-                for entry, message in error.entries:
-                    self.add(("model", entry), message)
-            else:
-                self.add(location, str(error))
-            return None
+            self.add(location, str(error))
+        return None
 
     def expect(self, location: Location, name: str, known: Collection[str], message: str) -> None:
         """Add an issue unless `name`, at `location`, is one of `known`; the nearest is proposed."""

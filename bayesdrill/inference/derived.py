@@ -16,6 +16,7 @@ from bayesdrill.basics import symbols
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import SPEED_UNITS, Symbol, product_latex, unit_product
 from bayesdrill.inference.posterior import Problem
+from bayesdrill.inference.unknowns import labelled_symbol
 from bayesdrill.record.experiment import typical_inputs
 from bayesdrill.rig.models.friction import Named
 from bayesdrill.rig.models.linear import Linear, Model, constant_forcing, dynamics
@@ -101,7 +102,7 @@ def with_products(
         factors = [(symbols_by_name[n], e) for n, e in zip(names, powers, strict=True) if e]
         if len(factors) < 2:  # an unknown by itself has its own row already
             continue
-        name = _product_name({n.name: e for n, e in factors})
+        name = product_name(names, powers)
         if name in nominal:  # of the config's own
             name += "_"
         described_.append(
@@ -122,10 +123,10 @@ def with_products(
     )
 
 
-def _product_name(exponents: Mapping[str, int]) -> str:
-    """A name that files and Python know: `r_m_t_f_squared_over_k_s`."""
-    powers = {1: "", 2: "_squared", 3: "_cubed"}
-    sides = [[(n, s * e) for n, e in exponents.items() if s * e > 0] for s in (1, -1)]
+def product_name(names: Sequence[str], exponents: Sequence[int]) -> str:
+    """Return a name that files and Python know: `r_m_t_f_squared_over_k_s`."""
+    powers, pairs = {1: "", 2: "_squared", 3: "_cubed"}, [*zip(names, exponents, strict=False)]
+    sides = [[(n, s * e) for n, e in pairs if s * e > 0] for s in (1, -1)]
     above, below = ("_".join(n + powers.get(e, f"_to_{e}") for n, e in side) for side in sides)
     return f"{above or 'one'}_over_{below}" if below else above
 
@@ -133,7 +134,12 @@ def _product_name(exponents: Mapping[str, int]) -> str:
 def derived_symbols(problem: Problem) -> tuple[Symbol, ...]:
     """Return the symbols in the order of the values; along a line a speed is one in m/s."""
     model, formulas = problem.model, (formula.symbol for formula in problem.derived)
-    tied = [model.symbols[name] for name in problem.posterior.space.relations]
+    called = {
+        x: labelled_symbol(model.symbols[n], each.label if x != n else "")
+        for each in problem.all_observations
+        for n, x in each.named(model.parameters).items()
+    }
+    tied = [called[name] for name in problem.posterior.space.relations]
     speed = SPEED_UNITS[model.symbols[model.angles[0]].unit] if model.angles else "rad/s"
     end = symbols.DERIVED["w_end"]
     moved = dataclasses.replace(end, unit=speed, latex_unit=symbols.latex_unit(speed))

@@ -104,7 +104,7 @@ class ReportContext(Value):
     @property
     def reasons(self) -> tuple[str, ...]:
         """Reasons why the result must not be believed: it did not converge, or does not fit."""
-        return words.reasons(self.sampled, self.analysis.fit)
+        return words.reasons(self.sampled, self.analysis.fit, self.analysis.unsupported)
 
     @property
     def notes(self) -> tuple[str, ...]:

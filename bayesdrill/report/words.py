@@ -280,9 +280,12 @@ def maxima(mode: Mode, weights: NDArray[np.float64] | None, units: DisplayUnits)
     return "\n".join(lines)
 
 
-def reasons(sampled: SamplingResult, left: Sequence[ResidualSummary]) -> tuple[str, ...]:
+def reasons(
+    sampled: SamplingResult, left: Sequence[ResidualSummary], unsupported: Mapping[str, float]
+) -> tuple[str, ...]:
     """Why a run must not be believed: it did not converge, or does not fit; empty where it may be."""
-    return (*sampled.convergence.reasons, *fit_words.residual_reasons(left))
+    fit = (*fit_words.residual_reasons(left), *fit_words.sandwich_reasons(unsupported))
+    return (*sampled.convergence.reasons, *fit)
 
 
 def warning(sampled: SamplingResult, left: Sequence[ResidualSummary]) -> str:

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 import bayesdrill
+from bayesdrill import output_files
 from bayesdrill.basics import software
 from bayesdrill.basics.arrays import PART, Array
 from bayesdrill.basics.errors import InputError, Interrupted, was_stopped
@@ -173,8 +174,9 @@ def resolved(case: ResolvedCase, folder: Path) -> str:
         if experiment.label:
             entries = experiment.config.model_dump(exclude_none=True)
             sections = {key: entries[key] for key in experiments.SECTIONS}
-            held_out = {"held_out": True} if config.experiments[experiment.label].held_out else {}
-            data["experiments"][experiment.label] = sections | held_out
+            spec, own = config.experiments[experiment.label], {"parameters", "held_out"}
+            own_entries = spec.model_dump(include=own, exclude_defaults=True)
+            data["experiments"][experiment.label] = sections | own_entries
         _remove_defaults(sections, experiment.config, case.model)
         sources.rebase(sections, case.source.path.parent, folder)
     # Of several, those of the first are no defaults of the others.
@@ -228,6 +230,10 @@ def check_record(job: Job, output: Path, record: str | None = None) -> None:
 
 def begin(job: Job, folder: Folder, record: str | None = None, **more: Any) -> None:
     """Write the config, as given and with all defaults; `record`: its text, where it has no file."""
+    if record is None:
+        outputs = output_files.present(folder.path, folder.kind)
+        replaced = [folder.path / name for name in outputs]
+        output_files.refuse_replacing(sources.files(job.case)[1:], replaced)
     versions = software.installed_versions()
     folder.begin(status="running", seed=job.config.seed, versions=versions, **more)
     folder.write_text(CONFIG_FILE, job.source.text)

@@ -314,8 +314,8 @@ def _at_frequencies(surface: LogDensity, u: Array, pair: int, wanted: Array) -> 
         logs, slope = _slopes(surface, at, pair)
         off = np.log(wanted) - logs
         done = np.abs(off) < near
-        # At the walls only what leads away from them can help.
-        towards = slope * off[:, None]
+        # At the walls only what leads away from them can help; where nothing swings, nothing leads on.
+        towards = slope * np.where(np.isfinite(off), off, 0.0)[:, None]
         stuck = (at <= surface.low) & (towards < 0) | (at >= surface.high) & (towards > 0)
         slope[stuck] = 0.0
         size = (slope**2).sum(axis=1)

@@ -14,6 +14,7 @@ import multiprocessing
 import os
 import pickle
 import signal
+import sys
 import tempfile
 import threading
 import time
@@ -21,6 +22,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import IO, Any, Concatenate, Self, cast
 
@@ -198,7 +200,12 @@ def start_workers(
     Each calls `prepare(*arguments)` before its first task.
     """
     try:
-        with held_signals():  # it starts a process that looks after its semaphores
+        with held_signals():
+            # What looks after its semaphores outlives a run that is killed, removes them, and would
+            # warn of that on a terminal where the next run has begun.
+            sys.warnoptions.append("ignore:resource_tracker")
+            resource_tracker.ensure_running()
+            sys.warnoptions.pop()
             return ProcessPoolExecutor(
                 max_workers=processes,
                 mp_context=SPAWN,

@@ -50,11 +50,19 @@ class NamedRun:
         return self.name if self.folder is None else str(self.folder)
 
 
-def check_number(form: Form, n: int) -> None:
-    """Raises `InputError` for fewer runs than two, and for more than can be told apart."""
-    if not FEWEST <= n <= form.most:
-        message = f"{n} given; {FEWEST} to {form.most} runs can be {form.purpose}"
+def check_runs(form: Form, runs: Sequence[object]) -> None:
+    """Raises `InputError` for fewer runs than two, more than can be told apart, and a model twice.
+
+    `runs`: folders, or others that are known by themselves.
+    """
+    if not FEWEST <= len(runs) <= form.most:
+        message = f"{len(runs)} given; {FEWEST} to {form.most} runs can be {form.purpose}"
         raise InputError.at("runs", message)
+    places = [run.resolve() if isinstance(run, Path) else id(run) for run in runs]
+    for k, place in enumerate(places):
+        if place in places[:k] and form is COMPARED:
+            name = str(runs[k]) if isinstance(place, Path) else f"number {k + 1}"
+            raise InputError.at("runs", f"{name} would be compared with itself; give another run")
 
 
 FORMS: Mapping[str, Form] = {form.name: form for form in (OVERLAID, COMPARED)}
@@ -97,7 +105,7 @@ def overlay_layer(
         draws=sampled.draws.reshape(-1, sampled.draws.shape[-1]),
         settings=provenance.settings(job.config, job.problem, units),
         warning=words.warning(sampled, fit),
-        reasons=words.reasons(sampled, fit),
+        reasons=words.reasons(sampled, fit, run.kept.unsupported if run.kept else {}),
     )
 
 

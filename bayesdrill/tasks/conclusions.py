@@ -8,9 +8,13 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
+import numpy as np
+
 import bayesdrill
 from bayesdrill.analysis.causes import Causes
+from bayesdrill.analysis.diagnostics import sandwich_sds
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
+from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy
 from bayesdrill.analysis.run_analysis import RunAnalysis, RunDraws, analyse
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.basics.values import Value, from_data
@@ -20,8 +24,10 @@ from bayesdrill.config.resolve import experiments
 from bayesdrill.config.resolve.case import ResolvedCase
 from bayesdrill.config.schema.config import Config
 from bayesdrill.inference import residual_checks
+from bayesdrill.inference.derived import product_name
 from bayesdrill.inference.residual_checks import ResidualSummary
 from bayesdrill.report import words
+from bayesdrill.report.sections import fit_words
 from bayesdrill.report.view import ReportContext
 from bayesdrill.results import provenance
 from bayesdrill.results.run_folder import chain_mark
@@ -103,6 +109,22 @@ def residuals(job: Job, mode: Mode) -> tuple[ResidualSummary, ...]:
     return residual_checks.residual_summaries(posterior.likelihood, best)
 
 
+def doubts(job: Job, mode: Mode, study: IdentifiabilityStudy) -> tuple[str, ...]:
+    """Why what a `study` at the maximum calls determined must not be believed: the fit there."""
+    posterior, left = job.problem.posterior, residuals(job, mode)
+    if residual_checks.like_noise(left):
+        return ()
+    known = [x for x in (*study.parameters, *study.products) if x.word == "determined"]
+    best, limit = posterior.space.vector(mode.values), job.asked.thresholds.determined
+    sds = sandwich_sds(posterior, best, [x.exponents for x in known])
+    times: dict[str, float] = {}
+    for x in known:
+        name, powers = product_name(study.names, x.exponents), np.array(x.exponents, dtype=float)
+        sd = sds[name] / float(np.prod(best[: len(powers)] ** powers))
+        times |= {name: sd / x.sd} if sd >= limit * x.prior_sd else {}
+    return (*fit_words.residual_reasons(left), *fit_words.sandwich_reasons(times))
+
+
 def settings(case: ResolvedCase) -> dict[str, Any]:
     """All of a config but where its record is."""
     sections = (*experiments.SECTIONS, experiments.EXPERIMENTS)
@@ -111,6 +133,8 @@ def settings(case: ResolvedCase) -> dict[str, Any]:
         alone = experiment.config.model_dump(exclude_none=True, include=set(experiments.SECTIONS))
         for section, key in sources.named_files(alone):
             del section[key]
+        if experiment.label and (held := case.config.experiments[experiment.label].parameters):
+            alone["parameters"] = held
         entries[f"experiment {experiment.label}"] = alone
     return entries | {"held out": case.held_out}
 

@@ -170,6 +170,14 @@ def as_json(model: SimulatorModel) -> str:
     return json.dumps(data, indent=1, ensure_ascii=False) + "\n"
 
 
+def _body(joint: str, model: SimulatorModel) -> str:
+    """Return the name of what turns with a joint: `world` and `base` simulators have themselves."""
+    taken, name = {"world", "base", *model.joints.values()}, f"{joint}_body"
+    while name in taken:
+        name += "_body"
+    return name if joint in ("world", "base") else joint
+
+
 def as_mjcf(model: SimulatorModel) -> str:
     """Return a MuJoCo model at the posterior means, with a joint for each coordinate."""
     root = Element("mujoco", model=model.title)
@@ -179,7 +187,7 @@ def as_mjcf(model: SimulatorModel) -> str:
     world = SubElement(root, "worldbody")
     for joint in model.joints.values():
         means = model.means(joint)
-        body = SubElement(world, "body", name=joint)
+        body = SubElement(world, "body", name=_body(joint, model))
         # A mass that weighs nothing beside the armature, as every body must have one.
         SubElement(body, "inertial", pos="0 0 0", mass="1e-9", diaginertia="1e-12 1e-12 1e-12")
         entries = {"name": joint, "type": "slide" if model.linear else "hinge", "axis": "0 0 1"}

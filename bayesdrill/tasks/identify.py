@@ -10,20 +10,27 @@ from bayesdrill import output_files
 from bayesdrill.analysis import plausibility
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.identifiability.profile import Fitter, Profile, profile
-from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy, study_of
+from bayesdrill.analysis.identifiability.study import (
+    IdentifiabilityStudy,
+    StudyPoint,
+    study_of,
+    study_point,
+)
 from bayesdrill.analysis.latent_torque import is_approximate
 from bayesdrill.analysis.suspicions import InputTiming, half_sample_shift
-from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError, did_you_mean
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.basics.values import Value, check_arguments
 from bayesdrill.config.job import Job
+from bayesdrill.config.records import sources
 from bayesdrill.inference.priors import flat_in_logs
 from bayesdrill.output_files import FIGURES, IDENTIFY
 from bayesdrill.report.scales import WIDTHS
 from bayesdrill.report.sections import fit_words, physics_words, torque_words
 from bayesdrill.report.sections import identify_words as words
+from bayesdrill.sampling.mode_search import Mode
+from bayesdrill.tasks import conclusions
 
 ALL = "all"
 MARK = "<!-- bayesdrill identify -->"  # begins the text, and so says whose the figures are
@@ -32,21 +39,25 @@ MARK = "<!-- bayesdrill identify -->"  # begins the text, and so says whose the 
 @check_arguments
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Findings(Value):
-    """`study`: symmetries, bounds, products, remedies; `profiles`: of what was wanted, SI."""
+    """`study`: symmetries, bounds, products, remedies at `point`; `profiles`: of what was wanted, SI."""
 
     job: Job
     study: IdentifiabilityStudy
     profiles: tuple[Profile, ...]
-    moment: InputTiming | None = None
+    moment: InputTiming | None
+    point: StudyPoint
+    reasons: tuple[str, ...] = ()
 
     @property
     def text(self) -> str:
         """All that it says, for the terminal."""
-        parts = [words.full(self.study, self.job.problem.model)]
-        parts += fit_words.moment(self.moment)
+        parts = [words.study_point(self.point, self.job.problem)]
+        if self.point.at:
+            parts += [words.full(self.study, self.job.problem.model, self.reasons)]
+            parts += fit_words.moment(self.moment)
         if self.profiles:
             parts.append(words.profiles(self.shown, self.study, self.symbols))
-        return "\n\n".join(parts)
+        return "\n\n".join(filter(None, parts))
 
     @property
     def symbols(self) -> tuple[Symbol, ...]:
@@ -69,6 +80,8 @@ class Findings(Value):
 
         place, problem, output = Path(folder).expanduser(), self.job.problem, self.job.config.output
         check_place(place, force=force)
+        replaced = [place / name for name in output_files.present(place, IDENTIFY)]
+        output_files.refuse_replacing(sources.files(self.job.case), replaced)
         figures, width = place / FIGURES, WIDTHS[output.size]
         symbols = {symbol.name: symbol for symbol in self.symbols}
         latex = {name: symbol.latex for name, symbol in symbols.items()}
@@ -92,15 +105,20 @@ class Findings(Value):
     __repr__ = __str__
 
 
-def identify(job: Job, theta: Array, at: str, wanted: Sequence[str], report: Reporter) -> Findings:
-    """At the physical point `theta (D,)`; profiles of the parameters `wanted`, or of `all`."""
+def identify(job: Job, best: Mode | None, wanted: Sequence[str], report: Reporter) -> Findings:
+    """At the maximum `best`, else at the start; profiles of the parameters `wanted`, or of `all`."""
     posterior = job.problem.posterior
     scenery = SensitivityStudy(posterior.likelihood)
     if not scenery.unknowns:
         raise InputError.at("parameters", "no parameter is unknown; there is nothing to identify")
     columns = _columns(scenery.unknowns, wanted)
     report.update(0.0, "looking at what the record can show")
-    study = study_of(scenery, posterior, theta, job.asked, at, seek_remedies=True)
+    if best is None:
+        point = study_point(scenery, posterior, job.config.seed)
+    else:
+        point = StudyPoint(theta=posterior.space.vector(best.values), at="the MAP")
+    theta = point.theta
+    study = study_of(scenery, posterior, theta, job.asked, point.at, seek_remedies=True)
     profiles = []
     if columns:
         fitter = Fitter(posterior, scenery, theta)
@@ -109,22 +127,27 @@ def identify(job: Job, theta: Array, at: str, wanted: Sequence[str], report: Rep
             profiles.append(profile(fitter, scenery.unknowns, column))
     report.update(1.0, "")
     late = half_sample_shift(scenery, theta)
-    return Findings(job=job, study=study, profiles=tuple(profiles), moment=late)
+    reasons = () if best is None else conclusions.doubts(job, best, study)
+    return Findings(
+        job=job, study=study, profiles=tuple(profiles), moment=late, point=point, reasons=reasons
+    )
 
 
 def preflight(job: Job, scenery: SensitivityStudy) -> str:
-    """What the record can show at the start values, in a few lines."""
+    """What the record can show at the start values, or where the rig moves, in a few lines."""
     if not scenery.unknowns:
         return "no parameter of the rig is unknown: only sensors, starts or noise are looked for"
     posterior = job.problem.posterior
-    start = posterior.space.vector(posterior.space.start)
-    study = study_of(scenery, posterior, start, job.asked)
-    rig = job.problem.model
-    said = [words.brief(study), physics_words.friction_sentences(study.frictions, rig)]
+    point, rig = study_point(scenery, posterior, job.config.seed), job.problem.model
+    at_rest = words.study_point(point, job.problem)
+    if not point.at:
+        return at_rest
+    study = study_of(scenery, posterior, point.theta, job.asked, point.at)
+    said = [at_rest, words.brief(study), physics_words.friction_sentences(study.frictions, rig)]
     said += [torque_words.stand_ins(study, rig)]
     said += [torque_words.beside(rig)] if is_approximate(posterior) else []
-    late = fit_words.moment(half_sample_shift(scenery, start))
-    usual = plausibility.plausibility_of_course(scenery, start)
+    late = fit_words.moment(half_sample_shift(scenery, point.theta))
+    usual = plausibility.plausibility_of_course(scenery, point.theta)
     return "\n".join([*filter(None, said), *late, *usual])
 
 

@@ -152,12 +152,21 @@ def _changed(folder: Path, kind: Kind, files: Mapping[str, str]) -> Iterator[Iss
     for name, digest in files.items():
         place = str(folder / name)
         if name not in there:
-            yield Issue(place, "is missing; `bayesdrill report` makes tables and figures again")
+            yield Issue(place, f"is missing; {_way_back(kind, name)}")
         elif output_files.digest(folder / name) != digest:
             yield Issue(place, "was changed after this run had written it")
     for name in there:
         if name not in files and name != kind.mark:
             yield Issue(str(folder / name), "was not written by this run")
+
+
+def _way_back(kind: Kind, name: str) -> str:
+    """How a file of a run comes back: of a posterior, what a report is made from is not made by one."""
+    if kind is not POSTERIOR:
+        return f"`bayesdrill {kind.job} --force` makes it again"
+    if output_files.GROUND.is_output(name) or name in (*output_files.CONFIGS, output_files.OPENED):
+        return "put it back, or `bayesdrill posterior CONFIG --resume` makes it again"
+    return "`bayesdrill report` makes tables and figures again"
 
 
 def _configs(folder: Path, job: Job | None = None) -> Iterator[Issue]:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pairs
 import pytest
+import systems
 from oracles import NOMINAL, ORDER, by_expm, matrices
 from rigs import experiment, posterior
 from together import for_each
@@ -15,10 +18,12 @@ import bayesdrill as bd
 from bayesdrill.analysis import plausibility
 from bayesdrill.analysis.identifiability.information import Information, SensitivityStudy
 from bayesdrill.basics import symbols
+from bayesdrill.config.job import prepare
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.rig.models.linear import Linear
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 
+SMALL = systems.ROOT.parent / "shared" / "cases" / "small"
 BLIND = Information(ORDER, np.zeros((9, 9)))
 SEEN = Information(ORDER, np.eye(9))
 
@@ -179,3 +184,75 @@ def test_a_nominal_value_that_a_prior_has_never_heard_of_is_named() -> None:
         "the nominal value 0.0283 of j_1 is far outside its prior, which goes from "
     )
     assert list(plausibility.plausibility_of_priors(measured("w_2", j_1=near))) == []
+
+
+OWN = {
+    "a motor": ("motor", "theta_2", "t_m", "j_m: {prior}, c_m: 0.1", "j_m"),
+    "a motor with a circuit": (
+        "motor",
+        "theta_2",
+        "v",
+        "j_m: {prior}, c_m: 0.1, k_e: {prior}, k_T: 1.0, r_m: 1.0, l_m: 0.001",
+        "k_e",
+    ),
+    "a train": (
+        "train, inertias: [goal, arm], shafts: {{loop: [goal, arm]}}, drives: {{goal: speed}}",
+        "theta_arm",
+        "theta_goal",
+        "k_loop: 15, c_arm: {prior}, j_arm: {prior}",
+        "j_arm",
+    ),
+    "the paper's": (
+        "motor_shaft",
+        "theta_1",
+        "v",
+        "j_m: 0.01, c_m: 0.1, k_e: 0.5, k_T: 0.5, r_m: 1, l_m: 0.001, k_s: {prior}, j_1: 1, t_f: 0",
+        "k_s",
+    ),
+}
+
+
+def test_a_parameter_that_is_another_one_in_each_experiment_needs_no_table(tmp_path: Path) -> None:
+    """Mutant killed: its plain name, which no number has."""
+    units = {"t_m": "N*m", "v": "V", "theta_goal": "rad"}
+    prior = "{prior: log_uniform, low: 0.005, high: 0.3}"
+    t = np.arange(60) * 0.02
+    for label, size in (("a", 1.0), ("b", 2.0)):
+        rows = np.stack([t, 0.01 * size * t, size * np.sin(t)], axis=-1)
+        np.savetxt(tmp_path / f"{label}.csv", rows, delimiter=",", header="t,theta,u", comments="")
+
+    def check(model: str, channel: str, drive: str, parameters: str, own: str) -> None:
+        model, parameters = model.format(), parameters.format(prior=prior)
+        (tmp_path / "own.yaml").write_text(
+            "name: own\nseed: 1\n"
+            "record: {time: {column: t, unit: s}, channels: "
+            f"{{{channel}: {{column: theta, unit: rad, sigma: 0.01}}}}}}\n"
+            f"inputs: {{{drive}: {{column: u, unit: {units[drive]}}}}}\n"
+            "experiments: {a: {record: {file: a.csv}}, b: {record: {file: b.csv}}}\n"
+            f"own: [{own}]\nmodel: {{name: {model}}}\nparameters: {{{parameters}}}\n"
+        )
+        ran = systems.cli("check", tmp_path / "own.yaml")
+        assert ran.status == 0, ran.text
+        assert f"{own}_a" in ran.out
+        assert f"{own}_b" in ran.out
+        findings = plausibility.plausibility_of_nominal(prepare(tmp_path / "own.yaml").problem)
+        assert len({*findings}) == len(findings)
+
+    for_each(OWN, check)
+
+
+def test_each_experiment_is_looked_at_with_its_own_numbers(tmp_path: Path) -> None:
+    """A motor whose constants one experiment alone has the wrong way round."""
+    entry = ("slow: {record", "slow: {parameters: {k_T: 2.0, k_e: 1.0}, record")
+    held = ("k_e: {prior: uniform, low: 0.5, high: 1.5, relative: true}", "k_e: 3.0")
+    found = plausibility.plausibility_of_nominal(
+        prepare(pairs.write(tmp_path, entry, held)).problem
+    )
+    assert sum("2 times k_e" in finding for finding in found) == 1
+
+
+@pytest.mark.skipif(not SMALL.is_dir(), reason="the records of others are not there")
+@pytest.mark.parametrize("name", ["motor", "own", "own_free", "motor_nominal"])
+def test_configs_of_others_with_parameters_of_each_experiment_are_checked(name: str) -> None:
+    ran = systems.cli("check", SMALL / "check_own_train" / f"{name}.yaml")
+    assert ran.status == 0, ran.text

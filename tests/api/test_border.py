@@ -6,6 +6,7 @@ import dataclasses
 import datetime
 import inspect
 import io
+import math
 import re
 from collections.abc import Callable, Iterator
 from numbers import Integral, Real
@@ -21,6 +22,7 @@ from together import for_each
 
 import bayesdrill as bd
 from bayesdrill.api.comparison import Overlay
+from bayesdrill.rig.models.drive_parts import Drive, Gear, Shaft
 
 CONFIG = ROOT / "configs" / "nominal_step.yaml"
 CLOSED = io.StringIO()
@@ -65,7 +67,7 @@ def calls() -> Iterator[tuple[str, Callable[..., Any]]]:
         "Findings": case.identify(),
         "Verdict": run().judge().verdict,
         "Overlay": bd.overlay([run(), run()]),
-        "Comparison": bd.compare([run(), run()]),
+        "Comparison": bd.compare([run(), dataclasses.replace(run())]),
         "Ladder": bd.ladder(CONFIG),
         "Calibration": bd.calibration(CONFIG),
     }
@@ -172,13 +174,11 @@ def test_what_stands_in_records_is_judged_where_they_are_used() -> None:
             for field in dataclasses.fields(kind):
                 if field.name == "added" and isinstance(value, tuple):
                     continue
-                rig = kind(**{field.name: value})
-                assert f"rig.{field.name}" in refused(bd.respond, **RESPONSE | {"rig": rig})
+                assert f"{field.name}: " in refused(kind, **{field.name: value})
         for name in ("inertias", "shafts", "gears", "drives", "motion", "gravity", "rock"):
             nothing = isinstance(value, list | tuple | dict) and not value  # as good as none
             if not nothing and (name != "inertias" or not isinstance(value, list)):
-                with pytest.raises(ValueError, match=f"{name}: "):
-                    bd.Train(**{name: value})
+                assert f"{name}: " in refused(bd.Train, **{name: value})
         with pytest.raises(bd.InputError, match="give what find_map found"):
             two().sample(value)  # type: ignore[arg-type]
 
@@ -198,9 +198,41 @@ def test_numbers_of_no_use_are_refused() -> None:
     for gear in (float("nan"), float("inf"), 0.5, -1):
         assert "gear" in refused(bd.init, record="nowhere.csv", gear=gear)
     for gear in (float("nan"), float("inf"), 8, -1, huge):
-        rig = bd.MotorShaft(i_m=gear)
-        assert "rig.i_m" in refused(bd.respond, **RESPONSE | {"rig": rig})
+        assert "i_m: " in refused(bd.MotorShaft, i_m=gear)
+        assert "i_m: " in refused(bd.TwoRotors, i_m=gear)
     assert "signals" in refused(bd.respond, **RESPONSE | {"signals": []})
+    assert refused(bd.MotorShaft, i_m="x", stribeck=3).count(" cannot be this") == 2
+    assert "elements: " in refused(bd.LongShaft, elements=2.5)
+    assert bd.Motor(i_m=np.float64(0.25)) == bd.Motor(i_m=0.25)
+
+
+def test_a_train_refuses_every_wrong_argument() -> None:
+    """Also parts that a caller has made, as a train shows them: texts, lists and numbers in them."""
+    two_ends = ("motor", "load")
+    cases: dict[str, tuple[str, Any]] = {
+        "an end that is a number": ("shafts", (Shaft("s", 5),)),  # type: ignore[arg-type]
+        "an end that is a list": ("shafts", (Shaft("s", (["motor"], "load")),)),  # type: ignore[arg-type]
+        "a name that is a number": ("shafts", (Shaft(3, two_ends),)),  # type: ignore[arg-type]
+        "two of one name": ("shafts", (Shaft("s", two_ends), Shaft("s", two_ends))),
+        "a ratio beyond all numbers": ("gears", (Gear("g", two_ends, 10**400),)),
+        "a ratio that is none": ("gears", (Gear("g", two_ends, math.nan),)),
+        "a huge ratio": ("gears", {"g": {"between": two_ends, "ratio": 10**5000}}),
+        "a drive that is a list": ("drives", (Drive("motor", []),)),  # type: ignore[arg-type]
+        "a drive of a number": ("drives", (Drive(5, "speed"),)),  # type: ignore[arg-type]
+        "what is added is a list": ("added", ["c_motor"]),
+        "a part that is added": ("added", (Shaft("s", (["motor"], "load")),)),  # type: ignore[arg-type]
+        "what it has not": ("added", ("c_moter",)),
+        "another motion": ("motion", "around"),
+        "a power of three": ("stribeck", 3),
+    }
+
+    def check(entry: str, value: Any) -> None:
+        place = "inertias: " if value == cases["two of one name"][1] else f"{entry}: "
+        assert place in refused(bd.Train, inertias=two_ends, **{entry: value})
+
+    for_each(cases, check)
+    made = bd.Train(inertias=two_ends, shafts={"s": two_ends}, gears={}, drives={"motor": "speed"})
+    assert dataclasses.replace(made, motion="linear").shafts == made.shafts
 
 
 def test_all_that_is_wrong_is_said_at_once_in_words_of_its_own() -> None:

@@ -31,7 +31,7 @@ def things() -> dict[str, Any]:
         "findings": two().identify(),
         "verdict": run().judge().verdict,
         "overlay": bd.overlay([run(), run()]),
-        "comparison": bd.compare([run(), run()]),
+        "comparison": bd.compare([run(), dataclasses.replace(run())]),
         "ladder": bd.ladder(config),
         "calibration": bd.calibration(config),
         "channel": noisy("w_1", 1.0, 0.1),

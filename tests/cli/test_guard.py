@@ -208,3 +208,48 @@ def test_a_disk_that_is_full_names_the_file(room: int, tmp_path: Path) -> None:
     assert f"{tmp_path / 'out'}/" in ran.err
     assert "cannot be written or read: File too large" in ran.err
     assert not [*tmp_path.rglob("*aside*")]
+
+
+@together(
+    "command",
+    [
+        ("--help",),
+        ("--version",),
+        ("posterior", "--help"),
+        ("schema",),
+        ("cite",),
+        ("--show-completion", "bash"),
+    ],
+    ids=" ".join,
+)
+def test_what_is_said_to_nobody_ends_in_a_status(command: tuple[str, ...]) -> None:
+    """A full device is told and has status 2; of a pipe that is closed nobody wants to know."""
+    shell = {**os.environ, "PYTHONPATH": str(systems.ROOT)}
+    read, write = os.pipe()
+    os.close(read)
+    with open("/dev/full", "wb") as full, os.fdopen(write, "wb") as pipe:
+        for out, status, says in ((full, INPUT_WRONG, "No space left on device"), (pipe, 0, "")):
+            ended = subprocess.run(
+                [sys.executable, "-m", "bayesdrill", *command],
+                env=shell,
+                stdout=out,
+                stderr=subprocess.PIPE,
+                text=True,
+            )
+            assert ended.returncode == status, ended.stderr
+            assert says in ended.stderr
+            assert "Traceback" not in ended.stderr
+
+
+@together("threads", ["", "x", "4,2", "-1", "1e3"])
+def test_what_is_no_number_of_threads_counts_as_unset(threads: str) -> None:
+    """Transforms of SciPy end in an error there, and all that assesses chains uses them."""
+    code = "import bayesdrill, scipy.fft, os; scipy.fft.rfft([1.0, 2.0]); print(sorted(os.environ))"
+    names = ("OMP_NUM_THREADS", "DUCC0_NUM_THREADS")
+    shell = {**os.environ, "PYTHONPATH": str(systems.ROOT), **dict.fromkeys(names, threads)}
+    ended = subprocess.run([sys.executable, "-c", code], env=shell, capture_output=True, text=True)
+    assert ended.returncode == 0, ended.stderr
+    assert not any(name in ended.stdout for name in names)
+    kept = {**shell, **dict.fromkeys(names, " 2")}
+    ended = subprocess.run([sys.executable, "-c", code], env=kept, capture_output=True, text=True)
+    assert all(name in ended.stdout for name in names), ended.stderr

@@ -220,7 +220,7 @@ def test_the_schema_describes_every_entry() -> None:
         assert kinds["ChannelSpec"]["properties"][entry]["description"]
         assert kinds["InputColumn"]["properties"][entry]["description"]
     own = kinds["ExperimentSpec"]["properties"]
-    assert {"record", "inputs", "initial", "held_out"} == set(own)
+    assert {"record", "inputs", "initial", "parameters", "held_out"} == set(own)
     assert own["held_out"]["description"]
     assert kinds["Inputs"]["properties"]["t_0"]["description"]
     assert kinds["Initial"]["properties"]["state"]["description"]

@@ -319,6 +319,12 @@ MISTAKES: dict[str, tuple[str, str, str, tuple[str, ...]]] = {
         "  k_T_motor: 0.12\n", "  k_T_motor: 0.12\n  t_s_motor: 0.1\n", "parameters.t_s_motor",
         ("without t_c_motor and w_s_motor",),
     ),
+    "static friction below sliding friction": (
+        "  k_T_motor: 0.12\n",
+        "  k_T_motor: 0.12\n  t_c_motor: 0.2\n  t_s_motor: 0.1\n  w_s_motor: 1\n",
+        "parameters.t_s_motor",
+        ("is below t_c_motor",),
+    ),
     "a nominal value of no part": (
         "{k_coupling: {v", "{k_copling: {v", "nominal.k_copling", ("k_coupling?",)
     ),

@@ -69,7 +69,6 @@ MEMBERS = {
 }
 # By file and what is asked there.
 ALLOWED = {
-    ("api/arguments.py", "getattr(rig, name)"): "values of a class that a notebook brings, judged",
     ("inference/display_units.py", "getattr(si, key, None)"): "a row of a table, and no prior",
 }
 

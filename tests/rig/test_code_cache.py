@@ -62,11 +62,16 @@ def test_files_and_their_folder_belong_to_the_user_alone(kept: CodeCache) -> Non
 
 
 def test_nothing_is_kept_where_it_is_switched_off(tmp_path: Path) -> None:
-    off = user_cache({CACHE_VARIABLE: "off"})
-    off.store(KEY, CODE)
-    assert off.load(KEY) is None
-    assert off.sizes == ()
-    off.clear()
+    for word in ("off", "OFF", "Off", "0"):
+        off = user_cache({CACHE_VARIABLE: word})
+        assert off.folder is None
+        off.store(KEY, CODE)
+        assert off.load(KEY) is None
+        assert off.sizes == ()
+        off.clear()
+    assert user_cache({CACHE_VARIABLE: "~/mine"}).folder == Path.home() / "mine" / "kernels"
+    assert user_cache({CACHE_VARIABLE: "~no-such/x"}).folder == Path("~no-such/x/kernels")
+    assert user_cache({CACHE_VARIABLE: "00"}).folder == Path("00/kernels")
     moved = user_cache({CACHE_VARIABLE: str(tmp_path)})
     assert moved.folder == tmp_path / "kernels"
     assert user_cache({}).folder == user_cache({CACHE_VARIABLE: ""}).folder

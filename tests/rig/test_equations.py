@@ -7,7 +7,7 @@ from contextlib import suppress
 import numpy as np
 from trains import Oracle, springs
 
-from bayesdrill.rig.models.drive_parts import PartsError
+from bayesdrill.basics.errors import InputError
 from bayesdrill.rig.models.linear import with_named
 from bayesdrill.rig.models.train import Train
 
@@ -15,7 +15,7 @@ RATIOS = (-0.5, 0.25, 2.0, -3.0)
 
 
 def random_train(rng: np.random.Generator) -> Train:
-    """One with parts at random; raises `PartsError` where they do not go together."""
+    """One with parts at random; raises `InputError` where they do not go together."""
     names = tuple(f"d{k}" for k in range(rng.integers(2, 6)))
     pair = lambda ends: tuple(map(str, rng.choice(ends, 2, replace=False)))  # noqa: E731
     kinds = ("torque", "current", "voltage", "speed")
@@ -77,7 +77,7 @@ def test_any_train_moves_by_its_matrices() -> None:
     """Mutants killed: the last friction alone, a motor without current where its speed is imposed."""
     rng, seen = np.random.default_rng(8), 0
     for _ in range(600):
-        with suppress(PartsError):
+        with suppress(InputError):
             train = random_train(rng)
             p = dict(
                 zip(train.parameters, rng.uniform(0.5, 2.0, len(train.parameters)), strict=True)

@@ -8,8 +8,8 @@ from scipy.integrate import solve_ivp
 from trains import Oracle, springs
 
 import bayesdrill as bd
+from bayesdrill.basics.errors import InputError
 from bayesdrill.record.experiment import Channel, Experiment
-from bayesdrill.rig.models.drive_parts import PartsError
 from bayesdrill.rig.models.linear import Tangent, dynamics, with_all
 from bayesdrill.rig.models.train import Train
 from bayesdrill.rig.simulators import simulator
@@ -282,6 +282,8 @@ def test_names():
     ],
 )
 def test_what_does_not_go_together(entries, entry, said):
-    with pytest.raises(PartsError, match=r".") as error:
+    with pytest.raises(InputError, match=r".") as error:
         Train(**{"inertias": ("motor", "load"), **entries})
-    assert [said in message for name, message in error.value.entries if name == entry] == [True]
+    assert [said in issue.message for issue in error.value.problems if issue.place == entry] == [
+        True
+    ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import warnings
 from functools import cache
 
 import numpy as np
@@ -11,6 +12,7 @@ from oracles import NOMINAL, matrices
 from rigs import experiment, posterior, vector, with_priors
 from together import for_each
 
+import bayesdrill as bd
 from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Uniform
@@ -126,6 +128,27 @@ def test_with_many_samples_in_a_swing_the_others_are_out_of_reach() -> None:
     priors = dict(target.space.priors)
     dense = posterior(fine, np.array([0.3]), free=("k_s", "j_1"), priors=priors)
     assert len(swings(dense, at(dense, 0.26))) == 0
+
+
+def test_a_way_through_points_at_which_nothing_swings_warns_of_nothing() -> None:
+    """A pendulum of springs that is damped aperiodically there has no frequency to go on from."""
+    t, ways = np.arange(200) * 0.05, 0
+    priors = {
+        "j_load": {"prior": "log_uniform", "low": 1e-3, "high": 1e3},
+        "k_spring": {"prior": "log_uniform", "low": 1e-3, "high": 1e4},
+        "c_load": {"prior": "log_uniform", "low": 1e-4, "high": 1e3},
+    }
+    swung = bd.Channel(np.exp(-0.3 * t) * np.cos(7.0 * t), "rad", sigma=0.01)
+    rig = bd.Train(inertias=("load",), shafts={"spring": ("load", "ground")}, added=("c_load",))
+    case = bd.case(t, {"theta_load": swung}, {}, priors, rig=rig, initial={"theta_load": 1.0})
+    target = case.job.problem.posterior
+    surface = LogDensity(target)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for theta in target.space.draw(40, np.random.default_rng(5)):
+            u = target.coordinates.from_physical(theta[None])[0]
+            ways += sum(len(starts.u) for starts in multiple_modes.alias_starts(surface, u))
+    assert ways > 0
 
 
 def test_the_window_of_two_bursts_peaks_at_swings_over_the_gap() -> None:

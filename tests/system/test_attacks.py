@@ -6,9 +6,12 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import shutil
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -16,6 +19,7 @@ from typing import Any
 
 import attacks
 import forked
+import numpy as np
 import pytest
 import systems
 from attacks import EXTRAS
@@ -30,6 +34,7 @@ STRANGERS = {
     "mydata.csv": b"t,x\n0,1\n",
 }
 SOUND = {0, 2, 3}
+SILENCE = 10.0  # s
 
 pytestmark = pytest.mark.slow
 
@@ -70,9 +75,14 @@ def home(tmp_path: Path) -> Path:
 
 
 def stands(home: Path, *arguments: str | Path) -> None:
-    ended = forked.ran(arguments, home)
+    ended_well(home, forked.ran(arguments, home))
+
+
+def ended_well(home: Path, ended: forked.Ended) -> None:
     assert not ended.hung, f"hangs: {ended.text[-500:]}"
+    assert ended.silence < SILENCE, f"is silent for {ended.silence:.1f} s: {ended.text[-500:]}"
     assert not ended.traceback, ended.text[-3000:]
+    assert "Warning: " not in ended.text, ended.text[-1000:]
     assert ended.status in SOUND, (ended.status, ended.text[-1000:])
     for name, content in STRANGERS.items():
         assert (home / name).read_bytes() == content, f"{name} was touched"
@@ -223,3 +233,122 @@ def test_forged_results(home: Path, job: str) -> None:
 
     which = st.sampled_from(FORGED[job])
     attack(f"forged {job}", falls, change=attacks.forged(sound), command=which)
+
+
+@pytest.fixture
+def runs(home: Path) -> Path:
+    """A home with runs in it, a data sheet, and files of other names for the same."""
+    shutil.copytree(home, home / "kept", ignore=shutil.ignore_patterns("kept"))
+    shutil.rmtree(home / "kept" / "figures")
+    assert systems.run("posterior", "small.yaml", cwd=home).status in SOUND
+    shutil.copytree(home / "results" / "small", home / "results" / "other")
+    (home / "sheet.yaml").write_text("k_s: 0.3\n")
+    (home / "campaign.yaml").write_text(f"{systems.SMALL}{EXPERIMENTS}")
+    return home
+
+
+def afresh(kept: Path, place: Path) -> None:
+    """What an attack works on, with links to two of its files."""
+    shutil.rmtree(place, ignore_errors=True)
+    shutil.copytree(kept, place)
+    (place / "link.yaml").symlink_to("small.yaml")
+    os.link(place / "small.csv", place / "hard.csv")
+
+
+def read_by(words: list[str], place: Path) -> dict[Path, bytes]:
+    """What a command reads and must leave as it is: files, and folders that it does not write to."""
+    given = [place / word for word in words[1:] if not word.startswith("-")]
+    sheets = [place / b for a, b in itertools.pairwise(words) if a == "--sheet"]
+    outputs = [place / b for a, b in itertools.pairwise(words) if a in ("--output", "--figure")]
+    files = [path for path in (*given, *sheets) if path not in outputs or words[0] != "init"]
+    files += [place / "small.csv", place / "small.yaml"] if words[0] != "init" else []
+    if words[0] in ("export", "verify", "cite", "compare", "schema", "cache", "check", "simulate"):
+        files += [path for path in (place / "results").rglob("*") if path.name != ".lock"]
+    positional = [place / word for word in words[1:2] if words[0] == "init"]
+    return {p: p.read_bytes() for p in {*files, *positional, *sheets} if readable(p)}
+
+
+def readable(path: Path) -> bool:
+    try:
+        return path.is_file() and str(path).isprintable()
+    except (OSError, ValueError):
+        return False
+
+
+def test_command_lines(runs: Path) -> None:
+    """Commands with options and things of all kinds, whose inputs stay as they are."""
+    place = runs / "place"
+    kept = runs / "whole"
+    shutil.copytree(runs, kept, ignore=shutil.ignore_patterns("whole", "kept"))
+
+    def falls(words: list[str]) -> None:
+        afresh(kept, place)
+        before = read_by(words, place)
+        ended_well(place, forked.ran(words, place))
+        for path, content in before.items():
+            assert path.read_bytes() == content, f"{path} was replaced by {words}"
+
+    attack("command lines", falls, words=attacks.command_line())
+
+
+def test_environments(runs: Path) -> None:
+    """In processes of their own, with what the environment and an output may be."""
+    lines = (
+        *("--help", "--version", "posterior --help", "schema", "cite", "cache", "", "nonsense"),
+        *("check small.yaml", "export results/small --to mjcf", "verify results/small"),
+        "report results/small --processes 1",
+    )
+    commands = st.sampled_from([tuple(line.split()) for line in lines])
+
+    def falls(command: tuple[str, ...], out: str, names: dict[str, str]) -> None:
+        read, write = os.pipe()
+        if out == "closed pipe":
+            os.close(read)
+        if out == "/dev/full":
+            os.close(write)
+            write = os.open(out, os.O_WRONLY)
+        shell = {**os.environ, "PYTHONPATH": str(systems.ROOT), "HOME": str(runs), **names}
+        closed = {"preexec_fn": lambda: os.close(1)} if out == "closed" else {"stdout": write}
+        ended = subprocess.run(  # type: ignore[call-overload]
+            [sys.executable, "-m", "bayesdrill", *command],
+            cwd=runs, env=shell, stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, timeout=60, **closed,
+        )  # fmt: skip
+        os.close(write)
+        if out != "closed pipe":
+            os.close(read)
+        err = ended.stderr.decode(errors="replace")
+        ended_well(runs, forked.Ended(ended.returncode, err, hung=False))
+
+    outs = st.sampled_from(attacks.OUTPUTS)
+    attack("environments", falls, command=commands, out=outs, names=attacks.environment())
+
+
+def test_api_calls(runs: Path) -> None:
+    """An `InputError` for every wrong argument, and nothing else."""
+    import bayesdrill as bd
+
+    for name in attacks.CALLS:
+        getattr(bd, name)  # loaded once, and not in each child
+
+    def falls(call: tuple[str, dict[str, Any]]) -> None:
+        name, arguments = call
+        shutil.rmtree(runs / "new", ignore_errors=True)
+        ended = forked.called(lambda: getattr(bd, name)(**arguments), runs)
+        ended_well(runs, ended)
+        assert ended.status in (0, 2), (call, ended.text)
+
+    attack("api calls", falls, call=attacks.api_call())
+
+
+def test_campaigns(home: Path) -> None:
+    """Trains that rub, drill or rest, in experiments with numbers of their own."""
+
+    def falls(made: tuple[str, list[Any]], command: tuple[str, ...]) -> None:
+        text, records = made
+        (home / "campaign.yaml").write_text(text)
+        for label, record in zip("abc", records, strict=False):
+            np.savetxt(home / f"{label}.csv", record, "%.9g", ",", header="t,w,u,n", comments="")
+        stands(home, *command)
+
+    commands = st.sampled_from([("check", "campaign.yaml"), ("identify", "campaign.yaml")])
+    attack("campaigns", falls, made=attacks.campaign(), command=commands)

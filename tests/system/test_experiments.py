@@ -200,7 +200,9 @@ def test_records_are_simulated_one_for_each_and_never_over_what_is_there(tmp_pat
     (tmp_path / "slow.csv").unlink()
     ran = systems.cli("simulate", config)
     assert ran.status == 2
-    assert "fast.csv: the record that the config names is never overwritten" in ran.err
+    assert (
+        "fast.csv: is read by this command, or named by its config, and never replaced" in ran.err
+    )
     assert not (tmp_path / "slow.csv").exists()  # nothing is written where one of them cannot be
     ran = systems.cli("simulate", config, "-o", config)
     assert ran.status == 2

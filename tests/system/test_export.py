@@ -9,11 +9,12 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from cases import run as sampled_run
+from together import together
 
 import bayesdrill as bd
 from bayesdrill.rig.models.linear import dynamics
 from bayesdrill.tasks import export
-from bayesdrill.tasks.export import simulator_model
+from bayesdrill.tasks.export import ExportedNumber, SimulatorModel, simulator_model
 
 
 @pytest.fixture(scope="module")
@@ -90,3 +91,27 @@ def test_command_writes_and_refuses(run, tmp_path, capsys):
         bd.export(folder, "mjfc")
     with pytest.raises(bd.InputError, match="does not exist"):
         bd.export(folder, "json", tmp_path / "none" / "rig.json")
+
+
+@together("reserved", ["world", "base"])
+def test_a_part_may_be_called_what_simulators_have_themselves(reserved: str) -> None:
+    """The body has another name then, which no other part has; its joint keeps its own."""
+    rig = bd.Train(inertias=(reserved, f"{reserved}_body"), drives={reserved: "torque"})
+    names = {f"w_{name}": name for name in rig.inertias}
+    quantities = tuple(
+        ExportedNumber(part=name, name="armature", unit="kg*m**2", draws=np.ones(3), map=1.0)
+        for name in rig.inertias
+    )
+    model = SimulatorModel(
+        title="x", linear=False, joints=names, springs={}, drives={}, quantities=quantities
+    )
+    mjcf = ElementTree.fromstring(export.as_mjcf(model))
+    bodies = ["world", *(body.get("name") for body in mjcf.iter("body"))]
+    assert len({*bodies}) == len(bodies) == 3
+    assert [joint.get("name") for joint in mjcf.iter("joint")] == [*rig.inertias]
+    urdf = ElementTree.fromstring(export.as_urdf(model))
+    links = [link.get("name") for link in urdf.findall("link")]
+    assert len({*links}) == len(links) == 3
+    children = [joint.find("child").get("link") for joint in urdf.findall("joint")]
+    assert sorted(children) == sorted({*links} - {"base"})
+    assert [joint.get("name") for joint in urdf.findall("joint")] == [*rig.inertias]

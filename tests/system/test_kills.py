@@ -123,6 +123,20 @@ def test_twenty_kills_in_a_row_cost_nothing(tmp_path: Path) -> None:
     assert set(systems.listing(peace)) == set(systems.listing(folder))
 
 
+def test_what_a_killed_run_leaves_behind_is_taken_away_in_silence(tmp_path: Path) -> None:
+    """Its semaphores, once its workers have ended: on the terminal where it is resumed by then."""
+    config, folder = systems.small(tmp_path, LONG), tmp_path / "killed"
+    process = start(config, folder, ["--processes", "2"])
+    end = time.monotonic() + 60
+    while pieces(folder) < 2 and process.poll() is None and time.monotonic() < end:
+        time.sleep(0.01)
+    process.kill()
+    _, err = process.communicate(timeout=30)  # until the last of its processes has ended
+    assert process.returncode == -signal.SIGKILL
+    assert "starting the walkers" in err
+    assert "resource_tracker" not in err
+
+
 def workers(leader: int) -> list[int]:
     """The worker processes in the group of `leader`."""
     found = []

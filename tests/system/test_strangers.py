@@ -127,7 +127,7 @@ def test_simulate_never_overwrites_the_record_that_a_config_names(
     os.link(tmp_path / "rig" / "small.csv", tmp_path / "rig" / "hard.csv")
     output = [] if given is None else ["-o", tmp_path / "rig" / given]
     command = ("simulate", config, *output, *option.split())
-    refused(*command, below=tmp_path, says="the record that the config names is never overwritten")
+    refused(*command, below=tmp_path, says="or named by its config, and never replaced")
 
 
 @together("force", [False, True])
@@ -144,6 +144,6 @@ def test_simulate_replaces_nothing_but_a_record(name: str, force: bool, tmp_path
     before = listing(tmp_path)
     with pytest.raises(InputError, match=says):
         simulation.check_target(
-            "t,theta_1\n0,0\n", tmp_path / name, tmp_path / "none.csv", force=force
+            "t,theta_1\n0,0\n", tmp_path / name, [tmp_path / "none.csv"], force=force
         )
     assert listing(tmp_path) == before

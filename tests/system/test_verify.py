@@ -174,6 +174,52 @@ def test_a_chain_that_does_not_say_whose_it_is_is_believed_where_run_json_knows_
     assert "chain.h5: is of a run that it does not name (an older version wrote it)" in ran.err
 
 
+def test_a_run_is_not_compared_with_itself(done: Path, tmp_path: Path) -> None:
+    """By whatever name; laid over itself it may be."""
+    link = tmp_path / "link"
+    link.symlink_to(done / "out")
+    for other in (done / "out", done / "other" / ".." / "out", link):
+        ran = systems.cli("compare", done / "out", other, "-o", tmp_path / "both")
+        assert ran.status == 2
+        assert "would be compared with itself; give another run" in ran.err
+        assert not (tmp_path / "both").exists()
+    run = bd.open(done / "out")
+    with pytest.raises(bd.InputError, match="number 2 would be compared with itself"):
+        bd.compare([run, run])
+    assert systems.cli("report", done / "out", link, "-o", tmp_path / "over").status == 0
+
+
+GROUND = ("chain.h5", "map.json", "config.resolved.yaml")
+
+
+@together("name", [*GROUND, "summary.csv", "figures/corner.png"], rig=copied_rig)
+def test_a_missing_file_comes_back_as_verify_says(
+    name: str, done: Path, tmp_path: Path, rig: Path
+) -> None:
+    """What a report is made from comes from a run that goes on; all else from a report."""
+    (rig / "out" / name).unlink()
+    told = systems.cli("verify", rig / "out")
+    assert told.status == 2
+    way = "--resume` makes it again" if name in GROUND else "`bayesdrill report` makes"
+    assert way in told.err
+    ran = systems.cli("report", rig / "out")
+    assert ran.status == (2 if name in GROUND else 0), ran.text
+    if name in GROUND:
+        assert "--resume" in ran.err
+        options = ("-o", rig / "out", "--resume", "--processes", "1")
+        assert systems.cli("posterior", rig / "out.yaml", *options).status == 0
+    assert systems.cli("verify", rig / "out").status == 0
+
+
+def test_a_missing_file_of_a_map_is_made_by_a_map(tmp_path: Path) -> None:
+    config = systems.small(tmp_path)
+    assert systems.cli("map", config, "-o", tmp_path / "map").status == 0
+    (tmp_path / "map" / "map.csv").unlink()
+    assert "`bayesdrill map --force` makes it again" in systems.cli("verify", tmp_path / "map").err
+    assert systems.cli("map", config, "-o", tmp_path / "map", "--force").status == 0
+    assert systems.cli("verify", tmp_path / "map").status == 0
+
+
 def test_no_pipe_among_results_is_waited_for(rig: Path) -> None:
     """Each file of a run in turn; mutant killed: what `run.json` names is opened, whatever it is."""
     out = rig / "out"

@@ -131,8 +131,6 @@ def distinguish(
     if not wanted & {*names}:
         return NO_CONFOUNDING
     rows = sensitivity.with_nuisances(theta)
-    if not np.isfinite(rows).all():
-        return NO_CONFOUNDING
     none = np.empty((0, len(theta)))
     frictions = [f for each in friction_motions(posterior, theta, none) for f in each]
     scene = _FrictionStudy(sensitivity, theta, names, rows, frictions)
@@ -239,9 +237,8 @@ class _FrictionStudy:
         tried = []
         for what, volts, scene in self._scenes():
             rows = self.sensitivity.with_nuisances(self.theta, scene)
-            if np.isfinite(rows).all():
-                both = np.vstack([self.rows, rows]) if scene.times else rows  # other experiments
-                tried.append((what, volts, self._precision(both)))
+            both = np.vstack([self.rows, rows]) if scene.times else rows  # other experiments
+            tried.append((what, volts, self._precision(both)))
         return tried
 
     def _proposals(self, name: str) -> tuple[ProposedExperiment, ...]:

@@ -44,6 +44,7 @@ class DesignVariant:
 
 AS_RECORDED = DesignVariant()
 STUDIED_SAMPLES = 16384  # of a long record
+LARGEST_SLOPE = 1e100  # over the noise: sums of squares of such numbers are numbers still
 
 
 class SensitivityStudy:
@@ -77,12 +78,11 @@ class SensitivityStudy:
     def sensitivities(self, theta: Array, scene: DesignVariant = AS_RECORDED) -> Array:
         """Return d channel / d log unknown over sigma at `theta (D,)`: `(n, m)`.
 
-        What nuisances explain of them, as freely as their priors allow, is taken away.  Not finite
-        where the response overflows.
+        What nuisances explain of them, as freely as their priors allow, is taken away.
         """
         rows, m = self.with_nuisances(theta, scene), len(self.unknowns)
-        if not self.nuisances or not np.isfinite(rows).all():
-            return rows[:, :m]
+        if not self.nuisances:
+            return rows
         return project_out(self._with_priors(rows, m), m)
 
     def local_estimate(self, rows: Array, residuals: Array) -> tuple[Array, Array]:
@@ -102,7 +102,10 @@ class SensitivityStudy:
         return np.vstack([rows, priors])
 
     def with_nuisances(self, theta: Array, scene: DesignVariant = AS_RECORDED) -> Array:
-        """Return sensitivities `(n, m + k)` to nuisances as well, on their natural scale."""
+        """Return sensitivities `(n, m + k)` to nuisances as well, on their natural scale.
+
+        A number whose slopes overflow tells nothing: its row is zero.
+        """
         parts = self.by_experiment(theta, scene)
         if scene.beside:
             parts = [*self.by_experiment(theta), *parts]
@@ -152,7 +155,9 @@ class _ExtendedExperiment:
         if scene.extra:
             more = slopes[:, :, [self.k + self._states.index(name) for name in scene.extra]]
             rows = np.concatenate([rows, more / np.array([*scene.extra.values()])], axis=2)
-        return np.asarray(rows.reshape(len(rows), -1).T * math.sqrt(self._repeats))
+        rows = rows.reshape(len(rows), -1).T * math.sqrt(self._repeats)
+        readable = (np.abs(rows) < LARGEST_SLOPE).all(axis=1)
+        return np.where(readable[:, None], rows, 0.0)
 
     def course(self, full: Array, along: Array, scene: DesignVariant) -> tuple[Array, Array]:
         """Signals `(T, K + X)` and slopes `(q, T, K + X)`, not to be written to.

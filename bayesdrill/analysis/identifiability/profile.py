@@ -159,8 +159,7 @@ class Fitter:
         return np.asarray(np.nan_to_num(residuals, nan=1e6, posinf=1e6, neginf=-1e6))
 
     def _jacobian(self, logs: Array) -> Array:
-        slopes = self._scenery.with_nuisances(self._theta(logs))
-        return np.nan_to_num(slopes, posinf=0.0, neginf=0.0)
+        return self._scenery.with_nuisances(self._theta(logs))
 
 
 @dataclass(frozen=True, slots=True)

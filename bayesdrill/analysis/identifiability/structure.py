@@ -11,6 +11,7 @@ then priors settle the scale, held or not.
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 from collections.abc import Callable, Collection, Sequence
@@ -259,8 +260,10 @@ def depends_on_fixed(
     Who holds most of a rig knows that the rest is told through it.  `known` of the record at `theta
     (D,)`, `prior_sd (m,)` of the logs; `rng` draws the points at which the structure is looked at.
     """
-    space, model = posterior.space, posterior.likelihood.observations[0].response.model
-    fixed = tuple(name for name in model.parameters if space.fixed.get(name, 0.0) > 0.0)
+    space, observations = posterior.space, posterior.likelihood.observations
+    model = observations[0].response.model
+    called = {x: n for each in observations for n, x in each.named(model.parameters).items()}
+    fixed = tuple(name for name in called if space.fixed.get(name, 0.0) > 0.0)
     if not fixed:
         return ()
     values = [space.fixed[name] for name in fixed]
@@ -268,7 +271,7 @@ def depends_on_fixed(
     wider = posterior.edit(
         free=[
             Unknown(
-                symbol=model.symbols[name],
+                symbol=dataclasses.replace(model.symbols[called[name]], name=name),
                 role="rig",
                 prior=Uniform(low=low * value, high=high * value),
                 start=value,

@@ -46,6 +46,7 @@ from bayesdrill.config.schema.config import Asked, Identification, Thresholds
 from bayesdrill.inference.compression import excerpt
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import prior_log_sd
+from bayesdrill.inference.unknowns import labelled_name
 from bayesdrill.record.experiment import typical_inputs
 
 WEIGHED_TO = 0.01  # what fixing or weighing a part is taken to give: one per cent
@@ -84,7 +85,7 @@ def remedies(
     def tried(what: str, after: Information) -> Remedy:
         sd = after.with_priors(prior_sd).bounds()[rows]
         # What is known to all digits, by a record at the edge of numbers, gets no better.
-        finite = (before > 0) & (sd > 0) & (before < np.inf)
+        finite = (before > 0) & (sd > 0) & (before < np.inf) & (sd < np.inf)
         ratio = np.divide(before, sd, out=np.ones_like(sd), where=finite)
         least = RANK_TOLERANCE * np.linalg.norm(after.root)
         breaks = (k for k, move in enumerate(moves) if np.linalg.norm(after.root @ move) > least)
@@ -113,9 +114,7 @@ def _actions(
         *_more_channels(sensitivity, theta),
         *_other_inputs(sensitivity, theta),
     ):
-        sensitivities = sensitivity.sensitivities(theta, scene)
-        if np.isfinite(sensitivities).all():
-            yield what, from_sensitivities(names, sensitivities)
+        yield what, from_sensitivities(names, sensitivity.sensitivities(theta, scene))
 
 
 def _other_drives(sensitivity: SensitivityStudy) -> Iterator[tuple[str, DesignVariant]]:
@@ -323,11 +322,61 @@ def study_of(
     )
 
 
+START_DRAWS, TRIED = 128, 16  # from the priors, and of these the likeliest that are looked at
+STILL = 1e-3  # of what a channel does in the record: a model that does no more stands still
+MIN_MOTION_OVER_NOISE = 3.0  # sd of a channel over that of its noise, as neighbours tell it
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StudyPoint:
+    """A point `theta (D,)`, what it is called, and channels that stand `still` at the start.
+
+    The record moves these.  At `theta` they move, unless it is called nothing.
+    """
+
+    theta: Array
+    at: str
+    still: tuple[str, ...] = ()
+
+
+def study_point(sensitivity: SensitivityStudy, posterior: Posterior, seed: int) -> StudyPoint:
+    """Return the start or, where the rig stands still there, a likely draw of the priors that moves.
+
+    At rest signals depend on next to nothing, and all would be left to the prior on that ground.
+    """
+    space = posterior.space
+    start = space.vector(space.start)
+    if not (still := _still_channels(sensitivity, start)):
+        return StudyPoint(theta=start, at="the start")
+    drawn = space.draw(START_DRAWS, seeds.stream(seed, "identify", 2))
+    likely = np.argsort(-(excerpt(posterior) or posterior).density(drawn), kind="stable")[:TRIED]
+    moving = (theta for theta in drawn[likely] if not _still_channels(sensitivity, theta))
+    if (theta := next(moving, None)) is None:
+        return StudyPoint(theta=start, at="", still=still)
+    name = f"the likeliest of {START_DRAWS} draws from the priors with which the rig moves"
+    return StudyPoint(theta=theta, at=name, still=still)
+
+
+def _still_channels(sensitivity: SensitivityStudy, theta: Array) -> tuple[str, ...]:
+    """Return the channels that stand still at `theta (D,)`, of those that the record moves."""
+    full, still = sensitivity.likelihood.space.full(theta[None]), []
+    for observation in sensitivity.likelihood.observations:
+        experiment = observation.experiment
+        with np.errstate(all="ignore"):
+            predicted = observation.predict(full, theta[None])[0]
+            for k, seen in enumerate(experiment.seen.T):
+                y, noise = experiment.y[seen, k], np.diff(experiment.y[seen, k]).std() / 2.0**0.5
+                moves = np.ptp(predicted[seen, k]) > STILL * np.ptp(y)
+                if not moves and y.std() > MIN_MOTION_OVER_NOISE * noise:
+                    still.append(labelled_name(experiment.names[k], observation.label))
+    return tuple(still)
+
+
 def _nuisances(
     sensitivity: SensitivityStudy, posterior: Posterior, theta: Array, thresholds: Thresholds
 ) -> tuple[Nuisance, ...]:
     rows = sensitivity.with_nuisances(theta)
-    if not sensitivity.nuisances or not np.isfinite(rows).all():
+    if not sensitivity.nuisances:
         return ()
     joint = from_sensitivities((*sensitivity.unknowns, *sensitivity.nuisances), rows)
     inverse = np.linalg.inv(joint.with_priors(sensitivity.prior_spreads).root)

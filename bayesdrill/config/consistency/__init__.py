@@ -13,13 +13,10 @@ from bayesdrill.rig.models import MODELS
 
 
 def check(
-    config: Config, source: Source, spoilt: frozenset[Location], label: str = "", *, alone: bool
+    config: Config, source: Source, spoilt: frozenset[Location], label: str = ""
 ) -> tuple[list[Issue], ResolvedExperiment | None]:
-    """Problems of a config whose entries are each valid; `spoilt` places were reported already.
-
-    `alone`: whether there is no other experiment, so that it is known what all unknowns are called.
-    """
-    errors = IssueCollector(source, spoilt)
+    """Problems of a config whose entries are each valid; `spoilt` places were reported already."""
+    errors, alone = IssueCollector(source, spoilt), not source.labels
     names = config.vocabulary.parameters
     spoilt_names = [name for name in names if errors.is_reported(("parameters", name))]
     model = errors.run(("model", "name"), case.build_model, config, spoilt_names)
@@ -37,10 +34,10 @@ def check(
         local_numbers = record.local_numbers(config, channels, sensor_numbers, free, torque)
         work.check_settings(errors, config)
         if alone:
-            by_label = {"": local_numbers}
-            unknown_names = several.unknown_names(config, model, by_label)
-            work.check_unknown(errors, config, model, unknown_names)
-            several.check_truth(errors, config, by_label)
+            unknown = several.unknown_names(config, model, local_numbers)
+            tied = [name for name, x in config.parameters.items() if quantities.is_tied(x)]
+            work.check_unknown(errors, config, unknown, tied)
+            several.check_truth(errors, config, {"": local_numbers})
         if nominal is not None and rig is not None and sensing is not None:
             resolved = ResolvedExperiment(
                 label=label,
@@ -65,5 +62,5 @@ def check(
     work.check_simulation(errors, config)
     work.check_calibration(errors, config)
     if alone:
-        work.check_identify(errors, config, [""])
+        work.check_identify(errors, config, unknowns.free_parameters(config, config.parameters))
     return errors.issues, None if errors.issues else resolved

@@ -8,14 +8,19 @@ from typing import Any
 from bayesdrill.basics import symbols
 from bayesdrill.basics.errors import Issue
 from bayesdrill.config.consistency import unknowns, work
-from bayesdrill.config.resolve import quantities, sensors
-from bayesdrill.config.resolve.case import LocalNumbers, ResolvedExperiment
+from bayesdrill.config.resolve import sensors
+from bayesdrill.config.resolve.case import (
+    LocalNumbers,
+    ResolvedCase,
+    ResolvedExperiment,
+    RigNumbers,
+)
 from bayesdrill.config.resolve.experiments import joint_name
 from bayesdrill.config.schema import numbers
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import IssueCollector, Location, Source
 from bayesdrill.inference.priors import Prior
-from bayesdrill.inference.unknowns import Unknown, labelled_name
+from bayesdrill.inference.unknowns import ParameterSpace, Unknown, labelled_name
 from bayesdrill.rig.models.linear import Model
 
 # Each experiment by its name, which is empty where there is only one.
@@ -35,26 +40,59 @@ def check_experiments(
         return errors.issues
     model = next(iter(resolved.values())).model
     by_label = {label: experiment.local_numbers for label, experiment in resolved.items()}
-    _check_local(errors, config, model)
+    _check_held(errors, config, resolved)
+    _check_local(errors, config, model, [each.rig_numbers for each in resolved.values()])
     _check_shared(errors, config, model, by_label)
     _check_held_out(errors, config, by_label)
     _check_names(errors, config, by_label)
     if not errors.issues:
-        work.check_unknown(errors, config, model, unknown_names(config, model, by_label))
-        work.check_identify(errors, config, [*by_label])
+        case = ResolvedCase(config=config, source=source, experiments=(*resolved.values(),))
+        space = case.space()
+        _check_derived(errors, case, space)
+        local = [joint_name(config, n, label) for label, x in by_label.items() for n in x.unknown]
+        unknown = list(dict.fromkeys([*space.free, *local]))
+        work.check_unknown(errors, config, unknown, space.relations)
+        work.check_identify(errors, config, [x for x in space.free if x not in config.quantities])
     check_truth(errors, config, by_label)
     return errors.issues
 
 
-def unknown_names(config: Config, model: Model, by_label: NumbersByLabel) -> list[str]:
-    """Return the names of all unknowns."""
-    rig = [n for n in unknowns.free_parameters(config, model.parameters) if n not in config.own]
-    local_names = unknowns.free_parameters(config, config.own)
-    every = [*rig, *(labelled_name(name, label) for name in local_names for label in by_label)]
+def unknown_names(config: Config, model: Model, local: LocalNumbers) -> list[str]:
+    """Return the names of all unknowns of an experiment alone."""
+    every = unknowns.free_parameters(config, model.parameters)
     every += [n for n, q in config.quantities.items() if isinstance(q, numbers.QuantityPrior)]
-    for label, local in by_label.items():
-        every += [joint_name(config, name, label) for name in local.unknown]
-    return list(dict.fromkeys(every))
+    return list(dict.fromkeys([*every, *local.unknown]))
+
+
+def _check_held(
+    errors: IssueCollector, config: Config, resolved: Mapping[str, ResolvedExperiment]
+) -> None:
+    """Check that what an experiment holds by itself is a number or a formula, of a rig that all have."""
+    for label, experiment in resolved.items():
+        for name in config.experiments[label].parameters:
+            free = isinstance(experiment.config.parameters.get(name), numbers.ParameterPrior)
+            without = [n for n, each in resolved.items() if name not in each.model.parameters]
+            messages = {
+                f"only a number or a formula can be held; `own: [{name}]` makes unknowns": free,
+                f"{name} is `own:`, and so unknown in each; remove one of the two": name
+                in config.own,
+                f"{name} is not in the rig of {' and '.join(without)}; name it above": bool(
+                    without
+                ),
+            }
+            for message in [message for message, wrong in messages.items() if wrong][:1]:
+                errors.add(("experiments", label, "parameters", name), message)
+
+
+def _check_derived(errors: IssueCollector, case: ResolvedCase, space: ParameterSpace) -> None:
+    """Check that formulas name what there is among all experiments."""
+    known = {*space.free, *space.fixed, *space.relations, *symbols.DERIVED, *case.config.derived}
+    for formula in case.experiments[0].rig_numbers.derived:
+        for name in [name for name in formula.expression.names if name not in known]:
+            others = dict.fromkeys(called.get(name, "") for called in case.called.values())
+            way_out = f"name {' or '.join(others)}" if all(others) else "it is the same in all"
+            message = f"there is no {name} among all experiments; {way_out}"
+            errors.add(("derived", formula.symbol.name), message)
 
 
 def check_truth(errors: IssueCollector, config: Config, by_label: NumbersByLabel) -> None:
@@ -83,10 +121,11 @@ def _truth_names(config: Config, by_label: NumbersByLabel) -> list[str]:
     return list(dict.fromkeys([*(name for _, name in pairs), *local_names]))
 
 
-def _check_local(errors: IssueCollector, config: Config, model: Model) -> None:
+def _check_local(
+    errors: IssueCollector, config: Config, model: Model, each: Iterable[RigNumbers]
+) -> None:
     free = unknowns.free_parameters(config, model.parameters)
-    relations = [quantities.parse_relation(config, model, name) for name in model.parameters]
-    related_names = {name for relation in relations if relation for name in relation.names}
+    related_names = unknowns.check_used(errors, config, each)
     for k, name in enumerate(config.own):
         errors.expect(("own", k), name, free, f"{name} is no unknown parameter of the rig")
         if name in related_names:
@@ -155,7 +194,8 @@ def _check_names(errors: IssueCollector, config: Config, by_label: NumbersByLabe
     used_names |= dict.fromkeys(config.derived, "")
     before = len(errors.issues)
     for label, local in by_label.items():
-        local_names = [*config.own, *(name for name in local.numbers if name not in config.shared)]
+        local_names = [*config.own, *config.experiments[label].parameters]
+        local_names += [name for name in local.numbers if name not in config.shared]
         _no_clash(errors, label, local_names, used_names)
     columns = dict[str, str]()
     for label, local in by_label.items() if len(errors.issues) == before else ():

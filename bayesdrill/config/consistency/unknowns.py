@@ -18,7 +18,14 @@ from bayesdrill.config.yaml_source import IssueCollector, Location
 from bayesdrill.inference.posterior import Formula
 from bayesdrill.inference.unknowns import ParameterSpace, Unknown
 from bayesdrill.rig.models import MODELS
-from bayesdrill.rig.models.linear import Model, missing_requirements, requirement_text, with_all
+from bayesdrill.rig.models.friction import Named
+from bayesdrill.rig.models.linear import (
+    Model,
+    missing_requirements,
+    requirement_text,
+    weak_statics,
+    with_all,
+)
 from bayesdrill.rig.simulators.sensors import ObservationModel
 
 _TRIED = 4096  # draws from the priors, at which formulas are tried
@@ -110,7 +117,8 @@ def _check_relations(
             if getattr(spec, "latex", None) is not None:
                 errors.run(("quantities", name, "latex"), latex.check, number.symbol)
     for name, formula in config.derived.items():
-        parsed = errors.run(("derived", name), quantities.parse_formula, config, model, name)
+        arguments = (config, model, name, errors.source.labels)
+        parsed = errors.run(("derived", name), quantities.parse_formula, *arguments)
         if parsed is not None:
             derived.append(parsed)
             if formula.latex is not None:
@@ -120,28 +128,37 @@ def _check_relations(
     wrong = any(parsed_parameters[name] is None for name in tied) or len(errors.issues) > before
     if wrong or not {*model.parameters} <= {*parsed_parameters}:
         return None
-    used = {name for formula in derived for name in formula.expression.names}
-    used |= {name for expression in related.values() for name in expression.names}
-    for name in [n for n in config.quantities if n not in used]:
-        message = "no formula names it; use it in `parameters:` or `derived:`, or remove it"
-        errors.add(("quantities", name), message)
     parameters = {n: x for n in model.parameters if (x := parsed_parameters[n]) is not None}
     if len(parameters) < len(model.parameters):  # a prior or a start, said already
         return None
     rig = RigNumbers(parameters=parameters, quantities=quantities_, derived=tuple(derived))
+    if not errors.source.labels:
+        check_used(errors, config, [rig])
     try:
         space = rig.space()
     except RelationError as error:
         errors.add(("parameters", error.name), str(error))
         return None
-    _check_values(errors, config, space, related)
+    named = _check_values(errors, config, space, related)
+    errors.add_all(("parameters",), weak_statics(model, named))
     return rig
+
+
+def check_used(errors: IssueCollector, config: Config, each: Iterable[RigNumbers]) -> set[str]:
+    """Check that a formula names each quantity; return what formulas of parameters name."""
+    every = [*each]
+    used = {name for rig in every for x in rig.related.values() for name in x.names}
+    others = {name for rig in every for formula in rig.derived for name in formula.expression.names}
+    for name in [n for n in config.quantities if n not in used | others]:
+        message = "no formula names it; use it in `parameters:` or `derived:`, or remove it"
+        errors.add(("quantities", name), message)
+    return used
 
 
 def _check_values(
     errors: IssueCollector, config: Config, space: ParameterSpace, related: Mapping[str, Expression]
-) -> None:
-    """What is computed for a parameter must be a positive number wherever the priors lead."""
+) -> Named:
+    """What is computed for a parameter must be positive wherever the priors lead; return all there."""
     theta = space.draw(_TRIED, np.random.default_rng(0)) if space.free else np.ones((1, 0))
     named = space.named(theta)
     for name, relation in related.items():
@@ -156,6 +173,7 @@ def _check_values(
                 f"priors allow, and must be positive (and at most {upper_limit:g}); mend the "
                 "formula or narrow the priors",
             )
+    return named
 
 
 def free_parameters(config: Config, names: Iterable[str]) -> list[str]:

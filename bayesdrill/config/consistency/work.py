@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from bayesdrill import output_files
 from bayesdrill.basics import symbols
 from bayesdrill.basics.entries import entries_of, unknown_keys
 from bayesdrill.basics.registry import lookup
-from bayesdrill.config.consistency.unknowns import free_parameters
-from bayesdrill.config.resolve import assembly, quantities
+from bayesdrill.config.resolve import assembly
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import IssueCollector, Location
-from bayesdrill.inference.unknowns import labelled_name
 from bayesdrill.output_files import RUN_FIGURES
-from bayesdrill.rig.models.linear import Model
 from bayesdrill.sampling.optimisers import OPTIMISERS
 from bayesdrill.sampling.samplers.ensemble import MOVES, always_inside, moves_with_weights
 
@@ -41,9 +38,9 @@ def check_settings(errors: IssueCollector, config: Config) -> None:
 
 
 def check_unknown(
-    errors: IssueCollector, config: Config, model: Model, unknown: Sequence[str]
+    errors: IssueCollector, config: Config, unknown: Sequence[str], related: Iterable[str]
 ) -> None:
-    """Check search, walkers and names in figures against the unknowns."""
+    """Check search, walkers and names in figures against the unknowns, and what is `related` to them."""
     if kind := OPTIMISERS.usable().get(config.map.method):
         given_entries = [e for e in entries_of(kind) if getattr(config.map, e) is not None]
         location = ("map", *(given_entries or ["method"])[:1])
@@ -57,8 +54,6 @@ def check_unknown(
             errors.add(("sampler", "walkers"), f"{sampler.walkers} walkers: {wanted}")
         arguments = (sampler.ensembles, sampler.walkers, n_unknown)
         errors.run(("sampler", "walkers"), output_files.check_chain, *arguments)
-    parameters = config.parameters
-    related = [name for name in model.parameters if quantities.is_tied(parameters.get(name))]
     shown_names = [*unknown, *related, *symbols.DERIVED, *config.derived]
     for k, name in enumerate(config.output.parameters or ()):
         errors.expect(("output", "parameters", k), name, unknown, f"{name} is no unknown")
@@ -94,13 +89,9 @@ def check_simulation(errors: IssueCollector, config: Config) -> None:
             errors.expect(location, name, config.quantities, "there is no such quantity")
 
 
-def check_identify(errors: IssueCollector, config: Config, labels: Sequence[str]) -> None:
-    """Check what `identify` is asked for."""
+def check_identify(errors: IssueCollector, config: Config, unknown: Sequence[str]) -> None:
+    """Check what `identify` is asked for against the `unknown` parameters."""
     settings = config.identify
-    unknown = []
-    for name in free_parameters(config, config.vocabulary.parameters):
-        experiments = labels if name in config.own else [""]
-        unknown += [labelled_name(name, label) for label in experiments]
     for k, name in enumerate(settings.of_interest):
         message = f"{name} is no unknown parameter"
         errors.expect(("identify", "of_interest", k), name, unknown, message)

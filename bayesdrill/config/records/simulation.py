@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import dataclasses
 import io
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -167,14 +168,12 @@ def simulate_one(
     return record_text(resolved, experiment, y)
 
 
-def check_target(text: str, target: Path, record: Path, *, force: bool) -> None:
-    """Raise `InputError` where a text must not be written to `target`, above all over `record`."""
+def check_target(text: str, target: Path, read: Sequence[Path], *, force: bool) -> None:
+    """Raise `InputError` where a text must not be written to `target`, above all over files `read`."""
     output_files.refuse_other_than_file(target)
     output_files.refuse_unwritable(target.parent)
+    output_files.refuse_replacing(read, [target])
     if target.exists():
-        if record.exists() and target.samefile(record):
-            message = "the record that the config names is never overwritten; give another --output"
-            raise InputError.at(str(target), message)
         if not force:
             raise InputError.at(str(target), "exists already; give --force or another --output")
         header = text.partition("\n")[0].encode()

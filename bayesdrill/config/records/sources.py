@@ -18,7 +18,7 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.entries import build_member
 from bayesdrill.basics.errors import InputError, Issue, encodable
 from bayesdrill.config.resolve import quantities
-from bayesdrill.config.resolve.case import ResolvedExperiment
+from bayesdrill.config.resolve.case import ResolvedCase, ResolvedExperiment
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.schema.records import (
     ColumnSpec,
@@ -60,6 +60,11 @@ def paths(resolved: ResolvedExperiment) -> list[Path]:
     """Return the paths of all files of an experiment, the record's own first, each once."""
     files = dict.fromkeys([None, *map(file_of, file_entries(resolved.config).values())])
     return [path_of(resolved, file) for file in files]
+
+
+def files(case: ResolvedCase) -> list[Path]:
+    """Return the paths of a config and of all files that it names."""
+    return [case.source.path, *(path for each in case.experiments for path in paths(each))]
 
 
 def named_files(data: Mapping[str, Any]) -> list[tuple[dict[str, Any], str]]:

@@ -43,7 +43,7 @@ SEARCH_STEPS = 4  # steps to a sample, for the search of the maximum: there they
 def build_problem(case: ResolvedCase, records: Sequence[Experiment]) -> Problem:
     """Build the problem of a case and its records; raises `InputError` where they do not suit."""
     config, rig, nominal = case.config, case.model, case.experiments[0].nominal
-    labels = [experiment.label for experiment in case.experiments]
+    labels, called = [experiment.label for experiment in case.experiments], case.called
     parts, sensor_numbers, noise_unknowns = [], dict[str, ParsedNumber](), dict[str, Unknown]()
     pairs = zip(case.experiments, records, strict=True)
     built = collect_each(lambda pair: _sensors_and_observation(*pair), pairs)
@@ -54,14 +54,12 @@ def build_problem(case: ResolvedCase, records: Sequence[Experiment]) -> Problem:
         for unknown in observed.unknowns:
             level = unknown if unknown.name in config.shared else unknown.for_experiment(label)
             noise_unknowns.setdefault(level.name, level)
-        parameters = [labelled_name(n, label if n in config.own else "") for n in rig.parameters]
+        parameters = [called[label][name] for name in rig.parameters]
         of_sensors = observed.parameters[len(parameters) :]
         parameters += [joint_name(config, name, label) for name in of_sensors]
         names = [joint_name(config, unknown.name, label) for unknown in observed.unknowns]
         parts.append(replace(observed, parameters=parameters, noise_names=names))
-    numbers = case.experiments[0].rig_numbers
-    local = [*sensor_numbers.values()], [*noise_unknowns.values()]
-    unknowns = numbers.space(config.own, labels, *local)
+    unknowns = case.space([*sensor_numbers.values()], [*noise_unknowns.values()])
     posterior = Posterior(
         space=unknowns,
         likelihood=Likelihood.joint(unknowns, parts, case.held_out),
@@ -87,7 +85,7 @@ def build_problem(case: ResolvedCase, records: Sequence[Experiment]) -> Problem:
         nominal=table,
         published=frozenset(published),
         tolerance=tolerance,
-        derived=numbers.derived,
+        derived=case.experiments[0].rig_numbers.derived,
         units=_display_units(case),
         clock=clock,
         compared_with=nominal.name,

@@ -54,50 +54,59 @@ class RigNumbers:
     quantities: Mapping[str, ParsedNumber]
     derived: tuple[Formula, ...]
 
-    def space(
-        self,
-        local: Sequence[str] = (),
-        labels: Sequence[str] = (),
-        sensors: Sequence[ParsedNumber] = (),
-        noise: Sequence[Unknown] = (),
-    ) -> ParameterSpace:
-        """Return the unknowns: free parameters, quantities, those of `sensors` and starts, then `noise`.
-
-        A parameter that is `local` is there once for each of the `labels`.  Raises `RelationError`.
-        """
-        unknowns: list[Unknown] = []
-        fixed: dict[str, float] = {}
-        names: list[str] = []
-
-        def add(number: ParsedNumber, several: Sequence[str] = ("",)) -> None:
-            if isinstance(number.value, float):
-                fixed[number.name] = number.value
-                return
-            unknown = Unknown(
-                symbol=number.symbol, role=number.role, prior=number.value, start=number.start
-            )
-            unknowns.extend(unknown.for_experiment(label) for label in several)
-
-        for name, number in self.parameters.items():
-            several = labels if name in local else [""]
-            names += [labelled_name(name, label) for label in several]
-            if isinstance(number, ParsedNumber):
-                add(number, several)
-        for number in self.quantities.values():
-            add(number)
-        free = {unknown.name for unknown in unknowns}
+    @property
+    def related(self) -> Mapping[str, Expression]:
+        """Return what parameters follow from, in names of others; raises `RelationError`."""
         related = {n: x for n, x in self.parameters.items() if isinstance(x, Expression)}
-        relations = resolve_relations(related)
-        for name in [n for n, r in relations.items() if not set(r.names) & free]:
-            fixed[name] = float(relations.pop(name).value(fixed))
-        for number in sensors:
-            add(number)
-        return ParameterSpace(
-            model=(*names, *(number.name for number in sensors)),
-            unknowns=(*unknowns, *noise),
-            fixed=fixed,
-            relations=relations,
+        return resolve_relations(related)
+
+    def space(self) -> ParameterSpace:
+        """Return the unknowns of one experiment alone; see `ResolvedCase.space`."""
+        return _space([("", self, {name: name for name in self.parameters})])
+
+
+def _space(
+    each: Sequence[tuple[str, RigNumbers, Mapping[str, str]]],
+    sensors: Sequence[ParsedNumber] = (),
+    noise: Sequence[Unknown] = (),
+) -> ParameterSpace:
+    """`each`: label, numbers and what its parameters are called among all."""
+    unknowns: list[Unknown] = []
+    fixed: dict[str, float] = {}
+    relations: dict[str, Expression] = {}
+    names: list[str] = []
+
+    def add(number: ParsedNumber) -> None:
+        if isinstance(number.value, float):
+            fixed[number.name] = number.value
+            return
+        unknowns.append(
+            Unknown(symbol=number.symbol, role=number.role, prior=number.value, start=number.start)
         )
+
+    for name in each[0][1].parameters:
+        for label, numbers_, called in each:
+            if (joint := called[name]) in names:
+                continue
+            names.append(joint)
+            number = numbers_.parameters[name]
+            if isinstance(number, ParsedNumber):
+                add(number if joint == name else number.for_experiment(label))
+            else:
+                relations[joint] = numbers_.related[name].renamed(called)
+    for number in each[0][1].quantities.values():
+        add(number)
+    free = {unknown.name for unknown in unknowns}
+    for name in [n for n, r in relations.items() if not set(r.names) & free]:
+        fixed[name] = float(relations.pop(name).value(fixed))
+    for number in sensors:
+        add(number)
+    return ParameterSpace(
+        model=(*names, *(number.name for number in sensors)),
+        unknowns=(*unknowns, *noise),
+        fixed=fixed,
+        relations=relations,
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -144,6 +153,32 @@ class ResolvedCase:
     def model(self) -> Model:
         """Return the rig, which all experiments share."""
         return self.experiments[0].model
+
+    @property
+    def called(self) -> dict[str, dict[str, str]]:
+        """Return by label what parameters of an experiment are called among those of all.
+
+        What is its own, or held by it alone, and what follows from that, has its label.
+        """
+        called = {}
+        for each in self.experiments:
+            label, numbers_, spec = each.label, each.rig_numbers, self.config.experiments
+            local = {*self.config.own, *(spec[label].parameters if label else ())}
+            local |= {name for name, x in numbers_.related.items() if local & {*x.names}}
+            names = {n: labelled_name(n, label if n in local else "") for n in numbers_.parameters}
+            called[label] = names
+        return called
+
+    def space(
+        self, sensors: Sequence[ParsedNumber] = (), noise: Sequence[Unknown] = ()
+    ) -> ParameterSpace:
+        """Return the unknowns: free parameters, quantities, those of `sensors` and starts, then `noise`.
+
+        Raises `RelationError`.
+        """
+        called = self.called
+        each = [(x.label, x.rig_numbers, called[x.label]) for x in self.experiments]
+        return _space(each, sensors, noise)
 
     @property
     def held_out(self) -> list[str]:

@@ -24,6 +24,7 @@ from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulators.sensors import ObservationModel
 
 SECTIONS = ("record", "inputs", "initial")  # which an experiment may have of its own
+PARAMETERS = "parameters"  # of which it may hold numbers of its own
 EXPERIMENTS = "experiments"
 SHARING_KEYS = ("shared", "own")  # of what the experiments have in common, or each for itself
 
@@ -47,8 +48,9 @@ def join_experiments(source: Source, sources: Mapping[str, Source]) -> dict[str,
     first = next(iter(sources.values()), source)
     for label, local in sources.items():
         named[label] = {**named[label], **{k: local.data[k] for k in SECTIONS if k in local.data}}
-    sharing = {key: source.data[key] for key in SHARING_KEYS if key in source.data}
-    return {**first.data, EXPERIMENTS: named, **sharing}
+    common = {key: source.data[key] for key in SHARING_KEYS if key in source.data}
+    common[PARAMETERS] = source.data.get(PARAMETERS, {})
+    return {**first.data, EXPERIMENTS: named, **common}
 
 
 def joint_name(config: Config, name: str, label: str) -> str:
@@ -60,14 +62,16 @@ def experiment_source(source: Source, label: str, local: Mapping[str, Any]) -> S
     """Return the config of one experiment, with its `local` entries."""
     data = {k: v for k, v in source.data.items() if k not in (EXPERIMENTS, *SHARING_KEYS)}
     data = copy.deepcopy(data)
-    for section in [name for name in SECTIONS if name in local]:
+    for section in [name for name in (*SECTIONS, PARAMETERS) if name in local]:
         data[section] = _merged(data.get(section), local[section])
     lines, moved = dict(source.lines), dict[Location, Location]()
     prefix: Location = (EXPERIMENTS, label)
     for location, line in source.lines.items():
         if location[:2] == prefix and len(location) > 2:
             lines[location[2:]], moved[location[2:]] = line, location
-    return dataclasses.replace(source, data=data, lines=lines, repeated=(), moved=moved)
+    labels = tuple(map(str, source.data[EXPERIMENTS] or [label]))
+    alone = dataclasses.replace(source, data=data, lines=lines, repeated=(), moved=moved)
+    return dataclasses.replace(alone, labels=labels)
 
 
 def _merged(common: Any, local: Any) -> Any:

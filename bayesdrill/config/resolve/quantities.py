@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import keyword
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,7 +24,7 @@ from bayesdrill.config.schema.numbers import ParameterPrior, PriorSpec, Quantity
 from bayesdrill.config.schema.records import InputColumn
 from bayesdrill.inference.posterior import Formula
 from bayesdrill.inference.priors import PRIORS, Prior
-from bayesdrill.inference.unknowns import Role, labelled_symbol
+from bayesdrill.inference.unknowns import Role, labelled_name, labelled_symbol
 from bayesdrill.record import anomalies
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.models.linear import Model, gear_factor
@@ -264,13 +265,14 @@ def parse_relation(config: Config, model: Model, name: str) -> Expression | None
     return parsed
 
 
-def parse_formula(config: Config, model: Model, name: str) -> Formula:
-    """Return a derived quantity of the config; it may name those that stand before it."""
+def parse_formula(config: Config, model: Model, name: str, labels: Iterable[str] = ()) -> Formula:
+    """Return a derived quantity; it may name those before it, and parameters of experiments `labels`."""
     _check_name(config, name)
     if name in config.quantities:
         raise ValueError(f"{name} is a quantity already; choose another name")
-    names = list(config.derived)
-    known_names = (*_names(config, model), *symbols.DERIVED, *names[: names.index(name)])
+    names, local = list(config.derived), itertools.product(model.parameters, labels)
+    known_names = (*_names(config, model), *itertools.starmap(labelled_name, local))
+    known_names = (*known_names, *symbols.DERIVED, *names[: names.index(name)])
     spec = config.derived[name]
     unit, _ = units.coherent(spec.unit)  # values are SI, whatever the multiple
     symbol = symbols.own_symbol(name, unit, spec.latex, f"{name} = {spec.formula}")

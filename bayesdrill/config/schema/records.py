@@ -344,5 +344,8 @@ class ExperimentSpec(Strict):
     inputs: dict[str, Any] = Field(default_factory=dict, description="Entries as in `inputs:`.")
     initial: dict[str, Any] | str = Field(default_factory=dict)
     """Entries as in `initial:`."""
+    parameters: dict[str, Any] = Field(
+        default_factory=dict, description="Numbers and formulas that it holds by itself."
+    )
     held_out: bool = False
     """No sample of it is evidence: `compare` says how well each model predicts it."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from bayesdrill.basics.entries import check_entries
+from bayesdrill.basics.entries import entries_model
 from bayesdrill.basics.registry import Registry
 from bayesdrill.inference.noise.ar1 import AR1
 from bayesdrill.inference.noise.contract import NoiseKind
@@ -18,7 +18,7 @@ def _is_noise(_: str, member: Any) -> None:
     if missing:
         names = ", ".join(missing)
         raise ValueError(f"it has no {names}; see `bayesdrill.inference.noise.contract`")
-    check_entries(member.Entries)
+    entries_model(member.Entries)
 
 
 NOISES: Registry[NoiseKind] = Registry(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from bayesdrill.basics.entries import NoEntries, check_entries
+from bayesdrill.basics.entries import NoEntries, entries_model
 from bayesdrill.basics.errors import InputError, did_you_mean
 from bayesdrill.basics.registry import Registry
 from bayesdrill.record.formats import arrays, csv, matlab
@@ -33,7 +33,7 @@ class Format:
 def _is_format(_: str, member: Any) -> None:
     if not isinstance(member, Format):
         raise ValueError(f"a format is a `Format`, not {type(member).__name__}")
-    check_entries(member.options)
+    entries_model(member.options)
 
 
 FORMATS: Registry[Format] = Registry(

@@ -261,7 +261,7 @@ def residual_sentences(summaries: Sequence[ResidualSummary], clock: Unit) -> str
         lines.append(
             f"fit: {_correlated(correlated)} (white noise gives at most "
             f"{correlated[0].limits.correlation:.2g} either way). The model misses something, or the "
-            "column was filtered or differenced. Do not trust the sds."
+            "column was filtered or differenced. Sandwich sds, in the report of a posterior, count that."
         )
     if small := _worst(summaries, "small", "rms"):
         lines.append(
@@ -285,6 +285,17 @@ def residual_reasons(summaries: Sequence[ResidualSummary]) -> tuple[str, ...]:
     if correlated := _worst(doubtful, "correlated", "correlation"):
         said.append(_correlated(correlated))
     return tuple(said)
+
+
+def sandwich_reasons(unsupported: Mapping[str, float]) -> tuple[str, ...]:
+    """Why a fit must not be believed that leaves only a little more than noise."""
+    worst = sorted(unsupported.items(), key=lambda pair: -pair[1])
+    each = ", ".join(f"{name} ({times:.3g} times as large)" for name, times in worst[:SHOWN])
+    more = ", ..." if len(worst) > SHOWN else ""
+    allowed = (
+        "with the sds that allow for what the fit leaves (sandwich), the record does not determine"
+    )
+    return (f"{allowed} {each}{more}",) if worst else ()
 
 
 def _larger(large: Sequence[ResidualSummary]) -> str:

@@ -7,11 +7,17 @@ from collections.abc import Sequence
 
 from bayesdrill.analysis.identifiability.profile import Profile
 from bayesdrill.analysis.identifiability.structure import Exponents
-from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy, KnownProduct
+from bayesdrill.analysis.identifiability.study import (
+    IdentifiabilityStudy,
+    KnownProduct,
+    StudyPoint,
+)
 from bayesdrill.basics.symbols import Symbol, fraction
+from bayesdrill.inference.posterior import Problem
 from bayesdrill.report.section import aligned
 from bayesdrill.report.sections import physics_words, torque_words
 from bayesdrill.report.sections.physics_words import listed
+from bayesdrill.report.words import unbelievable
 from bayesdrill.rig.models.linear import Model
 
 MOST_REMEDIES = 8
@@ -36,9 +42,29 @@ def product(names: Sequence[str], exponents: Sequence[float]) -> str:
     return fraction(above, below, " ")
 
 
-def full(study: IdentifiabilityStudy, rig: Model) -> str:
-    """All that `identify` prints."""
-    parts = [structure(study), dependence_sentences(study), knowledge(study), nuisances(study)]
+def study_point(point: StudyPoint, problem: Problem) -> str:
+    """Return why a record is not studied at the start; empty where the rig moves there."""
+    if not point.still:
+        return ""
+    named = zip(problem.names, point.theta.tolist(), strict=True)
+    values = ", ".join(f"{name} = {problem.units.format_value(name, x)}" for name, x in named)
+    what = f"What follows is computed at {point.at} ({values})"
+    if not point.at:
+        what = (
+            "Nor does it at likely draws from the priors, so that nothing can be said of the record"
+        )
+    holds = ", as friction may hold it" if problem.model.frictions else ""
+    return (
+        f"AT REST: at the start values the rig does not move{holds}, and in the record it does "
+        f"({listed(point.still)}). {what}. Give priors a `start:` with which it moves, or look at the "
+        "maximum: `bayesdrill identify --at-map`."
+    )
+
+
+def full(study: IdentifiabilityStudy, rig: Model, reasons: Sequence[str] = ()) -> str:
+    """All that `identify` prints; `reasons`: why a fit, where it is at one, must not be believed."""
+    parts = [unbelievable(reasons, converged=False), structure(study), dependence_sentences(study)]
+    parts += [] if reasons else [knowledge(study), nuisances(study)]
     parts += [physics_words.friction_sentences(study.frictions, rig)]
     parts += [torque_words.stand_ins(study, rig), remedies(study)]
     return "\n\n".join(part for part in parts if part).rstrip()
@@ -195,9 +221,13 @@ def _of_each(study: IdentifiabilityStudy) -> str:
     named = list(zip(study.names, study.parameters, strict=True))
     loose = [f"{name} to {percent(known.bound)}" for name, known in named if known.bound > WELL]
     left = [name for name, known in named if known.word != "determined"]
+    unseen = [nuisance.name for nuisance in study.nuisances if nuisance.word != "determined"]
     tied = [n for n in study.nuisances if n.like]
     if not loose and not left and not tied:
-        return "the record determines every unknown"
+        if not unseen:
+            return "the record determines every unknown"
+        sensors = f"of sensors and starts it leaves {listed(unseen)} largely to the prior"
+        return f"the record determines every parameter of the rig; {sensors}"
     parts = ["no symmetry hides an unknown from this record"]
     if loose:
         parts.append(f"without their priors it would know {listed(loose)} at best")

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import IO
 
 CACHE_VARIABLE = "BAYESDRILL_CACHE"  # in the environment: another folder, or ...
-CACHE_OFF = "off"  # ... no cache at all
+CACHE_OFF = "off"  # ... no cache at all, as OFF and 0
 MAX_FILES, MAX_BYTES = 1000, 256 * 1024**2
 _DIGEST_BYTES = hashlib.sha256().digest_size
 _NAMES = re.compile(r"[0-9a-f]{64}(\.[0-9a-f]+\.tmp)?")  # of our own files; others are left alone
@@ -118,9 +118,11 @@ class CodeCache:
 def user_cache(environment: Mapping[str, str] = os.environ) -> CodeCache:
     """Return the cache of this user: where the environment says, or where the system has caches."""
     named = environment.get(CACHE_VARIABLE, "")
-    if named == CACHE_OFF:
+    if named.lower() in (CACHE_OFF, "0"):
         return CodeCache(None)
     if named:
+        with suppress(RuntimeError):  # a `~` of nobody is the name of a folder
+            named = str(Path(named).expanduser())
         return CodeCache(Path(named) / "kernels")
     from platformdirs import user_cache_path
 

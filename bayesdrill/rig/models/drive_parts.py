@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -9,17 +10,11 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, PlainSerializer, WithJsonSchema
 
+from bayesdrill.basics.errors import short_repr
+
 DRIVES = ("torque", "current", "voltage", "speed")
 MAX_PARTS = 40
 NAME = r"^[A-Za-z][A-Za-z0-9_]{0,29}$"
-
-
-class PartsError(ValueError):
-    """Parts that do not go together; `entries`: messages by the entry of `model:` that is wrong."""
-
-    def __init__(self, entries: tuple[tuple[str, str], ...]) -> None:
-        super().__init__("; ".join(f"{entry}: {message}" for entry, message in entries))
-        self.entries = entries
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,25 +49,34 @@ def _ends(name: str, value: Any) -> tuple[str, str]:
     return (value[0], value[1])
 
 
-def _by_name(value: Any, what: str, example: str, make: Callable[[str, Any], Any]) -> Any:
-    """Parts of a mapping; those that are made already stay as they are."""
-    if isinstance(value, tuple):
-        return value
-    if not isinstance(value, Mapping):
-        raise ValueError(f"write each {what} by its name, such as `{example}`")
-    for name in value:
+def _by_name(value: Any, kind: type, example: str, make: Callable[[str, Any], Any]) -> Any:
+    """Parts of a mapping, or of those that are made already."""
+    if isinstance(value, tuple) and all(isinstance(part, kind) for part in value):
+        pairs = [_entry(part) for part in value]
+    elif isinstance(value, Mapping):
+        pairs = [*value.items()]
+    else:
+        raise ValueError(f"write each {kind.__name__.lower()} by its name, such as `{example}`")
+    for name, _ in pairs:
         if not re.fullmatch(NAME, str(name)):
-            raise ValueError(f"{name!r} is no name; write a letter, then letters, digits and `_`")
-    return tuple(make(name, entry) for name, entry in value.items())
+            shown = short_repr(name)
+            raise ValueError(f"{shown} is no name; write a letter, then letters, digits and `_`")
+    return tuple(make(str(name), entry) for name, entry in pairs)
+
+
+def _entry(part: Any) -> tuple[Any, Any]:
+    """Return name and entry of a part, as a config has it."""
+    name, first, *ratio = dataclasses.astuple(part)
+    return name, {"between": first, "ratio": ratio[0]} if ratio else first
 
 
 def _shafts(value: Any) -> Any:
     example = "coupling: [motor, load]"
-    return _by_name(value, "shaft", example, lambda name, ends: Shaft(name, _ends(name, ends)))
+    return _by_name(value, Shaft, example, lambda name, ends: Shaft(name, _ends(name, ends)))
 
 
 def _gears(value: Any) -> Any:
-    return _by_name(value, "gear", "box: {between: [motor, arm], ratio: 0.125}", _gear)
+    return _by_name(value, Gear, "box: {between: [motor, arm], ratio: 0.125}", _gear)
 
 
 def _gear(name: str, entry: Any) -> Gear:
@@ -81,14 +85,14 @@ def _gear(name: str, entry: Any) -> Gear:
     ratio, number = entry["ratio"], isinstance(entry["ratio"], int | float)
     if not number or isinstance(ratio, bool) or not 1e-6 <= abs(ratio) <= 1e6:
         raise ValueError(
-            f"{name} has the ratio {ratio!r}; write how far the second inertia turns for one turn of "
-            "the first, such as 0.125"
+            f"{name} has the ratio {short_repr(ratio)}; write how far the second inertia turns for one "
+            "turn of the first, such as 0.125"
         )
     return Gear(name, _ends(name, entry["between"]), float(ratio))
 
 
 def _drives(value: Any) -> Any:
-    return _by_name(value, "drive", "motor: current", lambda name, kind: Drive(name, str(kind)))
+    return _by_name(value, Drive, "motor: current", lambda name, kind: Drive(name, str(kind)))
 
 
 def _schema(entry: Mapping[str, Any]) -> WithJsonSchema:

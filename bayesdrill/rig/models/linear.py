@@ -26,6 +26,8 @@ import numpy as np
 from bayesdrill.basics import symbols
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.duals import Dual, dual
+from bayesdrill.basics.entries import set_constants
+from bayesdrill.basics.errors import InputError, did_you_mean, short_repr
 from bayesdrill.basics.symbols import SPEED_UNITS, Symbol
 from bayesdrill.rig.models.friction import Friction, Gravity, Named
 from bayesdrill.rig.models.roles import GEAR_POWERS, Roles, usual_roles
@@ -75,9 +77,14 @@ def constant_forcing(
 class Model(Protocol):
     """A rig: a frozen dataclass that derives from this.
 
-    Its annotated fields are its constants, entries of `model:`.  Names are those of
-    `basics.symbols`, or of `declares`: symbols of parameters and states of its own.
+    Its annotated fields are its constants, entries of `model:`, which are checked as one is made:
+    `InputError`.  Names are those of `basics.symbols`, or of `declares`: symbols of parameters and
+    states of its own.
     """
+
+    def __post_init__(self) -> None:
+        set_constants(self)
+        check_added(self)
 
     @property
     def declares(self) -> tuple[Symbol, ...]:
@@ -191,6 +198,18 @@ class Model(Protocol):
         return bool(self.roles.gear) and hasattr(self, self.roles.gear)
 
 
+def check_added(rig: Model) -> None:
+    """Raise `InputError` where `added` is no tuple of names that the rig offers."""
+    added: object = rig.added
+    if not (isinstance(added, tuple) and all(isinstance(name, str) for name in added)):
+        raise InputError.at("added", f"give a tuple of names, not {short_repr(added)}")
+    offers = tuple(rig.offers)
+    for name in added:
+        if name not in offers:
+            hint = did_you_mean(name, offers)
+            raise InputError.at("added", f"{rig.name} has no {name!r} to add{hint}")
+
+
 def gear_factor(rig: Model, symbol: Symbol, side: str) -> float:
     """Return the factor that refers a value at `side` (`motor` or `load`) to the symbol's own side.
 
@@ -295,6 +314,13 @@ def missing_requirements(rig: Model) -> dict[str, tuple[str, ...]]:
     needs = {name: rig.offers.get(name, ()) for name in rig.added}
     missing = {name: tuple(n for n in names if n not in rig.added) for name, names in needs.items()}
     return {name: names for name, names in missing.items() if names}
+
+
+def weak_statics(rig: Model, p: Mapping[str, Any]) -> dict[str, str]:
+    """Return a message on each static friction below the sliding one at all of `p`, by its name."""
+    why = "is below {}; static friction is at least as large as sliding friction"
+    pairs = ((i.static, i.sliding) for i in rig.roles.inertias if {i.static, i.sliding} <= {*p})
+    return {s: why.format(c) for s, c in pairs if np.all(np.asarray(p[s]) < p[c])}
 
 
 def requirement_text(name: str, missing: Collection[str]) -> str:

@@ -22,10 +22,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
-from pydantic import TypeAdapter, ValidationError
-
-from bayesdrill.basics.entries import entries_of
-from bayesdrill.basics.errors import did_you_mean
+from bayesdrill.basics.entries import set_constants
+from bayesdrill.basics.errors import InputError, Issue, did_you_mean
 from bayesdrill.basics.symbols import Symbol, own_symbol
 from bayesdrill.rig.models.drive_parts import (
     DRIVES,
@@ -35,12 +33,12 @@ from bayesdrill.rig.models.drive_parts import (
     Gravity,
     Inertias,
     Motion,
-    PartsError,
     Rock,
     Shaft,
     Shafts,
 )
 from bayesdrill.rig.models.equations import PartsModel
+from bayesdrill.rig.models.linear import check_added
 from bayesdrill.rig.models.motor_shaft import Power
 from bayesdrill.rig.models.roles import (
     GROUND,
@@ -78,24 +76,11 @@ class Train(PartsModel):
     combinations: ClassVar[Any] = property(lambda self: describe(self).combinations)
 
     def __post_init__(self) -> None:
-        wrong: list[tuple[str, str]] = []
-        for entry, adapter in _adapters().items():
-            try:
-                value = adapter.validate_python(getattr(self, entry), strict=True)
-            except ValidationError as error:
-                message = error.errors()[0]["msg"].removeprefix("Value error, ")
-                wrong.append((entry, f"{getattr(self, entry)!r:.60} cannot be this: {message}"))
-            else:
-                object.__setattr__(self, entry, value)
-        if issues := tuple(wrong or _issues(self)):
-            raise PartsError(issues)
+        set_constants(self)
+        if issues := [Issue(*issue) for issue in _issues(self)]:
+            raise InputError(issues)
+        check_added(self)
         _check_frictions(self)
-
-
-@functools.cache
-def _adapters() -> dict[str, TypeAdapter[Any]]:
-    """What reads each entry."""
-    return {entry: TypeAdapter(kind) for entry, kind in entries_of(Train).items()}
 
 
 def _issues(train: Train) -> Iterator[tuple[str, str]]:
@@ -149,7 +134,7 @@ def _gear_issues(train: Train) -> Iterator[tuple[str, str]]:
 
 
 def _check_frictions(train: Train) -> None:
-    """Raise `PartsError` where two of what turns as one have dry friction: it is one friction."""
+    """Raise `InputError` where two of what turns as one have dry friction: it is one friction."""
     rubbing: dict[str, str] = {}
     for friction in train.frictions:
         place = friction.where.removeprefix("at ")
@@ -158,7 +143,7 @@ def _check_frictions(train: Train) -> None:
                 f"{rubbing[friction.against]} and {place} turn as one, so that their dry frictions "
                 "are one: name parameters of friction (or an efficiency) at one of them alone"
             )
-            raise PartsError((("gears", message),))
+            raise InputError.at("gears", message)
         rubbing[friction.against] = place
 
 
@@ -248,7 +233,7 @@ def words(name: str) -> str:
 class Description:
     """What a train has, by its parts: names, symbols and roles.
 
-    Raises `PartsError` where two names are one.
+    Raises `InputError` where two names are one.
     """
 
     def __init__(self, train: Train) -> None:
@@ -295,7 +280,7 @@ class Description:
         symbol = self._symbol(letter, part, unit, meaning, **more)
         if symbol.name in self.symbols:
             message = f"two things would be called {symbol.name}; rename a part"
-            raise PartsError((("inertias", message),))
+            raise InputError.at("inertias", message)
         self.symbols[symbol.name] = symbol
         return symbol.name
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from bayesdrill.basics import symbols
 from bayesdrill.basics.duals import Dual
-from bayesdrill.basics.entries import check_entries
+from bayesdrill.basics.entries import entries_model
 from bayesdrill.rig.models.linear import Model, with_all
 
 REQUIRED = ("name", "parameters", "states", "inputs", "declares", "linear")
@@ -29,7 +29,7 @@ def check_rig(name: str, rig: Any) -> None:
     named: Any = rig
     if named.name != name:
         raise ValueError(f"its name is '{named.name}', and its entry point's '{name}'")
-    check_entries(rig)
+    entries_model(rig)
     plain = _create(rig)
     for candidate in (plain, with_all(plain)) if plain.offers else (plain,):
         _check_names(candidate)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from bayesdrill.basics.entries import check_entries
+from bayesdrill.basics.entries import entries_model
 from bayesdrill.basics.registry import Registry
 from bayesdrill.sampling.optimisers.contract import Optimiser
 from bayesdrill.sampling.optimisers.nelder_mead import NelderMead
@@ -14,7 +14,7 @@ def _is_optimiser(_: str, member: Any) -> None:
     missing = [name for name in ("check", "__call__") if not hasattr(member, name)]
     if not isinstance(member, type) or missing:
         raise ValueError(f"an optimiser is a dataclass with {', '.join(missing) or 'entries'}")
-    check_entries(member)
+    entries_model(member)
 
 
 OPTIMISERS: Registry[type[Optimiser]] = Registry(
