@@ -172,10 +172,51 @@ def test_object_of_a_v5_file_is_named() -> None:
         read(path).pick("matstring1")
 
 
-def test_array_of_structs_is_named(tmp_path: Path) -> None:
-    records = np.zeros(3, dtype=[("w", "f8")])
-    scipy.io.savemat(tmp_path / "run.mat", {"runs": records})
-    with pytest.raises(InputError, match="array of 3 structs"):
+def capture(*signals: tuple[str, np.ndarray]) -> dict[str, object]:
+    """As ControlDesk saves: a time, and an array of structs of which each is a signal."""
+    y = np.zeros((1, len(signals)), dtype=[(n, "O") for n in ("Name", "Type", "Data", "Unit")])
+    for k, (name, values) in enumerate(signals):
+        y[0, k] = (name, 2, values[None, :], "")
+    return {"X": {"Name": "time", "Data": T[None, :]}, "Y": y}
+
+
+def test_signals_in_an_array_of_structs_are_read_with_their_names(tmp_path: Path) -> None:
+    """Mutants killed: all elements are the first; a label belongs to the signal before it."""
+    content = capture(("Model/speed", W), ('"Model Root"/"duty"', T))
+    scipy.io.savemat(tmp_path / "run.mat", {"run1": content})
+    table = read(tmp_path / "run.mat", {"run1.X.Data", "run1.Y(2).Data"})
+    np.testing.assert_array_equal(table.pick("run1.Y(1).Data"), W)
+    np.testing.assert_array_equal(table.pick("run1.Y(2).Data"), T)
+    assert table.labels["run1.Y(1).Data"] == "Model/speed"
+    assert table.labels["run1.X.Data"] == "time"
+    assert "run1.Y(1).Type" not in table.variables
+    with pytest.raises(InputError, match=r"an array of structs; name a field of one: run1.Y\(1"):
+        table.pick("run1.Y")
+
+
+def test_an_array_of_structs_of_v73_is_read(tmp_path: Path) -> None:
+    """Its fields refer to one dataset for each element; what is no array of numbers is said."""
+    with h5py.File(tmp_path / "run.mat", "w", userblock_size=512) as file:
+        group, hidden = file.create_group("run/Y"), file.create_group("#refs#")
+        data, name, more = (
+            group.create_dataset(n, (2, 1), h5py.ref_dtype) for n in ("Data", "Name", "m")
+        )
+        for k, (title, values) in enumerate((("speed", W), ("duty", T))):
+            letters = np.frombuffer(title.encode("utf-16-le"), np.uint16)[:, None]
+            hidden[f"n{k}"], hidden[f"d{k}"] = letters, values[:, None].T
+            hidden[f"n{k}"].attrs["MATLAB_class"] = np.bytes_("char")
+            data[k, 0], name[k, 0] = hidden[f"d{k}"].ref, hidden[f"n{k}"].ref
+            more[k, 0] = hidden.create_group(f"g{k}").ref
+    table = read(tmp_path / "run.mat", {"run.Y(2).Data"})
+    np.testing.assert_array_equal(table.pick("run.Y(1).Data"), W)
+    np.testing.assert_array_equal(table.pick("run.Y(2).Data"), T)
+    assert table.labels["run.Y(2).Data"] == "duty"
+    assert "holds structs" in table.ignored["run.Y(1).m"]
+
+
+def test_too_many_structs_are_named(tmp_path: Path) -> None:
+    scipy.io.savemat(tmp_path / "run.mat", {"runs": np.zeros(1001, dtype=[("w", "f8")])})
+    with pytest.raises(InputError, match="array of 1001 structs"):
         read(tmp_path / "run.mat").pick("runs")
 
 

@@ -103,7 +103,8 @@ class RecordTable:
             raise LookupError(f"{this} is empty; record again")
         if name in self.ignored:
             raise LookupError(f"{this} {self.ignored[name]}")
-        for mark, what in ((".", "a struct; name one of its fields"), ("/", "a group; name one")):
+        kinds = {".": "a struct; name one of its fields", "/": "a group; name one"}
+        for mark, what in {**kinds, "(": "an array of structs; name a field of one"}.items():
             inside = [known for known in self._names if known.startswith(f"{name}{mark}")]
             if inside and kind == "variable":
                 raise LookupError(f"{this} is {what}: {', '.join(inside)}")
