@@ -130,10 +130,19 @@ def init(
     sheet: Annotated[
         Path | None, typer.Option(metavar="YAML", help="A data sheet: entries of `nominal:`.")
     ] = None,
+    split: Annotated[
+        bool, option("--split")("Where times go back, another record of the same file begins.")
+    ] = False,
     force: Annotated[bool, force_option("Overwrite a config.")] = False,
 ) -> None:
     """Look at records and write a first config for them, with every guess marked and its reason."""
-    known: dict[str, Any] = {"voltage": voltage, "gear": gear, "rate": rate, "sheet": sheet}
+    known: dict[str, Any] = {
+        "voltage": voltage,
+        "gear": gear,
+        "rate": rate,
+        "sheet": sheet,
+        "split": split,
+    }
     say(str(bd.init(records, output, rig=rig, columns=columns or (), force=force, **known)))
 
 

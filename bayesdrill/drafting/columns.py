@@ -47,6 +47,8 @@ _UNITS_OF_KIND = {
     "velocity": {"m/s": "m/s", "mm/s": "mm/s"},
 }
 
+MOTIONS = ("angle", "speed", "position", "velocity")  # kinds
+
 SI = {kind: next(iter(spellings)) for kind, spellings in _UNITS_OF_KIND.items()}
 
 _KINDS = {
@@ -59,6 +61,7 @@ _KINDS = {
     "torque": "torque moment drehmoment couple coppia torsionmoment",
     "force": "force kraft wob forca fuerza weight",
 }
+_COUNTS_PER = re.compile(r"(\d[\d.]*) ?counts? ?(?:per|/) ?(\w+)")
 _LETTERS = {"t": "time", "w": "speed", "n": "speed", "u": "voltage", "v": "voltage", "i": "current"}
 _LOCATIONS = {
     ROTOR: "rotor bit load last disc disk scheibe bottom lower meissel carga broca trepan end 1",
@@ -66,7 +69,7 @@ _LOCATIONS = {
     MOTOR: "motor mot m antrieb moteur engine",
     TWIST: "twist torsion verdrehung verdrillung deflection torcao torsione alpha windup",
 }
-_REFERENCE_WORDS = "ref reference soll set setpoint cmd command desired target sollwert"
+_REFERENCE_WORDS = "ref reference soll set setpoint cmd command desired target sollwert goal demand"
 
 
 def _group_by_word(groups: dict[str, str]) -> dict[str, str]:
@@ -91,6 +94,7 @@ class Meaning:
     symbol: str = ""  # of a state
     word: str = ""  # that says the kind
     backwards: bool = False  # against the state
+    typed: bool = False  # the user has said it, and not the head
 
 
 STATES = {
@@ -130,9 +134,13 @@ def parse_head(head: str, unit_below: str = "") -> Meaning:
 
 def parse_unit(text: str) -> str:
     """Return the unit as configs write it; empty where no rig has it."""
-    plain = text.strip().strip("[]()").replace(" ", "")
-    known = _UNIT_OF.get(plain) or _UNIT_OF.get(plain.lower(), "")
-    return known or (plain if plain and kind_of(plain) else "")
+    if counts := _COUNTS_PER.fullmatch(text.strip()):
+        turn = _UNIT_OF.get(counts[2]) == "revolution"
+        text = f"count/{counts[1]}" if turn else f"count/({counts[1]}/{counts[2]})"
+    elif not text.startswith(("count", "%")):
+        text = text.strip().strip("[]()").replace(" ", "")
+    known = _UNIT_OF.get(text) or _UNIT_OF.get(text.lower(), "")
+    return known or (text if text and kind_of(text) else "")
 
 
 def kind_of(unit: str) -> str:
@@ -214,6 +222,17 @@ class FileColumn:
         return self.file, *self.address.items()
 
     @property
+    def command(self) -> str:
+        """What is typed for it in `--columns`, before the `=`."""
+        return ":".join(map(str, self.address.values()))
+
+    @property
+    def counts_rows(self) -> bool:
+        """Whether it grows by one a row, and nothing says that this is a time or a motion."""
+        unsaid = not self.meaning.unit and self.meaning.kind not in ("time", "angle", "position")
+        return unsaid and bool(np.all(np.diff(self.values) == 1))
+
+    @property
     def increases(self) -> bool:
         """Whether each value is larger than the one before, as of a time."""
         return bool(np.all(np.diff(self.values) > 0))
@@ -225,6 +244,8 @@ class FileColumn:
         return f"{numbers.min():.4g} to {numbers.max():.4g}" if len(numbers) else "no numbers"
 
 
+_QUANTITY = re.compile(r"(-?)([^\W\d][\w ]*?)\s*(?:\[([^\[\]]+)\]|\((.+)\))?")
+_WORDS = {*_KIND_WORDS, *_LOCATION_WORDS, *_LETTERS, *_UNIT_OF, *_REFERENCE_WORDS.split(), "dot"}
 _NAMES = {**STATES, "v": ("voltage", ""), "t_1": ("torque", ROTOR), "t_m": ("torque", MOTOR)} | {
     "t": ("time", ""),
     "twist": ("angle", TWIST),
@@ -266,20 +287,32 @@ def named_column(text: str, files: Collection[str]) -> NamedColumn:
     where, _, what = text.rpartition("=")
     file = next((name for name in files if where.startswith(f"{name}:")), "")
     match = re.fullmatch(r"(.+?)(?::(\d+))?", where.removeprefix(f"{file}:").strip())
-    what, backwards = what.strip().removeprefix("-"), what.strip().startswith("-")
-    meaning, other_kind = parse_head(what), False
-    base = _split_unit(what)[0]
-    train = train_symbol(base)
-    if base in _NAMES or train:
-        kind, location = (KIND_OF_LETTER[train[1]], "") if train else _NAMES[base]
-        other_kind = meaning.unit != "" and kind_of(meaning.unit) != kind
-        meaning = dataclasses.replace(meaning, kind=kind, location=location, symbol=base)
-    if match is None or meaning.unknown_unit or other_kind or not meaning.kind:
-        why = "names no column" if match is None else "names no known quantity with a unit of it"
+    said = _QUANTITY.fullmatch(what.strip())
+    symbol, written = (said[2], said[3] or said[4] or "") if said else ("", "")
+    unit, meaning = parse_unit(written), parse_head(symbol)
+    train = train_symbol(symbol)
+    if symbol in _NAMES or train:
+        kind, location = (KIND_OF_LETTER[train[1]], "") if train else _NAMES[symbol]
+        meaning = Meaning(kind, location, symbol=symbol, word=symbol)
+    elif not {*_tokens(symbol)} <= _WORDS:
+        meaning = Meaning()
+    unit = unit or meaning.unit
+    why = "" if match else "names no column"
+    if not why and written and not unit:
+        why = f"has the unit {written!r}, which is none of a rig"
+    elif not why and (not meaning.kind or (unit and kind_of(unit) != meaning.kind)):
+        why = "names no known quantity with a unit of it"
+    if match is None or why:
         known = f"`data:3=theta_2 [deg]`. Known quantities are {', '.join(_NAMES)}, and of a train "
-        known += "such as theta_load, w_load, i_motor, u_motor, t_motor, x_cart, v_cart, f_cart"
+        known += (
+            "such as theta_load, w_load, i_motor, u_motor, t_motor, x_cart, v_cart, f_cart. An "
+        )
+        known += (
+            "encoder counts in count/2800 (a turn) or count/(560/cm), a drive in % of 9.84 mN*m"
+        )
         raise InputError.at("--columns", f"'{text}' {why}. Write for example {known}")
-    meaning = dataclasses.replace(meaning, backwards=backwards)
+    backwards = bool(said and said[1])
+    meaning = dataclasses.replace(meaning, unit=unit, backwards=backwards, typed=True)
     return NamedColumn(text, file, match[1], int(match[2]) if match[2] else None, meaning)
 
 
@@ -298,7 +331,8 @@ def read_columns(
         others = [c for c in columns if c.name not in names and len(c.values) >= MIN_SAMPLES]
         left_out = {column.name: "is not named in --columns" for column in others}
         columns = picked
-    else:
+    _refuse_stillness(table, columns)
+    if not named:
         _refuse_several_records(table, columns)
         columns = _named_by_file(table, columns)
     lengths = Counter(len(c.values) for c in columns if len(c.values) >= MIN_SAMPLES)
@@ -306,7 +340,8 @@ def read_columns(
     for column in columns:
         if (n := len(column.values)) != length:
             count = "one value" if n == 1 else f"{n} values"
-            left_out[column.name] = f"has {count}, but the others have {length}"
+            other = f"but the others have {length}" if lengths else f"and {length} are wanted"
+            left_out[column.name] = f"has {count}, {other}"
     return [column for column in columns if len(column.values) == length], left_out
 
 
@@ -359,6 +394,19 @@ def _structure(column: FileColumn) -> str:
     return column.name.rpartition(".")[0].partition(".signals")[0]
 
 
+def _refuse_stillness(table: RecordTable, columns: Sequence[FileColumn]) -> None:
+    """A record in which no angle and no speed changes is none of a rig that moved."""
+    moving = [c for c in columns if c.meaning.kind in MOTIONS and not c.meaning.reference]
+    moving = [column for column in moving if len(column.values) >= MIN_SAMPLES]
+    if moving and all(np.nanmax(c.values) - np.nanmin(c.values) < 1 / MAX_NUMBER for c in moving):
+        names = ", ".join(column.name for column in moving[:4])
+        more = f" and {len(moving) - 4} more" if len(moving) > 4 else ""
+        message = (
+            f"nothing moved: {names}{more} are the same in every row; look at the sensor's cable"
+        )
+        raise InputError.at(str(table.path), f"{message}, and record again, or name another column")
+
+
 def _refuse_several_records(table: RecordTable, columns: Sequence[FileColumn]) -> None:
     """Structures that each have a time of their own, and are not called after a signal, are records."""
     columns = [column for column in columns if len(column.values) >= MIN_SAMPLES]
@@ -388,20 +436,26 @@ def _named_by_file(table: RecordTable, columns: list[FileColumn]) -> list[FileCo
 
 def _columns_option(columns: Sequence[FileColumn]) -> str:
     """Say what to type for columns of unknown meaning: a time, if one increases, and an angle."""
-    times = [column for column in columns if column.increases][:1]
+    times = [column for column in columns if column.increases and not column.counts_rows][:1]
     others = [column for column in columns if column not in times][:1]
-    typed = [*((c, "t [s]") for c in times), *((c, "theta_2 [deg]") for c in others)]
-    return " ".join(
-        f'--columns "{":".join(map(str, column.address.values()))}={what}"'
-        for column, what in typed
-    )
+    typed = [(column, "t [s]") for column in times]
+    typed += [(c, "w_2 [rpm]" if c.meaning.kind else "theta_2 [deg]") for c in others]
+    return " ".join(f'--columns "{column.command}={what}"' for column, what in typed)
+
+
+def grouped(left_out: Mapping[str, str]) -> list[tuple[str, str]]:
+    """Return names of columns that are not used, and why, those with most in common last."""
+    names: dict[str, list[str]] = {}
+    for name, why in left_out.items():
+        names.setdefault(why, []).append(name)
+    return [("; ".join(names[why]), why) for why in sorted(names, key=lambda why: len(names[why]))]
 
 
 def unusable(
     record: Path, left_out: dict[str, str], why: str, columns: Sequence[FileColumn] = ()
 ) -> InputError:
     """Say why nothing can be made of a file, and what to type for `columns` of unknown meaning."""
-    reasons = [Issue(str(record), f"column {name} {text}") for name, text in left_out.items()]
+    reasons = [Issue(str(record), f"column {names} {text}") for names, text in grouped(left_out)]
     typed = _columns_option(columns) or '--columns "speed=w_2 [rpm]"'
     message = f"{why}. Say what the columns are, for example {typed}, or write a config by hand"
     return InputError([Issue(str(record), message), *reasons])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from bayesdrill.config import loading
 from bayesdrill.config.job import assemble
 from bayesdrill.config.yaml_source import Source, parse
 from bayesdrill.drafting import entries, record_files, roles, trains
-from bayesdrill.drafting.columns import MOTOR, ROTOR, TWIST
+from bayesdrill.drafting.columns import MOTOR, ROTOR, TWIST, grouped
 from bayesdrill.drafting.entries import REVIEW, DraftContext, comment, review, scalar
 from bayesdrill.drafting.record_files import GivenFacts, RecordFile
 from bayesdrill.drafting.roles import StartGuess
@@ -106,7 +106,8 @@ def _experiment(context: DraftContext, record: RecordFile) -> list[str]:
     if len({*voltages.values()}) > 1:
         inputs["v"] = voltages[record.label]
     window, initial = start.window and f"window: {start.window}", start.initial
-    file = [context.file_entry(record.path), window, _flow("channels", channels)]
+    rows = f"rows: [{record.rows[0]}, {record.rows[1]}]" if record.rows else ""
+    file = [context.file_entry(record.path), rows, window, _flow("channels", channels)]
     sections = [f"record: {{{', '.join(filter(None, file))}}}", _flow("inputs", inputs)]
     sections = [*filter(None, [*sections, initial and f"initial: {initial}"])]
     doubts = [start.window_doubt if window else "", *start.doubts]
@@ -205,8 +206,9 @@ def _prior_scales(context: DraftContext) -> tuple[PriorEnds, str]:
         "rad/s": (1e-3 * w, w),
         "V": (1e-3 * v, v),
     }
+    known = known and f", by the largest {known}"
     return ends, (
-        f"nobody has said anything of this rig: priors go as far as its record allows, by the largest "
+        "nobody has said anything of this rig: priors go as far as its record allows"
         f"{known}{more}. Hold what you have weighed or measured"
     )
 
@@ -239,12 +241,16 @@ def _with_meaning(entry: str, width: int, symbol: Symbol) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Guess:
-    """The `text` of a config for the file `path`; `asks`: what of it `check` would refuse."""
+    """The `text` of a config for the file `path`.
+
+    `columns`: how each was read; `asks`: what of the text `check` would refuse.
+    """
 
     path: Path
     text: str
     channels: tuple[str, ...]
     experiments: tuple[str, ...]
+    columns: tuple[str, ...]
     asks: tuple[Issue, ...]
 
     @property
@@ -257,6 +263,7 @@ class Guess:
         labels = f"experiments {', '.join(self.experiments)}; " if self.experiments else ""
         lines = [
             f"{self.path}: {labels}channels {', '.join(self.channels)}; {marks} REVIEW to look at",
+            *(f"  {line}" for line in self.columns),
             *(f"still to do: {issue}" for issue in self.asks),
         ]
         return "\n".join([*lines, f"then: bayesdrill check {self.path}"])
@@ -278,16 +285,28 @@ def guess(
     text = config_text(context, name, {} if sheet is None else sheet.data)
     channels = tuple(channel.name for channel in context.channels)
     labels = tuple(record.label for record in records if record.label)
-    return Guess(target, text, channels, labels, _asks(text, target, paths[0], sheet))
+    asks = _asks(text, target, paths[0], sheet)
+    return Guess(target, text, channels, labels, (*_how_read(lead),), asks)
 
 
-def check_draft_path(path: Path, records: Sequence[Path], *, force: bool) -> None:
-    """Refuse to write over a record, and without `force` over any file; raises `InputError`."""
+def _how_read(record: RecordFile) -> Iterator[str]:
+    """Yield how each column of a record was read, or why it is not used."""
+    if record.time.column is not None:
+        yield f"{record.time.column.name}: the time [{record.time.unit}]"
+    named = [*((c.name, c.sensor) for c in record.roles.channels), *record.roles.inputs.items()]
+    for name, sensor in named:
+        marks = f", {len(sensor.doubts)} REVIEW" if sensor.doubts else ""
+        yield f"{sensor.name}: {name} [{sensor.unit}]{marks}"
+    yield from (f"not used: {names}: {why}" for names, why in grouped(record.left_out))
+
+
+def check_draft_path(path: Path, read: Sequence[Path], *, force: bool) -> None:
+    """Refuse to write over a file that is read, without `force` over any; raises `InputError`."""
     output_files.refuse_other_than_file(path)
-    is_record = path.absolute() in {record.absolute() for record in records}
-    if path.suffix.lower() not in (".yaml", ".yml") or is_record:
-        kind = "a record" if is_record else "not the name of a config"
-        message = f"cannot be written: it is {kind}. Give an --output that ends in .yaml"
+    is_read = path.exists() and any(path.samefile(r) for r in read if r.exists())
+    if path.suffix.lower() not in (".yaml", ".yml") or is_read:
+        kind = "what is read, a record or a sheet" if is_read else "not the name of a config"
+        message = f"cannot be written: it is {kind}. Give another --output that ends in .yaml"
         raise InputError.at(str(path), message)
     output_files.refuse_existing(path, force=force)
 

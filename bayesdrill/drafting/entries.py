@@ -15,7 +15,7 @@ import numpy as np
 from bayesdrill.basics.errors import printable
 from bayesdrill.config.records import sources
 from bayesdrill.drafting import roles
-from bayesdrill.drafting.columns import TWIST, FileColumn
+from bayesdrill.drafting.columns import TWIST, FileColumn, grouped
 from bayesdrill.drafting.record_files import RecordFile
 from bayesdrill.drafting.roles import DraftChannel, LagHint, StartGuess
 from bayesdrill.drafting.signals import Sensor, Timing
@@ -117,9 +117,8 @@ def record_lines(context: DraftContext) -> list[str]:
         lines += _channel(context, channel)
     if lead.left_out:
         lines.append("  # Not used:")
-    for why in dict.fromkeys(lead.left_out.values()):
-        same = [name for name, reason in lead.left_out.items() if reason == why]
-        lines += comment(f"- {'; '.join(same)}: {why}", 2)
+    for names, why in grouped(lead.left_out):
+        lines += comment(f"- {names}: {why}", 2)
     return lines
 
 

@@ -15,7 +15,7 @@ from bayesdrill import output_files
 from bayesdrill.basics import units
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError, collect_each
-from bayesdrill.drafting import roles, sensors, signals, trains
+from bayesdrill.drafting import drives, roles, sensors, signals, trains
 from bayesdrill.drafting.columns import MIN_SAMPLES, FileColumn, NamedColumn, read_columns, unusable
 from bayesdrill.drafting.roles import SensorRoles
 from bayesdrill.drafting.signals import Segment, Sensor, Timing
@@ -32,6 +32,7 @@ class GivenFacts:
     voltage: float | None = None
     rate: float = 0.0
     columns: tuple[NamedColumn, ...] = ()
+    split: bool = False  # where times go back, another record begins
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,6 +47,15 @@ class RecordFile:
     left_out: dict[str, str]
     beside: tuple[RecordFile, ...] = ()
     label: str = ""
+    rows: tuple[
+        int, ...
+    ] = ()  # the first and the last one of it, where the file holds several records
+    part: int = 0  # its number among these
+
+    @property
+    def labelled(self) -> Path:
+        """The path by which it is called: with the number of its part."""
+        return self.path.with_stem(f"{self.path.stem}_{self.part}") if self.part else self.path
 
     @property
     def sensors(self) -> list[Sensor]:
@@ -64,12 +74,13 @@ class RecordFile:
         return self.beside[sensor.column.file - 1] if sensor.column.file else self
 
 
-def examine(path: Path, given: GivenFacts) -> RecordFile:
-    """Understand one file; raises `InputError` where nothing can be made of it."""
+def examine(path: Path, given: GivenFacts) -> list[RecordFile]:
+    """Understand the records of one file; raises `InputError` where nothing can be made of it."""
     output_files.check_file(path, output_files.LARGEST_GUESSED)
     reader = FORMATS[format_of(path)]
     named = [column for column in given.columns if column.file in ("", path.name)]
-    columns, left_out = read_columns(reader.read(path, reader.options(), None), named)
+    table = reader.read(path, reader.options(), None)
+    columns, left_out = read_columns(table, named)
     if not columns:
         raise unusable(path, left_out, f"no column has {MIN_SAMPLES} numbers or more")
     try:
@@ -77,7 +88,33 @@ def examine(path: Path, given: GivenFacts) -> RecordFile:
     except ValueError as error:
         raise InputError.at(str(path), str(error)) from None
     time = signals.find_time(columns, sensors.infer_rate(columns), given.rate)
-    return _understand(path, columns, time, left_out, given)
+    starts = [0, *(np.flatnonzero(np.diff(time.t) <= 0) + 1).tolist(), len(time.t)]
+    numbers = np.arange(1, len(time.t) + 1) if table.lines is None else table.lines
+    spans = [span for span in itertools.pairwise(starts) if span[1] - span[0] >= MIN_SAMPLES]
+    if not given.split or len(spans) < 2:
+        try:
+            return [_understand(path, columns, time, left_out, given)]
+        except InputError:
+            if len(spans) < 2:
+                raise
+    if not given.split:
+        at = spans[1][0]
+        message = (
+            f"time goes back at {table.where(at)} ({time.t[at - 1]:.6g} s to {time.t[at]:.6g} s): "
+            f"{len(spans)} records in one file. Say --split, and each is an experiment"
+        )
+        raise InputError.at(str(path), message)
+    records = []
+    for part, (first, last) in enumerate(spans, start=1):
+        cut = [dataclasses.replace(c, values=c.values[first:last]) for c in columns]
+        clock = next(
+            (c for c, whole in zip(cut, columns, strict=True) if whole is time.column), None
+        )
+        timing = dataclasses.replace(time, t=time.t[first:last], column=clock)
+        record = _understand(path, cut, timing, left_out, given)
+        rows = (int(numbers[first]), int(numbers[last - 1]))
+        records.append(dataclasses.replace(record, rows=rows, part=part))
+    return records
 
 
 def _understand(
@@ -90,12 +127,13 @@ def _understand(
     others = [column for column in columns if column is not time.column]
     segment = _segment(path, time, [c for c in others if c.meaning.kind], left_out)
     known, unusable_columns = sensors.identify_sensors(others, segment)
+    known, supplies = drives.question_drives(known)
     if trains.is_train(known, given.rig):
         assigned = trains.assign_train(known, segment.dt)
     else:
         voltage = given.voltage is not None
         assigned = roles.assign_roles(known, segment.dt, given.rig, given.gear, voltage=voltage)
-    left_out = left_out | unusable_columns | assigned.left_out
+    left_out = left_out | unusable_columns | supplies | assigned.left_out
     return RecordFile(path, columns, time, segment, assigned, left_out)
 
 
@@ -142,7 +180,9 @@ def with_roles_of(lead: RecordFile, file: RecordFile) -> RecordFile:
         return dataclasses.replace(new, location=sensor.location, why=why, doubts=doubts)
 
     same = lead.roles.with_sensors(alike)
-    record = RecordFile(file.path, file.columns, time, segment, same, lead.left_out, file.beside)
+    record = dataclasses.replace(
+        file, time=time, segment=segment, roles=same, left_out=lead.left_out
+    )
     return _on_own_clocks(record)
 
 
@@ -153,12 +193,13 @@ def read_records(
     for k, path in enumerate(paths):
         if path.resolve() in [other.resolve() for other in paths[:k]]:
             raise InputError.at(str(path), "is given twice. Give each file once")
-    kinds = _by_kind(collect_each(lambda path: examine(path, given), paths))
+    files = [file for found in collect_each(lambda p: examine(p, given), paths) for file in found]
+    kinds = _by_kind(files)
     records = _join_kinds(kinds, given) if len(kinds) > 1 else kinds[0]
     collect_each(_refuse_without_channels, records)
     lead = min(records, key=lambda record: record.uncertainty)
     alike = collect_each(lambda r: r if r is lead else with_roles_of(lead, r), records)
-    labels = experiment_labels([r.path for r in alike]) if len(alike) > 1 else [""]
+    labels = experiment_labels([r.labelled for r in alike]) if len(alike) > 1 else [""]
     pairs = zip(alike, labels, strict=True)
     named = tuple(dataclasses.replace(record, label=label) for record, label in pairs)
     return named, named[alike.index(lead)]

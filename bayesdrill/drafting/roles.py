@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from bayesdrill.drafting import signals
+from bayesdrill.drafting import drives, signals
 from bayesdrill.drafting.columns import GEARBOX, MOTOR, ROTOR, STATES, TWIST
 from bayesdrill.drafting.sensors import MIN_GEAR
 from bayesdrill.drafting.signals import TURNS, Segment, Sensor
@@ -131,9 +131,14 @@ def _inputs(
     elif voltages or voltage or "i" in channels:
         for m in rig.roles.motors:
             rig = with_named(rig, (m.back_emf, m.torque_constant, m.resistance, m.inductance))
-    if "v" in rig.inputs and voltages:  # measured before asked for, the motor's before others
-        voltages.sort(key=lambda v: (v.column.meaning.reference, v.location != MOTOR))
+    if "v" in rig.inputs and voltages:
+        voltages.sort(key=drives.voltage_rank)
         inputs["v"] = _first(voltages, "voltage", left_out)
+        if others := ", ".join(s.name for s in voltages[1:] if not s.column.meaning.reference):
+            doubt = (
+                f"{others} may be the voltage as well, by name: this one is called most like one"
+            )
+            inputs["v"] = inputs["v"].revised(doubt=doubt)
     if "t_1" in rig.inputs:
         unsaid = [torque.name for torque in torques if torque.location == ""]
         why = "is a torque, but does not say whether it acts on rotor 1"
@@ -158,7 +163,11 @@ def _inputs(
 
 def _first(sensors: Sequence[Sensor], what: str, left_out: dict[str, str]) -> Sensor:
     for sensor in sensors[1:]:
-        left_out[sensor.name] = f"is not needed: the {what} is taken from {sensors[0].name}"
+        why = f"is not needed: the {what} is taken from {sensors[0].name}"
+        if what == "voltage" and len(sensor.column.meaning.word) == 1:
+            typed = f'"{sensor.column.command}=w_1 [rad/s]", or "...=v_cart [mm/s]"'
+            why += f". Only its name looks like a voltage; if it is a speed say --columns {typed}"
+        left_out[sensor.name] = why
     return sensors[0]
 
 
@@ -260,10 +269,10 @@ def _check_sign(channel: DraftChannel, v: Sensor | None) -> DraftChannel:
 
 def turns_both_ways(roles: SensorRoles) -> bool:
     """Whether the rig is driven, or turns, in both directions."""
-    drives = [sensor for name, sensor in roles.inputs.items() if name != "t_1"]
-    speeds = [c.sensor for c in roles.channels if c.sensor.kind == "speed"]
-    ends = [np.percentile(sensor.raw.x, [2, 98]) for sensor in drives or speeds]
-    return any(min(-low, high) > 0.1 * max(-low, high) for low, high in ends)
+    driving = [sensor for name, sensor in roles.inputs.items() if name != "t_1"]
+    moving = [c.sensor for c in roles.channels if c.sensor.kind != "current"]
+    speeds = [sensor for sensor in moving if sensor.kind == "speed"]
+    return drives.any_reverses(driving or speeds or moving)
 
 
 FILTER_WIDTHS = (2, 4, 8, 16)  # samples, sds of Gaussians, one of which suits the rig's swing

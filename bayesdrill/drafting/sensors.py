@@ -163,7 +163,8 @@ def _with_unit(sensor: Sensor, sensors: Sequence[Sensor], dt: float) -> Sensor:
     """What no header and no relation says is taken from columns of the same kind, words or sizes."""
     meaning = sensor.column.meaning
     if sensor.unit:
-        return sensor.revised(why=f"unit {sensor.unit}, by its head" if meaning.unit else "")
+        by = signals.SAID if meaning.typed else "by its head"
+        return sensor.revised(why=f"unit {sensor.unit}, {by}" if meaning.unit else "")
     if sensor.kind in TURNS:
         for other in sensors:
             if other.kind == sensor.kind and other.unit:

@@ -17,6 +17,7 @@ from bayesdrill.drafting.columns import MAX_NUMBER, MIN_SAMPLES, SI, TWIST, File
 from bayesdrill.record import anomalies
 
 TYPICAL_RATE = 300.0  # Hz; rates of rigs lie around it, by their logarithm
+SAID = "as `--columns` says"
 EVEN_TIME_TOLERANCE = 0.01  # of the median step, of a column that may be a time
 
 
@@ -48,9 +49,9 @@ def find_time(columns: Sequence[FileColumn], rate: float = 0.0, given: float = 0
         return Timing(indices / given, None, "s", "as it was given")
     for column in columns:
         if column.meaning.kind == "time" and _mostly_increases(column.values):
-            return _timing(column, "by its name")
+            return _timing(column, SAID if column.meaning.typed else "by its name")
     for column in columns:
-        if not column.meaning.kind and _is_even(column.values):
+        if not column.meaning.kind and _is_even(column.values) and not column.counts_rows:
             doubt = "no column is named as a time; this one grows in equal steps"
             return _timing(column, "", doubt)
     if rate:
@@ -414,17 +415,25 @@ def _wraps(x: Array, unit: str) -> tuple[float, str]:
     return 0.0, ""
 
 
+RATED = {"torque": "t_m [% of 9.84 mN*m]", "current": "i [% of 1.2 A]"}  # to be typed
+
+
 def _why_unusable(column: FileColumn, rows: slice) -> str:
     meaning, values = column.meaning, column.values[rows]
     kind, unit = meaning.kind, meaning.unknown_unit
     numbers = values[np.isfinite(values)]
     second = "another column is the time already, or it does not increase"
     largest, same = np.abs(numbers).max(initial=0.0), not np.diff(numbers).any()
-    other = "does not say how far one of it turns"
+    other = f'does not say how far one of it turns; say --columns "{column.command}=theta_2 '
+    other += '[count/2800]" for 2800 counts a turn, or "x_cart [count/(560/cm)]" of a scale'
     if kind not in TURNS:
         other = "is none of time, angle, speed, voltage, current or torque"
+    if unit == "%" and kind in RATED:
+        other = f"is a share of the rated {kind}; look that up, and say for example "
+        other += f'--columns "{column.command}={RATED[kind]}"'
     checks = (
         (unit, f"has the unit {unit!r}, which {other}"),
+        (column.counts_rows, "grows by one a row: a row number"),
         (np.isinf(values).any(), "has infinite values"),
         (len(numbers) < MIN_SAMPLES, f"has {len(numbers)} numbers in the rows that are used"),
         (not is_plausible(numbers), f"has numbers up to {largest:.3g}, which no rig has"),

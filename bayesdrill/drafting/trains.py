@@ -14,9 +14,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from bayesdrill.basics.errors import InputError
 from bayesdrill.drafting.columns import GEARBOX, KIND_OF_LETTER, MOTOR, ROTOR, train_symbol
 from bayesdrill.drafting.roles import DraftChannel, SensorRoles, add_channel, mark_differenced
 from bayesdrill.drafting.signals import Sensor
+from bayesdrill.rig.models.drive_parts import PartsError
 from bayesdrill.rig.models.linear import Model, with_named
 from bayesdrill.rig.models.train import Train
 
@@ -56,19 +58,24 @@ def assign_train(sensors: Sequence[Sensor], dt: float) -> SensorRoles:
     letters = (("theta", "w"), ("x", "v"))
     mark_differenced(channels, dt, [(f"{a}_{n}", f"{w}_{n}") for n in inertias for a, w in letters])
     pairs = [*itertools.pairwise(inertias)]
-    shafts = {f"shaft_{k}" if len(pairs) > 1 else "shaft": [*p] for k, p in enumerate(pairs, 1)}
+    called = "coupling" if any(name.startswith("shaft") for name in inertias) else "shaft"
+    shafts = {f"{called}_{k}" if len(pairs) > 1 else called: [*p] for k, p in enumerate(pairs, 1)}
     linear = any(sensor.kind in ("position", "velocity", "force") for sensor in sensors)
-    plain = Train(
-        inertias=(*inertias,),
-        shafts=shafts,  # type: ignore[arg-type]
-        drives=drives,  # type: ignore[arg-type]
-        motion="linear" if linear else "rotary",
-    )
-    damped = [f"c_{name}" for name in (*inertias, *shafts)]
+    try:
+        plain = Train(
+            inertias=(*inertias,),
+            shafts=shafts,  # type: ignore[arg-type]
+            drives=drives,  # type: ignore[arg-type]
+            motion="linear" if linear else "rotary",
+        )
+        rig = with_named(plain, [f"c_{name}" for name in (*inertias, *shafts)])
+    except PartsError as error:
+        message = f"no train can be made of these names: {error}. Call its inertias otherwise"
+        raise InputError.at("--columns", message) from None
     return SensorRoles(
         channels=(*channels.values(),),
         inputs=inputs,
-        rig=with_named(plain, damped),
+        rig=rig,
         train=plain,
         gear=1.0,
         gear_why="",
