@@ -82,6 +82,13 @@ class Input(Value):
     lag: float | Mapping[str, Any] | None = None
 
 
+def _figure_file(option: str, path: str | Path) -> Path:
+    file = Path(path).expanduser()
+    if file.suffix[1:] not in FORMATS:
+        raise InputError.at(option, f"'{file.name}' is none of .{', .'.join(FORMATS)}")
+    return file
+
+
 @check_arguments
 @dataclass(frozen=True, eq=False, repr=False)
 class Case(Value):
@@ -120,10 +127,14 @@ class Case(Value):
         """
         from bayesdrill.report.train_picture import save_rig  # late: it loads what draws
 
-        problem, to = self.job.problem, Path(path).expanduser()
-        if to.suffix[1:] not in FORMATS:
-            raise InputError.at("--figure", f"'{to.name}' is none of .{', .'.join(FORMATS)}")
-        return f"figure: {save_rig(problem.model, to)}"
+        return f"figure: {save_rig(self.job.problem.model, _figure_file('--figure', path))}"
+
+    def draw_record(self, path: str | Path) -> str:
+        """Draw channels and inputs over time, of each experiment; says and raises as `draw_rig`."""
+        from bayesdrill.report.sections.fit_figure import save_record  # late: it loads what draws
+
+        written = save_record(self.job.problem, _figure_file("--figure-record", path))
+        return f"figure: {', '.join(map(str, written))}"
 
     def identify(
         self,

@@ -140,9 +140,7 @@ def _same_base(quantity: Any, other: Any) -> bool:
 
 MAX_FACTOR = 1e30  # of one unit in another
 _COUNT = re.compile(r"counts?\s*/\s*(\d{1,9})")  # of an encoder: so many in a turn
-_COUNT_OF_LENGTH = re.compile(
-    r"counts?\s*/\s*\(\s*([1-9]\d{0,8}\.?\d{0,9})\s*/\s*(\w+)\s*\)"
-)  # of a scale
+_COUNT_OF_LENGTH = re.compile(r"counts?\s*/\s*\(\s*([1-9]\d*\.?\d*)\s*/\s*(\w+)\s*\)")  # a scale
 _PERCENT = re.compile(r"%\s*of\s*(\d{0,9}\.?\d{1,9})\s*([^%]+)")  # of a rated torque or current
 _POWER = re.compile(
     r"(\*\*|\^)\s*\(?\s*[-+]?\s*\d{1,2}(\.\d{1,3})?\s*\)?"
@@ -183,5 +181,4 @@ _EXAMPLES = {
     "rad/s": "rad/s, deg/s or rpm (a turn each second is revolution/s)",
     "m": "m, mm, or count/(560/cm) of a scale with 560 counts in a cm",
     "N*m": "N*m, mN*m, or `% of 9.84 mN*m` of a drive whose rated torque is 9.84 mN*m",
-    "A": "A, mA, or `% of 1.2 A` of a drive whose rated current is 1.2 A",
 }

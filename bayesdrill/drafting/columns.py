@@ -48,6 +48,7 @@ _UNITS_OF_KIND = {
 }
 
 MOTIONS = ("angle", "speed", "position", "velocity")  # kinds
+DRIVES = ("voltage", "current", "torque", "force")  # kinds
 
 SI = {kind: next(iter(spellings)) for kind, spellings in _UNITS_OF_KIND.items()}
 
@@ -204,6 +205,7 @@ def _kind(tokens: list[str]) -> tuple[str, str]:
 
 MIN_SAMPLES = 20  # with fewer nothing is guessed
 MAX_NUMBER = 1e12  # of a size that is believed
+EVEN_STEPS = 1.02  # times the least step, of a column that may be a time
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -233,9 +235,12 @@ class FileColumn:
         return unsaid and bool(np.all(np.diff(self.values) == 1))
 
     @property
-    def increases(self) -> bool:
-        """Whether each value is larger than the one before, as of a time."""
-        return bool(np.all(np.diff(self.values) > 0))
+    def is_even(self) -> bool:
+        """Whether it grows in equal steps, as a time does, and counts no rows."""
+        steps = np.diff(self.values)
+        least, most = steps.min(initial=np.inf), steps.max(initial=0.0)
+        even = 1 / MAX_NUMBER < least <= most < min(MAX_NUMBER, EVEN_STEPS * least)
+        return bool(even) and not self.counts_rows
 
     @property
     def range_text(self) -> str:
@@ -288,31 +293,22 @@ def named_column(text: str, files: Collection[str]) -> NamedColumn:
     file = next((name for name in files if where.startswith(f"{name}:")), "")
     match = re.fullmatch(r"(.+?)(?::(\d+))?", where.removeprefix(f"{file}:").strip())
     said = _QUANTITY.fullmatch(what.strip())
-    symbol, written = (said[2], said[3] or said[4] or "") if said else ("", "")
-    unit, meaning = parse_unit(written), parse_head(symbol)
-    train = train_symbol(symbol)
-    if symbol in _NAMES or train:
+    sign, symbol, *units_said = said.groups("") if said else ("", "")
+    meaning, written = parse_head(symbol), "".join(units_said)
+    if (train := train_symbol(symbol)) or symbol in _NAMES:
         kind, location = (KIND_OF_LETTER[train[1]], "") if train else _NAMES[symbol]
         meaning = Meaning(kind, location, symbol=symbol, word=symbol)
-    elif not {*_tokens(symbol)} <= _WORDS:
-        meaning = Meaning()
-    unit = unit or meaning.unit
-    why = "" if match else "names no column"
-    if not why and written and not unit:
-        why = f"has the unit {written!r}, which is none of a rig"
-    elif not why and (not meaning.kind or (unit and kind_of(unit) != meaning.kind)):
-        why = "names no known quantity with a unit of it"
-    if match is None or why:
-        known = f"`data:3=theta_2 [deg]`. Known quantities are {', '.join(_NAMES)}, and of a train "
-        known += (
-            "such as theta_load, w_load, i_motor, u_motor, t_motor, x_cart, v_cart, f_cart. An "
+    unit = parse_unit(written) if written else meaning.unit
+    understood = meaning.symbol or {*_tokens(symbol)} <= _WORDS
+    fits = understood and meaning.kind and (not (unit or written) or kind_of(unit) == meaning.kind)
+    if match is None or not fits:
+        why = "names no known quantity with a unit of it" if match else "names no column"
+        known = (
+            f"`data:3=theta_2 [deg]`. Known quantities are {', '.join(_NAMES)}, of trains such as "
         )
-        known += (
-            "encoder counts in count/2800 (a turn) or count/(560/cm), a drive in % of 9.84 mN*m"
-        )
+        known += "theta_load, i_motor, x_cart. Encoders count in count/2800 or count/(560/cm)"
         raise InputError.at("--columns", f"'{text}' {why}. Write for example {known}")
-    backwards = bool(said and said[1])
-    meaning = dataclasses.replace(meaning, unit=unit, backwards=backwards, typed=True)
+    meaning = dataclasses.replace(meaning, unit=unit, backwards=bool(sign), typed=True)
     return NamedColumn(text, file, match[1], int(match[2]) if match[2] else None, meaning)
 
 
@@ -380,11 +376,9 @@ def _pick(
     if any(column.meaning.kind == "time" for column in picked):
         return picked
     names, length = {column.name for column in picked}, len(picked[0].values)
-    times = [
-        c
-        for c in columns
-        if c.meaning.kind == "time" and c.name not in names and len(c.values) == length
-    ]
+    others = [c for c in columns if c.name not in names and len(c.values) == length]
+    times = [c for c in others if c.meaning.kind == "time"]
+    times = times or [c for c in others if not c.meaning.kind and c.is_even]
     nearest = [time for time in times if _structure(time) == _structure(picked[0])] or times
     return [*nearest[:1], *picked]
 
@@ -401,10 +395,8 @@ def _refuse_stillness(table: RecordTable, columns: Sequence[FileColumn]) -> None
     if moving and all(np.nanmax(c.values) - np.nanmin(c.values) < 1 / MAX_NUMBER for c in moving):
         names = ", ".join(column.name for column in moving[:4])
         more = f" and {len(moving) - 4} more" if len(moving) > 4 else ""
-        message = (
-            f"nothing moved: {names}{more} are the same in every row; look at the sensor's cable"
-        )
-        raise InputError.at(str(table.path), f"{message}, and record again, or name another column")
+        message = f"nothing moved: {names}{more} are the same in every row; mend the sensor, and "
+        raise InputError.at(str(table.path), message + "record again, or name another column")
 
 
 def _refuse_several_records(table: RecordTable, columns: Sequence[FileColumn]) -> None:
@@ -426,7 +418,7 @@ def _named_by_file(table: RecordTable, columns: list[FileColumn]) -> list[FileCo
     """Where a single column beside the time says nothing, it is what the file is called."""
     signals = [c for c in columns if c.meaning.kind != "time" and len(c.values) >= MIN_SAMPLES]
     if len(signals) == 2 == len(columns) and not signals[0].meaning.kind:  # a time without a head
-        signals = [column for column in signals if not column.increases]
+        signals = [column for column in signals if not column.is_even]
     named = parse_head(table.path.stem)
     if len(signals) != 1 or signals[0].meaning.kind or not named.kind:
         return columns
@@ -436,7 +428,7 @@ def _named_by_file(table: RecordTable, columns: list[FileColumn]) -> list[FileCo
 
 def _columns_option(columns: Sequence[FileColumn]) -> str:
     """Say what to type for columns of unknown meaning: a time, if one increases, and an angle."""
-    times = [column for column in columns if column.increases and not column.counts_rows][:1]
+    times = [column for column in columns if column.is_even][:1]
     others = [column for column in columns if column not in times][:1]
     typed = [(column, "t [s]") for column in times]
     typed += [(c, "w_2 [rpm]" if c.meaning.kind else "theta_2 [deg]") for c in others]
@@ -445,10 +437,9 @@ def _columns_option(columns: Sequence[FileColumn]) -> str:
 
 def grouped(left_out: Mapping[str, str]) -> list[tuple[str, str]]:
     """Return names of columns that are not used, and why, those with most in common last."""
-    names: dict[str, list[str]] = {}
-    for name, why in left_out.items():
-        names.setdefault(why, []).append(name)
-    return [("; ".join(names[why]), why) for why in sorted(names, key=lambda why: len(names[why]))]
+    whys = dict.fromkeys(left_out.values())
+    pairs = [([name for name, reason in left_out.items() if reason == why], why) for why in whys]
+    return [("; ".join(names), why) for names, why in sorted(pairs, key=lambda pair: len(pair[0]))]
 
 
 def unusable(

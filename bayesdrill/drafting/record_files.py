@@ -8,6 +8,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -15,11 +16,12 @@ from bayesdrill import output_files
 from bayesdrill.basics import units
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError, collect_each
-from bayesdrill.drafting import drives, roles, sensors, signals, trains
+from bayesdrill.drafting import roles, sensors, signals, trains
 from bayesdrill.drafting.columns import MIN_SAMPLES, FileColumn, NamedColumn, read_columns, unusable
 from bayesdrill.drafting.roles import SensorRoles
 from bayesdrill.drafting.signals import Segment, Sensor, Timing
 from bayesdrill.record.formats import FORMATS, format_of
+from bayesdrill.rig.models.drive_parts import PartsError
 from bayesdrill.rig.models.linear import Model
 
 
@@ -47,15 +49,7 @@ class RecordFile:
     left_out: dict[str, str]
     beside: tuple[RecordFile, ...] = ()
     label: str = ""
-    rows: tuple[
-        int, ...
-    ] = ()  # the first and the last one of it, where the file holds several records
-    part: int = 0  # its number among these
-
-    @property
-    def labelled(self) -> Path:
-        """The path by which it is called: with the number of its part."""
-        return self.path.with_stem(f"{self.path.stem}_{self.part}") if self.part else self.path
+    rows: Sequence[int] = ()  # the first and the last, where it is a part of the file
 
     @property
     def sensors(self) -> list[Sensor]:
@@ -88,33 +82,22 @@ def examine(path: Path, given: GivenFacts) -> list[RecordFile]:
     except ValueError as error:
         raise InputError.at(str(path), str(error)) from None
     time = signals.find_time(columns, sensors.infer_rate(columns), given.rate)
-    starts = [0, *(np.flatnonzero(np.diff(time.t) <= 0) + 1).tolist(), len(time.t)]
-    numbers = np.arange(1, len(time.t) + 1) if table.lines is None else table.lines
-    spans = [span for span in itertools.pairwise(starts) if span[1] - span[0] >= MIN_SAMPLES]
-    if not given.split or len(spans) < 2:
-        try:
-            return [_understand(path, columns, time, left_out, given)]
-        except InputError:
-            if len(spans) < 2:
-                raise
     if not given.split:
-        at = spans[1][0]
-        message = (
-            f"time goes back at {table.where(at)} ({time.t[at - 1]:.6g} s to {time.t[at]:.6g} s): "
-            f"{len(spans)} records in one file. Say --split, and each is an experiment"
-        )
-        raise InputError.at(str(path), message)
+        return [_understand(path, columns, time, left_out, given)]
     records = []
-    for part, (first, last) in enumerate(spans, start=1):
-        cut = [dataclasses.replace(c, values=c.values[first:last]) for c in columns]
-        clock = next(
-            (c for c, whole in zip(cut, columns, strict=True) if whole is time.column), None
-        )
-        timing = dataclasses.replace(time, t=time.t[first:last], column=clock)
+    for begin, end in _parts(time.t):
+        cut = [dataclasses.replace(column, values=column.values[begin:end]) for column in columns]
+        clock = None if time.column is None else cut[columns.index(time.column)]
+        timing = dataclasses.replace(time, t=time.t[begin:end], column=clock)
         record = _understand(path, cut, timing, left_out, given)
-        rows = (int(numbers[first]), int(numbers[last - 1]))
-        records.append(dataclasses.replace(record, rows=rows, part=part))
+        records.append(dataclasses.replace(record, rows=table.numbers[[begin, end - 1]].tolist()))
     return records
+
+
+def _parts(t: Array) -> list[tuple[int, int]]:
+    """Return begin and end of each part of times that is no shorter than a record, and increases."""
+    edges = [0, *(np.flatnonzero(np.diff(t) <= 0) + 1).tolist(), len(t)]
+    return [pair for pair in itertools.pairwise(edges) if pair[1] - pair[0] >= MIN_SAMPLES]
 
 
 def _understand(
@@ -127,13 +110,16 @@ def _understand(
     others = [column for column in columns if column is not time.column]
     segment = _segment(path, time, [c for c in others if c.meaning.kind], left_out)
     known, unusable_columns = sensors.identify_sensors(others, segment)
-    known, supplies = drives.question_drives(known)
     if trains.is_train(known, given.rig):
-        assigned = trains.assign_train(known, segment.dt)
+        try:
+            assigned = trains.assign_train(known, segment.dt)
+        except PartsError as error:
+            message = f"no train can be made of these names: {error}. Call its inertias otherwise"
+            raise InputError.at("--columns", message) from None
     else:
         voltage = given.voltage is not None
         assigned = roles.assign_roles(known, segment.dt, given.rig, given.gear, voltage=voltage)
-    left_out = left_out | unusable_columns | supplies | assigned.left_out
+    left_out = left_out | unusable_columns | assigned.left_out
     return RecordFile(path, columns, time, segment, assigned, left_out)
 
 
@@ -141,6 +127,12 @@ def _segment(
     path: Path, time: Timing, columns: Sequence[FileColumn], left_out: dict[str, str]
 ) -> Segment:
     segment = signals.longest_segment(time, columns)
+    if segment is None and len(parts := _parts(time.t)) > 1:
+        ends = "{:.6g} s to {:.6g} s".format(*time.t[[parts[0][1] - 1, parts[1][0]]])
+        message = (
+            f"time goes back after sample {parts[0][1]} ({ends}): {len(parts)} records in one file"
+        )
+        raise InputError.at(str(path), f"{message}? Say --split, and each is an experiment")
     if segment is None:
         raise unusable(path, left_out, f"no {MIN_SAMPLES} rows in a row have increasing times")
     return segment
@@ -180,10 +172,8 @@ def with_roles_of(lead: RecordFile, file: RecordFile) -> RecordFile:
         return dataclasses.replace(new, location=sensor.location, why=why, doubts=doubts)
 
     same = lead.roles.with_sensors(alike)
-    record = dataclasses.replace(
-        file, time=time, segment=segment, roles=same, left_out=lead.left_out
-    )
-    return _on_own_clocks(record)
+    changes: dict[str, Any] = {"segment": segment, "roles": same, "left_out": lead.left_out}
+    return _on_own_clocks(dataclasses.replace(file, time=time, **changes))
 
 
 def read_records(
@@ -193,13 +183,13 @@ def read_records(
     for k, path in enumerate(paths):
         if path.resolve() in [other.resolve() for other in paths[:k]]:
             raise InputError.at(str(path), "is given twice. Give each file once")
-    files = [file for found in collect_each(lambda p: examine(p, given), paths) for file in found]
-    kinds = _by_kind(files)
+    found = collect_each(lambda path: examine(path, given), paths)
+    kinds = _by_kind([*itertools.chain(*found)])
     records = _join_kinds(kinds, given) if len(kinds) > 1 else kinds[0]
     collect_each(_refuse_without_channels, records)
     lead = min(records, key=lambda record: record.uncertainty)
     alike = collect_each(lambda r: r if r is lead else with_roles_of(lead, r), records)
-    labels = experiment_labels([r.labelled for r in alike]) if len(alike) > 1 else [""]
+    labels = experiment_labels([r.path for r in alike]) if len(alike) > 1 else [""]
     pairs = zip(alike, labels, strict=True)
     named = tuple(dataclasses.replace(record, label=label) for record, label in pairs)
     return named, named[alike.index(lead)]

@@ -194,32 +194,6 @@ def test_signals_in_an_array_of_structs_are_read_with_their_names(tmp_path: Path
         table.pick("run1.Y")
 
 
-def test_an_array_of_structs_of_v73_is_read(tmp_path: Path) -> None:
-    """Its fields refer to one dataset for each element; what is no array of numbers is said."""
-    with h5py.File(tmp_path / "run.mat", "w", userblock_size=512) as file:
-        group, hidden = file.create_group("run/Y"), file.create_group("#refs#")
-        data, name, more = (
-            group.create_dataset(n, (2, 1), h5py.ref_dtype) for n in ("Data", "Name", "m")
-        )
-        for k, (title, values) in enumerate((("speed", W), ("duty", T))):
-            letters = np.frombuffer(title.encode("utf-16-le"), np.uint16)[:, None]
-            hidden[f"n{k}"], hidden[f"d{k}"] = letters, values[:, None].T
-            hidden[f"n{k}"].attrs["MATLAB_class"] = np.bytes_("char")
-            data[k, 0], name[k, 0] = hidden[f"d{k}"].ref, hidden[f"n{k}"].ref
-            more[k, 0] = hidden.create_group(f"g{k}").ref
-    table = read(tmp_path / "run.mat", {"run.Y(2).Data"})
-    np.testing.assert_array_equal(table.pick("run.Y(1).Data"), W)
-    np.testing.assert_array_equal(table.pick("run.Y(2).Data"), T)
-    assert table.labels["run.Y(2).Data"] == "duty"
-    assert "holds structs" in table.ignored["run.Y(1).m"]
-
-
-def test_too_many_structs_are_named(tmp_path: Path) -> None:
-    scipy.io.savemat(tmp_path / "run.mat", {"runs": np.zeros(1001, dtype=[("w", "f8")])})
-    with pytest.raises(InputError, match="array of 1001 structs"):
-        read(tmp_path / "run.mat").pick("runs")
-
-
 def test_the_only_variable_needs_no_name(tmp_path: Path) -> None:
     scipy.io.savemat(tmp_path / "run.mat", {"data": DATA})
     np.testing.assert_array_equal(read(tmp_path / "run.mat").pick(2), W)

@@ -106,8 +106,7 @@ class Clock:
     @property
     def numbers(self) -> NDArray[np.int64]:
         """Return the numbers of the rows, as messages give them."""
-        lines = self.table.lines
-        return np.asarray(self.rows + 1 if lines is None else lines[self.rows], dtype=np.int64)
+        return np.asarray(self.table.numbers[self.rows], dtype=np.int64)
 
 
 class Sources:
@@ -181,27 +180,12 @@ class Sources:
         if values is None:
             return None
         raw, offset = values * factor, (time.offset or 0.0) * factor
-        raw = raw + offset if offset else raw
-        chosen = self._config.record.rows if file is None else None
-        return self._windowed(location, time_place, table, raw, chosen)
+        return self._windowed(location, time_place, table, raw + offset if offset else raw)
 
     def _windowed(
-        self,
-        location: Location,
-        time_place: Location,
-        table: RecordTable,
-        raw: Array,
-        chosen: list[int] | None,
+        self, location: Location, time_place: Location, table: RecordTable, raw: Array
     ) -> Clock | None:
-        length, rows = len(raw), np.arange(len(raw))
-        if chosen is not None:
-            numbers = rows + 1 if table.lines is None else table.lines
-            rows = rows[(numbers >= chosen[0]) & (numbers <= chosen[1])]
-            raw = raw[rows]
-        if not len(rows):
-            self.add(("record", "rows"), f"the file has no such rows; it ends at {length}")
-            return None
-        inside = np.ones(len(raw), dtype=np.bool_)
+        rows, inside = np.arange(len(raw)), np.ones(len(raw), dtype=np.bool_)
         if self._spans:
             begin, end = min(a for a, _ in self._spans), max(b for _, b in self._spans)
             slack = 1e-9 * max(abs(begin), abs(end))
@@ -210,12 +194,10 @@ class Sources:
                 message = f"no sample lies in it: the record goes from {raw[0]:g} to {raw[-1]:g} s"
                 self.add(("record", "window"), message)
                 return None
-            every = np.arange(len(raw))
-            before, after = every[raw < begin - slack][-1:], every[raw > end + slack][:1]
-            within = every[inside]
-            used = np.concatenate([before, within, after]) if self.several else within
-            raw, rows, inside = raw[used], rows[used], inside[used]
-        clock = Clock(table, raw, rows, inside, length)
+            before, after = rows[raw < begin - slack][-1:], rows[raw > end + slack][:1]
+            within = rows[inside]
+            rows = np.concatenate([before, within, after]) if self.several else within
+        clock = Clock(table, raw[rows], rows, inside[rows], len(raw))
         issues = check_time(self.label(time_place), clock.t, clock.where)
         self.issues += issues
         # With wrong times a column can still be judged, and all that is wrong is told at once.
@@ -232,7 +214,8 @@ class Sources:
         try:
             output_files.check_file(path)
             kind = FORMATS[written.format or format_of(path)]
-            return kind.read(path, build_member(kind.options, written), self._wanted(file))
+            table = kind.read(path, build_member(kind.options, written), self._wanted(file))
+            return table.between(self._config.record.rows) if file is None else table
         except ValueError as error:
             self.add(at_file, str(error))
         except InputError as error:

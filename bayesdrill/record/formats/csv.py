@@ -18,8 +18,7 @@ from pydantic import Field
 from bayesdrill.basics.arrays import Array, Indices
 from bayesdrill.basics.entries import MAX_COUNT
 from bayesdrill.basics.errors import InputError, Issue, shortened
-from bayesdrill.record.formats.table import RecordTable, keys_of
-from bayesdrill.record.formats.text import decode
+from bayesdrill.record.formats.table import RecordTable, decode, keys_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -188,24 +187,19 @@ def without_empty_tail(lines: TextLines, dialect: Dialect) -> TextLines:
 
 
 def without_line_marks(lines: TextLines, options: CsvOptions) -> TextLines:
-    """Strip a mark that ends nearly all lines, as in `1, 2;`, where more cells are numbers without."""
-    sample = _sampled(lines.texts)
-    before = _score(sample, find_dialect(sample, options))
+    """Strip a mark that ends lines, as in `1, 2;`, where more cells are numbers without it."""
+    before = _score(lines.texts, find_dialect(lines.texts, options))
     for mark in ";,|":
-        bare = [text.rstrip(f"{mark} ") for text in sample]
-        ended = sum(text != cut for text, cut in zip(sample, bare, strict=True))
-        if ended > 0.9 * len(sample) and _score(bare, find_dialect(bare, options)) > before:
-            return dataclasses.replace(lines, texts=[t.rstrip(f"{mark} ") for t in lines.texts])
+        if lines.texts[-1].rstrip().endswith(mark):
+            bare = [text.rstrip(f"{mark} ") for text in lines.texts]
+            if _score(bare, find_dialect(bare, options)) > before:
+                return dataclasses.replace(lines, texts=bare)
     return lines
-
-
-def _sampled(texts: Sequence[str]) -> list[str]:
-    return [*texts[:50], *texts[50:][-50:]]
 
 
 def find_dialect(texts: Sequence[str], options: CsvOptions) -> Dialect:
     """Find the dialect under which most cells of a sample are numbers in rows of equal width."""
-    sample = _sampled(texts)
+    sample = [*texts[:50], *texts[50:][-50:]]
     candidates = [*_DIALECTS, *([Dialect(",", ",")] if _quoted_commas(sample) else [])]
     if options.delimiter is not None:
         separator = None if options.delimiter == " " else options.delimiter
@@ -222,7 +216,8 @@ def _quoted_commas(sample: Sequence[str]) -> bool:
     return not all(re.fullmatch(r"[-+]?[1-9]\d{0,2},\d{3}", cell) for cell in cells)
 
 
-def _score(sample: Sequence[str], dialect: Dialect) -> tuple[float, bool]:
+def _score(texts: Sequence[str], dialect: Dialect) -> tuple[float, bool]:
+    sample = [*texts[:50], *texts[50:][-50:]]
     rows = [split(line, dialect.separator) for line in sample]
     width = max(1, Counter(map(len, rows)).most_common(1)[0][0])
     shares = [
@@ -252,18 +247,12 @@ def typical_width(texts: Sequence[str], dialect: Dialect) -> int:
 
 def without_trailing_delimiter(body: TextLines, header: str | None, dialect: Dialect) -> TextLines:
     """Strip a delimiter that ends every row, unless the header names a column after it."""
-    mark = dialect.separator
-    if mark is None:
+    mark, texts = dialect.separator, [line.rstrip(" ") for line in body.texts]
+    if mark is None or not all(line.endswith(mark) for line in texts):
         return body
-    texts = [line.rstrip(" ") for line in body.texts]
-    if not all(line.endswith(mark) for line in texts):
-        return body
-    width = typical_width(texts, dialect)
-    if header is not None:
-        names = split(header, mark)
-        if len(names) == width and names[-1].strip():
-            return body
-    return dataclasses.replace(body, texts=[line[:-1] for line in texts])
+    names = [] if header is None else split(header, mark)
+    named = len(names) == typical_width(texts, dialect) and names[-1].strip()
+    return body if named else dataclasses.replace(body, texts=[line[:-1] for line in texts])
 
 
 _CHUNK = 20_000
@@ -372,11 +361,9 @@ _LONGEST_HEAD = 200  # lines above the header: settings of a recorder
 def read(path: Path, options: CsvOptions) -> RecordTable:
     """Read a text table; empty and NaN cells become NaN, and errors name lines and columns."""
     text = decode(path)
-    if text.lstrip()[:1] == "{":
-        message = "is JSON, not a table; give it the ending .json, or export it as CSV"
+    if kind := {"<": "a web page or XML", "{": "JSON"}.get(text.lstrip()[:1]):
+        message = f"is {kind}, not a table; export it as CSV, or give JSON the ending .json"
         raise InputError.at(str(path), message)
-    if text.lstrip()[:1] == "<":
-        raise InputError.at(str(path), "is a web page or XML, not a table; export it as CSV")
     return table(path, text, options)
 
 
@@ -430,20 +417,16 @@ def check_options(path: Path, options: CsvOptions) -> None:
 
 
 def _table_start(lines: TextLines, dialect: Dialect) -> int:
-    """Return the line of the columns' names below a head of other lines, none of them a row; else 0."""
-    width = typical_width(lines.texts, dialect)
-    rows = [split(line, dialect.separator) for line in lines.texts[:_LONGEST_HEAD]]
-    numbers, words = zip(
-        *(_census(line, dialect) for line in lines.texts[:_LONGEST_HEAD]), strict=True
-    )
-    full = [len(row) == width for row in rows]
-    first = next((k for k in range(len(rows)) if full[k] and numbers[k] > len(words[k])), 0)
-    names = first
-    while names and full[names - 1] and words[names - 1] and not numbers[names - 1]:
-        names -= 1
-    begins = (row[0].strip() for row in itertools.compress(rows[:names], full))
-    lost = any(cell and to_number(cell, dialect.decimal) is not None for cell in begins)
-    return 0 if names == first or lost else names
+    """Return the line of the columns' names below a head of other lines; 0 where nothing is above."""
+    width, names = typical_width(lines.texts, dialect), -1
+    for at, line in enumerate(lines.texts[:_LONGEST_HEAD]):
+        (numbers, words), row = _census(line, dialect), split(line, dialect.separator)
+        number = row[0].strip() and to_number(row[0], dialect.decimal) is not None
+        if len(row) == width and (number or numbers > len(words)):
+            return max(names, 0)
+        named = len(row) == width and words and not numbers
+        names = max(names, -1 if names >= 0 else at) if named else -1
+    return 0
 
 
 def _split_header(

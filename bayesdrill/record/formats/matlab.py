@@ -12,7 +12,7 @@ import math
 import struct
 import warnings
 import zlib
-from collections.abc import Buffer, Collection, Mapping, Sequence
+from collections.abc import Buffer, Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,6 @@ from bayesdrill.output_files import LARGEST_FILE
 from bayesdrill.record.formats.arrays import CUT_SHORT, ITSELF, add_fields, datasets
 from bayesdrill.record.formats.table import RecordTable, read_bytes
 
-MAX_STRUCTS = 1000  # of one array, each of which is a signal
 TITLES = ("label", "title", "Name")  # fields with what a signal is called, the best first
 MAX_DEPTH = 100  # ten times what anyone nests, and a tenth of what SciPy stands
 
@@ -165,34 +164,23 @@ def _walk_v5(name: str, value: Any, table: RecordTable) -> None:
         table.ignored[name] = _opaque(name, str(getattr(value, "classname", "function")))
     elif not isinstance(value, np.ndarray):
         table.ignored[name] = "is sparse; save full(...) of it"
-    elif value.dtype.names is not None and value.size > MAX_STRUCTS:
-        table.ignored[name] = f"is an array of {value.size} structs; save arrays of numbers"
     elif value.dtype.names is not None:
         for number, element in enumerate(value.flat, start=1):
             place = f"{name}({number})" if value.size > 1 else name
-            for field in _signal_fields(value.dtype.names, value.size):
+            fields = value.dtype.names  # of signals the samples, which the others describe
+            samples = [f for f in fields if f == "values" or (f == "Data" and value.size > 1)]
+            for field in samples or fields:
                 _walk_v5(f"{place}.{field}", element[field], table)
-            for field in (field for field in TITLES if field in value.dtype.names):
-                if element[field].dtype.kind == "U" and element[field].size:
-                    _label(place, str(element[field].flat[0]), table)
+            titles = [element[field] for field in TITLES if field in fields]
+            for title in (title for title in titles if title.dtype.kind == "U" and title.size):
+                for field in ("values", "Data"):
+                    table.labels.setdefault(f"{place}.{field}", str(title.flat[0]))
     elif value.dtype.kind in "US":
         table.ignored[name] = "is text, not numbers"
     elif value.dtype.kind == "O":
         table.ignored[name] = "is a cell array; save cell2mat(...) of it"
     else:
         add_fields(table, name, value)
-
-
-def _signal_fields(names: Sequence[str], count: int) -> Sequence[str]:
-    """Of signals of Simulink or ControlDesk the samples, what else there is describes them; else all."""
-    samples = [name for name in names if name == "values" or (name == "Data" and count > 1)]
-    return samples or names
-
-
-def _label(place: str, title: str, table: RecordTable) -> None:
-    """Note what the file calls the samples at a place, unless another field of it has said so."""
-    for samples in ("values", "Data"):
-        table.labels.setdefault(f"{place}.{samples}", title)
 
 
 def _read_v73(path: Path, wanted: Collection[str] | None) -> RecordTable:
@@ -202,32 +190,12 @@ def _read_v73(path: Path, wanted: Collection[str] | None) -> RecordTable:
     layout = {"separator": ".", "called": "struct", "hidden": "#"}  # #refs#: MATLAB's own
     with h5py.File(path, "r") as file:
         for name, item in datasets(file, table, unfit=_unfit, **layout):
-            if item.dtype.kind == "O":
-                _read_elements(file, name, item, table)
-            elif wanted is None or name in wanted:
+            if wanted is None or name in wanted:
                 # MATLAB writes column by column, so HDF5 shows every array transposed.
                 add_fields(table, name, np.asarray(item[()]).T)
             else:
                 table.unread.append(name)
     return table
-
-
-def _read_elements(file: Any, name: str, item: Any, table: RecordTable) -> None:
-    """Read one field of an array of structs, which refers to a dataset for each of them."""
-    place, _, field = name.rpartition(".")
-    if item.size > MAX_STRUCTS:
-        table.ignored[place] = f"is an array of {item.size} structs; save arrays of numbers"
-        return
-    for number, reference in enumerate(item[()].flat, start=1):
-        element, where = file[reference], f"{place}({number})"
-        if field in TITLES and _text(element.attrs.get("MATLAB_class", b"")) == "char":
-            _label(where, "".join(map(chr, element[()].flat)), table)
-        elif not hasattr(element, "dtype") or element.dtype.kind == "O":
-            table.ignored[f"{where}.{field}"] = "holds structs or cells; save arrays of numbers"
-        elif reason := _unfit(name, element):
-            table.ignored[f"{where}.{field}"] = reason
-        else:
-            add_fields(table, f"{where}.{field}", np.asarray(element[()]).T)
 
 
 def _unfit(name: str, item: Any) -> str:
@@ -249,6 +217,8 @@ def _unfit(name: str, item: Any) -> str:
         return "is a cell array; save cell2mat(...) of it"
     if item.is_virtual or item.external:
         return f"has its numbers in other files; {ITSELF}"
+    if item.dtype.kind == "O":
+        return "is part of an array of structs; save a single struct, or all with -v7"
     if item.dtype.names == ("real", "imag"):
         return "is complex; save its real part"
     return ""

@@ -195,6 +195,7 @@ def _of_each(study: IdentifiabilityStudy) -> str:
     named = list(zip(study.names, study.parameters, strict=True))
     loose = [f"{name} to {percent(known.bound)}" for name, known in named if known.bound > WELL]
     left = [name for name, known in named if known.word != "determined"]
+    left += [n.name for n in study.nuisances if n.word == "left to the prior"]
     tied = [n for n in study.nuisances if n.like]
     if not loose and not left and not tied:
         return "the record determines every unknown"
