@@ -157,10 +157,8 @@ def init(
         columns=tuple(collect_each(lambda text: named_column(text, files), columns)),
         split=split,
     )
-    beside = records[0].with_suffix(".yaml")
-    if len(records) > 1:
-        beside = records[0].with_name(f"{record_files.common_stem(records)}.yaml")
-    target = arguments.results_folder(output, beside)
+    stem = record_files.common_stem(records) if len(records) > 1 else records[0].stem
+    target = arguments.results_folder(output, records[0].parent / f"{stem}.yaml")
     values = None if sheet is None else yaml_source.read(Path(sheet).expanduser())
     if values is not None and values.repeated:
         raise InputError(values.repeated)

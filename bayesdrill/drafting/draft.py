@@ -29,6 +29,7 @@ from bayesdrill.rig.models.roles import GEAR_POWERS
 from bayesdrill.rig.models.train import LINEAR
 
 SHEET_SD = 1.0  # of the logarithm of a parameter of a data sheet
+MAX_UNUSED = 20  # reasons for columns that are not used, on a terminal
 
 
 def config_text(context: DraftContext, name: str, sheet: Mapping[str, Any]) -> str:
@@ -297,11 +298,14 @@ def guess(
 
 def _how_read(record: RecordFile) -> Iterator[str]:
     """Yield how each column of a record was read, or why it is not used."""
-    if record.time.column is not None:
-        yield f"{record.time.column.name}: the time [{record.time.unit}]"
+    time, mark = record.time, ", REVIEW" if record.time.doubt else ""
+    name = f"{time.rate:.6g} samples a second" if time.column is None else time.column.name
+    yield f"{name}: the time [{time.unit}]{mark}"
     named = [*((c.name, c.sensor) for c in record.roles.channels), *record.roles.inputs.items()]
     yield from (f"{s.name}: {n} [{s.unit}]{', REVIEW' if s.doubts else ''}" for n, s in named)
-    yield from (f"not used: {names}: {why}" for names, why in grouped(record.left_out))
+    unused = [f"not used: {names}: {why}" for names, why in grouped(record.left_out)]
+    yield from unused[:MAX_UNUSED]
+    yield from ["not used: others, see the config"] if len(unused) > MAX_UNUSED else []
 
 
 def check_draft_path(path: Path, read: Sequence[Path], *, force: bool) -> None:

@@ -82,10 +82,15 @@ def examine(path: Path, given: GivenFacts) -> list[RecordFile]:
     except ValueError as error:
         raise InputError.at(str(path), str(error)) from None
     time = signals.find_time(columns, sensors.infer_rate(columns), given.rate)
+    parts, records = _parts(time.t), list[RecordFile]()
     if not given.split:
+        for (first, last), (begin, _) in itertools.pairwise(parts):
+            if 2 * time.t[begin] < time.t[first] + time.t[last - 1]:  # it begins anew
+                back = f"{last} ({time.t[last - 1]:.6g} s to {time.t[begin]:.6g} s)"
+                message = f"time goes back after sample {back}: {len(parts)} records in one file? "
+                raise InputError.at(str(path), message + "Say --split for an experiment of each")
         return [_understand(path, columns, time, left_out, given)]
-    records = []
-    for begin, end in _parts(time.t):
+    for begin, end in parts:
         cut = [dataclasses.replace(column, values=column.values[begin:end]) for column in columns]
         clock = None if time.column is None else cut[columns.index(time.column)]
         timing = dataclasses.replace(time, t=time.t[begin:end], column=clock)
@@ -127,12 +132,6 @@ def _segment(
     path: Path, time: Timing, columns: Sequence[FileColumn], left_out: dict[str, str]
 ) -> Segment:
     segment = signals.longest_segment(time, columns)
-    if segment is None and len(parts := _parts(time.t)) > 1:
-        ends = "{:.6g} s to {:.6g} s".format(*time.t[[parts[0][1] - 1, parts[1][0]]])
-        message = (
-            f"time goes back after sample {parts[0][1]} ({ends}): {len(parts)} records in one file"
-        )
-        raise InputError.at(str(path), f"{message}? Say --split, and each is an experiment")
     if segment is None:
         raise unusable(path, left_out, f"no {MIN_SAMPLES} rows in a row have increasing times")
     return segment

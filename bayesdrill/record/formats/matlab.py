@@ -23,7 +23,7 @@ from bayesdrill.output_files import LARGEST_FILE
 from bayesdrill.record.formats.arrays import CUT_SHORT, ITSELF, add_fields, datasets
 from bayesdrill.record.formats.table import RecordTable, read_bytes
 
-TITLES = ("label", "title", "Name")  # fields with what a signal is called, the best first
+TITLES, UNITS = ("label", "title", "Name"), ("unit", "Unit")  # of a signal, the best first
 MAX_DEPTH = 100  # ten times what anyone nests, and a tenth of what SciPy stands
 
 _MATRIX, _COMPRESSED = 14, 15  # kinds of elements
@@ -171,10 +171,10 @@ def _walk_v5(name: str, value: Any, table: RecordTable) -> None:
             samples = [f for f in fields if f == "values" or (f == "Data" and value.size > 1)]
             for field in samples or fields:
                 _walk_v5(f"{place}.{field}", element[field], table)
-            titles = [element[field] for field in TITLES if field in fields]
-            for title in (title for title in titles if title.dtype.kind == "U" and title.size):
-                for field in ("values", "Data"):
-                    table.labels.setdefault(f"{place}.{field}", str(title.flat[0]))
+            for said, names in ((table.labels, TITLES), (table.units, UNITS)):
+                texts = [element[field] for field in names if field in fields]
+                if texts := [text for text in texts if text.dtype.kind == "U" and text.size]:
+                    said |= {f"{place}.{f}": str(texts[0].flat[0]) for f in ("values", "Data")}
     elif value.dtype.kind in "US":
         table.ignored[name] = "is text, not numbers"
     elif value.dtype.kind == "O":
