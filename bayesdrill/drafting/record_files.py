@@ -85,7 +85,7 @@ def examine(path: Path, given: GivenFacts) -> list[RecordFile]:
     parts, records = _parts(time.t), list[RecordFile]()
     if not given.split:
         for (first, last), (begin, _) in itertools.pairwise(parts):
-            if 2 * time.t[begin] < time.t[first] + time.t[last - 1]:  # it begins anew
+            if time.t[begin] < time.t[(first + last) // 2]:  # it begins anew
                 back = f"{last} ({time.t[last - 1]:.6g} s to {time.t[begin]:.6g} s)"
                 message = f"time goes back after sample {back}: {len(parts)} records in one file? "
                 raise InputError.at(str(path), message + "Say --split for an experiment of each")

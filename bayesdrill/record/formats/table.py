@@ -43,7 +43,7 @@ class RecordTable:
 
     def where(self, index: int) -> str:
         """The place of the sample `index` (0-based): `line 18` of a text, `row`, or `sample`."""
-        return f"{'sample' if self.lines is None else self.called} {self.numbers[index]}"
+        return f"sample {index + 1}" if self.lines is None else f"{self.called} {self.lines[index]}"
 
     @property
     def numbers(self) -> Counts:
