@@ -402,7 +402,7 @@ def test_rows_that_are_not_there_are_refused(tmp_path: Path) -> None:
     made(repeated(tmp_path, 300, 400), split=True)
     text = (tmp_path / "r.yaml").read_text()
     (tmp_path / "r.yaml").write_text(text.replace("rows: [302, 701]", "rows: [9000, 9999]"))
-    with pytest.raises(bd.InputError, match="rows"):
+    with pytest.raises(bd.InputError, match="has no rows from 9000 to 9999"):
         bd.load(tmp_path / "r.yaml")
 
 
@@ -480,6 +480,18 @@ def test_a_wide_table_is_summed_up(tmp_path: Path) -> None:
     said = draft(tmp_path, {**BASE, **more})["said"]
     assert len(said.splitlines()) < 30
     assert "not used: others, see the config" in said
+
+
+def test_check_draws_the_record_of_each_experiment(tmp_path: Path) -> None:
+    made(repeated(tmp_path, 300, 400), split=True)
+    done = systems.cli("check", tmp_path / "r.yaml", "--figure-record", tmp_path / "seen.png")
+    assert done.status == 0
+    for k in (1, 2):
+        assert (tmp_path / f"seen_{k}.png").read_bytes().startswith(b"\x89PNG")
+        assert f"seen_{k}.png" in done.out
+    case = bd.load(tmp_path / "r.yaml")
+    with pytest.raises(bd.InputError, match=r"--figure-record: 'seen\.gif' is none of \.pdf"):
+        case.draw_record(tmp_path / "seen.gif")
 
 
 # --- files -----------------------------------------------------------------------------------------

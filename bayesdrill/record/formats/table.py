@@ -58,6 +58,8 @@ class RecordTable:
         part = slice(*np.searchsorted(self.numbers, (rows[0], rows[1] + 1)).tolist())
         lines = None if self.lines is None else self.lines[part]
         values = {name: x[part] for name, x in self.variables.items()}
+        if not any(map(len, values.values())):
+            raise ValueError(f"has no rows from {rows[0]} to {rows[1]}; mend `rows:`")
         return dataclasses.replace(self, variables=values, lines=lines)
 
     def pick(
