@@ -132,7 +132,8 @@ def init(
     become one record.  `output`: beside the (first) record by default; `voltage` [V]: constant, where no
     column has it; `gear`: turns of the motor for one of the shaft; `rig`: its name; `columns`: what they
     are, such as `data:3=theta_2 [deg]`; `rate` [Hz]: where no column is a time; `sheet`: a YAML file of
-    nominal values.  Raises `InputError` where nothing can be made of a file, or not of all together.
+    nominal values; `split`: a record begins where times go back.  Raises `InputError` where nothing can
+    be made of a file, or not of all together.
     """
     from bayesdrill.config import yaml_source
     from bayesdrill.drafting import draft, record_files

@@ -303,10 +303,8 @@ def named_column(text: str, files: Collection[str]) -> NamedColumn:
     fits = understood and meaning.kind and (not (unit or written) or kind_of(unit) == meaning.kind)
     if match is None or not fits:
         why = "names no known quantity with a unit of it" if match else "names no column"
-        known = (
-            f"`data:3=theta_2 [deg]`. Known quantities are {', '.join(_NAMES)}, of trains such as "
-        )
-        known += "theta_load, i_motor, x_cart. Encoders count in count/2800 or count/(560/cm)"
+        known = f"`data:3=theta_2 [deg]`. Known quantities are {', '.join(_NAMES)}, of trains such "
+        known += "as theta_load, i_motor, x_cart. Encoders count in count/2800 or count/(560/cm)"
         raise InputError.at("--columns", f"'{text}' {why}. Write for example {known}")
     meaning = dataclasses.replace(meaning, unit=unit, backwards=bool(sign), typed=True)
     return NamedColumn(text, file, match[1], int(match[2]) if match[2] else None, meaning)
@@ -391,7 +389,7 @@ def _structure(column: FileColumn) -> str:
 def _refuse_stillness(table: RecordTable, columns: Sequence[FileColumn]) -> None:
     """A record in which no angle and no speed changes is none of a rig that moved."""
     moving = [c for c in columns if c.meaning.kind in MOTIONS and not c.meaning.reference]
-    moving = [column for column in moving if len(column.values) >= MIN_SAMPLES]
+    moving = [column for column in moving if np.isfinite(column.values).sum() >= MIN_SAMPLES]
     if moving and all(np.nanmax(c.values) - np.nanmin(c.values) < 1 / MAX_NUMBER for c in moving):
         names = ", ".join(column.name for column in moving[:4])
         more = f" and {len(moving) - 4} more" if len(moving) > 4 else ""

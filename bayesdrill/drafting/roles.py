@@ -416,8 +416,8 @@ def guess_start(
         window = "" if begin is None else f"[{begin:.12g}, {float(t[-1]):.12g}]"
         cut, why = why, "the record need not begin at rest: the start is unknown"
         seen = any(sensor.kind in ("angle", "position") for sensor in sensors[0])
-        twists = ", ".join(f"{name}: free" for name in roles.rig.states[1:])  # after an angle
-        free = "free" if seen else f"{{{twists}}}"
+        twists = ", ".join(f"{name}: free" for name in roles.rig.states[1:])
+        free = "free" if seen else f"{{{twists}}}"  # without the first angle
         return StartGuess(free, True, window, {}, late, rest, cut, (why,))
     if not math.isnan(onset):
         begin, late = max(float(t[0]), onset - 2 * dt if driven else onset), 3.0

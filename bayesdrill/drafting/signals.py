@@ -452,13 +452,14 @@ def dead_samples(channels: Sequence[Sensor], inputs: Sequence[Sensor]) -> int:
     """Return how many samples late the first speed follows the first input; 0 where it is not clear."""
     speeds = [sensor for sensor in channels if sensor.kind in ("speed", "velocity")]
     driving = [sensor for sensor in inputs if sensor.kind in DRIVES and sensor.varies]
-    for x, u in zip([s.values for s in speeds[:1]], [s.values for s in driving], strict=False):
-        k = np.arange(PAST + MAX_DEAD, min(len(x), LOOKED_AT))
-        past = [x[k - j] for j in range(1, PAST + 1)]
-        left = [1 - explained(x[k], *past, u[k - d - 1])[1] for d in range(MAX_DEAD + 1)]
-        best = int(np.argmin(left))
-        return best if left[best] < CLEARER * left[0] else 0
-    return 0
+    if not speeds or not driving:
+        return 0
+    x, u = speeds[0].values, driving[0].values
+    k = np.arange(PAST + MAX_DEAD, min(len(x), LOOKED_AT))
+    past = [x[k - j] for j in range(1, PAST + 1)]
+    left = [1 - explained(x[k], *past, u[k - d - 1])[1] for d in range(MAX_DEAD + 1)]
+    best = int(np.argmin(left))
+    return best if left[best] < CLEARER * left[0] else 0
 
 
 def is_plausible(values: Array) -> bool:

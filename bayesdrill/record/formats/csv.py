@@ -425,7 +425,7 @@ def _table_start(lines: TextLines, dialect: Dialect) -> int:
         if len(row) == width and (number or numbers > len(words)):
             return max(names, 0)
         named = len(row) == width and words and not numbers
-        names = max(names, -1 if names >= 0 else at) if named else -1
+        names = (at if names < 0 else names) if named else -1
     return 0
 
 
