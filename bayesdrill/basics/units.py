@@ -179,6 +179,6 @@ def _registry() -> Any:
 _EXAMPLES = {
     "rad": "rad, deg, revolution, or count/4096 of an encoder with 4096 counts in a turn",
     "rad/s": "rad/s, deg/s or rpm (a turn each second is revolution/s)",
-    "m": "m, mm, or count/(560/cm) of a scale with 560 counts in a cm",
-    "N*m": "N*m, mN*m, or `% of 9.84 mN*m` of a drive whose rated torque is 9.84 mN*m",
+    "m": "m or mm, or count/(560/cm) of a scale with 560 counts in a cm",
+    "N*m": "N*m or mN*m, or `% of 9.84 mN*m` of a drive whose rated torque is 9.84 mN*m",
 }

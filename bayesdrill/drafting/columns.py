@@ -16,6 +16,7 @@ import numpy as np
 from bayesdrill.basics import units
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError, Issue
+from bayesdrill.output_files import MOST_GUESSED
 from bayesdrill.record.formats.table import RecordTable
 
 MAX_LETTERS = 200  # of a head, or of a unit, that is read
@@ -389,11 +390,10 @@ def _structure(column: FileColumn) -> str:
 def _refuse_stillness(table: RecordTable, columns: Sequence[FileColumn]) -> None:
     """A record in which no angle and no speed changes is none of a rig that moved."""
     moving = [c for c in columns if c.meaning.kind in MOTIONS and not c.meaning.reference]
-    moving = [column for column in moving if np.isfinite(column.values).sum() >= MIN_SAMPLES]
+    moving = [c for c in moving if MIN_SAMPLES <= np.isfinite(c.values).sum() <= MOST_GUESSED]
     if moving and all(np.nanmax(c.values) - np.nanmin(c.values) < 1 / MAX_NUMBER for c in moving):
-        names = ", ".join(column.name for column in moving[:4])
-        more = f" and {len(moving) - 4} more" if len(moving) > 4 else ""
-        message = f"nothing moved: {names}{more} are the same in every row; mend the sensor, and "
+        names = ", ".join([column.name for column in moving[:4]] + ["..."] * (len(moving) > 4))
+        message = f"nothing moved: {names} are the same in every row; mend the sensor, and "
         raise InputError.at(str(table.path), message + "record again, or name another column")
 
 
