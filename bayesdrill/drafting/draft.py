@@ -216,9 +216,8 @@ def _prior_scales(context: DraftContext) -> tuple[PriorEnds, str]:
     if train is not None:  # the slowest and the fastest swing that a record shows
         ends["N*m/rad"] = (1e-2 * j / duration**2, far * j / dt**2)
     ends |= {LINEAR[unit]: pair for unit, pair in ends.items() if unit in LINEAR}
-    known = known and f", by the largest {known}"
     return ends, (
-        "nobody has said anything of this rig: priors go as far as its record allows"
+        "nobody has said anything of this rig: priors go as far as its record allows, by the largest "
         f"{known}{more}. Hold what you have weighed or measured"
     )
 

@@ -73,7 +73,7 @@ def small(name: str, folder: Path, *names: str, **known: Any) -> dict[str, Any]:
 
 
 def test_a_column_that_grows_by_one_a_row_is_a_row_number(tmp_path: Path) -> None:
-    """Mutants killed: a time in ms, a speed or a current is called a row number."""
+    """Mutants killed: an angle, or a speed with a unit, is called a row number."""
     count = np.arange(400.0)
 
     def check(head: str, begin: float) -> None:
@@ -84,6 +84,7 @@ def test_a_column_that_grows_by_one_a_row_is_a_row_number(tmp_path: Path) -> Non
     for_each({"n": ("n", 0), "i": ("i", 1), "nameless": ("", 0), "index": ("index", 7e4)}, check)
     times = draft(tmp_path, {"t": count, "u": DRIVE, "speed": W})
     assert times["record"]["time"] == {"column": "t", "unit": "ms"}
+    assert [*told(draft(tmp_path, {"t": T, "u": DRIVE, "theta": count}))] == ["theta_2"]
     speed = draft(tmp_path, {"t": T, "n [rpm]": count, "u": DRIVE})
     assert told(speed) == {"w_2": ("n [rpm]", "rpm")}
     arm = draft(tmp_path, {"": count, "t": T, "a": ANGLE, "i": W}, "t=t [s]", "a=theta_arm [rad]")
@@ -325,7 +326,7 @@ def test_a_share_of_a_rated_torque_is_asked_for(tmp_path: Path) -> None:
 
 
 def test_what_was_largest_is_named_or_left_out(tmp_path: Path) -> None:
-    """Mutant killed: `by the largest ;`."""
+    """Mutant killed: speeds along a line are not looked at, which left `by the largest ;`."""
 
     def check(names: Sequence[str], largest: str) -> None:
         columns = {"t": T, "u": DRIVE, "y": ANGLE}
