@@ -86,8 +86,8 @@ def examine(path: Path, given: GivenFacts) -> list[RecordFile]:
     if not given.split:
         for (first, last), (begin, _) in itertools.pairwise(parts):
             if time.t[begin] < time.t[(first + last) // 2]:  # it begins anew
-                back = f"{last} ({time.t[last - 1]:.6g} s to {time.t[begin]:.6g} s)"
-                message = f"time goes back after sample {back}: {len(parts)} records in one file? "
+                back = f"{table.where(begin)} ({time.t[last - 1]:.6g} s to {time.t[begin]:.6g} s)"
+                message = f"time goes back at {back}: {len(parts)} records in one file? "
                 raise InputError.at(str(path), message + "Say --split for an experiment of each")
         return [_understand(path, columns, time, left_out, given)]
     for begin, end in parts:

@@ -369,7 +369,7 @@ def test_records_one_after_the_other_are_split(tmp_path: Path) -> None:
         assert "2 records in one file? Say --split" in refusal(repeated(tmp_path, *lengths))
     path = repeated(tmp_path, 300, 5, 400)
     said = refusal(path)
-    assert "time goes back after sample 300 (2.99 s to 0 s): 2 records in one file" in said
+    assert "time goes back at line 307 (2.99 s to 0 s): 2 records in one file" in said
     assert "--split" in said
     found = made(path, split=True)
     assert found["experiments"] == {
@@ -413,7 +413,7 @@ def test_two_validation_runs_in_one_file(tmp_path: Path) -> None:
         path = SMALL / "validation_two_records" / name
         half = (last - 1) // 2
         said = refusal(path, tmp_path / "s.yaml", force=True)
-        assert f"time goes back after sample {half} (" in said
+        assert f"time goes back at line {half + 2} (" in said
         found = small(f"validation_two_records/{name}", tmp_path, split=True, voltage=3.0)
         rows = [one["record"]["rows"] for one in found["experiments"].values()]
         assert rows == [[2, half + 1], [half + 2, last]]
