@@ -230,16 +230,21 @@ class FileColumn:
         return ":".join(map(str, self.address.values()))
 
     @property
+    def steps(self) -> Array:
+        """From each row to the next, `(T - 1,)`; NaN where that is no number."""
+        with np.errstate(all="ignore"):
+            return np.diff(self.values)
+
+    @property
     def counts_rows(self) -> bool:
         """Whether it grows by one a row, and nothing says that this is a time or a motion."""
         unsaid = not self.meaning.unit and self.meaning.kind not in ("time", "angle", "position")
-        return unsaid and bool(np.all(np.diff(self.values) == 1))
+        return unsaid and bool(np.all(self.steps == 1))
 
     @property
     def is_even(self) -> bool:
         """Whether it grows in equal steps, as a time does, and counts no rows."""
-        steps = np.diff(self.values)
-        least, most = steps.min(initial=np.inf), steps.max(initial=0.0)
+        least, most = self.steps.min(initial=np.inf), self.steps.max(initial=0.0)
         even = 1 / MAX_NUMBER < least <= most < min(MAX_NUMBER, EVEN_STEPS * least)
         return bool(even) and not self.counts_rows
 
@@ -391,7 +396,7 @@ def _refuse_stillness(table: RecordTable, columns: Sequence[FileColumn]) -> None
     """A record in which no angle and no speed changes is none of a rig that moved."""
     moving = [c for c in columns if c.meaning.kind in MOTIONS and not c.meaning.reference]
     moving = [c for c in moving if MIN_SAMPLES <= np.isfinite(c.values).sum() <= MOST_GUESSED]
-    if moving and all(np.nanmax(c.values) - np.nanmin(c.values) < 1 / MAX_NUMBER for c in moving):
+    if moving and not any((np.abs(c.steps) > 1 / MAX_NUMBER).any() for c in moving):
         names = ", ".join([column.name for column in moving[:4]] + ["..."] * (len(moving) > 4))
         message = f"nothing moved: {names} are the same in every row; mend the sensor, and "
         raise InputError.at(str(table.path), message + "record again, or name another column")

@@ -83,7 +83,7 @@ def examine(path: Path, given: GivenFacts) -> list[RecordFile]:
         raise InputError.at(str(path), str(error)) from None
     time = signals.find_time(columns, sensors.infer_rate(columns), given.rate)
     parts, records = _parts(time.t), list[RecordFile]()
-    if not given.split:
+    if not given.split or not parts:
         for (first, last), (begin, _) in itertools.pairwise(parts):
             if time.t[begin] < time.t[(first + last) // 2]:  # it begins anew
                 back = f"{table.where(begin)} ({time.t[last - 1]:.6g} s to {time.t[begin]:.6g} s)"
