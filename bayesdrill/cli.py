@@ -144,11 +144,13 @@ def init(
     sheet: Annotated[
         Path | None, typer.Option(metavar="YAML", help="A data sheet: entries of `nominal:`.")
     ] = None,
+    split: Annotated[bool, option("--split")("A record begins where times go back.")] = False,
     force: Annotated[bool, force_option("Overwrite a config.")] = False,
 ) -> None:
     """Look at records and write a first config for them, with every guess marked and its reason."""
     known: dict[str, Any] = {"voltage": voltage, "gear": gear, "rate": rate, "sheet": sheet}
-    say(str(bd.init(records, output, rig=rig, columns=columns or (), force=force, **known)))
+    known |= {"split": split, "force": force}
+    say(str(bd.init(records, output, rig=rig, columns=columns or (), **known)))
 
 
 @command("check configs/nominal_step.yaml")
@@ -157,12 +159,16 @@ def check(
     figure: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Draw the rig into this .pdf, .png or .svg.")
     ] = None,
+    figure_record: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Draw the record, over time, as the rig.")
+    ] = None,
 ) -> None:
     """Validate config and record and say what would run; samples nothing."""
     case = bd.load(config)
     say(case.preview())
-    if figure is not None:
-        say(case.draw_rig(figure))
+    for draw, file in ((case.draw_rig, figure), (case.draw_record, figure_record)):
+        if file is not None:
+            say(draw(file))
 
 
 @command("identify configs/nominal_step.yaml --profile k_s")

@@ -396,8 +396,16 @@ CELLS = (
 HEADS = (
     "t", "t [s]", "time_us", "theta_1", "theta_1 [rad]", "phi [deg]", "w_1", "n_motor [rpm]", "v",
     "U [V]", "i [A]", "t_1 [N*m]", "", "1", "x", "theta_1", "a" * 500, "\u0301", "w_1 [", "]",
-    "$x_{$", "t,t", "w_1 [1e300 rad]",
+    "$x_{$", "t,t", "w_1 [1e300 rad]", "n", "u", "v1", "goal position", "torque [%]", "enc [counts]",
+    "x [count/(560/cm)]", "slow-forward",
 )  # fmt: skip
+# Of `init`: what is typed of columns, and heads and ends of rows of recorders.
+NAMES = (
+    "t=t [s]", "1=t [ms]", "2=w_2 [rpm]", "2=2*w_2", "x=theta_\u00f6", "v=v [V", "u=u_a [V]",
+    "2=w_ground", "1=x_cart [560 counts per cm]", "2=t_m [% of 9.84 mN*m]", "data:2=w_s_a [rad/s]",
+    "=", "2=w_2 [1e400*rad]",
+)  # fmt: skip
+RECORDER = "Date:;2020\nIndex:;0x30D3;0x30D2\nSampling period:;4.0\n"
 
 
 @st.composite
@@ -423,8 +431,34 @@ def table(draw: st.DrawFn) -> tuple[str, bytes]:
             )
         every.append(values)
     heads = [draw(st.sampled_from(HEADS)) for _ in every]
-    ending = draw(st.sampled_from(["csv", "csv", "csv", "npz", "h5", "parquet", "mat"]))
+    kinds = ["csv", "csv", "csv", "npz", "h5", "parquet", "mat", "json", "json", "jsonl"]
+    ending = draw(st.sampled_from(kinds))
     return ending, _written(ending, heads, every, draw)
+
+
+def _signals(columns: dict[str, Any]) -> np.ndarray:
+    """An array of structs, as ControlDesk saves signals."""
+    y = np.zeros((1, len(columns)), dtype=[(name, "O") for name in ("Name", "Data", "Unit")])
+    for k, (name, x) in enumerate(columns.items()):
+        y[0, k] = (name.partition(" [")[0], x[None], name.partition(" [")[2].strip("]"))
+    return y
+
+
+def _as_json(ending: str, heads: list[str], every: list[list[float]], draw: st.DrawFn) -> bytes:
+    """Columns, records, rows or values one after the other, perhaps below a name, perhaps cut."""
+    rows = [list(row) for row in zip(*every, strict=True)]
+    records = [dict(zip(heads, row, strict=True)) for row in rows]
+    if ending == "jsonl":
+        text = "\n".join(map(json.dumps, draw(st.sampled_from([records, rows]))))
+    else:
+        odd = [None, 5, "x", [[]], [rows, records], {"0": 1}, {"a": {"b": rows[:1]}}]
+        shapes = [dict(zip(heads, every, strict=True)), records, rows, every, [heads, *rows], odd]
+        content = draw(st.sampled_from([*shapes, *odd]))
+        text = json.dumps(
+            {draw(st.sampled_from(HEADS)): content} if draw(st.booleans()) else content
+        )
+    cut = draw(st.sampled_from([0, 0, 0, 1, 7]))
+    return text[: len(text) - cut].encode("utf-8", "surrogatepass")
 
 
 def _written(ending: str, heads: list[str], every: list[Any], draw: st.DrawFn) -> bytes:
@@ -436,8 +470,14 @@ def _written(ending: str, heads: list[str], every: list[Any], draw: st.DrawFn) -
             row = rows[draw(st.integers(0, len(rows) - 1))]
             row[draw(st.integers(0, len(row) - 1))] = draw(st.sampled_from(CELLS))
         lines = [heads, *rows] if draw(st.booleans()) else rows
-        text = draw(st.sampled_from(["\n", "\r\n", "\r"])).join(mark.join(line) for line in lines)
-        return text.encode("utf-8", "surrogatepass")
+        end = draw(st.sampled_from(["", "", ";", ",,", " |"]))
+        text = draw(st.sampled_from(["\n", "\r\n", "\r"])).join(
+            mark.join(line) + end for line in lines
+        )
+        begin = draw(st.sampled_from(["", "", RECORDER, "a title\n"]))
+        return (begin + text).encode("utf-8", "surrogatepass")
+    if ending in ("json", "jsonl"):
+        return _as_json(ending, heads, [x.tolist() for x in every], draw)
     named = {f"{head or 'x'}_{k}" if draw(st.booleans()) else head or "x": x
              for k, (head, x) in enumerate(zip(heads, every, strict=True))}  # fmt: skip
     kinds = ["f8", "f4", ">f8", "f2", "i8", "u1", "c16", "?", "U3"]
@@ -460,7 +500,9 @@ def _written(ending: str, heads: list[str], every: list[Any], draw: st.DrawFn) -
                 {
                     f"v_{k}": {"f": x} if draw(st.booleans()) else x
                     for k, x in enumerate(plain.values())
-                },
+                }
+                if draw(st.booleans())
+                else {"run": {"Y": _signals(plain)}},
             )
     except Exception:  # not every format holds every kind
         return b"x"

@@ -87,6 +87,14 @@ class Input(Value):
     lag: float | Mapping[str, Any] | None = None
 
 
+def _figure_file(job: Job, option: str, path: str | Path) -> Path:
+    file = Path(path).expanduser()
+    if file.suffix[1:] not in FORMATS:
+        raise InputError.at(option, f"'{file.name}' is none of .{', .'.join(FORMATS)}")
+    refuse_replacing(sources.files(job.case), [file])
+    return file
+
+
 @check_arguments
 @dataclass(frozen=True, eq=False, repr=False)
 class Case(Value):
@@ -151,11 +159,16 @@ class Case(Value):
         """
         from bayesdrill.report.rig_drawing import save_rig  # late: it loads what draws
 
-        problem, to = self.job.problem, Path(path).expanduser()
-        if to.suffix[1:] not in FORMATS:
-            raise InputError.at("--figure", f"'{to.name}' is none of .{', .'.join(FORMATS)}")
-        refuse_replacing(sources.files(self.job.case), [to])
+        problem, to = self.job.problem, _figure_file(self.job, "--figure", path)
         return f"figure: {save_rig(problem.model, to)}"
+
+    def draw_record(self, path: str | Path) -> str:
+        """Draw channels and inputs over time, of each experiment; says and raises as `draw_rig`."""
+        from bayesdrill.report.sections.fit_figure import save_record  # late: it loads what draws
+
+        to = _figure_file(self.job, "--figure-record", path)
+        written = save_record(self.job.problem, to)
+        return f"figure: {', '.join(map(str, written))}"
 
     def identify(
         self,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,7 +12,7 @@ from bayesdrill import output_files
 from bayesdrill.api import arguments
 from bayesdrill.api.arguments import ManyFits
 from bayesdrill.basics import software as citing
-from bayesdrill.basics.errors import InputError, Issue, collect_each
+from bayesdrill.basics.errors import InputError, Issue, collect_each, short_repr
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.basics.values import check_arguments
 
@@ -105,6 +104,7 @@ def init(
     columns: Sequence[str] = (),
     rate: float | None = None,
     sheet: str | Path | None = None,
+    split: bool = False,
     force: bool = False,
 ) -> Guess:
     """Write a config for a record, with every guess marked REVIEW and its reason.
@@ -116,21 +116,19 @@ def init(
     become one record.  `output`: beside the (first) record by default; `voltage` [V]: constant, where no
     column has it; `gear`: turns of the motor for one of the shaft; `rig`: its name; `columns`: what they
     are, such as `data:3=theta_2 [deg]`; `rate` [Hz]: where no column is a time; `sheet`: a YAML file of
-    nominal values.  Raises `InputError` where nothing can be made of a file, or not of all together.
+    nominal values; `split`: a record begins where times go back.  Raises `InputError` where nothing can
+    be made of a file, or not of all together.
     """
     from bayesdrill.config import yaml_source
     from bayesdrill.drafting import draft, record_files
     from bayesdrill.drafting.columns import named_column
     from bayesdrill.rig.models import MODELS
 
-    for name, value in (("voltage", voltage), ("gear", gear), ("rate", rate)):
-        if value is not None and not math.isfinite(value):
-            raise InputError.at(name, f"{value} is not a number; write it, or leave it out")
-    if gear is not None and gear < 1:
-        message = f"{gear:g} turns of the motor for one of the shaft; write 8 for a gear of 8:1"
-        raise InputError.at("gear", message)
-    if rate is not None and rate <= 0:
-        raise InputError.at("rate", f"{rate:g} samples a second; write how many there are")
+    limits = {"voltage": (voltage, -1e6, 1e6), "gear": (gear, 1, 1e6), "rate": (rate, 1e-6, 1e9)}
+    for name, (value, least, most) in limits.items():
+        if value is not None and not (least <= value <= most):
+            message = f"{short_repr(value)} is no number from {least:g} to {most:g}; write it, "
+            raise InputError.at(name, message + "such as 8 for a gear of 8:1, or leave it out")
     given = [record] if isinstance(record, str | Path) else record
     records = [Path(path).expanduser() for path in given]
     if not records:
@@ -142,17 +140,17 @@ def init(
         voltage=voltage,
         rate=rate or 0.0,
         columns=tuple(collect_each(lambda text: named_column(text, files), columns)),
+        split=split,
     )
-    beside = records[0].with_suffix(".yaml")
-    if len(records) > 1:
-        beside = records[0].with_name(f"{record_files.common_stem(records)}.yaml")
-    target = arguments.results_folder(output, beside)
-    read = [*records, *([] if sheet is None else [Path(sheet).expanduser()])]
-    output_files.refuse_replacing(read, [target])
+    stem = record_files.common_stem(records) if len(records) > 1 else records[0].stem
+    target = arguments.results_folder(output, records[0].parent / f"{stem}.yaml")
+    read = records if sheet is None else [*records, Path(sheet).expanduser()]
+    draft.check_draft_path(target, read, force=force)
     values = None if sheet is None else yaml_source.read(read[-1])
-    draft.check_draft_path(target, records, force=force)
+    if values is not None and values.repeated:
+        raise InputError(values.repeated)
     drafted = draft.guess(records, target, known, values)
-    draft.check_draft_path(target, records, force=force)  # the guess took a while
+    draft.check_draft_path(target, read, force=force)  # the guess took a while
     output_files.write_text(target, drafted.text)
     return drafted
 

@@ -58,6 +58,10 @@ def factor(unit: str, si: str) -> float:
         if int(counts[1]) == 0:
             raise ValueError(f"unit '{unit}' has no counts in a turn; write for example count/4096")
         return 2 * math.pi / int(counts[1])
+    if counts := _COUNT_OF_LENGTH.fullmatch(unit.strip()):
+        return _believable(factor(counts[2], si) / float(counts[1]))
+    if share := _PERCENT.fullmatch(unit.strip()):
+        return _believable(factor(share[2], si) * float(share[1]) / 100)
     unreadable = f"unit '{shortened(unit)}' cannot be read; write for example {examples}"
     if not _written_as_a_unit(unit):
         raise ValueError(unreadable)
@@ -136,6 +140,8 @@ def _same_base(quantity: Any, other: Any) -> bool:
 
 MAX_FACTOR = 1e30  # of one unit in another
 _COUNT = re.compile(r"counts?\s*/\s*(\d{1,9})")  # of an encoder: so many in a turn
+_COUNT_OF_LENGTH = re.compile(r"counts?\s*/\s*\(\s*([1-9]\d*\.?\d*)\s*/\s*(\w+)\s*\)")  # a scale
+_PERCENT = re.compile(r"%\s*of\s*(\d{0,9}\.?\d{1,9})\s*([^%]+)")  # of a rated torque or current
 _POWER = re.compile(
     r"(\*\*|\^)\s*\(?\s*[-+]?\s*\d{1,2}(\.\d{1,3})?\s*\)?"
     r"|[\u207a\u207b]?[\u00b2\u00b3\u2070\u2074-\u2079]|\s(squared|cubed)\b"
@@ -173,4 +179,6 @@ def _registry() -> Any:
 _EXAMPLES = {
     "rad": "rad, deg, revolution, or count/4096 of an encoder with 4096 counts in a turn",
     "rad/s": "rad/s, deg/s or rpm (a turn each second is revolution/s)",
+    "m": "m or mm, or count/(560/cm) of a scale with 560 counts in a cm",
+    "N*m": "N*m or mN*m, or `% of 9.84 mN*m` of a drive whose rated torque is 9.84 mN*m",
 }

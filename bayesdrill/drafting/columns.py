@@ -16,6 +16,7 @@ import numpy as np
 from bayesdrill.basics import units
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError, Issue
+from bayesdrill.output_files import MOST_GUESSED
 from bayesdrill.record.formats.table import RecordTable
 
 MAX_LETTERS = 200  # of a head, or of a unit, that is read
@@ -47,6 +48,9 @@ _UNITS_OF_KIND = {
     "velocity": {"m/s": "m/s", "mm/s": "mm/s"},
 }
 
+MOTIONS = ("angle", "speed", "position", "velocity")  # kinds
+DRIVES = ("voltage", "current", "torque", "force")  # kinds
+
 SI = {kind: next(iter(spellings)) for kind, spellings in _UNITS_OF_KIND.items()}
 
 _KINDS = {
@@ -59,6 +63,7 @@ _KINDS = {
     "torque": "torque moment drehmoment couple coppia torsionmoment",
     "force": "force kraft wob forca fuerza weight",
 }
+_COUNTS_PER = re.compile(r"(\d[\d.]*) ?counts? ?(?:per|/) ?(\w+)")
 _LETTERS = {"t": "time", "w": "speed", "n": "speed", "u": "voltage", "v": "voltage", "i": "current"}
 _LOCATIONS = {
     ROTOR: "rotor bit load last disc disk scheibe bottom lower meissel carga broca trepan end 1",
@@ -66,7 +71,7 @@ _LOCATIONS = {
     MOTOR: "motor mot m antrieb moteur engine",
     TWIST: "twist torsion verdrehung verdrillung deflection torcao torsione alpha windup",
 }
-_REFERENCE_WORDS = "ref reference soll set setpoint cmd command desired target sollwert"
+_REFERENCE_WORDS = "ref reference soll set setpoint cmd command desired target sollwert goal demand"
 
 
 def _group_by_word(groups: dict[str, str]) -> dict[str, str]:
@@ -91,6 +96,7 @@ class Meaning:
     symbol: str = ""  # of a state
     word: str = ""  # that says the kind
     backwards: bool = False  # against the state
+    typed: bool = False  # the user has said it, and not the head
 
 
 STATES = {
@@ -130,9 +136,13 @@ def parse_head(head: str, unit_below: str = "") -> Meaning:
 
 def parse_unit(text: str) -> str:
     """Return the unit as configs write it; empty where no rig has it."""
-    plain = text.strip().strip("[]()").replace(" ", "")
-    known = _UNIT_OF.get(plain) or _UNIT_OF.get(plain.lower(), "")
-    return known or (plain if plain and kind_of(plain) else "")
+    if counts := _COUNTS_PER.fullmatch(text.strip()):
+        turn = _UNIT_OF.get(counts[2]) == "revolution"
+        text = f"count/{counts[1]}" if turn else f"count/({counts[1]}/{counts[2]})"
+    elif not text.startswith(("count", "%")):
+        text = text.strip().strip("[]()").replace(" ", "")
+    known = _UNIT_OF.get(text) or _UNIT_OF.get(text.lower(), "")
+    return known or (text if text and kind_of(text) else "")
 
 
 def kind_of(unit: str) -> str:
@@ -196,6 +206,7 @@ def _kind(tokens: list[str]) -> tuple[str, str]:
 
 MIN_SAMPLES = 20  # with fewer nothing is guessed
 MAX_NUMBER = 1e12  # of a size that is believed
+EVEN_STEPS = 1.02  # times the least step, of a column that may be a time
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -214,9 +225,28 @@ class FileColumn:
         return self.file, *self.address.items()
 
     @property
-    def increases(self) -> bool:
-        """Whether each value is larger than the one before, as of a time."""
-        return bool(np.all(np.diff(self.values) > 0))
+    def command(self) -> str:
+        """What is typed for it in `--columns`, before the `=`."""
+        return ":".join(map(str, self.address.values()))
+
+    @property
+    def steps(self) -> Array:
+        """From each row to the next, `(T - 1,)`; NaN where that is no number."""
+        with np.errstate(all="ignore"):
+            return np.diff(self.values)
+
+    @property
+    def counts_rows(self) -> bool:
+        """Whether it grows by one a row, and nothing says that this is a time or a motion."""
+        unsaid = not self.meaning.unit and self.meaning.kind not in ("time", "angle", "position")
+        return unsaid and bool(np.all(self.steps == 1))
+
+    @property
+    def is_even(self) -> bool:
+        """Whether it grows in equal steps, as a time does, and counts no rows."""
+        least, most = self.steps.min(initial=np.inf), self.steps.max(initial=0.0)
+        even = 1 / MAX_NUMBER < least <= most < min(MAX_NUMBER, EVEN_STEPS * least)
+        return bool(even) and not self.counts_rows
 
     @property
     def range_text(self) -> str:
@@ -225,6 +255,8 @@ class FileColumn:
         return f"{numbers.min():.4g} to {numbers.max():.4g}" if len(numbers) else "no numbers"
 
 
+_QUANTITY = re.compile(r"(-?)([^\W\d][\w ]*?)\s*(?:\[([^\[\]]+)\]|\((.+)\))?")
+_WORDS = {*_KIND_WORDS, *_LOCATION_WORDS, *_LETTERS, *_UNIT_OF, *_REFERENCE_WORDS.split(), "dot"}
 _NAMES = {**STATES, "v": ("voltage", ""), "t_1": ("torque", ROTOR), "t_m": ("torque", MOTOR)} | {
     "t": ("time", ""),
     "twist": ("angle", TWIST),
@@ -266,20 +298,21 @@ def named_column(text: str, files: Collection[str]) -> NamedColumn:
     where, _, what = text.rpartition("=")
     file = next((name for name in files if where.startswith(f"{name}:")), "")
     match = re.fullmatch(r"(.+?)(?::(\d+))?", where.removeprefix(f"{file}:").strip())
-    what, backwards = what.strip().removeprefix("-"), what.strip().startswith("-")
-    meaning, other_kind = parse_head(what), False
-    base = _split_unit(what)[0]
-    train = train_symbol(base)
-    if base in _NAMES or train:
-        kind, location = (KIND_OF_LETTER[train[1]], "") if train else _NAMES[base]
-        other_kind = meaning.unit != "" and kind_of(meaning.unit) != kind
-        meaning = dataclasses.replace(meaning, kind=kind, location=location, symbol=base)
-    if match is None or meaning.unknown_unit or other_kind or not meaning.kind:
-        why = "names no column" if match is None else "names no known quantity with a unit of it"
-        known = f"`data:3=theta_2 [deg]`. Known quantities are {', '.join(_NAMES)}, and of a train "
-        known += "such as theta_load, w_load, i_motor, u_motor, t_motor, x_cart, v_cart, f_cart"
+    said = _QUANTITY.fullmatch(what.strip())
+    sign, symbol, *units_said = said.groups("") if said else ("", "")
+    meaning, written = parse_head(symbol), "".join(units_said)
+    if (train := train_symbol(symbol)) or symbol in _NAMES:
+        kind, location = (KIND_OF_LETTER[train[1]], "") if train else _NAMES[symbol]
+        meaning = Meaning(kind, location, symbol=symbol, word=symbol)
+    unit = parse_unit(written) if written else meaning.unit
+    understood = meaning.symbol or {*_tokens(symbol)} <= _WORDS
+    fits = understood and meaning.kind and (not (unit or written) or kind_of(unit) == meaning.kind)
+    if match is None or not fits:
+        why = "names no known quantity with a unit of it" if match else "names no column"
+        known = f"`data:3=theta_2 [deg]`. Known quantities are {', '.join(_NAMES)}, of trains such "
+        known += "as theta_load, i_motor, x_cart. Encoders count in count/2800 or count/(560/cm)"
         raise InputError.at("--columns", f"'{text}' {why}. Write for example {known}")
-    meaning = dataclasses.replace(meaning, backwards=backwards)
+    meaning = dataclasses.replace(meaning, unit=unit, backwards=bool(sign), typed=True)
     return NamedColumn(text, file, match[1], int(match[2]) if match[2] else None, meaning)
 
 
@@ -298,7 +331,8 @@ def read_columns(
         others = [c for c in columns if c.name not in names and len(c.values) >= MIN_SAMPLES]
         left_out = {column.name: "is not named in --columns" for column in others}
         columns = picked
-    else:
+    _refuse_stillness(table, columns)
+    if not named:
         _refuse_several_records(table, columns)
         columns = _named_by_file(table, columns)
     lengths = Counter(len(c.values) for c in columns if len(c.values) >= MIN_SAMPLES)
@@ -306,7 +340,8 @@ def read_columns(
     for column in columns:
         if (n := len(column.values)) != length:
             count = "one value" if n == 1 else f"{n} values"
-            left_out[column.name] = f"has {count}, but the others have {length}"
+            other = f"but the others have {length}" if lengths else f"and {length} are wanted"
+            left_out[column.name] = f"has {count}, {other}"
     return [column for column in columns if len(column.values) == length], left_out
 
 
@@ -345,11 +380,9 @@ def _pick(
     if any(column.meaning.kind == "time" for column in picked):
         return picked
     names, length = {column.name for column in picked}, len(picked[0].values)
-    times = [
-        c
-        for c in columns
-        if c.meaning.kind == "time" and c.name not in names and len(c.values) == length
-    ]
+    others = [c for c in columns if c.name not in names and len(c.values) == length]
+    times = [c for c in others if c.meaning.kind == "time"]
+    times = times or [c for c in others if not c.meaning.kind and c.is_even]
     nearest = [time for time in times if _structure(time) == _structure(picked[0])] or times
     return [*nearest[:1], *picked]
 
@@ -357,6 +390,16 @@ def _pick(
 def _structure(column: FileColumn) -> str:
     """The name of the structure in which a signal stands."""
     return column.name.rpartition(".")[0].partition(".signals")[0]
+
+
+def _refuse_stillness(table: RecordTable, columns: Sequence[FileColumn]) -> None:
+    """A record in which no angle and no speed changes is none of a rig that moved."""
+    moving = [c for c in columns if c.meaning.kind in MOTIONS and not c.meaning.reference]
+    moving = [c for c in moving if MIN_SAMPLES <= np.isfinite(c.values).sum() <= MOST_GUESSED]
+    if moving and not any((np.abs(c.steps) > 1 / MAX_NUMBER).any() for c in moving):
+        names = ", ".join([column.name for column in moving[:4]] + ["..."] * (len(moving) > 4))
+        message = f"nothing moved: {names} are the same in every row; mend the sensor, and "
+        raise InputError.at(str(table.path), message + "record again, or name another column")
 
 
 def _refuse_several_records(table: RecordTable, columns: Sequence[FileColumn]) -> None:
@@ -378,7 +421,7 @@ def _named_by_file(table: RecordTable, columns: list[FileColumn]) -> list[FileCo
     """Where a single column beside the time says nothing, it is what the file is called."""
     signals = [c for c in columns if c.meaning.kind != "time" and len(c.values) >= MIN_SAMPLES]
     if len(signals) == 2 == len(columns) and not signals[0].meaning.kind:  # a time without a head
-        signals = [column for column in signals if not column.increases]
+        signals = [column for column in signals if not column.is_even]
     named = parse_head(table.path.stem)
     if len(signals) != 1 or signals[0].meaning.kind or not named.kind:
         return columns
@@ -388,20 +431,25 @@ def _named_by_file(table: RecordTable, columns: list[FileColumn]) -> list[FileCo
 
 def _columns_option(columns: Sequence[FileColumn]) -> str:
     """Say what to type for columns of unknown meaning: a time, if one increases, and an angle."""
-    times = [column for column in columns if column.increases][:1]
+    times = [column for column in columns if column.is_even][:1]
     others = [column for column in columns if column not in times][:1]
-    typed = [*((c, "t [s]") for c in times), *((c, "theta_2 [deg]") for c in others)]
-    return " ".join(
-        f'--columns "{":".join(map(str, column.address.values()))}={what}"'
-        for column, what in typed
-    )
+    typed = [(column, "t [s]") for column in times]
+    typed += [(c, "w_2 [rpm]" if c.meaning.kind else "theta_2 [deg]") for c in others]
+    return " ".join(f'--columns "{column.command}={what}"' for column, what in typed)
+
+
+def grouped(left_out: Mapping[str, str]) -> list[tuple[str, str]]:
+    """Return names of columns that are not used, and why, those with most in common last."""
+    whys = dict.fromkeys(left_out.values())
+    pairs = [([name for name, reason in left_out.items() if reason == why], why) for why in whys]
+    return [("; ".join(names), why) for names, why in sorted(pairs, key=lambda pair: len(pair[0]))]
 
 
 def unusable(
     record: Path, left_out: dict[str, str], why: str, columns: Sequence[FileColumn] = ()
 ) -> InputError:
     """Say why nothing can be made of a file, and what to type for `columns` of unknown meaning."""
-    reasons = [Issue(str(record), f"column {name} {text}") for name, text in left_out.items()]
+    reasons = [Issue(str(record), f"column {names} {text}") for names, text in grouped(left_out)]
     typed = _columns_option(columns) or '--columns "speed=w_2 [rpm]"'
     message = f"{why}. Say what the columns are, for example {typed}, or write a config by hand"
     return InputError([Issue(str(record), message), *reasons])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,15 +19,17 @@ from bayesdrill.config import loading
 from bayesdrill.config.job import assemble
 from bayesdrill.config.yaml_source import Source, parse
 from bayesdrill.drafting import entries, record_files, roles, trains
-from bayesdrill.drafting.columns import MOTOR, ROTOR, TWIST
+from bayesdrill.drafting.columns import MOTIONS, MOTOR, ROTOR, TWIST, grouped
 from bayesdrill.drafting.entries import REVIEW, DraftContext, comment, review, scalar
 from bayesdrill.drafting.record_files import GivenFacts, RecordFile
 from bayesdrill.drafting.roles import StartGuess
-from bayesdrill.drafting.signals import TURNS, Sensor
+from bayesdrill.drafting.signals import Sensor
 from bayesdrill.rig.models.linear import Model, with_named
 from bayesdrill.rig.models.roles import GEAR_POWERS
+from bayesdrill.rig.models.train import LINEAR
 
 SHEET_SD = 1.0  # of the logarithm of a parameter of a data sheet
+MAX_UNUSED = 20  # reasons for columns that are not used, on a terminal
 
 
 def config_text(context: DraftContext, name: str, sheet: Mapping[str, Any]) -> str:
@@ -71,11 +73,12 @@ def config_text(context: DraftContext, name: str, sheet: Mapping[str, Any]) -> s
 
 
 def _initial(start: StartGuess) -> list[str]:
+    rest = [] if math.isnan(start.rest) else comment(f"Nothing moves before {start.rest:.6g} s.")
     if start.initial:
-        return [*review(start.doubts, 0), f"initial: {start.initial}"]
+        return [*rest, *review(start.doubts, 0), f"initial: {start.initial}"]
     where = " where the window begins" if start.window else ""
     what = "At rest" if start.zeros else "At rest, at angle zero"
-    return comment(f"{what}{where}: nothing to say in `initial:`")
+    return [*rest, *comment(f"{what}{where}: nothing to say in `initial:`")]
 
 
 def _experiments(context: DraftContext) -> list[str]:
@@ -106,7 +109,8 @@ def _experiment(context: DraftContext, record: RecordFile) -> list[str]:
     if len({*voltages.values()}) > 1:
         inputs["v"] = voltages[record.label]
     window, initial = start.window and f"window: {start.window}", start.initial
-    file = [context.file_entry(record.path), window, _flow("channels", channels)]
+    rows = f"rows: {record.rows}" if record.rows else ""
+    file = [context.file_entry(record.path), rows, window, _flow("channels", channels)]
     sections = [f"record: {{{', '.join(filter(None, file))}}}", _flow("inputs", inputs)]
     sections = [*filter(None, [*sections, initial and f"initial: {initial}"])]
     doubts = [start.window_doubt if window else "", *start.doubts]
@@ -132,8 +136,7 @@ def _parameters(context: DraftContext, sheet: Mapping[str, Any]) -> list[str]:
     driven = [inertia for inertia in rig.roles.inertias if rig.roles.motor(inertia.name)]
     rubbing, held = driven, set[str]()
     if context.lead.roles.train is not None:
-        segment, rubbing = context.lead.segment, [*rig.roles.inertias]
-        scales = trains.prior_ends(context.lead.sensors, segment.dt, float(np.ptp(segment.t)))
+        rubbing = [*rig.roles.inertias]
         held = trains.held_scales(rig, context.lead.sensors)
     lines = [*review([why], 0), "parameters:"]
     for name in rig.parameters:
@@ -175,7 +178,8 @@ def _prior_scales(context: DraftContext) -> tuple[PriorEnds, str]:
     voltage over current, and torques are up to k_e times the stalled current.  Inertias follow from
     torque, speed and times between a step and the whole record.
     """
-    gear, segment = context.lead.roles.gear, context.lead.segment
+    gear, train = context.lead.roles.gear, context.lead.roles.train
+    dt, duration = context.lead.segment.dt, float(np.ptp(context.lead.segment.t))
 
     def largest(kind: str) -> float:
         sensors = [s for record in context.records for s in record.sensors if s.kind == kind]
@@ -184,12 +188,16 @@ def _prior_scales(context: DraftContext) -> tuple[PriorEnds, str]:
 
     voltage = abs(context.voltage or 0.0) or largest("voltage")
     speed = max(_largest_speed(record, gear) for record in context.records)
-    current, torque = largest("current"), largest("torque")
+    current, torque, force = largest("current"), largest("torque"), largest("force")
     sizes = {"V": voltage, "rad/s at the motor": speed, "A": current, "N m at the motor": torque}
+    if train is not None:  # scales of motors are held at one
+        unit = "m/s" if train.motion == "linear" else "rad/s"
+        sizes = {"V": voltage, unit: speed, "A": current, "N m": torque, "N": force}
+        torque = max(torque, force, current, voltage) or 1.0
     known = ", ".join(f"{value:.3g} {unit}" for unit, value in sizes.items() if value)
     v, w = voltage or DEFAULT_VOLTAGE, speed or DEFAULT_SPEED
     r, k = v / current if current else DEFAULT_RESISTANCE, v / w
-    far = 1.0 if torque or (voltage and current) else UNSURE
+    far = 1.0 if train is None and (torque or (voltage and current)) else UNSURE
     more = "" if far == 1 else f"; resistances, torques and inertias {UNSURE:g} times further"
     torque = torque or k * v / r
     j = torque / w
@@ -201,12 +209,15 @@ def _prior_scales(context: DraftContext) -> tuple[PriorEnds, str]:
         "N*m": (1e-4 * torque / far, torque * far),
         "N*m*s/rad": (1e-5 * j / far, 3 * j * far),
         "N*m/rad": (0.03 * torque / far, 1e3 * torque * far),
-        "kg*m**2": (0.1 * j * segment.dt / far, j * float(np.ptp(segment.t)) * far),
+        "kg*m**2": (0.1 * j * dt / far, j * duration * far),
         "rad/s": (1e-3 * w, w),
         "V": (1e-3 * v, v),
     }
+    if train is not None:  # the slowest and the fastest swing that a record shows
+        ends["N*m/rad"] = (1e-2 * j / duration**2, far * j / dt**2)
+    ends |= {LINEAR[unit]: pair for unit, pair in ends.items() if unit in LINEAR}
     return ends, (
-        f"nobody has said anything of this rig: priors go as far as its record allows, by the largest "
+        "nobody has said anything of this rig: priors go as far as its record allows, by the largest "
         f"{known}{more}. Hold what you have weighed or measured"
     )
 
@@ -223,9 +234,9 @@ def _largest_speed(record: RecordFile, gear: float) -> float:
     """At the motor, rad/s."""
     speeds, dt = [0.0], record.segment.dt
     for sensor in record.sensors:
-        if sensor.kind in TURNS and sensor.location != TWIST:
+        if sensor.kind in MOTIONS and sensor.location != TWIST:
             x = sensor.si * (1.0 if sensor.location == MOTOR else gear)
-            if sensor.kind == "angle":
+            if sensor.kind in ("angle", "position"):
                 apart = max(1, len(x) // 200)
                 x = (x[apart:] - x[:-apart]) / (apart * dt)
             speeds.append(float(np.quantile(np.abs(x), 0.99)))
@@ -239,12 +250,13 @@ def _with_meaning(entry: str, width: int, symbol: Symbol) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Guess:
-    """The `text` of a config for the file `path`; `asks`: what of it `check` would refuse."""
+    """The `text` of a config for `path`, how `columns` were read, what is still to say (`asks`)."""
 
     path: Path
     text: str
     channels: tuple[str, ...]
     experiments: tuple[str, ...]
+    columns: tuple[str, ...]
     asks: tuple[Issue, ...]
 
     @property
@@ -257,6 +269,7 @@ class Guess:
         labels = f"experiments {', '.join(self.experiments)}; " if self.experiments else ""
         lines = [
             f"{self.path}: {labels}channels {', '.join(self.channels)}; {marks} REVIEW to look at",
+            *(f"  {line}" for line in self.columns),
             *(f"still to do: {issue}" for issue in self.asks),
         ]
         return "\n".join([*lines, f"then: bayesdrill check {self.path}"])
@@ -278,17 +291,29 @@ def guess(
     text = config_text(context, name, {} if sheet is None else sheet.data)
     channels = tuple(channel.name for channel in context.channels)
     labels = tuple(record.label for record in records if record.label)
-    return Guess(target, text, channels, labels, _asks(text, target, paths[0], sheet))
+    columns, asks = tuple(_how_read(lead)), _asks(text, target, paths[0], sheet)
+    return Guess(target, text, channels, labels, columns, asks)
 
 
-def check_draft_path(path: Path, records: Sequence[Path], *, force: bool) -> None:
-    """Refuse to write over a record, and without `force` over any file; raises `InputError`."""
+def _how_read(record: RecordFile) -> Iterator[str]:
+    """Yield how each column of a record was read, or why it is not used."""
+    time, mark = record.time, ", REVIEW" if record.time.doubt else ""
+    name = f"{time.rate:.6g} samples a second" if time.column is None else time.column.name
+    yield f"{name}: the time [{time.unit}]{mark}"
+    named = [*((c.name, c.sensor) for c in record.roles.channels), *record.roles.inputs.items()]
+    yield from (f"{s.name}: {n} [{s.unit}]{', REVIEW' if s.doubts else ''}" for n, s in named)
+    unused = [f"not used: {names}: {why}" for names, why in grouped(record.left_out)]
+    yield from unused[:MAX_UNUSED]
+    yield from ["not used: others, see the config"] if len(unused) > MAX_UNUSED else []
+
+
+def check_draft_path(path: Path, read: Sequence[Path], *, force: bool) -> None:
+    """Refuse to write over a file that is read, without `force` over any; raises `InputError`."""
     output_files.refuse_other_than_file(path)
-    is_record = path.absolute() in {record.absolute() for record in records}
-    if path.suffix.lower() not in (".yaml", ".yml") or is_record:
-        kind = "a record" if is_record else "not the name of a config"
-        message = f"cannot be written: it is {kind}. Give an --output that ends in .yaml"
-        raise InputError.at(str(path), message)
+    output_files.refuse_replacing(read, [path])
+    if path.suffix.lower() not in (".yaml", ".yml"):
+        message = "cannot be written: it is not the name of a config. Give another --output that"
+        raise InputError.at(str(path), f"{message} ends in .yaml")
     output_files.refuse_existing(path, force=force)
 
 

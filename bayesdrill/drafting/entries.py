@@ -14,8 +14,8 @@ import numpy as np
 
 from bayesdrill.basics.errors import printable
 from bayesdrill.config.records import sources
-from bayesdrill.drafting import roles
-from bayesdrill.drafting.columns import TWIST, FileColumn
+from bayesdrill.drafting import roles, signals
+from bayesdrill.drafting.columns import TWIST, FileColumn, grouped
 from bayesdrill.drafting.record_files import RecordFile
 from bayesdrill.drafting.roles import DraftChannel, LagHint, StartGuess
 from bayesdrill.drafting.signals import Sensor, Timing
@@ -105,6 +105,7 @@ def record_lines(context: DraftContext) -> list[str]:
     else:
         start = context.starts[lead.label]
         lines += [f"  {context.file_entry(lead.path)}", *_time(context)]
+        lines += [f"  rows: {lead.rows}"] if lead.rows else []
         if start.window:
             lines += [*review([start.window_doubt], 2), f"  window: {start.window}    # s"]
     sensors = [s for channel in context.channels for _, s in context.sensors(channel.name)]
@@ -117,9 +118,8 @@ def record_lines(context: DraftContext) -> list[str]:
         lines += _channel(context, channel)
     if lead.left_out:
         lines.append("  # Not used:")
-    for why in dict.fromkeys(lead.left_out.values()):
-        same = [name for name, reason in lead.left_out.items() if reason == why]
-        lines += comment(f"- {'; '.join(same)}: {why}", 2)
+    for names, why in grouped(lead.left_out):
+        lines += comment(f"- {names}: {why}", 2)
     return lines
 
 
@@ -185,6 +185,8 @@ def _channel(context: DraftContext, channel: DraftChannel) -> list[str]:
             doubts.append("at rest, but not at zero: where it counts from is an unknown")
             details.append(f"offset: {{prior: normal, mean: 0, sd: {zero:.2g}}}")
         noise = [s.noise for _, s in sensors]
+        if sensor.kind == "speed" and (step := signals.coarse_step(sensor.raw.x)):
+            doubts.append(f"a difference of counts? It goes in steps of {step:.5g} {sensor.unit}")
         least, most = min(noise), max(noise)
         spread = max(float(np.std(s.raw.x)) for _, s in sensors)
         size = " to ".join(dict.fromkeys((f"{least:.3g}", f"{most:.3g}")))
@@ -245,9 +247,10 @@ def input_lines(context: DraftContext) -> list[str]:
     step = max(file.segment.dt for file in files)
     after = max(start.late for start in starts) * step
     doubt = (
-        "when it acts is known to one sample at best, and an error of half a one shifts inertias"
+        "when it acts is known to one sample at best, and an error of half a one shifts inertias "
     )
-    doubt += " by many standard deviations: an unknown"
+    late = ". The motion seems to follow late" if context.measured and after > step else ""
+    doubt += f"by many standard deviations: an unknown{late}"
     entry = f"  t_0: {{prior: uniform, low: {-step:.4g}, high: {after:.4g}}}    # s"
     return [*lines, *review([doubt], 2), entry]
 

@@ -8,6 +8,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from bayesdrill.drafting.columns import MIN_SAMPLES, FileColumn, NamedColumn, re
 from bayesdrill.drafting.roles import SensorRoles
 from bayesdrill.drafting.signals import Segment, Sensor, Timing
 from bayesdrill.record.formats import FORMATS, format_of
+from bayesdrill.rig.models.drive_parts import PartsError
 from bayesdrill.rig.models.linear import Model
 
 
@@ -32,6 +34,7 @@ class GivenFacts:
     voltage: float | None = None
     rate: float = 0.0
     columns: tuple[NamedColumn, ...] = ()
+    split: bool = False  # where times go back, another record begins
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,6 +49,7 @@ class RecordFile:
     left_out: dict[str, str]
     beside: tuple[RecordFile, ...] = ()
     label: str = ""
+    rows: Sequence[int] = ()  # the first and the last, where it is a part of the file
 
     @property
     def sensors(self) -> list[Sensor]:
@@ -64,12 +68,13 @@ class RecordFile:
         return self.beside[sensor.column.file - 1] if sensor.column.file else self
 
 
-def examine(path: Path, given: GivenFacts) -> RecordFile:
-    """Understand one file; raises `InputError` where nothing can be made of it."""
+def examine(path: Path, given: GivenFacts) -> list[RecordFile]:
+    """Understand the records of one file; raises `InputError` where nothing can be made of it."""
     output_files.check_file(path, output_files.LARGEST_GUESSED)
     reader = FORMATS[format_of(path)]
     named = [column for column in given.columns if column.file in ("", path.name)]
-    columns, left_out = read_columns(reader.read(path, reader.options(), None), named)
+    table = reader.read(path, reader.options(), None)
+    columns, left_out = read_columns(table, named)
     if not columns:
         raise unusable(path, left_out, f"no column has {MIN_SAMPLES} numbers or more")
     try:
@@ -77,7 +82,27 @@ def examine(path: Path, given: GivenFacts) -> RecordFile:
     except ValueError as error:
         raise InputError.at(str(path), str(error)) from None
     time = signals.find_time(columns, sensors.infer_rate(columns), given.rate)
-    return _understand(path, columns, time, left_out, given)
+    parts, records = _parts(time.t), list[RecordFile]()
+    if not given.split or not parts:
+        for (first, last), (begin, _) in itertools.pairwise(parts):
+            if time.t[begin] < time.t[(first + last) // 2]:  # it begins anew
+                back = f"{table.where(begin)} ({time.t[last - 1]:.6g} s to {time.t[begin]:.6g} s)"
+                message = f"time goes back at {back}: {len(parts)} records in one file? "
+                raise InputError.at(str(path), message + "Say --split for an experiment of each")
+        return [_understand(path, columns, time, left_out, given)]
+    for begin, end in parts:
+        cut = [dataclasses.replace(column, values=column.values[begin:end]) for column in columns]
+        clock = None if time.column is None else cut[columns.index(time.column)]
+        timing = dataclasses.replace(time, t=time.t[begin:end], column=clock)
+        record = _understand(path, cut, timing, left_out, given)
+        records.append(dataclasses.replace(record, rows=table.numbers[[begin, end - 1]].tolist()))
+    return records
+
+
+def _parts(t: Array) -> list[tuple[int, int]]:
+    """Return begin and end of each part of times that is no shorter than a record, and increases."""
+    edges = [0, *(np.flatnonzero(np.diff(t) <= 0) + 1).tolist(), len(t)]
+    return [pair for pair in itertools.pairwise(edges) if pair[1] - pair[0] >= MIN_SAMPLES]
 
 
 def _understand(
@@ -91,7 +116,11 @@ def _understand(
     segment = _segment(path, time, [c for c in others if c.meaning.kind], left_out)
     known, unusable_columns = sensors.identify_sensors(others, segment)
     if trains.is_train(known, given.rig):
-        assigned = trains.assign_train(known, segment.dt)
+        try:
+            assigned = trains.assign_train(known, segment.dt)
+        except PartsError as error:
+            message = f"no train can be made of these names: {error}. Call its inertias otherwise"
+            raise InputError.at("--columns", message) from None
     else:
         voltage = given.voltage is not None
         assigned = roles.assign_roles(known, segment.dt, given.rig, given.gear, voltage=voltage)
@@ -142,8 +171,8 @@ def with_roles_of(lead: RecordFile, file: RecordFile) -> RecordFile:
         return dataclasses.replace(new, location=sensor.location, why=why, doubts=doubts)
 
     same = lead.roles.with_sensors(alike)
-    record = RecordFile(file.path, file.columns, time, segment, same, lead.left_out, file.beside)
-    return _on_own_clocks(record)
+    changes: dict[str, Any] = {"segment": segment, "roles": same, "left_out": lead.left_out}
+    return _on_own_clocks(dataclasses.replace(file, time=time, **changes))
 
 
 def read_records(
@@ -153,7 +182,8 @@ def read_records(
     for k, path in enumerate(paths):
         if path.resolve() in [other.resolve() for other in paths[:k]]:
             raise InputError.at(str(path), "is given twice. Give each file once")
-    kinds = _by_kind(collect_each(lambda path: examine(path, given), paths))
+    found = collect_each(lambda path: examine(path, given), paths)
+    kinds = _by_kind([*itertools.chain(*found)])
     records = _join_kinds(kinds, given) if len(kinds) > 1 else kinds[0]
     collect_each(_refuse_without_channels, records)
     lead = min(records, key=lambda record: record.uncertainty)

@@ -131,9 +131,12 @@ def _inputs(
     elif voltages or voltage or "i" in channels:
         for m in rig.roles.motors:
             rig = with_named(rig, (m.back_emf, m.torque_constant, m.resistance, m.inductance))
-    if "v" in rig.inputs and voltages:  # measured before asked for, the motor's before others
-        voltages.sort(key=lambda v: (v.column.meaning.reference, v.location != MOTOR))
+    if "v" in rig.inputs and voltages:
+        voltages.sort(key=_voltage_rank)
         inputs["v"] = _first(voltages, "voltage", left_out)
+        if others := ", ".join(s.name for s in voltages[1:] if not s.column.meaning.reference):
+            doubt = f"{others} may be the voltage as well: this one is called most like it"
+            inputs["v"] = inputs["v"].revised(doubt=doubt)
     if "t_1" in rig.inputs:
         unsaid = [torque.name for torque in torques if torque.location == ""]
         why = "is a torque, but does not say whether it acts on rotor 1"
@@ -156,9 +159,20 @@ def _inputs(
     return inputs | {name: s.revised(doubt=doubt) for name, s in backwards.items()}, rig
 
 
+def _voltage_rank(voltage: Sensor) -> tuple[bool, bool, int]:
+    """Measured before asked for, the motor's before others; `v` [V] and words before `u` and `v1`."""
+    meaning, name = voltage.column.meaning, voltage.name.lower()
+    by_name = (bool(meaning.unit), len(meaning.word) > 1, name == "v", name == "u", True)
+    return meaning.reference, voltage.location != MOTOR, by_name.index(True)
+
+
 def _first(sensors: Sequence[Sensor], what: str, left_out: dict[str, str]) -> Sensor:
     for sensor in sensors[1:]:
-        left_out[sensor.name] = f"is not needed: the {what} is taken from {sensors[0].name}"
+        why = f"is not needed: the {what} is taken from {sensors[0].name}"
+        if what == "voltage" and len(sensor.column.meaning.word) == 1:
+            why = f"looks like a voltage by its name, and {sensors[0].name} is taken as the voltage; if "
+            why += f'it is a speed say --columns "{sensor.column.command}=w_1 [rad/s]" or v_cart [mm/s]'
+        left_out[sensor.name] = why
     return sensors[0]
 
 
@@ -260,10 +274,10 @@ def _check_sign(channel: DraftChannel, v: Sensor | None) -> DraftChannel:
 
 def turns_both_ways(roles: SensorRoles) -> bool:
     """Whether the rig is driven, or turns, in both directions."""
-    drives = [sensor for name, sensor in roles.inputs.items() if name != "t_1"]
-    speeds = [c.sensor for c in roles.channels if c.sensor.kind == "speed"]
-    ends = [np.percentile(sensor.raw.x, [2, 98]) for sensor in drives or speeds]
-    return any(min(-low, high) > 0.1 * max(-low, high) for low, high in ends)
+    driving = [sensor for name, sensor in roles.inputs.items() if name != "t_1"]
+    moving = [c.sensor for c in roles.channels if c.sensor.kind != "current"]
+    speeds = [sensor for sensor in moving if sensor.kind == "speed"]
+    return any(map(signals.reverses, driving or speeds or moving))
 
 
 FILTER_WIDTHS = (2, 4, 8, 16)  # samples, sds of Gaussians, one of which suits the rig's swing
@@ -374,7 +388,8 @@ class StartGuess:
     moving: bool  # not at rest
     window: str
     zeros: Mapping[str, float]  # of angles at rest, but not at zero: sd of where they count from
-    late: float  # samples after which a constant voltage is there
+    late: float  # samples after which an input may act at most
+    rest: float  # s, before which nothing moves; NaN where something does
     window_doubt: str
     doubts: tuple[str, ...]
 
@@ -391,11 +406,19 @@ def guess_start(
         t = t[t >= known]
         begin, why = float(t[0]), "from where the inputs are known"
     moving = any(_moves(channel) for channel in _telling(roles))
-    onset = math.nan if measured or moving else _onset(roles)
+    rest = _onset(roles)
+    onset = math.nan if measured or moving else rest
+    sensors = [channel.sensor for channel in roles.channels], [*roles.inputs.values()]
+    if measured and (dead := signals.dead_samples(*sensors)):
+        late = dead + 2.0
     driven = measured or "v" in roles.rig.inputs  # by a constant voltage
     if roles.train is not None:
-        why = "the record need not begin at rest: the start is unknown"
-        return StartGuess("free", True, "", {}, late, "", (why,))
+        window = "" if begin is None else f"[{begin:.12g}, {float(t[-1]):.12g}]"
+        cut, why = why, "the record need not begin at rest: the start is unknown"
+        seen = any(sensor.kind in ("angle", "position") for sensor in sensors[0])
+        twists = ", ".join(f"{name}: free" for name in roles.rig.states[1:])
+        free = "free" if seen else f"{{{twists}}}"  # without the first angle
+        return StartGuess(free, True, window, {}, late, rest, cut, (why,))
     if not math.isnan(onset):
         begin, late = max(float(t[0]), onset - 2 * dt if driven else onset), 3.0
         why = f"nothing moves before {begin:.6g} s"
@@ -428,7 +451,7 @@ def guess_start(
         initial = f"{{{', '.join(filter(None, (at, state and f'state: {state}', angle)))}}}"
     window = "" if begin is None else f"[{begin:.12g}, {float(t[-1]):.12g}]"
     zeros = {} if moving else _zeros(roles)
-    return StartGuess(initial, moving, window, zeros, late, why, tuple(doubts))
+    return StartGuess(initial, moving, window, zeros, late, rest, why, tuple(doubts))
 
 
 def _begins_steadily(roles: SensorRoles) -> bool:

@@ -9,11 +9,12 @@ import numpy as np
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.drafting import signals
-from bayesdrill.drafting.columns import GEARBOX, MOTOR, ROTOR, SI, TWIST, FileColumn
+from bayesdrill.drafting.columns import DRIVES, GEARBOX, MOTOR, ROTOR, SI, TWIST, FileColumn
 from bayesdrill.drafting.signals import TURNS, RawSamples, Segment, Sensor
 
 FAST = 60.0  # speeds of a rig above it are hardly in rad/s, nor angles a second in rad
 MIN_GEAR = 0.8  # turns of a motor for one of the shaft: less is a wrong unit
+SUPPLY_RIPPLE = 0.1  # of a voltage, within which it is nearly constant
 SPEED_SAMPLES = 10  # over which the speed of an angle is taken, fewer than any record has
 NAMELESS_SHARE = 0.999  # of an angle, that the integral of a nameless column has to explain
 RPM_WORDS = ("n", "rpm", "drehzahl", "rotacao", "upm")
@@ -35,7 +36,28 @@ def identify_sensors(
             why = f"{'its name does not say' if sensor.name else 'nothing says'} what it measures"
             why += ", and it is no derivative of another column"
             left_out[sensor.name] = f"({sensor.column.range_text}): {why}"
-    return known, left_out
+    moving = [s for s in known if s.kind not in DRIVES and s.location != TWIST]
+    both_ways = any(signals.reverses(sensor, signals.CLEARLY_BOTH_WAYS) for sensor in moving)
+    kept = list[Sensor]()
+    for sensor in known:
+        doubt = _doubt_of_drive(sensor) if both_ways else ""
+        if doubt and sensor.kind == "voltage" and not sensor.column.meaning.typed:
+            left_out[sensor.name] = doubt
+        else:
+            kept.append(sensor.revised(doubt=doubt and f"it {doubt}"))
+    return kept, left_out
+
+
+def _doubt_of_drive(sensor: Sensor) -> str:
+    """Say why this cannot be what drives a rig that turns both ways; empty where it can."""
+    low, middle, high = np.quantile(sensor.raw.x, (0.05, 0.5, 0.95))
+    if sensor.kind == "voltage" and high - low < SUPPLY_RIPPLE * abs(middle):
+        return "hardly changes while the rig turns both ways: a supply, not what the motor gets"
+    if sensor.kind == "current" and (sensor.raw.x.min() >= 0 or sensor.raw.x.max() <= 0):
+        return (
+            "never changes its sign while the rig turns both ways: its size alone? Then take it out"
+        )
+    return ""
 
 
 def infer_rate(columns: Sequence[FileColumn]) -> float:
@@ -163,7 +185,8 @@ def _with_unit(sensor: Sensor, sensors: Sequence[Sensor], dt: float) -> Sensor:
     """What no header and no relation says is taken from columns of the same kind, words or sizes."""
     meaning = sensor.column.meaning
     if sensor.unit:
-        return sensor.revised(why=f"unit {sensor.unit}, by its head" if meaning.unit else "")
+        by = signals.SAID if meaning.typed else "by its head"
+        return sensor.revised(why=f"unit {sensor.unit}, {by}" if meaning.unit else "")
     if sensor.kind in TURNS:
         for other in sensors:
             if other.kind == sensor.kind and other.unit:

@@ -13,11 +13,14 @@ import numpy as np
 
 from bayesdrill.basics import units
 from bayesdrill.basics.arrays import Array, Flags
-from bayesdrill.drafting.columns import MAX_NUMBER, MIN_SAMPLES, SI, TWIST, FileColumn
+from bayesdrill.drafting.columns import DRIVES, MAX_NUMBER, MIN_SAMPLES, SI, TWIST, FileColumn
 from bayesdrill.record import anomalies
 
 TYPICAL_RATE = 300.0  # Hz; rates of rigs lie around it, by their logarithm
-EVEN_TIME_TOLERANCE = 0.01  # of the median step, of a column that may be a time
+SAID = "as `--columns` says"
+BOTH_WAYS, CLEARLY_BOTH_WAYS = 0.1, 0.3  # of what goes one way, that goes the other way
+MAX_DEAD, PAST, LOOKED_AT = 5, 3, 20_000  # samples late, of the past, and of a record
+CLEARER = 0.64  # of what the past leaves of a speed, that it leaves with an input that is late
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,9 +51,9 @@ def find_time(columns: Sequence[FileColumn], rate: float = 0.0, given: float = 0
         return Timing(indices / given, None, "s", "as it was given")
     for column in columns:
         if column.meaning.kind == "time" and _mostly_increases(column.values):
-            return _timing(column, "by its name")
+            return _timing(column, SAID if column.meaning.typed else "by its name")
     for column in columns:
-        if not column.meaning.kind and _is_even(column.values):
+        if not column.meaning.kind and column.is_even:
             doubt = "no column is named as a time; this one grows in equal steps"
             return _timing(column, "", doubt)
     if rate:
@@ -80,15 +83,6 @@ def _mostly_increases(values: Array) -> bool:
 def _are_time_steps(steps: Array) -> Flags:
     """Which steps can be those of a time, in any unit."""
     return np.asarray((steps > 1 / MAX_NUMBER) & (steps < MAX_NUMBER))
-
-
-def _is_even(values: Array) -> bool:
-    if not np.all(np.isfinite(values)):
-        return False
-    steps = np.diff(values)
-    median = np.asarray(np.median(steps))
-    near = np.abs(steps - median) <= EVEN_TIME_TOLERANCE * median
-    return bool(_are_time_steps(median) and np.all(near))
 
 
 LONG_GAP = 10.0  # median steps: over a longer gap nothing is told
@@ -245,6 +239,11 @@ def counted_unit(angle: Array) -> str:
     return ""
 
 
+def coarse_step(values: Array) -> float:
+    """Return the step between levels that few samples are each; 0 where half of all differ."""
+    return step(values) if len(np.unique(values)) < 0.5 * len(values) else 0.0
+
+
 def noise(values: Array) -> float:
     """Estimate the standard deviation of the noise of `values (T,)` by their differences.
 
@@ -257,10 +256,8 @@ def noise(values: Array) -> float:
         if len(rough) > order:
             gain = math.sqrt(math.comb(2 * order, order))
             estimates.append(float(np.median(np.abs(rough))) / 0.6745 / gain)
-    few = len(np.unique(values)) < 0.5 * len(values)
-    rounding = step(values) / math.sqrt(12) if few else 0.0
     tiny = 1e-6 * float(np.ptp(values))
-    return max(min(estimates, default=0.0), rounding, tiny)
+    return max(min(estimates, default=0.0), coarse_step(values) / math.sqrt(12), tiny)
 
 
 TURNS = ("angle", "speed")  # kinds
@@ -308,8 +305,9 @@ class Sensor:
 
     @property
     def noise(self) -> float:
-        """The standard deviation of its noise, in the column's unit."""
-        return noise(self.raw.x)
+        """The standard deviation of its noise, in the column's unit; a coarse speed is a difference."""
+        steps = coarse_step(self.raw.x) / math.sqrt(6) if self.kind == "speed" else 0.0
+        return max(noise(self.raw.x), steps)
 
     @property
     def varies(self) -> bool:
@@ -420,11 +418,16 @@ def _why_unusable(column: FileColumn, rows: slice) -> str:
     numbers = values[np.isfinite(values)]
     second = "another column is the time already, or it does not increase"
     largest, same = np.abs(numbers).max(initial=0.0), not np.diff(numbers).any()
-    other = "does not say how far one of it turns"
+    other = f'does not say how far one of it turns; say --columns "{column.command}=theta_2 '
+    other += '[count/2800]" for 2800 counts a turn, or "x_cart [count/(560/cm)]" of a scale'
     if kind not in TURNS:
         other = "is none of time, angle, speed, voltage, current or torque"
+    if unit == "%" and kind in DRIVES:
+        other = f"is a share of the rated {kind}; look that up, and say it: a torque by "
+        other += f'--columns "{column.command}=t_m [% of 9.84 mN*m]", a current by "i [% of 1.2 A]"'
     checks = (
         (unit, f"has the unit {unit!r}, which {other}"),
+        (column.counts_rows, "grows by one a row: a row number"),
         (np.isinf(values).any(), "has infinite values"),
         (len(numbers) < MIN_SAMPLES, f"has {len(numbers)} numbers in the rows that are used"),
         (not is_plausible(numbers), f"has numbers up to {largest:.3g}, which no rig has"),
@@ -434,6 +437,29 @@ def _why_unusable(column: FileColumn, rows: slice) -> str:
         (same and kind != "voltage", f"is {next(iter(numbers), 0.0):g} in every row"),
     )
     return next((why for wrong, why in checks if wrong), "")
+
+
+def reverses(sensor: Sensor, share: float = BOTH_WAYS) -> bool:
+    """Whether a drive or a motion goes both ways, the other way by this share of the larger one."""
+    x, apart = sensor.raw.x, max(1, len(sensor.raw.x) // 200)
+    if sensor.kind in ("angle", "position"):
+        x = x[apart:] - x[:-apart]
+    low, high = np.percentile(x, [2, 98])
+    return bool(min(-low, high) > share * max(-low, high))
+
+
+def dead_samples(channels: Sequence[Sensor], inputs: Sequence[Sensor]) -> int:
+    """Return how many samples late the first speed follows the first input; 0 where it is not clear."""
+    speeds = [sensor for sensor in channels if sensor.kind in ("speed", "velocity")]
+    driving = [sensor for sensor in inputs if sensor.kind in DRIVES and sensor.varies]
+    if not speeds or not driving:
+        return 0
+    x, u = speeds[0].values, driving[0].values
+    k = np.arange(PAST + MAX_DEAD, min(len(x), LOOKED_AT))
+    past = [x[k - j] for j in range(1, PAST + 1)]
+    left = [1 - explained(x[k], *past, u[k - d - 1])[1] for d in range(MAX_DEAD + 1)]
+    best = int(np.argmin(left))
+    return best if left[best] < CLEARER * left[0] else 0
 
 
 def is_plausible(values: Array) -> bool:

@@ -12,17 +12,13 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 
-import numpy as np
-
-from bayesdrill.drafting.columns import GEARBOX, KIND_OF_LETTER, MOTOR, ROTOR, train_symbol
+from bayesdrill.drafting.columns import GEARBOX, KIND_OF_LETTER, MOTIONS, MOTOR, ROTOR, train_symbol
 from bayesdrill.drafting.roles import DraftChannel, SensorRoles, add_channel, mark_differenced
 from bayesdrill.drafting.signals import Sensor
 from bayesdrill.rig.models.linear import Model, with_named
 from bayesdrill.rig.models.train import Train
 
-Ends = tuple[float, float]
 LETTERS = {kind: letter for letter, kind in KIND_OF_LETTER.items()}
-ANGLES, SPEEDS = ("angle", "position"), ("speed", "velocity")
 DRIVES = {kind: kind for kind in ("current", "voltage", "torque")} | {"force": "torque"}
 LOCATIONS = {MOTOR: "motor", GEARBOX: "gearbox", ROTOR: "load"}
 
@@ -42,7 +38,7 @@ def _symbol(sensor: Sensor) -> re.Match[str] | None:
 
 def assign_train(sensors: Sequence[Sensor], dt: float) -> SensorRoles:
     """Assign sensors to the channels and inputs of a train that they describe."""
-    moving = [sensor for sensor in sensors if sensor.kind in (*ANGLES, *SPEEDS)]
+    moving = [sensor for sensor in sensors if sensor.kind in MOTIONS]
     names = _names(moving)
     inertias = [*dict.fromkeys(names[id(sensor)] for sensor in moving)]
     left_out: dict[str, str] = {}
@@ -139,21 +135,3 @@ def held_scales(rig: Model, sensors: Sequence[Sensor]) -> set[str]:
     if not any(sensor.kind == "current" for sensor in sensors):
         held |= {motor.resistance for motor in rig.roles.motors}
     return held
-
-
-def prior_ends(record_sensors: Sequence[Sensor], dt: float, duration: float) -> dict[str, Ends]:
-    """Return by unit the ends of priors [SI], by the largest drive and speed of a record."""
-    sizes = {s.kind: float(np.quantile(np.abs(s.si), 0.99)) for s in record_sensors}
-    push = max((sizes.get(kind, 0.0) for kind in DRIVES), default=0.0) or 1.0
-    speeds = [float(np.quantile(np.abs(s.si), 0.99)) for s in record_sensors if s.kind in SPEEDS]
-    for sensor in (s for s in record_sensors if s.kind in ANGLES and not speeds):
-        speeds.append(float(np.quantile(np.abs(np.diff(sensor.si)), 0.99)) / dt)
-    speed = max(speeds, default=0.0) or 1.0
-    inertia, far = push / speed, 10.0
-    ends = {
-        ("kg*m**2", "kg"): (0.1 * inertia * dt / far, far * inertia * duration),
-        ("N*m*s/rad", "N*s/m"): (1e-4 * inertia / far, far * inertia / dt * 0.1),
-        ("N*m/rad", "N/m"): (1e-2 * inertia / duration**2, far * inertia / dt**2),
-        ("N*m", "N"): (1e-4 * push, push),
-    }
-    return {unit: pair for units, pair in ends.items() for unit in units}

@@ -260,7 +260,7 @@ def _why_back(t: Array, steps: Array) -> str:
     if np.all(steps < 0):
         return "each row is earlier than the one before: turn the rows around, or check the column"
     if np.sum(back) == 1 and t[np.argmax(back) + 1] <= t[0]:
-        return "a second recording seems to begin there: cut it off, or remove repeated rows"
+        return "a second recording seems to begin there: cut it off by `record.rows`, or remove repeats"
     return "sort the rows, remove repeated ones, or check the column and unit"
 
 

@@ -123,8 +123,8 @@ def test_a_run_with_nothing_but_toys(tmp_path: Path) -> None:
     with (tmp_path / "record.csv").open() as file:
         rows = list(csv.DictReader(file))
     columns = {name: [float(row[name]) for row in rows] for name in rows[0]}
-    (tmp_path / "record.json").write_text(json.dumps({"run": columns}))
-    text[1].write_text(CONFIG.replace("file: FILE", "file: record.json\n  inside: run"))
+    (tmp_path / "record.toy").write_text(json.dumps({"run": columns}))
+    text[1].write_text(CONFIG.replace("file: FILE", "file: record.toy\n  inside: run"))
     done = bayesdrill("posterior", text[1], "--output", "out", "--processes", "1", cwd=tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
     rows = list(csv.DictReader((tmp_path / "out" / "summary.csv").read_text().splitlines()))

@@ -57,6 +57,7 @@ WRITERS: Mapping[str, Callable[[Path, Mapping[str, np.ndarray]], None]] = {
     "hdf5": as_hdf5,
     "npz": as_npz,
     "parquet": as_parquet,
+    "json": as_json,
     "toy_json": as_json,
 }
 

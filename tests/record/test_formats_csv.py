@@ -130,6 +130,12 @@ def test_spellings(write) -> None:
         ("a,b\n1,NaN\n,2\nnan,3\n", {}, [[1, np.nan], [np.nan, 2], [np.nan, 3]]),
         ("a;b\n1;2\n;\n3;4\n", {}, [[1, 2], [np.nan, np.nan], [3, 4]]),
         ("a;b\n1;2\n\n3;4\n;\n", {}, [[1, 2], [3, 4]]),
+        ("1, 2.5, 3;\n4, 5, 6;\n", {}, [[1, 2.5, 3], [4, 5, 6]]),
+        ("1, 2.5, 3;\n4, 5, 6;\n", {"delimiter": ",", "header": False}, [[1, 2.5, 3], [4, 5, 6]]),
+        ("a b|\n1.5 2|\n3 4|\n", {}, [[1.5, 2], [3, 4]]),
+        ("0,5;\n1,5;\n", {}, [[0.5], [1.5]]),
+        ("My rig\nt;w\n1;2\n3;4\n", {}, [[1, 2], [3, 4]]),
+        ("Date:;2020\nRecorded:;2;0x1\nPeriod:;4.0\n;w\nms;rpm\n1;2\n3;4\n", {}, [[1, 2], [3, 4]]),
     ]
 
     def check(content: str, options: dict[str, object], expected) -> None:
@@ -169,7 +175,8 @@ def test_refusals(write) -> None:
         ("t,w\n1_0,2\n", {}, ["'1_0' is not a number"]),
         ("t,w\n1,2\n3\n4,5,6\n7,8\n", {}, ["line 3: 1 cells where 2", "line 4: 3 cells where 2"]),
         ("t,w\n1,2\n3\n4,x\n7,8\n", {}, ["line 3: 1 cells", "line 4", "'x'"]),
-        ("My rig\nt;w\n1;2\n3;4\n", {}, ["line 1: the header has 1 cells", "skip_rows"]),
+        ("My rig\n1;2\n3;4\n", {}, ["line 1: the header has 1 cells", "skip_rows"]),
+        ("My rig\n0;2\nt;w\n1;2\n3;4\n", {}, ["line 1: the header has 1 cells", "skip_rows"]),
         ("1,x\n1,2\n", {}, ["line 1: mixes numbers and text such as 'x'", "header: true"]),
         ("t;w\n1.5;2.5\n1.6;2.6\n", {"decimal": ","}, ["'1.6' is not a number", "decimal: '.'"]),
         ("root:x:0\nbin:x:1\nsys:x:2\n", {}, ["holds no numbers", "name the file of the record"]),

@@ -172,11 +172,26 @@ def test_object_of_a_v5_file_is_named() -> None:
         read(path).pick("matstring1")
 
 
-def test_array_of_structs_is_named(tmp_path: Path) -> None:
-    records = np.zeros(3, dtype=[("w", "f8")])
-    scipy.io.savemat(tmp_path / "run.mat", {"runs": records})
-    with pytest.raises(InputError, match="array of 3 structs"):
-        read(tmp_path / "run.mat").pick("runs")
+def capture(*signals: tuple[str, np.ndarray]) -> dict[str, object]:
+    """As ControlDesk saves: a time, and an array of structs of which each is a signal."""
+    y = np.zeros((1, len(signals)), dtype=[(n, "O") for n in ("Name", "Type", "Data", "Unit")])
+    for k, (name, values) in enumerate(signals):
+        y[0, k] = (name, 2, values[None, :], "")
+    return {"X": {"Name": "time", "Data": T[None, :]}, "Y": y}
+
+
+def test_signals_in_an_array_of_structs_are_read_with_their_names(tmp_path: Path) -> None:
+    """Mutants killed: all elements are the first; a label belongs to the signal before it."""
+    content = capture(("Model/speed", W), ('"Model Root"/"duty"', T))
+    scipy.io.savemat(tmp_path / "run.mat", {"run1": content})
+    table = read(tmp_path / "run.mat", {"run1.X.Data", "run1.Y(2).Data"})
+    np.testing.assert_array_equal(table.pick("run1.Y(1).Data"), W)
+    np.testing.assert_array_equal(table.pick("run1.Y(2).Data"), T)
+    assert table.labels["run1.Y(1).Data"] == "Model/speed"
+    assert table.labels["run1.X.Data"] == "time"
+    assert "run1.Y(1).Type" not in table.variables
+    with pytest.raises(InputError, match=r"an array of structs; name a field of one: run1.Y\(1"):
+        table.pick("run1.Y")
 
 
 def test_the_only_variable_needs_no_name(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ import bayesdrill as bd
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference import residual_checks
 from bayesdrill.report import scales
-from bayesdrill.report.sections.fit_figure import fit_figure
+from bayesdrill.report.sections.fit_figure import fit_figure, record_figure
 from bayesdrill.report.sections.fit_words import (
     Course,
     Fit,
@@ -110,6 +110,24 @@ def test_it_shows_samples_model_and_residuals() -> None:
         si(right.get_ylabel(), c.get_ydata()[0]) for c in right.get_lines() if c.is_dashed()
     )
     np.testing.assert_allclose(edges, np.array([-1, 1]) * 1.8808 * signal.sigma, rtol=1e-4)
+
+
+def test_a_record_is_drawn_without_a_model() -> None:
+    """Mutants killed: the model instead of the samples; an input in the panel of a channel."""
+    one = course(200, straight=False)
+    fit = dataclasses.replace(fit_of(2, 200), courses=(one,))
+    figure = drawn(record_figure(fit))
+    *channels, driven = figure.axes
+    for panel, signal in zip(channels, fit.signals, strict=True):
+        (dots,) = panel.get_lines()
+        shown = [si(panel.get_ylabel(), y) for y in dots.get_ydata()]
+        np.testing.assert_allclose(shown, signal.y)
+        times = [si(driven.get_xlabel(), t) for t in dots.get_xdata()]
+        np.testing.assert_allclose(times, fit.t)
+    (line,) = driven.get_lines()
+    stairs = {round(si(driven.get_ylabel(), y)) for y in line.get_ydata()}
+    assert stairs == {-8000, 8000}
+    assert [*clashes(figure)] == []
 
 
 def test_all_samples_of_a_decimated_channel_are_shown() -> None:

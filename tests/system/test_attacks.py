@@ -178,15 +178,17 @@ def test_retyped_configs(home: Path) -> None:
 def test_odd_tables(home: Path) -> None:
     """What `init` makes of records that nobody would call one, and `check` of what it wrote."""
 
-    def falls(table: tuple[str, bytes]) -> None:
+    def falls(table: tuple[str, bytes], names: list[str], split: bool) -> None:
         name = f"odd.{table[0]}"
         (home / name).write_bytes(table[1])
         (home / "odd.yaml").unlink(missing_ok=True)
-        stands(home, "init", name)
+        named = [word for text in names for word in ("--columns", text)]
+        stands(home, "init", name, *named, *(["--split"] if split else []))
         if (home / "odd.yaml").exists():
             stands(home, "check", "odd.yaml")
 
-    attack("odd tables", falls, table=attacks.table())
+    names = st.just([]) | st.lists(st.sampled_from(attacks.NAMES), max_size=4)
+    attack("odd tables", falls, table=attacks.table(), names=names, split=st.booleans())
 
 
 FORGED = {

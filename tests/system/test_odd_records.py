@@ -101,6 +101,19 @@ AS_MEANT = [
         TEXT.replace("w_1", "W [\xb0/s]").encode("latin-1"),
         changes=(("column: w_1", 'column: "W [\xb0/s]"'),),
     ),
+    odd("title above the header", lines("LabVIEW Measurement", "Operator: A. B.", "", *LINES)),
+    odd(
+        "head of an EPOS recorder, units below the names",
+        lines(
+            *("Date:;2020-07-08", "Index:;0x30D3;0x30D2;0x0000", "Sampling period:;51.2"),
+            *(HEADER.replace(",", ";"), "s;rad;rad/s", *(row.replace(",", ";") for row in BODY)),
+        ),
+    ),
+    odd("semicolon after each row", lines(HEADER, *(f"{row};" for row in BODY))),
+    odd(
+        "commas behind cells of a spreadsheet",
+        lines(*(f"{row.replace(',', ';')},," for row in LINES)),
+    ),
     odd("powers of Fortran", last(lambda _, cell: f"{cell}D+00")),
     odd("true minus signs", TEXT.replace("-", "\u2212")),
     odd(
@@ -238,12 +251,6 @@ REFUSED = [
         TEXT.replace(HEADER, "t;theta_1;w_1"),
         "names stand between ';'",
         "write both the same way",
-    ),
-    odd(
-        "title above the header",
-        lines("LabVIEW Measurement", "Operator: A. B.", "", *LINES),
-        "line 1: the header has 1 cells",
-        "set skip_rows: 3",
     ),
     odd(
         "row numbers without a name",

@@ -29,4 +29,4 @@ def read(path: Path, options: Options, _: Wanted) -> RecordTable:
     return RecordTable(path=path, variables=variables)
 
 
-JSON = Format((".json",), read, Options)
+JSON = Format((".toy",), read, Options)

@@ -111,8 +111,7 @@ class Clock:
     @property
     def numbers(self) -> NDArray[np.int64]:
         """Return the numbers of the rows, as messages give them."""
-        lines = self.table.lines
-        return np.asarray(self.rows + 1 if lines is None else lines[self.rows], dtype=np.int64)
+        return np.asarray(self.table.numbers[self.rows], dtype=np.int64)
 
 
 class Sources:
@@ -220,7 +219,8 @@ class Sources:
         try:
             output_files.check_file(path)
             kind = FORMATS[written.format or format_of(path)]
-            return kind.read(path, build_member(kind.options, written), self._wanted(file))
+            table = kind.read(path, build_member(kind.options, written), self._wanted(file))
+            return table.between(self._config.record.rows) if file is None else table
         except ValueError as error:
             self.add(at_file, str(error))
         except InputError as error:

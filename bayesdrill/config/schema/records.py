@@ -266,6 +266,8 @@ class RecordBase(Strict):
 
     file: str = Field(description="Relative to the folder of the config.")
     format: str | None = Field(None, description="Default: by the file's ending.")
+    rows: Rows | None = None
+    """Use the rows from the first to the second only, by the numbers that messages give."""
     time: TimeSpec
     window: Windows | None = None
     """Use the samples from the first to the second time [s] only; or several."""

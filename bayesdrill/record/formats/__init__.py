@@ -10,7 +10,7 @@ from typing import Any
 from bayesdrill.basics.entries import NoEntries, entries_model
 from bayesdrill.basics.errors import InputError, did_you_mean
 from bayesdrill.basics.registry import Registry
-from bayesdrill.record.formats import arrays, csv, matlab
+from bayesdrill.record.formats import arrays, csv, json, matlab
 from bayesdrill.record.formats.csv import CsvOptions
 from bayesdrill.record.formats.table import RecordTable
 
@@ -47,6 +47,7 @@ FORMATS: Registry[Format] = Registry(
         "mat": Format((".mat",), lambda path, _, wanted: matlab.read(path, wanted)),
         "hdf5": Format((".h5", ".hdf5"), lambda path, _, wanted: arrays.read_hdf5(path, wanted)),
         "npz": Format((".npz",), lambda path, _, wanted: arrays.read_npz(path, wanted)),
+        "json": Format((".json", ".jsonl", ".ndjson"), lambda path, _, __: json.read(path)),
         "parquet": Format((".parquet",), lambda path, _, wanted: arrays.read_parquet(path, wanted)),
     },
     judge=_is_format,
@@ -57,9 +58,6 @@ _OTHERS = {
     **dict.fromkeys((".gz", ".zip", ".bz2", ".xz", ".7z"), ". Unpack the file first"),
     **dict.fromkeys((".xlsx", ".xls", ".ods"), ". Export the spreadsheet as CSV"),
     **dict.fromkeys((".tdms", ".mf4", ".lvm"), ". Export the recording as CSV or .mat"),
-    ".json": '. Write it as CSV: python -c "import json,csv,sys; r=max(json.load(sys.stdin).values(),'
-    "key=lambda v:len(str(v))); w=csv.DictWriter(sys.stdout,r[0]); w.writeheader(); "
-    'w.writerows({k:v*1 for k,v in e.items()} for e in r)" < run.json > run.csv',
     ".npy": ". Save it with numpy.savez('run.npz', t=t, w_1=w_1)",
 }
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import codecs
 import csv
 import dataclasses
 import itertools
@@ -19,7 +18,7 @@ from pydantic import Field
 from bayesdrill.basics.arrays import Array, Indices
 from bayesdrill.basics.entries import MAX_COUNT
 from bayesdrill.basics.errors import InputError, Issue, shortened
-from bayesdrill.record.formats.table import RecordTable, keys_of, read_bytes
+from bayesdrill.record.formats.table import RecordTable, decode, keys_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,21 +88,8 @@ def advice_of_cells(cells: Iterable[str]) -> list[str]:
     return list(dict.fromkeys(advice for advice in kinds if advice))
 
 
-_MAGIC = {
-    b"PK\x03\x04": "is a spreadsheet or zip archive; export it as CSV",
-    b"MATLAB": "is a MATLAB file; give it the ending .mat, or say the format: mat",
-    b"\x89HDF": "is an HDF5 file; give it the ending .h5, or .mat if MATLAB wrote it",
-    b"PAR1": "is a Parquet file; give it the ending .parquet, or say the format: parquet",
-    b"\xd0\xcf\x11\xe0": "is a spreadsheet (.xls); export it as CSV",
-    b"\x93NUMPY": "is a NumPy array; save it with numpy.savez('run.npz', t=t, w_1=w_1)",
-    b"version https://git-lfs": "is a pointer of Git LFS, not the file; run git lfs pull",
-    b"\x1f\x8b": "is compressed (gzip); unpack it first: gunzip, or 7-Zip",
-}
-
-
 LONGEST_LINE = 200_000  # letters: ten thousand columns
 _LONGEST_NUMBER = 400  # letters; Python takes minutes for a million digits
-_LINES_OF_TEXT = 2  # after which a file is a text, whatever follows
 
 _MISSING = frozenset({"na", "n/a", "#n/a", "null", "none", "--", "#div/0!", "1.#qnan", "1.#ind"})
 _POWER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[dD][-+]?\d+")  # of Fortran
@@ -125,37 +111,6 @@ class TextLines:
     def location(self, index: int) -> str:
         """Return the file and line of one of them, as messages have it."""
         return f"{self.path} line {self.numbers[index]}"
-
-
-def decode(path: Path) -> str:
-    """Read a text in UTF-8, UTF-16 or Latin-1; raises InputError for what is no table."""
-    raw = read_bytes(path)
-    for magic, message in _MAGIC.items():
-        if raw.startswith(magic):
-            raise InputError.at(str(path), message)
-    try:
-        if raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-            return raw.decode("utf-16")
-        if len(raw) > 2 and not raw[1:400:2].strip(b"\0"):  # without its mark
-            return raw.decode("utf-16-le")
-        text = raw.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        text = raw.decode("latin-1")
-    _check_text(path, text)
-    return text
-
-
-def _check_text(path: Path, text: str) -> None:
-    odd = re.search(r"[\x00-\x08\x0e-\x19\x1b-\x1f]", text)
-    line = text.count("\n", 0, odd.start()) + 1 if odd else 0
-    if line > _LINES_OF_TEXT:
-        message = "holds bytes that are no text, as where writing was cut; remove them"
-        raise InputError.at(f"{path} line {line}", message)
-    if odd:
-        raise InputError.at(str(path), "is a binary file, not text; export it as CSV in UTF-8")
-    kind = {"<": "a web page or XML", "{": "JSON"}.get(text.lstrip()[:1])
-    if kind:
-        raise InputError.at(str(path), f"is {kind}, not a table; export it as CSV")
 
 
 def read_lines(path: Path, text: str, skip: int) -> TextLines:
@@ -231,6 +186,17 @@ def without_empty_tail(lines: TextLines, dialect: Dialect) -> TextLines:
     return lines.part(slice(count))
 
 
+def without_line_marks(lines: TextLines, options: CsvOptions) -> TextLines:
+    """Strip a mark that ends lines, as in `1, 2;`, where more cells are numbers without it."""
+    before = _score(lines.texts, find_dialect(lines.texts, options))
+    for mark in ";,|":
+        if lines.texts[-1].rstrip().endswith(mark):
+            bare = [text.rstrip(f"{mark} ") for text in lines.texts]
+            if _score(bare, find_dialect(bare, options)) > before:
+                return dataclasses.replace(lines, texts=bare)
+    return lines
+
+
 def find_dialect(texts: Sequence[str], options: CsvOptions) -> Dialect:
     """Find the dialect under which most cells of a sample are numbers in rows of equal width."""
     sample = [*texts[:50], *texts[50:][-50:]]
@@ -250,9 +216,10 @@ def _quoted_commas(sample: Sequence[str]) -> bool:
     return not all(re.fullmatch(r"[-+]?[1-9]\d{0,2},\d{3}", cell) for cell in cells)
 
 
-def _score(sample: Sequence[str], dialect: Dialect) -> tuple[float, bool]:
+def _score(texts: Sequence[str], dialect: Dialect) -> tuple[float, bool]:
+    sample = [*texts[:50], *texts[50:][-50:]]
     rows = [split(line, dialect.separator) for line in sample]
-    width = Counter(map(len, rows)).most_common(1)[0][0]
+    width = max(1, Counter(map(len, rows)).most_common(1)[0][0])
     shares = [
         sum(to_number(cell, dialect.decimal) is not None for cell in row) / width
         if len(row) == width
@@ -280,18 +247,12 @@ def typical_width(texts: Sequence[str], dialect: Dialect) -> int:
 
 def without_trailing_delimiter(body: TextLines, header: str | None, dialect: Dialect) -> TextLines:
     """Strip a delimiter that ends every row, unless the header names a column after it."""
-    mark = dialect.separator
-    if mark is None:
+    mark, texts = dialect.separator, [line.rstrip(" ") for line in body.texts]
+    if mark is None or not all(line.endswith(mark) for line in texts):
         return body
-    texts = [line.rstrip(" ") for line in body.texts]
-    if not all(line.endswith(mark) for line in texts):
-        return body
-    width = typical_width(texts, dialect)
-    if header is not None:
-        names = split(header, mark)
-        if len(names) == width and names[-1].strip():
-            return body
-    return dataclasses.replace(body, texts=[line[:-1] for line in texts])
+    names = [] if header is None else split(header, mark)
+    named = len(names) == typical_width(texts, dialect) and names[-1].strip()
+    return body if named else dataclasses.replace(body, texts=[line[:-1] for line in texts])
 
 
 _CHUNK = 20_000
@@ -394,11 +355,16 @@ def _cell_advice(bad: _Faults, dialect: Dialect) -> str:
 
 _SAMPLE = 500  # rows at each end of a file
 _ROWS_OF_WORDS = 3  # below the header: units, kinds, descriptions
+_LONGEST_HEAD = 200  # lines above the header: settings of a recorder
 
 
 def read(path: Path, options: CsvOptions) -> RecordTable:
     """Read a text table; empty and NaN cells become NaN, and errors name lines and columns."""
-    return table(path, decode(path), options)
+    text = decode(path)
+    if kind := {"<": "a web page or XML", "{": "JSON"}.get(text.lstrip()[:1]):
+        message = f"is {kind}, not a table; export it as CSV, or give JSON the ending .json"
+        raise InputError.at(str(path), message)
+    return table(path, text, options)
 
 
 def table(path: Path, text: str, options: CsvOptions) -> RecordTable:
@@ -406,8 +372,11 @@ def table(path: Path, text: str, options: CsvOptions) -> RecordTable:
     check_options(path, options)
     lines = read_lines(path, text, options.skip_rows)
     del text  # as large as a file may be
+    lines = without_line_marks(lines, options)
     dialect = find_dialect(lines.texts, options)
     lines = without_empty_tail(lines, dialect)
+    if options.header is None:
+        lines = lines.part(slice(_table_start(lines, dialect), None))
     header, body = _split_header(lines, dialect, options.header)
     if not body.texts:
         last = lines.numbers[-1]
@@ -445,6 +414,19 @@ def check_options(path: Path, options: CsvOptions) -> None:
         problems.append(f"delimiter and decimal are both {mark!r}; change one")
     if problems:
         raise InputError([Issue(str(path), text) for text in problems])
+
+
+def _table_start(lines: TextLines, dialect: Dialect) -> int:
+    """Return the line of the columns' names below a head of other lines; 0 where nothing is above."""
+    width, names = typical_width(lines.texts, dialect), -1
+    for at, line in enumerate(lines.texts[:_LONGEST_HEAD]):
+        (numbers, words), row = _census(line, dialect), split(line, dialect.separator)
+        number = row[0].strip() and to_number(row[0], dialect.decimal) is not None
+        if len(row) == width and (number or numbers > len(words)):
+            return max(names, 0)
+        named = len(row) == width and words and not numbers
+        names = (at if names < 0 else names) if named else -1
+    return 0
 
 
 def _split_header(
@@ -498,13 +480,13 @@ def _names(
         return [str(number) for number in range(1, width + 1)], {}
     names = _header_cells(header, dialect, width)
     if (count := len(names)) != width:
-        why = _why_not(header, count, lines, dialect, width)
+        why = _why_not(header, count, dialect, width)
         message = f"the header has {count} cells and the rows have {width}; {why}"
         raise InputError.at(lines.location(0), message)
     return keys_of(names)
 
 
-def _why_not(header: str, count: int, lines: TextLines, dialect: Dialect, width: int) -> str:
+def _why_not(header: str, count: int, dialect: Dialect, width: int) -> str:
     """Of a header of another width than the rows: the likely reason, and what to do."""
     other = [mark for mark in ",;\t|" if len(split(header, mark)) == width > 1]
     if other:
@@ -513,11 +495,7 @@ def _why_not(header: str, count: int, lines: TextLines, dialect: Dialect, width:
         return "if the numbers have decimal commas, export them with ; between the columns"
     if width == count + 1 and count > 1:
         return "if the first column holds row numbers, give it a name too, or set header: false"
-    below = zip(lines.numbers[1:], lines.texts[1:], strict=True)
-    censuses = ((number, *_census(text, dialect)) for number, text in below)
-    names = [n for n, numeric, words in censuses if not numeric and len(words) == width]
-    start = f"set skip_rows{f': {names[0] - 1}' if names else ''} to start at the header below it"
-    return f"if it is a title, {start}, else check delimiter and decimal"
+    return "if it is a title, set skip_rows to begin below it, else check delimiter and decimal"
 
 
 def _in_comment(lines: TextLines, dialect: Dialect, width: int) -> dict[str, str]:

@@ -23,6 +23,7 @@ from bayesdrill.output_files import LARGEST_FILE
 from bayesdrill.record.formats.arrays import CUT_SHORT, ITSELF, add_fields, datasets
 from bayesdrill.record.formats.table import RecordTable, read_bytes
 
+TITLES, UNITS = ("label", "title", "Name"), ("unit", "Unit")  # of a signal, the best first
 MAX_DEPTH = 100  # ten times what anyone nests, and a tenth of what SciPy stands
 
 _MATRIX, _COMPRESSED = 14, 15  # kinds of elements
@@ -164,31 +165,22 @@ def _walk_v5(name: str, value: Any, table: RecordTable) -> None:
     elif not isinstance(value, np.ndarray):
         table.ignored[name] = "is sparse; save full(...) of it"
     elif value.dtype.names is not None:
-        if "values" in value.dtype.names:
-            _add_signals(name, value, table)
-            return
-        if value.size != 1:
-            table.ignored[name] = f"is an array of {value.size} structs; save a single struct"
-            return
-        for field_name in value.dtype.names:
-            _walk_v5(f"{name}.{field_name}", value[field_name].flat[0], table)
+        for number, element in enumerate(value.flat, start=1):
+            place = f"{name}({number})" if value.size > 1 else name
+            fields = value.dtype.names  # of signals the samples, which the others describe
+            samples = [f for f in fields if f == "values" or (f == "Data" and value.size > 1)]
+            for field in samples or fields:
+                _walk_v5(f"{place}.{field}", element[field], table)
+            for said, names in ((table.labels, TITLES), (table.units, UNITS)):
+                texts = [element[field] for field in names if field in fields]
+                if texts := [text for text in texts if text.dtype.kind == "U" and text.size]:
+                    said |= {f"{place}.{f}": str(texts[0].flat[0]) for f in ("values", "Data")}
     elif value.dtype.kind in "US":
         table.ignored[name] = "is text, not numbers"
     elif value.dtype.kind == "O":
         table.ignored[name] = "is a cell array; save cell2mat(...) of it"
     else:
         add_fields(table, name, value)
-
-
-def _add_signals(name: str, signals: np.ndarray[Any, Any], table: RecordTable) -> None:
-    """Of Simulink's structure with time: the values of each signal, and what it is called."""
-    for number, signal in enumerate(signals.flat, start=1):
-        variable = f"{name}({number}).values" if signals.size > 1 else f"{name}.values"
-        add_fields(table, variable, signal["values"])
-        texts = [signal[key] for key in ("label", "title") if key in (signals.dtype.names or ())]
-        titles = [str(text.flat[0]) for text in texts if text.dtype.kind == "U" and text.size]
-        if titles:
-            table.labels[variable] = titles[0]
 
 
 def _read_v73(path: Path, wanted: Collection[str] | None) -> RecordTable:
@@ -226,7 +218,7 @@ def _unfit(name: str, item: Any) -> str:
     if item.is_virtual or item.external:
         return f"has its numbers in other files; {ITSELF}"
     if item.dtype.kind == "O":
-        return "is part of an array of structs; save a single struct"
+        return "is part of an array of structs; save a single struct, or all with -v7"
     if item.dtype.names == ("real", "imag"):
         return "is complex; save its real part"
     return ""

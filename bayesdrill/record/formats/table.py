@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import codecs
+import dataclasses
+import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -41,6 +44,23 @@ class RecordTable:
     def where(self, index: int) -> str:
         """The place of the sample `index` (0-based): `line 18` of a text, `row`, or `sample`."""
         return f"sample {index + 1}" if self.lines is None else f"{self.called} {self.lines[index]}"
+
+    @property
+    def numbers(self) -> Counts:
+        """The numbers of its rows, as messages give them: `(T,)`."""
+        longest = max(map(len, self.variables.values()), default=0)
+        return np.arange(1, longest + 1) if self.lines is None else self.lines
+
+    def between(self, rows: Sequence[int] | None) -> RecordTable:
+        """Return the rows from the first to the last of two `numbers`, or all."""
+        if rows is None:
+            return self
+        part = slice(*np.searchsorted(self.numbers, (rows[0], rows[1] + 1)).tolist())
+        lines = None if self.lines is None else self.lines[part]
+        values = {name: x[part] for name, x in self.variables.items()}
+        if not any(map(len, values.values())):
+            raise ValueError(f"has no rows from {rows[0]} to {rows[1]}; mend `rows:`")
+        return dataclasses.replace(self, variables=values, lines=lines)
 
     def pick(
         self,
@@ -103,7 +123,8 @@ class RecordTable:
             raise LookupError(f"{this} is empty; record again")
         if name in self.ignored:
             raise LookupError(f"{this} {self.ignored[name]}")
-        for mark, what in ((".", "a struct; name one of its fields"), ("/", "a group; name one")):
+        kinds = {".": "a struct; name one of its fields", "/": "a group; name one"}
+        for mark, what in {**kinds, "(": "an array of structs; name a field of one"}.items():
             inside = [known for known in self._names if known.startswith(f"{name}{mark}")]
             if inside and kind == "variable":
                 raise LookupError(f"{this} is {what}: {', '.join(inside)}")
@@ -169,3 +190,40 @@ def _neighbour(path: Path) -> str:
         return f": the folder {path.parent} does not exist"
     near = did_you_mean(path.name, (other.name for other in path.parent.iterdir()))
     return near if near.startswith("; did") else "; check the name and the folder"
+
+
+_MAGIC = {
+    b"PK\x03\x04": "is a spreadsheet or zip archive; export it as CSV",
+    b"MATLAB": "is a MATLAB file; give it the ending .mat, or say the format: mat",
+    b"\x89HDF": "is an HDF5 file; give it the ending .h5, or .mat if MATLAB wrote it",
+    b"PAR1": "is a Parquet file; give it the ending .parquet, or say the format: parquet",
+    b"\xd0\xcf\x11\xe0": "is a spreadsheet (.xls); export it as CSV",
+    b"\x93NUMPY": "is a NumPy array; save it with numpy.savez('run.npz', t=t, w_1=w_1)",
+    b"version https://git-lfs": "is a pointer of Git LFS, not the file; run git lfs pull",
+    b"\x1f\x8b": "is compressed (gzip); unpack it first: gunzip, or 7-Zip",
+}
+_LINES_OF_TEXT = 2  # after which a file is a text, whatever follows
+
+
+def decode(path: Path) -> str:
+    """Read a text in UTF-8, UTF-16 or Latin-1; raises InputError for what is no table."""
+    raw = read_bytes(path)
+    for magic, message in _MAGIC.items():
+        if raw.startswith(magic):
+            raise InputError.at(str(path), message)
+    try:
+        if raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+            return raw.decode("utf-16")
+        if len(raw) > 2 and not raw[1:400:2].strip(b"\0"):  # without its mark
+            return raw.decode("utf-16-le")
+        text = raw.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = raw.decode("latin-1")
+    odd = re.search(r"[\x00-\x08\x0e-\x19\x1b-\x1f]", text)
+    line = text.count("\n", 0, odd.start()) + 1 if odd else 0
+    if line > _LINES_OF_TEXT:
+        message = "holds bytes that are no text, as where writing was cut; remove them"
+        raise InputError.at(f"{path} line {line}", message)
+    if odd:
+        raise InputError.at(str(path), "is a binary file, not text; export it as CSV in UTF-8")
+    return text

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import groupby
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -37,6 +38,7 @@ from bayesdrill.inference.residual_checks import (
     ResidualSummary,
     correlations,
     like_noise,
+    residual_summaries,
 )
 from bayesdrill.output_files import numbered
 from bayesdrill.report import scales, style, words
@@ -52,6 +54,7 @@ FIT_SHARE = 0.6  # of the width, for the signals, where the residuals are beside
 _WIDE = Page(row=1.45, left=0.84, right=0.3, gap_x=0.9, top=0.6)
 _NARROW = Page(row=0.95, left=0.68, right=0.27, gap_x=0.0, gap_y=0.1, top=0.5, bottom=0.38)
 RESIDUALS_BELOW = 0.55  # inches
+RECORD_PAGE = Page(columns=1, row=1.1, left=0.84, gap_y=0.3, top=0.1)
 
 
 def build_fit_page(fit: Fit, width: float) -> tuple[Figure, list[Axes], list[tuple[Axes, Axes]]]:
@@ -128,6 +131,31 @@ def fit_figure(fit: Fit, width: float = scales.DOUBLE, at: str = "the MAP") -> F
                 panel.set_xlabel(time.label(fit.time))
         _legends(figure, rows[0], strips, fit, at, beside=width >= scales.DOUBLE)
     return figure
+
+
+def record_figure(fit: Fit) -> Figure:
+    """Draw channels and inputs over time, without the model."""
+    t, time = fit.t, scales.scale(float(fit.t[0]), float(fit.t[-1]), margin=0.01)
+    with style.styled():
+        figure, panels = RECORD_PAGE.build(len(fit.signals) + len(fit.courses))
+        for panel, signal in zip(panels, fit.signals, strict=False):
+            y = signal.y[signal.dots]
+            scale = _numbers(panel, signal.label, float(y.min()), float(y.max()))
+            _dots(panel, time(t[signal.dots]), scale(y))
+        for panel, course in zip(panels[len(fit.signals) :], fit.courses, strict=True):
+            _course(panel, course, time, t)
+        for panel in panels:
+            style.scale_axis(panel.xaxis, time, time.label(fit.time) if panel is panels[-1] else "")
+    return figure
+
+
+def save_record(problem: Problem, path: Path) -> list[Path]:
+    """Draw the record of each experiment into a file, in the format that its name ends with."""
+    start = problem.posterior.space.vector(problem.posterior.space.start)
+    fits = every_fit(problem, start, residual_summaries(problem.posterior.likelihood, start))
+    look: dict[str, Any] = {"metadata": {"Title": "record"}, "formats": (path.suffix[1:],)}
+    figures = numbered(path.stem, [*map(record_figure, fits)]).items()
+    return [style.save(figure, path.parent, stem, **look)[0] for stem, figure in figures]
 
 
 DOT: dict[str, Any] = {**style.DOTS, "color": "0.45", "alpha": 0.8, "zorder": 1}

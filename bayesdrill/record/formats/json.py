@@ -1,0 +1,65 @@
+"""JSON: columns of numbers, lists of records and tables of rows, at any depth of names."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayesdrill.basics.errors import report_damage
+from bayesdrill.record.formats.arrays import add_fields
+from bayesdrill.record.formats.table import RecordTable, decode
+
+_BLANK = re.compile(r"[\s,]*")
+MAX_KEYS = 1000  # of the records of one list, each of which becomes a column
+FRC_TEST = re.compile("(slow|fast)-(forward|backward)")  # of frc-characterization, without names
+FRC_COLUMNS = (
+    *("time [s]", "battery voltage [V]", "autospeed", "left voltage [V]", "right voltage [V]"),
+    *("left position", "right position", "left speed", "right speed", "gyro angle"),
+)
+
+
+def read(path: Path) -> RecordTable:
+    """Read all numbers of a JSON file; columns have dotted names, as in `entries.position`."""
+    table, text = RecordTable(path=path), decode(path)
+    with report_damage(str(path), "cannot be read as JSON ({}); write it again, or mend the line"):
+        _walk("", _parse(text), table)
+    return table
+
+
+def _parse(text: str) -> Any:
+    """Return what stands there: of several values after each other, as loggers append them, a list."""
+    values, at = list[Any](), _BLANK.match(text, 0).end()  # type: ignore[union-attr]
+    while at < len(text):
+        value, at = json.JSONDecoder().raw_decode(text, at)
+        values.append(value)
+        at = _BLANK.match(text, at).end()  # type: ignore[union-attr]
+    return values[0] if len(values) == 1 else values
+
+
+def _walk(name: str, value: Any, table: RecordTable) -> None:
+    """Add what is below `name`: names of their own, a column, a matrix of rows; `null` is missing."""
+    if isinstance(value, dict) and [*value] == [*map(str, range(len(value)))]:  # as pandas writes
+        value = [*value.values()]
+    if isinstance(value, list) and {*map(type, value)} == {list} and value[0]:
+        if FRC_TEST.fullmatch(name) and len(value[0]) in (9, 10):  # with a gyro, or without
+            value = [[*FRC_COLUMNS[: len(value[0])]], *value]
+        named = len(value) > 1 and {*map(type, value[0])} == {str}
+        if named and {*map(len, value)} == {len(value[0])}:
+            value = [dict(zip(value[0], row, strict=True)) for row in value[1:]]
+    if isinstance(value, list) and {dict} <= {*map(type, value)} <= {dict, type(None)}:
+        keys = dict.fromkeys(key for item in value for key in item or ())
+        if len(keys) > MAX_KEYS:
+            raise ValueError(f"records with {len(keys)} names are too many")
+        value = {key: [(item or {}).get(key) for item in value] for key in keys}
+    if isinstance(value, dict):
+        for key, item in value.items():
+            _walk(f"{name}.{key}" if name else str(key), item, table)
+        return
+    try:
+        add_fields(table, name or "data", np.array(value, dtype=np.float64))
+    except (ValueError, TypeError, OverflowError):
+        table.ignored[name or "data"] = "is no list of numbers, and no rows of equal length"
