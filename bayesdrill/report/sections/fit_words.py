@@ -8,10 +8,11 @@ import io
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 
-from bayesdrill.analysis.causes import Cause, Causes, EquivalentExplanation
+from bayesdrill.analysis.causes import Cause, Causes, EquivalentExplanation, FittedValue
 from bayesdrill.analysis.edits import lacks
 from bayesdrill.analysis.energy import FrictionMotion
 from bayesdrill.analysis.latent_torque import TAILS
@@ -315,7 +316,8 @@ WIDER = 2.0  # times what was found, of a prior that is proposed
 SHOWN = 5  # candidates, or unknowns
 WANDERS = 3.0  # sds: more than by chance, from window to window
 STEPS = (
-    "next: bayesdrill map CONFIG shows whether that fits.\n"
+    "next: bayesdrill map CONFIG --apply NEW writes the config with these lines; map NEW shows whether "
+    "it fits.\n"
     "next: bayesdrill ladder CONFIG samples the best candidates and compares them."
 )
 LOOK = (
@@ -340,54 +342,87 @@ def candidates(causes: Causes | None) -> tuple[Sentences | Table | Plain, ...]:
     """
     if causes is None:
         return ()
-    if not causes.explains:
+    refitted = f"fit: {len(causes.ranked)} candidates were refitted"
+    notes = "\n".join(filter(None, [_reference(causes), wandering(causes)]))
+    if not causes.good:
         tried = (
-            f"fit: {len(causes.ranked)} candidates were refitted, and none explains the misfit. They "
-            "were gains, lags and offsets of sensors and inputs, the start, the gear, physics that the "
-            "rig may lack, and the noise."
+            f"{refitted}, and none explains the misfit. They were signs, gains, lags and offsets of "
+            "columns, clocks, the start, the gear, physics that the rig may lack, and the noise."
         )
-        return (Sentences("\n".join(filter(None, [tried, wandering(causes), LOOK]))),)
-    best, rest = causes.best, "leaves more than noise"
-    doubts = [cause for cause in causes.good[:SHOWN] if cause.doubts]
+        return (Sentences("\n".join(filter(None, [tried, notes, LOOK]))),)
+    best = causes.best if causes.explains else None
     said = [
-        f"fit: {len(causes.ranked)} candidates were refitted from the MAP, each with all unknowns free. "
-        "The best are listed: log Bayes factor (by Laplace's approximation), gain of the log posterior, "
-        "and what stays unexplained of each channel.",
-        f"fit: A is the config with {_listed(best.words)}.",
+        f"{refitted} from the MAP, each with all unknowns free. The best are listed: log Bayes factor "
+        "(by Laplace's approximation), gain of the log posterior, and what stays unexplained of each "
+        "channel.",
+        *([f"fit: A is the config with {_listed(best.words)}."] if best else []),
     ]
-    if doubts:
+    if doubts := [cause for cause in causes.good[:SHOWN] if cause.doubts]:
         each = "; ".join(f"{_beside(cause, best)}: {', '.join(cause.doubts)}" for cause in doubts)
         said.append(f"fit: do not trust the Bayes factor of {each}.")
-    if best.explains_all:
-        rest = "leaves what looks like the noise"
-    first = causes.ranked[0]
-    if first.absorbing == first.parts and first is not best:
-        said.append(
-            f"fit: {first.about} absorbs more, as it does of any misfit, and names no cause."
+    if caution := _absorbing(causes.good, best):
+        said.append(f"fit: {caution} It names no cause.")
+    table = (Sentences("\n".join(filter(None, [*said, notes]))), _candidate_table(causes))
+    if best is None:
+        none = (
+            "fit: none of these can be trusted, so that no change of the config is recommended.\n"
         )
-    said += filter(None, [wandering(causes)])
+        return (*table, Sentences(none + LOOK))
     return (
-        Sentences("\n".join(said)),
-        _candidate_table(causes),
-        Sentences(f"next: add these lines to the config (A{_new(best)}). That {rest}."),
+        *table,
+        Sentences(f"next: add these lines to the config (A{_new(best)}). {_left(best)}"),
         Plain(best.lines),
         Sentences(STEPS),
     )
 
 
+def _absorbing(good: Sequence[Cause], best: Cause | None) -> str:
+    """Say what absorbs a misfit, of the recommended candidate or of one that gains more."""
+    if best is not None and best.absorbing:
+        words = dict(zip(best.parts, best.words, strict=True))
+        absorbing = _listed([words[part] for part in best.absorbing])
+        return (
+            f"{absorbing} absorbs what is left, as it does of any misfit, and does not explain it."
+        )
+    most = max((c for c in good if c.absorbing == c.parts), key=lambda c: c.bayes, default=None)
+    if most is not None and (best is None or most.bayes > best.bayes):
+        return f"{most.about} absorbs more, as it does of any misfit, and does not explain it."
+    return ""
+
+
+def _left(best: Cause) -> str:
+    """Say what the recommended candidate leaves."""
+    if not best.absorbing:
+        return f"That leaves {'what looks like the noise' if best.explains_all else 'more than noise'}."
+    left = ", ".join(f"{percent(row.simulated)} of {row.name}" for row in best.fit)
+    return f"That absorbs, and does not explain: the rig itself leaves {left}."
+
+
+def _reference(causes: Causes) -> str:
+    if causes.reference is None:
+        return ""
+    name, channel = causes.reference
+    return (
+        f"fit: {channel} follows {name} as a set point is followed, and not as the rig would. If {name} "
+        "is a reference, record what the motor gets instead: its voltage, current or torque."
+    )
+
+
 def _candidate_table(causes: Causes) -> Table:
-    channels = (summary.name for summary in causes.given)
+    channels, best = (row.name for row in causes.given), causes.best if causes.explains else None
     lines = [("as given", "0", "0", *(percent(summary.share) for summary in causes.given))]
     for cause in causes.good[:SHOWN]:
         factors = (f"{cause.bayes:+.1f}", f"{cause.gain:+.1f}")
         left = (percent(summary.share) for summary in cause.fit)
-        lines.append((_beside(cause, causes.best), *factors, *left))
+        lines.append((_beside(cause, best), *factors, *left))
     heads = ("model", "log Bayes factor", "log posterior", *channels)
     return Table(heads, tuple(lines), frozenset({"model"}))
 
 
-def _beside(cause: Cause, best: Cause) -> str:
+def _beside(cause: Cause, best: Cause | None) -> str:
     """A candidate by what it has otherwise than the `best`, which is called A, if that is shorter."""
+    if best is None:
+        return _listed(cause.words)
     if cause is best:
         return "A"
     pairs = zip(cause.parts, cause.words, strict=True)
@@ -408,10 +443,12 @@ def _listed(words: Sequence[str]) -> str:
 
 def wandering(causes: Causes) -> str:
     """Say which unknowns change from window to window of the record; empty where none was refitted."""
-    if not causes.windows:
+    if len(causes.windows) < 2:
         return ""
-    changes = []
-    for column in zip(*causes.windows, strict=True):
+    changes, columns = [], dict[str, list[FittedValue]]()
+    for unknown in chain.from_iterable(causes.windows):
+        columns.setdefault(unknown.name, []).append(unknown)
+    for column in (column for column in columns.values() if len(column) > 1):
         values = [unknown.value for unknown in column]
         sd = float(np.median([unknown.sd for unknown in column]))
         if (sds := float(np.std(values, ddof=1)) / sd if sd > 0 else 0.0) > WANDERS:

@@ -47,7 +47,7 @@ between them.  `t_1` is, of a drill string, the torque at the bit: measured or, 
 A `motor` has no shaft, and turns whatever turns rigidly with it.  It is driven by a measured torque
 `t_m`, an input, in the place of k_T i; where its circuit is named (`k_e k_T r_m l_m`), by a voltage.
 Angle and speed are those behind the gear: of a motor without one (`i_m` 1, the default there) its own.
-All its parameters are at the motor, before the gear.  A shaft and a rotor 1 are `k_s` and `j_1`, with `c_s`.
+All its parameters are at the motor, before the gear.  `k_s`, `j_1` and `c_s` add a shaft and rotor 1.
 """
 
 from __future__ import annotations
@@ -130,9 +130,7 @@ class MotorShaft(PartsModel):
     name: ClassVar[str] = "motor_shaft"
     offers: ClassVar[Offers] = MappingProxyType({**OFFERS, **ROTOR_0})
     parameters: ClassVar[ParameterNames] = ParameterNames(PARAMETERS)
-    states: ClassVar[StateNames] = StateNames(
-        ("theta_1", "theta_2", "w_1", "w_2", "i"), ITS_STATES
-    )
+    states: ClassVar[StateNames] = StateNames(("theta_1", "theta_2", "w_1", "w_2", "i"), ITS_STATES)
     inputs: ClassVar[tuple[str, ...]] = ("v", "t_1")
 
 

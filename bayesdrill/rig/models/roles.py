@@ -51,11 +51,11 @@ class InertiaRoles:
 
     `angle`, `speed`: states that are `reduction` times its own (it is before a gear); a `speed` that
     is an input is imposed.  `friction`: of constant sign; `sliding`, `static`: dry friction, of which
-    the second is lost over the speed `fading`; `drag`: that grows with the square of the speed; `torque`, `load`: inputs that push it forwards, and
-    back; `efficiency`: of the gear that it drives; `weight`: the largest torque of gravity, which is
-    zero where its angle is minus `tilt`; `cutting`: coefficients of rock, which it cuts under the
-    input `bit_weight`; `effort`: the symbol of its dry friction; `latex`: of its own angle, where that
-    is no state.
+    the second is lost over the speed `fading`; `drag`: that grows with the square of the speed;
+    `torque`, `load`: inputs that push it forwards, and back; `efficiency`: of the gear that it drives;
+    `weight`: the largest torque of gravity, which is zero where its angle is minus `tilt`; `cutting`:
+    coefficients of rock, which it cuts under the input `bit_weight`; `effort`: the symbol of its dry
+    friction; `latex`: of its own angle, where that is no state.
     """
 
     name: str

@@ -1,0 +1,223 @@
+"""Refit a candidate model of a record: its maximum, its evidence by Laplace, and what it leaves."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+
+from bayesdrill.basics.arrays import Array
+from bayesdrill.inference import residual_checks, step_error
+from bayesdrill.inference.laplace import LogDensity
+from bayesdrill.inference.likelihood import Observation
+from bayesdrill.inference.posterior import Likelihood, Posterior
+from bayesdrill.inference.residual_checks import ResidualSummary
+from bayesdrill.sampling.gauss_newton import gauss_newton
+
+# Where in its prior what is new is sought from, beside the start that its config gives it: with the
+# maximum that is known they fill a group of eight walkers, which takes no longer than one.
+START_QUANTILES = (0.58, 0.05, 0.42, 0.2, 0.8, 0.65)
+ROTATION = 2  # quantiles, by which those of one unknown are turned against those of the next
+FIRST_STEPS, LAST_STEPS, CLIMBED_STARTS = 4, 30, 2  # uphill: of all starts, and of the best few
+NEAR_END = 1e-3  # of the spread of a prior
+# another maximum: so little lower, and so far, in spreads of the priors
+OTHER_MAXIMUM_DEPTH, SAME_MAXIMUM = 3.0, 0.1
+VAGUE = 0.5  # of the spread of a prior: an sd from which on the record says little
+MAX_CORRELATION = 0.98  # of two unknowns: from there on they stand for each other
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RefitMaximum:
+    """The maximum of a posterior, found by Gauss and Newton from several starts.
+
+    `values`, `sds`: of the unknowns, SI; `log_z`: the log evidence by Laplace; `fit`: what it leaves;
+    `at_ends`: unknowns at an end of their prior, -1 at the lower one and 1 at the upper; `several`:
+    there is another, about as high, with other values of what is new; `alike`: pairs of what is new that
+    stand for each other; `vague`: unknowns of which it says little beyond their priors; `seconds` that
+    an evaluation takes.
+    """
+
+    values: Mapping[str, float]
+    sds: Mapping[str, float]
+    log_posterior: float
+    log_z: float
+    fit: tuple[ResidualSummary, ...]
+    at_ends: Mapping[str, int]
+    several: bool
+    alike: tuple[tuple[str, str], ...]
+    vague: tuple[str, ...]
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True)
+class Spread:
+    """Of a channel, how many samples were measured, their mean, and their standard deviation."""
+
+    samples: int
+    mean: float
+    sd: float
+
+
+Spreads = Mapping[tuple[str, str], Spread]
+
+
+def channel_spreads(likelihood: Likelihood) -> dict[tuple[str, str], Spread]:
+    """Return the spread of each channel, by experiment and channel."""
+    return {
+        (observation.label, name): Spread(len(y), float(y.mean()), float(y.std()))
+        for observation in likelihood.observations
+        for name, y in _measured(observation)
+    }
+
+
+def _measured(observation: Observation) -> Iterator[tuple[str, Array]]:
+    experiment = observation.experiment
+    for name, y in zip(experiment.names, experiment.y.T, strict=True):
+        yield name, y[~np.isnan(y)]
+
+
+def refit_candidate(
+    posterior: Posterior,
+    near: Mapping[str, float],
+    least: float,
+    alone: Mapping[str, float] = MappingProxyType({}),
+    spreads: Spreads = MappingProxyType({}),
+) -> RefitMaximum | None:
+    """Refit a candidate: return the maximum of its `posterior`; None without a finite response.
+
+    It starts at `near`, values of unknowns that are known, and at values where what is new was `alone`.
+    One that promises no more than the log density `least` is not followed to its very end.  The log
+    evidence is that of a Gaussian with the curvature at the maximum; the priors count in it as
+    Gaussians of their spread, so that a direction which the record does not determine costs each
+    candidate the same (MacKay 2003, ch. 27).  Samples of the `spreads` that the candidate hides count as
+    unexplained: they are Gaussian about the mean of their channel, as wide as the channel is.
+    """
+    space, coordinates = posterior.space, posterior.coordinates
+    surface = LogDensity(posterior, physical=True)
+    hidden, unexplained = _hidden(posterior.likelihood, spreads)
+    starts = coordinates.from_physical(_starts(posterior, near, alone))
+    rows = np.clip(starts, surface.low, surface.high)
+    first = gauss_newton(surface, rows, FIRST_STEPS)
+    if not np.isfinite(first.value).any():
+        return None
+    begun = time.perf_counter()  # its code is compiled by now
+    surface.value(rows)
+    seconds = (time.perf_counter() - begun) / len(rows)
+    best = np.argsort(-first.value, kind="stable")[:CLIMBED_STARTS]
+    u, value, gain = first.u[best], first.value[best], first.gain[best]
+    promising = (value + gain)[np.isfinite(value)].max() + hidden > least
+    if promising and step_error.chosen_steps(posterior):
+        posterior = step_error.choose_steps(posterior, coordinates.to_physical(u)[0])
+        surface = LogDensity(posterior, physical=True)
+    top = gauss_newton(surface, u, LAST_STEPS if promising else 0)
+    order = np.argsort(-top.value, kind="stable")
+    u, heights = top.u[order], top.value[order]
+    if not np.isfinite(heights[0]):
+        return None
+    theta = coordinates.to_physical(u[:1])[0]
+    log_z, covariance = _laplace(posterior, u[:1])
+    own_sds = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    sds, scaled_sds = own_sds * np.abs(coordinates.slopes(theta[None])[0]), own_sds / surface.spread
+    ends = np.stack([u[0] - surface.low, surface.high - u[0]]) < NEAR_END * surface.spread
+    # Along a ridge of what is known all is one maximum.
+    new = [name not in near for name in space.free]
+    apart = (np.abs(u[1:] - u[0]) / surface.spread)[:, new].max(axis=1, initial=0.0)
+    again = (apart > SAME_MAXIMUM) & (heights[1:] > heights[0] - OTHER_MAXIMUM_DEPTH)
+    fit = residual_checks.residual_summaries(posterior.likelihood, theta)
+    return RefitMaximum(
+        values=dict(zip(space.free, map(float, theta), strict=True)),
+        sds=dict(zip(space.free, map(float, sds), strict=True)),
+        log_posterior=float(heights[0]) + hidden,
+        log_z=log_z + hidden,
+        fit=tuple(_of_all(row, unexplained.get((row.experiment, row.channel))) for row in fit),
+        at_ends={
+            n: 1 if up else -1 for n, low, up in zip(space.free, *ends, strict=True) if low | up
+        },
+        several=bool(again.any()),
+        alike=_alike(covariance, [k for k, fresh in enumerate(new) if fresh], space.free),
+        vague=tuple(n for n, sd in zip(space.free, scaled_sds, strict=True) if sd > VAGUE),
+        seconds=seconds,
+    )
+
+
+def _starts(posterior: Posterior, near: Mapping[str, float], alone: Mapping[str, float]) -> Array:
+    """Return physical starts `(8, D)`: the config's, what is known, and others of what is new.
+
+    Where nothing is new the model is another one all the same, and all may be elsewhere.
+    """
+    space, count = posterior.space, len(START_QUANTILES)
+    first, known = (
+        space.vector({n: at.get(n, x) for n, x in space.start.items()}) for at in (alone, near)
+    )
+    new = [k for k, name in enumerate(space.free) if name not in near]
+    rows = np.repeat(known[None], count, axis=0)
+    for place, k in enumerate(new or range(len(space.free))):
+        shares = np.roll(START_QUANTILES, ROTATION * place)
+        rows[:, k] = space.unknowns[k].prior.quantile(shares)
+    return np.concatenate([[first, known], rows])
+
+
+def _laplace(posterior: Posterior, u: Array) -> tuple[float, Array]:
+    """Return the log evidence, and the covariance `(D, D)` about the maximum `u (1, D)`."""
+    surface = LogDensity(posterior)
+    here = surface.quadratic_model(u, np.eye(u.shape[1]))
+    # What a prior bends by itself is in the curvature already: of a box it is nothing.
+    flat = np.maximum(1.0 / surface.spread**2 - surface.prior_derivatives(u)[1][0], 0.0)
+    matrix = here.curvature[0] + np.diag(flat)
+    scale = 1.0 / np.sqrt(np.diag(matrix))
+    _, log_det = np.linalg.slogdet(matrix * scale[:, None] * scale)
+    log_det -= 2.0 * np.log(scale).sum()
+    covariance = np.linalg.inv(matrix * scale[:, None] * scale) * scale[:, None] * scale
+    value = float(surface.value(u)[0])
+    return value + 0.5 * (u.shape[1] * math.log(2.0 * math.pi) - float(log_det)), covariance
+
+
+def _alike(
+    covariance: Array, new: Sequence[int], names: Sequence[str]
+) -> tuple[tuple[str, str], ...]:
+    sds = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    correlation = np.abs(covariance / np.outer(sds, sds))
+    return tuple(
+        (names[j], names[k])
+        for place, k in enumerate(new)
+        for j in new[:place]
+        if correlation[j, k] > MAX_CORRELATION
+    )
+
+
+def _hidden(likelihood: Likelihood, spreads: Spreads) -> tuple[float, dict[tuple[str, str], Array]]:
+    """Return the log density of samples of the `spreads` that a candidate hides.
+
+    And by experiment and channel the sums of squares about the mean of what it shows, of what it hides,
+    and of all.
+    """
+    log_density, squares = 0.0, dict[tuple[str, str], Array]()
+    for observation in likelihood.observations:
+        for name, y in _measured(observation):
+            key = observation.label, name
+            given = spreads.get(key)
+            if given is None or given.sd == 0 or given.samples <= len(y):
+                continue
+            total = given.samples * given.sd**2
+            left = max(total - float(np.sum((y - given.mean) ** 2)), 0.0)
+            count = given.samples - len(y)
+            log_density -= 0.5 * (count * math.log(2 * math.pi * given.sd**2) + left / given.sd**2)
+            squares[key] = np.array([len(y) * y.var(), left, total])
+    return log_density, squares
+
+
+def _of_all(row: ResidualSummary, squares: Array | None) -> ResidualSummary:
+    """Return what is left of all samples, where some are hidden."""
+    if squares is None:
+        return row
+    shown, left, total = squares.tolist()
+    shares = [
+        math.sqrt((share**2 * shown + left) / total)
+        for share in (row.share, row.simulated, row.ahead)
+    ]
+    return dataclasses.replace(row, share=shares[0], simulated=shares[1], ahead=shares[2])
