@@ -58,12 +58,14 @@ def lacks(roles: Roles) -> tuple[Lack, ...]:
 def rig_candidates(observations: Sequence[Observation], full: Array) -> dict[str, float]:
     """Return what the rig offers and has not, with the most that it can be, at `full (1, P)`."""
     model = observations[0].response.model
-    taken = {
-        other.sliding
-        for i, other in itertools.permutations(model.roles.inertias, 2)
-        if i.speed == other.speed and {i.sliding, i.efficiency} & {*model.parameters}
-    }
-    offered = {*model.offers} - {*model.parameters} - taken
+    has, taken = {*model.parameters}, set[str]()
+    for i, other in itertools.permutations(
+        model.roles.inertias, 2
+    ):  # what turns as one has one of each
+        if i.speed == other.speed:
+            taken |= {other.sliding} if {i.sliding, i.efficiency} & has else set()
+            taken |= {other.damping} if i.damping in has else set()
+    offered = {name for name, needs in model.offers.items() if {*needs} <= has} - has - taken
     names = [lack.parameter for lack in lacks(model.roles) if lack.parameter in offered]
     if not names:
         return {}

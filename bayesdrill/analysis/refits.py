@@ -39,7 +39,7 @@ class RefitMaximum:
     `at_ends`: unknowns at an end of their prior, -1 at the lower one and 1 at the upper; `several`:
     there is another, about as high, with other values of what is new; `alike`: pairs of what is new that
     stand for each other; `vague`: unknowns of which it says little beyond their priors; `seconds` that
-    an evaluation takes.
+    an evaluation takes; `hidden`: share of the samples that it leaves out.
     """
 
     values: Mapping[str, float]
@@ -52,6 +52,7 @@ class RefitMaximum:
     alike: tuple[tuple[str, str], ...]
     vague: tuple[str, ...]
     seconds: float
+    hidden: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +100,8 @@ def refit_candidate(
     """
     space, coordinates = posterior.space, posterior.coordinates
     surface = LogDensity(posterior, physical=True)
-    hidden, unexplained = _hidden(posterior.likelihood, spreads)
+    unseen, unexplained = _hidden(posterior.likelihood, spreads)
+    all_samples = sum(spread.samples for spread in spreads.values())
     starts = coordinates.from_physical(_starts(posterior, near, alone))
     rows = np.clip(starts, surface.low, surface.high)
     first = gauss_newton(surface, rows, FIRST_STEPS)
@@ -110,7 +112,7 @@ def refit_candidate(
     seconds = (time.perf_counter() - begun) / len(rows)
     best = np.argsort(-first.value, kind="stable")[:CLIMBED_STARTS]
     u, value, gain = first.u[best], first.value[best], first.gain[best]
-    promising = (value + gain)[np.isfinite(value)].max() + hidden > least
+    promising = (value + gain)[np.isfinite(value)].max() + unseen > least
     if promising and step_error.chosen_steps(posterior):
         posterior = step_error.choose_steps(posterior, coordinates.to_physical(u)[0])
         surface = LogDensity(posterior, physical=True)
@@ -132,8 +134,8 @@ def refit_candidate(
     return RefitMaximum(
         values=dict(zip(space.free, map(float, theta), strict=True)),
         sds=dict(zip(space.free, map(float, sds), strict=True)),
-        log_posterior=float(heights[0]) + hidden,
-        log_z=log_z + hidden,
+        log_posterior=float(heights[0]) + unseen,
+        log_z=log_z + unseen,
         fit=tuple(_of_all(row, unexplained.get((row.experiment, row.channel))) for row in fit),
         at_ends={
             n: 1 if up else -1 for n, low, up in zip(space.free, *ends, strict=True) if low | up
@@ -142,6 +144,7 @@ def refit_candidate(
         alike=_alike(covariance, [k for k, fresh in enumerate(new) if fresh], space.free),
         vague=tuple(n for n, sd in zip(space.free, scaled_sds, strict=True) if sd > VAGUE),
         seconds=seconds,
+        hidden=max(1.0 - posterior.likelihood.n_measured / all_samples, 0.0) if spreads else 0.0,
     )
 
 

@@ -15,7 +15,7 @@ from bayesdrill.config.job import Job, assemble
 from bayesdrill.config.yaml_source import Source, as_yaml
 from bayesdrill.record.formats.table import RecordTable
 from bayesdrill.selection import config_edits
-from bayesdrill.selection.parts import BOTH, LINEAR, UNKNOWN, Part, Setting
+from bayesdrill.selection.parts import BOTH, LINEAR, START, UNKNOWN, Part, Setting
 
 GIVEN, AS_GIVEN = "as_given", "the config as it is"
 MOST_PHYSICS = 8  # unknowns
@@ -57,6 +57,11 @@ class CandidateModel:
     def about(self) -> str:
         """What it has beside the config as given, in words."""
         return " and ".join(self.words) or AS_GIVEN
+
+    def owner(self, unknown: str) -> str:
+        """Return the part that an unknown belongs to, the start where it is of none."""
+        owners = (p.name for p in self.parts if unknown in p.lacks or unknown.startswith(p.name))
+        return next(owners, START)
 
     def job(self) -> Job:
         """Raises `InputError` where the config cannot have it."""

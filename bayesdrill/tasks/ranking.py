@@ -25,6 +25,7 @@ from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.config.job import Job
+from bayesdrill.inference.residual_checks import like_noise
 from bayesdrill.selection.candidates import CandidateModel, CandidateModels
 from bayesdrill.selection.parts import GEAR, LATER, START, WIDENED
 
@@ -51,6 +52,7 @@ FINER_ROUNDS = 2
 HANDED_OVER = 4  # refits at a time
 PROMISE = 3.0  # natural logs of the density: what gains less is no candidate
 MIN_SHARE_WORTH_COMBINING = 0.05  # of what a catch-all gains, where that leaves noise alone
+MAX_HIDDEN = 0.02  # of the samples: more may be hidden only where all others are explained
 WINDOWS = 4  # of the record, where nothing explains all
 
 
@@ -305,8 +307,12 @@ def _doubts(top: RefitMaximum, known: set[str], rung: CandidateModel) -> Iterato
             yield f"{name} is at an end of its prior"
     if top.several:
         yield "there is another maximum, about as high"
-    for first, second in top.alike:
-        yield f"{first} and {second} stand for each other"
+    for pair in top.alike:
+        if len({rung.owner(name) for name in pair}) > 1:
+            yield f"{' and '.join(pair)} stand for each other"
+    if top.hidden > MAX_HIDDEN and not like_noise(top.fit):
+        share = f"{100 * top.hidden:.2g} %"
+        yield f"it hides {share} of the samples, and leaves more than noise of the others"
 
 
 def _fitted(symbols: Iterable[Symbol], top: RefitMaximum) -> tuple[FittedValue, ...]:

@@ -309,7 +309,7 @@ def _each_channel(summaries: Sequence[ResidualSummary], what: str) -> str:
 
 def percent(share: float) -> str:
     """Of a channel's spread about its mean."""
-    return f"{100 * share:.2g} %"
+    return f"{100 * share:.2g} %" if share < 0.995 else f"{100 * share:.0f} %"
 
 
 WIDER = 2.0  # times what was found, of a prior that is proposed
