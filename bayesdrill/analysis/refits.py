@@ -27,6 +27,7 @@ FIRST_STEPS, LAST_STEPS, CLIMBED_STARTS = 4, 30, 2  # uphill: of all starts, and
 NEAR_END = 1e-3  # of the spread of a prior
 # another maximum: so little lower, and so far, in spreads of the priors
 OTHER_MAXIMUM_DEPTH, SAME_MAXIMUM = 3.0, 0.1
+ROUNDING = 1e-14  # of the largest eigenvalue of a curvature: what is smaller is rounding
 VAGUE = 0.5  # of the spread of a prior: an sd from which on the record says little
 MAX_CORRELATION = 0.98  # of two unknowns: from there on they stand for each other
 
@@ -173,9 +174,10 @@ def _laplace(posterior: Posterior, u: Array) -> tuple[float, Array]:
     flat = np.maximum(1.0 / surface.spread**2 - surface.prior_derivatives(u)[1][0], 0.0)
     matrix = here.curvature[0] + np.diag(flat)
     scale = 1.0 / np.sqrt(np.diag(matrix))
-    _, log_det = np.linalg.slogdet(matrix * scale[:, None] * scale)
-    log_det -= 2.0 * np.log(scale).sum()
-    covariance = np.linalg.inv(matrix * scale[:, None] * scale) * scale[:, None] * scale
+    values, vectors = np.linalg.eigh(matrix * scale[:, None] * scale)
+    values = np.maximum(values, ROUNDING)
+    log_det = np.log(values).sum() - 2.0 * np.log(scale).sum()
+    covariance = (vectors / values) @ vectors.T * scale[:, None] * scale
     value = float(surface.value(u)[0])
     return value + 0.5 * (u.shape[1] * math.log(2.0 * math.pi) - float(log_det)), covariance
 

@@ -175,11 +175,11 @@ class CandidateModels:
         parts = tuple(self.parts[name] for name in names if name in self.parts)
         if len(parts) < len(names) or not all(part.edit(data) for part in parts):
             return None
+        self._with_walkers(data)
         lines = as_yaml(config_edits.changed_entries(given.data, data)).strip()
         lines = lines[1:-1] if lines.startswith("{") else lines
         data["output"] = {**data.get("output", {}), "figures": ["fit"]}
         data.pop("simulation", None)
-        self._with_walkers(data)
         source = Source(given.path, as_yaml(data), data, {}, ())
         kind = max(part.kind for part in parts)
         others = [part for part in self.parts.values() if LINEAR <= part.kind <= kind]

@@ -266,6 +266,15 @@ def changed_entries(before: Mapping[str, Any], after: Mapping[str, Any]) -> Entr
     return entries
 
 
+def merged(before: Mapping[str, Any], more: Mapping[str, Any]) -> Entries:
+    """Return entries with `more`, which go over what stands there, mapping by mapping."""
+    entries = copy.deepcopy(dict(before))
+    for key, value in more.items():
+        inside = isinstance(value, dict) and isinstance(entries.get(key), dict)
+        entries[key] = merged(entries[key], value) if inside else value
+    return entries
+
+
 def as_file(
     data: Mapping[str, Any], given: Source, folder: Path, about: Sequence[str], name: str = ""
 ) -> str:

@@ -25,10 +25,12 @@ from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.residual_checks import ResidualSummary, like_noise
 from bayesdrill.inference.unknowns import labelled_name
 from bayesdrill.output_files import numbered
+from bayesdrill.record.clocks import median_step
 from bayesdrill.report.section import Plain, Sentences, Table, aligned
 from bayesdrill.report.sections.physics_words import effort_symbol, time_symbol
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.models.roles import Roles
+from bayesdrill.sampling.mode_search import Mode
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -224,14 +226,23 @@ def _prediction(observation: Observation, full: Array) -> str:
     return text.getvalue()
 
 
+MAX_SHARE = 10.0  # of a channel's spread: more is left only of one that hardly changes
+
+
 def residual_sentences(summaries: Sequence[ResidualSummary], clock: Unit) -> str:
     """How much is left; that it looks like the noise, or a line for each way in which it does not.
 
     `clock`: in which times are said.
     """
-    shared = [summary for summary in summaries if not math.isnan(summary.share)]
+    still = [summary for summary in summaries if summary.share > MAX_SHARE]
+    shared = [summary for summary in summaries if summary.share <= MAX_SHARE]
     seen = ", ".join(f"{percent(summary.share)} of {summary.name}" for summary in shared)
     lines = [f"fit: the MAP leaves unexplained {seen or 'nothing to speak of'}."]
+    lines += [
+        f"fit: {summary.name} hardly changes in the record, and the model moves it far more. Is its "
+        "column the right one?"
+        for summary in still
+    ]
     # Where noise remembers, or a torque is missing; elsewhere both are what was said above.
     # NRMSE fits, the complements of what is left: below zero where a mean would do better.
     each = ", ".join(
@@ -308,8 +319,35 @@ def _each_channel(summaries: Sequence[ResidualSummary], what: str) -> str:
 
 
 def percent(share: float) -> str:
-    """Of a channel's spread about its mean."""
-    return f"{100 * share:.2g} %" if share < 0.995 else f"{100 * share:.0f} %"
+    """Of a channel's spread about its mean; of one that hardly changes it says nothing."""
+    if share > MAX_SHARE:
+        return f"> {100 * MAX_SHARE:.0f} %"
+    return f"{100 * share:.2g} %" if not share >= 0.995 else f"{100 * share:.0f} %"
+
+
+EARLY = 0.1  # of a sample: inputs that act so much before they are recorded are worth a word
+
+
+def map_notes(problem: Problem, mode: Mode) -> Iterator[str]:
+    """Yield unknowns at ends of their priors, and inputs that would act before they are recorded."""
+    units, priors = problem.units, problem.posterior.space.priors
+    for name in mode.at_bound:
+        value, prior = mode.values[name], priors[name]
+        if abs(value - prior.low) < abs(value - prior.high) and prior.low == 0:
+            yield f"prior: {name} is at zero, where its prior ends: the record shows none of it."
+        else:
+            shown = units.format_value(name, value)
+            yield f"prior: {name} is at an end of its prior, {shown}. Widen it before anything else."
+    for observation in problem.observations:
+        sensing, step = observation.response.sensing, median_step(observation.experiment.t)
+        lags = [name for name in (sensing.delay, *sensing.input_lags.values()) if name]
+        called = observation.named(observation.response.parameters)
+        for name in dict.fromkeys(called[lag] for lag in lags):
+            if (early := mode.values.get(name, 0.0)) < -EARLY * step:
+                yield (
+                    f"timing: by {name} the inputs act {-1e3 * early:.3g} ms before they are recorded. "
+                    "Their column is late, as one that was filtered, or the clocks do not agree."
+                )
 
 
 WIDER = 2.0  # times what was found, of a prior that is proposed
