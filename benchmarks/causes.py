@@ -286,8 +286,7 @@ def friction(rng: np.random.Generator, seed: int) -> tuple[Bench, str]:
 
 
 def gear(rng: np.random.Generator, seed: int) -> tuple[Bench, str]:
-    ratio = float(rng.choice([1 / 14, 1 / 5, 1 / 20]))
-    return (tabled(rng, {}, ratio) if seed % 2 else motor_shaft(rng, {}, ratio)), "gear"
+    return tabled(rng, {}, float(rng.choice([1 / 16, 1 / 14, 1 / 5, 1 / 4, 1 / 20]))), "gear"
 
 
 def damping(rng: np.random.Generator, seed: int) -> tuple[Bench, str]:

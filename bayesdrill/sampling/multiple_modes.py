@@ -25,6 +25,7 @@ from bayesdrill.inference.posterior import Posterior
 from bayesdrill.rig.models.linear import dynamics
 from bayesdrill.sampling.gauss_newton import gauss_newton
 from bayesdrill.sampling.proposal import ridge_tracing
+from bayesdrill.sampling.twins import twin_starts
 
 FIRST_STEPS = 8  # of all starts, and then ...
 MAX_STARTS = 10  # ... as many of those spread over the prior go on, ...
@@ -153,6 +154,8 @@ class NearbyStarts:
 
 def nearby_starts(surface: LogDensity, u: Array) -> Iterator[NearbyStarts]:
     """Yield starts from which a search may find other maxima than the one at `u (D,)`."""
+    for twin in twin_starts(surface, u):
+        yield NearbyStarts(twin[None], 0.0)
     yield from alias_starts(surface, u)
     yield from scan_starts(surface, u)
 

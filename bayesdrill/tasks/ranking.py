@@ -31,7 +31,7 @@ from bayesdrill.selection.parts import GEAR, LATER, START, WIDENED
 
 Submit = Callable[..., Future[Any]]  # of a function and its arguments
 FEW, PAIRED = 8, 4  # candidates that are tried beside others; in all pairs of these
-# Constants that are sought on a grid, and then twice between the best and its neighbours.
+# Constants that are sought on a grid, and then between the best and its neighbours.
 GEARS = (
     0.1,
     0.2,
@@ -48,7 +48,7 @@ GEARS = (
 )  # times that which is given
 CLOCKS = (0.95, 0.97, 0.98, 0.99, 0.995, 1.005, 1.01, 1.02, 1.03, 1.05)  # times the clock's own
 LATER_SHARES = (0.01, 0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3)  # of the record
-FINER_ROUNDS = 2
+SEEK_ROUNDS, SAME_HEIGHT = 6, 0.5  # rounds at most; of the log evidence: no more is gained
 HANDED_OVER = 4  # refits at a time
 PROMISE = 3.0  # natural logs of the density: what gains less is no candidate
 MIN_SHARE_WORTH_COMBINING = 0.05  # of what a catch-all gains, where that leaves noise alone
@@ -196,18 +196,19 @@ class Ranking:
 
     def _seek(self, name: str, values: Sequence[float]) -> None:
         """Refit the part `name` with the best of its constant, from `values` and between them."""
-        heights: dict[float, float] = {}
-        wanted = [*values]
-        for _ in range(FINER_ROUNDS + 1):
+        heights, wanted, before = dict[float, float](), [*values], -math.inf
+        for _ in range(SEEK_ROUNDS):
             futures = [(value, self._refit_with(name, value)) for value in wanted]
             tops = [(value, future.result()) for value, future in futures if future is not None]
             heights |= {value: top.log_z for value, top in tops if top is not None}
-            if not heights or max(heights.values()) < self.given.log_z + SURE_LOG_ODDS:
+            highest = max(heights.values(), default=-math.inf)
+            if highest < self.given.log_z + SURE_LOG_ODDS:
                 return
-            best, known = max(heights, key=heights.__getitem__), sorted(heights)
-            wanted = [0.5 * (a + b) for a, b in pairwise(known) if best in (a, b)]
+            if highest < before + SAME_HEIGHT:
+                break
+            before, wanted = highest, _finer(heights)
         self.models = self.models.with_numbers(**{name: max(heights, key=heights.__getitem__)})
-        self.tried[name] = len(heights)
+        self.tried[name] = len(values)
         self.refit_all(self.models.rungs([(name,)]), self.maximum)
 
     def _refit_with(self, name: str, value: float) -> Future[RefitMaximum | None] | None:
@@ -296,6 +297,19 @@ class Ranking:
             for known, top in zip(told, maxima, strict=True)
             if any(symbol.name not in noise for symbol in known)
         )
+
+
+def _finer(heights: Mapping[float, float]) -> list[float]:
+    """Return values between the best and its neighbours: halfway, and where a parabola is highest."""
+    known = sorted(heights)
+    k = known.index(max(heights, key=heights.__getitem__))
+    near = known[max(k - 1, 0) : k + 2]
+    halfway = [0.5 * (a + b) for a, b in pairwise(near)]
+    if len(near) < 3:
+        return halfway
+    bend, slope, _ = np.polyfit(np.subtract(near, known[k]), [heights[x] for x in near], 2)
+    top = known[k] - 0.5 * slope / bend if bend < 0 else known[k]
+    return [*halfway, float(top)] if near[0] < top < near[2] and top not in heights else halfway
 
 
 def _doubts(top: RefitMaximum, known: set[str], rung: CandidateModel) -> Iterator[str]:
