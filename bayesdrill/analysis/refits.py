@@ -23,10 +23,10 @@ from bayesdrill.sampling.gauss_newton import gauss_newton
 # maximum that is known they fill a group of eight walkers, which takes no longer than one.
 START_QUANTILES = (0.58, 0.05, 0.42, 0.2, 0.8, 0.65)
 ROTATION = 2  # quantiles, by which those of one unknown are turned against those of the next
-FIRST_STEPS, LAST_STEPS, CLIMBED_STARTS = 4, 30, 2  # uphill: of all starts, and of the best few
+FIRST_STEPS, LAST_STEPS, CLIMBED_STARTS = 4, 30, 8  # uphill: of all starts, and of the best
 NEAR_END = 1e-3  # of the spread of a prior
-# another maximum: so little lower, and so far, in spreads of the priors
-OTHER_MAXIMUM_DEPTH, SAME_MAXIMUM = 3.0, 0.1
+# another maximum: so little lower, and so far, in spreads of the priors and in sds
+OTHER_MAXIMUM_DEPTH, SAME_MAXIMUM, SAME_MAXIMUM_SDS = 3.0, 0.1, 5.0
 ROUNDING = 1e-14  # of the largest eigenvalue of a curvature: what is smaller is rounding
 VAGUE = 0.5  # of the spread of a prior: an sd from which on the record says little
 MAX_CORRELATION = 0.98  # of two unknowns: from there on they stand for each other
@@ -89,22 +89,24 @@ def refit_candidate(
     least: float,
     alone: Mapping[str, float] = MappingProxyType({}),
     spreads: Spreads = MappingProxyType({}),
+    starts: Sequence[Mapping[str, float]] = (),
 ) -> RefitMaximum | None:
     """Refit a candidate: return the maximum of its `posterior`; None without a finite response.
 
-    It starts at `near`, values of unknowns that are known, and at values where what is new was `alone`.
-    One that promises no more than the log density `least` is not followed to its very end.  The log
-    evidence is that of a Gaussian with the curvature at the maximum; the priors count in it as
-    Gaussians of their spread, so that a direction which the record does not determine costs each
-    candidate the same (MacKay 2003, ch. 27).  Samples of the `spreads` that the candidate hides count as
-    unexplained: they are Gaussian about the mean of their channel, as wide as the channel is.
+    It starts at `near`, values of unknowns that are known, and at values where what is new was `alone`;
+    and at `starts`, or else over the priors of what is new.  One that promises no more than the log
+    density `least` is not followed to its very end.  The log evidence is that of a Gaussian with the
+    curvature at the maximum; the priors count in it as Gaussians of their spread, so that a direction
+    which the record does not determine costs each candidate the same (MacKay 2003, ch. 27).  Samples of
+    the `spreads` that the candidate hides count as unexplained: they are Gaussian about the mean of
+    their channel, as wide as the channel is.
     """
     space, coordinates = posterior.space, posterior.coordinates
     surface = LogDensity(posterior, physical=True)
     unseen, unexplained = _hidden(posterior.likelihood, spreads)
     all_samples = sum(spread.samples for spread in spreads.values())
-    starts = coordinates.from_physical(_starts(posterior, near, alone))
-    rows = np.clip(starts, surface.low, surface.high)
+    physical = _starts(posterior, near, alone, starts)
+    rows = np.clip(coordinates.from_physical(physical), surface.low, surface.high)
     first = gauss_newton(surface, rows, FIRST_STEPS)
     if not np.isfinite(first.value).any():
         return None
@@ -129,8 +131,9 @@ def refit_candidate(
     ends = np.stack([u[0] - surface.low, surface.high - u[0]]) < NEAR_END * surface.spread
     # Along a ridge of what is known all is one maximum.
     new = [name not in near for name in space.free]
-    apart = (np.abs(u[1:] - u[0]) / surface.spread)[:, new].max(axis=1, initial=0.0)
-    again = (apart > SAME_MAXIMUM) & (heights[1:] > heights[0] - OTHER_MAXIMUM_DEPTH)
+    same = np.maximum(SAME_MAXIMUM * surface.spread, SAME_MAXIMUM_SDS * own_sds)
+    apart = (np.abs(u[1:] - u[0]) > same)[:, new].any(axis=1)
+    again = apart & (heights[1:] > heights[0] - OTHER_MAXIMUM_DEPTH)
     fit = residual_checks.residual_summaries(posterior.likelihood, theta)
     return RefitMaximum(
         values=dict(zip(space.free, map(float, theta), strict=True)),
@@ -149,7 +152,12 @@ def refit_candidate(
     )
 
 
-def _starts(posterior: Posterior, near: Mapping[str, float], alone: Mapping[str, float]) -> Array:
+def _starts(
+    posterior: Posterior,
+    near: Mapping[str, float],
+    alone: Mapping[str, float],
+    starts: Sequence[Mapping[str, float]],
+) -> Array:
     """Return physical starts `(8, D)`: the config's, what is known, and others of what is new.
 
     Where nothing is new the model is another one all the same, and all may be elsewhere.
@@ -158,6 +166,10 @@ def _starts(posterior: Posterior, near: Mapping[str, float], alone: Mapping[str,
     first, known = (
         space.vector({n: at.get(n, x) for n, x in space.start.items()}) for at in (alone, near)
     )
+    if starts:
+        given = dict(zip(space.free, known, strict=True))
+        others = [space.vector({**given, **each}) for each in starts]
+        return np.array([first, known, *others])
     new = [k for k, name in enumerate(space.free) if name not in near]
     rows = np.repeat(known[None], count, axis=0)
     for place, k in enumerate(new or range(len(space.free))):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, partial
@@ -40,7 +41,16 @@ MIN_TIME_STEPS, TIME_PARTS = (
     3.0,
 )  # samples, and parts of the record: the time of a missing torque
 MIN_EFFICIENCY = 0.3
+DRAG_MARGIN = 4.0  # times the size by which a drag would do as much as all else: speeds fall by it
+# Of its size, from where to where physics is sought, and from how many starts: a rig that nothing drives
+# comes to rest by friction after so many swings, and each number of them is a maximum of its own.
+SOUGHT_SIZES, DRIVEN_STARTS, FREE_STARTS = (0.003, 0.8), 14, 30
 INERTIA_RANGE = (0.01, 10.0)  # times the inertia that a further one is on a spring at
+SOUGHT_SHARE, SOUGHT_SWINGS, SOUGHT_DAMPING = (
+    0.3,
+    6,
+    0.05,
+)  # where that is sought: of it, of its spring
 MAX_DAMPING_RATIO = 1.0  # of that spring
 MAX_NEW_INERTIAS = 4  # of a train: places where one more is tried
 # Of physics, by what it asks of a simulator: nothing that is linear, Coulomb's law, or another law.
@@ -56,7 +66,8 @@ class Part:
     `decides`: what of a config it decides; parts that decide the same do not go together.  `lacks`:
     parameters of the rig that it switches on; `rubs`: they change their sign with the speed; `needs`:
     parameters that another part has to have freed; `optional`: those that may be zero.  `kind`,
-    `neutral`: of physics, see `LINEAR`, with the numbers at which it does nothing.
+    `neutral`: of physics, see `LINEAR`, with the numbers at which it does nothing.  `starts`: values
+    from which it is sought.
     """
 
     name: str
@@ -69,6 +80,7 @@ class Part:
     kind: int = 0
     optional: frozenset[str] = frozenset()
     neutral: Mapping[str, float] = field(default_factory=dict)
+    starts: tuple[Mapping[str, float], ...] = ()
 
     @property
     def absorbs(self) -> bool:
@@ -137,7 +149,7 @@ class _Parts:
         self.setting, self.numbers, problem = setting, setting.numbers, setting.job.problem
         self.data: Entries = setting.job.source.data
         self.model, self.roles = problem.model, problem.model.roles
-        self.observations = problem.observations
+        self.observations, self.unknowns = problem.observations, {*problem.names}
         self.experiments: list[Experiment] = [each.experiment for each in self.observations]
         self.channels = {c.name: c for each in self.experiments for c in each.channels}
         inputs = dict.fromkeys(name for each in self.experiments for name in each.series)
@@ -211,13 +223,17 @@ class _Parts:
     # Times.
 
     @cached_property
+    def driven(self) -> bool:
+        """Whether any input changes."""
+        return any(np.ptp(u) > 0 for each in self.experiments for u in each.series.values())
+
+    @cached_property
     def _inputs_tell_time(self) -> bool:
         """Whether an input changes, or is switched on where the start is known."""
-        changes = any(np.ptp(u) > 0 for each in self.experiments for u in each.series.values())
         pushed = any(x for each in self.experiments for x in each.constant.values())
         sensing = [observation.response.sensing for observation in self.observations]
         known = not any(each.states or each.steady for each in sensing)
-        return changes or (pushed and known)
+        return self.driven or (pushed and known)
 
     @property
     def time_references(self) -> frozenset[str]:
@@ -299,8 +315,11 @@ class _Parts:
         for lack in sorted(each.values(), key=lambda lack: not lack.name.startswith("friction")):
             kind = LINEAR if not lack.dry else COULOMB
             kind = OTHER_LAW if lack.name.startswith("drag") else kind
-            prior = {lack.parameter: uniform(sizes[lack.parameter])}
-            yield self._physics(lack.name, lack.words, prior, kind=kind)
+            size = sizes[lack.parameter] * (DRAG_MARGIN if kind == OTHER_LAW else 1.0)
+            part = self._physics(lack.name, lack.words, {lack.parameter: uniform(size)}, kind=kind)
+            shares = np.geomspace(*SOUGHT_SIZES, DRIVEN_STARTS if self.driven else FREE_STARTS)
+            starts = tuple({lack.parameter: size * share} for share in shares.tolist())
+            yield dataclasses.replace(part, starts=starts)
         dry = [i for i in self.roles.inertias if f"friction_{i.name}" in each]
         if len(dry) == 2:
             priors = {i.sliding: uniform(sizes[i.sliding]) for i in dry}
@@ -351,7 +370,7 @@ class _Parts:
                 names = (new[0].inertia, shaft.stiffness, shaft.damping)
                 entries = self._on_spring(weights[host.name] / host.reduction**2, names)
                 edit = partial(config_edits.set_parameters, entries=entries)
-                yield self._inertia(host, edit, shaft.damping)
+                yield self._inertia(host, edit, names)
         if not (self.model.has_private_names and isinstance(self.data.get("model"), dict)):
             return
         free = [i for i in self.roles.inertias if i.name in weights and i.reduction == 1.0]
@@ -366,7 +385,7 @@ class _Parts:
             edit = partial(
                 config_edits.add_inertia, at=at.name, new=new_name, states=begun, entries=entries
             )
-            yield self._inertia(at, edit, names[2])
+            yield self._inertia(at, edit, names)
 
     def _host(self, shaft: ShaftRoles, new: InertiaRoles) -> InertiaRoles | None:
         """Return the inertia of this rig at the other end of a shaft."""
@@ -377,21 +396,35 @@ class _Parts:
         )
         return next(alike, None)
 
-    def _on_spring(self, weight: float, names: tuple[str, str, str]) -> Entries:
-        """Return priors of an inertia, of its spring, and of the damping there.
-
-        It swings by itself at least once, and at most as fast as samples show.
-        """
+    @cached_property
+    def _swings(self) -> tuple[float, float]:
+        """The slowest and the fastest angular frequency that the record shows."""
         longest = max(float(each.t[-1] - each.t[0]) for each in self.experiments)
-        slow, fast = 2 * np.pi / longest, np.pi / min(each.dt for each in self.experiments)
-        low, high = (weight * share for share in INERTIA_RANGE)
-        damping = 2.0 * MAX_DAMPING_RATIO * weight * np.sqrt(slow * fast)
+        return 2 * math.pi / longest, math.pi / min(each.dt for each in self.experiments)
+
+    def _on_spring(self, weight: float, names: tuple[str, str, str]) -> Entries:
+        """Return priors of an inertia, of its spring, and of the damping there."""
+        (slow, fast), (low, high) = self._swings, (weight * share for share in INERTIA_RANGE)
+        damping = 2.0 * MAX_DAMPING_RATIO * weight * math.sqrt(slow * fast)
         priors = (log_uniform(low, high), log_uniform(weight * slow**2, weight * fast**2))
         return dict(zip(names, (*priors, uniform(damping)), strict=True))
 
-    def _inertia(self, at: InertiaRoles, edit: Callable[[Entries], bool], damping: str) -> Part:
+    def _inertia(
+        self, at: InertiaRoles, edit: Callable[[Entries], bool], names: tuple[str, str, str]
+    ) -> Part:
+        """Return the part; it is sought where both inertias together are the one that was found."""
+        total = self.setting.inertias[at.name]
+        own, rest = total * SOUGHT_SHARE / at.reduction**2, total * (1.0 - SOUGHT_SHARE)
+        slow, fast = self._swings
+        starts = tuple(
+            dict(zip(names, (own, own * w**2, SOUGHT_DAMPING * own * w), strict=True))
+            | ({at.inertia: rest} if at.inertia in self.unknowns else {})
+            for w in np.geomspace(2.0 * slow, 0.5 * fast, SOUGHT_SWINGS).tolist()
+        )
         words, what = f"one more inertia on a spring {at.at}", frozenset({"inertia"})
-        return Part(f"inertia_{at.name}", words, edit, what, optional=frozenset({damping}))
+        damping = frozenset({names[2]})
+        name = f"inertia_{at.name}"
+        return Part(name, words, edit, what, optional=damping, starts=starts)
 
     # What absorbs anything.
 

@@ -245,7 +245,9 @@ class Ranking:
                 least = self.given.log_posterior + PROMISE
                 single = self.maxima.get(rung.names[-1:]) if len(rung.names) > 1 else None
                 alone = {} if single is None else single.values
-                arguments = job.problem.posterior, near, least, alone, self.spreads
+                sought = (part.starts for part in rung.parts if part.starts)
+                starts = next((each for each in sought if not {*each[0]} <= {*near}), ())
+                arguments = job.problem.posterior, near, least, alone, self.spreads, starts
                 under_way.append((rung, job, self.submit(refit_candidate, *arguments)))
             if under_way:
                 rung, job, future = under_way.pop(0)
