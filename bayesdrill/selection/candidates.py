@@ -175,23 +175,16 @@ class CandidateModels:
         parts = tuple(self.parts[name] for name in names if name in self.parts)
         if len(parts) < len(names) or not all(part.edit(data) for part in parts):
             return None
-        self._with_walkers(data)
         lines = as_yaml(config_edits.changed_entries(given.data, data)).strip()
         lines = lines[1:-1] if lines.startswith("{") else lines
         data["output"] = {**data.get("output", {}), "figures": ["fit"]}
         data.pop("simulation", None)
+        problem = self.job.problem
+        channels = sum(len(each.experiment.channels) for each in problem.observations)
+        config_edits.raise_walkers(data, len(problem.names) + 2 * channels + MOST_PHYSICS)
         source = Source(given.path, as_yaml(data), data, {}, ())
         kind = max(part.kind for part in parts)
         others = [part for part in self.parts.values() if LINEAR <= part.kind <= kind]
         neutral = {name: x for part in others for name, x in part.neutral.items()}
         neutral = {name: x for name, x in neutral.items() if name not in data["parameters"]}
         return CandidateModel(parts, source, lines, table, neutral)
-
-    def _with_walkers(self, data: config_edits.Entries) -> None:
-        """Give it as many walkers as further unknowns want, where the config says how many."""
-        given = (data.get("sampler") or {}).get("walkers")
-        problem = self.job.problem
-        channels = sum(len(each.experiment.channels) for each in problem.observations)
-        least = 2 * (len(problem.names) + 2 * channels + MOST_PHYSICS)
-        if isinstance(given, int) and given < least:
-            data["sampler"] = {**data["sampler"], "walkers": least}

@@ -253,7 +253,14 @@ def widen_prior(data: Entries, name: str, *, upwards: bool, positive: bool, most
     return not math.isclose(entry[key], before)
 
 
-# What is read.
+# What is sampled, and read.
+
+
+def raise_walkers(data: Entries, unknowns: int) -> None:
+    """Give as many walkers as so many unknowns want, where the config says how many there are."""
+    given = (data.get("sampler") or {}).get("walkers")
+    if isinstance(given, int) and given < 2 * unknowns:
+        data["sampler"] = {**data["sampler"], "walkers": 2 * unknowns}
 
 
 def changed_entries(before: Mapping[str, Any], after: Mapping[str, Any]) -> Entries:

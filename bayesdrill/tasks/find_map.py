@@ -151,6 +151,7 @@ def write_config(job: Job, cause: Cause, path: Path, *, force: bool) -> None:
     lines = parse(path, cause.lines).data
     about = [f"{job.source.path.name} with {cause.about}, as `bayesdrill map` recommends it."]
     data = config_edits.merged(job.source.data, lines)
+    config_edits.raise_walkers(data, len(job.problem.names) + len(cause.new))
     output_files.write_text(path, config_edits.as_file(data, job.source, path.parent, about))
 
 

@@ -15,7 +15,8 @@ from scipy.stats import multivariate_normal
 from together import for_each
 
 import bayesdrill as bd
-from bayesdrill.analysis.causes import Cause, Causes, refit_candidate
+from bayesdrill.analysis.causes import Cause, Causes
+from bayesdrill.analysis.refits import refit_candidate
 from bayesdrill.report.sections import fit_words
 from bayesdrill.rig.models.roles import usual_roles
 from bayesdrill.tasks import run_entries
@@ -371,7 +372,7 @@ def test_the_evidence_of_a_straight_model_is_exact() -> None:
     top = refit_candidate(posterior, {}, -np.inf)
     assert top is not None
     assert top.log_z == pytest.approx(exact, abs=0.01)
-    assert top.at_ends == ()
+    assert not top.at_ends
     assert not top.several
 
 

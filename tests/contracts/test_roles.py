@@ -23,11 +23,12 @@ from oracles import NOMINAL
 
 import bayesdrill as bd
 from bayesdrill.analysis import edits, plausibility
-from bayesdrill.analysis.causes import Causes, EquivalentExplanation, refit_candidate
+from bayesdrill.analysis.causes import Causes, EquivalentExplanation
 from bayesdrill.analysis.energy import energy_accounts, friction_curve, friction_motions
 from bayesdrill.analysis.identifiability.frictions import rivals, stall_voltage
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.latent_torque import regress_torque, torque_estimates
+from bayesdrill.analysis.refits import refit_candidate
 from bayesdrill.analysis.run_analysis import torque_summary
 from bayesdrill.basics import symbols
 from bayesdrill.basics.progress import SILENT
@@ -44,7 +45,7 @@ from bayesdrill.rig.models.roles import Roles, usual_roles
 from bayesdrill.rig.simulators.sensors import ObservationModel
 from bayesdrill.rig.simulators.stepped import Stepped
 from bayesdrill.sampling.workers import WorkerPool
-from bayesdrill.selection import CandidateModels
+from bayesdrill.selection.candidates import CandidateModels
 from bayesdrill.tasks import ranking
 
 ROOT = Path(__file__).parents[2]

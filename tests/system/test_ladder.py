@@ -16,13 +16,13 @@ import pytest
 import systems
 
 from bayesdrill import output_files
-from bayesdrill.analysis.causes import RefitMaximum, refit_candidate
+from bayesdrill.analysis.refits import RefitMaximum, refit_candidate
 from bayesdrill.basics.errors import Interrupted
 from bayesdrill.basics.progress import Silent
 from bayesdrill.config import loading
 from bayesdrill.config.job import prepare
 from bayesdrill.output_files import dumps_checksummed, loads_checksummed
-from bayesdrill.selection import CandidateModel
+from bayesdrill.selection.candidates import CandidateModel
 from bayesdrill.tasks import ladder, ranking, remote
 
 CONFIG = """\
