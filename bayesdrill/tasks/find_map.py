@@ -23,7 +23,7 @@ from bayesdrill.inference.residual_checks import ResidualSummary
 from bayesdrill.output_files import MAP, dumps_checksummed, loads_checksummed, typed
 from bayesdrill.report import publish, words
 from bayesdrill.report.map_report import MapReport
-from bayesdrill.report.sections import fit_words
+from bayesdrill.report.sections import causes_words, fit_words
 from bayesdrill.results import provenance
 from bayesdrill.results.provenance import begin, check_record
 from bayesdrill.results.run_folder import COMPUTED_AGAIN, Folder
@@ -127,7 +127,7 @@ def explain(
     """
     explained = causes(job, mode, left, submit, report)
     report.update(1.0, "")
-    return explained, fit_words.explained(explained)
+    return explained, causes_words.explained(explained)
 
 
 def check_new_config(job: Job, path: Path, *, force: bool) -> None:

@@ -34,7 +34,7 @@ from bayesdrill.basics import symbols
 from bayesdrill.basics.progress import SILENT
 from bayesdrill.inference import derived
 from bayesdrill.report import words
-from bayesdrill.report.sections import fit_words, physics_words, torque_words
+from bayesdrill.report.sections import causes_words, physics_words, torque_words
 from bayesdrill.report.sections.physics_figure import stacked_looks
 from bayesdrill.report.sections.physics_words import effort_symbol, speed_symbol
 from bayesdrill.report.sections.torque_words import regressors
@@ -115,7 +115,7 @@ def of_record(of: bd.Case) -> Iterator[Any]:
         EquivalentExplanation(parameter=lack.parameter, value=0.1, lost=1.0)
         for lack in edits.lacks(problem.model.roles)
     ]
-    yield [[*fit_words.instead(one, problem.model)] for one in every]
+    yield [[*causes_words.instead(one, problem.model)] for one in every]
     rungs = CandidateModels.from_job(of.job, {}).singles()
     rungs += CandidateModels.from_job(of.job, {}).beyond(("friction_both",), ())
     yield [(one.name, one.about, one.source.data) for one in rungs]
@@ -177,8 +177,8 @@ def of_cause(rig: Model, own: dict[str, str]) -> Iterator[Any]:
         work.refit_all(rungs, start)
     causes = Causes(given=given.fit, ranked=work._ranked())
     yield repr(causes)
-    yield fit_words.explained(causes)
-    yield fit_words.lacking(causes, of.job.problem.model.roles)
+    yield causes_words.explained(causes)
+    yield causes_words.lacking(causes, of.job.problem.model.roles)
 
 
 def of_torque(of: bd.Case) -> Iterator[Any]:
