@@ -5,17 +5,18 @@ from __future__ import annotations
 import copy
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
+from bayesdrill.analysis.causes import TORQUE
+from bayesdrill.basics.arrays import Array
 from bayesdrill.config import loading
 from bayesdrill.config.job import Job, assemble
 from bayesdrill.config.yaml_source import Source, as_yaml
 from bayesdrill.record.formats.table import RecordTable
 from bayesdrill.selection import config_edits
-from bayesdrill.selection.parts import BOTH, LINEAR, START, UNKNOWN, Part, Setting
+from bayesdrill.selection.parts import AR1, BOTH, LINEAR, START, Part, Setting
 
 GIVEN, AS_GIVEN = "as_given", "the config as it is"
 MOST_PHYSICS = 8  # unknowns
@@ -97,19 +98,19 @@ class CandidateModels:
         """The job as given."""
         return self.setting.job
 
-    @cached_property
+    @property
     def parts(self) -> dict[str, Part]:
         """The parts that candidates may have, by name."""
-        return self.setting.parts()
+        return self.setting.parts
 
     def with_numbers(self, **numbers: float) -> CandidateModels:
         """Return candidates whose parts have these constants."""
         known = {**self.setting.numbers, **numbers}
-        return replace(self, setting=replace(self.setting, numbers=known))
+        return CandidateModels(replace(self.setting, numbers=known))
 
     def rungs(self, every: Iterable[tuple[str, ...]]) -> list[CandidateModel]:
         """Return those with parts of these names, where there is such a thing to try."""
-        return [rung for names in every if (rung := self._rung(names)) is not None]
+        return [self._rung(names) for names in every if {*names} <= {*self.parts}]
 
     def singles(self, *, absorbing: bool = False) -> list[CandidateModel]:
         """Return those with one thing each: a cause or, `absorbing`, what absorbs any misfit."""
@@ -120,10 +121,9 @@ class CandidateModels:
         """Return those with these parts and each of `more` that can go with them."""
         if len(names) >= MOST_PARTS:
             return []
-        freed = {parameter for name in names for parameter in self.parts[name].lacks}
-        resting = [part.name for part in self.parts.values() if part.needs in freed and part.needs]
-        wanted = dict.fromkeys((*more, *resting))
-        return self.rungs(filter(self.possible, ((*names, n) for n in wanted if n not in names)))
+        resting = [part.name for part in self.parts.values() if part.needs]
+        wanted = ((*names, n) for n in dict.fromkeys((*more, *resting)) if n not in names)
+        return self.rungs(filter(self.possible, wanted))
 
     def without_each(self, names: tuple[str, ...]) -> list[CandidateModel]:
         """Return those without each of their parts, in turn."""
@@ -133,49 +133,43 @@ class CandidateModels:
     def possible(self, names: Sequence[str]) -> bool:
         """Tell whether parts go together, and together mean something that one alone does not."""
         parts = [self.parts[name] for name in names if name in self.parts]
-        decided = [what for part in parts for what in part.decides]
+        decided = [place for part in parts for place in part.decides]
+        needed = {part.needs for part in parts} - {""}
         freed = {parameter for part in parts for parameter in part.lacks}
-        if len(parts) < len(names) or len({*decided}) < len(decided):
+        if len(parts) < len(names) or len({*decided}) < len(decided) or not needed <= freed:
             return False
-        if any(part.needs and part.needs not in freed for part in parts):
+        if self.setting.time_references <= {*names}:
             return False
-        if self._time_references and self._time_references <= {*names}:
-            return False
-        rubs = [p for p in parts if p.name.startswith("friction_")]
         # A missing torque wants white noise, and beside friction it is an approximation.
-        torque = [p for p in parts if p.absorbs and "noise" not in p.decides]
-        white = not any("noise" in p.decides and p.name != UNKNOWN for p in parts)
-        apart = torque and (not white or any(p.rubs for p in parts))
+        torque = any(part.name.startswith(TORQUE) for part in parts)
+        apart = torque and (AR1 in names or any(part.kind > LINEAR for part in parts))
+        rubs = [name for name in names if name.startswith("friction_")]
         return not apart and (len(rubs) < 2 or BOTH not in self.parts)
-
-    @cached_property
-    def _time_references(self) -> frozenset[str]:
-        return self.setting.time_references()
 
     def windows(self, count: int) -> list[CandidateModel]:
         """Return the config as given, on each of `count` windows of the record, from a free start."""
-        given = self.job.source
-        rungs = []
+        given, rungs = self.job.source, []
         for k in range(count):
-            data = copy.deepcopy(given.data)
-            for seen in self.job.problem.observations:  # what is held out stays as it is
-                t = seen.experiment.t
-                ends = t[0] + (t[-1] - t[0]) * np.array([k, k + 1]) / count
-                config_edits.set_window(data, seen.label, *ends.tolist())
+            shares = np.array([k, k + 1]) / count
+
+            def part(t: Array, shares: Array = shares) -> Array:
+                return np.asarray(t[0] + (t[-1] - t[0]) * shares)
+
+            lines = self.setting.window(part)
+            data = config_edits.merged(given.data, lines)
             source = Source(given.path, as_yaml(data), data, {}, ())
             rungs.append(CandidateModel((), source, table=self.job.table))
         return rungs
 
-    def _rung(self, names: tuple[str, ...]) -> CandidateModel | None:
-        """Return None where there is no such thing to try."""
+    def _rung(self, names: tuple[str, ...]) -> CandidateModel:
         given, table = self.job.source, self.job.table
         if not names:
             return CandidateModel((), given, table=table)
-        data = copy.deepcopy(given.data)
-        parts = tuple(self.parts[name] for name in names if name in self.parts)
-        if len(parts) < len(names) or not all(part.edit(data) for part in parts):
-            return None
-        lines = as_yaml(config_edits.changed_entries(given.data, data)).strip()
+        parts = tuple(self.parts[name] for name in names)
+        said = config_edits.merged({}, *(part.lines for part in parts))
+        data = config_edits.merged(given.data, said)
+        said |= {key: data[key] for key in said if key == config_edits.SHARED}
+        lines = as_yaml(said).strip()
         lines = lines[1:-1] if lines.startswith("{") else lines
         data["output"] = {**data.get("output", {}), "figures": ["fit"]}
         data.pop("simulation", None)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import math
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
-from functools import cached_property, partial
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
 from types import MappingProxyType
 from typing import Any
 
@@ -15,13 +14,26 @@ import numpy as np
 
 from bayesdrill.analysis import edits
 from bayesdrill.analysis.causes import NOISE, TORQUE
+from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.symbols import noise_name
 from bayesdrill.config.job import Job
+from bayesdrill.config.resolve import experiments
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.record.experiment import Experiment, typical_inputs
-from bayesdrill.rig.models.linear import Model
-from bayesdrill.rig.models.roles import InertiaRoles, ShaftRoles
-from bayesdrill.selection import config_edits
-from bayesdrill.selection.config_edits import Entries, log_uniform, rounded, uniform
+from bayesdrill.rig.models.roles import InertiaRoles
+from bayesdrill.selection.config_edits import (
+    SHARED,
+    Entries,
+    Place,
+    columns,
+    leaves,
+    log_uniform,
+    merged,
+    nested,
+    rounded,
+    sections,
+    uniform,
+)
 
 UNKNOWN, AR1 = NOISE
 BOTH = "friction_both"
@@ -29,7 +41,11 @@ MISSING = "missing_torque"
 # Parts whose constant is sought, or that stand for all of a rig or a record.
 START, MOMENT, GEAR, CLOCK, LATER = "free_start", "t_0", "gear", "clock", "later"
 WIDENED = "prior_"  # begins the names of parts that widen the prior of an unknown
+# What of the entry of a column says where its numbers stand, what they are, and how it is measured.
+OF_SENSOR = ("gain", "offset", "lag")
+OF_COLUMN = ("file", "time", "column", "variable", "unit", "mask", "wraps", "noise", *OF_SENSOR)
 
+WIDER = 10.0  # either way, of the noise that was given; of the end of a prior in logs
 MAX_LAG_SAMPLES = 20  # samples: how far a lag is sought
 MAX_LAG, LAG_SHARE = 0.1, 0.05  # s, of the record: how far it is sought where samples come faster
 MAX_LAG_SHARE = 0.1  # of the record: no lag is sought beyond, as it would hide what it shifts
@@ -51,8 +67,6 @@ SOUGHT_SHARE, SOUGHT_SWINGS, SOUGHT_DAMPING = (
     6,
     0.05,
 )  # where that is sought: of it, of its spring
-MAX_DAMPING_RATIO = 1.0  # of that spring
-MAX_NEW_INERTIAS = 4  # of a train: places where one more is tried
 # Of physics, by what it asks of a simulator: nothing that is linear, Coulomb's law, or another law.
 # Candidates of one kind have all of it, the others at numbers that do nothing: they share kernels.
 LINEAR, COULOMB, OTHER_LAW = 1, 2, 3
@@ -61,25 +75,21 @@ NOTHING: Mapping[str, float] = MappingProxyType({})
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """A thing that a candidate has: `edit` gives it to the entries of a config.
+    """A thing that a candidate has: `lines` go over those of the config.
 
-    `decides`: what of a config it decides; parts that decide the same do not go together.  `lacks`:
-    parameters of the rig that it switches on; `rubs`: they change their sign with the speed; `needs`:
-    parameters that another part has to have freed; `optional`: those that may be zero.  `kind`,
-    `neutral`: of physics, see `LINEAR`, with the numbers at which it does nothing.  `starts`: values
-    from which it is sought.
+    `lacks`: parameters of the rig that it switches on; `needs`: a parameter that another part has to
+    have freed; `optional`: an unknown that may be zero.  `kind`, `neutral`: of physics, see `LINEAR`,
+    with the numbers at which it does nothing.  `starts`: values from which it is sought.
     """
 
     name: str
     words: str
-    edit: Callable[[Entries], bool]
-    decides: frozenset[str]
+    lines: Entries
     lacks: tuple[str, ...] = ()
-    rubs: bool = False
     needs: str = ""
+    optional: str = ""
     kind: int = 0
-    optional: frozenset[str] = frozenset()
-    neutral: Mapping[str, float] = field(default_factory=dict)
+    neutral: Mapping[str, float] = NOTHING
     starts: tuple[Mapping[str, float], ...] = ()
 
     @property
@@ -87,19 +97,24 @@ class Part:
         """Whether it absorbs any misfit and names no cause."""
         return self.name in NOISE or self.name.startswith(TORQUE)
 
+    @property
+    def decides(self) -> frozenset[Place]:
+        """What of a config it decides: parts that decide the same do not go together."""
+        return frozenset(leaves(self.lines))
 
-@dataclass(frozen=True, slots=True)
+
+@dataclass(frozen=True)
 class Setting:
     """What is known where parts of candidates of `job` are chosen.
 
     `sizes`: what parameters would be if they did as much as all else; `speeds`: the largest of inertias;
-    `inertias`: what they are at the maximum; `numbers`: constants that some parts have, by their names.
+    `weights`: what these are at the maximum; `numbers`: constants that some parts have, by their names.
     """
 
     job: Job
     sizes: Mapping[str, float] = NOTHING
     speeds: Mapping[str, float] = NOTHING
-    inertias: Mapping[str, float] = NOTHING
+    weights: Mapping[str, float] = NOTHING
     numbers: Mapping[str, float] = NOTHING
 
     @classmethod
@@ -112,105 +127,151 @@ class Setting:
             sizes, speeds = edits.rig_candidates(observations, full), _speeds(observations, full)
             setting = setting.at_least(sizes, speeds)
             p = edits.rig_parameters(observations[0], full)
-        weights = {i.name: p[i.inertia] for i in job.problem.model.roles.inertias if i.inertia in p}
-        return dataclasses.replace(setting, inertias=weights)
+        inertias = job.problem.model.roles.inertias
+        return replace(setting, weights={i.name: p[i.inertia] for i in inertias if i.inertia in p})
 
     def at_least(self, sizes: Mapping[str, float], speeds: Mapping[str, float]) -> Setting:
         """Return it with sizes and speeds that are at least these."""
-        sizes, speeds = _largest(self.sizes, sizes), _largest(self.speeds, speeds)
-        return dataclasses.replace(self, sizes=sizes, speeds=speeds)
-
-    def time_references(self) -> frozenset[str]:
-        """Return parts that shift channels or inputs in time, of all of which one has to stay."""
-        return _Parts(self).time_references
-
-    def clocks(self) -> tuple[str, ...]:
-        """Return parts that change a clock, where the record has several."""
-        return _Parts(self).clocks
-
-    def parts(self) -> dict[str, Part]:
-        """Return all parts by name, in the order in which they are tried."""
-        chosen = _Parts(self)
-        every = (
-            *chosen.widened(),
-            *chosen.columns(),
-            *chosen.timing(),
-            *chosen.physics(),
-            *chosen.inertias(),
-            *chosen.absorbing(),
+        return replace(
+            self, sizes=_largest(self.sizes, sizes), speeds=_largest(self.speeds, speeds)
         )
-        return {part.name: part for part in every}
 
+    @cached_property
+    def parts(self) -> dict[str, Part]:
+        """All parts by name, in the order in which they are tried."""
+        kinds = (
+            self._widened(),
+            self._columns(),
+            self._times(),
+            self._physics(),
+            self._inertias(),
+            self._absorbing(),
+        )
+        return {part.name: part for part in itertools.chain.from_iterable(kinds) if part.lines}
 
-class _Parts:
-    """Makes the parts of a `Setting`."""
+    # What the job has.
 
-    def __init__(self, setting: Setting) -> None:
-        self.setting, self.numbers, problem = setting, setting.numbers, setting.job.problem
-        self.data: Entries = setting.job.source.data
-        self.model, self.roles = problem.model, problem.model.roles
-        self.observations, self.unknowns = problem.observations, {*problem.names}
-        self.experiments: list[Experiment] = [each.experiment for each in self.observations]
-        self.channels = {c.name: c for each in self.experiments for c in each.channels}
-        inputs = dict.fromkeys(name for each in self.experiments for name in each.series)
-        self.inputs = sorted(inputs, key=lambda name: not self.model.symbols[name].drives)
+    @property
+    def _data(self) -> Entries:
+        return dict(self.job.source.data)
 
-    def widened(self) -> Iterator[Part]:
-        """Yield wider priors of unknowns that want to be beyond an end."""
-        known = self.model.symbols
-        for name, way in self.numbers.items():
-            if name.startswith(WIDENED):
-                unknown = name.removeprefix(WIDENED)
-                symbol, signed = known.get(unknown), unknown not in self.model.parameters
-                edit = partial(
-                    config_edits.widen_prior,
-                    name=unknown,
-                    upwards=way > 0,
-                    positive=not signed,
-                    most=symbol.at_most if symbol else np.inf,
-                )
-                yield Part(name, f"a wider prior of {unknown}", edit, frozenset({name}))
+    @property
+    def _observations(self) -> tuple[Observation, ...]:
+        return self.job.problem.observations
+
+    @cached_property
+    def _experiments(self) -> list[Experiment]:
+        return [observation.experiment for observation in self._observations]
+
+    @cached_property
+    def _units(self) -> dict[str, str]:
+        """The unit of each channel."""
+        return {c.name: c.unit for each in self._experiments for c in each.channels}
+
+    @cached_property
+    def _inputs(self) -> list[str]:
+        names = dict.fromkeys(name for each in self._experiments for name in each.series)
+        return sorted(names, key=lambda name: not self.job.problem.model.symbols[name].drives)
+
+    @property
+    def _span(self) -> tuple[float, float]:
+        """The shortest step between samples, and the longest record [s]."""
+        lengths = [float(np.ptp(each.t)) for each in self._experiments]
+        return min(each.dt for each in self._experiments), max(lengths)
+
+    def _shared(self, *names: str) -> Entries:
+        """Return the entry by which these are one unknown in all experiments, if there are several."""
+        return {SHARED: [*names]} if self._data.get(experiments.EXPERIMENTS) else {}
+
+    # Priors that end too early.
+
+    def _widened(self) -> Iterator[Part]:
+        parameters, symbols = self.job.problem.model.parameters, self.job.problem.model.symbols
+        for part in [name for name in self.numbers if name.startswith(WIDENED)]:
+            name = part.removeprefix(WIDENED)
+            found = self._prior(name)
+            if found is None or not {"low", "high"} <= {*found[1]}:
+                continue
+            place, prior = found
+            low, high, up = float(prior["low"]), float(prior["high"]), self.numbers[part] > 0
+            if prior["prior"] == "log_uniform":
+                end = high * WIDER if up else low / WIDER
+            else:
+                end = high + (high - low) if up else low - (high - low)
+            if name in parameters:
+                end = min(max(end, 0.0), symbols[name].at_most)
+            if end != (high if up else low):
+                lines = nested((*place, "high" if up else "low"), rounded(end, 4))
+                yield Part(part, f"a wider prior of {name}", lines)
+
+    def _prior(self, name: str) -> tuple[Place, Entries] | None:
+        """Return the entry with the prior of an unknown, and its place; None where it is not found."""
+        ending = next((f"_{e.label}" for e in self._observations if name.endswith(e.label)), "")
+        kind, _, owner = name.removesuffix(ending).partition("_")
+        places: list[Place] = [
+            (section, name) for section in ("parameters", "quantities", "inputs")
+        ]
+        places += [(*place, kind) for place, _ in columns(self._data, owner) if kind in OF_SENSOR]
+        for place in places:
+            entry: Any = self._data
+            for key in place:
+                entry = entry.get(key) if isinstance(entry, dict) else None
+            if isinstance(entry, dict) and "prior" in entry:
+                return place, entry
+        return None
 
     # Columns.
 
-    def columns(self) -> Iterator[Part]:
-        """Yield signs, gains and offsets of channels and inputs, and columns that are exchanged."""
-        units = {name: channel.unit for name, channel in self.channels.items()}
-        units |= {name: self.model.symbols[name].unit for name in self.inputs}
-        for first, second in itertools.combinations(units, 2):
-            if units[first] == units[second] and {first, second} & {*self.channels}:
-                yield Part(
-                    f"exchange_{first}_{second}",
-                    f"the columns of {first} and {second} exchanged",
-                    partial(config_edits.exchange, first=first, second=second),
-                    frozenset({f"column_{first}", f"column_{second}"}),
-                )
+    def _columns(self) -> Iterator[Part]:
+        units = self._units | {n: self.job.problem.model.symbols[n].unit for n in self._inputs}
+        for pair in itertools.combinations(units, 2):
+            if units[pair[0]] == units[pair[1]] and {*pair} & {*self._units}:
+                words = f"the columns of {pair[0]} and {pair[1]} exchanged"
+                yield Part(f"exchange_{'_'.join(pair)}", words, self._exchanged(*pair))
         for name in units:
-            if name in self.channels or len(self.channels) > 1:  # of one channel it is that of this
-                edit = partial(config_edits.turn_sign, name=name)
-                sign = f"the sign of {name} turned"
-                yield Part(f"sign_{name}", sign, edit, frozenset({f"gain_{name}"}))
+            if name in self._units or len(self._units) > 1:  # of one channel it is that of this
+                yield Part(f"sign_{name}", f"the sign of {name} turned", self._turned(name))
         for name in units:
             gain = {"prior": "log_normal", "median": 1.0, "sd_log": GAIN_SD}
             yield self._sensor("gain", name, gain)
-            offset = {"prior": "normal", "mean": 0.0, "sd": rounded(self._offset_size(name))}
-            yield self._sensor("offset", name, offset)
+            size = rounded(self._offset_size(name))
+            yield self._sensor("offset", name, {"prior": "normal", "mean": 0.0, "sd": size})
+
+    def _exchanged(self, *names: str) -> Entries:
+        """Nothing, where only one of two columns says something: no line takes that away."""
+        pairs = [*zip(*(columns(self._data, name) for name in names), strict=False)]
+        lines: Entries = {}
+        for (first, a), (second, b) in pairs:
+            keys = [key for key in OF_COLUMN if key in a or key in b]
+            keys += ["sigma"] if a.get("unit") != b.get("unit") else []
+            if not {*keys} <= {*a} & {*b}:
+                return {}
+            for place, mine, other in ((first, a, b), (second, b, a)):
+                new = {key: other[key] for key in keys if other[key] != mine[key]}
+                lines = merged(lines, nested(place, new))
+        return lines
+
+    def _turned(self, name: str) -> Entries:
+        found = [*columns(self._data, name)]
+        if any(isinstance(entry.get("gain", 1.0), dict) for _, entry in found):
+            return {}
+        each = (nested(place, {"gain": -float(x.get("gain", 1.0))}) for place, x in found)
+        return merged({}, *each)
 
     def _sensor(self, kind: str, name: str, prior: Entries) -> Part:
-        article = "an" if kind == "offset" else "a"
-        edit = partial(
-            config_edits.free_sensor,
-            kind=kind,
-            name=name,
-            prior=prior,
-            shared=kind != "offset" or name not in self.channels,
+        found = [*columns(self._data, name)]
+        new = [place for place, x in found if kind not in x and {"column", "variable"} & {*x}]
+        lines = merged({}, *(nested((*place, kind), prior) for place in new))
+        own = kind == "offset" and name in self._units
+        if new and not own and not any(kind in entry for _, entry in found):
+            lines = merged(lines, self._shared(f"{kind}_{name}"))
+        return Part(
+            f"{kind}_{name}", f"{'an' if kind == 'offset' else 'a'} {kind} of {name}", lines
         )
-        part = f"{kind}_{name}"
-        return Part(part, f"{article} {kind} of {name}", edit, frozenset({part}))
 
     def _offset_size(self, name: str) -> float:
         size = 0.0
-        for experiment in self.experiments:
+        for experiment in self._experiments:
             if name in experiment.names:
                 k = experiment.names.index(name)
                 spread = float(np.nanstd(experiment.y[:, k]))
@@ -223,237 +284,229 @@ class _Parts:
     # Times.
 
     @cached_property
-    def driven(self) -> bool:
-        """Whether any input changes."""
-        return any(np.ptp(u) > 0 for each in self.experiments for u in each.series.values())
+    def _driven(self) -> bool:
+        return any(np.ptp(u) > 0 for each in self._experiments for u in each.series.values())
 
     @cached_property
-    def _inputs_tell_time(self) -> bool:
-        """Whether an input changes, or is switched on where the start is known."""
-        pushed = any(x for each in self.experiments for x in each.constant.values())
-        sensing = [observation.response.sensing for observation in self.observations]
-        known = not any(each.states or each.steady for each in sensing)
-        return self.driven or (pushed and known)
-
-    @property
     def time_references(self) -> frozenset[str]:
-        """Return parts that shift a channel, or all inputs: of all of them one has to stay."""
-        moments = {MOMENT} if self._inputs_tell_time else set()
-        return frozenset({*(f"lag_{name}" for name in self.channels), *moments})
+        """Parts that shift a channel, or all inputs, in time: one of what they shift has to stay.
 
-    def timing(self) -> Iterator[Part]:
-        """Yield lags, clocks, the gear, and what is wrong with the start."""
-        shifted = {f"lag_{n}" for each in self.observations for n in each.response.sensing.lags}
-        delayed = any(each.response.sensing.delay for each in self.observations)
-        fixed = self.time_references - shifted - ({MOMENT} if delayed else set())
-        for name in self.channels if len(fixed) > 1 else ():
-            yield self._sensor("lag", name, self._lag())
-        for name in self.inputs[1:]:  # the first: as all, by `t_0`
-            yield self._sensor("lag", name, self._lag())
-        if len(fixed) > 1 and MOMENT in fixed and len(self.channels) > 1:  # of one it is its lag
-            later = "inputs that act later than recorded"
-            yield Part(MOMENT, later, self._delay, frozenset({MOMENT}))
-        for name, factor in self.numbers.items():
-            if name.startswith(CLOCK):
-                yield self._clock(name.removeprefix(CLOCK).removeprefix("_"), factor)
-        start = frozenset({"initial"})
-        yield Part(START, "another state at the start", config_edits.free_start, start)
-        if LATER in self.numbers:
-            words = f"a record that begins {self.numbers[LATER]:.3g} s later, from an unknown state"
-            yield Part(LATER, words, self._begin_later, start | {"window"})
-        if GEAR in self.numbers:
-            ratio: Entries = {self.roles.gear: rounded(self.numbers[GEAR] * self.model.gear_ratio)}
-            edit = partial(config_edits.set_model, **ratio)
-            yield Part(GEAR, "another gear", edit, frozenset({GEAR}))
+        Inputs tell the time where they change, or are switched on where the start is known.
+        """
+        sensing = [observation.response.sensing for observation in self._observations]
+        known = not any(each.states or each.steady for each in sensing)
+        pushed = known and any(x for each in self._experiments for x in each.constant.values())
+        moments = {MOMENT} if self._driven or pushed else set()
+        return frozenset({*(f"lag_{name}" for name in self._units), *moments})
 
     @property
     def clocks(self) -> tuple[str, ...]:
-        """Return parts that change a clock, that of the record or of a channel, if there are several."""
-        own = {n for n in (*self.channels, *self.inputs) for c in self._columns(n) if "time" in c}
-        if not own:
-            return ()
-        return (CLOCK, *(f"{CLOCK}_{name}" for name in self.channels if name in own))
+        """Parts that change a clock, that of the record or of a channel, if there are several."""
+        names = (*self._units, *self._inputs)
+        own = {n for n in names for _, entry in columns(self._data, n) if "time" in entry}
+        return (CLOCK, *(f"{CLOCK}_{n}" for n in self._units if n in own)) if own else ()
 
-    def _columns(self, name: str) -> list[Entries]:
-        return [*config_edits.columns(self.data, name)]
+    def _times(self) -> Iterator[Part]:
+        sensing = [observation.response.sensing for observation in self._observations]
+        shifted = {f"lag_{name}" for each in sensing for name in each.lags}
+        shifted |= {MOMENT for each in sensing if each.delay}
+        fixed = self.time_references - shifted
+        shortest = min(float(np.ptp(each.t)) for each in self._experiments)
+        pairs = [(each.dt, float(np.ptp(each.t))) for each in self._experiments]
+        late = max(max(MAX_LAG_SAMPLES * dt, min(MAX_LAG, LAG_SHARE * s)) for dt, s in pairs)
+        late = min(late, MAX_LAG_SHARE * shortest)
+        lag = uniform(late, -late)
+        # Of inputs the first is as all, by `t_0`; of one channel that is its lag.
+        for name in (*(self._units if len(fixed) > 1 else ()), *self._inputs[1:]):
+            yield self._sensor("lag", name, lag)
+        if len(fixed) > 1 and MOMENT in fixed and len(self._units) > 1:
+            lines = merged(nested(("inputs", MOMENT), lag), self._shared(MOMENT))
+            yield Part(MOMENT, "inputs that act later than recorded", lines)
+        for part in self.clocks:
+            if (factor := self.numbers.get(part)) is not None:
+                yield self._clock(part, part.removeprefix(CLOCK).removeprefix("_"), factor)
+        usual: dict[Place, str] = {(): "rest"}
+        starts = [(place, x.get("initial", usual.get(place))) for place, x in sections(self._data)]
+        held = [place for place, x in starts if isinstance(x, str) and x != "free"]
+        free = merged({}, *(nested((*place, "initial"), "free") for place in held))
+        yield Part(START, "another state at the start", free)
+        if (later := self.numbers.get(LATER)) is not None:
+            words = f"a record that begins {later:.3g} s later, from an unknown state"
+            yield Part(LATER, words, self.window(lambda t: (rounded(t[0] + later, 9), t[-1])))
+        if GEAR in self.numbers:
+            model = self.job.problem.model
+            ratio = rounded(self.numbers[GEAR] * model.gear_ratio)
+            yield Part(GEAR, "another gear", self._model({model.roles.gear: ratio}))
 
-    def _lag(self) -> Entries:
-        """Return a prior either way [s]."""
-        lengths = [(each.dt, float(each.t[-1] - each.t[0])) for each in self.experiments]
-        late = max(max(MAX_LAG_SAMPLES * dt, min(MAX_LAG, LAG_SHARE * s)) for dt, s in lengths)
-        late = rounded(min(late, MAX_LAG_SHARE * min(s for _, s in lengths)))
-        return uniform(late, -late)
+    def window(self, ends: Callable[[Array], Iterable[float]]) -> Entries:
+        """Return lines by which all experiments have the `ends` of their times, from a free start."""
+        lines, several = dict[str, Any](), self._data.get(experiments.EXPERIMENTS)
+        for observation in self._observations:  # what is held out stays as it is
+            place = (experiments.EXPERIMENTS, observation.label) if several else ()
+            window = [float(end) for end in ends(observation.experiment.t)]
+            used = {"record": {"window": window}, "initial": "free"}
+            lines = merged(lines, nested(place, used) if place else used)
+        return lines
 
-    def _delay(self, data: Entries) -> bool:
-        inputs = data.setdefault("inputs", {})
-        if any(MOMENT in (each.get("inputs") or {}) for each in config_edits.sections(data)):
-            return False
-        inputs[MOMENT] = self._lag()
-        config_edits.share(data, MOMENT)
-        return True
-
-    def _clock(self, name: str, factor: float) -> Part:
+    def _clock(self, part: str, name: str, factor: float) -> Part:
+        records = ((p, x.get("record") or {}) for p, x in sections(self._data))
+        owners = columns(self._data, name) if name else (((*p, "record"), x) for p, x in records)
+        lines: Entries = {}
+        for place, owner in owners:
+            if isinstance(time := owner.get("time"), dict):
+                key = "rate" if "rate" in time else "scale"
+                new = time["rate"] / factor if key == "rate" else time.get("scale", 1.0) * factor
+                lines = merged(lines, nested((*place, "time", key), rounded(new, 6)))
         whose = f"of {name}" if name else "of the record"
         words = f"a clock {whose} whose times are {factor:.6g} times what it shows"
-        edit = partial(config_edits.scale_clock, factor=factor, name=name)
-        part = f"{CLOCK}_{name}" if name else CLOCK
-        return Part(part, words, edit, frozenset({part}))
+        return Part(part, words, lines)
 
-    def _begin_later(self, data: Entries) -> bool:
-        for observation in self.observations:
-            t = observation.experiment.t
-            begin = float(t[0]) + self.numbers[LATER]
-            config_edits.set_window(data, observation.label, rounded(begin, 9), float(t[-1]))
-        return True
+    def _model(self, entries: Entries) -> Entries:
+        given = self._data.get("model", {})
+        return {"model": {**({"name": given} if isinstance(given, str) else {}), **entries}}
 
     # The rig.
 
-    def physics(self) -> Iterator[Part]:
-        """Yield physics that the rig offers and has not."""
-        sizes = self.setting.sizes
-        each = {lack.name: lack for lack in edits.lacks(self.roles) if lack.parameter in sizes}
-        for lack in sorted(each.values(), key=lambda lack: not lack.name.startswith("friction")):
+    def _physics(self) -> Iterator[Part]:
+        sizes, roles = self.sizes, self.job.problem.model.roles
+        each = [lack for lack in edits.lacks(roles) if lack.parameter in sizes]
+        for lack in sorted(each, key=lambda lack: not lack.name.startswith("friction")):
             kind = LINEAR if not lack.dry else COULOMB
             kind = OTHER_LAW if lack.name.startswith("drag") else kind
             size = sizes[lack.parameter] * (DRAG_MARGIN if kind == OTHER_LAW else 1.0)
-            part = self._physics(lack.name, lack.words, {lack.parameter: uniform(size)}, kind=kind)
-            shares = np.geomspace(*SOUGHT_SIZES, DRIVEN_STARTS if self.driven else FREE_STARTS)
+            shares = np.geomspace(*SOUGHT_SIZES, DRIVEN_STARTS if self._driven else FREE_STARTS)
             starts = tuple({lack.parameter: size * share} for share in shares.tolist())
-            yield dataclasses.replace(part, starts=starts)
-        dry = [i for i in self.roles.inertias if f"friction_{i.name}" in each]
+            priors = {lack.parameter: uniform(size)}
+            yield replace(_physics(lack.name, lack.words, priors, kind), starts=starts)
+        rubbing = {lack.name for lack in each}
+        dry = [i for i in roles.inertias if f"friction_{i.name}" in rubbing]
         if len(dry) == 2:
             priors = {i.sliding: uniform(sizes[i.sliding]) for i in dry}
-            yield self._physics(BOTH, f"dry friction {dry[0].at} and {dry[1].at}", priors)
-        for i in (i for i in self.roles.inertias if i.static and i.sliding in sizes):
-            if (largest := self.setting.speeds.get(i.name, 0.0)) > 0:
-                static = uniform(sizes[i.sliding])
-                priors = {i.static: static, i.fading: log_uniform(SLOWEST * largest, largest)}
-                words = f"friction at rest {i.at}"
-                part = self._physics(f"static_{i.name}", words, priors)
-                yield dataclasses.replace(part, neutral={}, lacks=(), needs=i.sliding)
-        for i in self.roles.inertias:
+            yield _physics(BOTH, f"dry friction {dry[0].at} and {dry[1].at}", priors)
+        for i in roles.inertias:
+            largest = self.speeds.get(i.name, 0.0)
+            if i.static and i.sliding in sizes and largest > 0:
+                fading = log_uniform(SLOWEST * largest, largest)
+                priors = {i.static: uniform(sizes[i.sliding]), i.fading: fading}
+                part = _physics(f"static_{i.name}", f"friction at rest {i.at}", priors)
+                yield replace(part, neutral=NOTHING, lacks=(), needs=i.sliding)
             if self._offered(i.efficiency) and self._passes_on(i):
                 words = f"friction of the gear {i.at}, which grows with the load"
-                prior = {i.efficiency: uniform(1.0, MIN_EFFICIENCY)}
-                part = self._physics(f"load_friction_{i.name}", words, prior, kind=OTHER_LAW)
-                yield dataclasses.replace(part, neutral={i.efficiency: 1.0})
-
-    def _physics(
-        self, name: str, words: str, priors: Mapping[str, Entries], *, kind: int = COULOMB
-    ) -> Part:
-        edit, names = partial(config_edits.set_parameters, entries=priors), (*priors,)
-        neutral = dict.fromkeys(names, 0.0)
-        rubs = kind != LINEAR
-        return Part(
-            name, words, edit, frozenset(names), names, rubs=rubs, kind=kind, neutral=neutral
-        )
+                priors = {i.efficiency: uniform(1.0, MIN_EFFICIENCY)}
+                part = _physics(f"load_friction_{i.name}", words, priors, OTHER_LAW)
+                yield replace(part, neutral={i.efficiency: 1.0})
 
     def _offered(self, *names: str) -> bool:
-        offered = {*self.model.offers} - {*self.model.parameters}
-        return all(names) and {*names} <= offered
+        model = self.job.problem.model
+        return all(names) and {*names} <= {*model.offers} - {*model.parameters}
 
     def _passes_on(self, inertia: InertiaRoles) -> bool:
-        """Tell whether nothing that turns with it rubs at another place, and a spring is behind it."""
-        has = {*self.model.parameters}
-        alike = [i for i in self.roles.inertias if i.speed == inertia.speed and i is not inertia]
-        ends = {end for shaft in self.roles.shafts for end in shaft.ends if shaft.stiffness in has}
+        """Tell whether a load is behind its gear, and nothing that turns with it rubs elsewhere."""
+        model = self.job.problem.model
+        roles, has = model.roles, {*model.parameters}
+        alike = [i for i in roles.inertias if i.speed == inertia.speed and i is not inertia]
+        ends = {end for shaft in roles.shafts for end in shaft.ends if shaft.stiffness in has}
         behind = any(i.name in ends or i.weight in has for i in alike)
         return behind and not any({i.sliding, i.efficiency} & has for i in alike)
 
-    def inertias(self) -> Iterator[Part]:
+    def _inertias(self) -> Iterator[Part]:
         """Yield one more inertia on a spring at each: one that the rig offers, or that a train takes."""
-        weights = self.setting.inertias
-        for shaft in self.roles.shafts:
-            ends = [self.roles.inertia(name) for name in shaft.ends if name != "ground"]
-            new = [end for end in ends if self._offered(shaft.stiffness, end.inertia)]
-            if len(new) == 1 and (host := self._host(shaft, new[0])) is not None:
-                names = (new[0].inertia, shaft.stiffness, shaft.damping)
-                entries = self._on_spring(weights[host.name] / host.reduction**2, names)
-                edit = partial(config_edits.set_parameters, entries=entries)
-                yield self._inertia(host, edit, names)
-        if not (self.model.has_private_names and isinstance(self.data.get("model"), dict)):
+        model = self.job.problem.model
+        for shaft in model.roles.shafts:
+            ends = [i for i in model.roles.inertias if i.name in shaft.ends]
+            for new, other in itertools.permutations(ends, 2):
+                if self._offered(shaft.stiffness, new.inertia):
+                    alike = [i for i in model.roles.inertias if i.speed == other.speed]
+                    names = (new.inertia, shaft.stiffness, shaft.damping)
+                    hosts = [i for i in alike if i.name in self.weights]
+                    yield from (self._inertia(host, names, {}) for host in hosts[:1])
+        if not model.has_private_names:
             return
-        free = [i for i in self.roles.inertias if i.name in weights and i.reduction == 1.0]
-        for at in free[:MAX_NEW_INERTIAS]:
-            new_name = f"{at.name}_end"
-            letters = [name.removesuffix(at.name) for name in (at.inertia, f"k_{at.name}")]
-            names = (f"{letters[0]}{new_name}", f"k_{new_name}_spring", f"c_{new_name}_spring")
-            begun = {
-                f"{state.split('_', 1)[0]}_{new_name}": state for state in (at.angle, at.speed)
-            }
-            entries = self._on_spring(weights[at.name], names)
-            edit = partial(
-                config_edits.add_inertia, at=at.name, new=new_name, states=begun, entries=entries
-            )
-            yield self._inertia(at, edit, names)
+        given = self._data["model"]
+        for at in model.roles.inertias:
+            if at.name in self.weights and at.reduction == 1.0:
+                new_name, spring = f"{at.name}_end", f"{at.name}_end_spring"
+                names = (f"{at.inertia.split('_')[0]}_{new_name}", f"k_{spring}", f"c_{spring}")
+                lines = self._model({"inertias": [*given["inertias"], new_name]})
+                lines = merged(lines, nested(("model", "shafts", spring), [at.name, new_name]))
+                for place, section in sections(self._data):
+                    for state in (at.angle, at.speed):
+                        begun = section.get("initial")
+                        if isinstance(begun, dict) and state in begun:
+                            entry = (*place, "initial", f"{state.split('_')[0]}_{new_name}")
+                            value = "free" if "prior" in str(begun[state]) else begun[state]
+                            lines = merged(lines, nested(entry, value))
+                yield self._inertia(at, names, lines)
 
-    def _host(self, shaft: ShaftRoles, new: InertiaRoles) -> InertiaRoles | None:
-        """Return the inertia of this rig at the other end of a shaft."""
-        other = next(name for name in shaft.ends if name != new.name)
-        speed = self.roles.inertia(other).speed
-        alike = (
-            i for i in self.roles.inertias if i.speed == speed and i.name in self.setting.inertias
+    def _inertia(self, at: InertiaRoles, names: tuple[str, str, str], lines: Entries) -> Part:
+        """Return an inertia on a damped spring, sought where both are the one that was found.
+
+        It swings by itself at least once, and at most as fast as samples show.
+        """
+        weight, (step, longest) = self.weights[at.name] / at.reduction**2, self._span
+        slow, fast = 2 * math.pi / longest, math.pi / step
+        priors = (
+            log_uniform(*(weight * share for share in INERTIA_RANGE)),
+            log_uniform(weight * slow**2, weight * fast**2),
+            uniform(2.0 * weight * math.sqrt(slow * fast)),
         )
-        return next(alike, None)
-
-    @cached_property
-    def _swings(self) -> tuple[float, float]:
-        """The slowest and the fastest angular frequency that the record shows."""
-        longest = max(float(each.t[-1] - each.t[0]) for each in self.experiments)
-        return 2 * math.pi / longest, math.pi / min(each.dt for each in self.experiments)
-
-    def _on_spring(self, weight: float, names: tuple[str, str, str]) -> Entries:
-        """Return priors of an inertia, of its spring, and of the damping there."""
-        (slow, fast), (low, high) = self._swings, (weight * share for share in INERTIA_RANGE)
-        damping = 2.0 * MAX_DAMPING_RATIO * weight * math.sqrt(slow * fast)
-        priors = (log_uniform(low, high), log_uniform(weight * slow**2, weight * fast**2))
-        return dict(zip(names, (*priors, uniform(damping)), strict=True))
-
-    def _inertia(
-        self, at: InertiaRoles, edit: Callable[[Entries], bool], names: tuple[str, str, str]
-    ) -> Part:
-        """Return the part; it is sought where both inertias together are the one that was found."""
-        total = self.setting.inertias[at.name]
-        own, rest = total * SOUGHT_SHARE / at.reduction**2, total * (1.0 - SOUGHT_SHARE)
-        slow, fast = self._swings
+        own, rest = SOUGHT_SHARE * weight, (1.0 - SOUGHT_SHARE) * self.weights[at.name]
+        host = {at.inertia: rest} if at.inertia in self.job.problem.names else {}
         starts = tuple(
-            dict(zip(names, (own, own * w**2, SOUGHT_DAMPING * own * w), strict=True))
-            | ({at.inertia: rest} if at.inertia in self.unknowns else {})
+            host | dict(zip(names, (own, own * w**2, SOUGHT_DAMPING * own * w), strict=True))
             for w in np.geomspace(2.0 * slow, 0.5 * fast, SOUGHT_SWINGS).tolist()
         )
-        words, what = f"one more inertia on a spring {at.at}", frozenset({"inertia"})
-        damping = frozenset({names[2]})
-        name = f"inertia_{at.name}"
-        return Part(name, words, edit, what, optional=damping, starts=starts)
+        entries = {"parameters": dict(zip(names, priors, strict=True))}
+        words = f"one more inertia on a spring {at.at}"
+        lines = merged(lines, entries)
+        return Part(f"inertia_{at.name}", words, lines, optional=names[2], starts=starts)
 
     # What absorbs anything.
 
-    def absorbing(self) -> Iterator[Part]:
-        """Yield noises, and missing torques."""
-        change, noise = config_edits.change_noise, frozenset({"noise"})
-        unknown = partial(change, change=config_edits.free_noise)
-        memory = partial(change, change=config_edits.redden_noise)
-        yield Part(UNKNOWN, "noise of unknown size", unknown, noise)
-        yield Part(AR1, "noise that remembers", memory, noise)
-        rubs = {lack.name for lack in edits.lacks(self.roles)}
-        for i in (i for i in self.roles.inertias if f"friction_{i.name}" in rubs):
-            words, edit = (
-                f"a missing {self.roles.motion.torque} {i.at}",
-                partial(self._torque, at=i),
-            )
-            yield Part(f"{TORQUE}{i.name}", words, edit, frozenset({MISSING}))
+    def _absorbing(self) -> Iterator[Part]:
+        yield Part(UNKNOWN, "noise of unknown size", self._noise(remembers=False))
+        yield Part(AR1, "noise that remembers", self._noise(remembers=True))
+        step, longest = self._span
+        roles, rubs = self.job.problem.model.roles, {f"friction_{i}" for i in self.weights}
+        rubs &= {lack.name for lack in edits.lacks(roles)}
+        for i in (i for i in roles.inertias if f"friction_{i.name}" in rubs):
+            if MISSING not in self._data and i.sliding in self.sizes:
+                size = {"prior": "half_normal", "scale": rounded(QUARTER * self.sizes[i.sliding])}
+                shortest = MIN_TIME_STEPS * step
+                time = log_uniform(shortest, max(longest / TIME_PARTS, 2 * shortest))
+                torque = {"at": i.name, "smoothness": "1/2", "size": size, "time": time}
+                lines = merged({MISSING: torque}, self._shared("s_d", "tau_d"))  # one rig
+                yield Part(f"{TORQUE}{i.name}", f"a missing {roles.motion.torque} {i.at}", lines)
 
-    def _torque(self, data: Entries, at: InertiaRoles) -> bool:
-        if MISSING in data or at.sliding not in self.setting.sizes:
-            return False
-        scale = rounded(QUARTER * self.setting.sizes[at.sliding])
-        size = {"prior": "half_normal", "scale": scale}
-        shortest = MIN_TIME_STEPS * min(each.dt for each in self.experiments)
-        longest = max(float(each.t[-1] - each.t[0]) for each in self.experiments) / TIME_PARTS
-        time = log_uniform(shortest, max(longest, 2 * shortest))
-        data[MISSING] = {"at": at.name, "smoothness": "1/2", "size": size, "time": time}
-        config_edits.share(data, "s_d", "tau_d")  # one rig: the same lacks in each experiment
-        return True
+    def _noise(self, *, remembers: bool) -> Entries:
+        """Free the noise of each channel; one number of all experiments becomes one unknown."""
+        lines: Entries = {}
+        shared = {*self._data.get(SHARED, ())}
+        for name in self._units:
+            found = [*columns(self._data, name)]
+            for place, entry in found:
+                noise, sigma = entry.get("noise", "white"), entry.get("sigma")
+                known = sigma if isinstance(sigma, int | float) else None
+                white = (noise if isinstance(noise, str) else noise.get("name", "white")) == "white"
+                if "sigma" not in entry or not (white if remembers else known):
+                    continue
+                if known:
+                    prior = log_uniform(known / WIDER, known * WIDER) | {"start": float(known)}
+                    lines = merged(lines, nested((*place, "sigma"), prior))
+                    if len(found) == 1 and place[0] != experiments.EXPERIMENTS:
+                        shared.add(noise_name(name))
+                        lines = merged(lines, self._shared(noise_name(name)))
+                if remembers:
+                    lines = merged(lines, nested((*place, "noise"), AR1))
+                    if noise_name(name) in shared:
+                        lines = merged(lines, self._shared(f"rho_{name}"))
+        return lines
+
+
+def _physics(name: str, words: str, priors: Entries, kind: int = COULOMB) -> Part:
+    names = (*priors,)
+    neutral = dict.fromkeys(names, 0.0)
+    return Part(name, words, {"parameters": priors}, names, kind=kind, neutral=neutral)
 
 
 def _largest(first: Mapping[str, float], other: Mapping[str, float]) -> dict[str, float]:
@@ -464,11 +517,10 @@ def _speeds(observations: tuple[Observation, ...], full: Any) -> dict[str, float
     """Return the largest speed of each inertia, by its name."""
     speeds: dict[str, float] = {}
     for observation in observations:
-        model: Model = observation.response.model
+        model = observation.response.model
         moved = edits.state_motion(observation, full)
         for inertia in model.roles.inertias:
             if inertia.speed in model.states:
                 of_state = np.abs(moved[:, model.states.index(inertia.speed)]).max()
-                largest = {inertia.name: float(of_state) / inertia.reduction}
-                speeds = _largest(speeds, largest)
+                speeds = _largest(speeds, {inertia.name: float(of_state) / inertia.reduction})
     return speeds

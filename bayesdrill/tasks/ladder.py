@@ -94,7 +94,7 @@ class _Ranking:
     parts: tuple[tuple[str, ...], ...]
     sizes: Mapping[str, float]
     speeds: Mapping[str, float]
-    inertias: Mapping[str, float]
+    weights: Mapping[str, float]
     numbers: Mapping[str, float]
 
 
@@ -113,7 +113,7 @@ class _Sampling:
         """Rank all candidates, and sample the most probable; the config as given counts as one."""
         known = (self._ranked_before() if self.again else None) or self._ranked()
         self.folder.write_run(**{RANKED: as_data(known)})
-        given = known.sizes, known.speeds, known.inertias, known.numbers
+        given = known.sizes, known.speeds, known.weights, known.numbers
         ladder = CandidateModels(Setting(self.job, *given))
         rungs = ladder.rungs(known.parts)[:sample]
         jobs: dict[str, tuple[CandidateModel, Job]] = {}
@@ -155,7 +155,7 @@ class _Sampling:
         self.report.say(comparison_report.ranking(causes, times))
         better = [cause.parts for cause in causes.ranked if cause.bayes > 0.0]
         parts = [*better, (), *(cause.parts for cause in causes.ranked[len(better) :])][:KEPT]
-        given = setting.sizes, setting.speeds, setting.inertias, setting.numbers
+        given = setting.sizes, setting.speeds, setting.weights, setting.numbers
         return _Ranking(tuple(parts), *given)
 
     def _taken_up(self, place: str, rung: CandidateModel, job: Job) -> bool:

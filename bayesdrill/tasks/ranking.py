@@ -189,7 +189,7 @@ class Ranking:
         shafts = {shaft.stiffness for shaft in model.roles.shafts}
         if model.geared and shafts & {*model.parameters}:
             yield GEAR, GEARS
-        for name in self.models.setting.clocks():
+        for name in self.models.setting.clocks:
             yield name, CLOCKS
         shortest = min(float(np.ptp(each.experiment.t)) for each in observations)
         yield LATER, [share * shortest for share in LATER_SHARES]
@@ -317,7 +317,7 @@ def _finer(heights: Mapping[float, float]) -> list[float]:
 def _doubts(top: RefitMaximum, known: set[str], rung: CandidateModel) -> Iterator[str]:
     """Yield why the evidence of a candidate cannot be trusted."""
     widened = {name.removeprefix(WIDENED) for name in rung.names if name.startswith(WIDENED)}
-    optional = {name for part in rung.parts for name in part.optional}
+    optional = {part.optional for part in rung.parts}
     for name, way in top.at_ends.items():
         if (name not in known or name in widened) and not (name in optional and way < 0):
             yield f"{name} is at an end of its prior"

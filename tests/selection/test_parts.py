@@ -157,7 +157,7 @@ def test_a_clock_is_multiplied(tmp_path: Path) -> None:
     """
     own = "inputs: {u_hub: {column: u, unit: V, file: record.csv, time: {column: t, unit: s}}}"
     of = job(tmp_path, {"w_hub": "rad/s"}, f"{own}\n{MOTOR}", MOTOR_NUMBERS)
-    assert CandidateModels.from_job(of, {}).setting.clocks() == ("clock",)
+    assert CandidateModels.from_job(of, {}).setting.clocks == ("clock",)
     lines, made = changed(of, "clock", clock=0.98)
     assert lines == {"record": {"time": {"scale": 0.98}}}
     record = made.problem.experiment
@@ -171,7 +171,7 @@ def test_a_clock_is_multiplied(tmp_path: Path) -> None:
     lines, made = changed(of, "clock", clock=0.98)
     assert lines == {"record": {"time": {"rate": pytest.approx(100.0 / 0.98, rel=1e-5)}}}
     alone = job(tmp_path / "one", {"w_hub": "rad/s"}, f"{DRIVEN}\n{MOTOR}", MOTOR_NUMBERS)
-    assert CandidateModels.from_job(alone, {}).setting.clocks() == ()
+    assert CandidateModels.from_job(alone, {}).setting.clocks == ()
 
 
 def test_a_record_begins_later_from_an_unknown_state(tmp_path: Path) -> None:
