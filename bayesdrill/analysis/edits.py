@@ -14,7 +14,7 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.formulas import expression
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.likelihood import Observation
-from bayesdrill.inference.posterior import Posterior
+from bayesdrill.inference.posterior import Likelihood, Posterior
 from bayesdrill.inference.priors import Uniform
 from bayesdrill.inference.unknowns import Unknown
 from bayesdrill.record.experiment import with_states
@@ -149,28 +149,23 @@ def with_gear(posterior: Posterior, times: float) -> Posterior:
     A rig with another gear is the same as one with this gear whose numbers at the motor are others, so
     that its simulators need not be compiled again.
     """
-    space = posterior.space
-    model = posterior.likelihood.observations[0].response.model
-    roles, symbols = model.roles, model.symbols
-    powers = {n: 1 for motor in roles.motors for n in (motor.torque_constant, motor.back_emf)}
-    at_motor = [name for name in model.parameters if roles.side(name) == "motor"]
-    powers |= {name: GEAR_POWERS[symbols[name].unit] for name in at_motor}
-    relations, each = dict(space.relations), list[Observation]()
+    space, model = posterior.space, posterior.likelihood.observations[0].response.model
+    powers = {n: 1 for m in model.roles.motors for n in (m.torque_constant, m.back_emf)}
+    at_motor = [name for name in model.parameters if model.roles.side(name) == "motor"]
+    powers |= {name: GEAR_POWERS[model.symbols[name].unit] for name in at_motor}
+    relations = dict(space.relations)
 
-    def geared(name: str, called: str) -> str:
-        if name not in powers:
-            return called
-        text = f"{called}*{float(times ** -powers[name])!r}"
-        relations[f"geared_{called}"] = expression(text, [called]).substituted(space.relations)
-        return f"geared_{called}"
+    def geared(observation: Observation) -> Observation:
+        called = dict(zip(observation.response.parameters, observation.parameters, strict=True))
+        for name in (name for name in powers if name in called):
+            own, factor = called[name], float(times ** -powers[name])
+            formula = expression(f"{own}*{factor!r}", [own]).substituted(space.relations)
+            called[name] = f"geared_{own}"
+            relations[called[name]] = formula
+        return dataclasses.replace(observation, parameters=[*called.values()])
 
-    def with_geared(observation: Observation) -> Observation:
-        pairs = zip(observation.response.parameters, observation.parameters, strict=True)
-        each.append(dataclasses.replace(observation, parameters=[geared(*pair) for pair in pairs]))
-        return each[-1]
-
-    for observation in posterior.likelihood.observations:
-        with_geared(observation)
-    added = [name for name in relations if name not in space.relations]
+    observations = tuple(map(geared, posterior.likelihood.observations))
+    added = (name for name in relations if name not in space.relations)
     wider = dataclasses.replace(space, model=(*space.model, *added), relations=relations)
-    return dataclasses.replace(posterior, space=wider).edit(each=with_geared)
+    likelihood = Likelihood(tuple(each.bind(wider) for each in observations), wider)
+    return dataclasses.replace(posterior, space=wider, likelihood=likelihood)
