@@ -116,7 +116,7 @@ def recommended(good: Sequence[Cause]) -> Cause:
     Only those count that can be trusted.  What absorbs any misfit gives way to causes that gain a good
     share of that without it, or else to one beside what absorbs, which gains more than that alone.
     """
-    trusted = sorted((c for c in good if not c.doubts), key=lambda cause: -cause.bayes)
+    trusted = sorted((c for c in good if not c.doubts), key=lambda cause: -round(cause.bayes, 3))
     first, least = trusted[0], MIN_SHARE_OF_CATCH_ALL * trusted[0].bayes
     alone = {cause.parts: cause.bayes for cause in good}
     named = [c for c in trusted if not c.absorbing and c.bayes >= least]

@@ -56,22 +56,13 @@ class RefitMaximum:
     hidden: float
 
 
-@dataclass(frozen=True, slots=True)
-class Spread:
-    """Of a channel, how many samples were measured, their mean, and their standard deviation."""
-
-    samples: int
-    mean: float
-    sd: float
+Records = Mapping[tuple[str, str], Array]
 
 
-Spreads = Mapping[tuple[str, str], Spread]
-
-
-def channel_spreads(likelihood: Likelihood) -> dict[tuple[str, str], Spread]:
-    """Return the spread of each channel, by experiment and channel."""
+def measured_samples(likelihood: Likelihood) -> dict[tuple[str, str], Array]:
+    """Return all measured samples `(n,)` by experiment and channel."""
     return {
-        (observation.label, name): Spread(len(y), float(y.mean()), float(y.std()))
+        (observation.label, name): y
         for observation in likelihood.observations
         for name, y in _measured(observation)
     }
@@ -88,7 +79,7 @@ def refit_candidate(
     near: Mapping[str, float],
     least: float,
     alone: Mapping[str, float] = MappingProxyType({}),
-    spreads: Spreads = MappingProxyType({}),
+    records: Records = MappingProxyType({}),
     starts: Sequence[Mapping[str, float]] = (),
 ) -> RefitMaximum | None:
     """Refit a candidate: return the maximum of its `posterior`; None without a finite response.
@@ -98,13 +89,12 @@ def refit_candidate(
     density `least` is not followed to its very end.  The log evidence is that of a Gaussian with the
     curvature at the maximum; the priors count in it as Gaussians of their spread, so that a direction
     which the record does not determine costs each candidate the same (MacKay 2003, ch. 27).  Samples of
-    the `spreads` that the candidate hides count as unexplained: they are Gaussian about the mean of
-    their channel, as wide as the channel is.
+    the `records` that the candidate hides count as unexplained: they are Gaussian about the mean of
+    their channel, as wide as the channel is; or with its noise about where the rig was held at first.
     """
     space, coordinates = posterior.space, posterior.coordinates
     surface = LogDensity(posterior, physical=True)
-    unseen, unexplained = _hidden(posterior.likelihood, spreads)
-    all_samples = sum(spread.samples for spread in spreads.values())
+    unseen, _ = _hidden(posterior.likelihood, records)
     physical = _starts(posterior, near, alone, starts)
     rows = np.clip(coordinates.from_physical(physical), surface.low, surface.high)
     first = gauss_newton(surface, rows, FIRST_STEPS)
@@ -135,12 +125,14 @@ def refit_candidate(
     apart = (np.abs(u[1:] - u[0]) > same)[:, new].any(axis=1)
     again = apart & (heights[1:] > heights[0] - OTHER_MAXIMUM_DEPTH)
     fit = residual_checks.residual_summaries(posterior.likelihood, theta)
+    unseen, squares = _hidden(posterior.likelihood, records, theta)
+    samples = posterior.likelihood.n_measured, sum(map(len, records.values()))
     return RefitMaximum(
         values=dict(zip(space.free, map(float, theta), strict=True)),
         sds=dict(zip(space.free, map(float, sds), strict=True)),
         log_posterior=float(heights[0]) + unseen,
         log_z=log_z + unseen,
-        fit=tuple(_of_all(row, unexplained.get((row.experiment, row.channel))) for row in fit),
+        fit=tuple(_of_all(row, squares.get((row.experiment, row.channel))) for row in fit),
         at_ends={
             n: 1 if up else -1 for n, low, up in zip(space.free, *ends, strict=True) if low | up
         },
@@ -148,7 +140,7 @@ def refit_candidate(
         alike=_alike(covariance, [k for k, fresh in enumerate(new) if fresh], space.free),
         vague=tuple(n for n, sd in zip(space.free, scaled_sds, strict=True) if sd > VAGUE),
         seconds=seconds,
-        hidden=max(1.0 - posterior.likelihood.n_measured / all_samples, 0.0) if spreads else 0.0,
+        hidden=1.0 - samples[0] / max(samples),
     )
 
 
@@ -207,24 +199,33 @@ def _alike(
     )
 
 
-def _hidden(likelihood: Likelihood, spreads: Spreads) -> tuple[float, dict[tuple[str, str], Array]]:
-    """Return the log density of samples of the `spreads` that a candidate hides.
+def _hidden(
+    likelihood: Likelihood, records: Records, theta: Array | None = None
+) -> tuple[float, dict[tuple[str, str], Array]]:
+    """Return the log density of samples of the `records` that a candidate hides.
 
-    And by experiment and channel the sums of squares about the mean of what it shows, of what it hides,
-    and of all.
+    Those at the beginning may show a rig that is held: they may have the noise at `theta (D,)` about one
+    value.  And by experiment and channel the sums of squares about the mean of what is shown, of what is
+    hidden, and of all.
     """
     log_density, squares = 0.0, dict[tuple[str, str], Array]()
     for observation in likelihood.observations:
-        for name, y in _measured(observation):
-            key = observation.label, name
-            given = spreads.get(key)
-            if given is None or given.sd == 0 or given.samples <= len(y):
+        for k, (name, y) in enumerate(_measured(observation)):
+            given = records.get((observation.label, name), y)
+            count, variance = len(given) - len(y), float(given.var())
+            if count <= 0 or variance == 0.0:
                 continue
-            total = given.samples * given.sd**2
-            left = max(total - float(np.sum((y - given.mean) ** 2)), 0.0)
-            count = given.samples - len(y)
-            log_density -= 0.5 * (count * math.log(2 * math.pi * given.sd**2) + left / given.sd**2)
-            squares[key] = np.array([len(y) * y.var(), left, total])
+            total = len(given) * variance
+            left = max(total - float(np.sum((y - given.mean()) ** 2)), 0.0)
+            density = -0.5 * (count * math.log(2 * math.pi * variance) + left / variance)
+            if theta is not None and np.array_equal(given[count:], y):
+                noise = float(observation.scales(theta[None])[0, k]) ** 2
+                still = count * float(given[:count].var()) / noise
+                place = math.log(max(count * variance / noise, 1.0))  # that of an unknown value
+                held = -0.5 * (count * math.log(2 * math.pi * noise) + still + place)
+                density = max(density, held)
+            log_density += density
+            squares[observation.label, name] = np.array([len(y) * y.var(), left, total])
     return log_density, squares
 
 

@@ -15,9 +15,9 @@ import numpy as np
 from bayesdrill.analysis.causes import SURE_LOG_ODDS, Cause, Causes, FittedValue, recommended
 from bayesdrill.analysis.edits import with_gear
 from bayesdrill.analysis.refits import (
+    Records,
     RefitMaximum,
-    Spreads,
-    channel_spreads,
+    measured_samples,
     refit_candidate,
 )
 from bayesdrill.analysis.suspicions import find_reference
@@ -47,8 +47,9 @@ GEARS = (
     10.0,
 )  # times that which is given
 CLOCKS = (0.95, 0.97, 0.98, 0.99, 0.995, 1.005, 1.01, 1.02, 1.03, 1.05)  # times the clock's own
+FINEST_GEAR, FINEST_CLOCK = 1e-3, 1e-5
 LATER_SHARES = (0.01, 0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3)  # of the record
-SEEK_ROUNDS, SAME_HEIGHT = 6, 0.5  # rounds at most; of the log evidence: no more is gained
+SEEK_ROUNDS, SAME_HEIGHT = 8, 1.0  # rounds at most; of the log evidence: no more is gained
 HANDED_OVER = 4  # refits at a time
 PROMISE = 3.0  # natural logs of the density: what gains less is no candidate
 MIN_SHARE_WORTH_COMBINING = 0.05  # of what a catch-all gains, where that leaves noise alone
@@ -95,13 +96,13 @@ class Ranking:
         noise = {u.name for u in self.job.problem.posterior.space.unknowns if u.role == "noise"}
         ends = {name: way for name, way in ends.items() if name.removeprefix(WIDENED) not in noise}
         self.models = models.with_numbers(**ends)
-        self.spreads: Spreads = channel_spreads(self.job.problem.posterior.likelihood)
+        self.records: Records = measured_samples(self.job.problem.posterior.likelihood)
 
     def causes(self) -> Causes:
         """Refit all, and return what was found, the recommended first."""
         self.refit_all(self.models.singles(), self.maximum)
         for name, values in self._constants():
-            self._seek(name, values)
+            self._seek(name, *values)
         best = self._best()
         # A rig that moves from its start alone shows only there what it may lack.
         if best is not None and best.parts == (START,) and best.bayes > SURE_LOG_ODDS:
@@ -166,7 +167,7 @@ class Ranking:
 
     def _all(self) -> list[Cause]:
         """Return all candidates, the most probable first."""
-        return sorted(self.causes_by_parts.values(), key=lambda cause: -cause.bayes)
+        return sorted(self.causes_by_parts.values(), key=lambda cause: -round(cause.bayes, 3))
 
     def _best(self) -> Cause | None:
         """Return the most probable that names causes alone."""
@@ -183,30 +184,29 @@ class Ranking:
 
     # Constants of a config that are sought.
 
-    def _constants(self) -> Iterator[tuple[str, Sequence[float]]]:
-        """Yield parts with a constant, and the values from which it is sought."""
+    def _constants(self) -> Iterator[tuple[str, tuple[Sequence[float], float]]]:
+        """Yield parts with a constant, the values from which it is sought, and the finest step."""
         model, observations = self.job.problem.model, self.job.problem.observations
         shafts = {shaft.stiffness for shaft in model.roles.shafts}
         if model.geared and shafts & {*model.parameters}:
-            yield GEAR, GEARS
+            yield GEAR, (GEARS, FINEST_GEAR)
         for name in self.models.setting.clocks:
-            yield name, CLOCKS
+            yield name, (CLOCKS, FINEST_CLOCK)
         shortest = min(float(np.ptp(each.experiment.t)) for each in observations)
-        yield LATER, [share * shortest for share in LATER_SHARES]
+        step = min(each.experiment.dt for each in observations)
+        yield LATER, ([share * shortest for share in LATER_SHARES], step)
 
-    def _seek(self, name: str, values: Sequence[float]) -> None:
+    def _seek(self, name: str, values: Sequence[float], finest: float) -> None:
         """Refit the part `name` with the best of its constant, from `values` and between them."""
-        heights, wanted, before = dict[float, float](), [*values], -math.inf
+        heights, wanted = dict[float, float](), [*values]
         for _ in range(SEEK_ROUNDS):
             futures = [(value, self._refit_with(name, value)) for value in wanted]
             tops = [(value, future.result()) for value, future in futures if future is not None]
             heights |= {value: top.log_z for value, top in tops if top is not None}
-            highest = max(heights.values(), default=-math.inf)
-            if highest < self.given.log_z + SURE_LOG_ODDS:
+            if max(heights.values(), default=-math.inf) < self.given.log_z + SURE_LOG_ODDS:
                 return
-            if highest < before + SAME_HEIGHT:
+            if not (wanted := _finer(heights, finest)):
                 break
-            before, wanted = highest, _finer(heights)
         self.models = self.models.with_numbers(**{name: max(heights, key=heights.__getitem__)})
         self.tried[name] = len(values)
         self.refit_all(self.models.rungs([(name,)]), self.maximum)
@@ -222,7 +222,7 @@ class Ranking:
             except (InputError, ValueError):
                 return None
         least, alone = self.given.log_posterior + PROMISE, dict[str, float]()
-        return self.submit(refit_candidate, posterior, self.maximum, least, alone, self.spreads)
+        return self.submit(refit_candidate, posterior, self.maximum, least, alone, self.records)
 
     # Refits.
 
@@ -247,7 +247,7 @@ class Ranking:
                 alone = {} if single is None else single.values
                 sought = (part.starts for part in rung.parts if part.starts)
                 starts = next((each for each in sought if not {*each[0]} <= {*near}), ())
-                arguments = job.problem.posterior, near, least, alone, self.spreads, starts
+                arguments = job.problem.posterior, near, least, alone, self.records, starts
                 under_way.append((rung, job, self.submit(refit_candidate, *arguments)))
             if under_way:
                 rung, job, future = under_way.pop(0)
@@ -301,13 +301,20 @@ class Ranking:
         )
 
 
-def _finer(heights: Mapping[float, float]) -> list[float]:
-    """Return values between the best and its neighbours: halfway, and where a parabola is highest."""
+def _finer(heights: Mapping[float, float], finest: float) -> list[float]:
+    """Return values between the best and its neighbours: halfway, and where a parabola is highest.
+
+    None where they are as near as the `finest`, or about as high.
+    """
     known = sorted(heights)
     k = known.index(max(heights, key=heights.__getitem__))
     near = known[max(k - 1, 0) : k + 2]
-    halfway = [0.5 * (a + b) for a, b in pairwise(near)]
-    if len(near) < 3:
+    least = heights[known[k]] - SAME_HEIGHT
+    far = [
+        (a, b) for a, b in pairwise(near) if b - a > finest and min(heights[a], heights[b]) < least
+    ]
+    halfway = [0.5 * (a + b) for a, b in far]
+    if len(near) < 3 or not far:
         return halfway
     bend, slope, _ = np.polyfit(np.subtract(near, known[k]), [heights[x] for x in near], 2)
     top = known[k] - 0.5 * slope / bend if bend < 0 else known[k]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import bayesdrill as bd
-from bayesdrill.analysis.refits import channel_spreads, refit_candidate
+from bayesdrill.analysis.refits import measured_samples, refit_candidate
 from bayesdrill.inference.posterior import Posterior
 
 T = 0.01 * np.arange(200)
@@ -37,10 +37,10 @@ def test_samples_that_a_candidate_hides_count_as_unexplained() -> None:
     Mutants killed: hidden samples that count for nothing, or as if they were fitted.
     """
     given, later = swing(), swing([0.5, 2.0])
-    spreads = channel_spreads(given.likelihood)
+    records = measured_samples(given.likelihood)
     near = given.space.start
-    plain, counted = (refit_candidate(later, near, -np.inf, {}, each) for each in ({}, spreads))
-    whole = refit_candidate(given, near, -np.inf, {}, spreads)
+    plain, counted = (refit_candidate(later, near, -np.inf, {}, each) for each in ({}, records))
+    whole = refit_candidate(given, near, -np.inf, {}, records)
     assert plain is not None
     assert counted is not None
     assert whole is not None
