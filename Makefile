@@ -14,7 +14,7 @@ DOCS := .venv-docs/bin
 DOCS_READY := .venv-docs/.ready
 SITE := build/docs
 
-.PHONY: help posterior paper docs test test-slow check format bench bench-growth zoo modes real baseline mutants attack pages results schema dist clean
+.PHONY: help posterior paper docs test test-slow check format bench bench-growth zoo modes causes real baseline mutants attack pages results schema dist clean
 
 help:
 	@echo "make posterior [CONFIG=configs/mine.yaml] [ARGS=--resume|--force]"
@@ -30,6 +30,7 @@ help:
 	@echo "make bench-growth  how time and memory grow; part of make bench"
 	@echo "make zoo         run records of many kinds and judge each (half an hour); ARGS=--list names them"
 	@echo "make modes       run records of several modes, whose masses a grid knows (minutes); ARGS=--list names them"
+	@echo "make causes      map 150 records with one lack each: is it named first? (half an hour)"
 	@echo "make real        run the benches of others whose data are there (minutes); ARGS=--fetch gets them"
 	@echo "make baseline    compare all results with those that are stored (4 minutes); ARGS=--write stores them"
 	@echo "make mutants     break the code in named ways and see the tests fail"
@@ -86,6 +87,9 @@ zoo: $(READY)
 
 modes: $(READY)
 	@$(BIN)/python -m benchmarks.modes $(ARGS)
+
+causes: $(READY)
+	@$(BIN)/python -m benchmarks.causes $(ARGS)
 
 real: $(READY)
 	@$(BIN)/python -m benchmarks.real $(ARGS)

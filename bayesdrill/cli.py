@@ -13,6 +13,7 @@ import typer
 from typer.core import TyperGroup
 
 import bayesdrill as bd
+from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import reporter
 from bayesdrill.guard import INPUT_WRONG, NOT_CONVERGED, finish, guarded, saved_in, say
 
@@ -216,12 +217,20 @@ def map_(
     quick: Annotated[
         bool, typer.Option("--quick", help="Search once, and do not look for causes of a bad fit.")
     ] = False,
+    apply: Annotated[
+        Path | None,
+        typer.Option("--apply", metavar="NEW", help="Write the config with the recommended lines."),
+    ] = None,
     processes: Processes = None,
 ) -> None:
     """Search the maximum of the posterior (MAP), print it, and rank what would explain a bad fit."""
+    if quick and apply is not None:
+        raise InputError.at("--apply", "needs the candidates that --quick leaves out")
     case = bd.load(config)
     if output is not None:
         bd.Best.check_place(output, force=force)
+    if apply is not None:
+        case.check_new_config(apply, force=force)
     with reporter() as report:
         best = case.find_map(quick=quick, processes=processes, report=report)
     say(best.table)
@@ -230,6 +239,10 @@ def map_(
             candidates = best.candidates(processes=processes, report=report)
         if candidates.table:
             say(candidates.table)
+        if apply is not None:
+            written = candidates.apply(apply, force=force)
+            why = "" if candidates.table else ": the fit leaves what looks like the noise"
+            say(f"{written}: written" if written else f"{apply}: nothing to write{why}")
     if output is not None:
         path = best.save(output, force=force)
         say(f"results: {path}/ (report.html, map.md, prediction*.csv, figures/)")

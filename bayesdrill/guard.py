@@ -10,11 +10,13 @@ import mmap
 import os
 import signal
 import sys
+import time
 from collections.abc import Iterator
 from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from threading import Event, Thread
+from typing import Any, TextIO, cast
 
 import typer
 
@@ -41,7 +43,7 @@ def guarded() -> Iterator[None]:
         if sys.flags.optimize > 1:
             message = "python -OO takes the docstrings away that ArviZ works on; leave -OO out"
             raise InputError.at("", message)
-        with _interruptible():
+        with _interruptible(), never_silent():
             yield
     except InputError as error:
         for problem in error.problems[:MOST_PROBLEMS]:
@@ -103,6 +105,50 @@ def finish(outcome: Any, *, verbose: bool = False) -> None:
         raise typer.Exit(NOT_CONVERGED)
     if outcome.missing:
         raise typer.Exit(INPUT_WRONG)
+
+
+SILENCE = 10.0  # s: longer than that no command goes without a line
+
+
+class _Watched:
+    """A stream that knows when something was last written to it."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self.stream, self.written = stream, time.monotonic()
+
+    def write(self, text: str) -> int:
+        self.written = time.monotonic()
+        return self.stream.write(text)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.stream, name)
+
+
+@contextmanager
+def never_silent(silence: float = SILENCE) -> Iterator[None]:
+    """Print a line on stderr whenever nothing was written for so many seconds."""
+    before = sys.stdout, sys.stderr
+    if None in before:
+        yield
+        return
+    out, err, done, begun = _Watched(sys.stdout), _Watched(sys.stderr), Event(), time.monotonic()
+    sys.stdout, sys.stderr = cast(Any, out), cast(Any, err)
+
+    def watch() -> None:
+        while not done.wait(silence / 10):
+            if time.monotonic() - max(out.written, err.written) >= silence:
+                with suppress(OSError, ValueError):
+                    err.write(f"  still at work, for {time.monotonic() - begun:.0f} s by now\n")
+                    err.flush()
+
+    watcher = Thread(target=watch, daemon=True)
+    watcher.start()
+    try:
+        yield
+    finally:
+        done.set()
+        watcher.join()
+        sys.stdout, sys.stderr = before
 
 
 @contextmanager

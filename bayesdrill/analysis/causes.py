@@ -1,6 +1,4 @@
-"""Rank candidate models by what they would explain of a fit that leaves more than noise.
-
-Each is refitted from the maximum, and ranked by the evidence for it.
+"""Causes of a fit that leaves more than noise: candidate models, ranked by the evidence for each.
 
 What the rig is held without bends the parameters that it has, and the fit may well look like noise.
 So before a table is blamed, each thing that the rig offers and has not is tried by itself:
@@ -9,148 +7,26 @@ parameters are held at their nominal values, within their tolerances, and all el
 
 from __future__ import annotations
 
-import math
-import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from types import MappingProxyType
 
 import numpy as np
 import scipy
 
 from bayesdrill.analysis.edits import with_candidates
 from bayesdrill.basics.arrays import Array
-from bayesdrill.inference import residual_checks, step_error
 from bayesdrill.inference.compression import excerpt
 from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.inference.posterior import Posterior, Problem
 from bayesdrill.inference.residual_checks import ResidualSummary, like_noise
 from bayesdrill.sampling.gauss_newton import gauss_newton
 
-# Where in its prior what is new is sought from, together with the start that its config gives it.
-START_QUANTILES = (0.02, 0.2, 0.35, 0.42, 0.58, 0.65, 0.8)
-FIRST_STEPS, LAST_STEPS, CLIMBED_STARTS = 4, 30, 2  # uphill: of all starts, and of the best few
-NEAR_END = 1e-3  # of the spread of a prior
-# another maximum: so little lower, and so far, in spreads of the priors
-OTHER_MAXIMUM_DEPTH, SAME_MAXIMUM = 3.0, 0.1
 SURE_LOG_ODDS = 5.0  # natural logs: a candidate that is no better explains nothing
 # Parts that absorb any misfit and name no cause: noises, and torques with the place where they act.
 NOISE = ("unknown_noise", "ar1")
 TORQUE = "missing_torque_"
-# of what a catch-all gains in log evidence: a cause that gains as much is named first
+# of what a catch-all gains in log evidence: a cause that gains as much is recommended instead
 MIN_SHARE_OF_CATCH_ALL = 0.5
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RefitMaximum:
-    """The maximum of a posterior, found by Gauss and Newton from several starts.
-
-    `values`, `sds`: of the unknowns, SI; `log_z`: the log evidence by Laplace; `fit`: what it leaves;
-    `at_ends` of their priors are these; `several`: there is another, about as high, with other values
-    of what is new; `seconds` that an evaluation takes; `numbers` of samples, with `log_likelihood`.
-    """
-
-    values: Mapping[str, float]
-    sds: Mapping[str, float]
-    log_posterior: float
-    log_z: float
-    fit: tuple[ResidualSummary, ...]
-    at_ends: tuple[str, ...]
-    several: bool
-    seconds: float
-    numbers: int
-    log_likelihood: float
-
-    def on(self, numbers: int) -> float:
-        """Return what the log likelihood would gain by so many samples, fitted as well as these."""
-        return (numbers / self.numbers - 1.0) * self.log_likelihood
-
-
-def refit_candidate(
-    posterior: Posterior,
-    near: Mapping[str, float],
-    least: float,
-    alone: Mapping[str, float] = MappingProxyType({}),
-) -> RefitMaximum | None:
-    """Refit a candidate: return the maximum of its `posterior`; None without a finite response.
-
-    It starts at `near`, values of unknowns that are known, and at values where what is new was `alone`.
-    One that promises no more than the log density `least` is not followed to its very end.  The log
-    evidence is that of a Gaussian with the curvature at the maximum; the priors count in it as
-    Gaussians of their spread, so that a direction which the record does not determine costs each
-    candidate the same (MacKay 2003, ch. 27).
-    """
-    space, coordinates = posterior.space, posterior.coordinates
-    surface = LogDensity(posterior, physical=True)
-    starts = coordinates.from_physical(_starts(posterior, near, alone))
-    rows = np.clip(starts, surface.low, surface.high)
-    first = gauss_newton(surface, rows, FIRST_STEPS)
-    if not np.isfinite(first.value).any():
-        return None
-    begun = time.perf_counter()  # its code is compiled by now
-    surface.value(rows)
-    seconds = (time.perf_counter() - begun) / len(rows)
-    best = np.argsort(-first.value, kind="stable")[:CLIMBED_STARTS]
-    u, value, gain = first.u[best], first.value[best], first.gain[best]
-    steps = LAST_STEPS if (value + gain)[np.isfinite(value)].max() > least else 0
-    if step_error.chosen_steps(posterior):
-        posterior = step_error.choose_steps(posterior, coordinates.to_physical(u)[0])
-        surface = LogDensity(posterior, physical=True)
-    top = gauss_newton(surface, u, steps)
-    order = np.argsort(-top.value, kind="stable")
-    u, heights = top.u[order], top.value[order]
-    if not np.isfinite(heights[0]):
-        return None
-    theta = coordinates.to_physical(u[:1])[0]
-    log_z, sds = _laplace(posterior, u[:1])
-    near_end = np.minimum(u[0] - surface.low, surface.high - u[0]) < NEAR_END * surface.spread
-    # Along a ridge of what is known all is one maximum.
-    new = [name not in near for name in space.free]
-    apart = (np.abs(u[1:] - u[0]) / surface.spread)[:, new].max(axis=1, initial=0.0)
-    again = (apart > SAME_MAXIMUM) & (heights[1:] > heights[0] - OTHER_MAXIMUM_DEPTH)
-    return RefitMaximum(
-        values=dict(zip(space.free, map(float, theta), strict=True)),
-        sds=dict(zip(space.free, map(float, sds), strict=True)),
-        log_posterior=float(heights[0]),
-        log_z=log_z,
-        fit=residual_checks.residual_summaries(posterior.likelihood, theta),
-        at_ends=tuple(name for name, end in zip(space.free, near_end, strict=True) if end),
-        several=bool(again.any()),
-        seconds=seconds,
-        numbers=posterior.likelihood.n_measured,
-        log_likelihood=float(posterior.likelihood(theta[None])[0]),
-    )
-
-
-def _starts(posterior: Posterior, near: Mapping[str, float], alone: Mapping[str, float]) -> Array:
-    """Return physical starts `(S, D)`: the config's, and what is known, with others of what is new."""
-    space = posterior.space
-    begun = [{}, near, alone] if alone else [{}, near]
-    rows = [space.vector({n: at.get(n, x) for n, x in space.start.items()}) for at in begun]
-    known = rows[1]
-    new = [k for k, name in enumerate(space.free) if name not in near]
-    for share in START_QUANTILES if new else ():
-        row = known.copy()
-        row[new] = [space.unknowns[k].prior.quantile(np.array(share)) for k in new]
-        rows.append(row)
-    return np.array(rows)
-
-
-def _laplace(posterior: Posterior, u: Array) -> tuple[float, Array]:
-    """The log evidence, and the sds `(D,)` of the unknowns, at the maximum `u (1, D)`."""
-    surface = LogDensity(posterior)
-    here = surface.quadratic_model(u, np.eye(u.shape[1]))
-    # What a prior bends by itself is in the curvature already: of a box it is nothing.
-    flat = np.maximum(1.0 / surface.spread**2 - surface.prior_derivatives(u)[1][0], 0.0)
-    matrix = here.curvature[0] + np.diag(flat)
-    scale = 1.0 / np.sqrt(np.diag(matrix))
-    _, log_det = np.linalg.slogdet(matrix * scale[:, None] * scale)
-    log_det -= 2.0 * np.log(scale).sum()
-    covariance = np.linalg.inv(matrix * scale[:, None] * scale) * scale[:, None] * scale
-    slopes = posterior.coordinates.slopes(posterior.coordinates.to_physical(u))[0]
-    value = float(surface.value(u)[0])
-    log_z = value + 0.5 * (u.shape[1] * math.log(2.0 * math.pi) - float(log_det))
-    return log_z, np.sqrt(np.maximum(np.diag(covariance), 0.0)) * np.abs(slopes)
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,16 +76,18 @@ class Cause:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Causes:
-    """Candidates that were refitted, `ranked` with the most probable first.
+    """Candidates that were refitted, `ranked` with the recommended first, then the most probable.
 
     `given`: what the fit leaves without; `left_out`: why others could not be tried; `windows`: the
-    unknowns as given, refitted on each of several windows of the record, where nothing explains all.
+    unknowns as given, refitted on each of several windows of the record in which something moves, where
+    nothing explains all.  `reference`: an input and the channel that follows it as a set point.
     """
 
     given: tuple[ResidualSummary, ...]
     ranked: tuple[Cause, ...]
     left_out: Mapping[str, str] = field(default_factory=dict)
     windows: tuple[tuple[FittedValue, ...], ...] = ()
+    reference: tuple[str, str] | None = None
 
     @property
     def good(self) -> tuple[Cause, ...]:
@@ -218,32 +96,43 @@ class Causes:
 
     @property
     def explains(self) -> bool:
-        """Whether there is evidence for any candidate."""
-        return bool(self.good)
+        """Whether there is evidence for any candidate that can be trusted."""
+        return any(not cause.doubts for cause in self.good)
 
     @property
     def best(self) -> Cause:
-        """The candidate with the fewest parts of those that are about as probable as the first.
-
-        Where that is a catch-all, the first that names a cause, if it gains a good share of that,
-        and gains beside its own catch-all.
-        """
-        first = self.ranked[0]
-        if first.absorbing == first.parts:
-            alone = {cause.parts: cause.bayes for cause in self.ranked}
-            for cause in self.ranked:
-                beyond = alone.get(cause.absorbing, 0.0) + SURE_LOG_ODDS
-                least = max(MIN_SHARE_OF_CATCH_ALL * first.bayes, beyond)
-                if cause.absorbing != cause.parts and cause.bayes > least:
-                    first = cause
-                    break
-        near = [c for c in self.ranked if first.bayes - SURE_LOG_ODDS < c.bayes <= first.bayes]
-        return min(near, key=lambda cause: len(cause.parts))
+        """The candidate that is recommended; see `recommended`."""
+        return recommended(self.good)
 
     @property
     def lacking(self) -> tuple[str, ...]:
         """The parameters that the rig lacks."""
         return self.best.lacks if self.explains else ()
+
+
+def recommended(good: Sequence[Cause]) -> Cause:
+    """Return the simplest of the `good` candidates that are about as probable as the best of them.
+
+    Only those count that can be trusted.  What absorbs any misfit gives way to causes that gain a good
+    share of that without it, or else to one beside what absorbs, which gains more than that alone.
+    """
+    trusted = sorted((c for c in good if not c.doubts), key=lambda cause: -round(cause.bayes, 3))
+    first, least = trusted[0], MIN_SHARE_OF_CATCH_ALL * trusted[0].bayes
+    alone = {cause.parts: cause.bayes for cause in good}
+    named = [c for c in trusted if not c.absorbing and c.bayes >= least]
+    partly = [
+        cause
+        for cause in trusted
+        if cause.absorbing != cause.parts
+        and cause.bayes > max(least, alone.get(cause.absorbing, 0.0) + SURE_LOG_ODDS)
+    ]
+    if first.absorbing and named:
+        first, trusted = named[0], named
+    elif first.absorbing == first.parts and partly:
+        first = partly[0]
+    near = [c for c in trusted if first.bayes - SURE_LOG_ODDS < c.bayes <= first.bayes]
+    near = [cause for cause in near if first.absorbing or not cause.absorbing]
+    return min(near, key=lambda cause: len(cause.parts))
 
 
 TABLE_FIT_STEPS = 40  # uphill

@@ -1,7 +1,8 @@
-"""What a rig offers and has not been given: how large it may be, and a posterior in which it is free."""
+"""A posterior with a thing changed: physics that the rig offers and has not, or another gear."""
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 from collections.abc import Mapping, Sequence
@@ -10,14 +11,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.formulas import expression
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.likelihood import Observation
-from bayesdrill.inference.posterior import Posterior
+from bayesdrill.inference.posterior import Likelihood, Posterior
 from bayesdrill.inference.priors import Uniform
 from bayesdrill.inference.unknowns import Unknown
 from bayesdrill.record.experiment import with_states
 from bayesdrill.rig.models.linear import Linear, Model, with_named
-from bayesdrill.rig.models.roles import Roles
+from bayesdrill.rig.models.roles import GEAR_POWERS, Roles
 
 ZERO = np.zeros(1)
 
@@ -45,6 +47,8 @@ def lacks(roles: Roles) -> tuple[Lack, ...]:
     for m in roles.motors:
         name, words = (f"_{m.inertia}", f" of {m.words}") if several else ("", "")
         named.append(Lack(f"voltage_drop{name}", m.drop, f"{drop}{words}", dry=True))
+    drags = [i for i in roles.inertias if i.drag]
+    named += [Lack(f"drag_{i.name}", i.drag, f"quadratic drag {i.at}", dry=True) for i in drags]
     damped = [(i.name, i.damping, f"viscous damping {i.at}") for i in roles.inertias]
     damped += [(s.name, s.damping, f"damping of {s.words}") for s in roles.shafts]
     named += [Lack(f"damping_{name}", what, words, dry=False) for name, what, words in damped]
@@ -54,12 +58,14 @@ def lacks(roles: Roles) -> tuple[Lack, ...]:
 def rig_candidates(observations: Sequence[Observation], full: Array) -> dict[str, float]:
     """Return what the rig offers and has not, with the most that it can be, at `full (1, P)`."""
     model = observations[0].response.model
-    taken = {
-        other.sliding
-        for i, other in itertools.permutations(model.roles.inertias, 2)
-        if i.speed == other.speed and {i.sliding, i.efficiency} & {*model.parameters}
-    }
-    offered = {*model.offers} - {*model.parameters} - taken
+    has, taken = {*model.parameters}, set[str]()
+    for i, other in itertools.permutations(
+        model.roles.inertias, 2
+    ):  # what turns as one has one of each
+        if i.speed == other.speed:
+            taken |= {other.sliding} if {i.sliding, i.efficiency} & has else set()
+            taken |= {other.damping} if i.damping in has else set()
+    offered = {name for name, needs in model.offers.items() if {*needs} <= has} - has - taken
     names = [lack.parameter for lack in lacks(model.roles) if lack.parameter in offered]
     if not names:
         return {}
@@ -95,8 +101,11 @@ def _size(model: Model, name: str, p: Mapping[str, float], states: Array) -> flo
         added = sum((np.asarray(x - without.A.get(k, 0.0)) * named[k[1]] for k, x in changed), ZERO)
         for friction in model.frictions:
             if name in friction.law.parameters and (row, friction.name) in alone.B:
-                push = np.asarray(alone.B[row, friction.name])
-                added = added + push * np.sign(named[friction.against])
+                push, speed = np.asarray(alone.B[row, friction.name]), named[friction.against]
+                seen = {state: named.get(state, ZERO) for state in friction.law.seen}
+                law = friction.law.size
+                none, unit = (law({**p, name: x}, np.abs(speed), seen) for x in (0.0, 1.0))
+                added = added + push * np.sign(speed) * (unit - none)
         if (size := float(np.sqrt(np.mean(added**2)))) > 0:
             sizes.append(acting / size)
     return max(sizes)
@@ -132,3 +141,31 @@ def with_candidates(posterior: Posterior, theta: Array) -> Posterior:
         return observation.for_rig(with_named(response.model, [*sizes]), response.sensing)
 
     return posterior.edit(free=free, each=with_tried)
+
+
+def with_gear(posterior: Posterior, times: float) -> Posterior:
+    """Return it as if the gear reduction factor were so many `times` the one that is given.
+
+    A rig with another gear is the same as one with this gear whose numbers at the motor are others, so
+    that its simulators need not be compiled again.
+    """
+    space, model = posterior.space, posterior.likelihood.observations[0].response.model
+    powers = {n: 1 for m in model.roles.motors for n in (m.torque_constant, m.back_emf)}
+    at_motor = [name for name in model.parameters if model.roles.side(name) == "motor"]
+    powers |= {name: GEAR_POWERS[model.symbols[name].unit] for name in at_motor}
+    relations = dict(space.relations)
+
+    def geared(observation: Observation) -> Observation:
+        called = dict(zip(observation.response.parameters, observation.parameters, strict=True))
+        for name in (name for name in powers if name in called):
+            own, factor = called[name], float(times ** -powers[name])
+            formula = expression(f"{own}*{factor!r}", [own]).substituted(space.relations)
+            called[name] = f"geared_{own}"
+            relations[called[name]] = formula
+        return dataclasses.replace(observation, parameters=[*called.values()])
+
+    observations = tuple(map(geared, posterior.likelihood.observations))
+    added = (name for name in relations if name not in space.relations)
+    wider = dataclasses.replace(space, model=(*space.model, *added), relations=relations)
+    likelihood = Likelihood(tuple(each.bind(wider) for each in observations), wider)
+    return dataclasses.replace(posterior, space=wider, likelihood=likelihood)

@@ -12,8 +12,10 @@ import numpy as np
 from bayesdrill.analysis.edits import rig_parameters
 from bayesdrill.analysis.identifiability.information import SensitivityStudy, root_of
 from bayesdrill.basics.arrays import Array, Flags
+from bayesdrill.basics.symbols import SPEED_UNITS
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Problem
+from bayesdrill.inference.residual_checks import ResidualSummary
 from bayesdrill.record import anomalies
 from bayesdrill.record.clocks import median_step
 from bayesdrill.record.experiment import Channel, Experiment
@@ -167,6 +169,29 @@ def _slope(x: Array, y: Array) -> tuple[float, float]:
     x, y = x - x.mean(), y - y.mean()
     across, size = float(x @ y), float(x @ x) * float(y @ y)
     return (across / float(x @ x), across**2 / size) if size > 0 else (math.nan, 0.0)
+
+
+MIN_LEFT = 0.3  # of a channel, which the model does not explain, ...
+MIN_FOLLOWED = 0.95  # ... R^2 of it over an input that it follows within ...
+MAX_FOLLOWING = 20  # ... so many samples
+
+
+def find_reference(problem: Problem, left: Sequence[ResidualSummary]) -> tuple[str, str] | None:
+    """Return an input and an angle that follows it as a set point, and not as the model says."""
+    shares = {(row.experiment, row.channel): row.share for row in left}
+    for observation in problem.observations:
+        experiment = observation.experiment
+        for channel, y in zip(experiment.channels, experiment.y.T, strict=True):
+            if channel.unit not in SPEED_UNITS or np.isnan(y).any():
+                continue
+            if not shares[observation.label, channel.name] > MIN_LEFT:
+                continue
+            for name, u in experiment.series.items():
+                late = range(min(MAX_FOLLOWING, len(u) // 2))
+                alike = max(_slope(u[: len(u) - k], y[k:])[1] for k in late)
+                if alike > MIN_FOLLOWED:
+                    return name, channel.name
+    return None
 
 
 MIN_SHIFT_SDS = 0.5  # sds, of a shift that is worth a word

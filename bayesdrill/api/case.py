@@ -211,6 +211,12 @@ class Case(Value):
         mode = find_map.find_mode(self.job, workers, report or SILENT, quick=quick)
         return Best(self.job, mode, self.columns)
 
+    def check_new_config(self, path: str | Path, *, force: bool = False) -> None:
+        """Raise `InputError` where `Candidates.apply` would, before minutes of searches."""
+        from bayesdrill.tasks import find_map
+
+        find_map.check_new_config(self.job, Path(path).expanduser(), force=force)
+
     def candidates(
         self, *, processes: int | None = 1, report: Reporter | None = None
     ) -> Candidates:

@@ -106,7 +106,8 @@ class Best(Value):
             job = self.job.with_steps_at(self.mode)
             left, submit = conclusions.residuals(job, self.mode), pool.submit_function
             causes, table = find_map.explain(job, self.mode, left, submit, progress)
-        return Candidates(causes.ranked if causes is not None else (), table)
+        best = causes.best if causes is not None and causes.explains else None
+        return Candidates(causes.ranked if causes is not None else (), table, best, self.job)
 
     def plot(self, part: int = 1) -> Figure:
         """Draw the record, the model at the maximum, and what is left.
@@ -140,14 +141,30 @@ class Best(Value):
 @check_arguments
 @dataclass(frozen=True, eq=False, repr=False)
 class Candidates(Value):
-    """Models of a record beside the config as given, the most probable first; none where it fits.
+    """Models of a record beside the config as given, the recommended first; none where it fits.
 
     Of each: `parts`, `about`, the `lines` of a config that say so, `gain` of the log posterior, `bayes`,
     the log Bayes factor by Laplace's approximation, and the `fit` of each channel.  `table`: in words.
+    `recommended`: the simplest that can be trusted; None where there is none.
     """
 
     ranked: tuple[Cause, ...]
     table: str
+    recommended: Cause | None
+    job: Job
+
+    def apply(self, path: str | Path, *, force: bool = False) -> Path | None:
+        """Write the config with the lines of the recommended candidate; None where there is none.
+
+            case.candidates().apply("mine_2.yaml")
+
+        Raises `InputError` where a file is there, unless by `force`, or the record is in no file.
+        """
+        target = Path(path).expanduser()
+        if self.recommended is None:
+            return None
+        find_map.write_config(self.job, self.recommended, target, force=force)
+        return target
 
     def __str__(self) -> str:
         return self.table or "the fit leaves what looks like the noise: nothing more is tried"

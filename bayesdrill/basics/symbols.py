@@ -174,6 +174,11 @@ PARAMETERS = _table(
         "v_d", "V", "v_d", "voltage that driver and brushes take, against the sign of the current"
     ),
     replace(_symbol("eta", "1", r"\eta", "efficiency of the gear"), at_most=1.0),
+    _or_zero("d_m", "N*m*s**2/rad**2", "d_m", "quadratic drag at the motor"),
+    _or_zero("d_1", "N*m*s**2/rad**2", "d_1", "quadratic drag at rotor 1"),
+    _symbol("k_0", "N*m/rad", "k_0", "torsional stiffness between rotor 1 and rotor 0"),
+    _symbol("j_0", "kg*m**2", "j_0", "moment of inertia of rotor 0, beyond rotor 1"),
+    _or_zero("c_0", "N*m*s/rad", "c_0", "damping between rotor 1 and rotor 0"),
     _symbol("j_s", "kg*m**2", "j_s", "moment of inertia of the shaft itself"),
     # Of a bit that cuts rock, under a weight.
     _symbol("b_0", "m", "b_0", "torque at the bit over the weight on it, at high speed"),
@@ -188,6 +193,8 @@ STATES = _table(
     _symbol("w_1", "rad/s", r"\dot\theta_1", "speed of rotor 1"),
     _symbol("w_2", "rad/s", r"\dot\theta_2", "speed of the shaft at the gearbox"),
     _symbol("i", "A", r"\dot q", "motor current"),
+    _symbol("theta_0", "rad", r"\theta_0", "angle of rotor 0, beyond rotor 1"),
+    _symbol("w_0", "rad/s", r"\dot\theta_0", "speed of rotor 0"),
 )
 
 INPUTS = _table(

@@ -21,7 +21,6 @@ from bayesdrill.drafting.columns import MIN_SAMPLES, FileColumn, NamedColumn, re
 from bayesdrill.drafting.roles import SensorRoles
 from bayesdrill.drafting.signals import Segment, Sensor, Timing
 from bayesdrill.record.formats import FORMATS, format_of
-from bayesdrill.rig.models.drive_parts import PartsError
 from bayesdrill.rig.models.linear import Model
 
 
@@ -118,7 +117,7 @@ def _understand(
     if trains.is_train(known, given.rig):
         try:
             assigned = trains.assign_train(known, segment.dt)
-        except PartsError as error:
+        except InputError as error:
             message = f"no train can be made of these names: {error}. Call its inertias otherwise"
             raise InputError.at("--columns", message) from None
     else:

@@ -21,7 +21,7 @@ from bayesdrill.output_files import COMPARE, OVERLAY, Kind
 from bayesdrill.report.section import Picture, Section, as_markdown, as_text
 from bayesdrill.report.sections import comparison_words
 from bayesdrill.report.view import Drawing
-from bayesdrill.selection import CandidateModel
+from bayesdrill.selection.candidates import CandidateModel
 
 RANKED = 10  # candidates that are shown
 MODELS = (

@@ -73,7 +73,8 @@ class MapReport:
         shape = output_files.shown_path(self.config.output.formats)
         pictures = [Picture(stem, drawing.says, shape) for stem, drawing in figures.items()]
         inputs = residual_checks.input_sentences(self.correlations)
-        fit = "\n".join(filter(None, [said, *(f"fit: {line}" for line in inputs), steps]))
+        notes = fit_words.map_notes(self.problem, self.mode)
+        fit = "\n".join(filter(None, [*notes, said, *(f"fit: {line}" for line in inputs), steps]))
         return (
             *([build("", doubts)] if doubts else []),
             build("", shown, read if "nominal" in shown.heads else None, fit),

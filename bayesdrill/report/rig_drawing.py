@@ -172,7 +172,7 @@ class _RigDrawing:
         turns = rf"${angle},\,\dot {angle}$"
         above = [self._formula(pushes), constant, self._latex(inertia.inertia), turns]
         rubs = (inertia.damping, inertia.friction, inertia.sliding, inertia.static, inertia.fading)
-        others = (*inertia.cutting, inertia.weight, inertia.tilt)
+        others = (inertia.drag, *inertia.cutting, inertia.weight, inertia.tilt)
         known = [name for name in (*rubs, *others) if name in rig.parameters]
         below = [self._latex(*pair) for pair in batched(known, 2)]
         if circuit:  # takes all the room above

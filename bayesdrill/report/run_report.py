@@ -34,6 +34,7 @@ from bayesdrill.report.section import (
     build,
 )
 from bayesdrill.report.sections import (
+    causes_words,
     fit_words,
     identify_words,
     physics_words,
@@ -163,7 +164,7 @@ def _sections(run: ReportContext, pictures: Sequence[Picture]) -> Iterator[Secti
         verdict_words.step_sentences(analysis.step_errors),
     )
     if analysis.causes is not None:
-        yield build("What would explain it", *fit_words.candidates(analysis.causes), brief=False)
+        yield build("What would explain it", *causes_words.candidates(analysis.causes), brief=False)
     yield build("Parameters", *_parameters(run))
     if judged is not None:
         rule = None if run.reasons else Note(verdict_words.verdict_rule(judged.verdict))
@@ -233,11 +234,11 @@ def _verdict(run: ReportContext) -> str:
         converged=converged,
         believed=not run.reasons,
         records=len(run.problem.observations),
-        lacking=fit_words.lacking(run.analysis.causes, rig.roles),
+        lacking=causes_words.lacking(run.analysis.causes, rig.roles),
         rests=judged.study.resting,
         units=run.units,
     )
-    more = fit_words.instead(run.analysis.instead, rig) if converged else ()
+    more = causes_words.instead(run.analysis.instead, rig) if converged else ()
     return "\n".join([said, *more])
 
 

@@ -384,6 +384,8 @@ def search(mode: Mode) -> str:
     """Return how the searches for the MAP went, in one line, and what is to be known of it."""
     n, same = len(mode.searches), len(mode.highest)
     said = f"MAP: {same} of {n} searches reached the same maximum"
+    if not same:
+        said = "MAP: draws from the priors led higher than the searches from the starts"
     if same < 2 and n > 1:
         said += "; no second one confirms it (more: map.starts, map.evaluations)"
     if mode.others:

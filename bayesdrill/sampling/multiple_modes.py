@@ -13,6 +13,8 @@ further maxima along each of them by itself.
 
 from __future__ import annotations
 
+import dataclasses
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -126,6 +128,7 @@ def shares_held(posterior: Posterior, ends: Array) -> Array:
     return np.asarray(mass / mass.sum())
 
 
+SAME_HEIGHT = 1e-6  # of the log density, relative: of what is the same but for names
 POLE_PAIRS = 2  # of poles that are looked at, the fastest
 MIN_IMAGINARY = 1e-6  # of the largest pole: an imaginary part above it is no rounding
 SLOPE_STEP = 1e-5  # of the priors' spreads
@@ -153,8 +156,33 @@ class NearbyStarts:
 
 def nearby_starts(surface: LogDensity, u: Array) -> Iterator[NearbyStarts]:
     """Yield starts from which a search may find other maxima than the one at `u (D,)`."""
+    yield from twin_starts(surface, u)
     yield from alias_starts(surface, u)
     yield from scan_starts(surface, u)
+
+
+def twin_starts(surface: LogDensity, u: Array) -> Iterator[NearbyStarts]:
+    """Yield the twins of `u (D,)`: two inertias on shafts are exchanged that nothing tells apart."""
+    posterior = surface.posterior
+    observations, free = posterior.likelihood.observations, posterior.space.free
+    roles, labels = (
+        observations[0].response.model.roles,
+        ["", *(f"_{x.label}" for x in observations)],
+    )
+    inertias = itertools.combinations(map(dataclasses.asdict, roles.inertias), 2)
+    shafts = [*itertools.combinations(map(dataclasses.asdict, roles.shafts), 2)]
+    for parts in itertools.product(inertias, shafts):
+        pairs: dict[str, str] = {}
+        for one, two in parts:
+            both = [(one[x], two[x]) for x in one if isinstance(one[x], str) and one[x] and two[x]]
+            for ending in (f"{start}{label}" for start in ("", "_0") for label in labels):
+                pairs |= {a + ending: b + ending for a, b in (*both, *((b, a) for a, b in both))}
+        exchanged = [pairs.get(name, name) for name in free]
+        if {*exchanged} == {*free} and exchanged != [*free]:
+            twin = u[[free.index(name) for name in exchanged]]
+            here, there = surface.value(np.stack([u, twin]))
+            if abs(here - there) <= SAME_HEIGHT * (1.0 + abs(here)):
+                yield NearbyStarts(twin[None], 0.0)
 
 
 def alias_starts(surface: LogDensity, u: Array) -> Iterator[NearbyStarts]:

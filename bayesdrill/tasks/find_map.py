@@ -9,26 +9,28 @@ from pathlib import Path
 import numpy as np
 
 from bayesdrill import output_files
-from bayesdrill.analysis.causes import Causes
+from bayesdrill.analysis.causes import Cause, Causes
 from bayesdrill.basics import software
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.basics.units import Unit
 from bayesdrill.config.job import Job, prepare
 from bayesdrill.config.resolve import assembly
+from bayesdrill.config.yaml_source import parse
 from bayesdrill.inference.compression import LONG
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.residual_checks import ResidualSummary
 from bayesdrill.output_files import MAP, dumps_checksummed, loads_checksummed, typed
 from bayesdrill.report import publish, words
 from bayesdrill.report.map_report import MapReport
-from bayesdrill.report.sections import fit_words
+from bayesdrill.report.sections import causes_words, fit_words
 from bayesdrill.results import provenance
 from bayesdrill.results.provenance import begin, check_record
 from bayesdrill.results.run_folder import COMPUTED_AGAIN, Folder
 from bayesdrill.sampling.fit import FitPlan, PendingSearches, begin_searches, end_searches
 from bayesdrill.sampling.mode_search import Mode
 from bayesdrill.sampling.workers import WorkerPool
+from bayesdrill.selection import config_edits
 from bayesdrill.tasks import ranking, run_entries
 from bayesdrill.tasks.conclusions import causes, plan
 
@@ -124,7 +126,32 @@ def explain(
     """
     explained = causes(job, mode, left, submit, report)
     report.update(1.0, "")
-    return explained, fit_words.explained(explained)
+    return explained, causes_words.explained(explained)
+
+
+def check_new_config(job: Job, path: Path, *, force: bool) -> None:
+    """Raises `InputError` where `write_config` would, before minutes of searches."""
+    place = str(path)
+    if job.table is not None:
+        raise InputError.at(
+            place, "the record is in no file yet; save the case, then map its config"
+        )
+    if path.suffix not in (".yaml", ".yml"):
+        raise InputError.at(place, "a config is a .yaml file; give such a name")
+    output_files.refuse_other_than_file(path)
+    if path.resolve() == job.source.path.resolve():
+        raise InputError.at(place, "is the config that is mapped; give another name")
+    output_files.refuse_existing(path, force=force)
+
+
+def write_config(job: Job, cause: Cause, path: Path, *, force: bool) -> None:
+    """Write the config of a job with the lines of a candidate."""
+    check_new_config(job, path, force=force)
+    lines = parse(path, cause.lines).data
+    about = [f"{job.source.path.name} with {cause.about}, as `bayesdrill map` recommends it."]
+    data = config_edits.merged(job.source.data, lines)
+    config_edits.raise_walkers(data, len(job.problem.names) + len(cause.new))
+    output_files.write_text(path, config_edits.as_file(data, job.source, path.parent, about))
 
 
 MAP_FILE = "map.json"

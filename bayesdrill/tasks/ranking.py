@@ -4,31 +4,56 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
 
-from bayesdrill.analysis.causes import (
-    NOISE,
-    SURE_LOG_ODDS,
-    Cause,
-    Causes,
-    FittedValue,
+import numpy as np
+
+from bayesdrill.analysis.causes import SURE_LOG_ODDS, Cause, Causes, FittedValue, recommended
+from bayesdrill.analysis.edits import with_gear
+from bayesdrill.analysis.refits import (
+    Records,
     RefitMaximum,
+    measured_samples,
     refit_candidate,
 )
+from bayesdrill.analysis.suspicions import find_reference
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.config.job import Job
-from bayesdrill.selection import GEAR, GEARS, START, CandidateModel, CandidateModels
+from bayesdrill.inference.residual_checks import like_noise
+from bayesdrill.selection.candidates import CandidateModel, CandidateModels
+from bayesdrill.selection.parts import GEAR, LATER, START, WIDENED
 
 Submit = Callable[..., Future[Any]]  # of a function and its arguments
 FEW, PAIRED = 8, 4  # candidates that are tried beside others; in all pairs of these
-FINER = (0.8, 0.9, 1.1, 1.25)  # times the best of other gears
+# Constants that are sought on a grid, and then between the best and its neighbours.
+GEARS = (
+    0.1,
+    0.2,
+    0.25,
+    1 / 3,
+    0.5,
+    0.7,
+    1.4,
+    2.0,
+    3.0,
+    4.0,
+    5.0,
+    10.0,
+)  # times that which is given
+CLOCKS = (0.95, 0.97, 0.98, 0.99, 0.995, 1.005, 1.01, 1.02, 1.03, 1.05)  # times the clock's own
+FINEST_GEAR, FINEST_CLOCK = 1e-3, 1e-5
+LATER_SHARES = (0.01, 0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3)  # of the record
+SEEK_ROUNDS, SAME_HEIGHT = 8, 1.0  # rounds at most; of the log evidence: no more is gained
 HANDED_OVER = 4  # refits at a time
 PROMISE = 3.0  # natural logs of the density: what gains less is no candidate
+MIN_SHARE_WORTH_COMBINING = 0.05  # of what a catch-all gains, where that leaves noise alone
+MAX_HIDDEN = 0.02  # of the samples: more may be hidden only where all others are explained
 WINDOWS = 4  # of the record, where nothing explains all
 
 
@@ -38,19 +63,21 @@ def rank(
     """Refit all candidate models of `job` from its maximum.
 
     First each part by itself and pairs of the best; then, as long as it gets better, what else gained
-    beside the best.  `submit` does `causes.refit_candidate` in this process or another.
+    beside the best.  `submit` does `refits.refit_candidate` in this process or another.
     """
-    given = submit(refit_candidate, job.problem.posterior, maximum, -math.inf).result()
+    posterior = job.problem.posterior
+    given = submit(refit_candidate, posterior, maximum, -math.inf).result()
     ranking = Ranking(job, maximum, given, submit, report)
     return ranking.causes(), ranking
 
 
 @dataclass
 class Ranking:
-    """A ranking of what `ladder` makes, under way or done.
+    """A ranking of candidate models, under way or done.
 
     `given`: the refit of the config as it is; `causes_by_parts`: candidates that were refitted;
-    `maxima`: where the refits of these ended; `left_out`: why others could not be refitted.
+    `maxima`: where the refits of these ended; `left_out`: why others could not be refitted; `tried`: how
+    many values of a constant were tried.
     """
 
     job: Job
@@ -61,90 +88,149 @@ class Ranking:
     causes_by_parts: dict[tuple[str, ...], Cause] = field(default_factory=dict)
     left_out: dict[str, str] = field(default_factory=dict)
     maxima: dict[tuple[str, ...], RefitMaximum] = field(default_factory=dict)
+    tried: dict[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self.ladder = CandidateModels.from_job(self.job, self.maximum)
+        models = CandidateModels.from_job(self.job, self.maximum)
+        ends = {f"{WIDENED}{name}": way for name, way in self.given.at_ends.items()}
+        noise = {u.name for u in self.job.problem.posterior.space.unknowns if u.role == "noise"}
+        ends = {name: way for name, way in ends.items() if name.removeprefix(WIDENED) not in noise}
+        self.models = models.with_numbers(**ends)
+        self.records: Records = measured_samples(self.job.problem.posterior.likelihood)
 
     def causes(self) -> Causes:
-        """Refit all, and return what was found, the most probable first."""
-        self.refit_all(self.ladder.singles(), self.maximum)
-        self.ladder = self._with_best_gear(self.ladder)
-        best = next(iter(self._ranked(structural=True)), None)
+        """Refit all, and return what was found, the recommended first."""
+        self.refit_all(self.models.singles(), self.maximum)
+        for name, values in self._constants():
+            self._seek(name, *values)
+        best = self._best()
         # A rig that moves from its start alone shows only there what it may lack.
         if best is not None and best.parts == (START,) and best.bayes > SURE_LOG_ODDS:
-            (rung,) = self.ladder.rungs([best.parts])
-            there = CandidateModels.from_job(rung.job(), self.maxima[best.parts].values)
-            self.ladder = self.ladder.moving(there.sizes, there.speeds)
-            self.refit_all(self.ladder.singles(), self.maximum)
-        ranked = self._ranked(structural=True)
-        first = [cause.parts[0] for cause in ranked if cause.bayes > SURE_LOG_ODDS]
-        if self.causes_by_parts and not self._ranked()[0].explains_all:
-            for k, part in enumerate(first[:PAIRED]):
-                self._beside((part,), first[k + 1 : PAIRED])
-            if first:
-                self._climb(first)
-            best = self._ranked(structural=True)[0]
-            if not best.explains_all:
-                self._beside(best.parts, (*NOISE, *self.ladder.parts.torques))
-        causes = Causes(given=self.given.fit, ranked=self._ranked(), left_out=self.left_out)
+            (rung,) = self.models.rungs([best.parts])
+            there = CandidateModels.from_job(rung.job(), self.maxima[best.parts].values).setting
+            setting = self.models.setting.at_least(there.sizes, there.speeds)
+            self.models = CandidateModels(setting)
+            self.refit_all(self.models.singles(), self.maximum)
+        if not self._explained:
+            self.refit_all(self.models.singles(absorbing=True), self.maximum)
+            self._combine()
+        causes = Causes(
+            given=self.given.fit,
+            ranked=self._ranked(),
+            left_out=self.left_out,
+            reference=find_reference(self.job.problem, self.given.fit),
+        )
         if causes.explains and causes.best.explains_all:
             return causes
         return dataclasses.replace(causes, windows=self._windows())
 
+    @property
+    def _explained(self) -> bool:
+        """Whether a cause that can be trusted leaves only noise."""
+        named = [c for c in self.causes_by_parts.values() if not c.absorbing and not c.doubts]
+        return any(c.explains_all and c.bayes > SURE_LOG_ODDS for c in named)
+
+    def _combine(self) -> None:
+        """Try pairs of what gained by itself, and more beside the best as long as that gets better."""
+        most = max((c.bayes for c in self._all() if c.absorbing and c.explains_all), default=0.0)
+        least = max(SURE_LOG_ODDS, MIN_SHARE_WORTH_COMBINING * most)
+        first = [c.parts[0] for c in self._all() if not c.absorbing and c.bayes > least]
+        for k, part in enumerate(first[:PAIRED]):
+            self._beside((part,), first[k + 1 : PAIRED])
+        if first:
+            self._climb(first)
+        if (best := self._best()) is not None and not best.explains_all:
+            absorbing = [part.name for part in self.models.parts.values() if part.absorbs]
+            self._beside(best.parts, absorbing)
+
     def _climb(self, first: Sequence[str]) -> None:
         """Try what gained by itself beside the best, then all else; at last try without each part."""
-        known = self.ladder.parts
-        absorbing = {*NOISE, *known.torques}
-        singles = [
-            rung.parts[0] for rung in self.ladder.singles() if rung.parts[0] not in absorbing
-        ]
-        for more in ((*first[:FEW], *known.physics), singles):
+        parts = self.models.parts.values()
+        physics = [part.name for part in parts if part.kind]
+        singles = [part.name for part in parts if not part.absorbs and not part.needs]
+        for more in ((*first[:FEW], *physics), singles):
             before = 0.0
-            while True:
-                best = self._ranked(structural=True)[0]
-                if best.explains_all or best.bayes < before + SURE_LOG_ODDS:
+            while (best := self._best()) is not None:
+                if self._explained or best.bayes < before + SURE_LOG_ODDS:
                     break
                 before = best.bayes
                 self._beside(best.parts, more)
         before = -math.inf
-        while (best := self._ranked(structural=True)[0]).bayes > before:
+        while (best := self._best()) is not None and best.bayes > before:
             before = best.bayes
-            fewer = self.ladder.without_each(best.parts)
+            fewer = self.models.without_each(best.parts)
             self.refit_all(fewer, self.maxima[best.parts].values)
 
     def _beside(self, parts: tuple[str, ...], more: Iterable[str]) -> None:
         """Refit a candidate that was refitted, with each of `more`, from where its maximum is."""
-        self.refit_all(self.ladder.beyond(parts, more), self.maxima[parts].values)
+        self.refit_all(self.models.beyond(parts, more), self.maxima[parts].values)
 
-    def _ranked(self, *, structural: bool = False) -> tuple[Cause, ...]:
-        """The most probable first; `structural`: without those that would absorb any misfit."""
-        causes = self.causes_by_parts.values()
-        ranked = sorted(causes, key=lambda cause: -cause.bayes)
-        return tuple(cause for cause in ranked if not (structural and cause.absorbing))
+    def _all(self) -> list[Cause]:
+        """Return all candidates, the most probable first."""
+        return sorted(self.causes_by_parts.values(), key=lambda cause: -round(cause.bayes, 3))
 
-    def _with_best_gear(self, ladder: CandidateModels) -> CandidateModels:
-        """With the best of other gears, sought in two rounds."""
-        best, times = None, 1.0
-        for round_ in (GEARS, FINER):
-            for factor in [times * step for step in round_]:
-                self.causes_by_parts.pop((GEAR,), None)
-                self.refit_all(ladder.with_gear(factor), self.maximum)
-                cause = self.causes_by_parts.get((GEAR,))
-                if cause is not None and (best is None or cause.bayes > best.bayes):
-                    best, ladder = cause, dataclasses.replace(ladder, gear=factor)
-            if best is None or best.bayes < SURE_LOG_ODDS:
+    def _best(self) -> Cause | None:
+        """Return the most probable that names causes alone."""
+        return next((cause for cause in self._all() if not cause.absorbing), None)
+
+    def _ranked(self) -> tuple[Cause, ...]:
+        """Return the recommended, then all others."""
+        every = self._all()
+        good = [cause for cause in every if cause.bayes > SURE_LOG_ODDS]
+        if any(not cause.doubts for cause in good):
+            first = recommended(good)
+            return (first, *(cause for cause in every if cause is not first))
+        return tuple(every)
+
+    # Constants of a config that are sought.
+
+    def _constants(self) -> Iterator[tuple[str, tuple[Sequence[float], float]]]:
+        """Yield parts with a constant, the values from which it is sought, and the finest step."""
+        model, observations = self.job.problem.model, self.job.problem.observations
+        shafts = {shaft.stiffness for shaft in model.roles.shafts}
+        if model.geared and shafts & {*model.parameters}:
+            yield GEAR, (GEARS, FINEST_GEAR)
+        for name in self.models.setting.clocks:
+            yield name, (CLOCKS, FINEST_CLOCK)
+        shortest = min(float(np.ptp(each.experiment.t)) for each in observations)
+        step = min(each.experiment.dt for each in observations)
+        yield LATER, ([share * shortest for share in LATER_SHARES], step)
+
+    def _seek(self, name: str, values: Sequence[float], finest: float) -> None:
+        """Refit the part `name` with the best of its constant, from `values` and between them."""
+        heights, wanted = dict[float, float](), [*values]
+        for _ in range(SEEK_ROUNDS):
+            futures = [(value, self._refit_with(name, value)) for value in wanted]
+            tops = [(value, future.result()) for value, future in futures if future is not None]
+            heights |= {value: top.log_z for value, top in tops if top is not None}
+            if max(heights.values(), default=-math.inf) < self.given.log_z + SURE_LOG_ODDS:
+                return
+            if not (wanted := _finer(heights, finest)):
                 break
-            times = ladder.gear or 1.0
-        self.causes_by_parts.pop((GEAR,), None)
-        if best is not None:
-            self.causes_by_parts[GEAR,] = best
-        return ladder
+        self.models = self.models.with_numbers(**{name: max(heights, key=heights.__getitem__)})
+        self.tried[name] = len(values)
+        self.refit_all(self.models.rungs([(name,)]), self.maximum)
+
+    def _refit_with(self, name: str, value: float) -> Future[RefitMaximum | None] | None:
+        posterior = self.job.problem.posterior
+        if name == GEAR:  # the same kernels do
+            posterior = with_gear(posterior, value)
+        else:
+            try:
+                (rung,) = self.models.with_numbers(**{name: value}).rungs([(name,)])
+                posterior = rung.job().problem.posterior
+            except (InputError, ValueError):
+                return None
+        least, alone = self.given.log_posterior + PROMISE, dict[str, float]()
+        return self.submit(refit_candidate, posterior, self.maximum, least, alone, self.records)
+
+    # Refits.
 
     def refit_all(self, candidates: Sequence[CandidateModel], near: Mapping[str, float]) -> None:
         """Refit those that were not yet, from `near`, a few handed over at a time."""
         under_way: list[tuple[CandidateModel, Job, Future[Any]]] = []
         known = {*map(frozenset, self.causes_by_parts)}
-        remaining = [rung for rung in candidates if frozenset(rung.parts) not in known]
+        remaining = [rung for rung in candidates if frozenset(rung.names) not in known]
         total, said = len(remaining), f"refitting {len(remaining)} candidates"
         report = self.report if total > 1 else SILENT
         report.update(0.0, said)
@@ -152,15 +238,17 @@ class Ranking:
             while remaining and len(under_way) < HANDED_OVER:
                 rung = remaining.pop(0)
                 try:
-                    job = rung.job()
+                    job = rung.refit_job()
                 except InputError as error:
                     self.left_out[rung.name] = error.problems[0].message
                     continue
                 least = self.given.log_posterior + PROMISE
-                single = self.maxima.get(rung.parts[-1:]) if len(rung.parts) > 1 else None
+                single = self.maxima.get(rung.names[-1:]) if len(rung.names) > 1 else None
                 alone = {} if single is None else single.values
-                future = self.submit(refit_candidate, job.problem.posterior, near, least, alone)
-                under_way.append((rung, job, future))
+                sought = (part.starts for part in rung.parts if part.starts)
+                starts = next((each for each in sought if not {*each[0]} <= {*near}), ())
+                arguments = job.problem.posterior, near, least, alone, self.records, starts
+                under_way.append((rung, job, self.submit(refit_candidate, *arguments)))
             if under_way:
                 rung, job, future = under_way.pop(0)
                 self._keep(rung, job, future.result())
@@ -172,30 +260,28 @@ class Ranking:
             return
         symbols = [symbol for symbol in job.problem.symbols if symbol.name not in self.maximum]
         new = _fitted(symbols, top)
-        ends = [value.name for value in new if value.name in top.at_ends]
-        doubts = [f"{name} is at an end of its prior" for name in ends]
-        if top.several:
-            doubts.append("there is another maximum, about as high")
-        # A lag leaves out samples of a rig that moves at the start.
-        more = top.on(self.given.numbers)
-        physics = self.ladder.parts.physics
-        self.causes_by_parts[rung.parts] = Cause(
-            parts=rung.parts,
+        tries = math.prod(self.tried.get(name, 1) for name in rung.names)
+        lacks = tuple(dict.fromkeys(name for part in rung.parts for name in part.lacks))
+        self.causes_by_parts[rung.names] = Cause(
+            parts=rung.names,
             words=rung.words,
             lines=rung.lines,
-            lacks=tuple(dict.fromkeys(n for part in rung.parts for n in physics.get(part, ()))),
+            lacks=lacks,
             new=new,
-            gain=top.log_posterior + more - self.given.log_posterior,
-            bayes=float(top.log_z + more - self.given.log_z),
+            gain=top.log_posterior - self.given.log_posterior,
+            bayes=float(top.log_z - self.given.log_z) - math.log(tries),
             fit=top.fit,
-            doubts=tuple(doubts),
+            doubts=tuple(_doubts(top, {*self.maximum}, rung)),
         )
-        self.maxima[rung.parts] = top
+        self.maxima[rung.names] = top
 
     def _windows(self) -> tuple[tuple[FittedValue, ...], ...]:
-        """Refit the config as given on each window; nothing where one of them cannot be."""
+        """Refit the config as given on each window; nothing where one of them cannot be.
+
+        Of each window the unknowns that it determines: where nothing moves that is none.
+        """
         try:
-            jobs = [rung.job() for rung in self.ladder.windows(WINDOWS)]
+            jobs = [rung.job() for rung in self.models.windows(WINDOWS)]
         except InputError:
             return ()
         posteriors = [job.problem.posterior for job in jobs]
@@ -205,8 +291,51 @@ class Ranking:
             return ()
         space = self.job.problem.posterior.space
         starts = {unknown.name for unknown in space.unknowns if unknown.role == "start"}
+        noise = {unknown.name for unknown in space.unknowns if unknown.role == "noise"}
         symbols = [symbol for symbol in self.job.problem.symbols if symbol.name not in starts]
-        return tuple(_fitted(symbols, top) for top in maxima)
+        told = [[s for s in symbols if s.name not in top.vague] for top in maxima]
+        return tuple(
+            _fitted(known, top)
+            for known, top in zip(told, maxima, strict=True)
+            if any(symbol.name not in noise for symbol in known)
+        )
+
+
+def _finer(heights: Mapping[float, float], finest: float) -> list[float]:
+    """Return values between the best and its neighbours: halfway, and where a parabola is highest.
+
+    None where they are as near as the `finest`, or about as high.
+    """
+    known = sorted(heights)
+    k = known.index(max(heights, key=heights.__getitem__))
+    near = known[max(k - 1, 0) : k + 2]
+    least = heights[known[k]] - SAME_HEIGHT
+    far = [
+        (a, b) for a, b in pairwise(near) if b - a > finest and min(heights[a], heights[b]) < least
+    ]
+    halfway = [0.5 * (a + b) for a, b in far]
+    if len(near) < 3 or not far:
+        return halfway
+    bend, slope, _ = np.polyfit(np.subtract(near, known[k]), [heights[x] for x in near], 2)
+    top = known[k] - 0.5 * slope / bend if bend < 0 else known[k]
+    return [*halfway, float(top)] if near[0] < top < near[2] and top not in heights else halfway
+
+
+def _doubts(top: RefitMaximum, known: set[str], rung: CandidateModel) -> Iterator[str]:
+    """Yield why the evidence of a candidate cannot be trusted."""
+    widened = {name.removeprefix(WIDENED) for name in rung.names if name.startswith(WIDENED)}
+    optional = {part.optional for part in rung.parts}
+    for name, way in top.at_ends.items():
+        if (name not in known or name in widened) and not (name in optional and way < 0):
+            yield f"{name} is at an end of its prior"
+    if top.several:
+        yield "there is another maximum, about as high"
+    for pair in top.alike:
+        if len({rung.owner(name) for name in pair}) > 1:
+            yield f"{' and '.join(pair)} stand for each other"
+    if top.hidden > MAX_HIDDEN and not like_noise(top.fit):
+        share = f"{100 * top.hidden:.2g} %"
+        yield f"it hides {share} of the samples, and leaves more than noise of the others"
 
 
 def _fitted(symbols: Iterable[Symbol], top: RefitMaximum) -> tuple[FittedValue, ...]:

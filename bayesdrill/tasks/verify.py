@@ -164,7 +164,7 @@ def _way_back(kind: Kind, name: str) -> str:
     """How a file of a run comes back: of a posterior, what a report is made from is not made by one."""
     if kind is not POSTERIOR:
         return f"`bayesdrill {kind.job} --force` makes it again"
-    if output_files.GROUND.is_output(name) or name in (*output_files.CONFIGS, output_files.OPENED):
+    if output_files.GROUND.is_output(name) or name in output_files.CONFIGS:
         return "put it back, or `bayesdrill posterior CONFIG --resume` makes it again"
     return "`bayesdrill report` makes tables and figures again"
 

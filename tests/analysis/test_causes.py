@@ -15,8 +15,9 @@ from scipy.stats import multivariate_normal
 from together import for_each
 
 import bayesdrill as bd
-from bayesdrill.analysis.causes import Cause, Causes, refit_candidate
-from bayesdrill.report.sections import fit_words
+from bayesdrill.analysis.causes import Cause, Causes
+from bayesdrill.analysis.refits import refit_candidate
+from bayesdrill.report.sections import causes_words
 from bayesdrill.rig.models.roles import usual_roles
 from bayesdrill.tasks import run_entries
 from bayesdrill.tasks.ranking import WINDOWS
@@ -129,8 +130,8 @@ def test_what_is_wrong_is_first_with_its_size(
         assert new.value == pytest.approx(truth, abs=max(5 * new.sd, 0.02 * abs(truth)))
         assert new.sd < 0.1 * abs(truth)
         assert found.lacking == ((unknown,) if "added" in lacks else ())
-        assert bool(fit_words.lacking(found, usual_roles())) == ("added" in lacks)
-        said = fit_words.explained(found)
+        assert bool(causes_words.lacking(found, usual_roles())) == ("added" in lacks)
+        said = causes_words.explained(found)
         assert f"fit: A is the config with {first.words[0]}" in said
         assert "next: add these lines to the config (A" in said
         assert "That leaves what looks like the noise." in said
@@ -184,11 +185,11 @@ def test_where_nothing_explains_nothing_is_said_to(tmp_path: Path) -> None:
     assert found.lacking == ()
     assert not any(one.explains_all for one in found.good)
     assert run_entries.causes_data(found) == []
-    said = fit_words.explained(found)
+    said = causes_words.explained(found)
     assert said.startswith(f"fit: {len(found.ranked)} candidates were refitted, and none explains")
     assert "add these lines" not in said
     assert len(found.windows) == WINDOWS
-    assert "No unknown changes by more than" in fit_words.wandering(found)
+    assert "No unknown changes by more than" in causes_words.wandering(found)
 
 
 def test_a_rig_that_changes_shows_from_window_to_window(tmp_path: Path) -> None:
@@ -204,7 +205,7 @@ def test_a_rig_that_changes_shows_from_window_to_window(tmp_path: Path) -> None:
     assert values == sorted(values)  # as much voltage for less speed
     expected = NOMINAL["k_e"] * (1.0 + 0.4 * (np.arange(WINDOWS) + 0.5) / WINDOWS)
     np.testing.assert_allclose(values, expected, rtol=0.05)
-    assert "k_e from " in fit_words.wandering(found)
+    assert "k_e from " in causes_words.wandering(found)
 
 
 # A torque that is late, of a shaft whose upper end is turned.
@@ -270,7 +271,7 @@ def test_a_torque_that_is_late_is_named(late: float, tmp_path: Path) -> None:
 def test_inputs_that_are_in_time_leave_nothing_to_explain(tmp_path: Path) -> None:
     path = shaft(tmp_path, 0.0)
     assert causes_of(bd.load(path)) is None
-    assert fit_words.explained(None) == ""
+    assert causes_words.explained(None) == ""
 
 
 def test_friction_shows_once_a_rig_moves_from_its_start() -> None:
@@ -371,7 +372,7 @@ def test_the_evidence_of_a_straight_model_is_exact() -> None:
     top = refit_candidate(posterior, {}, -np.inf)
     assert top is not None
     assert top.log_z == pytest.approx(exact, abs=0.01)
-    assert top.at_ends == ()
+    assert not top.at_ends
     assert not top.several
 
 

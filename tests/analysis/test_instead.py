@@ -10,7 +10,7 @@ from torques import TORQUE, observed
 
 from bayesdrill.analysis.causes import EquivalentExplanation, equivalent_explanation
 from bayesdrill.analysis.edits import lacks, with_candidates
-from bayesdrill.report.sections import fit_words, verdict_words
+from bayesdrill.report.sections import causes_words, verdict_words
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.models.roles import usual_roles
 from bayesdrill.tasks import run_entries
@@ -36,7 +36,7 @@ def test_a_table_is_right_with_what_is_missing(names: dict[str, tuple[bool, ...]
         assert alternative is not None
         assert alternative.parameter == name
         assert alternative.value == pytest.approx(share * truth, rel=0.05)
-        (said,) = fit_words.instead(alternative, MotorShaft())
+        (said,) = causes_words.instead(alternative, MotorShaft())
         assert next(x.words for x in lacks(usual_roles()) if x.parameter == name) in said
 
     for_each(
@@ -87,7 +87,7 @@ def test_a_verdict_in_doubt_says_what_is_missing() -> None:
 
 def test_where_a_table_needs_no_help_nothing_is_said() -> None:
     assert run_entries.instead_data(None) == {}
-    assert list(fit_words.instead(None, MotorShaft())) == []
+    assert list(causes_words.instead(None, MotorShaft())) == []
     data = run_entries.instead_data(EquivalentExplanation(parameter="t_cm", value=0.1, lost=-3.0))
     assert data["instead"]["log_likelihood"] == 3.0
 

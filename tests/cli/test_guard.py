@@ -8,6 +8,7 @@ import resource
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -19,7 +20,7 @@ from systems import STOPPING
 from together import together
 
 from bayesdrill.basics.errors import ErrorCollector, InputError
-from bayesdrill.guard import INPUT_WRONG, INTERRUPTED, guarded, saved_in
+from bayesdrill.guard import INPUT_WRONG, INTERRUPTED, guarded, never_silent, saved_in
 from bayesdrill.output_files import POSTERIOR
 from bayesdrill.results.provenance import interruptions
 from bayesdrill.results.run_folder import Folder, read_run
@@ -253,3 +254,24 @@ def test_what_is_no_number_of_threads_counts_as_unset(threads: str) -> None:
     kept = {**shell, **dict.fromkeys(names, " 2")}
     ended = subprocess.run([sys.executable, "-c", code], env=kept, capture_output=True, text=True)
     assert all(name in ended.stdout for name in names), ended.stderr
+
+
+def test_what_is_silent_for_long_says_that_it_is_at_work(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """And what speaks by itself is not interrupted.
+
+    Mutants killed: a line for each look; silence of one stream alone; streams that stay watched.
+    """
+    streams = sys.stdout, sys.stderr
+    with never_silent(0.5):
+        time.sleep(1.2)
+        for _ in range(12):
+            time.sleep(0.1)
+            print("mine")
+    assert (sys.stdout, sys.stderr) == streams
+    said = capsys.readouterr()
+    assert said.out == 12 * "mine\n"
+    lines = said.err.splitlines()
+    assert 1 <= len(lines) <= 2
+    assert all(line.startswith("  still at work, for ") for line in lines)

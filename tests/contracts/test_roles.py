@@ -23,17 +23,18 @@ from oracles import NOMINAL
 
 import bayesdrill as bd
 from bayesdrill.analysis import edits, plausibility
-from bayesdrill.analysis.causes import Causes, EquivalentExplanation, refit_candidate
+from bayesdrill.analysis.causes import Causes, EquivalentExplanation
 from bayesdrill.analysis.friction_motion import friction_curve, friction_motions
 from bayesdrill.analysis.identifiability.frictions import rivals, stall_voltage
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.latent_torque import regress_torque, torque_estimates
+from bayesdrill.analysis.refits import refit_candidate
 from bayesdrill.analysis.run_analysis import torque_summary
 from bayesdrill.basics import symbols
 from bayesdrill.basics.progress import SILENT
 from bayesdrill.inference import derived
 from bayesdrill.report import words
-from bayesdrill.report.sections import fit_words, torque_words
+from bayesdrill.report.sections import causes_words, torque_words
 from bayesdrill.report.sections.physics_words import effort_symbol, speed_symbol
 from bayesdrill.report.sections.torque_words import regressors
 from bayesdrill.rig import MotorShaft
@@ -41,7 +42,7 @@ from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.models.roles import Roles, usual_roles
 from bayesdrill.sampling.workers import WorkerPool
-from bayesdrill.selection import CandidateModels
+from bayesdrill.selection.candidates import CandidateModels
 from bayesdrill.tasks import ranking
 
 ROOT = Path(__file__).parents[2]
@@ -111,7 +112,7 @@ def of_record(of: bd.Case) -> Iterator[Any]:
         EquivalentExplanation(parameter=lack.parameter, value=0.1, lost=1.0)
         for lack in edits.lacks(problem.model.roles)
     ]
-    yield [[*fit_words.instead(one, problem.model)] for one in every]
+    yield [[*causes_words.instead(one, problem.model)] for one in every]
     rungs = CandidateModels.from_job(of.job, {}).singles()
     rungs += CandidateModels.from_job(of.job, {}).beyond(("friction_both",), ())
     yield [(one.name, one.about, one.source.data) for one in rungs]
@@ -164,8 +165,8 @@ def of_cause(rig: Model, own: dict[str, str]) -> Iterator[Any]:
         work.refit_all(rungs, start)
     causes = Causes(given=given.fit, ranked=work._ranked())
     yield repr(causes)
-    yield fit_words.explained(causes)
-    yield fit_words.lacking(causes, of.job.problem.model.roles)
+    yield causes_words.explained(causes)
+    yield causes_words.lacking(causes, of.job.problem.model.roles)
 
 
 def of_torque(of: bd.Case) -> Iterator[Any]:

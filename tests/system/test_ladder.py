@@ -15,12 +15,12 @@ import numpy as np
 import pytest
 import systems
 
-from bayesdrill.analysis.causes import RefitMaximum, refit_candidate
+from bayesdrill.analysis.refits import RefitMaximum, refit_candidate
 from bayesdrill.basics.errors import Interrupted
 from bayesdrill.basics.progress import Silent
 from bayesdrill.config import loading
 from bayesdrill.config.job import prepare
-from bayesdrill.selection import CandidateModel
+from bayesdrill.selection.candidates import CandidateModel
 from bayesdrill.tasks import ladder, ranking, remote
 
 CONFIG = """\

@@ -182,6 +182,7 @@ class Sources:
         else:
             values = self._pick(time_place, time, table, instead)
             factor = units.factor(time.unit, "s")
+            values = values if values is None or time.scale is None else values * time.scale
         if values is None:
             return None
         raw, offset = values * factor, (time.offset or 0.0) * factor

@@ -118,6 +118,9 @@ class ColumnSpec(Strict):
 class TimeColumn(ColumnSpec):
     """A column of times."""
 
+    scale: Positive | None = Field(
+        None, description="Multiplies all times: below 1 for a clock that runs fast; default: 1."
+    )
     offset: Number | None = Field(None, description="Is added to all times, in their unit.")
 
 

@@ -1,4 +1,4 @@
-"""Write what the fit says: its signals in the user's units, what it leaves, what would explain it."""
+"""Write what the fit says: its signals in the user's units, and what it leaves."""
 
 from __future__ import annotations
 
@@ -11,8 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayesdrill.analysis.causes import Cause, Causes, EquivalentExplanation
-from bayesdrill.analysis.edits import lacks
 from bayesdrill.analysis.friction_motion import FrictionMotion
 from bayesdrill.analysis.latent_torque import TAILS
 from bayesdrill.analysis.suspicions import InputTiming
@@ -24,10 +22,9 @@ from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.residual_checks import ResidualSummary, like_noise
 from bayesdrill.inference.unknowns import labelled_name
 from bayesdrill.output_files import numbered
-from bayesdrill.report.section import Plain, Sentences, Table, aligned
+from bayesdrill.record.clocks import median_step
 from bayesdrill.report.sections.physics_words import effort_symbol, time_symbol
-from bayesdrill.rig.models.linear import Model
-from bayesdrill.rig.models.roles import Roles
+from bayesdrill.sampling.mode_search import Mode
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -149,6 +146,7 @@ def every_fit(
 
 
 DOTS = 3000  # measured samples drawn in a panel
+SHOWN = 5  # unknowns that a sentence names
 SHOWN_STRETCHES = 20_000  # stretches of a long record, of which a figure is given both extremes
 
 
@@ -223,14 +221,23 @@ def _prediction(observation: Observation, full: Array) -> str:
     return text.getvalue()
 
 
+MAX_SHARE = 10.0  # of a channel's spread: more is left only of one that hardly changes
+
+
 def residual_sentences(summaries: Sequence[ResidualSummary], clock: Unit) -> str:
     """How much is left; that it looks like the noise, or a line for each way in which it does not.
 
     `clock`: in which times are said.
     """
-    shared = [summary for summary in summaries if not math.isnan(summary.share)]
+    still = [summary for summary in summaries if summary.share > MAX_SHARE]
+    shared = [summary for summary in summaries if summary.share <= MAX_SHARE]
     seen = ", ".join(f"{percent(summary.share)} of {summary.name}" for summary in shared)
     lines = [f"fit: the MAP leaves unexplained {seen or 'nothing to speak of'}."]
+    lines += [
+        f"fit: {summary.name} hardly changes in the record, and the model moves it far more. Is its "
+        "column the right one?"
+        for summary in still
+    ]
     # Where noise remembers, or a torque is missing; elsewhere both are what was said above.
     # NRMSE fits, the complements of what is left: below zero where a mean would do better.
     each = ", ".join(
@@ -318,157 +325,35 @@ def _each_channel(summaries: Sequence[ResidualSummary], what: str) -> str:
 
 
 def percent(share: float) -> str:
-    """Of a channel's spread about its mean."""
-    return f"{100 * share:.2g} %"
+    """Of a channel's spread about its mean; of one that hardly changes it says nothing."""
+    if share > MAX_SHARE:
+        return f"> {100 * MAX_SHARE:.0f} %"
+    return f"{100 * share:.2g} %" if not share >= 0.995 else f"{100 * share:.0f} %"
 
 
-WIDER = 2.0  # times what was found, of a prior that is proposed
-SHOWN = 5  # candidates, or unknowns
-WANDERS = 3.0  # sds: more than by chance, from window to window
-STEPS = (
-    "next: bayesdrill map CONFIG shows whether that fits.\n"
-    "next: bayesdrill ladder CONFIG samples the best candidates and compares them."
-)
-LOOK = (
-    "next: bayesdrill check CONFIG says what is odd in columns and units.\n"
-    "next: look at the inputs and the gear: does something drive the rig that no column has?\n"
-    "next: a window (`record: {window: [from, to]}`) shows where in the record the misfit begins."
-)
+EARLY = 0.1  # of a sample: inputs that act so much before they are recorded are worth a word
 
 
-def explained(causes: Causes | None) -> str:
-    """What would explain what the fit leaves, for a terminal: best first, and what to do."""
-    return "\n".join(
-        aligned([part.heads, *part.lines], left={0}) if isinstance(part, Table) else part.text
-        for part in candidates(causes)
-    )
-
-
-def candidates(causes: Causes | None) -> tuple[Sentences | Table | Plain, ...]:
-    """Return what would explain what the fit leaves, for a page.
-
-    These are candidates, best first, the lines of a config that say the best, and what to do next.
-    """
-    if causes is None:
-        return ()
-    if not causes.explains:
-        tried = (
-            f"fit: {len(causes.ranked)} candidates were refitted, and none explains the misfit. They "
-            "were gains, lags and offsets of sensors and inputs, the start, the gear, physics that the "
-            "rig may lack, and the noise."
-        )
-        return (Sentences("\n".join(filter(None, [tried, wandering(causes), LOOK]))),)
-    best, rest = causes.best, "leaves more than noise"
-    doubts = [cause for cause in causes.good[:SHOWN] if cause.doubts]
-    said = [
-        f"fit: {len(causes.ranked)} candidates were refitted from the MAP, each with all unknowns free. "
-        "The best are listed: log Bayes factor (by Laplace's approximation), gain of the log posterior, "
-        "and what stays unexplained of each channel.",
-        f"fit: A is the config with {_listed(best.words)}.",
-    ]
-    if doubts:
-        each = "; ".join(f"{_beside(cause, best)}: {', '.join(cause.doubts)}" for cause in doubts)
-        said.append(f"fit: do not trust the Bayes factor of {each}.")
-    if best.explains_all:
-        rest = "leaves what looks like the noise"
-    first = causes.ranked[0]
-    if first.absorbing == first.parts and first is not best:
-        said.append(
-            f"fit: {first.about} absorbs more, as it does of any misfit, and names no cause."
-        )
-    said += filter(None, [wandering(causes)])
-    return (
-        Sentences("\n".join(said)),
-        _candidate_table(causes),
-        Sentences(f"next: add these lines to the config (A{_new(best)}). That {rest}."),
-        Plain(best.lines),
-        Sentences(STEPS),
-    )
-
-
-def _candidate_table(causes: Causes) -> Table:
-    channels = (summary.name for summary in causes.given)
-    lines = [("as given", "0", "0", *(percent(summary.share) for summary in causes.given))]
-    for cause in causes.good[:SHOWN]:
-        factors = (f"{cause.bayes:+.1f}", f"{cause.gain:+.1f}")
-        left = (percent(summary.share) for summary in cause.fit)
-        lines.append((_beside(cause, causes.best), *factors, *left))
-    heads = ("model", "log Bayes factor", "log posterior", *channels)
-    return Table(heads, tuple(lines), frozenset({"model"}))
-
-
-def _beside(cause: Cause, best: Cause) -> str:
-    """A candidate by what it has otherwise than the `best`, which is called A, if that is shorter."""
-    if cause is best:
-        return "A"
-    pairs = zip(cause.parts, cause.words, strict=True)
-    more = [words for part, words in pairs if part not in best.parts]
-    less = [w for part, w in zip(best.parts, best.words, strict=True) if part not in cause.parts]
-    if len(more) + len(less) >= len(cause.parts):
-        return _listed(cause.words)
-    parts = [
-        f"{how} {_listed(words)}" for how, words in (("with", more), ("without", less)) if words
-    ]
-    return f"A {' and '.join(parts)}"
-
-
-def _listed(words: Sequence[str]) -> str:
-    *first, last = words
-    return f"{', '.join(first)}, and {last}" if first else last
-
-
-def wandering(causes: Causes) -> str:
-    """Say which unknowns change from window to window of the record; empty where none was refitted."""
-    if not causes.windows:
-        return ""
-    changes = []
-    for column in zip(*causes.windows, strict=True):
-        values = [unknown.value for unknown in column]
-        sd = float(np.median([unknown.sd for unknown in column]))
-        if (sds := float(np.std(values, ddof=1)) / sd if sd > 0 else 0.0) > WANDERS:
-            said = f"{min(values):.3g} to {max(values):.3g} {column[0].unit}".strip()
-            changes.append((sds, f"{column[0].name} from {said} (sd {sd:.2g})"))
-    opening = (
-        f"fit: the config as given was refitted on {len(causes.windows)} windows of the record"
-    )
-    if not changes:
-        return f"{opening}. No unknown changes by more than {WANDERS:g} sds."
-    most = ", ".join(said for _, said in sorted(changes, reverse=True)[:SHOWN])
-    return (
-        f"{opening}. What changes most: {most}. Constants of a rig do not: the model lacks something "
-        "that changes with time or with the motion."
-    )
-
-
-def _new(cause: Cause) -> str:
-    """Values of its further unknowns, where they are few."""
-    few = [new for new in cause.new if not new.name.startswith(("sigma_", "rho_"))][:SHOWN]
-    said = [f"{new.name} = {new.value:.3g} {new.unit}".strip() for new in few]
-    return f": {', '.join(said)}" if said else ""
-
-
-def lacking(causes: Causes | None, roles: Roles) -> str:
-    """What the model misses, for a verdict that stands on it; empty where nothing is known."""
-    names = () if causes is None else causes.lacking
-    return " and ".join(f"{_lacked(name, roles)} ({name})" for name in names)
-
-
-def instead(explanation: EquivalentExplanation | None, rig: Model) -> Iterable[str]:
-    """A table that may be right after all."""
-    if explanation is None:
-        return
-    how = "better than" if explanation.lost < 0 else "about as well as"
-    name, value = explanation.parameter, explanation.value
-    missing = f"{_lacked(name, rig.roles)} of {value:.3g} {rig.symbols[name].plain_unit}"
-    prior = f"{{prior: uniform, low: 0, high: {WIDER * value:.2g}}}"
-    yield (
-        f"before you blame the table: its values with {missing} explain the record {how} any without. "
-        f"Try it: say `parameters: {{{name}: {prior}}}`."
-    )
-
-
-def _lacked(name: str, roles: Roles) -> str:
-    return next(lack.words for lack in lacks(roles) if lack.parameter == name)
+def map_notes(problem: Problem, mode: Mode) -> Iterator[str]:
+    """Yield unknowns at ends of their priors, and inputs that would act before they are recorded."""
+    units, priors = problem.units, problem.posterior.space.priors
+    for name in mode.at_bound:
+        value, prior = mode.values[name], priors[name]
+        if abs(value - prior.low) < abs(value - prior.high) and prior.low == 0:
+            yield f"prior: {name} is at zero, where its prior ends: the record shows none of it."
+        else:
+            shown = units.format_value(name, value)
+            yield f"prior: {name} is at an end of its prior, {shown}. Widen it before anything else."
+    for observation in problem.observations:
+        sensing, step = observation.response.sensing, median_step(observation.experiment.t)
+        lags = [name for name in (sensing.delay, *sensing.input_lags.values()) if name]
+        called = observation.named(observation.response.parameters)
+        for name in dict.fromkeys(called[lag] for lag in lags):
+            if (early := mode.values.get(name, 0.0)) < -EARLY * step:
+                yield (
+                    f"timing: by {name} the inputs act {-1e3 * early:.3g} ms before they are recorded. "
+                    "Their column is late, as one that was filtered, or the clocks do not agree."
+                )
 
 
 def moment(moment: InputTiming | None) -> Iterable[str]:

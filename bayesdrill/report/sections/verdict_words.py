@@ -110,10 +110,13 @@ def repeats_table(repeats: Sequence[RepeatedProduct], names: Sequence[str]) -> T
 
 
 def step_sentences(errors: Sequence[StepError]) -> str:
-    """A line for each experiment; nothing of a rig that needs no steps."""
+    """A line for the worst of all steps that do no harm, and one for each of the others."""
     lines = []
-    for error in errors:
+    fine = sorted((error for error in errors if error.fine), key=lambda error: -error.worst)
+    for error in (*fine[:1], *(error for error in errors if not error.fine)):
         where = f" in {error.label}" if error.label else ""
+        if error.fine and len(fine) > 1:
+            where += f", the worst of {len(fine)} experiments"
         steps = "one step" if error.pieces == 1 else f"{error.pieces} steps"
         named = zip(error.channels, error.errors, strict=True)
         each = ", ".join(f"{name} {size:.2g}" for name, size in named)

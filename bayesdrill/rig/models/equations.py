@@ -25,6 +25,7 @@ from bayesdrill.rig.models.friction import (
     Law,
     LoadSpring,
     Named,
+    QuadraticDrag,
     Stribeck,
 )
 from bayesdrill.rig.models.linear import Linear, Model
@@ -248,6 +249,8 @@ class _Parts:
             laws.append(Stribeck(sliding, static, fading, power, times))
         elif self._has(sliding):
             laws.append(Coulomb(sliding))
+        if self._has(inertia.drag):
+            laws.append(QuadraticDrag(inertia.drag, 1 / inertia.reduction))
         if self._has(inertia.efficiency):
             loads = self._loads(inertia)
             laws.append(GearLoss(inertia.efficiency, loads, inertia.reduction))

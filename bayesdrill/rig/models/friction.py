@@ -162,6 +162,26 @@ class Stribeck:
 
 
 @dataclass(frozen=True, slots=True)
+class QuadraticDrag:
+    """Drag that grows with the square of the speed, `drag (times w)^2`, so that nothing sticks."""
+
+    drag: str
+    times: float = 1.0
+
+    seen: ClassVar[tuple[str, ...]] = ()
+    steady: ClassVar[bool] = False
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """The name of its coefficient."""
+        return (self.drag,)
+
+    def size(self, p: Named, speed: Any, seen: Mapping[str, Any]) -> Any:
+        """See `Law.size`."""
+        return p[self.drag] * (self.times * speed) ** 2
+
+
+@dataclass(frozen=True, slots=True)
 class BitRock:
     """`W b_0 (tanh(b_1 |w|) + b_2 |w| / (1 + b_3 w^2))` under the weight W on the bit.
 

@@ -294,6 +294,19 @@ class ParameterNames:
         return self.always if rig is None else (*self.always, *rig.added)
 
 
+@dataclass(frozen=True, slots=True)
+class StateNames:
+    """A descriptor of states: `always`, of the class too, and those that groups of `added` bring."""
+
+    always: tuple[str, ...]
+    brought: Mapping[tuple[str, ...], tuple[str, ...]]
+
+    def __get__(self, rig: Any, kind: type | None = None) -> tuple[str, ...]:
+        groups = self.brought.items() if rig is not None else ()
+        more = (names for needed, names in groups if {*needed} <= {*rig.added})
+        return (*self.always, *(name for names in more for name in names))
+
+
 def with_named(rig: Model, names: Collection[str]) -> Model:
     """Return the rig with what it has, and what it offers of these names, in its own order."""
     wanted = {*names, *rig.added}

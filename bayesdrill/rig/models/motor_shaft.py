@@ -23,6 +23,10 @@ Assumes: rigid gearbox without play, massless shaft, friction `t_f` of constant 
     t_c1   w_1' = ... - T/j_1, |T| = t_c1 against w_1; with t_s1 and w_s1 by Stribeck's law
     v_d    i' = ... - (v_d/l_m) sgn i
     eta    T at the motor grows by (1/eta - 1) i_m k_s |theta_2 - theta_1|
+    d_m    T at the motor grows by d_m (w_2/i_m)^2; d_1: T at rotor 1 by d_1 w_1^2
+    j_0, k_0
+           w_1' = ... - (k_0/j_1)(theta_1 - theta_0) and w_0' = (k_0/j_0)(theta_1 - theta_0): a rotor 0
+           beyond rotor 1; c_0 (w_1 - w_0) acts beside k_0 (theta_1 - theta_0)
 
 A `two_rotors` has both of the first, held.  With theta_2 = i_m theta_3 for the motor's angle its
 
@@ -43,11 +47,12 @@ between them.  `t_1` is, of a drill string, the torque at the bit: measured or, 
 A `motor` has no shaft, and turns whatever turns rigidly with it.  It is driven by a measured torque
 `t_m`, an input, in the place of k_T i; where its circuit is named (`k_e k_T r_m l_m`), by a voltage.
 Angle and speed are those behind the gear: of a motor without one (`i_m` 1, the default there) its own.
-All its parameters are at the motor, before the gear.
+All its parameters are at the motor, before the gear.  `k_s`, `j_1` and `c_s` add a shaft and rotor 1.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Annotated, ClassVar, Literal
@@ -58,7 +63,7 @@ from bayesdrill.basics.entries import NonNegative, Positive
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.rig.models.equations import PartsModel, coordinate_inertia
 from bayesdrill.rig.models.friction import Named
-from bayesdrill.rig.models.linear import Linear, Model, Offers, ParameterNames
+from bayesdrill.rig.models.linear import Linear, Model, Offers, ParameterNames, StateNames
 
 
 def dry_friction(at: str) -> Offers:
@@ -72,6 +77,7 @@ def together(*names: str) -> Offers:
     return {name: tuple(other for other in names if other != name) for name in names}
 
 
+SHAFT = ("k_s", "j_1")
 CIRCUIT, ROCK = ("k_e", "k_T", "r_m", "l_m"), ("b_0", "b_1", "b_2", "b_3")
 PARAMETERS = ("j_m", "c_m", "k_e", "k_T", "r_m", "l_m", "k_s", "j_1", "t_f")
 OFFERS: Offers = MappingProxyType(
@@ -79,8 +85,13 @@ OFFERS: Offers = MappingProxyType(
         **dict.fromkeys(("c_s", "j_2", "r_s", "c_1"), ()),
         **dry_friction("m"),
         **dry_friction("1"),
-        **dict.fromkeys(("v_d", "eta"), ()),
+        **dict.fromkeys(("v_d", "eta", "d_m", "d_1"), ()),
     }
+)
+BEYOND = ("k_0", "j_0")  # a rotor behind rotor 1
+ROTOR_0: Offers = MappingProxyType({**together(*BEYOND), "c_0": BEYOND})
+ITS_STATES: Mapping[tuple[str, ...], tuple[str, ...]] = MappingProxyType(
+    {BEYOND: ("theta_0", "w_0")}
 )
 
 
@@ -117,9 +128,9 @@ class MotorShaft(PartsModel):
     added: tuple[str, ...] = ()
 
     name: ClassVar[str] = "motor_shaft"
-    offers: ClassVar[Offers] = OFFERS
+    offers: ClassVar[Offers] = MappingProxyType({**OFFERS, **ROTOR_0})
     parameters: ClassVar[ParameterNames] = ParameterNames(PARAMETERS)
-    states: ClassVar[tuple[str, ...]] = ("theta_1", "theta_2", "w_1", "w_2", "i")
+    states: ClassVar[StateNames] = StateNames(("theta_1", "theta_2", "w_1", "w_2", "i"), ITS_STATES)
     inputs: ClassVar[tuple[str, ...]] = ("v", "t_1")
 
 
@@ -132,10 +143,10 @@ class DrivenShaft(PartsModel):
 
     name: ClassVar[str] = "driven_shaft"
     offers: ClassVar[Offers] = MappingProxyType(
-        {"c_s": (), "c_1": (), **dry_friction("1"), **together(*ROCK)}
+        {"c_s": (), "c_1": (), **dry_friction("1"), "d_1": (), **together(*ROCK), **ROTOR_0}
     )
     parameters: ClassVar[ParameterNames] = ParameterNames(("k_s", "j_1"))
-    states: ClassVar[tuple[str, ...]] = ("theta_1", "theta_2", "w_1")
+    states: ClassVar[StateNames] = StateNames(("theta_1", "theta_2", "w_1"), ITS_STATES)
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -159,23 +170,20 @@ class Motor(PartsModel):
             "r_s": CIRCUIT,
             **dry_friction("m"),
             "v_d": CIRCUIT,
+            "d_m": (),
+            **together(*SHAFT),
+            "c_s": SHAFT,
         }
     )
     parameters: ClassVar[ParameterNames] = ParameterNames(("j_m", "c_m"))
-
-    @property
-    def states(self) -> tuple[str, ...]:
-        """Angle, speed and, with a circuit, the current."""
-        return ("theta_2", "w_2", "i") if self._wired else ("theta_2", "w_2")
+    states: ClassVar[StateNames] = StateNames(
+        ("theta_2", "w_2"), {CIRCUIT: ("i",), SHAFT: ("theta_1", "w_1")}
+    )
 
     @property
     def inputs(self) -> tuple[str, ...]:
         """The voltage of its circuit, or else its torque."""
-        return ("v",) if self._wired else ("t_m",)
-
-    @property
-    def _wired(self) -> bool:
-        return {*CIRCUIT} <= {*self.added}
+        return ("v",) if {*CIRCUIT} <= {*self.added} else ("t_m",)
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,7 +18,14 @@ GROUND = "ground"  # the end of a shaft that does not move
 
 # Of the gear reduction factor, by which a quantity at the motor is that at the load times it.
 GEAR_POWERS: Mapping[str, int] = MappingProxyType(
-    {"kg*m**2": 2, "N*m*s/rad": 2, "N*m/rad": 2, "N*m": 1, "rad/s": -1}
+    {
+        "kg*m**2": 2,
+        "N*m*s/rad": 2,
+        "N*m/rad": 2,
+        "N*m": 1,
+        "rad/s": -1,
+        "N*m*s**2/rad**2": 3,
+    }
 )
 
 
@@ -44,11 +51,11 @@ class InertiaRoles:
 
     `angle`, `speed`: states that are `reduction` times its own (it is before a gear); a `speed` that
     is an input is imposed.  `friction`: of constant sign; `sliding`, `static`: dry friction, of which
-    the second is lost over the speed `fading`; `torque`, `load`: inputs that push it forwards, and
-    back; `efficiency`: of the gear that it drives; `weight`: the largest torque of gravity, which is
-    zero where its angle is minus `tilt`; `cutting`: coefficients of rock, which it cuts under the
-    input `bit_weight`; `effort`: the symbol of its dry friction; `latex`: of its own angle, where that
-    is no state.
+    the second is lost over the speed `fading`; `drag`: that grows with the square of the speed;
+    `torque`, `load`: inputs that push it forwards, and back; `efficiency`: of the gear that it drives;
+    `weight`: the largest torque of gravity, which is zero where its angle is minus `tilt`; `cutting`:
+    coefficients of rock, which it cuts under the input `bit_weight`; `effort`: the symbol of its dry
+    friction; `latex`: of its own angle, where that is no state.
     """
 
     name: str
@@ -63,6 +70,7 @@ class InertiaRoles:
     sliding: str = ""
     static: str = ""
     fading: str = ""
+    drag: str = ""
     torque: str = ""
     load: str = ""
     efficiency: str = ""
@@ -170,7 +178,7 @@ class Roles:
         """Tell on which side of the gear a parameter is: `motor` or `load`; empty: on none."""
         driven = {motor.inertia for motor in self.motors}
         for i in self.inertias if self.gear else ():
-            if name in (i.inertia, i.damping, i.friction, i.sliding, i.static, i.fading):
+            if name in (i.inertia, i.damping, i.friction, i.sliding, i.static, i.fading, i.drag):
                 return "motor" if i.name in driven else "load"
         shafts = {n for s in self.shafts for n in (s.stiffness, s.damping, s.inertia)}
         return "load" if self.gear and name in shafts else ""
@@ -197,6 +205,7 @@ def usual_roles(i_m: float = 1.0, gear: str = "i_m") -> Roles:
         sliding="t_cm",
         static="t_sm",
         fading="w_sm",
+        drag="d_m",
         torque="t_m",
         efficiency="eta",
         effort=FRICTION_M,
@@ -214,10 +223,21 @@ def usual_roles(i_m: float = 1.0, gear: str = "i_m") -> Roles:
         sliding="t_c1",
         static="t_s1",
         fading="w_s1",
+        drag="d_1",
         load="t_1",
         cutting=("b_0", "b_1", "b_2", "b_3"),
         bit_weight="wob",
         effort=FRICTION_1,
+    )
+    beyond = InertiaRoles(
+        name="rotor_0", words="rotor 0", angle="theta_0", speed="w_0", inertia="j_0"
+    )
+    spring = ShaftRoles(
+        name="shaft_0",
+        words="the shaft to rotor 0",
+        ends=("rotor_1", "rotor_0"),
+        stiffness="k_0",
+        damping="c_0",
     )
     shaft = ShaftRoles(
         name="shaft",
@@ -239,4 +259,5 @@ def usual_roles(i_m: float = 1.0, gear: str = "i_m") -> Roles:
         drop="v_d",
         effort=DROP,
     )
-    return Roles(inertias=(motor, gearbox, rotor), shafts=(shaft,), motors=(circuit,), gear=gear)
+    inertias = (motor, gearbox, rotor, beyond)
+    return Roles(inertias=inertias, shafts=(shaft, spring), motors=(circuit,), gear=gear)

@@ -172,6 +172,7 @@ RUBBING = (
     Row("sliding", "t_c", "N*m", "sliding friction at", (), "not negative"),
     Row("static", "t_s", "N*m", "static friction at", ("sliding", "fading"), "not negative"),
     Row("fading", "w_s", "rad/s", "speed of lost static friction at", ("sliding", "static")),
+    Row("drag", "d", "N*m*s**2/rad**2", "quadratic drag at", (), "not negative"),
 )
 GEAR = (Row("efficiency", "eta", "1", "efficiency of", (), at_most=1.0),)
 PENDULUM = (
@@ -216,6 +217,7 @@ LINEAR: Mapping[str, str] = {
     "V*s/rad": "V*s/m",
     "s/rad": "s/m",
     "s**2/rad**2": "s**2/m**2",
+    "N*m*s**2/rad**2": "N*s**2/m**2",
     "moment of inertia of": "mass of",
     "angle of": "position of",
     "torque on": "force on",

@@ -236,10 +236,12 @@ class Stepped(Simulator):
     def _walker_parts(self, walkers: ObservedWalkers) -> dict[str, Array]:
         """Return the parts of each walker, as its sensors and its start are."""
         w, full = self.sensors, walkers.full
+        # Only a channel that is late shows what was before the start.
+        before = walkers.before if self.sensing.shifts else np.zeros_like(walkers.start)
         return {
             "x0": walkers.start,
             "rows": walkers.rows,
-            "before": walkers.before,
+            "before": before,
             "shift": w.channel_delays(full),
             "lag": w.input_values(self.sensing.input_lags, full),
         }

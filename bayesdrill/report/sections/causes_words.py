@@ -1,0 +1,200 @@
+"""Write what would explain a bad fit: candidates, which is recommended, and what to do next."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from itertools import chain
+
+import numpy as np
+
+from bayesdrill.analysis.causes import Cause, Causes, EquivalentExplanation, FittedValue
+from bayesdrill.analysis.edits import lacks
+from bayesdrill.report.section import Plain, Sentences, Table, aligned
+from bayesdrill.report.sections.fit_words import percent
+from bayesdrill.rig.models.linear import Model
+from bayesdrill.rig.models.roles import Roles
+
+WIDER = 2.0  # times what was found, of a prior that is proposed
+SHOWN = 5  # candidates, or unknowns
+WANDERS = 3.0  # sds: more than by chance, from window to window
+STEPS = (
+    "next: bayesdrill map CONFIG --apply NEW writes the config with these lines; map NEW shows whether "
+    "it fits.\n"
+    "next: bayesdrill ladder CONFIG samples the best candidates and compares them."
+)
+LOOK = (
+    "next: bayesdrill check CONFIG says what is odd in columns and units.\n"
+    "next: look at the inputs and the gear: does something drive the rig that no column has?\n"
+    "next: a window (`record: {window: [from, to]}`) shows where in the record the misfit begins."
+)
+
+
+def explained(causes: Causes | None) -> str:
+    """What would explain what the fit leaves, for a terminal: best first, and what to do."""
+    return "\n".join(
+        aligned([part.heads, *part.lines], left={0}) if isinstance(part, Table) else part.text
+        for part in candidates(causes)
+    )
+
+
+def candidates(causes: Causes | None) -> tuple[Sentences | Table | Plain, ...]:
+    """Return what would explain what the fit leaves, for a page.
+
+    These are candidates, best first, the lines of a config that say the best, and what to do next.
+    """
+    if causes is None:
+        return ()
+    refitted = f"fit: {len(causes.ranked)} candidates were refitted"
+    notes = "\n".join(filter(None, [_reference(causes), wandering(causes)]))
+    if not causes.good:
+        tried = (
+            f"{refitted}, and none explains the misfit. They were signs, gains, lags and offsets of "
+            "columns, clocks, the start, the gear, physics that the rig may lack, and the noise."
+        )
+        return (Sentences("\n".join(filter(None, [tried, notes, LOOK]))),)
+    best = causes.best if causes.explains else None
+    said = [
+        f"{refitted} from the MAP, each with all unknowns free. The best are listed: log Bayes factor "
+        "(by Laplace's approximation), gain of the log posterior, and what stays unexplained of each "
+        "channel.",
+        *([f"fit: A is the config with {_listed(best.words)}."] if best else []),
+    ]
+    if doubts := [cause for cause in causes.good[:SHOWN] if cause.doubts]:
+        each = "; ".join(f"{_beside(cause, best)}: {', '.join(cause.doubts)}" for cause in doubts)
+        said.append(f"fit: do not trust the Bayes factor of {each}.")
+    if caution := _absorbing(causes.good, best):
+        said.append(f"fit: {caution} It names no cause.")
+    table = (Sentences("\n".join(filter(None, [*said, notes]))), _candidate_table(causes))
+    if best is None:
+        none = (
+            "fit: none of these can be trusted, so that no change of the config is recommended.\n"
+        )
+        return (*table, Sentences(none + LOOK))
+    return (
+        *table,
+        Sentences(f"next: add these lines to the config (A{_new(best)}). {_left(best)}"),
+        Plain(best.lines),
+        Sentences(STEPS),
+    )
+
+
+def _absorbing(good: Sequence[Cause], best: Cause | None) -> str:
+    """Say what absorbs a misfit, of the recommended candidate or of one that gains more."""
+    if best is not None and best.absorbing:
+        words = dict(zip(best.parts, best.words, strict=True))
+        absorbing = _listed([words[part] for part in best.absorbing])
+        return (
+            f"{absorbing} absorbs what is left, as it does of any misfit, and does not explain it."
+        )
+    most = max((c for c in good if c.absorbing == c.parts), key=lambda c: c.bayes, default=None)
+    if most is not None and (best is None or most.bayes > best.bayes):
+        return f"{most.about} absorbs more, as it does of any misfit, and does not explain it."
+    return ""
+
+
+def _left(best: Cause) -> str:
+    """Say what the recommended candidate leaves."""
+    if not best.absorbing:
+        return f"That leaves {'what looks like the noise' if best.explains_all else 'more than noise'}."
+    left = ", ".join(f"{percent(row.simulated)} of {row.name}" for row in best.fit)
+    return f"That absorbs, and does not explain: the rig itself leaves {left}."
+
+
+def _reference(causes: Causes) -> str:
+    if causes.reference is None:
+        return ""
+    name, channel = causes.reference
+    return (
+        f"fit: {channel} follows {name} as a set point is followed, and not as the rig would. If {name} "
+        "is a reference, record what the motor gets instead: its voltage, current or torque."
+    )
+
+
+def _candidate_table(causes: Causes) -> Table:
+    channels, best = (row.name for row in causes.given), causes.best if causes.explains else None
+    lines = [("as given", "0", "0", *(percent(summary.share) for summary in causes.given))]
+    for cause in causes.good[:SHOWN]:
+        factors = (f"{cause.bayes:+.1f}", f"{cause.gain:+.1f}")
+        left = (percent(summary.share) for summary in cause.fit)
+        lines.append((_beside(cause, best), *factors, *left))
+    heads = ("model", "log Bayes factor", "log posterior", *channels)
+    return Table(heads, tuple(lines), frozenset({"model"}))
+
+
+def _beside(cause: Cause, best: Cause | None) -> str:
+    """A candidate by what it has otherwise than the `best`, which is called A, if that is shorter."""
+    if best is None:
+        return _listed(cause.words)
+    if cause is best:
+        return "A"
+    pairs = zip(cause.parts, cause.words, strict=True)
+    more = [words for part, words in pairs if part not in best.parts]
+    less = [w for part, w in zip(best.parts, best.words, strict=True) if part not in cause.parts]
+    if len(more) + len(less) >= len(cause.parts):
+        return _listed(cause.words)
+    parts = [
+        f"{how} {_listed(words)}" for how, words in (("with", more), ("without", less)) if words
+    ]
+    return f"A {' and '.join(parts)}"
+
+
+def _listed(words: Sequence[str]) -> str:
+    *first, last = words
+    return f"{', '.join(first)}, and {last}" if first else last
+
+
+def wandering(causes: Causes) -> str:
+    """Say which unknowns change from window to window of the record; empty where none was refitted."""
+    if len(causes.windows) < 2:
+        return ""
+    changes, columns = [], dict[str, list[FittedValue]]()
+    for unknown in chain.from_iterable(causes.windows):
+        columns.setdefault(unknown.name, []).append(unknown)
+    for column in (column for column in columns.values() if len(column) > 1):
+        values = [unknown.value for unknown in column]
+        sd = float(np.median([unknown.sd for unknown in column]))
+        if (sds := float(np.std(values, ddof=1)) / sd if sd > 0 else 0.0) > WANDERS:
+            said = f"{min(values):.3g} to {max(values):.3g} {column[0].unit}".strip()
+            changes.append((sds, f"{column[0].name} from {said} (sd {sd:.2g})"))
+    opening = (
+        f"fit: the config as given was refitted on {len(causes.windows)} windows of the record"
+    )
+    if not changes:
+        return f"{opening}. No unknown changes by more than {WANDERS:g} sds."
+    most = ", ".join(said for _, said in sorted(changes, reverse=True)[:SHOWN])
+    return (
+        f"{opening}. What changes most: {most}. Constants of a rig do not: the model lacks something "
+        "that changes with time or with the motion."
+    )
+
+
+def _new(cause: Cause) -> str:
+    """Values of its further unknowns, where they are few."""
+    few = [new for new in cause.new if not new.name.startswith(("sigma_", "rho_"))][:SHOWN]
+    said = [f"{new.name} = {new.value:.3g} {new.unit}".strip() for new in few]
+    return f": {', '.join(said)}" if said else ""
+
+
+def lacking(causes: Causes | None, roles: Roles) -> str:
+    """What the model misses, for a verdict that stands on it; empty where nothing is known."""
+    names = () if causes is None else causes.lacking
+    return " and ".join(f"{_lacked(name, roles)} ({name})" for name in names)
+
+
+def instead(explanation: EquivalentExplanation | None, rig: Model) -> Iterable[str]:
+    """A table that may be right after all."""
+    if explanation is None:
+        return
+    how = "better than" if explanation.lost < 0 else "about as well as"
+    name, value = explanation.parameter, explanation.value
+    missing = f"{_lacked(name, rig.roles)} of {value:.3g} {rig.symbols[name].plain_unit}"
+    prior = f"{{prior: uniform, low: 0, high: {WIDER * value:.2g}}}"
+    yield (
+        f"before you blame the table: its values with {missing} explain the record {how} any without. "
+        f"Try it: say `parameters: {{{name}: {prior}}}`."
+    )
+
+
+def _lacked(name: str, roles: Roles) -> str:
+    words = {inertia.efficiency: "friction of the gear" for inertia in roles.inertias}
+    return {**words, **{lack.parameter: lack.words for lack in lacks(roles)}}[name]

@@ -1,0 +1,108 @@
+"""Entries of a config that go over others: what a candidate model says, and the file that says it."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from bayesdrill.config.records import sources
+from bayesdrill.config.resolve import experiments
+from bayesdrill.config.yaml_source import Source, as_yaml
+
+Entries = dict[str, Any]
+Place = tuple[str, ...]
+SHARED = "shared"
+
+
+def rounded(value: float, digits: int = 3) -> float:
+    """Round to a few digits: a config is read by people."""
+    return float(f"{value:.{digits}g}")
+
+
+def log_uniform(low: float, high: float) -> Entries:
+    """Return a prior, as an entry of a config."""
+    return {"prior": "log_uniform", "low": rounded(low), "high": rounded(high)}
+
+
+def uniform(high: float, low: float = 0.0) -> Entries:
+    """Return a prior between two ends, as an entry of a config."""
+    return {"prior": "uniform", "low": rounded(low), "high": rounded(high)}
+
+
+def nested(place: Place, value: Any) -> Entries:
+    """Return an entry at a place: `{record: {window: [0, 1]}}`."""
+    for key in reversed(place):
+        value = {key: value}
+    return dict(value)
+
+
+def merged(first: Mapping[str, Any], *others: Mapping[str, Any]) -> Entries:
+    """Return entries with those of `others` over them, mapping by mapping; what is shared adds up."""
+    entries = copy.deepcopy(dict(first))
+    for other in others:
+        for key, value in other.items():
+            before = entries.get(key)
+            if key == SHARED and before:
+                entries[key] = [*dict.fromkeys((*before, *value))]
+            elif isinstance(value, Mapping) and isinstance(before, Mapping):
+                entries[key] = merged(before, value)
+            else:
+                entries[key] = copy.deepcopy(value)
+    return entries
+
+
+def leaves(lines: Mapping[str, Any], place: Place = ()) -> Iterator[Place]:
+    """Yield the places that lines decide; a prior is one, and what is shared is none."""
+    for key, value in lines.items():
+        if isinstance(value, Mapping) and "prior" not in value:
+            yield from leaves(value, (*place, key))
+        elif key != SHARED:
+            yield (*place, key)
+
+
+def sections(data: Mapping[str, Any]) -> Iterator[tuple[Place, Entries]]:
+    """Yield the top of a config, and each experiment, with their places."""
+    yield (), data  # type: ignore[misc]
+    for label, entries in (data.get(experiments.EXPERIMENTS) or {}).items():
+        yield (experiments.EXPERIMENTS, label), entries
+
+
+def columns(data: Mapping[str, Any], name: str) -> Iterator[tuple[Place, Entries]]:
+    """Yield the entries of a channel or an input that is a column, at the top and in experiments."""
+    for place, section in sections(data):
+        found = {
+            ("record", "channels"): (section.get("record") or {}).get("channels") or {},
+            ("inputs",): section.get("inputs") or {},
+        }
+        for inner, entries in found.items():
+            entry = entries.get(name)
+            if isinstance(entry, dict) and "derived_from" not in entry:
+                yield (*place, *inner, name), entry
+
+
+def raise_walkers(data: Entries, unknowns: int) -> None:
+    """Give as many walkers as so many unknowns want, where the config says how many there are."""
+    given = (data.get("sampler") or {}).get("walkers")
+    if isinstance(given, int) and given < 2 * unknowns:
+        data["sampler"] = {**data["sampler"], "walkers": 2 * unknowns}
+
+
+def as_file(
+    data: Mapping[str, Any], given: Source, folder: Path, about: Sequence[str], name: str = ""
+) -> str:
+    """Return a config as the text of a file in `folder`, whose first lines are comments.
+
+    It names the records of the one that was `given`, and draws what that does; `name`: of its results.
+    """
+    written = copy.deepcopy(dict(data))
+    written.pop("output", None)
+    if drawn := given.data.get("output"):
+        written["output"] = drawn
+    if name:
+        written["name"] = name
+    for _, section in sections(written):
+        sources.rebase(section, given.path.parent, folder)
+    lines = "".join(f"# {line}\n" for line in about)
+    return f"{lines}{as_yaml(written)}"

@@ -1,0 +1,526 @@
+"""Parts that a candidate model may have beside the config as given, each a cause of a bad fit."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from bayesdrill.analysis import edits
+from bayesdrill.analysis.causes import NOISE, TORQUE
+from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.symbols import noise_name
+from bayesdrill.config.job import Job
+from bayesdrill.config.resolve import experiments
+from bayesdrill.inference.likelihood import Observation
+from bayesdrill.record.experiment import Experiment, typical_inputs
+from bayesdrill.rig.models.roles import InertiaRoles
+from bayesdrill.selection.config_edits import (
+    SHARED,
+    Entries,
+    Place,
+    columns,
+    leaves,
+    log_uniform,
+    merged,
+    nested,
+    rounded,
+    sections,
+    uniform,
+)
+
+UNKNOWN, AR1 = NOISE
+BOTH = "friction_both"
+MISSING = "missing_torque"
+# Parts whose constant is sought, or that stand for all of a rig or a record.
+START, MOMENT, GEAR, CLOCK, LATER = "free_start", "t_0", "gear", "clock", "later"
+WIDENED = "prior_"  # begins the names of parts that widen the prior of an unknown
+# What of the entry of a column says where its numbers stand, what they are, and how it is measured.
+OF_SENSOR = ("gain", "offset", "lag")
+OF_COLUMN = ("file", "time", "column", "variable", "unit", "mask", "wraps", "noise", *OF_SENSOR)
+
+WIDER = 10.0  # either way, of the noise that was given; of the end of a prior in logs
+MAX_LAG_SAMPLES = 20  # samples: how far a lag is sought
+MAX_LAG, LAG_SHARE = 0.1, 0.05  # s, of the record: how far it is sought where samples come faster
+MAX_LAG_SHARE = 0.1  # of the record: no lag is sought beyond, as it would hide what it shifts
+GAIN_SD, SUPPLY_SD = 0.3, 0.3  # of the log of a gain; of an input's offset, of its usual size
+QUARTER = 0.25  # of what else acts: the size of a missing torque
+SLOWEST = 1e-3  # of the largest speed: that over which friction at rest is lost
+MIN_TIME_STEPS, TIME_PARTS = (
+    3.0,
+    3.0,
+)  # samples, and parts of the record: the time of a missing torque
+MIN_EFFICIENCY = 0.3
+DRAG_MARGIN = 4.0  # times the size by which a drag would do as much as all else: speeds fall by it
+# Of its size, from where to where physics is sought, and from how many starts: a rig that nothing drives
+# comes to rest by friction after so many swings, and each number of them is a maximum of its own.
+SOUGHT_SIZES, DRIVEN_STARTS, FREE_STARTS = (0.003, 0.8), 14, 30
+INERTIA_RANGE = (0.01, 10.0)  # times the inertia that a further one is on a spring at
+SOUGHT_SHARE, SOUGHT_SWINGS, SOUGHT_DAMPING = (
+    0.3,
+    6,
+    0.05,
+)  # where that is sought: of it, of its spring
+# Of physics, by what it asks of a simulator: nothing that is linear, Coulomb's law, or another law.
+# Candidates of one kind have all of it, the others at numbers that do nothing: they share kernels.
+LINEAR, COULOMB, OTHER_LAW = 1, 2, 3
+NOTHING: Mapping[str, float] = MappingProxyType({})
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A thing that a candidate has: `lines` go over those of the config.
+
+    `lacks`: parameters of the rig that it switches on; `needs`: a parameter that another part has to
+    have freed; `optional`: an unknown that may be zero.  `kind`, `neutral`: of physics, see `LINEAR`,
+    with the numbers at which it does nothing.  `starts`: values from which it is sought.
+    """
+
+    name: str
+    words: str
+    lines: Entries
+    lacks: tuple[str, ...] = ()
+    needs: str = ""
+    optional: str = ""
+    kind: int = 0
+    neutral: Mapping[str, float] = NOTHING
+    starts: tuple[Mapping[str, float], ...] = ()
+
+    @property
+    def absorbs(self) -> bool:
+        """Whether it absorbs any misfit and names no cause."""
+        return self.name in NOISE or self.name.startswith(TORQUE)
+
+    @property
+    def decides(self) -> frozenset[Place]:
+        """What of a config it decides: parts that decide the same do not go together."""
+        return frozenset(leaves(self.lines))
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What is known where parts of candidates of `job` are chosen.
+
+    `sizes`: what parameters would be if they did as much as all else; `speeds`: the largest of inertias;
+    `weights`: what these are at the maximum; `numbers`: constants that some parts have, by their names.
+    """
+
+    job: Job
+    sizes: Mapping[str, float] = NOTHING
+    speeds: Mapping[str, float] = NOTHING
+    weights: Mapping[str, float] = NOTHING
+    numbers: Mapping[str, float] = NOTHING
+
+    @classmethod
+    def from_job(cls, job: Job, values: Mapping[str, float]) -> Setting:
+        """Return it with sizes and speeds at the start of the config or at `values`, the larger."""
+        space, observations = job.problem.posterior.space, job.problem.observations
+        setting = cls(job)
+        for at in (space.start, {**space.start, **values}):
+            full = space.full(space.vector(at)[None])
+            sizes, speeds = edits.rig_candidates(observations, full), _speeds(observations, full)
+            setting = setting.at_least(sizes, speeds)
+            p = edits.rig_parameters(observations[0], full)
+        inertias = job.problem.model.roles.inertias
+        return replace(setting, weights={i.name: p[i.inertia] for i in inertias if i.inertia in p})
+
+    def at_least(self, sizes: Mapping[str, float], speeds: Mapping[str, float]) -> Setting:
+        """Return it with sizes and speeds that are at least these."""
+        return replace(
+            self, sizes=_largest(self.sizes, sizes), speeds=_largest(self.speeds, speeds)
+        )
+
+    @cached_property
+    def parts(self) -> dict[str, Part]:
+        """All parts by name, in the order in which they are tried."""
+        kinds = (
+            self._widened(),
+            self._columns(),
+            self._times(),
+            self._physics(),
+            self._inertias(),
+            self._absorbing(),
+        )
+        return {part.name: part for part in itertools.chain.from_iterable(kinds) if part.lines}
+
+    # What the job has.
+
+    @property
+    def _data(self) -> Entries:
+        return dict(self.job.source.data)
+
+    @property
+    def _observations(self) -> tuple[Observation, ...]:
+        return self.job.problem.observations
+
+    @cached_property
+    def _experiments(self) -> list[Experiment]:
+        return [observation.experiment for observation in self._observations]
+
+    @cached_property
+    def _units(self) -> dict[str, str]:
+        """The unit of each channel."""
+        return {c.name: c.unit for each in self._experiments for c in each.channels}
+
+    @cached_property
+    def _inputs(self) -> list[str]:
+        names = dict.fromkeys(name for each in self._experiments for name in each.series)
+        return sorted(names, key=lambda name: not self.job.problem.model.symbols[name].drives)
+
+    @property
+    def _span(self) -> tuple[float, float]:
+        """The shortest step between samples, and the longest record [s]."""
+        lengths = [float(np.ptp(each.t)) for each in self._experiments]
+        return min(each.dt for each in self._experiments), max(lengths)
+
+    def _shared(self, *names: str) -> Entries:
+        """Return the entry by which these are one unknown in all experiments, if there are several."""
+        return {SHARED: [*names]} if self._data.get(experiments.EXPERIMENTS) else {}
+
+    # Priors that end too early.
+
+    def _widened(self) -> Iterator[Part]:
+        parameters, symbols = self.job.problem.model.parameters, self.job.problem.model.symbols
+        for part in [name for name in self.numbers if name.startswith(WIDENED)]:
+            name = part.removeprefix(WIDENED)
+            found = self._prior(name)
+            if found is None or not {"low", "high"} <= {*found[1]}:
+                continue
+            place, prior = found
+            low, high, up = float(prior["low"]), float(prior["high"]), self.numbers[part] > 0
+            if prior["prior"] == "log_uniform":
+                end = high * WIDER if up else low / WIDER
+            else:
+                end = high + (high - low) if up else low - (high - low)
+            if name in parameters:
+                end = min(max(end, 0.0), symbols[name].at_most)
+            if end != (high if up else low):
+                lines = nested((*place, "high" if up else "low"), rounded(end, 4))
+                yield Part(part, f"a wider prior of {name}", lines)
+
+    def _prior(self, name: str) -> tuple[Place, Entries] | None:
+        """Return the entry with the prior of an unknown, and its place; None where it is not found."""
+        ending = next((f"_{e.label}" for e in self._observations if name.endswith(e.label)), "")
+        kind, _, owner = name.removesuffix(ending).partition("_")
+        places: list[Place] = [
+            (section, name) for section in ("parameters", "quantities", "inputs")
+        ]
+        places += [(*place, kind) for place, _ in columns(self._data, owner) if kind in OF_SENSOR]
+        for place in places:
+            entry: Any = self._data
+            for key in place:
+                entry = entry.get(key) if isinstance(entry, dict) else None
+            if isinstance(entry, dict) and "prior" in entry:
+                return place, entry
+        return None
+
+    # Columns.
+
+    def _columns(self) -> Iterator[Part]:
+        units = self._units | {n: self.job.problem.model.symbols[n].unit for n in self._inputs}
+        for pair in itertools.combinations(units, 2):
+            if units[pair[0]] == units[pair[1]] and {*pair} & {*self._units}:
+                words = f"the columns of {pair[0]} and {pair[1]} exchanged"
+                yield Part(f"exchange_{'_'.join(pair)}", words, self._exchanged(*pair))
+        for name in units:
+            if name in self._units or len(self._units) > 1:  # of one channel it is that of this
+                yield Part(f"sign_{name}", f"the sign of {name} turned", self._turned(name))
+        for name in units:
+            gain = {"prior": "log_normal", "median": 1.0, "sd_log": GAIN_SD}
+            yield self._sensor("gain", name, gain)
+            size = rounded(self._offset_size(name))
+            yield self._sensor("offset", name, {"prior": "normal", "mean": 0.0, "sd": size})
+
+    def _exchanged(self, *names: str) -> Entries:
+        """Nothing, where only one of two columns says something: no line takes that away."""
+        pairs = [*zip(*(columns(self._data, name) for name in names), strict=False)]
+        lines: Entries = {}
+        for (first, a), (second, b) in pairs:
+            keys = [key for key in OF_COLUMN if key in a or key in b]
+            keys += ["sigma"] if a.get("unit") != b.get("unit") else []
+            if not {*keys} <= {*a} & {*b}:
+                return {}
+            for place, mine, other in ((first, a, b), (second, b, a)):
+                new = {key: other[key] for key in keys if other[key] != mine[key]}
+                lines = merged(lines, nested(place, new))
+        return lines
+
+    def _turned(self, name: str) -> Entries:
+        found = [*columns(self._data, name)]
+        if any(isinstance(entry.get("gain", 1.0), dict) for _, entry in found):
+            return {}
+        each = (nested(place, {"gain": -float(x.get("gain", 1.0))}) for place, x in found)
+        return merged({}, *each)
+
+    def _sensor(self, kind: str, name: str, prior: Entries) -> Part:
+        found = [*columns(self._data, name)]
+        new = [place for place, x in found if kind not in x and {"column", "variable"} & {*x}]
+        lines = merged({}, *(nested((*place, kind), prior) for place in new))
+        own = kind == "offset" and name in self._units
+        if new and not own and not any(kind in entry for _, entry in found):
+            lines = merged(lines, self._shared(f"{kind}_{name}"))
+        return Part(
+            f"{kind}_{name}", f"{'an' if kind == 'offset' else 'a'} {kind} of {name}", lines
+        )
+
+    def _offset_size(self, name: str) -> float:
+        size = 0.0
+        for experiment in self._experiments:
+            if name in experiment.names:
+                k = experiment.names.index(name)
+                spread = float(np.nanstd(experiment.y[:, k]))
+                size = max(size, spread / experiment.channels[k].shown.factor)
+            elif name in experiment.series:
+                usual = SUPPLY_SD * typical_inputs(experiment)[name]
+                size = max(size, usual / experiment.unit_of_input(name).factor)
+        return size
+
+    # Times.
+
+    @cached_property
+    def _driven(self) -> bool:
+        return any(np.ptp(u) > 0 for each in self._experiments for u in each.series.values())
+
+    @cached_property
+    def time_references(self) -> frozenset[str]:
+        """Parts that shift a channel, or all inputs, in time: one of what they shift has to stay.
+
+        Inputs tell the time where they change, or are switched on where the start is known.
+        """
+        sensing = [observation.response.sensing for observation in self._observations]
+        known = not any(each.states or each.steady for each in sensing)
+        pushed = known and any(x for each in self._experiments for x in each.constant.values())
+        moments = {MOMENT} if self._driven or pushed else set()
+        return frozenset({*(f"lag_{name}" for name in self._units), *moments})
+
+    @property
+    def clocks(self) -> tuple[str, ...]:
+        """Parts that change a clock, that of the record or of a channel, if there are several."""
+        names = (*self._units, *self._inputs)
+        own = {n for n in names for _, entry in columns(self._data, n) if "time" in entry}
+        return (CLOCK, *(f"{CLOCK}_{n}" for n in self._units if n in own)) if own else ()
+
+    def _times(self) -> Iterator[Part]:
+        sensing = [observation.response.sensing for observation in self._observations]
+        shifted = {f"lag_{name}" for each in sensing for name in each.lags}
+        shifted |= {MOMENT for each in sensing if each.delay}
+        fixed = self.time_references - shifted
+        shortest = min(float(np.ptp(each.t)) for each in self._experiments)
+        pairs = [(each.dt, float(np.ptp(each.t))) for each in self._experiments]
+        late = max(max(MAX_LAG_SAMPLES * dt, min(MAX_LAG, LAG_SHARE * s)) for dt, s in pairs)
+        late = min(late, MAX_LAG_SHARE * shortest)
+        lag = uniform(late, -late)
+        # Of inputs the first is as all, by `t_0`; of one channel that is its lag.
+        for name in (*(self._units if len(fixed) > 1 else ()), *self._inputs[1:]):
+            yield self._sensor("lag", name, lag)
+        if len(fixed) > 1 and MOMENT in fixed and len(self._units) > 1:
+            lines = merged(nested(("inputs", MOMENT), lag), self._shared(MOMENT))
+            yield Part(MOMENT, "inputs that act later than recorded", lines)
+        for part in self.clocks:
+            if (factor := self.numbers.get(part)) is not None:
+                yield self._clock(part, part.removeprefix(CLOCK).removeprefix("_"), factor)
+        usual: dict[Place, str] = {(): "rest"}
+        starts = [(place, x.get("initial", usual.get(place))) for place, x in sections(self._data)]
+        held = [place for place, x in starts if isinstance(x, str) and x != "free"]
+        free = merged({}, *(nested((*place, "initial"), "free") for place in held))
+        yield Part(START, "another state at the start", free)
+        if (later := self.numbers.get(LATER)) is not None:
+            words = f"a record that begins {later:.3g} s later, from an unknown state"
+            yield Part(LATER, words, self.window(lambda t: (rounded(t[0] + later, 9), t[-1])))
+        if GEAR in self.numbers:
+            model = self.job.problem.model
+            ratio = rounded(self.numbers[GEAR] * model.gear_ratio)
+            yield Part(GEAR, "another gear", self._model({model.roles.gear: ratio}))
+
+    def window(self, ends: Callable[[Array], Iterable[float]]) -> Entries:
+        """Return lines by which all experiments have the `ends` of their times, from a free start."""
+        lines, several = dict[str, Any](), self._data.get(experiments.EXPERIMENTS)
+        for observation in self._observations:  # what is held out stays as it is
+            place = (experiments.EXPERIMENTS, observation.label) if several else ()
+            window = [float(end) for end in ends(observation.experiment.t)]
+            used = {"record": {"window": window}, "initial": "free"}
+            lines = merged(lines, nested(place, used) if place else used)
+        return lines
+
+    def _clock(self, part: str, name: str, factor: float) -> Part:
+        records = ((p, x.get("record") or {}) for p, x in sections(self._data))
+        owners = columns(self._data, name) if name else (((*p, "record"), x) for p, x in records)
+        lines: Entries = {}
+        for place, owner in owners:
+            if isinstance(time := owner.get("time"), dict):
+                key = "rate" if "rate" in time else "scale"
+                new = time["rate"] / factor if key == "rate" else time.get("scale", 1.0) * factor
+                lines = merged(lines, nested((*place, "time", key), rounded(new, 6)))
+        whose = f"of {name}" if name else "of the record"
+        words = f"a clock {whose} whose times are {factor:.6g} times what it shows"
+        return Part(part, words, lines)
+
+    def _model(self, entries: Entries) -> Entries:
+        given = self._data.get("model", {})
+        return {"model": {**({"name": given} if isinstance(given, str) else {}), **entries}}
+
+    # The rig.
+
+    def _physics(self) -> Iterator[Part]:
+        sizes, roles = self.sizes, self.job.problem.model.roles
+        each = [lack for lack in edits.lacks(roles) if lack.parameter in sizes]
+        for lack in sorted(each, key=lambda lack: not lack.name.startswith("friction")):
+            kind = LINEAR if not lack.dry else COULOMB
+            kind = OTHER_LAW if lack.name.startswith("drag") else kind
+            size = sizes[lack.parameter] * (DRAG_MARGIN if kind == OTHER_LAW else 1.0)
+            shares = np.geomspace(*SOUGHT_SIZES, DRIVEN_STARTS if self._driven else FREE_STARTS)
+            starts = tuple({lack.parameter: size * share} for share in shares.tolist())
+            priors = {lack.parameter: uniform(size)}
+            yield replace(_physics(lack.name, lack.words, priors, kind), starts=starts)
+        rubbing = {lack.name for lack in each}
+        dry = [i for i in roles.inertias if f"friction_{i.name}" in rubbing]
+        if len(dry) == 2:
+            priors = {i.sliding: uniform(sizes[i.sliding]) for i in dry}
+            yield _physics(BOTH, f"dry friction {dry[0].at} and {dry[1].at}", priors)
+        for i in roles.inertias:
+            largest = self.speeds.get(i.name, 0.0)
+            if i.static and i.sliding in sizes and largest > 0:
+                fading = log_uniform(SLOWEST * largest, largest)
+                priors = {i.static: uniform(sizes[i.sliding]), i.fading: fading}
+                part = _physics(f"static_{i.name}", f"friction at rest {i.at}", priors)
+                yield replace(part, neutral=NOTHING, lacks=(), needs=i.sliding)
+            if self._offered(i.efficiency) and self._passes_on(i):
+                words = f"friction of the gear {i.at}, which grows with the load"
+                priors = {i.efficiency: uniform(1.0, MIN_EFFICIENCY)}
+                part = _physics(f"load_friction_{i.name}", words, priors, OTHER_LAW)
+                yield replace(part, neutral={i.efficiency: 1.0})
+
+    def _offered(self, *names: str) -> bool:
+        model = self.job.problem.model
+        return all(names) and {*names} <= {*model.offers} - {*model.parameters}
+
+    def _passes_on(self, inertia: InertiaRoles) -> bool:
+        """Tell whether a load is behind its gear, and nothing that turns with it rubs elsewhere."""
+        model = self.job.problem.model
+        roles, has = model.roles, {*model.parameters}
+        alike = [i for i in roles.inertias if i.speed == inertia.speed and i is not inertia]
+        ends = {end for shaft in roles.shafts for end in shaft.ends if shaft.stiffness in has}
+        behind = any(i.name in ends or i.weight in has for i in alike)
+        return behind and not any({i.sliding, i.efficiency} & has for i in alike)
+
+    def _inertias(self) -> Iterator[Part]:
+        """Yield one more inertia on a spring at each: one that the rig offers, or that a train takes."""
+        model = self.job.problem.model
+        for shaft in model.roles.shafts:
+            ends = [i for i in model.roles.inertias if i.name in shaft.ends]
+            for new, other in itertools.permutations(ends, 2):
+                if self._offered(shaft.stiffness, new.inertia):
+                    alike = [i for i in model.roles.inertias if i.speed == other.speed]
+                    names = (new.inertia, shaft.stiffness, shaft.damping)
+                    hosts = [i for i in alike if i.name in self.weights]
+                    yield from (self._inertia(host, names, {}) for host in hosts[:1])
+        if not model.has_private_names:
+            return
+        given = self._data["model"]
+        for at in model.roles.inertias:
+            if at.name in self.weights and at.reduction == 1.0:
+                new_name, spring = f"{at.name}_end", f"{at.name}_end_spring"
+                names = (f"{at.inertia.split('_')[0]}_{new_name}", f"k_{spring}", f"c_{spring}")
+                lines = self._model({"inertias": [*given["inertias"], new_name]})
+                lines = merged(lines, nested(("model", "shafts", spring), [at.name, new_name]))
+                for place, section in sections(self._data):
+                    for state in (at.angle, at.speed):
+                        begun = section.get("initial")
+                        if isinstance(begun, dict) and state in begun:
+                            entry = (*place, "initial", f"{state.split('_')[0]}_{new_name}")
+                            value = "free" if "prior" in str(begun[state]) else begun[state]
+                            lines = merged(lines, nested(entry, value))
+                yield self._inertia(at, names, lines)
+
+    def _inertia(self, at: InertiaRoles, names: tuple[str, str, str], lines: Entries) -> Part:
+        """Return an inertia on a damped spring, sought where both are the one that was found.
+
+        It swings by itself at least once, and at most as fast as samples show.
+        """
+        weight, (step, longest) = self.weights[at.name] / at.reduction**2, self._span
+        slow, fast = 2 * math.pi / longest, math.pi / step
+        priors = (
+            log_uniform(*(weight * share for share in INERTIA_RANGE)),
+            log_uniform(weight * slow**2, weight * fast**2),
+            uniform(2.0 * weight * math.sqrt(slow * fast)),
+        )
+        own, rest = SOUGHT_SHARE * weight, (1.0 - SOUGHT_SHARE) * self.weights[at.name]
+        host = {at.inertia: rest} if at.inertia in self.job.problem.names else {}
+        starts = tuple(
+            host | dict(zip(names, (own, own * w**2, SOUGHT_DAMPING * own * w), strict=True))
+            for w in np.geomspace(2.0 * slow, 0.5 * fast, SOUGHT_SWINGS).tolist()
+        )
+        entries = {"parameters": dict(zip(names, priors, strict=True))}
+        words = f"one more inertia on a spring {at.at}"
+        lines = merged(lines, entries)
+        return Part(f"inertia_{at.name}", words, lines, optional=names[2], starts=starts)
+
+    # What absorbs anything.
+
+    def _absorbing(self) -> Iterator[Part]:
+        yield Part(UNKNOWN, "noise of unknown size", self._noise(remembers=False))
+        yield Part(AR1, "noise that remembers", self._noise(remembers=True))
+        step, longest = self._span
+        roles, rubs = self.job.problem.model.roles, {f"friction_{i}" for i in self.weights}
+        rubs &= {lack.name for lack in edits.lacks(roles)}
+        for i in (i for i in roles.inertias if f"friction_{i.name}" in rubs):
+            if MISSING not in self._data and i.sliding in self.sizes:
+                size = {"prior": "half_normal", "scale": rounded(QUARTER * self.sizes[i.sliding])}
+                shortest = MIN_TIME_STEPS * step
+                time = log_uniform(shortest, max(longest / TIME_PARTS, 2 * shortest))
+                torque = {"at": i.name, "smoothness": "1/2", "size": size, "time": time}
+                lines = merged({MISSING: torque}, self._shared("s_d", "tau_d"))  # one rig
+                yield Part(f"{TORQUE}{i.name}", f"a missing {roles.motion.torque} {i.at}", lines)
+
+    def _noise(self, *, remembers: bool) -> Entries:
+        """Free the noise of each channel; one number of all experiments becomes one unknown."""
+        lines: Entries = {}
+        shared = {*self._data.get(SHARED, ())}
+        for name in self._units:
+            found = [*columns(self._data, name)]
+            for place, entry in found:
+                noise, sigma = entry.get("noise", "white"), entry.get("sigma")
+                known = sigma if isinstance(sigma, int | float) else None
+                white = (noise if isinstance(noise, str) else noise.get("name", "white")) == "white"
+                if "sigma" not in entry or not (white if remembers else known):
+                    continue
+                if known:
+                    prior = log_uniform(known / WIDER, known * WIDER) | {"start": float(known)}
+                    lines = merged(lines, nested((*place, "sigma"), prior))
+                    if len(found) == 1 and place[0] != experiments.EXPERIMENTS:
+                        shared.add(noise_name(name))
+                        lines = merged(lines, self._shared(noise_name(name)))
+                if remembers:
+                    lines = merged(lines, nested((*place, "noise"), AR1))
+                    if noise_name(name) in shared:
+                        lines = merged(lines, self._shared(f"rho_{name}"))
+        return lines
+
+
+def _physics(name: str, words: str, priors: Entries, kind: int = COULOMB) -> Part:
+    names = (*priors,)
+    neutral = dict.fromkeys(names, 0.0)
+    return Part(name, words, {"parameters": priors}, names, kind=kind, neutral=neutral)
+
+
+def _largest(first: Mapping[str, float], other: Mapping[str, float]) -> dict[str, float]:
+    return {name: max(first.get(name, 0.0), other.get(name, 0.0)) for name in {**first, **other}}
+
+
+def _speeds(observations: tuple[Observation, ...], full: Any) -> dict[str, float]:
+    """Return the largest speed of each inertia, by its name."""
+    speeds: dict[str, float] = {}
+    for observation in observations:
+        model = observation.response.model
+        moved = edits.state_motion(observation, full)
+        for inertia in model.roles.inertias:
+            if inertia.speed in model.states:
+                of_state = np.abs(moved[:, model.states.index(inertia.speed)]).max()
+                speeds = _largest(speeds, {inertia.name: float(of_state) / inertia.reduction})
+    return speeds
