@@ -168,7 +168,7 @@ class Verdict:
     limit: float
     joint: float | None
     fits: bool = True
-    ends: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    ends: Mapping[str, float] = dataclasses.field(default_factory=dict, hash=False)
 
     def saying(self, says: Says) -> tuple[Quantity, ...]:
         """Return parameters and products of this verdict, each once."""

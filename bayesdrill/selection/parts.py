@@ -420,9 +420,9 @@ class Setting:
                     names = (new.inertia, shaft.stiffness, shaft.damping)
                     hosts = [i for i in alike if i.name in self.weights]
                     yield from (self._inertia(host, names, {}) for host in hosts[:1])
-        if not model.has_private_names:
+        given = self._data.get("model", {})
+        if "inertias" not in given:
             return
-        given = self._data["model"]
         for at in model.roles.inertias:
             if at.name in self.weights and at.reduction == 1.0:
                 new_name, spring = f"{at.name}_end", f"{at.name}_end_spring"

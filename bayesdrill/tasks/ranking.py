@@ -135,6 +135,7 @@ class Ranking:
         most = max((c.bayes for c in self._all() if c.absorbing and c.explains_all), default=0.0)
         least = max(SURE_LOG_ODDS, MIN_SHARE_WORTH_COMBINING * most)
         first = [c.parts[0] for c in self._all() if not c.absorbing and c.bayes > least]
+        first.sort(key=lambda name: not name.startswith(WIDENED))  # what ends priors hides the rest
         for k, part in enumerate(first[:PAIRED]):
             self._beside((part,), first[k + 1 : PAIRED])
         if first:

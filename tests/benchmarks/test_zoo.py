@@ -154,7 +154,7 @@ def test_a_sound_row_needs_two_runs_that_end_well(own: dict[str, object], says: 
 def test_an_unsound_row_must_say_why() -> None:
     bad = row("wrong_gear")
     assert not complaints(bad, unsound(), unsound())
-    assert "as if the rig did fit" in complaints(bad, unsound(), unsound(status=0))
+    assert "as if all were well" in complaints(bad, unsound(), unsound(status=0))
     assert "no reason says" in complaints(bad, unsound(), unsound(reasons=("tau grows",)))
     assert "99 s" in complaints(bad, unsound(wall=99.0), unsound())
     assert "stopped" in complaints(bad, unsound(), unsound(status=None))

@@ -219,7 +219,6 @@ def test_a_disk_that_is_full_names_the_file(room: int, tmp_path: Path) -> None:
         ("posterior", "--help"),
         ("schema",),
         ("cite",),
-        ("--show-completion", "bash"),
     ],
     ids=" ".join,
 )

@@ -113,8 +113,9 @@ def of_record(of: bd.Case) -> Iterator[Any]:
         for lack in edits.lacks(problem.model.roles)
     ]
     yield [[*causes_words.instead(one, problem.model)] for one in every]
-    rungs = CandidateModels.from_job(of.job, {}).singles()
-    rungs += CandidateModels.from_job(of.job, {}).beyond(("friction_both",), ())
+    models = CandidateModels.from_job(of.job, {})
+    rungs = [*models.singles(), *models.singles(absorbing=True)]
+    rungs += models.beyond(("friction_both",), ())
     yield [(one.name, one.about, one.source.data) for one in rungs]
 
 
@@ -229,10 +230,9 @@ def chained() -> None:
         )
 
     plain, lacks = made(), made(missing_torque={**TORQUE, "at": "middle"})
-    parts = {
-        one.name: one.job().problem.names
-        for one in CandidateModels.from_job(plain.job, {}).singles()
-    }
+    models = CandidateModels.from_job(plain.job, {})
+    singles = [*models.singles(), *models.singles(absorbing=True)]
+    parts = {one.name: one.job().problem.names for one in singles}
     posterior = lacks.job.problem.posterior
     theta = posterior.space.vector({**posterior.space.start, "s_d": dry, "tau_d": 1.0})
     (found,) = torque_estimates(posterior, theta[None], rng)
@@ -337,7 +337,7 @@ def test_states_of_no_role_are_named() -> None:
     class Dumb(MotorShaft):
         @property
         def roles(self) -> Roles:
-            motor, gearbox, rotor = usual_roles().inertias
+            motor, gearbox, rotor, _ = usual_roles().inertias
             bit = dataclasses.replace(rotor, speed="of_the_bit")
             return dataclasses.replace(usual_roles(), inertias=(motor, gearbox, bit))
 

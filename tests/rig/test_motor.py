@@ -77,7 +77,7 @@ def test_a_voltage_drives_it_through_its_circuit() -> None:
 
 
 def test_it_is_the_papers_rig_without_shaft_and_rotor() -> None:
-    rig = with_named(Motor(1 / 8), NOMINAL)
+    rig = with_named(Motor(1 / 8), {*NOMINAL} - {"k_s", "j_1"})
     whole, alone = MotorShaft().linear(NOMINAL | {"k_s": 1e-300}), rig.linear(NOMINAL)
     kept = [MotorShaft.states.index(name) for name in rig.states]
     assert dynamics(alone, rig.states, 1)[0] == pytest.approx(
@@ -85,6 +85,14 @@ def test_it_is_the_papers_rig_without_shaft_and_rotor() -> None:
     )
     assert alone.c == whole.c
     assert dict(alone.B) == {key: x for key, x in whole.B.items() if key == ("i", "v")}
+
+
+def test_with_shaft_and_rotor_it_is_the_papers_rig() -> None:
+    """Mutants killed: a shaft at the wrong side of the gear; a rotor without the twist."""
+    rig, plain = with_named(Motor(1 / 8), NOMINAL), MotorShaft()
+    at = [rig.states.index(name) for name in plain.states]
+    found = dynamics(rig.linear(NOMINAL), rig.states, 1)[0][np.ix_(at, at)]
+    assert found == pytest.approx(dynamics(plain.linear(NOMINAL), plain.states, 1)[0], rel=1e-12)
 
 
 def test_dry_friction_lets_it_stand_until_the_torque_is_larger() -> None:

@@ -18,14 +18,17 @@ from bayesdrill.rig import (
     Roles,
     usual_roles,
 )
-from bayesdrill.rig.models.linear import ParameterNames
+from bayesdrill.rig.models.linear import ParameterNames, StateNames
 
 OWN = {
     "theta_1": "bit_angle", "w_1": "bit_speed", "j_1": "bit_inertia", "c_1": "bit_damping",
+    "d_1": "bit_drag", "theta_0": "end_angle", "w_0": "end_speed", "j_0": "end_inertia",
+    "k_0": "end_stiffness", "c_0": "end_damping",
     "t_c1": "bit_sliding", "t_s1": "bit_static", "w_s1": "bit_fading",
     "theta_2": "top_angle", "w_2": "top_speed", "i": "winding_current",
     "j_m": "motor_inertia", "c_m": "motor_damping", "t_f": "motor_friction",
     "t_cm": "motor_sliding", "t_sm": "motor_static", "w_sm": "motor_fading",
+    "d_m": "motor_drag",
     "k_e": "volts_per_speed", "k_T": "torque_per_ampere", "r_m": "winding_resistance",
     "r_s": "series_resistance", "l_m": "winding_inductance", "v_d": "brush_drop",
     "eta": "gear_efficiency", "j_2": "table_inertia", "k_s": "pipe_stiffness",
@@ -60,7 +63,9 @@ class Renamed(Model):
         own(name): own(needs) for name, needs in MotorShaft.offers.items()
     }
     parameters: ClassVar[ParameterNames] = ParameterNames(own(MotorShaft.parameters))
-    states: ClassVar[tuple[str, ...]] = own(MotorShaft.states)
+    states: ClassVar[StateNames] = StateNames(
+        own(MotorShaft.states), {("end_stiffness", "end_inertia"): ("end_angle", "end_speed")}
+    )
     inputs: ClassVar[tuple[str, ...]] = MotorShaft.inputs
 
     @property

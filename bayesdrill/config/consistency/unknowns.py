@@ -132,9 +132,9 @@ def _check_relations(
     if len(parameters) < len(model.parameters):  # a prior or a start, said already
         return None
     rig = RigNumbers(parameters=parameters, quantities=quantities_, derived=tuple(derived))
-    if not errors.source.labels:
-        check_used(errors, config, [rig])
     try:
+        if not errors.source.labels:
+            check_used(errors, config, [rig])
         space = rig.space()
     except RelationError as error:
         errors.add(("parameters", error.name), str(error))

@@ -337,12 +337,14 @@ EARLY = 0.1  # of a sample: inputs that act so much before they are recorded are
 def map_notes(problem: Problem, mode: Mode) -> Iterator[str]:
     """Yield unknowns at ends of their priors, and inputs that would act before they are recorded."""
     units, priors = problem.units, problem.posterior.space.priors
+    si = {symbol.name: symbol for symbol in problem.symbols}
     for name in mode.at_bound:
         value, prior = mode.values[name], priors[name]
         if abs(value - prior.low) < abs(value - prior.high) and prior.low == 0:
             yield f"prior: {name} is at zero, where its prior ends: the record shows none of it."
         else:
-            shown = units.format_value(name, value)
+            symbol = units.symbol(si[name])
+            shown = f"{value / units.factor(name):.4g} {symbol.plain_unit}".removesuffix(" 1")
             yield f"prior: {name} is at an end of its prior, {shown}. Widen it before anything else."
     for observation in problem.observations:
         sensing, step = observation.response.sensing, median_step(observation.experiment.t)
