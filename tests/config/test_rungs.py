@@ -168,9 +168,9 @@ def test_a_memory_goes_with_the_size_of_its_noise(tmp_path: Path) -> None:
 
 def test_where_a_rig_has_turned_to_makes_no_prior_wider(tmp_path: Path) -> None:
     """Mutant killed: springs as strong as both their angles."""
-    here = ladder(tmp_path / "here").setting.sizes
+    here = ladder(tmp_path / "here").sizes
     start = ("inputs:", "initial: {theta_1: 1000, theta_2: 1000}\ninputs:")
-    assert ladder(tmp_path / "far", start).setting.sizes == pytest.approx(here, rel=1e-6)
+    assert ladder(tmp_path / "far", start).sizes == pytest.approx(here, rel=1e-6)
 
 
 def test_beside_others_what_can_go_with_them(tmp_path: Path) -> None:
