@@ -9,6 +9,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
@@ -193,9 +194,10 @@ def _hidden(
     """
     log_density, squares = 0.0, dict[tuple[str, str], Array]()
     sigmas = dict[tuple[str, str], float]()
-    for each in likelihood.observations if theta is not None else ():
-        scales = each.scales(theta[None])[0].tolist()
-        sigmas |= {(each.label, n): s for n, s in zip(each.experiment.names, scales, strict=True)}
+    if theta is not None:
+        for each in likelihood.observations:
+            scales = zip(each.experiment.names, each.scales(theta[None])[0].tolist(), strict=True)
+            sigmas |= {(each.label, name): sigma for name, sigma in scales}
     for place, y in measured_samples(likelihood).items():
         given = records.get(place, y)
         count, variance = len(given) - len(y), float(given.var())
@@ -220,6 +222,7 @@ def _of_all(row: ResidualSummary, squares: Array | None) -> ResidualSummary:
     if squares is None:
         return row
     shown, left, total = squares.tolist()
-    shares = {name: getattr(row, name) for name in ("share", "simulated", "ahead")}
-    of_all = {name: math.sqrt((x**2 * shown + left) / total) for name, x in shares.items()}
-    return dataclasses.replace(row, **of_all)
+    names = ("share", "simulated", "ahead")
+    of_all = (math.sqrt((getattr(row, n) ** 2 * shown + left) / total) for n in names)
+    every: dict[str, Any] = dict(zip(names, of_all, strict=True))
+    return dataclasses.replace(row, **every)

@@ -106,7 +106,7 @@ class Best(Value):
             job = self.job.with_steps_at(self.mode)
             left, submit = conclusions.residuals(job, self.mode), pool.submit_function
             causes, table = find_map.explain(job, self.mode, left, submit, progress)
-        best = causes.best if causes is not None and causes.explains else None
+        best = None if causes is None else causes.best
         return Candidates(causes.ranked if causes is not None else (), table, best, self.job)
 
     def plot(self, part: int = 1) -> Figure:

@@ -107,11 +107,7 @@ class CandidateModels(Setting):
     def windows(self, count: int) -> list[CandidateModel]:
         """Return the config as given, on each of `count` windows of the record, from a free start."""
         given, table = self.job.source, self.job.table
-        shares = itertools.pairwise(k / count for k in range(count + 1))
-        every = (
-            self.window(lambda t, both=both: [t[0] + (t[-1] - t[0]) * share for share in both])
-            for both in shares
-        )
+        every = (self.window(k / count, (k + 1) / count) for k in range(count))
         changed = (config_edits.merged(given.data, lines) for lines in every)
         return [CandidateModel((), config_edits.with_data(given, x), table) for x in changed]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from types import MappingProxyType
@@ -14,7 +14,6 @@ import numpy as np
 
 from bayesdrill.analysis import edits
 from bayesdrill.analysis.causes import NOISE, TORQUE
-from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import noise_name
 from bayesdrill.config.job import Job
 from bayesdrill.config.resolve import experiments
@@ -203,7 +202,10 @@ class Setting:
         ending = next((f"_{e.label}" for e in self._observations if name.endswith(e.label)), "")
         kind, _, owner = name.removesuffix(ending).partition("_")
         tops = ("parameters", "quantities", "inputs")
-        found = [((top, name), (self._data.get(top) or {}).get(name)) for top in tops]
+        entries = ((self._data.get(top) or {}).get(name) for top in tops)
+        found: list[tuple[Place, Any]] = [
+            ((top, name), x) for top, x in zip(tops, entries, strict=True)
+        ]
         if kind in OF_SENSOR:
             found += [((*p, kind), x.get(kind)) for p, x in columns(self._data, owner)]
         priors = (pair for pair in found if isinstance(pair[1], dict) and "prior" in pair[1])
@@ -316,17 +318,19 @@ class Setting:
         yield Part(START, "another state at the start", free)
         if (later := self.numbers.get(LATER)) is not None:
             words = f"a record that begins {later:.3g} s later, from an unknown state"
-            yield Part(LATER, words, self.window(lambda t: (rounded(t[0] + later, 9), t[-1])))
+            yield Part(LATER, words, self.window(0.0, 1.0, later))
         if GEAR in self.numbers:
             model = self.job.problem.model
             ratio = rounded(self.numbers[GEAR] * model.gear_ratio)
             yield Part(GEAR, "another gear", self._model({model.roles.gear: ratio}))
 
-    def window(self, ends: Callable[[Array], Iterable[float]]) -> Entries:
-        """Return lines by which all experiments have the `ends` of their times, from a free start."""
+    def window(self, begin: float, end: float, later: float = 0.0) -> Entries:
+        """Return lines by which all experiments have these shares of their times, from a free start."""
         several, lines = self._data.get(experiments.EXPERIMENTS), []
         for observation in self._observations:  # what is held out stays as it is
-            window = [float(end) for end in ends(observation.experiment.t)]
+            first, *_, last = observation.experiment.t.tolist()
+            ends = [(1.0 - share) * first + share * last for share in (begin, end)]
+            window = [rounded(ends[0] + later, 9), ends[1]]
             place = (experiments.EXPERIMENTS, observation.label) if several else ()
             lines.append(nested(place, {"record": {"window": window}, "initial": "free"}))
         return merged({}, *lines)

@@ -98,10 +98,10 @@ class Ranking:
         if not self._explained:
             self.refit_all(self.models.singles(absorbing=True), self.maximum)
             self._combine()
-        reference, left = find_reference(self.job.problem, self.given.fit), self.left_out
-        every = {"ranked": self._ranked(), "left_out": left, "reference": reference}
-        causes = Causes(given=self.given.fit, **every)
-        if causes.explains and causes.best.explains_all:
+        given, ranked, left_out = self.given.fit, self._ranked(), self.left_out
+        reference = find_reference(self.job.problem, given)
+        causes = Causes(given=given, ranked=ranked, left_out=left_out, reference=reference)
+        if causes.best is not None and causes.best.explains_all:
             return causes
         return dataclasses.replace(causes, windows=self._windows())
 
@@ -151,15 +151,16 @@ class Ranking:
         return sorted(self.causes_by_parts.values(), key=lambda cause: -round(cause.bayes, 3))
 
     def _best(self) -> Cause | None:
-        """Return the most probable that names causes alone."""
-        return next((cause for cause in self._all() if not cause.absorbing), None)
+        """Return the most probable that names causes alone; what hides much has to leave noise only."""
+        named = (cause for cause in self._all() if not cause.absorbing)
+        shown = (c for c in named if c.explains_all or self.maxima[c.parts].hidden <= MAX_HIDDEN)
+        return next(shown, None)
 
     def _ranked(self) -> tuple[Cause, ...]:
         """Return the recommended, then all others."""
         every = self._all()
-        good = [cause for cause in every if cause.bayes > SURE_LOG_ODDS]
-        first = [recommended(good)] if any(not cause.doubts for cause in good) else []
-        return (*first, *(cause for cause in every if cause not in first))
+        first = recommended(every)
+        return tuple(sorted(every, key=lambda cause: cause is not first))
 
     # Constants of a config that are sought.
 
@@ -199,8 +200,8 @@ class Ranking:
                 posterior = rung.job().problem.posterior
         except (InputError, ValueError):
             return None
-        arguments = self.maximum, self.given.log_posterior + PROMISE, {}, self.records
-        return self.submit(refit_candidate, posterior, *arguments)
+        least, alone = self.given.log_posterior + PROMISE, dict[str, float]()
+        return self.submit(refit_candidate, posterior, self.maximum, least, alone, self.records)
 
     # Refits.
 

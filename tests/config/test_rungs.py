@@ -12,6 +12,7 @@ from together import for_each
 
 from bayesdrill.config import loading
 from bayesdrill.config.job import prepare
+from bayesdrill.selection import config_edits
 from bayesdrill.selection.candidates import MOST_PARTS, CandidateModel, CandidateModels
 
 TORQUES = {"missing_torque_motor", "missing_torque_rotor_1"}
@@ -206,7 +207,8 @@ def test_what_is_recommended_is_a_config_from_anywhere(
         far = tmp_path / "far" / "away"
         far.mkdir(parents=True)
         path = far / "recommended.yaml"
-        path.write_text(one.file(far, made.job.source, ["first", "second"], "mine"))
+        given = one.source.data, made.job.source, far
+        path.write_text(config_edits.as_file(*given, ["first", "second"], "mine"))
         assert path.read_text().startswith("# first\n# second\nname: mine\n")
         case = loading.load(path)
         assert list(case.config.output.figures) == ["corner"]
