@@ -163,14 +163,12 @@ def equivalent_explanation(problem: Problem, theta: Array) -> EquivalentExplanat
     bare = _fit_with_table(wider, start, table, tried, None)
     if bare is None or before - bare[1] <= limit:
         return None  # the table needs no help
-    best: EquivalentExplanation | None = None
-    for which in tried:
-        fitted = _fit_with_table(wider, start, table, tried, which)
-        if fitted is not None and before - fitted[1] <= limit:
-            limit = before - fitted[1]
-            name = wider.space.free[which]
-            best = EquivalentExplanation(parameter=name, value=fitted[0], lost=limit)
-    return best
+    fits = ((which, _fit_with_table(wider, start, table, tried, which)) for which in tried)
+    every = [(before - fit[1], wider.space.free[k], fit[0]) for k, fit in fits if fit is not None]
+    lost, parameter, value = min(every, default=(np.inf, "", 0.0))
+    if lost > limit:
+        return None
+    return EquivalentExplanation(parameter=parameter, value=value, lost=lost)
 
 
 def _fit_with_table(

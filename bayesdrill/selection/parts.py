@@ -397,14 +397,14 @@ class Setting:
     def _inertias(self) -> Iterator[Part]:
         """Yield one more inertia on a spring at each: one that the rig offers, or that a train takes."""
         model = self.job.problem.model
-        for shaft in model.roles.shafts:
-            ends = [i for i in model.roles.inertias if i.name in shaft.ends]
-            for new, other in itertools.permutations(ends, 2):
-                if self._offered(shaft.stiffness, new.inertia):
-                    alike = [i for i in model.roles.inertias if i.speed == other.speed]
-                    names = (new.inertia, shaft.stiffness, shaft.damping)
-                    hosts = [i for i in alike if i.name in self.weights]
-                    yield from (self._inertia(host, names, {}) for host in hosts[:1])
+        pairs = itertools.permutations(model.roles.inertias, 2)
+        for shaft, (new, other) in itertools.product(model.roles.shafts, pairs):
+            joined = {new.name, other.name} == {*shaft.ends}
+            if joined and self._offered(shaft.stiffness, new.inertia):
+                alike = (i for i in model.roles.inertias if i.speed == other.speed)
+                host = next((i for i in alike if i.name in self.weights), None)
+                if host is not None:
+                    yield self._inertia(host, (new.inertia, shaft.stiffness, shaft.damping), {})
         if not model.has_private_names:
             return
         given = self._data["model"]
@@ -414,13 +414,12 @@ class Setting:
                 names = (f"{at.inertia.split('_')[0]}_{new_name}", f"k_{spring}", f"c_{spring}")
                 lines = self._model({"inertias": [*given["inertias"], new_name]})
                 lines = merged(lines, nested(("model", "shafts", spring), [at.name, new_name]))
-                for place, section in sections(self._data):
-                    for state in (at.angle, at.speed):
-                        begun = section.get("initial")
-                        if isinstance(begun, dict) and state in begun:
-                            entry = (*place, "initial", f"{state.split('_')[0]}_{new_name}")
-                            value = "free" if "prior" in str(begun[state]) else begun[state]
-                            lines = merged(lines, nested(entry, value))
+                starts = ((p, x.get("initial")) for p, x in sections(self._data))
+                for place, start in ((p, x) for p, x in starts if isinstance(x, dict)):
+                    for state in (x for x in (at.angle, at.speed) if x in start):
+                        entry = (*place, "initial", f"{state.split('_')[0]}_{new_name}")
+                        value = "free" if "prior" in str(start[state]) else start[state]
+                        lines = merged(lines, nested(entry, value))
                 yield self._inertia(at, names, lines)
 
     def _inertia(self, at: InertiaRoles, names: tuple[str, str, str], lines: Entries) -> Part:
@@ -441,9 +440,8 @@ class Setting:
             host | dict(zip(names, (own, own * w**2, SOUGHT_DAMPING * own * w), strict=True))
             for w in np.geomspace(2.0 * slow, 0.5 * fast, SOUGHT_SWINGS).tolist()
         )
-        entries = {"parameters": dict(zip(names, priors, strict=True))}
         words = f"one more inertia on a spring {at.at}"
-        lines = merged(lines, entries)
+        lines = merged(lines, {"parameters": dict(zip(names, priors, strict=True))})
         return Part(f"inertia_{at.name}", words, lines, optional=names[2], starts=starts)
 
     # What absorbs anything.
@@ -457,9 +455,8 @@ class Setting:
             known = i.name in self.weights and i.sliding in self.sizes
             if known and f"friction_{i.name}" in rubs:
                 size = {"prior": "half_normal", "scale": rounded(QUARTER * self.sizes[i.sliding])}
-                time = log_uniform(
-                    TIME_PARTS * step, max(longest / TIME_PARTS, 2 * TIME_PARTS * step)
-                )
+                shortest = TIME_PARTS * step
+                time = log_uniform(shortest, max(longest / TIME_PARTS, 2 * shortest))
                 torque = {"at": i.name, "smoothness": "1/2", "size": size, "time": time}
                 lines = merged({MISSING: torque}, self._shared("s_d", "tau_d"))  # one rig
                 yield Part(f"{TORQUE}{i.name}", f"a missing {roles.motion.torque} {i.at}", lines)

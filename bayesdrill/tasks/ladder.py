@@ -129,10 +129,8 @@ class _Sampling:
             self._finish(modes, place, *missing[place])
             return f"{len(self.done)} models"
 
-        tasks = {
-            place: (packed(made.problem.posterior, fit_plan(made)),)
-            for place, (_, made) in missing.items()
-        }
+        jobs_left = {place: made for place, (_, made) in missing.items()}
+        tasks = {p: (packed(j.problem.posterior, fit_plan(j)),) for p, j in jobs_left.items()}
         run_jobs(self.pool, _fit, tasks, finish, self.folder.path, self.report)
 
     def _ranked_before(self) -> _Ranking | None:
@@ -204,9 +202,7 @@ def _published(job: Job, folder: Folder, work: _Sampling) -> LadderOutcome:
         raise InputError.at(str(job.source.path), "; ".join(work.left_out.values()))
     places = sorted(work.done, reverse=True)
     every = [work.done[place] for place in places]
-    report = ComparisonReport.of_models(
-        [observation for _, observation in every], job.problem.units
-    )
+    report = ComparisonReport.of_models([summary for _, summary in every], job.problem.units)
     report = dataclasses.replace(report, heading=f"Ladder of {job.config.name}")
     chosen = recommended([rung for rung, _ in every], report)
     about = comparison_report.about_config(chosen, job.config.name, report)
