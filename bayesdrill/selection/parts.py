@@ -405,9 +405,9 @@ class Setting:
                 host = next((i for i in alike if i.name in self.weights), None)
                 if host is not None:
                     yield self._inertia(host, (new.inertia, shaft.stiffness, shaft.damping), {})
-        if not model.has_private_names:
+        given = self._data.get("model", {})
+        if "inertias" not in given:
             return
-        given = self._data["model"]
         for at in model.roles.inertias:
             if at.name in self.weights and at.reduction == 1.0:
                 new_name, spring = f"{at.name}_end", f"{at.name}_end_spring"

@@ -73,10 +73,8 @@ class Ranking:
     tried: dict[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        models, posterior = (
-            CandidateModels.from_job(self.job, self.maximum),
-            self.job.problem.posterior,
-        )
+        posterior = self.job.problem.posterior
+        models = CandidateModels.from_job(self.job, self.maximum)
         self.roles = {unknown.name: unknown.role for unknown in posterior.space.unknowns}
         ends = self.given.at_ends.items()
         widened = {f"{WIDENED}{name}": way for name, way in ends if self.roles[name] != "noise"}
