@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 from bayesdrill.basics.arrays import Array
-from bayesdrill.inference import residual_checks, step_error
+from bayesdrill.inference import step_error
 from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.inference.posterior import Likelihood, Posterior
-from bayesdrill.inference.residual_checks import ResidualSummary
+from bayesdrill.inference.residual_checks import ResidualSummary, residual_summaries
 from bayesdrill.sampling.gauss_newton import gauss_newton
 
 # Where in its prior what is new is sought from, beside the start that its config gives it: with the
@@ -112,10 +112,7 @@ def refit_candidate(
     theta = coordinates.to_physical(u[:1])[0]
     log_z, covariance = _laplace(posterior, u[:1])
     own_sds = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    sds, vague = (
-        own_sds * np.abs(coordinates.slopes(theta[None])[0]),
-        own_sds > VAGUE * surface.spread,
-    )
+    sds = own_sds * np.abs(coordinates.slopes(theta[None])[0])
     low, high = np.stack([u[0] - surface.low, surface.high - u[0]]) < NEAR_END * surface.spread
     # Along a ridge of what is known all is one maximum.
     new = [k for k, name in enumerate(space.free) if name not in near]
@@ -123,7 +120,7 @@ def refit_candidate(
     apart = (np.abs(u[1:] - u[0]) > same)[:, new].any(axis=1)
     again = apart & (heights[1:] > heights[0] - OTHER_MAXIMUM_DEPTH)
     alike = np.abs(covariance / np.outer(own_sds, own_sds)) > MAX_CORRELATION
-    fit = residual_checks.residual_summaries(posterior.likelihood, theta)
+    pairs, fit = itertools.combinations(new, 2), residual_summaries(posterior.likelihood, theta)
     unseen, squares = _hidden(posterior.likelihood, records, theta)
     samples = posterior.likelihood.n_measured, sum(map(len, records.values()))
     return RefitMaximum(
@@ -134,10 +131,8 @@ def refit_candidate(
         fit=tuple(_of_all(row, squares.get((row.experiment, row.channel))) for row in fit),
         at_ends={space.free[k]: 1 if high[k] else -1 for k in np.flatnonzero(low | high)},
         several=bool(again.any()),
-        alike=tuple(
-            (space.free[j], space.free[k]) for j, k in itertools.combinations(new, 2) if alike[j, k]
-        ),
-        vague=tuple(itertools.compress(space.free, vague)),
+        alike=tuple((space.free[j], space.free[k]) for j, k in pairs if alike[j, k]),
+        vague=tuple(itertools.compress(space.free, own_sds > VAGUE * surface.spread)),
         seconds=seconds,
         hidden=1.0 - samples[0] / max(samples),
     )

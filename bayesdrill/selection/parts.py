@@ -51,20 +51,16 @@ MAX_LAG_SHARE = 0.1  # of the record: no lag is sought beyond, as it would hide 
 GAIN_SD, SUPPLY_SD = 0.3, 0.3  # of the log of a gain; of an input's offset, of its usual size
 QUARTER = 0.25  # of what else acts: the size of a missing torque
 SLOWEST = 1e-3  # of the largest speed: that over which friction at rest is lost
-TIME_PARTS = (
-    3.0  # samples at least, and of the record at most a share of it: a missing torque's time
-)
+# Samples at least, and at most the record over it: the time of a missing torque.
+TIME_PARTS = 3.0
 MIN_EFFICIENCY = 0.3
 DRAG_MARGIN = 4.0  # times the size by which a drag would do as much as all else: speeds fall by it
 # Of its size, from where to where physics is sought, and from how many starts: a rig that nothing drives
 # comes to rest by friction after so many swings, and each number of them is a maximum of its own.
 SOUGHT_SIZES, DRIVEN_STARTS, FREE_STARTS = (0.003, 0.8), 14, 30
 INERTIA_RANGE = (0.01, 10.0)  # times the inertia that a further one is on a spring at
-SOUGHT_SHARE, SOUGHT_SWINGS, SOUGHT_DAMPING = (
-    0.3,
-    6,
-    0.05,
-)  # of it, of its spring: where it is sought
+# Where that is sought: of the inertia, from so many springs, of the damping.
+SOUGHT_SHARE, SOUGHT_SWINGS, SOUGHT_DAMPING = 0.3, 6, 0.05
 # Of physics, by what it asks of a simulator: nothing that is linear, Coulomb's law, or another law.
 # Candidates of one kind have all of it, the others at numbers that do nothing: they share kernels.
 LINEAR, COULOMB, OTHER_LAW = 1, 2, 3
@@ -202,13 +198,12 @@ class Setting:
         ending = next((f"_{e.label}" for e in self._observations if name.endswith(e.label)), "")
         kind, _, owner = name.removesuffix(ending).partition("_")
         tops = ("parameters", "quantities", "inputs")
-        entries = ((self._data.get(top) or {}).get(name) for top in tops)
-        found: list[tuple[Place, Any]] = [
-            ((top, name), x) for top, x in zip(tops, entries, strict=True)
-        ]
+        found: dict[Place, Any] = {(n, name): (self._data.get(n) or {}).get(name) for n in tops}
         if kind in OF_SENSOR:
-            found += [((*p, kind), x.get(kind)) for p, x in columns(self._data, owner)]
-        priors = (pair for pair in found if isinstance(pair[1], dict) and "prior" in pair[1])
+            found |= {(*p, kind): x.get(kind) for p, x in columns(self._data, owner)}
+        priors = (
+            pair for pair in found.items() if isinstance(pair[1], dict) and "prior" in pair[1]
+        )
         return next(priors, None)
 
     # Columns.
