@@ -53,10 +53,8 @@ class Bench:
             for k in range(1, len(noise) if self.memory else 0):
                 noise[k] = self.memory * noise[k - 1] + math.sqrt(1 - self.memory**2) * noise[k]
             columns[name] = clean + self.sigma[name] * noise
-        for stem, table in {
-            "record": {"t": self.t, **columns, **self.inputs},
-            **self.files,
-        }.items():
+        record = {"t": self.t, **columns, **self.inputs}
+        for stem, table in {"record": record, **self.files}.items():
             rows, head = np.column_stack([*table.values()]), ",".join(table)
             np.savetxt(folder / f"{stem}.csv", rows, "%.10g", ",", header=head, comments="")
         path = folder / "config.yaml"
@@ -70,6 +68,14 @@ class Bench:
 
 def log_uniform(value: float, factor: float = 10.0) -> Config:
     return {"prior": "log_uniform", "low": value / factor, "high": value * factor}
+
+
+def config(name: str, channels: Config, **rest: Any) -> Config:
+    """A config whose channels are columns of their names in one record."""
+    channels = {channel: {"column": channel, **entry} for channel, entry in channels.items()}
+    time = {"column": "t", "unit": "s"}
+    record = {"file": "record.csv", "time": time, "channels": channels}
+    return {"name": name, "seed": 1, "record": record, **rest}
 
 
 def about(value: float, rng: np.random.Generator) -> float:
@@ -92,26 +98,18 @@ def motor_shaft(
     held = {"c_m": 1e-4, "k_e": 0.06, "k_T": 0.06, "l_m": 1.5e-3, "t_f": 0.0}
     t = DT * np.arange(n)
     v = both_ways(t, rng)
-    rig = bd.MotorShaft(
-        i_m=i_m, added=tuple(x for x in bd.MotorShaft().offers if x in {*lacks, "c_s"})
-    )
+    added = tuple(x for x in bd.MotorShaft().offers if x in {*lacks, "c_s"})
+    rig = bd.MotorShaft(i_m=i_m, added=added)
     moved = bd.respond(rig, {**truth, **held, **lacks}, t, {"v": v}, ["w_1", "w_2"])
     sigma = {name: 0.02 * float(np.std(y)) for name, y in moved.items()}
-    config: Config = {
-        "name": "shaft",
-        "seed": 1,
-        "record": {
-            "file": "record.csv",
-            "time": {"column": "t", "unit": "s"},
-            "channels": {
-                name: {"column": name, "unit": "rad/s", "sigma": s} for name, s in sigma.items()
-            },
-        },
-        "inputs": {"v": {"column": "v", "unit": "V"}},
-        "model": {"name": "motor_shaft", "i_m": 0.125},
-        "parameters": {**held, **{name: log_uniform(x) for name, x in truth.items()}},
-    }
-    return Bench(config, dict(moved), sigma, {"v": v}, t)
+    said = config(
+        "shaft",
+        {name: {"unit": "rad/s", "sigma": s} for name, s in sigma.items()},
+        inputs={"v": {"column": "v", "unit": "V"}},
+        model={"name": "motor_shaft", "i_m": 0.125},
+        parameters={**held, **{name: log_uniform(x) for name, x in truth.items()}},
+    )
+    return Bench(said, dict(moved), sigma, {"v": v}, t)
 
 
 def tabled(rng: np.random.Generator, lacks: Mapping[str, float], i_m: float = 0.125) -> Bench:
@@ -127,25 +125,20 @@ def tabled(rng: np.random.Generator, lacks: Mapping[str, float], i_m: float = 0.
     sigma = {"theta_2": 0.02, "twist": 0.02, "w_1": 0.1}
     units = {"theta_2": "rad", "twist": "rad", "w_1": "rad/s"}
     channels = {
-        name: {"column": name, "unit": units[name], "sigma": sigma[name], "measures": what}
+        name: {"unit": units[name], "sigma": sigma[name], "measures": what}
         for name, what in measures.items()
     }
     box = {"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}
     held = dict.fromkeys(("r_m", "l_m", "t_f"), "nominal")
-    config: Config = {
-        "name": "tabled",
-        "seed": 1,
-        "record": {
-            "file": "record.csv",
-            "time": {"column": "t", "unit": "s"},
-            "channels": channels,
-        },
-        "inputs": {"v": {"column": "v", "unit": "V"}},
-        "model": {"name": "motor_shaft", "i_m": 0.125},
-        "nominal": "tables_2_3",
-        "parameters": {**dict.fromkeys(truth, box), **held},
-    }
-    return Bench(config, clean, sigma, {"v": v}, t)
+    said = config(
+        "tabled",
+        channels,
+        inputs={"v": {"column": "v", "unit": "V"}},
+        model={"name": "motor_shaft", "i_m": 0.125},
+        nominal="tables_2_3",
+        parameters={**dict.fromkeys(truth, box), **held},
+    )
+    return Bench(said, clean, sigma, {"v": v}, t)
 
 
 def train(
@@ -163,31 +156,22 @@ def train(
     held = {"j_arm": 1e-5, "k_T_motor": 0.05, "r_motor": 1.2, "k_e_motor": 0.05}
     t = DT * np.arange(500)
     u = both_ways(t, rng, 8.0)
-    whole = {
-        key: {**model[key], **(parts or {}).get(key, {})} for key in ("gears", "shafts", "drives")
-    }
-    names = (*model["inertias"], *(parts or {}).get("inertias", ()))
+    more = parts or {}
+    whole = {key: {**model[key], **more.get(key, {})} for key in ("gears", "shafts", "drives")}
+    names = (*model["inertias"], *more.get("inertias", ()))
     plain = bd.Train(inertias=names, **whole)
     values = {**truth, **held, **lacks}
     rig = bd.Train(inertias=names, **whole, added=tuple(x for x in plain.offers if x in values))
     moved = bd.respond(rig, values, t, {"u_motor": u}, ["w_arm", "w_load"])
     sigma = {name: 0.02 * float(np.std(y)) for name, y in moved.items()}
-    config: Config = {
-        "name": "train",
-        "seed": 1,
-        "record": {
-            "file": "record.csv",
-            "time": {"column": "t", "unit": "s"},
-            "channels": {
-                name: {"column": name, "unit": "rad/s", "sigma": log_uniform(s, 30.0)}
-                for name, s in sigma.items()
-            },
-        },
-        "inputs": {"u_motor": {"column": "u_motor", "unit": "V"}},
-        "model": {"name": "train", **model},
-        "parameters": {**held, **{name: log_uniform(x) for name, x in truth.items()}},
-    }
-    return Bench(config, dict(moved), sigma, {"u_motor": u}, t)
+    said = config(
+        "train",
+        {name: {"unit": "rad/s", "sigma": log_uniform(s, 30.0)} for name, s in sigma.items()},
+        inputs={"u_motor": {"column": "u_motor", "unit": "V"}},
+        model={"name": "train", **model},
+        parameters={**held, **{name: log_uniform(x) for name, x in truth.items()}},
+    )
+    return Bench(said, dict(moved), sigma, {"u_motor": u}, t)
 
 
 def decay(
@@ -196,50 +180,31 @@ def decay(
     """A cart on a spring, let go; `second`: another on it; `held` for so long at first [s]."""
     truth = {"m_cart": 1.0, "c_cart": 0.8}
     truth = {name: about(value, rng) for name, value in truth.items()}
-    added = [*(n for n in lacks if n not in ("m_other", "k_link")), "c_cart"]
-    inertias = ("cart", "other") if second else ("cart",)
-    shafts: Config = {
-        "spring": ["cart", "ground"],
-        **({"link": ["cart", "other"]} if second else {}),
-    }
-    plain = bd.Train(motion="linear", inertias=inertias, shafts=shafts)
-    rig = bd.Train(
-        motion="linear",
-        inertias=inertias,
-        shafts=shafts,
-        added=tuple(name for name in plain.offers if name in added),
-    )
+    spring: Config = {"spring": ["cart", "ground"]}
+    whole: Config = {"motion": "linear", "inertias": ("cart",), "shafts": spring}
+    if second:
+        whole |= {"inertias": ("cart", "other"), "shafts": {**spring, "link": ["cart", "other"]}}
+    offers = bd.Train(**whole).offers
+    rig = bd.Train(**whole, added=tuple(name for name in offers if name in {*lacks, "c_cart"}))
     t = 0.008 * np.arange(600)
     start = {"x_cart": 0.04, **({"x_other": 0.04} if second else {})}
     values = {**truth, "k_spring": 300.0, **lacks}
     free = bd.respond(rig, values, t, {}, ["x_cart", "v_cart"], initial=start)
-    rest = int(held / 0.008)
-    clean = {
-        name: np.concatenate([np.full(rest, y[0]), y[: len(t) - rest]]) for name, y in free.items()
-    }
-    sigma = {"x_cart": 2e-4, "v_cart": 5e-3}
-    config: Config = {
-        "name": "decay",
-        "seed": 1,
-        "record": {
-            "file": "record.csv",
-            "time": {"column": "t", "unit": "s"},
-            "channels": {
-                "x_cart": {"column": "x_cart", "unit": "m", "sigma": log_uniform(2e-4, 100.0)},
-                "v_cart": {"column": "v_cart", "unit": "m/s", "sigma": log_uniform(5e-3, 100.0)},
-            },
-        },
-        "inputs": {},
-        "initial": "free",
-        "model": {
-            "name": "train",
-            "motion": "linear",
-            "inertias": ["cart"],
-            "shafts": {"spring": ["cart", "ground"]},
-        },
-        "parameters": {"k_spring": 300.0, **{name: log_uniform(x) for name, x in truth.items()}},
-    }
-    return Bench(config, clean, sigma, {}, t)
+    clean = {name: delayed(y, int(held / 0.008)) for name, y in free.items()}
+    sigma, units = {"x_cart": 2e-4, "v_cart": 5e-3}, {"x_cart": "m", "v_cart": "m/s"}
+    said = config(
+        "decay",
+        {name: {"unit": units[name], "sigma": log_uniform(s, 100.0)} for name, s in sigma.items()},
+        inputs={},
+        initial="free",
+        model={"name": "train", "motion": "linear", "inertias": ["cart"], "shafts": spring},
+        parameters={"k_spring": 300.0, **{name: log_uniform(x) for name, x in truth.items()}},
+    )
+    return Bench(said, clean, sigma, {}, t)
+
+
+def delayed(y: Array, samples: int) -> Array:
+    return np.concatenate([np.full(samples, y[0]), y[: len(y) - samples]])
 
 
 def one_channel(bench: Bench, name: str) -> Bench:
@@ -271,9 +236,7 @@ def offset(rng: np.random.Generator, seed: int) -> tuple[Bench, str]:
 def lag(rng: np.random.Generator, seed: int) -> tuple[Bench, str]:
     bench = motor_shaft(rng, {}) if seed % 2 else train(rng, {})
     name = "w_1" if seed % 2 else "w_load"
-    late = int(rng.integers(2, 6))
-    y = bench.clean[name]
-    bench.clean[name] = np.concatenate([np.full(late, y[0]), y[:-late]])
+    bench.clean[name] = delayed(bench.clean[name], int(rng.integers(2, 6)))
     return bench, f"lag_{name}"
 
 
@@ -303,9 +266,8 @@ def memory(rng: np.random.Generator, seed: int) -> tuple[Bench, str]:
 
 def sign(rng: np.random.Generator, seed: int) -> tuple[Bench, str]:
     bench = (motor_shaft, tabled, train, decay)[seed % 4](rng, {})
-    name = rng.choice(
-        [*bench.clean][: 1 if seed % 4 == 3 else None]
-    )  # of a swing either is the sign
+    # Of a swing either is the sign.
+    name = rng.choice([*bench.clean][: 1 if seed % 4 == 3 else None])
     bench.clean[name] = -bench.clean[name]
     return bench, f"sign_{name}"
 
@@ -398,15 +360,9 @@ def find(kind: str, seed: int) -> Found:
         case = bd.load(bench.write(Path(folder), rng))
         begun = time.process_time()
         ranked = case.find_map().candidates().ranked
-    first = ranked[0] if ranked else None
-    return Found(
-        kind,
-        seed,
-        right,
-        first.parts if first else (),
-        bool(first and first.absorbing),
-        time.process_time() - begun,
-    )
+    seconds, first = time.process_time() - begun, ranked[0] if ranked else None
+    parts, absorbed = (first.parts, bool(first.absorbing)) if first else ((), False)
+    return Found(kind, seed, right, parts, absorbed, seconds)
 
 
 def arguments(given: Sequence[str] | None = None) -> argparse.Namespace:

@@ -95,37 +95,27 @@ class Causes:
         return tuple(cause for cause in self.ranked if cause.bayes > SURE_LOG_ODDS)
 
     @property
-    def explains(self) -> bool:
-        """Whether there is evidence for any candidate that can be trusted."""
-        return any(not cause.doubts for cause in self.good)
-
-    @property
-    def best(self) -> Cause:
+    def best(self) -> Cause | None:
         """The candidate that is recommended; see `recommended`."""
-        return recommended(self.good)
-
-    @property
-    def lacking(self) -> tuple[str, ...]:
-        """The parameters that the rig lacks."""
-        return self.best.lacks if self.explains else ()
+        return recommended(self.ranked)
 
 
-def recommended(good: Sequence[Cause]) -> Cause:
-    """Return the simplest of the `good` candidates that are about as probable as the best of them.
+def recommended(causes: Sequence[Cause]) -> Cause | None:
+    """Return the simplest of the candidates that are about as probable as the best of them.
 
-    Only those count that can be trusted.  What absorbs any misfit gives way to causes that gain a good
-    share of that without it, or else to one beside what absorbs, which gains more than that alone.
+    Only those count that have some evidence and can be trusted.  What absorbs any misfit gives way to
+    causes that gain a good share of that without it, or else to one beside what absorbs, which gains
+    more than that alone.
     """
-    trusted = sorted((c for c in good if not c.doubts), key=lambda cause: -round(cause.bayes, 3))
+    good = [cause for cause in causes if cause.bayes > SURE_LOG_ODDS and not cause.doubts]
+    trusted = sorted(good, key=lambda cause: -round(cause.bayes, 3))
+    if not trusted:
+        return None
     first, least = trusted[0], MIN_SHARE_OF_CATCH_ALL * trusted[0].bayes
-    alone = {cause.parts: cause.bayes for cause in good}
-    named = [c for c in trusted if not c.absorbing and c.bayes >= least]
-    partly = [
-        cause
-        for cause in trusted
-        if cause.absorbing != cause.parts
-        and cause.bayes > max(least, alone.get(cause.absorbing, 0.0) + SURE_LOG_ODDS)
-    ]
+    alone = {c.parts: c.bayes + SURE_LOG_ODDS for c in causes if c.bayes > SURE_LOG_ODDS}
+    beside = [cause for cause in trusted if cause.absorbing != cause.parts]
+    named = [cause for cause in beside if not cause.absorbing and cause.bayes >= least]
+    partly = [c for c in beside if c.bayes > max(least, alone.get(c.absorbing, SURE_LOG_ODDS))]
     if first.absorbing and named:
         first, trusted = named[0], named
     elif first.absorbing == first.parts and partly:
@@ -173,14 +163,12 @@ def equivalent_explanation(problem: Problem, theta: Array) -> EquivalentExplanat
     bare = _fit_with_table(wider, start, table, tried, None)
     if bare is None or before - bare[1] <= limit:
         return None  # the table needs no help
-    best: EquivalentExplanation | None = None
-    for which in tried:
-        fitted = _fit_with_table(wider, start, table, tried, which)
-        if fitted is not None and before - fitted[1] <= limit:
-            limit = before - fitted[1]
-            name = wider.space.free[which]
-            best = EquivalentExplanation(parameter=name, value=fitted[0], lost=limit)
-    return best
+    fits = ((which, _fit_with_table(wider, start, table, tried, which)) for which in tried)
+    every = [(before - fit[1], wider.space.free[k], fit[0]) for k, fit in fits if fit is not None]
+    lost, parameter, value = min(every, default=(np.inf, "", 0.0))
+    if lost > limit:
+        return None
+    return EquivalentExplanation(parameter=parameter, value=value, lost=lost)
 
 
 def _fit_with_table(

@@ -36,33 +36,27 @@ class Lack:
 
 def lacks(roles: Roles) -> tuple[Lack, ...]:
     """Return what a rig of these `roles` may be without; what turns as one rubs at the first of it."""
-    rubs = {i.speed: i for i in reversed(roles.inertias) if i.sliding}
-    several = len(roles.motors) > 1
-    drop = "a voltage drop of driver and brushes"
-    named = [
-        Lack(f"friction_{i.name}", i.sliding, f"dry friction {i.at}", dry=True)
-        for i in roles.inertias
-        if i in rubs.values()
-    ]
+    inertias, several = roles.inertias, len(roles.motors) > 1
+    rubs = {i.speed: i for i in reversed(inertias) if i.sliding}.values()
+    drop = "voltage_drop", "a voltage drop of driver and brushes"
+    dry = [(f"friction_{i.name}", i.sliding, f"dry friction {i.at}") for i in inertias if i in rubs]
     for m in roles.motors:
         name, words = (f"_{m.inertia}", f" of {m.words}") if several else ("", "")
-        named.append(Lack(f"voltage_drop{name}", m.drop, f"{drop}{words}", dry=True))
-    drags = [i for i in roles.inertias if i.drag]
-    named += [Lack(f"drag_{i.name}", i.drag, f"quadratic drag {i.at}", dry=True) for i in drags]
-    damped = [(i.name, i.damping, f"viscous damping {i.at}") for i in roles.inertias]
-    damped += [(s.name, s.damping, f"damping of {s.words}") for s in roles.shafts]
-    named += [Lack(f"damping_{name}", what, words, dry=False) for name, what, words in damped]
-    return tuple(lack for lack in named if lack.parameter)
+        dry.append((f"{drop[0]}{name}", m.drop, f"{drop[1]}{words}"))
+    dry += [(f"drag_{i.name}", i.drag, f"quadratic drag {i.at}") for i in inertias]
+    damped = [(f"damping_{i.name}", i.damping, f"viscous damping {i.at}") for i in inertias]
+    damped += [(f"damping_{s.name}", s.damping, f"damping of {s.words}") for s in roles.shafts]
+    pairs = ((each, each in dry) for each in (*dry, *damped) if each[1])
+    return tuple(Lack(*each, dry=changes_sign) for each, changes_sign in pairs)
 
 
 def rig_candidates(observations: Sequence[Observation], full: Array) -> dict[str, float]:
     """Return what the rig offers and has not, with the most that it can be, at `full (1, P)`."""
     model = observations[0].response.model
     has, taken = {*model.parameters}, set[str]()
-    for i, other in itertools.permutations(
-        model.roles.inertias, 2
-    ):  # what turns as one has one of each
+    for i, other in itertools.permutations(model.roles.inertias, 2):
         if i.speed == other.speed:
+            # What turns as one has one of each.
             taken |= {other.sliding} if {i.sliding, i.efficiency} & has else set()
             taken |= {other.damping} if i.damping in has else set()
     offered = {name for name, needs in model.offers.items() if {*needs} <= has} - has - taken
@@ -130,10 +124,10 @@ def _rates(linear: Linear, row: str, named: Mapping[str, Array], angles: tuple[s
 def with_candidates(posterior: Posterior, theta: Array) -> Posterior:
     """Free all unknowns that the rig lacks, at `theta (D,)`: before those of the noise."""
     sizes = rig_candidates(posterior.likelihood.observations, posterior.space.full(theta[None]))
-    symbols = {name: Symbol(name, "", "", "", "") for name in sizes}
+    symbols = [Symbol(name, "", "", "", "") for name in sizes]
     free = [
-        Unknown(symbol=symbols[name], role="sensor", prior=Uniform(0.0, size), start=0.0)
-        for name, size in sizes.items()
+        Unknown(symbol=symbol, role="sensor", prior=Uniform(0.0, sizes[symbol.name]), start=0.0)
+        for symbol in symbols
     ]
 
     def with_tried(observation: Observation) -> Observation:

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
 from bayesdrill.basics.arrays import Array
-from bayesdrill.inference import residual_checks, step_error
+from bayesdrill.inference import step_error
 from bayesdrill.inference.laplace import LogDensity
-from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Likelihood, Posterior
-from bayesdrill.inference.residual_checks import ResidualSummary
+from bayesdrill.inference.residual_checks import ResidualSummary, residual_summaries
 from bayesdrill.sampling.gauss_newton import gauss_newton
 
 # Where in its prior what is new is sought from, beside the start that its config gives it: with the
@@ -62,16 +63,10 @@ Records = Mapping[tuple[str, str], Array]
 def measured_samples(likelihood: Likelihood) -> dict[tuple[str, str], Array]:
     """Return all measured samples `(n,)` by experiment and channel."""
     return {
-        (observation.label, name): y
+        (observation.label, name): y[~np.isnan(y)]
         for observation in likelihood.observations
-        for name, y in _measured(observation)
+        for name, y in zip(observation.experiment.names, observation.experiment.y.T, strict=True)
     }
-
-
-def _measured(observation: Observation) -> Iterator[tuple[str, Array]]:
-    experiment = observation.experiment
-    for name, y in zip(experiment.names, experiment.y.T, strict=True):
-        yield name, y[~np.isnan(y)]
 
 
 def refit_candidate(
@@ -116,29 +111,28 @@ def refit_candidate(
         return None
     theta = coordinates.to_physical(u[:1])[0]
     log_z, covariance = _laplace(posterior, u[:1])
-    own_sds = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    sds, scaled_sds = own_sds * np.abs(coordinates.slopes(theta[None])[0]), own_sds / surface.spread
-    ends = np.stack([u[0] - surface.low, surface.high - u[0]]) < NEAR_END * surface.spread
+    own_sds = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    sds = own_sds * np.abs(coordinates.slopes(theta[None])[0])
+    low, high = np.stack([u[0] - surface.low, surface.high - u[0]]) < NEAR_END * surface.spread
     # Along a ridge of what is known all is one maximum.
-    new = [name not in near for name in space.free]
+    new = [k for k, name in enumerate(space.free) if name not in near]
     same = np.maximum(SAME_MAXIMUM * surface.spread, SAME_MAXIMUM_SDS * own_sds)
     apart = (np.abs(u[1:] - u[0]) > same)[:, new].any(axis=1)
     again = apart & (heights[1:] > heights[0] - OTHER_MAXIMUM_DEPTH)
-    fit = residual_checks.residual_summaries(posterior.likelihood, theta)
+    alike = np.abs(covariance / np.outer(own_sds, own_sds)) > MAX_CORRELATION
+    pairs, fit = itertools.combinations(new, 2), residual_summaries(posterior.likelihood, theta)
     unseen, squares = _hidden(posterior.likelihood, records, theta)
     samples = posterior.likelihood.n_measured, sum(map(len, records.values()))
     return RefitMaximum(
-        values=dict(zip(space.free, map(float, theta), strict=True)),
-        sds=dict(zip(space.free, map(float, sds), strict=True)),
+        values=dict(zip(space.free, theta.tolist(), strict=True)),
+        sds=dict(zip(space.free, sds.tolist(), strict=True)),
         log_posterior=float(heights[0]) + unseen,
         log_z=log_z + unseen,
         fit=tuple(_of_all(row, squares.get((row.experiment, row.channel))) for row in fit),
-        at_ends={
-            n: 1 if up else -1 for n, low, up in zip(space.free, *ends, strict=True) if low | up
-        },
+        at_ends={space.free[k]: 1 if high[k] else -1 for k in np.flatnonzero(low | high)},
         several=bool(again.any()),
-        alike=_alike(covariance, [k for k, fresh in enumerate(new) if fresh], space.free),
-        vague=tuple(n for n, sd in zip(space.free, scaled_sds, strict=True) if sd > VAGUE),
+        alike=tuple((space.free[j], space.free[k]) for j, k in pairs if alike[j, k]),
+        vague=tuple(itertools.compress(space.free, own_sds > VAGUE * surface.spread)),
         seconds=seconds,
         hidden=1.0 - samples[0] / max(samples),
     )
@@ -155,13 +149,11 @@ def _starts(
     Where nothing is new the model is another one all the same, and all may be elsewhere.
     """
     space, count = posterior.space, len(START_QUANTILES)
-    first, known = (
-        space.vector({n: at.get(n, x) for n, x in space.start.items()}) for at in (alone, near)
-    )
+    every = ({**alone}, {**near}, *({**near, **each} for each in starts))
+    vectors = [space.vector({n: at.get(n, x) for n, x in space.start.items()}) for at in every]
     if starts:
-        given = dict(zip(space.free, known, strict=True))
-        others = [space.vector({**given, **each}) for each in starts]
-        return np.array([first, known, *others])
+        return np.array(vectors)
+    first, known = vectors
     new = [k for k, name in enumerate(space.free) if name not in near]
     rows = np.repeat(known[None], count, axis=0)
     for place, k in enumerate(new or range(len(space.free))):
@@ -186,19 +178,6 @@ def _laplace(posterior: Posterior, u: Array) -> tuple[float, Array]:
     return value + 0.5 * (u.shape[1] * math.log(2.0 * math.pi) - float(log_det)), covariance
 
 
-def _alike(
-    covariance: Array, new: Sequence[int], names: Sequence[str]
-) -> tuple[tuple[str, str], ...]:
-    sds = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    correlation = np.abs(covariance / np.outer(sds, sds))
-    return tuple(
-        (names[j], names[k])
-        for place, k in enumerate(new)
-        for j in new[:place]
-        if correlation[j, k] > MAX_CORRELATION
-    )
-
-
 def _hidden(
     likelihood: Likelihood, records: Records, theta: Array | None = None
 ) -> tuple[float, dict[tuple[str, str], Array]]:
@@ -209,23 +188,27 @@ def _hidden(
     hidden, and of all.
     """
     log_density, squares = 0.0, dict[tuple[str, str], Array]()
-    for observation in likelihood.observations:
-        for k, (name, y) in enumerate(_measured(observation)):
-            given = records.get((observation.label, name), y)
-            count, variance = len(given) - len(y), float(given.var())
-            if count <= 0 or variance == 0.0:
-                continue
-            total = len(given) * variance
-            left = max(total - float(np.sum((y - given.mean()) ** 2)), 0.0)
-            density = -0.5 * (count * math.log(2 * math.pi * variance) + left / variance)
-            if theta is not None and np.array_equal(given[count:], y):
-                noise = float(observation.scales(theta[None])[0, k]) ** 2
-                still = count * float(given[:count].var()) / noise
-                place = math.log(max(count * variance / noise, 1.0))  # that of an unknown value
-                held = -0.5 * (count * math.log(2 * math.pi * noise) + still + place)
-                density = max(density, held)
-            log_density += density
-            squares[observation.label, name] = np.array([len(y) * y.var(), left, total])
+    sigmas = dict[tuple[str, str], float]()
+    if theta is not None:
+        for each in likelihood.observations:
+            scales = zip(each.experiment.names, each.scales(theta[None])[0].tolist(), strict=True)
+            sigmas |= {(each.label, name): sigma for name, sigma in scales}
+    for place, y in measured_samples(likelihood).items():
+        given = records.get(place, y)
+        count, variance = len(given) - len(y), float(given.var())
+        if count <= 0 or variance == 0.0:
+            continue
+        total = len(given) * variance
+        left = max(total - float(np.sum((y - given.mean()) ** 2)), 0.0)
+        density = -0.5 * (count * math.log(2 * math.pi * variance) + left / variance)
+        if place in sigmas and np.array_equal(given[count:], y):
+            noise = sigmas[place] ** 2
+            still = count * float(given[:count].var()) / noise
+            unknown = math.log(max(count * variance / noise, 1.0))  # the place where it is held
+            held = -0.5 * (count * math.log(2 * math.pi * noise) + still + unknown)
+            density = max(density, held)
+        log_density += density
+        squares[place] = np.array([len(y) * y.var(), left, total])
     return log_density, squares
 
 
@@ -234,8 +217,7 @@ def _of_all(row: ResidualSummary, squares: Array | None) -> ResidualSummary:
     if squares is None:
         return row
     shown, left, total = squares.tolist()
-    shares = [
-        math.sqrt((share**2 * shown + left) / total)
-        for share in (row.share, row.simulated, row.ahead)
-    ]
-    return dataclasses.replace(row, share=shares[0], simulated=shares[1], ahead=shares[2])
+    names = ("share", "simulated", "ahead")
+    of_all = (math.sqrt((getattr(row, n) ** 2 * shown + left) / total) for n in names)
+    every: dict[str, Any] = dict(zip(names, of_all, strict=True))
+    return dataclasses.replace(row, **every)

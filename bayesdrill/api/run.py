@@ -25,6 +25,7 @@ from bayesdrill.report.map_report import MapReport
 from bayesdrill.report.publish import FIGURES, drawings
 from bayesdrill.report.run_report import sections
 from bayesdrill.report.section import as_markdown, as_text
+from bayesdrill.report.sections import causes_words
 from bayesdrill.report.view import Drawing, ReportContext
 from bayesdrill.sampling.ensembles import SamplingResult
 from bayesdrill.sampling.evidence import Evidence
@@ -105,9 +106,9 @@ class Best(Value):
             progress = report or SILENT
             job = self.job.with_steps_at(self.mode)
             left, submit = conclusions.residuals(job, self.mode), pool.submit_function
-            causes, table = find_map.explain(job, self.mode, left, submit, progress)
-        best = causes.best if causes is not None and causes.explains else None
-        return Candidates(causes.ranked if causes is not None else (), table, best, self.job)
+            causes = conclusions.causes(job, self.mode, left, submit, progress)
+        ranked, best = ((), None) if causes is None else (causes.ranked, causes.best)
+        return Candidates(ranked, causes_words.explained(causes), best, self.job)
 
     def plot(self, part: int = 1) -> Figure:
         """Draw the record, the model at the maximum, and what is left.

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import copy
+import itertools
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from pathlib import Path
-
-import numpy as np
+from dataclasses import dataclass
 
 from bayesdrill.analysis.causes import TORQUE
-from bayesdrill.basics.arrays import Array
 from bayesdrill.config import loading
 from bayesdrill.config.job import Job, assemble
 from bayesdrill.config.yaml_source import Source, as_yaml
 from bayesdrill.record.formats.table import RecordTable
 from bayesdrill.selection import config_edits
-from bayesdrill.selection.parts import AR1, BOTH, LINEAR, START, Part, Setting
+from bayesdrill.selection.parts import AR1, BOTH, LINEAR, NOTHING, START, Part, Setting
 
 GIVEN, AS_GIVEN = "as_given", "the config as it is"
 MOST_PHYSICS = 8  # unknowns
@@ -35,9 +31,9 @@ class CandidateModel:
 
     parts: tuple[Part, ...]
     source: Source
+    table: RecordTable | None
     lines: str = ""
-    table: RecordTable | None = None
-    neutral: Mapping[str, float] = field(default_factory=dict)
+    neutral: Mapping[str, float] = NOTHING
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -50,63 +46,25 @@ class CandidateModel:
         return "-".join(self.names) or GIVEN
 
     @property
-    def words(self) -> tuple[str, ...]:
-        """What each part is."""
-        return tuple(part.words for part in self.parts)
-
-    @property
     def about(self) -> str:
         """What it has beside the config as given, in words."""
-        return " and ".join(self.words) or AS_GIVEN
+        return " and ".join(part.words for part in self.parts) or AS_GIVEN
 
     def owner(self, unknown: str) -> str:
         """Return the part that an unknown belongs to, the start where it is of none."""
         owners = (p.name for p in self.parts if unknown in p.lacks or unknown.startswith(p.name))
         return next(owners, START)
 
-    def job(self) -> Job:
-        """Raises `InputError` where the config cannot have it."""
-        return assemble(loading.validate(self.source), self.table)
-
-    def refit_job(self) -> Job:
-        """Return the job that it is refitted by: what is neutral changes nothing but the kernels."""
-        if not self.neutral:
-            return self.job()
-        data = copy.deepcopy(self.source.data)
-        data["parameters"] = {**self.neutral, **data["parameters"]}
-        source = replace(self.source, text=as_yaml(data), data=data)
+    def job(self, *, shared: bool = False) -> Job:
+        """Return its job, `shared`: with what is neutral; raise `InputError` where there is none."""
+        neutral = {"parameters": self.neutral} if shared and self.neutral else {}
+        data = config_edits.merged(neutral, self.source.data)
+        source = config_edits.with_data(self.source, data) if neutral else self.source
         return assemble(loading.validate(source), self.table)
 
-    def file(self, folder: Path, given: Source, about: Sequence[str], name: str = "") -> str:
-        """Return its config as the text of a file in `folder`; see `config_edits.as_file`."""
-        return config_edits.as_file(self.source.data, given, folder, about, name)
 
-
-@dataclass(frozen=True)
-class CandidateModels:
-    """Candidate models of the job of a `setting`."""
-
-    setting: Setting
-
-    @classmethod
-    def from_job(cls, job: Job, values: Mapping[str, float]) -> CandidateModels:
-        """Return those whose sizes follow from the start of the config and from `values`."""
-        return cls(Setting.from_job(job, values))
-
-    @property
-    def job(self) -> Job:
-        """The job as given."""
-        return self.setting.job
-
-    @property
-    def parts(self) -> dict[str, Part]:
-        """The parts that candidates may have, by name."""
-        return self.setting.parts
-
-    def with_numbers(self, **numbers: float) -> CandidateModels:
-        """Return candidates whose parts have these constants."""
-        known = {**self.setting.numbers, **numbers}
-        return CandidateModels(replace(self.setting, numbers=known))
+class CandidateModels(Setting):
+    """Candidate models of the job of a setting."""
 
     def rungs(self, every: Iterable[tuple[str, ...]]) -> list[CandidateModel]:
         """Return those with parts of these names, where there is such a thing to try."""
@@ -127,7 +85,7 @@ class CandidateModels:
 
     def without_each(self, names: tuple[str, ...]) -> list[CandidateModel]:
         """Return those without each of their parts, in turn."""
-        every = (tuple(one for one in names if one != name) for name in names)
+        every = reversed([*itertools.combinations(names, len(names) - 1)])
         return self.rungs(fewer for fewer in every if fewer and self.possible(fewer))
 
     def possible(self, names: Sequence[str]) -> bool:
@@ -138,7 +96,7 @@ class CandidateModels:
         freed = {parameter for part in parts for parameter in part.lacks}
         if len(parts) < len(names) or len({*decided}) < len(decided) or not needed <= freed:
             return False
-        if self.setting.time_references <= {*names}:
+        if self.time_references <= {*names}:
             return False
         # A missing torque wants white noise, and beside friction it is an approximation.
         torque = any(part.name.startswith(TORQUE) for part in parts)
@@ -148,23 +106,15 @@ class CandidateModels:
 
     def windows(self, count: int) -> list[CandidateModel]:
         """Return the config as given, on each of `count` windows of the record, from a free start."""
-        given, rungs = self.job.source, []
-        for k in range(count):
-            shares = np.array([k, k + 1]) / count
-
-            def part(t: Array, shares: Array = shares) -> Array:
-                return np.asarray(t[0] + (t[-1] - t[0]) * shares)
-
-            lines = self.setting.window(part)
-            data = config_edits.merged(given.data, lines)
-            source = Source(given.path, as_yaml(data), data, {}, ())
-            rungs.append(CandidateModel((), source, table=self.job.table))
-        return rungs
+        given, table = self.job.source, self.job.table
+        every = (self.window(k / count, (k + 1) / count) for k in range(count))
+        changed = (config_edits.merged(given.data, lines) for lines in every)
+        return [CandidateModel((), config_edits.with_data(given, x), table) for x in changed]
 
     def _rung(self, names: tuple[str, ...]) -> CandidateModel:
         given, table = self.job.source, self.job.table
         if not names:
-            return CandidateModel((), given, table=table)
+            return CandidateModel((), given, table)
         parts = tuple(self.parts[name] for name in names)
         said = config_edits.merged({}, *(part.lines for part in parts))
         data = config_edits.merged(given.data, said)
@@ -176,9 +126,9 @@ class CandidateModels:
         problem = self.job.problem
         channels = sum(len(each.experiment.channels) for each in problem.observations)
         config_edits.raise_walkers(data, len(problem.names) + 2 * channels + MOST_PHYSICS)
-        source = Source(given.path, as_yaml(data), data, {}, ())
         kind = max(part.kind for part in parts)
         others = [part for part in self.parts.values() if LINEAR <= part.kind <= kind]
-        neutral = {name: x for part in others for name, x in part.neutral.items()}
-        neutral = {name: x for name, x in neutral.items() if name not in data["parameters"]}
-        return CandidateModel(parts, source, lines, table, neutral)
+        neutral = {
+            n: x for p in others for n, x in p.neutral.items() if n not in data["parameters"]
+        }
+        return CandidateModel(parts, config_edits.with_data(given, data), table, lines, neutral)

@@ -64,7 +64,7 @@ def leaves(lines: Mapping[str, Any], place: Place = ()) -> Iterator[Place]:
 
 def sections(data: Mapping[str, Any]) -> Iterator[tuple[Place, Entries]]:
     """Yield the top of a config, and each experiment, with their places."""
-    yield (), data  # type: ignore[misc]
+    yield (), dict(data)
     for label, entries in (data.get(experiments.EXPERIMENTS) or {}).items():
         yield (experiments.EXPERIMENTS, label), entries
 
@@ -82,6 +82,11 @@ def columns(data: Mapping[str, Any], name: str) -> Iterator[tuple[Place, Entries
                 yield (*place, *inner, name), entry
 
 
+def with_data(given: Source, data: Entries) -> Source:
+    """Return the source of a config with other data."""
+    return Source(given.path, as_yaml(data), data, {}, ())
+
+
 def raise_walkers(data: Entries, unknowns: int) -> None:
     """Give as many walkers as so many unknowns want, where the config says how many there are."""
     given = (data.get("sampler") or {}).get("walkers")
@@ -96,12 +101,9 @@ def as_file(
 
     It names the records of the one that was `given`, and draws what that does; `name`: of its results.
     """
-    written = copy.deepcopy(dict(data))
-    written.pop("output", None)
-    if drawn := given.data.get("output"):
-        written["output"] = drawn
-    if name:
-        written["name"] = name
+    written = copy.deepcopy({key: entry for key, entry in data.items() if key != "output"})
+    written |= {"output": drawn} if (drawn := given.data.get("output")) else {}
+    written |= {"name": name} if name else {}
     for _, section in sections(written):
         sources.rebase(section, given.path.parent, folder)
     lines = "".join(f"# {line}\n" for line in about)

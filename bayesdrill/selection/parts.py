@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
 from bayesdrill.analysis import edits
 from bayesdrill.analysis.causes import NOISE, TORQUE
-from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import noise_name
 from bayesdrill.config.job import Job
 from bayesdrill.config.resolve import experiments
@@ -52,21 +51,16 @@ MAX_LAG_SHARE = 0.1  # of the record: no lag is sought beyond, as it would hide 
 GAIN_SD, SUPPLY_SD = 0.3, 0.3  # of the log of a gain; of an input's offset, of its usual size
 QUARTER = 0.25  # of what else acts: the size of a missing torque
 SLOWEST = 1e-3  # of the largest speed: that over which friction at rest is lost
-MIN_TIME_STEPS, TIME_PARTS = (
-    3.0,
-    3.0,
-)  # samples, and parts of the record: the time of a missing torque
+# Samples at least, and at most the record over it: the time of a missing torque.
+TIME_PARTS = 3.0
 MIN_EFFICIENCY = 0.3
 DRAG_MARGIN = 4.0  # times the size by which a drag would do as much as all else: speeds fall by it
 # Of its size, from where to where physics is sought, and from how many starts: a rig that nothing drives
 # comes to rest by friction after so many swings, and each number of them is a maximum of its own.
 SOUGHT_SIZES, DRIVEN_STARTS, FREE_STARTS = (0.003, 0.8), 14, 30
 INERTIA_RANGE = (0.01, 10.0)  # times the inertia that a further one is on a spring at
-SOUGHT_SHARE, SOUGHT_SWINGS, SOUGHT_DAMPING = (
-    0.3,
-    6,
-    0.05,
-)  # where that is sought: of it, of its spring
+# Where that is sought: of the inertia, from so many springs, of the damping.
+SOUGHT_SHARE, SOUGHT_SWINGS, SOUGHT_DAMPING = 0.3, 6, 0.05
 # Of physics, by what it asks of a simulator: nothing that is linear, Coulomb's law, or another law.
 # Candidates of one kind have all of it, the others at numbers that do nothing: they share kernels.
 LINEAR, COULOMB, OTHER_LAW = 1, 2, 3
@@ -118,7 +112,7 @@ class Setting:
     numbers: Mapping[str, float] = NOTHING
 
     @classmethod
-    def from_job(cls, job: Job, values: Mapping[str, float]) -> Setting:
+    def from_job(cls, job: Job, values: Mapping[str, float]) -> Self:
         """Return it with sizes and speeds at the start of the config or at `values`, the larger."""
         space, observations = job.problem.posterior.space, job.problem.observations
         setting = cls(job)
@@ -130,7 +124,11 @@ class Setting:
         inertias = job.problem.model.roles.inertias
         return replace(setting, weights={i.name: p[i.inertia] for i in inertias if i.inertia in p})
 
-    def at_least(self, sizes: Mapping[str, float], speeds: Mapping[str, float]) -> Setting:
+    def with_numbers(self, **numbers: float) -> Self:
+        """Return it with these constants of parts."""
+        return replace(self, numbers={**self.numbers, **numbers})
+
+    def at_least(self, sizes: Mapping[str, float], speeds: Mapping[str, float]) -> Self:
         """Return it with sizes and speeds that are at least these."""
         return replace(
             self, sizes=_largest(self.sizes, sizes), speeds=_largest(self.speeds, speeds)
@@ -139,15 +137,9 @@ class Setting:
     @cached_property
     def parts(self) -> dict[str, Part]:
         """All parts by name, in the order in which they are tried."""
-        kinds = (
-            self._widened(),
-            self._columns(),
-            self._times(),
-            self._physics(),
-            self._inertias(),
-            self._absorbing(),
-        )
-        return {part.name: part for part in itertools.chain.from_iterable(kinds) if part.lines}
+        of_columns = (*self._widened(), *self._columns(), *self._times())
+        every = (*of_columns, *self._physics(), *self._inertias(), *self._absorbing())
+        return {part.name: part for part in every if part.lines}
 
     # What the job has.
 
@@ -188,37 +180,31 @@ class Setting:
     def _widened(self) -> Iterator[Part]:
         parameters, symbols = self.job.problem.model.parameters, self.job.problem.model.symbols
         for part in [name for name in self.numbers if name.startswith(WIDENED)]:
-            name = part.removeprefix(WIDENED)
-            found = self._prior(name)
-            if found is None or not {"low", "high"} <= {*found[1]}:
+            name, way = part.removeprefix(WIDENED), int(self.numbers[part])
+            place, prior = self._prior(name) or ((), {})
+            if not {"low", "high"} <= {*prior}:
                 continue
-            place, prior = found
-            low, high, up = float(prior["low"]), float(prior["high"]), self.numbers[part] > 0
-            if prior["prior"] == "log_uniform":
-                end = high * WIDER if up else low / WIDER
-            else:
-                end = high + (high - low) if up else low - (high - low)
+            key, ends = "high" if way > 0 else "low", (float(prior["low"]), float(prior["high"]))
+            logs = prior["prior"] == "log_uniform"
+            end = float(prior[key]) * WIDER**way if logs else float(prior[key]) + way * np.ptp(ends)
             if name in parameters:
                 end = min(max(end, 0.0), symbols[name].at_most)
-            if end != (high if up else low):
-                lines = nested((*place, "high" if up else "low"), rounded(end, 4))
+            if end != float(prior[key]):
+                lines = nested((*place, key), rounded(end, 4))
                 yield Part(part, f"a wider prior of {name}", lines)
 
     def _prior(self, name: str) -> tuple[Place, Entries] | None:
         """Return the entry with the prior of an unknown, and its place; None where it is not found."""
         ending = next((f"_{e.label}" for e in self._observations if name.endswith(e.label)), "")
         kind, _, owner = name.removesuffix(ending).partition("_")
-        places: list[Place] = [
-            (section, name) for section in ("parameters", "quantities", "inputs")
-        ]
-        places += [(*place, kind) for place, _ in columns(self._data, owner) if kind in OF_SENSOR]
-        for place in places:
-            entry: Any = self._data
-            for key in place:
-                entry = entry.get(key) if isinstance(entry, dict) else None
-            if isinstance(entry, dict) and "prior" in entry:
-                return place, entry
-        return None
+        tops = ("parameters", "quantities", "inputs")
+        found: dict[Place, Any] = {(n, name): (self._data.get(n) or {}).get(name) for n in tops}
+        if kind in OF_SENSOR:
+            found |= {(*p, kind): x.get(kind) for p, x in columns(self._data, owner)}
+        priors = (
+            pair for pair in found.items() if isinstance(pair[1], dict) and "prior" in pair[1]
+        )
+        return next(priors, None)
 
     # Columns.
 
@@ -239,9 +225,8 @@ class Setting:
 
     def _exchanged(self, *names: str) -> Entries:
         """Nothing, where only one of two columns says something: no line takes that away."""
-        pairs = [*zip(*(columns(self._data, name) for name in names), strict=False)]
         lines: Entries = {}
-        for (first, a), (second, b) in pairs:
+        for (first, a), (second, b) in zip(*(columns(self._data, n) for n in names), strict=False):
             keys = [key for key in OF_COLUMN if key in a or key in b]
             keys += ["sigma"] if a.get("unit") != b.get("unit") else []
             if not {*keys} <= {*a} & {*b}:
@@ -265,21 +250,19 @@ class Setting:
         own = kind == "offset" and name in self._units
         if new and not own and not any(kind in entry for _, entry in found):
             lines = merged(lines, self._shared(f"{kind}_{name}"))
-        return Part(
-            f"{kind}_{name}", f"{'an' if kind == 'offset' else 'a'} {kind} of {name}", lines
-        )
+        article = "an" if kind == "offset" else "a"
+        return Part(f"{kind}_{name}", f"{article} {kind} of {name}", lines)
 
     def _offset_size(self, name: str) -> float:
-        size = 0.0
+        sizes = [0.0]
         for experiment in self._experiments:
-            if name in experiment.names:
-                k = experiment.names.index(name)
-                spread = float(np.nanstd(experiment.y[:, k]))
-                size = max(size, spread / experiment.channels[k].shown.factor)
-            elif name in experiment.series:
+            for channel, y in zip(experiment.channels, experiment.y.T, strict=True):
+                if channel.name == name:
+                    sizes.append(float(np.nanstd(y)) / channel.shown.factor)
+            if name in experiment.series:
                 usual = SUPPLY_SD * typical_inputs(experiment)[name]
-                size = max(size, usual / experiment.unit_of_input(name).factor)
-        return size
+                sizes.append(usual / experiment.unit_of_input(name).factor)
+        return max(sizes)
 
     # Times.
 
@@ -311,10 +294,9 @@ class Setting:
         shifted = {f"lag_{name}" for each in sensing for name in each.lags}
         shifted |= {MOMENT for each in sensing if each.delay}
         fixed = self.time_references - shifted
-        shortest = min(float(np.ptp(each.t)) for each in self._experiments)
         pairs = [(each.dt, float(np.ptp(each.t))) for each in self._experiments]
         late = max(max(MAX_LAG_SAMPLES * dt, min(MAX_LAG, LAG_SHARE * s)) for dt, s in pairs)
-        late = min(late, MAX_LAG_SHARE * shortest)
+        late = min(late, *(MAX_LAG_SHARE * length for _, length in pairs))
         lag = uniform(late, -late)
         # Of inputs the first is as all, by `t_0`; of one channel that is its lag.
         for name in (*(self._units if len(fixed) > 1 else ()), *self._inputs[1:]):
@@ -325,38 +307,37 @@ class Setting:
         for part in self.clocks:
             if (factor := self.numbers.get(part)) is not None:
                 yield self._clock(part, part.removeprefix(CLOCK).removeprefix("_"), factor)
-        usual: dict[Place, str] = {(): "rest"}
-        starts = [(place, x.get("initial", usual.get(place))) for place, x in sections(self._data)]
+        starts = [(p, x.get("initial", None if p else "rest")) for p, x in sections(self._data)]
         held = [place for place, x in starts if isinstance(x, str) and x != "free"]
         free = merged({}, *(nested((*place, "initial"), "free") for place in held))
         yield Part(START, "another state at the start", free)
         if (later := self.numbers.get(LATER)) is not None:
             words = f"a record that begins {later:.3g} s later, from an unknown state"
-            yield Part(LATER, words, self.window(lambda t: (rounded(t[0] + later, 9), t[-1])))
+            yield Part(LATER, words, self.window(0.0, 1.0, later))
         if GEAR in self.numbers:
             model = self.job.problem.model
             ratio = rounded(self.numbers[GEAR] * model.gear_ratio)
             yield Part(GEAR, "another gear", self._model({model.roles.gear: ratio}))
 
-    def window(self, ends: Callable[[Array], Iterable[float]]) -> Entries:
-        """Return lines by which all experiments have the `ends` of their times, from a free start."""
-        lines, several = dict[str, Any](), self._data.get(experiments.EXPERIMENTS)
+    def window(self, begin: float, end: float, later: float = 0.0) -> Entries:
+        """Return lines by which all experiments have these shares of their times, from a free start."""
+        several, lines = self._data.get(experiments.EXPERIMENTS), []
         for observation in self._observations:  # what is held out stays as it is
+            first, *_, last = observation.experiment.t.tolist()
+            ends = [(1.0 - share) * first + share * last for share in (begin, end)]
+            window = [rounded(ends[0] + later, 9), ends[1]]
             place = (experiments.EXPERIMENTS, observation.label) if several else ()
-            window = [float(end) for end in ends(observation.experiment.t)]
-            used = {"record": {"window": window}, "initial": "free"}
-            lines = merged(lines, nested(place, used) if place else used)
-        return lines
+            lines.append(nested(place, {"record": {"window": window}, "initial": "free"}))
+        return merged({}, *lines)
 
     def _clock(self, part: str, name: str, factor: float) -> Part:
-        records = ((p, x.get("record") or {}) for p, x in sections(self._data))
-        owners = columns(self._data, name) if name else (((*p, "record"), x) for p, x in records)
+        records = (((*p, "record"), x.get("record") or {}) for p, x in sections(self._data))
         lines: Entries = {}
-        for place, owner in owners:
+        for place, owner in columns(self._data, name) if name else records:
             if isinstance(time := owner.get("time"), dict):
-                key = "rate" if "rate" in time else "scale"
-                new = time["rate"] / factor if key == "rate" else time.get("scale", 1.0) * factor
-                lines = merged(lines, nested((*place, "time", key), rounded(new, 6)))
+                key, times = ("rate", 1.0 / factor) if "rate" in time else ("scale", factor)
+                new = nested((*place, "time", key), rounded(time.get(key, 1.0) * times, 6))
+                lines = merged(lines, new)
         whose = f"of {name}" if name else "of the record"
         words = f"a clock {whose} whose times are {factor:.6g} times what it shows"
         return Part(part, words, lines)
@@ -371,15 +352,14 @@ class Setting:
         sizes, roles = self.sizes, self.job.problem.model.roles
         each = [lack for lack in edits.lacks(roles) if lack.parameter in sizes]
         for lack in sorted(each, key=lambda lack: not lack.name.startswith("friction")):
-            kind = LINEAR if not lack.dry else COULOMB
-            kind = OTHER_LAW if lack.name.startswith("drag") else kind
-            size = sizes[lack.parameter] * (DRAG_MARGIN if kind == OTHER_LAW else 1.0)
+            drags = lack.name.startswith("drag")
+            kind = OTHER_LAW if drags else COULOMB if lack.dry else LINEAR
+            size = sizes[lack.parameter] * (DRAG_MARGIN if drags else 1.0)
             shares = np.geomspace(*SOUGHT_SIZES, DRIVEN_STARTS if self._driven else FREE_STARTS)
             starts = tuple({lack.parameter: size * share} for share in shares.tolist())
             priors = {lack.parameter: uniform(size)}
             yield replace(_physics(lack.name, lack.words, priors, kind), starts=starts)
-        rubbing = {lack.name for lack in each}
-        dry = [i for i in roles.inertias if f"friction_{i.name}" in rubbing]
+        dry = [i for i in roles.inertias if f"friction_{i.name}" in {lack.name for lack in each}]
         if len(dry) == 2:
             priors = {i.sliding: uniform(sizes[i.sliding]) for i in dry}
             yield _physics(BOTH, f"dry friction {dry[0].at} and {dry[1].at}", priors)
@@ -412,14 +392,14 @@ class Setting:
     def _inertias(self) -> Iterator[Part]:
         """Yield one more inertia on a spring at each: one that the rig offers, or that a train takes."""
         model = self.job.problem.model
-        for shaft in model.roles.shafts:
-            ends = [i for i in model.roles.inertias if i.name in shaft.ends]
-            for new, other in itertools.permutations(ends, 2):
-                if self._offered(shaft.stiffness, new.inertia):
-                    alike = [i for i in model.roles.inertias if i.speed == other.speed]
-                    names = (new.inertia, shaft.stiffness, shaft.damping)
-                    hosts = [i for i in alike if i.name in self.weights]
-                    yield from (self._inertia(host, names, {}) for host in hosts[:1])
+        pairs = itertools.permutations(model.roles.inertias, 2)
+        for shaft, (new, other) in itertools.product(model.roles.shafts, pairs):
+            joined = {new.name, other.name} == {*shaft.ends}
+            if joined and self._offered(shaft.stiffness, new.inertia):
+                alike = (i for i in model.roles.inertias if i.speed == other.speed)
+                host = next((i for i in alike if i.name in self.weights), None)
+                if host is not None:
+                    yield self._inertia(host, (new.inertia, shaft.stiffness, shaft.damping), {})
         given = self._data.get("model", {})
         if "inertias" not in given:
             return
@@ -429,13 +409,12 @@ class Setting:
                 names = (f"{at.inertia.split('_')[0]}_{new_name}", f"k_{spring}", f"c_{spring}")
                 lines = self._model({"inertias": [*given["inertias"], new_name]})
                 lines = merged(lines, nested(("model", "shafts", spring), [at.name, new_name]))
-                for place, section in sections(self._data):
-                    for state in (at.angle, at.speed):
-                        begun = section.get("initial")
-                        if isinstance(begun, dict) and state in begun:
-                            entry = (*place, "initial", f"{state.split('_')[0]}_{new_name}")
-                            value = "free" if "prior" in str(begun[state]) else begun[state]
-                            lines = merged(lines, nested(entry, value))
+                starts = ((p, x.get("initial")) for p, x in sections(self._data))
+                for place, start in ((p, x) for p, x in starts if isinstance(x, dict)):
+                    for state in (x for x in (at.angle, at.speed) if x in start):
+                        entry = (*place, "initial", f"{state.split('_')[0]}_{new_name}")
+                        value = "free" if "prior" in str(start[state]) else start[state]
+                        lines = merged(lines, nested(entry, value))
                 yield self._inertia(at, names, lines)
 
     def _inertia(self, at: InertiaRoles, names: tuple[str, str, str], lines: Entries) -> Part:
@@ -456,9 +435,8 @@ class Setting:
             host | dict(zip(names, (own, own * w**2, SOUGHT_DAMPING * own * w), strict=True))
             for w in np.geomspace(2.0 * slow, 0.5 * fast, SOUGHT_SWINGS).tolist()
         )
-        entries = {"parameters": dict(zip(names, priors, strict=True))}
         words = f"one more inertia on a spring {at.at}"
-        lines = merged(lines, entries)
+        lines = merged(lines, {"parameters": dict(zip(names, priors, strict=True))})
         return Part(f"inertia_{at.name}", words, lines, optional=names[2], starts=starts)
 
     # What absorbs anything.
@@ -466,13 +444,13 @@ class Setting:
     def _absorbing(self) -> Iterator[Part]:
         yield Part(UNKNOWN, "noise of unknown size", self._noise(remembers=False))
         yield Part(AR1, "noise that remembers", self._noise(remembers=True))
-        step, longest = self._span
-        roles, rubs = self.job.problem.model.roles, {f"friction_{i}" for i in self.weights}
-        rubs &= {lack.name for lack in edits.lacks(roles)}
-        for i in (i for i in roles.inertias if f"friction_{i.name}" in rubs):
-            if MISSING not in self._data and i.sliding in self.sizes:
+        (step, longest), roles = self._span, self.job.problem.model.roles
+        rubs = {lack.name for lack in edits.lacks(roles)}
+        for i in roles.inertias if MISSING not in self._data else ():
+            known = i.name in self.weights and i.sliding in self.sizes
+            if known and f"friction_{i.name}" in rubs:
                 size = {"prior": "half_normal", "scale": rounded(QUARTER * self.sizes[i.sliding])}
-                shortest = MIN_TIME_STEPS * step
+                shortest = TIME_PARTS * step
                 time = log_uniform(shortest, max(longest / TIME_PARTS, 2 * shortest))
                 torque = {"at": i.name, "smoothness": "1/2", "size": size, "time": time}
                 lines = merged({MISSING: torque}, self._shared("s_d", "tau_d"))  # one rig
@@ -516,11 +494,9 @@ def _largest(first: Mapping[str, float], other: Mapping[str, float]) -> dict[str
 def _speeds(observations: tuple[Observation, ...], full: Any) -> dict[str, float]:
     """Return the largest speed of each inertia, by its name."""
     speeds: dict[str, float] = {}
-    for observation in observations:
-        model = observation.response.model
-        moved = edits.state_motion(observation, full)
-        for inertia in model.roles.inertias:
-            if inertia.speed in model.states:
-                of_state = np.abs(moved[:, model.states.index(inertia.speed)]).max()
-                speeds = _largest(speeds, {inertia.name: float(of_state) / inertia.reduction})
+    for model, each in ((each.response.model, each) for each in observations):
+        largest = np.abs(edits.state_motion(each, full)).max(axis=0).tolist()
+        known = dict(zip(model.states, largest, strict=True))
+        turning = [i for i in model.roles.inertias if i.speed in known]
+        speeds = _largest(speeds, {i.name: known[i.speed] / i.reduction for i in turning})
     return speeds

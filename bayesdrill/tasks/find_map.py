@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from bayesdrill import output_files
-from bayesdrill.analysis.causes import Cause, Causes
+from bayesdrill.analysis.causes import Cause
 from bayesdrill.basics import software
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import Reporter
@@ -23,7 +23,7 @@ from bayesdrill.inference.residual_checks import ResidualSummary
 from bayesdrill.output_files import MAP, dumps_checksummed, loads_checksummed, typed
 from bayesdrill.report import publish, words
 from bayesdrill.report.map_report import MapReport
-from bayesdrill.report.sections import causes_words, fit_words
+from bayesdrill.report.sections import fit_words
 from bayesdrill.results import provenance
 from bayesdrill.results.provenance import begin, check_record
 from bayesdrill.results.run_folder import COMPUTED_AGAIN, Folder
@@ -31,8 +31,8 @@ from bayesdrill.sampling.fit import FitPlan, PendingSearches, begin_searches, en
 from bayesdrill.sampling.mode_search import Mode
 from bayesdrill.sampling.workers import WorkerPool
 from bayesdrill.selection import config_edits
-from bayesdrill.tasks import ranking, run_entries
-from bayesdrill.tasks.conclusions import causes, plan
+from bayesdrill.tasks import run_entries
+from bayesdrill.tasks.conclusions import plan
 
 
 def check_place(output: Path, *, force: bool) -> None:
@@ -111,22 +111,6 @@ def end_search(pool: WorkerPool, under_way: PendingSearches, report: Reporter) -
 def misfit(left: Sequence[ResidualSummary], clock: Unit) -> str:
     """What a maximum has `left`, where no posterior about it can be believed; empty elsewhere."""
     return fit_words.residual_sentences(left, clock) if fit_words.residual_reasons(left) else ""
-
-
-def explain(
-    job: Job,
-    mode: Mode,
-    left: Sequence[ResidualSummary],
-    submit: ranking.Submit,
-    report: Reporter,
-) -> tuple[Causes | None, str]:
-    """Return the causes of what `mode` has `left`, and what is said of them; None where that is noise.
-
-    The job is in the steps of that mode.
-    """
-    explained = causes(job, mode, left, submit, report)
-    report.update(1.0, "")
-    return explained, causes_words.explained(explained)
 
 
 def check_new_config(job: Job, path: Path, *, force: bool) -> None:

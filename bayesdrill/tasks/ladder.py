@@ -24,8 +24,8 @@ from bayesdrill.sampling.fit import FitPlan, begin_searches, end_searches, fit
 from bayesdrill.sampling.mode_search import Mode
 from bayesdrill.sampling.proposal.learning import NoSupportError
 from bayesdrill.sampling.workers import WorkerPool
+from bayesdrill.selection import config_edits
 from bayesdrill.selection.candidates import LONGEST_NAME, CandidateModel, CandidateModels
-from bayesdrill.selection.parts import Setting
 from bayesdrill.tasks import comparison, pipeline, ranking
 from bayesdrill.tasks.conclusions import SampledRun, concluded
 from bayesdrill.tasks.find_map import fit_plan
@@ -113,8 +113,7 @@ class _Sampling:
         """Rank all candidates, and sample the most probable; the config as given counts as one."""
         known = (self._ranked_before() if self.again else None) or self._ranked()
         self.folder.write_run(**{RANKED: as_data(known)})
-        given = known.sizes, known.speeds, known.weights, known.numbers
-        ladder = CandidateModels(Setting(self.job, *given))
+        ladder = CandidateModels(self.job, known.sizes, known.speeds, known.weights, known.numbers)
         rungs = ladder.rungs(known.parts)[:sample]
         jobs: dict[str, tuple[CandidateModel, Job]] = {}
         for k, rung in enumerate(rungs, start=1):
@@ -130,10 +129,8 @@ class _Sampling:
             self._finish(modes, place, *missing[place])
             return f"{len(self.done)} models"
 
-        tasks = {
-            place: (packed(made.problem.posterior, fit_plan(made)),)
-            for place, (_, made) in missing.items()
-        }
+        jobs_left = {place: made for place, (_, made) in missing.items()}
+        tasks = {p: (packed(j.problem.posterior, fit_plan(j)),) for p, j in jobs_left.items()}
         run_jobs(self.pool, _fit, tasks, finish, self.folder.path, self.report)
 
     def _ranked_before(self) -> _Ranking | None:
@@ -148,15 +145,13 @@ class _Sampling:
         mode = self.pool.submit(search, job.problem.posterior, fit_plan(job)).result()
         there = job.with_steps_at(mode)
         causes, ranked = ranking.rank(there, mode.values, self.pool.submit, self.report)
-        setting = ranked.models.setting
-        sampler = job.config.sampler
+        models, sampler = ranked.models, job.config.sampler
         evaluations = sampler.ensembles * sampler.walkers * STEPS
         times = {parts: evaluations * each.seconds for parts, each in ranked.maxima.items()}
         self.report.say(comparison_report.ranking(causes, times))
         better = [cause.parts for cause in causes.ranked if cause.bayes > 0.0]
         parts = [*better, (), *(cause.parts for cause in causes.ranked[len(better) :])][:KEPT]
-        given = setting.sizes, setting.speeds, setting.weights, setting.numbers
-        return _Ranking(tuple(parts), *given)
+        return _Ranking(tuple(parts), models.sizes, models.speeds, models.weights, models.numbers)
 
     def _taken_up(self, place: str, rung: CandidateModel, job: Job) -> bool:
         """Whether it was run before."""
@@ -207,14 +202,13 @@ def _published(job: Job, folder: Folder, work: _Sampling) -> LadderOutcome:
         raise InputError.at(str(job.source.path), "; ".join(work.left_out.values()))
     places = sorted(work.done, reverse=True)
     every = [work.done[place] for place in places]
-    report = ComparisonReport.of_models(
-        [observation for _, observation in every], job.problem.units
-    )
+    report = ComparisonReport.of_models([summary for _, summary in every], job.problem.units)
     report = dataclasses.replace(report, heading=f"Ladder of {job.config.name}")
     chosen = recommended([rung for rung, _ in every], report)
     about = comparison_report.about_config(chosen, job.config.name, report)
     name = f"{job.config.name}_{chosen.name}"[:LONGEST_NAME]
-    text = chosen.file(folder.path, job.source, about.splitlines(), name)
+    given = chosen.source.data, job.source, folder.path
+    text = config_edits.as_file(*given, about.splitlines(), name)
     folder.write_text(RECOMMENDED, text)
     comparison.write(report, folder)
     folder.write_run(

@@ -20,6 +20,7 @@ from bayesdrill.output_files import POSTERIOR, RESOLVED_FILE
 from bayesdrill.report import publish, words
 from bayesdrill.report.run_report import screen, sections
 from bayesdrill.report.section import as_text
+from bayesdrill.report.sections import causes_words
 from bayesdrill.report.view import ReportContext
 from bayesdrill.results import provenance, run_folder
 from bayesdrill.results.provenance import begin, check_record, interruptions
@@ -35,6 +36,7 @@ from bayesdrill.tasks import find_map, run_entries
 from bayesdrill.tasks.conclusions import (
     SampledRun,
     analysis_mark,
+    causes,
     concluded,
     kept_analysis,
     plan,
@@ -138,9 +140,9 @@ def _run(
         left = residuals(job, mode)
         if misfit := find_map.misfit(left, job.problem.clock):
             report.say(misfit)
-        explained, said = find_map.explain(job, mode, left, pool.submit_function, report)
-        if said:
-            report.say(said)
+        explained = causes(job, mode, left, pool.submit_function, report)
+        if explained is not None:
+            report.say(causes_words.explained(explained))
         pool.set_steps(mode.pieces)
         if mode.pieces:
             study = SensitivityStudy(job.problem.posterior.likelihood)

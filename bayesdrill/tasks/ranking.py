@@ -14,12 +14,7 @@ import numpy as np
 
 from bayesdrill.analysis.causes import SURE_LOG_ODDS, Cause, Causes, FittedValue, recommended
 from bayesdrill.analysis.edits import with_gear
-from bayesdrill.analysis.refits import (
-    Records,
-    RefitMaximum,
-    measured_samples,
-    refit_candidate,
-)
+from bayesdrill.analysis.refits import RefitMaximum, measured_samples, refit_candidate
 from bayesdrill.analysis.suspicions import find_reference
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import SILENT, Reporter
@@ -32,20 +27,7 @@ from bayesdrill.selection.parts import GEAR, LATER, START, WIDENED
 Submit = Callable[..., Future[Any]]  # of a function and its arguments
 FEW, PAIRED = 8, 4  # candidates that are tried beside others; in all pairs of these
 # Constants that are sought on a grid, and then between the best and its neighbours.
-GEARS = (
-    0.1,
-    0.2,
-    0.25,
-    1 / 3,
-    0.5,
-    0.7,
-    1.4,
-    2.0,
-    3.0,
-    4.0,
-    5.0,
-    10.0,
-)  # times that which is given
+GEARS = (0.1, 0.2, 0.25, 1 / 3, 0.5, 0.7, 1.4, 2.0, 3.0, 4.0, 5.0, 10.0)  # times the given one
 CLOCKS = (0.95, 0.97, 0.98, 0.99, 0.995, 1.005, 1.01, 1.02, 1.03, 1.05)  # times the clock's own
 FINEST_GEAR, FINEST_CLOCK = 1e-3, 1e-5
 LATER_SHARES = (0.01, 0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3)  # of the record
@@ -91,12 +73,13 @@ class Ranking:
     tried: dict[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        posterior = self.job.problem.posterior
         models = CandidateModels.from_job(self.job, self.maximum)
-        ends = {f"{WIDENED}{name}": way for name, way in self.given.at_ends.items()}
-        noise = {u.name for u in self.job.problem.posterior.space.unknowns if u.role == "noise"}
-        ends = {name: way for name, way in ends.items() if name.removeprefix(WIDENED) not in noise}
-        self.models = models.with_numbers(**ends)
-        self.records: Records = measured_samples(self.job.problem.posterior.likelihood)
+        self.roles = {unknown.name: unknown.role for unknown in posterior.space.unknowns}
+        ends = self.given.at_ends.items()
+        widened = {f"{WIDENED}{name}": way for name, way in ends if self.roles[name] != "noise"}
+        self.models = models.with_numbers(**widened)
+        self.records = measured_samples(posterior.likelihood)
 
     def causes(self) -> Causes:
         """Refit all, and return what was found, the recommended first."""
@@ -107,20 +90,16 @@ class Ranking:
         # A rig that moves from its start alone shows only there what it may lack.
         if best is not None and best.parts == (START,) and best.bayes > SURE_LOG_ODDS:
             (rung,) = self.models.rungs([best.parts])
-            there = CandidateModels.from_job(rung.job(), self.maxima[best.parts].values).setting
-            setting = self.models.setting.at_least(there.sizes, there.speeds)
-            self.models = CandidateModels(setting)
+            there = CandidateModels.from_job(rung.job(), self.maxima[best.parts].values)
+            self.models = self.models.at_least(there.sizes, there.speeds)
             self.refit_all(self.models.singles(), self.maximum)
         if not self._explained:
             self.refit_all(self.models.singles(absorbing=True), self.maximum)
             self._combine()
-        causes = Causes(
-            given=self.given.fit,
-            ranked=self._ranked(),
-            left_out=self.left_out,
-            reference=find_reference(self.job.problem, self.given.fit),
-        )
-        if causes.explains and causes.best.explains_all:
+        given, ranked, left_out = self.given.fit, self._ranked(), self.left_out
+        reference = find_reference(self.job.problem, given)
+        causes = Causes(given=given, ranked=ranked, left_out=left_out, reference=reference)
+        if causes.best is not None and causes.best.explains_all:
             return causes
         return dataclasses.replace(causes, windows=self._windows())
 
@@ -171,17 +150,16 @@ class Ranking:
         return sorted(self.causes_by_parts.values(), key=lambda cause: -round(cause.bayes, 3))
 
     def _best(self) -> Cause | None:
-        """Return the most probable that names causes alone."""
-        return next((cause for cause in self._all() if not cause.absorbing), None)
+        """Return the most probable that names causes alone; what hides much has to leave noise only."""
+        named = (cause for cause in self._all() if not cause.absorbing)
+        shown = (c for c in named if c.explains_all or self.maxima[c.parts].hidden <= MAX_HIDDEN)
+        return next(shown, None)
 
     def _ranked(self) -> tuple[Cause, ...]:
         """Return the recommended, then all others."""
         every = self._all()
-        good = [cause for cause in every if cause.bayes > SURE_LOG_ODDS]
-        if any(not cause.doubts for cause in good):
-            first = recommended(good)
-            return (first, *(cause for cause in every if cause is not first))
-        return tuple(every)
+        first = recommended(every)
+        return tuple(sorted(every, key=lambda cause: cause is not first))
 
     # Constants of a config that are sought.
 
@@ -191,7 +169,7 @@ class Ranking:
         shafts = {shaft.stiffness for shaft in model.roles.shafts}
         if model.geared and shafts & {*model.parameters}:
             yield GEAR, (GEARS, FINEST_GEAR)
-        for name in self.models.setting.clocks:
+        for name in self.models.clocks:
             yield name, (CLOCKS, FINEST_CLOCK)
         shortest = min(float(np.ptp(each.experiment.t)) for each in observations)
         step = min(each.experiment.dt for each in observations)
@@ -213,15 +191,14 @@ class Ranking:
         self.refit_all(self.models.rungs([(name,)]), self.maximum)
 
     def _refit_with(self, name: str, value: float) -> Future[RefitMaximum | None] | None:
-        posterior = self.job.problem.posterior
-        if name == GEAR:  # the same kernels do
-            posterior = with_gear(posterior, value)
-        else:
-            try:
+        try:
+            if name == GEAR:  # the same kernels do
+                posterior = with_gear(self.job.problem.posterior, value)
+            else:
                 (rung,) = self.models.with_numbers(**{name: value}).rungs([(name,)])
                 posterior = rung.job().problem.posterior
-            except (InputError, ValueError):
-                return None
+        except (InputError, ValueError):
+            return None
         least, alone = self.given.log_posterior + PROMISE, dict[str, float]()
         return self.submit(refit_candidate, posterior, self.maximum, least, alone, self.records)
 
@@ -239,7 +216,7 @@ class Ranking:
             while remaining and len(under_way) < HANDED_OVER:
                 rung = remaining.pop(0)
                 try:
-                    job = rung.refit_job()
+                    job = rung.job(shared=True)
                 except InputError as error:
                     self.left_out[rung.name] = error.problems[0].message
                     continue
@@ -259,16 +236,13 @@ class Ranking:
         if top is None:
             self.left_out[rung.name] = "has no finite response near the maximum"
             return
-        symbols = [symbol for symbol in job.problem.symbols if symbol.name not in self.maximum]
-        new = _fitted(symbols, top)
         tries = math.prod(self.tried.get(name, 1) for name in rung.names)
-        lacks = tuple(dict.fromkeys(name for part in rung.parts for name in part.lacks))
         self.causes_by_parts[rung.names] = Cause(
             parts=rung.names,
-            words=rung.words,
+            words=tuple(part.words for part in rung.parts),
             lines=rung.lines,
-            lacks=lacks,
-            new=new,
+            lacks=tuple(dict.fromkeys(name for part in rung.parts for name in part.lacks)),
+            new=_fitted([s for s in job.problem.symbols if s.name not in self.maximum], top),
             gain=top.log_posterior - self.given.log_posterior,
             bayes=float(top.log_z - self.given.log_z) - math.log(tries),
             fit=top.fit,
@@ -290,15 +264,12 @@ class Ranking:
         maxima = [future.result() for future in futures]
         if None in maxima:
             return ()
-        space = self.job.problem.posterior.space
-        starts = {unknown.name for unknown in space.unknowns if unknown.role == "start"}
-        noise = {unknown.name for unknown in space.unknowns if unknown.role == "noise"}
-        symbols = [symbol for symbol in self.job.problem.symbols if symbol.name not in starts]
+        symbols = [s for s in self.job.problem.symbols if self.roles[s.name] != "start"]
         told = [[s for s in symbols if s.name not in top.vague] for top in maxima]
         return tuple(
             _fitted(known, top)
             for known, top in zip(told, maxima, strict=True)
-            if any(symbol.name not in noise for symbol in known)
+            if any(self.roles[symbol.name] != "noise" for symbol in known)
         )
 
 

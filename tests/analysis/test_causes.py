@@ -70,7 +70,7 @@ def rig(
 def named(path: Path) -> Causes:
     found = causes_of(bd.load(path))
     assert found is not None
-    assert found.explains
+    assert found.best is not None
     assert fits(amended(path, found.best.lines))
     return found
 
@@ -129,7 +129,7 @@ def test_what_is_wrong_is_first_with_its_size(
         truth = TRUTH[unknown]
         assert new.value == pytest.approx(truth, abs=max(5 * new.sd, 0.02 * abs(truth)))
         assert new.sd < 0.1 * abs(truth)
-        assert found.lacking == ((unknown,) if "added" in lacks else ())
+        assert found.best.lacks == ((unknown,) if "added" in lacks else ())
         assert bool(causes_words.lacking(found, usual_roles())) == ("added" in lacks)
         said = causes_words.explained(found)
         assert f"fit: A is the config with {first.words[0]}" in said
@@ -181,8 +181,7 @@ def test_where_nothing_explains_nothing_is_said_to(tmp_path: Path) -> None:
     """One sample that is far off is no matter of sensors, rig or noise."""
     found = causes_of(bd.load(rig(tmp_path, {}, glitch=7.0)))
     assert found is not None
-    assert not found.explains
-    assert found.lacking == ()
+    assert found.best is None
     assert not any(one.explains_all for one in found.good)
     assert run_entries.causes_data(found) == []
     said = causes_words.explained(found)
@@ -312,10 +311,9 @@ def test_the_best_is_the_simplest_of_those_that_are_about_as_probable() -> None:
 
     every = (cause(100.0, "a", "b"), cause(96.0, "a"), cause(94.0, "c"), cause(4.0, "d"))
     assert Causes(given=(), ranked=every).best is every[1]
-    assert Causes(given=(), ranked=every).lacking == ("a",)
     assert Causes(given=(), ranked=every).good == every[:3]
     assert Causes(given=(), ranked=every[:1] + every[2:]).best is every[0]
-    assert Causes(given=(), ranked=every[3:]).lacking == ()
+    assert Causes(given=(), ranked=every[3:]).best is None
 
     def best(*ranked: Cause) -> tuple[str, ...]:
         return Causes(given=(), ranked=ranked).best.parts

@@ -12,6 +12,7 @@ from together import for_each
 
 from bayesdrill.config import loading
 from bayesdrill.config.job import prepare
+from bayesdrill.selection import config_edits
 from bayesdrill.selection.candidates import MOST_PARTS, CandidateModel, CandidateModels
 
 TORQUES = {"missing_torque_motor", "missing_torque_rotor_1"}
@@ -168,9 +169,9 @@ def test_a_memory_goes_with_the_size_of_its_noise(tmp_path: Path) -> None:
 
 def test_where_a_rig_has_turned_to_makes_no_prior_wider(tmp_path: Path) -> None:
     """Mutant killed: springs as strong as both their angles."""
-    here = ladder(tmp_path / "here").setting.sizes
+    here = ladder(tmp_path / "here").sizes
     start = ("inputs:", "initial: {theta_1: 1000, theta_2: 1000}\ninputs:")
-    assert ladder(tmp_path / "far", start).setting.sizes == pytest.approx(here, rel=1e-6)
+    assert ladder(tmp_path / "far", start).sizes == pytest.approx(here, rel=1e-6)
 
 
 def test_beside_others_what_can_go_with_them(tmp_path: Path) -> None:
@@ -206,7 +207,8 @@ def test_what_is_recommended_is_a_config_from_anywhere(
         far = tmp_path / "far" / "away"
         far.mkdir(parents=True)
         path = far / "recommended.yaml"
-        path.write_text(one.file(far, made.job.source, ["first", "second"], "mine"))
+        given = one.source.data, made.job.source, far
+        path.write_text(config_edits.as_file(*given, ["first", "second"], "mine"))
         assert path.read_text().startswith("# first\n# second\nname: mine\n")
         case = loading.load(path)
         assert list(case.config.output.figures) == ["corner"]

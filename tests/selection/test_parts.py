@@ -157,7 +157,7 @@ def test_a_clock_is_multiplied(tmp_path: Path) -> None:
     """
     own = "inputs: {u_hub: {column: u, unit: V, file: record.csv, time: {column: t, unit: s}}}"
     of = job(tmp_path, {"w_hub": "rad/s"}, f"{own}\n{MOTOR}", MOTOR_NUMBERS)
-    assert CandidateModels.from_job(of, {}).setting.clocks == ("clock",)
+    assert CandidateModels.from_job(of, {}).clocks == ("clock",)
     lines, made = changed(of, "clock", clock=0.98)
     assert lines == {"record": {"time": {"scale": 0.98}}}
     record = made.problem.experiment
@@ -171,7 +171,7 @@ def test_a_clock_is_multiplied(tmp_path: Path) -> None:
     lines, made = changed(of, "clock", clock=0.98)
     assert lines == {"record": {"time": {"rate": pytest.approx(100.0 / 0.98, rel=1e-5)}}}
     alone = job(tmp_path / "one", {"w_hub": "rad/s"}, f"{DRIVEN}\n{MOTOR}", MOTOR_NUMBERS)
-    assert CandidateModels.from_job(alone, {}).setting.clocks == ()
+    assert CandidateModels.from_job(alone, {}).clocks == ()
 
 
 def test_a_record_begins_later_from_an_unknown_state(tmp_path: Path) -> None:
@@ -222,7 +222,7 @@ def test_neutral_physics_changes_no_likelihood(tmp_path: Path) -> None:
     assert {rung.name for rung in rungs} == wanted
     for rung in rungs:
         assert rung.neutral
-        posteriors = [each.problem.posterior for each in (rung.job(), rung.refit_job())]
+        posteriors = [each.problem.posterior for each in (rung.job(), rung.job(shared=True))]
         start = posteriors[0].space.vector(posteriors[0].space.start)
         fine = [
             with_steps(each, {"": (64, 4)}) for each in posteriors

@@ -62,7 +62,7 @@ def test_without_them_the_report_names_a_nuisance(tmp_path: Path) -> None:
         path, _ = write(tmp_path, seed, told=False)
         said = causes_of(bd.load(path))
         assert said is not None, seed
-        parts = {*said.best.parts} if said.explains else set()
+        parts = {*said.best.parts} if said.best else set()
         lags = [one.value for one in said.best.new if one.name.startswith("lag_alpha")]
         named += "free_start" in parts and bool(lags) and abs(np.mean(lags) - 0.024) < 0.002
     assert named >= 80

@@ -22,6 +22,9 @@ STEPS = (
     "it fits.\n"
     "next: bayesdrill ladder CONFIG samples the best candidates and compares them."
 )
+NONE_TRUSTED = (
+    "fit: none of these can be trusted, so that no change of the config is recommended.\n"
+)
 LOOK = (
     "next: bayesdrill check CONFIG says what is odd in columns and units.\n"
     "next: look at the inputs and the gear: does something drive the rig that no column has?\n"
@@ -52,30 +55,24 @@ def candidates(causes: Causes | None) -> tuple[Sentences | Table | Plain, ...]:
             "columns, clocks, the start, the gear, physics that the rig may lack, and the noise."
         )
         return (Sentences("\n".join(filter(None, [tried, notes, LOOK]))),)
-    best = causes.best if causes.explains else None
-    said = [
+    best = causes.best
+    doubtful = [cause for cause in causes.good[:SHOWN] if cause.doubts]
+    doubts = "; ".join(f"{_beside(cause, best)}: {', '.join(cause.doubts)}" for cause in doubtful)
+    caution = _absorbing(causes.good, best)
+    said = (
         f"{refitted} from the MAP, each with all unknowns free. The best are listed: log Bayes factor "
         "(by Laplace's approximation), gain of the log posterior, and what stays unexplained of each "
         "channel.",
-        *([f"fit: A is the config with {_listed(best.words)}."] if best else []),
-    ]
-    if doubts := [cause for cause in causes.good[:SHOWN] if cause.doubts]:
-        each = "; ".join(f"{_beside(cause, best)}: {', '.join(cause.doubts)}" for cause in doubts)
-        said.append(f"fit: do not trust the Bayes factor of {each}.")
-    if caution := _absorbing(causes.good, best):
-        said.append(f"fit: {caution} It names no cause.")
-    table = (Sentences("\n".join(filter(None, [*said, notes]))), _candidate_table(causes))
-    if best is None:
-        none = (
-            "fit: none of these can be trusted, so that no change of the config is recommended.\n"
-        )
-        return (*table, Sentences(none + LOOK))
-    return (
-        *table,
-        Sentences(f"next: add these lines to the config (A{_new(best)}). {_left(best)}"),
-        Plain(best.lines),
-        Sentences(STEPS),
+        f"fit: A is the config with {_listed(best.words)}." if best else "",
+        doubts and f"fit: do not trust the Bayes factor of {doubts}.",
+        caution and f"fit: {caution} It names no cause.",
+        notes,
     )
+    table = (Sentences("\n".join(filter(None, said))), _candidate_table(causes))
+    if best is None:
+        return (*table, Sentences(NONE_TRUSTED + LOOK))
+    new = f"next: add these lines to the config (A{_new(best)}). {_left(best)}"
+    return (*table, Sentences(new), Plain(best.lines), Sentences(STEPS))
 
 
 def _absorbing(good: Sequence[Cause], best: Cause | None) -> str:
@@ -111,7 +108,7 @@ def _reference(causes: Causes) -> str:
 
 
 def _candidate_table(causes: Causes) -> Table:
-    channels, best = (row.name for row in causes.given), causes.best if causes.explains else None
+    channels, best = (row.name for row in causes.given), causes.best
     lines = [("as given", "0", "0", *(percent(summary.share) for summary in causes.given))]
     for cause in causes.good[:SHOWN]:
         factors = (f"{cause.bayes:+.1f}", f"{cause.gain:+.1f}")
@@ -132,10 +129,8 @@ def _beside(cause: Cause, best: Cause | None) -> str:
     less = [w for part, w in zip(best.parts, best.words, strict=True) if part not in cause.parts]
     if len(more) + len(less) >= len(cause.parts):
         return _listed(cause.words)
-    parts = [
-        f"{how} {_listed(words)}" for how, words in (("with", more), ("without", less)) if words
-    ]
-    return f"A {' and '.join(parts)}"
+    every = {"with": more, "without": less}.items()
+    return f"A {' and '.join(f'{how} {_listed(words)}' for how, words in every if words)}"
 
 
 def _listed(words: Sequence[str]) -> str:
@@ -156,9 +151,8 @@ def wandering(causes: Causes) -> str:
         if (sds := float(np.std(values, ddof=1)) / sd if sd > 0 else 0.0) > WANDERS:
             said = f"{min(values):.3g} to {max(values):.3g} {column[0].unit}".strip()
             changes.append((sds, f"{column[0].name} from {said} (sd {sd:.2g})"))
-    opening = (
-        f"fit: the config as given was refitted on {len(causes.windows)} windows of the record"
-    )
+    refitted = f"fit: the config as given was refitted on {len(causes.windows)} windows"
+    opening = f"{refitted} of the record"
     if not changes:
         return f"{opening}. No unknown changes by more than {WANDERS:g} sds."
     most = ", ".join(said for _, said in sorted(changes, reverse=True)[:SHOWN])
@@ -177,8 +171,8 @@ def _new(cause: Cause) -> str:
 
 def lacking(causes: Causes | None, roles: Roles) -> str:
     """What the model misses, for a verdict that stands on it; empty where nothing is known."""
-    names = () if causes is None else causes.lacking
-    return " and ".join(f"{_lacked(name, roles)} ({name})" for name in names)
+    best = None if causes is None else causes.best
+    return " and ".join(f"{_lacked(n, roles)} ({n})" for n in (best.lacks if best else ()))
 
 
 def instead(explanation: EquivalentExplanation | None, rig: Model) -> Iterable[str]:

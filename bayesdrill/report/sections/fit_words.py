@@ -106,14 +106,9 @@ def every_fit(
         sigmas, signals = observation.scales(best[None])[0], []
         shares = {row.channel: row.share for row in left if row.experiment == observation.label}
         for k, channel in enumerate(experiment.channels):
-            unit, draws = (
-                channel.shown,
-                predicted.get(labelled_name(channel.name, observation.label)),
-            )
-            if draws is not None:
-                draws = (
-                    draws.reshape(-1, draws.shape[-1])[:, shown].astype(np.float64) / unit.factor
-                )
+            unit, name = channel.shown, labelled_name(channel.name, observation.label)
+            if (draws := predicted.get(name)) is not None:
+                draws = draws.reshape(-1, draws.shape[-1])[:, shown].astype(float) / unit.factor
             signals.append(
                 Signal(
                     dots=np.searchsorted(shown, measured(experiment.y[:, k])),
@@ -286,12 +281,12 @@ def residual_sentences(summaries: Sequence[ResidualSummary], clock: Unit) -> str
 def residual_reasons(summaries: Sequence[ResidualSummary]) -> tuple[str, ...]:
     """Why nothing here must be believed, though the ensembles converge; empty where it may be."""
     doubtful = [summary for summary in summaries if summary.unbelievable]
-    said = []
-    if large := _worst(doubtful, "large", "rms"):
-        said.append(_larger(large))
-    if correlated := _worst(doubtful, "correlated", "correlation"):
-        said.append(_correlated(correlated))
-    return tuple(said)
+    large = _worst(doubtful, "large", "rms")
+    correlated = _worst(doubtful, "correlated", "correlation")
+    return (
+        *([_larger(large)] if large else []),
+        *([_correlated(correlated)] if correlated else []),
+    )
 
 
 def sandwich_reasons(unsupported: Mapping[str, float]) -> tuple[str, ...]:
@@ -299,10 +294,8 @@ def sandwich_reasons(unsupported: Mapping[str, float]) -> tuple[str, ...]:
     worst = sorted(unsupported.items(), key=lambda pair: -pair[1])
     each = ", ".join(f"{name} ({times:.3g} times as large)" for name, times in worst[:SHOWN])
     more = ", ..." if len(worst) > SHOWN else ""
-    allowed = (
-        "with the sds that allow for what the fit leaves (sandwich), the record does not determine"
-    )
-    return (f"{allowed} {each}{more}",) if worst else ()
+    allowed = "with the sds that allow for what the fit leaves (sandwich), the record"
+    return (f"{allowed} does not determine {each}{more}",) if worst else ()
 
 
 def _larger(large: Sequence[ResidualSummary]) -> str:
@@ -363,9 +356,8 @@ def moment(moment: InputTiming | None) -> Iterable[str]:
     if moment is None or not moment.matters:
         return
     moved = sorted(moment.shifts, key=lambda shift: -abs(shift[1]))
-    named = ", ".join(
-        f"{name} by {abs(shift):.2g}" for name, shift in moved[:3] if abs(shift) > 0.1
-    )
+    far = [(name, abs(shift)) for name, shift in moved[:3] if abs(shift) > 0.1]
+    named = ", ".join(f"{name} by {shift:.2g}" for name, shift in far)
     width = 2 * moment.seconds
     yield (
         f"timing: if the inputs act half a sample ({1e3 * moment.seconds:.3g} ms) later than recorded, "

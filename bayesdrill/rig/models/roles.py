@@ -189,75 +189,36 @@ FRICTION_1 = Symbol("friction_1", "N*m", "T_1", r"N\,m", "friction at rotor 1")
 DROP = Symbol("drop", "V", r"v_d", "V", "voltage drop")
 
 
+GEARBOX = InertiaRoles(
+    name="gearbox", words="the gearbox", angle="theta_2", speed="w_2", inertia="j_2"
+)
+ROTOR_1 = InertiaRoles(
+    name="rotor_1", words="rotor 1", angle="theta_1", speed="w_1", inertia="j_1", damping="c_1",
+    sliding="t_c1", static="t_s1", fading="w_s1", drag="d_1", load="t_1",
+    cutting=("b_0", "b_1", "b_2", "b_3"), bit_weight="wob", effort=FRICTION_1,
+)  # fmt: skip
+ROTOR_0 = InertiaRoles(name="rotor_0", words="rotor 0", angle="theta_0", speed="w_0", inertia="j_0")
+SHAFT = ShaftRoles(
+    name="shaft", words="the shaft", ends=("gearbox", "rotor_1"), stiffness="k_s", damping="c_s",
+    inertia="j_s",
+)  # fmt: skip
+SHAFT_0 = ShaftRoles(
+    name="shaft_0", words="the shaft to rotor 0", ends=("rotor_1", "rotor_0"), stiffness="k_0",
+    damping="c_0",
+)  # fmt: skip
+CIRCUIT = MotorRoles(
+    inertia="motor", current="i", voltage="v", torque_constant="k_T", back_emf="k_e",
+    resistance="r_m", series="r_s", inductance="l_m", drop="v_d", effort=DROP,
+)  # fmt: skip
+
+
 @functools.cache
 def usual_roles(i_m: float = 1.0, gear: str = "i_m") -> Roles:
     """Return the roles of the paper's rig, with the symbols of `basics.symbols`."""
     motor = InertiaRoles(
-        name="motor",
-        words="the motor",
-        angle="theta_2",
-        speed="w_2",
-        latex=r"\theta_3",
-        reduction=i_m,
-        inertia="j_m",
-        damping="c_m",
-        friction="t_f",
-        sliding="t_cm",
-        static="t_sm",
-        fading="w_sm",
-        drag="d_m",
-        torque="t_m",
-        efficiency="eta",
-        effort=FRICTION_M,
-    )
-    gearbox = InertiaRoles(
-        name="gearbox", words="the gearbox", angle="theta_2", speed="w_2", inertia="j_2"
-    )
-    rotor = InertiaRoles(
-        name="rotor_1",
-        words="rotor 1",
-        angle="theta_1",
-        speed="w_1",
-        inertia="j_1",
-        damping="c_1",
-        sliding="t_c1",
-        static="t_s1",
-        fading="w_s1",
-        drag="d_1",
-        load="t_1",
-        cutting=("b_0", "b_1", "b_2", "b_3"),
-        bit_weight="wob",
-        effort=FRICTION_1,
-    )
-    beyond = InertiaRoles(
-        name="rotor_0", words="rotor 0", angle="theta_0", speed="w_0", inertia="j_0"
-    )
-    spring = ShaftRoles(
-        name="shaft_0",
-        words="the shaft to rotor 0",
-        ends=("rotor_1", "rotor_0"),
-        stiffness="k_0",
-        damping="c_0",
-    )
-    shaft = ShaftRoles(
-        name="shaft",
-        words="the shaft",
-        ends=("gearbox", "rotor_1"),
-        stiffness="k_s",
-        damping="c_s",
-        inertia="j_s",
-    )
-    circuit = MotorRoles(
-        inertia="motor",
-        current="i",
-        voltage="v",
-        torque_constant="k_T",
-        back_emf="k_e",
-        resistance="r_m",
-        series="r_s",
-        inductance="l_m",
-        drop="v_d",
-        effort=DROP,
-    )
-    inertias = (motor, gearbox, rotor, beyond)
-    return Roles(inertias=inertias, shafts=(shaft, spring), motors=(circuit,), gear=gear)
+        name="motor", words="the motor", angle="theta_2", speed="w_2", latex=r"\theta_3",
+        reduction=i_m, inertia="j_m", damping="c_m", friction="t_f", sliding="t_cm", static="t_sm",
+        fading="w_sm", drag="d_m", torque="t_m", efficiency="eta", effort=FRICTION_M,
+    )  # fmt: skip
+    inertias = (motor, GEARBOX, ROTOR_1, ROTOR_0)
+    return Roles(inertias=inertias, shafts=(SHAFT, SHAFT_0), motors=(CIRCUIT,), gear=gear)
