@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import os
 import re
 import shutil
@@ -61,6 +62,8 @@ HELD = {
     "nominal_step": dict.fromkeys(("j_m", "c_m", "k_T", "r_m", "l_m", "t_f"), "nominal"),
     "my_rig": dict.fromkeys(("j_m", "c_m", "k_T", "r_m", "t_f"), "nominal"),
     "example_rig": dict.fromkeys(("j_m", "c_m", "l_m", "k_e", "t_f"), "nominal") | {"k_T": "0.1"},
+    "one_motor": {},
+    "one_motor_drift": {},
 }
 LIGHT = """
 output: {figures: [], predictive_draws: 10}
@@ -157,6 +160,30 @@ def test_every_command_runs_in_order(tree: Path, ran: set[str]) -> None:
     assert {"make posterior", "make test"} <= ran
     assert (tree / "results" / "nominal_step" / "figures" / "corner.pdf").exists()
     assert (tree / "results" / "example_rig" / "summary.md").exists()
+
+
+@pytest.mark.slow
+def test_the_numbers_of_one_motor_are_those_of_its_page(tree: Path, ran: set[str]) -> None:
+    """At most eight commands lead to them, and their sds cover what windows of the record say."""
+    page = DOCS / "one-motor.md"
+    follow(page, tree, ran)
+    assert len(commands(page)) <= 8
+    found = {}
+    for name in ("one_motor", "one_motor_drift"):
+        with (tree / "results" / name / "summary.csv").open() as file:
+            rows = {row["name"]: row for row in csv.DictReader(file)}
+        found[name] = {s: (float(rows[s]["mean"]), float(rows[s]["sd"])) for s in ("K", "T", "t_0")}
+    ranges = {"K": (158, 162), "T": (34, 40), "t_0": (17, 22)}
+    windows = {"K": (160.2, 162.0), "T": (38.9, 39.4), "t_0": (16.89, 17.0)}
+    for symbol, (low, high) in ranges.items():
+        shown = re.findall(rf"^\| `{symbol}` .*?\| ([\d.]+) ", page.read_text(), re.M)
+        for name, text in zip(found, shown, strict=True):
+            mean, sd = found[name][symbol]
+            assert low - sd < mean < high + sd
+            assert float(text) == pytest.approx(mean, abs=sd)
+        mean, sd = found["one_motor_drift"][symbol]
+        assert all(abs(value - mean) < 2 * sd for value in windows[symbol])
+    assert found["one_motor"]["K"][1] < 0.2 < found["one_motor_drift"]["K"][1] < 1.0
 
 
 @pytest.mark.slow
