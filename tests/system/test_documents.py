@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 import os
 import re
 import shutil
@@ -168,18 +169,22 @@ def test_the_numbers_of_one_motor_are_those_of_its_page(tree: Path, ran: set[str
     page = DOCS / "one-motor.md"
     follow(page, tree, ran)
     assert len(commands(page)) <= 8
+    units = {"K": 180 / math.pi, "T": 1e3, "t_0": 1e3}  # of the page, for one SI
     found = {}
     for name in ("one_motor", "one_motor_drift"):
         with (tree / "results" / name / "summary.csv").open() as file:
             rows = {row["name"]: row for row in csv.DictReader(file)}
-        found[name] = {s: (float(rows[s]["mean"]), float(rows[s]["sd"])) for s in ("K", "T", "t_0")}
+        found[name] = {
+            symbol: (unit * float(rows[symbol]["mean"]), unit * float(rows[symbol]["sd"]))
+            for symbol, unit in units.items()
+        }
     ranges = {"K": (158, 162), "T": (34, 40), "t_0": (17, 22)}
     windows = {"K": (160.2, 162.0), "T": (38.9, 39.4), "t_0": (16.89, 17.0)}
     for symbol, (low, high) in ranges.items():
         shown = re.findall(rf"^\| `{symbol}` .*?\| ([\d.]+) ", page.read_text(), re.M)
         for name, text in zip(found, shown, strict=True):
             mean, sd = found[name][symbol]
-            assert low - sd < mean < high + sd
+            assert low <= round(mean, 1) <= high
             assert float(text) == pytest.approx(mean, abs=sd)
         mean, sd = found["one_motor_drift"][symbol]
         assert all(abs(value - mean) < 2 * sd for value in windows[symbol])
