@@ -39,21 +39,28 @@ app = typer.Typer(
 )
 
 
-def option(*names: str) -> Callable[[str], Any]:
-    """Return what makes an option of these names of its help."""
-    return lambda what: typer.Option(*names, help=what)
+def option(text: str, *names: str, **more: Any) -> Any:
+    """Return an option with a help text; its name is that of its argument where none is given."""
+    return typer.Option(*names, help=text, **more)
 
 
-resume_option, force_option = option("--resume"), option("--force")
-output_option = option("--output", "-o")
-ConfigPath = Annotated[Path, typer.Argument(metavar="CONFIG", help="Experiment config (YAML).")]
-Force = Annotated[bool, force_option("Discard what is there and start over.")]
+def folder_argument(text: str, metavar: str = "FOLDER") -> Any:
+    """Return an argument that names files or folders, with a help text."""
+    return typer.Argument(metavar=metavar, help=text)
+
+
+def output_option(text: str) -> Any:
+    """Return the option that says where results go, with a help text."""
+    return option(text, "--output", "-o")
+
+
+ConfigPath = Annotated[Path, folder_argument("Experiment config (YAML).", "CONFIG")]
+Force = Annotated[bool, option("Discard what is there and start over.", "--force")]
 Scheduler = Annotated[
-    str | None,
-    typer.Option(metavar="ADDRESS", help="Of a Dask cluster, such as tcp://host:8786."),
+    str | None, option("Of a Dask cluster, such as tcp://host:8786.", metavar="ADDRESS")
 ]
 Processes = Annotated[
-    int | None, typer.Option(min=1, max=256, help="Processes; the result does not depend on it.")
+    int | None, option("Processes; the result does not depend on it.", min=1, max=256)
 ]
 
 
@@ -112,9 +119,7 @@ def _top(
 
 @command("example my_rig")
 def example(
-    folder: Annotated[
-        Path, typer.Argument(metavar="FOLDER", help="Nothing in it is overwritten.")
-    ] = Path("configs"),
+    folder: Annotated[Path, folder_argument("Nothing in it is overwritten.")] = Path("configs"),
 ) -> None:
     """Write the bundled configs and records into a folder, to begin with."""
     say(str(bd.example(folder)))
@@ -122,31 +127,27 @@ def example(
 
 @command("init configs/records/example_rig.csv --output my_rig.yaml")
 def init(
-    records: Annotated[list[Path], typer.Argument(metavar="RECORD...", help="What was measured.")],
+    records: Annotated[list[Path], folder_argument("What was measured.", "RECORD...")],
     output: Annotated[Path | None, output_option("The config; default: beside the record.")] = None,
     voltage: Annotated[
-        float | None,
-        typer.Option(metavar="VOLTS", help="The supply, where it is constant and in no column."),
+        float | None, option("The supply, where it is constant and in no column.", metavar="VOLTS")
     ] = None,
     gear: Annotated[
-        float | None, typer.Option(metavar="N", help="Of a gear N:1 between motor and shaft.")
+        float | None, option("Of a gear N:1 between motor and shaft.", metavar="N")
     ] = None,
-    rig: Annotated[str, typer.Option(metavar="NAME", help="Of the rig.")] = "motor_shaft",
+    rig: Annotated[str, option("Of the rig.", metavar="NAME")] = "motor_shaft",
     columns: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="COLUMN=WHAT", help='As "data:3=theta_2 [deg]"; these alone are used.'
-        ),
+        option('As "data:3=theta_2 [deg]"; these alone are used.', metavar="COLUMN=WHAT"),
     ] = None,
     rate: Annotated[
-        float | None,
-        typer.Option(metavar="HZ", help="Samples a second, where no column is a time."),
+        float | None, option("Samples a second, where no column is a time.", metavar="HZ")
     ] = None,
     sheet: Annotated[
-        Path | None, typer.Option(metavar="YAML", help="A data sheet: entries of `nominal:`.")
+        Path | None, option("A data sheet: entries of `nominal:`.", metavar="YAML")
     ] = None,
-    split: Annotated[bool, option("--split")("A record begins where times go back.")] = False,
-    force: Annotated[bool, force_option("Overwrite a config.")] = False,
+    split: Annotated[bool, option("A record begins where times go back.", "--split")] = False,
+    force: Annotated[bool, option("Overwrite a config.", "--force")] = False,
 ) -> None:
     """Look at records and write a first config for them, with every guess marked and its reason."""
     known: dict[str, Any] = {"voltage": voltage, "gear": gear, "rate": rate, "sheet": sheet}
@@ -158,10 +159,10 @@ def init(
 def check(
     config: ConfigPath,
     figure: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Draw the rig into this .pdf, .png or .svg.")
+        Path | None, option("Draw the rig into this .pdf, .png or .svg.", metavar="FILE")
     ] = None,
     figure_record: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Draw the record, over time, as the rig.")
+        Path | None, option("Draw the record, over time, as the rig.", metavar="FILE")
     ] = None,
 ) -> None:
     """Validate config and record and say what would run; samples nothing."""
@@ -177,19 +178,16 @@ def identify(
     config: ConfigPath,
     profile: Annotated[
         list[str] | None,
-        typer.Option(
-            "--profile", metavar="NAME", help="Profile likelihood of a parameter, or of `all`."
-        ),
+        option("Profile likelihood of a parameter, or of `all`.", "--profile", metavar="NAME"),
     ] = None,
     at_map: Annotated[
-        bool,
-        typer.Option("--at-map", help="At the MAP, which is searched first; default: the start."),
+        bool, option("At the MAP, which is searched first; default: the start.", "--at-map")
     ] = False,
     output: Annotated[
         Path | None, output_option("Folder for text and figures; default: print only.")
     ] = None,
     force: Annotated[
-        bool, force_option("Overwrite text and figures of an `identify` before.")
+        bool, option("Overwrite text and figures of an `identify` before.", "--force")
     ] = False,
     processes: Processes = None,
 ) -> None:
@@ -215,11 +213,11 @@ def map_(
     ] = None,
     force: Force = False,
     quick: Annotated[
-        bool, typer.Option("--quick", help="Search once, and do not look for causes of a bad fit.")
+        bool, option("Search once, and do not look for causes of a bad fit.", "--quick")
     ] = False,
     apply: Annotated[
         Path | None,
-        typer.Option("--apply", metavar="NEW", help="Write the config with the recommended lines."),
+        option("Write the config with the recommended lines.", "--apply", metavar="NEW"),
     ] = None,
     processes: Processes = None,
 ) -> None:
@@ -255,11 +253,11 @@ def posterior(
     config: ConfigPath,
     output: Annotated[Path | None, output_option("Default: results/<name>.")] = None,
     resume: Annotated[
-        bool, resume_option("Continue an interrupted run, or extend a finished one.")
+        bool, option("Continue an interrupted run, or extend a finished one.", "--resume")
     ] = False,
     force: Force = False,
     processes: Processes = None,
-    verbose: Annotated[bool, typer.Option("--verbose", help="Print the whole report.")] = False,
+    verbose: Annotated[bool, option("Print the whole report.", "--verbose")] = False,
 ) -> None:
     """MAP, sampling, diagnostics, tables and figures: the main job."""
     options = {"resume": resume, "force": force, "processes": processes, "verbose": verbose}
@@ -271,7 +269,7 @@ def calibrate(
     config: ConfigPath,
     output: Annotated[Path | None, output_option("Default: results/<name>-calibration.")] = None,
     resume: Annotated[
-        bool, resume_option("Go on with an interrupted calibration, or extend one.")
+        bool, option("Go on with an interrupted calibration, or extend one.", "--resume")
     ] = False,
     force: Force = False,
     processes: Processes = None,
@@ -287,7 +285,7 @@ def calibrate(
 @command("report results/nominal_step")
 def report(
     folders: Annotated[
-        list[Path], typer.Argument(metavar="FOLDER...", help="Of finished runs, one or several.")
+        list[Path], folder_argument("Of finished runs, one or several.", "FOLDER...")
     ],
     output: Annotated[
         Path | None, output_option("Default: of one where it is, of several results/<name>-<name>.")
@@ -307,8 +305,7 @@ def report(
 @command("compare results/nominal_step results/damped")
 def compare(
     folders: Annotated[
-        list[Path],
-        typer.Argument(metavar="FOLDER...", help="Of finished runs of one record, two or more."),
+        list[Path], folder_argument("Of finished runs of one record, two or more.", "FOLDER...")
     ],
     output: Annotated[Path | None, output_option("Default: results/compare-<name>-<name>.")] = None,
     force: Force = False,
@@ -322,9 +319,9 @@ def ladder(
     config: ConfigPath,
     output: Annotated[Path | None, output_option("Default: results/<name>-ladder.")] = None,
     sample: Annotated[
-        int, typer.Option(min=2, max=9, help="How many of the best candidates are sampled.")
+        int, option("How many of the best candidates are sampled.", min=2, max=9)
     ] = 2,
-    resume: Annotated[bool, resume_option("Go on with an interrupted ladder.")] = False,
+    resume: Annotated[bool, option("Go on with an interrupted ladder.", "--resume")] = False,
     force: Force = False,
     processes: Processes = None,
     scheduler: Scheduler = None,
@@ -337,9 +334,7 @@ def ladder(
 
 
 @command("verify results/nominal_step")
-def verify(
-    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of a finished run.")],
-) -> None:
+def verify(folder: Annotated[Path, folder_argument("Folder of a finished run.")]) -> None:
     """Say whether config, record, tables and figures of a run still belong together."""
     verification = bd.verify(folder)
     say(verification.said, err=not verification.together)
@@ -351,8 +346,8 @@ def verify(
 def simulate(
     config: ConfigPath,
     output: Annotated[Path | None, output_option("Default: what the config names.")] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="Default: the config's.")] = None,
-    force: Annotated[bool, force_option("Overwrite simulated records.")] = False,
+    seed: Annotated[int | None, option("Default: the config's.", min=0)] = None,
+    force: Annotated[bool, option("Overwrite simulated records.", "--force")] = False,
 ) -> None:
     """Make a record from the config (of several experiments, one each): response plus noise, as CSV."""
     simulated = bd.simulate(config, output, seed=seed, force=force)
@@ -363,8 +358,7 @@ def simulate(
 @command("schema > schema.json")
 def schema(
     of: Annotated[
-        Literal["config", "run"],
-        typer.Option("--of", help="Of configs, or of the run.json of a posterior."),
+        Literal["config", "run"], option("Of configs, or of the run.json of a posterior.", "--of")
     ] = "config",
 ) -> None:
     """Print the JSON schema of configs, for editors that complete and check them."""
@@ -373,16 +367,11 @@ def schema(
 
 @command("export results/nominal_step --to mjcf --output rig.xml")
 def export(
-    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Of a finished run.")],
-    to: Annotated[
-        Literal["json", "mjcf"],
-        typer.Option("--to", help="For any program, or MuJoCo."),
-    ],
+    folder: Annotated[Path, folder_argument("Of a finished run.")],
+    to: Annotated[Literal["json", "mjcf"], option("For any program, or MuJoCo.", "--to")],
     output: Annotated[Path | None, output_option("Default: it is printed.")] = None,
-    draws: Annotated[
-        int, typer.Option(min=2, max=100_000, help="Of the posterior, at most.")
-    ] = 100,
-    force: Annotated[bool, force_option("Overwrite a file.")] = False,
+    draws: Annotated[int, option("Of the posterior, at most.", min=2, max=100_000)] = 100,
+    force: Annotated[bool, option("Overwrite a file.", "--force")] = False,
 ) -> None:
     """Write what simulators take: armatures, damping and friction, with their spread and draws."""
     text = bd.export(folder, to, output, draws=draws, force=force)
@@ -396,9 +385,7 @@ def cite() -> None:
 
 
 @command("cache --clear")
-def cache(
-    clear: Annotated[bool, typer.Option("--clear", help="Remove all of them.")] = False,
-) -> None:
+def cache(clear: Annotated[bool, option("Remove all of them.", "--clear")] = False) -> None:
     """Say where compiled kernels are kept, and how large they are; the next command finds them there."""
     from bayesdrill.api import files
 

@@ -306,7 +306,8 @@ class _TableComparison:
     def quantity(self, exponents: Exponents, *, shown: bool, limit: float) -> Quantity:
         logs = _combined(self.logs, exponents)
         nominal = math.exp(_combined(self.table, exponents))
-        low, high = self._tolerance(exponents)
+        ends = np.array(exponents)[:, None] * self.ends  # each factor's own tolerance, both ways
+        low, high = float(ends.min(axis=1).sum()), float(ends.max(axis=1).sum())
         far = tension(logs, low, high)
         x = nominal * np.exp(logs)
         near, distant = hdi(x)
@@ -361,11 +362,6 @@ class _TableComparison:
     def _sd_ratio(self, exponents: Exponents) -> float:
         before = _combined(self.prior_logs, exponents)
         return float(_combined(self.logs, exponents).std() / before.std())
-
-    def _tolerance(self, exponents: Exponents) -> tuple[float, float]:
-        """Ends of the log: every factor at the end of its own tolerance."""
-        powers = np.array(exponents)[:, None] * self.ends
-        return float(powers.min(axis=1).sum()), float(powers.max(axis=1).sum())
 
 
 def _says(*, cut: bool, crowded: bool, shown: bool, far: bool, fits: bool) -> Says:

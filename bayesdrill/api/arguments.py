@@ -141,11 +141,7 @@ def number_or_series(location: str, value: Any, issues: list[Issue]) -> Array:
 
 
 def check_names(
-    names: Collection[str],
-    given: Collection[str],
-    location: str,
-    owner: str,
-    issues: list[Issue],
+    names: Collection[str], given: Collection[str], location: str, owner: str, issues: list[Issue]
 ) -> None:
     """Add a mistake to `issues` for each given name that the `owner` lacks, and each missing one."""
     for name in given:

@@ -246,11 +246,9 @@ def input_lines(context: DraftContext) -> list[str]:
     files = [record.file_of(sensor) for record, sensor in pairs] or context.records
     step = max(file.segment.dt for file in files)
     after = max(start.late for start in starts) * step
-    doubt = (
-        "when it acts is known to one sample at best, and an error of half a one shifts inertias "
-    )
+    doubt = "when it acts is known to one sample at best, and an error of half a one shifts "
     late = ". The motion seems to follow late" if context.measured and after > step else ""
-    doubt += f"by many standard deviations: an unknown{late}"
+    doubt += f"inertias by many standard deviations: an unknown{late}"
     entry = f"  t_0: {{prior: uniform, low: {-step:.4g}, high: {after:.4g}}}    # s"
     return [*lines, *review([doubt], 2), entry]
 

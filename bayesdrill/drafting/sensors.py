@@ -54,9 +54,8 @@ def _doubt_of_drive(sensor: Sensor) -> str:
     if sensor.kind == "voltage" and high - low < SUPPLY_RIPPLE * abs(middle):
         return "hardly changes while the rig turns both ways: a supply, not what the motor gets"
     if sensor.kind == "current" and (sensor.raw.x.min() >= 0 or sensor.raw.x.max() <= 0):
-        return (
-            "never changes its sign while the rig turns both ways: its size alone? Then take it out"
-        )
+        sign = "never changes its sign while the rig turns both ways"
+        return f"{sign}: its size alone? Then take it out"
     return ""
 
 

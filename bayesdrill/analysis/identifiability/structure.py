@@ -83,9 +83,7 @@ def null_space(sensitivities: Sequence[Array], *, nearly: bool = False) -> Array
 
 
 def find_structure(
-    names: tuple[str, ...],
-    sensitivities: Sequence[Array],
-    unchanged: Callable[[Exponents], bool],
+    names: tuple[str, ...], sensitivities: Sequence[Array], unchanged: Callable[[Exponents], bool]
 ) -> ScalingStructure:
     """Find the symmetries in sensitivities `(T K, m)` at several points; `unchanged` proves one."""
     sensitivities = [root_of(s) for s in sensitivities]

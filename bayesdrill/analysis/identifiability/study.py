@@ -214,10 +214,7 @@ class KnownProduct:
 
 
 def products(
-    information: Information,
-    prior_sd: Array,
-    candidates: Array,
-    thresholds: Thresholds,
+    information: Information, prior_sd: Array, candidates: Array, thresholds: Thresholds
 ) -> tuple[KnownProduct, ...]:
     """Return as many independent `candidates (n, m)` as there are, the most narrowed first.
 

@@ -19,7 +19,6 @@ from bayesdrill.config.resolve.experiments import joint_name
 from bayesdrill.config.schema import numbers
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import IssueCollector, Location, Source
-from bayesdrill.inference.priors import Prior
 from bayesdrill.inference.unknowns import ParameterSpace, Unknown, labelled_name
 from bayesdrill.rig.models.linear import Model
 
@@ -72,15 +71,11 @@ def _check_held(
         for name in config.experiments[label].parameters:
             free = isinstance(experiment.config.parameters.get(name), numbers.ParameterPrior)
             without = [n for n, each in resolved.items() if name not in each.model.parameters]
-            messages = {
-                f"only a number or a formula can be held; `own: [{name}]` makes unknowns": free,
-                f"{name} is `own:`, and so unknown in each; remove one of the two": name
-                in config.own,
-                f"{name} is not in the rig of {' and '.join(without)}; name it above": bool(
-                    without
-                ),
-            }
-            for message in [message for message, wrong in messages.items() if wrong][:1]:
+            only = f"only a number or a formula can be held; `own: [{name}]` makes unknowns"
+            both = f"{name} is `own:`, and so unknown in each; remove one of the two"
+            lacks = f"{name} is not in the rig of {' and '.join(without)}; name it above"
+            checks = ((free, only), (name in config.own, both), (without, lacks))
+            if message := next((text for wrong, text in checks if wrong), ""):
                 errors.add(("experiments", label, "parameters", name), message)
 
 
@@ -141,7 +136,8 @@ def _check_shared(
     for k, name in enumerate(config.shared):
         location = ("shared", k)
         having = [label for label, local in by_label.items() if name in local.numbers]
-        values = [_belief(by_label[label].numbers[name]) for label in having]
+        given = [by_label[label].numbers[name] for label in having]
+        values = [(x.prior, x.start) if isinstance(x, Unknown) else x for x in given]
         if not having:
             rig = " (parameters of the rig are shared unless they are `own:`)"
             message = f"{name} is no unknown of a sensor, a start or noise"
@@ -162,11 +158,6 @@ def _check_shared(
             message = f"{name} has another prior in {others[0]} than in {having[0]}"
             way_out = "give it once, above `experiments:`, or remove it here"
             errors.add(location, f"{message}; {way_out}")
-
-
-def _belief(number: float | Prior | Unknown | None) -> object:
-    """What is the same where it is shared."""
-    return (number.prior, number.start) if isinstance(number, Unknown) else number
 
 
 def _check_held_out(errors: IssueCollector, config: Config, by_label: NumbersByLabel) -> None:

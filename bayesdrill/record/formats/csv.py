@@ -479,23 +479,17 @@ def _names(
     if header is None:
         return [str(number) for number in range(1, width + 1)], {}
     names = _header_cells(header, dialect, width)
-    if (count := len(names)) != width:
-        why = _why_not(header, count, dialect, width)
-        message = f"the header has {count} cells and the rows have {width}; {why}"
-        raise InputError.at(lines.location(0), message)
-    return keys_of(names)
-
-
-def _why_not(header: str, count: int, dialect: Dialect, width: int) -> str:
-    """Of a header of another width than the rows: the likely reason, and what to do."""
-    other = [mark for mark in ",;\t|" if len(split(header, mark)) == width > 1]
-    if other:
-        return f"its names stand between {other[0]!r}, the numbers do not; write both the same way"
-    if dialect.separator == "," and count > 1 and width in (2 * count, 2 * count - 1):
-        return "if the numbers have decimal commas, export them with ; between the columns"
-    if width == count + 1 and count > 1:
-        return "if the first column holds row numbers, give it a name too, or set header: false"
-    return "if it is a title, set skip_rows to begin below it, else check delimiter and decimal"
+    if (count := len(names)) == width:
+        return keys_of(names)
+    why = "if it is a title, set skip_rows to begin below it, else check delimiter and decimal"
+    if other := [mark for mark in ",;\t|" if len(split(header, mark)) == width > 1]:
+        why = f"its names stand between {other[0]!r}, the numbers do not; write both the same way"
+    elif dialect.separator == "," and count > 1 and width in (2 * count, 2 * count - 1):
+        why = "if the numbers have decimal commas, export them with ; between the columns"
+    elif width == count + 1 and count > 1:
+        why = "if the first column holds row numbers, give it a name too, or set header: false"
+    message = f"the header has {count} cells and the rows have {width}; {why}"
+    raise InputError.at(lines.location(0), message)
 
 
 def _in_comment(lines: TextLines, dialect: Dialect, width: int) -> dict[str, str]:
