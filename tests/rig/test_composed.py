@@ -264,9 +264,13 @@ def test_its_frictions_have_the_laws_of_what_is_named() -> None:
     lost = (1 / 0.87 - 1) * I_M * p["k_s"] * 0.7
     drag = 0.013 * (0.3 / I_M) ** 2
     rubs = 0.07 + 0.04 * math.exp(-((0.3 / I_M / 1.9) ** 2))
-    assert every["friction_m"].law.size(p, 0.3, seen) == pytest.approx(rubs + lost + drag, rel=1e-12)
+    assert every["friction_m"].law.size(p, 0.3, seen) == pytest.approx(
+        rubs + lost + drag, rel=1e-12
+    )
     back = {"theta_1": 0.2, "theta_2": 0.9}
-    assert every["friction_m"].law.size(p, 0.3, back) == pytest.approx(rubs + lost + drag, rel=1e-12)
+    assert every["friction_m"].law.size(p, 0.3, back) == pytest.approx(
+        rubs + lost + drag, rel=1e-12
+    )
     slips = 0.19 * 0.3**2 + 0.31 + 0.21 * math.exp(-((0.3 / 0.43) ** 2))
     assert every["friction_1"].law.size(p, 0.3, {}) == pytest.approx(slips, rel=1e-12)
     assert every["drop"].law.size(p, 0.3, {}) == 0.83
