@@ -152,9 +152,9 @@ def with_gear(posterior: Posterior, times: float) -> Posterior:
     def geared(observation: Observation) -> Observation:
         called = dict(zip(observation.response.parameters, observation.parameters, strict=True))
         for name in (name for name in powers if name in called):
-            own, factor = called[name], float(times ** -powers[name])
-            formula = expression(f"{own}*{factor!r}", [own]).substituted(space.relations)
-            called[name] = f"geared_{own}"
+            symbol, factor = called[name], float(times ** -powers[name])
+            formula = expression(f"{symbol}*{factor!r}", [symbol]).substituted(space.relations)
+            called[name] = f"geared_{symbol}"
             relations[called[name]] = formula
         return dataclasses.replace(observation, parameters=[*called.values()])
 

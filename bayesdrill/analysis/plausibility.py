@@ -90,16 +90,16 @@ def plausibility_of_nominal(problem: Problem) -> tuple[str, ...]:
     space, model = problem.posterior.space, problem.model
     every = {**space.start, **problem.nominal, **space.fixed}
     every |= {name: float(relation.value(every)) for name, relation in space.relations.items()}
-    found: list[str] = []
+    sentences: list[str] = []
     for observation in problem.observations:
         names = observation.named(model.parameters)
         values = {name: every[called] for name, called in names.items()}
         table = {n: x for n, x in values.items() if n in problem.published}
         table = {n: x for n, x in table.items() if x == problem.nominal[n]}
-        found += _energy_of_nominal(values, model)
-        found += _geometry(table, model)
-        found += _poles(poles(model, {n: np.array([x]) for n, x in values.items()}), problem)
-    return tuple(dict.fromkeys(found))
+        sentences += _energy_of_nominal(values, model)
+        sentences += _geometry(table, model)
+        sentences += _poles(poles(model, {n: np.array([x]) for n, x in values.items()}), problem)
+    return tuple(dict.fromkeys(sentences))
 
 
 def plausibility_of_draws(problem: Problem, draws: Array, known: Information) -> tuple[str, ...]:

@@ -181,8 +181,8 @@ def read_records(
     for k, path in enumerate(paths):
         if path.resolve() in [other.resolve() for other in paths[:k]]:
             raise InputError.at(str(path), "is given twice. Give each file once")
-    found = collect_each(lambda path: examine(path, given), paths)
-    kinds = _by_kind([*itertools.chain(*found)])
+    examined = collect_each(lambda path: examine(path, given), paths)
+    kinds = _by_kind([*itertools.chain(*examined)])
     records = _join_kinds(kinds, given) if len(kinds) > 1 else kinds[0]
     collect_each(_refuse_without_channels, records)
     lead = min(records, key=lambda record: record.uncertainty)

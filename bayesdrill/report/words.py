@@ -114,7 +114,7 @@ def headline(problem: Problem, config: Config) -> str:
     experiments = problem.observations
     samples = sum(len(experiment.experiment.t) for experiment in experiments)
     channels = ", ".join(
-        dict.fromkeys(name for one in experiments for name in one.experiment.names)
+        dict.fromkeys(name for each in experiments for name in each.experiment.names)
     )
     several = f" in {len(experiments)} experiments" if len(experiments) > 1 else ""
     return (

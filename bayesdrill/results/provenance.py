@@ -174,8 +174,8 @@ def resolved(case: ResolvedCase, folder: Path) -> str:
         if experiment.label:
             entries = experiment.config.model_dump(exclude_none=True)
             sections = {key: entries[key] for key in experiments.SECTIONS}
-            spec, own = config.experiments[experiment.label], {"parameters", "held_out"}
-            own_entries = spec.model_dump(include=own, exclude_defaults=True)
+            spec, its_sections = config.experiments[experiment.label], {"parameters", "held_out"}
+            own_entries = spec.model_dump(include=its_sections, exclude_defaults=True)
             data["experiments"][experiment.label] = sections | own_entries
         _remove_defaults(sections, experiment.config, case.model)
         sources.rebase(sections, case.source.path.parent, folder)

@@ -173,8 +173,12 @@ def twin_starts(surface: LogDensity, u: Array) -> Iterator[NearbyStarts]:
     shafts = [*itertools.combinations(map(dataclasses.asdict, roles.shafts), 2)]
     for parts in itertools.product(inertias, shafts):
         pairs: dict[str, str] = {}
-        for one, two in parts:
-            both = [(one[x], two[x]) for x in one if isinstance(one[x], str) and one[x] and two[x]]
+        for first, second in parts:
+            both = [
+                (first[x], second[x])
+                for x in first
+                if isinstance(first[x], str) and first[x] and second[x]
+            ]
             for ending in (f"{start}{label}" for start in ("", "_0") for label in labels):
                 pairs |= {a + ending: b + ending for a, b in (*both, *((b, a) for a, b in both))}
         exchanged = [pairs.get(name, name) for name in free]

@@ -72,11 +72,11 @@ def sections(data: Mapping[str, Any]) -> Iterator[tuple[Place, Entries]]:
 def columns(data: Mapping[str, Any], name: str) -> Iterator[tuple[Place, Entries]]:
     """Yield the entries of a channel or an input that is a column, at the top and in experiments."""
     for place, section in sections(data):
-        found = {
+        lines_within = {
             ("record", "channels"): (section.get("record") or {}).get("channels") or {},
             ("inputs",): section.get("inputs") or {},
         }
-        for inner, entries in found.items():
+        for inner, entries in lines_within.items():
             entry = entries.get(name)
             if isinstance(entry, dict) and "derived_from" not in entry:
                 yield (*place, *inner, name), entry

@@ -198,11 +198,11 @@ class Setting:
         ending = next((f"_{e.label}" for e in self._observations if name.endswith(e.label)), "")
         kind, _, owner = name.removesuffix(ending).partition("_")
         tops = ("parameters", "quantities", "inputs")
-        found: dict[Place, Any] = {(n, name): (self._data.get(n) or {}).get(name) for n in tops}
+        numbers: dict[Place, Any] = {(n, name): (self._data.get(n) or {}).get(name) for n in tops}
         if kind in OF_SENSOR:
-            found |= {(*p, kind): x.get(kind) for p, x in columns(self._data, owner)}
+            numbers |= {(*p, kind): x.get(kind) for p, x in columns(self._data, owner)}
         priors = (
-            pair for pair in found.items() if isinstance(pair[1], dict) and "prior" in pair[1]
+            pair for pair in numbers.items() if isinstance(pair[1], dict) and "prior" in pair[1]
         )
         return next(priors, None)
 
@@ -237,18 +237,18 @@ class Setting:
         return lines
 
     def _turned(self, name: str) -> Entries:
-        found = [*columns(self._data, name)]
-        if any(isinstance(entry.get("gain", 1.0), dict) for _, entry in found):
+        entries = [*columns(self._data, name)]
+        if any(isinstance(entry.get("gain", 1.0), dict) for _, entry in entries):
             return {}
-        each = (nested(place, {"gain": -float(x.get("gain", 1.0))}) for place, x in found)
+        each = (nested(place, {"gain": -float(x.get("gain", 1.0))}) for place, x in entries)
         return merged({}, *each)
 
     def _sensor(self, kind: str, name: str, prior: Entries) -> Part:
-        found = [*columns(self._data, name)]
-        new = [place for place, x in found if kind not in x and {"column", "variable"} & {*x}]
+        entries = [*columns(self._data, name)]
+        new = [place for place, x in entries if kind not in x and {"column", "variable"} & {*x}]
         lines = merged({}, *(nested((*place, kind), prior) for place in new))
-        own = kind == "offset" and name in self._units
-        if new and not own and not any(kind in entry for _, entry in found):
+        scales_channel = kind == "offset" and name in self._units
+        if new and not scales_channel and not any(kind in entry for _, entry in entries):
             lines = merged(lines, self._shared(f"{kind}_{name}"))
         article = "an" if kind == "offset" else "a"
         return Part(f"{kind}_{name}", f"{article} {kind} of {name}", lines)
@@ -286,8 +286,8 @@ class Setting:
     def clocks(self) -> tuple[str, ...]:
         """Parts that change a clock, that of the record or of a channel, if there are several."""
         names = (*self._units, *self._inputs)
-        own = {n for n in names for _, entry in columns(self._data, n) if "time" in entry}
-        return (CLOCK, *(f"{CLOCK}_{n}" for n in self._units if n in own)) if own else ()
+        timed = {n for n in names for _, entry in columns(self._data, n) if "time" in entry}
+        return (CLOCK, *(f"{CLOCK}_{n}" for n in self._units if n in timed)) if timed else ()
 
     def _times(self) -> Iterator[Part]:
         sensing = [observation.response.sensing for observation in self._observations]
@@ -429,10 +429,17 @@ class Setting:
             log_uniform(weight * slow**2, weight * fast**2),
             uniform(2.0 * weight * math.sqrt(slow * fast)),
         )
-        own, rest = SOUGHT_SHARE * weight, (1.0 - SOUGHT_SHARE) * self.weights[at.name]
+        end_weight, rest = SOUGHT_SHARE * weight, (1.0 - SOUGHT_SHARE) * self.weights[at.name]
         host = {at.inertia: rest} if at.inertia in self.job.problem.names else {}
         starts = tuple(
-            host | dict(zip(names, (own, own * w**2, SOUGHT_DAMPING * own * w), strict=True))
+            host
+            | dict(
+                zip(
+                    names,
+                    (end_weight, end_weight * w**2, SOUGHT_DAMPING * end_weight * w),
+                    strict=True,
+                )
+            )
             for w in np.geomspace(2.0 * slow, 0.5 * fast, SOUGHT_SWINGS).tolist()
         )
         words = f"one more inertia on a spring {at.at}"
@@ -461,8 +468,8 @@ class Setting:
         lines: Entries = {}
         shared = {*self._data.get(SHARED, ())}
         for name in self._units:
-            found = [*columns(self._data, name)]
-            for place, entry in found:
+            entries = [*columns(self._data, name)]
+            for place, entry in entries:
                 noise, sigma = entry.get("noise", "white"), entry.get("sigma")
                 known = sigma if isinstance(sigma, int | float) else None
                 white = (noise if isinstance(noise, str) else noise.get("name", "white")) == "white"
@@ -471,7 +478,7 @@ class Setting:
                 if known:
                     prior = log_uniform(known / WIDER, known * WIDER) | {"start": float(known)}
                     lines = merged(lines, nested((*place, "sigma"), prior))
-                    if len(found) == 1 and place[0] != experiments.EXPERIMENTS:
+                    if len(entries) == 1 and place[0] != experiments.EXPERIMENTS:
                         shared.add(noise_name(name))
                         lines = merged(lines, self._shared(noise_name(name)))
                 if remembers:

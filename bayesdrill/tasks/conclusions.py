@@ -96,12 +96,12 @@ def causes(
 
     The job is in the steps of that mode.  `submit`: to other processes, or in this one.
     """
-    found = None
+    ranked = None
     if not residual_checks.like_noise(left):
         with WorkerPool(job.problem.posterior, 1) as pool:
-            found = ranking.rank(job, mode.values, submit or pool.submit_function, report)[0]
+            ranked = ranking.rank(job, mode.values, submit or pool.submit_function, report)[0]
     report.update(1.0, "")
-    return found
+    return ranked
 
 
 def residuals(job: Job, mode: Mode) -> tuple[ResidualSummary, ...]:

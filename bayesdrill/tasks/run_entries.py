@@ -81,14 +81,14 @@ def run_schema() -> str:
     analysis = schema(RunAnalysis)
     entries = {name: {"description": said} for name, said in ENTRIES.items()}
     entries[ANALYSIS] |= {"$ref": analysis["$ref"]}
-    found = {
+    described = {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "run.json of bayesdrill posterior",
         "type": "object",
         "properties": entries,
         "$defs": analysis["$defs"],
     }
-    return json.dumps(found, indent=2) + "\n"
+    return json.dumps(described, indent=2) + "\n"
 
 
 def entries(view: ReportContext, made_of: str) -> dict[str, Any]:

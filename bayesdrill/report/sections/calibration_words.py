@@ -74,21 +74,23 @@ def refits(verdict: CalibrationVerdict, every: Sequence[Refit]) -> str:
     )
 
 
-def sections(found: CalibrationVerdict, every: Sequence[Refit], ending: str) -> tuple[Section, ...]:
+def sections(
+    judged: CalibrationVerdict, every: Sequence[Refit], ending: str
+) -> tuple[Section, ...]:
     """The verdict first; `ending`: of the file of the figure that a page shows."""
-    says = verdict(found)
-    tone: Tone = "bad" if found.faults else "doubt" if found.doubts else "good"
+    says = verdict(judged)
+    tone: Tone = "bad" if judged.faults else "doubt" if judged.doubts else "good"
     marks = Badges((Badge(says.split(":")[0], tone),))
     read = Note(
-        f"Ranks are among {found.n_draws} draws. `departure / band` is the farthest departure of their "
+        f"Ranks are among {judged.n_draws} draws. `departure / band` is the farthest departure of their "
         "distribution from uniform, above 1 outside of what chance allows; the same for intervals in "
         "brackets. Exact values: `ranks.csv`."
     )
     seen = "Ranks of the truths among the draws, with what chance allows."
     return (
-        build("Verdict", marks, f"{says[0].upper()}{says[1:]}.", Note(rule(found))),
-        build("Ranks", table(found), read, Picture("calibration", seen, ending)),
-        build("Refits", refits(found, every)),
+        build("Verdict", marks, f"{says[0].upper()}{says[1:]}.", Note(rule(judged))),
+        build("Ranks", table(judged), read, Picture("calibration", seen, ending)),
+        build("Refits", refits(judged, every)),
     )
 
 

@@ -182,9 +182,9 @@ def friction_sentences(study: FrictionConfounding, model: Model) -> str:
     return "\n".join([*alike, *(_unseen(law, model) for law in study.unseen)])
 
 
-def _alike(one: Confounded, model: Model) -> str:
+def _alike(tied: Confounded, model: Model) -> str:
     roles = model.roles
-    known = "it were" if len(one.rivals) == 1 else "these were"
+    known = "it were" if len(tied.rivals) == 1 else "these were"
     free = [inertia for inertia in roles.inertias if roles.motor(inertia.name) is None]
     reasons = {}  # where it is not by what the rig did
     for shaft, inertia in itertools.product(roles.shafts, free):
@@ -197,13 +197,13 @@ def _alike(one: Confounded, model: Model) -> str:
                 "what a gear loses grows with the torque that it passes on, and "
                 f"{inertia.sliding} does not"
             )
-    why = [reasons[pair] for r in one.rivals if (pair := frozenset((one.name, r))) in reasons]
-    if one.deeds is not None and (did := _did(one.deeds, roles)):
+    why = [reasons[pair] for r in tied.rivals if (pair := frozenset((tied.name, r))) in reasons]
+    if tied.deeds is not None and (did := _did(tied.deeds, roles)):
         why.append(f"in these records {did}")
     because = f" ({'; '.join(why)})" if why else ""
     return (
-        f"friction: {one.name} can hardly be told from {listed(one.rivals)}{because}. If {known} known, "
-        f"its sd would be {_about(one.fall)} times smaller.{_proposed(one.name, one.proposals, model)}"
+        f"friction: {tied.name} can hardly be told from {listed(tied.rivals)}{because}. If {known} known, "
+        f"its sd would be {_about(tied.fall)} times smaller.{_proposed(tied.name, tied.proposals, model)}"
     )
 
 
