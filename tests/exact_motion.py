@@ -32,7 +32,10 @@ def exponential(m: np.ndarray) -> np.ndarray:
 
 
 class ExactMotion:
-    """A rig with the parameters `full (P,)`, those of sensors last, under the inputs of `record`."""
+    """A rig with the parameters `full (P,)`, those of sensors last, under the inputs of `record`.
+
+    Entries of its matrices have the digits of `full`, as those of the package have 64 bits.
+    """
 
     def __init__(
         self,
@@ -43,7 +46,7 @@ class ExactMotion:
     ) -> None:
         self.model, self.record, self.sensing = model, record, sensing or ObservationModel()
         names = (*model.parameters, *self.sensing.names)
-        self.p: dict[str, Any] = dict(zip(names, full.astype(LONG), strict=True))
+        self.p: dict[str, Any] = dict(zip(names, full, strict=True))
         self.row = {name: k for k, name in enumerate(model.states)}
         linear, x, s = model.linear(self.p), len(model.states), len(record.series)
         series = [*record.series]

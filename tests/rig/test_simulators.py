@@ -145,9 +145,11 @@ def shaft(
     t = times(at)
     inputs = {"v": VOLTAGE, "t_1": 0.1 * rng.standard_normal(N)}
     constant = {"v": 5.5, "t_1": 0.03}
+    start = {"theta_2": -0.1} if sensing.steady else START
     record = experiment(
         N, STEP, constant={n: u for n, u in constant.items() if n not in series}, measures=MEASURES,
-        series={n: inputs[n] for n in series}, start=START, t_start=float(t[0]) - lead, **own,
+        series={n: inputs[n] for n in series}, start=start,
+        t_start=float(t[0]) - lead, **own,
     )  # fmt: skip
     record = replace(record, t=t, y=rng.normal(size=(N, 3)))
     rig = vector(NOMINAL) * np.exp(rng.normal(0, 0.3, (W, 9)))
