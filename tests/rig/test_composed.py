@@ -99,20 +99,6 @@ def test_it_is_what_the_balances_of_its_bodies_give() -> None:
     for_each({"+".join(added): (added,) for added in [*LINEAR, tuple(OFFERS)]}, check)
 
 
-def test_a_damping_that_vanishes_is_none() -> None:
-    record = experiment(61, 0.03, start=START)
-    plain, rig = MotorShaft(I_M), MotorShaft(I_M, added=("c_s", "c_1"))
-    without = Response(plain, record).signals(vector(plain, skewed()))[0]
-    small = np.array([0.0, 1e-6, 1e-5])
-    full = np.repeat(vector(rig, skewed() | MORE), 3, axis=0)
-    full[:, 9:] = small[:, None]
-    none, one, ten = Response(rig, record).signals(full)
-    scale = np.abs(without).max(axis=0)
-    assert none / scale == pytest.approx(without / scale, abs=1e-12)
-    ratio = np.abs(ten - without).max(axis=0) / np.abs(one - without).max(axis=0)
-    assert ratio == pytest.approx(np.full(5, 10.0), rel=1e-3)
-
-
 def test_an_inertia_and_a_resistance_more_are_those_of_the_motor() -> None:
     """Only the sums show: what one has more, the other has less."""
     record = experiment(61, 0.03, start=START)
@@ -132,30 +118,6 @@ def test_an_inertia_and_a_resistance_more_are_those_of_the_motor() -> None:
     held = TwoRotors(I_M, p["j_2"], p["r_s"])
     assert Response(held, record).signals(vector(held, p)).tobytes() == whole.tobytes()
     assert held.whole(skewed()) == {name: lumped[name] for name in ORDER}
-
-
-def test_a_rotor_without_a_shaft_runs_down_by_its_damping() -> None:
-    rig = MotorShaft(I_M, added=("c_1",))
-    p = parameters(("c_1",)) | {"k_s": 1e-25}
-    record = experiment(201, 0.1, constant={"v": 0.0, "t_1": 0.0}, start={"w_1": 3.0})
-    found = Response(rig, record).signals(vector(rig, p))[0]
-    rate = p["c_1"] / p["j_1"]
-    assert found[:, 2] == pytest.approx(3.0 * np.exp(-rate * record.t), rel=1e-9)
-    assert found[:, 0] == pytest.approx(3.0 / rate * (1 - np.exp(-rate * record.t)), rel=1e-9)
-
-
-def test_a_twist_between_two_free_inertias_dies_out_by_the_damping_of_the_shaft() -> None:
-    rig = MotorShaft(I_M, added=("c_s",))
-    p = parameters(("c_s",)) | {"k_T": 1e-25, "c_m": 0.0, "t_f": 0.0}
-    record = experiment(201, 0.02, constant={"v": 0.0}, start={"theta_1": 0.3})
-    found = Response(rig, record).signals(vector(rig, p))[0]
-    inertia = 1 / (1 / p["j_1"] + I_M**2 / p["j_m"])
-    omega = math.sqrt(p["k_s"] / inertia)
-    zeta = p["c_s"] / (2 * inertia * omega)
-    turns = omega * math.sqrt(1 - zeta**2)
-    swing = np.cos(turns * record.t) + zeta * omega / turns * np.sin(turns * record.t)
-    twist = 0.3 * np.exp(-zeta * omega * record.t) * swing
-    assert found[:, 0] - found[:, 1] == pytest.approx(twist, abs=1e-10)
 
 
 @dataclass(frozen=True, slots=True)

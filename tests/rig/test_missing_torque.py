@@ -65,6 +65,12 @@ def made(
     return found, of, weights(one, len(found.torque.states))
 
 
+def shown(one: Experiment, left: Array, rig: MotorShaft | None = None) -> Response:
+    """A record of the rig that is off by what is `left`."""
+    clean = Response(rig or MotorShaft(), one).signals(vector(P)[None])[0]
+    return Response(rig or MotorShaft(), dataclasses.replace(one, y=clean + left))
+
+
 def density(found: KalmanFilter, left: Array) -> float:
     """By the filter of all samples."""
     white, variances = found.whiten(*told(), left[None])
@@ -77,8 +83,7 @@ def test_the_likelihood_is_that_of_all_samples_together() -> None:
     def check(at: TorqueLocation, smooth: Smoothness) -> None:
         one = experiment(80, 0.02, measures=MEASURES)
         left = drawn(one)
-        clean = Response(MotorShaft(), one).signals(vector(P)[None])[0]
-        seen = Response(MotorShaft(), dataclasses.replace(one, y=clean + left))
+        seen = shown(one, left)
         found, of, rows = made(at, smooth, one)
         truth = shaken.log_density(left, shaken.covariance(of, rows, SIGMAS, one.t, 0.0))
         ours = found.log_density(*told(9), seen.record)
@@ -116,8 +121,7 @@ def test_a_start_before_the_first_sample_of_even_times() -> None:
         start = {"theta_1": 0.7, "theta_2": -1.2, "w_1": 2.0, "w_2": -9.0, "i": 0.4}
         one = experiment(60, 0.02, first=0.31, t_start=0.0, measures=measures, start=start)
         left = drawn(one)
-        clean = Response(MotorShaft(), one).signals(vector(P)[None])[0]
-        seen = Response(MotorShaft(), dataclasses.replace(one, y=clean + left))
+        seen = shown(one, left)
         found, of, rows = made("rotor_1", "3/2", one)
         sigmas = SIGMAS[: len(measures)]
         truth = shaken.log_density(left, shaken.covariance(of, rows, sigmas, one.t, 0.0))
@@ -133,8 +137,7 @@ def test_of_any_number_of_samples() -> None:
     def check(n: int) -> None:
         one = experiment(n, 0.02, measures=MEASURES)
         left = drawn(one)
-        clean = Response(MotorShaft(), one).signals(vector(P)[None])[0]
-        seen = Response(MotorShaft(), dataclasses.replace(one, y=clean + left))
+        seen = shown(one, left)
         found, of, rows = made("rotor_1", "3/2", one)
         truth = shaken.log_density(left, shaken.covariance(of, rows, SIGMAS, one.t, 0.0))
         assert found.log_density(*told(), seen.record).sum() == pytest.approx(truth, abs=1e-8)
@@ -149,16 +152,16 @@ def test_states_of_the_rig_are_those_that_channels_show() -> None:
     def check(measures: dict[str, dict[str, float]]) -> None:
         one = experiment(20, 0.02, measures=measures)
         found = KalmanFilter(MotorShaft(), MissingTorque(at="motor"), one)
-        states, shown = found.draw(
+        states, drawn_signals = found.draw(
             told(3)[0], 1e-9 * np.ones((3, len(measures))), np.random.default_rng(8)
         )
         named = found.augmented.to_rig_states(states)
         assert ("theta_1" in named) == ("theta_2" in named) == (measures != cases[1])
-        assert states @ found.output_matrix.T == pytest.approx(shown, abs=1e-7)
+        assert states @ found.output_matrix.T == pytest.approx(drawn_signals, abs=1e-7)
         for k, weights in enumerate(measures.values()):
             if set(weights) <= set(named):
                 ours = sum(weight * named[name] for name, weight in weights.items())
-                assert ours == pytest.approx(shown[..., k], abs=1e-7)
+                assert ours == pytest.approx(drawn_signals[..., k], abs=1e-7)
 
     for_each({str(measures): (measures,) for measures in cases}, check)
 
@@ -175,8 +178,7 @@ def test_one_gain_is_as_good_as_all_of_them() -> None:
         row = np.append(vector(P), [size, time])[None]
         sigmas = np.array([[0.1, 0.1, 0.1]])[:, : len(measures)]
         left = found.draw(row, sigmas, rng)[1][0]
-        clean = Response(MotorShaft(), one).signals(vector(P)[None])[0]
-        seen = Response(MotorShaft(), dataclasses.replace(one, y=clean + left))
+        seen = shown(one, left)
         white, variances = found.whiten(row, sigmas, left[None])
         truth = -0.5 * (np.log(2 * np.pi * variances) + white**2).sum()
         assert found.log_density(row, sigmas, seen.record).sum() == pytest.approx(truth, abs=1e-7)
@@ -270,8 +272,7 @@ def test_a_rig_that_an_angle_holds_is_not_taken_for_one_that_turns() -> None:
         found = KalmanFilter(rig, MissingTorque(at="motor"), one)
         row, sigmas = told()[0], SIGMAS[None, : len(measures)]
         left = found.draw(row, sigmas, np.random.default_rng(4))[1][0]
-        clean = Response(rig, one).signals(vector(P)[None])[0]
-        seen = Response(rig, dataclasses.replace(one, y=clean + left))
+        seen = shown(one, left, rig)
         white, variances = found.whiten(row, sigmas, left[None])
         truth = -0.5 * (np.log(2 * np.pi * variances) + white**2).sum()
         assert found.log_density(row, sigmas, seen.record).sum() == pytest.approx(truth, abs=1e-8)

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 from oracles import NOMINAL, by_radau
-from rubbing import RUBS, STATES, Rig, simulate
-from rubbing_cases import CASES, Case, moved, moved_of
+from rubbing import STATES, Rig, simulate
+from rubbing_cases import CASES, moved
 from together import for_each
 
 FREE = {
@@ -180,69 +180,3 @@ def test_the_cases_are_what_they_are_called() -> None:
     for name, which in (("reversing", [2, 3, 4]), ("other", [2]), ("servo", [2, 4])):
         signs = np.sign(moved(name).states[:, which])
         assert (signs[1:] * signs[:-1] < 0).any(axis=0).all(), name
-
-
-def projected(case: Case, until: int, parts: int) -> np.ndarray:
-    """States at the first `until` samples by Euler's rule, speeds first: friction is what would stop a
-    speed within a part, as far as its size at the start goes.
-    """
-    rig, h = case.rig, float(case.t[1] - case.t[0]) / parts
-    masses, i_m = rig.masses, rig.i_m
-    found, loads = moved_of(case), np.broadcast_to(case.t_1, case.t.shape)
-    x = found.states[0].tolist()
-    out = []
-    for k in range(until):
-        out.append(list(x))
-        for q in range(parts):
-            share = q / parts if case.first_order else 0.0
-            v = found.v[k] + (found.v[k + 1] - found.v[k]) * share
-            load = loads[k] + (loads[k + 1] - loads[k]) * share
-            driving = rig.driving(x, v, load)
-            speeds = [x[3] / i_m, x[2], x[4]]
-            for e in range(3):
-                stop = masses[e] * speeds[e] / h + driving[e]
-                size = rig.size(e, abs(speeds[e]), abs(x[0] - x[1])) if rig.rubs[e] else 0.0
-                speeds[e] += h / masses[e] * (driving[e] - min(max(stop, -size), size))
-            x[3], x[2], x[4] = speeds[0] * i_m, speeds[1], speeds[2]
-            x[0] += h * x[2]
-            x[1] += h * x[3]
-    return np.array(out)
-
-
-@pytest.mark.parametrize(
-    ("name", "until"),
-    [
-        ("reversing", 420),
-        ("other", 200),
-        pytest.param("static", 330, marks=pytest.mark.slow),
-        pytest.param("servo", 160, marks=pytest.mark.slow),
-    ],
-)
-def test_ever_shorter_steps_of_another_rule_come_to_it(name: str, until: int) -> None:
-    """First order: four times as many parts, a quarter of the distance."""
-    true = moved(name).states[:until]
-    scale = np.abs(true).max(axis=0)
-    off = [
-        np.abs((projected(CASES[name], until, parts) - true) / scale).max() for parts in (25, 100)
-    ]
-    assert off[1] < 0.4 * off[0]
-    assert off[1] < 5e-3
-
-
-@pytest.mark.slow
-def test_the_torque_is_what_the_momentum_lacks() -> None:
-    """Impulses of the rotor's friction: j_1 w_1 and what the shaft and the load gave."""
-    found, case = moved("other"), CASES["other"]
-    p, t = case.rig.p, case.t
-    fine = simulate(
-        case.rig, t, case.v, at=np.linspace(t[0], t[-1], 50_001),
-        first_order=True, t_1=case.t_1, start=case.start,
-    )  # fmt: skip
-    assert fine.states[::100] == pytest.approx(found.states, rel=1e-8, abs=1e-8)
-    w_1, w_2 = fine.of("w_1"), fine.of("w_2")
-    shaft = p["k_s"] * (fine.of("theta_1") - fine.of("theta_2")) + p["c_s"] * (w_1 - w_2)
-    torque = shaft + p["c_1"] * w_1 + np.interp(fine.t, t, case.t_1)
-    mean = 0.5 * (torque[1:] + torque[:-1])
-    gone = np.append(0.0, np.cumsum(mean)) * (t[1] - t[0]) / 100
-    lacks = -p["j_1"] * (w_1 - w_1[0]) - gone
-    assert fine.impulses[:, RUBS.index("friction_1")] == pytest.approx(lacks, abs=1e-5)

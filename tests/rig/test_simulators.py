@@ -146,8 +146,9 @@ def shaft(
     inputs = {"v": VOLTAGE, "t_1": 0.1 * rng.standard_normal(N)}
     constant = {"v": 5.5, "t_1": 0.03}
     start = {"theta_2": -0.1} if sensing.steady else START
+    measures = MEASURES | ({"alpha": {"theta_1": 1.0}} if sensing.steady else {})
     record = experiment(
-        N, STEP, constant={n: u for n, u in constant.items() if n not in series}, measures=MEASURES,
+        N, STEP, constant={n: u for n, u in constant.items() if n not in series}, measures=measures,
         series={n: inputs[n] for n in series}, start=start,
         t_start=float(t[0]) - lead, **own,
     )  # fmt: skip

@@ -237,25 +237,6 @@ def test_slopes_are_those_of_its_own_signals(name: str) -> None:
         assert close.mean() > (0.9 if "lag" in one else 0.97), one
 
 
-def test_normal_equations_are_sums_of_slopes() -> None:
-    """Without what was not seen."""
-    case = CASES["static"]
-    record = experiment_of(case, MEASURES)
-    y = np.random.default_rng(4).normal(size=record.y.shape)
-    y[5:9, 2] = np.nan
-    rig = stepped(case, 1, EVERY, replace(record, y=y))
-    full = parameters(case, TOLD) * np.array([[1.0], [1.01]])
-    along = np.random.default_rng(5).normal(size=(2, 4, full.shape[1])) * full[:, None, :]
-    scales = np.array([[1.0, 0.5, 2.0], [3.0, 1.0, 0.1]])
-    squares, slopes, products = rig.normal(full, along, scales[..., None] ** 2)
-    seen = ~np.isnan(y)
-    left = np.where(seen, y - rig.signals(full), 0) * scales[:, None]
-    shown = np.where(seen, rig.sensitivities(full, along), 0) * scales[:, None, None]
-    assert squares == pytest.approx((left**2).sum(axis=1))
-    assert slopes == pytest.approx(np.einsum("wqtk,wtk->wq", shown, left))
-    assert products == pytest.approx(np.einsum("wqtk,wptk->wqp", shown, shown))
-
-
 def test_an_input_with_a_lag_steps_a_rig_that_does_not_rub() -> None:
     """Exactly, where the lag is whole steps."""
     case = CASES["other"]
