@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from oracles import ORDER, skewed
 from rigs import STATES, experiment
-from together import for_each
+from together import together
 
 from bayesdrill.rig.kernels.lanes import Module
 from bayesdrill.rig.kernels.recurrence import write_response
@@ -84,19 +84,17 @@ def vector(rig: Model, p: dict[str, float]) -> np.ndarray:
     return np.array([[p[name] for name in rig.parameters]])
 
 
-def test_it_is_what_the_balances_of_its_bodies_give() -> None:
-    def check(added: tuple[str, ...]) -> None:
-        p, rig = parameters(added), MotorShaft(I_M, added=added)
-        linear = rig.linear(p)
-        a, still, columns = by_hand(p)
-        assert dynamics(linear, STATES, 1)[0] == pytest.approx(a, rel=1e-12)
-        assert [linear.c.get(name, 0.0) for name in STATES] == pytest.approx(still, rel=1e-12)
-        assert {name for _, name in linear.B} == {*rig.inputs, *(one.name for one in rig.frictions)}
-        for name in {name for _, name in linear.B}:
-            own = [linear.B.get((state, name), 0.0) for state in STATES]
-            assert own == pytest.approx(columns[name], rel=1e-12), name
-
-    for_each({"+".join(added): (added,) for added in [*LINEAR, tuple(OFFERS)]}, check)
+@together("added", [*LINEAR, tuple(OFFERS)])
+def test_it_is_what_the_balances_of_its_bodies_give(added: tuple[str, ...]) -> None:
+    p, rig = parameters(added), MotorShaft(I_M, added=added)
+    linear = rig.linear(p)
+    a, still, columns = by_hand(p)
+    assert dynamics(linear, STATES, 1)[0] == pytest.approx(a, rel=1e-12)
+    assert [linear.c.get(name, 0.0) for name in STATES] == pytest.approx(still, rel=1e-12)
+    assert {name for _, name in linear.B} == {*rig.inputs, *(one.name for one in rig.frictions)}
+    for name in {name for _, name in linear.B}:
+        own = [linear.B.get((state, name), 0.0) for state in STATES]
+        assert own == pytest.approx(columns[name], rel=1e-12), name
 
 
 def test_an_inertia_and_a_resistance_more_are_those_of_the_motor() -> None:
@@ -161,21 +159,19 @@ def code(rig: Model, series: bool) -> Counter[str]:
     return Counter(re.sub(r'%"[^"]*"', "%", line) for line in str(module).splitlines())
 
 
-def test_what_is_not_named_costs_not_an_operation() -> None:
-    def check(series: bool) -> None:
-        assert code(MotorShaft(), series) == code(Plain(), series)
-        assert code(MotorShaft(added=("r_s",)), series) != code(Plain(), series)
-        assert MotorShaft(stribeck=2).linear(skewed()) == Plain().linear(skewed())
-        theta, record = vector(Plain(), skewed()), experiment(30, start=START)
-        for of in (
-            Response,
-            lambda rig, one: IrregularSimulator(rig, one, ObservationModel(delay="t_0")),
-        ):
-            full = theta if of is Response else np.append(theta, [[0.004]], axis=1)
-            one, other = of(MotorShaft(), record), of(Plain(), record)
-            assert one.signals(full).tobytes() == other.signals(full).tobytes()
-
-    for_each({str(series): (series,) for series in [False, True]}, check)
+@together("series", [False, True])
+def test_what_is_not_named_costs_not_an_operation(series: bool) -> None:
+    assert code(MotorShaft(), series) == code(Plain(), series)
+    assert code(MotorShaft(added=("r_s",)), series) != code(Plain(), series)
+    assert MotorShaft(stribeck=2).linear(skewed()) == Plain().linear(skewed())
+    theta, record = vector(Plain(), skewed()), experiment(30, start=START)
+    for of in (
+        Response,
+        lambda rig, one: IrregularSimulator(rig, one, ObservationModel(delay="t_0")),
+    ):
+        full = theta if of is Response else np.append(theta, [[0.004]], axis=1)
+        one, other = of(MotorShaft(), record), of(Plain(), record)
+        assert one.signals(full).tobytes() == other.signals(full).tobytes()
 
 
 def test_its_frictions_have_the_laws_of_what_is_named() -> None:

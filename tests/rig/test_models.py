@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from oracles import NOMINAL
 from rigs import STATES, Held
-from together import for_each
+from together import together
 
 from bayesdrill.basics.errors import InputError
 from bayesdrill.config import loading
@@ -50,24 +50,21 @@ def load(tmp_path: Path, model: str) -> Model:
     return loading.load(path).model
 
 
-def test_a_config_gives_a_model_its_constants(tmp_path_factory: pytest.TempPathFactory) -> None:
-    cases = [
+@together(
+    "text, model",
+    [
         ("{}", MotorShaft(0.125)),
         ("{name: two_rotors, i_m: 0.2, j_2: 7.0e-3}", TwoRotors(0.2, 7.0e-3, 0.0)),
         ("{name: two_rotors, r_s: 0.2, j_2: 0}", TwoRotors(0.125, 0.0, 0.2)),
-    ]
-
-    def check(text: str, model: Model) -> None:
-        tmp_path = tmp_path_factory.mktemp("case")
-        assert load(tmp_path, text) == model
-
-    for_each({case[0]: case for case in cases}, check)
+    ],
+)
+def test_a_config_gives_a_model_its_constants(text: str, model: Model, tmp_path: Path) -> None:
+    assert load(tmp_path, text) == model
 
 
-def test_a_constant_of_another_model_is_an_error_with_its_line(
-    tmp_path_factory: pytest.TempPathFactory,
-) -> None:
-    cases = [
+@together(
+    "text, said",
+    [
         (
             "{name: motor_shaft, j_2: 7.0e-3}",
             "model.j_2: the model motor_shaft has no j_2; remove it, or name: two_rotors",
@@ -79,13 +76,12 @@ def test_a_constant_of_another_model_is_an_error_with_its_line(
         ("{name: two_rotors, r_s: -0.1}", "model.r_s: -0.1"),
         ("{name: motor_shaft, stribeck: 3}", "model.stribeck: '3' is not possible"),
         ("{name: two_rotor}", "model.name: 'two_rotor' is not a model; did you mean two_rotors?"),
-    ]
-
-    def check(text: str, said: str) -> None:
-        tmp_path = tmp_path_factory.mktemp("case")
-        with pytest.raises(InputError) as caught:
-            load(tmp_path, text)
-        (problem,) = caught.value.problems
-        assert str(problem).startswith(f"{tmp_path / 'config.yaml'}:24: {said}")
-
-    for_each({case[0]: case for case in cases}, check)
+    ],
+)
+def test_a_constant_of_another_model_is_an_error_with_its_line(
+    text: str, said: str, tmp_path: Path
+) -> None:
+    with pytest.raises(InputError) as caught:
+        load(tmp_path, text)
+    (problem,) = caught.value.problems
+    assert str(problem).startswith(f"{tmp_path / 'config.yaml'}:24: {said}")

@@ -9,7 +9,7 @@ import pytest
 from oracles import NOMINAL, by_radau
 from rubbing import STATES, Rig, simulate
 from rubbing_cases import CASES, moved
-from together import for_each
+from together import together
 
 FREE = {
     **NOMINAL,
@@ -22,38 +22,32 @@ FREE = {
 AT_REST = np.zeros(2)
 
 
-def test_a_rotor_coasts_until_it_sticks() -> None:
+@together("viscous, sign", [(viscous, sign) for viscous in [0.0, 0.021] for sign in [1, -1]])
+def test_a_rotor_coasts_until_it_sticks(viscous: float, sign: int) -> None:
     """j w' = -T - c w: (w_0 + T/c) exp(-c t/j) - T/c, and it stays where it has stopped."""
-
-    def check(viscous: float, sign: int) -> None:
-        w_0, torque, j = 13.0, 0.25, NOMINAL["j_1"]
-        t = np.linspace(3.0, 6.0, 97)
-        rig = Rig(p={**FREE, "t_c1": torque, "c_1": viscous})
-        found = simulate(rig, t[[0, -1]], AT_REST, at=t, start={"w_1": sign * w_0, "theta_1": 0.7})
-        s = t - 3.0
-        if viscous:
-            rate, drag = viscous / j, torque / viscous
-            stop = math.log(1 + w_0 / drag) / rate
-            s = np.minimum(s, stop)
-            w = (w_0 + drag) * np.exp(-rate * s) - drag
-            angle = (w_0 + drag) * (1 - np.exp(-rate * s)) / rate - drag * s
-        else:
-            stop = w_0 * j / torque
-            s = np.minimum(s, stop)
-            w, angle = w_0 - torque / j * s, w_0 * s - 0.5 * torque / j * s**2
-        assert stop < 2.9
-        assert found.of("w_1") == pytest.approx(sign * w, rel=1e-9, abs=1e-10)
-        assert found.of("theta_1") == pytest.approx(0.7 + sign * angle, rel=1e-9)
-        stuck = t - 3.0 > stop
-        assert (found.stuck[:, 1] == stuck).all()
-        assert not found.of("w_1")[stuck].any()
-        taken = found.taken["friction"][-1] + found.taken["viscous"][-1]
-        assert taken == pytest.approx(0.5 * j * w_0**2, rel=1e-9)
-
-    for_each(
-        {f"{viscous} {sign}": (viscous, sign) for viscous in [0.0, 0.021] for sign in [1, -1]},
-        check,
-    )
+    w_0, torque, j = 13.0, 0.25, NOMINAL["j_1"]
+    t = np.linspace(3.0, 6.0, 97)
+    rig = Rig(p={**FREE, "t_c1": torque, "c_1": viscous})
+    found = simulate(rig, t[[0, -1]], AT_REST, at=t, start={"w_1": sign * w_0, "theta_1": 0.7})
+    s = t - 3.0
+    if viscous:
+        rate, drag = viscous / j, torque / viscous
+        stop = math.log(1 + w_0 / drag) / rate
+        s = np.minimum(s, stop)
+        w = (w_0 + drag) * np.exp(-rate * s) - drag
+        angle = (w_0 + drag) * (1 - np.exp(-rate * s)) / rate - drag * s
+    else:
+        stop = w_0 * j / torque
+        s = np.minimum(s, stop)
+        w, angle = w_0 - torque / j * s, w_0 * s - 0.5 * torque / j * s**2
+    assert stop < 2.9
+    assert found.of("w_1") == pytest.approx(sign * w, rel=1e-9, abs=1e-10)
+    assert found.of("theta_1") == pytest.approx(0.7 + sign * angle, rel=1e-9)
+    stuck = t - 3.0 > stop
+    assert (found.stuck[:, 1] == stuck).all()
+    assert not found.of("w_1")[stuck].any()
+    taken = found.taken["friction"][-1] + found.taken["viscous"][-1]
+    assert taken == pytest.approx(0.5 * j * w_0**2, rel=1e-9)
 
 
 def test_a_motor_coasts_by_the_torque_at_its_own_side() -> None:
@@ -126,21 +120,18 @@ def test_a_drop_of_the_voltage_stops_a_current() -> None:
     assert found.stuck[-1].tolist() == [True, False, True]
 
 
-def test_a_gear_passes_on_what_its_efficiency_says() -> None:
+@together("load", [0.5, -0.5])
+def test_a_gear_passes_on_what_its_efficiency_says(load: float) -> None:
     """Where the motor drives, power out is eta times power in; where the load does, 2 - 1/eta."""
-
-    def check(load: float) -> None:
-        eta, p = 0.7, {**NOMINAL, "t_f": 0.0, "c_m": 1e-3, "c_s": 0.05}
-        t = np.array([0.0, 60.0])
-        found = simulate(Rig(p={**p, "eta": eta}), t, np.full(2, 6.0), t_1=load, longest=0.1)
-        w_3 = found.of("w_2")[-1] * 8
-        into = (p["k_T"] * found.of("i")[-1] - p["c_m"] * w_3) * w_3
-        out = load * found.of("w_1")[-1]
-        assert found.of("w_1")[-1] == pytest.approx(found.of("w_2")[-1], rel=1e-6)
-        assert found.of("w_1")[-1] > 5
-        assert into == pytest.approx(out / eta if load > 0 else out * (2 - 1 / eta), rel=1e-5)
-
-    for_each({str(load): (load,) for load in [0.5, -0.5]}, check)
+    eta, p = 0.7, {**NOMINAL, "t_f": 0.0, "c_m": 1e-3, "c_s": 0.05}
+    t = np.array([0.0, 60.0])
+    found = simulate(Rig(p={**p, "eta": eta}), t, np.full(2, 6.0), t_1=load, longest=0.1)
+    w_3 = found.of("w_2")[-1] * 8
+    into = (p["k_T"] * found.of("i")[-1] - p["c_m"] * w_3) * w_3
+    out = load * found.of("w_1")[-1]
+    assert found.of("w_1")[-1] == pytest.approx(found.of("w_2")[-1], rel=1e-6)
+    assert found.of("w_1")[-1] > 5
+    assert into == pytest.approx(out / eta if load > 0 else out * (2 - 1 / eta), rel=1e-5)
 
 
 def test_without_friction_it_is_the_linear_rig() -> None:
@@ -160,15 +151,13 @@ def test_without_friction_it_is_the_linear_rig() -> None:
     assert not found.efforts.any()
 
 
-def test_no_energy_is_lost() -> None:
-    def check(name: str) -> None:
-        found = moved(name)
-        assert np.abs(found.balance).max() < 1e-8
-        work = np.diff(found.taken["friction"])
-        assert work.min() > -1e-12
-        assert work.max() > 0
-
-    for_each({str(name): (name,) for name in CASES}, check)
+@together("name", CASES)
+def test_no_energy_is_lost(name: str) -> None:
+    found = moved(name)
+    assert np.abs(found.balance).max() < 1e-8
+    work = np.diff(found.taken["friction"])
+    assert work.min() > -1e-12
+    assert work.max() > 0
 
 
 def test_the_cases_are_what_they_are_called() -> None:

@@ -12,7 +12,7 @@ from rigs import experiment, vector
 from rubbing import RUBS
 from rubbing_cases import CASES, moved
 from stepping import experiment_of, model_of, parameters, states, stepped
-from together import for_each
+from together import for_each, together
 
 from bayesdrill.rig.models.friction import Friction
 from bayesdrill.rig.models.linear import Linear, WrappedModel
@@ -162,20 +162,17 @@ def test_frictions_of_no_size_leave_the_linear_rig() -> None:
         assert found == pytest.approx(true, rel=1e-9, abs=1e-9)
 
 
-def test_a_stride_is_as_long_as_the_way_to_the_next_sample() -> None:
+@together("name", ["falling", "stick slip"])
+def test_a_stride_is_as_long_as_the_way_to_the_next_sample(name: str) -> None:
     """A record with gaps, in which inputs stay what they are."""
-
-    def check(name: str) -> None:
-        case, rng = CASES[name], np.random.default_rng(8)
-        record = experiment_of(case)
-        same = np.append(np.diff(case.v) == 0.0, False)
-        kept = ~(np.roll(same, 1) & (rng.uniform(size=len(case.t)) < 0.2))
-        kept[0] = True
-        fewer = replace(
-            record, t=record.t[kept], y=record.y[kept], series={"v": record.series["v"][kept]}
-        )
-        found = stepped(case, 8, record=fewer).signals(parameters(case))[0]
-        assert 20 < np.count_nonzero(~kept) < 0.3 * len(kept)
-        assert found == pytest.approx(states(case, 8)[kept], abs=3e-7)
-
-    for_each({name: (name,) for name in ["falling", "stick slip"]}, check)
+    case, rng = CASES[name], np.random.default_rng(8)
+    record = experiment_of(case)
+    same = np.append(np.diff(case.v) == 0.0, False)
+    kept = ~(np.roll(same, 1) & (rng.uniform(size=len(case.t)) < 0.2))
+    kept[0] = True
+    fewer = replace(
+        record, t=record.t[kept], y=record.y[kept], series={"v": record.series["v"][kept]}
+    )
+    found = stepped(case, 8, record=fewer).signals(parameters(case))[0]
+    assert 20 < np.count_nonzero(~kept) < 0.3 * len(kept)
+    assert found == pytest.approx(states(case, 8)[kept], abs=3e-7)
