@@ -17,58 +17,15 @@ from bayesdrill.basics.symbols import Symbol, product_latex
 from bayesdrill.config import latex as config_latex
 
 REFUSED = (
-    *(
-        "a&b",
-        "a%b",
-        "a#b",
-        "a$b",
-        "a~b",
-        'a"b',
-        "\\",
-        "a\\",
-        "a\\\\b",
-        "x_{",
-        "x}",
-        "a}{b",
-        " ",
-        "\n",
-    ),
-    r"x$ \input{/etc/passwd} $y",
-    r"\input{/etc/passwd}",
-    r"\write18{ls}",
-    r"\text{\input}",
-    r"\text{a&b}",
-    "^^5cinput{x}",
-    r"\csname input\endcsname",
-    r"\mathdefault{x}",
-    r"\quad",
-    "\u03c9",
-    "\x1b]0;x\x07",
-    r"_\left(x\right)",
-    r"\hat\sqrt{x}",
-    "x^2'",
-    "{" * 60 + "x" + "}" * 60,
-)
+    "a&b", "a%b", "a#b", "a$b", "a~b", 'a"b', "\\", "a\\", "a\\\\b", "x_{", "x}", "a}{b", " ", "\n",
+    r"x$ \input{/etc/passwd} $y", r"\input{/etc/passwd}", r"\write18{ls}", r"\text{\input}",
+    r"\text{a&b}", "^^5cinput{x}", r"\csname input\endcsname", r"\mathdefault{x}", r"\quad",
+    "\u03c9", "\x1b]0;x\x07", r"_\left(x\right)", r"\hat\sqrt{x}", "x^2'", "{" * 60 + "x" + "}" * 60,
+)  # fmt: skip
 TAKEN = (
-    *(
-        "x",
-        "k_s",
-        r"\omega_n",
-        r"\dot\theta_1",
-        r"\mathrm{ab}",
-        r"x_{\mathrm{a\_b}}",
-        r"\frac{a}{b}",
-    ),
-    *(
-        r"d^2",
-        "x'",
-        r"x_\mathrm{max}",
-        r"\Delta\,p",
-        r"\sqrt{k_s/j_1}",
-        r"\left(x\right)^{2}",
-        r"\%",
-    ),
-)
+    "x", "k_s", r"\omega_n", r"\dot\theta_1", r"\mathrm{ab}", r"x_{\mathrm{a\_b}}", r"\frac{a}{b}",
+    r"d^2", "x'", r"x_\mathrm{max}", r"\Delta\,p", r"\sqrt{k_s/j_1}", r"\left(x\right)^{2}", r"\%",
+)  # fmt: skip
 
 
 def named(latex: str, unit: str = "") -> Symbol:

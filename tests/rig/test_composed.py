@@ -32,7 +32,7 @@ I_M = 0.2
 MORE = {
     "c_s": 0.013, "j_2": 7.3e-3, "r_s": 0.21, "c_1": 4.1e-3, "t_cm": 0.07, "t_sm": 0.11, "w_sm": 1.9,
     "t_c1": 0.31, "t_s1": 0.52, "w_s1": 0.43, "v_d": 0.83, "eta": 0.87,
-    "d_m": 3e-3, "d_1": 0.02,
+    "d_m": 0.013, "d_1": 0.19,
 }  # fmt: skip
 START = {"theta_1": 0.7, "theta_2": -0.4, "w_1": 1.3, "w_2": -2.1, "i": 0.6}
 PUSHES = ("v", "t_1", "friction_m", "friction_1", "drop")
@@ -182,12 +182,17 @@ def test_its_frictions_have_the_laws_of_what_is_named() -> None:
     assert [one.holds for one in every.values()] == ["theta_2", "theta_1", None]
     p, seen = parameters(tuple(OFFERS)), {"theta_1": 0.9, "theta_2": 0.2}
     lost = (1 / 0.87 - 1) * I_M * p["k_s"] * 0.7
-    rubs = 0.07 + 0.04 * math.exp(-((0.3 / I_M / 1.9) ** 2)) + 3e-3 * (0.3 / I_M) ** 2
-    assert every["friction_m"].law.size(p, 0.3, seen) == pytest.approx(rubs + lost, rel=1e-12)
+    drag = 0.013 * (0.3 / I_M) ** 2
+    rubs = 0.07 + 0.04 * math.exp(-((0.3 / I_M / 1.9) ** 2))
+    assert every["friction_m"].law.size(p, 0.3, seen) == pytest.approx(
+        rubs + lost + drag, rel=1e-12
+    )
     back = {"theta_1": 0.2, "theta_2": 0.9}
-    assert every["friction_m"].law.size(p, 0.3, back) == pytest.approx(rubs + lost, rel=1e-12)
-    stuck = 0.31 + 0.21 * math.exp(-((0.3 / 0.43) ** 2)) + 0.02 * 0.3**2
-    assert every["friction_1"].law.size(p, 0.3, {}) == pytest.approx(stuck, rel=1e-12)
+    assert every["friction_m"].law.size(p, 0.3, back) == pytest.approx(
+        rubs + lost + drag, rel=1e-12
+    )
+    slips = 0.19 * 0.3**2 + 0.31 + 0.21 * math.exp(-((0.3 / 0.43) ** 2))
+    assert every["friction_1"].law.size(p, 0.3, {}) == pytest.approx(slips, rel=1e-12)
     assert every["drop"].law.size(p, 0.3, {}) == 0.83
     (one,) = MotorShaft(I_M, added=("t_cm", "t_sm", "w_sm")).frictions
     plain = 0.07 + 0.04 * math.exp(-0.3 / I_M / 1.9)

@@ -6,13 +6,14 @@ import dataclasses
 
 import numpy as np
 import pytest
+from oracles import NOMINAL
 from rigs import experiment
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from bayesdrill.record.experiment import Experiment
-from bayesdrill.rig.models.linear import missing_requirements, with_named
-from bayesdrill.rig.models.motor_shaft import Motor
+from bayesdrill.rig.models.linear import dynamics, missing_requirements, with_named
+from bayesdrill.rig.models.motor_shaft import Motor, MotorShaft
 from bayesdrill.rig.simulators import simulator
 from bayesdrill.rig.simulators.sensors import ObservationModel
 
@@ -73,6 +74,25 @@ def test_a_voltage_drives_it_through_its_circuit() -> None:
     exact = np.array([(expm(a * t) @ start)[:3] for t in T])
     found = simulator(rig, driven(rig, v=9.0), ObservationModel()).signals(theta)[0]
     assert found == pytest.approx(exact, rel=1e-9, abs=1e-9)
+
+
+def test_it_is_the_papers_rig_without_shaft_and_rotor() -> None:
+    rig = with_named(Motor(1 / 8), {*NOMINAL} - {"k_s", "j_1"})
+    whole, alone = MotorShaft().linear(NOMINAL | {"k_s": 1e-300}), rig.linear(NOMINAL)
+    kept = [MotorShaft.states.index(name) for name in rig.states]
+    assert dynamics(alone, rig.states, 1)[0] == pytest.approx(
+        dynamics(whole, MotorShaft.states, 1)[0][np.ix_(kept, kept)]
+    )
+    assert alone.c == whole.c
+    assert dict(alone.B) == {key: x for key, x in whole.B.items() if key == ("i", "v")}
+
+
+def test_with_shaft_and_rotor_it_is_the_papers_rig() -> None:
+    """Mutants killed: a shaft at the wrong side of the gear; a rotor without the twist."""
+    rig, plain = with_named(Motor(1 / 8), NOMINAL), MotorShaft()
+    at = [rig.states.index(name) for name in plain.states]
+    found = dynamics(rig.linear(NOMINAL), rig.states, 1)[0][np.ix_(at, at)]
+    assert found == pytest.approx(dynamics(plain.linear(NOMINAL), plain.states, 1)[0], rel=1e-12)
 
 
 def test_dry_friction_lets_it_stand_until_the_torque_is_larger() -> None:

@@ -20,7 +20,7 @@ from rigs import STATES, experiment, vector
 from rubbing_cases import CASES as RUBBING
 from scipy.special import log_ndtr
 from stepping import experiment_of, model_of, parameters
-from together import for_each
+from together import for_each, together
 
 from bayesdrill.record.experiment import Channel, Experiment
 from bayesdrill.rig.kernels.lanes import LANES
@@ -277,8 +277,8 @@ def made(name: str) -> Case:
     return MAKE[name]()
 
 
-EVERY_CASE = {name: (name,) for name in MAKE}
-LINEAR = {name: (name,) for name in MAKE if not name.startswith("rubs")}
+EVERY_CASE = [*MAKE]
+LINEAR = [name for name in MAKE if not name.startswith("rubs")]
 
 
 def far(found: np.ndarray, true: np.ndarray) -> float:
@@ -291,98 +291,86 @@ def test_an_experiment_has_the_simplest_simulator_that_it_allows() -> None:
         case = made(name)
         assert type(simulator(case.model, case.record, case.sensing)) is case.kind
 
-    for_each(EVERY_CASE, check)
+    for_each({name: (name,) for name in EVERY_CASE}, check)
     few, late = chain(5), chain(6)
     assert type(simulator(few.model, few.record, PERFECT)) is Response
     delayed = simulator(late.model, late.record, ObservationModel(delay="t_0"))
     assert type(delayed) is IrregularSimulator
 
 
-def test_signals_are_those_of_the_oracle() -> None:
+@together("name", LINEAR)
+def test_signals_are_those_of_the_oracle(name: str) -> None:
     """Mutants killed: see `mutants.toml`; a lag of the wrong sign, an offset that a gain multiplies."""
-
-    def check(name: str) -> None:
-        case = made(name)
-        for row in (0, 1, 2, 10):
-            true = ExactMotion(case.model, case.record, case.full[row], case.sensing).signals()
-            assert far(case.signals[row], true) < 1e-10, row
-
-    for_each(LINEAR, check)
+    case = made(name)
+    for row in (0, 1, 2, 10):
+        true = ExactMotion(case.model, case.record, case.full[row], case.sensing).signals()
+        assert far(case.signals[row], true) < 1e-10, row
 
 
-def test_records_of_few_samples_have_the_signals_of_the_oracle() -> None:
+@together("name", LINEAR)
+def test_records_of_few_samples_have_the_signals_of_the_oracle(name: str) -> None:
     """Mutant killed: a last step that is taken though it leads nowhere."""
-
-    def check(name: str) -> None:
-        case = made(name)
-        record = case.record
-        for n in (2, 3, 8, 65) if record.uniform else (1, 2, 3):
-            series = {key: u[:n] for key, u in record.series.items()}
-            cut = replace(record, t=record.t[:n], y=record.y[:n], series=series)
-            true = ExactMotion(case.model, cut, case.full[0], case.sensing).signals()
-            assert far(case.of(cut).signals(case.full[:1])[0], true) < 1e-10, n
-
-    for_each(LINEAR, check)
+    case = made(name)
+    record = case.record
+    for n in (2, 3, 8, 65) if record.uniform else (1, 2, 3):
+        series = {key: u[:n] for key, u in record.series.items()}
+        cut = replace(record, t=record.t[:n], y=record.y[:n], series=series)
+        true = ExactMotion(case.model, cut, case.full[0], case.sensing).signals()
+        assert far(case.of(cut).signals(case.full[:1])[0], true) < 1e-10, n
 
 
-def test_slopes_are_differences_of_the_oracle() -> None:
+@together("name", LINEAR)
+def test_slopes_are_differences_of_the_oracle(name: str) -> None:
     """In 80-bit numbers, differences have nine digits.
 
     Mutants killed: a lag's slope before the start, a steady start without the angle that is held.
     """
-
-    def check(name: str) -> None:
-        case, rng, h = made(name), np.random.default_rng(8), 1e-6
-        full = case.full[[0, 1]]
-        along = full[:, None] * rng.normal(size=(2, 2, full.shape[1]))
-        signals, slopes = case.simulator.course(full, along)
-        assert signals == pytest.approx(case.signals[[0, 1]], rel=1e-9, abs=1e-9)
-        for w, q in ((0, 0), (1, 1)):
-            ends = [
-                ExactMotion(
-                    case.model, case.record, full[w] + sign * np.longdouble(h) * along[w, q],
-                    case.sensing,
-                ).signals()
-                for sign in (1, -1)
-            ]  # fmt: skip
-            assert far(slopes[w, q], (ends[0] - ends[1]) / (2 * np.longdouble(h))) < 1e-7
-
-    for_each(LINEAR, check)
+    case, rng, h = made(name), np.random.default_rng(8), 1e-6
+    full = case.full[[0, 1]]
+    along = full[:, None] * rng.normal(size=(2, 2, full.shape[1]))
+    signals, slopes = case.simulator.course(full, along)
+    assert signals == pytest.approx(case.signals[[0, 1]], rel=1e-9, abs=1e-9)
+    for w, q in ((0, 0), (1, 1)):
+        ends = [
+            ExactMotion(
+                case.model, case.record, full[w] + sign * np.longdouble(h) * along[w, q],
+                case.sensing,
+            ).signals()
+            for sign in (1, -1)
+        ]  # fmt: skip
+        assert far(slopes[w, q], (ends[0] - ends[1]) / (2 * np.longdouble(h))) < 1e-7
 
 
-def test_tallies_are_those_of_the_samples() -> None:
+@together("name", EVERY_CASE)
+def test_tallies_are_those_of_the_samples(name: str) -> None:
     """Mutants killed: neighbours across a gap that count as none, the first sample taken for the last, a
     channel's weight exchanged, a power of two lost, walkers whose lanes see other samples.
     """
-
-    def check(name: str) -> None:
-        rig, full, shown = made(name).simulator, made(name).full, made(name).signals
-        y, seen = rig.experiment.y, rig.experiment.seen
-        left = y - shown
-        squares = np.where(seen, left**2, 0.0).sum(axis=1)
-        assert rig.squares(full) == pytest.approx(squares, rel=1e-9)
-        if not made(name).tallied:
-            return
-        found = rig.neighbours(full)
-        weights = np.exp(np.random.default_rng(1).normal(0, 3, (len(full), y.shape[1])))
-        logs = np.log1p(weights[:, None] * np.where(seen, left, 0.0) ** 2).sum(axis=1)
-        assert rig.logs(full, weights) == pytest.approx(logs, rel=1e-9)
-        over = np.exp(np.random.default_rng(2).uniform(-1, 4, (len(full), y.shape[1])))
-        half = np.exp(np.random.default_rng(3).uniform(np.log(0.2), 3, over.shape))
-        middle, widths = np.where(seen, np.abs(left), 0.0) * over[:, None], half[:, None]
-        near, beyond = log_ndtr(widths - middle), log_ndtr(-widths - middle)
-        masses = np.where(seen, near + np.log(-np.expm1(beyond - near)), 0.0).sum(axis=1)
-        assert rig.intervals(full, over, half) == pytest.approx(masses, rel=1e-8, abs=1e-6)
-        for k in range(y.shape[1]):
-            own = left[:, seen[:, k], k]
-            size = np.abs(own).max()
-            assert found[:, k, 0] == pytest.approx(squares[:, k], rel=1e-9)
-            steps = (np.diff(own, axis=1) ** 2).sum(axis=1)
-            assert found[:, k, 1] == pytest.approx(steps, abs=1e-9 * squares[:, k].max())
-            ends = (own[:, [0, -1]] ** 2).sum(axis=1)
-            assert found[:, k, 2] == pytest.approx(ends, abs=1e-8 * size**2)
-
-    for_each(EVERY_CASE, check)
+    rig, full, shown = made(name).simulator, made(name).full, made(name).signals
+    y, seen = rig.experiment.y, rig.experiment.seen
+    left = y - shown
+    squares = np.where(seen, left**2, 0.0).sum(axis=1)
+    assert rig.squares(full) == pytest.approx(squares, rel=1e-9)
+    if not made(name).tallied:
+        return
+    found = rig.neighbours(full)
+    weights = np.exp(np.random.default_rng(1).normal(0, 3, (len(full), y.shape[1])))
+    logs = np.log1p(weights[:, None] * np.where(seen, left, 0.0) ** 2).sum(axis=1)
+    assert rig.logs(full, weights) == pytest.approx(logs, rel=1e-9)
+    over = np.exp(np.random.default_rng(2).uniform(-1, 4, (len(full), y.shape[1])))
+    half = np.exp(np.random.default_rng(3).uniform(np.log(0.2), 3, over.shape))
+    middle, widths = np.where(seen, np.abs(left), 0.0) * over[:, None], half[:, None]
+    near, beyond = log_ndtr(widths - middle), log_ndtr(-widths - middle)
+    masses = np.where(seen, near + np.log(-np.expm1(beyond - near)), 0.0).sum(axis=1)
+    assert rig.intervals(full, over, half) == pytest.approx(masses, rel=1e-8, abs=1e-6)
+    for k in range(y.shape[1]):
+        own = left[:, seen[:, k], k]
+        size = np.abs(own).max()
+        assert found[:, k, 0] == pytest.approx(squares[:, k], rel=1e-9)
+        steps = (np.diff(own, axis=1) ** 2).sum(axis=1)
+        assert found[:, k, 1] == pytest.approx(steps, abs=1e-9 * squares[:, k].max())
+        ends = (own[:, [0, -1]] ** 2).sum(axis=1)
+        assert found[:, k, 2] == pytest.approx(ends, abs=1e-8 * size**2)
 
 
 def test_logs_of_what_is_far_off_neither_overflow_nor_lose_digits() -> None:
@@ -396,61 +384,55 @@ def test_logs_of_what_is_far_off_neither_overflow_nor_lose_digits() -> None:
     assert np.isnan(lost.logs(case.full, weights)).all()
 
 
-def test_normal_equations_are_sums_of_slopes() -> None:
+@together("name", EVERY_CASE)
+def test_normal_equations_are_sums_of_slopes(name: str) -> None:
     """Without what was not seen."""
-
-    def check(name: str) -> None:
-        case = made(name)
-        rig, full, y, seen = case.simulator, case.full[:2], case.record.y, case.record.seen
-        rng = np.random.default_rng(5)
-        along = rng.normal(size=(2, 4, full.shape[1])) * full[:, None, :]
-        scales = np.exp(rng.normal(size=(2, y.shape[1])))
-        squares, slopes, products = rig.normal(full, along, scales[..., None] ** 2)
-        left = np.where(seen, y - case.signals[:2], 0) * scales[:, None]
-        shown = np.where(seen, rig.sensitivities(full, along), 0) * scales[:, None, None]
-        assert squares == pytest.approx((left**2).sum(axis=1))
-        size = np.abs(shown).max() * np.abs(left).max()
-        expected = np.einsum("wqtk,wtk->wq", shown, left)
-        assert slopes == pytest.approx(expected, rel=1e-6, abs=1e-9 * size)
-        assert products == pytest.approx(np.einsum("wqtk,wptk->wqp", shown, shown))
-
-    for_each(EVERY_CASE, check)
+    case = made(name)
+    rig, full, y, seen = case.simulator, case.full[:2], case.record.y, case.record.seen
+    rng = np.random.default_rng(5)
+    along = rng.normal(size=(2, 4, full.shape[1])) * full[:, None, :]
+    scales = np.exp(rng.normal(size=(2, y.shape[1])))
+    squares, slopes, products = rig.normal(full, along, scales[..., None] ** 2)
+    left = np.where(seen, y - case.signals[:2], 0) * scales[:, None]
+    shown = np.where(seen, rig.sensitivities(full, along), 0) * scales[:, None, None]
+    assert squares == pytest.approx((left**2).sum(axis=1))
+    size = np.abs(shown).max() * np.abs(left).max()
+    expected = np.einsum("wqtk,wtk->wq", shown, left)
+    assert slopes == pytest.approx(expected, rel=1e-6, abs=1e-9 * size)
+    assert products == pytest.approx(np.einsum("wqtk,wptk->wqp", shown, shown))
 
 
-def test_a_walker_depends_on_no_other_and_pickles_answer_alike() -> None:
+@together("name", EVERY_CASE)
+def test_a_walker_depends_on_no_other_and_pickles_answer_alike(name: str) -> None:
     """Bits, whatever lanes have in common; and numbers that overflow are NaN in their own row alone.
 
     Mutant killed: the degree of a series that the lanes share.
     """
-
-    def check(name: str) -> None:
-        case = made(name)
-        rig, full, before = case.simulator, case.full, case.full.copy()
-        sums = rig.squares(full)
-        alone = [rig.squares(full[w : w + 1])[0] for w in range(W)]
-        assert np.array_equal(alone, sums)
-        assert np.array_equal(rig.signals(full[3:4])[0], case.signals[3])
-        sick, wild, weights = full.copy(), full.copy(), np.ones_like(sums)
-        sick[4, : len(case.model.parameters)] = np.nan
-        wild[4, 0] = 1e-300  # an inertia
-        if not isinstance(case.model, Toy):
-            assert not np.isfinite(rig.squares(wild)[4]).all()
-        healthy = np.delete(np.arange(W), 4)
-        assert np.array_equal(rig.squares(wild)[healthy], sums[healthy])
-        tallies = [(rig.squares(sick), sums)]
-        if case.tallied:
-            tallies += [
-                (rig.neighbours(sick)[..., 0], rig.neighbours(full)[..., 0]),
-                (rig.logs(sick, weights), rig.logs(full, weights)),
-                (rig.intervals(sick, weights, weights), rig.intervals(full, weights, weights)),
-            ]
-        for found, true in tallies:
-            assert np.array_equal(found[healthy], true[healthy])
-            assert np.isnan(found[4]).all()
-        assert np.array_equal(pickle.loads(pickle.dumps(rig)).squares(full), sums)
-        assert np.array_equal(full, before)
-
-    for_each(EVERY_CASE, check)
+    case = made(name)
+    rig, full, before = case.simulator, case.full, case.full.copy()
+    sums = rig.squares(full)
+    alone = [rig.squares(full[w : w + 1])[0] for w in range(W)]
+    assert np.array_equal(alone, sums)
+    assert np.array_equal(rig.signals(full[3:4])[0], case.signals[3])
+    sick, wild, weights = full.copy(), full.copy(), np.ones_like(sums)
+    sick[4, : len(case.model.parameters)] = np.nan
+    wild[4, 0] = 1e-300  # an inertia
+    if not isinstance(case.model, Toy):
+        assert not np.isfinite(rig.squares(wild)[4]).all()
+    healthy = np.delete(np.arange(W), 4)
+    assert np.array_equal(rig.squares(wild)[healthy], sums[healthy])
+    tallies = [(rig.squares(sick), sums)]
+    if case.tallied:
+        tallies += [
+            (rig.neighbours(sick)[..., 0], rig.neighbours(full)[..., 0]),
+            (rig.logs(sick, weights), rig.logs(full, weights)),
+            (rig.intervals(sick, weights, weights), rig.intervals(full, weights, weights)),
+        ]
+    for found, true in tallies:
+        assert np.array_equal(found[healthy], true[healthy])
+        assert np.isnan(found[4]).all()
+    assert np.array_equal(pickle.loads(pickle.dumps(rig)).squares(full), sums)
+    assert np.array_equal(full, before)
 
 
 def test_lanes_of_other_sizes_do_not_meet() -> None:

@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-import pytest
 import scipy.special
 import scipy.stats
 from oracles import NOMINAL
@@ -161,32 +160,3 @@ def test_an_offset_of_a_sensor_alone_is_a_normal_density_of_the_record() -> None
     covariance = SIGMA**2 * np.eye(len(T)) + OFFSET_SD**2
     exact = scipy.stats.multivariate_normal(signal(), covariance).logpdf(measured())
     assert abs(run.evidence.log_z - exact) < SURE * run.evidence.error < 0.05
-
-
-@pytest.mark.slow
-def test_three_unknowns_on_a_grid() -> None:
-    """A parameter in a box, an offset, an unknown noise: by the trapezoid rule.
-
-    Mutant killed: the Jacobian of a log forgotten.
-    """
-    sigma = {"prior": "log_uniform", "low": 0.01, "high": 1.0}
-    run = case({"k_e": BOX}, offset=True, sigma=sigma).sample()
-    assert run.evidence is not None
-    names = [name for name in run.draws if name.startswith("sigma")]
-    around = {
-        name: np.linspace(x.mean() - 7 * x.std(), x.mean() + 7 * x.std(), 61)
-        for name, x in run.draws.items()
-    }
-    k_e, level = around["k_e"], around[names[0]]
-    (b,) = (around[name] for name in around if name not in ("k_e", names[0]))
-    each = np.array([signal(k_e=value) for value in k_e])
-    log_p = scipy.stats.norm.logpdf(
-        measured() - each[:, None, None, :] - b[:, None, None], scale=level[:, None]
-    ).sum(axis=-1)
-    log_p += scipy.stats.norm.logpdf(b, scale=OFFSET_SD)[:, None]
-    log_p -= np.log(level * math.log(100.0)) + math.log(0.7 * NOMINAL["k_e"])
-    top = log_p.max()
-    whole = np.exp(log_p - top)
-    for x in (level, b, k_e):
-        whole = np.trapezoid(whole, x, axis=-1)
-    assert abs(run.evidence.log_z - top - math.log(float(whole))) < SURE * run.evidence.error < 0.05
