@@ -113,9 +113,9 @@ class ExactMotion:
         out = [self.start()]
         for j in range(len(self.t) - 1):
             step = self.t[j + 1] - self.t[j]
-            out.append(
-                self.on(out[j], j, np.round(float(step), 12) if self.record.uniform else step)
-            )
+            if self.record.uniform:  # as it was meant, whatever the times were rounded to
+                step = LONG(float(f"{float(step):.12g}"))
+            out.append(self.on(out[j], j, step))
         return np.array(out)
 
     def signals(self) -> np.ndarray:

@@ -105,6 +105,11 @@ class Case:
     tallied: bool = False
     stepping: tuple[int, ...] = ()
 
+    @property
+    def close(self) -> float:
+        """The largest relative error; chains have long sums."""
+        return 1e-10 if self.kind is ChainResponse else 1e-11
+
     @functools.cached_property
     def simulator(self) -> Simulator:
         return self.of(self.record)
@@ -137,6 +142,7 @@ def shaft(
     *,
     gaps: bool = False,
     lead: float = 0.0,
+    moving: bool = True,
     tallied: bool = False,
     **own: Any,
 ) -> Case:
@@ -145,7 +151,7 @@ def shaft(
     t = times(at)
     inputs = {"v": VOLTAGE, "t_1": 0.1 * rng.standard_normal(N)}
     constant = {"v": 5.5, "t_1": 0.03}
-    start = {"theta_2": -0.1} if sensing.steady else START
+    start = {"theta_2": -0.1} if sensing.steady else START if moving else {}
     measures = MEASURES | ({"alpha": {"theta_1": 1.0}} if sensing.steady else {})
     record = experiment(
         N, STEP, constant={n: u for n, u in constant.items() if n not in series}, measures=measures,
@@ -242,6 +248,9 @@ MAKE: dict[str, Callable[[], Case]] = {
         IrregularSimulator, "left out", sensing=EVERY, first_order=True
     ),
     "even, constant, all sensors": lambda: shaft(IrregularSimulator, series=(), sensing=EVERY),
+    "a step given late": lambda: shaft(
+        IrregularSimulator, series=(), sensing=ObservationModel(delay="delay"), moving=False
+    ),
     "steady start": lambda: shaft(IrregularSimulator, sensing=STEADY),
     "steady start, unknown angle": lambda: shaft(
         IrregularSimulator, sensing=replace(STEADY, states={"theta_1": "theta_1_0"})
@@ -304,7 +313,7 @@ def test_signals_are_those_of_the_oracle(name: str) -> None:
     case = made(name)
     for row in (0, 1, 2, 10):
         true = ExactMotion(case.model, case.record, case.full[row], case.sensing).signals()
-        assert far(case.signals[row], true) < 1e-10, row
+        assert far(case.signals[row], true) < case.close, row
 
 
 @together("name", LINEAR)
@@ -316,7 +325,7 @@ def test_records_of_few_samples_have_the_signals_of_the_oracle(name: str) -> Non
         series = {key: u[:n] for key, u in record.series.items()}
         cut = replace(record, t=record.t[:n], y=record.y[:n], series=series)
         true = ExactMotion(case.model, cut, case.full[0], case.sensing).signals()
-        assert far(case.of(cut).signals(case.full[:1])[0], true) < 1e-10, n
+        assert far(case.of(cut).signals(case.full[:1])[0], true) < case.close, n
 
 
 @together("name", LINEAR)
