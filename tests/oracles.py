@@ -90,18 +90,3 @@ def by_radau(p: dict[str, float], t: np.ndarray, x0: np.ndarray, inputs) -> np.n
         )
         out.append(solved.y[:, -1])
     return np.array(out)
-
-
-def by_trapezoid(
-    p: dict[str, float], duration: float, steps: int, x0: np.ndarray, v: float
-) -> np.ndarray:
-    """The state (5,) at `duration` by the trapezoidal rule, the family of the paper's ode23t."""
-    a, b_v, _, c = matrices(p)
-    h = duration / steps
-    left, right = np.eye(5) - 0.5 * h * a, np.eye(5) + 0.5 * h * a
-    step = np.linalg.solve(left, right)
-    push = np.linalg.solve(left, h * (b_v * v + c))
-    x = x0
-    for _ in range(steps):
-        x = step @ x + push
-    return x
