@@ -69,7 +69,6 @@ def noisy(
 @cache
 def sampled(name: str) -> bd.Run:
     case = {
-        "a motor": lambda: motor(2.6),
         "a motor of wide priors": lambda: motor(12.0),
         "a motor of white noise": lambda: motor(2.6, rho=0.0),
         "a motor with a table": lambda: motor(2.6, nominal={"j_m": 0.02, "c_m": 0.05}),
@@ -78,7 +77,7 @@ def sampled(name: str) -> bd.Run:
     return case.sample(seed=1)
 
 
-DOUBTED = {"a motor": ("c_m",), "a motor with a table": ("c_m",), "a train": ("c_load",)}
+DOUBTED = {"a motor with a table": ("c_m",), "a train": ("c_load",)}
 
 
 @together("name", DOUBTED)
