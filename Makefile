@@ -14,7 +14,7 @@ DOCS := .venv-docs/bin
 DOCS_READY := .venv-docs/.ready
 SITE := build/docs
 
-.PHONY: help posterior paper docs test test-slow check format bench bench-growth zoo modes causes real baseline mutants attack pages results schema dist clean
+.PHONY: help posterior paper docs test test-slow check format bench bench-growth zoo modes rates causes real baseline mutants attack pages results schema dist clean
 
 help:
 	@echo "make posterior [CONFIG=configs/mine.yaml] [ARGS=--resume|--force]"
@@ -30,6 +30,7 @@ help:
 	@echo "make bench-growth  how time and memory grow; part of make bench"
 	@echo "make zoo         run records of many kinds and judge each (half an hour); ARGS=--list names them"
 	@echo "make modes       run records of several modes, whose masses a grid knows (minutes); ARGS=--list names them"
+	@echo "make rates       how often intervals hold the truth, over hundreds of records (minutes)"
 	@echo "make causes      map 150 records with one lack each: is it named first? (half an hour)"
 	@echo "make real        run the benches of others whose data are there (minutes); ARGS=--fetch gets them"
 	@echo "make baseline    compare all results with those that are stored (4 minutes); ARGS=--write stores them"
@@ -87,6 +88,9 @@ zoo: $(READY)
 
 modes: $(READY)
 	@$(BIN)/python -m benchmarks.modes $(ARGS)
+
+rates: $(READY)
+	@$(BIN)/python -m benchmarks.rates
 
 causes: $(READY)
 	@$(BIN)/python -m benchmarks.causes $(ARGS)

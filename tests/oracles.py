@@ -65,16 +65,6 @@ def by_expm(p: dict[str, float], t: np.ndarray, x0: np.ndarray, v: float, t_1: f
     return np.array([(scipy.linalg.expm(augmented * s) @ start)[:5] for s in t])
 
 
-def without_inductance(p: dict[str, float], t: np.ndarray, x0: np.ndarray, v: float) -> np.ndarray:
-    """States (T, 4), all but the current, which is at rest at once: l_m = 0."""
-    a, b_v, _, c = matrices(p | {"l_m": 1.0})
-    augmented = np.zeros((5, 5))
-    augmented[:4, :4] = a[:4, :4] - np.outer(a[:4, 4], a[4, :4]) / a[4, 4]
-    augmented[:4, 4] = c[:4] - a[:4, 4] * (b_v[4] * v + c[4]) / a[4, 4]
-    start = np.append(x0, 1.0)
-    return np.array([(scipy.linalg.expm(augmented * s) @ start)[:4] for s in t])
-
-
 def by_radau(p: dict[str, float], t: np.ndarray, x0: np.ndarray, inputs) -> np.ndarray:
     """States (T, 5) by SciPy's Radau at rtol 1e-10, restarted at each sample.
 
@@ -100,64 +90,3 @@ def by_radau(p: dict[str, float], t: np.ndarray, x0: np.ndarray, inputs) -> np.n
         )
         out.append(solved.y[:, -1])
     return np.array(out)
-
-
-def by_trapezoid(
-    p: dict[str, float], duration: float, steps: int, x0: np.ndarray, v: float
-) -> np.ndarray:
-    """The state (5,) at `duration` by the trapezoidal rule, the family of the paper's ode23t."""
-    a, b_v, _, c = matrices(p)
-    h = duration / steps
-    left, right = np.eye(5) - 0.5 * h * a, np.eye(5) + 0.5 * h * a
-    step = np.linalg.solve(left, right)
-    push = np.linalg.solve(left, h * (b_v * v + c))
-    x = x0
-    for _ in range(steps):
-        x = step @ x + push
-    return x
-
-
-def power_balance(p: dict[str, float], x: np.ndarray, v: float, i_m: float = 1 / 8) -> np.ndarray:
-    """d(stored energy)/dt minus the powers, along states (T, 5): zero for the right equations.
-
-    Stored: j_1 w_1^2/2 + j_m w_3^2/2 + k_s (theta_1 - theta_2)^2/2 + l_m i^2/2, w_3 = w_2/i_m.
-    Powers: v i - r_m i^2 - c_m w_3^2 - t_f w_3 + (k_T - k_e) i w_3.
-    """
-    a, b_v, _, c = matrices(p)
-    rate = x @ a.T + b_v * v + c
-    twist = x[:, 0] - x[:, 1]
-    w3 = x[:, 3] / i_m
-    stored = (
-        p["j_1"] * x[:, 2] * rate[:, 2]
-        + p["j_m"] * w3 * rate[:, 3] / i_m
-        + p["k_s"] * twist * (rate[:, 0] - rate[:, 1])
-        + p["l_m"] * x[:, 4] * rate[:, 4]
-    )
-    current = x[:, 4]
-    powers = (
-        v * current
-        - p["r_m"] * current**2
-        - p["c_m"] * w3**2
-        - p["t_f"] * w3
-        + (p["k_T"] - p["k_e"]) * current * w3
-    )
-    return stored - powers
-
-
-def long_states(
-    p: dict[str, float], dt: float, v: np.ndarray, x0: np.ndarray, t_1: float = 0.0
-) -> np.ndarray:
-    """States (T, 5) in 80-bit numbers: `v (T,)` is held from sample to sample, one step at a time."""
-    long = np.longdouble
-    a, b_v, b_t, c = matrices(p)
-    m = np.zeros((7, 7), dtype=long)
-    m[:5, :5], m[:5, 5], m[:5, 6] = a, b_v, b_t * long(t_1) + c
-    scaled = m * long(dt) / long(1 << 30)
-    power = scaled + scaled @ scaled / 2 + scaled @ scaled @ scaled / 6
-    for _ in range(30):  # exp(2 x) - 1 = 2 (exp(x) - 1) + (exp(x) - 1)^2
-        power = 2 * power + power @ power
-    states, x = np.empty((len(v), 5), dtype=long), x0.astype(long)
-    for k, held in enumerate(v):
-        states[k] = x
-        x = x + power[:5, :5] @ x + power[:5, 5] * long(held) + power[:5, 6]
-    return states

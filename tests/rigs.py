@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from itertools import islice
 from typing import Any
@@ -127,10 +127,31 @@ def posterior(
     )
 
 
+def posterior_of(
+    simulator: Simulator,
+    sigma: Iterable[float],
+    priors: Mapping[str, Prior],
+    values: Mapping[str, float],
+) -> Posterior:
+    """Of white noise of known `sigma`; parameters without a prior are held at their `values`."""
+    record, names = simulator.experiment, simulator.parameters
+    noisy = [
+        NoisyChannel(channel=channel, sigma=float(sd), start=float(sd))
+        for channel, sd in zip(record.channels, sigma, strict=True)
+    ]
+    space = ParameterSpace(
+        model=names,
+        unknowns=tuple(replace(unknown(n, p), start=values[n]) for n, p in priors.items()),
+        fixed={name: float(values[name]) for name in names if name not in priors},
+    )
+    likelihood = likelihood_of(space, (simulator, White.from_channels(noisy, len(record.t))))
+    return Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates)
+
+
 def unknown(name: str, prior: Prior, transform: Transform | None = None) -> Unknown:
     """A parameter of the rig, or else a quantity."""
     if name in PARAMETERS:
-        symbol, start = PARAMETERS[name], NOMINAL[name]
+        symbol, start = PARAMETERS[name], NOMINAL.get(name, 1.0)
         return Unknown(symbol=symbol, role="rig", prior=prior, start=start, transform=transform)
     begin = float(prior.quantile(np.array([0.5]))[0])
     symbol = own_symbol(name, "1", None, name)

@@ -57,7 +57,6 @@ def puzzles() -> tuple[Puzzle, ...]:
             series={"v": p.repeated_bits(np.arange(400) * 0.02, 5.0, 0.04, 31, 11)},
             read={"record.channels.i.mask": {"times": [[0.0, 5.3]]}},
             cells=(1024,),
-            quick=True,
         ),
         Puzzle(
             name="fifty_periods",

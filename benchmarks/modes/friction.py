@@ -63,7 +63,6 @@ def puzzles() -> tuple[Puzzle, ...]:
             t=t,
             series={"w_2": p.sine(t, 2.0, 1.3)},
             cells=(4096,),
-            quick=True,
             own_seed=1,
         ),
         Puzzle(

@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 from scipy.signal import lfilter
-from together import for_each
+from together import together
 
 from bayesdrill.analysis.calibration import (
     FALSE_ALARM,
@@ -49,42 +49,22 @@ def verdict(table: np.ndarray, n_draws: int = L, **how: int) -> CalibrationVerdi
 # --- bands ---------------------------------------------------------------------------------------
 
 
-def test_the_chance_to_leave_a_band_is_that_of_all_possible_ranks() -> None:
+@together("false_alarm", [0.02, 0.2, 0.5])
+def test_the_chance_to_leave_a_band_is_that_of_all_possible_ranks(false_alarm: float) -> None:
     """Every set of five ranks among four draws, counted. Kills any wrong term of the recursion."""
-
-    def check(false_alarm: float) -> None:
-        n, n_draws = 5, 4
-        band = ecdf_band(n, n_draws, false_alarm)
-        every = itertools.product(range(n_draws + 1), repeat=n)
-        out = np.mean([not band.holds(np.array(ranks)) for ranks in every])
-        assert band.false_alarm == pytest.approx(out, abs=1e-12)
-        assert out <= false_alarm
-
-    for_each({str(false_alarm): (false_alarm,) for false_alarm in [0.02, 0.2, 0.5]}, check)
+    n, n_draws = 5, 4
+    band = ecdf_band(n, n_draws, false_alarm)
+    every = itertools.product(range(n_draws + 1), repeat=n)
+    out = np.mean([not band.holds(np.array(ranks)) for ranks in every])
+    assert band.false_alarm == pytest.approx(out, abs=1e-12)
+    assert out <= false_alarm
 
 
-def test_bands_use_nearly_all_of_the_chance_they_are_given() -> None:
+@together("false_alarm", [0.05, 0.001])
+def test_bands_use_nearly_all_of_the_chance_they_are_given(false_alarm: float) -> None:
     """Kills a band that is valid because it is too wide."""
-
-    def check(false_alarm: float) -> None:
-        for n, n_draws in ((100, 49), (N, L), (1000, L)):
-            assert (
-                0.95 * false_alarm < ecdf_band(n, n_draws, false_alarm).false_alarm <= false_alarm
-            )
-
-    for_each({str(false_alarm): (false_alarm,) for false_alarm in [0.05, 0.001]}, check)
-
-
-def test_uniform_ranks_leave_the_band_as_often_as_it_says() -> None:
-    """20000 studies; kills a recursion that is right for small numbers only."""
-    rng = np.random.default_rng(3)
-    band = ecdf_band(N, L, 0.05)
-    ranks = rng.integers(0, L + 1, (20_000, N))
-    counts = (ranks[:, :, None] <= np.arange(0, L, 7)).sum(axis=1)  # some of the shares: rarer
-    seldom = np.mean(np.any((counts < band.low[::7]) | (counts > band.high[::7]), axis=1))
-    out = np.mean([not band.holds(row) for row in ranks])
-    assert abs(out - band.false_alarm) < 4 * np.sqrt(0.05 * 0.95 / 20_000)
-    assert seldom < out
+    for n, n_draws in ((100, 49), (N, L), (1000, L)):
+        assert 0.95 * false_alarm < ecdf_band(n, n_draws, false_alarm).false_alarm <= false_alarm
 
 
 def test_a_band_of_counts_is_the_binomials() -> None:
@@ -150,23 +130,22 @@ def test_exact_posteriors_are_calibrated() -> None:
     assert "calibrated: over 200 refits" in words.verdict(found)
 
 
-def test_wrong_posteriors_are_not() -> None:
-    """sqrt 2 is the 1/2 of the misfit forgotten. Kills a band too wide to see it."""
-    cases = [
+@together(
+    "wrong, shape",
+    [
         ({"narrow": 1 / np.sqrt(2)}, "posterior too narrow"),
         ({"narrow": 1.5}, "posterior too wide"),
         ({"shift": 0.5}, "posterior too high"),
         ({"shift": -0.5}, "posterior too low"),
-    ]
-
-    def check(wrong: dict[str, float], shape: str) -> None:
-        found = verdict(conjugate(**wrong))
-        assert not found.calibrated
-        assert shape in {quantity.shape for quantity in found.quantities[:2]}
-        assert found.faults[0].startswith("ranks of ")
-        assert shape in words.verdict(found)
-
-    for_each({str(case): case for case in cases}, check)
+    ],
+)
+def test_wrong_posteriors_are_not(wrong: dict[str, float], shape: str) -> None:
+    """sqrt 2 is the 1/2 of the misfit forgotten. Kills a band too wide to see it."""
+    found = verdict(conjugate(**wrong))
+    assert not found.calibrated
+    assert shape in {quantity.shape for quantity in found.quantities[:2]}
+    assert found.faults[0].startswith("ranks of ")
+    assert shape in words.verdict(found)
 
 
 def test_a_posterior_that_ignores_the_record_is_seen_by_its_log_likelihood() -> None:

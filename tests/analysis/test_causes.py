@@ -17,10 +17,12 @@ from together import for_each
 import bayesdrill as bd
 from bayesdrill.analysis.causes import Cause, Causes
 from bayesdrill.analysis.refits import refit_candidate
+from bayesdrill.basics.progress import SILENT
 from bayesdrill.report.sections import causes_words
 from bayesdrill.rig.models.roles import usual_roles
+from bayesdrill.sampling.workers import WorkerPool
 from bayesdrill.tasks import run_entries
-from bayesdrill.tasks.ranking import WINDOWS
+from bayesdrill.tasks.ranking import WINDOWS, Ranking
 
 CONFIG = """\
 name: rig
@@ -196,14 +198,20 @@ def test_a_rig_that_changes_shows_from_window_to_window(tmp_path: Path) -> None:
 
     Mutants killed: windows that all are the first; an sd of all windows for that of each.
     """
-    found = causes_of(bd.load(rig(tmp_path, {}, supply_drifts_to=1.4)))
-    assert found is not None
-    k_e = [value for window in found.windows for value in window if value.name == "k_e"]
+    case = bd.load(rig(tmp_path, {}, supply_drifts_to=1.4))
+    mode = case.find_map(quick=True).mode
+    job = case.job.with_steps_at(mode)
+    given = refit_candidate(job.problem.posterior, mode.values, -np.inf)
+    assert given is not None
+    with WorkerPool(job.problem.posterior, 1) as pool:
+        windows = Ranking(job, mode.values, given, pool.submit_function, SILENT)._windows()
+    k_e = [value for window in windows for value in window if value.name == "k_e"]
     values = [value.value for value in k_e]
     assert len(values) == WINDOWS
     assert values == sorted(values)  # as much voltage for less speed
     expected = NOMINAL["k_e"] * (1.0 + 0.4 * (np.arange(WINDOWS) + 0.5) / WINDOWS)
     np.testing.assert_allclose(values, expected, rtol=0.05)
+    found = Causes(given=given.fit, ranked=(), windows=windows)
     assert "k_e from " in causes_words.wandering(found)
 
 
@@ -384,32 +392,3 @@ def test_a_maximum_at_the_end_of_a_prior_is_said_to_be(tmp_path: Path) -> None:
         top = refit_candidate(posterior, posterior.space.start, -np.inf)
         assert top is not None
         assert ("k_s" in top.at_ends) == at_end
-
-
-@pytest.mark.slow
-def test_the_evidence_is_that_of_sampling(tmp_path: Path) -> None:
-    """Of a rig with five unknowns, and of one that rubs and says so; a natural log is enough to choose
-    by.  Where it does not say so, the maximum is at ends of priors, and the refit says that.
-    """
-
-    def check(lacks: Mapping[str, Any], lines: str, trusted: bool) -> None:
-        case = amended(rig(tmp_path, lacks), lines)
-        run = case.sample(seed=3)
-        evidence = run.sampled.evidence
-        assert evidence is not None
-        top = refit_candidate(run.job.problem.posterior, run.mode.values, -np.inf)
-        assert top is not None
-        if trusted:
-            assert top.log_z == pytest.approx(evidence.log_z, abs=1.0)
-        else:
-            assert len(top.at_ends) > 1
-
-    cheap = "sampler: {walkers: 32, ess: 400, n_tau: 20, r_hat: 1.02}"
-    rubs = "parameters: {t_c1: {prior: uniform, low: 0, high: 1}}"
-    friction = {"added": {"t_c1": 0.25}}
-    cases = {
-        "right": ({}, cheap, True),
-        "rubs": (friction, f"{cheap}\n{rubs}", True),
-        "wrong": (friction, cheap, False),
-    }
-    for_each(cases, check)

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 from comparisons import model, problem
-from together import for_each
+from together import together
 
 from bayesdrill.analysis import comparison
 from bayesdrill.analysis.comparison import RunSummary, Word, decide, probabilities
@@ -40,17 +40,14 @@ CASES: dict[str, tuple[list[RunSummary], Word, str]] = {
 }  # fmt: skip
 
 
-def test_the_word_is_that_of_the_odds() -> None:
+@together("models, word, best", CASES.values(), CASES)
+def test_the_word_is_that_of_the_odds(models: list[RunSummary], word: Word, best: str) -> None:
     """Mutants killed: the best against the first alone; no standard error."""
-
-    def check(models: list[RunSummary], word: Word, best: str) -> None:
-        found = decide(models)
-        assert (found.word, models[found.best].name) == (word, best)
-        said = next(iter(comparison_words.comparison_verdict(models)))
-        shown = {"both": "MODEL AND NOISE", "either": "MODEL OR NOISE"}.get(word, word.upper())
-        assert said.startswith(f"verdict: {shown}")
-
-    for_each(CASES, check)
+    found = decide(models)
+    assert (found.word, models[found.best].name) == (word, best)
+    said = next(iter(comparison_words.comparison_verdict(models)))
+    shown = {"both": "MODEL AND NOISE", "either": "MODEL OR NOISE"}.get(word, word.upper())
+    assert said.startswith(f"verdict: {shown}")
 
 
 def test_odds_are_those_of_the_evidence() -> None:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import itertools
 from pathlib import Path
 
 import numpy as np
 import pytest
-import scipy.linalg
 from oracles import NOMINAL, by_expm, matrices, skewed
-from together import for_each
+from together import together
 
 from bayesdrill.config import job
 from bayesdrill.inference import derived
@@ -25,50 +23,14 @@ def poles(p: dict[str, float]) -> dict[str, float]:
     return {name: float(x[0]) for name, x in found.items()}
 
 
-def test_a_long_simulation_ends_at_the_steady_speed_and_current() -> None:
+@together("p", [NOMINAL, skewed()])
+def test_a_long_simulation_ends_at_the_steady_speed_and_current(p: dict[str, float]) -> None:
     """Under a load too. Mutant killed: the load left out of the steady state."""
-
-    def check(p: dict[str, float]) -> None:
-        late = by_expm(p, np.array([200.0, 201.0]), np.zeros(5), 8.0, 0.3)
-        found = derived.steady_values(RIG, RIG.linear(p), 1, {"v": 8.0, "t_1": 0.3})
-        assert found["w_end"][0] == pytest.approx(late[-1, 3], rel=1e-7)
-        assert found["w_end"][0] == pytest.approx(late[1, 0] - late[0, 0], rel=1e-7)
-        assert found["i_end"][0] == pytest.approx(late[-1, 4], rel=1e-7)
-
-    for_each({str(p): (p,) for p in [NOMINAL, skewed()]}, check)
-
-
-def test_frequency_and_damping_are_those_that_the_response_shows() -> None:
-    """From the crossings and the decay of the rotor's speed, once the fast poles are gone."""
-
-    def check(p: dict[str, float]) -> None:
-        t = np.arange(2.0, 30.0, 0.001)
-        end = float(derived.steady_values(RIG, RIG.linear(p), 1, {"v": 8.0})["w_end"][0])
-        step = by_expm(p, t[:1], np.zeros(5), 8.0, 0.0)[0]
-        swing = _rotor(p, step, t) - end
-        down = np.flatnonzero((swing[:-1] > 0) & (swing[1:] <= 0))
-        at = t[down] + 0.001 * swing[down] / (swing[down] - swing[down + 1])
-        damped = 2 * np.pi / np.mean(np.diff(at))
-        peaks = [swing[i:j].max() for i, j in itertools.pairwise(down)]
-        rate = -np.mean(np.diff(np.log(peaks))) * damped / (2 * np.pi)
-        found = poles(p)
-        assert found["omega_n"] == pytest.approx(np.hypot(damped, rate), rel=1e-4)
-        assert found["zeta"] == pytest.approx(rate / np.hypot(damped, rate), rel=1e-2)
-
-    for_each({str(p): (p,) for p in [NOMINAL, skewed()]}, check)
-
-
-def _rotor(p: dict[str, float], x0: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """Its speed, by SciPy's exponential of one step."""
-    a, b_v, _, c = matrices(p)
-    big = np.zeros((6, 6))
-    big[:5, :5], big[:5, 5] = a, b_v * 8.0 + c
-    one = scipy.linalg.expm(big * (t[1] - t[0]))
-    x, out = np.append(x0, 1.0), []
-    for _ in t:
-        out.append(x[2])
-        x = one @ x
-    return np.array(out)
+    late = by_expm(p, np.array([200.0, 201.0]), np.zeros(5), 8.0, 0.3)
+    found = derived.steady_values(RIG, RIG.linear(p), 1, {"v": 8.0, "t_1": 0.3})
+    assert found["w_end"][0] == pytest.approx(late[-1, 3], rel=1e-7)
+    assert found["w_end"][0] == pytest.approx(late[1, 0] - late[0, 0], rel=1e-7)
+    assert found["i_end"][0] == pytest.approx(late[-1, 4], rel=1e-7)
 
 
 def test_time_constants_are_those_of_a_motor_with_its_shaft_cut() -> None:
@@ -147,30 +109,27 @@ def test_a_corner_of_chosen_quantities() -> None:
     assert [symbol.name for symbol in every.symbols] == list(space.free)
 
 
-def test_the_name_of_a_product_says_its_powers() -> None:
-    cases = [
+@together(
+    "powers, name",
+    [
         ({"k_s": 1, "j_1": -1}, "k_s_over_j_1"),
         ({"r_m": 1, "t_f": 2, "k_s": -1}, "r_m_t_f_squared_over_k_s"),
         ({"k_e": -2, "k_T": -1}, "one_over_k_e_squared_k_T"),
         ({"k_e": 3, "k_T": -4}, "k_e_cubed_over_k_T_to_4"),
-    ]
-
-    def check(powers: dict[str, int], name: str) -> None:
-        problem = job.prepare(ROOT / "configs" / "nominal_step.yaml").problem
-        draws = problem.posterior.space.draw(10, np.random.default_rng(1))[None]
-        exponents = [powers.get(unknown, 0) for unknown in problem.names]
-        found = derived.with_products(
-            derived.derive(problem, draws), problem, draws, [exponents, exponents]
-        )
-        first, second = (symbol.name for symbol in found.symbols[-2:])
-        assert first == name
-        assert second == f"{name}_"  # a name that is taken is not taken twice
-        values = np.prod(
-            [draws[0, :, problem.names.index(n)] ** e for n, e in powers.items()], axis=0
-        )
-        np.testing.assert_allclose(found.values[0, :, -1], values)
-        assert found.nominal[name] == pytest.approx(
-            np.prod([NOMINAL[n] ** e for n, e in powers.items()])
-        )
-
-    for_each({str(case): case for case in cases}, check)
+    ],
+)
+def test_the_name_of_a_product_says_its_powers(powers: dict[str, int], name: str) -> None:
+    problem = job.prepare(ROOT / "configs" / "nominal_step.yaml").problem
+    draws = problem.posterior.space.draw(10, np.random.default_rng(1))[None]
+    exponents = [powers.get(unknown, 0) for unknown in problem.names]
+    found = derived.with_products(
+        derived.derive(problem, draws), problem, draws, [exponents, exponents]
+    )
+    first, second = (symbol.name for symbol in found.symbols[-2:])
+    assert first == name
+    assert second == f"{name}_"  # a name that is taken is not taken twice
+    values = np.prod([draws[0, :, problem.names.index(n)] ** e for n, e in powers.items()], axis=0)
+    np.testing.assert_allclose(found.values[0, :, -1], values)
+    assert found.nominal[name] == pytest.approx(
+        np.prod([NOMINAL[n] ** e for n, e in powers.items()])
+    )

@@ -10,7 +10,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from together import for_each
+from together import together
 
 from bayesdrill.analysis.latent_torque import TorqueEstimate, regress_torque
 from bayesdrill.analysis.run_analysis import torque_summary
@@ -54,16 +54,14 @@ MADE = {
 }
 
 
-def test_each_law_is_found_with_its_size() -> None:
-    def check(kind: str) -> None:
-        torque, at, of, size = MADE[kind]
-        found = regress_torque(shaking(torque, at))
-        assert [(one.kind, one.of) for one in found if one.taken] == [(kind, of)]
-        assert found[0].size == pytest.approx(size, rel=0.02)
-        assert found[0].share == pytest.approx(1.0, abs=1e-6)
-        assert all(one.share < 0.99 for one in found[1:])
-
-    for_each({str(kind): (kind,) for kind in MADE}, check)
+@together("kind", MADE)
+def test_each_law_is_found_with_its_size(kind: str) -> None:
+    torque, at, of, size = MADE[kind]
+    found = regress_torque(shaking(torque, at))
+    assert [(one.kind, one.of) for one in found if one.taken] == [(kind, of)]
+    assert found[0].size == pytest.approx(size, rel=0.02)
+    assert found[0].share == pytest.approx(1.0, abs=1e-6)
+    assert all(one.share < 0.99 for one in found[1:])
 
 
 def test_two_laws_are_found_one_after_the_other() -> None:

@@ -7,16 +7,13 @@ import dataclasses
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from oracles import NOMINAL, ORDER, matrices
-from rigs import experiment, likelihood_of, posterior, unknown
+from oracles import NOMINAL, matrices
+from rigs import experiment, posterior, posterior_of
 from together import together
 
 from bayesdrill.analysis.prediction import MAX_RELATIVE_SD, FrequencyResponse, frequency_responses
-from bayesdrill.inference.noise.contract import NoisyChannel
-from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Uniform
-from bayesdrill.inference.unknowns import ParameterSpace
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators import simulator
 from bayesdrill.rig.simulators.sensors import ObservationModel
@@ -36,16 +33,8 @@ def target(series: dict[str, Array], *, first_order: bool) -> Posterior:
     record = experiment(
         N, DT, series=series, constant={}, measures=MEASURES, first_order=first_order
     )
-    noisy = [NoisyChannel(channel=c, sigma=0.1, start=1.0) for c in record.channels]
-    names = (*ORDER, *SENSORS)
-    space = ParameterSpace(
-        model=names,
-        unknowns=(unknown("k_s", Uniform(0.1, 1.0)),),
-        fixed={name: ({**NOMINAL, **SENSORS})[name] for name in names if name != "k_s"},
-    )
-    pair = (simulator(MotorShaft(), record, SENSING), White.from_channels(noisy, N))
-    likelihood = likelihood_of(space, pair)
-    return Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates)
+    rig = simulator(MotorShaft(), record, SENSING)
+    return posterior_of(rig, (0.1, 0.1), {"k_s": Uniform(0.1, 1.0)}, NOMINAL | SENSORS)
 
 
 @together("first_order", [False, True])

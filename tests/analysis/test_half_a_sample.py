@@ -7,19 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from oracles import NOMINAL
-from rigs import experiment, likelihood_of, replace_only, unknown, vector
-from together import for_each
+from rigs import experiment, posterior_of, replace_only, vector
+from together import together
 
 import bayesdrill as bd
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.suspicions import half_sample_shift
 from bayesdrill.inference.laplace import LogDensity
-from bayesdrill.inference.noise.contract import NoisyChannel
-from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.posterior import Likelihood, Posterior
 from bayesdrill.inference.priors import Uniform
 from bayesdrill.inference.residual_checks import like_noise
-from bayesdrill.inference.unknowns import ParameterSpace
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators import simulator
@@ -49,22 +46,10 @@ def seen() -> Experiment:
 
 def believed(record: Experiment) -> Posterior:
     """As if the inputs were in time."""
-    unknowns = tuple(
-        unknown(name, Uniform(0.3 * NOMINAL[name], 3 * NOMINAL[name])) for name in FREE
-    )
-    fixed = dict(zip(MotorShaft.parameters, TRUTH.tolist(), strict=True))
-    noisy = [
-        NoisyChannel(channel=c, sigma=float(s), start=float(s))
-        for c, s in zip(record.channels, SIGMA, strict=True)
-    ]
-    space = ParameterSpace(
-        model=MotorShaft.parameters,
-        unknowns=unknowns,
-        fixed={name: value for name, value in fixed.items() if name not in FREE},
-    )
+    priors = {name: Uniform(0.3 * NOMINAL[name], 3 * NOMINAL[name]) for name in FREE}
+    values = dict(zip(MotorShaft.parameters, TRUTH.tolist(), strict=True))
     rig = simulator(MotorShaft(), record, ObservationModel())
-    likelihood = likelihood_of(space, (rig, White.from_channels(noisy, N)))
-    return Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates)
+    return posterior_of(rig, SIGMA, priors, values)
 
 
 def best(posterior: Posterior) -> np.ndarray:
@@ -95,22 +80,15 @@ def test_half_a_sample_moves_what_a_late_step_moves() -> None:
         assert shift == pytest.approx(true, rel=0.5, abs=0.3), name
 
 
-def test_half_a_sample_is_one_of_the_input() -> None:
+@together("own, seconds", [({}, 0.5 * DT), ({"v": 7 * DT}, 3.5 * DT)], ["of the record", "slower"])
+def test_half_a_sample_is_one_of_the_input(own: dict[str, float], seconds: float) -> None:
     """Of channels one sample of four is left; mutant killed: half of one of theirs."""
-    cases = {
-        "of the record": ({}, 0.5 * DT),
-        "slower": ({"v": 7 * DT}, 3.5 * DT),
-    }
-
-    def check(own: dict[str, float], seconds: float) -> None:
-        record = seen()
-        fewer = np.where(np.arange(N)[:, None] % 4 == 0, record.y, np.nan)
-        posterior = believed(replace(record, y=fewer, input_steps=own))
-        found = half_sample_shift(SensitivityStudy(posterior.likelihood), best(posterior))
-        assert found is not None
-        assert found.seconds == pytest.approx(seconds)
-
-    for_each(cases, check)
+    record = seen()
+    fewer = np.where(np.arange(N)[:, None] % 4 == 0, record.y, np.nan)
+    posterior = believed(replace(record, y=fewer, input_steps=own))
+    found = half_sample_shift(SensitivityStudy(posterior.likelihood), best(posterior))
+    assert found is not None
+    assert found.seconds == pytest.approx(seconds)
 
 
 def test_a_moment_that_is_unknown_is_no_matter_of_doubt() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from oracles import NOMINAL, ORDER
 from rigs import measured, posterior, replace_only, vector
-from together import for_each
+from together import together
 
 from bayesdrill.analysis.identifiability import information, structure
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
@@ -19,7 +19,6 @@ from bayesdrill.analysis.identifiability.structure import (
     sparse_basis,
 )
 from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy, study_of
-from bayesdrill.basics.duals import Dual
 from bayesdrill.basics.symbols import PARAMETERS
 from bayesdrill.config.schema.config import Asked
 from bayesdrill.inference.priors import Uniform
@@ -72,20 +71,19 @@ def test_the_symmetries_in_words(bundled: IdentifiabilityStudy) -> None:
     assert "k_T, r_m and l_m can all be multiplied by the same factor" in text
 
 
-def test_what_is_held_breaks_symmetries() -> None:
-    cases = [
+@together(
+    "held, left",
+    [
         (("j_1",), 1),
         (("r_m",), 1),
         (("j_1", "r_m"), 0),
         (("k_e",), 2),
         (("j_m", "k_T", "r_m", "l_m", "k_s", "j_1", "t_f"), 0),
-    ]
-
-    def check(held: tuple[str, ...], left: int) -> None:
-        found = studied(free=without(*held)).structure
-        assert (len(found.symmetries), found.unexplained) == (left, 0)
-
-    for_each({str(case): case for case in cases}, check)
+    ],
+)
+def test_what_is_held_breaks_symmetries(held: tuple[str, ...], left: int) -> None:
+    found = studied(free=without(*held)).structure
+    assert (len(found.symmetries), found.unexplained) == (left, 0)
 
 
 def test_measuring_the_current_leaves_one() -> None:
@@ -235,17 +233,6 @@ def test_a_point_that_was_left_is_forgotten() -> None:
     assert not np.array_equal(scenery.with_nuisances(near), scenery.with_nuisances(far))
 
 
-def test_dual_numbers_follow_the_rules_of_derivatives() -> None:
-    x, h = 1.7, 1e-6
-
-    def f(v):
-        return (2.0 * v**3 - 1.0 / v + 5.0) / (v * v + 1.0) - (3.0 - v) / 2.0
-
-    found = f(Dual(x, 1.0))
-    assert found.value == pytest.approx(f(x), rel=1e-15)
-    assert found.slope == pytest.approx((f(x + h) - f(x - h)) / (2 * h), rel=1e-8)
-
-
 def test_bounds_of_products_by_algebra() -> None:
     root = information.root_of(
         np.diag([10.0, 2.0, 0.0]) @ np.array([[1, -1, 0], [0, 1, 0], [0, 0, 1]])
@@ -288,11 +275,6 @@ def test_remedies_say_what_they_break(bundled: IdentifiabilityStudy) -> None:
         if "voltage" in what or "coast" in what or "k_e to" in what:
             assert (remedy.breaks, remedy.left) == ((), 2)
         assert remedy.shrink > 0.999  # nothing that is learnt makes anything less known
-
-
-def test_tangent_of_a_rig_keeps_its_rules() -> None:
-    rig = MotorShaft()
-    assert rig.linear({**NOMINAL}).A["i", "w_2"] == pytest.approx(-0.06016 / (0.125 * 1.1e-3))
 
 
 def test_profile_of_a_gaussian_problem_is_a_parabola() -> None:
@@ -347,13 +329,6 @@ def test_a_profile_through_the_priors_of_others_is_no_limit_of_the_record() -> N
     ).splitlines()
     assert open_one.endswith(f"one-sided: {words.THROUGH_OTHERS}")
     assert tied.endswith(f"bounded: {words.SHAPES['bounded']}")
-
-
-def test_current_and_a_weighed_rotor_leave_no_symmetry() -> None:
-    from rigs import experiment
-
-    record = experiment(101, 0.03, y=np.ones((101, 5)))
-    assert studied(record, np.full(5, 0.1), free=without("j_1")).structure.symmetries == ()
 
 
 def test_the_tie_of_an_ideal_motor_leaves_one() -> None:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from lacking import T, against_the_table, believed, best, record
-from together import for_each
-from torques import TORQUE, observed
+from together import for_each, together
 
 from bayesdrill.analysis.causes import EquivalentExplanation, equivalent_explanation
 from bayesdrill.analysis.edits import lacks, with_candidates
@@ -14,6 +13,7 @@ from bayesdrill.report.sections import causes_words, verdict_words
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.models.roles import usual_roles
 from bayesdrill.tasks import run_entries
+from benchmarks.rates.records import TORQUE, observed
 
 STEADY = np.full(len(T), 8.0)
 SIZES = {"t_c1": 0.25, "v_d": 0.8, "c_1": 0.02, "c_s": 5e-3, "t_cm": 0.05}
@@ -49,12 +49,10 @@ def test_a_table_is_right_with_what_is_missing(names: dict[str, tuple[bool, ...]
     )
 
 
-def test_a_table_that_is_wrong_is_not_excused() -> None:
-    def check(steady: bool) -> None:
-        posterior = believed(record({"k_e": 0.065}, STEADY if steady else None))
-        assert equivalent_explanation(against_the_table(posterior), best(posterior)) is None
-
-    for_each({str(steady): (steady,) for steady in [False, True]}, check)
+@together("steady", [False, True])
+def test_a_table_that_is_wrong_is_not_excused(steady: bool) -> None:
+    posterior = believed(record({"k_e": 0.065}, STEADY if steady else None))
+    assert equivalent_explanation(against_the_table(posterior), best(posterior)) is None
 
 
 def test_a_table_that_fits_needs_no_help_and_tolerances_count() -> None:

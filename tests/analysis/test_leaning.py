@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from together import for_each
+from together import together
 
 from bayesdrill.analysis.diagnostics import ParameterRow, Word, prior_dependence
 from bayesdrill.report import words as said_of
@@ -30,23 +30,24 @@ A, B, C = RNG.uniform(1.0, 3.0, (3, N))  # left to their priors
 NOISE = RNG.standard_normal(N)
 
 
-def test_what_others_left_to_their_priors_explain_leans_on_them() -> None:
-    """Mutants killed: correlation of values instead of ranks, one partner only, no partner at all."""
-    cases = [
+@together(
+    "draws, on",
+    [
         (2.0 - 0.3 * A + 0.01 * NOISE, ("a",)),
         (np.exp(-4 * A) * (1 + 0.01 * NOISE), ("a",)),  # along a bent ridge
         (A * B, ("a", "b")),
         (A + 2.0 * NOISE, None),
         (NOISE, None),
-    ]
-
-    def check(draws: np.ndarray, on: tuple[str, ...] | None) -> None:
-        words: tuple[Word, ...] = ("prior only", "determined", "prior only", "prior only")
-        rows = [row(name, word) for name, word in zip("axbc", words, strict=True)]
-        found = prior_dependence(rows, np.stack([A, draws, B, C], axis=1))
-        assert found == ({} if on is None else {"x": on})
-
-    for_each({str(case): case for case in cases}, check)
+    ],
+)
+def test_what_others_left_to_their_priors_explain_leans_on_them(
+    draws: np.ndarray, on: tuple[str, ...] | None
+) -> None:
+    """Mutants killed: correlation of values instead of ranks, one partner only, no partner at all."""
+    words: tuple[Word, ...] = ("prior only", "determined", "prior only", "prior only")
+    rows = [row(name, word) for name, word in zip("axbc", words, strict=True)]
+    found = prior_dependence(rows, np.stack([A, draws, B, C], axis=1))
+    assert found == ({} if on is None else {"x": on})
 
 
 def test_only_what_is_called_determined_can_lean_and_only_on_what_is_not_known() -> None:

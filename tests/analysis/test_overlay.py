@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pictures import posterior
-from together import for_each
+from together import together
 
 import bayesdrill as bd
 from bayesdrill.analysis.comparison import PosteriorSummary, differing, overlay_rows
@@ -39,19 +39,16 @@ def test_a_run_is_not_apart_from_itself() -> None:
     assert differing([layer("a", seed="1"), layer("b", seed="1")]) == {}
 
 
-def test_a_shift_of_the_draws_is_how_far_they_are_apart() -> None:
+@together("shift, stretch", [(2.0, 1.0), (-0.7, 1.0), (3.0, 4.0)])
+def test_a_shift_of_the_draws_is_how_far_they_are_apart(shift: float, stretch: float) -> None:
     """In sds of both: their root mean square."""
-
-    def check(shift: float, stretch: float) -> None:
-        for row in overlay_rows([layer("a"), layer("b", shift, stretch)]):
-            assert row.distance == pytest.approx(abs(shift) / np.sqrt((1 + stretch**2) / 2))
-            one, other = row.places
-            assert one is not None
-            assert other is not None
-            assert other.sd == pytest.approx(stretch * one.sd)
-            assert one.low < one.mean < one.high
-
-    for_each({str(case): case for case in [(2.0, 1.0), (-0.7, 1.0), (3.0, 4.0)]}, check)
+    for row in overlay_rows([layer("a"), layer("b", shift, stretch)]):
+        assert row.distance == pytest.approx(abs(shift) / np.sqrt((1 + stretch**2) / 2))
+        one, other = row.places
+        assert one is not None
+        assert other is not None
+        assert other.sd == pytest.approx(stretch * one.sd)
+        assert one.low < one.mean < one.high
 
 
 def test_of_several_runs_the_farthest_two_are_named() -> None:

@@ -12,7 +12,7 @@ import pytest
 import systems
 from oracles import NOMINAL, ORDER, by_expm, matrices
 from rigs import experiment, posterior
-from together import for_each
+from together import together
 
 import bayesdrill as bd
 from bayesdrill.analysis import plausibility
@@ -152,9 +152,9 @@ def measured(measures: str, i_m: float = 0.125, **priors: object) -> Problem:
 SPRING = {"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}
 
 
-def test_a_channel_of_another_gear_than_the_model_is_named() -> None:
-    """Mutants killed: the factor taken for its inverse; a channel of rotor 1 blamed."""
-    cases = [
+@together(
+    "measures, i_m, said",
+    [
         ("8 * w_2", 0.125, False),
         ("-8 * w_2", 0.125, False),
         ("8.05 * theta_2", 0.125, False),
@@ -164,16 +164,17 @@ def test_a_channel_of_another_gear_than_the_model_is_named() -> None:
         ("5 * w_2", 0.2, False),
         ("5 * w_2", 0.125, True),
         ("0.125 * theta_2", 0.125, True),
-    ]
-
-    def check(measures: str, i_m: float, said: bool) -> None:
-        found = list(plausibility.plausibility_of_gear(measured(measures, i_m)))
-        assert bool(found) is said
-        if said:
-            assert f"model.i_m: {i_m:g}" in found[0]
-            assert found[0].startswith("motor measures ")
-
-    for_each({str(case): case for case in cases}, check)
+    ],
+)
+def test_a_channel_of_another_gear_than_the_model_is_named(
+    measures: str, i_m: float, said: bool
+) -> None:
+    """Mutants killed: the factor taken for its inverse; a channel of rotor 1 blamed."""
+    found = list(plausibility.plausibility_of_gear(measured(measures, i_m)))
+    assert bool(found) is said
+    if said:
+        assert f"model.i_m: {i_m:g}" in found[0]
+        assert found[0].startswith("motor measures ")
 
 
 def test_a_nominal_value_that_a_prior_has_never_heard_of_is_named() -> None:
@@ -186,59 +187,30 @@ def test_a_nominal_value_that_a_prior_has_never_heard_of_is_named() -> None:
     assert list(plausibility.plausibility_of_priors(measured("w_2", j_1=near))) == []
 
 
-OWN = {
-    "a motor": ("motor", "theta_2", "t_m", "j_m: {prior}, c_m: 0.1", "j_m"),
-    "a motor with a circuit": (
-        "motor",
-        "theta_2",
-        "v",
-        "j_m: {prior}, c_m: 0.1, k_e: {prior}, k_T: 1.0, r_m: 1.0, l_m: 0.001",
-        "k_e",
-    ),
-    "a train": (
-        "train, inertias: [goal, arm], shafts: {{loop: [goal, arm]}}, drives: {{goal: speed}}",
-        "theta_arm",
-        "theta_goal",
-        "k_loop: 15, c_arm: {prior}, j_arm: {prior}",
-        "j_arm",
-    ),
-    "the paper's": (
-        "motor_shaft",
-        "theta_1",
-        "v",
-        "j_m: 0.01, c_m: 0.1, k_e: 0.5, k_T: 0.5, r_m: 1, l_m: 0.001, k_s: {prior}, j_1: 1, t_f: 0",
-        "k_s",
-    ),
-}
-
-
-def test_a_parameter_that_is_another_one_in_each_experiment_needs_no_table(tmp_path: Path) -> None:
-    """Mutant killed: its plain name, which no number has."""
-    units = {"t_m": "N*m", "v": "V", "theta_goal": "rad"}
+@together("parameters, own", [("c_m: 0.1", "j_m"), ("c_m: PRIOR", "c_m")])
+def test_a_parameter_that_is_another_one_in_each_experiment_needs_no_table(
+    parameters: str, own: str, tmp_path: Path
+) -> None:
+    """Of a motor alone, of which no table knows.  Mutant killed: its plain name, which no number has."""
     prior = "{prior: log_uniform, low: 0.005, high: 0.3}"
     t = np.arange(60) * 0.02
     for label, size in (("a", 1.0), ("b", 2.0)):
         rows = np.stack([t, 0.01 * size * t, size * np.sin(t)], axis=-1)
         np.savetxt(tmp_path / f"{label}.csv", rows, delimiter=",", header="t,theta,u", comments="")
-
-    def check(model: str, channel: str, drive: str, parameters: str, own: str) -> None:
-        model, parameters = model.format(), parameters.format(prior=prior)
-        (tmp_path / "own.yaml").write_text(
-            "name: own\nseed: 1\n"
-            "record: {time: {column: t, unit: s}, channels: "
-            f"{{{channel}: {{column: theta, unit: rad, sigma: 0.01}}}}}}\n"
-            f"inputs: {{{drive}: {{column: u, unit: {units[drive]}}}}}\n"
-            "experiments: {a: {record: {file: a.csv}}, b: {record: {file: b.csv}}}\n"
-            f"own: [{own}]\nmodel: {{name: {model}}}\nparameters: {{{parameters}}}\n"
-        )
-        ran = systems.cli("check", tmp_path / "own.yaml")
-        assert ran.status == 0, ran.text
-        assert f"{own}_a" in ran.out
-        assert f"{own}_b" in ran.out
-        findings = plausibility.plausibility_of_nominal(prepare(tmp_path / "own.yaml").problem)
-        assert len({*findings}) == len(findings)
-
-    for_each(OWN, check)
+    (tmp_path / "own.yaml").write_text(
+        "name: own\nseed: 1\nrecord: {time: {column: t, unit: s}, channels: "
+        "{theta_2: {column: theta, unit: rad, sigma: 0.01}}}\n"
+        "inputs: {t_m: {column: u, unit: N*m}}\n"
+        "experiments: {a: {record: {file: a.csv}}, b: {record: {file: b.csv}}}\n"
+        f"own: [{own}]\nmodel: {{name: motor}}\n"
+        f"parameters: {{j_m: {prior}, {parameters.replace('PRIOR', prior)}}}\n"
+    )
+    ran = systems.cli("check", tmp_path / "own.yaml")
+    assert ran.status == 0, ran.text
+    assert f"{own}_a" in ran.out
+    assert f"{own}_b" in ran.out
+    findings = plausibility.plausibility_of_nominal(prepare(tmp_path / "own.yaml").problem)
+    assert len({*findings}) == len(findings)
 
 
 def test_each_experiment_is_looked_at_with_its_own_numbers(tmp_path: Path) -> None:

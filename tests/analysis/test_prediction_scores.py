@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.stats
 from oracles import NOMINAL
-from together import for_each
+from together import together
 
 import bayesdrill as bd
 from bayesdrill.analysis.prediction import LooScore, has_memory, held_out, leave_one_out
@@ -103,18 +103,15 @@ def test_what_is_held_out_is_predicted_by_the_rest() -> None:
     assert run.draws[made.unknowns[0]].mean() == pytest.approx(mean, abs=0.2 * sd)
 
 
-def test_a_noise_that_remembers_is_found_out() -> None:
+@together("rho", [0.0, 0.6, None])
+def test_a_noise_that_remembers_is_found_out(rho: float | None) -> None:
     """Mutant killed: what is no white noise by its kind."""
-
-    def check(rho: float | None) -> None:
-        white = case().job.problem.posterior
-        assert not has_memory(white.likelihood.observations[0], np.zeros((1, 1)))
-        own = {"name": "ar1"} if rho is None else {"name": "ar1", "rho": rho}
-        red = case(noise=own).job.problem.posterior
-        theta = red.space.draw(2, np.random.default_rng(1))
-        assert has_memory(red.likelihood.observations[0], theta) == (rho != 0.0)
-
-    for_each({str(rho): (rho,) for rho in [0.0, 0.6, None]}, check)
+    white = case().job.problem.posterior
+    assert not has_memory(white.likelihood.observations[0], np.zeros((1, 1)))
+    own = {"name": "ar1"} if rho is None else {"name": "ar1", "rho": rho}
+    red = case(noise=own).job.problem.posterior
+    theta = red.space.draw(2, np.random.default_rng(1))
+    assert has_memory(red.likelihood.observations[0], theta) == (rho != 0.0)
 
 
 def test_a_missing_torque_predicts_what_is_held_out_and_remembers() -> None:

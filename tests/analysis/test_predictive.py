@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from rigs import likelihood_of
 from scipy.special import ndtr
-from together import for_each
+from together import together
 
 from bayesdrill.analysis.prediction import leave_one_out_check, prediction_checks
 from bayesdrill.basics.symbols import Symbol
@@ -79,23 +79,24 @@ def test_each_sample_is_predicted_without_itself() -> None:
     assert np.abs(with_itself - exact).max() > 0.03
 
 
-def test_a_wrong_prediction_leaves_the_band_and_is_named() -> None:
-    cases = [
+@together(
+    "believed, moved, says",
+    [
         (SIGMA, 0.0, ""),
         (0.7 * SIGMA, 0.0, "prediction too narrow"),
         (1.4 * SIGMA, 0.0, "prediction too wide"),
         (SIGMA, 0.1, "measured lies above"),
         (SIGMA, -0.1, "measured lies below"),
-    ]
-
-    def check(believed: float, moved: float, says: str) -> None:
-        y = record(1000)
-        theta = posterior(y, believed, 400) - moved
-        (found,) = prediction_checks(likelihood(y, believed), theta)
-        assert found.holds is (says == "")
-        assert found.says == says
-
-    for_each({str(case): case for case in cases}, check)
+    ],
+)
+def test_a_wrong_prediction_leaves_the_band_and_is_named(
+    believed: float, moved: float, says: str
+) -> None:
+    y = record(1000)
+    theta = posterior(y, believed, 400) - moved
+    (found,) = prediction_checks(likelihood(y, believed), theta)
+    assert found.holds is (says == "")
+    assert found.says == says
 
 
 def test_a_long_record_is_looked_at_from_end_to_end() -> None:

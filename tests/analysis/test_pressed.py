@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from together import for_each
+from together import together
 
 from bayesdrill.analysis.diagnostics import end_at_nominal, pressed_against
 from bayesdrill.inference.priors import (
@@ -21,36 +21,35 @@ EXPONENTIAL = -np.log(U)
 BOX = Uniform(0.5, 1.5)
 
 
-def test_draws_that_want_past_an_end_are_told() -> None:
+@together(
+    "prior, draws, end",
+    [
+        (BOX, 1.5 - 0.02 * EXPONENTIAL, 1.5),
+        (BOX, 0.5 + 1e-8 * EXPONENTIAL, 0.5),
+        (LogUniform(1e-3, 1.0), 1e-3 * (1.0 + 0.05 * EXPONENTIAL), 1e-3),
+        (TruncatedNormal(1.0, 0.3, 0.2, 2.0), 0.2 + 1e-3 * EXPONENTIAL, 0.2),
+        (HalfNormal(1.0), 1e-3 * EXPONENTIAL, 0.0),
+    ],
+    ["above", "below, closely", "log-uniform", "truncated", "zero"],
+)
+def test_draws_that_want_past_an_end_are_told(prior: Prior, draws: np.ndarray, end: float) -> None:
     """Mutant killed: nothing is ever pressed."""
-    cases = {
-        "above": (BOX, 1.5 - 0.02 * EXPONENTIAL, 1.5),
-        "below, closely": (BOX, 0.5 + 1e-8 * EXPONENTIAL, 0.5),
-        "log-uniform": (LogUniform(1e-3, 1.0), 1e-3 * (1.0 + 0.05 * EXPONENTIAL), 1e-3),
-        "truncated": (TruncatedNormal(1.0, 0.3, 0.2, 2.0), 0.2 + 1e-3 * EXPONENTIAL, 0.2),
-        "zero": (HalfNormal(1.0), 1e-3 * EXPONENTIAL, 0.0),
-    }
-
-    def check(prior: Prior, draws: np.ndarray, end: float) -> None:
-        assert pressed_against(draws, prior) == end
-
-    for_each(cases, check)
+    assert pressed_against(draws, prior) == end
 
 
-def test_a_parameter_known_only_through_its_prior_is_not_reported() -> None:
-    """Mutant killed: draws of the prior itself, dense at an end or not, are taken for a crowd."""
-    cases = [
+@together(
+    "prior",
+    [
         BOX,
         LogUniform(1e-3, 1.0),
         TruncatedNormal(1.0, 0.3, 0.2, 1.05),
         HalfNormal(1.0),
         LogNormal(1.0, 2.0),
-    ]
-
-    def check(prior: Prior) -> None:
-        assert pressed_against(prior.quantile(U), prior) is None
-
-    for_each({str(prior): (prior,) for prior in cases}, check)
+    ],
+)
+def test_a_parameter_known_only_through_its_prior_is_not_reported(prior: Prior) -> None:
+    """Mutant killed: draws of the prior itself, dense at an end or not, are taken for a crowd."""
+    assert pressed_against(prior.quantile(U), prior) is None
 
 
 def test_the_corners_of_a_box_of_priors_are_no_pull() -> None:
@@ -59,14 +58,11 @@ def test_the_corners_of_a_box_of_priors_are_no_pull() -> None:
     assert pressed_against(scale, Uniform(0.0, 1.0)) is None
 
 
-def test_a_peak_near_an_end_that_does_not_touch_it_is_not_reported() -> None:
+@together("sd", [1e-4, 5e-3])
+def test_a_peak_near_an_end_that_does_not_touch_it_is_not_reported(sd: float) -> None:
     """Mutant killed: near is taken for pressed."""
-
-    def check(sd: float) -> None:
-        near = 1.5 - 3.0 * sd + sd * np.sqrt(2.0) * np.cos(np.pi * U)
-        assert pressed_against(near, BOX) is None
-
-    for_each({str(sd): (sd,) for sd in [1e-4, 5e-3]}, check)
+    near = 1.5 - 3.0 * sd + sd * np.sqrt(2.0) * np.cos(np.pi * U)
+    assert pressed_against(near, BOX) is None
 
 
 def bell(middle: float, sd: float, low: float = -np.inf, high: float = np.inf) -> np.ndarray:
@@ -74,25 +70,37 @@ def bell(middle: float, sd: float, low: float = -np.inf, high: float = np.inf) -
     return TruncatedNormal(middle, sd, low, high).quantile(U)
 
 
-def test_an_end_at_the_nominal_value_is_found_where_it_cuts_draws_off() -> None:
-    """Mutants killed: one end alone is looked at; an end is found wherever the nominal value is near."""
-    cases = {
-        "begins at nominal": (Uniform(1.0, 1.5), bell(1.0, 0.01, 1.0, 1.5), 1.0),
-        "ends at nominal": (LogUniform(0.5, 1.0), bell(1.0, 0.01, 0.5, 1.0), 1.0),
-        "begins beyond it": (TruncatedNormal(1.0, 0.3, 1.1, 3.0), bell(1.4, 0.01), 1.1),
-        "ends beyond it, far from the draws": (Uniform(0.2, 0.9), bell(0.5, 0.01), 0.9),
-        "begins a little before it": (Uniform(0.99, 1.5), bell(1.0, 0.01, 0.99), 0.99),
-        "begins a little before it, far from the draws": (
+@together(
+    "prior, draws, end",
+    [
+        (Uniform(1.0, 1.5), bell(1.0, 0.01, 1.0, 1.5), 1.0),
+        (LogUniform(0.5, 1.0), bell(1.0, 0.01, 0.5, 1.0), 1.0),
+        (TruncatedNormal(1.0, 0.3, 1.1, 3.0), bell(1.4, 0.01), 1.1),
+        (Uniform(0.2, 0.9), bell(0.5, 0.01), 0.9),
+        (Uniform(0.99, 1.5), bell(1.0, 0.01, 0.99), 0.99),
+        (
             Uniform(0.99, 1.5),
             bell(1.2, 0.01),
             None,
         ),
-        "nominal in the middle": (Uniform(0.5, 1.5), bell(1.0, 0.3, 0.5, 1.5), None),
-        "an end at zero": (Uniform(0.0, 40.0), bell(0.0, 1.0, 1e-9), None),
-        "no end at all": (LogNormal(1.0, 0.5), bell(1.0, 0.01), None),
-    }
-
-    def check(prior: Prior, draws: np.ndarray, end: float | None) -> None:
-        assert end_at_nominal(draws, prior, 1.0) == end
-
-    for_each(cases, check)
+        (Uniform(0.5, 1.5), bell(1.0, 0.3, 0.5, 1.5), None),
+        (Uniform(0.0, 40.0), bell(0.0, 1.0, 1e-9), None),
+        (LogNormal(1.0, 0.5), bell(1.0, 0.01), None),
+    ],
+    [
+        "begins at nominal",
+        "ends at nominal",
+        "begins beyond it",
+        "ends beyond it, far from the draws",
+        "begins a little before it",
+        "begins a little before it, far from the draws",
+        "nominal in the middle",
+        "an end at zero",
+        "no end at all",
+    ],
+)
+def test_an_end_at_the_nominal_value_is_found_where_it_cuts_draws_off(
+    prior: Prior, draws: np.ndarray, end: float | None
+) -> None:
+    """Mutants killed: one end alone is looked at; an end is found wherever the nominal value is near."""
+    assert end_at_nominal(draws, prior, 1.0) == end

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from oracles import NOMINAL, ORDER
-from rigs import experiment, likelihood_of, unknown, vector
+from rigs import experiment, posterior_of, unknown, vector
 
 from bayesdrill.analysis.comparison import RepeatedProduct, repeats
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
@@ -89,13 +89,6 @@ def test_a_shaft_that_was_changed_is_found_with_its_size() -> None:
 def test_one_experiment_has_none_to_compare() -> None:
     record = experiment(50, 0.01, measures=MEASURES)
     assert verdict_words.repeats_sentence((), FREE) == ""
-    space = ParameterSpace(
-        model=ORDER,
-        unknowns=(unknown("k_s", Uniform(0.1, 1)),),
-        fixed={name: NOMINAL[name] for name in ORDER if name != "k_s"},
-    )
-    noise = White.from_channels(
-        [NoisyChannel(channel=c, sigma=1.0, start=1.0) for c in record.channels], 50
-    )
-    alone = likelihood_of(space, (Response(MotorShaft(), record), noise))
+    rig = Response(MotorShaft(), record)
+    alone = posterior_of(rig, (1.0, 1.0), {"k_s": Uniform(0.1, 1)}, NOMINAL).likelihood
     assert repeats(SensitivityStudy(alone), np.array([0.26]), [(1,)]) == ()

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from oracles import ORDER
 from rigs import likelihood_of, measured, posterior
-from together import for_each
+from together import together
 from verdicts import TABLE, gaussian, verdict
 
 from bayesdrill.analysis.identifiability.information import (
@@ -57,17 +57,11 @@ def sets(found: tuple[DependsOnFixed, ...]) -> set[tuple[frozenset[str], frozens
     return {(frozenset(one.unknown), frozenset(one.through)) for one in found}
 
 
-def test_a_held_number_settles_its_scale() -> None:
+@together("sigma, name", [(sigma, name) for sigma in [SIGMA, None] for name in ["j_1", "r_m"]])
+def test_a_held_number_settles_its_scale(sigma: np.ndarray | None, name: str) -> None:
     """Of a noise that is known and of one that is not."""
-
-    def check(sigma: np.ndarray | None, name: str) -> None:
-        whole = MECHANICAL if name == "j_1" else ELECTRICAL
-        assert sets(found(name, sigma=sigma)) == {(whole - {name}, frozenset({name}))}
-
-    for_each(
-        {f"{sigma} {name}": (sigma, name) for sigma in [SIGMA, None] for name in ["j_1", "r_m"]},
-        check,
-    )
+    whole = MECHANICAL if name == "j_1" else ELECTRICAL
+    assert sets(found(name, sigma=sigma)) == {(whole - {name}, frozenset({name}))}
 
 
 def test_each_scale_rests_on_its_own() -> None:

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from oracles import NOMINAL
 from rigs import STATES, experiment, posterior, unknown, vector
-from together import for_each
+from together import together
 
 from bayesdrill.analysis.latent_torque import TorqueEstimate, torque_estimates
 from bayesdrill.analysis.run_analysis import torque_summary
@@ -74,19 +74,16 @@ def seen(at: TorqueLocation, seed: int, n: int = 200) -> tuple[TorqueEstimate, n
     return found, truth
 
 
-def test_the_torque_is_found_and_its_band_holds_it() -> None:
+@together("at", ["motor", "rotor_1"])
+def test_the_torque_is_found_and_its_band_holds_it(at: TorqueLocation) -> None:
     """Of 301 samples 94 % and no less than 85: they hang together."""
-
-    def check(at: TorqueLocation) -> None:
-        found, truth = seen(at, 4)
-        low, high = found.band
-        assert np.mean((truth >= low) & (truth <= high)) > 0.85
-        assert np.corrcoef(found.expected, truth)[0, 1] > 0.9
-        assert np.sqrt(np.mean((found.expected - truth) ** 2)) < 0.6 * SIZE
-        spread = np.sqrt(np.mean((found.draws - found.draws.mean(axis=0)) ** 2))
-        assert np.sqrt(np.mean((found.expected - truth) ** 2)) == pytest.approx(spread, rel=0.35)
-
-    for_each({at: (at,) for at in ["motor", "rotor_1"]}, check)
+    found, truth = seen(at, 4)
+    low, high = found.band
+    assert np.mean((truth >= low) & (truth <= high)) > 0.85
+    assert np.corrcoef(found.expected, truth)[0, 1] > 0.9
+    assert np.sqrt(np.mean((found.expected - truth) ** 2)) < 0.6 * SIZE
+    spread = np.sqrt(np.mean((found.draws - found.draws.mean(axis=0)) ** 2))
+    assert np.sqrt(np.mean((found.expected - truth) ** 2)) == pytest.approx(spread, rel=0.35)
 
 
 def test_draws_have_the_mean_that_is_expected_and_differ_as_unknowns_do() -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import systems
-from together import for_each
+from together import for_each, together
 
 import bayesdrill as bd
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
@@ -84,29 +84,26 @@ RESTING = {
 MOVING = {"a pendulum": (pendulum(1.5),), "a servo": (servo(0.5),), "a cart": (cart(0.7),)}
 
 
-def test_a_rig_that_rests_at_the_start_is_studied_where_it_moves() -> None:
+@together("case, channel, determined", RESTING.values(), RESTING)
+def test_a_rig_that_rests_at_the_start_is_studied_where_it_moves(
+    case: bd.Case, channel: str, determined: tuple[str, ...]
+) -> None:
     """Mutant killed: the start all the same, at which the record tells nothing of any parameter."""
-
-    def check(case: bd.Case, channel: str, determined: tuple[str, ...]) -> None:
-        findings = case.identify()
-        assert findings.point.still == (channel,)
-        assert findings.text.startswith("AT REST: at the start values the rig does not move")
-        assert f"in the record it does ({channel})" in findings.text
-        names = findings.study.names
-        words = dict(zip(names, (x.word for x in findings.study.parameters), strict=True))
-        assert {words[name] for name in determined} == {"determined"}
-        assert "the likeliest of 128 draws from the priors" in findings.text
-        for name, value in zip(case.unknowns, findings.point.theta.tolist(), strict=True):
-            assert f"{name} = {value:.4g}" in findings.text
-        said = case.preview()
-        assert (
-            said.index("AT REST") < said.index("timing: ")
-            if "timing: " in said
-            else "AT REST" in said
-        )
-        assert findings.point.theta == pytest.approx(case.identify().point.theta)  # by the seed
-
-    for_each(RESTING, check)
+    findings = case.identify()
+    assert findings.point.still == (channel,)
+    assert findings.text.startswith("AT REST: at the start values the rig does not move")
+    assert f"in the record it does ({channel})" in findings.text
+    names = findings.study.names
+    words = dict(zip(names, (x.word for x in findings.study.parameters), strict=True))
+    assert {words[name] for name in determined} == {"determined"}
+    assert "the likeliest of 128 draws from the priors" in findings.text
+    for name, value in zip(case.unknowns, findings.point.theta.tolist(), strict=True):
+        assert f"{name} = {value:.4g}" in findings.text
+    said = case.preview()
+    assert (
+        said.index("AT REST") < said.index("timing: ") if "timing: " in said else "AT REST" in said
+    )
+    assert findings.point.theta == pytest.approx(case.identify().point.theta)  # by the seed
 
 
 def test_a_rig_that_moves_is_studied_at_the_start() -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from together import for_each
+from together import together
 
 import bayesdrill as bd
 from bayesdrill.analysis import suspicions
@@ -57,12 +57,10 @@ def test_there_are_configs() -> None:
     assert len(CONFIGS) >= 6
 
 
-def test_nothing_is_suspected_of_the_records_of_the_house() -> None:
-    def check(path: Path) -> None:
-        job = bd.load(path).job
-        assert words.record_suspicions(job.problem) == ()
-
-    for_each({str(path.stem): (path,) for path in CONFIGS}, check)
+@together("path", CONFIGS)
+def test_nothing_is_suspected_of_the_records_of_the_house(path: Path) -> None:
+    job = bd.load(path).job
+    assert words.record_suspicions(job.problem) == ()
 
 
 # --- records of rigs of others ---------------------------------------------------------------------
@@ -112,8 +110,9 @@ SWING = np.sin(3.0 * T) * np.exp(-0.2 * T)
 SWING_SPEED = (3.0 * np.cos(3.0 * T) - 0.2 * np.sin(3.0 * T)) * np.exp(-0.2 * T)
 
 
-def test_sound_pairs_are_left_in_peace() -> None:
-    cases = [
+@together(
+    "angle, speed",
+    [
         (SWING, SWING_SPEED),
         (SWING + NOISE, SWING_SPEED + NOISE),
         (np.sin(T), np.cos(T)),  # the integral of each is the other, up to a sign
@@ -124,33 +123,34 @@ def test_sound_pairs_are_left_in_peace() -> None:
         (np.round(SWING, 1), SWING_SPEED + NOISE),
         (np.minimum(SWING, 0.0) + 1e-9 * T, SWING_SPEED),
         (40.0 * T**2, 80.0 * T),
-    ]
-
-    def check(angle: np.ndarray, speed: np.ndarray) -> None:
-        assert kinds(experiment(T, theta_1=angle, w_1=speed)) == []
-
-    for_each({str(case): case for case in cases}, check)
+    ],
+)
+def test_sound_pairs_are_left_in_peace(angle: np.ndarray, speed: np.ndarray) -> None:
+    assert kinds(experiment(T, theta_1=angle, w_1=speed)) == []
 
 
-def test_a_wrong_unit_of_one_of_two_columns_shows_without_a_model() -> None:
-    cases = [
-        (1 / DEGREE, "57.3"),
-        (1 / RPM, "9.55"),
-        (2 * np.pi, "6.28"),
-        (8.0, "8"),
-        (1000.0, "1000"),
-    ]
-
-    def check(factor: float, name: str, turn: int) -> None:
-        of = experiment(
-            T, theta_1=SWING * factor**turn + NOISE * factor**turn, w_1=SWING_SPEED + NOISE
-        )
-        (said,) = suspicions.suspicions_of_record(of, [1.0, 1.0], MotorShaft(0.125))
-        assert said.startswith("unit: theta_1 grows ")
-        assert float(said.split()[3]) == pytest.approx(factor**turn, rel=0.01)
-        assert f"({name})" in said
-
-    for_each({f"{case} {turn}": (*case, turn) for case in cases for turn in [1, -1]}, check)
+@together(
+    "factor, name, turn",
+    [
+        (*case, turn)
+        for case in [
+            (1 / DEGREE, "57.3"),
+            (1 / RPM, "9.55"),
+            (2 * np.pi, "6.28"),
+            (8.0, "8"),
+            (1000.0, "1000"),
+        ]
+        for turn in [1, -1]
+    ],
+)
+def test_a_wrong_unit_of_one_of_two_columns_shows_without_a_model(
+    factor: float, name: str, turn: int
+) -> None:
+    of = experiment(T, theta_1=SWING * factor**turn + NOISE * factor**turn, w_1=SWING_SPEED + NOISE)
+    (said,) = suspicions.suspicions_of_record(of, [1.0, 1.0], MotorShaft(0.125))
+    assert said.startswith("unit: theta_1 grows ")
+    assert float(said.split()[3]) == pytest.approx(factor**turn, rel=0.01)
+    assert f"({name})" in said
 
 
 def test_swapped_columns_show() -> None:
@@ -163,31 +163,27 @@ def test_columns_of_different_things_are_not_compared() -> None:
     assert kinds(of) == []
 
 
-def test_a_counter_that_ran_over_shows_in_the_unit_of_its_column() -> None:
-    def check(bits: int) -> None:
-        unit, half = 0.001, 2 ** (bits - 1)
-        counts = np.round(1.5 * half * SWING)
-        wrapped = (counts + half) % 2**bits - half
-        of = experiment(T, theta_1=unit * wrapped)
-        (said,) = suspicions.suspicions_of_record(of, [unit], MotorShaft(1.0))
-        assert said.startswith("overflow: theta_1")
-        assert f"2^{bits} counts" in said
-        np.testing.assert_array_equal(np.unwrap(wrapped, period=2**bits), counts)
-        assert kinds(experiment(T, theta_1=unit * counts), unit) == []
-
-    for_each({str(bits): (bits,) for bits in [12, 16]}, check)
+@together("bits", [12, 16])
+def test_a_counter_that_ran_over_shows_in_the_unit_of_its_column(bits: int) -> None:
+    unit, half = 0.001, 2 ** (bits - 1)
+    counts = np.round(1.5 * half * SWING)
+    wrapped = (counts + half) % 2**bits - half
+    of = experiment(T, theta_1=unit * wrapped)
+    (said,) = suspicions.suspicions_of_record(of, [unit], MotorShaft(1.0))
+    assert said.startswith("overflow: theta_1")
+    assert f"2^{bits} counts" in said
+    np.testing.assert_array_equal(np.unwrap(wrapped, period=2**bits), counts)
+    assert kinds(experiment(T, theta_1=unit * counts), unit) == []
 
 
-def test_an_angle_that_is_wrapped_into_one_turn_shows() -> None:
-    def check(unit: float) -> None:
-        turned = np.mod(5.0 * T, 2 * np.pi)
-        (said,) = suspicions.suspicions_of_record(
-            experiment(T, theta_1=turned), [unit], MotorShaft(1.0)
-        )
-        assert "one turn" in said
-        assert f"np.unwrap(x, period={2 * np.pi / unit:.6g})" in said
-
-    for_each({str(unit): (unit,) for unit in [1.0, DEGREE]}, check)
+@together("unit", [1.0, DEGREE])
+def test_an_angle_that_is_wrapped_into_one_turn_shows(unit: float) -> None:
+    turned = np.mod(5.0 * T, 2 * np.pi)
+    (said,) = suspicions.suspicions_of_record(
+        experiment(T, theta_1=turned), [unit], MotorShaft(1.0)
+    )
+    assert "one turn" in said
+    assert f"np.unwrap(x, period={2 * np.pi / unit:.6g})" in said
 
 
 def test_a_spike_is_no_counter() -> None:

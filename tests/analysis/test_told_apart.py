@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from lacking import DT, MEASURES, SIGMA, N, T
 from oracles import NOMINAL
-from rigs import experiment, likelihood_of
-from together import for_each
+from rigs import experiment, posterior_of
+from together import together
 
 from bayesdrill.analysis.identifiability.frictions import (
     FrictionConfounding,
@@ -19,14 +19,10 @@ from bayesdrill.analysis.identifiability.frictions import (
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.identifiability.study import prior_spreads, study_of
 from bayesdrill.config.schema.config import Asked
-from bayesdrill.inference.noise.contract import NoisyChannel
-from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Uniform
-from bayesdrill.inference.unknowns import ParameterSpace, Unknown
 from bayesdrill.report.sections import identify_words
 from bayesdrill.report.sections.physics_words import friction_sentences
-from bayesdrill.rig import models
 from bayesdrill.rig.models.linear import with_named
 from bayesdrill.rig.models.motor_shaft import DrivenShaft, MotorShaft
 from bayesdrill.rig.simulators import simulator
@@ -53,31 +49,13 @@ def believed(
     seen = experiment(
         N, DT, series=series, constant=constant, measures=MEASURES, start=dict(start or {})
     )
-    unknowns = tuple(
-        Unknown(
-            symbol=models.PARAMETERS[name],
-            role="rig",
-            prior=Uniform(0.2 * whole[name], min(3.0 * whole[name], _most(name))),
-            start=whole[name],
-        )
+    most = {"eta": 1.0}
+    priors = {
+        name: Uniform(0.2 * whole[name], min(3.0 * whole[name], most.get(name, np.inf)))
         for name in free
-    )
-    noisy = [
-        NoisyChannel(channel=c, sigma=float(s) * scale, start=float(s))
-        for c, s in zip(seen.channels, SIGMA, strict=True)
-    ]
-    fixed = {name: whole[name] for name in rig.parameters if name not in free}
-    space = ParameterSpace(model=rig.parameters, unknowns=unknowns, fixed=fixed)
+    }
     response = simulator(rig, seen, ObservationModel(), 2)
-    return Posterior(
-        space=space,
-        likelihood=likelihood_of(space, (response, White.from_channels(noisy, N))),
-        coordinates=space.coordinates,
-    )
-
-
-def _most(name: str) -> float:
-    return 1.0 if name == "eta" else np.inf
+    return posterior_of(response, scale * SIGMA, priors, whole)
 
 
 def told(posterior: Posterior) -> FrictionConfounding:
@@ -170,12 +148,10 @@ def test_static_friction_of_a_rig_that_never_slows_down_is_left_to_the_prior() -
     assert "so low a voltage half-way that it stops (" in said
 
 
-def test_static_friction_shows_where_it_sticks_or_goes_slowly() -> None:
-    def check(slow: float) -> None:
-        found = told(believed(("t_sm", "w_sm", "k_e"), STATIC, slow * np.sin(2 * T)))
-        assert found.unseen == ()
-
-    for_each({str(slow): (slow,) for slow in [1.2, 2.5]}, check)
+@together("slow", [1.2, 2.5])
+def test_static_friction_shows_where_it_sticks_or_goes_slowly(slow: float) -> None:
+    found = told(believed(("t_sm", "w_sm", "k_e"), STATIC, slow * np.sin(2 * T)))
+    assert found.unseen == ()
 
 
 @pytest.mark.slow
@@ -233,22 +209,13 @@ def test_identify_says_it() -> None:
     assert "friction: t_cm can hardly be told from t_f" in identify_words.full(found, RIG)
 
 
-def test_the_voltage_that_holds_it_at_rest() -> None:
+@together("added", [{"t_cm": 0.05}, {"t_cm": 0.03, "t_c1": 0.2, "v_d": 0.4}])
+def test_the_voltage_that_holds_it_at_rest(added: dict[str, float]) -> None:
     """Of a motor that is held: v = r_m T / k_T + v_d, T all friction that has to be overcome."""
-
-    def check(added: dict[str, float]) -> None:
-        rig = with_named(MotorShaft(), added)
-        p = {**NOMINAL, "t_f": 0.01, **added}
-        torque = 0.01 + added["t_cm"] + added.get("t_c1", 0.0) / 8
-        volts = NOMINAL["r_m"] * torque / NOMINAL["k_T"] + added.get("v_d", 0.0)
-        assert stall_voltage(rig, p) == pytest.approx(volts, rel=1e-9)
-        assert stall_voltage(MotorShaft(), {**NOMINAL, "t_f": 0.0}) == pytest.approx(0.0, abs=1e-12)
-        assert stall_voltage(DrivenShaft(), {}) == 0.0
-
-    for_each(
-        {
-            str(added): (added,)
-            for added in [{"t_cm": 0.05}, {"t_cm": 0.03, "t_c1": 0.2, "v_d": 0.4}]
-        },
-        check,
-    )
+    rig = with_named(MotorShaft(), added)
+    p = {**NOMINAL, "t_f": 0.01, **added}
+    torque = 0.01 + added["t_cm"] + added.get("t_c1", 0.0) / 8
+    volts = NOMINAL["r_m"] * torque / NOMINAL["k_T"] + added.get("v_d", 0.0)
+    assert stall_voltage(rig, p) == pytest.approx(volts, rel=1e-9)
+    assert stall_voltage(MotorShaft(), {**NOMINAL, "t_f": 0.0}) == pytest.approx(0.0, abs=1e-12)
+    assert stall_voltage(DrivenShaft(), {}) == 0.0

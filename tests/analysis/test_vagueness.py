@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from together import for_each
+from together import together
 
 from bayesdrill.analysis.plausibility import DiffusePrior, diffuse_priors
 from bayesdrill.inference.priors import (
@@ -24,9 +24,9 @@ RNG = np.random.default_rng(6)
 SHARP = 0.05 * (1.0 + 0.01 * RNG.standard_normal(4000))
 
 
-def test_a_prior_far_wider_than_what_is_found_is_vague() -> None:
-    """Mutants killed: half-normals in decades, of which they always have many; sds of logs alone."""
-    cases = [
+@together(
+    "prior, wide",
+    [
         (LogUniform(0.01, 1.0), False),
         (LogUniform(1e-3, 1e1), True),
         (LogNormal(0.05, 3.0), True),
@@ -37,13 +37,12 @@ def test_a_prior_far_wider_than_what_is_found_is_vague() -> None:
         (HalfNormal(30.0), True),
         (TruncatedNormal(0.0, 1.0, low=-np.inf), False),
         (TruncatedNormal(0.0, 30.0, low=-np.inf), True),
-    ]
-
-    def check(prior: Prior, wide: bool) -> None:
-        found = diffuse_priors(SHARP[:, None], {"x": prior})
-        assert [one.name for one in found] == (["x"] if wide else [])
-
-    for_each({str(case): case for case in cases}, check)
+    ],
+)
+def test_a_prior_far_wider_than_what_is_found_is_vague(prior: Prior, wide: bool) -> None:
+    """Mutants killed: half-normals in decades, of which they always have many; sds of logs alone."""
+    found = diffuse_priors(SHARP[:, None], {"x": prior})
+    assert [one.name for one in found] == (["x"] if wide else [])
 
 
 def test_what_the_record_leaves_alone_costs_nothing_however_wide() -> None:

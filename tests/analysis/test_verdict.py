@@ -10,20 +10,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from oracles import ORDER
 from pydantic import ValidationError
-from rigs import measured, posterior
 from scipy.stats import chi2, norm
-from together import for_each
+from together import together
 from verdicts import LINEAR, PRIOR, PRIOR_SD, TABLE, gaussian, linear_study, verdict
 
 from bayesdrill.analysis.diagnostics import ParameterRow
-from bayesdrill.analysis.identifiability.information import SensitivityStudy
-from bayesdrill.analysis.identifiability.study import study_of
 from bayesdrill.analysis.verdict import (
     FALSE_ALARM,
     Verdict,
-    basis,
     bits_gained,
     joint_tension,
     judge,
@@ -32,7 +27,7 @@ from bayesdrill.analysis.verdict import (
 )
 from bayesdrill.basics.symbols import PARAMETERS
 from bayesdrill.config.resolve.quantities import nominal_table
-from bayesdrill.config.schema.config import Asked, Nominal, Thresholds
+from bayesdrill.config.schema.config import Nominal, Thresholds
 from bayesdrill.config.schema.vocabulary import HOUSE
 from bayesdrill.report.sections import verdict_words
 from bayesdrill.tasks import run_entries
@@ -42,12 +37,10 @@ NORMAL = norm.ppf((np.arange(N) + 0.5) / N)
 RNG = np.random.default_rng(7)
 
 
-def test_tension_of_a_normal_posterior_is_its_z() -> None:
-    def check(z: float) -> None:
-        assert tension(0.02 * (NORMAL - z), 0.0, 0.0) == pytest.approx(z, rel=0.02)
-        assert tension(0.02 * (NORMAL + z), 0.0, 0.0) == pytest.approx(z, rel=0.02)
-
-    for_each({str(z): (z,) for z in [0.3, 1.0, 2.4, 4.0, 12.0]}, check)
+@together("z", [0.3, 1.0, 2.4, 4.0, 12.0])
+def test_tension_of_a_normal_posterior_is_its_z(z: float) -> None:
+    assert tension(0.02 * (NORMAL - z), 0.0, 0.0) == pytest.approx(z, rel=0.02)
+    assert tension(0.02 * (NORMAL + z), 0.0, 0.0) == pytest.approx(z, rel=0.02)
 
 
 def test_tension_of_a_skewed_posterior_is_its_tail_probability() -> None:
@@ -65,18 +58,14 @@ def test_tension_counts_from_the_nearest_value_within_tolerance() -> None:
     assert tension(draws, -0.2, 0.2) == 0.0
 
 
-def test_joint_tension_is_that_of_chi_squared() -> None:
-    def check(shift: float) -> None:
-        root = np.array([[1.0, 0.0, 0.0], [0.9, 0.1, 0.0], [2.0, 0.3, 0.02]])
-        z = RNG.standard_normal((20_000, 3))
-        z = (z - z.mean(axis=0)) @ np.linalg.inv(np.linalg.cholesky(np.cov(z.T))).T
-        draws = (z + shift / math.sqrt(3)) @ root.T
-        expected = norm.isf(0.5 * chi2.sf(shift**2, 3))
-        assert joint_tension(draws, np.eye(3), np.zeros((3, 2))) == pytest.approx(
-            expected, abs=0.06
-        )
-
-    for_each({str(shift): (shift,) for shift in [0.5, 1.5, 4.0]}, check)
+@together("shift", [0.5, 1.5, 4.0])
+def test_joint_tension_is_that_of_chi_squared(shift: float) -> None:
+    root = np.array([[1.0, 0.0, 0.0], [0.9, 0.1, 0.0], [2.0, 0.3, 0.02]])
+    z = RNG.standard_normal((20_000, 3))
+    z = (z - z.mean(axis=0)) @ np.linalg.inv(np.linalg.cholesky(np.cov(z.T))).T
+    draws = (z + shift / math.sqrt(3)) @ root.T
+    expected = norm.isf(0.5 * chi2.sf(shift**2, 3))
+    assert joint_tension(draws, np.eye(3), np.zeros((3, 2))) == pytest.approx(expected, abs=0.06)
 
 
 def test_joint_tension_vanishes_within_tolerance_only_if_the_factors_can_explain_it() -> None:
@@ -93,13 +82,11 @@ def test_very_far_is_a_number() -> None:
     assert found == pytest.approx(math.sqrt(2) * 0.5 / 1e-4, rel=0.05)
 
 
-def test_bits_of_a_normal_in_a_flat_prior() -> None:
-    def check(sd: float) -> None:
-        prior = RNG.uniform(-1.0, 1.0, 100_000)
-        exact = (math.log(2.0) - 0.5 * math.log(2 * math.pi * math.e) - math.log(sd)) / math.log(2)
-        assert bits_gained(sd * RNG.standard_normal(N), prior) == pytest.approx(exact, abs=0.1)
-
-    for_each({str(sd): (sd,) for sd in [0.03, 1e-4]}, check)
+@together("sd", [0.03, 1e-4])
+def test_bits_of_a_normal_in_a_flat_prior(sd: float) -> None:
+    prior = RNG.uniform(-1.0, 1.0, 100_000)
+    exact = (math.log(2.0) - 0.5 * math.log(2 * math.pi * math.e) - math.log(sd)) / math.log(2)
+    assert bits_gained(sd * RNG.standard_normal(N), prior) == pytest.approx(exact, abs=0.1)
 
 
 def test_a_posterior_that_is_the_prior_gains_no_bits() -> None:
@@ -211,24 +198,21 @@ def test_a_deviation_within_tolerance_agrees() -> None:
     assert r_m.beyond < 0.01
 
 
-def test_the_ends_of_a_tolerance_change_places_below_the_line() -> None:
+@together("ratio", [0.55, 0.6, 1.9, 2.1])
+def test_the_ends_of_a_tolerance_change_places_below_the_line(ratio: float) -> None:
     """k_s within 20 %, j_1 within 40 %: k_s/j_1 from 0.8/1.4 to 1.2/0.6.
 
     Mutant killed: the power of j_1 without its sign.
     """
-
-    def check(ratio: float) -> None:
-        draws = gaussian({**TABLE, "k_s": ratio * TABLE["k_s"]}, np.random.default_rng(4))
-        allowed = {"k_s": 0.2, "j_1": 0.4}
-        wide = np.exp(2.0 * np.log(PRIOR / [*TABLE.values()])) * [*TABLE.values()]
-        found = judge(LINEAR, draws, wide, TABLE, allowed, (), Thresholds())
-        (product,) = (q for q in found.products if q.exponents == (1, -1, 0))
-        assert product.tolerance == pytest.approx((0.8 / 1.4 - 1.0, 1.2 / 0.6 - 1.0))
-        within = 0.8 / 1.4 < ratio < 1.2 / 0.6
-        assert product.says == ("agrees" if within else "disagrees")
-        assert found.agrees == within
-
-    for_each({str(ratio): (ratio,) for ratio in [0.55, 0.6, 1.9, 2.1]}, check)
+    draws = gaussian({**TABLE, "k_s": ratio * TABLE["k_s"]}, np.random.default_rng(4))
+    allowed = {"k_s": 0.2, "j_1": 0.4}
+    wide = np.exp(2.0 * np.log(PRIOR / [*TABLE.values()])) * [*TABLE.values()]
+    found = judge(LINEAR, draws, wide, TABLE, allowed, (), Thresholds())
+    (product,) = (q for q in found.products if q.exponents == (1, -1, 0))
+    assert product.tolerance == pytest.approx((0.8 / 1.4 - 1.0, 1.2 / 0.6 - 1.0))
+    within = 0.8 / 1.4 < ratio < 1.2 / 0.6
+    assert product.says == ("agrees" if within else "disagrees")
+    assert found.agrees == within
 
 
 def test_a_parameter_pressed_against_its_prior_says_so_before_all_else() -> None:
@@ -273,17 +257,6 @@ def test_deviation_is_that_of_the_paper_and_an_unknown_without_nominal_is_left_o
     assert [q.exponents for q in found.parameters] == [(1, 0, 0), (0, 1, 0)]
     assert [q.exponents for q in found.products] == [(1, -1, 0)]
     assert found.parameters[0].deviation == pytest.approx(draws[:, 0].mean() / TABLE["k_s"] - 1)
-
-
-def test_seven_independent_products_of_the_real_rig_are_looked_at() -> None:
-    target = posterior(measured(np.full(4, 0.1)), np.full(4, 0.1))
-    theta = target.space.vector(target.space.start)
-    scenery = SensitivityStudy(target.likelihood)
-    found = study_of(scenery, target, theta, Asked())
-    powers = np.array(basis(found, found.names), dtype=float)
-    assert np.linalg.matrix_rank(powers) == len(powers) == 7
-    assert not np.any(powers @ np.array(found.structure.symmetries, dtype=float).T)
-    assert found.names == ORDER
 
 
 def test_words_name_what_disagrees_and_what_nobody_can_know() -> None:
@@ -331,14 +304,10 @@ def test_tolerances_by_number_and_by_symbol() -> None:
     assert given({"k_s": 0.1})["r_m"] == 0.0
 
 
-def test_tolerances_that_are_none_are_refused() -> None:
-    def check(wrong: object) -> None:
-        with pytest.raises(ValidationError):
-            given(wrong)
-
-    for_each(
-        {str(wrong): (wrong,) for wrong in [-0.1, 1.0, 5, "5 %", {"k_x": 0.1}, {"k_s": 2}]}, check
-    )
+@together("wrong", [-0.1, 1.0, 5, "5 %", {"k_x": 0.1}, {"k_s": 2}])
+def test_tolerances_that_are_none_are_refused(wrong: object) -> None:
+    with pytest.raises(ValidationError):
+        given(wrong)
 
 
 def row(name: str, word: str) -> ParameterRow:
@@ -346,18 +315,15 @@ def row(name: str, word: str) -> ParameterRow:
     return ParameterRow(**{**empty, "name": name, "word": word})  # type: ignore[arg-type]
 
 
-def test_both_tables_have_one_word_for_one_unknown() -> None:
+@together("word", ["determined", "weak", "prior only"])
+def test_both_tables_have_one_word_for_one_unknown(word: str) -> None:
     """k_s and j_1 only as a ratio, r_m by itself, and a noise level that has no verdict."""
-
-    def check(word: str) -> None:
-        found = verdict(gaussian(TABLE, RNG))
-        assert [q.says for q in found.parameters] == ["not determined", "not determined", "agrees"]
-        rows = [row(name, word) for name in (*found.names, "sigma_w_1")]
-        words = [one.word for one in reconciled(rows, found)]
-        blind = "through others" if word == "determined" else word
-        assert words == [blind, blind, "determined", word]
-
-    for_each({word: (word,) for word in ["determined", "weak", "prior only"]}, check)
+    found = verdict(gaussian(TABLE, RNG))
+    assert [q.says for q in found.parameters] == ["not determined", "not determined", "agrees"]
+    rows = [row(name, word) for name in (*found.names, "sigma_w_1")]
+    words = [one.word for one in reconciled(rows, found)]
+    blind = "through others" if word == "determined" else word
+    assert words == [blind, blind, "determined", word]
 
 
 def test_what_is_too_weak_without_a_symmetry_is_called_weak() -> None:

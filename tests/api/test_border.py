@@ -18,7 +18,7 @@ import pytest
 from cases import BOX, T, run, two
 from oracles import NOMINAL
 from systems import ROOT
-from together import for_each
+from together import for_each, together
 
 import bayesdrill as bd
 from bayesdrill.api.comparison import Overlay
@@ -147,42 +147,35 @@ RESPONSE: dict[str, Any] = {
 WRONG = [value for value in POOL if not isinstance(value, int | float | str | np.int64 | None)]
 
 
-def test_what_stands_in_records_is_judged_where_they_are_used() -> None:
+@together("value", [one for k, one in enumerate(WRONG)])
+def test_what_stands_in_records_is_judged_where_they_are_used(value: object) -> None:
     """Columns, fields of channels and inputs, entries, constants of rigs, numbers of mappings."""
-
-    def check(value: object) -> None:
-        fields = [one.name for one in dataclasses.fields(bd.Channel) if one.name != "values"]
-        channel = dataclasses.replace(GOOD, values=value)
-        assert "w_1" in refused(bd.case, **CASE | {"channels": {"w_1": channel}})
-        assert "v" in refused(bd.case, **CASE | {"inputs": {"v": bd.Input(value, "V")}})
-        told = refused(
-            bd.case, **CASE | {"channels": {"w_1": bd.Channel(T, *[value] * len(fields))}}
-        )
-        assert "channels.w_1.unit" in told
-        assert "inputs" in refused(bd.case, **CASE | {"inputs": {"v": value}})
-        assert "k_s" in refused(
-            bd.case, **CASE | {"parameters": CASE["parameters"] | {"k_s": value}}
-        )
-        assert "sampler" in refused(bd.case, **CASE, sampler={"ess": value})
-        assert "t: " in refused(bd.respond, **RESPONSE | {"t": value})
-        for name, key in (("parameters", "k_s"), ("inputs", "v"), ("initial", "w_1")):
-            wrong = {**RESPONSE.get(name, {}), key: value}
-            assert f"{name}.{key}" in refused(bd.respond, **RESPONSE | {name: wrong})
-        assert "rig" in refused(bd.respond, **RESPONSE | {"rig": value})
-        for name in RIGS:
-            kind = getattr(bd, name)
-            for field in dataclasses.fields(kind):
-                if field.name == "added" and isinstance(value, tuple):
-                    continue
-                assert f"{field.name}: " in refused(kind, **{field.name: value})
-        for name in ("inertias", "shafts", "gears", "drives", "motion", "gravity", "rock"):
-            nothing = isinstance(value, list | tuple | dict) and not value  # as good as none
-            if not nothing and (name != "inertias" or not isinstance(value, list)):
-                assert f"{name}: " in refused(bd.Train, **{name: value})
-        with pytest.raises(bd.InputError, match="give what find_map found"):
-            two().sample(value)  # type: ignore[arg-type]
-
-    for_each({f"{k}: {type(one).__name__}": (one,) for k, one in enumerate(WRONG)}, check)
+    fields = [one.name for one in dataclasses.fields(bd.Channel) if one.name != "values"]
+    channel = dataclasses.replace(GOOD, values=value)
+    assert "w_1" in refused(bd.case, **CASE | {"channels": {"w_1": channel}})
+    assert "v" in refused(bd.case, **CASE | {"inputs": {"v": bd.Input(value, "V")}})
+    told = refused(bd.case, **CASE | {"channels": {"w_1": bd.Channel(T, *[value] * len(fields))}})
+    assert "channels.w_1.unit" in told
+    assert "inputs" in refused(bd.case, **CASE | {"inputs": {"v": value}})
+    assert "k_s" in refused(bd.case, **CASE | {"parameters": CASE["parameters"] | {"k_s": value}})
+    assert "sampler" in refused(bd.case, **CASE, sampler={"ess": value})
+    assert "t: " in refused(bd.respond, **RESPONSE | {"t": value})
+    for name, key in (("parameters", "k_s"), ("inputs", "v"), ("initial", "w_1")):
+        wrong = {**RESPONSE.get(name, {}), key: value}
+        assert f"{name}.{key}" in refused(bd.respond, **RESPONSE | {name: wrong})
+    assert "rig" in refused(bd.respond, **RESPONSE | {"rig": value})
+    for name in RIGS:
+        kind = getattr(bd, name)
+        for field in dataclasses.fields(kind):
+            if field.name == "added" and isinstance(value, tuple):
+                continue
+            assert f"{field.name}: " in refused(kind, **{field.name: value})
+    for name in ("inertias", "shafts", "gears", "drives", "motion", "gravity", "rock"):
+        nothing = isinstance(value, list | tuple | dict) and not value  # as good as none
+        if not nothing and (name != "inertias" or not isinstance(value, list)):
+            assert f"{name}: " in refused(bd.Train, **{name: value})
+    with pytest.raises(bd.InputError, match="give what find_map found"):
+        two().sample(value)  # type: ignore[arg-type]
 
 
 def test_numbers_of_no_use_are_refused() -> None:

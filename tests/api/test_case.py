@@ -16,7 +16,7 @@ import xarray
 from cases import BOX, SHAFT, T, noisy, run, two
 from oracles import NOMINAL, by_expm
 from scipy import stats
-from together import for_each
+from together import together
 
 import bayesdrill as bd
 from bayesdrill.config import job
@@ -77,8 +77,9 @@ MASKED = np.ma.masked_greater(np.where(T[3] == T, 9999.0, np.sin(T)), 9000.0)
 DATES = np.datetime64("2026-01-01") + np.arange(len(T)) * np.timedelta64(20, "ms")
 
 
-def test_a_mistake_has_its_name() -> None:
-    cases = [
+@together(
+    "changes, message",
+    [
         ({"t": DATES}, "t: these are dates or durations; give seconds"),
         ({"t": T[::-1]}, "does not increase"),
         ({"t": None}, "t: wanted is an array of numbers, not NoneType"),
@@ -117,48 +118,42 @@ def test_a_mistake_has_its_name() -> None:
         ({"record": {"mising": "drop"}}, "mising: unknown key; did you mean missing"),
         ({"record": {"window": [1.0, 0.5]}}, "1 s is not before 0.5 s"),
         ({"seed": -1}, "seed"),
-    ]
-
-    def check(changes: dict[str, object], message: str) -> None:
-        arguments = {
-            "t": T,
-            "channels": {"w_1": GOOD},
-            "inputs": {"v": 5.0},
-            "parameters": dict.fromkeys(NOMINAL, BOX),
-        }
-        with pytest.raises(bd.InputError, match=message):
-            bd.case(**arguments | changes)  # type: ignore[arg-type]
-
-    for_each({str(case): case for case in cases}, check)
+    ],
+)
+def test_a_mistake_has_its_name(changes: dict[str, object], message: str) -> None:
+    arguments = {
+        "t": T,
+        "channels": {"w_1": GOOD},
+        "inputs": {"v": 5.0},
+        "parameters": dict.fromkeys(NOMINAL, BOX),
+    }
+    with pytest.raises(bd.InputError, match=message):
+        bd.case(**arguments | changes)  # type: ignore[arg-type]
 
 
-def test_a_response_at_uneven_times_is_that_at_a_grid_which_holds_them() -> None:
+@together("hold", ["zero", "first"])
+def test_a_response_at_uneven_times_is_that_at_a_grid_which_holds_them(hold: str) -> None:
     """With a voltage that changes at those times alone."""
-
-    def check(hold: str) -> None:
-        fine = 0.25 + 0.005 * np.arange(201)
-        picked = np.array([0, 3, 4, 40, 41, 90, 170, 200])
-        v = np.array([6.0, -3.0, 5.0, 4.0, -7.0, 1.0, 2.0, 2.0])
-        if hold == "first":
-            dense = np.interp(fine, fine[picked], v)
-        else:
-            dense = v[np.searchsorted(picked, np.arange(201), side="right") - 1]
-        start = {"w_1": 3.0, "theta_2": 0.2}
-        given = (["w_1", "theta_1 - theta_2"],)
-        exact = bd.respond(
-            MotorShaft(), SHAFT, fine, {"v": dense}, *given, initial=start, hold=hold
-        )
-        found = bd.respond(
-            MotorShaft(), SHAFT, fine[picked], {"v": v}, *given, initial=start, hold=hold
-        )
-        for name, values in found.items():
-            assert values == pytest.approx(exact[name][picked], rel=1e-9, abs=1e-10)
-
-    for_each({hold: (hold,) for hold in ["zero", "first"]}, check)
+    fine = 0.25 + 0.005 * np.arange(201)
+    picked = np.array([0, 3, 4, 40, 41, 90, 170, 200])
+    v = np.array([6.0, -3.0, 5.0, 4.0, -7.0, 1.0, 2.0, 2.0])
+    if hold == "first":
+        dense = np.interp(fine, fine[picked], v)
+    else:
+        dense = v[np.searchsorted(picked, np.arange(201), side="right") - 1]
+    start = {"w_1": 3.0, "theta_2": 0.2}
+    given = (["w_1", "theta_1 - theta_2"],)
+    exact = bd.respond(MotorShaft(), SHAFT, fine, {"v": dense}, *given, initial=start, hold=hold)
+    found = bd.respond(
+        MotorShaft(), SHAFT, fine[picked], {"v": v}, *given, initial=start, hold=hold
+    )
+    for name, values in found.items():
+        assert values == pytest.approx(exact[name][picked], rel=1e-9, abs=1e-10)
 
 
-def test_what_no_rig_can_answer_is_refused() -> None:
-    cases = [
+@together(
+    "changes, message",
+    [
         ({"t": np.array([0.0, 0.5, 0.1])}, "t: "),
         ({"t": [0.0]}, "give at least two"),
         ({"parameters": {**NOMINAL, "j_1": -1.0}}, "parameters.j_1: -1.0 is not a positive number"),
@@ -172,14 +167,12 @@ def test_what_no_rig_can_answer_is_refused() -> None:
         ({"initial": {"w_3": 1.0}}, "initial.w_3: the rig has none"),
         ({"initial": np.zeros(5)}, "initial: give a number for each state, not ndarray"),
         ({"signals": "w_3"}, "w_3"),
-    ]
-
-    def check(changes: dict[str, object], message: str) -> None:
-        arguments = {"t": T, "parameters": NOMINAL, "inputs": {"v": 5.0}, "signals": ["w_1"]}
-        with pytest.raises(bd.InputError, match=message):
-            bd.respond(MotorShaft(), **arguments | changes)  # type: ignore[arg-type]
-
-    for_each({str(case): case for case in cases}, check)
+    ],
+)
+def test_what_no_rig_can_answer_is_refused(changes: dict[str, object], message: str) -> None:
+    arguments = {"t": T, "parameters": NOMINAL, "inputs": {"v": 5.0}, "signals": ["w_1"]}
+    with pytest.raises(bd.InputError, match=message):
+        bd.respond(MotorShaft(), **arguments | changes)  # type: ignore[arg-type]
 
 
 def test_what_samples_is_judged_before() -> None:

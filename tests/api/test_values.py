@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from cases import T, noisy, run, two
 from systems import ROOT
-from together import for_each
+from together import together
 
 import bayesdrill as bd
 from bayesdrill.basics.values import equal_content
@@ -64,21 +64,15 @@ def test_what_is_computed_stays_here() -> None:
     assert len(pickle.dumps(judged)) == len(pickle.dumps(dataclasses.replace(run())))
 
 
-def test_a_case_that_is_read_again_is_the_same() -> None:
+@together("name", ["nominal_step", "example_experiments", "example_torque"])
+def test_a_case_that_is_read_again_is_the_same(name: str) -> None:
     """Of several experiments, of rigs that rub and of those that a torque shakes too."""
-
-    def check(name: str) -> None:
-        case = bd.load(CONFIGS / f"{name}.yaml")
-        theta = case.job.problem.posterior.space.draw(4, np.random.default_rng(5))
-        back = pickle.loads(pickle.dumps(case))
-        assert back == case == bd.load(CONFIGS / f"{name}.yaml")
-        one, other = (of.job.problem.posterior.density(theta) for of in (case, back))
-        assert np.array_equal(one, other)
-
-    for_each(
-        {name: (name,) for name in ["nominal_step", "example_experiments", "example_torque"]},
-        check,
-    )
+    case = bd.load(CONFIGS / f"{name}.yaml")
+    theta = case.job.problem.posterior.space.draw(4, np.random.default_rng(5))
+    back = pickle.loads(pickle.dumps(case))
+    assert back == case == bd.load(CONFIGS / f"{name}.yaml")
+    one, other = (of.job.problem.posterior.density(theta) for of in (case, back))
+    assert np.array_equal(one, other)
 
 
 def test_what_differs_in_one_thing_is_another() -> None:

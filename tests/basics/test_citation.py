@@ -9,7 +9,7 @@ from pathlib import Path
 import arviz_base
 import emcee
 from ruamel.yaml import YAML
-from together import for_each
+from together import together
 
 import bayesdrill as bd
 
@@ -24,23 +24,20 @@ def fields(entry: str) -> dict[str, str]:
     return {name.lower(): value.strip("{}") for name, value in found}
 
 
-def test_libraries_are_cited_as_they_ask_for() -> None:
-    cases = {
-        "emcee": (emcee.__bibtex__,),
-        "arviz": (arviz_base.citations().split("@article")[1].split("\n\n")[0],),
-    }
-
-    def check(entry: str) -> None:
-        theirs = fields(entry)
-        (ours,) = (own for e in ENTRIES.values() if (own := fields(e)).get("doi") == theirs["doi"])
-        for name in ("title", "year", "volume", "number", "eprint"):
-            assert ours.get(name, "") == theirs.get(name, "")
-        assert ours["pages"].replace("--", "-") == theirs["pages"]
-        authors = ours["author"].split(" and ")
-        assert len(authors) == theirs["author"].count(" and ") + 1
-        assert all(author.split(",")[0] in theirs["author"] for author in authors)
-
-    for_each(cases, check)
+@together(
+    "entry",
+    [emcee.__bibtex__, arviz_base.citations().split("@article")[1].split("\n\n")[0]],
+    ["emcee", "arviz"],
+)
+def test_libraries_are_cited_as_they_ask_for(entry: str) -> None:
+    theirs = fields(entry)
+    (ours,) = (own for e in ENTRIES.values() if (own := fields(e)).get("doi") == theirs["doi"])
+    for name in ("title", "year", "volume", "number", "eprint"):
+        assert ours.get(name, "") == theirs.get(name, "")
+    assert ours["pages"].replace("--", "-") == theirs["pages"]
+    authors = ours["author"].split(" and ")
+    assert len(authors) == theirs["author"].count(" and ") + 1
+    assert all(author.split(",")[0] in theirs["author"] for author in authors)
 
 
 def test_the_paper_is_cited_as_its_page_names_it() -> None:

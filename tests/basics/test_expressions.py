@@ -1,15 +1,16 @@
 from __future__ import annotations
 
 import pytest
-from together import for_each
+from together import together
 
 from bayesdrill.basics.formulas import linear_combination
 
 STATES = ("theta_1", "theta_2", "w_1", "w_2", "i")
 
 
-def test_reads_linear_combinations() -> None:
-    cases = [
+@together(
+    "text, weights",
+    [
         ("theta_1", {"theta_1": 1.0}),
         ("theta_1 - theta_2", {"theta_1": 1.0, "theta_2": -1.0}),
         ("8 * theta_2", {"theta_2": 8.0}),
@@ -17,16 +18,15 @@ def test_reads_linear_combinations() -> None:
         ("-(theta_2 - theta_1) * 2", {"theta_1": 2.0, "theta_2": -2.0}),
         ("+w_1 + w_1 - 3*w_2 - w_1", {"w_1": 1.0, "w_2": -3.0}),
         ("(1 + 1) * i / (3 - 1)", {"i": 1.0}),
-    ]
-
-    def check(text: str, weights: dict[str, float]) -> None:
-        assert linear_combination(text, STATES) == weights
-
-    for_each({case[0]: case for case in cases}, check)
+    ],
+)
+def test_reads_linear_combinations(text: str, weights: dict[str, float]) -> None:
+    assert linear_combination(text, STATES) == weights
 
 
-def test_refuses_the_rest_in_words() -> None:
-    cases = [
+@together(
+    "text, message",
+    [
         ("theta_3", "did you mean theta_2|did you mean theta_1"),
         ("theta_1 * theta_2", "not linear"),
         ("sin(theta_1)", "not linear"),
@@ -38,10 +38,8 @@ def test_refuses_the_rest_in_words() -> None:
         ("", "not a formula"),
         ("__import__('os')", "not linear"),
         ("True * w_1", "not linear"),
-    ]
-
-    def check(text: str, message: str) -> None:
-        with pytest.raises(ValueError, match=message):
-            linear_combination(text, STATES)
-
-    for_each({case[0]: case for case in cases}, check)
+    ],
+)
+def test_refuses_the_rest_in_words(text: str, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        linear_combination(text, STATES)

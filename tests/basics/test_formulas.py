@@ -7,7 +7,7 @@ import pickle
 
 import numpy as np
 import pytest
-from together import for_each
+from together import together
 
 from bayesdrill.basics.duals import Dual
 from bayesdrill.basics.formulas import RelationError, expression, resolve_relations
@@ -26,29 +26,24 @@ WORTH = [
 ]
 
 
-def test_value_at_numbers_and_at_arrays() -> None:
-    def check(text: str, value: float) -> None:
-        found = pickle.loads(pickle.dumps(expression(text, NAMES)))
-        assert found == expression(text, NAMES)
-        assert found.value(VALUES) == pytest.approx(value, rel=1e-14)
-        both = {name: np.array([x, x]) for name, x in VALUES.items()}
-        assert found.value(both) == pytest.approx([value, value], rel=1e-14)
-
-    for_each({str(case): case for case in WORTH}, check)
+@together("text, value", WORTH)
+def test_value_at_numbers_and_at_arrays(text: str, value: float) -> None:
+    found = pickle.loads(pickle.dumps(expression(text, NAMES)))
+    assert found == expression(text, NAMES)
+    assert found.value(VALUES) == pytest.approx(value, rel=1e-14)
+    both = {name: np.array([x, x]) for name, x in VALUES.items()}
+    assert found.value(both) == pytest.approx([value, value], rel=1e-14)
 
 
-def test_derivatives_are_those_of_differences() -> None:
+@together("text", [text for text, _ in WORTH])
+def test_derivatives_are_those_of_differences(text: str) -> None:
     """Mutant killed: the slope of a power forgotten."""
-
-    def check(text: str) -> None:
-        found = expression(text, NAMES)
-        for name in found.names:
-            dual = found.value({**VALUES, name: Dual(VALUES[name], 1.0)})
-            h = 1e-6 * VALUES[name]
-            up, down = (found.value({**VALUES, name: VALUES[name] + s}) for s in (h, -h))
-            assert dual.slope == pytest.approx((up - down) / (2 * h), rel=1e-7)
-
-    for_each({str(text): (text,) for text in [text for text, _ in WORTH]}, check)
+    found = expression(text, NAMES)
+    for name in found.names:
+        dual = found.value({**VALUES, name: Dual(VALUES[name], 1.0)})
+        h = 1e-6 * VALUES[name]
+        up, down = (found.value({**VALUES, name: VALUES[name] + s}) for s in (h, -h))
+        assert dual.slope == pytest.approx((up - down) / (2 * h), rel=1e-7)
 
 
 def test_what_is_positive_by_its_form_is_so_at_all_positive_numbers() -> None:
@@ -86,8 +81,9 @@ def test_what_may_be_negative_or_nothing_is_not_taken_for_positive() -> None:
         assert not expression(text, NAMES).positive
 
 
-def test_refuses_the_rest_in_words() -> None:
-    cases = [
+@together(
+    "text, message",
+    [
         ("k_x", "did you mean"),
         ("pi*G*d^4", r"d\*\*4"),
         ("sin(d)", "functions are sqrt, exp, log"),
@@ -100,13 +96,11 @@ def test_refuses_the_rest_in_words() -> None:
         ("True*d", "cannot stand"),
         ("(" * 300 + "d" + ")" * 300, "not a formula"),
         ("", "not a formula"),
-    ]
-
-    def check(text: str, message: str) -> None:
-        with pytest.raises(ValueError, match=message):
-            expression(text, NAMES)
-
-    for_each({str(case): case for case in cases}, check)
+    ],
+)
+def test_refuses_the_rest_in_words(text: str, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        expression(text, NAMES)
 
 
 def test_chains_are_resolved_and_circles_named() -> None:

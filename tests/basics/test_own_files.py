@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from systems import cli, listing, results, small
-from together import for_each
+from together import together
 
 from bayesdrill import output_files
 from bayesdrill.basics.errors import InputError
@@ -69,35 +69,29 @@ def test_a_record_that_was_saved_with_its_run_outlives_it(tmp_path: Path) -> Non
     assert not (out / ".record.12.aside.csv").exists()
 
 
-def test_force_takes_what_such_a_run_writes_and_nothing_else(
-    tmp_path_factory: pytest.TempPathFactory,
-) -> None:
+@together("kind", KINDS)
+def test_force_takes_what_such_a_run_writes_and_nothing_else(kind: Kind, tmp_path: Path) -> None:
     """Mutants killed: names by pattern; a folder removed whole."""
-
-    def check(kind: Kind) -> None:
-        tmp_path = tmp_path_factory.mktemp("case")
-        out = results(tmp_path / "out", kind)
-        for name in STRANGERS:
-            put(out, name)
-        put(out, ".run.12.aside.json", "left by a run that was killed")
-        before = listing(out)
-        with Folder(out, "force", {"seed": "2"}, kind) as folder:
-            assert listing(out) == before
-            folder.begin(status="running")
-        after = listing(out)
-        left = {name for name in after if not (out / name).is_dir()}
-        kept = {name for name in STRANGERS if not name.endswith("/")} | {".lock", RUN}
-        assert left == kept
-        assert (out / "chain.h5.old").is_dir()
-        assert all(after[name] == before[name] for name in kept - {RUN})
-        run = loads_checksummed((out / RUN).read_bytes())
-        assert (run["status"], run["job"], run["fingerprint"]) == (
-            "running",
-            kind.job,
-            {"seed": "2"},
-        )
-
-    for_each({str(kind.job): (kind,) for kind in KINDS}, check)
+    out = results(tmp_path / "out", kind)
+    for name in STRANGERS:
+        put(out, name)
+    put(out, ".run.12.aside.json", "left by a run that was killed")
+    before = listing(out)
+    with Folder(out, "force", {"seed": "2"}, kind) as folder:
+        assert listing(out) == before
+        folder.begin(status="running")
+    after = listing(out)
+    left = {name for name in after if not (out / name).is_dir()}
+    kept = {name for name in STRANGERS if not name.endswith("/")} | {".lock", RUN}
+    assert left == kept
+    assert (out / "chain.h5.old").is_dir()
+    assert all(after[name] == before[name] for name in kept - {RUN})
+    run = loads_checksummed((out / RUN).read_bytes())
+    assert (run["status"], run["job"], run["fingerprint"]) == (
+        "running",
+        kind.job,
+        {"seed": "2"},
+    )
 
 
 def test_run_json_is_there_all_the_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -131,31 +125,25 @@ def refused(folder: Path, mode: WriteMode, kind: Kind = POSTERIOR) -> str:
 FOREIGN = ['{"status": "finished"}', '{"job": "posterior", "fingerprint": {}}', "{}", "[]", "", "x"]
 
 
+@together("mode, text", [(mode, text) for mode in MODES for text in FOREIGN])
 def test_a_run_json_of_others_gives_no_right_to_a_folder(
-    tmp_path_factory: pytest.TempPathFactory,
+    mode: WriteMode, text: str, tmp_path: Path
 ) -> None:
-    def check(mode: WriteMode, text: str) -> None:
-        tmp_path = tmp_path_factory.mktemp("case")
-        put(tmp_path / "out", RUN, text)
-        put(tmp_path / "out", "summary.csv")
-        said = refused(tmp_path / "out", mode)
-        assert "not of this bayesdrill" in said
-        assert "--force" not in said
-
-    for_each({f"{mode} {text}": (mode, text) for mode in MODES for text in FOREIGN}, check)
+    put(tmp_path / "out", RUN, text)
+    put(tmp_path / "out", "summary.csv")
+    said = refused(tmp_path / "out", mode)
+    assert "not of this bayesdrill" in said
+    assert "--force" not in said
 
 
+@together("mode, kind", [(mode, kind) for mode in MODES for kind in KINDS])
 def test_results_of_another_command_are_left_alone(
-    tmp_path_factory: pytest.TempPathFactory,
+    mode: WriteMode, kind: Kind, tmp_path: Path
 ) -> None:
-    def check(mode: WriteMode, kind: Kind) -> None:
-        tmp_path = tmp_path_factory.mktemp("case")
-        other = KINDS[KINDS.index(kind) - 1]
-        said = refused(results(tmp_path / "out", other), mode, kind)
-        assert f"results of `bayesdrill {other.job}`" in said
-        assert "--force" not in said
-
-    for_each({f"{mode} {kind.job}": (mode, kind) for mode in MODES for kind in KINDS}, check)
+    other = KINDS[KINDS.index(kind) - 1]
+    said = refused(results(tmp_path / "out", other), mode, kind)
+    assert f"results of `bayesdrill {other.job}`" in said
+    assert "--force" not in said
 
 
 def linked(path: Path) -> None:
@@ -185,26 +173,30 @@ def file_instead(path: Path) -> None:
     path.write_text("mine")
 
 
-def test_what_no_run_can_have_made_is_named_first(tmp_path_factory: pytest.TempPathFactory) -> None:
+@together(
+    "mode, name, spoil, what",
+    [
+        (mode, *case)
+        for mode in MODES
+        for case in [
+            *(("figures", linked, "a link"), (".pieces", linked, "a link")),
+            *((name, linked, "a link") for name in ("summary.csv", "chain.h5", RUN, ".lock")),
+            *(("figures/corner.pdf", linked, "a link"), ("map.json", dangling, "a link")),
+            *((name, folder_instead, "a folder") for name in ("chain.h5", "summary.md", RUN)),
+            *(("config.yaml", pipe, "a device or pipe"), (RUN, pipe, "a device or pipe")),
+            ("figures", file_instead, "a file"),
+        ]
+    ],
+)
+def test_what_no_run_can_have_made_is_named_first(
+    mode: WriteMode, name: str, spoil: Callable[[Path], None], what: str, tmp_path: Path
+) -> None:
     """Mutants killed: links are followed; a chain is gone before the run fails."""
-    cases = [
-        *(("figures", linked, "a link"), (".pieces", linked, "a link")),
-        *((name, linked, "a link") for name in ("summary.csv", "chain.h5", RUN, ".lock")),
-        *(("figures/corner.pdf", linked, "a link"), ("map.json", dangling, "a link")),
-        *((name, folder_instead, "a folder") for name in ("chain.h5", "summary.md", RUN)),
-        *(("config.yaml", pipe, "a device or pipe"), (RUN, pipe, "a device or pipe")),
-        ("figures", file_instead, "a file"),
-    ]
-
-    def check(mode: WriteMode, name: str, spoil: Callable[[Path], None], what: str) -> None:
-        tmp_path = tmp_path_factory.mktemp("case")
-        out = results(tmp_path / "results" / "out", POSTERIOR)
-        spoil(out / name)
-        said = refused(out, mode)
-        assert f"{name}: {what}, " in said
-        assert "--output" in said
-
-    for_each({f"{mode} {case}": (mode, *case) for mode in MODES for case in cases}, check)
+    out = results(tmp_path / "results" / "out", POSTERIOR)
+    spoil(out / name)
+    said = refused(out, mode)
+    assert f"{name}: {what}, " in said
+    assert "--output" in said
 
 
 def test_hidden_files_of_others_that_bear_our_names_are_left_alone(tmp_path: Path) -> None:
@@ -221,20 +213,15 @@ def test_a_folder_behind_a_link_is_a_folder(tmp_path: Path) -> None:
     assert set(listing(tmp_path / "disk")) == {".lock", RUN}
 
 
-def test_a_file_is_replaced_and_nothing_else(tmp_path_factory: pytest.TempPathFactory) -> None:
-    def check(spoil: Callable[[Path], None]) -> None:
-        tmp_path = tmp_path_factory.mktemp("case")
-        path = tmp_path / "here" / "record.csv"
-        put(tmp_path / "here", "record.csv")
-        spoil(path)
-        before = listing(tmp_path)
-        with pytest.raises(InputError, match="never replaced"), atomic_write(path) as aside:
-            aside.write_text("new")
-        assert listing(tmp_path) == before
-
-    for_each(
-        {spoil.__name__: (spoil,) for spoil in [linked, dangling, folder_instead, pipe]}, check
-    )
+@together("spoil", [linked, dangling, folder_instead, pipe])
+def test_a_file_is_replaced_and_nothing_else(spoil: Callable[[Path], None], tmp_path: Path) -> None:
+    path = tmp_path / "here" / "record.csv"
+    put(tmp_path / "here", "record.csv")
+    spoil(path)
+    before = listing(tmp_path)
+    with pytest.raises(InputError, match="never replaced"), atomic_write(path) as aside:
+        aside.write_text("new")
+    assert listing(tmp_path) == before
 
 
 def test_a_file_that_would_not_be_known_again_is_not_written(tmp_path: Path) -> None:
@@ -259,14 +246,12 @@ def test_what_is_sealed_is_opened_and_a_changed_bit_is_never_believed() -> None:
     assert found > 400
 
 
-def test_what_was_never_sealed_is_an_error() -> None:
-    cases = [b"", b"\xff", b"{}", b"[]", b"3", b"[" * 100_000, b'{"a": 1' + b"0" * 9999 + b"}"]
-
-    def check(content: bytes) -> None:
-        with pytest.raises(ValueError):  # noqa: PT011
-            loads_checksummed(content)
-
-    for_each({str(content): (content,) for content in cases}, check)
+@together(
+    "content", [b"", b"\xff", b"{}", b"[]", b"3", b"[" * 100_000, b'{"a": 1' + b"0" * 9999 + b"}"]
+)
+def test_what_was_never_sealed_is_an_error(content: bytes) -> None:
+    with pytest.raises(ValueError):  # noqa: PT011
+        loads_checksummed(content)
 
 
 def test_what_is_replaced_hands_its_mode_bits_on(tmp_path: Path) -> None:

@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 import pint
 import pytest
-from together import for_each
+from together import together
 
 from bayesdrill.basics import symbols
-from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.motor_shaft import PARAMETERS
 
 
@@ -35,20 +34,15 @@ def test_geometry_supports_the_default() -> None:
     assert symbols.NOMINAL["tables_2_3"]["j_1"] == pytest.approx(inertia, rel=0.002)
 
 
-def test_every_symbol_is_complete() -> None:
-    def check(table: dict[str, symbols.Symbol]) -> None:
-        registry = pint.UnitRegistry()
-        for name, symbol in table.items():
-            assert symbol.name == name
-            assert symbol.latex
-            assert symbol.meaning
-            unit = registry.Quantity(1.0, symbol.unit)
-            assert unit.to_base_units().magnitude == pytest.approx(1.0), name
-
-    for_each(
-        {str(table): (table,) for table in [symbols.PARAMETERS, symbols.STATES, symbols.INPUTS]},
-        check,
-    )
+@together("table", [symbols.PARAMETERS, symbols.STATES, symbols.INPUTS])
+def test_every_symbol_is_complete(table: dict[str, symbols.Symbol]) -> None:
+    registry = pint.UnitRegistry()
+    for name, symbol in table.items():
+        assert symbol.name == name
+        assert symbol.latex
+        assert symbol.meaning
+        unit = registry.Quantity(1.0, symbol.unit)
+        assert unit.to_base_units().magnitude == pytest.approx(1.0), name
 
 
 def test_units_agree_with_the_equations() -> None:
@@ -59,69 +53,33 @@ def test_units_agree_with_the_equations() -> None:
         for table in (symbols.PARAMETERS, symbols.STATES, symbols.INPUTS)
         for name, s in table.items()
     }
-    second = registry.Quantity(1.0, "s")
-    volts = [
-        unit["l_m"] * unit["i"] / second,
-        unit["r_m"] * unit["i"],
-        unit["r_s"] * unit["i"],
-        unit["k_e"] * unit["w_2"],
-        unit["v_d"],
-    ]
-    torques = [
-        unit["j_m"] * unit["w_2"] / second,
-        unit["c_m"] * unit["w_2"],
-        unit["k_T"] * unit["i"],
-        unit["k_s"] * unit["theta_1"],
-        unit["j_1"] * unit["w_1"] / second,
-        unit["t_f"],
-        unit["t_1"],
-        unit["j_2"] * unit["w_2"] / second,
-        unit["c_s"] * unit["w_1"],
-        unit["c_1"] * unit["w_1"],
-        *(unit[name] for name in ("t_cm", "t_sm", "t_c1", "t_s1")),
-        unit["k_s"] * unit["theta_1"] / unit["eta"],
-    ]
-    speeds = [unit["w_sm"], unit["w_s1"]]
-    for terms, balance in ((volts, unit["v"]), (torques, unit["t_f"]), (speeds, unit["w_1"])):
-        for term in terms:
-            assert term.to(balance.units).magnitude == pytest.approx(1.0)
+    unit["s"] = registry.Quantity(1.0, "s")
+    balances = {
+        "v": "l_m*i/s r_m*i r_s*i k_e*w_2 v_d",
+        "t_f": "j_m*w_2/s c_m*w_2 k_T*i k_s*theta_1 j_1*w_1/s t_1 j_2*w_2/s c_s*w_1 c_1*w_1 "
+        "t_cm t_sm t_c1 t_s1 k_s*theta_1/eta",
+        "w_1": "w_sm w_s1",
+    }
+    for balance, terms in balances.items():
+        for term in terms.split():
+            found = eval(term, {}, unit).to(unit[balance].units)
+            assert found.magnitude == pytest.approx(1.0), term
 
 
-def test_models_speak_in_symbols() -> None:
-    def check(name: str) -> None:
-        model = MODELS[name]()
-        assert model.name == name
-        own = {symbol.name for symbol in model.declares}
-        assert set(model.parameters) <= {*symbols.PARAMETERS} | own
-        assert set(model.states) <= {*symbols.STATES} | own
-        assert set(model.inputs) <= {*symbols.INPUTS} | own
-        linear = model.linear(dict.fromkeys(model.parameters, 2.0))
-        for row, column in linear.A:
-            assert {row, column} <= set(model.states)
-        for row, column in linear.B:
-            assert row in model.states
-            assert column in model.inputs
-        assert set(linear.c) <= set(model.states)
-
-    for_each({str(name): (name,) for name in MODELS}, check)
-
-
-def test_the_documents_have_a_row_for_every_parameter() -> None:
-    def check(name: str) -> None:
-        page = "config.md" if name in PARAMETERS else "rigs.md"
-        text = (Path(__file__).parents[2] / "docs" / page).read_text()
-        (row,) = (line for line in text.splitlines() if line.startswith(f"| `{name}` |"))
-        _, _, unit, *cells, _ = (cell.strip() for cell in row.split(" | ".strip()))
-        symbol = symbols.PARAMETERS[name]
-        assert unit == symbol.plain_unit
-        if name in PARAMETERS:
-            side, meaning, _ = cells
-            assert side == ("shaft" if name in ("k_s", "j_1") else "motor")
-        else:
-            meaning, adds, hidden_by, typical = cells
-            assert typical == symbol.typical
-            assert adds
-            assert {*re.findall(r"`(\w+)`", hidden_by)} & {*symbols.PARAMETERS} - {name}
-        assert meaning == symbol.meaning
-
-    for_each({str(name): (name,) for name in symbols.PARAMETERS}, check)
+@together("name", symbols.PARAMETERS)
+def test_the_documents_have_a_row_for_every_parameter(name: str) -> None:
+    page = "config.md" if name in PARAMETERS else "rigs.md"
+    text = (Path(__file__).parents[2] / "docs" / page).read_text()
+    (row,) = (line for line in text.splitlines() if line.startswith(f"| `{name}` |"))
+    _, _, unit, *cells, _ = (cell.strip() for cell in row.split(" | ".strip()))
+    symbol = symbols.PARAMETERS[name]
+    assert unit == symbol.plain_unit
+    if name in PARAMETERS:
+        side, meaning, _ = cells
+        assert side == ("shaft" if name in ("k_s", "j_1") else "motor")
+    else:
+        meaning, adds, hidden_by, typical = cells
+        assert typical == symbol.typical
+        assert adds
+        assert {*re.findall(r"`(\w+)`", hidden_by)} & {*symbols.PARAMETERS} - {name}
+    assert meaning == symbol.meaning

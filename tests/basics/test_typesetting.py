@@ -10,130 +10,74 @@ from pathlib import Path
 
 import pytest
 from matplotlib.mathtext import MathTextParser
-from together import for_each
+from together import together
 
 from bayesdrill.basics import symbols, units
 from bayesdrill.basics.symbols import Symbol, product_latex
 from bayesdrill.config import latex as config_latex
 
 REFUSED = (
-    *(
-        "a&b",
-        "a%b",
-        "a#b",
-        "a$b",
-        "a~b",
-        'a"b',
-        "\\",
-        "a\\",
-        "a\\\\b",
-        "x_{",
-        "x}",
-        "a}{b",
-        " ",
-        "\n",
-    ),
-    r"x$ \input{/etc/passwd} $y",
-    r"\input{/etc/passwd}",
-    r"\write18{ls}",
-    r"\text{\input}",
-    r"\text{a&b}",
-    "^^5cinput{x}",
-    r"\csname input\endcsname",
-    r"\mathdefault{x}",
-    r"\quad",
-    "\u03c9",
-    "\x1b]0;x\x07",
-    r"_\left(x\right)",
-    r"\hat\sqrt{x}",
-    "x^2'",
-    "{" * 60 + "x" + "}" * 60,
-)
+    "a&b", "a%b", "a#b", "a$b", "a~b", 'a"b', "\\", "a\\", "a\\\\b", "x_{", "x}", "a}{b", " ", "\n",
+    r"x$ \input{/etc/passwd} $y", r"\input{/etc/passwd}", r"\write18{ls}", r"\text{\input}",
+    r"\text{a&b}", "^^5cinput{x}", r"\csname input\endcsname", r"\mathdefault{x}", r"\quad",
+    "\u03c9", "\x1b]0;x\x07", r"_\left(x\right)", r"\hat\sqrt{x}", "x^2'", "{" * 60 + "x" + "}" * 60,
+)  # fmt: skip
 TAKEN = (
-    *(
-        "x",
-        "k_s",
-        r"\omega_n",
-        r"\dot\theta_1",
-        r"\mathrm{ab}",
-        r"x_{\mathrm{a\_b}}",
-        r"\frac{a}{b}",
-    ),
-    *(
-        r"d^2",
-        "x'",
-        r"x_\mathrm{max}",
-        r"\Delta\,p",
-        r"\sqrt{k_s/j_1}",
-        r"\left(x\right)^{2}",
-        r"\%",
-    ),
-)
+    "x", "k_s", r"\omega_n", r"\dot\theta_1", r"\mathrm{ab}", r"x_{\mathrm{a\_b}}", r"\frac{a}{b}",
+    r"d^2", "x'", r"x_\mathrm{max}", r"\Delta\,p", r"\sqrt{k_s/j_1}", r"\left(x\right)^{2}", r"\%",
+)  # fmt: skip
 
 
 def named(latex: str, unit: str = "") -> Symbol:
     return Symbol("q", "1", latex, unit, "")
 
 
-def test_what_would_leave_its_formula_is_refused_with_a_way_out() -> None:
+@together("latex", REFUSED)
+def test_what_would_leave_its_formula_is_refused_with_a_way_out(latex: str) -> None:
     """Mutant killed: mathtext alone asked, which takes `a&b`, and all that stands between dollars."""
-
-    def check(latex: str) -> None:
-        with pytest.raises(ValueError, match="figures and tables cannot write") as caught:
-            config_latex.check(named(latex))
-        assert latex in str(caught.value)
-        assert r"such as \omega_1" in str(caught.value)
-
-    for_each({str(latex): (latex,) for latex in REFUSED}, check)
-
-
-def test_what_is_taken_can_stand_in_products_and_with_labels() -> None:
-    """Mutant killed: a power after a power, at which mathtext raises while a figure is drawn."""
-
-    def check(latex: str) -> None:
+    with pytest.raises(ValueError, match="figures and tables cannot write") as caught:
         config_latex.check(named(latex))
-        parse = MathTextParser("path").parse
-        parse(f"${product_latex((2, -3), [named(latex), named(latex)])}$")
-        parse(f"${symbols.superscript(latex, r'\mathrm{slow}')}$")
-
-    for_each({str(latex): (latex,) for latex in TAKEN}, check)
+    assert latex in str(caught.value)
+    assert r"such as \omega_1" in str(caught.value)
 
 
-def test_a_unit_is_nothing_but_a_unit() -> None:
+@together("latex", TAKEN)
+def test_what_is_taken_can_stand_in_products_and_with_labels(latex: str) -> None:
+    """Mutant killed: a power after a power, at which mathtext raises while a figure is drawn."""
+    config_latex.check(named(latex))
+    parse = MathTextParser("path").parse
+    parse(f"${product_latex((2, -3), [named(latex), named(latex)])}$")
+    parse(f"${symbols.superscript(latex, r'\mathrm{slow}')}$")
+
+
+@together(
+    "unit", ['m"\\input{x}"', r"m #\input{x}", "m'&'", "m\n", '%"<b>"', "m,s", "m\u00b2\u00b2"]
+)
+def test_a_unit_is_nothing_but_a_unit(unit: str) -> None:
     """Mutant killed: what pint reads past, comments and quotes, handed on to tables and figures."""
-    cases = ['m"\\input{x}"', r"m #\input{x}", "m'&'", "m\n", '%"<b>"', "m,s", "m\u00b2\u00b2"]
-
-    def check(unit: str) -> None:
-        with pytest.raises(ValueError, match="unit"):
-            units.display_unit(unit)
-        with pytest.raises(ValueError, match="unit"):
-            units.factor(unit, "m")
-
-    for_each({str(unit): (unit,) for unit in cases}, check)
+    with pytest.raises(ValueError, match="unit"):
+        units.display_unit(unit)
+    with pytest.raises(ValueError, match="unit"):
+        units.factor(unit, "m")
 
 
-def test_common_units_are_what_pint_says_and_refused_as_it_refuses() -> None:
+@together("unit", units._COMMON)
+def test_common_units_are_what_pint_says_and_refused_as_it_refuses(unit: str) -> None:
     """A blank before a unit is nothing to pint, and no common unit."""
-
-    def check(unit: str) -> None:
-        for si in units._KINDS:
-            try:
-                value = units.factor(f" {unit}", si)
-            except ValueError as error:
-                message = str(error).replace(f"' {unit}'", f"'{unit}'")
-                with pytest.raises(ValueError, match=re.escape(message)):
-                    units.factor(unit, si)
-            else:
-                assert units.factor(unit, si) == value
-
-    for_each({unit: (unit,) for unit in units._COMMON}, check)
+    for si in units._KINDS:
+        try:
+            value = units.factor(f" {unit}", si)
+        except ValueError as error:
+            message = str(error).replace(f"' {unit}'", f"'{unit}'")
+            with pytest.raises(ValueError, match=re.escape(message)):
+                units.factor(unit, si)
+        else:
+            assert units.factor(unit, si) == value
 
 
-def test_powers_of_signs_can_be_drawn() -> None:
-    def check(unit: str) -> None:
-        config_latex.check(named("x", units.display_unit(unit).latex))
-
-    for_each({unit: (unit,) for unit in ["\u00b0\u00b2", "\u00b0**2"]}, check)
+@together("unit", ["\u00b0\u00b2", "\u00b0**2"])
+def test_powers_of_signs_can_be_drawn(unit: str) -> None:
+    config_latex.check(named("x", units.display_unit(unit).latex))
 
 
 def _formula(rng: random.Random, depth: int = 0) -> str:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from cases import run
+from together import together
 
 import bayesdrill as bd
 from benchmarks import baseline
@@ -39,17 +40,13 @@ def other(change: Callable[[Any], object]) -> Measured:
     return measured
 
 
-def only_difference(change: Callable[[Any], object], **options: bool) -> tuple[str, bool]:
-    ((text, beyond),) = compare(MEASURED, other(change), **options)
-    return text, beyond
-
-
-def by_errors(name: str, number: int, errors: float) -> Callable[[Any], object]:
-    """Moves a mean (0) or an sd (1) by so many standard errors of one run."""
+def by_errors(errors: float, *moments: tuple[str, int]) -> Callable[[Any], object]:
+    """Moves means (0) or sds (1) by so many standard errors of one run."""
 
     def change(measured: Any) -> None:
-        quantity = measured["quantities"][name]
-        quantity[number] += errors * quantity[number + 2]
+        for name, number in moments:
+            quantity = measured["quantities"][name]
+            quantity[number] += errors * quantity[number + 2]
 
     return change
 
@@ -58,32 +55,58 @@ def with_density(values: Any) -> Callable[[Any], object]:
     return lambda measured: measured.update(log_density=packed(values))
 
 
-def test_equal_results_do_not_differ() -> None:
-    assert list(compare(MEASURED, json.loads(json.dumps(MEASURED)), same_bytes=True)) == []
+def other_bytes(measured: Any) -> None:
+    measured["sha256"]["summary.csv"] = "0"
+    del measured["sha256"]["verdict.csv"]
+    measured["sha256"]["torque.csv"] = "4c"
 
 
-def test_other_bytes_are_named_and_are_beyond_the_limits_on_request() -> None:
-    def change(measured: Any) -> None:
-        measured["sha256"]["summary.csv"] = "0"
-        del measured["sha256"]["verdict.csv"]
-        measured["sha256"]["torque.csv"] = "4c"
-
-    named = "other bytes: summary.csv, verdict.csv, torque.csv"
-    assert only_difference(change) == (named, False)
-    assert only_difference(change, same_bytes=True) == (named, True)
+def no_mean(measured: Any) -> None:
+    measured["quantities"]["k_s"][0] = np.nan
 
 
-def test_a_log_density_may_differ_by_rounding_only() -> None:
+def at_one_point(factor: float) -> np.ndarray:
     moved = LOG_DENSITY.copy()
-    moved[17] *= 1.0 + 1e-7
-    text, beyond = only_difference(with_density(moved))
-    assert text == "log density: 1.0e-07 max(1, |log density|) at 1 points"
-    assert beyond
-    text, beyond = only_difference(with_density(LOG_DENSITY * (1.0 + 1e-11)))
-    assert "1.0e-11" in text
-    assert not beyond
-    moved[17] = -np.inf
-    assert only_difference(with_density(moved))[1]
+    moved[17] *= factor
+    return moved
+
+
+BOTH = (("k_s", 0), ("omega_n", 0))
+BYTES = "other bytes: summary.csv, verdict.csv, torque.csv"
+MEANS, SDS = "means, in standard errors: ", "sds, in standard errors: "
+DENSITY = "log density: 1.0e-07 max(1, |log density|) at 1 points"
+
+
+@together(
+    "change, text, beyond",
+    [
+        (other_bytes, BYTES, False),
+        (with_density(at_one_point(1.0 + 1e-7)), DENSITY, True),
+        (with_density(LOG_DENSITY * (1.0 + 1e-11)), "1.0e-11", False),
+        (with_density(at_one_point(-np.inf)), "log density", True),
+        (by_errors(10.0, ("k_s", 0)), f"{MEANS}k_s 7.1", True),
+        (by_errors(10.0, ("omega_n", 1)), f"{SDS}omega_n 7.1", True),
+        (by_errors(10.0, ("log evidence", 0)), f"{MEANS}log evidence 7.1", True),
+        (by_errors(5.0, ("k_s", 0)), MEANS, False),
+        (by_errors(5.0, ("omega_n", 1)), SDS, False),
+        (by_errors(10.0, *BOTH), f"{MEANS}k_s 7.1, omega_n 7.1", True),
+        (no_mean, f"{MEANS}k_s inf", True),
+        (lambda of: of["quantities"].pop("omega_n"), "quantities of one run only: omega_n", True),
+        (lambda of: of.update(status=3), "exit status 0, now 3", True),
+    ],
+)
+def test_each_change_is_named_and_beyond_the_limits_or_not(
+    change: Callable[[Any], object], text: str, beyond: bool
+) -> None:
+    ((said, is_beyond),) = compare(MEASURED, other(change))
+    assert text in said
+    assert is_beyond == beyond
+
+
+def test_equal_results_do_not_differ_and_other_bytes_are_beyond_the_limits_on_request() -> None:
+    assert list(compare(MEASURED, json.loads(json.dumps(MEASURED)), same_bytes=True)) == []
+    assert list(compare(other(no_mean), other(no_mean))) == []
+    assert list(compare(MEASURED, other(other_bytes), same_bytes=True)) == [(BYTES, True)]
 
 
 def test_a_small_log_density_is_compared_absolutely() -> None:
@@ -93,57 +116,21 @@ def test_a_small_log_density_is_compared_absolutely() -> None:
         assert [beyond for _, beyond in compare(old, new)] == [expected]
 
 
-def test_means_sds_and_the_evidence_may_differ_by_monte_carlo_errors_only() -> None:
-    for name, number, said in (
-        ("k_s", 0, "means, in standard errors: k_s 7.1"),
-        ("omega_n", 1, "sds, in standard errors: omega_n 7.1"),
-        ("log evidence", 0, "means, in standard errors: log evidence 7.1"),
-    ):
-        assert only_difference(by_errors(name, number, 10.0)) == (said, True)
-        assert not only_difference(by_errors(name, number, 5.0))[1]
-
-
-def test_all_quantities_beyond_the_limits_are_named() -> None:
-    def change(measured: Any) -> None:
-        for name in ("k_s", "omega_n"):
-            by_errors(name, 0, 10.0)(measured)
-
-    assert only_difference(change) == ("means, in standard errors: k_s 7.1, omega_n 7.1", True)
-
-
-def test_a_number_that_becomes_none_is_beyond_the_limits() -> None:
-    def change(measured: Any) -> None:
-        measured["quantities"]["k_s"][0] = np.nan
-
-    assert only_difference(change) == ("means, in standard errors: k_s inf", True)
-    assert list(compare(other(change), other(change))) == []
-
-
 def test_a_quantity_without_spread_may_differ_by_rounding_only() -> None:
     assert baseline.distance(0.25, 0.25 * (1 + 1e-15), 0.0, 0.0) < 1.0
     assert baseline.distance(0.25, 0.2500001, 0.0, 0.0) > baseline.MOST_ERRORS
     assert baseline.distance(0.0, 0.0, 0.0, 0.0) == 0.0
 
 
-def test_a_quantity_that_only_one_run_has_is_beyond_the_limits() -> None:
-    change = lambda measured: measured["quantities"].pop("omega_n")  # noqa: E731
-    assert only_difference(change) == ("quantities of one run only: omega_n", True)
-
-
 def test_a_changed_conclusion_is_shown_line_by_line() -> None:
     def change(measured: Any) -> None:
         measured["conclusions"][1] = "verdict: all 3 disagree."
 
-    text, beyond = only_difference(change)
+    ((text, beyond),) = compare(MEASURED, other(change))
     assert beyond
     assert "    - verdict: all 3 agree.\n" in text
     assert "    + verdict: all 3 disagree." in text
     assert "residuals" not in text
-
-
-def test_another_exit_status_is_beyond_the_limits() -> None:
-    change = lambda measured: measured.update(status=3)  # noqa: E731
-    assert only_difference(change) == ("exit status 0, now 3", True)
 
 
 def test_a_job_that_fails_now_differs_in_all_that_it_had() -> None:
@@ -268,7 +255,7 @@ def test_the_command_writes_compares_and_fails_where_something_is_beyond_the_lim
     now = other(lambda measured: measured["sha256"].update(draws="0"))
     assert baseline.main(some) == 0
     assert baseline.main([*some, "--bytes"]) == 1
-    now = other(by_errors("k_s", 0, 10.0))
+    now = other(by_errors(10.0, ("k_s", 0)))
     assert baseline.main(["--only", "lags"]) == 1
     assert "  BEYOND means, in standard errors: k_s 7.1" in capsys.readouterr().out
     assert baseline.main(["--only", "lags", "--write"]) == 0

@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
-import scipy.integrate
 from oracles import NOMINAL
 from rigs import measured, posterior, vector
 from scipy.stats import norm
-from together import for_each
+from together import together
 
 from bayesdrill.inference import laplace
 from bayesdrill.inference.priors import (
     PRIORS,
     HalfNormal,
-    LogNormal,
-    Prior,
-    TruncatedNormal,
     Uniform,
 )
 from bayesdrill.inference.unknowns import Coordinates
@@ -53,85 +47,52 @@ def points(n: int = 40, width: float = 0.9) -> np.ndarray:
     return centre * factors
 
 
-def test_there_and_back() -> None:
+@together("name", NAMES)
+def test_there_and_back(name: str) -> None:
     """Mutant killed: logs of columns beside those that are meant."""
-
-    def check(name: str) -> None:
-        coordinates, theta = make(name), points()
-        z = coordinates.from_physical(theta)
-        assert np.array_equal(z, np.where(coordinates.logs, np.log(theta), theta))
-        assert np.allclose(coordinates.to_physical(z), theta, rtol=1e-14)
-
-    for_each({str(name): (name,) for name in NAMES}, check)
+    coordinates, theta = make(name), points()
+    z = coordinates.from_physical(theta)
+    assert np.array_equal(z, np.where(coordinates.logs, np.log(theta), theta))
+    assert np.allclose(coordinates.to_physical(z), theta, rtol=1e-14)
 
 
-def test_nothing_that_goes_in_is_changed() -> None:
+@together("name", NAMES)
+def test_nothing_that_goes_in_is_changed(name: str) -> None:
     """Mutant killed: logs taken in place, of the walkers themselves."""
-
-    def check(name: str) -> None:
-        coordinates, theta = make(name), points(3)
-        z = coordinates.from_physical(theta)
-        before = theta.copy(), z.copy()
-        coordinates.from_physical(theta)
-        coordinates.to_physical(z)
-        coordinates.with_jacobian(z)
-        assert np.array_equal(theta, before[0])
-        assert np.array_equal(z, before[1])
-
-    for_each({str(name): (name,) for name in NAMES}, check)
+    coordinates, theta = make(name), points(3)
+    z = coordinates.from_physical(theta)
+    before = theta.copy(), z.copy()
+    coordinates.from_physical(theta)
+    coordinates.to_physical(z)
+    coordinates.with_jacobian(z)
+    assert np.array_equal(theta, before[0])
+    assert np.array_equal(z, before[1])
 
 
-def test_jacobian_equals_a_numerical_determinant() -> None:
+@together("name", NAMES)
+def test_jacobian_equals_a_numerical_determinant(name: str) -> None:
     """Mutants killed: the Jacobian dropped, or that of all unknowns where some have no logs."""
-
-    def check(name: str) -> None:
-        coordinates = make(name)
-        for row in points(12):
-            z = coordinates.from_physical(row[None])[0]
-            h = 1e-6 * np.maximum(np.abs(z), 1e-3)
-            up = coordinates.to_physical(z + np.diag(h))
-            down = coordinates.to_physical(z - np.diag(h))
-            columns = (up - down) / (2 * h[:, None]) / row  # d log theta / dz: well scaled
-            _, log_det = np.linalg.slogdet(columns)
-            true = log_det + np.log(row).sum()
-            theta, log_jacobian = coordinates.with_jacobian(z[None])
-            assert log_jacobian[0] == pytest.approx(true, abs=1e-6)
-            assert theta[0] == pytest.approx(row, rel=1e-12)
-
-    for_each({str(name): (name,) for name in NAMES}, check)
-
-
-def test_slopes_are_those_of_differences() -> None:
-    def check(name: str) -> None:
-        coordinates, theta = make(name), points(5)
-        z = coordinates.from_physical(theta)
+    coordinates = make(name)
+    for row in points(12):
+        z = coordinates.from_physical(row[None])[0]
         h = 1e-6 * np.maximum(np.abs(z), 1e-3)
-        numeric = (coordinates.to_physical(z + h) - coordinates.to_physical(z - h)) / (2 * h)
-        assert coordinates.slopes(theta) == pytest.approx(numeric, rel=1e-7)
+        up = coordinates.to_physical(z + np.diag(h))
+        down = coordinates.to_physical(z - np.diag(h))
+        columns = (up - down) / (2 * h[:, None]) / row  # d log theta / dz: well scaled
+        _, log_det = np.linalg.slogdet(columns)
+        true = log_det + np.log(row).sum()
+        theta, log_jacobian = coordinates.with_jacobian(z[None])
+        assert log_jacobian[0] == pytest.approx(true, abs=1e-6)
+        assert theta[0] == pytest.approx(row, rel=1e-12)
 
-    for_each({str(name): (name,) for name in NAMES}, check)
 
-
-def test_prior_times_jacobian_integrates_to_one() -> None:
-    priors = [Uniform(0.2, 0.9), TruncatedNormal(0.3, 0.4), LogNormal(0.5, 0.6), HalfNormal(0.8)]
-
-    def check(name: str, prior: Prior) -> None:
-        coordinates = make(name, 1)
-
-        def density(z: float) -> float:
-            theta, log_jacobian = coordinates.with_jacobian(np.array([[z]]))
-            if theta[0, 0] <= 0:
-                return 0.0
-            log_p = prior.logpdf(theta[:, 0]) + log_jacobian
-            return float(np.exp(log_p[0]))
-
-        edges = [z for end in (0.2, 0.9) for z in (end, np.log(end))]
-        total, _ = scipy.integrate.quad(density, -30, 8, points=sorted(edges), limit=500)
-        assert total == pytest.approx(1.0, abs=1e-5)
-
-    for_each(
-        {f"{name} {prior}": (name, prior) for name in ["log", "linear"] for prior in priors}, check
-    )
+@together("name", NAMES)
+def test_slopes_are_those_of_differences(name: str) -> None:
+    coordinates, theta = make(name), points(5)
+    z = coordinates.from_physical(theta)
+    h = 1e-6 * np.maximum(np.abs(z), 1e-3)
+    numeric = (coordinates.to_physical(z + h) - coordinates.to_physical(z - h)) / (2 * h)
+    assert coordinates.slopes(theta) == pytest.approx(numeric, rel=1e-7)
 
 
 PARAMETERS: dict[str, dict[str, float]] = {
@@ -144,19 +105,16 @@ PARAMETERS: dict[str, dict[str, float]] = {
 }
 
 
-def test_logs_are_the_scale_unless_zero_itself_has_a_density() -> None:
+@together("family", PRIORS)
+def test_logs_are_the_scale_unless_zero_itself_has_a_density(family: str) -> None:
     """Mutant killed: logs of an unknown whose lower end is zero, an endless tail for the walkers."""
-
-    def check(family: str) -> None:
-        prior = PRIORS[family](**PARAMETERS[family])
-        at_zero = float(np.exp(prior.logpdf(np.array([1e-12]))[0]))
-        assert prior.in_logs == (at_zero == 0.0)
-        if "low" in PARAMETERS[family] and family != "log_uniform":
-            down = PRIORS[family](**{**PARAMETERS[family], "low": 0.0})
-            assert not down.in_logs
-            assert np.isfinite(down.logpdf(np.array([1e-12]))[0])
-
-    for_each({str(family): (family,) for family in PRIORS}, check)
+    prior = PRIORS[family](**PARAMETERS[family])
+    at_zero = float(np.exp(prior.logpdf(np.array([1e-12]))[0]))
+    assert prior.in_logs == (at_zero == 0.0)
+    if "low" in PARAMETERS[family] and family != "log_uniform":
+        down = PRIORS[family](**{**PARAMETERS[family], "low": 0.0})
+        assert not down.in_logs
+        assert np.isfinite(down.logpdf(np.array([1e-12]))[0])
 
 
 def test_a_posterior_walks_in_logs_but_where_its_prior_reaches_zero() -> None:
@@ -179,16 +137,6 @@ def test_a_posterior_walks_in_logs_but_where_its_prior_reaches_zero() -> None:
     others = np.log(vector({**NOMINAL, "c_m": 1.0, "t_f": 1.0})).sum()
     theta = target.coordinates.to_physical(z)
     assert found[:2] == pytest.approx(target.density(theta)[:2] + others, rel=1e-12)
-
-
-def test_the_same_density_in_any_coordinates() -> None:
-    """Mutant killed: a Jacobian with the wrong sign."""
-    sigma = np.full(4, 0.1)
-    one = posterior(measured(sigma, n=60), sigma)
-    two = dataclasses.replace(one, coordinates=Coordinates((False,) * 9))
-    theta = vector(NOMINAL) * np.random.default_rng(3).uniform(0.9, 1.1, (5, 9))
-    apart = one(one.coordinates.from_physical(theta)) - two(two.coordinates.from_physical(theta))
-    assert apart == pytest.approx(np.log(theta).sum(axis=1), rel=1e-9)
 
 
 BETWEEN = Coordinates((True, False, False), ((1, -0.9, 0.99), (2, 2.0, 5.0)), ((1, 1.0), (2, 1.0)))

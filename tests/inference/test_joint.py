@@ -8,7 +8,7 @@ import numpy as np
 import pairs
 import pytest
 from rigs import with_priors
-from together import for_each
+from together import together
 
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.inference import laplace
@@ -74,29 +74,26 @@ def test_an_own_unknown_moves_its_experiment_alone_and_a_shared_one_all() -> Non
         assert changed == expected, name
 
 
-def test_what_is_missing_is_as_if_it_were_never_sampled() -> None:
+@together("level", ["known", "unknown"])
+def test_what_is_missing_is_as_if_it_were_never_sampled(level: str) -> None:
     """Against the record without these rows, of one channel; mutant killed: counts of all samples."""
-
-    def check(level: str) -> None:
-        posterior = target()
-        one = posterior.likelihood.observations[1 if level == "unknown" else 0]
-        k = 1
-        rows = np.array([5, 6, 30])
-        y = np.array(one.experiment.y)
-        y[rows, k] = np.nan
-        theta = points(posterior, 2)
-        full = posterior.space.full(theta)
-        record = replace(one.experiment, y=y)
-        seen = replace(
-            one, response=one.response.of(record), noise=_with_counts(one.noise, record.counts)
-        )
-        here, whole = seen.by_channel(full, theta)[:, k], one.by_channel(full, theta)[:, k]
-        left = (one.experiment.y - one.signals(full))[:, rows, k]
-        sigma = one.scales(theta)[:, k, None]
-        gone = -0.5 * (left / sigma) ** 2 - np.log(sigma) - 0.5 * np.log(2 * np.pi)
-        assert whole - here == pytest.approx(gone.sum(axis=1), rel=1e-7)
-
-    for_each({level: (level,) for level in ["known", "unknown"]}, check)
+    posterior = target()
+    one = posterior.likelihood.observations[1 if level == "unknown" else 0]
+    k = 1
+    rows = np.array([5, 6, 30])
+    y = np.array(one.experiment.y)
+    y[rows, k] = np.nan
+    theta = points(posterior, 2)
+    full = posterior.space.full(theta)
+    record = replace(one.experiment, y=y)
+    seen = replace(
+        one, response=one.response.of(record), noise=_with_counts(one.noise, record.counts)
+    )
+    here, whole = seen.by_channel(full, theta)[:, k], one.by_channel(full, theta)[:, k]
+    left = (one.experiment.y - one.signals(full))[:, rows, k]
+    sigma = one.scales(theta)[:, k, None]
+    gone = -0.5 * (left / sigma) ** 2 - np.log(sigma) - 0.5 * np.log(2 * np.pi)
+    assert whole - here == pytest.approx(gone.sum(axis=1), rel=1e-7)
 
 
 def _with_counts(noise: object, counts: tuple[int, ...]) -> object:
@@ -168,22 +165,21 @@ def unknown(prior: object, role: str = "sensor") -> Unknown:
     return replace(one, prior=prior, role=role, start=0.0)  # type: ignore[arg-type]
 
 
-def test_what_may_be_next_to_nothing_has_no_logarithmic_scale() -> None:
-    """A lag from zero on is one; a parameter of the rig is not, as it may span decades."""
-    cases = [
+@together(
+    "prior, signed",
+    [
         (Uniform(-1.0, 2.0), True),
         (Uniform(0.0, 0.05), True),
         (Uniform(0.01, 0.05), False),
         (TruncatedNormal(0.0, 2.0, -np.inf, np.inf), True),
         (LogNormal(1.0, 0.1), False),
-    ]
-
-    def check(prior: object, signed: bool) -> None:
-        assert unknown(prior).signed is signed
-        if prior == Uniform(0.0, 0.05):
-            assert not unknown(prior, "rig").signed
-
-    for_each({str(case): case for case in cases}, check)
+    ],
+)
+def test_what_may_be_next_to_nothing_has_no_logarithmic_scale(prior: object, signed: bool) -> None:
+    """A lag from zero on is one; a parameter of the rig is not, as it may span decades."""
+    assert unknown(prior).signed is signed
+    if prior == Uniform(0.0, 0.05):
+        assert not unknown(prior, "rig").signed
 
 
 def test_natural_scales_are_logs_and_multiples_of_a_step() -> None:

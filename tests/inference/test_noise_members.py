@@ -15,7 +15,7 @@ import pytest
 import scipy.stats
 from numpy.typing import NDArray
 from scipy.integrate import quad
-from together import for_each
+from together import together
 
 from bayesdrill.inference.noise.ar1 import AR1
 from bayesdrill.inference.noise.contract import Noise, NoisyChannel
@@ -70,53 +70,47 @@ def dense(t: Array, sigma: float, rho: float, usual: float) -> Array:
     return sigma**2 * rho ** (np.abs(t[:, None] - t) / usual)
 
 
-def test_a_memory_is_a_covariance_that_falls_off_with_time() -> None:
-    timess = ["even", "missing", "uneven", "every other one"]
-
-    def check(rho: float, times: str) -> None:
-        t = UNEVEN if times == "uneven" else 0.01 * np.arange(10)
-        seen = np.ones((10, 2), dtype=bool)
-        if times == "missing":
-            seen[[2, 3, 7], 0] = False
-            seen[0, 1] = False
-        if times == "every other one":
-            seen[::2, 0] = False
-        of = noise_for_record(remembering(10), t, seen)
-        rng = np.random.default_rng(2)
-        own = np.column_stack(
-            [rng.uniform(0.5, 2, (3, 2)) * SIGMA, np.full(3, rho), np.full(3, 0.4)]
-        )
-        samples = of.draw(np.zeros((3, 10, 2)), own, rng)
-        samples[:, ~seen] = np.nan
-        found = of.log_likelihood(left_of(samples), own)
-        usual = 0.02 if times == "every other one" else 0.01
-        for k, step in enumerate((usual, 0.01)):
-            here = seen[:, k]
-            for w in range(3):
-                covariance = dense(t[here], own[w, k], own[w, 2 + k], step)
-                true = scipy.stats.multivariate_normal(cov=covariance, allow_singular=False)
-                assert found[w, k] == pytest.approx(
-                    true.logpdf(samples[w, here, k]), rel=1e-8, abs=1e-8
-                )
-                root = np.linalg.cholesky(covariance)
-                white = np.linalg.solve(root, samples[w, here, k])
-                assert of.whiten(samples, own)[w, here, k] == pytest.approx(
-                    white, rel=1e-6, abs=1e-8
-                )
-                pull = np.linalg.solve(covariance, samples[w, here, k])
-                scale = np.abs(pull).max()
-                assert of.score(samples, own)[w, here, k] == pytest.approx(pull, abs=1e-7 * scale)
-        terms = of.pointwise(samples, own)
-        assert np.isnan(terms[:, ~seen]).all()
-        assert np.nansum(terms, axis=1) == pytest.approx(found, rel=1e-9)
-        assert (
-            of.whitened_jacobian(np.where(seen, 1.0, 0.0)[None], own[:1])[:, ~seen] == 0.0
-        ).all()
-
-    for_each(
-        {f"{rho} {times}": (rho, times) for rho in [0.02, 0.5, 0.95, 0.9999] for times in timess},
-        check,
-    )
+@together(
+    "rho, times",
+    [
+        (rho, times)
+        for rho in [0.02, 0.5, 0.95, 0.9999]
+        for times in ["even", "missing", "uneven", "every other one"]
+    ],
+)
+def test_a_memory_is_a_covariance_that_falls_off_with_time(rho: float, times: str) -> None:
+    t = UNEVEN if times == "uneven" else 0.01 * np.arange(10)
+    seen = np.ones((10, 2), dtype=bool)
+    if times == "missing":
+        seen[[2, 3, 7], 0] = False
+        seen[0, 1] = False
+    if times == "every other one":
+        seen[::2, 0] = False
+    of = noise_for_record(remembering(10), t, seen)
+    rng = np.random.default_rng(2)
+    own = np.column_stack([rng.uniform(0.5, 2, (3, 2)) * SIGMA, np.full(3, rho), np.full(3, 0.4)])
+    samples = of.draw(np.zeros((3, 10, 2)), own, rng)
+    samples[:, ~seen] = np.nan
+    found = of.log_likelihood(left_of(samples), own)
+    usual = 0.02 if times == "every other one" else 0.01
+    for k, step in enumerate((usual, 0.01)):
+        here = seen[:, k]
+        for w in range(3):
+            covariance = dense(t[here], own[w, k], own[w, 2 + k], step)
+            true = scipy.stats.multivariate_normal(cov=covariance, allow_singular=False)
+            assert found[w, k] == pytest.approx(
+                true.logpdf(samples[w, here, k]), rel=1e-8, abs=1e-8
+            )
+            root = np.linalg.cholesky(covariance)
+            white = np.linalg.solve(root, samples[w, here, k])
+            assert of.whiten(samples, own)[w, here, k] == pytest.approx(white, rel=1e-6, abs=1e-8)
+            pull = np.linalg.solve(covariance, samples[w, here, k])
+            scale = np.abs(pull).max()
+            assert of.score(samples, own)[w, here, k] == pytest.approx(pull, abs=1e-7 * scale)
+    terms = of.pointwise(samples, own)
+    assert np.isnan(terms[:, ~seen]).all()
+    assert np.nansum(terms, axis=1) == pytest.approx(found, rel=1e-9)
+    assert (of.whitened_jacobian(np.where(seen, 1.0, 0.0)[None], own[:1])[:, ~seen] == 0.0).all()
 
 
 def slopes_of(of: Noise, samples: Array, own: Array, column: int) -> Array:
@@ -163,51 +157,44 @@ def test_a_walker_that_overflows_is_lost_whatever_is_missing() -> None:
         assert np.isnan(of.log_likelihood(left_of(sick), own)[0, 0])
 
 
-def test_heavy_tails_are_students() -> None:
-    def check(nu: float) -> None:
-        of = StudentT.from_channels([noisy("w_1", 0.3), noisy("w_2", 0.02, degrees=nu)], 40)
-        own = np.array([[0.31, 0.017, nu]])
-        samples = of.draw(np.zeros((1, 40, 2)), own, np.random.default_rng(1))
-        samples[0, 7] = 1e6
-        samples[0, 9] = -1e3
-        for k in range(2):
-            true = scipy.stats.t(nu, scale=own[0, k])
-            terms = of.pointwise(samples, own)[0, :, k]
-            assert terms == pytest.approx(true.logpdf(samples[0, :, k]), rel=1e-10)
-            total = of.log_likelihood(left_of(samples), own)[0, k]
-            assert total == pytest.approx(terms.sum(), rel=1e-12)
-            upper = scipy.stats.norm.isf(true.sf(samples[0, 7, k]))
-            assert of.whiten(samples, own)[0, 7, k] == pytest.approx(upper, rel=1e-9)
-            assert of.scales(own)[0, k] == pytest.approx(true.std(), rel=1e-12)
-
-    for_each({str(nu): (nu,) for nu in [2.1, 5.0, 80.0]}, check)
+@together("nu", [2.1, 5.0, 80.0])
+def test_heavy_tails_are_students(nu: float) -> None:
+    of = StudentT.from_channels([noisy("w_1", 0.3), noisy("w_2", 0.02, degrees=nu)], 40)
+    own = np.array([[0.31, 0.017, nu]])
+    samples = of.draw(np.zeros((1, 40, 2)), own, np.random.default_rng(1))
+    samples[0, 7] = 1e6
+    samples[0, 9] = -1e3
+    for k in range(2):
+        true = scipy.stats.t(nu, scale=own[0, k])
+        terms = of.pointwise(samples, own)[0, :, k]
+        assert terms == pytest.approx(true.logpdf(samples[0, :, k]), rel=1e-10)
+        total = of.log_likelihood(left_of(samples), own)[0, k]
+        assert total == pytest.approx(terms.sum(), rel=1e-12)
+        upper = scipy.stats.norm.isf(true.sf(samples[0, 7, k]))
+        assert of.whiten(samples, own)[0, 7, k] == pytest.approx(upper, rel=1e-9)
+        assert of.scales(own)[0, k] == pytest.approx(true.std(), rel=1e-12)
 
 
 RATIOS = [0.01, 0.1, 0.5, 3.0, 100.0]  # of sigma to a step
 
 
-def test_what_is_rounded_has_the_probability_of_its_interval() -> None:
+@together("ratio", RATIOS)
+def test_what_is_rounded_has_the_probability_of_its_interval(ratio: float) -> None:
     """By quadrature over where the number was before; and the density of all residuals is one."""
-
-    def check(ratio: float) -> None:
-        step = 0.1
-        sigma = ratio * step
-        of = Quantised.from_channels([noisy("w_1", sigma, step=step)], 6)
-        own = np.array([[sigma]])
-        samples = np.array([0.0, 0.3, 0.5 - 1e-3, 0.8, -0.52, 1.1])[:, None] * step
-        terms = of.pointwise(samples[None], own)[0, :, 0]
-        for term, x in zip(terms, samples[:, 0], strict=True):
-            if ratio >= 0.1:
-                mass, _ = quad(
-                    scipy.stats.norm(0.0, sigma).pdf, x - step / 2, x + step / 2, epsabs=0.0
-                )
-                assert term == pytest.approx(math.log(mass / step), rel=1e-8, abs=1e-9)
-        reach = 0.5 * step + 9 * sigma
-        ends = np.linspace(-reach, reach, 200_001)
-        every = np.exp(of.pointwise(ends[None, :, None], own)[0, :, 0])
-        assert np.trapezoid(every, ends) == pytest.approx(1.0, rel=1e-7)
-
-    for_each({str(ratio): (ratio,) for ratio in RATIOS}, check)
+    step = 0.1
+    sigma = ratio * step
+    of = Quantised.from_channels([noisy("w_1", sigma, step=step)], 6)
+    own = np.array([[sigma]])
+    samples = np.array([0.0, 0.3, 0.5 - 1e-3, 0.8, -0.52, 1.1])[:, None] * step
+    terms = of.pointwise(samples[None], own)[0, :, 0]
+    for term, x in zip(terms, samples[:, 0], strict=True):
+        if ratio >= 0.1:
+            mass, _ = quad(scipy.stats.norm(0.0, sigma).pdf, x - step / 2, x + step / 2, epsabs=0.0)
+            assert term == pytest.approx(math.log(mass / step), rel=1e-8, abs=1e-9)
+    reach = 0.5 * step + 9 * sigma
+    ends = np.linspace(-reach, reach, 200_001)
+    every = np.exp(of.pointwise(ends[None, :, None], own)[0, :, 0])
+    assert np.trapezoid(every, ends) == pytest.approx(1.0, rel=1e-7)
 
 
 def test_far_off_an_interval_nothing_overflows() -> None:

@@ -7,7 +7,7 @@ import pytest
 from rigs import likelihood_of
 from rubbing_cases import CASES, moved
 from stepping import experiment_of, model_of, parameters
-from together import for_each
+from together import together
 
 from bayesdrill.inference.noise.contract import NoisyChannel
 from bayesdrill.inference.noise.white import White
@@ -44,29 +44,24 @@ def off(pieces: int, turns: int = REVERSAL_SUBSTEPS) -> np.ndarray:
     return np.asarray(np.abs(rig.signals(parameters(CASE))[0] - moved(NAME).states).max(axis=0))
 
 
-def test_errors_are_those_from_the_oracle() -> None:
+@together("pieces", [1, 4])
+def test_errors_are_those_from_the_oracle(pieces: int) -> None:
     """In sd of the noise; mutants killed: another sd, a truth that is no finer."""
-
-    def check(pieces: int) -> None:
-        (found,) = step_errors(likelihood(0.03, pieces), np.zeros(0))
-        assert found.pieces == pieces
-        assert np.array(found.errors) * 0.03 == pytest.approx(off(pieces), rel=0.05)
-
-    for_each({str(pieces): (pieces,) for pieces in [1, 4]}, check)
+    (found,) = step_errors(likelihood(0.03, pieces), np.zeros(0))
+    assert found.pieces == pieces
+    assert np.array(found.errors) * 0.03 == pytest.approx(off(pieces), rel=0.05)
 
 
-def test_as_few_pieces_are_chosen_as_are_enough() -> None:
-    def check(sigma: float) -> None:
-        posterior = Posterior(
-            space=likelihood(sigma).space,
-            likelihood=likelihood(sigma),
-            coordinates=Coordinates((), (), ()),
-        )
-        response = choose_steps(posterior, np.zeros(0)).likelihood.observations[0].response
-        assert isinstance(response, Stepped)
-        taken = response.pieces, response.turns
-        assert off(*taken).max() < MAX_ERROR_OVER_NOISE * sigma
-        fewer = [off(*one).max() for one in CANDIDATE_STEPS[: CANDIDATE_STEPS.index(taken)]]
-        assert all(error > 0.5 * MAX_ERROR_OVER_NOISE * sigma for error in fewer)
-
-    for_each({str(sigma): (sigma,) for sigma in [0.5, 0.3, 0.01]}, check)
+@together("sigma", [0.5, 0.3, 0.01])
+def test_as_few_pieces_are_chosen_as_are_enough(sigma: float) -> None:
+    posterior = Posterior(
+        space=likelihood(sigma).space,
+        likelihood=likelihood(sigma),
+        coordinates=Coordinates((), (), ()),
+    )
+    response = choose_steps(posterior, np.zeros(0)).likelihood.observations[0].response
+    assert isinstance(response, Stepped)
+    taken = response.pieces, response.turns
+    assert off(*taken).max() < MAX_ERROR_OVER_NOISE * sigma
+    fewer = [off(*one).max() for one in CANDIDATE_STEPS[: CANDIDATE_STEPS.index(taken)]]
+    assert all(error > 0.5 * MAX_ERROR_OVER_NOISE * sigma for error in fewer)

@@ -10,7 +10,7 @@ import pytest
 import scipy.stats
 from oracles import NOMINAL, ORDER
 from rigs import measured, posterior, vector
-from together import for_each
+from together import together
 
 from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.priors import Uniform
@@ -68,31 +68,29 @@ def test_predictive_noise_has_the_sigma_of_its_channel() -> None:
     assert drawn.std(axis=(0, 1)) == pytest.approx([0.5, 0.1, 2.0], rel=0.02)
 
 
-def test_density_over_coordinates_carries_the_jacobian() -> None:
-    def check(coordinates: str) -> None:
-        zero = {name: Uniform(0.0, 2 * NOMINAL[name]) for name in ("c_m", "k_T")}
-        target = {
-            "linear": posterior(RECORD, SIGMA, logs=False),
-            "log": posterior(RECORD, SIGMA),
-            "mixed": posterior(RECORD, SIGMA, priors=zero),
-        }[coordinates]
-        assert sum(target.coordinates.logs) == {"linear": 0, "log": 9, "mixed": 7}[coordinates]
-        theta = points(4)
-        z = target.coordinates.from_physical(theta)
-        step = 1e-6
-        extra = [
-            np.linalg.slogdet(
-                (
-                    target.coordinates.to_physical(row + np.diag(step * np.abs(row)))
-                    - target.coordinates.to_physical(row - np.diag(step * np.abs(row)))
-                )
-                / (2 * step * np.abs(row)[:, None])
-            )[1]
-            for row in z
-        ]
-        assert np.allclose(target(z), target.density(theta) + extra, rtol=0, atol=1e-4)
-
-    for_each({coordinates: (coordinates,) for coordinates in ["linear", "log", "mixed"]}, check)
+@together("coordinates", ["linear", "log", "mixed"])
+def test_density_over_coordinates_carries_the_jacobian(coordinates: str) -> None:
+    zero = {name: Uniform(0.0, 2 * NOMINAL[name]) for name in ("c_m", "k_T")}
+    target = {
+        "linear": posterior(RECORD, SIGMA, logs=False),
+        "log": posterior(RECORD, SIGMA),
+        "mixed": posterior(RECORD, SIGMA, priors=zero),
+    }[coordinates]
+    assert sum(target.coordinates.logs) == {"linear": 0, "log": 9, "mixed": 7}[coordinates]
+    theta = points(4)
+    z = target.coordinates.from_physical(theta)
+    step = 1e-6
+    extra = [
+        np.linalg.slogdet(
+            (
+                target.coordinates.to_physical(row + np.diag(step * np.abs(row)))
+                - target.coordinates.to_physical(row - np.diag(step * np.abs(row)))
+            )
+            / (2 * step * np.abs(row)[:, None])
+        )[1]
+        for row in z
+    ]
+    assert np.allclose(target(z), target.density(theta) + extra, rtol=0, atol=1e-4)
 
 
 def test_outside_the_prior_is_minus_infinity_and_costs_nothing() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.integrate
 import scipy.stats
-from together import for_each
+from together import together
 
 from bayesdrill.inference.priors import PRIORS, Prior, prior_log_sd, prior_sd
 
@@ -30,70 +30,57 @@ def test_every_family_is_tested() -> None:
     assert set(CASES) == set(PRIORS)
 
 
-def test_density_equals_scipys() -> None:
-    def check(family: str) -> None:
-        prior, true = CASES[family]
-        x = np.linspace(1e-3, 6.0, 501)
-        assert np.allclose(np.exp(prior.logpdf(x)), true.pdf(x), rtol=1e-10)
-
-    for_each({str(family): (family,) for family in CASES}, check)
+@together("family", CASES)
+def test_density_equals_scipys(family: str) -> None:
+    prior, true = CASES[family]
+    x = np.linspace(1e-3, 6.0, 501)
+    assert np.allclose(np.exp(prior.logpdf(x)), true.pdf(x), rtol=1e-10)
 
 
-def test_density_integrates_to_one() -> None:
+@together("family", CASES)
+def test_density_integrates_to_one(family: str) -> None:
     """Mutant killed: a family cut at zero without renormalising."""
-
-    def check(family: str) -> None:
-        prior, _ = CASES[family]
-        total, _ = scipy.integrate.quad(
-            lambda x: np.exp(prior.logpdf(np.array([x]))[0]),
-            0,
-            12,
-            points=[prior.low, 1.7, 2.5, 5.0],
-            limit=400,
-        )
-        assert total == pytest.approx(1.0, abs=1e-6)
-
-    for_each({str(family): (family,) for family in CASES}, check)
+    prior, _ = CASES[family]
+    total, _ = scipy.integrate.quad(
+        lambda x: np.exp(prior.logpdf(np.array([x]))[0]),
+        0,
+        12,
+        points=[prior.low, 1.7, 2.5, 5.0],
+        limit=400,
+    )
+    assert total == pytest.approx(1.0, abs=1e-6)
 
 
-def test_quantiles_invert_the_distribution() -> None:
-    def check(family: str) -> None:
-        prior, true = CASES[family]
-        u = np.array([0.003, 0.2, 0.55, 0.98])
-        assert np.allclose(true.cdf(prior.quantile(u)), u, rtol=1e-9)
-
-    for_each({str(family): (family,) for family in CASES}, check)
+@together("family", CASES)
+def test_quantiles_invert_the_distribution(family: str) -> None:
+    prior, true = CASES[family]
+    u = np.array([0.003, 0.2, 0.55, 0.98])
+    assert np.allclose(true.cdf(prior.quantile(u)), u, rtol=1e-9)
 
 
-def test_outside_the_support_is_minus_infinity_never_nan() -> None:
-    def check(family: str) -> None:
-        prior, _ = CASES[family]
-        outside = np.array([-1.0, -1e-9, 0.0, np.nan])
-        with np.errstate(invalid="ignore"):
-            density = prior.logpdf(outside)
-        assert np.all(density[:3] == -np.inf)
-        assert not np.isfinite(density[3])
-
-    for_each({str(family): (family,) for family in CASES}, check)
+@together("family", CASES)
+def test_outside_the_support_is_minus_infinity_never_nan(family: str) -> None:
+    prior, _ = CASES[family]
+    outside = np.array([-1.0, -1e-9, 0.0, np.nan])
+    with np.errstate(invalid="ignore"):
+        density = prior.logpdf(outside)
+    assert np.all(density[:3] == -np.inf)
+    assert not np.isfinite(density[3])
 
 
-def test_draws_follow_it() -> None:
-    def check(family: str) -> None:
-        prior, true = CASES[family]
-        x = prior.quantile(np.random.default_rng(8).random(20_000))
-        assert scipy.stats.kstest(x, true.cdf).pvalue > 1e-4
-
-    for_each({str(family): (family,) for family in CASES}, check)
+@together("family", CASES)
+def test_draws_follow_it(family: str) -> None:
+    prior, true = CASES[family]
+    x = prior.quantile(np.random.default_rng(8).random(20_000))
+    assert scipy.stats.kstest(x, true.cdf).pvalue > 1e-4
 
 
-def test_spreads_are_standard_deviations() -> None:
-    def check(family: str) -> None:
-        prior, true = CASES[family]
-        assert prior_sd(prior) == pytest.approx(true.std(), rel=0.01)
-        logs = np.log(true.ppf((np.arange(100_000) + 0.5) / 100_000))
-        assert prior_log_sd(prior) == pytest.approx(logs.std(), rel=0.02)
-
-    for_each({str(family): (family,) for family in CASES}, check)
+@together("family", CASES)
+def test_spreads_are_standard_deviations(family: str) -> None:
+    prior, true = CASES[family]
+    assert prior_sd(prior) == pytest.approx(true.std(), rel=0.01)
+    logs = np.log(true.ppf((np.arange(100_000) + 0.5) / 100_000))
+    assert prior_log_sd(prior) == pytest.approx(logs.std(), rel=0.02)
 
 
 def test_a_far_tail_keeps_its_digits() -> None:

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from oracles import NOMINAL
 from rigs import measured, posterior, replace_only
-from together import for_each
+from together import together
 
 from bayesdrill.basics.units import SECOND
 from bayesdrill.inference.noise import NOISES
@@ -89,30 +89,31 @@ def test_a_channel_that_does_nothing_has_no_share(rig: Likelihood) -> None:
     assert run_entries.residual_data(found)[0]["rms_over_spread"] is None
 
 
-def test_a_wrong_sigma_is_told_in_its_channel(rig: Likelihood) -> None:
-    cases = [
+@together(
+    "factor, which, says",
+    [
         (2.0, "large", "are larger than the noise"),
         (0.4, "small", "are smaller than the noise"),
+    ],
+)
+def test_a_wrong_sigma_is_told_in_its_channel(
+    factor: float, which: str, says: str, rig: Likelihood
+) -> None:
+    residuals = white(5)
+    residuals[:, 2] *= factor
+    found = residual_summaries(with_residuals(rig, residuals), AT)
+    assert [getattr(one, which) for one in found] == [False, False, True, False]
+    assert not any(one.correlated or one.far for one in found)
+    text = words.residual_sentences(found, SECOND).split("\n", 1)[1]
+    assert says in text
+    assert f"w_1 {found[2].rms:.3g}" in text
+    assert "theta" not in text
+    assert [one["says"] != [] for one in run_entries.residual_data(found)] == [
+        False,
+        False,
+        True,
+        False,
     ]
-
-    def check(factor: float, which: str, says: str) -> None:
-        residuals = white(5)
-        residuals[:, 2] *= factor
-        found = residual_summaries(with_residuals(rig, residuals), AT)
-        assert [getattr(one, which) for one in found] == [False, False, True, False]
-        assert not any(one.correlated or one.far for one in found)
-        text = words.residual_sentences(found, SECOND).split("\n", 1)[1]
-        assert says in text
-        assert f"w_1 {found[2].rms:.3g}" in text
-        assert "theta" not in text
-        assert [one["says"] != [] for one in run_entries.residual_data(found)] == [
-            False,
-            False,
-            True,
-            False,
-        ]
-
-    for_each({str(case): case for case in cases}, check)
 
 
 def test_what_the_model_misses_is_told_with_unknown_noise_too() -> None:
@@ -172,41 +173,38 @@ def test_an_exact_fit_leaves_less_than_noise(rig: Likelihood) -> None:
     assert not any(one.correlated and one.rms > 1e-9 for one in found)
 
 
-def test_a_fit_that_leaves_far_more_than_the_noise_is_not_believed(rig: Likelihood) -> None:
+@together("rms, believed", [(1.4, True), (1.6, False)])
+def test_a_fit_that_leaves_far_more_than_the_noise_is_not_believed(
+    rms: float, believed: bool, rig: Likelihood
+) -> None:
     """Mutants killed: every finding a reason; never one."""
-
-    def check(rms: float, believed: bool) -> None:
-        residuals = white(5)
-        residuals[:, 2] *= rms * SIGMA[2] / np.sqrt(np.mean(residuals[:, 2] ** 2))
-        found = residual_summaries(with_residuals(rig, residuals), AT)
-        assert [one.large for one in found] == [False, False, True, False]
-        assert [one.unbelievable for one in found] == [False, False, not believed, False]
-        more = "the residuals are larger than the noise: w_1 1.6 times sigma"
-        assert words.residual_reasons(found) == (() if believed else (more,))
-
-    for_each({str(case): case for case in [(1.4, True), (1.6, False)]}, check)
+    residuals = white(5)
+    residuals[:, 2] *= rms * SIGMA[2] / np.sqrt(np.mean(residuals[:, 2] ** 2))
+    found = residual_summaries(with_residuals(rig, residuals), AT)
+    assert [one.large for one in found] == [False, False, True, False]
+    assert [one.unbelievable for one in found] == [False, False, not believed, False]
+    more = "the residuals are larger than the noise: w_1 1.6 times sigma"
+    assert words.residual_reasons(found) == (() if believed else (more,))
 
 
-def test_what_is_not_white_by_far_is_not_believed(rig: Likelihood) -> None:
+@together("weights, believed", [((1.0, 1.0), True), ((1.0,) * 5, False), ((1.0, -2.0, 1.0), True)])
+def test_what_is_not_white_by_far_is_not_believed(
+    weights: tuple[float, ...], believed: bool, rig: Likelihood
+) -> None:
     """Averages of two and of five samples: correlations of 1/2 and of 4/5; a differenced column.
 
     Mutants killed: what is but told taken for a reason; a correlation below zero for one.
     """
-    cases = [((1.0, 1.0), True), ((1.0,) * 5, False), ((1.0, -2.0, 1.0), True)]
-
-    def check(weights: tuple[float, ...], believed: bool) -> None:
-        rng, residuals = np.random.default_rng(6), white(5)
-        steps = np.convolve(rng.standard_normal(N + len(weights) - 1), weights, mode="valid")
-        residuals[:, 1] = SIGMA[1] * steps / steps.std()
-        found = residual_summaries(with_residuals(rig, residuals), AT)
-        assert found[1].correlated
-        assert not any(one.large for one in found)
-        reasons = words.residual_reasons(found)
-        assert reasons == () if believed else "are correlated" in reasons[0]
-        if not believed:
-            assert f"to the next: theta_2 {found[1].correlation:.3g}" in reasons[0]
-
-    for_each({str(case): case for case in cases}, check)
+    rng, residuals = np.random.default_rng(6), white(5)
+    steps = np.convolve(rng.standard_normal(N + len(weights) - 1), weights, mode="valid")
+    residuals[:, 1] = SIGMA[1] * steps / steps.std()
+    found = residual_summaries(with_residuals(rig, residuals), AT)
+    assert found[1].correlated
+    assert not any(one.large for one in found)
+    reasons = words.residual_reasons(found)
+    assert reasons == () if believed else "are correlated" in reasons[0]
+    if not believed:
+        assert f"to the next: theta_2 {found[1].correlation:.3g}" in reasons[0]
 
 
 def test_a_fit_that_leaves_too_little_is_believed(rig: Likelihood) -> None:

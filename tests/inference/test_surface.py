@@ -6,10 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from compiled import MEASURED, SIGMA, response, seen
+from compiled import SIGMA, seen
 from oracles import NOMINAL, ORDER
-from rigs import likelihood_of, unknown, vector
-from together import for_each
+from rigs import likelihood_of, unknown
+from together import together
 
 from bayesdrill.basics.formulas import expression
 from bayesdrill.inference.laplace import LogDensity, QuadraticModel, concatenate_models
@@ -73,101 +73,84 @@ def differences(function: Callable[[np.ndarray], np.ndarray], u: np.ndarray, h: 
     return np.array(out)
 
 
-def test_slopes_are_those_of_the_density() -> None:
+@together("physical, name", [(physical, name) for physical in [False, True] for name in TARGETS])
+def test_slopes_are_those_of_the_density(physical: bool, name: str) -> None:
     """Mutants killed: the slope of the Jacobian, of the prior or of the noise level left out."""
+    target = TARGETS[name]()
+    surface = LogDensity(target, physical=physical)
+    u = points(target)
+    found = surface.quadratic_model(u, np.eye(u.shape[1]))
+    assert np.array_equal(found.value, surface.value(u))
+    numeric = differences(surface.value, u, 1e-4 * surface.spread).T * surface.spread
+    scale = np.abs(numeric).max()
+    assert found.slope * surface.spread == pytest.approx(numeric, rel=1e-5, abs=1e-8 * scale + 1e-5)
 
-    def check(physical: bool, name: str) -> None:
-        target = TARGETS[name]()
-        surface = LogDensity(target, physical=physical)
-        u = points(target)
-        found = surface.quadratic_model(u, np.eye(u.shape[1]))
-        assert np.array_equal(found.value, surface.value(u))
-        numeric = differences(surface.value, u, 1e-4 * surface.spread).T * surface.spread
-        scale = np.abs(numeric).max()
-        assert found.slope * surface.spread == pytest.approx(
-            numeric, rel=1e-5, abs=1e-8 * scale + 1e-5
-        )
 
-    for_each(
-        {f"{physical} {name}": (physical, name) for physical in [False, True] for name in TARGETS},
-        check,
+@together("name", TARGETS)
+def test_curvatures_are_those_of_least_squares(name: str) -> None:
+    """J'J from differences of the signals, of a noise level twice what is left of the record (or
+    the number of samples, where that is more), and what the priors add."""
+    target = TARGETS[name]()
+    surface, likelihood = LogDensity(target), target.likelihood
+    u = points(target)
+    h = 1e-4 * surface.spread
+    to = target.coordinates.to_physical
+    theta = to(u)
+    sigmas = likelihood.only_observation.scales(theta)
+    noise = likelihood.only_observation.noise
+    slopes = differences(lambda z: likelihood.signals(to(z)), u, h) / sigmas[:, None]
+    expected = np.einsum("dwtk,ewtk->wde", slopes, slopes)
+    squares = (
+        (likelihood.only_observation.response.experiment.y - likelihood.signals(theta)) ** 2
+    ).sum(axis=1)
+    for column, k in enumerate(noise.unknown, start=u.shape[1] - len(noise.unknown)):
+        by_log = 1.0 if target.coordinates.logs[column] else 1.0 / sigmas[:, k]
+        left = np.maximum(squares[:, k] / sigmas[:, k] ** 2, noise.n_samples)
+        expected[:, column, column] += 2.0 * left * by_log**2
+    for d, prior in enumerate(target.space.priors.values()):
+        step = 30.0 * h * np.eye(u.shape[1])[d]
+        down, here, up = (prior.logpdf(to(u + k * step)[:, d]) for k in (-1, 0, 1))
+        bent = -(up - 2 * here + down) / (30.0 * h[d]) ** 2
+        expected[:, d, d] += np.maximum(bent, 0.0)
+    scale = np.outer(surface.spread, surface.spread)
+    found = surface.quadratic_model(u, np.eye(u.shape[1])).curvature * scale
+    assert found == pytest.approx(
+        expected * scale, rel=1e-4, abs=1e-7 * np.abs(expected * scale).max()
     )
 
 
-def test_curvatures_are_those_of_least_squares() -> None:
-    """J'J from differences of the signals, of a noise level twice what is left of the record (or
-    the number of samples, where that is more), and what the priors add."""
-
-    def check(name: str) -> None:
-        target = TARGETS[name]()
-        surface, likelihood = LogDensity(target), target.likelihood
-        u = points(target)
-        h = 1e-4 * surface.spread
-        to = target.coordinates.to_physical
-        theta = to(u)
-        sigmas = likelihood.only_observation.scales(theta)
-        noise = likelihood.only_observation.noise
-        slopes = differences(lambda z: likelihood.signals(to(z)), u, h) / sigmas[:, None]
-        expected = np.einsum("dwtk,ewtk->wde", slopes, slopes)
-        squares = (
-            (likelihood.only_observation.response.experiment.y - likelihood.signals(theta)) ** 2
-        ).sum(axis=1)
-        for column, k in enumerate(noise.unknown, start=u.shape[1] - len(noise.unknown)):
-            by_log = 1.0 if target.coordinates.logs[column] else 1.0 / sigmas[:, k]
-            left = np.maximum(squares[:, k] / sigmas[:, k] ** 2, noise.n_samples)
-            expected[:, column, column] += 2.0 * left * by_log**2
-        for d, prior in enumerate(target.space.priors.values()):
-            step = 30.0 * h * np.eye(u.shape[1])[d]
-            down, here, up = (prior.logpdf(to(u + k * step)[:, d]) for k in (-1, 0, 1))
-            bent = -(up - 2 * here + down) / (30.0 * h[d]) ** 2
-            expected[:, d, d] += np.maximum(bent, 0.0)
-        scale = np.outer(surface.spread, surface.spread)
-        found = surface.quadratic_model(u, np.eye(u.shape[1])).curvature * scale
-        assert found == pytest.approx(
-            expected * scale, rel=1e-4, abs=1e-7 * np.abs(expected * scale).max()
-        )
-
-    for_each({str(name): (name,) for name in TARGETS}, check)
-
-
-def test_fewer_directions_are_parts_of_all() -> None:
+@together("name", TARGETS)
+def test_fewer_directions_are_parts_of_all(name: str) -> None:
     """Slanted ones, of which noise levels are part too."""
-
-    def check(name: str) -> None:
-        target = TARGETS[name]()
-        surface = LogDensity(target)
-        u = points(target)
-        d = u.shape[1]
-        directions = surface.spread[:, None] * np.random.default_rng(2).standard_normal((d, 3))
-        whole, some = surface.quadratic_model(u, np.eye(d)), surface.quadratic_model(u, directions)
-        assert some.slope == pytest.approx(whole.slope @ directions, rel=1e-8)
-        along = directions.T @ whole.curvature @ directions
-        assert some.curvature == pytest.approx(along, rel=1e-7, abs=1e-9 * np.abs(along).max())
-
-    for_each({str(name): (name,) for name in TARGETS}, check)
+    target = TARGETS[name]()
+    surface = LogDensity(target)
+    u = points(target)
+    d = u.shape[1]
+    directions = surface.spread[:, None] * np.random.default_rng(2).standard_normal((d, 3))
+    whole, some = surface.quadratic_model(u, np.eye(d)), surface.quadratic_model(u, directions)
+    assert some.slope == pytest.approx(whole.slope @ directions, rel=1e-8)
+    along = directions.T @ whole.curvature @ directions
+    assert some.curvature == pytest.approx(along, rel=1e-7, abs=1e-9 * np.abs(along).max())
 
 
-def test_a_point_does_not_depend_on_its_neighbours() -> None:
+@together("name", TARGETS)
+def test_a_point_does_not_depend_on_its_neighbours(name: str) -> None:
     """To the last bit, however many there are.
 
     Mutant killed: one product of matrices for all points, which rounds as their number has it.
     """
-
-    def check(name: str) -> None:
-        target = TARGETS[name]()
-        surface = LogDensity(target)
-        u = points(target, 22)
-        rng = np.random.default_rng(3)
-        for q in (1, 3, u.shape[1]):
-            directions = rng.standard_normal((u.shape[1], q))
-            together = surface.quadratic_model(u, directions)
-            for size in (1, 11):
-                parts = [
-                    surface.quadratic_model(u[k : k + size], directions) for k in range(0, 22, size)
-                ]
-                assert_same(concatenate_models(parts), together)
-
-    for_each({str(name): (name,) for name in TARGETS}, check)
+    target = TARGETS[name]()
+    surface = LogDensity(target)
+    u = points(target, 22)
+    rng = np.random.default_rng(3)
+    for q in (1, 3, u.shape[1]):
+        directions = rng.standard_normal((u.shape[1], q))
+        together = surface.quadratic_model(u, directions)
+        for size in (1, 11):
+            parts = [
+                surface.quadratic_model(u[k : k + size], directions) for k in range(0, 22, size)
+            ]
+            assert_same(concatenate_models(parts), together)
 
 
 def assert_same(one: QuadraticModel, other: QuadraticModel) -> None:
@@ -201,39 +184,3 @@ def test_the_ends_are_those_of_the_priors() -> None:
     u = surface.posterior.coordinates.from_physical(draws)
     assert surface.spread == pytest.approx(u.std(axis=0), rel=0.03)
     assert surface.middle == pytest.approx(u.mean(axis=0), abs=0.05 * surface.spread.max())
-
-
-def test_normal_equations_are_sums_over_the_signals() -> None:
-    """Mutants killed: the lead time before the first sample, or an input, without its slopes."""
-
-    def check(name: str) -> None:
-        kernels = response(name)
-        rng, y = np.random.default_rng(6), kernels.experiment.y
-        n, q = 11, 4
-        theta = vector(NOMINAL) * rng.uniform(0.7, 1.4, (n, 9))
-        directions = theta[:, None, :] * rng.standard_normal((n, q, 9))
-        scales = rng.uniform(2.0, 9.0, (n, y.shape[1]))
-        left = (y - kernels.signals(theta)) * scales[:, None, :]
-        slopes = []
-        for j in range(q):
-            near, far = (
-                kernels.signals(theta + step * directions[:, j])
-                - kernels.signals(theta - step * directions[:, j])
-                for step in (1e-4, 2e-4)
-            )
-            slopes.append((8 * near - far) / (12 * 1e-4) * scales[:, None, :])
-        s = np.array(slopes)
-        found = kernels.normal(theta, directions, scales[..., None] ** 2)
-        true = [
-            (left**2).sum(axis=1),
-            np.einsum("wtk,jwtk->wj", left, s),
-            np.einsum("iwtk,jwtk->wij", s, s),
-        ]
-        for one, other in zip(found, true, strict=True):
-            assert one == pytest.approx(other, rel=1e-6, abs=1e-8 * np.abs(other).max())
-        for w in range(n):
-            one = slice(w, w + 1)
-            alone = kernels.normal(theta[one], directions[one], scales[one, :, None] ** 2)
-            assert all(np.array_equal(a[0], b[w]) for a, b in zip(alone, found, strict=True))
-
-    for_each({str(name): (name,) for name in MEASURED}, check)

@@ -79,23 +79,13 @@ def test_nothing_is_kept_where_it_is_switched_off(tmp_path: Path) -> None:
 
 
 def test_a_flipped_byte_anywhere_is_found(kept: CodeCache) -> None:
+    """And a file that is cut short anywhere, or has more at its end."""
     path = file_of(kept)
     whole = path.read_bytes()
-    for place in range(len(whole)):
-        path.write_bytes(whole[:place] + bytes([whole[place] ^ 1]) + whole[place + 1 :])
-        assert kept.load(KEY) is None, place
-    path.write_bytes(whole)
-    assert kept.load(KEY) == CODE
-
-
-def test_a_file_cut_short_or_with_more_at_its_end_is_found(kept: CodeCache) -> None:
-    path = file_of(kept)
-    whole = path.read_bytes()
-    for length in range(len(whole)):
-        path.write_bytes(whole[:length])
-        assert kept.load(KEY) is None, length
-    path.write_bytes(whole + b"\0")
-    assert kept.load(KEY) is None
+    spoilt = [whole[:k] + bytes([whole[k] ^ 1]) + whole[k + 1 :] for k in range(len(whole))]
+    for content in (*spoilt, *(whole[:length] for length in range(len(whole))), whole + b"\0"):
+        path.write_bytes(content)
+        assert kept.load(KEY) is None
     kept.store(KEY, CODE)  # which mends it
     assert kept.load(KEY) == CODE
 
@@ -122,12 +112,6 @@ def test_a_folder_that_others_may_use_is_refused(kept: CodeCache) -> None:
     assert len(kept.sizes) == 1
 
 
-def test_a_file_that_others_may_read_or_write_is_not_taken(kept: CodeCache) -> None:
-    for mode in (0o644, 0o620, 0o602):
-        file_of(kept).chmod(mode)
-        assert kept.load(KEY) is None
-
-
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root can give files away")
 def test_what_belongs_to_another_is_refused(kept: CodeCache, tmp_path: Path) -> None:
     os.chown(file_of(kept), 12345, -1)
@@ -142,16 +126,18 @@ def test_what_belongs_to_another_is_refused(kept: CodeCache, tmp_path: Path) -> 
     assert len(list(folder_of(kept).iterdir())) == 1
 
 
-def test_what_is_no_file_is_not_read(kept: CodeCache, tmp_path: Path) -> None:
-    """A link, a folder, a pipe, at which a process would wait for ever."""
+def test_what_is_no_file_of_the_user_alone_is_not_read(kept: CodeCache, tmp_path: Path) -> None:
+    """One that others may read or write, a link, a folder, a pipe, at which a process would wait."""
     path, elsewhere = file_of(kept), tmp_path / "elsewhere"
+    for mode in (0o644, 0o620, 0o602):
+        path.chmod(mode)
+        assert kept.load(KEY) is None
+    path.chmod(0o600)
     path.rename(elsewhere)
-    path.symlink_to(elsewhere)
-    assert kept.load(KEY) is None
-    path.unlink()
-    os.mkfifo(path, 0o600)
-    assert kept.load(KEY) is None
-    path.unlink()
+    for make in (lambda: path.symlink_to(elsewhere), lambda: os.mkfifo(path, 0o600)):
+        make()
+        assert kept.load(KEY) is None
+        path.unlink()
     path.mkdir(0o700)
     assert kept.load(KEY) is None
     kept.store(KEY, CODE)

@@ -14,10 +14,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
-import scipy.linalg
 from oracles import ORDER, skewed
 from rigs import STATES, experiment
-from together import for_each
+from together import together
 
 from bayesdrill.rig.kernels.lanes import Module
 from bayesdrill.rig.kernels.recurrence import write_response
@@ -77,16 +76,6 @@ def by_hand(p: dict[str, float]) -> tuple[np.ndarray, np.ndarray, dict[str, np.n
     return a, still, {name: balances(p, np.zeros(5), {name: 1.0}) - still for name in PUSHES}
 
 
-def exact(p: dict[str, float], t: np.ndarray, push: dict[str, float]) -> np.ndarray:
-    """States (T, 5) from `START`, by SciPy's exponential of the balances."""
-    a, still, columns = by_hand(p)
-    whole = np.zeros((6, 6))
-    whole[:5, :5] = a
-    whole[:5, 5] = still + sum(size * columns[name] for name, size in push.items())
-    start = np.append([START[name] for name in STATES], 1.0)
-    return np.array([(scipy.linalg.expm(whole * s) @ start)[:5] for s in t])
-
-
 def parameters(added: tuple[str, ...]) -> dict[str, float]:
     return skewed() | {name: MORE[name] for name in added}
 
@@ -95,60 +84,17 @@ def vector(rig: Model, p: dict[str, float]) -> np.ndarray:
     return np.array([[p[name] for name in rig.parameters]])
 
 
-def test_it_is_what_the_balances_of_its_bodies_give() -> None:
-    def check(added: tuple[str, ...]) -> None:
-        p, rig = parameters(added), MotorShaft(I_M, added=added)
-        linear = rig.linear(p)
-        a, still, columns = by_hand(p)
-        assert dynamics(linear, STATES, 1)[0] == pytest.approx(a, rel=1e-12)
-        assert [linear.c.get(name, 0.0) for name in STATES] == pytest.approx(still, rel=1e-12)
-        assert {name for _, name in linear.B} == {*rig.inputs, *(one.name for one in rig.frictions)}
-        for name in {name for _, name in linear.B}:
-            own = [linear.B.get((state, name), 0.0) for state in STATES]
-            assert own == pytest.approx(columns[name], rel=1e-12), name
-
-    for_each({"+".join(added): (added,) for added in [*LINEAR, tuple(OFFERS)]}, check)
-
-
-def test_its_response_is_that_of_the_balances() -> None:
-    def check(added: tuple[str, ...], any_time: bool) -> None:
-        p, rig, push = parameters(added), MotorShaft(I_M, added=added), {"v": 5.5, "t_1": 0.03}
-        record = experiment(61, 0.03, constant=push, start=START)
-        true = exact(p, record.t, push)
-        of = (
-            IrregularSimulator(rig, record, ObservationModel())
-            if any_time
-            else Response(rig, record)
-        )
-        scale = np.abs(true).max(axis=0)
-        assert of.signals(vector(rig, p))[0] / scale == pytest.approx(true / scale, abs=1e-9)
-        if added:
-            without = MotorShaft(I_M)
-            found = Response(without, record).signals(vector(without, p))[0]
-            assert np.max(np.abs(found - true) / scale) > 1e-3
-
-    for_each(
-        {
-            f"{added} {any_time}": (added, any_time)
-            for added in LINEAR
-            for any_time in [False, True]
-        },
-        check,
-    )
-
-
-def test_a_damping_that_vanishes_is_none() -> None:
-    record = experiment(61, 0.03, start=START)
-    plain, rig = MotorShaft(I_M), MotorShaft(I_M, added=("c_s", "c_1"))
-    without = Response(plain, record).signals(vector(plain, skewed()))[0]
-    small = np.array([0.0, 1e-6, 1e-5])
-    full = np.repeat(vector(rig, skewed() | MORE), 3, axis=0)
-    full[:, 9:] = small[:, None]
-    none, one, ten = Response(rig, record).signals(full)
-    scale = np.abs(without).max(axis=0)
-    assert none / scale == pytest.approx(without / scale, abs=1e-12)
-    ratio = np.abs(ten - without).max(axis=0) / np.abs(one - without).max(axis=0)
-    assert ratio == pytest.approx(np.full(5, 10.0), rel=1e-3)
+@together("added", [*LINEAR, tuple(OFFERS)])
+def test_it_is_what_the_balances_of_its_bodies_give(added: tuple[str, ...]) -> None:
+    p, rig = parameters(added), MotorShaft(I_M, added=added)
+    linear = rig.linear(p)
+    a, still, columns = by_hand(p)
+    assert dynamics(linear, STATES, 1)[0] == pytest.approx(a, rel=1e-12)
+    assert [linear.c.get(name, 0.0) for name in STATES] == pytest.approx(still, rel=1e-12)
+    assert {name for _, name in linear.B} == {*rig.inputs, *(one.name for one in rig.frictions)}
+    for name in {name for _, name in linear.B}:
+        own = [linear.B.get((state, name), 0.0) for state in STATES]
+        assert own == pytest.approx(columns[name], rel=1e-12), name
 
 
 def test_an_inertia_and_a_resistance_more_are_those_of_the_motor() -> None:
@@ -170,30 +116,6 @@ def test_an_inertia_and_a_resistance_more_are_those_of_the_motor() -> None:
     held = TwoRotors(I_M, p["j_2"], p["r_s"])
     assert Response(held, record).signals(vector(held, p)).tobytes() == whole.tobytes()
     assert held.whole(skewed()) == {name: lumped[name] for name in ORDER}
-
-
-def test_a_rotor_without_a_shaft_runs_down_by_its_damping() -> None:
-    rig = MotorShaft(I_M, added=("c_1",))
-    p = parameters(("c_1",)) | {"k_s": 1e-25}
-    record = experiment(201, 0.1, constant={"v": 0.0, "t_1": 0.0}, start={"w_1": 3.0})
-    found = Response(rig, record).signals(vector(rig, p))[0]
-    rate = p["c_1"] / p["j_1"]
-    assert found[:, 2] == pytest.approx(3.0 * np.exp(-rate * record.t), rel=1e-9)
-    assert found[:, 0] == pytest.approx(3.0 / rate * (1 - np.exp(-rate * record.t)), rel=1e-9)
-
-
-def test_a_twist_between_two_free_inertias_dies_out_by_the_damping_of_the_shaft() -> None:
-    rig = MotorShaft(I_M, added=("c_s",))
-    p = parameters(("c_s",)) | {"k_T": 1e-25, "c_m": 0.0, "t_f": 0.0}
-    record = experiment(201, 0.02, constant={"v": 0.0}, start={"theta_1": 0.3})
-    found = Response(rig, record).signals(vector(rig, p))[0]
-    inertia = 1 / (1 / p["j_1"] + I_M**2 / p["j_m"])
-    omega = math.sqrt(p["k_s"] / inertia)
-    zeta = p["c_s"] / (2 * inertia * omega)
-    turns = omega * math.sqrt(1 - zeta**2)
-    swing = np.cos(turns * record.t) + zeta * omega / turns * np.sin(turns * record.t)
-    twist = 0.3 * np.exp(-zeta * omega * record.t) * swing
-    assert found[:, 0] - found[:, 1] == pytest.approx(twist, abs=1e-10)
 
 
 @dataclass(frozen=True, slots=True)
@@ -237,21 +159,19 @@ def code(rig: Model, series: bool) -> Counter[str]:
     return Counter(re.sub(r'%"[^"]*"', "%", line) for line in str(module).splitlines())
 
 
-def test_what_is_not_named_costs_not_an_operation() -> None:
-    def check(series: bool) -> None:
-        assert code(MotorShaft(), series) == code(Plain(), series)
-        assert code(MotorShaft(added=("r_s",)), series) != code(Plain(), series)
-        assert MotorShaft(stribeck=2).linear(skewed()) == Plain().linear(skewed())
-        theta, record = vector(Plain(), skewed()), experiment(30, start=START)
-        for of in (
-            Response,
-            lambda rig, one: IrregularSimulator(rig, one, ObservationModel(delay="t_0")),
-        ):
-            full = theta if of is Response else np.append(theta, [[0.004]], axis=1)
-            one, other = of(MotorShaft(), record), of(Plain(), record)
-            assert one.signals(full).tobytes() == other.signals(full).tobytes()
-
-    for_each({str(series): (series,) for series in [False, True]}, check)
+@together("series", [False, True])
+def test_what_is_not_named_costs_not_an_operation(series: bool) -> None:
+    assert code(MotorShaft(), series) == code(Plain(), series)
+    assert code(MotorShaft(added=("r_s",)), series) != code(Plain(), series)
+    assert MotorShaft(stribeck=2).linear(skewed()) == Plain().linear(skewed())
+    theta, record = vector(Plain(), skewed()), experiment(30, start=START)
+    for of in (
+        Response,
+        lambda rig, one: IrregularSimulator(rig, one, ObservationModel(delay="t_0")),
+    ):
+        full = theta if of is Response else np.append(theta, [[0.004]], axis=1)
+        one, other = of(MotorShaft(), record), of(Plain(), record)
+        assert one.signals(full).tobytes() == other.signals(full).tobytes()
 
 
 def test_its_frictions_have_the_laws_of_what_is_named() -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from rigs import experiment
 from scipy.integrate import solve_ivp
-from together import for_each
+from together import together
 
 from bayesdrill.record import anomalies
 from bayesdrill.record.experiment import Experiment
@@ -111,21 +111,18 @@ def test_an_angle_straight_between_samples_is_a_speed_that_is_held() -> None:
     assert found[:, 1] == pytest.approx(angle, rel=1e-12)
 
 
-def test_a_torque_that_the_record_shows_late_acts_when_it_did() -> None:
+@together("lag", [-0.0373, 0.0211])
+def test_a_torque_that_the_record_shows_late_acts_when_it_did(lag: float) -> None:
     """Mutant killed: the sign of an input's lag turned."""
-
-    def check(lag: float) -> None:
-        early = solved(lambda s, _: (np.interp(s, T, SPEED), np.interp(s - lag, T, LOAD)))
-        rig, theta = shaft()
-        one = measured(first_order=True, w_2=SPEED, t_1=LOAD)
-        own = simulator(rig, one, ObservationModel(input_lags={"t_1": "lag_t_1"}))
-        assert own.parameters[-1] == "lag_t_1"
-        found = own.signals(np.append(theta, [[lag]], axis=1))[0]
-        assert found == pytest.approx(both(early), abs=0.02)  # bends within a step are cut
-        plain = simulator(rig, one, ObservationModel()).signals(theta)[0]
-        assert np.abs(plain - found).max() > 1.0
-
-    for_each({str(lag): (lag,) for lag in [-0.0373, 0.0211]}, check)
+    early = solved(lambda s, _: (np.interp(s, T, SPEED), np.interp(s - lag, T, LOAD)))
+    rig, theta = shaft()
+    one = measured(first_order=True, w_2=SPEED, t_1=LOAD)
+    own = simulator(rig, one, ObservationModel(input_lags={"t_1": "lag_t_1"}))
+    assert own.parameters[-1] == "lag_t_1"
+    found = own.signals(np.append(theta, [[lag]], axis=1))[0]
+    assert found == pytest.approx(both(early), abs=0.02)  # bends within a step are cut
+    plain = simulator(rig, one, ObservationModel()).signals(theta)[0]
+    assert np.abs(plain - found).max() > 1.0
 
 
 def test_rock_holds_the_bit_as_its_law_and_the_weight_say() -> None:

@@ -71,16 +71,6 @@ def test_a_rotor_beyond_rotor_1_is_that_of_a_train() -> None:
         np.testing.assert_allclose(moved[ours], same[theirs], atol=1e-7)
 
 
-def test_a_motor_with_a_shaft_is_the_paper_s_rig() -> None:
-    names = ("k_e", "k_T", "r_m", "l_m", "t_f", "k_s", "j_1")
-    motor = Motor(i_m=1 / 8, added=tuple(name for name in Motor().offers if name in names))
-    assert motor.states == ("theta_2", "w_2", "i", "theta_1", "w_1")
-    moved = bd.respond(motor, NOMINAL, T, {"v": V}, ["w_1", "w_2"])
-    same = bd.respond("motor_shaft", NOMINAL, T, {"v": V}, ["w_1", "w_2"])
-    for name in same:
-        np.testing.assert_allclose(moved[name], same[name], atol=1e-9)
-
-
 def test_states_come_with_what_is_added() -> None:
     plain = ("theta_1", "theta_2", "w_1", "w_2", "i")
     assert MotorShaft.states == MotorShaft().states == plain

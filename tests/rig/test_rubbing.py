@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 from oracles import NOMINAL, by_radau
-from rubbing import RUBS, STATES, Rig, simulate
-from rubbing_cases import CASES, Case, moved, moved_of
-from together import for_each
+from rubbing import STATES, Rig, simulate
+from rubbing_cases import CASES, moved
+from together import together
 
 FREE = {
     **NOMINAL,
@@ -22,38 +22,32 @@ FREE = {
 AT_REST = np.zeros(2)
 
 
-def test_a_rotor_coasts_until_it_sticks() -> None:
+@together("viscous, sign", [(viscous, sign) for viscous in [0.0, 0.021] for sign in [1, -1]])
+def test_a_rotor_coasts_until_it_sticks(viscous: float, sign: int) -> None:
     """j w' = -T - c w: (w_0 + T/c) exp(-c t/j) - T/c, and it stays where it has stopped."""
-
-    def check(viscous: float, sign: int) -> None:
-        w_0, torque, j = 13.0, 0.25, NOMINAL["j_1"]
-        t = np.linspace(3.0, 6.0, 97)
-        rig = Rig(p={**FREE, "t_c1": torque, "c_1": viscous})
-        found = simulate(rig, t[[0, -1]], AT_REST, at=t, start={"w_1": sign * w_0, "theta_1": 0.7})
-        s = t - 3.0
-        if viscous:
-            rate, drag = viscous / j, torque / viscous
-            stop = math.log(1 + w_0 / drag) / rate
-            s = np.minimum(s, stop)
-            w = (w_0 + drag) * np.exp(-rate * s) - drag
-            angle = (w_0 + drag) * (1 - np.exp(-rate * s)) / rate - drag * s
-        else:
-            stop = w_0 * j / torque
-            s = np.minimum(s, stop)
-            w, angle = w_0 - torque / j * s, w_0 * s - 0.5 * torque / j * s**2
-        assert stop < 2.9
-        assert found.of("w_1") == pytest.approx(sign * w, rel=1e-9, abs=1e-10)
-        assert found.of("theta_1") == pytest.approx(0.7 + sign * angle, rel=1e-9)
-        stuck = t - 3.0 > stop
-        assert (found.stuck[:, 1] == stuck).all()
-        assert not found.of("w_1")[stuck].any()
-        taken = found.taken["friction"][-1] + found.taken["viscous"][-1]
-        assert taken == pytest.approx(0.5 * j * w_0**2, rel=1e-9)
-
-    for_each(
-        {f"{viscous} {sign}": (viscous, sign) for viscous in [0.0, 0.021] for sign in [1, -1]},
-        check,
-    )
+    w_0, torque, j = 13.0, 0.25, NOMINAL["j_1"]
+    t = np.linspace(3.0, 6.0, 97)
+    rig = Rig(p={**FREE, "t_c1": torque, "c_1": viscous})
+    found = simulate(rig, t[[0, -1]], AT_REST, at=t, start={"w_1": sign * w_0, "theta_1": 0.7})
+    s = t - 3.0
+    if viscous:
+        rate, drag = viscous / j, torque / viscous
+        stop = math.log(1 + w_0 / drag) / rate
+        s = np.minimum(s, stop)
+        w = (w_0 + drag) * np.exp(-rate * s) - drag
+        angle = (w_0 + drag) * (1 - np.exp(-rate * s)) / rate - drag * s
+    else:
+        stop = w_0 * j / torque
+        s = np.minimum(s, stop)
+        w, angle = w_0 - torque / j * s, w_0 * s - 0.5 * torque / j * s**2
+    assert stop < 2.9
+    assert found.of("w_1") == pytest.approx(sign * w, rel=1e-9, abs=1e-10)
+    assert found.of("theta_1") == pytest.approx(0.7 + sign * angle, rel=1e-9)
+    stuck = t - 3.0 > stop
+    assert (found.stuck[:, 1] == stuck).all()
+    assert not found.of("w_1")[stuck].any()
+    taken = found.taken["friction"][-1] + found.taken["viscous"][-1]
+    assert taken == pytest.approx(0.5 * j * w_0**2, rel=1e-9)
 
 
 def test_a_motor_coasts_by_the_torque_at_its_own_side() -> None:
@@ -126,21 +120,18 @@ def test_a_drop_of_the_voltage_stops_a_current() -> None:
     assert found.stuck[-1].tolist() == [True, False, True]
 
 
-def test_a_gear_passes_on_what_its_efficiency_says() -> None:
+@together("load", [0.5, -0.5])
+def test_a_gear_passes_on_what_its_efficiency_says(load: float) -> None:
     """Where the motor drives, power out is eta times power in; where the load does, 2 - 1/eta."""
-
-    def check(load: float) -> None:
-        eta, p = 0.7, {**NOMINAL, "t_f": 0.0, "c_m": 1e-3, "c_s": 0.05}
-        t = np.array([0.0, 60.0])
-        found = simulate(Rig(p={**p, "eta": eta}), t, np.full(2, 6.0), t_1=load, longest=0.1)
-        w_3 = found.of("w_2")[-1] * 8
-        into = (p["k_T"] * found.of("i")[-1] - p["c_m"] * w_3) * w_3
-        out = load * found.of("w_1")[-1]
-        assert found.of("w_1")[-1] == pytest.approx(found.of("w_2")[-1], rel=1e-6)
-        assert found.of("w_1")[-1] > 5
-        assert into == pytest.approx(out / eta if load > 0 else out * (2 - 1 / eta), rel=1e-5)
-
-    for_each({str(load): (load,) for load in [0.5, -0.5]}, check)
+    eta, p = 0.7, {**NOMINAL, "t_f": 0.0, "c_m": 1e-3, "c_s": 0.05}
+    t = np.array([0.0, 60.0])
+    found = simulate(Rig(p={**p, "eta": eta}), t, np.full(2, 6.0), t_1=load, longest=0.1)
+    w_3 = found.of("w_2")[-1] * 8
+    into = (p["k_T"] * found.of("i")[-1] - p["c_m"] * w_3) * w_3
+    out = load * found.of("w_1")[-1]
+    assert found.of("w_1")[-1] == pytest.approx(found.of("w_2")[-1], rel=1e-6)
+    assert found.of("w_1")[-1] > 5
+    assert into == pytest.approx(out / eta if load > 0 else out * (2 - 1 / eta), rel=1e-5)
 
 
 def test_without_friction_it_is_the_linear_rig() -> None:
@@ -160,15 +151,13 @@ def test_without_friction_it_is_the_linear_rig() -> None:
     assert not found.efforts.any()
 
 
-def test_no_energy_is_lost() -> None:
-    def check(name: str) -> None:
-        found = moved(name)
-        assert np.abs(found.balance).max() < 1e-8
-        work = np.diff(found.taken["friction"])
-        assert work.min() > -1e-12
-        assert work.max() > 0
-
-    for_each({str(name): (name,) for name in CASES}, check)
+@together("name", CASES)
+def test_no_energy_is_lost(name: str) -> None:
+    found = moved(name)
+    assert np.abs(found.balance).max() < 1e-8
+    work = np.diff(found.taken["friction"])
+    assert work.min() > -1e-12
+    assert work.max() > 0
 
 
 def test_the_cases_are_what_they_are_called() -> None:
@@ -180,69 +169,3 @@ def test_the_cases_are_what_they_are_called() -> None:
     for name, which in (("reversing", [2, 3, 4]), ("other", [2]), ("servo", [2, 4])):
         signs = np.sign(moved(name).states[:, which])
         assert (signs[1:] * signs[:-1] < 0).any(axis=0).all(), name
-
-
-def projected(case: Case, until: int, parts: int) -> np.ndarray:
-    """States at the first `until` samples by Euler's rule, speeds first: friction is what would stop a
-    speed within a part, as far as its size at the start goes.
-    """
-    rig, h = case.rig, float(case.t[1] - case.t[0]) / parts
-    masses, i_m = rig.masses, rig.i_m
-    found, loads = moved_of(case), np.broadcast_to(case.t_1, case.t.shape)
-    x = found.states[0].tolist()
-    out = []
-    for k in range(until):
-        out.append(list(x))
-        for q in range(parts):
-            share = q / parts if case.first_order else 0.0
-            v = found.v[k] + (found.v[k + 1] - found.v[k]) * share
-            load = loads[k] + (loads[k + 1] - loads[k]) * share
-            driving = rig.driving(x, v, load)
-            speeds = [x[3] / i_m, x[2], x[4]]
-            for e in range(3):
-                stop = masses[e] * speeds[e] / h + driving[e]
-                size = rig.size(e, abs(speeds[e]), abs(x[0] - x[1])) if rig.rubs[e] else 0.0
-                speeds[e] += h / masses[e] * (driving[e] - min(max(stop, -size), size))
-            x[3], x[2], x[4] = speeds[0] * i_m, speeds[1], speeds[2]
-            x[0] += h * x[2]
-            x[1] += h * x[3]
-    return np.array(out)
-
-
-@pytest.mark.parametrize(
-    ("name", "until"),
-    [
-        ("reversing", 420),
-        ("other", 200),
-        pytest.param("static", 330, marks=pytest.mark.slow),
-        pytest.param("servo", 160, marks=pytest.mark.slow),
-    ],
-)
-def test_ever_shorter_steps_of_another_rule_come_to_it(name: str, until: int) -> None:
-    """First order: four times as many parts, a quarter of the distance."""
-    true = moved(name).states[:until]
-    scale = np.abs(true).max(axis=0)
-    off = [
-        np.abs((projected(CASES[name], until, parts) - true) / scale).max() for parts in (25, 100)
-    ]
-    assert off[1] < 0.4 * off[0]
-    assert off[1] < 5e-3
-
-
-@pytest.mark.slow
-def test_the_torque_is_what_the_momentum_lacks() -> None:
-    """Impulses of the rotor's friction: j_1 w_1 and what the shaft and the load gave."""
-    found, case = moved("other"), CASES["other"]
-    p, t = case.rig.p, case.t
-    fine = simulate(
-        case.rig, t, case.v, at=np.linspace(t[0], t[-1], 50_001),
-        first_order=True, t_1=case.t_1, start=case.start,
-    )  # fmt: skip
-    assert fine.states[::100] == pytest.approx(found.states, rel=1e-8, abs=1e-8)
-    w_1, w_2 = fine.of("w_1"), fine.of("w_2")
-    shaft = p["k_s"] * (fine.of("theta_1") - fine.of("theta_2")) + p["c_s"] * (w_1 - w_2)
-    torque = shaft + p["c_1"] * w_1 + np.interp(fine.t, t, case.t_1)
-    mean = 0.5 * (torque[1:] + torque[:-1])
-    gone = np.append(0.0, np.cumsum(mean)) * (t[1] - t[0]) / 100
-    lacks = -p["j_1"] * (w_1 - w_1[0]) - gone
-    assert fine.impulses[:, RUBS.index("friction_1")] == pytest.approx(lacks, abs=1e-5)

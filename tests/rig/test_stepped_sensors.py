@@ -167,44 +167,6 @@ def test_a_start_before_the_first_sample() -> None:
     assert near(found, channels(true), 2e-3)
 
 
-@pytest.mark.parametrize(
-    ("name", "n"),
-    [
-        ("sine", 90),
-        pytest.param("falling", 330, marks=pytest.mark.slow),
-        pytest.param("sine", 320, marks=pytest.mark.slow),
-        pytest.param("static", 320, marks=pytest.mark.slow),
-        pytest.param("other", 320, marks=pytest.mark.slow),
-    ],
-)
-def test_slopes_are_those_of_the_oracle(name: str, n: int) -> None:
-    """By central differences of it, at samples away from what happens at other times there."""
-    case, measures = CASES[name], {n: {n: 1.0} for n in STATES}
-    model, record = model_of(case), experiment_of(case, measures)
-    short = dataclasses.replace(
-        case, t=case.t[:n], v=moved_of(case).v[:n],
-        t_1=case.t_1[:n] if isinstance(case.t_1, np.ndarray) else case.t_1,
-    )  # fmt: skip
-    record = replace(
-        record, t=record.t[:n], y=record.y[:n], series={k: u[:n] for k, u in record.series.items()}
-    )
-    full = parameters(case)
-    along = np.diag(np.where(full[0] == 0.0, 1e-2, full[0]))[None]
-    exact = Stepped(model, record, ObservationModel(), 64).sensitivities(full, along)[0]
-    h = 1e-4
-    for q, one in enumerate(model.parameters):
-        if one == "eta":
-            continue  # above one there is none; see the rig's own differences
-        up, down = (
-            short.moved(short.with_parameters(**{one: full[0, q] + s * h * along[0, q, q]})).states
-            for s in (1, -1)
-        )
-        rough = (up - down) / (2 * h)
-        size = np.abs(rough).max(axis=0)
-        close = np.abs(exact[q] - rough) < 0.02 * size + 1e-4 * np.abs(up).max(axis=0)
-        assert close.mean() > 0.97, one
-
-
 EVERY = ObservationModel(
     gains={"alpha": "gain_alpha"},
     offsets={"w_1": "offset_w_1"},
@@ -235,25 +197,6 @@ def test_slopes_are_those_of_its_own_signals(name: str) -> None:
         close = np.abs(exact[0, q] - rough[q]) < 1e-4 * size + 1e-7
         # A held voltage that jumps between the two sides leaves no slope there.
         assert close.mean() > (0.9 if "lag" in one else 0.97), one
-
-
-def test_normal_equations_are_sums_of_slopes() -> None:
-    """Without what was not seen."""
-    case = CASES["static"]
-    record = experiment_of(case, MEASURES)
-    y = np.random.default_rng(4).normal(size=record.y.shape)
-    y[5:9, 2] = np.nan
-    rig = stepped(case, 1, EVERY, replace(record, y=y))
-    full = parameters(case, TOLD) * np.array([[1.0], [1.01]])
-    along = np.random.default_rng(5).normal(size=(2, 4, full.shape[1])) * full[:, None, :]
-    scales = np.array([[1.0, 0.5, 2.0], [3.0, 1.0, 0.1]])
-    squares, slopes, products = rig.normal(full, along, scales[..., None] ** 2)
-    seen = ~np.isnan(y)
-    left = np.where(seen, y - rig.signals(full), 0) * scales[:, None]
-    shown = np.where(seen, rig.sensitivities(full, along), 0) * scales[:, None, None]
-    assert squares == pytest.approx((left**2).sum(axis=1))
-    assert slopes == pytest.approx(np.einsum("wqtk,wtk->wq", shown, left))
-    assert products == pytest.approx(np.einsum("wqtk,wptk->wqp", shown, shown))
 
 
 def test_an_input_with_a_lag_steps_a_rig_that_does_not_rub() -> None:

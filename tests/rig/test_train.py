@@ -10,7 +10,7 @@ from trains import Oracle, springs
 import bayesdrill as bd
 from bayesdrill.basics.errors import InputError
 from bayesdrill.record.experiment import Channel, Experiment
-from bayesdrill.rig.models.linear import Tangent, dynamics, with_all
+from bayesdrill.rig.models.linear import with_all
 from bayesdrill.rig.models.train import Train
 from bayesdrill.rig.simulators import simulator
 from bayesdrill.rig.simulators.sensors import ObservationModel
@@ -31,17 +31,6 @@ def record(train: Train, n: int, dt: float, inputs: dict[str, np.ndarray]) -> Ex
         start={},
         t_start=0.0,
     )
-
-
-def chain(n: int, **entries) -> Train:
-    names = [f"d_{k}" for k in range(n)]
-    shafts = {f"s_{k}": names[k : k + 2] for k in range(n - 1)}
-    damped = tuple(f"c_s_{k}" for k in range(n - 1))
-    drives = {names[0]: "torque"}
-    return Train(
-        inertias=names, shafts=shafts | entries.pop("grounded", {}), drives=drives,
-        added=(*damped, *entries.pop("added", ())), **entries,
-    )  # fmt: skip
 
 
 def values(train: Train, rng: np.random.Generator) -> dict[str, float]:
@@ -109,20 +98,6 @@ def compare(
     return float((np.abs(y - other).max(axis=0) / scales).max())
 
 
-@pytest.mark.parametrize("n", [2, 3, 6, pytest.param(20, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("motion", ["rotary", "linear"])
-def test_chains(n, motion):
-    train = chain(n, motion=motion, added=("c_d_0",))
-    assert compare(train, np.eye(n)) < 1e-8
-
-
-def test_grounded():
-    train = chain(
-        3, grounded={"wall": ["d_2", "ground"], "floor": ["d_0", "ground"]}, added=("c_wall",)
-    )
-    assert compare(train, np.eye(3)) < 1e-8
-
-
 def two_gears(**entries) -> tuple[Train, np.ndarray]:
     """A motor, a gear, a shaft, another gear that turns the other way, a shaft to a load."""
     train = Train(
@@ -147,11 +122,6 @@ def test_gears():
     assert compare(train, ratios) < 1e-8
 
 
-def test_frictions_of_constant_sign_add_up_where_gears_join_them():
-    train, ratios = two_gears(added=("c_motor", "t_f_motor", "t_f_pinion", "t_f_wheel", "t_f_drum"))
-    assert compare(train, ratios) < 1e-8
-
-
 def test_friction_behind_gears():
     train, ratios = two_gears(added=("c_motor", "c_load", "t_c_motor", "t_c_load"))
     errors = [compare(train, ratios, pieces=pieces, size=0.4) for pieces in (8, 32)]
@@ -160,7 +130,11 @@ def test_friction_behind_gears():
 
 
 def test_friction_between_masses():
-    train = chain(3, motion="linear", added=("f_c_d_0", "f_c_d_2", "c_d_1"))
+    names = ("d_0", "d_1", "d_2")
+    train = Train(
+        inertias=names, shafts={"s_0": names[:2], "s_1": names[1:]}, drives={"d_0": "torque"},
+        added=("c_s_0", "c_s_1", "f_c_d_0", "f_c_d_2", "c_d_1"), motion="linear",
+    )  # fmt: skip
     assert compare(train, np.eye(3), pieces=32, size=8.0) < 2e-4
 
 
@@ -217,22 +191,6 @@ def test_motor_without_inductance_is_the_limit_of_one_with():
         experiment = record(train, 200, 0.01, {"u_motor": u})
         shown.append(simulator(train, experiment, ObservationModel()).signals(full)[0, :, :2])
     assert np.abs(shown[0] - shown[1]).max() < 1e-5 * np.abs(shown[0]).max()
-
-
-def test_tangent_is_the_derivative():
-    train, _ = two_gears(added=("c_motor", "c_first", "c_wheel"))
-    rng = np.random.default_rng(2)
-    p, along = values(train, rng), values(train, rng)
-    tangent, h = Tangent(train), 1e-6
-    dots = {f"{name}_dot": x for name, x in along.items()}
-    both = dynamics(tangent.linear({**p, **dots}), tangent.states, 1)[0]
-    ends = [
-        dynamics(train.linear({n: x + s * h * along[n] for n, x in p.items()}), train.states, 1)[0]
-        for s in (1, -1)
-    ]
-    half = len(train.states)
-    expected = (ends[0] - ends[1]) / (2 * h)
-    assert both[half:, :half] == pytest.approx(expected, rel=1e-6, abs=1e-5)
 
 
 def test_names():

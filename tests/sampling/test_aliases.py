@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from oracles import NOMINAL, matrices
 from rigs import experiment, posterior, vector, with_priors
-from together import for_each
+from together import together
 
 import bayesdrill as bd
 from bayesdrill.inference.laplace import LogDensity
@@ -75,39 +75,40 @@ def test_frequencies_are_those_of_the_equations_of_motion() -> None:
     assert np.array_equal(found[:, 1], np.zeros(3))  # all other poles decay without a swing
 
 
-def test_the_other_stiffness_of_a_torsion_near_half_the_sampling_rate() -> None:
+@together(
+    "free, nominal",
+    [
+        (free, nominal)
+        for free in [("k_s",), ("k_s", "j_1"), ("k_s", "j_1", "t_f")]
+        for nominal in [True, False]
+    ],
+)
+def test_the_other_stiffness_of_a_torsion_near_half_the_sampling_rate(
+    free: tuple[str, ...], nominal: bool
+) -> None:
     """From either one the other is found, and a search from there ends where SciPy's poles say.
 
     Mutant killed: more swings between two samples, but no fewer.
     """
-    frees = [("k_s",), ("k_s", "j_1"), ("k_s", "j_1", "t_f")]
-
-    def check(free: tuple[str, ...], nominal: bool) -> None:
-        true = 0.26
-        other = stiffness(2.0 * np.pi / DT - swing(rig(k_s=true)))
-        one, another = (true, other) if nominal else (other, true)
-        target = aliased(free, one)
-        found = swings(target, at(target, one))
-        theta = target.coordinates.to_physical(found)
-        names = target.space.free
-        speeds = [swing(rig(**dict(zip(names, row, strict=True)))) for row in theta]
-        wanted = swing(rig(k_s=another))
-        assert min(abs(speed - wanted) for speed in speeds) < 1.0 / 11.0  # a radian over the record
-        assert LogDensity(target).inside(found).all()
-        surface = LogDensity(target, physical=True)
-        points, values = multiple_modes.best_ends(surface, np.vstack([at(target, one), found]))
-        ends = target.coordinates.to_physical(
-            points[multiple_modes.distinct_modes(surface, points, values)]
-        )
-        named = [rig(**dict(zip(names, row, strict=True))) for row in ends]
-        ratios = sorted(p["k_s"] / p["j_1"] for p in named)
-        assert ratios == pytest.approx(
-            [k / NOMINAL["j_1"] for k in sorted((true, other))], rel=0.05
-        )
-
-    for_each(
-        {f"{free} {nominal}": (free, nominal) for free in frees for nominal in [True, False]}, check
+    true = 0.26
+    other = stiffness(2.0 * np.pi / DT - swing(rig(k_s=true)))
+    one, another = (true, other) if nominal else (other, true)
+    target = aliased(free, one)
+    found = swings(target, at(target, one))
+    theta = target.coordinates.to_physical(found)
+    names = target.space.free
+    speeds = [swing(rig(**dict(zip(names, row, strict=True)))) for row in theta]
+    wanted = swing(rig(k_s=another))
+    assert min(abs(speed - wanted) for speed in speeds) < 1.0 / 11.0  # a radian over the record
+    assert LogDensity(target).inside(found).all()
+    surface = LogDensity(target, physical=True)
+    points, values = multiple_modes.best_ends(surface, np.vstack([at(target, one), found]))
+    ends = target.coordinates.to_physical(
+        points[multiple_modes.distinct_modes(surface, points, values)]
     )
+    named = [rig(**dict(zip(names, row, strict=True))) for row in ends]
+    ratios = sorted(p["k_s"] / p["j_1"] for p in named)
+    assert ratios == pytest.approx([k / NOMINAL["j_1"] for k in sorted((true, other))], rel=0.05)
 
 
 def test_an_alias_outside_the_priors_is_not_looked_for() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import scipy.optimize
 from surfaces import Walled, humps, ridged
-from together import for_each
+from together import together
 
 from bayesdrill.inference.laplace import QuadraticModel
 from bayesdrill.sampling.gauss_newton import bounded_step, gauss_newton, newton_gain
@@ -47,28 +47,25 @@ def linear(seed: int, d: int) -> tuple[Squares, np.ndarray, np.ndarray]:
     return surface, matrix, target
 
 
-def test_a_step_within_a_box_is_that_of_bounded_least_squares() -> None:
+@together("d", [2, 5, 9])
+def test_a_step_within_a_box_is_that_of_bounded_least_squares(d: int) -> None:
     """One step, from the middle and from corners.  Mutant killed: steps cut at the walls."""
-
-    def check(d: int) -> None:
-        at_walls = 0
-        for seed in range(20):
-            surface, matrix, target = linear(seed, d)
-            rng = np.random.default_rng(seed)
-            start = surface.spread * rng.choice([-1.0, 0.0, 0.5, 1.0], (4, d))
-            here = surface.quadratic_model(start, np.eye(d))
-            step = bounded_step(surface, start, here, np.zeros(4))
-            end = np.clip(start + step, surface.low, surface.high)  # but for rounding
-            assert end == pytest.approx(start + step, rel=1e-12, abs=1e-14)
-            best = scipy.optimize.lsq_linear(matrix, target, (surface.low, surface.high), tol=1e-14)
-            assert surface.value(end) == pytest.approx(np.full(4, -best.cost), rel=1e-7)
-            assert end / surface.spread == pytest.approx(
-                np.tile(best.x / surface.spread, (4, 1)), abs=1e-4
-            )
-            at_walls += int((np.abs(best.x / surface.spread) > 1 - 1e-6).sum())
-        assert at_walls > 20
-
-    for_each({str(d): (d,) for d in [2, 5, 9]}, check)
+    at_walls = 0
+    for seed in range(20):
+        surface, matrix, target = linear(seed, d)
+        rng = np.random.default_rng(seed)
+        start = surface.spread * rng.choice([-1.0, 0.0, 0.5, 1.0], (4, d))
+        here = surface.quadratic_model(start, np.eye(d))
+        step = bounded_step(surface, start, here, np.zeros(4))
+        end = np.clip(start + step, surface.low, surface.high)  # but for rounding
+        assert end == pytest.approx(start + step, rel=1e-12, abs=1e-14)
+        best = scipy.optimize.lsq_linear(matrix, target, (surface.low, surface.high), tol=1e-14)
+        assert surface.value(end) == pytest.approx(np.full(4, -best.cost), rel=1e-7)
+        assert end / surface.spread == pytest.approx(
+            np.tile(best.x / surface.spread, (4, 1)), abs=1e-4
+        )
+        at_walls += int((np.abs(best.x / surface.spread) > 1 - 1e-6).sum())
+    assert at_walls > 20
 
 
 def test_a_direction_that_hardly_counts_is_no_warning() -> None:
@@ -86,22 +83,6 @@ def test_a_direction_that_hardly_counts_is_no_warning() -> None:
     assert step == pytest.approx(np.array([[0.15, 0.0]]), abs=1e-9)
 
 
-def test_the_highest_point_of_a_box_is_reached() -> None:
-    """Nothing is left to be gained there, though slopes point out of the box."""
-
-    def check(d: int) -> None:
-        surface, matrix, target = linear(3, d)
-        rng = np.random.default_rng(1)
-        start = rng.uniform(surface.low, surface.high, (20, d))
-        found = gauss_newton(surface, start, 30)
-        best = scipy.optimize.lsq_linear(matrix, target, (surface.low, surface.high), tol=1e-14)
-        assert found.value == pytest.approx(np.full(20, -best.cost), rel=1e-9)
-        assert found.converged.all()
-        assert surface.inside(found.u).all()
-
-    for_each({str(d): (d,) for d in [2, 5, 9]}, check)
-
-
 def banana(low: float, high: float) -> Squares:
     """Rosenbrock's valley, a hundred times as steep across as along."""
     middle, spread = np.full(2, 0.5 * (low + high)), np.full(2, 0.5 * (high - low))
@@ -117,39 +98,34 @@ def banana(low: float, high: float) -> Squares:
     return Squares(middle, spread, 1.0, residuals, slopes)
 
 
-def test_a_valley_shaped_like_a_banana_is_followed() -> None:
+@together("exact", [False, True])
+def test_a_valley_shaped_like_a_banana_is_followed(exact: bool) -> None:
     """Mutant killed: no damping."""
-
-    def check(exact: bool) -> None:
-        surface = banana(-3.0, 4.0)
-        start = np.random.default_rng(2).uniform(-2.5, 3.5, (30, 2))
-        found = gauss_newton(surface, start, 60, exact=exact)
-        assert found.converged.all()
-        assert found.u == pytest.approx(np.ones((30, 2)), abs=1e-4)
-
-    for_each({str(exact): (exact,) for exact in [False, True]}, check)
+    surface = banana(-3.0, 4.0)
+    start = np.random.default_rng(2).uniform(-2.5, 3.5, (30, 2))
+    found = gauss_newton(surface, start, 60, exact=exact)
+    assert found.converged.all()
+    assert found.u == pytest.approx(np.ones((30, 2)), abs=1e-4)
 
 
-def test_a_valley_that_a_wall_cuts_off_is_followed_to_the_wall() -> None:
-    def check(low: float, high: float) -> None:
-        surface = banana(low, high)
-        start = np.random.default_rng(3).uniform(low, high, (20, 2))
-        found = gauss_newton(surface, start, 60)
-        ends = [
-            scipy.optimize.minimize(
-                lambda u: -float(surface.log_density(u[None])[0]),
-                one,
-                jac=lambda u: -surface.derivatives(u[None])[0][0],
-                bounds=[(low, high)] * 2,
-                options={"ftol": 1e-15, "gtol": 1e-10, "maxiter": 2000, "maxfun": 10_000},
-            )
-            for one in start[:5]
-        ]
-        best = min(ends, key=lambda end: end.fun)
-        assert found.value == pytest.approx(np.full(20, -best.fun), rel=1e-6)
-        assert found.u == pytest.approx(np.tile(best.x, (20, 1)), abs=1e-3)
-
-    for_each({str(case): case for case in [(-3.0, 0.8), (-1.5, 0.6), (1.2, 4.0)]}, check)
+@together("low, high", [(-3.0, 0.8), (-1.5, 0.6), (1.2, 4.0)])
+def test_a_valley_that_a_wall_cuts_off_is_followed_to_the_wall(low: float, high: float) -> None:
+    surface = banana(low, high)
+    start = np.random.default_rng(3).uniform(low, high, (20, 2))
+    found = gauss_newton(surface, start, 60)
+    ends = [
+        scipy.optimize.minimize(
+            lambda u: -float(surface.log_density(u[None])[0]),
+            one,
+            jac=lambda u: -surface.derivatives(u[None])[0][0],
+            bounds=[(low, high)] * 2,
+            options={"ftol": 1e-15, "gtol": 1e-10, "maxiter": 2000, "maxfun": 10_000},
+        )
+        for one in start[:5]
+    ]
+    best = min(ends, key=lambda end: end.fun)
+    assert found.value == pytest.approx(np.full(20, -best.fun), rel=1e-6)
+    assert found.u == pytest.approx(np.tile(best.x, (20, 1)), abs=1e-3)
 
 
 @dataclass(frozen=True)

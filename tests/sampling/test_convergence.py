@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import scipy.stats
 from chains import ar1
-from together import for_each
+from together import together
 
 from bayesdrill.inference.derived import HDI_PROBABILITY, hdi
 from bayesdrill.sampling.convergence import (
@@ -25,12 +25,10 @@ from bayesdrill.sampling.convergence import (
 TARGETS = Targets(r_hat=1.01, n_tau=50, ess=1000)
 
 
-def test_autocorrelation_time_of_a_known_process() -> None:
-    def check(rho: float) -> None:
-        tau = autocorrelation_time(ar1((4, 2000, 16, 2), rho))
-        assert tau == pytest.approx((1 + rho) / (1 - rho), rel=0.05)
-
-    for_each({str(rho): (rho,) for rho in [0.0, 0.5, 0.9]}, check)
+@together("rho", [0.0, 0.5, 0.9])
+def test_autocorrelation_time_of_a_known_process(rho: float) -> None:
+    tau = autocorrelation_time(ar1((4, 2000, 16, 2), rho))
+    assert tau == pytest.approx((1 + rho) / (1 - rho), rel=0.05)
 
 
 def test_autocorrelation_time_is_emcees() -> None:
@@ -106,9 +104,9 @@ def test_walkers_that_remember_their_last_draw_have_no_more_effective_ones() -> 
     assert found.ess_tail[0] <= 4 * walkers * kept / found.thin
 
 
-def test_runs_that_more_steps_would_not_help_are_given_up() -> None:
-    """Mutants killed: given up before it can be told; never; what is enough given up."""
-    cases = [
+@together(
+    "trail, says",
+    [
         ([(200, 8), (400, 16), (1000, 41)], None),  # on its way: tau is constant
         ([(200, 8), (400, 8.5), (800, 9)], None),  # too early to say
         ([(500, 9), (1000, 10)], "tau grows with the chain, 56 steps after 500 and 100 after 1000"),
@@ -119,14 +117,15 @@ def test_runs_that_more_steps_would_not_help_are_given_up() -> None:
         ),
         ([(500, 1.3), (1000, 2.6)], None),  # 19231 steps would do
         ([(600, 9), (1000, 10)], None),  # no check at half of the steps or less to compare with
-    ]
-
-    def check(trail: list[tuple[int, float]], says: str | None) -> None:
-        found = futility(trail, wanted=50, allowed=20_000, most=20_000)
-        assert (says in found) if says else found == ""
-        assert not found or found.startswith("stopped early: ")
-
-    for_each({str(case): case for case in cases}, check)
+    ],
+)
+def test_runs_that_more_steps_would_not_help_are_given_up(
+    trail: list[tuple[int, float]], says: str | None
+) -> None:
+    """Mutants killed: given up before it can be told; never; what is enough given up."""
+    found = futility(trail, wanted=50, allowed=20_000, most=20_000)
+    assert (says in found) if says else found == ""
+    assert not found or found.startswith("stopped early: ")
 
 
 def test_a_chain_that_would_be_too_large_is_not_for_max_steps_to_mend() -> None:
@@ -137,19 +136,16 @@ def test_a_chain_that_would_be_too_large_is_not_for_max_steps_to_mend() -> None:
     assert "max_steps" not in found
 
 
-def test_the_next_check_is_when_the_chain_is_long_enough() -> None:
+@together("rho", [0.0, 0.5, 0.9])
+def test_the_next_check_is_when_the_chain_is_long_enough(rho: float) -> None:
     """Of an AR(1) chain tau is known.  Mutant killed: a growth that does not ask for tau."""
-
-    def check(rho: float) -> None:
-        tau = (1.0 + rho) / (1.0 - rho)
-        steps = math.ceil(BURN_IN_TAUS * tau + 40 * tau)  # not quite the 50 that are wanted
-        found = chain_length(ar1((4, steps, 64, 1), rho))
-        assert found.n_tau < 50
-        ahead = found.next_check(steps, 50)
-        assert 1.05 * 55 * tau < ahead < 1.4 * 55 * tau
-        assert chain_length(ar1((4, ahead, 64, 1), rho)).n_tau > 50
-
-    for_each({str(rho): (rho,) for rho in [0.0, 0.5, 0.9]}, check)
+    tau = (1.0 + rho) / (1.0 - rho)
+    steps = math.ceil(BURN_IN_TAUS * tau + 40 * tau)  # not quite the 50 that are wanted
+    found = chain_length(ar1((4, steps, 64, 1), rho))
+    assert found.n_tau < 50
+    ahead = found.next_check(steps, 50)
+    assert 1.05 * 55 * tau < ahead < 1.4 * 55 * tau
+    assert chain_length(ar1((4, ahead, 64, 1), rho)).n_tau > 50
 
 
 def test_checks_are_neither_rare_nor_many() -> None:

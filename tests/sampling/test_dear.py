@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from together import for_each
+from together import together
 
 import bayesdrill as bd
 from bayesdrill.inference.posterior import Posterior
@@ -20,14 +20,15 @@ def of(n: int, **channel: object) -> Posterior:
     return made.job.problem.posterior
 
 
-def test_long_records_with_samples_of_their_own_are() -> None:
-    cases = [
+@together(
+    "samples, channel, is_dear",
+    [
         (40_000, {}, False),  # sums alone
         (1000, {"lag": {"prior": "uniform", "low": 0, "high": 0.1}}, False),
         (40_000, {"lag": {"prior": "uniform", "low": 0, "high": 0.1}}, True),
-    ]
-
-    def check(samples: int, channel: dict[str, object], is_dear: bool) -> None:
-        assert slopes_are_expensive(of(samples, **channel)) == is_dear
-
-    for_each({str(case): case for case in cases}, check)
+    ],
+)
+def test_long_records_with_samples_of_their_own_are(
+    samples: int, channel: dict[str, object], is_dear: bool
+) -> None:
+    assert slopes_are_expensive(of(samples, **channel)) == is_dear

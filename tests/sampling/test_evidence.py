@@ -6,13 +6,12 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-import pytest
 import scipy.special
 import scipy.stats
 from oracles import NOMINAL
 from proposals import rough
 from targets import TARGETS, Bent, Boxed, Humps, Skewed, Target, loose
-from together import for_each
+from together import together
 
 import bayesdrill as bd
 from bayesdrill.sampling.evidence import Evidence, bridge, evidence
@@ -75,20 +74,17 @@ def test_walkers_that_do_not_pass_between_humps_are_in_the_error() -> None:
         assert abs(result.log_z - Known(target).integral(2)) < 1.5 * result.error
 
 
-def test_it_is_the_integral_of_the_density() -> None:
+@together("d, name", [(d, name) for d in [2, 5, 9] for name in TARGETS])
+def test_it_is_the_integral_of_the_density(d: int, name: str) -> None:
     """Over two bent ridges in units of their own, with priors that cut draws off, and humps.
 
     Mutants killed: the volume of a basis forgotten, the share of draws inside the prior for all of
     them, shares of the two kinds of draws that do not sum to one.
     """
-
-    def check(d: int, name: str) -> None:
-        target = TARGETS[name]
-        result = found(target, d, rough(target, d, 2))
-        assert result.error < 0.1
-        assert abs(result.log_z - Known(target).integral(d)) < SURE * result.error
-
-    for_each({f"{d} {name}": (d, name) for d in [2, 5, 9] for name in TARGETS}, check)
+    target = TARGETS[name]
+    result = found(target, d, rough(target, d, 2))
+    assert result.error < 0.1
+    assert abs(result.log_z - Known(target).integral(d)) < SURE * result.error
 
 
 def test_the_standard_error_is_that_of_repetitions() -> None:
@@ -164,53 +160,3 @@ def test_an_offset_of_a_sensor_alone_is_a_normal_density_of_the_record() -> None
     covariance = SIGMA**2 * np.eye(len(T)) + OFFSET_SD**2
     exact = scipy.stats.multivariate_normal(signal(), covariance).logpdf(measured())
     assert abs(run.evidence.log_z - exact) < SURE * run.evidence.error < 0.05
-
-
-@pytest.mark.slow
-def test_three_unknowns_on_a_grid() -> None:
-    """A parameter in a box, an offset, an unknown noise: by the trapezoid rule.
-
-    Mutant killed: the Jacobian of a log forgotten.
-    """
-    sigma = {"prior": "log_uniform", "low": 0.01, "high": 1.0}
-    run = case({"k_e": BOX}, offset=True, sigma=sigma).sample()
-    assert run.evidence is not None
-    names = [name for name in run.draws if name.startswith("sigma")]
-    around = {
-        name: np.linspace(x.mean() - 7 * x.std(), x.mean() + 7 * x.std(), 61)
-        for name, x in run.draws.items()
-    }
-    k_e, level = around["k_e"], around[names[0]]
-    (b,) = (around[name] for name in around if name not in ("k_e", names[0]))
-    each = np.array([signal(k_e=value) for value in k_e])
-    log_p = scipy.stats.norm.logpdf(
-        measured() - each[:, None, None, :] - b[:, None, None], scale=level[:, None]
-    ).sum(axis=-1)
-    log_p += scipy.stats.norm.logpdf(b, scale=OFFSET_SD)[:, None]
-    log_p -= np.log(level * math.log(100.0)) + math.log(0.7 * NOMINAL["k_e"])
-    top = log_p.max()
-    whole = np.exp(log_p - top)
-    for x in (level, b, k_e):
-        whole = np.trapezoid(whole, x, axis=-1)
-    assert abs(run.evidence.log_z - top - math.log(float(whole))) < SURE * run.evidence.error < 0.05
-
-
-@pytest.mark.slow
-def test_odds_of_nested_models_are_the_ratio_of_savage_and_dickey() -> None:
-    """The density of the offset at zero, given all else, is exact: what it is there, posterior over
-    prior, are the odds for the model without it.
-    """
-    free = {"k_e": BOX, "k_s": BOX}
-    wide, narrow = case(free, offset=True).sample(), case(free, offset=False).sample()
-    assert wide.evidence is not None
-    assert narrow.evidence is not None
-    k_e, k_s = (wide.draws[name].ravel()[::5] for name in free)
-    each = np.array([signal(k_e=a, k_s=b) for a, b in zip(k_e, k_s, strict=True)])
-    sd = (len(T) / SIGMA**2 + 1 / OFFSET_SD**2) ** -0.5
-    mean = sd**2 * (measured() - each).sum(axis=1) / SIGMA**2
-    density = scipy.stats.norm.pdf(0.0, mean, sd)
-    ratio = density.mean() * OFFSET_SD * math.sqrt(2 * math.pi)
-    error = density.std() / math.sqrt(len(density)) / density.mean()
-    error = math.hypot(error, wide.evidence.error, narrow.evidence.error)
-    odds = narrow.evidence.log_z - wide.evidence.log_z
-    assert abs(odds - math.log(ratio)) < SURE * error < 0.15

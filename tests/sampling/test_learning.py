@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from compiled import SIGMA, seen
 from surfaces import Gaussians, humps, ridged
-from together import for_each
+from together import together
 
 from bayesdrill.inference.laplace import (
     LogDensity,
@@ -42,22 +42,17 @@ def two(kind: str, d: int) -> tuple[Gaussians, LearnedProposal]:
     return surface, learn(surface, list(surface.means), seed, rng)
 
 
-def test_weights_of_two_maxima_without_a_chain() -> None:
+@together("kind, d", HUMPS)
+def test_weights_of_two_maxima_without_a_chain(kind: str, d: int) -> None:
     """From importance weights of draws.  Mutant killed: the weights of components left out of q."""
-
-    def check(kind: str, d: int) -> None:
-        surface, learnt = two(kind, d)
-        u, log_q = learnt.proposal.draw(20_000, surface.inside, np.random.RandomState(3))
-        weights = normalised(surface.value(u) - log_q)
-        found = np.bincount(surface.belongs(u), weights=weights)
-        assert found == pytest.approx(surface.weights, rel=0.1)
-        assert learnt.shares(u, 2) == pytest.approx(
-            np.bincount(surface.belongs(u)) / len(u), abs=1e-6
-        )
-        assert learnt.origin == (0, 1)
-        assert learnt.draws.acceptance > 0.8
-
-    for_each({str(case): case for case in HUMPS}, check)
+    surface, learnt = two(kind, d)
+    u, log_q = learnt.proposal.draw(20_000, surface.inside, np.random.RandomState(3))
+    weights = normalised(surface.value(u) - log_q)
+    found = np.bincount(surface.belongs(u), weights=weights)
+    assert found == pytest.approx(surface.weights, rel=0.1)
+    assert learnt.shares(u, 2) == pytest.approx(np.bincount(surface.belongs(u)) / len(u), abs=1e-6)
+    assert learnt.origin == (0, 1)
+    assert learnt.draws.acceptance > 0.8
 
 
 @pytest.mark.parametrize("d", [1, 2])
@@ -84,26 +79,23 @@ def test_a_proposal_is_held_against_what_another_has_seen() -> None:
     assert len(_best([both, one]).origin) == 2
 
 
-def test_weights_of_two_maxima_from_walkers_that_start_on_both_alike() -> None:
+@together("kind, d", HUMPS)
+def test_weights_of_two_maxima_from_walkers_that_start_on_both_alike(kind: str, d: int) -> None:
     """The same mutant killed: walkers would come to be shared as the proposal's draws are not."""
-
-    def check(kind: str, d: int) -> None:
-        surface, learnt = two(kind, d)
-        rng = np.random.default_rng(4)
-        start = surface.means[np.arange(100) % 2] + 0.1 * rng.standard_normal((100, d))
-        state = State(start, surface.value(start), np.random.RandomState(5).get_state())
-        piece = advance(
-            lambda u: (surface.value(u), 0),
-            state,
-            200,
-            {"independence": 0.8, "differential_evolution": 0.2},
-            learnt.proposal,
-            surface.inside,
-        )
-        where = surface.belongs(piece.z[20:].reshape(-1, d))
-        assert np.bincount(where) / len(where) == pytest.approx(surface.weights, rel=0.1)
-
-    for_each({str(case): case for case in HUMPS}, check)
+    surface, learnt = two(kind, d)
+    rng = np.random.default_rng(4)
+    start = surface.means[np.arange(100) % 2] + 0.1 * rng.standard_normal((100, d))
+    state = State(start, surface.value(start), np.random.RandomState(5).get_state())
+    piece = advance(
+        lambda u: (surface.value(u), 0),
+        state,
+        200,
+        {"independence": 0.8, "differential_evolution": 0.2},
+        learnt.proposal,
+        surface.inside,
+    )
+    where = surface.belongs(piece.z[20:].reshape(-1, d))
+    assert np.bincount(where) / len(where) == pytest.approx(surface.weights, rel=0.1)
 
 
 def test_a_maximum_that_holds_nothing_costs_nothing() -> None:
@@ -116,23 +108,20 @@ def test_a_maximum_that_holds_nothing_costs_nothing() -> None:
     assert learnt.shares(drawn, 2)[1] < 0.02
 
 
-def test_a_bent_ridge_is_learnt() -> None:
+@together("n_loose, n_tight", [(1, 1), (1, 3), (2, 3)])
+def test_a_bent_ridge_is_learnt(n_loose: int, n_tight: int) -> None:
     """Hundreds of standard deviations, which change along it, within walls.
 
     Mutants killed: one covariance for the whole ridge, or its logs on the diagonal left out.
     """
-
-    def check(n_loose: int, n_tight: int) -> None:
-        surface = ridged(n_loose, n_tight)
-        start = surface.at(np.full((1, n_loose), 0.1), np.zeros((1, n_tight)))[0]
-        seed, rng = np.random.RandomState(1), np.random.default_rng(3)
-        learnt = learn(surface, [start], seed, rng)
-        assert learnt.draws.acceptance > 0.7
-        e = surface.parts(learnt.draws.u)[1]
-        assert learnt.draws.weights @ e == pytest.approx(np.zeros(n_tight), abs=0.15)
-        assert learnt.draws.weights @ e**2 == pytest.approx(np.ones(n_tight), abs=0.15)
-
-    for_each({str(case): case for case in [(1, 1), (1, 3), (2, 3)]}, check)
+    surface = ridged(n_loose, n_tight)
+    start = surface.at(np.full((1, n_loose), 0.1), np.zeros((1, n_tight)))[0]
+    seed, rng = np.random.RandomState(1), np.random.default_rng(3)
+    learnt = learn(surface, [start], seed, rng)
+    assert learnt.draws.acceptance > 0.7
+    e = surface.parts(learnt.draws.u)[1]
+    assert learnt.draws.weights @ e == pytest.approx(np.zeros(n_tight), abs=0.15)
+    assert learnt.draws.weights @ e**2 == pytest.approx(np.ones(n_tight), abs=0.15)
 
 
 class Chunked(LogDensity):

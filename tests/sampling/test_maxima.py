@@ -7,42 +7,36 @@ import dataclasses
 import numpy as np
 import pytest
 from surfaces import Gaussians, humps, ridged
-from together import for_each
+from together import together
 
 from bayesdrill.sampling import multiple_modes
 
 
-def test_points_of_one_long_bent_ridge_are_one_maximum() -> None:
+@together("n_loose, n_tight", [(1, 1), (1, 3), (2, 1), (2, 3)])
+def test_points_of_one_long_bent_ridge_are_one_maximum(n_loose: int, n_tight: int) -> None:
     """Hundreds of standard deviations apart.  Mutant killed: a straight path from one to the other."""
-
-    def check(n_loose: int, n_tight: int) -> None:
-        surface = ridged(n_loose, n_tight)
-        psi = np.random.default_rng(3).uniform(-0.4, 0.8, (12, n_loose))
-        points = surface.at(psi, np.zeros((12, n_tight)))
-        far = surface.parts(points[0] + 0.5 * (points[1:] - points[0]))[1]
-        assert np.linalg.norm(far, axis=1).max() > 10.0  # what lies straight between them is off it
-        values = -1e-3 * np.arange(12.0)
-        assert multiple_modes.distinct_modes(surface, points, values) == [0]
-
-    for_each({str(case): case for case in [(1, 1), (1, 3), (2, 1), (2, 3)]}, check)
+    surface = ridged(n_loose, n_tight)
+    psi = np.random.default_rng(3).uniform(-0.4, 0.8, (12, n_loose))
+    points = surface.at(psi, np.zeros((12, n_tight)))
+    far = surface.parts(points[0] + 0.5 * (points[1:] - points[0]))[1]
+    assert np.linalg.norm(far, axis=1).max() > 10.0  # what lies straight between them is off it
+    values = -1e-3 * np.arange(12.0)
+    assert multiple_modes.distinct_modes(surface, points, values) == [0]
 
 
-def test_two_humps_are_two_maxima_the_highest_first() -> None:
+@together("d", [1, 2, 5])
+def test_two_humps_are_two_maxima_the_highest_first(d: int) -> None:
     """Mutant killed: places that a step has brought back to where it came from."""
-
-    def check(d: int) -> None:
-        surface = humps(d, (0.1, 0.9), (1.0, 1.0), 20.0)
-        rng = np.random.default_rng(4)
-        near = surface.means[np.arange(10) % 2] + 1e-4 * rng.standard_normal((10, d))
-        values = surface.value(near)
-        found = multiple_modes.distinct_modes(surface, near, values)
-        assert found == [
-            int(np.argmax(values)),
-            int(np.argmax(np.where(np.arange(10) % 2, -1e9, values))),
-        ]
-        assert list(surface.belongs(near[found])) == [1, 0]
-
-    for_each({str(d): (d,) for d in [1, 2, 5]}, check)
+    surface = humps(d, (0.1, 0.9), (1.0, 1.0), 20.0)
+    rng = np.random.default_rng(4)
+    near = surface.means[np.arange(10) % 2] + 1e-4 * rng.standard_normal((10, d))
+    values = surface.value(near)
+    found = multiple_modes.distinct_modes(surface, near, values)
+    assert found == [
+        int(np.argmax(values)),
+        int(np.argmax(np.where(np.arange(10) % 2, -1e9, values))),
+    ]
+    assert list(surface.belongs(near[found])) == [1, 0]
 
 
 def test_a_valley_parts_what_the_record_hardly_knows() -> None:

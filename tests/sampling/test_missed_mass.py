@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 from surfaces import Ridged, corner, ridged
-from together import for_each
+from together import for_each, together
 
 from bayesdrill.sampling.proposal.learning import LearnedProposal, learn
 from bayesdrill.sampling.proposal.missed_mass import FAR_LOG_RATIO, missed_mass
@@ -38,37 +38,32 @@ def missed(surface: Ridged, proposal: Proposal, u: np.ndarray, weights: np.ndarr
     return missed_mass(surface, proposal, [0], (u, weights[None]), np.random.RandomState(4))
 
 
-def test_points_are_brought_to_the_ridge() -> None:
+@together(
+    "far, n_loose, n_tight", [(far, *case) for far in [False, True] for case in [(1, 1), (2, 3)]]
+)
+def test_points_are_brought_to_the_ridge(far: bool, n_loose: int, n_tight: int) -> None:
     """From one that is off by ten standard deviations, or by hundreds, and has another
     covariance.
 
     Mutant killed: points that are far astray are given up.
     """
-
-    def check(far: bool, n_loose: int, n_tight: int) -> None:
-        surface, found = learnt(n_loose, n_tight)
-        own = found.proposal.mixture.sheets[0]
-        place = own.location.copy()
-        place[0] += 0.8 if far else 10.0 * np.exp(own.ends[1, :n_tight])  # as wide as it gets
-        moved = replace(own, location=place, root=0.9 * own.root)
-        home = newton_ridge(moved, surface.quadratic_model)
-        psi, e = np.split(own.to_ridge_coordinates(found.draws.u)[0], [n_loose], axis=1)
-        assert (
-            np.median(
-                np.linalg.norm(moved.to_ridge_coordinates(found.draws.u)[0][:, n_loose:], axis=1)
-            )
-            > 5.0
-        )
-        y, log_volume = home.to_ridge_coordinates(found.draws.u)
-        assert y[:, :n_loose] == pytest.approx(psi)
-        assert np.quantile(np.abs(y[:, n_loose:] - e), 0.9) < 0.3
-        back, again = home.from_ridge_coordinates(y)
-        assert back == pytest.approx(found.draws.u, rel=1e-6, abs=1e-6)
-        assert again == pytest.approx(log_volume, abs=1e-6)
-
-    for_each(
-        {f"{far} {case}": (far, *case) for far in [False, True] for case in [(1, 1), (2, 3)]}, check
+    surface, found = learnt(n_loose, n_tight)
+    own = found.proposal.mixture.sheets[0]
+    place = own.location.copy()
+    place[0] += 0.8 if far else 10.0 * np.exp(own.ends[1, :n_tight])  # as wide as it gets
+    moved = replace(own, location=place, root=0.9 * own.root)
+    home = newton_ridge(moved, surface.quadratic_model)
+    psi, e = np.split(own.to_ridge_coordinates(found.draws.u)[0], [n_loose], axis=1)
+    assert (
+        np.median(np.linalg.norm(moved.to_ridge_coordinates(found.draws.u)[0][:, n_loose:], axis=1))
+        > 5.0
     )
+    y, log_volume = home.to_ridge_coordinates(found.draws.u)
+    assert y[:, :n_loose] == pytest.approx(psi)
+    assert np.quantile(np.abs(y[:, n_loose:] - e), 0.9) < 0.3
+    back, again = home.from_ridge_coordinates(y)
+    assert back == pytest.approx(found.draws.u, rel=1e-6, abs=1e-6)
+    assert again == pytest.approx(log_volume, abs=1e-6)
 
 
 def test_what_does_not_arrive_stays_where_the_polynomials_have_it() -> None:
@@ -80,32 +75,27 @@ def test_what_does_not_arrive_stays_where_the_polynomials_have_it() -> None:
         assert np.array_equal(one, other)
 
 
-def test_a_proposal_that_leaves_nothing_out_is_enough() -> None:
-    def check(n_loose: int, n_tight: int) -> None:
-        surface, found = learnt(n_loose, n_tight)
-        assert found.missed == 0.0
-        assert missed(surface, found.proposal, found.draws.u, found.draws.weights) == 0.0
-
-    for_each({str(case): case for case in [(1, 1), (2, 3)]}, check)
+@together("n_loose, n_tight", [(1, 1), (2, 3)])
+def test_a_proposal_that_leaves_nothing_out_is_enough(n_loose: int, n_tight: int) -> None:
+    surface, found = learnt(n_loose, n_tight)
+    assert found.missed == 0.0
+    assert missed(surface, found.proposal, found.draws.u, found.draws.weights) == 0.0
 
 
-def test_what_a_proposal_leaves_out_is_found() -> None:
+@together("n_loose, n_tight", [(1, 1), (2, 3)])
+def test_what_a_proposal_leaves_out_is_found(n_loose: int, n_tight: int) -> None:
     """As much as draws of the whole say, from draws of the piece, whose weights say nothing of it.
 
     Mutant killed: no look at what a proposal leaves out.
     """
-
-    def check(n_loose: int, n_tight: int) -> None:
-        surface, found = learnt(n_loose, n_tight)
-        piece = shortened(found.proposal)
-        u, log_q = piece.draw(2000, surface.inside, np.random.RandomState(2))
-        share = missed(surface, piece, u, normalised(surface.value(u) - log_q))
-        ratio = surface.value(found.draws.u) - piece.mixture.log_density(found.draws.u)
-        far = ratio > piece.typical_log_ratio + FAR_LOG_RATIO
-        assert share == pytest.approx(found.draws.weights[far].sum(), abs=0.05)
-        assert share > 0.2
-
-    for_each({str(case): case for case in [(1, 1), (2, 3)]}, check)
+    surface, found = learnt(n_loose, n_tight)
+    piece = shortened(found.proposal)
+    u, log_q = piece.draw(2000, surface.inside, np.random.RandomState(2))
+    share = missed(surface, piece, u, normalised(surface.value(u) - log_q))
+    ratio = surface.value(found.draws.u) - piece.mixture.log_density(found.draws.u)
+    far = ratio > piece.typical_log_ratio + FAR_LOG_RATIO
+    assert share == pytest.approx(found.draws.weights[far].sum(), abs=0.05)
+    assert share > 0.2
 
 
 def test_a_ridge_that_turns_a_corner_is_not_covered() -> None:

@@ -10,11 +10,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import scipy.optimize
 from oracles import NOMINAL
 from rigs import measured, posterior, replace_only, starting, vector
 from scipy.optimize import minimize
-from together import for_each
+from together import together
 
 from bayesdrill.inference import laplace
 from bayesdrill.inference.laplace import TAIL_MASS
@@ -28,35 +27,6 @@ CONFIGS = Path(__file__).parents[2] / "configs"
 SIGMA = np.array([0.02, 0.03, 0.05, 0.04])
 RECORD = measured(SIGMA, n=200)
 TWO = ("k_e", "k_s")
-
-
-def test_covariance_is_the_inverse_hessian() -> None:
-    """Of a well determined pair, against a numerical Hessian over the sampler's coordinates."""
-    cases = {
-        "linear": (False,),
-        "log": (True,),
-    }
-
-    def check(logs: bool) -> None:
-        target = posterior(RECORD, SIGMA, free=TWO, logs=logs)
-        found = scipy.optimize.minimize(
-            lambda s: -target.density(target.space.vector(NOMINAL)[None] * (1 + 1e-3 * s))[0],
-            np.zeros(2), method="Nelder-Mead", options={"xatol": 1e-6, "fatol": 1e-10},
-        )  # fmt: skip
-        theta = target.space.vector(NOMINAL) * (1 + 1e-3 * found.x)
-        z = target.coordinates.from_physical(theta[None])[0]
-        step = 0.3 * np.sqrt(np.diag(laplace.covariance(target, theta)))
-        shifts = np.array([[a, b] for a in (-1, 0, 1) for b in (-1, 0, 1)])
-        values = target.density(target.coordinates.to_physical(z + shifts * step)).reshape(3, 3)
-        hessian = np.empty((2, 2))
-        hessian[0, 0] = values[2, 1] - 2 * values[1, 1] + values[0, 1]
-        hessian[1, 1] = values[1, 2] - 2 * values[1, 1] + values[1, 0]
-        mixed = 0.25 * (values[2, 2] - values[2, 0] - values[0, 2] + values[0, 0])
-        hessian[0, 1] = hessian[1, 0] = mixed
-        numeric = np.linalg.inv(-hessian / np.outer(step, step))
-        assert np.allclose(laplace.covariance(target, theta), numeric, rtol=0.05)
-
-    for_each(cases, check)
 
 
 def test_undetermined_directions_have_the_width_of_the_prior() -> None:
@@ -296,29 +266,22 @@ def test_a_maximum_on_the_bound_is_named() -> None:
     assert found.gain < 1e-4
 
 
-def test_a_search_for_a_zero_ends_where_its_prior_does() -> None:
+@together("logs", [True, None], ["log", "linear"])
+def test_a_search_for_a_zero_ends_where_its_prior_does(logs: bool | None) -> None:
     """The record is of a rig with negative damping, so the less c_m the better, down to nothing."""
-    cases = {
-        "log": (True,),
-        "linear": (None,),
-    }
-
-    def check(logs: bool | None) -> None:
-        prior = HalfNormal(2 * NOMINAL["c_m"])
-        rig = posterior(RECORD, SIGMA, free=("c_m", "k_s"), priors={"c_m": prior}, logs=logs)
-        assert rig.coordinates.logs == (bool(logs), True)
-        y = rig.likelihood.signals(np.array([[-2e-3, NOMINAL["k_s"]]]))[0]
-        likelihood = replace_only(
-            rig.likelihood, response=rig.likelihood.only_observation.response.with_record(y)
-        )
-        target = dataclasses.replace(rig, likelihood=likelihood)
-        start = target.space.vector(NOMINAL)
-        found = mode_search.search(target, THOROUGH, 4000, start)
-        least = float(prior.quantile(np.array(TAIL_MASS)))
-        assert least <= found.end["c_m"] < 1e-3 * NOMINAL["c_m"]
-        assert found.settled
-        best = mode_search.summarise(target, (found,))
-        assert best.at_bound == ("c_m",)
-        assert np.isfinite(best.gain)
-
-    for_each(cases, check)
+    prior = HalfNormal(2 * NOMINAL["c_m"])
+    rig = posterior(RECORD, SIGMA, free=("c_m", "k_s"), priors={"c_m": prior}, logs=logs)
+    assert rig.coordinates.logs == (bool(logs), True)
+    y = rig.likelihood.signals(np.array([[-2e-3, NOMINAL["k_s"]]]))[0]
+    likelihood = replace_only(
+        rig.likelihood, response=rig.likelihood.only_observation.response.with_record(y)
+    )
+    target = dataclasses.replace(rig, likelihood=likelihood)
+    start = target.space.vector(NOMINAL)
+    found = mode_search.search(target, THOROUGH, 4000, start)
+    least = float(prior.quantile(np.array(TAIL_MASS)))
+    assert least <= found.end["c_m"] < 1e-3 * NOMINAL["c_m"]
+    assert found.settled
+    best = mode_search.summarise(target, (found,))
+    assert best.at_bound == ("c_m",)
+    assert np.isfinite(best.gain)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from rigs import with_priors
 from scipy.special import logsumexp
-from together import for_each
+from together import for_each, together
 
 from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.inference.priors import Uniform
@@ -54,19 +54,15 @@ def test_every_mode_is_found_with_its_mass(puzzles: dict[str, Puzzle], tmp_path:
     for_each({name: (one,) for name, one in puzzles.items()}, check)
 
 
-@pytest.mark.parametrize("puzzles", GROUPS)
-def test_a_grid_twice_as_fine_finds_the_same_masses(
-    puzzles: dict[str, Puzzle], tmp_path: Path
-) -> None:
-    def check(puzzle: Puzzle) -> None:
-        posterior = puzzle.load(folder(tmp_path, puzzle)).job.problem.posterior
-        here, finer = (puzzle.modes(posterior, n) for n in (1, 2))
-        shown = here.above(judge.SHOWN)
-        assert len(shown) > 1
-        assert finer.masses[shown] == pytest.approx(here.masses[shown], rel=0.01)
-        assert finer.masses[len(shown) :].max(initial=0.0) < 1.05 * judge.SHOWN
-
-    for_each({name: (one,) for name, one in puzzles.items()}, check)
+@SLOW
+@together("puzzle", EVERY)
+def test_a_grid_twice_as_fine_finds_the_same_masses(puzzle: Puzzle, tmp_path: Path) -> None:
+    posterior = puzzle.load(tmp_path).job.problem.posterior
+    here, finer = (puzzle.modes(posterior, n) for n in (1, 2))
+    shown = here.above(judge.SHOWN)
+    assert len(shown) > 1
+    assert finer.masses[shown] == pytest.approx(here.masses[shown], rel=0.01)
+    assert finer.masses[len(shown) :].max(initial=0.0) < 1.05 * judge.SHOWN
 
 
 def test_aliases_that_the_prior_rules_out_are_not_missed(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import itertools
 import numpy as np
 import pytest
 from surfaces import humps, ridged
-from together import for_each
+from together import together
 
 from bayesdrill.sampling.proposal import ridge_tracing
 from bayesdrill.sampling.samplers import ridge
@@ -40,40 +40,34 @@ def far_and_near(found: RidgeMap, n: int = 12) -> np.ndarray:
     return np.random.default_rng(4).standard_normal((n, d)) * np.geomspace(0.5, 30.0, n)[:, None]
 
 
-def test_bending_and_straightening_undo_each_other() -> None:
+@together("n_loose, n_tight", SHAPES)
+def test_bending_and_straightening_undo_each_other(n_loose: int, n_tight: int) -> None:
     """Mutant killed: the covariance's root taken at another point on the way back."""
-
-    def check(n_loose: int, n_tight: int) -> None:
-        found = curved(n_loose, n_tight)
-        y = far_and_near(found)
-        u, bent = found.from_ridge_coordinates(y)
-        back, straightened = found.to_ridge_coordinates(u)
-        assert back == pytest.approx(y, rel=1e-7, abs=1e-7)
-        assert straightened == pytest.approx(bent, abs=1e-7)
-
-    for_each({str(case): case for case in SHAPES}, check)
+    found = curved(n_loose, n_tight)
+    y = far_and_near(found)
+    u, bent = found.from_ridge_coordinates(y)
+    back, straightened = found.to_ridge_coordinates(u)
+    assert back == pytest.approx(y, rel=1e-7, abs=1e-7)
+    assert straightened == pytest.approx(bent, abs=1e-7)
 
 
-def test_volumes_are_those_of_a_numerical_determinant() -> None:
+@together("n_loose, n_tight", SHAPES)
+def test_volumes_are_those_of_a_numerical_determinant(n_loose: int, n_tight: int) -> None:
     """Beyond the points of the fit too, where the ridge goes straight on.
 
     Mutants killed: the volume of the basis forgotten, or the root's, or that at the middle taken.
     """
-
-    def check(n_loose: int, n_tight: int) -> None:
-        found = curved(n_loose, n_tight)
-        y = far_and_near(found)
-        _, log_volume = found.from_ridge_coordinates(y)
-        h = 1e-5
-        steps = h * np.eye(y.shape[1])
-        for row, volume in zip(y, log_volume, strict=True):
-            columns = (
-                found.from_ridge_coordinates(row + steps)[0]
-                - found.from_ridge_coordinates(row - steps)[0]
-            ) / (2 * h)
-            assert np.linalg.slogdet(columns)[1] == pytest.approx(volume, abs=1e-4)
-
-    for_each({str(case): case for case in SHAPES}, check)
+    found = curved(n_loose, n_tight)
+    y = far_and_near(found)
+    _, log_volume = found.from_ridge_coordinates(y)
+    h = 1e-5
+    steps = h * np.eye(y.shape[1])
+    for row, volume in zip(y, log_volume, strict=True):
+        columns = (
+            found.from_ridge_coordinates(row + steps)[0]
+            - found.from_ridge_coordinates(row - steps)[0]
+        ) / (2 * h)
+        assert np.linalg.slogdet(columns)[1] == pytest.approx(volume, abs=1e-4)
 
 
 def test_a_polynomial_says_nothing_of_what_lies_beyond_its_points() -> None:
@@ -124,36 +118,29 @@ def test_roots_are_those_of_the_inverse_curvature() -> None:
     assert white == pytest.approx(np.broadcast_to(np.eye(4), white.shape), abs=1e-6)
 
 
-def test_a_strongly_bent_ridge_is_followed() -> None:
+@together(
+    "seed, n_loose, n_tight",
+    [(seed, *case) for seed in [1, 2] for case in [(1, 1), (1, 3), (2, 1), (2, 3)]],
+)
+def test_a_strongly_bent_ridge_is_followed(seed: int, n_loose: int, n_tight: int) -> None:
     """Over hundreds of standard deviations, on points that no fit has seen.
 
     Mutants killed: the root at the middle for everywhere, or no polynomial above the second degree.
     """
-
-    def check(seed: int, n_loose: int, n_tight: int) -> None:
-        surface = ridged(n_loose, n_tight)
-        start = surface.at(np.full((1, n_loose), 0.1), np.zeros((1, n_tight)))[0]
-        traced = ridge_tracing.trace(surface, start, np.random.default_rng(seed))
-        rng = np.random.default_rng(9)
-        psi = rng.uniform(-0.7, 0.7, (1000, n_loose))
-        fresh = surface.at(psi, np.zeros((1000, n_tight)))
-        psi = psi[surface.inside(fresh)]
-        exact = surface.at(psi, np.zeros((len(psi), n_tight)))
-        off = np.linalg.norm(traced.ridge.to_ridge_coordinates(exact)[0][:, n_loose:], axis=1)
-        assert np.median(off) < 0.1
-        assert np.quantile(off, 0.9) < 0.2
-        noisy = surface.at(psi, rng.standard_normal((len(psi), n_tight)))
-        e = traced.ridge.to_ridge_coordinates(noisy)[0][:, n_loose:]
-        assert np.cov(e.T).reshape(n_tight, n_tight) == pytest.approx(np.eye(n_tight), abs=0.25)
-
-    for_each(
-        {
-            f"{seed} {case}": (seed, *case)
-            for seed in [1, 2]
-            for case in [(1, 1), (1, 3), (2, 1), (2, 3)]
-        },
-        check,
-    )
+    surface = ridged(n_loose, n_tight)
+    start = surface.at(np.full((1, n_loose), 0.1), np.zeros((1, n_tight)))[0]
+    traced = ridge_tracing.trace(surface, start, np.random.default_rng(seed))
+    rng = np.random.default_rng(9)
+    psi = rng.uniform(-0.7, 0.7, (1000, n_loose))
+    fresh = surface.at(psi, np.zeros((1000, n_tight)))
+    psi = psi[surface.inside(fresh)]
+    exact = surface.at(psi, np.zeros((len(psi), n_tight)))
+    off = np.linalg.norm(traced.ridge.to_ridge_coordinates(exact)[0][:, n_loose:], axis=1)
+    assert np.median(off) < 0.1
+    assert np.quantile(off, 0.9) < 0.2
+    noisy = surface.at(psi, rng.standard_normal((len(psi), n_tight)))
+    e = traced.ridge.to_ridge_coordinates(noisy)[0][:, n_loose:]
+    assert np.cov(e.T).reshape(n_tight, n_tight) == pytest.approx(np.eye(n_tight), abs=0.25)
 
 
 def test_a_ridge_is_followed_up_to_the_ends_of_the_priors() -> None:

@@ -13,7 +13,7 @@ import pytest
 from compiled import SIGMA, seen
 from surfaces import Walled, humps, ridged
 from threadpoolctl import threadpool_info, threadpool_limits
-from together import for_each
+from together import together
 
 from bayesdrill.basics.progress import Silent
 from bayesdrill.inference.laplace import LogDensity
@@ -74,18 +74,15 @@ def begun(seed: int, ensemble: int) -> State:
     return begin_walkers(target, learnt.proposal, N, seed, ensemble)
 
 
-def test_ensembles_have_no_step_in_common() -> None:
+@together("moves", [moves for name, moves in MOVES.items()])
+def test_ensembles_have_no_step_in_common(moves: dict[str, float]) -> None:
     """Proposals of their own, from starts of their own.
 
     Mutants killed: all ensembles from the same start points, all with the same random stream.
     """
-
-    def check(moves: dict[str, float]) -> None:
-        one, two = steps(run(moves))
-        assert min(len(one), len(two)) > 3 * N  # they have moved
-        assert not one & two
-
-    for_each({name: (moves,) for name, moves in MOVES.items()}, check)
+    one, two = steps(run(moves))
+    assert min(len(one), len(two)) > 3 * N  # they have moved
+    assert not one & two
 
 
 def test_ensembles_start_at_different_points_with_different_streams() -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from chains import Chains, sound
 from scipy.special import ndtr
-from together import for_each
+from together import together
 
 from bayesdrill.basics import seeds
 from bayesdrill.sampling.convergence import Convergence, Targets, assess, find_two_groups
@@ -39,21 +39,14 @@ def reason(found: Convergence, kind: str) -> str:
     return text
 
 
-def test_sound_chains_are_believed() -> None:
-    def check(seed: int, shape: str) -> None:
-        fine = sound(seed)
-        change = {"normal": lambda x: x, "skewed": np.exp, "flat": ndtr}[shape]
-        fine.theta = change(fine.theta)
-        assert judge(fine).reasons == ()
-
-    for_each(
-        {
-            f"{seed} {shape}": (seed, shape)
-            for seed in range(8)
-            for shape in ["normal", "skewed", "flat"]
-        },
-        check,
-    )
+@together(
+    "seed, shape", [(seed, shape) for seed in range(8) for shape in ["normal", "skewed", "flat"]]
+)
+def test_sound_chains_are_believed(seed: int, shape: str) -> None:
+    fine = sound(seed)
+    change = {"normal": lambda x: x, "skewed": np.exp, "flat": ndtr}[shape]
+    fine.theta = change(fine.theta)
+    assert judge(fine).reasons == ()
 
 
 def test_sound_but_short_chains_are_called_short_and_nothing_else() -> None:
@@ -112,25 +105,18 @@ def test_a_walker_caught_in_a_lesser_maximum_is_found() -> None:
     assert "4 of 256 walkers" in reason(found, "lost")
 
 
-def test_two_places_alike_in_all_ensembles_are_found_where_r_hat_is_blind() -> None:
+@together("second", [slice(0, 12), slice(0, 1)], ["12 of 32", "1 of 32"])
+def test_two_places_alike_in_all_ensembles_are_found_where_r_hat_is_blind(second: slice) -> None:
     """Mutant killed: walkers that never cross pass."""
-    cases = {
-        "12 of 32": (slice(0, 12),),
-        "1 of 32": (slice(0, 1),),
-    }
-
-    def check(second: slice) -> None:
-        spoilt = sound(7)
-        for ensemble in range(4):
-            spoilt.parted(ensemble, second, 1, far=6.0)
-        found = judge(spoilt)
-        assert kinds(found) == {"two places"}
-        text = reason(found, "two places")
-        assert "k_s: " in text
-        assert "k_T" not in text
-        assert ", 0 crossings" in text
-
-    for_each(cases, check)
+    spoilt = sound(7)
+    for ensemble in range(4):
+        spoilt.parted(ensemble, second, 1, far=6.0)
+    found = judge(spoilt)
+    assert kinds(found) == {"two places"}
+    text = reason(found, "two places")
+    assert "k_s: " in text
+    assert "k_T" not in text
+    assert ", 0 crossings" in text
 
 
 def test_two_places_between_which_walkers_cross_are_no_trouble() -> None:
@@ -181,14 +167,12 @@ def sampled(start: np.ndarray, steps: int = 700) -> Chains:
     return Chains(np.array([p.z for p in found]), np.array([p.log_p for p in found]))
 
 
-def test_real_ensembles() -> None:
+@together(
+    "walkers, kind", [((0.0, 0.0), None), ((2000.0, 0.0), "two places"), ((0.0, 9.0), "stuck")]
+)
+def test_real_ensembles(walkers: tuple[float, float], kind: str | None) -> None:
     """All on one hump; two of sixteen on the other, one on the needle: alike in every ensemble."""
-    cases = [((0.0, 0.0), None), ((2000.0, 0.0), "two places"), ((0.0, 9.0), "stuck")]
-
-    def check(walkers: tuple[float, float], kind: str | None) -> None:
-        start = np.zeros((16, 3))
-        start[: 1 if kind == "stuck" else 2, :2] = walkers
-        found = judge(sampled(start), Targets(r_hat=1.1, n_tau=10, ess=200))
-        assert kinds(found) == ({kind} if kind else set())
-
-    for_each({str(case): case for case in cases}, check)
+    start = np.zeros((16, 3))
+    start[: 1 if kind == "stuck" else 2, :2] = walkers
+    found = judge(sampled(start), Targets(r_hat=1.1, n_tau=10, ess=200))
+    assert kinds(found) == ({kind} if kind else set())

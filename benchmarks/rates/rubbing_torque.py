@@ -1,7 +1,6 @@
 """Rigs that rub and that a load shakes, fitted with friction and a missing torque: an approximation.
 
-There the torque moves the rig as if no friction changed its sign.  Mutant killed: a torque that takes
-the friction's part, or the friction that takes the torque's.
+There the torque moves the rig as if no friction changed its sign.
 """
 
 from __future__ import annotations
@@ -11,12 +10,9 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
-import pytest
 from numpy.typing import NDArray
 from scipy.linalg import expm
 from scipy.stats import binom
-from together import for_each
-from torques import FREE, FRICTION, PIECES, TORQUE, T, observed, of, weighed
 
 from bayesdrill.analysis.latent_torque import torque_estimates
 from bayesdrill.inference.laplace import LogDensity
@@ -26,6 +22,7 @@ from bayesdrill.rig.models.latent_torque import TORQUE as LOAD
 from bayesdrill.rig.models.latent_torque import LoadedModel, MissingTorque
 from bayesdrill.rig.simulators.stepped import Stepped
 from bayesdrill.sampling.gauss_newton import gauss_newton
+from benchmarks.rates.records import FREE, FRICTION, PIECES, TORQUE, T, observed, of, weighed
 
 Array = NDArray[np.float64]
 
@@ -120,8 +117,7 @@ def held(every: Sequence[Told]) -> dict[str, int]:
     return {n: sum(abs(one.below[n] - 0.5) < 0.5 * INSIDE for one in every) for n in every[0].below}
 
 
-@pytest.mark.slow
-def test_beside_a_small_torque_intervals_hold_the_truth() -> None:
+def check_small_loads() -> None:
     """A fifth of the friction or less.  That of the friction itself is too narrow: 83 of 100 hold."""
     every = [told(seed) for seed in range(RECORDS)]
     alike, band, off = (
@@ -135,34 +131,7 @@ def test_beside_a_small_torque_intervals_hold_the_truth() -> None:
     assert np.median([one.alike for one in every]) > 0.8
 
 
-@pytest.mark.slow
-def test_beside_a_large_torque_it_is_said_that_it_strays() -> None:
+def check_large_loads() -> None:
     every = [strayed(LARGE, seed) for seed in range(RECORDS)]
     print(f"strayed {np.quantile(every, [0.1, 0.5, 0.9]).round(2)}")
     assert np.mean(np.array(every) > HARMLESS) > 0.95
-
-
-def test_a_record_of_each_tells_it_already() -> None:
-    one = told(1)
-    assert sum(held([one]).values()) >= 5
-    assert one.alike > 0.8
-    assert strayed(LARGE, 2) > HARMLESS
-
-
-def test_where_nothing_rubs_the_rig_goes_where_the_torque_moves_it() -> None:
-    """Kills a sign, a gear, a torque that is held half a step late."""
-
-    def check(at: str) -> None:
-        torque = {**TORQUE, "at": at, "smoothness": "3/2"}
-        target = observed(rubs={"t_c1": 0.0}, missing_torque=torque)
-        one, rng = target.likelihood.observations[0], np.random.default_rng(3)
-        assert isinstance(one.response, Stepped)
-        space = target.space
-        theta = space.vector({**space.start, "s_d": 0.1, "tau_d": 1.0})
-        full = space.full(theta[None])
-        y = one.draw(one.signals(full), theta[None], rng)[0]
-        (found,) = torque_estimates(of(target, one.with_record(y)), theta[None], rng)
-        assert max(course.moved for course in found.courses) > 0.5
-        assert max(course.strayed for course in found.courses) < 0.1
-
-    for_each({at: (at,) for at in ["rotor_1", "motor"]}, check)

@@ -1,0 +1,504 @@
+"""The contract of all simulators, over one table of cases and against one oracle (`exact_motion`).
+
+Signals and slopes are those of the oracle, sums those of the samples that they do without, and a
+walker has its own numbers whatever its neighbours do.
+"""
+
+from __future__ import annotations
+
+import functools
+import pickle
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pytest
+from exact_motion import ExactMotion
+from oracles import NOMINAL, ORDER, by_radau, skewed
+from rigs import STATES, experiment, vector
+from rubbing_cases import CASES as RUBBING
+from scipy.special import log_ndtr
+from stepping import experiment_of, model_of, parameters
+from together import together
+
+from bayesdrill.record.experiment import Channel, Experiment
+from bayesdrill.rig.kernels.lanes import LANES
+from bayesdrill.rig.models.linear import Linear, Model
+from bayesdrill.rig.models.motor_shaft import MotorShaft
+from bayesdrill.rig.models.train import Train
+from bayesdrill.rig.simulators import simulator
+from bayesdrill.rig.simulators.chains import ChainResponse
+from bayesdrill.rig.simulators.contract import Simulator, in_groups
+from bayesdrill.rig.simulators.exact import Response
+from bayesdrill.rig.simulators.irregular import IrregularSimulator
+from bayesdrill.rig.simulators.sensors import ObservationModel, ObservedWalkers
+from bayesdrill.rig.simulators.stepped import Stepped
+
+W, N, STEP = 11, 70, 0.01
+PERFECT = ObservationModel()
+MEASURES = {"alpha": {"theta_1": 1.0, "theta_2": -1.0}, "w_2": {"w_2": 8.0}, "i": {"i": 1.0}}
+START = {"theta_1": 0.2, "theta_2": -0.1, "w_1": 3.0, "w_2": 2.0, "i": 0.4}
+EVERY = ObservationModel(
+    gains={"alpha": "gain_alpha", "w_2": "gain_w_2"},
+    offsets={"alpha": "offset_alpha"},
+    lags={"alpha": "lag_alpha", "i": "lag_i"},
+    input_gains={"v": "gain_v"},
+    input_offsets={"v": "offset_v"},
+    delay="delay",
+    states={"theta_2": "theta_2_0", "w_1": "w_1_0", "i": "i_0"},
+)
+STEADY = ObservationModel(
+    lags={"alpha": "lag_alpha"}, input_offsets={"v": "offset_v"}, delay="delay", steady=True
+)
+FELT = replace(EVERY, delay=None, input_lags={"v": "lag_v"})
+TOLD = {
+    "gain_alpha": 0.97, "gain_w_2": 1.02, "offset_alpha": 0.01, "lag_alpha": 0.0243, "lag_i": 0.0031,
+    "gain_v": 1.04, "offset_v": -0.2, "delay": 0.0052, "lag_v": 0.0052, "theta_1_0": 0.15,
+    "theta_2_0": 0.15, "w_1_0": 2.5, "i_0": 0.3,
+}  # fmt: skip
+VOLTAGE = 6.0 * np.sign(np.sin(np.arange(N) * 0.21)) + 0.5 * np.cos(np.arange(N) * 0.05)
+
+
+@dataclass(frozen=True)
+class Toy(Model):
+    """a'' = -w^2 a - z a' + v: two numbers of very different size, hardly damped."""
+
+    name = "toy"
+    declares = ()
+    parameters = ("w", "z")
+    states = ("a", "b")
+    inputs = ("v", "t_1")
+    angles = ("a",)
+
+    def linear(self, p: Any) -> Linear:
+        A = {("a", "b"): 1.0, ("b", "a"): -(p["w"] ** 2), ("b", "b"): -p["z"]}
+        return Linear(A=A, B={("b", "v"): 1.0, ("b", "t_1"): p["z"]}, c={"a": 0.1 * p["z"]})
+
+
+def with_gaps(record: Experiment) -> Experiment:
+    """Channels that miss their first or last sample, every other one, or several in a row."""
+    y = record.y.copy()
+    y[0, 0] = y[-1, 1] = y[20:30, 2] = y[::2, 0] = np.nan
+    return replace(record, y=y)
+
+
+def times(kind: str, n: int = N) -> np.ndarray:
+    rng = np.random.default_rng(3)
+    even = 2.5 + STEP * np.arange(n)
+    jitter = 0.3 * STEP * rng.uniform(-1, 1, n) * (np.arange(n) > 0)
+    late = np.where(np.arange(n) >= n // 2, 500.4 * STEP, 0.0)
+    left_out = STEP * (np.arange(n) // 5)
+    return {"even": even, "jitter": even + jitter, "gap": even + jitter + late,
+            "left out": even + left_out}[kind]  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Case:
+    """A simulator of one kind, and walkers `full (W, P)`; `tallied`: whether all sums are compared."""
+
+    kind: type[Simulator]
+    model: Model
+    record: Experiment
+    full: np.ndarray
+    sensing: ObservationModel = PERFECT
+    tallied: bool = False
+    stepping: tuple[int, ...] = ()
+
+    @property
+    def close(self) -> float:
+        """The largest relative error; chains have long sums."""
+        return 1e-10 if self.kind is ChainResponse else 1e-11
+
+    @functools.cached_property
+    def simulator(self) -> Simulator:
+        return self.of(self.record)
+
+    def of(self, record: Experiment) -> Simulator:
+        if self.kind is Response:
+            return Response(self.model, record)
+        return self.kind(self.model, record, self.sensing, *self.stepping)  # type: ignore[call-arg]
+
+    @functools.cached_property
+    def signals(self) -> np.ndarray:
+        return self.simulator.signals(self.full)
+
+
+def told(rig: np.ndarray, sensing: ObservationModel) -> np.ndarray:
+    """Walkers of a rig `(W, P)`, with sensors that differ; lags go both ways, and two by far."""
+    rng = np.random.default_rng(7)
+    columns = np.array([TOLD[name] for name in sensing.names]) * rng.normal(1, 0.3, (len(rig), 1))
+    for k, name in enumerate(sensing.names):
+        if name == "lag_alpha":
+            columns[1:4, k] = [-0.033, 0.3, 0.0]
+    return np.hstack([rig, columns])
+
+
+def shaft(
+    kind: type[Simulator],
+    at: str = "even",
+    series: tuple[str, ...] = ("v",),
+    sensing: ObservationModel = PERFECT,
+    *,
+    gaps: bool = False,
+    lead: float = 0.0,
+    moving: bool = True,
+    tallied: bool = False,
+    **own: Any,
+) -> Case:
+    """The paper's rig; one walker has a current that is far faster than all else."""
+    rng = np.random.default_rng(4)
+    t = times(at)
+    inputs = {"v": VOLTAGE, "t_1": 0.1 * rng.standard_normal(N)}
+    constant = {"v": 5.5, "t_1": 0.03}
+    start = {"theta_2": -0.1} if sensing.steady else START if moving else {}
+    measures = MEASURES | ({"alpha": {"theta_1": 1.0}} if sensing.steady else {})
+    record = experiment(
+        N, STEP, constant={n: u for n, u in constant.items() if n not in series}, measures=measures,
+        series={n: inputs[n] for n in series}, start=start,
+        t_start=float(t[0]) - lead, **own,
+    )  # fmt: skip
+    record = replace(record, t=t, y=rng.normal(size=(N, 3)))
+    rig = vector(NOMINAL) * np.exp(rng.normal(0, 0.3, (W, 9)))
+    rig[2, ORDER.index("l_m")] *= 1.0 if sensing.steady else 1e-9
+    record = with_gaps(record) if gaps else record
+    return Case(kind, MotorShaft(), record, told(rig, sensing), sensing, tallied)
+
+
+def toy(at: str, *, first_order: bool) -> Case:
+    rng = np.random.default_rng(5)
+    channels = {"a": {"a": 1.0}, "sum": {"a": 1.0, "b": 0.3}}
+    record = experiment(
+        N, measures=channels, constant={"t_1": 0.7}, series={"v": rng.normal(3, 1, N)},
+        first_order=first_order, y=rng.normal(size=(N, 2)), start={"a": 0.3, "b": 2.0},
+    )  # fmt: skip
+    t = times(at)
+    full = np.exp(rng.normal(0, 1, (W, 2))) * [30.0, 2.0]
+    full[2] = [1e3, 3e5]
+    return Case(IrregularSimulator, Toy(), replace(record, t=t, t_start=float(t[0])), full)
+
+
+def chain(
+    count: int,
+    *,
+    ground: bool = False,
+    damped: bool = True,
+    series: tuple[str, ...] = ("t_d0",),
+    constant: dict[str, float] = {},  # noqa: B006
+    sensing: ObservationModel = PERFECT,
+    gaps: bool = False,
+    lead: float = 0.0,
+    first_order: bool = False,
+    **rig: Any,
+) -> Case:
+    """A chain of `count` inertias; `ground`: the last is held by a shaft."""
+    names = [f"d{k}" for k in range(count)]
+    geared = {end for gear in rig.get("gears", {}).values() for end in gear["between"]}
+    ends = [
+        pair for pair in zip(names, [*names[1:], *["ground"] * ground], strict=False)
+        if not {*pair} <= geared
+    ]  # fmt: skip
+    added = (*(f"c_s{k}" for k in range(len(ends))), "c_d0") if damped else ()
+    kinds = {"inertias": names, "drives": {"d0": "torque"}, "added": added} | rig
+    model = Train(shafts={f"s{k}": pair for k, pair in enumerate(ends)}, **kinds)  # type: ignore[arg-type]
+    rng, states = np.random.default_rng(3), model.states
+    rows = rng.normal(0, 1, (3, len(states))) * (rng.uniform(size=(3, len(states))) < 0.2)
+    rows[0, 0] = rows[1, -1] = rows[2, len(states) // 2] = 1.0
+    channels = tuple(
+        Channel(name=name, weights=dict(zip(states, row, strict=True)), unit="", latex="",
+                latex_unit="") for name, row in zip(MEASURES, rows, strict=True)
+    )  # fmt: skip
+    record = Experiment(
+        t=1.0 + 0.002 * np.arange(N), y=rng.normal(0, 1, (N, 3)), channels=channels,
+        constant=constant, series={name: rng.normal(1, 1, N) for name in series},
+        first_order=first_order, start={name: rng.normal() for name in states}, t_start=1.0 - lead,
+    )  # fmt: skip
+    usual = {"j": 0.01, "m": 0.01, "k": 30.0, "c": 0.02, "l": 2e-3, "r": 0.5}
+    middle = np.array([usual[name[0]] for name in model.parameters])
+    full = told(middle * rng.uniform(0.5, 2.0, (W, len(middle))), sensing)
+    if "l_d0" in model.parameters:
+        full[2, model.parameters.index("l_d0")] = 1e-13
+    record = with_gaps(record) if gaps else record
+    return Case(ChainResponse, model, record, full, sensing, gaps)
+
+
+def rubs(name: str, sensing: ObservationModel, *, gaps: bool) -> Case:
+    case = RUBBING[name]
+    record = experiment_of(case, MEASURES)
+    record = replace(record, y=np.random.default_rng(3).normal(size=record.y.shape))
+    rig = np.repeat(parameters(case), W, axis=0)
+    rig[:, :4] *= np.exp(np.random.default_rng(9).normal(0, 0.1, (W, 4)))
+    record = with_gaps(record) if gaps else record
+    return Case(Stepped, model_of(case), record, told(rig, sensing), sensing, True, (2,))
+
+
+BOTH = {"d0": "torque", "d5": "torque"}
+MAKE: dict[str, Callable[[], Case]] = {
+    "even, constant inputs": lambda: shaft(Response, series=(), lead=0.137),
+    "even, held voltage": lambda: shaft(Response, tallied=True),
+    "even, straight inputs": lambda: shaft(Response, series=("v", "t_1"), first_order=True),
+    "gaps": lambda: shaft(IrregularSimulator, gaps=True, tallied=True),
+    "jitter, straight inputs": lambda: shaft(
+        IrregularSimulator, "jitter", ("v", "t_1"), first_order=True, lead=0.05
+    ),
+    "gap, all sensors": lambda: shaft(
+        IrregularSimulator, "gap", sensing=EVERY, gaps=True, tallied=True
+    ),
+    "left out, all sensors, straight voltage": lambda: shaft(
+        IrregularSimulator, "left out", sensing=EVERY, first_order=True
+    ),
+    "even, constant, all sensors": lambda: shaft(IrregularSimulator, series=(), sensing=EVERY),
+    "a step given late": lambda: shaft(
+        IrregularSimulator, series=(), sensing=ObservationModel(delay="delay"), moving=False
+    ),
+    "steady start": lambda: shaft(IrregularSimulator, sensing=STEADY),
+    "steady start, unknown angle": lambda: shaft(
+        IrregularSimulator, sensing=replace(STEADY, states={"theta_1": "theta_1_0"})
+    ),
+    "hardly damped, straight": lambda: toy("jitter", first_order=True),
+    "hardly damped, held": lambda: toy("left out", first_order=False),
+    "chain, held": lambda: chain(6),
+    "chain, straight inputs, a line": lambda: chain(
+        12, ground=True, first_order=True, series=("f_d0", "f_d5"), motion="linear", drives=BOTH
+    ),
+    "chain of 20, undamped, constant": lambda: chain(
+        20, damped=False, series=(), constant={"t_d0": 0.7}, lead=0.0137
+    ),
+    "chain, gears and a current": lambda: chain(
+        12, series=("u_d0",), first_order=True, drives={"d0": "voltage"},
+        gears={"box": {"between": ["d3", "d4"], "ratio": -0.07}}, added=("l_d0", "c_s0", "c_s7"),
+    ),
+    "chain, sensors": lambda: chain(
+        6, first_order=True, constant={"t_d5": 0.4}, drives=BOTH, gaps=True,
+        sensing=ObservationModel(
+            gains={"alpha": "gain_alpha"}, offsets={"w_2": "offset_alpha"},
+            input_gains={"t_d0": "gain_v"}, input_offsets={"t_d5": "offset_v"},
+            states={"theta_d2": "theta_2_0"},
+        ),
+    ),
+    "rubs, gaps": lambda: rubs("static", PERFECT, gaps=True),
+    "rubs, all sensors": lambda: rubs("static", FELT, gaps=True),
+}  # fmt: skip
+
+
+@functools.cache
+def made(name: str) -> Case:
+    return MAKE[name]()
+
+
+EVERY_CASE = [*MAKE]
+LINEAR = [name for name in MAKE if not name.startswith("rubs")]
+
+
+def far(found: np.ndarray, true: np.ndarray) -> float:
+    """The largest error, over the largest number of each channel."""
+    return float(np.max(np.abs(found - true) / np.abs(true).max(axis=0)))
+
+
+def test_an_experiment_has_the_simplest_simulator_that_it_allows() -> None:
+    for name in EVERY_CASE:
+        case = made(name)
+        assert type(simulator(case.model, case.record, case.sensing)) is case.kind, name
+    few, late = chain(5), chain(6)
+    assert type(simulator(few.model, few.record, PERFECT)) is Response
+    delayed = simulator(late.model, late.record, ObservationModel(delay="t_0"))
+    assert type(delayed) is IrregularSimulator
+
+
+@together("name", LINEAR)
+def test_signals_are_those_of_the_oracle(name: str) -> None:
+    """Mutants killed: see `mutants.toml`; a lag of the wrong sign, an offset that a gain multiplies."""
+    case = made(name)
+    for row in (0, 1, 2, 10):
+        true = ExactMotion(case.model, case.record, case.full[row], case.sensing).signals()
+        assert far(case.signals[row], true) < case.close, row
+
+
+@together("name", LINEAR)
+def test_records_of_few_samples_have_the_signals_of_the_oracle(name: str) -> None:
+    """Mutant killed: a last step that is taken though it leads nowhere."""
+    case = made(name)
+    record = case.record
+    for n in (2, 3, 8, 65) if record.uniform else (1, 2, 3):
+        series = {key: u[:n] for key, u in record.series.items()}
+        cut = replace(record, t=record.t[:n], y=record.y[:n], series=series)
+        true = ExactMotion(case.model, cut, case.full[0], case.sensing).signals()
+        assert far(case.of(cut).signals(case.full[:1])[0], true) < case.close, n
+
+
+@together("name", LINEAR)
+def test_slopes_are_differences_of_the_oracle(name: str) -> None:
+    """In 80-bit numbers, differences have nine digits.
+
+    Mutants killed: a lag's slope before the start, a steady start without the angle that is held.
+    """
+    case, rng, h = made(name), np.random.default_rng(8), 1e-6
+    full = case.full[[0, 1]]
+    along = full[:, None] * rng.normal(size=(2, 2, full.shape[1]))
+    signals, slopes = case.simulator.course(full, along)
+    assert signals == pytest.approx(case.signals[[0, 1]], rel=1e-9, abs=1e-9)
+    for w, q in ((0, 0), (1, 1)):
+        ends = [
+            ExactMotion(
+                case.model, case.record, full[w] + sign * np.longdouble(h) * along[w, q],
+                case.sensing,
+            ).signals()
+            for sign in (1, -1)
+        ]  # fmt: skip
+        assert far(slopes[w, q], (ends[0] - ends[1]) / (2 * np.longdouble(h))) < 1e-7
+
+
+@together("name", EVERY_CASE)
+def test_tallies_are_those_of_the_samples(name: str) -> None:
+    """Mutants killed: neighbours across a gap that count as none, the first sample taken for the last, a
+    channel's weight exchanged, a power of two lost, walkers whose lanes see other samples.
+    """
+    rig, full, shown = made(name).simulator, made(name).full, made(name).signals
+    y, seen = rig.experiment.y, rig.experiment.seen
+    left = y - shown
+    squares = np.where(seen, left**2, 0.0).sum(axis=1)
+    assert rig.squares(full) == pytest.approx(squares, rel=1e-9)
+    if not made(name).tallied:
+        return
+    found = rig.neighbours(full)
+    weights = np.exp(np.random.default_rng(1).normal(0, 3, (len(full), y.shape[1])))
+    logs = np.log1p(weights[:, None] * np.where(seen, left, 0.0) ** 2).sum(axis=1)
+    assert rig.logs(full, weights) == pytest.approx(logs, rel=1e-9)
+    over = np.exp(np.random.default_rng(2).uniform(-1, 4, (len(full), y.shape[1])))
+    half = np.exp(np.random.default_rng(3).uniform(np.log(0.2), 3, over.shape))
+    middle, widths = np.where(seen, np.abs(left), 0.0) * over[:, None], half[:, None]
+    near, beyond = log_ndtr(widths - middle), log_ndtr(-widths - middle)
+    masses = np.where(seen, near + np.log(-np.expm1(beyond - near)), 0.0).sum(axis=1)
+    assert rig.intervals(full, over, half) == pytest.approx(masses, rel=1e-8, abs=1e-6)
+    for k in range(y.shape[1]):
+        own = left[:, seen[:, k], k]
+        size = np.abs(own).max()
+        assert found[:, k, 0] == pytest.approx(squares[:, k], rel=1e-9)
+        steps = (np.diff(own, axis=1) ** 2).sum(axis=1)
+        assert found[:, k, 1] == pytest.approx(steps, abs=1e-9 * squares[:, k].max())
+        ends = (own[:, [0, -1]] ** 2).sum(axis=1)
+        assert found[:, k, 2] == pytest.approx(ends, abs=1e-8 * size**2)
+
+
+def test_logs_of_what_is_far_off_neither_overflow_nor_lose_digits() -> None:
+    """10^6 samples would leave the range of numbers, were powers of two not kept apart."""
+    case = made("even, held voltage")
+    rig = case.simulator.with_record(case.record.y * 1e60)
+    weights = np.full((W, 3), 1e-3)
+    true = np.log1p(weights[:, None] * (rig.experiment.y - case.signals) ** 2).sum(axis=1)
+    assert rig.logs(case.full, weights) == pytest.approx(true, rel=1e-12)
+    lost = rig.with_record(np.full_like(case.record.y, 1e120))
+    assert np.isnan(lost.logs(case.full, weights)).all()
+
+
+@together("name", EVERY_CASE)
+def test_normal_equations_are_sums_of_slopes(name: str) -> None:
+    """Without what was not seen."""
+    case = made(name)
+    rig, full, y, seen = case.simulator, case.full[:2], case.record.y, case.record.seen
+    rng = np.random.default_rng(5)
+    along = rng.normal(size=(2, 4, full.shape[1])) * full[:, None, :]
+    scales = np.exp(rng.normal(size=(2, y.shape[1])))
+    squares, slopes, products = rig.normal(full, along, scales[..., None] ** 2)
+    left = np.where(seen, y - case.signals[:2], 0) * scales[:, None]
+    shown = np.where(seen, rig.sensitivities(full, along), 0) * scales[:, None, None]
+    assert squares == pytest.approx((left**2).sum(axis=1))
+    size = np.abs(shown).max() * np.abs(left).max()
+    expected = np.einsum("wqtk,wtk->wq", shown, left)
+    assert slopes == pytest.approx(expected, rel=1e-6, abs=1e-9 * size)
+    assert products == pytest.approx(np.einsum("wqtk,wptk->wqp", shown, shown))
+
+
+@together("name", EVERY_CASE)
+def test_a_walker_depends_on_no_other_and_pickles_answer_alike(name: str) -> None:
+    """Bits, whatever lanes have in common; and numbers that overflow are NaN in their own row alone.
+
+    Mutant killed: the degree of a series that the lanes share.
+    """
+    case = made(name)
+    rig, full, before = case.simulator, case.full, case.full.copy()
+    sums = rig.squares(full)
+    alone = [rig.squares(full[w : w + 1])[0] for w in range(W)]
+    assert np.array_equal(alone, sums)
+    assert np.array_equal(rig.signals(full[3:4])[0], case.signals[3])
+    sick, wild, weights = full.copy(), full.copy(), np.ones_like(sums)
+    sick[4, : len(case.model.parameters)] = np.nan
+    wild[4, 0] = 1e-300  # an inertia
+    if not isinstance(case.model, Toy):
+        assert not np.isfinite(rig.squares(wild)[4]).all()
+    healthy = np.delete(np.arange(W), 4)
+    assert np.array_equal(rig.squares(wild)[healthy], sums[healthy])
+    tallies = [(rig.squares(sick), sums)]
+    if case.tallied:
+        tallies += [
+            (rig.neighbours(sick)[..., 0], rig.neighbours(full)[..., 0]),
+            (rig.logs(sick, weights), rig.logs(full, weights)),
+            (rig.intervals(sick, weights, weights), rig.intervals(full, weights, weights)),
+        ]
+    for found, true in tallies:
+        assert np.array_equal(found[healthy], true[healthy])
+        assert np.isnan(found[4]).all()
+    assert np.array_equal(pickle.loads(pickle.dumps(rig)).squares(full), sums)
+    assert np.array_equal(full, before)
+
+
+def test_lanes_of_other_sizes_do_not_meet() -> None:
+    """Walkers over decades, some not shifted, so that lanes halve cells as often as each needs."""
+    case, rng = made("gap, all sensors"), np.random.default_rng(10)
+    full = np.repeat(case.full[:1], 64, axis=0)
+    full[:, :9] *= np.exp(rng.normal(0, 1.5, (64, 9)))
+    full[::3, case.simulator.parameters.index("lag_alpha")] = 0.0
+    together = case.simulator.signals(full)
+    alone = [case.simulator.signals(full[w : w + 1])[0] for w in range(64)]
+    assert np.array_equal(alone, together)
+
+
+def test_a_long_record_at_any_times_is_that_of_the_even_response() -> None:
+    even = made("even, held voltage")
+    n = 3001
+    series = {"v": np.random.default_rng(7).normal(6, 1, n)}
+    record = replace(even.record, t=2.5 + STEP * np.arange(n), y=np.zeros((n, 3)), series=series)
+    found = IrregularSimulator(even.model, record, PERFECT).signals(even.full)
+    true = even.of(record).signals(even.full)
+    assert np.abs(found - true).max() < 1e-11 * np.abs(true).max()
+
+
+def test_nothing_is_computed_of_what_lay_in_memory() -> None:
+    """Numbers below the normal range make each product a hundred times as slow.
+
+    Mutant killed: panels are as wide as what they hold, and hold what was there.
+    """
+    case = made("chain, held")
+    response = case.simulator
+    assert isinstance(response, ChainResponse)
+    scratch = np.full((response._shape.scratch(1), LANES), 5e-310)
+    groups = in_groups(ObservedWalkers(response.sensors, case.full).numbers)
+    out = np.empty((len(groups), *case.record.y.shape, LANES))
+    given = {"groups": len(groups), "samples": len(case.record.t), **response._blocks}
+    given |= {"parameters": groups, "out": out, "scratch": scratch}
+    response._kernel("signals").call("signals", given)
+    sizes = np.abs(scratch)
+    assert not ((sizes > 0.0) & (sizes < np.finfo(float).tiny)).any()
+    assert sizes.any()
+
+
+# The oracle itself, against a solver that knows no exponential.
+
+
+@together("first_order", [False, True])
+def test_the_oracle_is_what_radau_comes_to(first_order: bool) -> None:
+    x0, n, dt = np.array([START[name] for name in STATES]), 7, 0.013
+    rng = np.random.default_rng(11)
+    v, load = 6 + rng.standard_normal(n), 0.05 * rng.standard_normal(n)
+    record = experiment(
+        n, dt, first=2.0, t_start=2.0, constant={}, series={"v": v, "t_1": load},
+        first_order=first_order, start=START,
+    )  # fmt: skip
+
+    def inputs(s: float, middle: float) -> tuple[float, float]:
+        k = int((middle - 2.0) / dt)
+        share = (s - record.t[k]) / dt if first_order else 0.0
+        return tuple(u[k] + share * (u[k + 1] - u[k]) for u in (v, load))
+
+    true = by_radau(skewed(), record.t, x0, inputs)
+    assert far(ExactMotion(MotorShaft(), record, vector(skewed())).signals(), true) < 1e-8
