@@ -14,7 +14,7 @@ DOCS := .venv-docs/bin
 DOCS_READY := .venv-docs/.ready
 SITE := build/docs
 
-.PHONY: help posterior paper docs test test-slow check format bench bench-growth zoo modes causes real baseline mutants attack pages results schema dist clean
+.PHONY: help posterior paper docs test test-slow check format bench bench-growth zoo modes causes real baseline mutants attack rates pages results schema dist clean
 
 help:
 	@echo "make posterior [CONFIG=configs/mine.yaml] [ARGS=--resume|--force]"
@@ -35,6 +35,7 @@ help:
 	@echo "make baseline    compare all results with those that are stored (4 minutes); ARGS=--write stores them"
 	@echo "make mutants     break the code in named ways and see the tests fail"
 	@echo "make attack      malformed configs, records and results, SECONDS=60 of each of 22 kinds"
+	@echo "make rates       hundreds of records with a known truth: how often is the answer right? (hours)"
 	@echo "make pages       look at reports in a headless Chromium, which has to be on PATH (a minute, in .venv-browser)"
 	@echo "make schema      write configs/schema.json anew"
 	@echo "make dist        the files of a release: dist/"
@@ -101,7 +102,10 @@ mutants: $(READY)
 	@$(BIN)/python tests/mutants.py
 
 attack: $(READY)
-	@BAYESDRILL_ATTACK=$(SECONDS) $(BIN)/python -m pytest -m slow -q -s tests/system/test_attacks.py
+	@BAYESDRILL_ATTACK=$(SECONDS) $(BIN)/python -m pytest -m slow -q -s benchmarks/attack
+
+rates: $(READY)
+	@$(BIN)/python -m pytest -m slow -q -s benchmarks/rates
 
 pages: $(BROWSER_READY)
 	@$(BROWSER)/python -m pytest -m slow -q tests/browser

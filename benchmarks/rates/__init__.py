@@ -1,0 +1,1 @@
+"""Rates over hundreds of records with a known truth (`make rates`)."""
