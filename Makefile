@@ -14,7 +14,7 @@ DOCS := .venv-docs/bin
 DOCS_READY := .venv-docs/.ready
 SITE := build/docs
 
-.PHONY: help posterior paper docs test test-slow check format bench bench-growth zoo modes rates causes real baseline mutants attack pages results schema dist clean
+.PHONY: help posterior paper docs test test-slow check format bench bench-growth zoo modes causes real baseline mutants attack rates pages results schema dist clean
 
 help:
 	@echo "make posterior [CONFIG=configs/mine.yaml] [ARGS=--resume|--force]"
@@ -30,12 +30,12 @@ help:
 	@echo "make bench-growth  how time and memory grow; part of make bench"
 	@echo "make zoo         run records of many kinds and judge each (half an hour); ARGS=--list names them"
 	@echo "make modes       run records of several modes, whose masses a grid knows (minutes); ARGS=--list names them"
-	@echo "make rates       how often intervals hold the truth, over hundreds of records (minutes)"
 	@echo "make causes      map 150 records with one lack each: is it named first? (half an hour)"
 	@echo "make real        run the benches of others whose data are there (minutes); ARGS=--fetch gets them"
 	@echo "make baseline    compare all results with those that are stored (4 minutes); ARGS=--write stores them"
 	@echo "make mutants     break the code in named ways and see the tests fail"
 	@echo "make attack      malformed configs, records and results, SECONDS=60 of each of 22 kinds"
+	@echo "make rates       hundreds of records with a known truth: how often is the answer right? (hours)"
 	@echo "make pages       look at reports in a headless Chromium, which has to be on PATH (a minute, in .venv-browser)"
 	@echo "make schema      write configs/schema.json anew"
 	@echo "make dist        the files of a release: dist/"
@@ -89,9 +89,6 @@ zoo: $(READY)
 modes: $(READY)
 	@$(BIN)/python -m benchmarks.modes $(ARGS)
 
-rates: $(READY)
-	@$(BIN)/python -m benchmarks.rates
-
 causes: $(READY)
 	@$(BIN)/python -m benchmarks.causes $(ARGS)
 
@@ -105,7 +102,11 @@ mutants: $(READY)
 	@$(BIN)/python tests/mutants.py
 
 attack: $(READY)
-	@BAYESDRILL_ATTACK=$(SECONDS) $(BIN)/python -m pytest -m slow -q -s tests/system/test_attacks.py
+	@BAYESDRILL_ATTACK=$(SECONDS) $(BIN)/python -m pytest -m slow -q -s benchmarks/attack
+
+rates: $(READY)
+	@$(BIN)/python -m benchmarks.rates
+	@$(BIN)/python -m pytest -m slow -q -s benchmarks/rates
 
 pages: $(BROWSER_READY)
 	@$(BROWSER)/python -m pytest -m slow -q tests/browser

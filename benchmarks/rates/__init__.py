@@ -1,1 +1,1 @@
-"""How often intervals hold the truth, over hundreds of records."""
+"""Rates over hundreds of records with a known truth (`make rates`)."""

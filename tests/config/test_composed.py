@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 import scipy.linalg
 import systems
+from mistakes import check_mistakes
 from newcomers import both_ways, made, written
 from oracles import NOMINAL, matrices
 from together import for_each
 
 import bayesdrill as bd
-from bayesdrill.basics import symbols
 from bayesdrill.basics.errors import InputError
 from bayesdrill.config import loading
 from bayesdrill.config.job import prepare
@@ -91,123 +91,11 @@ def test_to_name_a_parameter_is_to_switch_its_physics_on(
     for_each({str(case): case for case in cases}, check)
 
 
-REFUSED = {
-    "static friction alone": (
-        ("t_sm: 0.2",),
-        {},
-        "parameters.t_sm: t_sm means nothing without t_cm and w_sm; name t_cm and w_sm too, or "
-        "remove t_sm",
-    ),
-    "no sliding friction": (
-        ("t_s1: 0.2", "w_s1: 0.2"),
-        {},
-        "parameters.t_s1: t_s1 means nothing without t_c1; name t_c1 too, or remove t_s1",
-    ),
-    "a speed without its torque": (
-        ("t_cm: 0.1", "w_sm: 1.0"),
-        {},
-        "parameters.w_sm: w_sm means nothing without t_sm; name t_sm too, or remove w_sm",
-    ),
-    "static friction below sliding friction": (
-        ("t_cm: 0.2", "t_sm: 0.1", "w_sm: 1.0"),
-        {},
-        "parameters.t_sm: is below t_cm; static friction is at least as large as sliding friction",
-    ),
-    "below it wherever the priors lead": (
-        ("t_c1: {prior: uniform, low: 1, high: 2}", "t_s1: 0.5*t_c1", "w_s1: 1.0"),
-        {},
-        "parameters.t_s1: is below t_c1; static friction is at least as large as sliding friction",
-    ),
-    "held by the model": (
-        ("j_2: 0.01",),
-        {"model": "{name: two_rotors}"},
-        "parameters.j_2: the model two_rotors has no j_2; remove it, or take model.name: motor_shaft",
-    ),
-    "nominal of nothing": (
-        ("c_s: nominal",),
-        {},
-        f"parameters.c_s: no table has c_s ({symbols.PARAMETERS['c_s'].typical}); give a number, or "
-        "`nominal: {c_s: ...}`",
-    ),
-    "relative to nothing": (
-        ("w_s1: {prior: normal, mean: 1, sd: 0.1, relative: true}", "t_s1: 1.0", "t_c1: 0.5"),
-        {},
-        "parameters.w_s1: no table has w_s1, to be relative to; give `nominal: {w_s1: ...}`, or leave "
-        "out `relative:`",
-    ),
-    "an efficiency without end": (
-        ("eta: {prior: log_normal, median: 0.9, sd_log: 0.1}",),
-        {},
-        "parameters.eta: the prior has no end, and eta is at most 1; let it end, such as "
-        "{prior: uniform, low: 0.5, high: 1}",
-    ),
-    "an efficiency beyond 1": (
-        ("eta: {prior: uniform, low: 0.5, high: 1.2}",),
-        {},
-        "parameters.eta: the prior goes up to 1.2, and eta is at most 1; let it end, such as",
-    ),
-    "a relative efficiency beyond 1": (
-        ("eta: {prior: uniform, low: 0.9, high: 1.2, relative: true}",),
-        {"nominal": "{table: tables_2_3, eta: 0.9}"},
-        "parameters.eta: the prior goes up to 1.08, and eta is at most 1",
-    ),
-    "held beyond 1": (
-        ("eta: 1.2",),
-        {},
-        "parameters.eta: 1.2: it should be less than or equal to 1",
-    ),
-    "no efficiency": (("eta: 0",), {}, "parameters.eta: 0: it should be greater than 0"),
-    "a formula beyond 1": (
-        ("eta: 2*k_e/0.06016",),
-        {},
-        "parameters.eta: '2 * k_e / 0.06016' is ",
-    ),
-    "no scale of speed": (
-        ("w_sm: 0", "t_sm: 1.0", "t_cm: 1.0"),
-        {},
-        "parameters.w_sm: 0: it should be greater than 0",
-    ),
-    "negative damping": (
-        ("c_1: -0.1",),
-        {},
-        "parameters.c_1: -0.1: it should be greater than or equal to 0",
-    ),
-    "nominal of what is off": (
-        (),
-        {"nominal": "{table: tables_2_3, c_s: 0.01}"},
-        "nominal.c_s: c_s is not named in `parameters:`; name it there, or remove this",
-    ),
-    "truth of what is off": (
-        (),
-        {"simulation": "{duration: 5, rate: 20, t_cm: 0.1}"},
-        "simulation.t_cm: t_cm is not named in `parameters:`; name it there, or remove this",
-    ),
-    "truth of another model": (
-        (),
-        {"simulation": "{duration: 5, rate: 20, j_2: 0.1}", "model": "{name: two_rotors}"},
-        "simulation.j_2: j_2 is not of the model two_rotors; remove this",
-    ),
-    "a power of its own": (("c_s: 0.1",), {"model": "{stribeck: 3}"}, "model.stribeck: "),
-    "a power of another model": (
-        (),
-        {"model": "{name: two_rotors, stribeck: 2}"},
-        "model.stribeck: the model two_rotors has no stribeck; remove it, or name: motor_shaft",
-    ),
-}
-
-
 def test_mistakes_are_said_with_their_way_out(tmp_path_factory: pytest.TempPathFactory) -> None:
-    def check(name: str) -> None:
-        tmp_path = tmp_path_factory.mktemp("case")
-        lines, sections, says = REFUSED[name]
-        path = config(tmp_path, *lines, **sections)
-        with pytest.raises(InputError) as caught:
-            loading.load(path)
-        (problem,) = caught.value.problems
-        _, _, said = str(problem).removeprefix(f"{path}:").partition(": ")
-        assert said.startswith(says)
+    def load(folder: Path, *lines: str, **sections: str) -> object:
+        return loading.load(config(folder, *lines, **sections))
 
-    for_each({str(name): (name,) for name in REFUSED}, check)
+    check_mistakes("composed", tmp_path_factory, load)
 
 
 def test_one_mistake_hides_no_other_and_makes_none(tmp_path: Path) -> None:

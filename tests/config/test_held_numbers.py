@@ -8,9 +8,8 @@ import numpy as np
 import pairs
 import pytest
 import systems
-from together import for_each
+from mistakes import check_mistakes
 
-from bayesdrill.basics.errors import InputError
 from bayesdrill.config import loading
 from bayesdrill.config.job import Job, prepare
 from bayesdrill.config.records import simulation
@@ -145,75 +144,8 @@ def test_what_is_own_of_an_experiment_stands_in_formulas_by_its_name(tmp_path: P
     assert found["of_both"] == pytest.approx(ratio + theta[:, names.index("k_e")])
 
 
-CASES = {
-    "a prior": (
-        [in_slow("parameters: {k_s: {prior: uniform, low: 0.1, high: 1}}")],
-        (
-            "experiments.slow.parameters.k_s",
-            "only a number or a formula can be held; `own: [k_s]` makes unknowns",
-        ),
-    ),
-    "own and held": (
-        [in_slow("parameters: {j_1: 1.0}"), ("shared: [lag", "own: [j_1]\nshared: [lag")],
-        ("experiments.slow.parameters.j_1", "j_1 is `own:`, and so unknown in each; remove one"),
-    ),
-    "no symbol": (
-        [in_slow("parameters: {k_x: 1.0}")],
-        ("experiments.slow.parameters.k_x", "unknown symbol"),
-    ),
-    "text": (
-        [in_slow("parameters: {k_s: [1]}")],
-        ("experiments.slow.parameters.k_s", "[1]"),
-    ),
-    "a list": (
-        [in_slow("parameters: [k_s]")],
-        ("experiments.slow.parameters", "`key: value` entries"),
-    ),
-    "no formula": (
-        [in_slow("parameters: {k_s: 2*k_x}")],
-        ("experiments.slow.parameters.k_s", "'k_x' is not a known name"),
-    ),
-    "only in one of them": (
-        [in_slow("parameters: {c_s: 0.1}")],
-        ("experiments.slow.parameters.c_s", "c_s is not in the rig of fast; name it above"),
-    ),
-    "a formula of what is not the same in all": (
-        [
-            in_slow("parameters: {k_s: 0.1}"),
-            ("parameters:\n", "derived: {x: k_s_slw}\nparameters:\n"),
-        ],
-        ("derived.x", "did you mean k_s_slow?"),
-    ),
-    "a plain name of what is own": (
-        [
-            ("shared: [lag", "own: [j_1]\nshared: [lag"),
-            ("output:", "derived: {x: 2*j_1}\noutput:"),
-        ],
-        ("derived.x", "there is no j_1 among all experiments; name j_1_slow or j_1_fast"),
-    ),
-    "a label of what all share": (
-        [("output:", "derived: {x: 2*j_1_slow}\noutput:")],
-        ("derived.x", "j_1_slow"),
-    ),
-    "a quantity in no formula": (
-        [
-            in_slow("parameters: {k_s: 2*d}"),
-            ("parameters:\n", "quantities: {d: 1, e: 2}\nparameters:\n"),
-        ],
-        ("quantities.e", "no formula names it"),
-    ),
-}
-
-
 def test_a_mistake_is_told_where_it_stands(tmp_path_factory: pytest.TempPathFactory) -> None:
-    def check(changes: list[tuple[str, str]], told: tuple[str, str]) -> None:
-        with pytest.raises(InputError) as caught:
-            held(tmp_path_factory.mktemp("case"), *changes)
-        (problem,) = caught.value.problems
-        assert problem.place.endswith(f": {told[0]}"), problem
-        assert told[1] in problem.message, problem
-
-    for_each(CASES, check)
+    check_mistakes("held_numbers", tmp_path_factory, held)
 
 
 @pytest.mark.skipif(not SMALL.is_dir(), reason="the records of others are not there")

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mistakes import check_mistakes
 from together import for_each
 
 import bayesdrill as bd
@@ -69,63 +70,8 @@ def built(folder: Path, *changes: tuple[str, str]) -> Job:
     return prepare(write(folder, *changes))
 
 
-CASES = [
-    ("a voltage", [("inputs:\n", "inputs:\n  v: 8.0\n")], "inputs.v",
-     ("the model driven_shaft has no such input", "its own: w_2, theta_2, t_1")),
-    ("nothing imposed", [("  " + TOP[0] + "\n", "")], "inputs.w_2",
-     ("the model wants the speed imposed", "rad/s", "`{column: ..., unit: ...}`", "`theta_2:`")),
-    ("no value", [(TOP[0], "w_2:")], "inputs.w_2", ("nothing is not a number", "write the value")),
-    ("an angle for a speed", [("top, unit: rpm", "angle, unit: deg")], "inputs.w_2.unit",
-     ("'deg' is not a unit of rad/s",)),
-    ("a speed for an angle", [(TOP[0], "theta_2: {column: top, unit: rpm}")], "inputs.theta_2.unit",
-     ("'rpm' is not a unit of rad",)),
-    ("angle and speed", [(TOP[0], f"{TOP[0]}\n  {TOP[1]}")], "inputs.theta_2",
-     ("w_2 is what it says as well", "remove one")),
-    ("an angle that is a number", [(TOP[0], "theta_2: 3.0")], "inputs.theta_2", ("`key: value`",)),
-    ("an angle that is held", [(TOP[0], "theta_2: {column: angle, unit: deg, hold: zero}")],
-     "inputs.theta_2.hold", ("'zero' is not possible", "known: first")),
-    ("an angle that is late", [(TOP[0], "theta_2: {column: angle, unit: deg, lag: 0.01}")],
-     "inputs.theta_2.lag", ("measured against the angle that is imposed", "or give `w_2:`")),
-    ("an angle that begins elsewhere", [TOP, ("initial: {", "initial: {theta_2: 1, ")],
-     "initial.theta_2", ("begins at its first sample", "remove")),
-    ("other holds beside an angle", [TOP, ("mN*m}", "mN*m, hold: first}")], "inputs",
-     ("the same `hold:`", "an imposed angle is held (zero)")),
-    ("a weight without a law", [("inputs:\n", "inputs:\n  wob: 500\n")], "inputs.wob",
-     ("no such input", "or name b_0 and b_1 and b_2 and b_3")),
-    ("a law without a weight", [LAW], "inputs.wob", ("the model wants the weight on the bit", "in N")),
-    ("half a law", [(K_S, "  b_0: 1.0e-3\n  b_1: 2\n" + K_S)], "parameters.b_0",
-     ("means nothing without b_2 and b_3",)),
-    ("a weight in kg", [LAW, ("inputs:\n", "inputs:\n  wob: {value: 50, unit: kg}\n")],
-     "inputs.wob.unit", ("'kg' is not a unit of N",)),
-    ("what is imposed as a channel", [("    w_1: {", "    w_2: {")], "record.channels.w_2",
-     ("w_2 has a meaning of its own here",)),
-    ("a motor's speed of a rig without one",
-     [("    w_1: {", "    top: {measures: 8 * w_2, ")], "record.channels.top.measures",
-     ("'w_2' is not a state",)),
-    ("a lag longer than the record", [LAGGED, ("60, unit: ms", "60, unit: s")], "inputs.t_1.lag",
-     ("the record has 1.99 s",)),
-    ("lags of one and of all", [LAGGED, ("inputs:\n", "inputs:\n  t_0: 0.1\n")], "inputs",
-     ("all inputs have one delay", "give one of the two")),
-    ("lags that leave nothing", [LAGGED, ("low: -40", "low: -1985")], "inputs.t_1.lag",
-     ("no sample of w_1",)),
-]  # fmt: skip
-
-
 def test_a_mistake_is_told_at_its_entry(tmp_path_factory: pytest.TempPathFactory) -> None:
-    """And nothing else is said of a config that is sound otherwise."""
-
-    def check(name: str, changes: list[tuple[str, str]], place: str, says: tuple[str, ...]) -> None:
-        tmp_path = tmp_path_factory.mktemp("case")
-        with pytest.raises(InputError) as caught:
-            built(tmp_path, *changes)
-        (found,) = (str(one).replace(f"{tmp_path}/", "") for one in caught.value.problems)
-        where, _, message = found.partition(": ")
-        assert where.startswith("shaft.yaml:")
-        assert message.partition(": ")[0].endswith(place), found
-        for fragment in says:
-            assert fragment in message, found
-
-    for_each({c[0]: c for c in CASES}, check)
+    check_mistakes("inputs", tmp_path_factory, built)
 
 
 MOTOR = """\

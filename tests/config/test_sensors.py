@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pairs
 import pytest
-from together import for_each
+from mistakes import check_mistakes
 
 from bayesdrill.basics.errors import InputError
 from bayesdrill.config.job import Job, prepare
@@ -37,74 +37,8 @@ def built(folder: Path, *changes: tuple[str, str]) -> Job:
     return prepare(pairs.write(folder, *changes))
 
 
-CASES = [
-    ("gain through zero", [(W_1, W_1 + ", gain: {prior: normal, mean: 1, sd: 0.5}")],
-     "channels.w_1.gain", "keep its prior on one side of zero"),
-    ("gain of nothing", [(W_1, W_1 + ", gain: 0")], "channels.w_1.gain", "shows nothing"),
-    ("gain of a word", [(W_1, W_1 + ", gain: free")], "channels.w_1.gain", "'free' is not a number"),
-    ("gain in logs", [(W_1, W_1 + ", gain: {prior: log_uniform, low: 0.5, high: 2}")],
-     "channels.w_1.gain", "'log_uniform' is not possible"),
-    ("offset in another unit", [("mean: 0, sd: 10}", "mean: 0, sd: 10, unit: rpm}")],
-     "channels.theta_1.offset", "'rpm' is not a unit of rad"),
-    ("lag in another unit", [("unit: ms}", "unit: deg}")],
-     "channels.theta_1.lag", "'deg' is not a unit of s"),
-    ("lag beyond the record", [(LAG, LAG.replace("ms", "s"))],
-     "channels.theta_1.lag", "the record has 4 s"),
-    ("lag held beyond the record", [(LAG, "lag: -40"), SHARED],
-     "channels.theta_1.lag", "the record has 4 s"),
-    ("lag after a moving start", [(LAG, "lag: {prior: normal, mean: 0, sd: 1.9}"), initial("{w_1: 3}")],
-     "channels.theta_1.lag", "no sample of theta_1 is sure to be later"),
-    ("moment after a moving start",
-     [("  v: 8.0", "  v: 8.0\n  t_0: {prior: normal, mean: 1.9, sd: 0.9}"), initial("{w_1: 3}")],
-     "inputs.t_0", "no sample of theta_1, w_1 is sure to be later"),
-    ("a prior of one number", [(OFFSET, "offset: {prior: normal, mean: 9, sd: 1e-12}")],
-     "channels.theta_1.offset", "nearly all of it is at 9; hold the value"),
-    ("ends exchanged", [(OFFSET, "offset: {prior: uniform, low: 2, high: -2}")],
-     "channels.theta_1.offset", "low 2 is not below high -2"),
-    ("start outside", [(OFFSET, "offset: {prior: uniform, low: -2, high: 2, start: 3}")],
-     "channels.theta_1.offset", "the start 3 is outside the prior"),
-    ("sensor of a derived speed",
-     [(W_1, W_1 + ", derived_from: theta_1, gain: {prior: log_normal, median: 1, sd_log: 0.1}")],
-     "channels.w_1.gain", "no evidence; remove this"),
-    ("lag of a constant input", [("  v: 8.0", "  v: {value: 8.0, unit: V, lag: 0.1}")],
-     "inputs.v.lag", "unknown key"),
-    ("offset of an input in another unit",
-     [("  v: 8.0", "  v: {value: 8.0, unit: V, offset: {value: 3, unit: A}}")],
-     "inputs.v.offset", "'A' is not a unit of V"),
-    ("gain of no load", [("  v: 8.0", "  v: 8.0\n  t_1: {value: 0, unit: N*m, gain: 1.1}")],
-     "inputs.t_1.gain", "a gain of nothing changes nothing"),
-    ("moment in volts", [("  v: 8.0", "  v: 8.0\n  t_0: {value: 3, unit: V}")],
-     "inputs.t_0", "'V' is not a unit of s"),
-    ("two delays",
-     [("  v: 8.0", "  v: {column: w_1, unit: V, lag: 0.1}\n  t_0: {prior: normal, mean: 0, sd: 0.1}")],
-     "inputs", "all inputs have one delay"),
-    ("speeds of a steady start", [initial("{state: steady, w_1: 3}")],
-     "initial.w_1", "the steady state gives it"),
-    ("both angles of a steady start", [initial("{state: steady, theta_1: 0, theta_2: 1}")],
-     "initial.theta_2", "the steady state gives the twist"),
-    ("a steady start misspelt", [initial("stedy")], "initial", "did you mean steady?"),
-    ("a state that is free misspelt", [initial("{w_1: fre}")], "initial.w_1", "did you mean free?"),
-    ("a start of another unit", [initial("{w_1: {prior: uniform, low: 0, high: 1, unit: deg}}")],
-     "initial.w_1", "'deg' is not a unit of rad/s"),
-    ("a true value of nothing", [("offset_theta_1: -6", "offset_theta1: -6")],
-     "simulation.truth.offset_theta1", "did you mean offset_theta_1"),
-]  # fmt: skip
-
-
 def test_a_mistake_is_told_at_its_entry(tmp_path_factory: pytest.TempPathFactory) -> None:
-    """And nothing else is said of a config that is sound otherwise."""
-
-    def check(name: str, changes: list[tuple[str, str]], place: str, says: str) -> None:
-        tmp_path = tmp_path_factory.mktemp("case")
-        found = problems(tmp_path, *changes)
-        assert len(found) == 1, found
-        where, _, message = found[0].partition(": ")
-        assert where.startswith("all.yaml:"), found
-        dotted = message.partition(": ")[0]
-        assert dotted.endswith(place), found
-        assert says in message, found
-
-    for_each({c[0]: c for c in CASES}, check)
+    check_mistakes("sensors", tmp_path_factory, built)
 
 
 def test_a_state_that_no_channel_tells_of_needs_a_prior(tmp_path: Path) -> None:

@@ -12,11 +12,13 @@ import pickle
 import re
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import scipy.integrate
 import systems
+from mistakes import MISTAKES
 from together import for_each
 
 from bayesdrill.basics import units
@@ -278,105 +280,20 @@ def test_arrays_and_a_model_are_such_a_config(tmp_path: Path) -> None:
     assert copy.model_fields_set == built.config.model_fields_set
 
 
-MISTAKES: dict[str, tuple[str, str, str, tuple[str, ...]]] = {
-    "an inertia that a shaft joins": (
-        "[arm, load]}", "[arm, laod]}", "model.shafts", ("'laod'", "no inertia", "load?")
-    ),
-    "a shaft with one end": (
-        "[arm, load]}", "[arm]}", "model.shafts", ("coupling", "two inertias", "[motor, load]")
-    ),
-    "shafts that are text": (
-        "shafts: {coupling: [arm, load]}", "shafts: stiff", "model.shafts", ("by its name",)
-    ),
-    "inertias that are text": (
-        "[motor, arm, load]", "motor", "model.inertias", ("'motor'", "a list is wanted")
-    ),
-    "a name with a blank": (
-        "[motor, arm, load]", "[the motor, arm, load]", "model.inertias.0", ("'the motor'", "letter")
-    ),
-    "a gear without a ratio": (
-        ", ratio: 0.125", "", "model.gears", ("box", "`ratio:`")
-    ),
-    "a gear of nothing": ("0.125", "0", "model.gears", ("ratio 0;", "such as 0.125")),
-    "the kind of a drive": (
-        "motor: current", "motor: curent", "model.drives", ("'curent'", "current?")
-    ),
-    "whom a drive moves": ("{motor: c", "{moter: c", "model.drives", ("'moter'", "motor?")),
-    "an entry of the model": ("  shafts:", "  shaft:", "model.shaft", ("shafts?",)),
-    "a constant of another model": (
-        "  shafts:", "  i_m: 0.1\n  shafts:", "model.i_m", ("no i_m", "remove it", "motor_shaft")
-    ),
-    "the name of the model": ("name: train", "name: trian", "model.name", ("'trian'", "train?")),
-    "a model without a name": (
-        "  name: train\n", "", "model.gears", ("motor_shaft has no gears", "name: train")
-    ),
-    "a symbol of no part": ("  c_load:", "  c_laod:", "parameters.c_laod", ("symbol", "c_load?")),
-    "a symbol of the paper's rig": ("  c_load:", "  c_1:", "parameters.c_1", ("unknown symbol",)),
-    "a parameter that is missing": (
-        "  k_T_motor: 0.12\n", "", "parameters.k_T_motor", ("missing", "write a number")
-    ),
-    "friction that means nothing": (
-        "  k_T_motor: 0.12\n", "  k_T_motor: 0.12\n  t_s_motor: 0.1\n", "parameters.t_s_motor",
-        ("without t_c_motor and w_s_motor",),
-    ),
-    "static friction below sliding friction": (
-        "  k_T_motor: 0.12\n",
-        "  k_T_motor: 0.12\n  t_c_motor: 0.2\n  t_s_motor: 0.1\n  w_s_motor: 1\n",
-        "parameters.t_s_motor",
-        ("is below t_c_motor",),
-    ),
-    "a nominal value of no part": (
-        "{k_coupling: {v", "{k_copling: {v", "nominal.k_copling", ("k_coupling?",)
-    ),
-    "a table of the paper": (
-        "nominal: {", "nominal: {table: tables_2_3, ", "nominal.table", ("another rig", "remove")
-    ),
-    "a channel that measures nothing": (
-        "    w_load:", "    speed:", "record.channels.speed",
-        ("'speed'", "w_load", "theta_motor", "`measures: theta_arm - theta_load`"),
-    ),
-    "a state that is misspelt": (
-        "theta_arm - theta_load", "theta_arm - theta_lod", "record.channels.twist.measures",
-        ("'theta_lod'", "theta_load?"),
-    ),
-    "angles and speeds in one sum": (
-        "theta_arm - theta_load", "theta_arm - w_load", "record.channels.twist",
-        ("theta_arm [rad], w_load [rad/s]",),
-    ),
-    "millimetres of an angle": (
-        "unit: deg", "unit: mm", "record.channels.twist.unit", ("'mm'", "write rad, deg")
-    ),
-    "an input that it has not": (
-        "  i_motor:", "  u_motor:", "inputs.u_motor", ("unknown key", "i_motor")
-    ),
-    "the unit of an input": ("unit: mA", "unit: V", "inputs.i_motor.unit", ("'V'", "A or mA")),
-    "a start of no part": (
-        "{w_load: {v", "{w_laod: {v", "initial.w_laod", ("unknown key", "w_load?")
-    ),
-    "the unit of a start": (
-        "value: 30, unit: rpm", "value: 30, unit: mm/s", "initial.w_load.unit", ("'mm/s'", "rpm")
-    ),
-    "where a torque is missing": (
-        "seed: 3\n", "seed: 3\nmissing_torque: {at: lod, size: 0.1, time: 1.0}\n",
-        "missing_torque.at", ("'lod'", "load?"),
-    ),
-}  # fmt: skip
-
-
 def test_a_mistake_is_told_with_its_value_place_and_a_way_out(tmp_path: Path) -> None:
     measured(tmp_path)
 
-    def check(old: str, new: str, place: str, says: tuple[str, ...]) -> None:
-        path = write(tmp_path, ROTARY, (old, new))
+    def check(case: dict[str, Any]) -> None:
+        place, path = case["place"], write(tmp_path, ROTARY, *map(tuple, case["replace"]))
         ran = systems.cli("simulate", path, "--output", tmp_path / "simulated.csv", "--force")
         assert ran.status == 2, ran
         (line,) = [line for line in ran.err.splitlines() if f": {place}: " in line]
         assert line.startswith(f"{path}:")
-        assert [text for text in says if text not in line] == [], line
+        assert [text for text in case["says"] if text not in line] == [], line
         others = [line for line in ran.err.splitlines() if ": model." not in line]
         assert not (place.startswith("model.") and others), others
 
-    for_each(MISTAKES, check)
+    for_each({name: (case,) for name, case in MISTAKES["train"].items()}, check)
 
 
 def test_a_current_is_a_state_only_with_an_inductance() -> None:

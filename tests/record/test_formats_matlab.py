@@ -134,10 +134,10 @@ def test_what_cannot_be_picked(table: RecordTable) -> None:
         ("x", "rig", "no variable 'rig.x'"),
         (1, None, "say which one"),
         (None, None, "say which one"),
-        ("note", None, "is text"),
+        ("note", None, "is text, not numbers"),
         ("rig.name", None, "is text"),
-        ("cells", None, "is a cell array"),
-        ("z", None, "is complex"),
+        ("cells", None, "is a cell array; save cell2mat(...) of it"),
+        ("z", None, "is complex; save its real part"),
         ("cube", None, "has 3 dimensions (2 x 3 x 4)"),
         ("nothing", None, "is empty"),
     ]

@@ -19,15 +19,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import systems
-from calibrations import with_misfit
 from together import together
 
 from bayesdrill import output_files
-from bayesdrill.analysis.calibration import CalibrationStudy, Refit, judge_calibration, refit
+from bayesdrill.analysis.calibration import CalibrationStudy, refit
 from bayesdrill.basics.errors import InputError, Interrupted
 from bayesdrill.basics.progress import Silent
 from bayesdrill.output_files import dumps_checksummed, loads_checksummed
-from bayesdrill.report.sections import calibration_words as words
 from bayesdrill.rig.simulators.exact import Response
 from bayesdrill.tasks import calibrate, remote
 
@@ -373,41 +371,3 @@ def test_without_distributed_a_scheduler_is_refused(done: Done, tmp_path: Path) 
     assert ran.returncode == 2
     assert "bayesdrill[cluster]" in ran.stderr
     assert "Traceback" not in ran.stderr
-
-
-# --- right and wrong likelihoods -----------------------------------------------------------------
-
-
-def refits(study: CalibrationStudy, n: int, folder: Path) -> list[Refit]:
-    folder.mkdir()
-    with remote.local_executor(2) as crew:
-        return calibrate.run(study, n, folder / ".refits", crew, Silent())
-
-
-@pytest.fixture(scope="module")
-def pair(tmp_path_factory: pytest.TempPathFactory) -> CalibrationStudy:
-    """Two unknowns, 101 samples, ranks among 99 draws."""
-    change = ("output: {", "calibration: {ess: 100}\noutput: {")
-    config = systems.small(tmp_path_factory.mktemp("pair"), change)
-    return calibrate.study(calibrate.prepare(config))
-
-
-@pytest.mark.slow
-def test_the_right_likelihood_is_calibrated(pair: CalibrationStudy, tmp_path: Path) -> None:
-    """200 refits; kills a walker's move, a prior, a Jacobian or a noise that is not what it says."""
-    found = judge_calibration(pair.names, refits(pair, 200, tmp_path / "right"), pair.draws)
-    assert found.calibrated, words.verdict(found)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("factor", "shape"), [(2.0, "posterior too narrow"), (0.5, "posterior too wide")]
-)
-def test_a_wrong_likelihood_is_not(
-    factor: float, shape: str, pair: CalibrationStudy, tmp_path: Path
-) -> None:
-    """2 is the 1/2 of the misfit forgotten: the posterior is too narrow by sqrt 2."""
-    broken = with_misfit(pair, factor)
-    found = judge_calibration(pair.names, refits(broken, 200, tmp_path / "wrong"), pair.draws)
-    assert not found.calibrated
-    assert f"({shape})" in words.verdict(found)

@@ -7,6 +7,7 @@ import json
 import shutil
 from pathlib import Path
 
+import finished
 import pytest
 import systems
 
@@ -32,8 +33,7 @@ CHANGES = {
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("models")
     for name, changes in CHANGES.items():
-        config = systems.small(place, *changes, name=f"{name}.yaml")
-        ran = systems.cli("posterior", config, "-o", place / name, "--processes", "1")
+        ran = finished.posterior(tmp_path_factory, place, name, *changes, causes=name != "wrong")
         assert ran.status == (3 if name == "wrong" else 0), ran.text
     return place
 

@@ -151,12 +151,12 @@ def test_the_maximum_predicts_every_experiment(tmp_path: Path) -> None:
     assert systems.cli("verify", tmp_path / "map").status == 0
 
 
-def test_python_loads_several_and_shows_each(tmp_path: Path) -> None:
-    case = bd.load(pairs.write(tmp_path))
+def test_python_loads_several_and_shows_each(done: Path) -> None:
+    case = bd.load(done.parent / "all.yaml")
     assert case.unknowns == ("k_e", "j_1", "offset_theta_1", "lag_theta_1")
     assert "columns of fast" in case.preview()
     assert "k_e" in str(case.identify("k_e"))
-    run = case.sample(case.find_map())
+    run = bd.open(done)
     assert isinstance(run.plot("fit", part=2), Figure)
     assert "these records determine" in str(run.judge())
 

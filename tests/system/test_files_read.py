@@ -7,6 +7,7 @@ import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import finished
 import pytest
 import systems
 from together import together
@@ -26,10 +27,11 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("rig")
     config = systems.small(place)
     (place / "sheet.yaml").write_text(SHEET)
-    for job in (("posterior",), ("posterior", "other"), ("map",)):
-        target = place / (job[1] if len(job) > 1 else f"{job[0]}_run")
-        ran = systems.cli(job[0], config, "-o", target, "--processes", "1")
+    for name, changes in (("posterior_run", ()), ("other", (("seed: 7", "seed: 8"),))):
+        ran = finished.posterior(tmp_path_factory, place, name, *changes)
         assert ran.status == 0, ran.text
+    ran = systems.cli("map", config, "-o", place / "map_run", "--processes", "1")
+    assert ran.status == 0, ran.text
     return place
 
 

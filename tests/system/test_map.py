@@ -155,12 +155,12 @@ def test_what_does_not_belong_to_a_maximum_is_named(config: Path) -> None:
 def test_a_fit_that_must_not_be_believed_ends_as_its_posterior_does(tmp_path: Path) -> None:
     """Mutant killed: status 0 of a fit that leaves far more than the noise."""
     config, out = systems.small(tmp_path, WRONG), tmp_path / "out"
-    ran = systems.cli("map", config, "--output", out, "--processes", "1")
+    ran = systems.cli("map", config, "--quick", "--output", out, "--processes", "1")
     assert ran.status == 3
     assert ran.out.index("DO NOT BELIEVE these numbers:") > ran.out.index("fit: ")
     page = (out / "map.md").read_text()
     assert page.index("DO NOT BELIEVE these numbers:") < page.index("fit: ")
-    found = bd.load(config).find_map()
+    found = bd.load(config).find_map(quick=True)
     assert found.reasons[0].startswith("the residuals are larger than the noise: w_1 ")
     assert loads_checksummed((out / "run.json").read_bytes())["reasons"] == list(found.reasons)
     assert best().reasons == ()

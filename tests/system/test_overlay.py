@@ -7,6 +7,7 @@ import os
 import shutil
 from pathlib import Path
 
+import finished
 import forked
 import pytest
 import systems
@@ -31,8 +32,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Runs of one small record."""
     place = tmp_path_factory.mktemp("runs")
     for name, changes in CHANGES.items():
-        config = systems.small(place, *changes, name=f"{name}.yaml")
-        ran = systems.cli("posterior", config, "-o", place / name, "--processes", "1")
+        ran = finished.posterior(tmp_path_factory, place, name, *changes)
         assert ran.status == (3 if name == "short" else 0), ran.text
     return place
 

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import finished
 import numpy as np
 import pytest
 import systems
@@ -34,8 +35,7 @@ CHANGES = {
 def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("runs")
     for name, changes in CHANGES.items():
-        config = systems.small(place, *changes, name=f"{name}.yaml")
-        ran = systems.cli("posterior", config, "-o", place / name, "--processes", "1")
+        ran = finished.posterior(tmp_path_factory, place, name, *changes)
         assert ran.status == 0, ran.text
     return place
 

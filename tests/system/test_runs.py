@@ -18,6 +18,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import finished
 import h5py
 import numpy as np
 import pytest
@@ -109,6 +110,13 @@ def assert_refused(ran: systems.Ran, *fragments: str) -> None:
         assert fragment in ran.err
 
 
+def shared(factory: pytest.TempPathFactory, name: str, *changes: tuple[str, str]) -> Done:
+    """A run that other tests may use too."""
+    place = factory.mktemp(name)
+    ran = finished.posterior(factory, place, "out", *changes)
+    return Done((place / "out.yaml").rename(place / "small.yaml"), place / "out", ran)
+
+
 @pytest.fixture(scope="module")
 def done(tmp_path_factory: pytest.TempPathFactory) -> Done:
     """A converged run; tests copy it, or leave it as it is."""
@@ -123,13 +131,13 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> Done:
 @pytest.fixture(scope="module")
 def endless(tmp_path_factory: pytest.TempPathFactory) -> Done:
     """A run that used all of its steps, never interrupted."""
-    return fresh(tmp_path_factory.mktemp("endless"), ENDLESS)
+    return shared(tmp_path_factory, "endless", ENDLESS)
 
 
 @pytest.fixture(scope="module")
 def plain(tmp_path_factory: pytest.TempPathFactory) -> Done:
     """The same run, without figures."""
-    return fresh(tmp_path_factory.mktemp("plain"))
+    return shared(tmp_path_factory, "plain")
 
 
 def copied(found: Done, folder: Path) -> Done:
@@ -814,9 +822,12 @@ def test_what_the_proposal_does_not_reach_is_said_and_ends_with_status_3(
     assert "ROUGH" in (found.folder / "summary.md").read_text()
 
 
-def test_a_nominal_value_at_an_end_of_its_prior_is_not_judged(tmp_path: Path) -> None:
+def test_a_nominal_value_at_an_end_of_its_prior_is_not_judged(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> None:
     """The end is said, with the way out; a file of older versions, with draws beyond it, goes."""
-    found = fresh(tmp_path, ("k_e: {prior: uniform, low: 0.5", "k_e: {prior: uniform, low: 1.0"))
+    ends = ("k_e: {prior: uniform, low: 0.5", "k_e: {prior: uniform, low: 1.0")
+    found = shared(tmp_path_factory, "end", ends)
     assert found.ran.status == 0, found.ran.text
     said = "Cannot judge: k_e. The prior of k_e ends at 0.06016; widen it."
     assert said in found.ran.out

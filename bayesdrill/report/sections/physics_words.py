@@ -202,8 +202,9 @@ def _alike(tied: Confounded, model: Model) -> str:
         why.append(f"in these records {did}")
     because = f" ({'; '.join(why)})" if why else ""
     return (
-        f"friction: {tied.name} can hardly be told from {listed(tied.rivals)}{because}. If {known} known, "
-        f"its sd would be {_about(tied.fall)} times smaller.{_proposed(tied.name, tied.proposals, model)}"
+        f"friction: {tied.name} can hardly be told from {listed(tied.rivals)}{because}. If {known} "
+        f"known, its sd would be {_about(tied.fall)} times smaller."
+        f"{_proposed(tied.name, tied.proposals, model)}"
     )
 
 

@@ -1,7 +1,7 @@
 """Whatever is written, nothing falls over: no traceback, no hang, no file of a stranger touched.
 
 `BAYESDRILL_ATTACK` seconds for each kind of attack; what it finds becomes a case of
-`test_bad_inputs.py`.
+`tests/system/bad_inputs.yaml`.
 """
 
 from __future__ import annotations
@@ -17,14 +17,15 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import attacks
 import forked
 import numpy as np
 import pytest
 import systems
-from attacks import EXTRAS
 from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
+
+from benchmarks.attack import strategies
+from benchmarks.attack.strategies import EXTRAS
 
 SEED = int(os.environ.get("BAYESDRILL_ATTACK_SEED", "0"))
 SECONDS = float(os.environ.get("BAYESDRILL_ATTACK", "60"))
@@ -103,31 +104,31 @@ def test_configs(home: Path) -> None:
         (home / "small.yaml").write_bytes(text.encode("utf-8", "surrogatepass"))
         stands(home, *command)
 
-    attack("configs", falls, text=attacks.config(), command=COMMANDS)
+    attack("configs", falls, text=strategies.config(), command=COMMANDS)
 
 
 def test_units_and_formulas(home: Path) -> None:
     def falls(unit: str, formula: str) -> None:
         text = systems.SMALL.replace("unit: rad,", f"unit: {json.dumps(unit)},")
-        text = attacks.in_place(text, "k_s", formula)
+        text = strategies.in_place(text, "k_s", formula)
         (home / "small.yaml").write_text(f"{text}derived: {{x: {json.dumps(formula)}}}\n")
         stands(home, "check", "small.yaml")
 
-    attack("units and formulas", falls, unit=attacks.unit(), formula=attacks.formula())
+    attack("units and formulas", falls, unit=strategies.unit(), formula=strategies.formula())
 
 
 @pytest.mark.parametrize("kind", ["csv", "mat 5", "mat 7.3", "h5", "npz", "parquet"])
 def test_records(home: Path, kind: str) -> None:
     name = f"small.{kind.split()[0]}"
     if name == "small.mat":
-        (home / "small.yaml").write_text(attacks.for_mat(systems.SMALL))
+        (home / "small.yaml").write_text(strategies.for_mat(systems.SMALL))
     else:
         (home / "small.yaml").write_text(systems.SMALL.replace("small.csv", name))
     content = {
-        "csv": attacks.record,
-        "mat 5": lambda: attacks.bytes_changed(attacks.mat_file(5)),
-        "mat 7.3": lambda: attacks.bytes_changed(attacks.mat_file(7)),
-    }.get(kind, lambda: attacks.bytes_changed(attacks.array_file(kind)))()
+        "csv": strategies.record,
+        "mat 5": lambda: strategies.bytes_changed(strategies.mat_file(5)),
+        "mat 7.3": lambda: strategies.bytes_changed(strategies.mat_file(7)),
+    }.get(kind, lambda: strategies.bytes_changed(strategies.array_file(kind)))()
 
     def falls(content: bytes) -> None:
         (home / name).write_bytes(content)
@@ -153,7 +154,7 @@ def test_damaged_results(home: Path, command: tuple[str, ...]) -> None:
         (results / change[0]).write_bytes(change[1])
         stands(home, *command)
 
-    attack(f"damaged results, {command[0]}", falls, change=attacks.damaged(sound))
+    attack(f"damaged results, {command[0]}", falls, change=strategies.damaged(sound))
 
 
 EXPERIMENTS = (
@@ -171,7 +172,7 @@ def test_retyped_configs(home: Path) -> None:
         (home / "small.yaml").write_bytes(text)
         stands(home, *command)
 
-    text = st.sampled_from(every).flatmap(attacks.config_retyped)
+    text = st.sampled_from(every).flatmap(strategies.config_retyped)
     attack("retyped configs", falls, text=text, command=st.just(("check", "small.yaml")))
 
 
@@ -187,8 +188,8 @@ def test_odd_tables(home: Path) -> None:
         if (home / "odd.yaml").exists():
             stands(home, "check", "odd.yaml")
 
-    names = st.just([]) | st.lists(st.sampled_from(attacks.NAMES), max_size=4)
-    attack("odd tables", falls, table=attacks.table(), names=names, split=st.booleans())
+    names = st.just([]) | st.lists(st.sampled_from(strategies.NAMES), max_size=4)
+    attack("odd tables", falls, table=strategies.table(), names=names, split=st.booleans())
 
 
 FORGED = {
@@ -234,7 +235,7 @@ def test_forged_results(home: Path, job: str) -> None:
         stands(home, *commands[command])
 
     which = st.sampled_from(FORGED[job])
-    attack(f"forged {job}", falls, change=attacks.forged(sound), command=which)
+    attack(f"forged {job}", falls, change=strategies.forged(sound), command=which)
 
 
 @pytest.fixture
@@ -290,7 +291,7 @@ def test_command_lines(runs: Path) -> None:
         for path, content in before.items():
             assert path.read_bytes() == content, f"{path} was replaced by {words}"
 
-    attack("command lines", falls, words=attacks.command_line())
+    attack("command lines", falls, words=strategies.command_line())
 
 
 def test_environments(runs: Path) -> None:
@@ -321,15 +322,15 @@ def test_environments(runs: Path) -> None:
         err = ended.stderr.decode(errors="replace")
         ended_well(runs, forked.Ended(ended.returncode, err, hung=False))
 
-    outs = st.sampled_from(attacks.OUTPUTS)
-    attack("environments", falls, command=commands, out=outs, names=attacks.environment())
+    outs = st.sampled_from(strategies.OUTPUTS)
+    attack("environments", falls, command=commands, out=outs, names=strategies.environment())
 
 
 def test_api_calls(runs: Path) -> None:
     """An `InputError` for every wrong argument, and nothing else."""
     import bayesdrill as bd
 
-    for name in attacks.CALLS:
+    for name in strategies.CALLS:
         getattr(bd, name)  # loaded once, and not in each child
 
     def falls(call: tuple[str, dict[str, Any]]) -> None:
@@ -339,7 +340,7 @@ def test_api_calls(runs: Path) -> None:
         ended_well(runs, ended)
         assert ended.status in (0, 2), (call, ended.text)
 
-    attack("api calls", falls, call=attacks.api_call())
+    attack("api calls", falls, call=strategies.api_call())
 
 
 def test_campaigns(home: Path) -> None:
@@ -353,4 +354,4 @@ def test_campaigns(home: Path) -> None:
         stands(home, *command)
 
     commands = st.sampled_from([("check", "campaign.yaml"), ("identify", "campaign.yaml")])
-    attack("campaigns", falls, made=attacks.campaign(), command=commands)
+    attack("campaigns", falls, made=strategies.campaign(), command=commands)

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from candidates import causes_of
-from nuisance_records import write
 from scipy.stats import binom
 
 import bayesdrill as bd
 from bayesdrill.inference import residual_checks
+from benchmarks.rates.nuisance_records import write
 
 RECORDS = 100
 INSIDE = 0.94  # of the intervals looked at

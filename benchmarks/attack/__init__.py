@@ -1,0 +1,1 @@
+"""Malformed configs, records, results and command lines, at random (`make attack`)."""

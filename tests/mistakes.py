@@ -1,0 +1,45 @@
+"""Mistakes in configs, as `tests/config/mistakes.yaml` has them, and how each has to be told."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from ruamel.yaml import YAML
+from together import for_each
+
+from bayesdrill.basics.errors import InputError
+
+MISTAKES: dict[str, dict[str, dict[str, Any]]] = YAML(typ="safe").load(
+    Path(__file__).parent / "config" / "mistakes.yaml"
+)
+
+
+def check_mistakes(
+    section: str, factory: pytest.TempPathFactory, load: Callable[..., object]
+) -> None:
+    """Check that `load(folder, *replacements)` tells each mistake once, with its line and its entry.
+
+    Nothing else is said of a config that is sound otherwise.
+    """
+
+    def check(case: dict[str, Any]) -> None:
+        changes = [tuple(change) for change in case.get("replace", ())]
+        with pytest.raises(InputError) as caught:
+            load(
+                factory.mktemp("case"),
+                *changes,
+                *case.get("lines", ()),
+                **case.get("sections", {}),
+            )
+        (problem,) = caught.value.problems
+        found = re.fullmatch(r".+:\d+: (.+)", problem.place)
+        assert found is not None, problem
+        assert found[1] == case["place"], problem
+        for text in case["says"]:
+            assert text in problem.message, problem
+
+    for_each({name: (case,) for name, case in MISTAKES[section].items()}, check)
