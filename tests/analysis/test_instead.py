@@ -8,12 +8,11 @@ from lacking import T, against_the_table, believed, best, record
 from together import for_each
 from torques import TORQUE, observed
 
-from bayesdrill.analysis.causes import EquivalentExplanation, equivalent_explanation
+from bayesdrill.analysis.causes import equivalent_explanation
 from bayesdrill.analysis.edits import lacks, with_candidates
 from bayesdrill.report.sections import causes_words, verdict_words
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.models.roles import usual_roles
-from bayesdrill.tasks import run_entries
 
 STEADY = np.full(len(T), 8.0)
 SIZES = {"t_c1": 0.25, "v_d": 0.8, "c_1": 0.02, "c_s": 5e-3, "t_cm": 0.05}
@@ -86,10 +85,7 @@ def test_a_verdict_in_doubt_says_what_is_missing() -> None:
 
 
 def test_where_a_table_needs_no_help_nothing_is_said() -> None:
-    assert run_entries.instead_data(None) == {}
     assert list(causes_words.instead(None, MotorShaft())) == []
-    data = run_entries.instead_data(EquivalentExplanation(parameter="t_cm", value=0.1, lost=-3.0))
-    assert data["instead"]["log_likelihood"] == 3.0
 
 
 def test_each_that_is_tried_has_words_and_is_offered() -> None:
