@@ -270,9 +270,9 @@ def summarise(derived: Derived) -> tuple[DerivedRow, ...]:
     return tuple(rows)
 
 
-def hdi(x: Array, probability: float = HDI_PROBABILITY) -> tuple[float, float]:
-    """Return the narrowest interval that holds this share of the draws `(N,)`."""
+def hdi(x: Array) -> tuple[float, float]:
+    """Return the narrowest interval that holds `HDI_PROBABILITY` of the draws `(N,)`."""
     from arviz_stats.base import array_stats  # late: it takes half a second to load
 
-    low, high = array_stats.hdi(x, prob=probability, axis=0)  # type: ignore[no-untyped-call]
+    low, high = array_stats.hdi(x, prob=HDI_PROBABILITY, axis=0)  # type: ignore[no-untyped-call]
     return float(low), float(high)

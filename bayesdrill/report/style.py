@@ -47,6 +47,7 @@ _LETTERS = {
     "ytick.labelsize": 8.0,
     "legend.fontsize": 8.0,
 }
+_TICKS = {"major.size": 3.0, "major.width": 0.6, "minor.size": 1.6, "minor.width": 0.4}
 RC: Mapping[str, Any] = MappingProxyType(
     {
         **_LETTERS,
@@ -57,14 +58,7 @@ RC: Mapping[str, Any] = MappingProxyType(
         "axes.unicode_minus": True,
         "xtick.direction": "in",
         "ytick.direction": "in",
-        "xtick.major.size": 3.0,
-        "ytick.major.size": 3.0,
-        "xtick.major.width": 0.6,
-        "ytick.major.width": 0.6,
-        "xtick.minor.size": 1.6,
-        "ytick.minor.size": 1.6,
-        "xtick.minor.width": 0.4,
-        "ytick.minor.width": 0.4,
+        **{f"{axis}tick.{name}": value for name, value in _TICKS.items() for axis in "xy"},
         "legend.frameon": False,
         "lines.linewidth": 1.0,
         "hatch.linewidth": 0.4,

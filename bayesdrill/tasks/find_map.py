@@ -14,6 +14,7 @@ from bayesdrill.basics import software
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.basics.units import Unit
+from bayesdrill.basics.values import as_data
 from bayesdrill.config.job import Job, prepare
 from bayesdrill.config.resolve import assembly
 from bayesdrill.config.yaml_source import parse
@@ -31,7 +32,6 @@ from bayesdrill.sampling.fit import FitPlan, PendingSearches, begin_searches, en
 from bayesdrill.sampling.mode_search import Mode
 from bayesdrill.sampling.workers import WorkerPool
 from bayesdrill.selection import config_edits
-from bayesdrill.tasks import run_entries
 from bayesdrill.tasks.conclusions import plan
 
 
@@ -65,7 +65,7 @@ def save(job: Job, mode: Mode, output: Path, record: str | None, *, force: bool)
         folder.write_run(
             status="finished",
             reasons=list(said.reasons),
-            fit=run_entries.residual_data(said.left),
+            fit=as_data(said.left),
             files=folder.digests(),
         )
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import math
 from collections.abc import Mapping, Sequence
@@ -10,18 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from bayesdrill.analysis.causes import Causes, EquivalentExplanation
-from bayesdrill.analysis.comparison import RepeatedProduct
 from bayesdrill.analysis.plausibility import DiffusePrior
-from bayesdrill.analysis.run_analysis import RunAnalysis, TorqueSummary
+from bayesdrill.analysis.run_analysis import RunAnalysis
 from bayesdrill.analysis.verdict import Verdict
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.values import as_data, schema
 from bayesdrill.inference.compression import CompressionCheck
 from bayesdrill.inference.posterior import Problem
-from bayesdrill.inference.residual_checks import ResidualSummary
-from bayesdrill.inference.step_error import StepError
-from bayesdrill.report.sections import identify_words, verdict_words
+from bayesdrill.report.sections import verdict_words
 from bayesdrill.report.view import ReportContext
 from bayesdrill.sampling.ensembles import SamplingResult
 from bayesdrill.sampling.evidence import Evidence
@@ -43,12 +38,6 @@ ENTRIES: Mapping[str, str] = {
     "converged": "whether all targets of the sampler are met",
     "reasons": "why the result must not be believed; empty where it may be",
     "notes": "sentences on priors, record and rig",
-    "fit": "what the MAP leaves of each channel [sd of the noise]",
-    "repeats": "products as each of several experiments has them [natural logs]",
-    "causes": "candidates that would explain a fit that leaves more than noise [logs, SI]",
-    "instead": "what the rig may lack, where the nominal table would be blamed [SI]",
-    "pieces": "what the steps of a rig that is stepped do at the MAP [sd of the noise]",
-    "torque": "the missing torque of each experiment [N m]",
     "verdict": "what the run says of the nominal table [sigma]",
     "steps": "steps of each ensemble",
     "burn_in": "steps that are dropped",
@@ -100,12 +89,6 @@ def entries(view: ReportContext, made_of: str) -> dict[str, Any]:
         "converged": c.converged,
         "reasons": list(view.reasons),
         "notes": list(view.notes),
-        "fit": residual_data(analysis.fit),
-        "repeats": repeats_data(analysis.repeats, view.names_of_rig),
-        "causes": causes_data(analysis.causes),
-        **instead_data(analysis.instead if c.converged else None),
-        **({"pieces": step_data(analysis.step_errors)} if analysis.step_errors else {}),
-        **({"torque": torque_data(analysis.torques)} if analysis.torques else {}),
         "verdict": analysis.judged
         and verdict_data(
             analysis.judged.verdict,
@@ -165,59 +148,6 @@ def maxima_weights(run: Mapping[str, Any]) -> Array | None:
         return None
 
 
-def _of(experiment: str) -> dict[str, str]:
-    """Which of several experiments an entry is of."""
-    return {"experiment": experiment} if experiment else {}
-
-
-def residual_data(summaries: Sequence[ResidualSummary]) -> list[dict[str, Any]]:
-    """What the fit leaves of each channel, over the noise."""
-    said = {
-        "more than noise": "large",
-        "less than noise": "small",
-        "far samples": "far",
-        "correlated": "correlated",
-    }
-    return [
-        {
-            "channel": summary.channel,
-            **_of(summary.experiment),
-            "rms_over_sigma": round(summary.rms, 5),
-            "rms_over_spread": None if math.isnan(summary.share) else round(summary.share, 7),
-            "correlation": round(summary.correlation, 5),
-            "farthest_over_sigma": round(summary.farthest, 5),
-            "says": [word for word, flag in said.items() if getattr(summary, flag)],
-        }
-        for summary in summaries
-    ]
-
-
-def causes_data(causes: Causes | None) -> list[dict[str, Any]] | None:
-    """Candidates that there is evidence for, the most probable first."""
-    if causes is None:
-        return None
-    return [
-        {
-            "parts": list(cause.parts),
-            "log_bayes_factor": round(cause.bayes, 2),
-            "log_posterior": round(cause.gain, 2),
-            "unknowns": {new.name: {"value": new.value, "sd": new.sd} for new in cause.new},
-            "only_noise_left": cause.explains_all,
-            "doubts": list(cause.doubts),
-        }
-        for cause in causes.good
-    ]
-
-
-def instead_data(explanation: EquivalentExplanation | None) -> dict[str, Any]:
-    """An entry, SI, where there is something to say."""
-    if explanation is None:
-        return {}
-    parameter, value = explanation.parameter, explanation.value
-    said = {"parameter": parameter, "value": value, "log_likelihood": -explanation.lost}
-    return {"instead": said}
-
-
 def evidence_data(evidence: Evidence | None, priors: Sequence[DiffusePrior]) -> dict[str, Any]:
     """Entries of their own; those of steps only where there are any."""
     if evidence is None:
@@ -261,29 +191,6 @@ def evidence_of_data(run: Mapping[str, Any]) -> Evidence | None:
     return Evidence(**numbers) if all(map(math.isfinite, numbers.values())) else None
 
 
-def repeats_data(repeats: Sequence[RepeatedProduct], names: Sequence[str]) -> list[dict[str, Any]]:
-    """Logs."""
-    return [
-        {
-            "product": identify_words.product(names, repeat.exponents),
-            "apart": dict(zip(repeat.labels, repeat.apart, strict=True)),
-            "sd": dict(zip(repeat.labels, repeat.sds, strict=True)),
-            "spread": repeat.spread,
-            "p": repeat.p,
-        }
-        for repeat in repeats
-    ]
-
-
-def step_data(errors: Sequence[StepError]) -> list[dict[str, Any]]:
-    """Errors over the noise."""
-    data = []
-    for error in errors:
-        sizes = {n: round(size, 6) for n, size in zip(error.channels, error.errors, strict=True)}
-        data.append({**_of(error.label), "pieces": error.pieces, "over_sigma": sizes})
-    return data
-
-
 def verdict_data(
     verdict: Verdict, table: str, *, converged: bool = True, believed: bool = True
 ) -> dict[str, Any]:
@@ -303,26 +210,3 @@ def verdict_data(
             for q in verdict_words.verdict_rows(verdict)
         },
     }
-
-
-def torque_data(every: Sequence[TorqueSummary]) -> list[dict[str, Any]]:
-    """N m."""
-    return [
-        {
-            "experiment": summary.label,
-            "at": summary.at,
-            "rms": summary.rms,
-            "sd": summary.sd,
-            "follows": [dataclasses.asdict(each) for each in summary.follows],
-            "channels": {
-                c.channel: {
-                    "without": c.without / c.spread,
-                    "with": c.left / c.spread,
-                    "moved": c.share,
-                    **({"strayed": c.strayed} if np.isfinite(c.strayed) else {}),
-                }
-                for c in summary.courses
-            },
-        }
-        for summary in every
-    ]

@@ -53,31 +53,23 @@ class Verified:
     __repr__ = __str__
 
 
-@dataclass(frozen=True, slots=True)
-class _Way:
-    """How the results of a job are looked at."""
-
-    kind: Kind
-    problems: Callable[[Path, Mapping[str, Any]], Iterator[Issue]]
-    what: str
-
-
 def verify(folder: Path) -> Verified:
     """Nothing is written.  Raises `InputError` where there is no finished run."""
     run = run_folder.read_run(folder)
-    way = next((way for way in _WAYS if run and way.kind.job == run.get("job")), None)
+    way = next((way for way in _WAYS if run and way[0].job == run.get("job")), None)
     if run is None or way is None:
         message = "no results of `bayesdrill posterior`, `map`, `compare`, `ladder` or an overlay"
         raise InputError.at(str(folder), message)
-    if obstacles := output_files.existing_outputs(folder, way.kind):
+    kind, problems_of, what = way
+    if obstacles := output_files.existing_outputs(folder, kind):
         raise InputError(obstacles)
     files = run.get("files")
     if run.get("status") != "finished" or not isinstance(files, dict):
         message = "this run is not finished, or of an older version; "
         raise InputError.at(str(folder), f"{message}`bayesdrill report` makes it anew")
-    problems = dict.fromkeys([*_changed(folder, way.kind, files), *way.problems(folder, run)])
+    problems = dict.fromkeys([*_changed(folder, kind, files), *problems_of(folder, run)])
     checked = len(files) - len({problem.place for problem in problems})
-    return Verified(folder, checked, tuple(problems), way.what)
+    return Verified(folder, checked, tuple(problems), what)
 
 
 def _of_run(
@@ -138,12 +130,13 @@ def _of_ladder(folder: Path, run: Mapping[str, Any]) -> Iterator[Issue]:
     yield from _of_several(COMPARED, folder, run, LADDER)
 
 
-_WAYS = (
-    _Way(POSTERIOR, partial(_of_run, _job_of_posterior, POSTERIOR), "config, record, chain"),
-    _Way(MAP, partial(_of_run, _job_of_map, MAP), "config, record, maximum"),
-    _Way(COMPARE, partial(_of_several, COMPARED), "runs"),
-    _Way(LADDER, _of_ladder, "config, rungs"),
-    _Way(OVERLAY, partial(_of_several, OVERLAID), "runs"),
+# How the results of a job are looked at, and what that is.
+_WAYS: tuple[tuple[Kind, Callable[[Path, Mapping[str, Any]], Iterator[Issue]], str], ...] = (
+    (POSTERIOR, partial(_of_run, _job_of_posterior, POSTERIOR), "config, record, chain"),
+    (MAP, partial(_of_run, _job_of_map, MAP), "config, record, maximum"),
+    (COMPARE, partial(_of_several, COMPARED), "runs"),
+    (LADDER, _of_ladder, "config, rungs"),
+    (OVERLAY, partial(_of_several, OVERLAID), "runs"),
 )
 
 

@@ -96,7 +96,7 @@ def _values(outcome: Outcome, number: int) -> list[object]:
         *_parts(outcome.importance),
         len(run.maxima), " ".join(f"{one['weight']:.4f}" for one in run.maxima),
         " ".join(f"{share:.4f}" for share in outcome.shares[number]) if outcome.shares else "",
-        max((one["rms_over_sigma"] for one in run.fit), default=""), "; ".join(run.reasons),
+        max((one["rms"] for one in run.fit), default=""), "; ".join(run.reasons),
     ]  # fmt: skip
 
 

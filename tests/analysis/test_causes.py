@@ -21,7 +21,6 @@ from bayesdrill.basics.progress import SILENT
 from bayesdrill.report.sections import causes_words
 from bayesdrill.rig.models.roles import usual_roles
 from bayesdrill.sampling.workers import WorkerPool
-from bayesdrill.tasks import run_entries
 from bayesdrill.tasks.ranking import WINDOWS, Ranking
 
 CONFIG = """\
@@ -138,9 +137,7 @@ def test_what_is_wrong_is_first_with_its_size(
         assert "next: add these lines to the config (A" in said
         assert "That leaves what looks like the noise." in said
         assert f"\n{first.lines}\n" in said
-        data = run_entries.causes_data(found)
-        assert data is not None
-        assert [part] in [one["parts"] for one in data]
+        assert (part,) in [one.parts for one in found.good]
 
     for_each({str(case): case for case in cases}, check)
 
@@ -185,7 +182,7 @@ def test_where_nothing_explains_nothing_is_said_to(tmp_path: Path) -> None:
     assert found is not None
     assert found.best is None
     assert not any(one.explains_all for one in found.good)
-    assert run_entries.causes_data(found) == []
+    assert found.good == ()
     said = causes_words.explained(found)
     assert said.startswith(f"fit: {len(found.ranked)} candidates were refitted, and none explains")
     assert "add these lines" not in said

@@ -56,7 +56,7 @@ def run(
         "tau": {"k_s": 2.0, "j_1": 3.0},
         "acceptance": (0.4, 0.5),
         "ess": draws,
-        "fit": ({"channel": "w_1", "rms_over_sigma": 1.01},),
+        "fit": ({"channel": "w_1", "rms": 1.01},),
         "maxima": ({"values": mean, "log_posterior": 1.0, "weight": 1.0},),
         "importance": None if off is None else weights_of(off, error),
         "mean": mean | {"k_s": 1.0 + shift * error["k_s"]},

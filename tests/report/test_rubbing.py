@@ -28,7 +28,6 @@ from bayesdrill.report.sections.fit_figure import fit_figure
 from bayesdrill.report.sections.physics_figure import friction_figure
 from bayesdrill.report.sections.physics_words import LawShown
 from bayesdrill.report.view import ReportContext
-from bayesdrill.tasks import run_entries
 
 T = 0.04 * np.arange(250)
 V = np.where((T // 2.52) % 2 == 0, 1.0, -1.0) * np.where(T < 5.04, 5.0, 2.5)
@@ -190,8 +189,6 @@ def test_steps_that_are_enough_and_steps_that_are_not() -> None:
     assert said.endswith("Say `model: {pieces: 8}`.")
     assert verdict_words.steps_wanted(dataclasses.replace(few, pieces=3, errors=(0.11,))) == 6
     assert verdict_words.step_sentences(()) == ""
-    (data,) = run_entries.step_data([few])
-    assert data == {"experiment": "slow", "pieces": 1, "over_sigma": {"w_1": 0.45}}
 
 
 def test_a_run_and_a_maximum_say_of_their_steps() -> None:

@@ -173,9 +173,8 @@ def test_what_the_fit_leaves_is_said_everywhere(done: Done) -> None:
     assert lines[0].startswith("fit: the MAP leaves unexplained ")
     assert lines[1].startswith("fit: the residuals look like the noise")
     assert "".join(f"- {line}\n" for line in lines) in (done.folder / "summary.md").read_text()
-    data = run_of(done.folder)["fit"]
+    data = run_of(done.folder)["analysis"]["fit"]
     assert [one["channel"] for one in data] == ["theta_1", "w_1"]
-    assert [one["says"] for one in data] == [[], []]
 
 
 def test_a_run_leaves_a_complete_folder_and_nothing_else(done: Done) -> None:

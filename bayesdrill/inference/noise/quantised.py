@@ -7,7 +7,6 @@ smaller than a step.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -20,7 +19,7 @@ from pydantic import Field
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.entries import LARGEST, SMALLEST
 from bayesdrill.inference.noise.contract import NoisyChannel, Residuals
-from bayesdrill.inference.noise.white import White
+from bayesdrill.inference.noise.white import IndependentNoise, White
 from bayesdrill.inference.unknowns import Unknown
 
 MIN_KERNEL_HALF_STEP = 0.2  # half a step over sigma, from which on kernels have the digits
@@ -39,7 +38,7 @@ class QuantisedEntries:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Quantised:
+class Quantised(IndependentNoise):
     """Gaussian noise, rounded to `steps (K,)`, SI; its unknowns are sizes before it is rounded."""
 
     levels: White
@@ -65,14 +64,6 @@ class Quantised:
         """Return its unknowns."""
         return self.levels.unknowns
 
-    def for_length(self, n_samples: int) -> Quantised:
-        """Return the same noise for a record of another length."""
-        return dataclasses.replace(self, levels=self.levels.for_length(n_samples))
-
-    def with_counts(self, counts: tuple[int, ...]) -> Quantised:
-        """Return the same noise where channels have so many samples each."""
-        return dataclasses.replace(self, levels=self.levels.with_counts(counts))
-
     def fixed_values(self) -> Mapping[int, object]:
         """Return what is fixed of each channel, by index."""
         return {k: (self.levels.known.get(k), step) for k, step in enumerate(self.steps)}
@@ -81,9 +72,6 @@ class Quantised:
         """Return the standard deviation of a single sample `(W, K)`, SI."""
         variances = self.levels.scales(theta) ** 2 + np.array(self.steps) ** 2 / 12.0
         return np.asarray(np.sqrt(variances))
-
-    def square_weights(self, theta: Array) -> None:
-        """Return None: sums of squares are not all; see `Noise.square_weights`."""
 
     def log_likelihood(self, residuals: Residuals, theta: Array) -> Array:
         """Return the log likelihood `(W, K)`, by kernels where steps are not small.
@@ -110,10 +98,6 @@ class Quantised:
         """Return numbers drawn in the samples' intervals, once: alike for all walkers at any time."""
         share = np.random.default_rng(0).random(samples.shape[1:])
         return self._interval(samples, theta).within(share)
-
-    def innovations(self, samples: Array, theta: Array) -> Array:
-        """Return the samples, which are independent: `(W, T, K)`, SI."""
-        return samples
 
     def whitened_jacobian(self, shifts: Array, theta: Array) -> Array:
         """Return whitened shifts, averaged over where in its interval a signal is."""

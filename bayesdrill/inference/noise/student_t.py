@@ -6,7 +6,6 @@ distribution, which most samples keep to; its standard deviation is larger.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -19,7 +18,7 @@ from pydantic import Field
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.entries import LARGEST
 from bayesdrill.inference.noise.contract import ChannelNumbers, NoisyChannel, Residuals, pair_matrix
-from bayesdrill.inference.noise.white import White
+from bayesdrill.inference.noise.white import IndependentNoise, White
 from bayesdrill.inference.priors import LogUniform
 from bayesdrill.inference.unknowns import Unknown
 
@@ -42,7 +41,7 @@ class StudentTEntries:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class StudentT:
+class StudentT(IndependentNoise):
     """Student's t noise; its unknowns are the scales of all channels, then the degrees of freedom."""
 
     levels: White
@@ -63,14 +62,6 @@ class StudentT:
         own = degrees.unknowns(channels, "nu", meaning, prior=prior, start=START_DEGREES)
         return cls(levels=levels, degrees=degrees, unknowns=(*levels.unknowns, *own))
 
-    def for_length(self, n_samples: int) -> StudentT:
-        """Return the same noise for a record of another length."""
-        return dataclasses.replace(self, levels=self.levels.for_length(n_samples))
-
-    def with_counts(self, counts: tuple[int, ...]) -> StudentT:
-        """Return the same noise where channels have so many samples each."""
-        return dataclasses.replace(self, levels=self.levels.with_counts(counts))
-
     def fixed_values(self) -> Mapping[int, object]:
         """Return what is fixed of each channel, by index."""
         return self.degrees.with_sizes(self.levels.known)
@@ -79,9 +70,6 @@ class StudentT:
         """Return the standard deviation of a single sample `(W, K)`, SI."""
         nu = self.degrees.values(theta)
         return np.asarray(self.levels.scales(theta) * np.sqrt(nu / (nu - 2.0)))
-
-    def square_weights(self, theta: Array) -> None:
-        """Return None: sums of squares are not all; see `Noise.square_weights`."""
 
     def log_likelihood(self, residuals: Residuals, theta: Array) -> Array:
         """Return the log likelihood `(W, K)`."""
@@ -100,10 +88,6 @@ class StudentT:
         scale, nu = self._each(theta)
         tail = scipy.special.stdtr(nu, -np.abs(samples) / scale)
         return np.asarray(-np.sign(samples) * scipy.special.ndtri(tail))
-
-    def innovations(self, samples: Array, theta: Array) -> Array:
-        """Return the samples, which are independent: `(W, T, K)`, SI."""
-        return samples
 
     def whitened_jacobian(self, shifts: Array, theta: Array) -> Array:
         """Return whitened shifts of signals `(W, T, K)`."""

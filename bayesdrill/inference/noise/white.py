@@ -6,7 +6,7 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -133,3 +133,29 @@ class White:
     def draw(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
         """Draw signals `(W, T, K)` with fresh noise."""
         return signals + self.scales(theta)[:, None, :] * rng.standard_normal(signals.shape)
+
+
+class IndependentNoise:
+    """What noises of samples without a memory share, whose sizes are those of white noise, `levels`."""
+
+    __slots__ = ()
+
+    levels: White
+
+    def for_length(self, n_samples: int) -> Self:
+        """Return the same noise for a record of another length."""
+        return self._with(self.levels.for_length(n_samples))
+
+    def with_counts(self, counts: tuple[int, ...]) -> Self:
+        """Return the same noise where channels have so many samples each."""
+        return self._with(self.levels.with_counts(counts))
+
+    def _with(self, levels: White) -> Self:
+        return dataclasses.replace(self, levels=levels)  # type: ignore[type-var]  # each is one
+
+    def square_weights(self, theta: Array) -> None:
+        """Return None: sums of squares are not all; see `Noise.square_weights`."""
+
+    def innovations(self, samples: Array, theta: Array) -> Array:
+        """Return the samples, which are independent: `(W, T, K)`, SI."""
+        return samples

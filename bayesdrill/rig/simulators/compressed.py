@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
@@ -94,10 +94,6 @@ class Compression:
             "reference": self.reference, "triangles": self.record.matrix,
             "projected": self.record.projected,
         }  # fmt: skip
-
-    def triangle(self, blocks: Iterable[tuple[Array, Array]], alike: Sequence[slice]) -> Triangle:
-        """Put the blocks of a record into triangles, see `rational_basis.triangle`."""
-        return triangle(blocks, self.shape.columns(self.orders), self.shape.sums, alike)
 
     def applied(self, simulator: Simulator) -> CompressedSimulator:
         """Return a simulator that has this compression, in the place of another where it has one."""
@@ -308,7 +304,8 @@ def compress(simulator: Simulator, points: Array, variances: Array, weights: Arr
     else:
         raise CompressionError("the bound of what functions leave stays too large")
     blocks = column_blocks(record, basis, nothing.shape, record.residuals(points[0]))
-    known = nothing.triangle(blocks, record.alike)
+    columns = nothing.shape.columns(nothing.orders)
+    known = triangle(blocks, columns, nothing.shape.sums, record.alike)
     reference = made.coefficients(points[:1])
     return dataclasses.replace(made.compression, record=known, reference=reference)
 
