@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
@@ -35,6 +36,7 @@ SEEK_ROUNDS, SAME_HEIGHT = 8, 1.0  # rounds at most; of the log evidence: no mor
 HANDED_OVER = 4  # refits at a time
 PROMISE = 3.0  # natural logs of the density: what gains less is no candidate
 MIN_SHARE_WORTH_COMBINING = 0.05  # of what a catch-all gains, where that leaves noise alone
+REDUNDANT = 0.99  # of what two parts gain together: where each gains so much, one is enough
 MAX_HIDDEN = 0.02  # of the samples: more may be hidden only where all others are explained
 WINDOWS = 4  # of the record, where nothing explains all
 
@@ -246,9 +248,19 @@ class Ranking:
             gain=top.log_posterior - self.given.log_posterior,
             bayes=float(top.log_z - self.given.log_z) - math.log(tries),
             fit=top.fit,
-            doubts=tuple(_doubts(top, {*self.maximum}, rung)),
+            doubts=(*_doubts(top, {*self.maximum}, rung), *self._redundant(top, rung)),
         )
         self.maxima[rung.names] = top
+
+    def _redundant(self, top: RefitMaximum, rung: CandidateModel) -> Iterator[str]:
+        """Yield parts of which each does nearly all that both do, and more than noise is left."""
+        least = REDUNDANT * float(top.log_z - self.given.log_z)
+        for pair in [] if like_noise(top.fit) else itertools.combinations(rung.parts, 2):
+            alone = [tuple(n for n in rung.names if n != part.name) for part in pair]
+            if all(
+                n in self.causes_by_parts and self.causes_by_parts[n].bayes > least for n in alone
+            ):
+                yield f"{' and '.join(part.words for part in pair)} stand for each other"
 
     def _windows(self) -> tuple[tuple[FittedValue, ...], ...]:
         """Refit the config as given on each window; nothing where one of them cannot be.

@@ -307,6 +307,22 @@ def test_friction_shows_once_a_rig_moves_from_its_start() -> None:
     assert found.best.explains_all
 
 
+def test_an_offset_and_dry_friction_of_a_motor_that_turns_one_way_are_not_recommended_together(
+    tmp_path: Path,
+) -> None:
+    """The motor of `docs/one-motor.md`: each of the two explains what both explain.
+
+    Mutant killed: parts that stand for each other, which are trusted together.
+    """
+    columns = ("t=t [s]", "u=u_motor [V]", "y=w_motor [deg/s]")
+    record = Path(__file__).parents[2] / "docs/one_motor.csv"
+    bd.init(record, output=tmp_path / "motor.yaml", columns=columns)
+    found = causes_of(bd.load(tmp_path / "motor.yaml"))
+    assert found is not None
+    assert found.best is not None
+    assert found.best.parts in {("offset_w_motor",), ("offset_u_motor",), ("friction_motor",)}
+
+
 def test_the_best_is_the_simplest_of_those_that_are_about_as_probable() -> None:
     """And what absorbs any misfit does not hide a cause that explains much of it."""
 
