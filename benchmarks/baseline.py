@@ -53,7 +53,9 @@ STORED = ROOT / "benchmarks" / "baseline.json"
 POINTS, DRAWS = 1000, 32  # where densities are compared; draws that are stored to make them
 DENSITY_TOLERANCE, MOST_ERRORS = 1e-9, 5.0
 TABLES = {"summary.csv": "name", "derived.csv": "name", "verdict.csv": "quantity"}
-LEFT_OUT = re.compile(r"sampling: |results: | +\d+ %  |  .* \.\.\.$")  # of what a run prints
+LEFT_OUT = re.compile(
+    r"sampling: |results: | +\d+ %  |  .* \.\.\.$|  still at work, "
+)  # of a run's lines
 ROUNDING = 1e-12  # relative, of means and sds with no Monte Carlo error
 
 

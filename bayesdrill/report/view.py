@@ -21,7 +21,7 @@ from bayesdrill.report import section, words
 from bayesdrill.report.scales import WIDTHS
 from bayesdrill.report.sections import fit_words
 from bayesdrill.results import provenance
-from bayesdrill.sampling.ensembles import SamplingResult
+from bayesdrill.sampling.ensembles import MOST_MISSED, SamplingResult
 from bayesdrill.sampling.mode_search import Mode
 
 if TYPE_CHECKING:
@@ -110,6 +110,7 @@ class ReportContext(Value):
     def notes(self) -> tuple[str, ...]:
         """Sentences on priors, record and rig that are no reason to doubt the draws."""
         analysis = self.analysis
+        missed = self.sampled.coverage("the ends of intervals are rough")
         others = (
             *fit_words.moment(analysis.moment),
             *analysis.course,
@@ -119,6 +120,7 @@ class ReportContext(Value):
         )
         return (
             *section.notes(analysis.unknowns, self.units),
+            *([f"note: {missed}"] if missed and self.sampled.missed <= MOST_MISSED else ()),
             *(f"note: {sentence}" for sentence in others),
         )
 

@@ -77,6 +77,7 @@ MAX_START_DEPTH = 50.0  # of the log density, below the highest: far off a ridge
 FIRST_CHECK = 200  # steps
 MAX_SEGMENT_STEPS = 250  # steps between savings, at most, and ...
 SEGMENT_SECONDS = 2.0  # ... about as many as take this long: what Ctrl-C waits for
+MOST_MISSED = 0.05  # of the posterior, by a proposal: with less the log evidence is off by less
 MAX_STEPS_OF_A_MISFIT = 800  # steps
 
 
@@ -213,14 +214,18 @@ class SamplingResult:
     missed: float = 0.0
 
     def with_missed(self, missed: float) -> SamplingResult:
-        """Return a copy that is not believed where the proposal has `missed` some of the posterior."""
-        if missed == 0.0:
-            return self
-        reason = (
-            f"coverage: about {100 * missed:.2g} % of the posterior lies where the proposal hardly "
-            "ever leads, so all numbers are rough; narrow the priors that span decades"
+        """Return a copy that is not believed where the proposal has `missed` much of the posterior."""
+        sampled = dataclasses.replace(self, missed=missed)
+        much = missed > MOST_MISSED
+        return sampled.with_reasons((sampled.coverage("all numbers are rough"),) if much else ())
+
+    def coverage(self, consequence: str) -> str:
+        """Return what the proposal misses, and its `consequence`; empty where it misses nothing."""
+        share = (
+            f"about {100 * self.missed:.2g} % of the posterior lies where the proposal hardly ever"
         )
-        return dataclasses.replace(self, missed=missed).with_reasons((reason,))
+        said = f"coverage: {share} leads, so {consequence}; narrow the priors that span decades"
+        return said if self.missed else ""
 
     def with_reasons(self, reasons: tuple[str, ...]) -> SamplingResult:
         """Return a copy with further `reasons` not to believe it."""

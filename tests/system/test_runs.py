@@ -821,6 +821,20 @@ def test_what_the_proposal_does_not_reach_is_said_and_ends_with_status_3(
     assert "ROUGH" in (found.folder / "summary.md").read_text()
 
 
+def test_a_little_that_the_proposal_does_not_reach_is_a_note(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Mutant killed: a run that is not believed for 2 %."""
+    monkeypatch.setattr(learning, "missed_mass", lambda *_: 0.02)
+    found = fresh(tmp_path)
+    assert found.ran.status == 0, found.ran.text
+    said = (
+        "note: coverage: about 2 % of the posterior lies where the proposal hardly ever leads, so"
+    )
+    assert f"{said} the ends of intervals are rough" in found.ran.out
+    assert run_of(found.folder)["missed"] == 0.02
+
+
 def test_a_nominal_value_at_an_end_of_its_prior_is_not_judged(
     tmp_path_factory: pytest.TempPathFactory,
 ) -> None:
