@@ -345,6 +345,9 @@ def test_the_best_is_the_simplest_of_those_that_are_about_as_probable() -> None:
     assert best(noise, cause(88.0, "gain_v", "ar1")) == ("ar1",)
     assert best(torque, cause(97.0, "gain_v", "ar1"), noise) == ("gain_v", "ar1")
     assert best(torque, cause(93.0, "gain_v", "ar1"), noise) == ("missing_torque_motor",)
+    both, rubs = cause(100.0, "gain_v", "ar1"), ("friction_motor",)
+    assert best(both, cause(60.0, *rubs)) == rubs
+    assert best(both, cause(40.0, *rubs)) == ("gain_v", "ar1")
 
 
 # The evidence of a candidate.
