@@ -12,6 +12,7 @@ from types import MappingProxyType
 from bayesdrill import output_files
 from bayesdrill.analysis.diagnostics import ParameterRow
 from bayesdrill.basics import software
+from bayesdrill.basics.errors import ErrorCollector
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.basics.registry import Registry, check_callable
 from bayesdrill.config.schema.records import MAX_NAMED
@@ -97,7 +98,7 @@ def write_results(
 
     Raises `OSError` when the disk is full; files already there stay whole.
     """
-    output, sparing = view.config.output, view.chain.sparing
+    output, sparing = view.config.output, ErrorCollector()  # of this writing
     figures = folder.path / FOLDER
     figures.mkdir(exist_ok=True)
     wanted = wanted_figures(output.figures)
@@ -108,11 +109,11 @@ def write_results(
     )
     of_draws = [name for name in wanted if name in output_files.OF_DRAWS]
     others = [name for name in wanted if name not in of_draws]
-    tasks = _begin_figures(of_draws, view, figures, pool, report)
+    tasks = _begin_figures(of_draws, view, figures, pool, report, sparing)
     report.update(0.0, "looking at what the draws say")
     _ = view.analysis  # while others draw
     report.update(0.0, "making tables and figures")
-    tasks |= _begin_figures(others, view, figures, pool, report)
+    tasks |= _begin_figures(others, view, figures, pool, report, sparing)
     report.update(0.5, "tables")
     for name, table in TABLES.items():
         with sparing.making(name):
@@ -138,11 +139,16 @@ def write_results(
             view.config.name, "posterior", page_sections, figures, view.problem.symbols
         )
         folder.write_text("report.html", text)
-    return tuple(sparing.missing)
+    return (*view.chain.sparing.missing, *sparing.missing)
 
 
 def _begin_figures(
-    names: Sequence[str], view: ReportContext, folder: Path, pool: WorkerPool, report: Reporter
+    names: Sequence[str],
+    view: ReportContext,
+    folder: Path,
+    pool: WorkerPool,
+    report: Reporter,
+    sparing: ErrorCollector,
 ) -> dict[str, list[tuple[str, str, Future[None]]]]:
     """Begin to draw figures, and return of each name the stems, captions and tasks that it has."""
     output = view.config.output
@@ -151,7 +157,7 @@ def _begin_figures(
     destination = (folder, note, view.warning, tuple(output.formats), output.dpi)
     for k, name in enumerate(names, 1):
         report.update(0.5 * k / len(names), f"figure {name}")
-        with view.chain.sparing.making(f"figures/{name}"):
+        with sparing.making(f"figures/{name}"):
             for stem, drawing in drawings(name, view).items():
                 task = pool.submit(draw, stem, drawing, *destination)
                 tasks[name].append((stem, drawing.says, task))

@@ -375,3 +375,4 @@ def test_a_figure_that_fails_is_told_when_a_run_is_saved(
             folder = run().save(tmp_path / "mine")
     assert told[0].filename == __file__
     assert (folder / "summary.csv").exists()
+    assert run().save(tmp_path / "again").exists()  # what could be made this time is not missing
