@@ -641,7 +641,6 @@ CALLS: dict[str, dict[str, Any]] = {
     "export": {"folder": "results/small", "to": "json", "draws": 5, "seed": 0},
     "compare": {"runs": [*RUNS], "names": None},
     "overlay": {"runs": [*RUNS], "names": None},
-    "citation": {"folder": None},
     "schema": {"of": "config"},
     "nominal": {"table": "tables_2_3"},
     "example": {"folder": "new"},
