@@ -197,7 +197,7 @@ class RunAnalysis:
 
     @property
     def unsupported(self) -> Mapping[str, float]:
-        """What the draws determine and its sandwich sd does not: how many times as large that is."""
+        """Ratios of sandwich sd to sd, of what the draws determine and the sandwich sd does not."""
         ratios = {u.name: (u.sd, 1 - u.shrinkage) for u in self.unknowns if u.word == "determined"}
         if self.judged is not None:
             verdict = self.judged.verdict

@@ -346,7 +346,7 @@ class _TableComparison:
         return joint_tension(logs, powers, ends)
 
     def cuts(self, products: Sequence[Exponents]) -> bool:
-        """Whether an end of a prior at a nominal value cuts off much of these products together."""
+        """Return whether an end of a prior at a nominal value cuts off much of these products."""
         if not self.cut.any():
             return False
         logs = np.stack([_combined(self.logs, e) for e in products], axis=-1)

@@ -226,7 +226,7 @@ class FileColumn:
 
     @property
     def command(self) -> str:
-        """What is typed for it in `--columns`, before the `=`."""
+        """The text that stands for the column in `--columns`, before the `=`."""
         return ":".join(map(str, self.address.values()))
 
     @property
@@ -237,13 +237,13 @@ class FileColumn:
 
     @property
     def counts_rows(self) -> bool:
-        """Whether it grows by one a row, and nothing says that this is a time or a motion."""
+        """Whether the column grows by one a row and is called neither a time nor a motion."""
         unsaid = not self.meaning.unit and self.meaning.kind not in ("time", "angle", "position")
         return unsaid and bool(np.all(self.steps == 1))
 
     @property
     def is_even(self) -> bool:
-        """Whether it grows in equal steps, as a time does, and counts no rows."""
+        """Whether the column grows in equal steps, as a time does, and is no row number."""
         least, most = self.steps.min(initial=np.inf), self.steps.max(initial=0.0)
         even = 1 / MAX_NUMBER < least <= most < min(MAX_NUMBER, EVEN_STEPS * least)
         return bool(even) and not self.counts_rows

@@ -440,7 +440,7 @@ def _why_unusable(column: FileColumn, rows: slice) -> str:
 
 
 def reverses(sensor: Sensor, share: float = BOTH_WAYS) -> bool:
-    """Whether a drive or a motion goes both ways, the other way by this share of the larger one."""
+    """Return whether a drive or a motion reverses by at least this share of its larger side."""
     x, apart = sensor.raw.x, max(1, len(sensor.raw.x) // 200)
     if sensor.kind in ("angle", "position"):
         x = x[apart:] - x[:-apart]
