@@ -158,7 +158,7 @@ def check_used(errors: IssueCollector, config: Config, each: Iterable[RigNumbers
 def _check_values(
     errors: IssueCollector, config: Config, space: ParameterSpace, related: Mapping[str, Expression]
 ) -> Named:
-    """Check that computed parameters are positive wherever the priors lead; return their values."""
+    """Check that computed parameters are positive wherever the priors lead; return all values."""
     theta = space.draw(_TRIED, np.random.default_rng(0)) if space.free else np.ones((1, 0))
     named = space.named(theta)
     for name, relation in related.items():
