@@ -12,11 +12,11 @@ from typing import Any
 import h5py
 import numpy as np
 import pyarrow
-import systems
 from hypothesis import strategies as st
 from pyarrow import parquet
 from ruamel.yaml import YAML
 from scipy.io import savemat
+from support import command_line
 
 from bayesdrill import output_files
 from bayesdrill.results import run_folder
@@ -107,7 +107,7 @@ EXTRAS = (
 @st.composite
 def config(draw: st.DrawFn) -> str:
     """The small config with other values, keys and lines."""
-    lines = systems.SMALL.splitlines()
+    lines = command_line.SMALL.splitlines()
     for _ in range(draw(st.integers(1, 4))):
         at = draw(st.integers(0, len(lines) - 1))
         how = draw(st.integers(0, 6))
@@ -165,7 +165,7 @@ def bytes_changed(content: bytes) -> st.SearchStrategy[bytes]:
 
 def record() -> st.SearchStrategy[bytes]:
     """The small record, in several dialects."""
-    text = systems.small_record()
+    text = command_line.small_record()
     shapes: tuple[Callable[[str], str], ...] = (
         str,
         lambda t: t.replace(",", ";"),
@@ -180,7 +180,7 @@ def record() -> st.SearchStrategy[bytes]:
 
 
 def columns() -> dict[str, Any]:
-    table = np.genfromtxt(io.StringIO(systems.small_record()), delimiter=",", names=True)
+    table = np.genfromtxt(io.StringIO(command_line.small_record()), delimiter=",", names=True)
     return {name: np.array(table[name]) for name in table.dtype.names}
 
 
@@ -571,7 +571,7 @@ TAKES: dict[str, tuple[str, ...]] = {
 
 
 @st.composite
-def command_line(draw: st.DrawFn) -> list[str]:
+def arguments_of_a_command(draw: st.DrawFn) -> list[str]:
     """A command with things that it may be given, and at times others."""
     command = draw(st.sampled_from([*TAKES]))
     likely = {"init": ("small.csv",), "report": RUNS, "compare": RUNS, "verify": RUNS, "export": RUNS,

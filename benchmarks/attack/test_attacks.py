@@ -17,12 +17,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import forked
 import numpy as np
 import pytest
-import systems
 from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
+from support import command_line, forked_command
 
 from benchmarks.attack import strategies
 from benchmarks.attack.strategies import EXTRAS
@@ -71,15 +70,15 @@ def home(tmp_path: Path) -> Path:
         path = tmp_path / name
         path.parent.mkdir(exist_ok=True)
         path.write_bytes(content)
-    systems.small(tmp_path)
+    command_line.small(tmp_path)
     return tmp_path
 
 
 def stands(home: Path, *arguments: str | Path) -> None:
-    ended_well(home, forked.ran(arguments, home))
+    ended_well(home, forked_command.ran(arguments, home))
 
 
-def ended_well(home: Path, ended: forked.Ended) -> None:
+def ended_well(home: Path, ended: forked_command.Ended) -> None:
     assert not ended.hung, f"hangs: {ended.text[-500:]}"
     assert ended.silence < SILENCE, f"is silent for {ended.silence:.1f} s: {ended.text[-500:]}"
     assert not ended.traceback, ended.text[-3000:]
@@ -109,7 +108,7 @@ def test_configs(home: Path) -> None:
 
 def test_units_and_formulas(home: Path) -> None:
     def falls(unit: str, formula: str) -> None:
-        text = systems.SMALL.replace("unit: rad,", f"unit: {json.dumps(unit)},")
+        text = command_line.SMALL.replace("unit: rad,", f"unit: {json.dumps(unit)},")
         text = strategies.in_place(text, "k_s", formula)
         (home / "small.yaml").write_text(f"{text}derived: {{x: {json.dumps(formula)}}}\n")
         stands(home, "check", "small.yaml")
@@ -121,9 +120,9 @@ def test_units_and_formulas(home: Path) -> None:
 def test_records(home: Path, kind: str) -> None:
     name = f"small.{kind.split()[0]}"
     if name == "small.mat":
-        (home / "small.yaml").write_text(strategies.for_mat(systems.SMALL))
+        (home / "small.yaml").write_text(strategies.for_mat(command_line.SMALL))
     else:
-        (home / "small.yaml").write_text(systems.SMALL.replace("small.csv", name))
+        (home / "small.yaml").write_text(command_line.SMALL.replace("small.csv", name))
     content = {
         "csv": strategies.record,
         "mat 5": lambda: strategies.bytes_changed(strategies.mat_file(5)),
@@ -145,7 +144,7 @@ def test_records(home: Path, kind: str) -> None:
 def test_damaged_results(home: Path, command: tuple[str, ...]) -> None:
     """Whatever has become of one file of a run."""
     results, sound = home / "results" / "small", home / "sound"
-    assert systems.run("posterior", "small.yaml", cwd=home).status in SOUND
+    assert command_line.run("posterior", "small.yaml", cwd=home).status in SOUND
     shutil.copytree(results, sound)
 
     def falls(change: tuple[str, bytes]) -> None:
@@ -164,9 +163,13 @@ EXPERIMENTS = (
 
 def test_retyped_configs(home: Path) -> None:
     """Wrong types in every entry, those of further sections among them."""
-    every = [systems.SMALL, "\n".join([systems.SMALL, *EXTRAS]), f"{systems.SMALL}{EXPERIMENTS}"]
-    every.append((systems.ROOT / "configs" / "example_rig.yaml").read_text())
-    shutil.copytree(systems.ROOT / "configs" / "records", home / "records")
+    every = [
+        command_line.SMALL,
+        "\n".join([command_line.SMALL, *EXTRAS]),
+        f"{command_line.SMALL}{EXPERIMENTS}",
+    ]
+    every.append((command_line.ROOT / "configs" / "example_rig.yaml").read_text())
+    shutil.copytree(command_line.ROOT / "configs" / "records", home / "records")
 
     def falls(text: bytes, command: tuple[str, ...]) -> None:
         (home / "small.yaml").write_bytes(text)
@@ -212,12 +215,12 @@ def test_forged_results(home: Path, job: str) -> None:
         "ladder": ("ladder", "small.yaml"),
     }
     if job in ("compare", "report"):
-        assert systems.run("posterior", "small.yaml", cwd=home).status in SOUND
+        assert command_line.run("posterior", "small.yaml", cwd=home).status in SOUND
         shutil.copytree(home / "results" / "small", home / "results" / "other")
         begun[job] = (job, "results/small", "results/other")
     elif job == "calibrate":
-        (home / "small.yaml").write_text(f"{systems.SMALL}calibration: {{refits: 10}}\n")
-    made = systems.run(*begun[job], "-o", "out", cwd=home, seconds=300)
+        (home / "small.yaml").write_text(f"{command_line.SMALL}calibration: {{refits: 10}}\n")
+    made = command_line.run(*begun[job], "-o", "out", cwd=home, seconds=300)
     assert made.status in SOUND, made.text
     out, sound = home / "out", home / "sound"
     shutil.copytree(out, sound)
@@ -243,10 +246,10 @@ def runs(home: Path) -> Path:
     """A home with runs in it, a data sheet, and files of other names for the same."""
     shutil.copytree(home, home / "kept", ignore=shutil.ignore_patterns("kept"))
     shutil.rmtree(home / "kept" / "figures")
-    assert systems.run("posterior", "small.yaml", cwd=home).status in SOUND
+    assert command_line.run("posterior", "small.yaml", cwd=home).status in SOUND
     shutil.copytree(home / "results" / "small", home / "results" / "other")
     (home / "sheet.yaml").write_text("k_s: 0.3\n")
-    (home / "campaign.yaml").write_text(f"{systems.SMALL}{EXPERIMENTS}")
+    (home / "campaign.yaml").write_text(f"{command_line.SMALL}{EXPERIMENTS}")
     return home
 
 
@@ -287,11 +290,11 @@ def test_command_lines(runs: Path) -> None:
     def falls(words: list[str]) -> None:
         afresh(kept, place)
         before = read_by(words, place)
-        ended_well(place, forked.ran(words, place))
+        ended_well(place, forked_command.ran(words, place))
         for path, content in before.items():
             assert path.read_bytes() == content, f"{path} was replaced by {words}"
 
-    attack("command lines", falls, words=strategies.command_line())
+    attack("command lines", falls, words=strategies.arguments_of_a_command())
 
 
 def test_environments(runs: Path) -> None:
@@ -310,7 +313,7 @@ def test_environments(runs: Path) -> None:
         if out == "/dev/full":
             os.close(write)
             write = os.open(out, os.O_WRONLY)
-        shell = {**os.environ, "PYTHONPATH": str(systems.ROOT), "HOME": str(runs), **names}
+        shell = {**os.environ, "PYTHONPATH": str(command_line.ROOT), "HOME": str(runs), **names}
         closed = {"preexec_fn": lambda: os.close(1)} if out == "closed" else {"stdout": write}
         ended = subprocess.run(  # type: ignore[call-overload]
             [sys.executable, "-m", "bayesdrill", *command],
@@ -320,7 +323,7 @@ def test_environments(runs: Path) -> None:
         if out != "closed pipe":
             os.close(read)
         err = ended.stderr.decode(errors="replace")
-        ended_well(runs, forked.Ended(ended.returncode, err, hung=False))
+        ended_well(runs, forked_command.Ended(ended.returncode, err, hung=False))
 
     outs = st.sampled_from(strategies.OUTPUTS)
     attack("environments", falls, command=commands, out=outs, names=strategies.environment())
@@ -336,7 +339,7 @@ def test_api_calls(runs: Path) -> None:
     def falls(call: tuple[str, dict[str, Any]]) -> None:
         name, arguments = call
         shutil.rmtree(runs / "new", ignore_errors=True)
-        ended = forked.called(lambda: getattr(bd, name)(**arguments), runs)
+        ended = forked_command.called(lambda: getattr(bd, name)(**arguments), runs)
         ended_well(runs, ended)
         assert ended.status in (0, 2), (call, ended.text)
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
-from rigs import replace_only
+from support.small_problems import replace_only
 
 from bayesdrill.analysis.calibration import CalibrationStudy
 from bayesdrill.inference.noise.contract import Residuals

@@ -8,8 +8,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from oracles import NOMINAL, matrices
 from scipy.linalg import expm
+from support.scipy_oracles import NOMINAL, matrices
 
 DT, FINE, N = 0.01, 40, 150  # s, steps of the fine grid in a sample, samples
 LATE, GAIN = 96, 0.97  # steps of the fine grid, 2.4 samples

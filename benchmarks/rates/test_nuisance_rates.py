@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from candidates import causes_of
 from scipy.stats import binom
+from support.unexplained_records import causes_of
 
 import bayesdrill as bd
 from bayesdrill.inference import residual_checks

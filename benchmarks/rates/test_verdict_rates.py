@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import refits
-from refits import Trial
-from together import together
-from verdicts import off_by
+from support import simulated_posteriors
+from support.case_tables import together
+from support.linear_study import off_by
+from support.simulated_posteriors import Trial
 
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.identifiability.study import study_of
@@ -39,9 +39,9 @@ BEGINS, ENDS = e.box(1.0, 1.5), e.box(0.5, 1.0)
 
 @pytest.mark.slow
 def test_two_parameters_that_are_off_disagree_and_no_others(tmp_path: Path) -> None:
-    job = refits.built(tmp_path, refits.row(SEVEN))
+    job = simulated_posteriors.built(tmp_path, simulated_posteriors.row(SEVEN))
     off = {name: 1.2 * job.problem.nominal[name] for name in ("k_s", "j_m")}
-    verdict, reasons = Trial(job, refits.truly(job, **off)).concluded(3)
+    verdict, reasons = Trial(job, simulated_posteriors.truly(job, **off)).concluded(3)
     assert not reasons
     found = {
         verdict.names[q.exponents.index(1)]: q
@@ -73,8 +73,10 @@ def test_nominal_records_rarely_disagree(tmp_path: Path, parameters: e.Entry) ->
 
     Mutants killed: a limit of 1.96 sigma; values at ends of their priors are judged.
     """
-    job = refits.built(tmp_path, made(parameters))
-    found = refits.outcomes(Trial(job, refits.truly(job, **true(job))), range(RECORDS))
+    job = simulated_posteriors.built(tmp_path, made(parameters))
+    found = simulated_posteriors.outcomes(
+        Trial(job, simulated_posteriors.truly(job, **true(job))), range(RECORDS)
+    )
     alarms = sum(one.disagrees for one in found)
     print(f"{alarms} of {RECORDS} nominal records disagree")
     assert alarms <= MOST_ALARMS
@@ -82,15 +84,15 @@ def test_nominal_records_rarely_disagree(tmp_path: Path, parameters: e.Entry) ->
     assert sum(one.fits for one in found) >= 0.95 * RECORDS
 
 
-def true(job: refits.Job) -> dict[str, float]:
+def true(job: simulated_posteriors.Job) -> dict[str, float]:
     return {name: TRUTH[name] for name in job.problem.names if name in TRUTH}
 
 
 def made(parameters: e.Entry) -> Row:
     """Its record with what no table names."""
-    row = refits.row(parameters)
+    row = simulated_posteriors.row(parameters)
     values = {name: TRUTH[name] for name in parameters if name in TRUTH}
-    return refits.replace(row, config={**row.config, "simulation": values})
+    return simulated_posteriors.replace(row, config={**row.config, "simulation": values})
 
 
 @pytest.mark.slow
@@ -100,7 +102,7 @@ def test_a_value_of_the_table_that_is_off_is_told(tmp_path: Path, parameters: e.
 
     Mutant killed: products of the table's unknowns that lose their place to products with friction.
     """
-    job = refits.built(tmp_path, made(parameters))
+    job = simulated_posteriors.built(tmp_path, made(parameters))
     posterior = job.problem.posterior
     theta = posterior.space.vector({**job.problem.nominal, **true(job)})
     found = study_of(SensitivityStudy(posterior.likelihood), posterior, theta, job.asked)
@@ -109,7 +111,7 @@ def test_a_value_of_the_table_that_is_off_is_told(tmp_path: Path, parameters: e.
     assert len(shown) >= 4
     for seed, name in enumerate(shown):
         off = {name: (1 + OFF) * job.problem.nominal[name]}
-        verdict, _ = Trial(job, refits.truly(job, **true(job), **off)).concluded(seed)
+        verdict, _ = Trial(job, simulated_posteriors.truly(job, **true(job), **off)).concluded(seed)
         assert not verdict.agrees, name
 
 
@@ -124,7 +126,7 @@ def amplified(clean: np.ndarray) -> np.ndarray:
     return clean * np.array([1.0, 1.0, 1.05, 1.0])
 
 
-def rubbed(job: refits.Job) -> np.ndarray:
+def rubbed(job: simulated_posteriors.Job) -> np.ndarray:
     (one,), experiment = job.case.experiments, job.problem.experiment
     friction = DryFriction(motor=0.01, sliding=0.05, sticking=0.08)
     x = friction.states(1 / 8, simulation.truth(one), experiment.t, experiment.series["v"])
@@ -139,9 +141,9 @@ def test_a_wrong_model_does_not_blame_the_table(tmp_path: Path, wrong: str) -> N
 
     A wrong gear shows where what it turns was weighed: other inertias imitate it to the last digit.
     """
-    one = refits.row(WEIGHED if wrong == "gear" else SEVEN)
-    job = refits.built(tmp_path, one)
-    clean, memory = refits.truly(job), 0.0
+    one = simulated_posteriors.row(WEIGHED if wrong == "gear" else SEVEN)
+    job = simulated_posteriors.built(tmp_path, one)
+    clean, memory = simulated_posteriors.truly(job), 0.0
     if wrong == "lag":
         clean = late(clean)
     elif wrong == "gain":
@@ -150,10 +152,14 @@ def test_a_wrong_model_does_not_blame_the_table(tmp_path: Path, wrong: str) -> N
         clean = rubbed(job)
     elif wrong == "gear":
         other = changed(one.config, {"model.i_m": 1 / 7.5})
-        clean = refits.truly(refits.built(tmp_path / "other", refits.replace(one, config=other)))
+        clean = simulated_posteriors.truly(
+            simulated_posteriors.built(
+                tmp_path / "other", simulated_posteriors.replace(one, config=other)
+            )
+        )
     else:
         memory = 0.6
-    found = refits.outcomes(Trial(job, clean, memory), range(MISFITS))
+    found = simulated_posteriors.outcomes(Trial(job, clean, memory), range(MISFITS))
     shown = sum(not one.fits or not one.believed for one in found)
     blamed = sum(one.disagrees for one in found)
     print(f"{wrong}: fit shows it in {shown}, table blamed in {blamed} of {MISFITS}")

@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 from scipy.signal import lfilter
-from together import together
+from support.case_tables import together
 
 from bayesdrill.analysis.calibration import (
     FALSE_ALARM,

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from candidates import amended, causes_of, fits, write
-from lacking import SIGMA, T, record
-from oracles import NOMINAL
 from scipy.stats import multivariate_normal
-from together import for_each
+from support.case_tables import for_each
+from support.missing_physics import SIGMA, T, record
+from support.scipy_oracles import NOMINAL
+from support.unexplained_records import amended, causes_of, fits, write
 
 import bayesdrill as bd
 from bayesdrill.analysis.causes import Cause, Causes

@@ -6,8 +6,8 @@ import math
 from dataclasses import replace
 
 import pytest
-from comparisons import model, problem
-from together import together
+from support.case_tables import together
+from support.compared_models import model, problem
 
 from bayesdrill.analysis import comparison
 from bayesdrill.analysis.comparison import RunSummary, Word, decide, probabilities

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from oracles import NOMINAL, by_expm, matrices, skewed
-from together import together
+from support.case_tables import together
+from support.scipy_oracles import NOMINAL, by_expm, matrices, skewed
 
 from bayesdrill.config import job
 from bayesdrill.inference import derived

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from oracles import NOMINAL
-from rigs import experiment
+from support.scipy_oracles import NOMINAL
+from support.small_problems import experiment
 
 from bayesdrill.inference import derived
 from bayesdrill.record.experiment import typical_inputs

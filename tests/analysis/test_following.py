@@ -10,7 +10,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from together import together
+from support.case_tables import together
 
 from bayesdrill.analysis.latent_torque import TorqueEstimate, regress_torque
 from bayesdrill.analysis.run_analysis import torque_summary

@@ -7,9 +7,9 @@ import dataclasses
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from oracles import NOMINAL, matrices
-from rigs import experiment, posterior, posterior_of
-from together import together
+from support.case_tables import together
+from support.scipy_oracles import NOMINAL, matrices
+from support.small_problems import experiment, posterior, posterior_of
 
 from bayesdrill.analysis.prediction import MAX_RELATIVE_SD, FrequencyResponse, frequency_responses
 from bayesdrill.inference.posterior import Posterior

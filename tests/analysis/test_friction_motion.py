@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rigs import experiment
+from support.small_problems import experiment
 
 from bayesdrill.analysis.friction_motion import friction_curve
 from bayesdrill.rig.models.motor_shaft import DrivenShaft

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from oracles import NOMINAL
-from rigs import experiment, posterior_of, replace_only, vector
-from together import together
+from support.case_tables import together
+from support.scipy_oracles import NOMINAL
+from support.small_problems import experiment, posterior_of, replace_only, vector
 
 import bayesdrill as bd
 from bayesdrill.analysis.identifiability.information import SensitivityStudy

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from oracles import NOMINAL, ORDER
-from rigs import measured, posterior, replace_only, vector
-from together import together
+from support.case_tables import together
+from support.scipy_oracles import NOMINAL, ORDER
+from support.small_problems import measured, posterior, replace_only, vector
 
 from bayesdrill.analysis.identifiability import information, structure
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
@@ -87,7 +87,7 @@ def test_what_is_held_breaks_symmetries(held: tuple[str, ...], left: int) -> Non
 
 
 def test_measuring_the_current_leaves_one() -> None:
-    from rigs import experiment
+    from support.small_problems import experiment
 
     target = posterior(experiment(101, 0.03, y=np.ones((101, 5))), np.full(5, 0.1))
     theta = vector(NOMINAL)
@@ -96,7 +96,7 @@ def test_measuring_the_current_leaves_one() -> None:
 
 
 def test_a_known_load_settles_the_mechanical_scale() -> None:
-    from rigs import experiment
+    from support.small_problems import experiment
 
     four = {name: {name: 1.0} for name in ("theta_1", "theta_2", "w_1", "w_2")}
     loaded = experiment(101, 0.03, measures=four, constant={"v": 8.0, "t_1": 0.05})

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from lacking import T, against_the_table, believed, best, record
-from together import for_each, together
+from support.case_tables import for_each, together
+from support.missing_physics import T, against_the_table, believed, best, record
 
 from bayesdrill.analysis.causes import equivalent_explanation
 from bayesdrill.analysis.edits import lacks, with_candidates
@@ -73,7 +73,7 @@ def test_a_table_beyond_the_priors_is_no_table_of_this_rig() -> None:
 
 
 def test_a_verdict_in_doubt_says_what_is_missing() -> None:
-    from verdicts import TABLE, gaussian, verdict
+    from support.linear_study import TABLE, gaussian, verdict
 
     draws = gaussian(TABLE | {"r_m": 2 * TABLE["r_m"]}, np.random.default_rng(2))
     doubtful = verdict(draws, fits=False)

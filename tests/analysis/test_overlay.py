@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pictures import posterior
-from together import together
+from support.case_tables import together
+from support.figure_checks import posterior
 
 import bayesdrill as bd
 from bayesdrill.analysis.comparison import PosteriorSummary, differing, overlay_rows

@@ -7,12 +7,11 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-import pairs
 import pytest
-import systems
-from oracles import NOMINAL, ORDER, by_expm, matrices
-from rigs import experiment, posterior
-from together import together
+from support import command_line, two_experiments
+from support.case_tables import together
+from support.scipy_oracles import NOMINAL, ORDER, by_expm, matrices
+from support.small_problems import experiment, posterior
 
 import bayesdrill as bd
 from bayesdrill.analysis import plausibility
@@ -23,7 +22,7 @@ from bayesdrill.inference.posterior import Problem
 from bayesdrill.rig.models.linear import Linear
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 
-SMALL = systems.ROOT.parent / "shared" / "cases" / "small"
+SMALL = command_line.ROOT.parent / "shared" / "cases" / "small"
 BLIND = Information(ORDER, np.zeros((9, 9)))
 SEEN = Information(ORDER, np.eye(9))
 
@@ -95,8 +94,10 @@ def test_a_rig_that_runs_away_and_one_that_turns_too_fast_are_named() -> None:
         def linear(self, p: Any) -> Linear:
             # An oscillation of 100 Hz that grows by 1 % a second.
             spin, n = 2 * np.pi * 100.0, np.ones_like(p["k_s"])
-            pairs = {("theta_1", "w_1"): spin * n, ("w_1", "theta_1"): -spin * n}
-            return Linear(A=pairs | {(x, x): 0.01 * n for x in ("theta_1", "w_1")}, B={}, c={})
+            two_experiments = {("theta_1", "w_1"): spin * n, ("w_1", "theta_1"): -spin * n}
+            return Linear(
+                A=two_experiments | {(x, x): 0.01 * n for x in ("theta_1", "w_1")}, B={}, c={}
+            )
 
     found = plausibility.poles(Unstable(), {"k_s": np.ones(3)})
     every: Any = [SimpleNamespace(experiment=SimpleNamespace(dt=0.01))]
@@ -205,7 +206,7 @@ def test_a_parameter_that_is_another_one_in_each_experiment_needs_no_table(
         f"own: [{own}]\nmodel: {{name: motor}}\n"
         f"parameters: {{j_m: {prior}, {parameters.replace('PRIOR', prior)}}}\n"
     )
-    ran = systems.cli("check", tmp_path / "own.yaml")
+    ran = command_line.cli("check", tmp_path / "own.yaml")
     assert ran.status == 0, ran.text
     assert f"{own}_a" in ran.out
     assert f"{own}_b" in ran.out
@@ -218,7 +219,7 @@ def test_each_experiment_is_looked_at_with_its_own_numbers(tmp_path: Path) -> No
     entry = ("slow: {record", "slow: {parameters: {k_T: 2.0, k_e: 1.0}, record")
     held = ("k_e: {prior: uniform, low: 0.5, high: 1.5, relative: true}", "k_e: 3.0")
     found = plausibility.plausibility_of_nominal(
-        prepare(pairs.write(tmp_path, entry, held)).problem
+        prepare(two_experiments.write(tmp_path, entry, held)).problem
     )
     assert sum("2 times k_e" in finding for finding in found) == 1
 
@@ -226,5 +227,5 @@ def test_each_experiment_is_looked_at_with_its_own_numbers(tmp_path: Path) -> No
 @pytest.mark.skipif(not SMALL.is_dir(), reason="the records of others are not there")
 @pytest.mark.parametrize("name", ["motor", "own", "own_free", "motor_nominal"])
 def test_configs_of_others_with_parameters_of_each_experiment_are_checked(name: str) -> None:
-    ran = systems.cli("check", SMALL / "check_own_train" / f"{name}.yaml")
+    ran = command_line.cli("check", SMALL / "check_own_train" / f"{name}.yaml")
     assert ran.status == 0, ran.text

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import scipy.stats
-from oracles import NOMINAL
-from together import together
+from support.case_tables import together
+from support.scipy_oracles import NOMINAL
 
 import bayesdrill as bd
 from bayesdrill.analysis.prediction import LooScore, has_memory, held_out, leave_one_out

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from rigs import likelihood_of
 from scipy.special import ndtr
-from together import together
+from support.case_tables import together
+from support.small_problems import likelihood_of
 
 from bayesdrill.analysis.prediction import leave_one_out_check, prediction_checks
 from bayesdrill.basics.symbols import Symbol

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from together import together
+from support.case_tables import together
 
 from bayesdrill.analysis.diagnostics import end_at_nominal, pressed_against
 from bayesdrill.inference.priors import (

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from oracles import NOMINAL, ORDER
-from rigs import experiment, posterior_of, unknown, vector
+from support.scipy_oracles import NOMINAL, ORDER
+from support.small_problems import experiment, posterior_of, unknown, vector
 
 from bayesdrill.analysis.comparison import RepeatedProduct, repeats
 from bayesdrill.analysis.identifiability.information import SensitivityStudy

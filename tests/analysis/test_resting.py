@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from oracles import ORDER
-from rigs import likelihood_of, measured, posterior
-from together import together
-from verdicts import TABLE, gaussian, verdict
+from support.case_tables import together
+from support.linear_study import TABLE, gaussian, verdict
+from support.scipy_oracles import ORDER
+from support.small_problems import likelihood_of, measured, posterior
 
 from bayesdrill.analysis.identifiability.information import (
     Information,

@@ -12,9 +12,9 @@ import io
 
 import numpy as np
 import pytest
-from oracles import NOMINAL
-from rigs import STATES, experiment, posterior, unknown, vector
-from together import together
+from support.case_tables import together
+from support.scipy_oracles import NOMINAL
+from support.small_problems import STATES, experiment, posterior, unknown, vector
 
 from bayesdrill.analysis.latent_torque import TorqueEstimate, torque_estimates
 from bayesdrill.analysis.run_analysis import torque_summary

@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-import systems
-from together import for_each, together
+from support import command_line
+from support.case_tables import for_each, together
 
 import bayesdrill as bd
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.identifiability.study import study_point
 
-SMALL = systems.ROOT.parent / "shared" / "cases" / "small"
+SMALL = command_line.ROOT.parent / "shared" / "cases" / "small"
 T = np.linspace(0.0, 3.0, 121)
 
 
@@ -209,17 +209,17 @@ def test_an_unseen_angle_of_a_free_start_is_named() -> None:
 @pytest.mark.skipif(not SMALL.is_dir(), reason="the records of others are not there")
 def test_records_of_others_at_rest_and_with_unseen_angles(tmp_path: Path) -> None:
     for command in ("identify", "check"):
-        ran = systems.cli(command, SMALL / "identify_stuck" / "stuck.yaml")
+        ran = command_line.cli(command, SMALL / "identify_stuck" / "stuck.yaml")
         assert ran.status == 0, ran.text
         assert (
             "AT REST: at the start values the rig does not move, as friction may hold it" in ran.out
         )
         assert "left to the prior" not in ran.out
         assert "largely to the prior" not in ran.out
-        moves = systems.cli(command, SMALL / "identify_stuck" / "moves.yaml")
+        moves = command_line.cli(command, SMALL / "identify_stuck" / "moves.yaml")
         assert moves.status == 0, moves.text
         assert "AT REST" not in moves.out
-    ran = systems.cli("check", SMALL / "every_unknown" / "config.yaml")
+    ran = command_line.cli("check", SMALL / "every_unknown" / "config.yaml")
     assert ran.status == 0, ran.text
     assert "the record determines every parameter of the rig; of sensors" in ran.out
     assert "it leaves theta_motor_0 largely to the prior" in ran.out

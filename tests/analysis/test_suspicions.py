@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from together import together
+from support.case_tables import together
 
 import bayesdrill as bd
 from bayesdrill.analysis import suspicions

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 
 import numpy as np
 import pytest
-from lacking import DT, MEASURES, SIGMA, N, T
-from oracles import NOMINAL
-from rigs import experiment, posterior_of
-from together import together
+from support.case_tables import together
+from support.missing_physics import DT, MEASURES, SIGMA, N, T
+from support.scipy_oracles import NOMINAL
+from support.small_problems import experiment, posterior_of
 
 from bayesdrill.analysis.identifiability.frictions import (
     FrictionConfounding,

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-import systems
-from together import together
+from support import command_line
+from support.case_tables import together
 
 import bayesdrill as bd
 
@@ -150,11 +150,13 @@ def test_commands_end_with_status_3(tmp_path: Path) -> None:
         "map: {starts: 1}\nsampler: {walkers: 16, r_hat: 1.1, n_tau: 10, ess: 200}\n"
         "output: {predictive_draws: 10, figures: []}\n"
     )
-    ran = systems.cli("posterior", tmp_path / "c.yaml", "-o", tmp_path / "out", "--processes", "1")
+    ran = command_line.cli(
+        "posterior", tmp_path / "c.yaml", "-o", tmp_path / "out", "--processes", "1"
+    )
     assert ran.status == 3, ran.text
     assert "the record does not determine c_m" in ran.out
-    assert systems.cli("verify", tmp_path / "out").status == 0
-    assert systems.cli("report", tmp_path / "out", "--processes", "1").status == 3
-    ran = systems.cli("identify", tmp_path / "c.yaml", "--at-map")
+    assert command_line.cli("verify", tmp_path / "out").status == 0
+    assert command_line.cli("report", tmp_path / "out", "--processes", "1").status == 3
+    ran = command_line.cli("identify", tmp_path / "c.yaml", "--at-map")
     assert ran.status == 3, ran.text
-    assert systems.cli("identify", tmp_path / "c.yaml").status == 0
+    assert command_line.cli("identify", tmp_path / "c.yaml").status == 0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from together import together
+from support.case_tables import together
 
 from bayesdrill.analysis.plausibility import DiffusePrior, diffuse_priors
 from bayesdrill.inference.priors import (

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 from scipy.stats import chi2, norm
-from together import together
-from verdicts import LINEAR, PRIOR, PRIOR_SD, TABLE, gaussian, linear_study, verdict
+from support.case_tables import together
+from support.linear_study import LINEAR, PRIOR, PRIOR_SD, TABLE, gaussian, linear_study, verdict
 
 from bayesdrill.analysis.diagnostics import ParameterRow
 from bayesdrill.analysis.verdict import (

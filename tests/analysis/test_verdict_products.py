@@ -7,11 +7,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import documents
 import numpy as np
 import pytest
-import refits
-from verdicts import off_by
+from support import document_blocks, simulated_posteriors
+from support.linear_study import off_by
 
 import bayesdrill as bd
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
@@ -54,11 +53,11 @@ def studied(job: Job, values: dict[str, float]) -> IdentifiabilityStudy:
 def rig(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 ) -> IdentifiabilityStudy:
-    row = refits.row(RIGS[request.param])
+    row = simulated_posteriors.row(RIGS[request.param])
     true = {"t_cm": 0.03, "t_c1": 0.2, "c_s": 3e-3}
     own = {name: x for name, x in true.items() if name in row.config["parameters"]}
-    row = refits.replace(row, config={**row.config, "simulation": own})
-    job = refits.built(tmp_path_factory.mktemp("rig"), row)
+    row = simulated_posteriors.replace(row, config={**row.config, "simulation": own})
+    job = simulated_posteriors.built(tmp_path_factory.mktemp("rig"), row)
     return studied(job, {**job.problem.nominal, **own})
 
 
@@ -109,7 +108,7 @@ def test_a_value_of_the_table_that_is_off_is_told(rig: IdentifiabilityStudy) -> 
 @pytest.mark.skipif(not SHARED.is_dir(), reason="records that do not come with the project")
 def test_a_servo_that_rubs_contradicts_a_table_whose_motor_is_too_heavy(tmp_path: Path) -> None:
     """j_m/j_1 is known to less than 0.1 %, beside frictions and damping that no table names."""
-    text = documents.files(documents.DOCS / "rigs.md")["three_records.yaml"]
+    text = document_blocks.files(document_blocks.DOCS / "rigs.md")["three_records.yaml"]
     for name in ("square", "sweep", "slow"):
         text = text.replace(f"{name}.csv", str(SHARED / f"{name}.csv"))
     (tmp_path / "three.yaml").write_text(text)

@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cases import BOX, T, run, two
-from oracles import NOMINAL
-from systems import ROOT
-from together import for_each, together
+from support.array_cases import BOX, T, run, two
+from support.case_tables import for_each, together
+from support.command_line import ROOT
+from support.scipy_oracles import NOMINAL
 
 import bayesdrill as bd
 from bayesdrill.api.comparison import Overlay

@@ -11,12 +11,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import systems
 import xarray
-from cases import BOX, SHAFT, T, noisy, run, two
-from oracles import NOMINAL, by_expm
 from scipy import stats
-from together import together
+from support import command_line
+from support.array_cases import BOX, SHAFT, T, noisy, run, two
+from support.case_tables import together
+from support.scipy_oracles import NOMINAL, by_expm
 
 import bayesdrill as bd
 from bayesdrill.config import job
@@ -252,7 +252,7 @@ def test_a_saved_run_opens_as_it_was(tmp_path: Path) -> None:
         assert {*tree["derived"].data_vars} == {*run().to_arviz()["derived"].data_vars}
     before = (folder / "summary.csv").read_bytes()
     (folder / "summary.csv").unlink()
-    assert systems.cli("report", folder, "--processes", "1").status == 0
+    assert command_line.cli("report", folder, "--processes", "1").status == 0
     assert (folder / "summary.csv").read_bytes() == before
     with pytest.raises(bd.InputError, match="results exist already"):
         run().save(folder)
@@ -308,13 +308,13 @@ def test_the_notebook_runs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
 
 def test_what_the_command_line_does_with_files_python_does(tmp_path: Path) -> None:
     """The same words, the same folders, the same refusals."""
-    config = systems.small(tmp_path / "rig")
+    config = command_line.small(tmp_path / "rig")
     case = bd.load(config)
-    checked = systems.cli("check", config)
+    checked = command_line.cli("check", config)
     assert checked.out == f"{case.preview()}\n"
     best = case.find_map()
-    assert systems.cli("map", config, "--processes", "1").out == f"{best.table}\n"
-    assert systems.cli("identify", config).out == f"{case.identify()}\n"
+    assert command_line.cli("map", config, "--processes", "1").out == f"{best.table}\n"
+    assert command_line.cli("identify", config).out == f"{case.identify()}\n"
     found = case.identify("k_e", at=best)
     assert (found.study.at, [one.name for one in found.profiles]) == ("the MAP", ["k_e"])
     assert found.save(tmp_path / "identify").startswith(str(tmp_path / "identify"))
@@ -323,7 +323,7 @@ def test_what_the_command_line_does_with_files_python_does(tmp_path: Path) -> No
     outcome = case.run(tmp_path / "out")
     assert (
         f"{outcome.summary}\nresults: {tmp_path / 'out'}/"
-        in systems.cli("report", tmp_path / "out").out
+        in command_line.cli("report", tmp_path / "out").out
     )
     assert bd.publish(tmp_path / "out").rows == outcome.rows
     with pytest.raises(bd.InputError, match="results exist already"):
@@ -337,7 +337,7 @@ def test_what_the_command_line_does_with_files_python_does(tmp_path: Path) -> No
 
 def test_records_and_calibrations_of_a_config(tmp_path: Path) -> None:
     """What a calibration finds is tested by the command line, which is a user of this."""
-    config = systems.small(tmp_path / "rig")
+    config = command_line.small(tmp_path / "rig")
     made = bd.simulate(config, tmp_path / "record.csv", seed=4)
     assert made.samples == 101 == len(made.path.read_text().splitlines()) - 1
     with pytest.raises(bd.InputError, match="seed: -1"):

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import matplotlib
 import pytest
-from cases import run
+from support.array_cases import run
 
 import bayesdrill as bd
 from bayesdrill import output_files

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cases import T, noisy, run, two
-from systems import ROOT
-from together import together
+from support.array_cases import T, noisy, run, two
+from support.case_tables import together
+from support.command_line import ROOT
 
 import bayesdrill as bd
 from bayesdrill.basics.values import equal_content

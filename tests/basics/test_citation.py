@@ -9,7 +9,7 @@ from pathlib import Path
 import arviz_base
 import emcee
 from ruamel.yaml import YAML
-from together import together
+from support.case_tables import together
 
 import bayesdrill as bd
 

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import pytest
-from together import together
+from support.case_tables import together
 
 from bayesdrill.basics.formulas import linear_combination
 

@@ -7,7 +7,7 @@ import pickle
 
 import numpy as np
 import pytest
-from together import together
+from support.case_tables import together
 
 from bayesdrill.basics.duals import Dual
 from bayesdrill.basics.formulas import RelationError, expression, resolve_relations

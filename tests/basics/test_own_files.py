@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from systems import cli, listing, results, small
-from together import together
+from support.case_tables import together
+from support.command_line import cli, listing, results, small
 
 from bayesdrill import output_files
 from bayesdrill.basics.errors import InputError

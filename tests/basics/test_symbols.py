@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pint
 import pytest
-from together import together
+from support.case_tables import together
 
 from bayesdrill.basics import symbols
 from bayesdrill.rig.models.motor_shaft import PARAMETERS

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 from matplotlib.mathtext import MathTextParser
-from together import together
+from support.case_tables import together
 
 from bayesdrill.basics import symbols, units
 from bayesdrill.basics.symbols import Symbol, product_latex

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cases import run
-from together import together
+from support.array_cases import run
+from support.case_tables import together
 
 import bayesdrill as bd
 from benchmarks import baseline

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from oracles import ORDER, skewed
-from rigs import vector
+from support.scipy_oracles import ORDER, skewed
+from support.small_problems import vector
 
 from bayesdrill.inference.posterior import Posterior
 from benchmarks import modal, problem, tables, verdict

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from together import together
+from support.case_tables import together
 
 from bayesdrill.analysis.latent_torque import torque_estimates
 from bayesdrill.report.sections.torque_words import HARMLESS

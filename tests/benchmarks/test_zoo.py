@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from together import together
+from support.case_tables import together
 
 from bayesdrill.config.job import prepare
 from bayesdrill.config.records import simulation

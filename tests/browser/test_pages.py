@@ -11,10 +11,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import payloads
 import pytest
-import systems
-from together import together
+from support import command_line, injection_payloads
+from support.case_tables import together
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
@@ -58,12 +57,12 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     kinds = {"sound": (DRAWN,), "worse": (DRAWN, WORSE), "short": (DRAWN, SHORT)}
     for name, changes in kinds.items():
         place = tmp_path_factory.mktemp(name)
-        config = systems.small(place, *changes)
-        systems.cli("posterior", config, "-o", place / "out", "--processes", "1")
+        config = command_line.small(place, *changes)
+        command_line.cli("posterior", config, "-o", place / "out", "--processes", "1")
         made[name] = place / "out" / "report.html"
     place = tmp_path_factory.mktemp("calibration")
-    config = systems.small(place, TINY)
-    systems.cli("calibrate", config, "-o", place / "out", "--processes", "1")
+    config = command_line.small(place, TINY)
+    command_line.cli("calibrate", config, "-o", place / "out", "--processes", "1")
     made["calibration"] = place / "out" / "report.html"
     paper = ROOT / "results" / "paper" / "report.html"
     return made | ({"paper": paper} if paper.exists() else {})
@@ -157,16 +156,16 @@ def test_a_figure_opens_at_its_full_size_and_closes_by_keyboard(
 @pytest.fixture(scope="module")
 def hostile_pages(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     """Of every kind that shows texts of users: a run, a maximum, a calibration, runs side by side."""
-    place = tmp_path_factory.mktemp("hostile") / payloads.RUNS
-    config = payloads.small(place)
+    place = tmp_path_factory.mktemp("hostile") / injection_payloads.RUNS
+    config = injection_payloads.small(place)
     config.write_text(config.read_text().replace("output: {", TINY[1]))
-    runs = [place / f"{name} {payloads.FILE}" for name in ("one", "two")]
+    runs = [place / f"{name} {injection_payloads.FILE}" for name in ("one", "two")]
     for run in runs:
-        systems.cli("posterior", config, "-o", run, "--processes", "1")
+        command_line.cli("posterior", config, "-o", run, "--processes", "1")
     for command in ("map", "calibrate"):
-        systems.cli(command, config, "-o", place / command, "--processes", "1")
+        command_line.cli(command, config, "-o", place / command, "--processes", "1")
     for command in ("report", "compare"):
-        systems.cli(command, *runs, "-o", place / command)
+        command_line.cli(command, *runs, "-o", place / command)
     folders = [*runs, *(place / name for name in ("map", "calibrate", "report", "compare"))]
     return [folder / "report.html" for folder in folders]
 

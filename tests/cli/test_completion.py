@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from together import together
+from support.case_tables import together
 from typer.testing import CliRunner
 
 from bayesdrill.cli import app

@@ -5,24 +5,24 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-import systems
-from together import together
+from support import command_line
+from support.case_tables import together
 
 import bayesdrill as bd
 from bayesdrill.api import files
 
-CONFIGS = systems.ROOT / "configs"
+CONFIGS = command_line.ROOT / "configs"
 
 
 def test_the_examples_are_those_of_the_checkout_and_run(tmp_path: Path) -> None:
     folder = tmp_path / "my rig"
-    made = systems.cli("example", folder)
+    made = command_line.cli("example", folder)
     assert made.status == 0
     there = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
     assert there == {*files.FILES}
     assert all((folder / name).read_bytes() == (CONFIGS / name).read_bytes() for name in there)
     assert f"'{folder}/nominal_step.yaml'" in made.out  # as a shell takes it
-    assert systems.cli("check", folder / "nominal_step.yaml").status == 0
+    assert command_line.cli("check", folder / "nominal_step.yaml").status == 0
 
 
 def test_every_config_of_the_checkout_is_an_example() -> None:
@@ -36,12 +36,12 @@ def test_nothing_is_overwritten_and_nothing_written_beside_it(tmp_path: Path) ->
     (tmp_path / "notes.txt").write_text("mine")
     (tmp_path / "example_rig.yaml").write_text("mine")
     (tmp_path / "records" / "nominal_step.csv").symlink_to("nowhere")
-    before = systems.listing(tmp_path)
-    refused = systems.cli("example", tmp_path)
+    before = command_line.listing(tmp_path)
+    refused = command_line.cli("example", tmp_path)
     assert refused.status == 2
     assert len(refused.err.splitlines()) == 2  # each of them, and a way out
     assert "example_rig.yaml: is there already; move it" in refused.err
-    assert systems.listing(tmp_path) == before
+    assert command_line.listing(tmp_path) == before
 
 
 def test_other_files_of_the_folder_stay(tmp_path: Path) -> None:
@@ -61,7 +61,7 @@ def test_what_is_no_folder_is_not_written_through(name: str, tmp_path: Path) -> 
         (folder / name).symlink_to(elsewhere)
     else:
         folder.write_text("a file")
-    refused = systems.cli("example", folder)
+    refused = command_line.cli("example", folder)
     assert refused.status == 2
     assert "is no folder" in refused.err
     assert not [*elsewhere.iterdir()]
@@ -77,5 +77,5 @@ def test_a_package_without_its_examples_says_so(
 
 
 def test_what_is_installed_is_cited() -> None:
-    said = systems.cli("cite")
+    said = command_line.cli("cite")
     assert (said.status, said.out.strip()) == (0, bd.citation().strip())

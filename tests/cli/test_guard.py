@@ -14,10 +14,10 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
-import systems
 import typer
-from systems import STOPPING
-from together import together
+from support import command_line
+from support.case_tables import together
+from support.command_line import STOPPING
 
 from bayesdrill.basics.errors import ErrorCollector, InputError
 from bayesdrill.guard import INPUT_WRONG, INTERRUPTED, guarded, never_silent, saved_in
@@ -181,12 +181,12 @@ def test_a_message_that_nobody_can_read_leaves_the_status(monkeypatch: pytest.Mo
 @together("size", [25, 40, 300])  # MB, of which the libraries take up about 400
 def test_memory_that_ends_as_libraries_are_loaded(size: int, tmp_path: Path) -> None:
     """Of a process of its own, as a batch system bounds it."""
-    systems.small(tmp_path)
+    command_line.small(tmp_path)
     limit = size * 1024**2
     ended = subprocess.run(
         [sys.executable, "-m", "bayesdrill", "check", "small.yaml"],
         cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": str(systems.ROOT)},
+        env={**os.environ, "PYTHONPATH": str(command_line.ROOT)},
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (limit, limit)),
         capture_output=True,
         text=True,
@@ -199,10 +199,10 @@ def test_memory_that_ends_as_libraries_are_loaded(size: int, tmp_path: Path) -> 
 @together("room", [100, 4_000, 10_000])  # bytes
 def test_a_disk_that_is_full_names_the_file(room: int, tmp_path: Path) -> None:
     """A limit of files ends writing as a full disk does; what was begun is taken away."""
-    systems.small(tmp_path)
+    command_line.small(tmp_path)
     resource.setrlimit(resource.RLIMIT_FSIZE, (room, resource.RLIM_INFINITY))
     try:
-        ran = systems.cli("identify", tmp_path / "small.yaml", "-o", tmp_path / "out")
+        ran = command_line.cli("identify", tmp_path / "small.yaml", "-o", tmp_path / "out")
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY,) * 2)
     assert ran.status == INPUT_WRONG
@@ -224,7 +224,7 @@ def test_a_disk_that_is_full_names_the_file(room: int, tmp_path: Path) -> None:
 )
 def test_what_is_said_to_nobody_ends_in_a_status(command: tuple[str, ...]) -> None:
     """A full device is told and has status 2; of a pipe that is closed nobody wants to know."""
-    shell = {**os.environ, "PYTHONPATH": str(systems.ROOT)}
+    shell = {**os.environ, "PYTHONPATH": str(command_line.ROOT)}
     read, write = os.pipe()
     os.close(read)
     with open("/dev/full", "wb") as full, os.fdopen(write, "wb") as pipe:
@@ -246,7 +246,7 @@ def test_what_is_no_number_of_threads_counts_as_unset(threads: str) -> None:
     """Transforms of SciPy end in an error there, and all that assesses chains uses them."""
     code = "import bayesdrill, scipy.fft, os; scipy.fft.rfft([1.0, 2.0]); print(sorted(os.environ))"
     names = ("OMP_NUM_THREADS", "DUCC0_NUM_THREADS")
-    shell = {**os.environ, "PYTHONPATH": str(systems.ROOT), **dict.fromkeys(names, threads)}
+    shell = {**os.environ, "PYTHONPATH": str(command_line.ROOT), **dict.fromkeys(names, threads)}
     ended = subprocess.run([sys.executable, "-c", code], env=shell, capture_output=True, text=True)
     assert ended.returncode == 0, ended.stderr
     assert not any(name in ended.stdout for name in names)

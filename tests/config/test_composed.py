@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.linalg
-import systems
-from mistakes import check_mistakes
-from newcomers import both_ways, made, written
-from oracles import NOMINAL, matrices
-from together import for_each
+from support import command_line
+from support.case_tables import for_each
+from support.config_mistakes import check_mistakes
+from support.first_configs import both_ways, made, written
+from support.scipy_oracles import NOMINAL, matrices
 
 import bayesdrill as bd
 from bayesdrill.basics.errors import InputError
@@ -30,7 +30,7 @@ T, DT = 161, 0.025
 
 def config(folder: Path, *lines: str, **sections: str) -> Path:
     """The small experiment with these `lines` in `parameters:`, and other or further sections."""
-    text = systems.SMALL.replace(LAST, LAST + "".join(f"  {line}\n" for line in lines))
+    text = command_line.SMALL.replace(LAST, LAST + "".join(f"  {line}\n" for line in lines))
     for name, entry in sections.items():
         kept = [line for line in text.splitlines() if not line.startswith(f"{name}:")]
         text = "\n".join([*kept, f"{name}: {entry}"]) + "\n"
@@ -40,7 +40,7 @@ def config(folder: Path, *lines: str, **sections: str) -> Path:
 
 
 def simulated(path: Path) -> Path:
-    done = systems.cli("simulate", path)
+    done = command_line.cli("simulate", path)
     assert done.status == 0, done.err
     return path
 
@@ -140,7 +140,7 @@ def test_a_run_says_what_was_added(tmp_path: Path) -> None:
     added = simulated(config(tmp_path, C_S, "r_s: 0.1"))
     job = prepare(added)
     assert words.model(job.problem).startswith("motor_shaft with c_s, r_s (i_m = 0.125; the motor")
-    said = systems.cli("check", added).out
+    said = command_line.cli("check", added).out
     assert "unknown: k_e, j_1, c_s\n" in said
     assert "r_s = 0.1" in said
     assert "c_s [N m s/rad]: log-uniform from 0.0001 to 0.1" in said

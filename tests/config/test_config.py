@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from oracles import NOMINAL, by_expm
-from together import for_each
+from support.case_tables import for_each
+from support.scipy_oracles import NOMINAL, by_expm
 
 from bayesdrill.config import job, loading
 from bayesdrill.config.job import prepare

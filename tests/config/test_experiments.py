@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import pairs
 import pytest
-from mistakes import check_mistakes
+from support import two_experiments
+from support.config_mistakes import check_mistakes
 
 from bayesdrill.basics.errors import InputError
 from bayesdrill.config import loading
@@ -20,7 +20,7 @@ SHARED = "shared: [lag_theta_1, offset_theta_1]"
 def problems(folder: Path, *changes: tuple[str, str]) -> list[tuple[str, str]]:
     """Places without file and line, and messages."""
     with pytest.raises(InputError) as caught:
-        prepare(pairs.write(folder, *changes))
+        prepare(two_experiments.write(folder, *changes))
     found = []
     for one in caught.value.problems:
         line, _, place = one.place.partition(": ")
@@ -35,7 +35,7 @@ def fast(entry: str) -> tuple[str, str]:
 
 def test_a_mistake_is_told_where_it_stands(tmp_path_factory: pytest.TempPathFactory) -> None:
     def load(folder: Path, *changes: tuple[str, str]) -> object:
-        return prepare(pairs.write(folder, *changes))
+        return prepare(two_experiments.write(folder, *changes))
 
     check_mistakes("experiments", tmp_path_factory, load)
 
@@ -61,7 +61,7 @@ def test_mistakes_of_all_experiments_are_told_at_once(tmp_path: Path) -> None:
 def test_an_experiment_reads_as_if_it_were_alone(tmp_path: Path) -> None:
     """Entries of its own stand over common ones, mapping by mapping; a kind that differs, instead."""
     own = "{record: {file: fast.csv, channels: {w_1: {sigma: 3}}}, inputs: {v: {column: w_1, unit: V}}}"
-    slow, quick = loading.load(pairs.write(tmp_path, fast(own))).experiments
+    slow, quick = loading.load(two_experiments.write(tmp_path, fast(own))).experiments
     assert (slow.label, quick.label) == ("slow", "fast")
     assert slow.config.inputs.v == 4.0
     assert slow.config.record.channels["w_1"].sigma == 0.1
@@ -72,7 +72,7 @@ def test_an_experiment_reads_as_if_it_were_alone(tmp_path: Path) -> None:
 
 def test_names_say_whose_an_unknown_is(tmp_path: Path) -> None:
     changes = (SHARED, "shared: [lag_theta_1]\nown: [j_1]")
-    job = prepare(pairs.write(tmp_path, changes))
+    job = prepare(two_experiments.write(tmp_path, changes))
     assert job.problem.names == (
         "k_e",
         "j_1_slow",

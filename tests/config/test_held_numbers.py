@@ -5,10 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import pairs
 import pytest
-import systems
-from mistakes import check_mistakes
+from support import command_line, two_experiments
+from support.config_mistakes import check_mistakes
 
 from bayesdrill.config import loading
 from bayesdrill.config.job import Job, prepare
@@ -17,7 +16,7 @@ from bayesdrill.inference import derived
 from bayesdrill.report import words
 from bayesdrill.results import provenance
 
-SMALL = systems.ROOT.parent / "shared" / "cases" / "small"
+SMALL = command_line.ROOT.parent / "shared" / "cases" / "small"
 
 # A cart on a spring, with a known weight on it that is another one in each run.
 CART = """\
@@ -49,12 +48,12 @@ simulation: {duration: 2, rate: 100, quantities: {m_0: 0.8}, k_spring: 300, c_ca
 
 
 def held(folder: Path, *changes: tuple[str, str]) -> Job:
-    return prepare(pairs.write(folder, *changes))
+    return prepare(two_experiments.write(folder, *changes))
 
 
 def alone(folder: Path, label: str, *changes: tuple[str, str]) -> np.ndarray:
     """The response of one experiment of the pair in a config of its own, at the start."""
-    text = pairs.PAIR
+    text = two_experiments.PAIR
     first, _, rest = text.partition("experiments:")
     text = f"{first}{rest.partition('shared: [lag_theta_1, offset_theta_1]')[2]}"
     text = text.replace("record:\n", f"record:\n  file: {label}.csv\n")
@@ -103,18 +102,18 @@ def test_a_known_load_on_a_cart_tells_its_mass(tmp_path: Path) -> None:
     job = prepare(path)
     assert job.problem.names == ("k_spring", "c_cart", "m_0")
     assert "tied: m_cart = m_0 * 1, m_cart_loaded = m_0 + 0.5" in words.opening(job.problem)
-    ran = systems.cli("map", path, "--quick", "-o", tmp_path / "map")
+    ran = command_line.cli("map", path, "--quick", "-o", tmp_path / "map")
     assert ran.status == 0, ran.text
     found = dict(
         line.split(",")[::3] for line in (tmp_path / "map" / "map.csv").read_text().split()
     )
     assert float(found["k_spring"]) == pytest.approx(300, rel=0.01)
     assert float(found["m_0"]) == pytest.approx(0.8, rel=0.01)
-    assert systems.cli("verify", tmp_path / "map").status == 0
-    ran = systems.cli("posterior", path, "-o", tmp_path / "out", "--processes", "1")
+    assert command_line.cli("verify", tmp_path / "map").status == 0
+    ran = command_line.cli("posterior", path, "-o", tmp_path / "out", "--processes", "1")
     assert ran.status == 0, ran.text
     assert "m_cart_loaded" in (tmp_path / "out" / "derived.csv").read_text()
-    assert systems.cli("verify", tmp_path / "out").status == 0
+    assert command_line.cli("verify", tmp_path / "out").status == 0
     (mine,) = (x for x in job.problem.derived if x.symbol.name == "by_both")
     theta = np.array([[300.0, 2.0, 0.8]])
     assert derived.values_at(job.problem, theta)[mine.symbol.name] == pytest.approx(300 / 1.3)
@@ -150,12 +149,12 @@ def test_a_mistake_is_told_where_it_stands(tmp_path_factory: pytest.TempPathFact
 
 @pytest.mark.skipif(not SMALL.is_dir(), reason="the records of others are not there")
 def test_the_campaigns_of_others_are_read(tmp_path: Path) -> None:
-    ran = systems.cli("check", SMALL / "own_derived" / "config.yaml")
+    ran = command_line.cli("check", SMALL / "own_derived" / "config.yaml")
     assert ran.status == 0, ran.text
     text = (SMALL / "own_held_values" / "per.yaml").read_text().replace("../", f"{SMALL}/")
     for column in ("t [s]", "theta [rad]", "u [V]"):
         text = text.replace(f'"{column}"', column[: column.index(" ")])
     (tmp_path / "per.yaml").write_text(text)
-    ran = systems.cli("check", tmp_path / "per.yaml")
+    ran = command_line.cli("check", tmp_path / "per.yaml")
     assert ran.status == 0, ran.text
     assert "g_arm_a = 0.8236, g_arm_b = 0.8236" in ran.out

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mistakes import check_mistakes
-from together import for_each
+from support.case_tables import for_each
+from support.config_mistakes import check_mistakes
 
 import bayesdrill as bd
 from bayesdrill.basics.errors import InputError

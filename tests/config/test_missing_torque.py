@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import systems
-from systems import cli
-from together import for_each
+from support import command_line
+from support.case_tables import for_each
+from support.command_line import cli
 
 from bayesdrill.config import job
 
@@ -26,7 +26,7 @@ END = "simulation: {duration: 5, rate: 20}\n"
 
 
 def config(folder: Path, *changes: tuple[str, str], torque: str = TORQUE) -> Path:
-    return systems.small(folder, (END, END + torque), ("walkers: 8", "walkers: 12"), *changes)
+    return command_line.small(folder, (END, END + torque), ("walkers: 8", "walkers: 12"), *changes)
 
 
 def test_size_and_time_are_unknowns_behind_the_noise(tmp_path: Path) -> None:
@@ -105,8 +105,8 @@ def test_beside_gravity_too(tmp_path: Path) -> None:
 def test_a_record_is_simulated_with_it_and_read_again(tmp_path: Path) -> None:
     """With a large torque residuals spread far beyond the noise."""
     truth = (END, "simulation: {duration: 5, rate: 20, truth: {s_d: 0.5, tau_d: 0.3}}\n" + TORQUE)
-    path = systems.small(tmp_path, truth)
-    systems.simulated(path)
+    path = command_line.small(tmp_path, truth)
+    command_line.simulated(path)
     posterior = job.prepare(path).problem.posterior
     space = posterior.space
     theta = space.vector({**space.start, "s_d": 0.5, "tau_d": 0.3})

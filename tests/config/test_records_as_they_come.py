@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from together import for_each
+from support.case_tables import for_each
 
 from bayesdrill.basics.errors import InputError
 from bayesdrill.config import loading

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from oracles import NOMINAL, ORDER, by_expm
+from support.scipy_oracles import NOMINAL, ORDER, by_expm
 
 from bayesdrill.config import job, loading
 from bayesdrill.config.job import prepare

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import systems
 from ruamel.yaml import YAML
-from together import for_each
+from support import command_line
+from support.case_tables import for_each
 
 from bayesdrill.config import loading
 from bayesdrill.config.job import prepare
@@ -39,7 +39,7 @@ NOT_OF_MODEL = ("output", "simulation", "sampler")
 
 def ladder(tmp_path: Path, *changes: tuple[str, str]) -> CandidateModels:
     return CandidateModels.from_job(
-        prepare(systems.small(tmp_path, ("walkers: 8", "walkers: 24"), *changes)), {}
+        prepare(command_line.small(tmp_path, ("walkers: 8", "walkers: 24"), *changes)), {}
     )
 
 

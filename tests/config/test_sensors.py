@@ -6,9 +6,9 @@ import json
 from pathlib import Path
 
 import numpy as np
-import pairs
 import pytest
-from mistakes import check_mistakes
+from support import two_experiments
+from support.config_mistakes import check_mistakes
 
 from bayesdrill.basics.errors import InputError
 from bayesdrill.config.job import Job, prepare
@@ -29,12 +29,12 @@ def initial(entry: str) -> tuple[str, str]:
 def problems(folder: Path, *changes: tuple[str, str]) -> list[str]:
     """Places without the folder, and messages."""
     with pytest.raises(InputError) as caught:
-        prepare(pairs.write(folder, *changes))
+        prepare(two_experiments.write(folder, *changes))
     return [str(one).replace(f"{folder}/", "") for one in caught.value.problems]
 
 
 def built(folder: Path, *changes: tuple[str, str]) -> Job:
-    return prepare(pairs.write(folder, *changes))
+    return prepare(two_experiments.write(folder, *changes))
 
 
 def test_a_mistake_is_told_at_its_entry(tmp_path_factory: pytest.TempPathFactory) -> None:
@@ -117,7 +117,10 @@ def test_a_moving_start_leaves_out_what_a_lag_may_show_of_before(tmp_path: Path)
 def test_free_states_are_as_wide_as_the_channels(tmp_path: Path) -> None:
     job = built(tmp_path, initial("free"), ("walkers: 16", "walkers: 32"))
     space = job.problem.posterior.space
-    table = [line.split(",") for line in pairs.records(pairs.PAIR)["fast.csv"].splitlines()[1:]]
+    table = [
+        line.split(",")
+        for line in two_experiments.records(two_experiments.PAIR)["fast.csv"].splitlines()[1:]
+    ]
     y = np.array(table, dtype=float)[:, 1:] * [np.pi / 180, 1.0]
     found = space.priors["theta_1_0_fast"]
     assert isinstance(found, TruncatedNormal)

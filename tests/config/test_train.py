@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.integrate
-import systems
-from mistakes import MISTAKES
-from together import for_each
+from support import command_line
+from support.case_tables import for_each
+from support.config_mistakes import MISTAKES
 
 from bayesdrill.basics import units
 from bayesdrill.config import job, loading
@@ -285,7 +285,7 @@ def test_a_mistake_is_told_with_its_value_place_and_a_way_out(tmp_path: Path) ->
 
     def check(case: dict[str, Any]) -> None:
         place, path = case["place"], write(tmp_path, ROTARY, *map(tuple, case["replace"]))
-        ran = systems.cli("simulate", path, "--output", tmp_path / "simulated.csv", "--force")
+        ran = command_line.cli("simulate", path, "--output", tmp_path / "simulated.csv", "--force")
         assert ran.status == 2, ran
         (line,) = [line for line in ran.err.splitlines() if f": {place}: " in line]
         assert line.startswith(f"{path}:")
@@ -314,7 +314,7 @@ def test_along_a_line_a_mistake_has_its_units(tmp_path: Path) -> None:
     }
 
     def check(old: str, new: str, place: str, says: str) -> None:
-        ran = systems.cli(
+        ran = command_line.cli(
             "simulate", write(tmp_path, LINEAR, (old, new)), "--output", tmp_path / "s"
         )
         assert ran.status == 2, ran

@@ -12,7 +12,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-from together import together
+from support.case_tables import together
 
 ROOT = Path(__file__).parents[2]
 PACKAGE = ROOT / "bayesdrill"

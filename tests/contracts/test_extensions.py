@@ -21,7 +21,7 @@ from typing import Annotated
 import pytest
 import typer
 from pydantic import Field
-from together import together
+from support.case_tables import together
 
 from bayesdrill.basics import registry
 from bayesdrill.basics.entries import Strict, member_section

@@ -12,7 +12,7 @@ import pyarrow
 import pytest
 import scipy.io
 from pyarrow import parquet
-from together import together
+from support.case_tables import together
 
 from bayesdrill.basics.entries import entries_of
 from bayesdrill.basics.errors import InputError

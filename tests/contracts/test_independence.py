@@ -12,9 +12,9 @@ import emcee
 import numpy as np
 import pytest
 import scipy.stats
-from proposals import over, rough
-from targets import TARGETS, Target
-from together import together
+from support.case_tables import together
+from support.handmade_proposals import over, rough
+from support.known_targets import TARGETS, Target
 
 from bayesdrill.sampling.samplers import independence
 from bayesdrill.sampling.samplers.ensemble import ChainSegment, State, advance, step_trapped

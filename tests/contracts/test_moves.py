@@ -13,9 +13,9 @@ from collections.abc import Callable, Mapping
 import emcee
 import numpy as np
 import pytest
-from proposals import rough
-from targets import TARGETS, Target
-from together import together
+from support.case_tables import together
+from support.handmade_proposals import rough
+from support.known_targets import TARGETS, Target
 
 from bayesdrill.config.schema.config import SamplerSpec
 from bayesdrill.sampling.samplers.ensemble import (

@@ -15,9 +15,9 @@ import pytest
 import scipy.special
 import scipy.stats
 from numpy.typing import NDArray
-from oracles import NOMINAL
-from rigs import experiment, likelihood_of, unknown
-from together import together
+from support.case_tables import together
+from support.scipy_oracles import NOMINAL
+from support.small_problems import experiment, likelihood_of, unknown
 
 from bayesdrill.inference import laplace
 from bayesdrill.inference.laplace import LogDensity

@@ -6,7 +6,7 @@ Slopes go the rest of the way: so it has to come near, no more.
 from __future__ import annotations
 
 import numpy as np
-from together import together
+from support.case_tables import together
 
 from bayesdrill.basics.entries import build_member, entries_of
 from bayesdrill.config.schema.config import MapSpec

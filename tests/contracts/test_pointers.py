@@ -11,7 +11,7 @@ import re
 from functools import cache
 from pathlib import Path
 
-from together import together
+from support.case_tables import together
 
 import bayesdrill as bd
 

@@ -12,9 +12,9 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from oracles import NOMINAL
-from pictures import clashes, drawn
-from together import together
+from support.case_tables import together
+from support.figure_checks import clashes, drawn
+from support.scipy_oracles import NOMINAL
 
 import bayesdrill as bd
 from bayesdrill import output_files

@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from oracles import NOMINAL
-from rigs import experiment
 from scipy.linalg import expm
-from together import together
+from support.case_tables import together
+from support.scipy_oracles import NOMINAL
+from support.small_problems import experiment
 
 from bayesdrill.basics import symbols
 from bayesdrill.basics.entries import build_member, entries_of

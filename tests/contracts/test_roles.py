@@ -19,7 +19,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from oracles import NOMINAL
+from support.scipy_oracles import NOMINAL
 
 import bayesdrill as bd
 from bayesdrill.analysis import edits, plausibility

@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 
 import pytest
-from together import for_each, together
+from support.case_tables import for_each, together
 
 
 def test_every_case_runs_and_each_that_fails_is_named() -> None:

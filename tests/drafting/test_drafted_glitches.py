@@ -6,17 +6,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import systems
-from newcomers import german, made, written
-from swings import swing, with_glitches
-from together import for_each
+from support import command_line
+from support.case_tables import for_each
+from support.first_configs import german, made, written
+from support.oscillating_records import swing, with_glitches
 
 import bayesdrill as bd
 from bayesdrill.config.yaml_source import parse
 from bayesdrill.drafting import signals
 from bayesdrill.drafting.columns import FileColumn, parse_head
 
-DATA = systems.ROOT.parent / "shared" / "data"
+DATA = command_line.ROOT.parent / "shared" / "data"
 STEP = 0.01
 
 

@@ -10,16 +10,16 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.io
-import systems
-from newcomers import accepted, made, told, written
-from together import for_each
+from support import command_line
+from support.case_tables import for_each
+from support.first_configs import accepted, made, told, written
 
 import bayesdrill as bd
 from bayesdrill.config import loading
 from bayesdrill.config.records import reading
 from bayesdrill.config.yaml_source import parse
 
-CASES = systems.ROOT.parent / "shared" / "cases"
+CASES = command_line.ROOT.parent / "shared" / "cases"
 SMALL = CASES / "small"
 needs_cases = pytest.mark.skipif(not SMALL.is_dir(), reason="records that do not come along")
 
@@ -454,7 +454,7 @@ def test_no_file_that_is_read_is_replaced(tmp_path: Path) -> None:
     (tmp_path / "link.yaml").symlink_to(sheet)
     (tmp_path / "hard.yaml").hardlink_to(sheet)
     for output in (sheet, tmp_path / "link.yaml", tmp_path / "hard.yaml"):
-        done = systems.cli("init", path, "--sheet", sheet, "-o", output, "--force")
+        done = command_line.cli("init", path, "--sheet", sheet, "-o", output, "--force")
         assert done.status == 2
         assert sheet.read_text() == "k_T: 0.3\n"
 
@@ -467,7 +467,7 @@ def test_a_data_sheet_with_a_key_twice_is_refused(tmp_path: Path) -> None:
 
 def test_what_is_a_folder_is_no_record(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    done = systems.cli("init", ".")
+    done = command_line.cli("init", ".")
     assert done.status == 2
     assert "Traceback" not in done.err
 
@@ -482,7 +482,7 @@ def test_a_wide_table_is_summed_up(tmp_path: Path) -> None:
 
 def test_check_draws_the_record_of_each_experiment(tmp_path: Path) -> None:
     made(repeated(tmp_path, 300, 400), split=True)
-    done = systems.cli("check", tmp_path / "r.yaml", "--figure-record", tmp_path / "seen.png")
+    done = command_line.cli("check", tmp_path / "r.yaml", "--figure-record", tmp_path / "seen.png")
     assert done.status == 0
     for k in (1, 2):
         assert (tmp_path / f"seen_{k}.png").read_bytes().startswith(b"\x89PNG")

@@ -10,9 +10,19 @@ import h5py
 import numpy as np
 import pytest
 import scipy.io
-import systems
-from newcomers import DEG, RPM, accepted, both_ways, german, hostile, made, told, written
-from together import for_each
+from support import command_line
+from support.case_tables import for_each
+from support.first_configs import (
+    DEG,
+    RPM,
+    accepted,
+    both_ways,
+    german,
+    hostile,
+    made,
+    told,
+    written,
+)
 
 import bayesdrill as bd
 from bayesdrill.config import loading
@@ -21,8 +31,8 @@ from bayesdrill.config.yaml_source import parse
 from bayesdrill.drafting import signals
 from bayesdrill.drafting.columns import GEARBOX, MOTOR, ROTOR, TWIST, parse_head
 
-CONFIGS = systems.ROOT / "configs"
-DATA = systems.ROOT.parent / "shared" / "data"
+CONFIGS = command_line.ROOT / "configs"
+DATA = command_line.ROOT.parent / "shared" / "data"
 
 
 def noise(entries: dict[str, Any], channel: str) -> float:
@@ -121,7 +131,7 @@ def test_check_is_content_with_what_is_written(tmp_path_factory: pytest.TempPath
         record = tmp_path / "mine.csv"
         record.write_text(simulation.simulate(case, 11, record))
         bd.init(record, voltage=8.0)
-        assert systems.cli("check", tmp_path / "mine.yaml").status == 0
+        assert command_line.cli("check", tmp_path / "mine.yaml").status == 0
 
     for_each({str(name): (name,) for name in ROUND}, check)
 
@@ -285,7 +295,7 @@ def test_without_a_voltage_check_asks_for_it(tmp_path: Path) -> None:
     path = written(tmp_path / "r.csv", columns)
     said = bd.init(path)
     assert "inputs.v" in str(said)
-    refused = systems.cli("check", path.with_suffix(".yaml"))
+    refused = command_line.cli("check", path.with_suffix(".yaml"))
     assert refused.status == 2
     assert "inputs.v: this entry is missing" in refused.err
     assert "REVIEW: no column is a voltage" in path.with_suffix(".yaml").read_text()
@@ -454,7 +464,7 @@ def test_names_that_yaml_would_take_for_something_else(tmp_path: Path) -> None:
 def test_more_files_than_a_config_holds_are_named(tmp_path: Path) -> None:
     columns = {name: values[:60] for name, values in german().items()}
     paths = [written(tmp_path / f"r{k}.csv", columns) for k in range(52)]
-    refused = systems.cli("init", *paths, "-o", tmp_path / "all.yaml")
+    refused = command_line.cli("init", *paths, "-o", tmp_path / "all.yaml")
     assert refused.status == 2
     assert "52 entries stand here, wanted are at most 50; take out r50, r51" in refused.err
     assert not (tmp_path / "all.yaml").exists()
@@ -486,12 +496,12 @@ def test_nothing_can_be_made_of_it(tmp_path_factory: pytest.TempPathFactory) -> 
         path = tmp_path / "r.csv"
         if (text := HOPELESS[why]) is not None:
             path.write_text(text)
-        before = systems.listing(tmp_path)
-        refused = systems.cli("init", path)
+        before = command_line.listing(tmp_path)
+        refused = command_line.cli("init", path)
         assert refused.status == 2
         assert why in refused.err
         assert "Traceback" not in refused.err
-        assert systems.listing(tmp_path) == before
+        assert command_line.listing(tmp_path) == before
 
     for_each({str(why): (why,) for why in HOPELESS}, check)
 
@@ -500,21 +510,21 @@ def test_nothing_is_overwritten_unasked(tmp_path: Path) -> None:
     path = written(tmp_path / "r.csv", german())
     config = tmp_path / "r.yaml"
     config.write_text("mine")
-    refused = systems.cli("init", path)
+    refused = command_line.cli("init", path)
     assert refused.status == 2
     assert config.read_text() == "mine"
-    done = systems.cli("init", path, "--force")
+    done = command_line.cli("init", path, "--force")
     assert done.status == 0
     assert "REVIEW" in done.out
     record = path.read_bytes()
     for output in (path, tmp_path / "notes.txt"):
-        assert systems.cli("init", path, "--output", output, "--force").status == 2
+        assert command_line.cli("init", path, "--output", output, "--force").status == 2
     assert path.read_bytes() == record
     folder = tmp_path / "configs"
     folder.mkdir()
-    assert systems.cli("init", path, "--output", folder / "mine.yaml", "--gear", 5).status == 0
+    assert command_line.cli("init", path, "--output", folder / "mine.yaml", "--gear", 5).status == 0
     assert "file: ../r.csv" in (folder / "mine.yaml").read_text()
-    assert systems.cli("init", path, "--gear", 0.2, "--force").status == 2
+    assert command_line.cli("init", path, "--gear", 0.2, "--force").status == 2
 
 
 SERVO = DATA / "simulated_servo"

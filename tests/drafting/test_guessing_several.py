@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.linalg
-import systems
-from newcomers import DEG, RPM, accepted, both_ways, german, made, told, written
-from together import for_each
+from support import command_line
+from support.case_tables import for_each
+from support.first_configs import DEG, RPM, accepted, both_ways, german, made, told, written
 
 import bayesdrill as bd
 from bayesdrill.basics.errors import InputError
@@ -283,10 +283,10 @@ def test_how_a_start_is_said(tmp_path: Path) -> None:
 def test_one_file_for_several_at_the_command_line(tmp_path: Path) -> None:
     columns = german()
     paths = [written(tmp_path / f"{n}.csv", columns) for n in ("first", "second")]
-    done = systems.cli("init", *paths, "--output", tmp_path / "both.yaml")
+    done = command_line.cli("init", *paths, "--output", tmp_path / "both.yaml")
     assert done.status == 0
     assert "experiments first, second; channels theta_1, w_1, motor" in done.out
-    assert systems.cli("init", *paths, "--output", paths[1], "--force").status == 2
+    assert command_line.cli("init", *paths, "--output", paths[1], "--force").status == 2
     assert paths[1].read_text() == paths[0].read_text()
 
 

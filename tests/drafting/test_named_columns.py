@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.io
-import systems
-from newcomers import DEG, accepted, both_ways, german, made, told, written
+from support import command_line
+from support.first_configs import DEG, accepted, both_ways, german, made, told, written
 
 import bayesdrill as bd
 from bayesdrill.config.yaml_source import parse
@@ -17,7 +17,7 @@ from bayesdrill.drafting.columns import named_column
 
 
 def refused(*arguments: Any) -> str:
-    done = systems.cli("init", *arguments)
+    done = command_line.cli("init", *arguments)
     assert done.status == 2
     assert "Traceback" not in done.err
     return str(done.err)

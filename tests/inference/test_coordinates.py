@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from oracles import NOMINAL
-from rigs import measured, posterior, vector
 from scipy.stats import norm
-from together import together
+from support.case_tables import together
+from support.scipy_oracles import NOMINAL
+from support.small_problems import measured, posterior, vector
 
 from bayesdrill.inference import laplace
 from bayesdrill.inference.priors import (

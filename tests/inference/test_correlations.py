@@ -7,11 +7,11 @@ from functools import cache
 
 import numpy as np
 import pytest
-from lacking import best
 from numpy.typing import NDArray
-from oracles import NOMINAL
-from rigs import experiment, posterior, replace_only
 from scipy.signal import lfilter
+from support.missing_physics import best
+from support.scipy_oracles import NOMINAL
+from support.small_problems import experiment, posterior, replace_only
 
 from bayesdrill.analysis.diagnostics import sandwich_sds
 from bayesdrill.inference.laplace import information_root, long_run_variance

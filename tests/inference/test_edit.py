@@ -6,9 +6,9 @@ import dataclasses
 
 import numpy as np
 import pytest
-from lacking import MEASURES, believed
-from rubbing_cases import CASES
-from stepping import experiment_of, model_of, parameters
+from support.friction_cases import CASES
+from support.missing_physics import MEASURES, believed
+from support.stepped_friction import experiment_of, model_of, parameters
 
 from bayesdrill.inference import step_error
 from bayesdrill.inference.posterior import Posterior

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 import pytest
-from oracles import NOMINAL
+from support.scipy_oracles import NOMINAL
 
 import bayesdrill as bd
 from bayesdrill.inference.inverse_dynamics import regression_start

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pairs
 import pytest
-from rigs import with_priors
-from together import together
+from support import two_experiments
+from support.case_tables import together
+from support.small_problems import with_priors
 
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.inference import laplace
@@ -20,7 +20,7 @@ from bayesdrill.sampling import mode_search
 
 
 def target() -> Posterior:
-    return pairs.rich().problem.posterior
+    return two_experiments.rich().problem.posterior
 
 
 def points(posterior: Posterior, n: int = 3) -> np.ndarray:

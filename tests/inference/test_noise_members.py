@@ -15,7 +15,7 @@ import pytest
 import scipy.stats
 from numpy.typing import NDArray
 from scipy.integrate import quad
-from together import together
+from support.case_tables import together
 
 from bayesdrill.inference.noise.ar1 import AR1
 from bayesdrill.inference.noise.contract import Noise, NoisyChannel

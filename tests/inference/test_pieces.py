@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from rigs import likelihood_of
-from rubbing_cases import CASES, moved
-from stepping import experiment_of, model_of, parameters
-from together import together
+from support.case_tables import together
+from support.friction_cases import CASES, moved
+from support.small_problems import likelihood_of
+from support.stepped_friction import experiment_of, model_of, parameters
 
 from bayesdrill.inference.noise.contract import NoisyChannel
 from bayesdrill.inference.noise.white import White

@@ -8,9 +8,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import scipy.stats
-from oracles import NOMINAL, ORDER
-from rigs import measured, posterior, vector
-from together import together
+from support.case_tables import together
+from support.scipy_oracles import NOMINAL, ORDER
+from support.small_problems import measured, posterior, vector
 
 from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.priors import Uniform

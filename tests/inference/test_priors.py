@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.integrate
 import scipy.stats
-from together import together
+from support.case_tables import together
 
 from bayesdrill.inference.priors import PRIORS, Prior, prior_log_sd, prior_sd
 

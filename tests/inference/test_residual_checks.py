@@ -7,9 +7,9 @@ import re
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from oracles import NOMINAL
-from rigs import measured, posterior, replace_only
-from together import together
+from support.case_tables import together
+from support.scipy_oracles import NOMINAL
+from support.small_problems import measured, posterior, replace_only
 
 from bayesdrill.basics.units import SECOND
 from bayesdrill.inference.noise import NOISES

@@ -12,9 +12,9 @@ import functools
 
 import numpy as np
 import pytest
-from oracles import NOMINAL, ORDER
-from rigs import STATES, experiment, posterior, unknown, vector
-from shaken import covariance, process
+from support.missing_torque_oracle import covariance, process
+from support.scipy_oracles import NOMINAL, ORDER
+from support.small_problems import STATES, experiment, posterior, unknown, vector
 
 from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.inference.likelihood import LatentTorqueObservation

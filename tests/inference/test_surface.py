@@ -6,10 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from compiled import SIGMA, seen
-from oracles import NOMINAL, ORDER
-from rigs import likelihood_of, unknown
-from together import together
+from support.case_tables import together
+from support.compiled_responses import SIGMA, seen
+from support.scipy_oracles import NOMINAL, ORDER
+from support.small_problems import likelihood_of, unknown
 
 from bayesdrill.basics.formulas import expression
 from bayesdrill.inference.laplace import LogDensity, QuadraticModel, concatenate_models

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.signal import lfilter
-from together import for_each
+from support.case_tables import for_each
 
 from bayesdrill.record import anomalies
 

@@ -14,7 +14,7 @@ import numpy as np
 import pyarrow
 import pytest
 from pyarrow import parquet
-from together import for_each
+from support.case_tables import for_each
 
 import bayesdrill as bd
 from bayesdrill.basics.errors import InputError

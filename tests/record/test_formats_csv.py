@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from together import for_each
+from support.case_tables import for_each
 
 from bayesdrill.basics.errors import InputError
 from bayesdrill.record.formats import FORMATS, format_of

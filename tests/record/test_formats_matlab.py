@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import scipy.io
 import scipy.io.matlab
-from together import for_each
+from support.case_tables import for_each
 
 from bayesdrill.basics.entries import NoEntries
 from bayesdrill.basics.errors import InputError

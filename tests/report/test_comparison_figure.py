@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from comparisons import CHANNELS, model
 from matplotlib.figure import Figure
-from pictures import clashes, drawn, marked, xy
-from together import for_each
+from support.case_tables import for_each
+from support.compared_models import CHANNELS, model
+from support.figure_checks import clashes, drawn, marked, xy
 
 from bayesdrill.analysis.comparison import RunSummary, overlay_rows
 from bayesdrill.inference.display_units import SI

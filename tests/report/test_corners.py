@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from surfaces import Walled
-from together import for_each
+from support.case_tables import for_each
+from support.closed_form_densities import Walled
 
 from bayesdrill.inference.laplace import QuadraticModel
 from bayesdrill.sampling.proposal import ridge_tracing

@@ -14,7 +14,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import StepPatch
 from numpy.typing import NDArray
-from pictures import (
+from PIL import Image
+from support.case_tables import for_each
+from support.figure_checks import (
     SYMBOLS,
     TABLE,
     clashes,
@@ -26,8 +28,6 @@ from pictures import (
     prior_of,
     si,
 )
-from PIL import Image
-from together import for_each
 
 from bayesdrill.basics.symbols import PARAMETERS, Symbol
 from bayesdrill.inference.priors import Uniform

@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from pictures import clashes, drawn, si
-from together import for_each
+from support.case_tables import for_each
+from support.figure_checks import clashes, drawn, si
 
 import bayesdrill as bd
 from bayesdrill.basics.symbols import Symbol

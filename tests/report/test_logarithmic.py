@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.patches import Rectangle, StepPatch
-from pictures import (
+from support.case_tables import for_each
+from support.figure_checks import (
     SYMBOLS,
     TABLE,
     clashes,
@@ -20,7 +21,6 @@ from pictures import (
     posterior,
     si,
 )
-from together import for_each
 
 from bayesdrill.basics.symbols import PARAMETERS
 from bayesdrill.inference.priors import LogUniform, Prior, Uniform, flat_in_logs

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
-from pictures import clashes, drawn, posterior
-from together import for_each
+from support.case_tables import for_each
+from support.figure_checks import clashes, drawn, posterior
 
 import bayesdrill as bd
 from bayesdrill.analysis.comparison import PosteriorSummary, overlay_rows

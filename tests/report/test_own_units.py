@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 import pytest
 from matplotlib.mathtext import MathTextParser
-from oracles import NOMINAL
-from pictures import clashes, drawn, si
-from together import for_each
+from support.case_tables import for_each
+from support.figure_checks import clashes, drawn, si
+from support.scipy_oracles import NOMINAL
 
 import bayesdrill as bd
 from bayesdrill import output_files

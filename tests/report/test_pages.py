@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from oracles import NOMINAL
 from PIL import Image
-from together import for_each
+from support.case_tables import for_each
+from support.scipy_oracles import NOMINAL
 
 import bayesdrill as bd
 from bayesdrill import output_files

@@ -11,8 +11,8 @@ import pytest
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from pictures import SYMBOLS, clashes, drawn
-from together import for_each
+from support.case_tables import for_each
+from support.figure_checks import SYMBOLS, clashes, drawn
 
 from bayesdrill.analysis.calibration import ecdf_band
 from bayesdrill.analysis.diagnostics import rank_histograms

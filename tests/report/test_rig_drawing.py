@@ -13,8 +13,8 @@ from matplotlib.path import Path
 from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
-from pictures import box, drawn, overlap, shown
-from together import for_each
+from support.case_tables import for_each
+from support.figure_checks import box, drawn, overlap, shown
 
 from bayesdrill.basics.symbols import PARAMETERS
 from bayesdrill.report.rig_drawing import rig_figure

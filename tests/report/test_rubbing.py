@@ -11,10 +11,10 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import StepPatch
-from oracles import NOMINAL
-from pictures import clashes, drawn, si
-from rubbing import Rig, simulate
-from together import for_each
+from support.case_tables import for_each
+from support.figure_checks import clashes, drawn, si
+from support.friction_oracle import Rig, simulate
+from support.scipy_oracles import NOMINAL
 
 import bayesdrill as bd
 from bayesdrill.inference.step_error import StepError

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from pictures import (
+from support.case_tables import for_each
+from support.figure_checks import (
     SIGMAS,
     SYMBOLS,
     TABLE,
@@ -21,8 +22,7 @@ from pictures import (
     shown,
     si,
 )
-from together import for_each
-from verdicts import PRIOR_SD, linear_study
+from support.linear_study import PRIOR_SD, linear_study
 
 from bayesdrill.analysis.calibration import LOG_LIKELIHOOD, Refit, judge_calibration
 from bayesdrill.analysis.identifiability.profile import Profile

@@ -9,8 +9,8 @@ import pytest
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from pictures import SYMBOLS, TABLE, clashes, displayed, drawn, mode_of, posterior, si
-from together import for_each
+from support.case_tables import for_each
+from support.figure_checks import SYMBOLS, TABLE, clashes, displayed, drawn, mode_of, posterior, si
 
 from bayesdrill.inference.priors import LogUniform
 from bayesdrill.report import scales

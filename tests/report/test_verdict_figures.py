@@ -4,9 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from pictures import SYMBOLS, TABLE, clashes, displayed, drawn, mode_of, posterior, prior_of
-from together import for_each
-from verdicts import NAMES, gaussian, verdict
+from support.case_tables import for_each
+from support.figure_checks import (
+    SYMBOLS,
+    TABLE,
+    clashes,
+    displayed,
+    drawn,
+    mode_of,
+    posterior,
+    prior_of,
+)
+from support.linear_study import NAMES, gaussian, verdict
 
 from bayesdrill.analysis.identifiability.structure import ScalingStructure
 from bayesdrill.basics.symbols import PARAMETERS, product_latex

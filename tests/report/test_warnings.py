@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from together import for_each
+from support.case_tables import for_each
 
 from bayesdrill.inference.display_units import DisplayUnits
 from bayesdrill.inference.residual_checks import ResidualLimits, ResidualSummary

@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-import systems
-from compiled import response
-from oracles import NOMINAL
-from rigs import experiment, vector
+from support import command_line
+from support.compiled_responses import response
+from support.scipy_oracles import NOMINAL
+from support.small_problems import experiment, vector
 
 from bayesdrill.rig.kernels import cache
 from bayesdrill.rig.kernels.cache import CACHE_VARIABLE, CodeCache, user_cache
@@ -288,15 +288,17 @@ def test_damaged_code_is_compiled_again(tmp_path: Path) -> None:
 def test_the_cache_is_shown_and_cleared_by_a_command(tmp_path: Path) -> None:
     squares(tmp_path)
     with environment(**{CACHE_VARIABLE: str(tmp_path)}):
-        assert f"{tmp_path / 'kernels'}: 1 compiled kernels, 0.0 MB" in systems.cli("cache").out
-        assert "0 compiled kernels" in systems.cli("cache", "--clear").out
+        assert (
+            f"{tmp_path / 'kernels'}: 1 compiled kernels, 0.0 MB" in command_line.cli("cache").out
+        )
+        assert "0 compiled kernels" in command_line.cli("cache", "--clear").out
         (tmp_path / "kernels").chmod(0o755)
-        refused = systems.cli("cache")
+        refused = command_line.cli("cache")
         assert refused.status == 2
         assert "chmod 700" in refused.err
         assert CACHE_VARIABLE in refused.err
     with environment(**{CACHE_VARIABLE: "off"}):
-        assert "BAYESDRILL_CACHE=off" in systems.cli("cache").out
+        assert "BAYESDRILL_CACHE=off" in command_line.cli("cache").out
 
 
 def test_what_the_code_depends_on_is_in_the_key() -> None:

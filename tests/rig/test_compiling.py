@@ -7,11 +7,11 @@ import gc
 import weakref
 
 import numpy as np
-from compiled import response
 from llvmlite import ir
-from oracles import NOMINAL
-from rigs import vector
-from together import together
+from support.case_tables import together
+from support.compiled_responses import response
+from support.scipy_oracles import NOMINAL
+from support.small_problems import vector
 
 from bayesdrill.rig.kernels.compiling import (
     PIECE,

@@ -14,9 +14,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
-from oracles import ORDER, skewed
-from rigs import STATES, experiment
-from together import together
+from support.case_tables import together
+from support.scipy_oracles import ORDER, skewed
+from support.small_problems import STATES, experiment
 
 from bayesdrill.rig.kernels.lanes import Module
 from bayesdrill.rig.kernels.recurrence import write_response

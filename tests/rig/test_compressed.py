@@ -6,11 +6,11 @@ import dataclasses
 
 import numpy as np
 import pytest
-from exact_motion import ExactMotion
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from oracles import ORDER, skewed
-from rigs import experiment, vector
+from support.linear_oracle import ExactMotion
+from support.scipy_oracles import ORDER, skewed
+from support.small_problems import experiment, vector
 
 from bayesdrill.rig.models.motor_shaft import DrivenShaft, MotorShaft
 from bayesdrill.rig.models.train import Train

@@ -8,9 +8,9 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from rigs import experiment
 from scipy.integrate import solve_ivp
-from together import together
+from support.case_tables import together
+from support.small_problems import experiment
 
 from bayesdrill.record import anomalies
 from bayesdrill.record.experiment import Experiment

@@ -5,7 +5,7 @@ from __future__ import annotations
 from contextlib import suppress
 
 import numpy as np
-from trains import Oracle, springs
+from support.train_oracle import Oracle, springs
 
 from bayesdrill.basics.errors import InputError
 from bayesdrill.rig.models.linear import with_named

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from oracles import NOMINAL
-from rigs import experiment
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
+from support.scipy_oracles import NOMINAL
+from support.small_problems import experiment
 
 from bayesdrill.rig.models.linear import dynamics, with_named
 from bayesdrill.rig.models.long_shaft import LongShaft

@@ -1,4 +1,4 @@
-"""A missing torque against covariances of all samples, typed in from its meaning (`shaken`).
+"""A missing torque against covariances of all samples, which `missing_torque_oracle` types in anew.
 
 Mutants killed: the torque with the other sign or on the wrong side of the gear, a covariance at
 the start that is left out, a gain that settles too soon, gaps that are taken for zeros, a lead
@@ -12,11 +12,11 @@ import pickle
 
 import numpy as np
 import pytest
-import shaken
 from numpy.typing import NDArray
-from oracles import skewed
-from rigs import Held, experiment, vector
-from together import for_each, together
+from support import missing_torque_oracle
+from support.case_tables import for_each, together
+from support.scipy_oracles import skewed
+from support.small_problems import Held, experiment, vector
 
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.models.latent_torque import (
@@ -59,9 +59,9 @@ def drawn(one: Experiment, seed: int = 3) -> Array:
 
 def made(
     at: TorqueLocation, smooth: Smoothness, one: Experiment
-) -> tuple[KalmanFilter, shaken.Process, Array]:
+) -> tuple[KalmanFilter, missing_torque_oracle.Process, Array]:
     found = KalmanFilter(MotorShaft(), MissingTorque(at=at, smoothness=smooth), one)
-    of = shaken.process(P, at, smooth, SIZE, TIME)
+    of = missing_torque_oracle.process(P, at, smooth, SIZE, TIME)
     return found, of, weights(one, len(found.torque.states))
 
 
@@ -86,11 +86,13 @@ def test_the_likelihood_is_that_of_all_samples_together(
     left = drawn(one)
     seen = shown(one, left)
     found, of, rows = made(at, smooth, one)
-    truth = shaken.log_density(left, shaken.covariance(of, rows, SIGMAS, one.t, 0.0))
+    truth = missing_torque_oracle.log_density(
+        left, missing_torque_oracle.covariance(of, rows, SIGMAS, one.t, 0.0)
+    )
     ours = found.log_density(*told(9), seen.record)
     assert ours.sum(axis=1) == pytest.approx(np.full(9, truth), abs=1e-8)
     assert density(found, left) == pytest.approx(truth, abs=1e-8)
-    plain = shaken.filtered(of, rows, SIGMAS, left, 0.02)
+    plain = missing_torque_oracle.filtered(of, rows, SIGMAS, left, 0.02)
     assert plain == pytest.approx(truth, abs=1e-8)
 
 
@@ -107,7 +109,9 @@ def test_gaps_uneven_times_and_a_start_before_the_first_sample(
     one = dataclasses.replace(one, t=t, y=y, t_start=0.05)
     left = np.where(np.isnan(y), np.nan, drawn(one))
     found, of, rows = made(at, smooth, one)
-    truth = shaken.log_density(left, shaken.covariance(of, rows, SIGMAS, t, 0.05))
+    truth = missing_torque_oracle.log_density(
+        left, missing_torque_oracle.covariance(of, rows, SIGMAS, t, 0.05)
+    )
     assert density(found, left) == pytest.approx(truth, abs=1e-8)
 
 
@@ -122,7 +126,9 @@ def test_a_start_before_the_first_sample_of_even_times(
     seen = shown(one, left)
     found, of, rows = made("rotor_1", "3/2", one)
     sigmas = SIGMAS[: len(measures)]
-    truth = shaken.log_density(left, shaken.covariance(of, rows, sigmas, one.t, 0.0))
+    truth = missing_torque_oracle.log_density(
+        left, missing_torque_oracle.covariance(of, rows, sigmas, one.t, 0.0)
+    )
     ours = found.log_density(told()[0], sigmas[None], seen.record)
     assert ours.sum() == pytest.approx(truth, abs=1e-8)
 
@@ -134,7 +140,9 @@ def test_of_any_number_of_samples(n: int) -> None:
     left = drawn(one)
     seen = shown(one, left)
     found, of, rows = made("rotor_1", "3/2", one)
-    truth = shaken.log_density(left, shaken.covariance(of, rows, SIGMAS, one.t, 0.0))
+    truth = missing_torque_oracle.log_density(
+        left, missing_torque_oracle.covariance(of, rows, SIGMAS, one.t, 0.0)
+    )
     assert found.log_density(*told(), seen.record).sum() == pytest.approx(truth, abs=1e-8)
 
 
@@ -219,7 +227,7 @@ def test_draws_are_of_the_covariance(at: TorqueLocation, smooth: Smoothness) -> 
     one = experiment(12, 0.1, first=0.2, measures=MEASURES)
     found, of, rows = made(at, smooth, one)
     draws = found.draw(*told(20000), np.random.default_rng(5))[1].reshape(20000, -1)
-    truth = shaken.covariance(of, rows, SIGMAS, one.t, 0.0)
+    truth = missing_torque_oracle.covariance(of, rows, SIGMAS, one.t, 0.0)
     sizes = np.sqrt(np.diag(truth))
     assert np.abs(np.cov(draws.T) - truth).max() < 0.06 * np.max(np.outer(sizes, sizes))
     assert np.diag(np.cov(draws.T)) == pytest.approx(np.diag(truth), rel=0.06)
@@ -236,7 +244,7 @@ def test_smoothing_is_what_is_expected_of_the_torque(
     left = np.where(np.isnan(y), np.nan, drawn(one))
     found, of, rows = made(at, smooth, one)
     both = np.vstack([rows, np.eye(len(of[0]))[5]])
-    whole = shaken.covariance(of, both, np.append(SIGMAS, 0.0), one.t, 0.0)
+    whole = missing_torque_oracle.covariance(of, both, np.append(SIGMAS, 0.0), one.t, 0.0)
     samples = np.tile([True, True, True, False], 40)
     samples[samples] &= ~np.isnan(left).ravel()
     torque = np.tile([False, False, False, True], 40)

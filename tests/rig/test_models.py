@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from oracles import NOMINAL
-from rigs import STATES, Held
-from together import together
+from support.case_tables import together
+from support.scipy_oracles import NOMINAL
+from support.small_problems import STATES, Held
 
 from bayesdrill.basics.errors import InputError
 from bayesdrill.config import loading

@@ -6,10 +6,10 @@ import dataclasses
 
 import numpy as np
 import pytest
-from oracles import NOMINAL
-from rigs import experiment
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
+from support.scipy_oracles import NOMINAL
+from support.small_problems import experiment
 
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.models.linear import dynamics, missing_requirements, with_named

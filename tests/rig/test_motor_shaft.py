@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from oracles import NOMINAL
 from scipy.integrate import solve_ivp
+from support.scipy_oracles import NOMINAL
 
 import bayesdrill as bd
 from bayesdrill.rig import MotorShaft

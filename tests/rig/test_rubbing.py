@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 import pytest
-from oracles import NOMINAL, by_radau
-from rubbing import STATES, Rig, simulate
-from rubbing_cases import CASES, moved
-from together import together
+from support.case_tables import together
+from support.friction_cases import CASES, moved
+from support.friction_oracle import STATES, Rig, simulate
+from support.scipy_oracles import NOMINAL, by_radau
 
 FREE = {
     **NOMINAL,

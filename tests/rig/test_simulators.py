@@ -1,4 +1,4 @@
-"""The contract of all simulators, over one table of cases and against one oracle (`exact_motion`).
+"""The contract of all simulators, over one table of cases and against one oracle (`linear_oracle`).
 
 Signals and slopes are those of the oracle, sums those of the samples that they do without, and a
 walker has its own numbers whatever its neighbours do.
@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from exact_motion import ExactMotion
-from oracles import NOMINAL, ORDER, by_radau, skewed
-from rigs import STATES, experiment, vector
-from rubbing_cases import CASES as RUBBING
 from scipy.special import log_ndtr
-from stepping import experiment_of, model_of, parameters
-from together import together
+from support.case_tables import together
+from support.friction_cases import CASES as RUBBING
+from support.linear_oracle import ExactMotion
+from support.scipy_oracles import NOMINAL, ORDER, by_radau, skewed
+from support.small_problems import STATES, experiment, vector
+from support.stepped_friction import experiment_of, model_of, parameters
 
 from bayesdrill.record.experiment import Channel, Experiment
 from bayesdrill.rig.kernels.lanes import LANES

@@ -1,4 +1,4 @@
-"""Rigs that rub, in steps: against the oracle of `rubbing`, and laws that no step may break."""
+"""Rigs that rub, in steps: against the oracle in `friction_oracle`, and laws that no step may break."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from oracles import NOMINAL
-from rigs import experiment, vector
-from rubbing import RUBS
-from rubbing_cases import CASES, moved
-from stepping import experiment_of, model_of, parameters, states, stepped
-from together import for_each, together
+from support.case_tables import for_each, together
+from support.friction_cases import CASES, moved
+from support.friction_oracle import RUBS
+from support.scipy_oracles import NOMINAL
+from support.small_problems import experiment, vector
+from support.stepped_friction import experiment_of, model_of, parameters, states, stepped
 
 from bayesdrill.rig.models.friction import Friction
 from bayesdrill.rig.models.linear import Linear, WrappedModel

@@ -8,9 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rubbing import STATES, Moved, simulate
-from rubbing_cases import CASES, Case, moved, moved_of
-from stepping import experiment_of, model_of, parameters, stepped
+from support.friction_cases import CASES, Case, moved, moved_of
+from support.friction_oracle import STATES, Moved, simulate
+from support.stepped_friction import experiment_of, model_of, parameters, stepped
 
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators.sensors import ObservationModel

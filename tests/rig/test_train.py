@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from trains import Oracle, springs
+from support.train_oracle import Oracle, springs
 
 import bayesdrill as bd
 from bayesdrill.basics.errors import InputError

@@ -8,9 +8,9 @@ from functools import cache
 
 import numpy as np
 import pytest
-from oracles import NOMINAL, matrices
-from rigs import experiment, posterior, vector, with_priors
-from together import together
+from support.case_tables import together
+from support.scipy_oracles import NOMINAL, matrices
+from support.small_problems import experiment, posterior, vector, with_priors
 
 import bayesdrill as bd
 from bayesdrill.inference.laplace import LogDensity

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 import scipy.optimize
-from surfaces import Walled, humps, ridged
-from together import together
+from support.case_tables import together
+from support.closed_form_densities import Walled, humps, ridged
 
 from bayesdrill.inference.laplace import QuadraticModel
 from bayesdrill.sampling.gauss_newton import bounded_step, gauss_newton, newton_gain

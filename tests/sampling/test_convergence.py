@@ -8,8 +8,8 @@ import emcee
 import numpy as np
 import pytest
 import scipy.stats
-from chains import ar1
-from together import together
+from support.case_tables import together
+from support.known_chains import ar1
 
 from bayesdrill.inference.derived import HDI_PROBABILITY, hdi
 from bayesdrill.sampling.convergence import (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from together import together
+from support.case_tables import together
 
 import bayesdrill as bd
 from bayesdrill.inference.posterior import Posterior

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from targets import WILD
+from support.known_targets import WILD
 
 from bayesdrill.basics import seeds
 from bayesdrill.sampling.samplers.ensemble import State, advance

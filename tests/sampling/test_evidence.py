@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.special
 import scipy.stats
-from oracles import NOMINAL
-from proposals import rough
-from targets import TARGETS, Bent, Boxed, Humps, Skewed, Target, loose
-from together import together
+from support.case_tables import together
+from support.handmade_proposals import rough
+from support.known_targets import TARGETS, Bent, Boxed, Humps, Skewed, Target, loose
+from support.scipy_oracles import NOMINAL
 
 import bayesdrill as bd
 from bayesdrill.sampling.evidence import Evidence, bridge, evidence

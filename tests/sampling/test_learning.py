@@ -7,9 +7,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from compiled import SIGMA, seen
-from surfaces import Gaussians, humps, ridged
-from together import together
+from support.case_tables import together
+from support.closed_form_densities import Gaussians, humps, ridged
+from support.compiled_responses import SIGMA, seen
 
 from bayesdrill.inference.laplace import (
     LogDensity,

@@ -6,8 +6,8 @@ import dataclasses
 
 import numpy as np
 import pytest
-from surfaces import Gaussians, humps, ridged
-from together import together
+from support.case_tables import together
+from support.closed_form_densities import Gaussians, humps, ridged
 
 from bayesdrill.sampling import multiple_modes
 

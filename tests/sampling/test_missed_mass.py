@@ -7,8 +7,8 @@ from functools import cache
 
 import numpy as np
 import pytest
-from surfaces import Ridged, corner, ridged
-from together import for_each, together
+from support.case_tables import for_each, together
+from support.closed_form_densities import Ridged, corner, ridged
 
 from bayesdrill.sampling.proposal.learning import LearnedProposal, learn
 from bayesdrill.sampling.proposal.missed_mass import FAR_LOG_RATIO, missed_mass

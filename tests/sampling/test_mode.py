@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from oracles import NOMINAL
-from rigs import measured, posterior, replace_only, starting, vector
 from scipy.optimize import minimize
-from together import together
+from support.case_tables import together
+from support.scipy_oracles import NOMINAL
+from support.small_problems import measured, posterior, replace_only, starting, vector
 
 from bayesdrill.inference import laplace
 from bayesdrill.inference.laplace import TAIL_MASS

@@ -10,9 +10,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from rigs import with_priors
 from scipy.special import logsumexp
-from together import for_each, together
+from support.case_tables import for_each, together
+from support.small_problems import with_priors
 
 from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.inference.priors import Uniform

@@ -6,8 +6,8 @@ from functools import cache
 
 import numpy as np
 import pytest
-from rigs import measured, posterior
-from together import for_each
+from support.case_tables import for_each
+from support.small_problems import measured, posterior
 
 from bayesdrill.basics.progress import Silent
 from bayesdrill.sampling.convergence import Targets

@@ -7,8 +7,8 @@ import itertools
 
 import numpy as np
 import pytest
-from surfaces import humps, ridged
-from together import together
+from support.case_tables import together
+from support.closed_form_densities import humps, ridged
 
 from bayesdrill.sampling.proposal import ridge_tracing
 from bayesdrill.sampling.samplers import ridge

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from compiled import SIGMA, seen
-from surfaces import Walled, humps, ridged
+from support.case_tables import together
+from support.closed_form_densities import Walled, humps, ridged
+from support.compiled_responses import SIGMA, seen
 from threadpoolctl import threadpool_info, threadpool_limits
-from together import together
 
 from bayesdrill.basics.progress import Silent
 from bayesdrill.inference.laplace import LogDensity

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import chains
 import numpy as np
 import pytest
-from chains import Chains, sound
 from scipy.special import ndtr
-from together import together
+from support import known_chains
+from support.case_tables import together
+from support.known_chains import Chains, sound
 
 from bayesdrill.basics import seeds
 from bayesdrill.sampling.convergence import Convergence, Targets, assess, find_two_groups
@@ -138,7 +138,7 @@ def test_two_places_between_which_walkers_cross_are_no_trouble() -> None:
 def test_slow_motion_that_a_window_does_not_see_is_found() -> None:
     """Mutant killed: tau is never seen to grow."""
     spoilt = sound(9, steps=2000, rho=0.2)
-    slow = chains.ar1((4, 2000, 32, 1), 0.9985, seed=10)
+    slow = known_chains.ar1((4, 2000, 32, 1), 0.9985, seed=10)
     spoilt.theta[..., :1] += 0.35 * slow
     found = judge(spoilt)
     assert found.n_tau > TARGETS.n_tau

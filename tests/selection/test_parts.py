@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from candidates import write
 from ruamel.yaml import YAML
-from together import for_each
+from support.case_tables import for_each
+from support.unexplained_records import write
 
 import bayesdrill as bd
 from bayesdrill.config.job import Job, prepare

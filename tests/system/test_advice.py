@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import systems
-from candidates import write
-from documents import ROOT
-from together import together
+from support import command_line
+from support.case_tables import together
+from support.document_blocks import ROOT
+from support.unexplained_records import write
 
 import bayesdrill as bd
 from benchmarks import causes
@@ -23,8 +23,8 @@ there = pytest.mark.skipif(not SMALL.is_dir(), reason="records that do not come 
 SECONDS = 60.0  # that the slowest may take on two processors
 
 
-def mapped(name: str, config: str = "config.yaml", *options: str) -> systems.Ran:
-    return systems.cli("map", SMALL / name / config, *(options or ("--processes", "1")))
+def mapped(name: str, config: str = "config.yaml", *options: str) -> command_line.Ran:
+    return command_line.cli("map", SMALL / name / config, *(options or ("--processes", "1")))
 
 
 def advice(out: str) -> str:
@@ -179,19 +179,19 @@ def test_a_prior_that_ends_too_early_is_widened(name: str, tmp_path: Path) -> No
         text = text.replace(key, prior)
     path = write(tmp_path, text, {"t": T, "u": U, **noisy})
     new = tmp_path / "new.yaml"
-    ran = systems.cli("map", path, "--processes", "1", "--apply", new)
+    ran = command_line.cli("map", path, "--processes", "1", "--apply", new)
     unknown = EARLY[name][0].removeprefix("prior_")
     assert advice(ran.out) == f"a wider prior of {unknown}"
     assert f"prior: {unknown} is at an end of its prior" in ran.out
-    again = systems.cli("map", new, "--processes", "1")
+    again = command_line.cli("map", new, "--processes", "1")
     assert "the residuals look like the noise" in again.out
     assert again.status == 0
 
 
 def test_a_config_is_written_once_and_never_over_what_is_read(tmp_path: Path) -> None:
     """Mutants killed: the config itself, a file that is there, a name of another kind."""
-    config = systems.small(tmp_path)
-    before = systems.listing(tmp_path)
+    config = command_line.small(tmp_path)
+    before = command_line.listing(tmp_path)
     other = tmp_path / "there.yaml"
     other.write_text("mine: 1\n")
     for new, says in (
@@ -200,13 +200,13 @@ def test_a_config_is_written_once_and_never_over_what_is_read(tmp_path: Path) ->
         (other, "exists already"),
         (tmp_path / "no" / "new.yaml", "this folder does not exist"),
     ):
-        ran = systems.cli("map", config, "--processes", "1", "--apply", new)
+        ran = command_line.cli("map", config, "--processes", "1", "--apply", new)
         assert ran.status == 2
         assert says in ran.err, ran.err
-    ran = systems.cli("map", config, "--quick", "--apply", tmp_path / "new.yaml")
+    ran = command_line.cli("map", config, "--quick", "--apply", tmp_path / "new.yaml")
     assert ran.status == 2
     other.unlink()
-    fits = systems.cli("map", config, "--processes", "1", "--apply", tmp_path / "new.yaml")
+    fits = command_line.cli("map", config, "--processes", "1", "--apply", tmp_path / "new.yaml")
     assert fits.status == 0
     assert "nothing to write: the fit leaves what looks like the noise" in fits.out
-    assert systems.listing(tmp_path) == before
+    assert command_line.listing(tmp_path) == before

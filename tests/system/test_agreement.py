@@ -11,7 +11,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 from arviz_stats.base import array_stats
-from rigs import near
+from support.small_problems import near
 
 from bayesdrill.basics import seeds
 from bayesdrill.basics.progress import Silent

@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-import systems
 from ruamel.yaml import YAML
 from scipy.io import savemat
-from together import together
+from support import command_line
+from support.case_tables import together
 
 K_E = "k_e: {prior: uniform, low: 0.5, high: 1.5, relative: true}"
 J_1 = "j_1: {prior: uniform, low: 0.5, high: 1.5, relative: true}"
@@ -148,7 +148,7 @@ def make(folder: Path, case: dict[str, Any]) -> None:
     if "mat" in case:
         changes.append(("file: small.csv", "file: small.mat"))
         changes += [(f"{{column: {x},", f"{{variable: {x},") for x in ("t", "theta_1", "w_1")]
-    systems.small(folder, *changes)
+    command_line.small(folder, *changes)
     for name in SPOIL.keys() & case.keys():
         SPOIL[name](folder, case[name])
 
@@ -167,7 +167,7 @@ def label(folder: Path, at: str | None) -> str:
     return f"small.yaml:{found[0]}:"
 
 
-def assert_a_message(ran: systems.Ran) -> None:
+def assert_a_message(ran: command_line.Ran) -> None:
     """Status 2, and on stderr what fits one screen; nothing on stdout."""
     assert ran.status == 2, ran.text
     assert ran.out == ""
@@ -183,13 +183,13 @@ def test_the_cases_are_many_and_named_once() -> None:
 
 
 def test_the_good_experiment_passes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    systems.small(tmp_path)
+    command_line.small(tmp_path)
     monkeypatch.chdir(tmp_path)
-    before = systems.listing(tmp_path)
-    ran = systems.cli("check", "small.yaml")
+    before = command_line.listing(tmp_path)
+    ran = command_line.cli("check", "small.yaml")
     assert (ran.status, ran.err) == (0, "")
     assert "would run" in ran.out
-    assert systems.listing(tmp_path) == before
+    assert command_line.listing(tmp_path) == before
 
 
 @together("case", CASES, ids=lambda case: case["name"])
@@ -198,18 +198,18 @@ def test_a_mistake_is_named_with_its_place_and_a_way_out(
 ) -> None:
     make(tmp_path, case)
     monkeypatch.chdir(tmp_path)
-    before = systems.listing(tmp_path)
+    before = command_line.listing(tmp_path)
     place = label(tmp_path, case.get("at"))
     # Both begin with `bd.load`; that they say the same is seen of every tenth.
     for command in ("check", "posterior")[CASES.index(case) % 10 > 0 :]:
         begun = time.monotonic()
-        ran = systems.cli(command, "small.yaml")
+        ran = command_line.cli(command, "small.yaml")
         assert time.monotonic() - begun < SECONDS
         assert_a_message(ran)
         assert ran.err.startswith(place), ran.err
         for fragment in case["says"]:
             assert fragment in ran.err
-        assert systems.listing(tmp_path) == before
+        assert command_line.listing(tmp_path) == before
 
 
 SLOW = pytest.mark.slow
@@ -226,17 +226,17 @@ SLOW = pytest.mark.slow
 def test_a_mistake_ends_a_real_process_without_a_traceback(name: str, tmp_path: Path) -> None:
     (case,) = (case for case in CASES if case["name"] == name)
     make(tmp_path, case)
-    before = systems.listing(tmp_path)
-    ran = systems.run("posterior", "small.yaml", cwd=tmp_path)
+    before = command_line.listing(tmp_path)
+    ran = command_line.run("posterior", "small.yaml", cwd=tmp_path)
     assert_a_message(ran)
     assert ran.err.startswith(label(tmp_path, case.get("at")))
-    assert systems.listing(tmp_path) == before
+    assert command_line.listing(tmp_path) == before
 
 
 def test_all_mistakes_of_a_config_come_at_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    systems.small(
+    command_line.small(
         tmp_path,
         ("seed: 7", "seed: -7\nsampelr: {}"),
         ("unit: s}", "unit: V}"),
@@ -269,7 +269,7 @@ def test_all_mistakes_of_a_config_come_at_once(
         ("map:", "did you mean nelder_mead?"),
         ("walkers: 9", "an even number"),
     ]
-    ran = systems.cli("check", "small.yaml")
+    ran = command_line.cli("check", "small.yaml")
     assert_a_message(ran)
     lines = ran.err.splitlines()
     assert len(lines) == len(wanted), ran.err
@@ -281,9 +281,11 @@ def test_all_mistakes_of_a_config_come_at_once(
 def test_more_mistakes_than_a_screen_holds_are_counted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    systems.small(tmp_path, ("seed: 7", "\n".join(["seed: 7", *(f"x_{i}: 1" for i in range(40))])))
+    command_line.small(
+        tmp_path, ("seed: 7", "\n".join(["seed: 7", *(f"x_{i}: 1" for i in range(40))]))
+    )
     monkeypatch.chdir(tmp_path)
-    ran = systems.cli("check", "small.yaml")
+    ran = command_line.cli("check", "small.yaml")
     assert_a_message(ran)
     assert ran.err.splitlines()[-1] == "... and 25 more"
 
@@ -291,12 +293,12 @@ def test_more_mistakes_than_a_screen_holds_are_counted(
 def test_all_mistakes_of_a_record_come_at_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    systems.small(
+    command_line.small(
         tmp_path, ("{column: theta_1", "{column: theta1"), ("v: 8.0", "v: {column: u, unit: V}")
     )
     cells(tmp_path, (5, 0, "nan"), (6, 2, "nan"))
     monkeypatch.chdir(tmp_path)
-    ran = systems.cli("check", "small.yaml")
+    ran = command_line.cli("check", "small.yaml")
     assert_a_message(ran)
     for fragment in ("record.time", "line 5", "'theta1'", "line 6", "inputs.v.column"):
         assert fragment in ran.err
@@ -321,9 +323,9 @@ def test_all_mistakes_of_a_record_come_at_once(
 def test_a_spoilt_entry_hides_no_mistake_elsewhere(
     change: tuple[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    systems.small(tmp_path, change, prior("prior: uniform, low: 0.09, high: 0.03"))
+    command_line.small(tmp_path, change, prior("prior: uniform, low: 0.09, high: 0.03"))
     monkeypatch.chdir(tmp_path)
-    ran = systems.cli("check", "small.yaml")
+    ran = command_line.cli("check", "small.yaml")
     assert_a_message(ran)
     assert len(ran.err.splitlines()) == 2, ran.err
     assert "parameters.k_e: low 0.09 is not below high 0.03" in ran.err
@@ -332,9 +334,9 @@ def test_a_spoilt_entry_hides_no_mistake_elsewhere(
 def test_a_missing_time_hides_no_other_missing_column(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    systems.small(tmp_path, ("column: t,", "column: time,"), ("column: w_1", "column: w1"))
+    command_line.small(tmp_path, ("column: t,", "column: time,"), ("column: w_1", "column: w1"))
     monkeypatch.chdir(tmp_path)
-    ran = systems.cli("check", "small.yaml")
+    ran = command_line.cli("check", "small.yaml")
     assert_a_message(ran)
     assert "no column 'time'" in ran.err
     assert "no column 'w1'" in ran.err
@@ -363,15 +365,15 @@ def test_a_missing_time_hides_no_other_missing_column(
 def test_misuse_of_the_command_line_costs_nothing(
     arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    systems.small(tmp_path)
+    command_line.small(tmp_path)
     monkeypatch.chdir(tmp_path)
-    before = systems.listing(tmp_path)
-    ran = systems.cli(*arguments)
+    before = command_line.listing(tmp_path)
+    ran = command_line.cli(*arguments)
     assert_a_message(ran)
-    assert systems.listing(tmp_path) == before
+    assert command_line.listing(tmp_path) == before
 
 
 def test_a_config_given_with_its_folder_names_the_folder(tmp_path: Path) -> None:
-    config = systems.small(tmp_path / "rig", ("k_T: nominal", "k_t: nominal"))
-    ran = systems.cli("check", os.path.relpath(config))
+    config = command_line.small(tmp_path / "rig", ("k_T: nominal", "k_t: nominal"))
+    ran = command_line.cli("check", os.path.relpath(config))
     assert ran.err.startswith(f"{os.path.relpath(config)}:15: ")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rigs import replace_only
+from support.small_problems import replace_only
 
 from bayesdrill.analysis.identifiability import information
 from bayesdrill.analysis.identifiability.information import SensitivityStudy

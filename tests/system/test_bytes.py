@@ -11,7 +11,7 @@ from pathlib import Path
 
 import h5py
 import pytest
-import systems
+from support import command_line
 
 CONFIG = Path(__file__).parents[2] / "configs" / "nominal_step.yaml"
 
@@ -25,7 +25,7 @@ DIGESTS = {
 
 @pytest.mark.slow
 def test_the_bundled_config_gives_the_same_bytes(tmp_path: Path) -> None:
-    ran = systems.cli("posterior", CONFIG, "--output", tmp_path / "out")
+    ran = command_line.cli("posterior", CONFIG, "--output", tmp_path / "out")
     assert ran.status == 0, ran.text
     folder = tmp_path / "out"
     found = {name: (folder / name).read_bytes() for name in DIGESTS if name != "draws"}

@@ -18,8 +18,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import systems
-from together import together
+from support import command_line
+from support.case_tables import together
 
 from bayesdrill import output_files
 from bayesdrill.analysis.calibration import CalibrationStudy, refit
@@ -69,8 +69,8 @@ def here(config: Path, folder: Path, how: str = "fresh", report: object = None) 
             pool.shutdown(cancel_futures=True)
 
 
-def command(config: Path, folder: Path, *options: str) -> systems.Ran:
-    return systems.cli("calibrate", config, "-o", folder, "--processes", "1", *options)
+def command(config: Path, folder: Path, *options: str) -> command_line.Ran:
+    return command_line.cli("calibrate", config, "-o", folder, "--processes", "1", *options)
 
 
 def run_of(folder: Path) -> dict[str, object]:
@@ -97,7 +97,7 @@ class Done:
 def done(tmp_path_factory: pytest.TempPathFactory) -> Done:
     """A finished calibration of a tiny config; tests copy it, or leave it as it is."""
     place = tmp_path_factory.mktemp("done")
-    config = systems.small(place, *TINY)
+    config = command_line.small(place, *TINY)
     here(config, place / "out")
     return Done(config, place / "out")
 
@@ -155,7 +155,7 @@ def test_the_record_that_was_measured_plays_no_part(copy: Done) -> None:
 
 
 def test_a_calibration_leaves_a_complete_folder_and_nothing_else(done: Done) -> None:
-    assert set(systems.listing(done.folder)) == FILES
+    assert set(command_line.listing(done.folder)) == FILES
     assert {name for name in FILES if not output_files.CALIBRATE.is_output(name)} == {
         *(".lock", "figures", ".refits"),
     }
@@ -222,7 +222,7 @@ def test_resumed_is_the_same_as_uninterrupted(done: Done, copy: Done) -> None:
 
 
 def test_results_are_neither_overwritten_nor_mixed(copy: Done) -> None:
-    before = systems.listing(copy.folder)
+    before = command_line.listing(copy.folder)
     ran = command(copy.config, copy.folder)
     assert (ran.status, "results exist already" in ran.err) == (2, True)
     change(copy.config, "draws: 19", "draws: 20")
@@ -232,7 +232,7 @@ def test_results_are_neither_overwritten_nor_mixed(copy: Done) -> None:
     change(copy.config, "rad/s, sigma: 0.05", "rad/s, sigma: 0.06")
     ran = command(copy.config, copy.folder, "--resume")
     assert (ran.status, "the noise" in ran.err) == (2, True)
-    assert systems.listing(copy.folder) == before
+    assert command_line.listing(copy.folder) == before
 
 
 @together(
@@ -246,7 +246,7 @@ def test_results_are_neither_overwritten_nor_mixed(copy: Done) -> None:
 def test_a_calibration_that_cannot_be_is_refused(
     changes: list[tuple[str, str]], told: str, tmp_path: Path
 ) -> None:
-    config = systems.small(tmp_path, *TINY)
+    config = command_line.small(tmp_path, *TINY)
     for old, new in (*changes, ("max_steps: 500", "max_steps: 5000")):
         change(config, old, new)
     ran = command(config, tmp_path / "out")
@@ -259,10 +259,10 @@ def test_a_damaged_refit_is_named(copy: Done) -> None:
     digit = path.read_text().replace('"index": 7', '"index": 6')
     for damage in ("{", "[1, 2]", '{"index": 7}', digit):
         path.write_text(damage)
-        before = systems.listing(copy.folder)
+        before = command_line.listing(copy.folder)
         ran = command(copy.config, copy.folder, "--resume")
         assert (ran.status, "000007.json" in ran.err, "Traceback" in ran.text) == (2, True, False)
-        assert systems.listing(copy.folder) == before
+        assert command_line.listing(copy.folder) == before
 
 
 def test_the_status_is_the_verdict(copy: Done) -> None:
@@ -279,7 +279,7 @@ def test_the_status_is_the_verdict(copy: Done) -> None:
 
 
 def test_help_shows_an_example() -> None:
-    ran = systems.cli("calibrate", "--help")
+    ran = command_line.cli("calibrate", "--help")
     assert "Example: bayesdrill calibrate" in " ".join(ran.out.split())
 
 
@@ -295,7 +295,7 @@ def test_processes_that_are_stopped_lose_nothing(
 ) -> None:
     folder = tmp_path / "out"
     arguments = ("calibrate", done.config, "-o", folder, "--processes", "2")
-    process = systems.start(*arguments, cwd=tmp_path)
+    process = command_line.start(*arguments, cwd=tmp_path)
     started.append(process)
     end = time.monotonic() + 60
     while len(list((folder / ".refits").glob("*.json"))) < 3 and time.monotonic() < end:
@@ -312,7 +312,7 @@ def test_processes_that_are_stopped_lose_nothing(
         assert process.returncode == 130, err
         assert "continue with --resume" in err
         assert run_of(folder)["status"] == "interrupted"
-    ran = systems.run(*arguments, "--resume", cwd=tmp_path)
+    ran = command_line.run(*arguments, "--resume", cwd=tmp_path)
     assert ran.status in (0, 3), ran.text
     assert (folder / "ranks.csv").read_bytes() == done.ranks
 
@@ -353,7 +353,7 @@ def test_a_scheduler_that_is_not_there_is_named(done: Done, tmp_path: Path) -> N
         ("tcp://no.such.host:8786", "no scheduler answers at tcp://no.such.host:8786"),
     ):
         arguments = ("calibrate", done.config, "-o", "out", "--scheduler", address)
-        ran = systems.run(*arguments, cwd=tmp_path)
+        ran = command_line.run(*arguments, cwd=tmp_path)
         assert (ran.status, "Traceback" in ran.text) == (2, False), ran.text
         assert told in ran.err
         assert len(ran.err.splitlines()) == 1, ran.err

@@ -7,9 +7,8 @@ import json
 import shutil
 from pathlib import Path
 
-import finished
 import pytest
-import systems
+from support import command_line, finished_runs
 
 import bayesdrill as bd
 from bayesdrill.output_files import dumps_checksummed, loads_checksummed
@@ -33,7 +32,9 @@ CHANGES = {
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("models")
     for name, changes in CHANGES.items():
-        ran = finished.posterior(tmp_path_factory, place, name, *changes, causes=name != "wrong")
+        ran = finished_runs.posterior(
+            tmp_path_factory, place, name, *changes, causes=name != "wrong"
+        )
         assert ran.status == (3 if name == "wrong" else 0), ran.text
     return place
 
@@ -57,7 +58,7 @@ def evidence(folder: Path) -> float:
 def test_table_verdict_and_figure(runs: Path) -> None:
     """A rotor that is held at the wrong inertia: the model, and no noise makes up for it."""
     out = runs / "out"
-    ran = systems.cli("compare", runs / "wrong", runs / "given", runs / "unsure", "-o", out)
+    ran = command_line.cli("compare", runs / "wrong", runs / "given", runs / "unsure", "-o", out)
     assert ran.status == 0, ran.text
     lines = table(out)
     assert list(lines) == ["wrong", "given", "unsure"]
@@ -78,7 +79,7 @@ def test_table_verdict_and_figure(runs: Path) -> None:
         assert (out / "figures" / f"comparison.{end}").stat().st_size > 5000
     run = json.loads((out / "run.json").read_text())
     assert (run["verdict"], run["best"]) == ("model", "given")
-    assert systems.cli("verify", out).status == 0
+    assert command_line.cli("verify", out).status == 0
 
 
 @pytest.mark.slow
@@ -93,7 +94,7 @@ def test_the_same_model_twice_is_neither(runs: Path) -> None:
 @pytest.mark.slow
 def test_what_is_held_out_is_no_evidence_and_another_record(runs: Path) -> None:
     """Mutant killed: runs of which one has seen what the other has not."""
-    whole = systems.cli("compare", runs / "given", runs / "whole", "-o", runs / "out")
+    whole = command_line.cli("compare", runs / "given", runs / "whole", "-o", runs / "out")
     assert whole.status == 2
     assert (
         f"{runs / 'whole'}: this run is of another record, and odds compare models of one record"
@@ -110,11 +111,13 @@ def test_a_run_without_evidence_says_how_to_get_it(runs: Path) -> None:
     run = loads_checksummed(path.read_bytes())
     before = run.pop("log_evidence")
     path.write_text(dumps_checksummed(run))
-    ran = systems.cli("compare", runs / "given", runs / "unsure", "-o", runs / "out")
+    ran = command_line.cli("compare", runs / "given", runs / "unsure", "-o", runs / "out")
     assert ran.status == 2
     assert "has no log evidence" in ran.err
     config = runs / "given.yaml"
-    again = systems.cli("posterior", config, "-o", runs / "given", "--resume", "--processes", "1")
+    again = command_line.cli(
+        "posterior", config, "-o", runs / "given", "--resume", "--processes", "1"
+    )
     assert again.status == 0
     assert evidence(runs / "given") == before
 
@@ -122,9 +125,9 @@ def test_a_run_without_evidence_says_how_to_get_it(runs: Path) -> None:
 @pytest.mark.slow
 def test_nothing_is_overwritten_unasked(runs: Path) -> None:
     out, two = runs / "out", (runs / "given", runs / "unsure")
-    assert systems.cli("compare", *two, "-o", out).status == 0
+    assert command_line.cli("compare", *two, "-o", out).status == 0
     (out / "notes.md").write_text("mine")
-    before = systems.listing(runs)
+    before = command_line.listing(runs)
     for wrong, says in (
         ([*two, "-o", out], "results exist already; make them anew with --force"),
         ([*two, "-o", runs / "given", "--force"], "is one of these runs"),
@@ -132,11 +135,11 @@ def test_nothing_is_overwritten_unasked(runs: Path) -> None:
         ([runs / "given", runs / "none", "-o", runs / "new"], "none: no results here"),
         ([out, runs / "given", "-o", runs / "new"], "results of `bayesdrill compare`"),
     ):
-        ran = systems.cli("compare", *wrong)
+        ran = command_line.cli("compare", *wrong)
         assert ran.status == 2, wrong
         assert says in ran.err, ran.err
-        assert systems.listing(runs) == before
-    assert systems.cli("compare", *two, "-o", out, "--force").status == 0
+        assert command_line.listing(runs) == before
+    assert command_line.cli("compare", *two, "-o", out, "--force").status == 0
     assert (out / "notes.md").read_text() == "mine"
 
 
@@ -146,8 +149,8 @@ def test_stretches_that_cannot_be_held_out_are_refused(tmp_path: Path) -> None:
         ("[7, 8]", "no sample lies in it"),
         ("[0, 5]", "leaves nothing of a channel"),
     ):
-        config = systems.small(tmp_path, (AWAY[0], f"{AWAY[0]}\n  held_out: {entry}"))
-        ran = systems.cli("check", config)
+        config = command_line.small(tmp_path, (AWAY[0], f"{AWAY[0]}\n  held_out: {entry}"))
+        ran = command_line.cli("check", config)
         assert ran.status == 2, entry
         assert says in ran.err, ran.err
         assert "record.held_out" in ran.err

@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from together import together
+from support.case_tables import together
 
 from bayesdrill.config.job import Job
 from bayesdrill.inference.laplace import LogDensity

@@ -14,7 +14,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from documents import (
+from ruamel.yaml import YAML
+from support.case_tables import together
+from support.document_blocks import (
     DOCS,
     DOCUMENTS,
     NOTEBOOKS,
@@ -28,9 +30,7 @@ from documents import (
     script,
     sentences,
 )
-from oracles import NOMINAL
-from ruamel.yaml import YAML
-from together import together
+from support.scipy_oracles import NOMINAL
 
 from bayesdrill.config import loading
 

@@ -7,11 +7,10 @@ import json
 from pathlib import Path
 
 import numpy as np
-import pairs
 import pytest
-import systems
 import xarray
 from matplotlib.figure import Figure
+from support import command_line, two_experiments
 
 import bayesdrill as bd
 from bayesdrill.config.job import prepare
@@ -23,8 +22,8 @@ from bayesdrill.tasks import calibrate
 def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder of a finished run of the pair, with its figure of the fit."""
     folder = tmp_path_factory.mktemp("pair")
-    config = pairs.write(folder, ("figures: []", "figures: [fit, predictive_check]"))
-    ran = systems.cli("posterior", config, "-o", folder / "out", "--processes", "1")
+    config = two_experiments.write(folder, ("figures: []", "figures: [fit, predictive_check]"))
+    ran = command_line.cli("posterior", config, "-o", folder / "out", "--processes", "1")
     assert ran.status == 0, ran.text
     assert "sampling: converged after " in ran.out
     return folder / "out"
@@ -38,7 +37,7 @@ def rows(path: Path) -> dict[str, dict[str, str]]:
 def test_the_posterior_holds_what_the_records_were_made_with(done: Path) -> None:
     """Within 4 sd, in SI; and it is much narrower than the prior."""
     found = rows(done / "summary.csv")
-    truth = {**bd.nominal(), **pairs.TRUTH}
+    truth = {**bd.nominal(), **two_experiments.TRUTH}
     assert list(found) == ["k_e", "j_1", "offset_theta_1", "lag_theta_1"]
     for name, row in found.items():
         mean, sd = float(row["mean"]), float(row["sd"])
@@ -82,18 +81,18 @@ def test_a_finished_run_reads_its_own_config_again(done: Path) -> None:
     assert one == other
     assert {"the record of slow", "the record of fast"} <= set(one)
     before = (done / "summary.md").read_text(encoding="utf-8")
-    ran = systems.cli("report", done, "--processes", "1")
+    ran = command_line.cli("report", done, "--processes", "1")
     assert ran.status == 0, ran.text
     assert (done / "summary.md").read_text(encoding="utf-8") == before
 
 
 def test_verify_sees_that_all_belongs_together(done: Path, tmp_path: Path) -> None:
-    ran = systems.cli("verify", done)
+    ran = command_line.cli("verify", done)
     assert ran.status == 0, ran.text
     config = done / "config.yaml"
     text = config.read_text(encoding="utf-8")
     config.write_text(text.replace("inputs: {v: 4.0}", "inputs: {v: 4.5}"), encoding="utf-8")
-    ran = systems.cli("verify", done)
+    ran = command_line.cli("verify", done)
     config.write_text(text, encoding="utf-8")
     assert ran.status == 2
     assert "config.yaml: is not the config of this run" in ran.err
@@ -101,14 +100,14 @@ def test_verify_sees_that_all_belongs_together(done: Path, tmp_path: Path) -> No
 
 def test_a_run_can_be_resumed_and_not_with_another_record(done: Path) -> None:
     config = done.parent / "all.yaml"
-    ran = systems.cli("posterior", config, "-o", done, "--resume", "--processes", "1")
+    ran = command_line.cli("posterior", config, "-o", done, "--resume", "--processes", "1")
     assert ran.status == 0, ran.text
     record = done.parent / "fast.csv"
     text = record.read_text(encoding="utf-8")
     lines = text.splitlines()
     lines[-1] = ",".join([lines[-1].split(",")[0], "3700", "17"])
     record.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    ran = systems.cli("posterior", config, "-o", done, "--resume", "--processes", "1")
+    ran = command_line.cli("posterior", config, "-o", done, "--resume", "--processes", "1")
     record.write_text(text, encoding="utf-8")
     assert ran.status == 2
     assert "the record of fast" in ran.err
@@ -117,13 +116,15 @@ def test_a_run_can_be_resumed_and_not_with_another_record(done: Path) -> None:
 @pytest.mark.slow
 def test_a_joint_run_is_laid_over_a_single_one(done: Path, tmp_path: Path) -> None:
     """The joint one is narrower; names of sensors are one."""
-    text = pairs.PAIR
+    text = two_experiments.PAIR
     begin, end = text.index("experiments:"), text.index("parameters:")
     single = (text[:begin] + text[end:]).replace("name: pair", "name: single")
     single = single.replace("  time: {column", "  file: fast.csv\n  time: {column")
-    (tmp_path / "fast.csv").write_text(pairs.records(pairs.PAIR)["fast.csv"], encoding="utf-8")
+    (tmp_path / "fast.csv").write_text(
+        two_experiments.records(two_experiments.PAIR)["fast.csv"], encoding="utf-8"
+    )
     (tmp_path / "single.yaml").write_text(single, encoding="utf-8")
-    ran = systems.cli(
+    ran = command_line.cli(
         "posterior", tmp_path / "single.yaml", "-o", tmp_path / "one", "--processes", "1"
     )
     assert ran.status == 0, ran.text
@@ -131,7 +132,7 @@ def test_a_joint_run_is_laid_over_a_single_one(done: Path, tmp_path: Path) -> No
         float(rows(at / "summary.csv")["offset_theta_1"]["sd"]) for at in (done, tmp_path / "one")
     ]
     assert both[0] < both[1]
-    ran = systems.cli("report", done, tmp_path / "one", "-o", tmp_path / "both")
+    ran = command_line.cli("report", done, tmp_path / "one", "-o", tmp_path / "both")
     assert ran.status == 0, ran.text
     table = (tmp_path / "both" / "overlay.md").read_text(encoding="utf-8")
     assert "| lag_theta_1 | ms |" in table
@@ -140,15 +141,15 @@ def test_a_joint_run_is_laid_over_a_single_one(done: Path, tmp_path: Path) -> No
 
 
 def test_the_maximum_predicts_every_experiment(tmp_path: Path) -> None:
-    config = pairs.write(tmp_path)
-    ran = systems.cli("map", config, "-o", tmp_path / "map", "--processes", "1")
+    config = two_experiments.write(tmp_path)
+    ran = command_line.cli("map", config, "-o", tmp_path / "map", "--processes", "1")
     assert ran.status == 0, ran.text
     found = {path.name for path in (tmp_path / "map").rglob("*.*")}
     assert {"prediction_1.csv", "prediction_2.csv", "fit_1.pdf", "fit_2.pdf"} <= found
     values = json.loads((tmp_path / "map" / "map.json").read_text(encoding="utf-8"))["values"]
-    for name, truth in pairs.TRUTH.items():
+    for name, truth in two_experiments.TRUTH.items():
         assert values[name] == pytest.approx(truth, rel=0.2)
-    assert systems.cli("verify", tmp_path / "map").status == 0
+    assert command_line.cli("verify", tmp_path / "map").status == 0
 
 
 def test_python_loads_several_and_shows_each(done: Path) -> None:
@@ -190,25 +191,25 @@ def test_python_has_sensors_of_arrays() -> None:
 
 
 def test_records_are_simulated_one_for_each_and_never_over_what_is_there(tmp_path: Path) -> None:
-    config = pairs.write(tmp_path)
+    config = two_experiments.write(tmp_path)
     made = bd.simulate(config, tmp_path / "new", seed=3)
     assert [path.name for path in made.files] == ["slow.csv", "fast.csv"]
     assert made.samples == 202
-    again = systems.cli("simulate", config, "-o", tmp_path / "new")
+    again = command_line.cli("simulate", config, "-o", tmp_path / "new")
     assert again.status == 2
     assert again.err.count("exists already") == 1
     (tmp_path / "slow.csv").unlink()
-    ran = systems.cli("simulate", config)
+    ran = command_line.cli("simulate", config)
     assert ran.status == 2
     assert (
         "fast.csv: is read by this command, or named by its config, and never replaced" in ran.err
     )
     assert not (tmp_path / "slow.csv").exists()  # nothing is written where one of them cannot be
-    ran = systems.cli("simulate", config, "-o", config)
+    ran = command_line.cli("simulate", config, "-o", config)
     assert ran.status == 2
     assert "is no folder" in ran.err
-    same = pairs.write(tmp_path, ("{file: fast.csv}", "{file: slow.csv, window: [0, 3]}"))
-    ran = systems.cli("simulate", same, "-o", tmp_path / "other")
+    same = two_experiments.write(tmp_path, ("{file: fast.csv}", "{file: slow.csv, window: [0, 3]}"))
+    ran = command_line.cli("simulate", same, "-o", tmp_path / "other")
     assert ran.status == 2
     assert "experiments.fast.record.file: another experiment is simulated into" in ran.err
 
@@ -217,7 +218,7 @@ def test_simulated_noise_differs_between_experiments_and_truth_is_what_is_said(
     tmp_path: Path,
 ) -> None:
     """Against the response of names: a lag, an offset and a moment are where `truth:` has them."""
-    config = pairs.write(
+    config = two_experiments.write(
         tmp_path,
         ("inputs: {v: 4.0}", "inputs: {v: 8.0, t_0: {prior: normal, mean: 0.1, sd: 0.1}}"),
         ("offset_theta_1: -6}", "offset_theta_1: -6, t_0: 0.3}"),
@@ -246,7 +247,7 @@ def test_simulated_noise_differs_between_experiments_and_truth_is_what_is_said(
 
 def test_refits_of_free_states_have_the_priors_of_the_run(tmp_path: Path) -> None:
     """And see nothing of the record else; mutant killed: a record that is left in."""
-    config = pairs.write(
+    config = two_experiments.write(
         tmp_path,
         ("experiments:\n  slow", "initial: free\nexperiments:\n  slow"),
         ("walkers: 16", "walkers: 32"),

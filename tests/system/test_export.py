@@ -8,8 +8,8 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from cases import run as sampled_run
-from together import together
+from support.array_cases import run as sampled_run
+from support.case_tables import together
 
 import bayesdrill as bd
 from bayesdrill.rig.models.linear import dynamics

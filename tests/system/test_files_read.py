@@ -7,10 +7,9 @@ import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import finished
 import pytest
-import systems
-from together import together
+from support import command_line, finished_runs
+from support.case_tables import together
 from typer.main import get_command
 
 from bayesdrill import output_files
@@ -25,12 +24,12 @@ RECORD_IN_OUT = ("file: small.csv", "file: out/{name}")
 def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A rig with runs of it that other commands read."""
     place = tmp_path_factory.mktemp("rig")
-    config = systems.small(place)
+    config = command_line.small(place)
     (place / "sheet.yaml").write_text(SHEET)
     for name, changes in (("posterior_run", ()), ("other", (("seed: 7", "seed: 8"),))):
-        ran = finished.posterior(tmp_path_factory, place, name, *changes)
+        ran = finished_runs.posterior(tmp_path_factory, place, name, *changes)
         assert ran.status == 0, ran.text
-    ran = systems.cli("map", config, "-o", place / "map_run", "--processes", "1")
+    ran = command_line.cli("map", config, "-o", place / "map_run", "--processes", "1")
     assert ran.status == 0, ran.text
     return place
 
@@ -95,7 +94,7 @@ def test_an_output_is_never_a_file_that_a_command_reads(
             for target in (path, hard, home / "posterior_run" / ".." / path.relative_to(home)):
                 option = "--figure" if command == "check" else "--output"
                 force = [] if command == "check" else ["--force"]
-                ran = systems.cli(*arguments, option, target, *force)
+                ran = command_line.cli(*arguments, option, target, *force)
                 assert ran.status == 2, (arguments, target, ran.text)
                 kept()
             hard.unlink()
@@ -132,11 +131,11 @@ def test_a_folder_of_results_never_replaces_the_record_of_its_config(
         record = out / name
         record.parent.mkdir(exist_ok=True)
         before = record.read_bytes() if record.exists() else None
-        record.write_text(systems.small_record())
+        record.write_text(command_line.small_record())
         entry = f"file: out/{name}\n  format: csv"
-        config = systems.small(home, quick, ("file: small.csv", entry), name="quick.yaml")
+        config = command_line.small(home, quick, ("file: small.csv", entry), name="quick.yaml")
         kept = untouched(home, [record])
-        ran = systems.cli(command, config, "-o", out, "--force", *options)
+        ran = command_line.cli(command, config, "-o", out, "--force", *options)
         assert ran.status == 2, ran.text
         kept()
         record.unlink()
@@ -145,10 +144,10 @@ def test_a_folder_of_results_never_replaces_the_record_of_its_config(
 
 
 def test_a_figure_of_a_rig_is_never_the_record_itself(tmp_path: Path) -> None:
-    config = systems.small(tmp_path, ("file: small.csv", "file: small.svg\n  format: csv"))
-    (tmp_path / "small.svg").write_text(systems.small_record())
+    config = command_line.small(tmp_path, ("file: small.csv", "file: small.svg\n  format: csv"))
+    (tmp_path / "small.svg").write_text(command_line.small_record())
     kept = untouched(tmp_path, [tmp_path / "small.svg"])
-    ran = systems.cli("check", config, "--figure", tmp_path / "small.svg")
+    ran = command_line.cli("check", config, "--figure", tmp_path / "small.svg")
     assert ran.status == 2
     assert "never replaced" in ran.err
     kept()

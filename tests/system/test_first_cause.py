@@ -6,8 +6,8 @@ import time
 
 import numpy as np
 import pytest
-from candidates import causes_of
-from oracles import NOMINAL
+from support.scipy_oracles import NOMINAL
+from support.unexplained_records import causes_of
 
 import bayesdrill as bd
 from bayesdrill.analysis.causes import Causes

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import systems
 from scipy.special import logsumexp
 from scipy.stats import norm
-from together import together
+from support import command_line
+from support.case_tables import together
 
 import bayesdrill as bd
 from bayesdrill.analysis.prediction import held_out
@@ -96,7 +96,7 @@ def test_models_are_compared_by_what_they_predict_of_it(records: Path, tmp_path:
         ("stiff", {"KS": "0.3"}),
         ("whole", {"AWAY": ""}),
     ):
-        ran = systems.cli(
+        ran = command_line.cli(
             "posterior",
             written(records, name, **changes),
             "-o",
@@ -108,12 +108,14 @@ def test_models_are_compared_by_what_they_predict_of_it(records: Path, tmp_path:
         if name == "given":
             assert "fast, its 202 samples are held out, and are no evidence" in ran.text
     runs = [tmp_path / name for name in ("stiff", "given")]
-    ran = systems.cli("compare", *runs, "-o", tmp_path / "out")
+    ran = command_line.cli("compare", *runs, "-o", tmp_path / "out")
     assert ran.status == 0, ran.text
     assert "held out: 202 samples, which given predicts best" in ran.out
     assert json.loads((tmp_path / "out" / "run.json").read_text())["best"] == "given"
-    assert systems.cli("verify", tmp_path / "given").status == 0
-    refused = systems.cli("compare", tmp_path / "given", tmp_path / "whole", "-o", tmp_path / "no")
+    assert command_line.cli("verify", tmp_path / "given").status == 0
+    refused = command_line.cli(
+        "compare", tmp_path / "given", tmp_path / "whole", "-o", tmp_path / "no"
+    )
     assert refused.status == 2
     assert "held out as a whole" in refused.err
 
@@ -132,7 +134,7 @@ def test_models_are_compared_by_what_they_predict_of_it(records: Path, tmp_path:
 def test_what_nothing_tells_of_is_refused(
     records: Path, changes: dict[str, str], said: str
 ) -> None:
-    ran = systems.cli("check", written(records, "wrong", **changes))
+    ran = command_line.cli("check", written(records, "wrong", **changes))
     assert ran.status == 2
     assert said in ran.err, ran.err
 
@@ -140,6 +142,6 @@ def test_what_nothing_tells_of_is_refused(
 def test_one_is_left_to_be_fitted(records: Path) -> None:
     path = written(records, "none")
     path.write_text(path.read_text().replace("{v: 5.0}}", "{v: 5.0}, held_out: true}"))
-    ran = systems.cli("check", path)
+    ran = command_line.cli("check", path)
     assert ran.status == 2
     assert "all are held out; leave one to be fitted" in ran.err

@@ -6,9 +6,8 @@ import re
 from html.parser import HTMLParser
 from pathlib import Path
 
-import payloads
 import pytest
-import systems
+from support import command_line, injection_payloads
 
 
 class Elements(HTMLParser):
@@ -26,8 +25,10 @@ class Elements(HTMLParser):
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """With a maximum in `out`, whose places are hostile too."""
-    place = tmp_path_factory.mktemp("hostile") / payloads.RUNS
-    done = systems.cli("map", payloads.small(place), "-o", place / "out", "--processes", "1")
+    place = tmp_path_factory.mktemp("hostile") / injection_payloads.RUNS
+    done = command_line.cli(
+        "map", injection_payloads.small(place), "-o", place / "out", "--processes", "1"
+    )
     assert done.status == 0, done.text
     return place
 
@@ -44,9 +45,11 @@ def test_a_page_has_none_but_its_own_elements(folder: Path) -> None:
 
 
 def test_a_terminal_shows_columns_and_obeys_nothing(folder: Path) -> None:
-    ran = systems.cli("check", folder / "small.yaml")
+    ran = command_line.cli("check", folder / "small.yaml")
     assert ran.status == 0, ran.text
-    assert payloads.COLUMNS["theta_1"] in ran.out
-    missing = systems.cli("map", folder / "small.yaml", "-o", folder / f"{payloads.OBEYED}/none")
+    assert injection_payloads.COLUMNS["theta_1"] in ran.out
+    missing = command_line.cli(
+        "map", folder / "small.yaml", "-o", folder / f"{injection_payloads.OBEYED}/none"
+    )
     for text in (ran.text, missing.text):
         assert text.replace("\n", "").isprintable()

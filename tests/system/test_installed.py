@@ -8,27 +8,26 @@ import sys
 from pathlib import Path
 
 import pytest
-import releases
-import systems
-from releases import PINNED, Dist, Installed
+from support import command_line, release_builds
+from support.release_builds import PINNED, Dist, Installed
 
 import bayesdrill
 
-ROOT = systems.ROOT
+ROOT = command_line.ROOT
 PYTHONS = ("3.12", "3.13", "3.14", "3.15")
 
 
 @pytest.fixture(scope="module")
 def dist(tmp_path_factory: pytest.TempPathFactory) -> Dist:
-    return releases.build(tmp_path_factory.mktemp("release"))
+    return release_builds.build(tmp_path_factory.mktemp("release"))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("version", PYTHONS)
 def test_the_wheel_works_where_no_checkout_is(version: str, dist: Dist, tmp_path: Path) -> None:
     """On each Python that is here: installed with pinned versions, then what a newcomer types."""
-    at = releases.empty(version, tmp_path)
-    releases.reach_packages(at)
+    at = release_builds.empty(version, tmp_path)
+    release_builds.reach_packages(at)
     at.run("pip", "install", "-q", "--constraint", PINNED, dist.wheel)
     at.run("pip", "check")
     number = f"bayesdrill {bayesdrill.__version__}\n"
@@ -57,7 +56,7 @@ def _begins(at: Installed) -> None:
     at.run("bayesdrill", "example")
     at.run("bayesdrill", "check", "configs/example_rig.yaml")
     assert "determine" in at.run("bayesdrill", "identify", "configs/nominal_step.yaml")
-    (at.folder / "small.yaml").write_text(systems.SMALL)
+    (at.folder / "small.yaml").write_text(command_line.SMALL)
     at.run("bayesdrill", "simulate", "small.yaml")
     at.run("bayesdrill", "posterior", "small.yaml")
     assert (at.folder / "results" / "small" / "summary.md").is_file()
@@ -71,10 +70,10 @@ def test_the_source_installs_as_the_wheel_does(dist: Dist, tmp_path: Path) -> No
     """File by file; it says its version without any other package."""
     found = []
     for archive in (dist.wheel, dist.sdist):
-        at = releases.empty(
+        at = release_builds.empty(
             f"{sys.version_info[0]}.{sys.version_info[1]}", tmp_path / archive.suffix
         )
-        releases.reach_packages(at)
+        release_builds.reach_packages(at)
         at.run("pip", "install", "-q", "--no-deps", "--no-compile", archive)
         (place,) = (at.bin.parent / "lib").glob("python*/site-packages")
         record = next(place.glob("bayesdrill-*.dist-info")) / "RECORD"
@@ -113,8 +112,8 @@ def test_the_image_is_of_what_it_is_given_and_not_of_root() -> None:
 def test_what_the_image_runs_runs_by_hand(dist: Dist, tmp_path: Path) -> None:
     """Its pip and python lines, one after the other, of the files that it is given alone."""
     version = re.search(r"python:(3\.\d+)", instructions()[0][1]).group(1)
-    at = releases.empty(version, tmp_path)
-    releases.reach_packages(at)
+    at = release_builds.empty(version, tmp_path)
+    release_builds.reach_packages(at)
     source, wheel = at.folder / "source", at.folder / "wheel"
     for line in (ROOT / ".dockerignore").read_text().splitlines():
         if line.startswith("!"):

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import systems
+from support import command_line
 
 from bayesdrill.analysis.refits import RefitMaximum, refit_candidate
 from bayesdrill.basics.errors import Interrupted
@@ -121,7 +121,7 @@ def test_a_thing_that_is_worth_nothing_alone_is_tried_beside_the_best(tmp_path: 
     Mutants killed: a ranking that ends with pairs; one that goes on where only noise is left; one in
     which a missing torque, that absorbs anything, keeps friction out or is recommended.
     """
-    job = prepare(systems.small(tmp_path, ("walkers: 8", "walkers: 24")))
+    job = prepare(command_line.small(tmp_path, ("walkers: 8", "walkers: 24")))
     template = refit_candidate(job.problem.posterior, job.problem.posterior.space.start, -math.inf)
     assert template is not None
     worth = {"missing_torque_motor": 120.0, "friction_motor": 50.0, "friction_both": 100.0}
@@ -170,7 +170,7 @@ def test_what_is_missing_is_named_and_recommended(done: Done, tmp_path: Path) ->
     assert "verdict: MODEL: friction_motor is e^" in page
     assert "the residuals of friction_motor look like the noise" in page
     recommended = done.folder / "recommended.yaml"
-    checked = systems.cli("check", recommended)
+    checked = command_line.cli("check", recommended)
     assert checked.status == 0, checked.text
     config = loading.load(recommended).config
     assert config.name == "turned_friction_motor"
@@ -183,27 +183,27 @@ def test_a_rung_is_the_run_of_its_config(done: Done, tmp_path: Path) -> None:
     Mutant killed: another stream for the search or the chain.
     """
     alone, mine = tmp_path / "alone", done.folder / "model_1"
-    systems.cli("posterior", mine / "config.resolved.yaml", "-o", alone, "--processes", "1")
+    command_line.cli("posterior", mine / "config.resolved.yaml", "-o", alone, "--processes", "1")
     for name in ("summary.csv", "map.json"):
         assert (mine / name).read_bytes() == (alone / name).read_bytes(), name
     both = [json.loads((place / "run.json").read_text())["log_evidence"] for place in (mine, alone)]
     assert both[0] == both[1]
     said = json.loads((done.folder / "run.json").read_text())["log_evidence"]
     assert said["friction_motor"] == both[0]
-    ran = systems.cli("compare", done.folder / "model_2", mine, "-o", tmp_path / "two")
+    ran = command_line.cli("compare", done.folder / "model_2", mine, "-o", tmp_path / "two")
     assert "verdict: MODEL" in ran.out
 
 
 def test_rungs_and_what_is_said_of_them_are_verified(done: Done, tmp_path: Path) -> None:
     """A rung's table, and the comparison."""
-    assert systems.cli("verify", done.folder).status == 0
+    assert command_line.cli("verify", done.folder).status == 0
     for k, place in enumerate(("model_1/summary.csv", "comparison.csv")):
         copy = tmp_path / str(k)
         shutil.copytree(done.config.parent, copy)
         table = copy / "out" / place
         lines = table.read_text().splitlines()
         table.write_text("\n".join([lines[0], lines[2], lines[1], *lines[3:]]) + "\n")
-        found = systems.cli("verify", copy / "out")
+        found = command_line.cli("verify", copy / "out")
         assert found.status == 2
         assert f"{table}: was changed after this run had written it" in found.err, found.err
         assert found.err.count("\n") == 1, found.err
@@ -212,21 +212,21 @@ def test_rungs_and_what_is_said_of_them_are_verified(done: Done, tmp_path: Path)
 def test_nothing_is_overwritten_unasked(done: Done, tmp_path: Path) -> None:
     shutil.copytree(done.config.parent, tmp_path / "copy")
     config, folder = tmp_path / "copy" / "given.yaml", tmp_path / "copy" / "out"
-    before = systems.listing(tmp_path)
+    before = command_line.listing(tmp_path)
     for options, says in (
         ((), "results exist already; continue them with --resume"),
         (("--resume", "--force"), "--resume"),
     ):
-        ran = systems.cli("ladder", config, "-o", folder, "--processes", "1", *options)
+        ran = command_line.cli("ladder", config, "-o", folder, "--processes", "1", *options)
         assert ran.status == 2, options
         assert says in ran.err, ran.err
     changed = config.read_text().replace("seed: 7", "seed: 8")
     config.write_text(changed)
-    ran = systems.cli("ladder", config, "-o", folder, "--processes", "1", "--resume")
+    ran = command_line.cli("ladder", config, "-o", folder, "--processes", "1", "--resume")
     assert ran.status == 2
     assert "cannot resume: the seed was 7 and is 8" in ran.err
     config.write_text(changed.replace("seed: 8", "seed: 7"))
-    assert systems.listing(tmp_path).keys() == before.keys()
+    assert command_line.listing(tmp_path).keys() == before.keys()
     # All is there: nothing is sampled, and the same is said again.
     told = Stopping(-1)
     here(config, folder, "resume", told)
@@ -235,8 +235,8 @@ def test_nothing_is_overwritten_unasked(done: Done, tmp_path: Path) -> None:
 
 
 def test_a_config_that_is_wrong_is_refused_before_anything_is_written(tmp_path: Path) -> None:
-    config = systems.small(tmp_path, ("k_s: nominal", "k_s: nominall"))
-    ran = systems.cli("ladder", config, "-o", tmp_path / "out")
+    config = command_line.small(tmp_path, ("k_s: nominal", "k_s: nominall"))
+    ran = command_line.cli("ladder", config, "-o", tmp_path / "out")
     assert ran.status == 2
     assert "parameters.k_s" in ran.err
     assert not (tmp_path / "out").exists()
@@ -246,7 +246,7 @@ def test_a_config_that_is_wrong_is_refused_before_anything_is_written(tmp_path: 
 def test_processes_and_a_cluster_come_to_the_same(done: Done, tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed")
     table = (done.folder / "comparison.csv").read_bytes()
-    ran = systems.cli("ladder", done.config, "-o", tmp_path / "two", "--processes", "2")
+    ran = command_line.cli("ladder", done.config, "-o", tmp_path / "two", "--processes", "2")
     assert ran.status == 0, ran.text
     assert "recommended: dry friction at the motor" in ran.out
     assert (tmp_path / "two" / "comparison.csv").read_bytes() == table

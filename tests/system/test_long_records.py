@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from oracles import NOMINAL
 from scipy.signal import lfilter
+from support.scipy_oracles import NOMINAL
 
 import bayesdrill as bd
 from bayesdrill import output_files

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import systems
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from oracles import NOMINAL, by_expm
-from pictures import clashes, drawn
+from support import command_line
+from support.figure_checks import clashes, drawn
+from support.scipy_oracles import NOMINAL, by_expm
 
 import bayesdrill as bd
 from bayesdrill.output_files import loads_checksummed
@@ -84,7 +84,7 @@ def test_the_prediction_is_the_response_in_the_units_of_the_record(tmp_path: Pat
 
 def test_a_maximum_of_arrays_is_kept_with_its_record(tmp_path: Path) -> None:
     out = best().save(tmp_path / "out")
-    assert set(systems.listing(out)) == FILES | {"record.csv"}
+    assert set(command_line.listing(out)) == FILES | {"record.csv"}
     assert bd.verify(out).together
     again = bd.load(out / "config.yaml").find_map()
     assert again.values == pytest.approx(best().values, rel=1e-6)
@@ -107,31 +107,31 @@ def test_the_fit_is_drawn(tmp_path: Path) -> None:
 
 @pytest.fixture
 def config(tmp_path: Path) -> Path:
-    return systems.small(tmp_path)
+    return command_line.small(tmp_path)
 
 
 def test_map_writes_where_it_is_told_and_overwrites_nothing_unasked(config: Path) -> None:
     place, out = config.parent, config.parent / "out"
-    before = systems.listing(place)
-    ran = systems.cli("map", config, "--processes", "1")
+    before = command_line.listing(place)
+    ran = command_line.cli("map", config, "--processes", "1")
     assert ran.status == 0
     assert "k_e" in ran.out
-    assert systems.listing(place) == before  # as it always was
-    ran = systems.cli("map", config, "--output", out, "--processes", "1")
+    assert command_line.listing(place) == before  # as it always was
+    ran = command_line.cli("map", config, "--output", out, "--processes", "1")
     assert ran.status == 0, ran.text
-    assert set(systems.listing(out)) == FILES
+    assert set(command_line.listing(out)) == FILES
     assert f"results: {out}/" in ran.out
     (out / "notes.md").write_text("mine")
-    before = systems.listing(place)
-    ran = systems.cli("map", config, "--output", out, "--processes", "1")
+    before = command_line.listing(place)
+    ran = command_line.cli("map", config, "--output", out, "--processes", "1")
     assert ran.status == 2
     assert "results exist already; make them anew with --force" in ran.err
     assert "MAP" not in ran.out  # before any search
-    assert systems.cli("map", config, "--output", place).status == 2  # where the record lies
-    assert systems.cli("posterior", config, "--output", out, "--force").status == 2
-    assert systems.listing(place) == before
+    assert command_line.cli("map", config, "--output", place).status == 2  # where the record lies
+    assert command_line.cli("posterior", config, "--output", out, "--force").status == 2
+    assert command_line.listing(place) == before
     (out / "prediction.csv").write_text("old")
-    ran = systems.cli("map", config, "--output", out, "--force", "--processes", "1")
+    ran = command_line.cli("map", config, "--output", out, "--force", "--processes", "1")
     assert ran.status == 0, ran.text
     assert (out / "notes.md").read_text() == "mine"
     assert (out / "prediction.csv").read_text().startswith("t [s],theta_1 measured [rad]")
@@ -139,23 +139,23 @@ def test_map_writes_where_it_is_told_and_overwrites_nothing_unasked(config: Path
 
 def test_what_does_not_belong_to_a_maximum_is_named(config: Path) -> None:
     out = config.parent / "out"
-    assert systems.cli("map", config, "--output", out, "--processes", "1").status == 0
-    assert "belong together" in systems.cli("verify", out).out
+    assert command_line.cli("map", config, "--output", out, "--processes", "1").status == 0
+    assert "belong together" in command_line.cli("verify", out).out
     text = (out / "prediction.csv").read_text()
     first, second, rest = text.split("\n", 2)
     (out / "prediction.csv").write_text("\n".join([first, second.replace("0,", "0.1,", 1), rest]))
-    assert "prediction.csv: was changed" in systems.cli("verify", out).err
+    assert "prediction.csv: was changed" in command_line.cli("verify", out).err
     (out / "prediction.csv").write_text(text)
     lines = (config.parent / "small.csv").read_text().splitlines()
     lines[50] = lines[50].rsplit(",", 1)[0] + ",9.9"
     (config.parent / "small.csv").write_text("\n".join(lines) + "\n")
-    assert "the record was 101 samples" in systems.cli("verify", out).err
+    assert "the record was 101 samples" in command_line.cli("verify", out).err
 
 
 def test_a_fit_that_must_not_be_believed_ends_as_its_posterior_does(tmp_path: Path) -> None:
     """Mutant killed: status 0 of a fit that leaves far more than the noise."""
-    config, out = systems.small(tmp_path, WRONG), tmp_path / "out"
-    ran = systems.cli("map", config, "--quick", "--output", out, "--processes", "1")
+    config, out = command_line.small(tmp_path, WRONG), tmp_path / "out"
+    ran = command_line.cli("map", config, "--quick", "--output", out, "--processes", "1")
     assert ran.status == 3
     assert ran.out.index("DO NOT BELIEVE these numbers:") > ran.out.index("fit: ")
     page = (out / "map.md").read_text()
@@ -173,8 +173,8 @@ def test_a_fit_that_no_posterior_can_mend_is_said_before_anything_is_sampled(
 ) -> None:
     """Mutant killed: the MAP is said, and what it leaves only after sampling."""
     for name, changes, said in (("sound", (), False), ("wrong", (WRONG,), True)):
-        config = systems.small(tmp_path / name, *changes)
-        ran = systems.cli("map", config)
+        config = command_line.small(tmp_path / name, *changes)
+        ran = command_line.cli("map", config)
         assert ("DO NOT BELIEVE these numbers" in ran.text) is said
         if said:
             before = ran.text[: ran.text.index("DO NOT BELIEVE")]

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import systems
-from together import together
+from support import command_line
+from support.case_tables import together
 
 from bayesdrill.config import loading
 from bayesdrill.config.records import reading, simulation
@@ -18,8 +18,8 @@ type Change = tuple[str, str]
 
 @together("unit", ["rpm", "deg/s", "revolution/s", "turn/min", "mrad/s", "cycle/hour", "degree/ms"])
 def test_units_that_say_how_far_they_turn_are_read(unit: str, tmp_path: Path) -> None:
-    config = systems.small(tmp_path, ("unit: rad/s", f"unit: {unit}"))
-    assert systems.cli("check", config).status == 0
+    config = command_line.small(tmp_path, ("unit: rad/s", f"unit: {unit}"))
+    assert command_line.cli("check", config).status == 0
 
 
 @together(
@@ -37,13 +37,13 @@ def test_units_that_say_how_far_they_turn_are_read(unit: str, tmp_path: Path) ->
 def test_a_motor_without_friction_or_with_that_of_the_other_way_can_be_meant(
     entry: Change, tmp_path: Path
 ) -> None:
-    assert systems.cli("check", systems.small(tmp_path, entry)).status == 0
+    assert command_line.cli("check", command_line.small(tmp_path, entry)).status == 0
 
 
 def test_the_true_values_of_a_rig_without_friction_are_found(tmp_path: Path) -> None:
-    config = systems.small(tmp_path, ("t_f: nominal", "t_f: 0"), ("c_m: nominal", "c_m: 0"))
-    systems.simulated(config)
-    found = systems.cli("map", config, "--processes", "1")
+    config = command_line.small(tmp_path, ("t_f: nominal", "t_f: 0"), ("c_m: nominal", "c_m: 0"))
+    command_line.simulated(config)
+    found = command_line.cli("map", config, "--processes", "1")
     assert found.status == 0, found.err
     for name in ("k_e", "j_1"):
         (line,) = (x for x in found.out.splitlines() if x.startswith(f"{name} "))
@@ -62,7 +62,9 @@ FORMS = {
 
 @together("form", FORMS)
 def test_a_simulated_record_is_written_as_its_config_reads_it(form: str, tmp_path: Path) -> None:
-    path = systems.small(tmp_path, ("  file: small.csv", f"  file: other.txt\n  {FORMS[form]}"))
+    path = command_line.small(
+        tmp_path, ("  file: small.csv", f"  file: other.txt\n  {FORMS[form]}")
+    )
     (one,) = loading.load(path).experiments
     grid = simulation.simulation_grid(one)
     y = np.random.default_rng(3).normal(size=(len(grid.t), 2)) * [1e-3, 1e4]
@@ -75,7 +77,7 @@ def test_a_simulated_record_is_written_as_its_config_reads_it(form: str, tmp_pat
 
 def test_the_samples_of_a_simulated_record_are_counted(tmp_path: Path) -> None:
     other = ("  file: small.csv", "  file: other.csv\n  skip_rows: 3")
-    made = systems.cli("simulate", systems.small(tmp_path, other))
+    made = command_line.cli("simulate", command_line.small(tmp_path, other))
     assert made.status == 0, made.err
     assert made.out.endswith("101 samples\n")
 
@@ -100,17 +102,17 @@ UNREADABLE: dict[str, tuple[Change, str]] = {
 @together("name", UNREADABLE)
 def test_a_record_that_its_config_could_not_read_is_not_written(name: str, tmp_path: Path) -> None:
     change, says = UNREADABLE[name]
-    config = systems.small(tmp_path, change)
-    before = systems.listing(tmp_path)
-    ran = systems.cli("simulate", config, "--force")
+    config = command_line.small(tmp_path, change)
+    before = command_line.listing(tmp_path)
+    ran = command_line.cli("simulate", config, "--force")
     assert ran.status == 2
     assert says in ran.err
-    assert systems.listing(tmp_path) == before
+    assert command_line.listing(tmp_path) == before
 
 
 def test_a_target_that_the_config_could_not_read_is_not_written(tmp_path: Path) -> None:
-    config = systems.small(tmp_path)
-    ran = systems.cli("simulate", config, "--output", tmp_path / "other.mat")
+    config = command_line.small(tmp_path)
+    ran = command_line.cli("simulate", config, "--output", tmp_path / "other.mat")
     assert ran.status == 2
     assert "name a .csv file" in ran.err
     assert not (tmp_path / "other.mat").exists()
@@ -118,10 +120,10 @@ def test_a_target_that_the_config_could_not_read_is_not_written(tmp_path: Path) 
 
 def test_check_shows_each_column_as_the_file_has_it(tmp_path: Path) -> None:
     """So that swapped columns, wrong units and a wrong rate show."""
-    config = systems.small(tmp_path, ("unit: rad,", "unit: deg,"), ("unit: s}", "unit: min}"))
-    rows = [line.split(",") for line in systems.small_record().splitlines()[1:]]
+    config = command_line.small(tmp_path, ("unit: rad,", "unit: deg,"), ("unit: s}", "unit: min}"))
+    rows = [line.split(",") for line in command_line.small_record().splitlines()[1:]]
     numbers = [[float(cell) for cell in column] for column in zip(*rows, strict=True)]
-    lines = systems.cli("check", config).out.splitlines()
+    lines = command_line.cli("check", config).out.splitlines()
     head = next(n for n, line in enumerate(lines) if line.startswith("columns ("))
     assert lines[head] == "columns (a sample every 3 s (0.333333 Hz), the first at 0 s):"
     assert lines[head + 1].split() == ["measures", "column", "unit", "first", "from", "to"]
@@ -132,9 +134,9 @@ def test_check_shows_each_column_as_the_file_has_it(tmp_path: Path) -> None:
 
 
 def test_a_rig_that_turns_backwards_is_told_that_friction_drives_it(tmp_path: Path) -> None:
-    config = systems.small(tmp_path, ("v: 8.0", "v: -8.0"))
-    systems.simulated(config)
-    assert "friction: in 9" in systems.cli("check", config).out.splitlines()[-1]
+    config = command_line.small(tmp_path, ("v: 8.0", "v: -8.0"))
+    command_line.simulated(config)
+    assert "friction: in 9" in command_line.cli("check", config).out.splitlines()[-1]
 
 
 # A rig of which the paper knows nothing: values and priors of its own, and no word of a table.
@@ -157,7 +159,7 @@ def nominal_of(
 ) -> tuple[Path, set[str], str]:
     """A config, the parameters that it compares with something, and what it calls that."""
     given = [("map: {", f"nominal: {say}\nmap: {{")] if say else []
-    path = systems.small(folder, *changes, *given)
+    path = command_line.small(folder, *changes, *given)
     nominal = loading.load(path).experiments[0].nominal
     return path, set(nominal.compared), nominal.name
 
@@ -194,12 +196,12 @@ def test_a_table_speaks_only_of_the_rig_that_asks_for_it(
 def test_nothing_of_the_paper_is_said_of_another_rig(tmp_path: Path) -> None:
     """Its k_T is not 1.99 times its k_e, its shaft is not the paper's, and starts are its own."""
     config, *_ = nominal_of(tmp_path, *OTHER)
-    systems.simulated(config)
-    said = systems.cli("check", config).out
+    command_line.simulated(config)
+    said = command_line.cli("check", config).out
     assert "nominal" not in said
     assert "energy" not in said
     assert "geometry" not in said
-    resolved = systems.cli("map", config, "--processes", "1")
+    resolved = command_line.cli("map", config, "--processes", "1")
     assert resolved.status == 0, resolved.err
     (line,) = (x for x in resolved.out.splitlines() if x.startswith("k_T "))
     assert line.split()[1:] == ["N", "m/A", line.split()[-1]]  # no nominal value, no deviation
@@ -209,11 +211,11 @@ def test_nothing_of_the_paper_is_said_of_another_rig(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_run_and_its_report_of_a_rig_without_nominal_values(tmp_path: Path) -> None:
     config, *_ = nominal_of(tmp_path, *OTHER)
-    systems.simulated(config)
+    command_line.simulated(config)
     folder = tmp_path / "out"
-    ran = systems.cli("posterior", config, "--output", folder, "--processes", "1")
+    ran = command_line.cli("posterior", config, "--output", folder, "--processes", "1")
     assert ran.status in (0, 3), ran.err
     assert "tables_2_3" not in ran.out + (folder / "config.resolved.yaml").read_text()
-    again = systems.cli("report", folder, "--processes", "1")
+    again = command_line.cli("report", folder, "--processes", "1")
     assert (again.status, again.err) == (ran.status, "")
     assert not (folder / "verdict.csv").exists()

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from documents import ROOT
 from numpy.typing import NDArray
-from rigs import near
 from scipy.io import loadmat
-from together import together
+from support.case_tables import together
+from support.document_blocks import ROOT
+from support.small_problems import near
 
 import bayesdrill as bd
 from bayesdrill.analysis.identifiability.torque_confounding import scaled_with_torque

@@ -15,13 +15,13 @@ import h5py
 import numpy as np
 import pytest
 import scipy.sparse
-import systems
 from scipy.io import savemat
-from together import together
+from support import command_line
+from support.case_tables import together
 
 import bayesdrill as bd
 
-LINES = systems.small_record().splitlines()
+LINES = command_line.small_record().splitlines()
 HEADER, BODY = LINES[0], LINES[1:]
 T, THETA, W = np.array([line.split(",") for line in BODY], dtype=float).T
 TEXT = "\n".join(LINES) + "\n"
@@ -257,14 +257,14 @@ REFUSED = [
 
 
 def place(folder: Path, one: Odd, name: str = "small.csv") -> Path:
-    config = systems.small(folder, *one.changes)
+    config = command_line.small(folder, *one.changes)
     (folder / name).write_bytes(one.content)
     return config
 
 
 def refusal(config: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     monkeypatch.chdir(config.parent)
-    ran = systems.cli("check", config.name)
+    ran = command_line.cli("check", config.name)
     assert ran.status == 2, ran.text
     assert ran.out == ""
     assert "Traceback" not in ran.err
@@ -350,7 +350,7 @@ def test_what_is_no_column_of_numbers_in_matlab(
     write: Callable[[Path], None], says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write(tmp_path / "small.mat")
-    said = refusal(systems.small(tmp_path, *MAT), monkeypatch)
+    said = refusal(command_line.small(tmp_path, *MAT), monkeypatch)
     assert "small.mat" in said
     assert says in said
 
@@ -401,7 +401,7 @@ def test_what_was_read_with_a_wrong_column_or_unit_is_suspected(
 ) -> None:
     config = place(tmp_path, odd("suspected", table(*columns), changes=changes))
     monkeypatch.chdir(tmp_path)
-    ran = systems.cli("check", config.name)
+    ran = command_line.cli("check", config.name)
     assert ran.status == 0, ran.text
     found = [line for line in ran.out.splitlines() if line.startswith("record, ")]
     assert (says is None) == (not found), ran.out

@@ -7,10 +7,8 @@ import os
 import shutil
 from pathlib import Path
 
-import finished
-import forked
 import pytest
-import systems
+from support import command_line, finished_runs, forked_command
 
 import bayesdrill as bd
 from bayesdrill.output_files import digest, dumps_checksummed, loads_checksummed
@@ -32,7 +30,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Runs of one small record."""
     place = tmp_path_factory.mktemp("runs")
     for name, changes in CHANGES.items():
-        ran = finished.posterior(tmp_path_factory, place, name, *changes)
+        ran = finished_runs.posterior(tmp_path_factory, place, name, *changes)
         assert ran.status == (3 if name == "short" else 0), ran.text
     return place
 
@@ -55,7 +53,7 @@ def summary(folder: Path) -> dict[str, dict[str, str]]:
 
 def test_the_table_is_that_of_the_runs(runs: Path) -> None:
     out = runs / "both"
-    ran = systems.cli("report", runs / "one", runs / "held", "-o", out)
+    ran = command_line.cli("report", runs / "one", runs / "held", "-o", out)
     assert ran.status == 0, ran.text
     lines = {(row["name"], row["run"]): row for row in table(out)}
     assert set(lines) == {(name, run) for name in ("k_e", "k_s", "j_1") for run in ("one", "held")}
@@ -85,7 +83,7 @@ def test_a_run_beside_itself_is_nowhere_apart(runs: Path) -> None:
 
 
 def test_a_run_that_did_not_converge_carries_its_warning(runs: Path) -> None:
-    ran = systems.cli("report", runs / "one", runs / "short", "-o", runs / "both")
+    ran = command_line.cli("report", runs / "one", runs / "short", "-o", runs / "both")
     assert ran.status == 3
     assert "short: NOT CONVERGED" in ran.out
     assert "short: NOT CONVERGED" in (runs / "both" / "overlay.md").read_text(encoding="utf-8")
@@ -97,9 +95,9 @@ def test_a_run_that_did_not_converge_carries_its_warning(runs: Path) -> None:
 
 def test_nothing_is_overwritten_unasked(runs: Path) -> None:
     out, two = runs / "both", (runs / "one", runs / "seeded")
-    assert systems.cli("report", *two, "-o", out).status == 0
+    assert command_line.cli("report", *two, "-o", out).status == 0
     (out / "notes.md").write_text("mine")
-    before = systems.listing(runs)
+    before = command_line.listing(runs)
     for wrong, says in (
         ([*two, "-o", out], "results exist already; make them anew with --force"),
         ([*two, "-o", runs / "one", "--force"], "is one of these runs"),
@@ -108,11 +106,11 @@ def test_nothing_is_overwritten_unasked(runs: Path) -> None:
         ([*(runs / "one" for _ in range(7)), "-o", runs / "new"], "7 given; 2 to 6 runs"),
         ([out, runs / "one", "-o", runs / "new"], "results of `bayesdrill report`"),
     ):
-        ran = systems.cli("report", *wrong)
+        ran = command_line.cli("report", *wrong)
         assert ran.status == 2, wrong
         assert says in ran.err, ran.err
-        assert systems.listing(runs) == before
-    assert systems.cli("report", runs / "one", runs / "held", "-o", out, "--force").status == 0
+        assert command_line.listing(runs) == before
+    assert command_line.cli("report", runs / "one", runs / "held", "-o", out, "--force").status == 0
     assert (out / "notes.md").read_text() == "mine"
     assert {row["run"] for row in table(out)} == {"one", "held"}
     with pytest.raises(bd.InputError, match="1 given"):
@@ -131,21 +129,21 @@ def forged(folder: Path) -> None:
 
 def test_what_does_not_belong_to_an_overlay_is_named(runs: Path) -> None:
     out, figures = runs / "both", runs / "both" / "figures"
-    assert systems.cli("report", runs / "one", runs / "seeded", "-o", out).status == 0
-    ran = systems.cli("verify", out)
+    assert command_line.cli("report", runs / "one", runs / "seeded", "-o", out).status == 0
+    ran = command_line.cli("verify", out)
     assert (ran.status, ran.err) == (0, "")
     text = (out / "overlay.csv").read_text()
     (out / "overlay.csv").write_text(
         text.replace("k_e,V*s/rad,one,0.06016,0", "k_e,V*s/rad,one,0.06016,1")
     )
-    assert "overlay.csv: was changed" in systems.cli("verify", out).err
+    assert "overlay.csv: was changed" in command_line.cli("verify", out).err
     (out / "overlay.csv").write_text(text)
     shutil.copy(figures / "corner.png", figures / "intervals.png")
     forged(out)
-    assert "intervals.png: is another figure" in systems.cli("verify", out).err
+    assert "intervals.png: is another figure" in command_line.cli("verify", out).err
     shutil.rmtree(runs / "seeded")
     shutil.copytree(runs / "held", runs / "seeded")
-    assert "seeded: is another run than" in systems.cli("verify", out).err
+    assert "seeded: is another run than" in command_line.cli("verify", out).err
 
 
 def test_names_of_folders_that_are_no_text(runs: Path, tmp_path: Path) -> None:
@@ -158,14 +156,14 @@ def test_names_of_folders_that_are_no_text(runs: Path, tmp_path: Path) -> None:
     shutil.copy(runs / "small.csv", odd.parent)
     place = odd.parent / "laid"
     for command in (("report", runs / "held", named, "-o", place), ("verify", place)):
-        ended = forked.ran(command, runs)
+        ended = forked_command.ran(command, runs)
         assert ended.status == 0, ended.text
         assert r"dir_\udcff/laid" in ended.text
     assert r"seeded_\udcfe" in (place / "overlay.md").read_text(encoding="utf-8")
     shutil.copy(runs / "one.yaml", odd.parent)
-    refused = systems.cli("map", odd.parent / "one.yaml", "-o", tmp_path / "map")
+    refused = command_line.cli("map", odd.parent / "one.yaml", "-o", tmp_path / "map")
     assert refused.status == 2
     assert "is not UTF-8, and no config can name it; rename the file or the folder" in refused.err
-    refused = systems.cli("init", odd.parent / "small.csv", "-o", tmp_path / "made.yaml")
+    refused = command_line.cli("init", odd.parent / "small.csv", "-o", tmp_path / "made.yaml")
     assert "is not UTF-8, and no config can name it" in refused.err
     assert not (tmp_path / "made.yaml").exists()

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import systems
-from documents import DOCS, ROOT, files
 from scipy.io import loadmat
 from scipy.linalg import expm
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
+from support import command_line
+from support.document_blocks import DOCS, ROOT, files
 
 import bayesdrill as bd
 from bayesdrill.analysis.comparison import repeats
@@ -163,7 +163,7 @@ def test_what_a_drill_string_did_foretells_what_it_does(tmp_path: Path) -> None:
 def test_a_torque_taken_as_if_it_were_in_time_is_named(tmp_path: Path) -> None:
     """Without its lag a third of the bit's speed is left, and the report says which would explain it."""
     path = config(tmp_path, "drill_string.yaml", (LAG, "}"))
-    ran = systems.cli("map", path, "--output", tmp_path / "out", "--processes", "1")
+    ran = command_line.cli("map", path, "--output", tmp_path / "out", "--processes", "1")
     assert "fit: the MAP leaves unexplained 33 % of w_1." in ran.out
     assert "the residuals are correlated from one sample to the next: w_1" in ran.out
     assert "fit: A is the config with a lag of w_1" in ran.out

@@ -8,20 +8,19 @@ import tomllib
 import zipfile
 
 import pytest
-import releases
-import systems
-from releases import Dist
+from support import command_line, release_builds
+from support.release_builds import Dist
 
 import bayesdrill
 from bayesdrill.api import files as api_files
 
-ROOT = systems.ROOT
+ROOT = command_line.ROOT
 LARGEST = {".whl": 1_200_000, ".gz": 4_000_000}  # bytes; on the way to whoever installs it
 
 
 @pytest.fixture(scope="module")
 def dist(tmp_path_factory: pytest.TempPathFactory) -> Dist:
-    return releases.build(tmp_path_factory.mktemp("release"))
+    return release_builds.build(tmp_path_factory.mktemp("release"))
 
 
 def test_the_version_stands_in_one_place() -> None:
@@ -67,7 +66,9 @@ def test_the_source_holds_what_tests_and_docs_need_and_nothing_that_was_made(dis
         names = [name.split("/", 1)[1] for name in archive.getnames()]
     assert not [n for n in names if re.match(r"(results/.+/|\.venv|dist|\.git/)|.*__pycache__", n)]
     needed = {"Makefile", "requirements.lock", "CITATION.cff", "CHANGELOG.md", "docs/release.md"}
-    assert needed | {"tests/systems.py", "configs/records/nominal_step.csv"} <= {*names}
+    assert needed | {"tests/support/command_line.py", "configs/records/nominal_step.csv"} <= {
+        *names
+    }
 
 
 def test_files_stay_small(dist: Dist) -> None:

@@ -10,11 +10,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import finished
 import numpy as np
 import pytest
-import systems
-from together import for_each
+from support import command_line, finished_runs
+from support.case_tables import for_each
 
 import bayesdrill as bd
 from bayesdrill.analysis.run_analysis import RunAnalysis
@@ -35,7 +34,7 @@ CHANGES = {
 def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("runs")
     for name, changes in CHANGES.items():
-        ran = finished.posterior(tmp_path_factory, place, name, *changes)
+        ran = finished_runs.posterior(tmp_path_factory, place, name, *changes)
         assert ran.status == 0, ran.text
     return place
 
@@ -80,7 +79,7 @@ def test_reports_show_what_the_run_has_kept(
         before = {path: path.read_bytes() for path in folder.glob("*.csv")}
         page = (folder / "summary.md").read_text()
         said = json.loads((folder / "run.json").read_text())
-        ran = systems.cli("report", folder, "--processes", "1")
+        ran = command_line.cli("report", folder, "--processes", "1")
         assert ran.status == 0, ran.text
         assert {path: path.read_bytes() for path in folder.glob("*.csv")} == before
         assert (folder / "summary.md").read_text() == page
@@ -136,7 +135,7 @@ def test_another_config_or_chain_is_analysed_anew(runs: Path) -> None:
     text = config.read_text()
     assert text.count("derived: {}") == 1
     config.write_text(text.replace("derived: {}", "derived: {twice: {formula: 2*k_e, unit: V}}"))
-    ran = systems.cli("report", folder, "--processes", "1")
+    ran = command_line.cli("report", folder, "--processes", "1")
     assert ran.status == 0, ran.text
     assert "twice" in (folder / "derived.csv").read_text()
     names = [
@@ -177,13 +176,13 @@ def test_what_cannot_be_derived_is_tried_and_said_once(
 
 def test_run_json_is_as_its_schema_says(done: Path) -> None:
     """Every entry of every run, and of what the analysis holds every field."""
-    schema = json.loads(systems.cli("schema", "--of", "run").out)
+    schema = json.loads(command_line.cli("schema", "--of", "run").out)
     for name in CHANGES:
         run = json.loads((done / name / "run.json").read_text())
         assert run.keys() <= schema["properties"].keys(), run.keys() - schema["properties"].keys()
         assert list(_wrong(run["analysis"], schema["properties"]["analysis"], schema)) == []
     assert all(one.get("description") for one in schema["properties"].values())
-    assert systems.cli("schema").out == bd.schema()
+    assert command_line.cli("schema").out == bd.schema()
 
 
 KINDS: dict[str, Any] = {

@@ -18,14 +18,13 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import finished
 import h5py
 import numpy as np
 import pytest
-import systems
 import xarray
 from emcee.backends import HDFBackend
-from together import together
+from support import command_line, finished_runs
+from support.case_tables import together
 
 from bayesdrill.output_files import POSTERIOR, dumps_checksummed, loads_checksummed
 from bayesdrill.results.run_folder import Folder, seal
@@ -63,15 +62,17 @@ FILES = {
 class Done:
     config: Path
     folder: Path
-    ran: systems.Ran
+    ran: command_line.Ran
 
 
-def posterior(config: Path, folder: Path, *options: str, processes: int = 1) -> systems.Ran:
-    return systems.cli("posterior", config, "-o", folder, "--processes", str(processes), *options)
+def posterior(config: Path, folder: Path, *options: str, processes: int = 1) -> command_line.Ran:
+    return command_line.cli(
+        "posterior", config, "-o", folder, "--processes", str(processes), *options
+    )
 
 
 def fresh(folder: Path, *changes: tuple[str, str], processes: int = 1) -> Done:
-    config = systems.small(folder, *changes)
+    config = command_line.small(folder, *changes)
     ran = posterior(config, folder / "out", processes=processes)
     return Done(config, folder / "out", ran)
 
@@ -102,7 +103,7 @@ def pieces(folder: Path) -> list[Path]:
     return sorted((folder / ".pieces").glob("ensemble_*.npz"))
 
 
-def assert_refused(ran: systems.Ran, *fragments: str) -> None:
+def assert_refused(ran: command_line.Ran, *fragments: str) -> None:
     assert ran.status == 2, ran.text
     assert "Traceback" not in ran.text
     assert len(ran.err.splitlines()) <= 24
@@ -113,7 +114,7 @@ def assert_refused(ran: systems.Ran, *fragments: str) -> None:
 def shared(factory: pytest.TempPathFactory, name: str, *changes: tuple[str, str]) -> Done:
     """A run that other tests may use too."""
     place = factory.mktemp(name)
-    ran = finished.posterior(factory, place, "out", *changes)
+    ran = finished_runs.posterior(factory, place, "out", *changes)
     return Done((place / "out.yaml").rename(place / "small.yaml"), place / "out", ran)
 
 
@@ -179,7 +180,7 @@ def test_what_the_fit_leaves_is_said_everywhere(done: Done) -> None:
 
 def test_a_run_leaves_a_complete_folder_and_nothing_else(done: Done) -> None:
     assert done.ran.status == 0, done.ran.text
-    assert set(systems.listing(done.folder)) == FILES
+    assert set(command_line.listing(done.folder)) == FILES
     assert {name for name in FILES if not POSTERIOR.is_output(name)} == {".lock", "figures"}
     assert (done.folder / "config.yaml").read_bytes() == done.config.read_bytes()
     for name in FIGURES:
@@ -192,14 +193,14 @@ def test_a_run_leaves_a_complete_folder_and_nothing_else(done: Done) -> None:
 
 
 def test_the_record_and_the_config_are_left_alone(done: Done) -> None:
-    assert done.config.read_text() == systems.SMALL.replace(*ALL_FIGURES)
-    assert (done.config.parent / "small.csv").read_text() == systems.small_record()
+    assert done.config.read_text() == command_line.SMALL.replace(*ALL_FIGURES)
+    assert (done.config.parent / "small.csv").read_text() == command_line.small_record()
 
 
 def test_the_resolved_config_is_a_config(done: Done) -> None:
-    ran = systems.cli("check", done.folder / "config.resolved.yaml")
+    ran = command_line.cli("check", done.folder / "config.resolved.yaml")
     assert (ran.status, ran.err) == (0, "")
-    assert ran.out == systems.cli("check", done.config).out
+    assert ran.out == command_line.cli("check", done.config).out
 
 
 def test_the_chain_is_an_emcee_backend(done: Done) -> None:
@@ -248,7 +249,7 @@ def test_tables_and_figures_that_fail_are_named_and_take_no_other_with_them(
     drawn: Done, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """And `report` makes all of them again, the same as before."""
-    complete = systems.listing(drawn.folder)
+    complete = command_line.listing(drawn.folder)
     for name in FIGURES | {"summary.md", "derived.csv", "verdict.csv", "posterior.nc"}:
         (drawn.folder / name).unlink()
 
@@ -258,7 +259,7 @@ def test_tables_and_figures_that_fail_are_named_and_take_no_other_with_them(
     with monkeypatch.context() as patch:
         for place in BROKEN.values():
             patch.setattr(f"bayesdrill.{place}", fail)
-        ran = systems.cli("report", drawn.folder, "--processes", "1")
+        ran = command_line.cli("report", drawn.folder, "--processes", "1")
     assert ran.status == 2, ran.text
     *said, way_out = ran.err.splitlines()
     named = [line for line in said if line.startswith("could not be made")]
@@ -268,14 +269,14 @@ def test_tables_and_figures_that_fail_are_named_and_take_no_other_with_them(
     assert "sampling: converged after " in ran.out
     failed = {"derived.csv", "verdict.csv", "posterior.nc"}
     failed |= {name for name in FIGURES if re.search("corner|trace|fit", name)}
-    assert set(systems.listing(drawn.folder)) == FILES - failed
+    assert set(command_line.listing(drawn.folder)) == FILES - failed
     assert sorted(run_of(drawn.folder)["missing"]) == sorted(f"{what} {why}" for what in BROKEN)
     for name in ("summary.csv", "summary.md", "report.html", "table.tex"):
         (drawn.folder / name).unlink()
     shutil.rmtree(drawn.folder / "figures")
-    ran = systems.cli("report", drawn.folder, "--processes", "1")
+    ran = command_line.cli("report", drawn.folder, "--processes", "1")
     assert ran.status == 0, ran.text
-    after = systems.listing(drawn.folder)
+    after = command_line.listing(drawn.folder)
     assert set(after) == FILES
     assert run_of(drawn.folder)["missing"] == []
     kept = ("chain.h5", "config.yaml", "map.json")
@@ -286,12 +287,12 @@ def test_tables_and_figures_that_fail_are_named_and_take_no_other_with_them(
 
 @pytest.mark.slow
 def test_results_behind_a_symbolic_link_are_reported(tmp_path: Path) -> None:
-    config = systems.small(tmp_path / "rig")
+    config = command_line.small(tmp_path / "rig")
     (tmp_path / "far" / "away" / "disk").mkdir(parents=True)
     (tmp_path / "rig" / "results").symlink_to(tmp_path / "far" / "away" / "disk")
     folder = tmp_path / "rig" / "results" / "small"
     assert posterior(config, folder).status == 0
-    ran = systems.cli("report", folder)
+    ran = command_line.cli("report", folder)
     assert ran.status == 0, ran.text
 
 
@@ -318,7 +319,7 @@ def test_a_report_made_again_says_the_same_times(
     seconds = run_of(run.folder)["seconds"]
     assert seconds == {"map": 0.05, "sampling": 0.05, "report": 0.05}
     page = (run.folder / "report.html").read_bytes()
-    ran = systems.cli("report", run.folder, "--processes", "1")
+    ran = command_line.cli("report", run.folder, "--processes", "1")
     assert ran.status == 0, ran.text
     assert (run.folder / "report.html").read_bytes() == page
 
@@ -330,7 +331,7 @@ def test_another_seed_makes_another_chain(done: Done, copy: Done) -> None:
     ran = posterior(copy.config, copy.folder, "--force")
     assert ran.status in (0, 3), ran.text
     assert (copy.folder / "notes.txt").read_text() == "what I saw that day"
-    assert set(systems.listing(copy.folder)) == {*FILES - FIGURES, "notes.txt"}
+    assert set(command_line.listing(copy.folder)) == {*FILES - FIGURES, "notes.txt"}
     first, second = chains(done.folder), chains(copy.folder)
     assert not np.array_equal(first["z 0"], second["z 0"][: len(first["z 0"])])
     assert run_of(copy.folder)["seed"] == 8
@@ -345,13 +346,13 @@ def test_ensembles_differ_from_each_other(done: Done) -> None:
 def test_force_starts_over(done: Done, copy: Done) -> None:
     (copy.folder / "summary.csv").write_text("old")
     assert posterior(copy.config, copy.folder, "--force").status == 0
-    assert set(systems.listing(copy.folder)) == FILES - FIGURES
+    assert set(command_line.listing(copy.folder)) == FILES - FIGURES
     assert_same_chains(done.folder, copy.folder)
 
 
 def test_a_finished_run_resumed_changes_nothing(done: Done, copy: Done) -> None:
     assert posterior(copy.config, copy.folder, "--resume").status == 0
-    assert set(systems.listing(copy.folder)) == FILES - FIGURES
+    assert set(command_line.listing(copy.folder)) == FILES - FIGURES
     assert_same_chains(done.folder, copy.folder)
 
 
@@ -359,7 +360,7 @@ def test_a_finished_run_is_extended(done: Done, copy: Done, endless: Done) -> No
     change(copy.config, *ENDLESS)
     ran = posterior(copy.config, copy.folder, "--resume")
     assert ran.status == 3, ran.text
-    assert set(systems.listing(copy.folder)) == FILES - FIGURES
+    assert set(command_line.listing(copy.folder)) == FILES - FIGURES
     short, long = chains(done.folder), chains(copy.folder)
     for k in range(4):
         assert long[f"z {k}"].shape == (700, 8, 2)
@@ -369,7 +370,7 @@ def test_a_finished_run_is_extended(done: Done, copy: Done, endless: Done) -> No
 
 def test_a_run_that_did_not_converge_says_so(endless: Done) -> None:
     assert endless.ran.status == 3
-    assert set(systems.listing(endless.folder)) == FILES - FIGURES
+    assert set(command_line.listing(endless.folder)) == FILES - FIGURES
     assert "NOT CONVERGED" in endless.ran.out
     assert "effective draws of" in endless.ran.out
     assert "sampler.max_steps" in endless.ran.out
@@ -377,7 +378,7 @@ def test_a_run_that_did_not_converge_says_so(endless: Done) -> None:
     assert "NOT CONVERGED" in (endless.folder / "summary.md").read_text()
     run = run_of(endless.folder)
     assert (run["status"], run["converged"], run["steps"]) == ("finished", False, 700)
-    assert systems.cli("report", endless.folder, "--processes", "1").status == 3
+    assert command_line.cli("report", endless.folder, "--processes", "1").status == 3
 
 
 # --- interruptions -------------------------------------------------------------------------------
@@ -415,12 +416,12 @@ def group(leader: int) -> list[int]:
 
 def begun(folder: Path, processes: int, started: list[subprocess.Popen[str]]) -> Done:
     """A run in a process of its own, some of which is saved."""
-    config = systems.small(folder, ENDLESS)
+    config = command_line.small(folder, ENDLESS)
     arguments = ("posterior", config, "-o", folder / "out", "--processes", str(processes))
-    process = systems.start(*arguments, cwd=folder)
+    process = command_line.start(*arguments, cwd=folder)
     started.append(process)
     waited(process, lambda: len(pieces(folder / "out")) >= 3)
-    return Done(config, folder / "out", systems.Ran(0, "", ""))
+    return Done(config, folder / "out", command_line.Ran(0, "", ""))
 
 
 def assert_resumes(
@@ -446,7 +447,7 @@ def assert_resumes(
     assert soon(lambda: not group(process.pid)), "workers outlive the run"
     assert posterior(run.config, folder, "--resume").status == 3
     assert_same_chains(endless.folder, folder)
-    assert set(systems.listing(folder)) == FILES - FIGURES
+    assert set(command_line.listing(folder)) == FILES - FIGURES
     assert (folder / "summary.csv").read_bytes() == (endless.folder / "summary.csv").read_bytes()
 
 
@@ -456,12 +457,12 @@ def test_no_other_run_writes_into_the_folder_of_one_which_interrupted_can_be_res
     run = begun(tmp_path, 1, started)
     (process,) = started
     process.send_signal(signal.SIGSTOP)
-    before = systems.listing(run.folder)
+    before = command_line.listing(run.folder)
     for options in (["--resume"], ["--force"]):
         refused = posterior(run.config, run.folder, *options)
         assert_refused(refused, "another run is writing here")
-    assert_refused(systems.cli("report", run.folder), "another run is writing here")
-    assert systems.listing(run.folder) == before
+    assert_refused(command_line.cli("report", run.folder), "another run is writing here")
+    assert command_line.listing(run.folder) == before
     process.send_signal(signal.SIGCONT)
     assert_resumes(run, process, signal.SIGINT, endless)
 
@@ -487,10 +488,10 @@ def test_interrupted_and_resumed_is_the_same_as_uninterrupted(
 def test_workers_do_not_outlive_a_run_that_is_killed(
     tmp_path: Path, started: list[subprocess.Popen[str]]
 ) -> None:
-    config = systems.small(tmp_path, ENDLESS)
+    config = command_line.small(tmp_path, ENDLESS)
     pipes = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     arguments = ("posterior", config, "-o", tmp_path / "out", "--processes", "2")
-    process = systems.start(*arguments, cwd=tmp_path, **pipes)
+    process = command_line.start(*arguments, cwd=tmp_path, **pipes)
     started.append(process)
     waited(process, lambda: len(pieces(tmp_path / "out")) >= 1)
     assert len(group(process.pid)) > 2
@@ -507,8 +508,8 @@ def test_workers_do_not_outlive_a_run_that_is_killed(
 def test_ctrl_c_while_workers_start_shows_no_traceback(
     seconds: float, tmp_path: Path, started: list[subprocess.Popen[str]]
 ) -> None:
-    config = systems.small(tmp_path, ENDLESS)
-    process = systems.start("posterior", config, "-o", "out", "--processes", "2", cwd=tmp_path)
+    config = command_line.small(tmp_path, ENDLESS)
+    process = command_line.start("posterior", config, "-o", "out", "--processes", "2", cwd=tmp_path)
     started.append(process)
     waited(process, (tmp_path / "out" / "run.json").exists)
     time.sleep(seconds)
@@ -540,7 +541,7 @@ def test_ctrl_c_while_a_worker_hands_over_a_result(
     process = subprocess.Popen(
         [sys.executable, "large.py"],
         cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": str(systems.ROOT)},
+        env={**os.environ, "PYTHONPATH": str(command_line.ROOT)},
         stderr=subprocess.DEVNULL,
         text=True,
         start_new_session=True,
@@ -556,16 +557,18 @@ def test_ctrl_c_while_a_worker_hands_over_a_result(
 def test_a_run_interrupted_before_its_first_piece_resumes(
     endless: Done, tmp_path: Path, started: list[subprocess.Popen[str]]
 ) -> None:
-    config = systems.small(tmp_path, ENDLESS)
+    config = command_line.small(tmp_path, ENDLESS)
     folder = tmp_path / "out"
-    process = systems.start("posterior", config, "-o", folder, "--processes", "1", cwd=tmp_path)
+    process = command_line.start(
+        "posterior", config, "-o", folder, "--processes", "1", cwd=tmp_path
+    )
     started.append(process)
     waited(process, (folder / "run.json").exists)
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=30)
     assert process.returncode == 130, err
     assert "Traceback" not in err
-    assert_refused(systems.cli("report", folder), "--resume")
+    assert_refused(command_line.cli("report", folder), "--resume")
     assert posterior(config, folder, "--resume").status == 3
     assert_same_chains(endless.folder, folder)
 
@@ -575,7 +578,7 @@ def test_a_run_cut_when_one_ensemble_had_just_reached_a_check_resumes(
     endless: Done, tmp_path: Path
 ) -> None:
     """The others had gone on, as the check was past: it must not be made again, with them longer."""
-    config = systems.small(tmp_path, ENDLESS)
+    config = command_line.small(tmp_path, ENDLESS)
     change(config, "max_steps: 700", "max_steps: 487")  # a check: 200, 250, 312, 390, 487
     one, other = tmp_path / "one", tmp_path / "other"
     assert posterior(config, one).status == 3
@@ -585,7 +588,7 @@ def test_a_run_cut_when_one_ensemble_had_just_reached_a_check_resumes(
     with h5py.File(one / "chain.h5") as short, h5py.File(other / "chain.h5", "r+") as long:
         del long["ensemble_2"]
         short.copy("ensemble_2", long)
-    assert_refused(systems.cli("report", other), "before its first check", "--resume")
+    assert_refused(command_line.cli("report", other), "before its first check", "--resume")
     change(config, "max_steps: 500", "max_steps: 700")
     assert posterior(config, other, "--resume").status == 3
     assert_same_chains(endless.folder, other)
@@ -612,35 +615,35 @@ def test_a_run_cut_before_its_first_check_cannot_be_reported_yet(copy: Done) -> 
                 group[name].resize(150, axis=0)
             group.attrs["iteration"] = 150
             seal(group)
-    before = systems.listing(copy.folder)
-    assert_refused(systems.cli("report", copy.folder), "before its first check", "--resume")
-    assert systems.listing(copy.folder) == before
+    before = command_line.listing(copy.folder)
+    assert_refused(command_line.cli("report", copy.folder), "before its first check", "--resume")
+    assert command_line.listing(copy.folder) == before
 
 
 # --- what is there already -----------------------------------------------------------------------
 
 
 def test_a_second_fresh_run_is_refused(copy: Done) -> None:
-    before = systems.listing(copy.folder)
+    before = command_line.listing(copy.folder)
     ran = posterior(copy.config, copy.folder)
     assert_refused(ran, "results exist already", "--resume", "--force")
-    assert systems.listing(copy.folder) == before
+    assert command_line.listing(copy.folder) == before
 
 
 @together("options", [[], ["--resume"], ["--force"]], ids=str)
 def test_foreign_files_are_never_touched(options: list[str], tmp_path: Path) -> None:
-    config = systems.small(tmp_path / "rig")
+    config = command_line.small(tmp_path / "rig")
     thesis = tmp_path / "home" / "thesis"
     thesis.mkdir(parents=True)
     (thesis / "chapter_1.tex").write_text("years of work")
-    before = systems.listing(tmp_path)
+    before = command_line.listing(tmp_path)
     assert_refused(posterior(config, tmp_path / "home", *options), "other files")
-    assert systems.listing(tmp_path) == before
+    assert command_line.listing(tmp_path) == before
 
 
 @pytest.mark.slow
 def test_force_leaves_hidden_files_of_others_alone(tmp_path: Path) -> None:
-    config = systems.small(tmp_path / "rig")
+    config = command_line.small(tmp_path / "rig")
     head = tmp_path / "repository" / ".git" / "HEAD"
     head.parent.mkdir(parents=True)
     head.write_text("ref: refs/heads/main")
@@ -680,11 +683,11 @@ def test_force_leaves_hidden_files_of_others_alone(tmp_path: Path) -> None:
 def test_resuming_something_else_names_what_changed_and_both_values(
     old: str, new: str, named: str, copy: Done
 ) -> None:
-    before = systems.listing(copy.folder)
+    before = command_line.listing(copy.folder)
     change(copy.config, old, new)
     ran = posterior(copy.config, copy.folder, "--resume")
     assert_refused(ran, "cannot resume", named, "--force", "--output")
-    assert systems.listing(copy.folder) == before
+    assert command_line.listing(copy.folder) == before
 
 
 @together("package", ["bayesdrill", "numpy", "scipy", "emcee", "llvmlite"], copy=copied_plain)
@@ -694,34 +697,34 @@ def test_resuming_under_another_version_of_what_decides_the_chain(package: str, 
     run = loads_checksummed((copy.folder / "run.json").read_bytes())
     run["fingerprint"][f"the version of {package}"] = "0.0.1"
     (copy.folder / "run.json").write_text(dumps_checksummed(run))
-    before = systems.listing(copy.folder)
+    before = command_line.listing(copy.folder)
     ran = posterior(copy.config, copy.folder, "--resume")
     assert_refused(ran, f"the version of {package} was 0.0.1 and is {now}", "--force")
-    assert systems.listing(copy.folder) == before
+    assert command_line.listing(copy.folder) == before
     if package == "numpy":
-        assert systems.cli("report", copy.folder, "--processes", "1").status == 0
+        assert command_line.cli("report", copy.folder, "--processes", "1").status == 0
         assert '"the version of numpy": "0.0.1"' in (copy.folder / "run.json").read_text()
 
 
 def test_resuming_with_another_record_names_the_record(copy: Done) -> None:
-    before = systems.listing(copy.folder)
+    before = command_line.listing(copy.folder)
     record = copy.config.parent / "small.csv"
     lines = record.read_text().splitlines()
     time, theta_1, w_1 = map(float, lines[5].split(","))
     record.write_text("\n".join([*lines[:5], f"{time},{theta_1},{w_1 + 1e-6}", *lines[6:]]) + "\n")
     ran = posterior(copy.config, copy.folder, "--resume")
     assert_refused(ran, "cannot resume", "the record was 101 samples (")
-    assert_refused(systems.cli("report", copy.folder), "the record")
-    assert systems.listing(copy.folder) == before
+    assert_refused(command_line.cli("report", copy.folder), "the record")
+    assert command_line.listing(copy.folder) == before
 
 
 @together("text", ["[]", "null", '"x"', '{"fingerprint": 3}'], copy=copied_plain)
 def test_a_run_json_that_is_json_but_no_run_is_named(text: str, copy: Done) -> None:
     (copy.folder / "run.json").write_text(text)
-    before = systems.listing(copy.folder)
+    before = command_line.listing(copy.folder)
     for option in ("--resume", "--force"):
         assert_refused(posterior(copy.config, copy.folder, option), "run.json", "another folder")
-    assert systems.listing(copy.folder) == before
+    assert command_line.listing(copy.folder) == before
 
 
 def test_force_killed_as_it_cleared_leaves_a_folder_that_is_still_its_own(
@@ -760,14 +763,14 @@ def test_force_killed_as_it_cleared_leaves_a_folder_that_is_still_its_own(
 
 @pytest.mark.slow
 def test_a_run_killed_before_it_wrote_anything_may_begin_again(tmp_path: Path) -> None:
-    config = systems.small(tmp_path / "rig", ENDLESS)
+    config = command_line.small(tmp_path / "rig", ENDLESS)
     for name, option in (("plain", []), ("resumed", ["--resume"])):
         folder = tmp_path / name
         folder.mkdir()
         (folder / ".lock").touch()
         (folder / ".run.4711.aside.json").write_text("{")
         assert posterior(config, folder, *option).status == 3
-        assert set(systems.listing(folder)) == FILES - FIGURES
+        assert set(command_line.listing(folder)) == FILES - FIGURES
 
 
 def test_a_walker_that_gets_stuck_keeps_a_run_from_being_believed(copy: Done) -> None:
@@ -810,7 +813,7 @@ def test_what_the_proposal_does_not_reach_is_said_and_ends_with_status_3(
     """Also of a chain that is only read again; mutant killed: that is believed."""
     monkeypatch.setattr(learning, "missed_mass", lambda *_: 0.125)
     found = fresh(tmp_path)
-    again = systems.cli("report", found.folder, "--processes", "1")
+    again = command_line.cli("report", found.folder, "--processes", "1")
     for ran in (found.ran, again):
         assert ran.status == 3, ran.text
         assert (
@@ -848,7 +851,7 @@ def test_a_nominal_value_at_an_end_of_its_prior_is_not_judged(
     assert verdict["ends"] == {"k_e": 0.06016}
     assert verdict["quantities"]["k_e"]["says"] == "cannot judge"
     (found.folder / "opened.npz").write_text("of an older version")
-    again = systems.cli("report", found.folder, "--processes", "1")
+    again = command_line.cli("report", found.folder, "--processes", "1")
     assert again.status == 0, again.text
     assert said in again.out
     assert not (found.folder / "opened.npz").exists()
@@ -878,22 +881,22 @@ def test_a_damaged_result_is_named_and_nothing_is_written(
     content = (copy.folder / name).read_bytes()
     assert damage(content) != content
     (copy.folder / name).write_bytes(damage(content))
-    before = systems.listing(copy.folder)
+    before = command_line.listing(copy.folder)
     for ran in (
         posterior(copy.config, copy.folder, "--resume"),
-        systems.cli("report", copy.folder, "--processes", "1"),
+        command_line.cli("report", copy.folder, "--processes", "1"),
     ):
         assert_refused(ran, name, way_out)
         assert "--force" not in ran.err
-    assert systems.listing(copy.folder) == before
+    assert command_line.listing(copy.folder) == before
 
 
 def test_a_map_that_is_deleted_is_searched_again(done: Done, copy: Done) -> None:
     (copy.folder / "map.json").unlink()
-    before = systems.listing(copy.folder)
-    ran = systems.cli("report", copy.folder, "--processes", "1")
+    before = command_line.listing(copy.folder)
+    ran = command_line.cli("report", copy.folder, "--processes", "1")
     assert_refused(ran, "map.json: is not there; continue with --resume")
-    assert systems.listing(copy.folder) == before
+    assert command_line.listing(copy.folder) == before
     assert posterior(copy.config, copy.folder, "--resume").status == 0
     for name in ("map.json", "chain.h5", "summary.csv"):
         assert (copy.folder / name).read_bytes() == (done.folder / name).read_bytes()
@@ -908,15 +911,15 @@ def test_force_mends_a_damaged_folder(copy: Done) -> None:
 
 @pytest.mark.filterwarnings("ignore:unclosed file:ResourceWarning")
 def test_a_damaged_piece_is_named(done: Done, tmp_path: Path) -> None:
-    config = systems.small(tmp_path, ENDLESS)
+    config = command_line.small(tmp_path, ENDLESS)
     shutil.copytree(done.folder, tmp_path / "out")
     (tmp_path / "out" / ".pieces").mkdir()
     first = run_of(done.folder)["steps"]
     piece = tmp_path / "out" / ".pieces" / f"ensemble_0_{first:09d}.npz"
     piece.write_bytes(b"PK\x03\x04 cut short")
-    before = systems.listing(tmp_path)
+    before = command_line.listing(tmp_path)
     assert_refused(posterior(config, tmp_path / "out", "--resume"), piece.name)
-    assert systems.listing(tmp_path) == before
+    assert command_line.listing(tmp_path) == before
 
 
 # --- disks ---------------------------------------------------------------------------------------
@@ -956,15 +959,17 @@ def test_a_full_disk_ends_in_a_message_and_costs_nothing(
     kilobytes: int, done: Done, tmp_path: Path, small_disk: Callable[[str], Path]
 ) -> None:
     folder = small_disk(f"size={kilobytes}k") / "out"
-    config = systems.small(tmp_path / "rig")
+    config = command_line.small(tmp_path / "rig")
     # In a process of its own: HDF5 may take the whole process down when it cannot write.
     arguments = ("posterior", config, "-o", folder, "--processes", "1")
-    ran = systems.run(*arguments, cwd=tmp_path)
+    ran = command_line.run(*arguments, cwd=tmp_path)
     assert_refused(ran, f"{folder}", "No space left", "--resume")
-    assert not [name for name in systems.listing(folder) if Path(name).name.startswith(".chain")]
+    assert not [
+        name for name in command_line.listing(folder) if Path(name).name.startswith(".chain")
+    ]
     small_disk("size=50m")
     assert posterior(config, folder, "--resume").status == 0
-    assert set(systems.listing(folder)) == FILES - FIGURES
+    assert set(command_line.listing(folder)) == FILES - FIGURES
     assert_same_chains(done.folder, folder)
 
 
@@ -973,24 +978,24 @@ def test_a_disk_that_takes_nothing_is_named(
     tmp_path: Path, small_disk: Callable[[str], Path]
 ) -> None:
     place = small_disk("size=50m")
-    config = systems.small(tmp_path / "rig")
+    config = command_line.small(tmp_path / "rig")
     assert posterior(config, place / "out").status == 0
-    before = systems.listing(place)
+    before = command_line.listing(place)
     small_disk("ro")
     for output, *options in (["new"], ["out", "--resume"], ["out", "--force"]):
         assert_refused(posterior(config, place / output, *options), str(place), "ead-only")
-    assert_refused(systems.cli("report", place / "out"), str(place), "ead-only")
-    ran = systems.cli("simulate", config, "--output", place / "record.csv")
+    assert_refused(command_line.cli("report", place / "out"), str(place), "ead-only")
+    ran = command_line.cli("simulate", config, "--output", place / "record.csv")
     assert_refused(ran, str(place), "ead-only")
-    assert systems.listing(place) == before
+    assert command_line.listing(place) == before
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
 def test_a_full_disk_under_the_output_of_check(tmp_path: Path) -> None:
-    systems.small(tmp_path)
+    command_line.small(tmp_path)
     with Path("/dev/full").open("w") as full:
-        process = systems.start("check", "small.yaml", cwd=tmp_path, stdout=full)
+        process = command_line.start("check", "small.yaml", cwd=tmp_path, stdout=full)
         _, err = process.communicate(timeout=30)
     assert process.returncode == 2, err
     assert "Traceback" not in err
@@ -1001,8 +1006,8 @@ def test_a_full_disk_under_the_output_of_check(tmp_path: Path) -> None:
 
 
 def test_a_pipe_closed_at_once_shows_no_traceback(tmp_path: Path) -> None:
-    systems.small(tmp_path)
-    process = systems.start("check", "small.yaml", cwd=tmp_path)
+    command_line.small(tmp_path)
+    process = command_line.start("check", "small.yaml", cwd=tmp_path)
     assert process.stdout is not None
     process.stdout.close()
     process.stdout = None
@@ -1012,10 +1017,10 @@ def test_a_pipe_closed_at_once_shows_no_traceback(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_run_survives_that_nobody_reads_it_any_more(done: Done, tmp_path: Path) -> None:
-    config = systems.small(tmp_path)
+    config = command_line.small(tmp_path)
     folder = tmp_path / "out"
     arguments = ("posterior", config, "-o", folder, "--processes", "1")
-    process = systems.start(*arguments, cwd=tmp_path, stderr=subprocess.STDOUT)
+    process = command_line.start(*arguments, cwd=tmp_path, stderr=subprocess.STDOUT)
     assert process.stdout is not None
     process.stdout.close()
     process.stdout = None
@@ -1027,30 +1032,30 @@ def test_a_run_survives_that_nobody_reads_it_any_more(done: Done, tmp_path: Path
 def test_the_module_tells_its_version(tmp_path: Path) -> None:
     import bayesdrill
 
-    ran = systems.run("--version", cwd=tmp_path)
+    ran = command_line.run("--version", cwd=tmp_path)
     assert (ran.status, ran.out) == (0, f"bayesdrill {bayesdrill.__version__}\n")
 
 
 @together("command", ["check", "map", "posterior", "report", "simulate", "schema"])
 def test_help_shows_an_example(command: str) -> None:
-    ran = systems.cli(command, "--help")
+    ran = command_line.cli(command, "--help")
     assert ran.status == 0
     assert f"Example: bayesdrill {command}" in " ".join(ran.out.split())
-    assert command in systems.cli("--help").out
+    assert command in command_line.cli("--help").out
 
 
 @pytest.mark.slow
 def test_a_column_in_another_unit_than_said_is_told_of_the_fit(tmp_path: Path) -> None:
-    ran = systems.cli("map", systems.small(tmp_path), "--processes", "1")
+    ran = command_line.cli("map", command_line.small(tmp_path), "--processes", "1")
     assert "fit: the residuals look like the noise" in ran.out
-    config = systems.small(tmp_path, ("w_1, unit: rad/s", "w_1, unit: rpm"))
-    ran = systems.cli("map", config, "--processes", "1")
+    config = command_line.small(tmp_path, ("w_1, unit: rad/s", "w_1, unit: rpm"))
+    ran = command_line.cli("map", config, "--processes", "1")
     assert ran.status == 3
     assert "fit: the residuals are larger than the noise" in ran.out
     assert "look like" not in ran.out
 
 
 def test_the_schema_is_json() -> None:
-    ran = systems.cli("schema")
+    ran = command_line.cli("schema")
     assert ran.status == 0
     assert json.loads(ran.out)["properties"]["sampler"]

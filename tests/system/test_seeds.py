@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from together import together
+from support.case_tables import together
 
 from bayesdrill.basics.progress import Silent
 from bayesdrill.config.job import prepare

@@ -8,8 +8,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from candidates import causes_of
-from together import together
+from support.case_tables import together
+from support.unexplained_records import causes_of
 
 import bayesdrill as bd
 

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-import systems
-from documents import DOCS, DOCUMENTS, ROOT, blocks
 from ruamel.yaml import YAML
+from support import command_line
+from support.document_blocks import DOCS, DOCUMENTS, ROOT, blocks
 
 import bayesdrill as bd
 from bayesdrill.cli import app
@@ -156,7 +156,7 @@ def test_pins_of_the_site_go_with_those_of_the_package() -> None:
 def test_the_example_of_a_verdict_is_what_is_printed(tmp_path: Path) -> None:
     """The bundled run gives the same numbers everywhere, so its page can be held to the letter."""
     page = DOCS / "verdict.md"
-    ran = systems.cli(
+    ran = command_line.cli(
         "posterior", ROOT / "configs" / "nominal_step.yaml", "--output", tmp_path / "out"
     )
     printed = [line.rstrip() for line in ran.text.splitlines()]

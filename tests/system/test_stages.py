@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
-import systems
+from support import command_line
 
 import bayesdrill as bd
 from bayesdrill.basics.errors import Interrupted
@@ -43,10 +43,10 @@ class Stopping:
 
 def test_each_stage_announces_itself(tmp_path: Path) -> None:
     told = Stopping()
-    case = bd.load(systems.small(tmp_path))
+    case = bd.load(command_line.small(tmp_path))
     case.run(tmp_path / "out", report=told)
     assert tuple(told.stages) == STAGES
-    ran = systems.cli("report", tmp_path / "out", "--processes", "1")
+    ran = command_line.cli("report", tmp_path / "out", "--processes", "1")
     assert [f"  {stage} ..." for stage in STAGES[-2:]] == ran.err.splitlines()
 
 
@@ -64,7 +64,7 @@ def test_what_is_saved_is_said_and_nothing_else(tmp_path: Path) -> None:
 
     Mutant killed: one sentence for all that is stopped.
     """
-    case, out = bd.load(systems.small(tmp_path)), tmp_path / "out"
+    case, out = bd.load(command_line.small(tmp_path)), tmp_path / "out"
     for at, says in STOPS:
         with pytest.raises(Interrupted) as stopped:
             case.run(out, resume=out.exists(), report=Stopping(at))

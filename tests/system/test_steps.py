@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from oracles import NOMINAL
 from ruamel.yaml import YAML
+from support.scipy_oracles import NOMINAL
 
 import bayesdrill as bd
 from bayesdrill.config.job import Job

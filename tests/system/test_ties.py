@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import systems
 import xarray
-from together import together
+from support import command_line
+from support.case_tables import together
 
-EXAMPLE = systems.ROOT / "configs" / "example_ties.yaml"
+EXAMPLE = command_line.ROOT / "configs" / "example_ties.yaml"
 
 TIE = "k_T: {tie: k_e}"
 K_S = "k_s: pi*G*d**4/(32*L)"
@@ -61,7 +61,7 @@ def test_a_mistake_is_named_with_its_place_and_a_way_out(
     old: str, new: str, at: str, says: str, way_out: str, tmp_path: Path
 ) -> None:
     path = config(tmp_path, (old, new))
-    ran = systems.cli("check", path)
+    ran = command_line.cli("check", path)
     assert ran.status == 2
     assert "Traceback" not in ran.text
     assert says in ran.err
@@ -73,14 +73,14 @@ def test_a_mistake_is_named_with_its_place_and_a_way_out(
 
 def test_a_circle_of_two_is_named_once(tmp_path: Path) -> None:
     path = config(tmp_path, (TIE, "k_T: k_s*2"), (K_S, "k_s: k_T*G*d*L"))
-    ran = systems.cli("check", path)
+    ran = command_line.cli("check", path)
     assert ran.status == 2
     assert "depends on itself (k_T -> k_s -> k_T)" in ran.err
     assert len(ran.err.splitlines()) == 1
 
 
 def test_check_says_what_is_tied() -> None:
-    ran = systems.cli("check", EXAMPLE)
+    ran = command_line.cli("check", EXAMPLE)
     assert ran.status == 0
     assert "tied: k_T = k_e, k_s = pi * G * d ** 4 / (32 * L)" in ran.out
 
@@ -94,7 +94,7 @@ def test_a_short_run_of_the_example(tmp_path: Path) -> None:
         ("output:", "map: {starts: 1}\noutput:\n  predictive_draws: 10"),
     )
     out = tmp_path / "out"
-    ran = systems.cli("posterior", path, "-o", out, "--processes", "1")
+    ran = command_line.cli("posterior", path, "-o", out, "--processes", "1")
     assert ran.status == 0, ran.text
     assert json.loads((out / "run.json").read_text())["converged"]
     tree = xarray.open_datatree(out / "posterior.nc")

@@ -10,11 +10,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import forked
 import h5py
 import pytest
-import systems
-from together import together
+from support import command_line, forked_command
+from support.case_tables import together
 
 import bayesdrill as bd
 from bayesdrill.config.job import prepare
@@ -30,8 +29,8 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A rig with two runs of it, by two seeds."""
     place = tmp_path_factory.mktemp("rig")
     for name, seed in (("out", "seed: 7"), ("other", "seed: 8")):
-        config = systems.small(place, DRAWN, ("seed: 7", seed), name=f"{name}.yaml")
-        ran = systems.cli("posterior", config, "-o", place / name, "--processes", "1")
+        config = command_line.small(place, DRAWN, ("seed: 7", seed), name=f"{name}.yaml")
+        ran = command_line.cli("posterior", config, "-o", place / name, "--processes", "1")
         assert ran.status == 0, ran.text
     return place
 
@@ -130,12 +129,12 @@ def test_what_does_not_belong_is_named(
     change(rig)
     if pains:
         forged(rig / "out")
-    before = systems.listing(rig)
-    ran = systems.cli("verify", rig / "out")
+    before = command_line.listing(rig)
+    ran = command_line.cli("verify", rig / "out")
     assert ran.status == 2
     assert says in ran.err, ran.err
     assert "Traceback" not in ran.text
-    assert systems.listing(rig) == before
+    assert command_line.listing(rig) == before
 
 
 @together("name", ["chain.h5", "map.json"], rig=copied_rig)
@@ -143,7 +142,7 @@ def test_what_another_run_has_found_is_refused_by_all_that_read_it(name: str, ri
     """Mutant killed: a chain that is believed whatever run it is of."""
     mine, other = rig / "out", rig / "other"
     shutil.copy(other / name, mine / name)
-    before = systems.listing(rig)
+    before = command_line.listing(rig)
     for command in (
         ("report", mine),
         ("verify", mine),
@@ -151,11 +150,11 @@ def test_what_another_run_has_found_is_refused_by_all_that_read_it(name: str, ri
         ("compare", other, mine, "-o", rig / "compared"),
         ("posterior", rig / "out.yaml", "-o", mine, "--resume"),
     ):
-        ran = systems.cli(*command)
+        ran = command_line.cli(*command)
         assert ran.status == 2, ran.text
         assert f"{name}: is of run " in ran.err
         assert "put back its own, or delete it and continue with --resume" in ran.err
-    assert systems.listing(rig) == before
+    assert command_line.listing(rig) == before
 
 
 def test_a_chain_that_does_not_say_whose_it_is_is_believed_where_run_json_knows_it(
@@ -169,7 +168,7 @@ def test_a_chain_that_does_not_say_whose_it_is_is_believed_where_run_json_knows_
         forged(rig / name)
     assert bd.verify(rig / "out").together
     shutil.copy(rig / "other" / "chain.h5", rig / "out" / "chain.h5")
-    ran = systems.cli("report", rig / "out")
+    ran = command_line.cli("report", rig / "out")
     assert ran.status == 2
     assert "chain.h5: is of a run that it does not name (an older version wrote it)" in ran.err
 
@@ -179,14 +178,14 @@ def test_a_run_is_not_compared_with_itself(done: Path, tmp_path: Path) -> None:
     link = tmp_path / "link"
     link.symlink_to(done / "out")
     for other in (done / "out", done / "other" / ".." / "out", link):
-        ran = systems.cli("compare", done / "out", other, "-o", tmp_path / "both")
+        ran = command_line.cli("compare", done / "out", other, "-o", tmp_path / "both")
         assert ran.status == 2
         assert "would be compared with itself; give another run" in ran.err
         assert not (tmp_path / "both").exists()
     run = bd.open(done / "out")
     with pytest.raises(bd.InputError, match="number 2 would be compared with itself"):
         bd.compare([run, run])
-    assert systems.cli("report", done / "out", link, "-o", tmp_path / "over").status == 0
+    assert command_line.cli("report", done / "out", link, "-o", tmp_path / "over").status == 0
 
 
 GROUND = ("chain.h5", "map.json", "config.resolved.yaml")
@@ -198,26 +197,29 @@ def test_a_missing_file_comes_back_as_verify_says(
 ) -> None:
     """What a report is made from comes from a run that goes on; all else from a report."""
     (rig / "out" / name).unlink()
-    told = systems.cli("verify", rig / "out")
+    told = command_line.cli("verify", rig / "out")
     assert told.status == 2
     way = "--resume` makes it again" if name in GROUND else "`bayesdrill report` makes"
     assert way in told.err
-    ran = systems.cli("report", rig / "out")
+    ran = command_line.cli("report", rig / "out")
     assert ran.status == (2 if name in GROUND else 0), ran.text
     if name in GROUND:
         assert "--resume" in ran.err
         options = ("-o", rig / "out", "--resume", "--processes", "1")
-        assert systems.cli("posterior", rig / "out.yaml", *options).status == 0
-    assert systems.cli("verify", rig / "out").status == 0
+        assert command_line.cli("posterior", rig / "out.yaml", *options).status == 0
+    assert command_line.cli("verify", rig / "out").status == 0
 
 
 def test_a_missing_file_of_a_map_is_made_by_a_map(tmp_path: Path) -> None:
-    config = systems.small(tmp_path)
-    assert systems.cli("map", config, "-o", tmp_path / "map").status == 0
+    config = command_line.small(tmp_path)
+    assert command_line.cli("map", config, "-o", tmp_path / "map").status == 0
     (tmp_path / "map" / "map.csv").unlink()
-    assert "`bayesdrill map --force` makes it again" in systems.cli("verify", tmp_path / "map").err
-    assert systems.cli("map", config, "-o", tmp_path / "map", "--force").status == 0
-    assert systems.cli("verify", tmp_path / "map").status == 0
+    assert (
+        "`bayesdrill map --force` makes it again"
+        in command_line.cli("verify", tmp_path / "map").err
+    )
+    assert command_line.cli("map", config, "-o", tmp_path / "map", "--force").status == 0
+    assert command_line.cli("verify", tmp_path / "map").status == 0
 
 
 def test_no_pipe_among_results_is_waited_for(rig: Path) -> None:
@@ -231,7 +233,7 @@ def test_no_pipe_among_results_is_waited_for(rig: Path) -> None:
         name = str(path.relative_to(out))
         read_first = name in ("run.json", "config.resolved.yaml", "chain.h5")
         for command in commands[: 3 if read_first else 1]:
-            ended = forked.ran(command, rig)
+            ended = forked_command.ran(command, rig)
             assert (ended.status, ended.traceback) == (2, False), (name, command, ended)
             assert f"{name}: " in ended.text
             assert "pipe" in ended.text
@@ -240,11 +242,11 @@ def test_no_pipe_among_results_is_waited_for(rig: Path) -> None:
 
 def test_what_belongs_together_is_said_so(rig: Path) -> None:
     """After a report too, in another place, and of a case that was saved from memory."""
-    ran = systems.cli("verify", rig / "out")
+    ran = command_line.cli("verify", rig / "out")
     assert (ran.status, ran.err) == (0, "")
     assert "belong together" in ran.out
     (rig / "out" / "figures" / "trace.png").unlink()
-    assert systems.cli("report", rig / "out", "--processes", "1").status == 0
+    assert command_line.cli("report", rig / "out", "--processes", "1").status == 0
     assert bd.verify(rig / "out").together
     bd.open(rig / "out").save(rig / "saved")
     assert bd.verify(rig / "saved").together
@@ -282,14 +284,14 @@ def lent(done: Path) -> Iterator[Path]:
 
 def test_what_one_may_only_read_is_verified_compared_and_reported_elsewhere(lent: Path) -> None:
     run, other, mine = lent / "rig" / "out", lent / "rig" / "other", lent / "mine"
-    before = systems.listing(lent / "rig")
-    assert systems.cli("verify", run).status == 0
+    before = command_line.listing(lent / "rig")
+    assert command_line.cli("verify", run).status == 0
     for command in (
         ("compare", run, other, "-o", mine / "compared"),
         ("report", run, other, "-o", mine / "laid"),
         ("report", run, "-o", mine / "copy", "--processes", "1"),
     ):
-        ran = systems.cli(*command)
+        ran = command_line.cli(*command)
         assert ran.status == 0, ran.text
     for name in ("chain.h5", "map.json", "config.yaml", "summary.csv", "verdict.csv"):
         assert (mine / "copy" / name).read_bytes() == (run / name).read_bytes()
@@ -299,7 +301,7 @@ def test_what_one_may_only_read_is_verified_compared_and_reported_elsewhere(lent
     assert [new[name] for name in ("fingerprint", "versions", "log_evidence")] == [
         old[name] for name in ("fingerprint", "versions", "log_evidence")
     ]
-    assert systems.listing(lent / "rig") == before
+    assert command_line.listing(lent / "rig") == before
     for command in (
         ("report", run),
         ("report", run, "-o", run / "below"),
@@ -307,24 +309,24 @@ def test_what_one_may_only_read_is_verified_compared_and_reported_elsewhere(lent
         ("posterior", lent / "rig" / "out.yaml", "-o", run, "--force"),
         ("posterior", lent / "rig" / "out.yaml", "-o", run / "below"),
     ):
-        ran = systems.cli(*command)
+        ran = command_line.cli(*command)
         assert ran.status == 2
         assert "nothing can be written here (Permission denied); give another --output" in ran.err
 
 
 def test_a_run_is_reported_elsewhere_in_a_folder_of_its_own(rig: Path) -> None:
-    out, before = rig / "out", systems.listing(rig)
+    out, before = rig / "out", command_line.listing(rig)
     for wrong, says in (
         ([out, "-o", out, "--force"], "holds this very run"),
         ([out, "-o", rig, "--force"], "this folder holds other files"),
         ([out, "-o", rig / "other"], "results exist already"),
         ([out, "--force"], "--force: goes with --output"),
     ):
-        ran = systems.cli("report", *wrong)
+        ran = command_line.cli("report", *wrong)
         assert ran.status == 2
         assert says in ran.err
-        assert systems.listing(rig) == before
-    ran = systems.cli("report", out, "-o", rig / "other", "--force", "--processes", "1")
+        assert command_line.listing(rig) == before
+    ran = command_line.cli("report", out, "-o", rig / "other", "--force", "--processes", "1")
     assert ran.status == 0, ran.text
     assert bd.verify(rig / "other").together
     assert (rig / "other" / "chain.h5").read_bytes() == (out / "chain.h5").read_bytes()
@@ -348,7 +350,7 @@ def test_formats_of_figures_are_known_to_all_that_lists_files(rig: Path) -> None
     """Mutants killed: an svg that verify or --force does not know; a stale figure that stays."""
     config = rig / "out.yaml"
     text(config, DRAWN[1], "figures: [corner, trace], formats: [svg, png], size: single, dpi: 100")
-    ran = systems.cli("posterior", config, "-o", rig / "out", "--processes", "1", "--resume")
+    ran = command_line.cli("posterior", config, "-o", rig / "out", "--processes", "1", "--resume")
     assert ran.status == 0, ran.text
     figures = rig / "out" / "figures"
     names = {f"{stem}.{end}" for stem in ("corner", "trace") for end in ("svg", "png")}
@@ -360,7 +362,7 @@ def test_formats_of_figures_are_known_to_all_that_lists_files(rig: Path) -> None
     assert "corner.svg: is another figure than its name says" in str(problem)
     (figures / "mine.svg").write_text("kept")
     text(config, "[corner, trace], formats: [svg, png]", "[]")
-    ran = systems.cli("posterior", config, "-o", rig / "out", "--processes", "1", "--force")
+    ran = command_line.cli("posterior", config, "-o", rig / "out", "--processes", "1", "--force")
     assert ran.status == 0, ran.text
     assert [path.name for path in figures.iterdir()] == ["mine.svg"]
 
@@ -372,14 +374,14 @@ def test_every_file_of_a_record_is_part_of_its_run(tmp_path: Path) -> None:
         (own, "w_1: {file: more/speed.csv, column: w_1, unit: rad/s"),
         ("v: 8.0", "v: {file: {path: more/supply.csv}, column: u, unit: V, hold: first}"),
     ]
-    config = systems.small(tmp_path / "rig", *changes)
+    config = command_line.small(tmp_path / "rig", *changes)
     more = config.parent / "more"
     more.mkdir()
     lines = (config.parent / "small.csv").read_text().splitlines()
     (more / "speed.csv").write_text("\n".join(lines) + "\n")
     rows = [f"{line.split(',')[0]},8" for line in lines[1:]]
     (more / "supply.csv").write_text("\n".join(["t,u", *rows]) + "\n")
-    ran = systems.cli("posterior", config, "-o", tmp_path / "out", "--processes", "1")
+    ran = command_line.cli("posterior", config, "-o", tmp_path / "out", "--processes", "1")
     assert ran.status == 0, ran.text
     page = (tmp_path / "out" / "report.html").read_text()
     for name in ("small.csv", "speed.csv", "supply.csv"):
@@ -399,7 +401,7 @@ def test_every_file_of_a_record_is_part_of_its_run(tmp_path: Path) -> None:
 
 def test_results_never_stand_beside_a_file_of_their_record(tmp_path: Path) -> None:
     changes = [("w_1: {column: w_1", "w_1: {file: more/speed.csv, column: w_1")]
-    config = systems.small(tmp_path, *changes)
+    config = command_line.small(tmp_path, *changes)
     (tmp_path / "more").mkdir()
     shutil.copy(tmp_path / "small.csv", tmp_path / "more" / "speed.csv")
     job = prepare(config)
@@ -441,7 +443,7 @@ def test_types_are_looked_at_before_anything_is_believed(
     name: str, change: Callable[[dict[str, Any]], object], said: str, rig: Path
 ) -> None:
     resealed(rig / "out" / name, change)
-    told = systems.cli("verify", rig / "out")
+    told = command_line.cli("verify", rig / "out")
     assert told.status == 2
     assert said in told.err
 
@@ -465,8 +467,8 @@ def test_a_chain_of_other_walkers_or_unknowns(
                     del group[name]
                     group[name] = own.reshape(-1, 4) if own.ndim == 2 else own[:4]
             seal(group)
-    ran = systems.cli("verify", rig / "out")
+    ran = command_line.cli("verify", rig / "out")
     assert ran.status == 2
     whole = dataset == "chain" and shape[1:] == (4, 2)
     assert ("a chain of 4 walkers in 2 unknowns" if whole else "is damaged") in ran.err
-    assert systems.cli("report", rig / "out").status == 2
+    assert command_line.cli("report", rig / "out").status == 2

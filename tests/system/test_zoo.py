@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-import systems
-from together import together
+from support import command_line
+from support.case_tables import together
 
 from bayesdrill.config import loading
 from bayesdrill.config.job import Job, prepare
@@ -189,7 +189,7 @@ def test_every_config_is_valid(row: Row, tmp_path: Path) -> None:
 @together("name", ["sum_and_tie", "load_measured"])
 def test_a_written_row_passes_the_check(name: str, tmp_path: Path) -> None:
     for path in folder.write(rows.chosen([name])[0], tmp_path):
-        ran = systems.cli("check", path)
+        ran = command_line.cli("check", path)
         assert ran.status == 0, ran.text
 
 
@@ -279,7 +279,7 @@ def test_a_quick_row_does_what_it_should(row: Row, tmp_path: Path) -> None:
     short = dataclasses.replace(row, config=changed(row.config, SHORT))
     config, _ = folder.write(short, tmp_path)
     output = tmp_path / "run"
-    ran = systems.cli("posterior", config, "--output", output, "--processes", "1")
+    ran = command_line.cli("posterior", config, "--output", output, "--processes", "1")
     found = runs.read(output, ran.status, 1.0, ran.text)
     share = () if row.humps is None else (row.humps.shares(runs.draws(output, found.mean)),) * 2
     outcome = judge.judged(row, (found, found), 0, 60.0, share)
@@ -287,5 +287,5 @@ def test_a_quick_row_does_what_it_should(row: Row, tmp_path: Path) -> None:
     if row.humps is not None:  # a report has no proposal to count with
         said = (output / "summary.md").read_text()
         assert "2 maxima of the posterior" in said
-        assert systems.cli("report", output, "--processes", "1").status == 0
+        assert command_line.cli("report", output, "--processes", "1").status == 0
         assert (output / "summary.md").read_text() == said

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from oracles import NOMINAL
-from rigs import measured, posterior, starting
+from support.scipy_oracles import NOMINAL
+from support.small_problems import measured, posterior, starting
 
 from bayesdrill.inference import Posterior, Uniform
 

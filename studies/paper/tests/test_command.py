@@ -9,8 +9,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-import systems
-from together import together
+from support import command_line
+from support.case_tables import together
 
 from bayesdrill.output_files import POSTERIOR
 from studies.paper.__main__ import app
@@ -26,18 +26,18 @@ def _in_the_checkout(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
 
 
-def paper(*arguments: str | Path) -> systems.Ran:
-    return systems.cli(*arguments, program=app)
+def paper(*arguments: str | Path) -> command_line.Ran:
+    return command_line.cli(*arguments, program=app)
 
 
 def refused(*arguments: str | Path, below: Path, says: str) -> None:
     """Status 2, no traceback, and nothing below `below` changes."""
-    before = systems.listing(below)
+    before = command_line.listing(below)
     ran = paper(*arguments)
     assert ran.status == 2
     assert says in ran.err
     assert "Traceback" not in ran.err
-    assert systems.listing(below) == before
+    assert command_line.listing(below) == before
 
 
 def changed(name: str, old: str, new: str) -> Callable[[Path], None]:
@@ -112,9 +112,9 @@ def test_results_and_files_of_others_are_left_alone(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("mine")
     says = "a file is in the way; give another --output"
     refused("-o", tmp_path / "file", below=tmp_path, says=says)
-    other = systems.results(tmp_path / "other", POSTERIOR)
+    other = command_line.results(tmp_path / "other", POSTERIOR)
     refused("--force", "-o", other, below=tmp_path, says="results of `bayesdrill posterior`")
-    own = systems.results(tmp_path / "own", files_of(("estimates", "measured")))
+    own = command_line.results(tmp_path / "own", files_of(("estimates", "measured")))
     refused("-o", own, below=tmp_path, says="make them anew with --force")
     (own / "measured").mkdir()
     (own / "measured" / "thesis.tex").write_text("mine")

@@ -7,9 +7,9 @@ import pytest
 import scipy.interpolate
 import scipy.linalg
 from numpy.typing import NDArray
-from oracles import NOMINAL, by_expm, skewed
-from rigs import STATES, experiment, vector
-from together import together
+from support.case_tables import together
+from support.scipy_oracles import NOMINAL, by_expm, skewed
+from support.small_problems import STATES, experiment, vector
 
 from bayesdrill.inference import Posterior, derived
 from bayesdrill.rig import Model, MotorShaft, Response

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from together import together
+from support.case_tables import together
 
 from bayesdrill.inference import Coordinates
 from bayesdrill.sampling import Task

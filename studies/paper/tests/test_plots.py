@@ -10,8 +10,8 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
-from pictures import SYMBOLS, clashes, drawn, marked, posterior, within, xy
-from together import together
+from support.case_tables import together
+from support.figure_checks import SYMBOLS, clashes, drawn, marked, posterior, within, xy
 
 from bayesdrill.basics import PARAMETERS
 from studies.paper import printed

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from oracles import NOMINAL, ORDER, by_expm, skewed
-from rigs import measured, posterior, replace_only, vector
-from together import together
+from support.case_tables import together
+from support.scipy_oracles import NOMINAL, ORDER, by_expm, skewed
+from support.small_problems import measured, posterior, replace_only, vector
 
 from bayesdrill.config import loading
 from bayesdrill.rig import Response

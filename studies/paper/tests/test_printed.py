@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import scipy.linalg
 from numpy.typing import NDArray
-from oracles import NOMINAL, ORDER, by_expm, matrices, skewed
-from rigs import STATES, experiment, measured, posterior, vector
-from together import together
+from support.case_tables import together
+from support.scipy_oracles import NOMINAL, ORDER, by_expm, matrices, skewed
+from support.small_problems import STATES, experiment, measured, posterior, vector
 
 from bayesdrill.analysis import plausibility
 from bayesdrill.rig import MotorShaft

@@ -14,7 +14,7 @@ from matplotlib.path import Path
 from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
-from pictures import box, drawn, overlap, shown
+from support.figure_checks import box, drawn, overlap, shown
 
 from bayesdrill.basics import PARAMETERS
 from studies.paper.optimisers import ORDER, circle

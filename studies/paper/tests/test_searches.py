@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import scipy.optimize
 from numpy.typing import NDArray
-from oracles import NOMINAL, ORDER, skewed
-from rigs import measured, posterior, replace_only, starting, vector
-from together import together
+from support.case_tables import together
+from support.scipy_oracles import NOMINAL, ORDER, skewed
+from support.small_problems import measured, posterior, replace_only, starting, vector
 
 from bayesdrill.inference import Posterior, Uniform
 from bayesdrill.rig import MotorShaft, Response

@@ -15,8 +15,8 @@ from functools import cache
 
 import numpy as np
 import pytest
-from oracles import ORDER
-from together import together
+from support.case_tables import together
+from support.scipy_oracles import ORDER
 
 from bayesdrill import output_files
 from bayesdrill.analysis.verdict import Quantity, Verdict

@@ -9,12 +9,12 @@ from typing import Any
 
 import pytest
 from ruamel.yaml import YAML
-from together import for_each
+from support.case_tables import for_each
 
 from bayesdrill.basics.errors import InputError
 
 MISTAKES: dict[str, dict[str, dict[str, Any]]] = YAML(typ="safe").load(
-    Path(__file__).parent / "config" / "mistakes.yaml"
+    Path(__file__).parents[1] / "config" / "mistakes.yaml"
 )
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from systems import ROOT
+from support.command_line import ROOT
 
 MADE = (
     ".venv",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-from targets import Target
+from support.known_targets import Target
 
 from bayesdrill.sampling.proposal.ridge_tracing import moments
 from bayesdrill.sampling.samplers.independence import Mixture, Proposal, mixture

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from oracles import matrices
 from scipy.linalg import expm
+from support.scipy_oracles import matrices
 
 Array = NDArray[np.float64]
 

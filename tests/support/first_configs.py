@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import oracles
 import scipy.linalg
+from support import scipy_oracles
 
 import bayesdrill as bd
 from bayesdrill.config import loading
@@ -41,7 +41,7 @@ def told(entries: dict[str, Any]) -> dict[str, tuple[str, str]]:
 
 def driven(t: np.ndarray, v: np.ndarray, gear: float) -> np.ndarray:
     """States (T, 5) of a rig without friction, from rest, the voltage held between samples."""
-    a, b, *_ = oracles.matrices({**oracles.skewed(), "t_f": 0.0}, 1 / gear)
+    a, b, *_ = scipy_oracles.matrices({**scipy_oracles.skewed(), "t_f": 0.0}, 1 / gear)
     whole = np.zeros((6, 6))
     whole[:5, :5], whole[:5, 5] = a, b
     step = scipy.linalg.expm(whole * (t[1] - t[0]))

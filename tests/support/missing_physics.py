@@ -1,13 +1,13 @@
-"""Records of rigs with physics that is then left out, made by the oracle of `rubbing`."""
+"""Records of rigs with physics that is then left out, made by the oracle in `friction_oracle`."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
 import numpy as np
-from oracles import NOMINAL
-from rigs import experiment, likelihood_of, unknown
-from rubbing import Rig, simulate
+from support.friction_oracle import Rig, simulate
+from support.scipy_oracles import NOMINAL
+from support.small_problems import experiment, likelihood_of, unknown
 
 from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.inference.noise.contract import NoisyChannel

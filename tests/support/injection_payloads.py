@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 from pathlib import Path
 
-import systems
+from support import command_line
 
 RUNS = "<img src=x onerror=owned=1>"  # where a page takes it for an element
 LEAVES = '"><img src=x onerror="owned=1"><script>owned=1;document.title=1</script>'  # an attribute
@@ -23,7 +23,7 @@ def quoted(text: str) -> str:
 
 def small(folder: Path) -> Path:
     """The small experiment; unknowns are called as entities of HTML are."""
-    config = systems.small(
+    config = command_line.small(
         folder,
         ("file: small.csv", f"file: {quoted(FILE)}"),
         ("column: theta_1", f"column: {quoted(COLUMNS['theta_1'])}"),

@@ -7,7 +7,7 @@ import math
 from collections.abc import Collection
 
 import numpy as np
-from oracles import NOMINAL
+from support.scipy_oracles import NOMINAL
 
 from bayesdrill.analysis.identifiability.information import (
     Information,

@@ -6,8 +6,8 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from oracles import NOMINAL
-from rigs import experiment, measured, posterior, vector
+from support.scipy_oracles import NOMINAL
+from support.small_problems import experiment, measured, posterior, vector
 
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.rig.models.motor_shaft import MotorShaft
@@ -41,5 +41,5 @@ def response(name: str) -> Response:
 
 
 def seen(name: str, sigma: np.ndarray | None, **own: Any) -> Posterior:
-    """See `rigs.posterior`."""
+    """See `small_problems.posterior`."""
     return posterior(response(name).experiment, sigma, response=response(name), **own)

@@ -1,4 +1,4 @@
-"""Rigs that rub, with their inputs: what the oracle of `rubbing` makes of them is kept for all tests."""
+"""Rigs with dry friction and their inputs; what `friction_oracle` says of them is kept for all tests."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from oracles import NOMINAL, ORDER, skewed
-from rubbing import Moved, Rig, simulate
+from support.friction_oracle import Moved, Rig, simulate
+from support.scipy_oracles import NOMINAL, ORDER, skewed
 
 DEGREE = math.pi / 180
 SERVO = {

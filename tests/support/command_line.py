@@ -19,7 +19,7 @@ from bayesdrill.config import loading
 from bayesdrill.config.records import simulation
 from bayesdrill.results.run_folder import Folder
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 SMALL = """\

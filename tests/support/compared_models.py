@@ -6,7 +6,7 @@ import dataclasses
 from functools import cache
 from pathlib import Path
 
-from pictures import posterior
+from support.figure_checks import posterior
 
 import bayesdrill as bd
 from bayesdrill.analysis.comparison import PosteriorSummary, RunSummary
@@ -15,7 +15,7 @@ from bayesdrill.inference.posterior import Posterior, Problem
 from bayesdrill.inference.residual_checks import ResidualSummary, limits
 from bayesdrill.sampling.evidence import Evidence
 
-CONFIG = Path(__file__).parents[1] / "configs" / "nominal_step.yaml"
+CONFIG = Path(__file__).parents[2] / "configs" / "nominal_step.yaml"
 CHANNELS = ("theta_1", "theta_2", "w_1", "w_2")
 
 

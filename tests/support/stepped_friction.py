@@ -7,8 +7,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from rigs import STATES, experiment
-from rubbing_cases import Case, moved_of
+from support.friction_cases import Case, moved_of
+from support.small_problems import STATES, experiment
 
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.models.motor_shaft import MotorShaft

@@ -6,7 +6,7 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from oracles import NOMINAL
+from support.scipy_oracles import NOMINAL
 
 import bayesdrill as bd
 from bayesdrill.rig.models.motor_shaft import MotorShaft

@@ -8,7 +8,7 @@ from itertools import islice
 from typing import Any
 
 import numpy as np
-from oracles import NOMINAL, ORDER
+from support.scipy_oracles import NOMINAL, ORDER
 
 from bayesdrill.basics.symbols import PARAMETERS, own_symbol
 from bayesdrill.inference import laplace
