@@ -107,7 +107,9 @@ def finish(outcome: Any, *, verbose: bool = False) -> None:
         raise typer.Exit(INPUT_WRONG)
 
 
-SILENCE = 10.0  # s: longer than that no command goes without a line
+# After this time in seconds without a line one is printed.  A watcher looks every second, so that
+# no command is silent for 10 s.
+SILENCE = 8.0
 
 
 class _Watched:
