@@ -12,7 +12,7 @@ import emcee
 import numpy as np
 import pytest
 import scipy.stats
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.handmade_proposals import over, rough
 from support.known_targets import TARGETS, Target
 
@@ -46,8 +46,8 @@ def walked(target: Target, d: int, proposal: Proposal, steps: int = STEPS) -> Ch
     return advance(evaluate, state, steps, ALONE, proposal, target.inside)
 
 
-@together("d", [2, 5, 9])
-@together("target", TWO.values(), ids=TWO)
+@run_cases("d", [2, 5, 9])
+@run_cases("target", TWO.values(), ids=TWO)
 def test_target_is_kept_exactly_over_two_ridges(target: Target, d: int) -> None:
     """Ridges in units of their own, the draws of one likely on the other or never.
 
@@ -101,7 +101,7 @@ def test_a_forgotten_proposal_density_is_found_out() -> None:
     assert CUT.p_values(walked(CUT, 2, forgetful).state.z).min() < FAIL
 
 
-@together("name, d", [("wild", 5), ("bent", 2), ("humps", 5)])
+@run_cases("name, d", [("wild", 5), ("bent", 2), ("humps", 5)])
 def test_steps_of_walkers_by_themselves_keep_the_target(name: str, d: int) -> None:
     """About half of them step, since their limit is set where most of the target is.
 
