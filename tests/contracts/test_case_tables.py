@@ -33,7 +33,7 @@ def test_every_case_runs_and_each_that_fails_is_named() -> None:
     ):
         assert f"\n{name}: {error}" in told
     assert "\n2, " not in told
-    assert "test_together.py:" in told
+    assert "test_case_tables.py:" in told
 
 
 @run_cases("second", ["x", "y"])
@@ -84,7 +84,7 @@ def test_every_case_that_fails_is_told_by_its_name() -> None:
     ):
         assert name in text
         assert reason in text
-    assert "test_together.py:" in text
+    assert "test_case_tables.py:" in text
     for_each({"of zero": (0,)}, check)
 
 
