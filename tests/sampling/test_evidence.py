@@ -62,7 +62,7 @@ def found(target: Target, d: int, proposal: Proposal, seed: int = 1) -> Evidence
 
 def test_walkers_that_do_not_pass_between_humps_are_in_the_error() -> None:
     """All of them on the heavier hump.  Mutant killed: an error of what walkers themselves have seen."""
-    target = TARGETS["humps"]
+    target = TARGETS["two_modes"]
     assert isinstance(target, TwoModes)
     z = target.draw(STEPS * WALKERS, 2, np.random.default_rng(5))
     for side in (z[:, 0] > z[:, 0].mean(), z[:, 0] <= z[:, 0].mean()):
