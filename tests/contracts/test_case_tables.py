@@ -3,37 +3,40 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from support.case_tables import for_each, run_cases
 
+NUMBERS = {"a number": (1,), "zero": (0,), "less": (-1,), "a word": ("x",)}
 
-def test_every_case_runs_and_each_that_fails_is_named() -> None:
-    ran = []
 
-    @run_cases("number, why", [(1, "raised"), (2, ""), (3, "not raised"), (4, "wrong")])
-    def only_two(number: int, why: str) -> None:
-        ran.append(number)
-        assert why != "wrong"
-        if why == "raised":
-            raise OSError(why)
-        if why == "not raised":
-            with pytest.raises(KeyError):
-                pass
+def check(number: object) -> None:
+    """Fail for -1, for which nothing is raised, and for a word."""
+    assert number in (0, 1, -1, "x")
+    if number != 1:
+        with pytest.raises(ZeroDivisionError):
+            1 // number
 
-    with pytest.raises(AssertionError, match=r"\A3 of 4 cases fail\n") as ended:
-        only_two()
-    assert ran == [1, 2, 3, 4]
-    told = str(ended.value)
-    for name, error in (
-        ("1, raised", "OSError"),
-        ("3, not raised", "Fail"),
-        ("4, wrong", "Assert"),
-    ):
-        assert f"\n{name}: {error}" in told
-    assert "\n2, " not in told
-    assert "test_case_tables.py:" in told
+
+def by_decorator() -> None:
+    run_cases("number", [number for (number,) in NUMBERS.values()], ids=NUMBERS)(check)()
+
+
+@pytest.mark.parametrize("run", [by_decorator, lambda: for_each(NUMBERS, check)])
+def test_every_case_runs_and_each_that_fails_is_named_with_its_line(
+    run: Callable[[], None],
+) -> None:
+    """Also a case that does not raise what it should, and one that fails by an error of its own."""
+    with pytest.raises(AssertionError, match=r"\A2 of 4 cases fail\n") as failure:
+        run()
+    text = str(failure.value)
+    for name, reason in (("less", "DID NOT RAISE"), ("a word", "TypeError")):
+        assert f"\n{name}: " in text
+        assert reason in text
+    assert "zero: " not in text
+    assert "test_case_tables.py:" in text
 
 
 @run_cases("second", ["x", "y"])
@@ -47,47 +50,20 @@ def test_each_case_has_a_folder_and_an_environment_of_its_own(
     monkeypatch.setenv("OF_ONE_CASE", first)
 
 
-def counted(tmp_path: Path) -> list[Path]:
+def listed(tmp_path: Path) -> list[Path]:
     return [tmp_path]
 
 
-@run_cases("number", [1, 2], made=counted)
-def test_what_is_made_again_is_made_for_each_case(
-    number: int, made: list[Path], tmp_path: Path
+@run_cases("number", [1, 2], folders=listed)
+def test_fixtures_that_are_made_again_are_made_for_each_case(
+    number: int, folders: list[Path], tmp_path: Path
 ) -> None:
-    assert made == [tmp_path]
-    made.append(tmp_path)
+    assert folders == [tmp_path]
+    folders.append(tmp_path)
 
 
-def test_no_cases_are_a_mistake() -> None:
+def test_a_table_without_cases_is_a_mistake() -> None:
     with pytest.raises(AssertionError, match="there are no cases"):
         run_cases("number", [])
-
-
-def test_every_case_that_fails_is_told_by_its_name() -> None:
-    """Also one that does not raise what it should, and one that fails by an error of its own."""
-
-    def check(number: int) -> None:
-        assert number in (0, 1, "x"), "a number of the wrong kind"
-        with pytest.raises(ZeroDivisionError):
-            1 // number
-
-    cases = {"of zero": (0,), "of one": (1,), "of less": (-1,), "of a word": ("x",)}
-    with pytest.raises(AssertionError, match="3 of 4 cases fail") as told:
-        for_each(cases, check)
-    text = str(told.value)
-    assert "of zero" not in text
-    for name, reason in (
-        ("one", "DID NOT RAISE"),
-        ("less", "of the wrong kind"),
-        ("word", "TypeError"),
-    ):
-        assert name in text
-        assert reason in text
-    assert "test_case_tables.py:" in text
-    for_each({"of zero": (0,)}, check)
-
-
-def test_a_table_without_cases_is_no_test() -> None:
-    with pytest.raises(AssertionError, match="no case"):
+    with pytest.raises(AssertionError, match="there is no case"):
         for_each({}, print)
