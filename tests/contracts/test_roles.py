@@ -29,6 +29,7 @@ from bayesdrill.analysis.refits import refit_candidate
 from bayesdrill.analysis.run_analysis import torque_summary
 from bayesdrill.basics import symbols
 from bayesdrill.basics.progress import SILENT
+from bayesdrill.config import loading
 from bayesdrill.inference import derived
 from bayesdrill.report import words
 from bayesdrill.report.sections import causes_words, torque_words
@@ -139,7 +140,7 @@ def analyses_of_causes(rig: Model, names: dict[str, str]) -> Iterator[Any]:
     of = case(rig, names, {name: NOMINAL[name] for name in ("k_e", "j_1")}, seen)
     posterior = of.job.problem.posterior
     start = posterior.space.start
-    few = {"friction_rotor_1", "voltage_drop", "damping_shaft", "offset_v"}  # all take a minute
+    few = {"friction_rotor_1", "voltage_drop"}  # all take a minute
     rungs = [r for r in CandidateModels.from_job(of.job, {}).singles() if r.name in few]
     given = refit_candidate(posterior, start, -math.inf)
     assert given is not None
@@ -213,7 +214,7 @@ def print_chain() -> None:
 
     models = CandidateModels.from_job(case_of().job, {})
     singles = [*models.singles(), *models.singles(absorbing=True)]
-    unknowns = {rung.name: rung.job().problem.names for rung in singles}
+    unknowns = {rung.name: loading.validate(rung.source).space().free for rung in singles}
     posterior = case_of(missing_torque={**TORQUE, "at": "middle"}).job.problem.posterior
     theta = posterior.space.vector({**posterior.space.start, "s_d": dry, "tau_d": 1.0})
     (torque,) = torque_estimates(posterior, theta[None], rng)
