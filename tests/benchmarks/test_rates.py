@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from support.case_tables import run_cases
 
 from bayesdrill.analysis.latent_torque import torque_estimates
@@ -19,6 +20,7 @@ def test_intervals_hold_the_truth_and_friction_is_named() -> None:
     assert min(result.within for result in results) > 0.85
 
 
+@pytest.mark.slow  # `make rates` has many of them
 def test_beside_friction_a_small_torque_is_estimated_and_a_large_one_said_to_stray() -> None:
     result = rubbing_torque.told(1)
     assert sum(rubbing_torque.held([result]).values()) >= 5
