@@ -33,7 +33,7 @@ help:
 	@echo "make causes      map 150 records with one lack each: is it named first? (half an hour)"
 	@echo "make real        run the benches of others whose data are there (minutes); ARGS=--fetch gets them"
 	@echo "make baseline    compare all results with those that are stored (4 minutes); ARGS=--write stores them"
-	@echo "make mutants     break the code in named ways and see the tests fail"
+	@echo "make mutants     break the code in named ways and see the tests fail (on two processors); ARGS=words choose"
 	@echo "make attack      malformed configs, records and results, SECONDS=60 of each of 22 kinds"
 	@echo "make rates       hundreds of records with a known truth: how often is the answer right? (hours)"
 	@echo "make pages       look at reports in a headless Chromium, which has to be on PATH (a minute, in .venv-browser)"
@@ -99,7 +99,7 @@ baseline: $(READY)
 	@$(BIN)/python -m benchmarks.baseline $(ARGS)
 
 mutants: $(READY)
-	@$(BIN)/python tests/mutants.py
+	@$(BIN)/python tests/mutants.py --processes 2 $(ARGS)
 
 attack: $(READY)
 	@BAYESDRILL_ATTACK=$(SECONDS) $(BIN)/python -m pytest -m slow -q -s benchmarks/attack

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import gc
 import os
+import time
 from pathlib import Path
 
 import pytest
 
 CACHE = Path(__file__).parent / ".pytest_cache"
+# Each structure of a rig takes 0.3 to 3 s to compile, so tests share rigs.  The cache keeps up to 1000
+# kernels, hence all of these from one run to the next.
+MOST_KERNELS = 350
+BEGUN, KERNELS = pytest.StashKey[float](), pytest.StashKey[int]()
 
 # Kernels of all workers and their children are compiled once, and apart from those of the user.
 os.environ["BAYESDRILL_CACHE"] = str(CACHE)
@@ -25,3 +30,34 @@ def _collected_seldom() -> None:
     gc.collect()
     gc.freeze()
     gc.set_threshold(20_000, 20, 20)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Note when the run begins."""
+    config.stash[BEGUN] = time.time()
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Count the kernels that all processes of this run used; too many fail a whole run."""
+    config = session.config
+    if hasattr(config, "workerinput"):  # a worker of xdist: the process that hands out tests counts
+        return
+    used = [file for file in (CACHE / "kernels").glob("*") if _changed(file) >= config.stash[BEGUN]]
+    config.stash[KERNELS] = len(used)
+    whole = config.args_source is pytest.Config.ArgsSource.TESTPATHS and not config.option.keyword
+    if whole and len(used) > MOST_KERNELS and session.exitstatus == pytest.ExitCode.OK:
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Say how many kernels were used."""
+    used = terminalreporter.config.stash[KERNELS]
+    terminalreporter.write_line(f"{used} kernels were used; a whole run may use {MOST_KERNELS}")
+
+
+def _changed(file: Path) -> float:
+    """When a kernel was stored or last read from the cache; a file that has gone was not used."""
+    try:
+        return file.stat().st_mtime
+    except FileNotFoundError:
+        return 0.0

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from support.array_cases import run
-from support.case_tables import together
+from support.case_tables import run_cases
 
 import bayesdrill as bd
 from benchmarks import baseline
@@ -31,17 +31,18 @@ MEASURED: Measured = {
     "draws": {"k_s": packed(np.linspace(0.25, 0.27, baseline.DRAWS))},
     "log_density": packed(LOG_DENSITY),
 }
+type Change = Callable[[Any], object]
 
 
-def other(change: Callable[[Any], object]) -> Measured:
-    """The same results with one change."""
+def changed(change: Change) -> Measured:
+    """Return the same results with a change."""
     measured = copy.deepcopy(MEASURED)
     change(measured)
     return measured
 
 
-def by_errors(errors: float, *moments: tuple[str, int]) -> Callable[[Any], object]:
-    """Moves means (0) or sds (1) by so many standard errors of one run."""
+def by_errors(errors: float, *moments: tuple[str, int]) -> Change:
+    """Move means (0) or standard deviations (1) by so many standard errors of one run."""
 
     def change(measured: Any) -> None:
         for name, number in moments:
@@ -51,8 +52,12 @@ def by_errors(errors: float, *moments: tuple[str, int]) -> Callable[[Any], objec
     return change
 
 
-def with_density(values: Any) -> Callable[[Any], object]:
+def with_density(values: Any) -> Change:
     return lambda measured: measured.update(log_density=packed(values))
+
+
+def at_a_point(factor: float) -> Change:
+    return with_density(np.where(np.arange(baseline.POINTS) == 17, factor, 1.0) * LOG_DENSITY)
 
 
 def other_bytes(measured: Any) -> None:
@@ -61,72 +66,60 @@ def other_bytes(measured: Any) -> None:
     measured["sha256"]["torque.csv"] = "4c"
 
 
-def no_mean(measured: Any) -> None:
+def without_a_mean(measured: Any) -> None:
     measured["quantities"]["k_s"][0] = np.nan
 
 
-def at_one_point(factor: float) -> np.ndarray:
-    moved = LOG_DENSITY.copy()
-    moved[17] *= factor
-    return moved
-
-
-BOTH = (("k_s", 0), ("omega_n", 0))
 BYTES = "other bytes: summary.csv, verdict.csv, torque.csv"
 MEANS, SDS = "means, in standard errors: ", "sds, in standard errors: "
 DENSITY = "log density: 1.0e-07 max(1, |log density|) at 1 points"
 
 
-@together(
+@run_cases(
     "change, text, beyond",
     [
         (other_bytes, BYTES, False),
-        (with_density(at_one_point(1.0 + 1e-7)), DENSITY, True),
+        (at_a_point(1.0 + 1e-7), DENSITY, True),
         (with_density(LOG_DENSITY * (1.0 + 1e-11)), "1.0e-11", False),
-        (with_density(at_one_point(-np.inf)), "log density", True),
+        (at_a_point(-np.inf), "log density", True),
         (by_errors(10.0, ("k_s", 0)), f"{MEANS}k_s 7.1", True),
         (by_errors(10.0, ("omega_n", 1)), f"{SDS}omega_n 7.1", True),
         (by_errors(10.0, ("log evidence", 0)), f"{MEANS}log evidence 7.1", True),
         (by_errors(5.0, ("k_s", 0)), MEANS, False),
         (by_errors(5.0, ("omega_n", 1)), SDS, False),
-        (by_errors(10.0, *BOTH), f"{MEANS}k_s 7.1, omega_n 7.1", True),
-        (no_mean, f"{MEANS}k_s inf", True),
+        (by_errors(10.0, ("k_s", 0), ("omega_n", 0)), f"{MEANS}k_s 7.1, omega_n 7.1", True),
+        (without_a_mean, f"{MEANS}k_s inf", True),
         (lambda of: of["quantities"].pop("omega_n"), "quantities of one run only: omega_n", True),
         (lambda of: of.update(status=3), "exit status 0, now 3", True),
     ],
 )
 def test_each_change_is_named_and_beyond_the_limits_or_not(
-    change: Callable[[Any], object], text: str, beyond: bool
+    change: Change, text: str, beyond: bool
 ) -> None:
-    ((said, is_beyond),) = compare(MEASURED, other(change))
-    assert text in said
+    ((message, is_beyond),) = compare(MEASURED, changed(change))
+    assert text in message
     assert is_beyond == beyond
 
 
 def test_equal_results_do_not_differ_and_other_bytes_are_beyond_the_limits_on_request() -> None:
     assert list(compare(MEASURED, json.loads(json.dumps(MEASURED)), same_bytes=True)) == []
-    assert list(compare(other(no_mean), other(no_mean))) == []
-    assert list(compare(MEASURED, other(other_bytes), same_bytes=True)) == [(BYTES, True)]
+    assert list(compare(changed(without_a_mean), changed(without_a_mean))) == []
+    assert list(compare(MEASURED, changed(other_bytes), same_bytes=True)) == [(BYTES, True)]
 
 
-def test_a_small_log_density_is_compared_absolutely() -> None:
-    old = other(with_density(np.zeros(baseline.POINTS)))
+def test_small_numbers_are_compared_absolutely_and_without_spread_up_to_rounding() -> None:
+    old = changed(with_density(np.zeros(baseline.POINTS)))
     for off, expected in ((1e-7, True), (1e-10, False)):
-        new = other(with_density(np.full(baseline.POINTS, off)))
+        new = changed(with_density(np.full(baseline.POINTS, off)))
         assert [beyond for _, beyond in compare(old, new)] == [expected]
-
-
-def test_a_quantity_without_spread_may_differ_by_rounding_only() -> None:
     assert baseline.distance(0.25, 0.25 * (1 + 1e-15), 0.0, 0.0) < 1.0
     assert baseline.distance(0.25, 0.2500001, 0.0, 0.0) > baseline.MOST_ERRORS
     assert baseline.distance(0.0, 0.0, 0.0, 0.0) == 0.0
 
 
 def test_a_changed_conclusion_is_shown_line_by_line() -> None:
-    def change(measured: Any) -> None:
-        measured["conclusions"][1] = "verdict: all 3 disagree."
-
-    ((text, beyond),) = compare(MEASURED, other(change))
+    change = {"conclusions": [MEASURED["conclusions"][0], "verdict: all 3 disagree."]}
+    ((text, beyond),) = compare(MEASURED, {**MEASURED, **change})
     assert beyond
     assert "    - verdict: all 3 agree.\n" in text
     assert "    + verdict: all 3 disagree." in text
@@ -135,11 +128,11 @@ def test_a_changed_conclusion_is_shown_line_by_line() -> None:
 
 def test_a_job_that_fails_now_differs_in_all_that_it_had() -> None:
     failed = {"status": 2, "conclusions": ["mine.yaml: no such entry"]}
-    found = list(compare(MEASURED, failed))
-    assert all(beyond for text, beyond in found if not text.startswith("other bytes"))
-    said = "\n".join(text for text, _ in found)
+    changes = list(compare(MEASURED, failed))
+    assert all(beyond for text, beyond in changes if not text.startswith("other bytes"))
+    texts = "\n".join(text for text, _ in changes)
     for word in ("exit status 0, now 2", "no such entry", "log density", "k_s", "log evidence"):
-        assert word in said
+        assert word in texts
 
 
 def test_packed_numbers_come_back_to_the_last_bit() -> None:
@@ -147,20 +140,14 @@ def test_packed_numbers_come_back_to_the_last_bit() -> None:
     assert np.array_equal(unpacked(packed(values)), values)
 
 
-def test_points_lie_between_the_draws_and_are_all_different() -> None:
-    rng = np.random.default_rng(1)
-    draws = {
-        "k_s": np.exp(rng.normal(-1.0, 0.3, baseline.DRAWS)),
-        "t_0": rng.normal(0.0, 0.05, baseline.DRAWS),
-    }
+def test_points_lie_between_the_draws_and_on_their_ridge_and_are_all_different() -> None:
+    k_s = np.exp(np.random.default_rng(1).normal(-1.0, 0.3, baseline.DRAWS))
+    draws = {"k_s": k_s, "j_1": 0.25 / k_s}
     points = spread(draws)
     for name, values in draws.items():
         assert len(np.unique(points[name])) == baseline.POINTS
-        assert values.min() <= points[name].min()
-        assert points[name].max() <= values.max()
-    # A product that all draws share is shared by the points: they stay on its ridge.
-    ridge = spread({"k_s": draws["k_s"], "j_1": 0.25 / draws["k_s"]})
-    assert ridge["k_s"] * ridge["j_1"] == pytest.approx(0.25, rel=1e-13)
+        assert values.min() <= points[name].min() <= points[name].max() <= values.max()
+    assert points["k_s"] * points["j_1"] == pytest.approx(0.25, rel=1e-13)
 
 
 PRINTED = """mine: 1001 samples of w_1; rig motor_shaft; 1 unknowns
@@ -199,34 +186,35 @@ def test_conclusions_are_what_is_printed_without_progress_and_tables_of_numbers(
 def test_a_results_folder_is_read_with_its_errors_and_compares_equal(tmp_path: Path) -> None:
     folder = run().save(tmp_path / "mine")
     config = folder / "config.yaml"
-    found = baseline.read(config, folder, None)
+    read = baseline.read(config, folder, None)
     draws = run().draws["k_s"]
-    mean, sd, mean_error, sd_error = found["quantities"]["k_s"]
+    mean, sd, mean_error, sd_error = read["quantities"]["k_s"]
     assert (mean, sd) == pytest.approx((draws.mean(), draws.std(ddof=1)), rel=1e-3)
     row = next(row for row in run().judge().rows if row["name"] == "k_s")
     effective = min(row["ess_bulk"], row["ess_tail"])
     assert mean_error == pytest.approx(sd / np.sqrt(effective), rel=1e-2)
     # As of a normal distribution, which this posterior nearly is.
     assert sd_error == pytest.approx(sd / np.sqrt(2 * effective), rel=0.2)
-    assert {"omega_n", "log evidence"} <= found["quantities"].keys()
-    assert {"summary.csv", "derived.csv", "verdict.csv", "draws"} <= found["sha256"].keys()
-    values = spread({name: unpacked(text) for name, text in found["draws"].items()})
-    assert np.array_equal(unpacked(found["log_density"]), bd.load(config).log_density(values))
-    again = {**baseline.read(config, folder, found["draws"]), "status": 0, "conclusions": []}
-    assert list(compare({**found, "status": 0, "conclusions": []}, again)) == []
-    assert "log_density" not in baseline.read(config, folder, {"k_s": found["draws"]["k_s"]})
+    assert {"omega_n", "log evidence"} <= read["quantities"].keys()
+    assert {"summary.csv", "derived.csv", "verdict.csv", "draws"} <= read["sha256"].keys()
+    values = spread({name: unpacked(text) for name, text in read["draws"].items()})
+    assert np.array_equal(unpacked(read["log_density"]), bd.load(config).log_density(values))
+    ended = {"status": 0, "conclusions": []}
+    again = baseline.read(config, folder, read["draws"])
+    assert list(compare({**read, **ended}, {**again, **ended})) == []
+    assert "log_density" not in baseline.read(config, folder, {"k_s": read["draws"]["k_s"]})
 
 
 def test_variants_of_rows_of_the_zoo_are_what_their_names_say(tmp_path: Path) -> None:
-    case = {}
+    unknowns = {}
     for name in ("jitter", "latent_torque", "two_experiments"):
         (tmp_path / name).mkdir()
-        case[name] = bd.load(baseline.prepare(name, tmp_path / name))
+        unknowns[name] = {*bd.load(baseline.prepare(name, tmp_path / name)).unknowns}
     t = np.loadtxt(tmp_path / "jitter/records/chirp.csv", delimiter=",", skiprows=1)[:, 0]
     assert np.ptp(np.diff(t)) > 0.3 * np.mean(np.diff(t))
     assert np.diff(t).min() > 0.0
-    assert {"s_d", "tau_d"} <= {*case["latent_torque"].unknowns}
-    assert {"c_m_early", "c_m_late"} <= {*case["two_experiments"].unknowns}
+    assert {"s_d", "tau_d"} <= unknowns["latent_torque"]
+    assert {"c_m_early", "c_m_late"} <= unknowns["two_experiments"]
 
 
 def test_the_stored_baseline_has_all_jobs_and_finite_densities_and_is_small() -> None:
@@ -240,31 +228,32 @@ def test_the_stored_baseline_has_all_jobs_and_finite_densities_and_is_small() ->
         assert measured["conclusions"], name
 
 
-def test_the_command_writes_compares_and_fails_where_something_is_beyond_the_limits(
+def test_the_command_writes_compares_and_fails_beyond_the_limits(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     now = MEASURED
     monkeypatch.setattr(baseline, "STORED", tmp_path / "baseline.json")
     monkeypatch.setattr(baseline, "ProcessPoolExecutor", lambda jobs, _: ThreadPoolExecutor(jobs))
     monkeypatch.setattr(baseline, "measure", lambda name, draws: {**now, "seconds": 1.0})
-    some = ["--only", "nominal_step", "lags"]
-    assert baseline.main(some) == 1
-    assert "is not stored" in capsys.readouterr().out
-    assert baseline.main([*some, "--write"]) == 0
-    assert baseline.main(some) == 0
-    assert "nominal_step: the same" in capsys.readouterr().out
-    now = other(lambda measured: measured["sha256"].update(draws="0"))
-    assert baseline.main(some) == 0
-    assert baseline.main([*some, "--bytes"]) == 1
-    now = other(by_errors(10.0, ("k_s", 0)))
-    assert baseline.main(["--only", "lags"]) == 1
-    assert "  BEYOND means, in standard errors: k_s 7.1" in capsys.readouterr().out
-    assert baseline.main(["--only", "lags", "--write"]) == 0
-    assert baseline.main(["--only", "lags"]) == 0
+
+    def check(*options: str, status: int, text: str = "") -> None:
+        assert baseline.main([*options]) == status
+        assert text in capsys.readouterr().out
+
+    two, lags = ("--only", "nominal_step", "lags"), ("--only", "lags")
+    check(*two, status=1, text="is not stored")
+    check(*two, "--write", status=0)
+    check(*two, status=0, text="nominal_step: the same")
+    now = changed(lambda measured: measured["sha256"].update(draws="0"))
+    check(*two, status=0)
+    check(*two, "--bytes", status=1)
+    now = changed(by_errors(10.0, ("k_s", 0)))
+    check(*lags, status=1, text="  BEYOND means, in standard errors: k_s 7.1")
+    check(*lags, "--write", status=0)
+    check(*lags, status=0)
     assert json.loads(baseline.STORED.read_text())["nominal_step"] == MEASURED
     monkeypatch.setattr(baseline, "NAMES", ("lags",))
-    assert baseline.main(["--only", "lags"]) == 1
-    assert "nominal_step" in capsys.readouterr().out
+    check(*lags, status=1, text="nominal_step")
     with pytest.raises(SystemExit) as refused:
         baseline.main(["--only", "no_such_job"])
     assert refused.value.code == 2

@@ -20,6 +20,7 @@ from benchmarks.peers import naive
 Array = np.ndarray
 
 N_POINTS = 40
+NOISE = np.random.default_rng(7).standard_normal((4, 8, 2, 1))
 
 
 @pytest.fixture(scope="module")
@@ -49,12 +50,9 @@ def each(function: Callable[[Array], object], points: Array) -> Array:
 
 
 def test_solve_ivp_gives_our_density(job: problem.Job, points: Array) -> None:
-    """Kills: default tolerances, which are wrong by more than 0.1 here."""
+    """At its default tolerances it would be wrong by more than 0.1 here."""
     theirs = each(naive.log_density(job), points[:4])
     assert spread(job.problem.posterior.density(points[:4]), theirs) < 0.01
-
-
-def test_nothing_is_evaluated_outside_the_box(job: problem.Job, points: Array) -> None:
     assert naive.log_density(job)(points[0] * 3.0) == -np.inf
 
 
@@ -92,22 +90,24 @@ def test_modal_coordinates_are_what_they_are_called() -> None:
     """The steady speed from the two balances, rates from their definitions."""
     p, i_m, v = skewed(), 0.2, 6.5
     z = Modal(i_m, v, ORDER).from_physical(vector(p)[None])[0]
-    found = dict(zip(COORDINATES, np.exp(z), strict=True))
-    current = (p["t_f"] + p["c_m"] * found["speed"]) / p["k_T"]
-    assert p["k_e"] * found["speed"] + p["r_m"] * current == pytest.approx(v, rel=1e-12)
+    modal = dict(zip(COORDINATES, np.exp(z), strict=True))
+    speed = modal.pop("speed")
+    current = (p["t_f"] + p["c_m"] * speed) / p["k_T"]
+    assert p["k_e"] * speed + p["r_m"] * current == pytest.approx(v, rel=1e-12)
     d = p["c_m"] + p["k_e"] * p["k_T"] / p["r_m"]
-    assert found["rotor"] == pytest.approx(p["k_s"] / p["j_1"])
-    assert found["shaft"] == pytest.approx(i_m**2 * p["k_s"] / d)
-    assert found["inertia"] == pytest.approx(p["j_m"] / d)
-    assert found["electrical"] == pytest.approx(p["l_m"] / p["r_m"])
-    for name in ("c_m", "t_f", "j_1", "r_m"):
-        assert found[name] == pytest.approx(p[name])
+    rates = {
+        "rotor": p["k_s"] / p["j_1"],
+        "shaft": i_m**2 * p["k_s"] / d,
+        "inertia": p["j_m"] / d,
+        "electrical": p["l_m"] / p["r_m"],
+    }
+    assert modal == pytest.approx(rates | {name: p[name] for name in ("c_m", "t_f", "j_1", "r_m")})
 
 
 def test_modal_coordinates_go_back_and_know_their_jacobian(
     job: problem.Job, anywhere: Array
 ) -> None:
-    """All over the box.  Kills: a Jacobian without the slopes of the two curved equations."""
+    """All over the box."""
     straight = modal.of(job)
     z = straight.from_physical(anywhere)
     theta, log_dets = straight.with_jacobian(z)
@@ -129,9 +129,8 @@ def test_modal_coordinates_of_no_positive_parameters_have_no_density(job: proble
 
 
 def test_chains_of_peers_begin_on_the_ridge(job: problem.Job, points: Array) -> None:
-    """As wide as the posterior along it, and hardly lower than its top.
-
-    Kills: starts around the MAP in logs, where the ridge is bent: thousands below.
+    """As wide as the posterior along it, and hardly lower than its top; starts around the MAP in logs,
+    where the ridge is bent, would be thousands below.
     """
     target = job.problem.posterior
     nominal = target.space.vector(job.problem.nominal)
@@ -141,7 +140,6 @@ def test_chains_of_peers_begin_on_the_ridge(job: problem.Job, points: Array) -> 
 
 
 def test_jax_gives_our_density_over_modal_coordinates(job: problem.Job, points: Array) -> None:
-    """Kills: a Jacobian without the slopes of the two curved equations."""
     jax = pytest.importorskip("jax")
     from benchmarks.peers import chart_jax
 
@@ -169,21 +167,21 @@ def test_the_walls_of_the_box_are_unfolded_with_their_jacobian(
     unfold = jax.jit(chart_jax.unfolded_from_modal(job))
     density = jax.jit(chart_jax.unfolded_density(job))
     slopes_of = jax.jit(jax.jacfwd(lambda u: fold(u)[0]))
-    rng, apart = np.random.default_rng(3), []
-    for one, ours in zip(z[:6], posterior(z[:6]), strict=True):
-        u = unfold(one)
+    rng, differences = np.random.default_rng(3), []
+    for point, ours in zip(z[:6], posterior(z[:6]), strict=True):
+        u = unfold(point)
         back, log_det = fold(u)
-        assert np.asarray(back) == pytest.approx(one, rel=1e-12)
+        assert np.asarray(back) == pytest.approx(point, rel=1e-12)
         slopes = slopes_of(u)
         assert np.linalg.slogdet(slopes)[1] == pytest.approx(float(log_det), abs=1e-9)
-        apart.append(float(density(u)) - float(log_det) - ours)
+        differences.append(float(density(u)) - float(log_det) - ours)
         wandering = np.asarray(u) + np.concatenate([np.zeros(5), rng.normal(0, 3, 4)])
         assert np.isfinite(density(wandering))
-    assert np.ptp(apart) < 1e-5
+    assert np.ptp(differences) < 1e-5
 
 
 def test_independent_draws_are_all_effective() -> None:
-    """4000 draws; kills: the mean over parameters instead of the worst (the last one creeps)."""
+    """4000 draws; the worst parameter counts, and not the mean: in the end the last one creeps."""
     rng = np.random.default_rng(4)
     draws = rng.standard_normal((4, 1000, 3))
     good = verdict.judge(draws)
@@ -197,29 +195,27 @@ def test_independent_draws_are_all_effective() -> None:
 
 
 def test_a_run_that_disagrees_with_itself_has_not_converged() -> None:
-    """Kills: a verdict that looks at the effective draws alone."""
+    """However many effective draws it has."""
     draws = np.random.default_rng(5).standard_normal((4, 1000, 2))
     draws[0] += 0.5
     assert not verdict.judge(draws).enough
 
 
 def test_a_short_ensemble_has_not_converged_however_many_walkers_it_has() -> None:
-    """Kills: an ESS that takes walkers for independent chains.  tau is 39 of 600 steps."""
+    """Walkers are no independent chains: tau is 39 of 600 steps."""
     rng = np.random.default_rng(6)
     chains = rng.standard_normal((4, 600, 64, 1))
     for t in range(1, 600):
         chains[:, t] = 0.95 * chains[:, t - 1] + np.sqrt(1 - 0.95**2) * chains[:, t]
-    found = verdict.judge_ensembles(chains, every=10)
-    assert found.tau == pytest.approx(390, rel=0.2)
-    assert not found.enough
-    assert found.ess < 4 * 64 * 600 / 39
+    judged = verdict.judge_ensembles(chains, every=10)
+    assert judged.tau == pytest.approx(390, rel=0.2)
+    assert not judged.enough
+    assert judged.ess < 4 * 64 * 600 / 39
 
 
 def test_the_long_run_is_evaluations_over_the_autocorrelation_time() -> None:
-    long = verdict.result(
-        "long", "physical", verdict.judge_ensembles(np.zeros((4, 8, 2, 1)) + _noise(), 1),
-        seconds=1.0, work=1.0,
-    )  # fmt: skip
+    judged = verdict.judge_ensembles(NOISE, 1)
+    long = verdict.result("long", "physical", judged, seconds=1.0, work=1.0)
     long = dataclasses.replace(long, tau=50.0)
     short = dataclasses.replace(long, tau=None, seconds=60.0, work=6000.0)
     combined = naive.in_the_long_run(short, long)
@@ -227,14 +223,10 @@ def test_the_long_run_is_evaluations_over_the_autocorrelation_time() -> None:
     assert not combined.converged
 
 
-def _noise() -> Array:
-    return np.random.default_rng(7).standard_normal((4, 8, 2, 1))
-
-
 def test_a_result_survives_its_file(tmp_path: Path) -> None:
-    found = verdict.result("a", "b", verdict.judge(_noise()[:, :, 0]), seconds=2.0, work=3.0)
-    found.save(tmp_path / "result.json")
-    assert verdict.read(tmp_path / "result.json") == found
+    result = verdict.result("a", "b", verdict.judge(NOISE[:, :, 0]), seconds=2.0, work=3.0)
+    result.save(tmp_path / "result.json")
+    assert verdict.read(tmp_path / "result.json") == result
 
 
 def test_tables_are_put_between_their_marks(tmp_path: Path) -> None:

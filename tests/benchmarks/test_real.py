@@ -9,29 +9,27 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.case_tables import run_cases
 
 from bayesdrill.config import loading
 from benchmarks.real import __main__ as real
 from benchmarks.real import bam, crossed
 from benchmarks.real.benches import BENCHES, EPFL, WATERLOO, Bench, File
 
-NAMES = [bench.name for bench in BENCHES]
 
-
-@pytest.mark.parametrize("bench", BENCHES, ids=NAMES)
+@run_cases("bench", BENCHES)
 def test_a_config_is_valid_without_its_data(bench: Bench) -> None:
-    """Kills: a config whose symbols are not those of its rig, or whose files are others."""
     case = loading.load(bench.config)
     assert case.config.name == bench.name
-    named = set(re.findall(r"file: ([\w./]+)", bench.config.read_text(encoding="utf-8")))
+    files = set(re.findall(r"file: ([\w./]+)", bench.config.read_text(encoding="utf-8")))
     if bench.prepare:
-        assert {Path(name).parent for name in named} == {Path("build", bench.name)}
-        assert len(named) == len(bench.files)
+        assert {Path(name).parent for name in files} == {Path("build", bench.name)}
+        assert len(files) == len(bench.files)
     else:
-        assert named == {f"data/{bench.folder}/{file.name}" for file in bench.files}
+        assert files == {f"data/{bench.folder}/{file.name}" for file in bench.files}
 
 
-@pytest.mark.parametrize("bench", BENCHES, ids=NAMES)
+@run_cases("bench", BENCHES)
 def test_each_file_has_an_address_and_a_digest(bench: Bench) -> None:
     assert re.fullmatch(r"[0-9a-f]{40}", bench.commit)
     assert len({file.name for file in bench.files}) == len(bench.files) > 0
@@ -43,7 +41,6 @@ def test_each_file_has_an_address_and_a_digest(bench: Bench) -> None:
 
 
 def test_the_frequencies_of_three_discs_are_those_of_their_matrix() -> None:
-    """Believes the eigenvalues of the stiffness over the inertias."""
     k, j, r = 7.5, 0.03, 1.6
     stiffness = k * np.array([[1, -1, 0], [-1, 2, -1], [0, -1, 1]])
     squares = np.linalg.eigvals(stiffness / (j * np.array([1, 1, r]))[:, None]).real
@@ -53,13 +50,11 @@ def test_the_frequencies_of_three_discs_are_those_of_their_matrix() -> None:
 
 
 def test_a_duty_below_zero_is_read_and_the_free_swing_is_cut(tmp_path: Path) -> None:
-    """Kills: 65536 taken for a duty of 74, a step that has not the mean of its voltage."""
+    """A load of 65536 - 885 is a duty, and a step has the mean of its voltage."""
+    names = ("timestamp", "position", "load", "input_volts", "torque_enable")
     clock = [0.0, 0.006, 0.013, 0.02, 0.026, 0.033, 0.041, 0.05]
-    entries = [
-        {"timestamp": t, "position": 2 * t, "load": 65536 - 885, "input_volts": 7.0 + (t > 0.015),
-         "torque_enable": t < 0.045}
-        for t in clock
-    ]  # fmt: skip
+    rows = [(t, 2 * t, 65536 - 885, 7.0 + (t > 0.015), t < 0.045) for t in clock]
+    entries = [dict(zip(names, row, strict=True)) for row in rows]
     source = tmp_path / "record.json"
     source.write_text(json.dumps({"kp": 1, "trajectory": "x", "entries": entries}), "utf-8")
     target = bam.convert(source, tmp_path / "made")
@@ -70,8 +65,7 @@ def test_a_duty_below_zero_is_read_and_the_free_swing_is_cut(tmp_path: Path) -> 
     assert voltage == pytest.approx([-7.0, -8.0])
 
 
-def test_a_config_without_its_friction_names_files_that_are_found_from_anywhere() -> None:
-    """Kills: a fit of one record that still has what was to be left out."""
+def test_a_config_without_its_friction_names_files_that_exist_from_anywhere() -> None:
     names = ["f_c_cart_1", "f_c_cart_2"]
     data = crossed.described(WATERLOO, names)
     assert not {*names} & ({*data["parameters"]} | {*data["nominal"]})
@@ -79,13 +73,9 @@ def test_a_config_without_its_friction_names_files_that_are_found_from_anywhere(
     assert files == [WATERLOO.place(file) for file in WATERLOO.files]
 
 
-def test_another_file_is_refused() -> None:
-    """Kills: a download that is believed without a look at it."""
+def test_other_files_and_benches_are_refused() -> None:
     with pytest.raises(ValueError, match="is not the file"):
         real.checked(b"other", File("file.mat", "file.mat", "0" * 64))
-
-
-def test_a_bench_that_is_no_bench_is_refused() -> None:
     with pytest.raises(ValueError, match="no bench is called nothing"):
         real.chosen(["nothing"])
 
@@ -99,7 +89,6 @@ def test_a_bench_without_data_is_skipped_in_one_line(capsys: pytest.CaptureFixtu
 
 @pytest.mark.slow
 @pytest.mark.skipif(bool(EPFL.absent), reason="its data are not there")
-def test_two_resonances_are_found() -> None:
-    """The quickest of the benches, against what its group read."""
+def test_a_bench_has_the_two_resonances_that_its_group_read() -> None:
     line, passed = real.run(EPFL)
     assert passed, line

@@ -1,4 +1,4 @@
-"""The zoo's judgement, and the parts that make its records: what must fail does."""
+"""The zoo's judge rejects what it must, and the parts that make its records are right."""
 
 from __future__ import annotations
 
@@ -7,12 +7,13 @@ import math
 import subprocess
 import sys
 import time
-from collections.abc import Mapping
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 
 from bayesdrill.config.job import prepare
 from bayesdrill.config.records import simulation
@@ -41,12 +42,12 @@ def weights_of(mean: dict[str, float], error: dict[str, float]) -> Importance:
 
 
 def run(
-    *, shift: float = 0.0, weights: float | None = 0.0, draws: float = 10_000.0, **own: object
+    *, shift: float = 0.0, weights: float | None = 0.0, effective: float = 1e4, **fields: object
 ) -> Run:
     """Means 1 and 2, sds 0.1 and 0.2; `shift` and `weights` move a mean, in its standard errors."""
     mean, sd = {"k_s": 1.0, "j_1": 2.0}, {"k_s": 0.1, "j_1": 0.2}
     error = {name: sd[name] / 100.0 for name in NAMES}
-    off = None if weights is None else mean | {"j_1": 2.0 + weights * error["j_1"]}
+    moved = None if weights is None else mean | {"j_1": 2.0 + weights * error["j_1"]}
     usual: dict[str, object] = {
         "status": 0,
         "wall": 10.0,
@@ -55,62 +56,67 @@ def run(
         "steps": 1000,
         "tau": {"k_s": 2.0, "j_1": 3.0},
         "acceptance": (0.4, 0.5),
-        "ess": draws,
+        "ess": effective,
         "fit": ({"channel": "w_1", "rms": 1.01},),
         "maxima": ({"values": mean, "log_posterior": 1.0, "weight": 1.0},),
-        "importance": None if off is None else weights_of(off, error),
+        "importance": None if moved is None else weights_of(moved, error),
         "mean": mean | {"k_s": 1.0 + shift * error["k_s"]},
         "sd": sd,
-        "draws": dict.fromkeys(NAMES, draws),
+        "draws": dict.fromkeys(NAMES, effective),
     }
-    return Run(**(usual | own))  # type: ignore[arg-type]
+    return Run(**(usual | fields))  # type: ignore[arg-type]
 
 
-def unsound(**own: object) -> Run:
-    usual = {
-        "status": 3,
-        "converged": False,
-        "reasons": (f"the MAP leaves {MORE_THAN_NOISE}: w_1",),
-    }
-    return run(weights=None, **(usual | own))
+def unsound(**fields: object) -> Run:
+    reasons = (f"the MAP leaves {MORE_THAN_NOISE}: w_1",)
+    usual = {"status": 3, "converged": False, "reasons": reasons}
+    return run(weights=None, **(usual | fields))
 
 
-def complaints(made: Row, *pair: Run, shares: tuple[tuple[float, ...], ...] = ()) -> str:
-    return "; ".join(judge.judged(made, pair, 300, SECONDS, shares).complaints)
+def complaints(of: Row, *pair: Run, shares: tuple[tuple[float, ...], ...] = ()) -> str:
+    return "; ".join(judge.judged(of, pair, 300, SECONDS, shares).complaints)
+
+
+@run_cases(
+    "bad, complaint",
+    [
+        ({"shift": 5.0 * math.sqrt(2.0)}, "seeds disagree on k_s"),
+        ({"shift": 7.0}, "seeds disagree on k_s"),
+        ({"weights": 6.0}, "importance weights disagree on j_1"),
+        ({"weights": None}, "no importance weights"),
+        ({"draws": {"k_s": 0.0, "j_1": 1e4}}, "disagree"),
+        ({"mean": {"k_s": math.nan, "j_1": 2.0}}, "disagree"),
+        ({"sd": {"k_s": math.nan, "j_1": 0.2}}, "disagree"),
+        ({"importance": weights_of({"k_s": 1.0}, {"k_s": 0.1})}, "disagree"),
+        (
+            {"importance": weights_of({"k_s": math.nan, "j_1": 2.0}, {"k_s": 1.0, "j_1": 1.0})},
+            "disagree",
+        ),
+        ({"status": None}, "stopped"),
+        ({"status": 2, "said": "first\nwrong config\n"}, "status 2: wrong config"),
+        ({"status": 3, "reasons": ("tau grows",)}, "status 3: tau grows"),
+        ({"converged": False}, "not converged"),
+        ({"wall": 61.0}, "61 s"),
+    ],
+)
+def test_a_sound_row_with_a_bad_run_fails(bad: dict[str, Any], complaint: str) -> None:
+    """Whichever of the two runs it is."""
+    assert complaint in complaints(row(), run(), run(**bad))
+    assert complaint in complaints(row(), run(**bad), run())
 
 
 def test_two_good_runs_pass() -> None:
     assert not complaints(row(), run(), run(shift=2.0, weights=-2.0))
+    assert not complaints(row(), run(), run(shift=7.0, effective=100.0))  # few draws allow for more
 
 
-def test_seeds_that_disagree_fail() -> None:
+def test_a_distance_is_in_standard_errors_of_the_difference() -> None:
     """sqrt(2) standard errors of one run are one of the difference."""
     distance = judge.between(run(), run(shift=3.0 * math.sqrt(2.0)))
     assert distance is not None
     assert distance.worst == pytest.approx(3.0)
     assert distance.name == "k_s"
     assert distance.holds
-    assert "seeds disagree on k_s" in complaints(row(), run(), run(shift=5.0 * math.sqrt(2.0)))
-    assert "seeds disagree" in complaints(row(), run(shift=-5.0 * math.sqrt(2.0)), run())
-
-
-def test_fewer_effective_draws_allow_for_more() -> None:
-    many, few = run(shift=7.0), run(shift=7.0, draws=100.0)
-    assert "seeds disagree" in complaints(row(), run(), many)
-    assert "seeds disagree" not in complaints(row(), run(), few)
-
-
-@together("second", [False, True])
-def test_weights_that_disagree_fail_in_either_run(second: bool) -> None:
-    pair = (run(), run(weights=6.0))
-    said = complaints(row(), *(pair if second else pair[::-1]))
-    assert "importance weights disagree on j_1" in said
-
-
-@together("second", [False, True])
-def test_a_sound_run_without_weights_fails(second: bool) -> None:
-    pair = (run(), run(weights=None))
-    assert "no importance weights" in complaints(row(), *(pair if second else pair[::-1]))
 
 
 def test_the_limit_allows_for_the_number_of_comparisons() -> None:
@@ -121,87 +127,52 @@ def test_the_limit_allows_for_the_number_of_comparisons() -> None:
     assert np.mean(worst > judge.limit(9)) == pytest.approx(judge.LEVEL, abs=3e-4)
 
 
-@together(
-    "spoilt",
-    [
-        {"draws": {"k_s": 0.0, "j_1": 1e4}},
-        {"mean": {"k_s": math.nan, "j_1": 2.0}},
-        {"sd": {"k_s": math.nan, "j_1": 0.2}},
-        {"importance": weights_of({"k_s": 1.0}, {"k_s": 0.1})},
-        {"importance": weights_of({"k_s": math.nan, "j_1": 2.0}, {"k_s": 1.0, "j_1": 1.0})},
-    ],
-)
-def test_what_is_no_number_does_not_agree(spoilt: dict[str, object]) -> None:
-    found = dataclasses.replace(run(), **spoilt)  # type: ignore[arg-type]
-    assert "disagree" in complaints(row(), run(), found)
-
-
-@together(
-    "own, says",
-    [
-        ({"status": None}, "stopped"),
-        ({"status": 2, "said": "first\nwrong config\n"}, "status 2: wrong config"),
-        ({"status": 3, "reasons": ("tau grows",)}, "status 3: tau grows"),
-        ({"converged": False}, "not converged"),
-        ({"wall": 61.0}, "61 s"),
-    ],
-)
-def test_a_sound_row_needs_two_runs_that_end_well(own: dict[str, object], says: str) -> None:
-    assert says in complaints(row(), run(), run(**own))
-    assert says in complaints(row(), run(**own), run())
-
-
 def test_an_unsound_row_must_say_why() -> None:
     bad = row("wrong_gear")
     assert not complaints(bad, unsound(), unsound())
-    assert "as if all were well" in complaints(bad, unsound(), unsound(status=0))
-    assert "no reason says" in complaints(bad, unsound(), unsound(reasons=("tau grows",)))
-    assert "99 s" in complaints(bad, unsound(wall=99.0), unsound())
-    assert "stopped" in complaints(bad, unsound(), unsound(status=None))
+    for fields, complaint in (
+        ({"status": 0}, "as if all were well"),
+        ({"reasons": ("tau grows",)}, "no reason says"),
+        ({"wall": 99.0}, "99 s"),
+        ({"status": None}, "stopped"),
+    ):
+        assert complaint in complaints(bad, unsound(**fields), unsound())
 
 
-def test_humps_must_have_their_shares() -> None:
+def test_modes_must_have_their_shares() -> None:
     two = row("aliased_1")
     assert two.humps is not None
-    right, _ = two.humps.exact
+    exact, _ = two.humps.exact
 
-    def said(*below: float) -> str:
-        return complaints(two, run(), run(), shares=tuple((one, 1.0 - one) for one in below))
+    def message(*shares: float) -> str:
+        return complaints(two, run(), run(), shares=tuple((x, 1.0 - x) for x in shares))
 
-    assert not said(right + 0.02, right - 0.02)
-    for wrong in (right + 0.04, right - 0.04, math.nan, 0.0):
-        assert "shares of the humps" in said(right, wrong)
+    assert not message(exact + 0.02, exact - 0.02)
+    for wrong in (exact + 0.04, exact - 0.04, math.nan, 0.0):
+        assert "shares of the humps" in message(exact, wrong)
     assert "shares of the humps" in complaints(two, run(), run())
     assert "shares of the humps" in complaints(two, run(), run(), shares=((), ()))
 
 
-def test_small_humps_must_be_there() -> None:
-    """Mutant killed: a hump of 3 % may be missing, as 3 % is what a share may be off."""
-
-    class Small:
-        exact = (0.97, 0.03)
-
-        def shares(self, draws: Mapping[str, np.ndarray]) -> tuple[float, ...]:
-            return self.exact
-
-    made = dataclasses.replace(row(), humps=Small())
-    assert not complaints(made, run(), run(), shares=((0.97, 0.03), (0.961, 0.039)))
-    assert "shares of the humps" in complaints(made, run(), run(), shares=((0.97, 0.03), (1.0, 0)))
+def test_small_modes_must_be_there() -> None:
+    """A mode of 3 % may not be missing, though a share may be off by 3 %."""
+    small = dataclasses.replace(row(), humps=SimpleNamespace(exact=(0.97, 0.03)))  # type: ignore[arg-type]
+    assert not complaints(small, run(), run(), shares=((0.97, 0.03), (0.961, 0.039)))
+    assert "shares of the humps" in complaints(small, run(), run(), shares=((0.97, 0.03), (1.0, 0)))
 
 
 def test_a_row_of_many_modes_is_its_puzzle(tmp_path: Path) -> None:
-    """Record and reading, for example what is masked; and draws are counted in the puzzle's modes."""
-    made, puzzle = row("switched_on"), collection.chosen(["switched_on"])[0]
-    mine = prepare(folder.write(made, tmp_path)[0]).problem
+    """Record and masked samples are the puzzle's, and draws are counted in its modes."""
+    case, puzzle = row("switched_on"), collection.chosen(["switched_on"])[0]
+    density = prepare(folder.write(case, tmp_path)[0]).problem.posterior.density
     posterior = puzzle.load(tmp_path).job.problem.posterior
     theta = posterior.space.draw(20, np.random.default_rng(1))
-    assert np.array_equal(mine.posterior.density(theta), posterior.density(theta))
-    assert made.humps is not None
+    assert np.array_equal(density(theta), posterior.density(theta))
+    assert case.humps is not None
     known = puzzle.modes(posterior)
-    exact = known.masses[known.above(SHOWN)]
-    assert made.humps.exact == tuple(exact)
+    assert case.humps.exact == tuple(known.masses[known.above(SHOWN)])
     draws = {"t_0": known.tops[[0, 0, 0, 1], 0]}
-    assert made.humps.shares(draws)[:2] == (0.75, 0.25)
+    assert case.humps.shares(draws)[:2] == (0.75, 0.25)
 
 
 def test_a_run_that_takes_too_long_is_stopped() -> None:
@@ -214,26 +185,26 @@ def test_a_run_that_takes_too_long_is_stopped() -> None:
 
 def test_results_of_an_earlier_run_do_not_count(tmp_path: Path) -> None:
     (tmp_path / "run.json").write_text('{"status": "finished", "converged": true}')
-    found = runs.read(tmp_path, 2, 1.0, "wrong")
-    assert not found.converged
-    assert found.rate == 0.0
+    read = runs.read(tmp_path, 2, 1.0, "wrong")
+    assert not read.converged
+    assert read.rate == 0.0
 
 
 def test_tables_and_figure_show_every_kind_of_row(tmp_path: Path) -> None:
     nothing = run(status=None, mean={}, tau={}, acceptance=(), ess=0.0, seconds={}, maxima=())
-    made = [
+    judged = [
         judge.judged(row(), (run(), run()), 300, SECONDS),
         judge.judged(row("wrong_gear"), (unsound(), unsound()), 300, SECONDS),
         judge.judged(row("chirp"), (run(), nothing), 300, SECONDS),
         judge.judged(row("aliased_1"), (run(), run()), 12, SECONDS, ((0.9, 0.1),) * 2),
     ]
-    every = [table.measured(one) for one in made]
+    every = [table.measured(row) for row in judged]
     lines = report.markdown(every, [row("servo_slow")], SECONDS)
     shown = [line for line in lines if line.startswith("|")]
     assert len({line.count("|") for line in shown}) == 1
     assert "2 of 4 rows" in "\n".join(lines)
     assert "servo_slow" in lines[-5]
-    assert [plot.kind(one) for one in every][:3] == [*list(plot.KINDS)[:2], "failed"]
+    assert [plot.kind(row) for row in every][:3] == [*list(plot.KINDS)[:2], "failed"]
     plot.figure(every, SECONDS, tmp_path)
     assert (tmp_path / "zoo.png").stat().st_size > 10_000
     path = tmp_path / "zoo.csv"
@@ -246,13 +217,15 @@ def test_what_is_run_again_takes_the_place_of_what_was(tmp_path: Path) -> None:
     path, names = tmp_path / "zoo.csv", ["bundled", "chirp", "samples_300"]
     assert table.read(path) == []
 
-    def one(name: str, wall: float) -> table.Measured:
+    def measured(name: str, wall: float) -> table.Measured:
         pair = (run(wall=wall), run(wall=wall + 1))
         return table.measured(judge.judged(row(name), pair, 300, SECONDS))
 
-    table.save([one("samples_300", 5.0), one("gear_one", 6.0), one("chirp", 7.0)], path)
-    both = table.merged(table.read(path), [one("bundled", 8.0), one("chirp", 9.0)], names)
-    assert [(of.name, of.numbers("wall_s")) for of in both] == [
+    before = [measured("samples_300", 5.0), measured("gear_one", 6.0), measured("chirp", 7.0)]
+    table.save(before, path)
+    after = [measured("bundled", 8.0), measured("chirp", 9.0)]
+    merged = table.merged(table.read(path), after, names)
+    assert [(of.name, of.numbers("wall_s")) for of in merged] == [
         ("bundled", [8.0, 9.0]),
         ("chirp", [9.0, 10.0]),
         ("samples_300", [5.0, 6.0]),
@@ -268,9 +241,9 @@ def _noiseless(job_path: Path) -> tuple[Experiment, np.ndarray, np.ndarray]:
     return job.problem.experiment, theta[0], Response(rig, job.problem.experiment).signals(theta)[0]
 
 
-@together("name", ["closed_loop", "closed_loop_straight"])
+@run_cases("name", ["closed_loop", "closed_loop_straight"])
 def test_a_loop_closes_around_the_rig_that_is_simulated(name: str, tmp_path: Path) -> None:
-    """Kills: a plant that holds its input otherwise than the config says."""
+    """The plant of the loop holds its input as the config says."""
     path, _ = folder.write(row(name), tmp_path)
     experiment, _, signals = _noiseless(path)
     case = parsed(path, path.read_text(encoding="utf-8"))
@@ -299,7 +272,6 @@ def test_without_friction_the_integrator_gives_the_packages_response(tmp_path: P
 
 
 def test_friction_holds_what_does_not_reach_it() -> None:
-    """Kills: friction that drives the rig back instead of holding it."""
     t = 0.01 * np.arange(100)
     still = DryFriction(motor=0.5).states(1 / 8, dict(paper().values), t, np.full(100, 1.0))
     assert np.abs(still[:, :4]).max() < 1e-12

@@ -1,4 +1,4 @@
-"""The walls of the house: who imports whom, where names are printed, how long files are."""
+"""Who imports whom, where things may be done, how long files and functions are."""
 
 from __future__ import annotations
 
@@ -9,10 +9,11 @@ import runpy
 import subprocess
 import sys
 from functools import cache
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 
 ROOT = Path(__file__).parents[2]
 PACKAGE = ROOT / "bayesdrill"
@@ -58,24 +59,28 @@ def nodes(path: Path) -> list[ast.AST]:
 
 @cache
 def imported_modules(path: Path) -> frozenset[str]:
-    """Of the package, each as far down as it is a module."""
-    found: set[str] = set()
+    """Return those of the package that a file imports, `folder.module` where that is a module."""
+    modules: set[str] = set()
     for node in nodes(path):
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("bayesdrill."):
             of = (node.module or "").removeprefix("bayesdrill.")
-            inner = {f"{of}.{alias.name}" for alias in node.names}
-            found |= {name if name in MODULES else of for name in inner}
+            names = {f"{of}.{alias.name}" for alias in node.names}
+            modules |= {name if name in MODULES else of for name in names}
         elif isinstance(node, ast.ImportFrom) and node.module == "bayesdrill":
-            found |= {alias.name for alias in node.names} - {"__version__"}
+            modules |= {alias.name for alias in node.names} - {"__version__"}
         elif isinstance(node, ast.Import):
             names = {a.name for a in node.names if a.name.startswith("bayesdrill.")}
-            found |= {name.removeprefix("bayesdrill.") for name in names}
-    return frozenset(found)
+            modules |= {name.removeprefix("bayesdrill.") for name in names}
+    return frozenset(modules)
 
 
 def name(path: Path) -> str:
-    """Of a file, as those who mend it look for it."""
-    return str(path.relative_to(PACKAGE))
+    return path.relative_to(PACKAGE).as_posix()
+
+
+def without_type_checking(path: Path) -> str:
+    """Return the text of a file without what only the type checker imports."""
+    return re.sub(r"if TYPE_CHECKING:\n(    .*\n)+", "", path.read_text())
 
 
 def folder_of(module: str) -> str:
@@ -84,9 +89,8 @@ def folder_of(module: str) -> str:
 
 def test_every_folder_has_a_floor_and_says_what_it_is_for() -> None:
     assert {folder_of(module) for module in MODULES} == set(FLOOR)
-    folders = sorted({path.parent for path in FILES} - {PACKAGE})
-    texts = {one: ast.parse((one / "__init__.py").read_text()) for one in folders}
-    assert [name(one) for one, text in texts.items() if not ast.get_docstring(text)] == []
+    inits = [path / "__init__.py" for path in sorted({path.parent for path in FILES} - {PACKAGE})]
+    assert [name(p) for p in inits if not ast.get_docstring(ast.parse(p.read_text()))] == []
 
 
 def test_a_folder_imports_only_folders_nearer_the_ground() -> None:
@@ -100,30 +104,20 @@ def test_a_folder_imports_only_folders_nearer_the_ground() -> None:
 
 def test_the_command_line_is_a_user_of_the_api() -> None:
     """It parses, calls and prints: what it can do, Python can."""
-    allowed = {"basics", "api", "guard"}
-    text = re.sub(r"if TYPE_CHECKING:\n(    .*\n)+", "", (PACKAGE / "cli.py").read_text())
+    text = without_type_checking(PACKAGE / "cli.py")
     used = set(re.findall(r"^ *from bayesdrill\.(\w+)", text, re.M)) - {"cli"}
-    assert "api" in used <= allowed
+    assert "api" in used <= {"basics", "api", "guard"}
 
 
 def test_studies_use_what_floors_hand_on_and_nothing_deeper() -> None:
-    """`from bayesdrill.rig import Response`: so rooms can be moved below it, and below others."""
+    """`from bayesdrill.rig import Response`: so modules can be moved below it."""
     paths = [p for p in (ROOT / "studies").rglob("*.py") if "tests" not in p.parts]
+    imports = r"^ *(?:from (bayesdrill\.\w+\.\S+) import|import (bayesdrill)\b)"
     assert paths
-    modules = {
-        (str(path.relative_to(ROOT)), node.module or "")
-        for path in paths
-        for node in nodes(path)
-        if isinstance(node, ast.ImportFrom)
-    }
-    names = {
-        a.name for path in paths for n in nodes(path) if isinstance(n, ast.Import) for a in n.names
-    }
-    assert [m for m in modules if re.match(r"bayesdrill\.\w+\.", m[1])] == []
-    assert not any(name.startswith("bayesdrill") for name in names)
+    assert [str(p) for p in paths if re.search(imports, p.read_text(), re.M)] == []
 
 
-@together("folder", [f for f in FLOORS if (PACKAGE / f).is_dir()])
+@run_cases("folder", [f for f in FLOORS if (PACKAGE / f).is_dir()])
 def test_what_a_floor_hands_on_is_there(folder: str) -> None:
     text = (PACKAGE / folder / "__init__.py").read_text()
     names = re.findall(r"^    from (bayesdrill\.[\w.]+) import \(?\s*(\w+) as", text, re.M)
@@ -136,20 +130,12 @@ def test_what_a_floor_hands_on_is_there(folder: str) -> None:
             floor.nothing_of_this_name  # noqa: B018
 
 
-def test_no_module_imports_itself_by_a_way_round() -> None:
-    above = {module: imported_modules(path) for module, path in MODULES.items()}
-    round_about = []
-    for module in sorted(above):
-        seen, now = set[str](), set(above[module])
-        while now:
-            seen |= now
-            now = set().union(*(above.get(name, set()) for name in now)) - seen
-        if module in seen:
-            round_about.append(module)
-    assert round_about == []
+def test_no_module_imports_itself_indirectly() -> None:
+    graph = {module: imported_modules(path) & {*MODULES} for module, path in MODULES.items()}
+    tuple(TopologicalSorter(graph).static_order())  # raises `CycleError` with the cycle
 
 
-def test_the_picture_of_the_house_is_that_of_its_imports() -> None:
+def test_the_picture_of_the_architecture_is_that_of_its_imports() -> None:
     draw = runpy.run_path(str(ROOT / "docs" / "architecture.py"))
     assert tuple(draw["order"]()) == FLOORS[:-1]
     assert draw["drawn"](draw["floors"](FLOORS[:-1])) == draw["PICTURE"].read_text()
@@ -159,10 +145,15 @@ def test_only_reports_know_how_to_plot() -> None:
     plotting = []
     for path in FILES:
         if folder_of(module_of(path)) != "report" and path.name != "latex.py":
-            text = re.sub(r"if TYPE_CHECKING:\n(    .*\n)+", "", path.read_text())
+            text = without_type_checking(path)
             imports = ("import matplotlib", "from matplotlib", "import corner")
             plotting += [f"{name(path)}: {each}" for each in imports if each in text]
     assert plotting == []
+
+
+def test_yaml_is_validated_where_it_is_loaded_and_nowhere_again() -> None:
+    validating = [name(path) for path in FILES if "model_validate" in path.read_text()]
+    assert validating == ["config/loading.py"]
 
 
 def test_samplers_know_nothing_of_rigs() -> None:
@@ -178,16 +169,11 @@ def test_samplers_know_nothing_of_rigs() -> None:
 def test_files_and_functions_stay_small() -> None:
     lengths = {name(path): len(path.read_text().splitlines()) for path in FILES}
     assert [f"{file}: {lines} lines" for file, lines in lengths.items() if lines > 600] == []
-    functions = [
-        (name(path), node)
+    assert [
+        f"{name(path)}: {node.name} has more than 70 lines"
         for path in FILES
         for node in nodes(path)
-        if isinstance(node, ast.FunctionDef)
-    ]
-    assert [
-        f"{file}: {node.name} has more than 70 lines"
-        for file, node in functions
-        if node.end_lineno - node.lineno >= 70
+        if isinstance(node, ast.FunctionDef) and (node.end_lineno or 0) - node.lineno >= 70
     ] == []
 
 
@@ -201,26 +187,24 @@ def test_folders_have_two_levels_at_most() -> None:
     assert [module for module in MODULES if module.count(".") > 2] == []
 
 
+def modules_loaded_by(code: str) -> list[set[str]]:
+    """Run a process that prints `sys.modules` once or more, and return what each line says."""
+    command = [sys.executable, "-c", f"import sys, bayesdrill as bd; {code}"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT)
+    return [set(line.split()) for line in done.stdout.splitlines()]
+
+
 def test_importing_the_command_line_loads_nothing_heavy() -> None:
-    code = "import sys, bayesdrill.cli; print(*sorted(sys.modules))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    loaded = set(done.stdout.split())
+    (loaded,) = modules_loaded_by("import bayesdrill.cli; print(*sys.modules)")
     assert not loaded & {"numpy", "scipy", "matplotlib", "emcee", "arviz_stats", "pydantic", "pint"}
 
 
 def test_a_check_loads_nothing_that_draws_samples_or_stores() -> None:
-    """Mutants killed: what bars beside a table need stands with the panels of figures; degrees are
-    looked up in pint.
-    """
-    code = (
-        "import sys, bayesdrill as bd; case = bd.load('configs/nominal_step.yaml'); case.preview();"
+    check, identify = modules_loaded_by(
+        "case = bd.load('configs/nominal_step.yaml'); case.preview();"
         "print(*sys.modules); case.identify(); print(*sys.modules)"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=PACKAGE.parent
-    )
-    check, identify = (set(line.split()) for line in done.stdout.splitlines())
-    drawing = {"matplotlib", "corner", "jinja2"}
-    heavy = {*drawing, "arviz_base", "arviz_stats", "xarray", "pandas", "emcee", "h5py", "pint"}
+    heavy = {"matplotlib", "corner", "jinja2", "arviz_base", "arviz_stats", "xarray", "pandas"}
+    heavy |= {"emcee", "h5py", "pint"}
     assert not identify & {*heavy, "scipy.stats"}
     assert not check & {*heavy, "scipy.special", "scipy.linalg", "scipy.optimize", "scipy.ndimage"}

@@ -1,7 +1,7 @@
 """Nobody asks a member of a registry which one it is: what is asked of it stands in its contract.
 
-All offenders come together, each with file and line.  `isinstance` is told by the classes that it
-names; `getattr` and `hasattr` by what they are asked of, or by the attribute, where a contract has it.
+`isinstance` is recognised by the classes that it names, `getattr` and `hasattr` by the object that they
+ask, or by an attribute that a contract has.
 """
 
 from __future__ import annotations
@@ -9,10 +9,9 @@ from __future__ import annotations
 import ast
 import functools
 import inspect
-from collections.abc import Iterator
 from pathlib import Path
 
-import pytest
+from support.case_tables import run_cases
 
 import bayesdrill
 from bayesdrill.inference import priors
@@ -61,7 +60,7 @@ DENSITY = (
     *("kind", "torque"),
 )
 EXECUTORS = (RefitExecutor, Cluster)
-PRIORS = tuple(one for one in priors.PRIORS.values() if inspect.isclass(one))
+PRIORS = tuple(prior for prior in priors.PRIORS.values() if inspect.isclass(prior))
 # What variables are called that hold a member.
 MEMBERS = {
     *("model", "rig", "noise", "prior", "response", "simulator", "observation", "observed"),
@@ -77,82 +76,80 @@ ALLOWED = {
 def classes() -> set[str]:
     registries = (MODELS, NOISES, OPTIMISERS, MOVES, FORMATS, FIGURES)
     members = [registry[name] for registry in registries for name in registry]
-    own = {one if inspect.isclass(one) else type(one) for one in members}
-    every = (*own, *CONTRACTS, *SIMULATORS, *OBSERVATIONS, *EXECUTORS, *PRIORS, Mixed)
-    return {one.__name__ for one in every if one.__module__.startswith("bayesdrill.")}
+    kinds = {member if inspect.isclass(member) else type(member) for member in members}
+    kinds |= {*CONTRACTS, *SIMULATORS, *OBSERVATIONS, *EXECUTORS, *PRIORS, Mixed}
+    return {kind.__name__ for kind in kinds if kind.__module__.startswith("bayesdrill.")}
 
 
 @functools.cache
 def attributes() -> set[str]:
-    """Of contracts and members, those that everything has left out."""
-    of = (*CONTRACTS, *SIMULATORS, *OBSERVATIONS, *EXECUTORS, *PRIORS, *NOISES.values())
-    return {name for one in of for name in dir(one) if not name.startswith("_")}
-
-
-def calls(text: str) -> Iterator[tuple[ast.Call, str, ast.expr, ast.expr]]:
-    for node in ast.walk(ast.parse(text)):
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and len(node.args) > 1:
-            yield node, node.func.id, node.args[0], node.args[1]
+    """Return the public names of contracts and members."""
+    kinds = (*CONTRACTS, *SIMULATORS, *OBSERVATIONS, *EXECUTORS, *PRIORS, *NOISES.values())
+    return {name for kind in kinds for name in dir(kind) if not name.startswith("_")}
 
 
 def names_in(expression: ast.expr) -> set[str]:
-    """Of classes, however they are written: `A | B`, `(A, B)`, `module.A`."""
-    found = {node.id for node in ast.walk(expression) if isinstance(node, ast.Name)}
-    return found | {node.attr for node in ast.walk(expression) if isinstance(node, ast.Attribute)}
+    """Return names of classes, however they are written: `A | B`, `(A, B)`, `module.A`."""
+    nodes = [*ast.walk(expression)]
+    attributes = {node.attr for node in nodes if isinstance(node, ast.Attribute)}
+    return attributes | {node.id for node in nodes if isinstance(node, ast.Name)}
 
 
 def offenders(text: str) -> list[tuple[int, str]]:
-    kinds, known, found = classes(), attributes(), []
-    for node, function, of, what in calls(text):
-        last = of.attr if isinstance(of, ast.Attribute) else getattr(of, "id", "")
-        asked = what.value if isinstance(what, ast.Constant) else None
-        kind = function == "isinstance" and bool(names_in(what) & kinds)
-        attribute = function in ("getattr", "hasattr") and (last in MEMBERS or asked in known)
-        if kind or attribute:
-            found.append((node.lineno, ast.unparse(node)))
-    return found
+    """Return lines and texts of the calls in `text` that ask a member which one it is."""
+    calls = []
+    for node in ast.walk(ast.parse(text)):
+        match node:
+            case ast.Call(func=ast.Name(id="isinstance"), args=[_, asked]):
+                asks = bool(names_in(asked) & classes())
+            case ast.Call(func=ast.Name(id="getattr" | "hasattr"), args=[of, asked, *_]):
+                member = of.attr if isinstance(of, ast.Attribute) else getattr(of, "id", "")
+                asks = member in MEMBERS or getattr(asked, "value", None) in attributes()
+            case _:
+                asks = False
+        if asks:
+            calls.append((node.lineno, ast.unparse(node)))
+    return calls
 
 
 def test_nobody_asks_a_member_which_one_it_is() -> None:
-    found, used = [], set()
-    for path in sorted(PACKAGE.rglob("*.py")):
-        file = str(path.relative_to(PACKAGE))
-        if not file.startswith(REGISTRIES):
-            for line, call in offenders(path.read_text()):
-                used.add((file, call))
-                if (file, call) not in ALLOWED:
-                    found.append(f"{file}:{line}: {call}")
-    assert not found, "\n" + "\n".join(found)
-    assert ALLOWED.keys() <= used
+    asking = {
+        (path.relative_to(PACKAGE).as_posix(), call): line
+        for path in sorted(PACKAGE.rglob("*.py"))
+        if not path.relative_to(PACKAGE).as_posix().startswith(REGISTRIES)
+        for line, call in offenders(path.read_text())
+    }
+    new = {place: line for place, line in asking.items() if place not in ALLOWED}
+    assert [f"{file}:{line}: {call}" for (file, call), line in new.items()] == []
+    assert ALLOWED.keys() <= asking.keys()
 
 
-@pytest.mark.parametrize(
+@run_cases(
     "code",
     [
-        "isinstance(one.response, Stepped)",
-        "isinstance(one, White | AR1)",
-        "isinstance(one, (likelihood.LatentTorqueObservation, int))",
+        "isinstance(x.response, Stepped)",
+        "isinstance(x, White | AR1)",
+        "isinstance(x, (likelihood.LatentTorqueObservation, int))",
         "isinstance(rig, MotorShaft)",
-        "getattr(one.noise, name)",
+        "getattr(x.noise, name)",
         "getattr(anything, 'with_counts', None)",
-        "hasattr(one, 'gear_ratio')",
+        "hasattr(x, 'gear_ratio')",
         "getattr(prior, name)",
     ],
 )
-def test_it_would_be_seen(code: str) -> None:
+def test_a_question_is_recognised(code: str) -> None:
     assert offenders(f"def f():\n    return {code}") == [(2, code)]
 
 
-def test_what_is_no_member_may_be_asked() -> None:
+def test_other_objects_may_be_asked() -> None:
     assert not offenders("isinstance(value, float | int)\ngetattr(error, 'errno', None)")
 
 
 def test_simulators_and_observations_keep_their_contracts() -> None:
-    """Whole, and by the same names: what is only found when it is called is found here."""
+    """They have all methods of their contract, which would otherwise be missed when they are called."""
     for contract, members in ((Simulator, SIMULATORS), (RefitExecutor, EXECUTORS)):
         wanted = {name for name in vars(contract) if not name.startswith("_")}
-        for one in members:
-            fields = getattr(one, "__annotations__", {})
-            own = {*dir(one), *fields, "model", "experiment"}
-            assert not wanted - own, one
+        for member in members:
+            fields = getattr(member, "__annotations__", {})
+            assert not wanted - {*dir(member), *fields, "model", "experiment"}, member
     assert {*DENSITY} <= {*vars(LatentTorqueObservation)}

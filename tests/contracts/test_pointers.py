@@ -8,16 +8,15 @@ from __future__ import annotations
 
 import ast
 import re
-from functools import cache
 from pathlib import Path
 
-from support.case_tables import together
+from support.case_tables import run_cases
 
 import bayesdrill as bd
 
 ROOT = Path(__file__).parents[2]
 PACKAGE = ROOT / "bayesdrill"
-HOUSE = ROOT / "docs" / "architecture.md"
+ARCHITECTURE = ROOT / "docs" / "architecture.md"
 PAGES = [ROOT / "README.md", *ROOT.glob("docs/**/*.md")]
 # The docstring of the package itself is for users: its names are those of a notebook.
 MODULES = [*(p for p in PACKAGE.rglob("*.py") if p.parent != PACKAGE or p.name != "__init__.py")]
@@ -27,33 +26,33 @@ DOTTED = {
     for path in PACKAGE.rglob("*.py")
 }
 FIRST = {part for module in DOTTED for part in module.split(".")}
+ENDINGS = (".yaml", ".json", ".py", ".csv", ".md", ".toml")
 # What a run writes for its user stands in a folder `results`, and files of theirs in `config`.
 USERS = ("results/", "config.yaml", "config.resolved.yaml")
 
 
-def quoted(text: str) -> set[str]:
-    return set(re.findall(r"`([\w./]+)`", text))
+def quoted(text: str) -> list[str]:
+    return sorted(set(re.findall(r"`([\w./]+)`", text)))
 
 
-@cache
-def file_names() -> set[str]:
-    folders = ("bayesdrill", "benchmarks", "docs", "studies", "tests")
-    return {path.name for folder in folders for path in (ROOT / folder).rglob("*.py")}
+FOLDERS = ("bayesdrill", "benchmarks", "docs", "studies", "tests")
+FILE_NAMES = {path.name for folder in FOLDERS for path in (ROOT / folder).rglob("*.py")}
+PATHS = [PACKAGE, *PACKAGE.rglob("*")]
 
 
-def lost_path(name: str) -> bool:
-    """Whether this is a path of the project that does not exist; below the package it may be short."""
+def is_lost_path(name: str) -> bool:
+    """Return whether this is a path that does not exist; below the package it may be short."""
     if name.endswith(".py"):
         if "/" not in name:
-            return name not in file_names()
+            return name not in FILE_NAMES
     elif "/" not in name or name.startswith(USERS) or name.split("/")[0] not in FIRST:
         return False
-    below = any(path.match(f"**/{name.rstrip('/')}") for path in (PACKAGE, *PACKAGE.rglob("*")))
+    below = any(path.match(f"**/{name.rstrip('/')}") for path in PATHS)
     return not below and not (ROOT / name).exists()
 
 
-def lost_name(name: str) -> bool:
-    """Whether this is a dotted name of a module, or of what it defines, that is not there."""
+def is_lost_name(name: str) -> bool:
+    """Return whether this is a dotted name of a module, or in one, that does not exist."""
     if re.match(r"bd\.\w", name):
         return name.split(".")[1] not in dir(bd)
     if not re.fullmatch(r"\w+(\.\w+)+", name) or name.split(".")[0] not in FIRST:
@@ -67,35 +66,36 @@ def lost_name(name: str) -> bool:
     )
 
 
-@together("page", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
-def test_what_a_page_points_to_is_there(page: Path) -> None:
-    """In other pages than that of the house dotted names are entries of configs."""
+@run_cases("page", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_what_a_page_points_to_exists(page: Path) -> None:
+    """In all pages but that of the architecture dotted names are entries of configs."""
     names = quoted(page.read_text())
-    assert [name for name in sorted(names) if lost_path(name)] == []
-    python = {name for name in names if name.startswith("bd.") or page == HOUSE}
-    files = re.compile(r".*\.(yaml|json|py|csv|md|toml)$")
-    assert [n for n in sorted(python) if not files.match(n) and lost_name(n)] == []
+    assert [name for name in names if is_lost_path(name)] == []
+    python = [n for n in names if n.startswith("bd.") or page == ARCHITECTURE]
+    assert [n for n in python if not n.endswith(ENDINGS) and is_lost_name(n)] == []
 
 
-@together("module", MODULES, ids=lambda path: str(path.relative_to(ROOT)))
-def test_what_the_docstring_of_a_module_points_to_is_there(module: Path) -> None:
+@run_cases("module", MODULES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_what_the_docstring_of_a_module_points_to_exists(module: Path) -> None:
     names = quoted(ast.get_docstring(ast.parse(module.read_text())) or "")
-    files = (".yaml", ".json", ".csv", ".md")
-    dotted = {name for name in names if not name.endswith((*files, ".py"))}
-    assert [name for name in sorted(names) if lost_path(name)] == []
-    assert [name for name in sorted(dotted) if lost_name(name)] == []
+    assert [name for name in names if is_lost_path(name)] == []
+    assert [name for name in names if not name.endswith(ENDINGS) and is_lost_name(name)] == []
 
 
-def test_registries_are_in_the_files_that_the_page_of_the_house_says() -> None:
-    said = re.findall(r"`([A-Z]+)`(?: and `[A-Z]+`)? in `([\w/.]+)`", HOUSE.read_text())
-    assert said
-    for registry, file in said:
+def test_registries_are_in_the_files_that_the_page_says() -> None:
+    places = re.findall(r"`([A-Z]+)`(?: and `[A-Z]+`)? in `([\w/.]+)`", ARCHITECTURE.read_text())
+    assert places
+    for registry, file in places:
         assert f"\n{registry}" in (PACKAGE / file).read_text(), registry
 
 
-def test_what_is_not_there_is_found() -> None:
+def test_pointers_to_nothing_are_detected() -> None:
     lost = ("models/tangent.py", "rig/models/as_printed.py", "tangent.py", "sampling/searches/")
-    assert all(map(lost_path, lost))
-    assert all(map(lost_name, ("models.tangent", "sampling.fit.nothing", "bd.nothing")))
-    assert not any(map(lost_path, ("models/train.py", "rig/kernels/", "results/mine/", "k_s/j_1")))
-    assert not any(map(lost_name, ("models.train", "sampling.fit", "bd.load", "scipy.linalg.expm")))
+    assert all(map(is_lost_path, lost))
+    assert all(map(is_lost_name, ("models.tangent", "sampling.fit.nothing", "bd.nothing")))
+    assert not any(
+        map(is_lost_path, ("models/train.py", "rig/kernels/", "results/mine/", "k_s/j_1"))
+    )
+    assert not any(
+        map(is_lost_name, ("models.train", "sampling.fit", "bd.load", "scipy.linalg.expm"))
+    )

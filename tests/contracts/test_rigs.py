@@ -1,19 +1,15 @@
-"""What holds of every rig: names with symbols, exact responses and slopes, entries of a config; each as
-it is, and with all that it offers.
-
-Mutants killed: a parameter without a symbol, a slope of another rig, a constant that no config gives, a
-friction that drives.
-"""
+"""Every rig has symbols, entries of a config and exact responses, alone and with all that it offers."""
 
 from __future__ import annotations
 
 import dataclasses
+from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
 from scipy.linalg import expm
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.scipy_oracles import NOMINAL
 from support.small_problems import experiment
 
@@ -27,51 +23,44 @@ from bayesdrill.rig.simulators.exact import Response
 
 N, DT = 40, 0.004
 POINT = np.exp(np.random.default_rng(7).uniform(-0.2, 0.2, 50))
-
+CONSTANT = {"v": 8.0, "t_1": 0.1, "w_2": 6.0, "t_m": 0.2, "wob": 400.0}
 PLAIN = {name: kind() for name, kind in MODELS.items()}
 WHOLE = {f"{name} with all": with_all(rig) for name, rig in PLAIN.items() if rig.offers}
 RIGS: dict[str, Model] = PLAIN | WHOLE
-
-
-def light(name: str) -> Model:
-    """With fewer states, where it has a number of them: for kernels, which take long to compile."""
-    rig: Any = RIGS[name]
-    return dataclasses.replace(rig, elements=2) if hasattr(rig, "elements") else rig
-
-
-CONSTANT = {"v": 8.0, "t_1": 0.1, "w_2": 6.0, "t_m": 0.2, "wob": 400.0}
+# Structures take long to compile: a rig with all that it offers has all formulas of the plain one.
+LARGEST = {name: rig for name, rig in RIGS.items() if f"{name} with all" not in WHOLE}
 
 
 def values(rig: Model) -> np.ndarray:
-    """`(1, P)`: near nominal; of other parameters a small number."""
+    """Return parameters `(1, P)`: near nominal, and small numbers where there is no nominal value."""
     usual = [NOMINAL.get(name, 2e-3) for name in rig.parameters]
     return np.array([usual]) * POINT[: len(usual)]
 
 
-def response(rig: Model) -> Response:
-    measures = {name: {name: 1.0} for name in rig.states}
+@cache
+def response(name: str) -> Response:
+    """Return that of a rig, with few states where it has a number of them: they take long to compile."""
+    rig: Any = RIGS[name]
+    rig = dataclasses.replace(rig, elements=2) if hasattr(rig, "elements") else rig
+    measures = {state: {state: 1.0} for state in rig.states}
     constant = {name: CONSTANT[name] for name in rig.inputs}
     return Response(rig, experiment(N, DT, constant=constant, measures=measures))
 
 
-@together("name", RIGS)
-def test_its_names_have_symbols_and_places_in_a_config(name: str) -> None:
+@run_cases("name", RIGS)
+def test_its_names_have_symbols_and_entries_of_a_config(name: str) -> None:
     rig = RIGS[name]
     kind: Any = type(rig)
     assert rig.name == kind.name == name.removesuffix(" with all")
     words = vocabulary_of(rig)
     sections = config_kind(words).model_fields
-    assert (
-        {*rig.parameters}
-        <= {*words.parameters}
-        == {*sections["parameters"].annotation.__annotations__}
-    )
+    entries = {*sections["parameters"].annotation.__annotations__}
+    assert {*rig.parameters} <= {*words.parameters} == entries
     assert {*rig.states} <= {*words.states}
     assert {*rig.inputs} <= {*words.inputs} <= {*sections["inputs"].annotation.model_fields}
     shared = {*rig.parameters, *rig.offers, *rig.states}
-    assert {one.name for one in rig.declares} <= {
-        *(rig.symbols if rig.has_private_names else shared)
-    }
+    known = {*rig.symbols} if rig.has_private_names else shared
+    assert {symbol.name for symbol in rig.declares} <= known
     fields = {field.name for field in dataclasses.fields(kind)} - {"added"}
     assert fields == {*entries_of(kind)} <= {*ModelSpec.model_fields}
     assert build_member(kind, ModelSpec(name=rig.name)) == kind() == PLAIN[rig.name]
@@ -81,80 +70,76 @@ def test_its_names_have_symbols_and_places_in_a_config(name: str) -> None:
     hash(rig)
 
 
-@together("name", RIGS)
-def test_its_frictions_brake_and_are_told_apart(name: str) -> None:
-    rig, p = RIGS[name], values(RIGS[name])[0]
-    named = dict(zip(rig.parameters, p, strict=True))
-    frictions, columns = rig.frictions, rig.linear(named).B
-    names = [one.name for one in frictions]
+@run_cases("name", RIGS)
+def test_its_frictions_brake_and_have_names_of_their_own(name: str) -> None:
+    rig = RIGS[name]
+    p = dict(zip(rig.parameters, values(rig)[0], strict=True))
+    frictions, columns = rig.frictions, rig.linear(p).B
+    names = [friction.name for friction in frictions]
     taken = [*names, *rig.parameters, *dict.fromkeys([*rig.states, *symbols.INPUTS])]
     assert len({*taken}) == len(taken)
     assert {name for _, name in columns} <= {*rig.inputs, *names}
-    for one in frictions:
-        rows = {row for row, column in columns if column == one.name}
-        assert one.against in rows <= {one.against, *rig.inner}
-        assert columns[one.against, one.name] < 0
-        assert one.holds is None or one.holds in rig.angles
-        assert {*one.law.parameters} <= {*rig.parameters}
-        assert {*one.law.seen} <= {*rig.states, *rig.inputs}
-        assert one.where
-        seen = {state: np.array([0.3, -0.2]) for state in one.law.seen}
+    for friction in frictions:
+        law, rows = friction.law, {row for row, column in columns if column == friction.name}
+        assert friction.against in rows <= {friction.against, *rig.inner}
+        assert columns[friction.against, friction.name] < 0
+        assert friction.holds is None or friction.holds in rig.angles
+        assert {*law.parameters} <= {*rig.parameters}
+        assert {*law.seen} <= {*rig.states, *rig.inputs}
+        assert friction.where
+        seen = {state: np.array([0.3, -0.2]) for state in law.seen}
         for speed in (0.0, 1e-3, 2.0, 1e3):
-            size = np.broadcast_to(one.law.size(named, np.full(2, speed), seen), 2)
+            size = np.broadcast_to(law.size(p, np.full(2, speed), seen), 2)
             assert ((size >= 0) & np.isfinite(size)).all()
 
 
-@together("name", RIGS)
+@run_cases("name", LARGEST)
 def test_its_response_is_the_matrix_exponential(name: str) -> None:
-    rig, p = light(name), values(light(name))
-    named = dict(zip(rig.parameters, p[0], strict=True))
-    linear = rig.linear(named)
+    rig = response(name).model
+    p = values(rig)
+    linear = rig.linear(dict(zip(rig.parameters, p[0], strict=True)))
     states = list(rig.states)
     augmented = np.zeros((len(states) + 1, len(states) + 1))
     augmented[:-1, :-1] = dynamics(linear, rig.states, 1)[0]
     for row, value in linear.c.items():
         augmented[states.index(row), -1] += value
-    for (row, name_), value in linear.B.items():
-        if name_ in rig.inputs:
-            augmented[states.index(row), -1] += CONSTANT[name_] * value
-    x = np.zeros(len(states) + 1)
-    x[-1] = 1.0
-    step, exact = expm(augmented * DT), []
-    for _ in range(N):
-        exact.append(x[:-1])
-        x = step @ x
-    found = response(rig).signals(p)[0]
+    for (row, column), value in linear.B.items():
+        if column in rig.inputs:
+            augmented[states.index(row), -1] += CONSTANT[column] * value
+    step, x = expm(augmented * DT), np.append(np.zeros(len(states)), 1.0)
+    exact = np.empty((N, len(states)))
+    for k in range(N):
+        exact[k], x = x[:-1], step @ x
     scale = np.abs(exact).max(axis=0)
     scale[scale == 0] = 1.0  # what nothing moves
-    assert found / scale == pytest.approx(np.array(exact) / scale, abs=1e-9)
+    assert response(name).signals(p)[0] / scale == pytest.approx(exact / scale, abs=1e-9)
 
 
-@together("name", RIGS)
+@run_cases("name", LARGEST)
 def test_its_sensitivities_are_differences(name: str) -> None:
-    rig, p = light(name), values(light(name))
-    of = response(rig)
-    along = np.diag(p[0])[None]
-    slopes = of.sensitivities(p, along)[0]
-    for k, name_ in enumerate(rig.parameters):
-        up, down = p.copy(), p.copy()
-        up[0, k], down[0, k] = p[0, k] * (1 + 1e-5), p[0, k] * (1 - 1e-5)
-        numeric = (of.signals(up) - of.signals(down))[0] / 2e-5
+    simulator = response(name)
+    p = values(simulator.model)
+    slopes = simulator.sensitivities(p, np.diag(p[0])[None])[0]
+    for k, parameter in enumerate(simulator.model.parameters):
+        step = 1e-5 * p * (np.arange(p.shape[1]) == k)
+        numeric = (simulator.signals(p + step) - simulator.signals(p - step))[0] / 2e-5
         scale = np.abs(numeric).max() + 1e-9
-        assert slopes[k] / scale == pytest.approx(numeric / scale, abs=1e-4), name_
+        assert slopes[k] / scale == pytest.approx(numeric / scale, abs=1e-4), parameter
 
 
-@together("name", RIGS)
+@run_cases("name", LARGEST)
 def test_its_sums_are_those_of_its_signals(name: str) -> None:
-    rig, p = light(name), values(light(name))
-    of = response(rig)
-    y = 1.01 * of.signals(p)[0] + 0.1
-    of = of.with_record(y)
-    left, k = y - of.signals(p)[0], y.shape[1]
-    assert of.squares(p)[0] == pytest.approx((left**2).sum(axis=0), rel=1e-9)
+    simulator = response(name)
+    p = values(simulator.model)
+    signals = simulator.signals(p)[0]
+    y = 1.01 * signals + 0.1
+    simulator = simulator.with_record(y)
+    left, k = y - signals, y.shape[1]
+    assert simulator.squares(p)[0] == pytest.approx((left**2).sum(axis=0), rel=1e-9)
     scales = np.linspace(0.5, 3.0, k)[None]
     along = np.random.default_rng(2).standard_normal((1, 3, p.shape[1])) * p
-    shifts = of.sensitivities(p, along)[0] * scales[0]
-    squares, pulled, products = of.normal(p, along, scales[..., None] ** 2)
+    shifts = simulator.sensitivities(p, along)[0] * scales[0]
+    squares, slopes, products = simulator.normal(p, along, scales[..., None] ** 2)
     assert squares[0] == pytest.approx((left**2).sum(axis=0) * scales[0] ** 2, rel=1e-9)
-    assert pulled[0] == pytest.approx(np.einsum("qtk,tk->q", shifts, left * scales[0]), rel=1e-7)
+    assert slopes[0] == pytest.approx(np.einsum("qtk,tk->q", shifts, left * scales[0]), rel=1e-7)
     assert products[0] == pytest.approx(np.einsum("qtk,rtk->qr", shifts, shifts), rel=1e-7)

@@ -1,7 +1,4 @@
-"""A rig in words of its own has every analysis that the house's has, to the number and to the word.
-
-Mutants killed: a symbol that is known by its spelling; an analysis that a rig of a package goes without.
-"""
+"""A rig of a package, in names of its own, has every analysis of `motor_shaft`, to the word."""
 
 from __future__ import annotations
 
@@ -32,6 +29,7 @@ from bayesdrill.analysis.refits import refit_candidate
 from bayesdrill.analysis.run_analysis import torque_summary
 from bayesdrill.basics import symbols
 from bayesdrill.basics.progress import SILENT
+from bayesdrill.config import loading
 from bayesdrill.inference import derived
 from bayesdrill.report import words
 from bayesdrill.report.sections import causes_words, torque_words
@@ -62,163 +60,148 @@ TORQUE = {
 
 def case(
     rig: Model,
-    own: dict[str, str],
+    names: dict[str, str],
     free: dict[str, float],
-    turns: float = 1.0,
     seen: tuple[np.ndarray, ...] = (np.cumsum(V) * 0.05 * 1.1, 1.1 * V, 6.6 * V),
     **entries: Any,
 ) -> bd.Case:
-    """`own`: its names of the usual ones; `free`: what is unknown, and where the search begins; `turns`:
-    what is wrong with the unit of an angle; `seen`: angle and speeds.
+    """Return a case of a rig that calls the usual symbols by other `names`.
+
+    `free` has the starts of the unknowns, and `seen` an angle, its speed and that of the motor.
     """
     rng = np.random.default_rng(5)
-    angle, speed, geared = seen
-    columns = {
-        "alpha": (own["theta_1"], turns * angle, "rad", 0.05),
-        "omega": (own["w_1"], speed, "rad/s", 0.1),
-        "geared": (f"6 * {own['w_2']}", geared, "rad/s", 0.5),
+    channels = {
+        "alpha": (names["theta_1"], seen[0], "rad", 0.05),
+        "omega": (names["w_1"], seen[1], "rad/s", 0.1),
+        "geared": (f"6 * {names['w_2']}", seen[2], "rad/s", 0.5),
     }
-    table = {own[name]: x for name, x in {**NOMINAL, "k_T": 0.1, **free}.items()}
+    table = {names[name]: x for name, x in {**NOMINAL, "k_T": 0.1, **free}.items()}
     return bd.case(
         T,
         channels={
             name: bd.Channel(x + sigma * rng.standard_normal(len(T)), unit, sigma, measures=what)
-            for name, (what, x, unit, sigma) in columns.items()
+            for name, (what, x, unit, sigma) in channels.items()
         },
         inputs={"v": bd.Input(V, "V")},
         nominal=table,
-        parameters={**dict.fromkeys(table, "nominal"), **{own[name]: HALF for name in free}},
+        parameters={**dict.fromkeys(table, "nominal"), **{names[name]: HALF for name in free}},
         rig=rig,
         **entries,
     )
 
 
-def of_record(of: bd.Case) -> Iterator[Any]:
-    """Suspicions, plausibility, and what may be tried where the fit is bad; the ladder."""
+def analyses_of_record(of: bd.Case) -> Iterator[Any]:
+    """Suspicions, plausibility, what may be tried where the fit is bad, and the rungs of the ladder."""
     problem, posterior = of.job.problem, of.job.problem.posterior
     theta = posterior.space.vector(posterior.space.start)
     yield words.model(problem)
     yield words.record_suspicions(problem)
-    yield [
-        *plausibility.plausibility_of_nominal(problem),
-        *plausibility.plausibility_of_gear(problem),
-    ]
+    yield [*plausibility.plausibility_of_nominal(problem)]
+    yield [*plausibility.plausibility_of_gear(problem)]
     yield derived.values_at(problem, theta[None])
-    tried = edits.rig_candidates(
-        posterior.likelihood.observations, posterior.space.full(theta[None])
-    )
-    yield tried
-    every = [
-        EquivalentExplanation(parameter=lack.parameter, value=0.1, lost=1.0)
-        for lack in edits.lacks(problem.model.roles)
+    full = posterior.space.full(theta[None])
+    yield edits.rig_candidates(posterior.likelihood.observations, full)
+    lacks = edits.lacks(problem.model.roles)
+    explanations = [
+        EquivalentExplanation(parameter=lack.parameter, value=0.1, lost=1.0) for lack in lacks
     ]
-    yield [[*causes_words.instead(one, problem.model)] for one in every]
+    yield [[*causes_words.instead(each, problem.model)] for each in explanations]
     models = CandidateModels.from_job(of.job, {})
     rungs = [*models.singles(), *models.singles(absorbing=True)]
     rungs += models.beyond(("friction_both",), ())
-    yield [(one.name, one.about, one.source.data) for one in rungs]
+    yield [(rung.name, rung.about, rung.source.data) for rung in rungs]
 
 
-def of_friction(of: bd.Case) -> Iterator[Any]:
-    """What frictions did, what can be told of them, remedies, and how all of it is shown."""
+def analyses_of_friction(of: bd.Case) -> Iterator[Any]:
+    """What frictions did, what can be inferred of them, remedies, and how all of it is shown."""
     problem, posterior = of.job.problem, of.job.problem.posterior
     theta, none = posterior.space.vector(posterior.space.start), np.empty((0, len(problem.names)))
     model, full = problem.model, posterior.space.full(theta[None])
-    scenery = SensitivityStudy(posterior.likelihood)
-    yield tuple(plausibility.plausibility_of_course(scenery, theta))
-    found = of.identify()
-    yield [str(found), repr(found.study.remedies)]
-    (one,), (rubs,) = posterior.likelihood.observations, friction_motions(posterior, theta, none)
-    for each in rubs:
-        law = each.friction
+    yield tuple(plausibility.plausibility_of_course(SensitivityStudy(posterior.likelihood), theta))
+    identified = of.identify()
+    yield [str(identified), repr(identified.study.remedies)]
+    (observation,) = posterior.likelihood.observations
+    (motions,) = friction_motions(posterior, theta, none)
+    for motion in motions:
+        law = motion.friction
         inertia = model.roles.at_friction(law.against, law.where)
         speed = speed_symbol(law.against, inertia, model)
         yield [law.where, effort_symbol(law).latex, speed.latex]
-        yield [
-            each.gear,
-            each.stuck,
-            each.slowest,
-            each.effort,
-            friction_curve(one, each, full).sizes,
-        ]
+        curve = friction_curve(observation, motion, full).sizes
+        yield [motion.gear, motion.stuck, motion.slowest, motion.effort, curve]
     yield stall_voltage(model, dict(zip(model.parameters, full[0], strict=False)))
 
 
-def of_cause(rig: Model, own: dict[str, str]) -> Iterator[Any]:
-    """What would explain the fit of a rig that rubs and is said not to."""
-    moved = bd.respond(
-        "motor_shaft",
-        {**NOMINAL, "k_T": 0.1, "t_f": 0.0, "t_c1": 0.2},
-        T,
-        {"v": V},
-        ["theta_1", "w_1", "w_2"],
-    )
-    seen = moved["theta_1"], moved["w_1"], 6.0 * moved["w_2"]
-    of = case(rig, own, {name: NOMINAL[name] for name in ("k_e", "j_1")}, seen=seen)
+def analyses_of_causes(rig: Model, names: dict[str, str]) -> Iterator[Any]:
+    """What would explain the fit of a rig without friction to the record of one that has it."""
+    truth = {**NOMINAL, "k_T": 0.1, "t_f": 0.0, "t_c1": 0.2}
+    motion = bd.respond("motor_shaft", truth, T, {"v": V}, ["theta_1", "w_1", "w_2"])
+    seen = motion["theta_1"], motion["w_1"], 6.0 * motion["w_2"]
+    of = case(rig, names, {name: NOMINAL[name] for name in ("k_e", "j_1")}, seen)
     posterior = of.job.problem.posterior
     start = posterior.space.start
-    few = {"friction_rotor_1", "voltage_drop", "damping_shaft", "offset_v"}  # all take a minute
-    rungs = [one for one in CandidateModels.from_job(of.job, {}).singles() if one.name in few]
+    few = {"friction_rotor_1", "voltage_drop"}  # all take a minute
+    rungs = [r for r in CandidateModels.from_job(of.job, {}).singles() if r.name in few]
     given = refit_candidate(posterior, start, -math.inf)
     assert given is not None
     with WorkerPool(posterior, 1) as pool:
-        work = ranking.Ranking(of.job, start, given, pool.submit_function, SILENT)
-        work.refit_all(rungs, start)
-    causes = Causes(given=given.fit, ranked=work._ranked())
+        ranking_ = ranking.Ranking(of.job, start, given, pool.submit_function, SILENT)
+        ranking_.refit_all(rungs, start)
+    causes = Causes(given=given.fit, ranked=ranking_._ranked())
     yield repr(causes)
     yield causes_words.explained(causes)
     yield causes_words.lacking(causes, of.job.problem.model.roles)
 
 
-def of_torque(of: bd.Case) -> Iterator[Any]:
+def analyses_of_torque(of: bd.Case) -> Iterator[Any]:
     """What a missing torque was, what it follows, and what it can stand in for."""
     posterior = of.job.problem.posterior
     theta = posterior.space.vector(posterior.space.start)
-    (found,) = torque_estimates(posterior, theta[None], np.random.default_rng(1))
-    yield [found.expected, found.angle, found.inertia.reduction, repr(regress_torque(found))]
-    yield torque_words.law_sentences(torque_summary(found), found.rig)
-    yield [(each.label.latex, each.means) for each in regressors(found)]
+    (torque,) = torque_estimates(posterior, theta[None], np.random.default_rng(1))
+    yield [torque.expected, torque.angle, torque.inertia.reduction, repr(regress_torque(torque))]
+    yield torque_words.law_sentences(torque_summary(torque), torque.rig)
+    yield [(each.label.latex, each.means) for each in regressors(torque)]
 
 
-def analyses(rig: Model, own: dict[str, str]) -> dict[str, Any]:
+def analyses(rig: Model, names: dict[str, str]) -> dict[str, list[Any]]:
     wild = {name: NOMINAL[name] for name in ("k_e", "k_T", "j_1", "k_s")}
+    rubbing = {**TRUTH, "k_e": 0.06, "k_T": 0.06, "t_f": 0.02}
+    degrees = np.rad2deg(np.cumsum(V) * 0.05 * 1.1), 1.1 * V, 6.6 * V  # said to be radians
     return {
-        "record": [*of_record(case(rig, own, wild, 180 / np.pi))],
-        "friction": [
-            *of_friction(case(rig, own, {**TRUTH, "k_e": 0.06, "k_T": 0.06, "t_f": 0.02}))
-        ],
-        "cause": [*of_cause(rig, own)],
-        "torque": [*of_torque(case(rig, own, wild, missing_torque=TORQUE))],
+        "record": [*analyses_of_record(case(rig, names, wild, degrees))],
+        "friction": [*analyses_of_friction(case(rig, names, rubbing))],
+        "causes": [*analyses_of_causes(rig, names)],
+        "torque": [*analyses_of_torque(case(rig, names, wild, missing_torque=TORQUE))],
     }
 
 
-def printed() -> None:
+def print_both_vocabularies() -> None:
     """In a process in which the toys are installed."""
     from toy_renamed import OWN
 
     usual = analyses(MODELS["motor_shaft"](), {name: name for name in OWN})
-    own = analyses(MODELS["toy_renamed"](), OWN)
+    renamed = analyses(MODELS["toy_renamed"](), OWN)
     names = {**OWN, "motor_shaft": "toy_renamed", "i_m": "gear_down"}
-    print(json.dumps([names, usual, own], default=lambda one: np.asarray(one).tolist()))
+    print(json.dumps([names, usual, renamed], default=lambda array: np.asarray(array).tolist()))
 
 
-def chained() -> None:
-    """In the same: a chain of three discs, and a torque at the middle one that it is without."""
+def print_chain() -> None:
+    """In the same: a chain of three discs, and a missing torque at the middle one."""
     from toy_chain import Chain
 
     drive, dry = 0.6 * np.sign(np.sin(1.1 * T)) + 0.2, 0.15
     truth = {"mass_top": 0.02, "mass_middle": 0.03, "mass_bit": 0.01, "stiffness_pipe": 2.0}
     truth |= {"stiffness_collar": 1.5, "oil_top": 0.05}
     speeds = [f"speed_{disc}" for disc in ("top", "middle", "bit")]
-    rubs = Chain(added=("oil_top", "dry_middle"))
-    moved = bd.respond(rubs, {**truth, "dry_middle": dry}, T, {"t_m": drive}, speeds)
+    rubbing = Chain(added=("oil_top", "dry_middle"))
+    motion = bd.respond(rubbing, {**truth, "dry_middle": dry}, T, {"t_m": drive}, speeds)
     rng = np.random.default_rng(2)
     channels = {
         name: bd.Channel(x + 0.01 * rng.standard_normal(len(T)), "rad/s", 0.01, measures=name)
-        for name, x in moved.items()
+        for name, x in motion.items()
     }
 
-    def made(**entries: Any) -> bd.Case:
+    def case_of(**entries: Any) -> bd.Case:
         return bd.case(
             T,
             channels=channels,
@@ -229,17 +212,16 @@ def chained() -> None:
             **entries,
         )
 
-    plain, lacks = made(), made(missing_torque={**TORQUE, "at": "middle"})
-    models = CandidateModels.from_job(plain.job, {})
+    models = CandidateModels.from_job(case_of().job, {})
     singles = [*models.singles(), *models.singles(absorbing=True)]
-    parts = {one.name: one.job().problem.names for one in singles}
-    posterior = lacks.job.problem.posterior
+    unknowns = {rung.name: loading.validate(rung.source).space().free for rung in singles}
+    posterior = case_of(missing_torque={**TORQUE, "at": "middle"}).job.problem.posterior
     theta = posterior.space.vector({**posterior.space.start, "s_d": dry, "tau_d": 1.0})
-    (found,) = torque_estimates(posterior, theta[None], rng)
-    true, turns = -dry * np.sign(moved["speed_middle"]), np.abs(moved["speed_middle"]) > 0.3
-    torque = float(np.sqrt(np.mean((found.expected - true)[turns] ** 2))) / dry
-    said = torque_words.law_sentences(torque_summary(found), found.rig)
-    print(json.dumps([parts, torque, said]))
+    (torque,) = torque_estimates(posterior, theta[None], rng)
+    speed = motion["speed_middle"]
+    off = (torque.expected + dry * np.sign(speed))[np.abs(speed) > 0.3]
+    sentences = torque_words.law_sentences(torque_summary(torque), torque.rig)
+    print(json.dumps([unknowns, float(np.sqrt(np.mean(off**2))) / dry, sentences]))
 
 
 def printed_by(function: str) -> Any:
@@ -252,48 +234,38 @@ def printed_by(function: str) -> Any:
 
 
 def test_each_part_of_a_chain_has_every_analysis() -> None:
-    """Mutants killed: parts of the paper's rig alone; a torque that is divided by another inertia."""
-    parts, torque, said = printed_by("chained")
+    unknowns, torque_error, sentences = printed_by("print_chain")
     for disc in ("top", "middle", "bit"):
-        assert f"dry_{disc}" in parts[f"friction_{disc}"]
-        assert {f"missing_torque_{disc}"} <= {*parts}
-    assert "oil_bit" in parts["damping_bit"]
-    assert "loss_collar" in parts["damping_collar"]
-    assert "friction_both" not in parts
-    assert torque < 0.2
-    assert "it follows the sign of the speed of the middle" in said
-    assert "dry friction at the middle of 0.1" in said
+        assert f"dry_{disc}" in unknowns[f"friction_{disc}"]
+        assert f"missing_torque_{disc}" in unknowns
+    assert "oil_bit" in unknowns["damping_bit"]
+    assert "loss_collar" in unknowns["damping_collar"]
+    assert "friction_both" not in unknowns
+    assert torque_error < 0.2
+    assert "it follows the sign of the speed of the middle" in sentences
+    assert "dry friction at the middle of 0.1" in sentences
 
 
 def test_a_rig_in_other_words_has_every_analysis() -> None:
-    names, usual, own = printed_by("printed")
+    names, usual, renamed = printed_by("print_both_vocabularies")
     back = {word: name for name, word in names.items()}
     longest = sorted(back, key=len, reverse=True)
     begins = r"(?:(?<=\\n)|(?<![A-Za-z0-9]))"  # a line, as JSON has it, or a word
     words_of = re.compile(rf"{begins}({'|'.join(longest)})(?![A-Za-z0-9])")
-    own = json.loads(words_of.sub(lambda found: back[found[1]], json.dumps(own)))
-    for what, every in usual.items():
-        assert all(every), what
-        for one, other in zip(every, own[what], strict=True):
-            assert unpadded(one) == unpadded(other)
-    said = json.dumps(usual)
-    for text in (
-        "energy: k_T = ",
-        "the motor turns 8 times",
-        "Causes(given=",
-        "dry friction at rotor 1 (t_c1)",
-        "geared measures 6 * w_2",
-        "t_f, which keeps",
+    renamed = json.loads(words_of.sub(lambda match: back[match[1]], json.dumps(renamed)))
+    for kind, results in usual.items():
+        assert all(results), kind
+        for expected, result in zip(results, renamed[kind], strict=True):
+            assert unpadded(expected) == unpadded(result)
+    text = json.dumps(usual)
+    for part in (
+        *("energy: k_T = ", "the motor turns 8 times", "Causes(given=", "friction: ", "unit: "),
+        *("dry friction at rotor 1 (t_c1)", "geared measures 6 * w_2", "t_f, which keeps"),
+        *("tie k_T = k_e", "missing torque: it follows"),
     ):
-        assert text in said
-    for text in (
-        "friction: ",
-        "tie k_T = k_e",
-        "unit: ",
-        "missing torque: it follows",
-    ):
-        assert text in said
-    assert {"friction_both", "missing_torque_motor"} <= {one[0] for one in usual["record"][-1]}
+        assert part in text
+    rungs = {rung[0] for rung in usual["record"][-1]}
+    assert {"friction_both", "missing_torque_motor"} <= rungs
 
 
 def unpadded(value: Any) -> Any:
@@ -301,47 +273,38 @@ def unpadded(value: Any) -> Any:
     return json.loads(re.sub(r"(?:(?<= ) +)", "", json.dumps(value)))
 
 
-# Where names are those of inputs, or stand in for what a config lacks.
-ELSEWHERE = {"record/experiment.py", "config/resolve/quantities.py", "config/schema/records.py"} | {
-    "analysis/identifiability/study.py",
-    "config/loading.py",
-}
-ROOMS = ("rig/models/", "basics/symbols.py", "drafting/")
+# Modules in which a name is one of an input, or stands in for what a config lacks.
+EXCEPTIONS = ("record/experiment.py", "config/resolve/quantities.py", "config/schema/records.py")
+EXCEPTIONS += ("analysis/identifiability/study.py", "config/loading.py")
+EXCEPTIONS += ("rig/models/", "basics/symbols.py", "drafting/")
 
 
 def test_no_module_outside_rigs_knows_a_symbol_by_its_spelling() -> None:
     known = {*symbols.PARAMETERS, *symbols.STATES, "i_m", "friction_m", "friction_1"}
-    found = []
-    for path in sorted((ROOT / "bayesdrill").rglob("*.py")):
-        name = path.relative_to(ROOT / "bayesdrill").as_posix()
-        if not name.startswith(ROOMS) and name not in ELSEWHERE:
-            each = [
-                n.value
-                for n in ast.walk(ast.parse(path.read_text()))
-                if isinstance(n, ast.Constant)
-            ]
-            found += [(name, one) for one in each if isinstance(one, str) and one in known]
-    assert found == []
-
-
-def test_roles_have_names_and_no_rig_is_asked_whether_it_has_a_member() -> None:
-    usual = usual_roles()
-    named = {lack.parameter for lack in edits.lacks(usual)} | {*rivals(usual)} | usual.states
-    assert named <= {*symbols.PARAMETERS, *symbols.STATES}
     asked = re.compile(r"(?:get|has)attr\((?:model|rig|[a-z_.]+\.model|[a-z_.]+\.rig), [\"'](\w+)")
-    for path in (ROOT / "bayesdrill").rglob("*.py"):
-        assert not asked.findall(path.read_text()), path
+    for path in sorted((ROOT / "bayesdrill").rglob("*.py")):
+        text = path.read_text()
+        assert not asked.findall(text), path
+        if not path.relative_to(ROOT / "bayesdrill").as_posix().startswith(EXCEPTIONS):
+            constants = {n.value for n in ast.walk(ast.parse(text)) if isinstance(n, ast.Constant)}
+            assert constants & known == set(), path
 
 
-def test_states_of_no_role_are_named() -> None:
-    class Dumb(MotorShaft):
+def test_what_rigs_may_lack_has_symbols() -> None:
+    usual = usual_roles()
+    names = {lack.parameter for lack in edits.lacks(usual)} | {*rivals(usual)} | usual.states
+    assert names <= {*symbols.PARAMETERS, *symbols.STATES}
+
+
+def test_a_state_of_no_role_is_named() -> None:
+    class WithoutRole(MotorShaft):
         @property
         def roles(self) -> Roles:
             motor, gearbox, rotor, _ = usual_roles().inertias
             bit = dataclasses.replace(rotor, speed="of_the_bit")
             return dataclasses.replace(usual_roles(), inertias=(motor, gearbox, bit))
 
-    (said,) = plausibility.of_roles(SimpleNamespace(model=Dumb()))  # type: ignore[arg-type]
-    assert "motor_shaft does not say what w_1 is" in said
+    (message,) = plausibility.of_roles(SimpleNamespace(model=WithoutRole()))  # type: ignore[arg-type]
+    assert "motor_shaft does not say what w_1 is" in message
     for rig in MODELS.usable().values():
         assert [*plausibility.of_roles(SimpleNamespace(model=rig()))] == []  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""The command line as its users meet it: a small experiment, and runs of it in and out of process."""
+"""The command line with a small experiment, run in this process or in one of its own."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ simulation: {duration: 5, rate: 20}
 
 
 @dataclass(frozen=True)
-class Ran:
+class CommandResult:
     status: int
     out: str
     err: str
@@ -61,8 +61,8 @@ class Ran:
         return self.out + self.err
 
 
-def cli(*arguments: str | Path, program: typer.Typer = app) -> Ran:
-    """A command line in this process; the handlers of signals are put back."""
+def cli(*arguments: str | Path, program: typer.Typer = app) -> CommandResult:
+    """Run a command line in this process; the handlers of signals are put back."""
     before = {number: signal.getsignal(number) for number in STOPPING}
     try:
         result = CliRunner().invoke(program, [str(argument) for argument in arguments])
@@ -71,34 +71,32 @@ def cli(*arguments: str | Path, program: typer.Typer = app) -> Ran:
             signal.signal(number, handler)
     if result.exception is not None and not isinstance(result.exception, SystemExit):
         raise result.exception
-    return Ran(result.exit_code, result.stdout, result.stderr)
+    return CommandResult(result.exit_code, result.stdout, result.stderr)
 
 
-def start(*arguments: str | Path, cwd: Path, **options: object) -> subprocess.Popen[str]:
-    """`python -m bayesdrill ...` as a process of its own, not stopped with this one."""
+def start_process(*arguments: str | Path, cwd: Path, **options: object) -> subprocess.Popen[str]:
+    """Start `python -m bayesdrill ...`, which is not stopped with this process."""
+    usual = {
+        "env": {**os.environ, "PYTHONPATH": str(ROOT), "MPLBACKEND": "agg", "COLUMNS": "200"},
+        **dict.fromkeys(("stdout", "stderr"), subprocess.PIPE),
+        "text": True,
+        "start_new_session": True,
+        "preexec_fn": _hear_all_signals,
+    }
     command = [sys.executable, "-m", "bayesdrill", *map(str, arguments)]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "MPLBACKEND": "agg", "COLUMNS": "200"}
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-    return subprocess.Popen(  # type: ignore[call-overload,no-any-return]
-        command,
-        cwd=cwd,
-        env=environment,
-        start_new_session=True,
-        preexec_fn=_hear_all,
-        **{**pipes, **options},
-    )
+    return subprocess.Popen(command, cwd=cwd, **{**usual, **options})  # type: ignore[call-overload,no-any-return]
 
 
-def _hear_all() -> None:
-    """In the child: what ignores Ctrl-C, as a job in the background does, hands that on."""
+def _hear_all_signals() -> None:
+    """Hear Ctrl-C in the child, also where this process ignores it as a job in the background does."""
     for number in STOPPING:
         signal.signal(number, signal.SIG_DFL)
 
 
-def run(*arguments: str | Path, cwd: Path, seconds: float = 60) -> Ran:
-    process = start(*arguments, cwd=cwd)
+def run_process(*arguments: str | Path, cwd: Path, seconds: float = 60) -> CommandResult:
+    process = start_process(*arguments, cwd=cwd)
     out, err = process.communicate(timeout=seconds)
-    return Ran(process.returncode, out, err)
+    return CommandResult(process.returncode, out, err)
 
 
 @functools.cache
@@ -109,27 +107,30 @@ def small_record() -> str:
     return simulation.simulate(loading.validate(parse(Path("small.yaml"), SMALL)), seed=7)
 
 
-def small(folder: Path, *changes: tuple[str, str], name: str = "small.yaml") -> Path:
-    """The small experiment in `folder`, its config changed by replacements of text that stands in it."""
-    text = SMALL
-    for old, new in changes:
-        assert text.count(old) == 1, f"{old!r} stands {text.count(old)} times in the config"
-        text = text.replace(old, new)
+def small_config(folder: Path, *changes: tuple[str, str], name: str = "small.yaml") -> Path:
+    """Write the small experiment; each text that `changes` replace in its config stands there once."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "small.csv").write_text(small_record(), encoding="utf-8")
-    (folder / name).write_text(text, encoding="utf-8")
+    (folder / name).write_text(replaced(SMALL, *changes), encoding="utf-8")
     return folder / name
 
 
-def simulated(config: Path) -> None:
-    """Another record in the place of the small one, which is never overwritten."""
+def replaced(text: str, *changes: tuple[str, str]) -> str:
+    for old, new in changes:
+        assert text.count(old) == 1, f"{old!r} stands {text.count(old)} times in the config"
+        text = text.replace(old, new)
+    return text
+
+
+def simulate_again(config: Path) -> None:
+    """Simulate another record in the place of the small one, which is never overwritten."""
     (config.parent / "small.csv").unlink()
-    done = cli("simulate", config)
-    assert done.status == 0, done.err
+    result = cli("simulate", config)
+    assert result.status == 0, result.err
 
 
 def listing(folder: Path) -> dict[str, object]:
-    """Every file and folder below, with what it holds, and where a link leads."""
+    """Return every file and folder below, with its content, or the place to which a link leads."""
     return {
         path.relative_to(folder).as_posix(): _content(path) for path in sorted(folder.rglob("*"))
     }
@@ -141,8 +142,8 @@ def _content(path: Path) -> object:
     return path.read_bytes() if path.is_file() else oct(path.lstat().st_mode)
 
 
-def results(folder: Path, kind: output_files.Kind) -> Path:
-    """A folder in which a run of this kind has been, with every file that it may write."""
+def write_results(folder: Path, kind: output_files.Kind) -> Path:
+    """Write a folder as of a finished run of this kind, with every file that it may write."""
     with Folder(folder, "fresh", {}, kind) as run:
         run.begin(status="finished")
     for name in kind.files:

@@ -1,4 +1,4 @@
-"""Mistakes in configs, as `tests/config/mistakes.yaml` has them, and how each has to be told."""
+"""Mistakes in configs, as `tests/config/mistakes.yaml` has them, with the messages about them."""
 
 from __future__ import annotations
 
@@ -21,24 +21,16 @@ MISTAKES: dict[str, dict[str, dict[str, Any]]] = YAML(typ="safe").load(
 def check_mistakes(
     section: str, factory: pytest.TempPathFactory, load: Callable[..., object]
 ) -> None:
-    """Check that `load(folder, *replacements)` tells each mistake once, with its line and its entry.
-
-    Nothing else is said of a config that is sound otherwise.
-    """
+    """Check that `load(folder, *changes)` names each mistake with its line and entry, and no other."""
 
     def check(case: dict[str, Any]) -> None:
-        changes = [tuple(change) for change in case.get("replace", ())]
+        changes = [*map(tuple, case.get("replace", ())), *case.get("lines", ())]
         with pytest.raises(InputError) as caught:
-            load(
-                factory.mktemp("case"),
-                *changes,
-                *case.get("lines", ()),
-                **case.get("sections", {}),
-            )
+            load(factory.mktemp("case"), *changes, **case.get("sections", {}))
         (problem,) = caught.value.problems
-        found = re.fullmatch(r".+:\d+: (.+)", problem.place)
-        assert found is not None, problem
-        assert found[1] == case["place"], problem
+        place = re.fullmatch(r".+:\d+: (.+)", problem.place)
+        assert place is not None, problem
+        assert place[1] == case["place"], problem
         for text in case["says"]:
             assert text in problem.message, problem
 

@@ -1,7 +1,6 @@
-"""Targets with known draws: skewed, bent, cut off, of two humps; off the origin, scales unequal.
+"""Targets with known draws: skewed, bent, cut off, of two modes; off the origin, with unequal scales.
 
-Each turns its draws into independent uniform variables, so that a Kolmogorov-Smirnov test of them
-is exact.
+Each turns its draws into independent uniform variables, so that a Kolmogorov-Smirnov test is exact.
 """
 
 from __future__ import annotations
@@ -59,29 +58,27 @@ class Target:
     def inside(self, x: np.ndarray) -> np.ndarray:
         return np.ones(len(x), dtype=bool)
 
-    def hump(self, x: np.ndarray) -> np.ndarray:
-        """Of how many, from 0 on, each of `x (n, d)` is part: `(n,)`."""
+    def mode(self, x: np.ndarray) -> np.ndarray:
+        """Return the number of the mode, from 0 on, to which each of `x (n, d)` belongs: `(n,)`."""
         return np.zeros(len(x), dtype=int)
 
     def ridges(self, d: int) -> list[RidgeMap]:
-        """Two that bend one way and the other, where the target needs none."""
+        """Return two ridges that bend one way and the other; most targets need none."""
         base = self.unmix(self.draw(500, d, np.random.default_rng(7)))
-        lower = np.linalg.cholesky(np.cov(base.T))
-        whole = self.mixing(d) @ lower
+        columns = self.mixing(d) @ np.linalg.cholesky(np.cov(base.T))
         centre = self.mix(base.mean(axis=0)[None])[0]
-        return [waved(centre, size * whole, bend) for size, bend in ((1.0, 0.3), (1.7, -0.2))]
+        return [bent_ridge(centre, columns, 0.3), bent_ridge(centre, 1.7 * columns, -0.2)]
 
     def p_values(self, x: np.ndarray) -> np.ndarray:
-        """Kolmogorov-Smirnov of each independent variable, of a sum of all and of their squares.
-
-        What is true of all together no margin sees.
+        """Return p values of Kolmogorov-Smirnov tests of each independent variable, of their sum and of
+        the sum of their squares, which see what no margin does.
         """
         uniforms = self.uniforms(x)
         scores = ndtri(np.clip(uniforms, 1e-15, 1.0 - 1e-15))
         d = x.shape[1]
         tests = [*uniforms.T, ndtr(scores.sum(axis=1) / np.sqrt(d))]
         tests.append(scipy.stats.chi2(d).cdf((scores**2).sum(axis=1)))
-        return np.array([scipy.stats.kstest(one, "uniform").pvalue for one in tests])
+        return np.array([scipy.stats.kstest(sample, "uniform").pvalue for sample in tests])
 
 
 @dataclass(frozen=True)
@@ -102,42 +99,39 @@ class Skewed(Target):
 
 @dataclass(frozen=True)
 class Bent(Target):
-    """Log-gamma variables, and tight ones whose place and spread are curved functions of them.
+    """Loose log-gamma variables, and tight ones whose place and spread are curved functions of them."""
 
-    `ends`: of the loose variables, and below which standard deviation a tight one is cut off.
-    """
-
-    ends: tuple[float, float] = (-np.inf, np.inf)
-    least: float = -np.inf
+    ends: tuple[float, float] = (-np.inf, np.inf)  # of the loose variables
+    least: float = -np.inf  # standard deviation below which a tight one is cut off
     shape: ClassVar[float] = 3.0
     tightness: ClassVar[float] = 0.05
 
     def curve(self, psi: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Of `psi (W, l)`: place, spread, and what each of the n owes the one before: `(W, n)`."""
-        own = psi[:, np.arange(n) % psi.shape[1]]
-        place = np.cos(0.9 * own + np.arange(n)) + 0.3 * psi[:, :1] * own
-        spread = self.tightness * np.exp(0.8 * (own - 1.0))
-        owed = (0.5 + 0.3 * own) * np.roll(spread, 1, axis=1)
-        owed[:, 0] = 0.0
-        return place, spread, owed
+        """Return place, spread and dependence on the variable before, `(W, n)`, of `psi (W, l)`."""
+        loose = psi[:, np.arange(n) % psi.shape[1]]
+        place = np.cos(0.9 * loose + np.arange(n)) + 0.3 * psi[:, :1] * loose
+        spread = self.tightness * np.exp(0.8 * (loose - 1.0))
+        slope = (0.5 + 0.3 * loose) * np.roll(spread, 1, axis=1)
+        slope[:, 0] = 0.0
+        return place, spread, slope
 
     def parts(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The loose variables, the tight ones in standard deviations, and log det of their root."""
-        psi, tau = np.split(self.unmix(x), [loose(x.shape[1])], axis=1)
-        place, spread, owed = self.curve(np.clip(psi, -20.0, 20.0), tau.shape[1])
+        """Return loose variables, tight ones in standard deviations, and log det of their root."""
+        psi, tau = np.split(self.unmix(x), [count_loose(x.shape[1])], axis=1)
+        place, spread, slope = self.curve(np.clip(psi, -20.0, 20.0), tau.shape[1])
         e = (tau - place) / spread
         for j in range(1, e.shape[1]):
-            e[:, j] -= owed[:, j] / spread[:, j] * e[:, j - 1]
+            e[:, j] -= slope[:, j] / spread[:, j] * e[:, j - 1]
         return psi, e, np.log(spread).sum(axis=1)
 
     def draw(self, n: int, d: int, rng: np.random.Generator) -> np.ndarray:
         share = self._mass(np.array(self.ends))
-        psi = share[0] + rng.random((n, loose(d))) * (share[1] - share[0])
+        psi = share[0] + rng.random((n, count_loose(d))) * (share[1] - share[0])
         psi = np.log(scipy.special.gammaincinv(self.shape, psi))
         least = ndtr(self.least)
-        e = ndtri(least + (1.0 - least) * rng.random((n, d - loose(d))))
-        place, spread, owed = self.curve(psi, e.shape[1])
-        tau = place + spread * e + owed * np.roll(e, 1, axis=1)
+        e = ndtri(least + (1.0 - least) * rng.random((n, d - count_loose(d))))
+        place, spread, slope = self.curve(psi, e.shape[1])
+        tau = place + spread * e + slope * np.roll(e, 1, axis=1)
         return self.mix(np.concatenate([psi, tau], axis=1))
 
     def log_density(self, x: np.ndarray) -> np.ndarray:
@@ -156,17 +150,18 @@ class Bent(Target):
         return np.concatenate([along, (ndtr(e) - least) / (1.0 - least)], axis=1)
 
     def ridges(self, d: int) -> list[RidgeMap]:
-        """Its own, nearly, and once more in other units, as far as a lower degree goes."""
-        rng, n = np.random.default_rng(3), loose(d)
+        """Return nearly its own ridge, and a ridge of a lower degree in other units."""
+        rng, n = np.random.default_rng(3), count_loose(d)
         psi = np.log(rng.gamma(self.shape, size=(600, n)))
-        place, spread, owed = self.curve(psi, d - n)
+        place, spread, slope = self.curve(psi, d - n)
         root = spread[:, :, None] * np.eye(d - n)
-        root[:, range(1, d - n), range(d - n - 1)] = owed[:, 1:]
-        made = []
-        for size, degree in ((1.0, 6), (2.0, 4)):
-            base = ridge.local_basis(np.array(self.centre[:d]), size * self.mixing(d), n)
-            made.append(ridge.fit_ridge(base, psi / size, place / size, root / size, degree, 2))
-        return made
+        root[:, range(1, d - n), range(d - n - 1)] = slope[:, 1:]
+
+        def scaled(size: float, degree: int) -> RidgeMap:
+            basis = ridge.local_basis(np.array(self.centre[:d]), size * self.mixing(d), n)
+            return ridge.fit_ridge(basis, psi / size, place / size, root / size, degree, 2)
+
+        return [scaled(1.0, 6), scaled(2.0, 4)]
 
     def _within(self, psi: np.ndarray, e: np.ndarray) -> np.ndarray:
         ends = (psi > self.ends[0]) & (psi < self.ends[1])
@@ -203,50 +198,50 @@ class Boxed(Target):
 
 
 @dataclass(frozen=True)
-class Humps(Target):
-    """Two round humps, mixed: the first of weight 0.3, and the other twice as wide."""
+class TwoModes(Target):
+    """A mixture of two round normal distributions: the first of weight 0.3, the other twice as wide."""
 
     first: ClassVar[float] = 0.3
-    apart: ClassVar[float] = 16.0
+    distance: ClassVar[float] = 16.0
     wide: ClassVar[float] = 2.0
 
     def draw(self, n: int, d: int, rng: np.random.Generator) -> np.ndarray:
         second = rng.random(n) > self.first
         base = rng.standard_normal((n, d)) * np.where(second, self.wide, 1.0)[:, None]
-        base[:, 0] += self.apart * second
+        base[:, 0] += self.distance * second
         return self.mix(base)
 
     def log_density(self, x: np.ndarray) -> np.ndarray:
-        d, one = x.shape[1], self.unmix(x)
-        other = (one - self.apart * np.eye(d)[0]) / self.wide
-        log_two = np.log(1.0 - self.first) - d * np.log(self.wide) - 0.5 * (other**2).sum(axis=1)
-        return np.logaddexp(np.log(self.first) - 0.5 * (one**2).sum(axis=1), log_two)
+        d, base = x.shape[1], self.unmix(x)
+        other = (base - self.distance * np.eye(d)[0]) / self.wide
+        log_wide = np.log(1.0 - self.first) - d * np.log(self.wide) - 0.5 * (other**2).sum(axis=1)
+        return np.logaddexp(np.log(self.first) - 0.5 * (base**2).sum(axis=1), log_wide)
 
-    def hump(self, x: np.ndarray) -> np.ndarray:
-        return (self.unmix(x)[:, 0] > 0.4 * self.apart).astype(int)
+    def mode(self, x: np.ndarray) -> np.ndarray:
+        return (self.unmix(x)[:, 0] > 0.4 * self.distance).astype(int)
 
     def uniforms(self, x: np.ndarray) -> np.ndarray:
-        base, second = self.unmix(x), self.hump(x)
-        found = ndtr(base / np.where(second, self.wide, 1.0)[:, None])
-        high = ndtr((base[:, 0] - self.apart) / self.wide)
-        found[:, 0] = self.first * ndtr(base[:, 0]) + (1.0 - self.first) * high
-        return found
+        base, second = self.unmix(x), self.mode(x)
+        uniforms = ndtr(base / np.where(second, self.wide, 1.0)[:, None])
+        high = ndtr((base[:, 0] - self.distance) / self.wide)
+        uniforms[:, 0] = self.first * ndtr(base[:, 0]) + (1.0 - self.first) * high
+        return uniforms
 
     def ridges(self, d: int) -> list[RidgeMap]:
-        """One through each, neither of them straight."""
-        far = self.mix(self.apart * np.eye(d)[:1])[0]
-        whole = self.mixing(d)
-        return [waved(np.array(self.centre[:d]), whole, 0.2), waved(far, self.wide * whole, -0.2)]
+        """Return a ridge through each mode, neither of them straight."""
+        other, columns = self.mix(self.distance * np.eye(d)[:1])[0], self.mixing(d)
+        first = bent_ridge(np.array(self.centre[:d]), columns, 0.2)
+        return [first, bent_ridge(other, self.wide * columns, -0.2)]
 
 
-def loose(d: int) -> int:
-    """How many of `d` variables the tight ones follow."""
+def count_loose(d: int) -> int:
+    """Return how many of `d` variables the tight ones follow."""
     return (d + 1) // 3
 
 
-def waved(centre: np.ndarray, columns: np.ndarray, bend: float) -> RidgeMap:
-    """A ridge that bends in all its directions, and whose root changes along it."""
-    d, n = len(centre), loose(len(centre))
+def bent_ridge(centre: np.ndarray, columns: np.ndarray, bend: float) -> RidgeMap:
+    """Return a ridge that bends in all its directions, and whose root changes along it."""
+    d, n = len(centre), count_loose(len(centre))
     psi = np.random.default_rng(5).standard_normal((300, n))
     tau = bend * np.repeat((psi**2).sum(axis=1)[:, None], d - n, axis=1)
     root = np.exp(bend * psi.sum(axis=1))[:, None, None] * (
@@ -268,5 +263,5 @@ TARGETS = {
     "bent": Bent(),
     "cut": Bent(ends=(0.2, 1.5), least=-1.0),
     "boxed": Boxed(),
-    "humps": Humps(),
+    "two_modes": TwoModes(),
 }

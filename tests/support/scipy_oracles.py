@@ -1,7 +1,4 @@
-"""Independent answers that the tests believe, and the fixtures they share.
-
-Nothing here uses the package's own response, priors or noise: SciPy and plain loops only.
-"""
+"""Responses of the paper's rig by SciPy and plain loops, without any of the package's own."""
 
 from __future__ import annotations
 
@@ -33,7 +30,7 @@ def skewed() -> dict[str, float]:
 
 
 def matrices(p: dict[str, float], i_m: float = 1 / 8) -> tuple[np.ndarray, ...]:
-    """A (5, 5), columns of B for v and t_1, constant forcing; typed in from the equations of motion.
+    """Return A (5, 5), columns of B for v and t_1, and the constant, from the equations of motion.
 
     States theta_1, theta_2, w_1, w_2, i.  j_1 w_1' + k_s (theta_1 - theta_2) = -t_1;
     j_m w_2' - i_m^2 k_s (theta_1 - theta_2) - i_m k_T i + c_m w_2 = -i_m t_f;
@@ -56,7 +53,7 @@ def matrices(p: dict[str, float], i_m: float = 1 / 8) -> tuple[np.ndarray, ...]:
 
 
 def by_expm(p: dict[str, float], t: np.ndarray, x0: np.ndarray, v: float, t_1: float) -> np.ndarray:
-    """States (T, 5): one SciPy matrix exponential per sample."""
+    """Return states (T, 5) by a matrix exponential for each sample."""
     a, b_v, b_t, c = matrices(p)
     augmented = np.zeros((6, 6))
     augmented[:5, :5] = a
@@ -66,7 +63,7 @@ def by_expm(p: dict[str, float], t: np.ndarray, x0: np.ndarray, v: float, t_1: f
 
 
 def by_radau(p: dict[str, float], t: np.ndarray, x0: np.ndarray, inputs) -> np.ndarray:
-    """States (T, 5) by SciPy's Radau at rtol 1e-10, restarted at each sample.
+    """Return states (T, 5) by SciPy's Radau at rtol 1e-10, restarted at each sample.
 
     `inputs(s) -> (v, t_1)` may jump or bend at the samples; `t[0]` is the time of `x0`.
     """
@@ -76,17 +73,11 @@ def by_radau(p: dict[str, float], t: np.ndarray, x0: np.ndarray, inputs) -> np.n
         v, t_1 = inputs(s, middle)
         return a @ x + b_v * v + b_t * t_1 + c
 
-    out = [x0]
-    for begin, end in itertools.pairwise(t):
+    out, tolerances = [x0], {"rtol": 1e-10, "atol": 1e-12}
+    for step in itertools.pairwise(t):
+        middle = (0.5 * sum(step),)
         solved = scipy.integrate.solve_ivp(
-            rate,
-            (begin, end),
-            out[-1],
-            method="Radau",
-            rtol=1e-10,
-            atol=1e-12,
-            jac=a,
-            args=(0.5 * (begin + end),),
+            rate, step, out[-1], method="Radau", jac=a, args=middle, **tolerances
         )
         out.append(solved.y[:, -1])
     return np.array(out)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import islice
 from typing import Any
@@ -28,13 +28,13 @@ from bayesdrill.rig.simulators.exact import Response
 STATES = ("theta_1", "theta_2", "w_1", "w_2", "i")
 
 
-class Held(MotorShaft):
-    """A rig that its angles hold, but where j_m and j_1 are alike: its shaft pulls unevenly."""
+class UnevenShaft(MotorShaft):
+    """A rig with j_m in the place of j_1 in one element of A: its shaft pulls unevenly."""
 
     def linear(self, p: Named) -> Linear:
-        right = super().linear(p)
-        pull = right.A["w_2", "theta_1"] * p["j_m"] / p["j_1"]
-        return Linear(A={**right.A, ("w_2", "theta_1"): pull}, B=right.B, c=right.c)
+        linear = super().linear(p)
+        pull = linear.A["w_2", "theta_1"] * p["j_m"] / p["j_1"]
+        return Linear(A={**linear.A, ("w_2", "theta_1"): pull}, B=linear.B, c=linear.c)
 
 
 def experiment(
@@ -50,7 +50,7 @@ def experiment(
     measures: dict[str, dict[str, float]] | None = None,
     y: np.ndarray | None = None,
 ) -> Experiment:
-    """Zero data on every state unless told otherwise."""
+    """Return an experiment whose data are zero on every state, unless arguments say otherwise."""
     weights = measures or {name: {name: 1.0} for name in STATES}
     channels = tuple(
         Channel(name=name, weights=w, unit="rad", latex=name, latex_unit="rad")
@@ -72,12 +72,11 @@ def vector(p: dict[str, float]) -> np.ndarray:
     return np.array([p[name] for name in ORDER])
 
 
-def measured(sigma: np.ndarray, n: int = 301, dt: float = 0.01, seed: int = 5) -> Experiment:
-    """Four channels of the nominal rig after an 8 V step, with noise `sigma (4,)`."""
+def noisy_step(sigma: np.ndarray, n: int = 301, dt: float = 0.01, seed: int = 5) -> Experiment:
+    """Simulate four channels of the nominal rig after an 8 V step, with noise `sigma (4,)`."""
     four = {name: {name: 1.0} for name in STATES[:4]}
-    clean = Response(MotorShaft(), experiment(n, dt, measures=four)).signals(vector(NOMINAL)[None])[
-        0
-    ]
+    response = Response(MotorShaft(), experiment(n, dt, measures=four))
+    (clean,) = response.signals(vector(NOMINAL)[None])
     noise = np.random.default_rng(seed).standard_normal(clean.shape) * sigma
     return experiment(n, dt, measures=four, y=clean + noise)
 
@@ -91,40 +90,26 @@ def posterior(
     logs: bool | None = None,
     response: Response | None = None,
 ) -> Posterior:
-    """`sigma` None: unknown, one per channel, uniform from 0.01 to 1; `response`: compiled already.
+    """Return that of the nominal rig with white noise, where `sigma` None is unknown in each channel.
 
-    `logs`: whether the coordinates of all unknowns are their logs; None: as the priors have it.
+    `logs` says whether the coordinates of all unknowns are their logs; None leaves that to the priors.
+    `response` is one that is compiled already.
     """
-    chosen: dict[str, Prior] = {
-        name: Uniform(0.5 * NOMINAL[name], 1.5 * NOMINAL[name]) for name in free
-    }
+    chosen: dict[str, Prior] = {n: Uniform(0.5 * NOMINAL[n], 1.5 * NOMINAL[n]) for n in free}
     chosen |= priors or {}
-    scatter = White.from_channels(
-        [
-            NoisyChannel(
-                channel=channel,
-                sigma=chosen.pop(f"sigma_{channel.name}", Uniform(0.01, 1.0))
-                if sigma is None
-                else float(sigma[k]),
-                start=0.1,
-            )
-            for k, channel in enumerate(record.channels)
-        ],
-        len(record.t),
-    )
+    levels: list[Prior | float] = [
+        chosen.pop(f"sigma_{channel.name}", Uniform(0.01, 1.0))
+        if sigma is None
+        else float(sigma[k])
+        for k, channel in enumerate(record.channels)
+    ]
     transform: Transform | None = None if logs is None else "log" if logs else "plain"
     unknowns = [unknown(name, prior, transform) for name, prior in chosen.items()]
-    space = ParameterSpace(
-        model=ORDER,
-        unknowns=(*unknowns, *(replace(one, transform=transform) for one in scatter.unknowns)),
-        fixed={name: NOMINAL[name] for name in ORDER if name not in free},
-    )
+    noise = _white(record, levels, [0.1] * len(levels))
+    unknowns += [replace(level, transform=transform) for level in noise.unknowns]
+    fixed = {name: NOMINAL[name] for name in ORDER if name not in free}
     simulator = response or Response(MotorShaft(), record)
-    return Posterior(
-        space=space,
-        likelihood=likelihood_of(space, (simulator, scatter)),
-        coordinates=space.coordinates,
-    )
+    return _assemble(ORDER, unknowns, fixed, simulator, noise)
 
 
 def posterior_of(
@@ -133,62 +118,76 @@ def posterior_of(
     priors: Mapping[str, Prior],
     values: Mapping[str, float],
 ) -> Posterior:
-    """Of white noise of known `sigma`; parameters without a prior are held at their `values`."""
-    record, names = simulator.experiment, simulator.parameters
+    """Return that of white noise of known `sigma`; parameters without a prior keep their `values`."""
+    names, levels = simulator.parameters, [float(sd) for sd in sigma]
+    unknowns = [replace(unknown(name, p), start=values[name]) for name, p in priors.items()]
+    fixed = {name: float(values[name]) for name in names if name not in priors}
+    noise = _white(simulator.experiment, levels, levels)
+    return _assemble(names, unknowns, fixed, simulator, noise)
+
+
+def _white(record: Experiment, sigma: Sequence[Prior | float], starts: Sequence[float]) -> White:
     noisy = [
-        NoisyChannel(channel=channel, sigma=float(sd), start=float(sd))
-        for channel, sd in zip(record.channels, sigma, strict=True)
+        NoisyChannel(channel=channel, sigma=level, start=start)
+        for channel, level, start in zip(record.channels, sigma, starts, strict=True)
     ]
-    space = ParameterSpace(
-        model=names,
-        unknowns=tuple(replace(unknown(n, p), start=values[n]) for n, p in priors.items()),
-        fixed={name: float(values[name]) for name in names if name not in priors},
-    )
-    likelihood = likelihood_of(space, (simulator, White.from_channels(noisy, len(record.t))))
+    return White.from_channels(noisy, len(record.t))
+
+
+def _assemble(
+    model: tuple[str, ...],
+    unknowns: list[Unknown],
+    fixed: dict[str, float],
+    simulator: Simulator,
+    noise: Noise,
+) -> Posterior:
+    space = ParameterSpace(model=model, unknowns=tuple(unknowns), fixed=fixed)
+    likelihood = likelihood_of(space, (simulator, noise))
     return Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates)
 
 
 def unknown(name: str, prior: Prior, transform: Transform | None = None) -> Unknown:
-    """A parameter of the rig, or else a quantity."""
+    """Return a parameter of the rig if there is one of that name, and else a quantity."""
     if name in PARAMETERS:
         symbol, start = PARAMETERS[name], NOMINAL.get(name, 1.0)
         return Unknown(symbol=symbol, role="rig", prior=prior, start=start, transform=transform)
-    begin = float(prior.quantile(np.array([0.5]))[0])
+    start = float(prior.quantile(np.array([0.5]))[0])
     symbol = own_symbol(name, "1", None, name)
-    return Unknown(symbol=symbol, role="quantity", prior=prior, start=begin, transform=transform)
+    return Unknown(symbol=symbol, role="quantity", prior=prior, start=start, transform=transform)
 
 
-def starting(target: Posterior, start: Mapping[str, float]) -> Posterior:
-    """The same, where searches for the MAP begin elsewhere."""
-    changed = (replace(u, start=start.get(u.name, u.start)) for u in target.space.unknowns)
-    return replace(target, space=replace(target.space, unknowns=tuple(changed)))
+def with_start(target: Posterior, start: Mapping[str, float]) -> Posterior:
+    """Return the same posterior, where searches for the MAP begin elsewhere."""
+    unknowns = (replace(u, start=start.get(u.name, u.start)) for u in target.space.unknowns)
+    return replace(target, space=replace(target.space, unknowns=tuple(unknowns)))
 
 
 def with_priors(space: ParameterSpace, priors: Mapping[str, Prior]) -> ParameterSpace:
-    """The same unknowns with other priors of some."""
-    changed = (replace(u, prior=priors.get(u.name, u.prior)) for u in space.unknowns)
-    return replace(space, unknowns=tuple(changed))
+    """Return the same unknowns with other priors of some."""
+    unknowns = (replace(u, prior=priors.get(u.name, u.prior)) for u in space.unknowns)
+    return replace(space, unknowns=tuple(unknowns))
 
 
-def near(posterior: Posterior, theta: np.ndarray, n: int, rng: np.random.Generator) -> np.ndarray:
-    """`(n, D)` points of finite posterior around `theta (D,)`, in the sampler's coordinates."""
+def points_near(
+    posterior: Posterior, theta: np.ndarray, n: int, rng: np.random.Generator
+) -> np.ndarray:
+    """Return `(n, D)` points of finite density around `theta (D,)`, in the sampler's coordinates."""
     centre = posterior.coordinates.from_physical(theta[None])[0]
-    steps = laplace.matrix_root(laplace.covariance(posterior, theta))
-    kept = np.empty((0, len(theta)))
-    while len(kept) < n:
-        z = centre + rng.standard_normal((n, len(theta))) @ steps.T
-        kept = np.concatenate([kept, z[np.isfinite(posterior(z))]])
-    return kept[:n]
+    root = laplace.matrix_root(laplace.covariance(posterior, theta))
+    points = np.empty((0, len(theta)))
+    while len(points) < n:
+        z = centre + rng.standard_normal((n, len(theta))) @ root.T
+        points = np.concatenate([points, z[np.isfinite(posterior(z))]])
+    return points[:n]
 
 
 def replace_only(likelihood: Likelihood, **changes: Any) -> Likelihood:
-    """With another `response` or `noise` of the only observation."""
-    changed = replace(likelihood.only_observation, **changes)
-    return replace(likelihood, observations=(changed,))
+    """Return it with another `response` or `noise` of the only observation."""
+    return replace(likelihood, observations=(replace(likelihood.only_observation, **changes),))
 
 
 def likelihood_of(space: ParameterSpace, *pairs: tuple[Simulator, Noise]) -> Likelihood:
-    """Of simulators with their noises, whose unknowns stand in `space` in this order."""
+    """Return that of simulators with noises whose unknowns stand in `space` in this order."""
     levels = iter([space.free[column] for column in space.columns("noise")])
     parts = [
         Observation(

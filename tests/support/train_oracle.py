@@ -1,9 +1,8 @@
-"""Drive trains integrated by other code than ours, from masses, springs and gears typed in anew.
+"""Drive trains integrated by SciPy, from masses, springs and gears that are typed in anew.
 
-All angles are T times those of the free coordinates.  Then T' J T is the mass matrix, and what acts
-at each inertia acts on a coordinate by T'.  Dry friction is integrated from event to event: a
-coordinate slips with the sign of its speed until that is zero, and sticks until what it has to hold
-is more than its friction.
+All angles are T times those of the free coordinates.  Then T' J T is the mass matrix, and a torque at
+an inertia acts on the coordinates by T'.  Dry friction is integrated from event to event: a coordinate
+slips with the sign of its speed until that is zero, and sticks up to its friction.
 """
 
 from __future__ import annotations
@@ -21,19 +20,19 @@ Spring = tuple[int, int | None, float, float]  # ends, stiffness, damping
 
 
 def springs(train: Train, p: dict[str, float]) -> list[Spring]:
-    """Those of a train's shafts; an end at the ground stands last."""
+    """Return those of a train's shafts; an end at the ground stands last, as None."""
     place = {name: k for k, name in enumerate(train.inertias)}
-    found = list[Spring]()
+    out = list[Spring]()
     for shaft in train.shafts:
         first, *second = (place[end] for end in shaft.ends if end in place)
         numbers = p[f"k_{shaft.name}"], p.get(f"c_{shaft.name}", 0.0)
-        found.append((first, second[0] if second else None, *numbers))
-    return found
+        out.append((first, second[0] if second else None, *numbers))
+    return out
 
 
 @dataclass
 class Oracle:
-    """`ratios`: how far each inertia turns for one turn of its coordinate, `(n, q)` as T."""
+    """A train of n inertias on q coordinates, of which each inertia turns by `ratios (n, q)`, as T."""
 
     inertias: np.ndarray
     ratios: np.ndarray
@@ -60,13 +59,13 @@ class Oracle:
         self.q = q
 
     def force(self, t: float, angle: np.ndarray, speed: np.ndarray) -> np.ndarray:
-        """All that acts on coordinates, but dry friction."""
+        """Return all that acts on coordinates, without dry friction."""
         gravity = self.weights * np.sin(self.ratios @ angle + self.tilts)
         pushed = self.ratios.T @ (self.push(t) - gravity)
         return pushed - self.k @ angle - self.c @ speed
 
     def solve(self, times: np.ndarray, start: np.ndarray) -> np.ndarray:
-        """States (angles, speeds) at `times`, between which the push is constant."""
+        """Return states (angles, speeds) at `times`, between which the push is constant."""
         states = [start]
         for begin, end in itertools.pairwise(times):
             states.append(self._between(begin, end, states[-1]))
@@ -75,6 +74,17 @@ class Oracle:
     def _between(self, begin: float, end: float, state: np.ndarray) -> np.ndarray:
         middle = 0.5 * (begin + end)
         now = begin
+
+        def changes(k: int, sign: float) -> Callable[[float, np.ndarray], float]:
+            """Return the event at which a coordinate that slips with `sign` stops, or begins to."""
+
+            def event(_: float, x: np.ndarray) -> float:
+                held = self.force(middle, x[: self.q], x[self.q :])[k]
+                return x[self.q + k] if sign else abs(held) - self.sliding[k]
+
+            event.direction, event.terminal = -sign or 1.0, True
+            return event
+
         while now < end - 1e-14:
             signs = self._signs(middle, state)
 
@@ -87,23 +97,7 @@ class Oracle:
                 moved[free] = np.linalg.solve(self.mass[inside], force[free])
                 return np.concatenate([np.where(free, speed, 0.0), moved])
 
-            events = []
-            for k in np.flatnonzero(self.sliding > 0):
-                if signs[k]:
-
-                    def turns(_: float, x: np.ndarray, k: int = k) -> float:
-                        return x[self.q + k]
-
-                    turns.direction = -signs[k]
-                else:
-
-                    def turns(_: float, x: np.ndarray, k: int = k, signs=signs) -> float:
-                        held = self.force(middle, x[: self.q], x[self.q :])[k]
-                        return abs(held) - self.sliding[k]
-
-                    turns.direction = 1.0
-                turns.terminal = True
-                events.append(turns)
+            events = [changes(k, signs[k]) for k in np.flatnonzero(self.sliding > 0)]
             solved = scipy.integrate.solve_ivp(
                 rate, (now, end), state, method="DOP853", rtol=1e-11, atol=1e-13, events=events
             )
@@ -114,7 +108,7 @@ class Oracle:
         return state
 
     def _signs(self, t: float, state: np.ndarray) -> np.ndarray:
-        """How each coordinate slips: by its speed, or from rest by what it cannot hold."""
+        """Return how each coordinate slips: by its speed, or from rest by what it cannot hold."""
         angle, speed = state[: self.q], state[self.q :]
         force = self.force(t, angle, speed)
         held = np.abs(force) < self.sliding * (1 - 1e-12)

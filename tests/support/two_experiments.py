@@ -6,6 +6,8 @@ import functools
 import tempfile
 from pathlib import Path
 
+from support.command_line import replaced
+
 from bayesdrill.config import loading
 from bayesdrill.config.job import Job, prepare
 from bayesdrill.config.records import simulation
@@ -90,31 +92,29 @@ simulation: {duration: 2.5, rate: 40, sigma: {twist: 0.4, w_2: 0.6},
 
 @functools.cache
 def records(text: str) -> dict[str, str]:
-    """By file name, what `simulate` makes of the config `text`, once."""
+    """Return what `simulate` makes of the config `text`, once, by the names of files."""
     case = loading.validate(parse(Path("all.yaml"), text))
-    made = simulation.simulate_all(case, case.config.seed)
-    return {path.name: record for path, record in made.items()}
+    simulated = simulation.simulate_all(case, case.config.seed)
+    return {path.name: record for path, record in simulated.items()}
 
 
 def write(folder: Path, *changes: tuple[str, str], text: str = PAIR) -> Path:
-    """A config with the records of `text`, changed by replacements of what stands in it once."""
+    """Write the config `text` with each text replaced that stands in it once, and its records."""
     for name, record in records(text).items():
         (folder / name).write_text(record, encoding="utf-8")
-    for old, new in changes:
-        assert text.count(old) == 1, f"{old!r} stands {text.count(old)} times in the config"
-        text = text.replace(old, new)
-    (folder / "all.yaml").write_text(text, encoding="utf-8")
+    (folder / "all.yaml").write_text(replaced(text, *changes), encoding="utf-8")
     return folder / "all.yaml"
 
 
 @functools.cache
-def rich() -> Job:
-    """With samples missing in the twist of the first experiment."""
-    with tempfile.TemporaryDirectory() as place:
-        config = write(Path(place), text=RICH)
-        lines = (config.parent / "late.csv").read_text().splitlines()
+def rich_job() -> Job:
+    """Return the job of `RICH`, with samples missing in the twist of the first experiment."""
+    with tempfile.TemporaryDirectory() as folder:
+        config = write(Path(folder), text=RICH)
+        record = config.parent / "late.csv"
+        lines = record.read_text().splitlines()
         for row in (12, 13, 14, 40):
             t, _, w = lines[row].split(",")
             lines[row] = f"{t},,{w}"
-        (config.parent / "late.csv").write_text("\n".join(lines) + "\n")
+        record.write_text("\n".join(lines) + "\n")
         return prepare(config)

@@ -1,0 +1,203 @@
+"""Every figure of a run is drawn in each width, with words on its axes and in the units of the user.
+
+Nothing overlaps, warnings are on it, and its files are known.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import pickle
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from support.case_tables import run_cases
+from support.figure_checks import clashes, drawn
+from support.scipy_oracles import NOMINAL
+
+import bayesdrill as bd
+from bayesdrill import output_files
+from bayesdrill.output_files import POSTERIOR
+from bayesdrill.report.publish import FIGURES, drawings
+from bayesdrill.report.scales import WIDTHS
+from bayesdrill.report.view import ReportContext
+
+# The drawing of a rig is of trains alone: tests/report/test_rig_drawing.py.
+DRAWN = [name for name in FIGURES if name != "rig"]
+OWN = [name for name in DRAWN if not name.startswith("toy_")]
+T = np.linspace(0.0, 4.0, 161)
+BOX = {"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}
+FAST = {"ensembles": 4, "walkers": 16, "r_hat": 1.1, "n_tau": 5, "ess": 100}
+
+
+@cache
+def run() -> bd.Run:
+    """Sample a rig that rubs and has one symmetry left, so that every figure has something to show."""
+    exact = bd.respond("motor_shaft", {**NOMINAL, "t_cm": 0.02}, T, {"v": 6.0}, "w_2")["w_2"]
+    noise = 0.1 * np.random.default_rng(6).standard_normal(len(T))
+    parameters = {**dict.fromkeys(NOMINAL, "nominal"), "t_cm": 0.02}
+    case = bd.case(
+        T,
+        channels={"w_2": bd.Channel(exact + noise, "rad/s", 0.1)},
+        inputs={"v": 6.0},
+        parameters=parameters | dict.fromkeys(("r_m", "k_T", "l_m"), BOX),
+        sampler=FAST,
+        seed=3,
+    )
+    return case.sample()
+
+
+OTHER_UNITS = """
+name: other_units
+seed: 5
+record:
+  file: other_units.csv
+  time: {column: t, unit: ms}
+  channels:
+    twist:
+      column: twist
+      unit: deg
+      measures: theta_1 - theta_2
+      sigma: {prior: log_uniform, low: 0.05, high: 50}
+    motor: {column: motor, unit: rpm, measures: 8 * w_2, sigma: 5}
+inputs:
+  v: {column: v, unit: mV, hold: zero}
+  t_1: {value: 20, unit: mN*m}
+parameters:
+  {j_m: nominal, c_m: nominal, k_e: nominal, k_T: nominal, r_m: nominal, l_m: nominal, j_1: nominal,
+  t_f: 1.0e-3, t_cm: 0.02, k_s: {prior: uniform, low: 0.1, high: 0.5}}
+sampler: {ensembles: 4, walkers: 16, r_hat: 1.1, n_tau: 5, ess: 100}
+"""
+TORQUE = "missing_torque: {at: rotor_1, size: 0.02, time: 0.5}\n"
+
+
+@cache
+def run_in_other_units(*, missing_torque: bool = False) -> bd.Run:
+    """Sample with time in ms, a twist in degrees, a speed in rpm, a voltage in mV that goes both ways.
+
+    `missing_torque`: without friction, by a load of which the config knows the mean, and that torque.
+    """
+    v = np.where(np.arange(len(T)) // 40 % 2 == 0, 6.0, -6.0)
+    truth = {**NOMINAL, "t_f": 1e-3, "k_s": 0.29} | ({} if missing_torque else {"t_cm": 0.02})
+    inputs = {"v": v, "t_1": 0.02 * (1 + missing_torque * np.sin(3.7 * T))}
+    exact = bd.respond("motor_shaft", truth, T, inputs, ["theta_1", "theta_2", "w_2"])
+    rng = np.random.default_rng(6)
+    twist = np.rad2deg(exact["theta_1"] - exact["theta_2"]) + 2.0 * rng.standard_normal(len(T))
+    motor = 8 * exact["w_2"] * 30 / np.pi + 5.0 * rng.standard_normal(len(T))
+    table = np.stack([1e3 * T, twist, motor, 1e3 * v], axis=-1)
+    text = OTHER_UNITS.replace(" t_cm: 0.02,", "") + TORQUE if missing_torque else OTHER_UNITS
+    with TemporaryDirectory() as folder:
+        record, config = Path(folder) / "other_units.csv", Path(folder) / "other_units.yaml"
+        np.savetxt(record, table, delimiter=",", header="t,twist,motor,v", comments="")
+        config.write_text(text)
+        return bd.load(config).sample()
+
+
+def with_output(view: ReportContext, **entries: object) -> ReportContext:
+    output = view.config.output.model_copy(update=entries)
+    return dataclasses.replace(view, config=view.config.model_copy(update={"output": output}))
+
+
+def view_with(name: str, of: bd.Run) -> ReportContext:
+    """Return the view of a run that has what a figure shows: `of`, or one with a missing torque.
+
+    A figure that is drawn on request is asked for.
+    """
+    torque = name in ("torque", "frequency_response")
+    return with_output(
+        (run_in_other_units(missing_torque=True) if torque else of)._view, figures=[name]
+    )
+
+
+def figure_of(name: str, view: ReportContext) -> Figure:
+    (drawing,) = drawings(name, view).values()
+    return drawn(pickle.loads(pickle.dumps(drawing)).drawn())  # as a worker gets it
+
+
+@cache
+def figure_of_run(name: str, size: str) -> Figure:
+    return figure_of(name, with_output(view_with(name, run()), size=size))
+
+
+def labels(figure: Figure) -> str:
+    return " ".join(axes.get_xlabel() + axes.get_ylabel() for axes in figure.axes)
+
+
+@run_cases("name", DRAWN)
+def test_it_is_drawn_and_has_words_on_its_axes(name: str) -> None:
+    figure = figure_of_run(name, view_with(name, run()).config.output.size)
+    assert figure.axes
+    assert labels(figure)
+    for end in output_files.FORMATS:
+        assert POSTERIOR.is_output(f"{output_files.FIGURES}/{name}.{end}")
+
+
+@run_cases("size", WIDTHS)
+@run_cases("name", OWN)
+def test_it_is_as_wide_as_the_config_says_and_nothing_overlaps(name: str, size: str) -> None:
+    figure = figure_of_run(name, size)
+    assert list(clashes(figure)) == []
+    assert figure.get_figwidth() <= WIDTHS[size]
+
+
+@run_cases("size", WIDTHS)
+@run_cases("name", [name for name in OWN if name != "ridge"])
+def test_it_has_the_units_of_the_user(name: str, size: str) -> None:
+    """Those of the record and of its noise; this run has no symmetry, hence no ridge."""
+    figure = figure_of(name, with_output(view_with(name, run_in_other_units()), size=size))
+    assert list(clashes(figure)) == []
+    text = labels(figure)
+    assert r"\mathrm{rad}" not in text
+    if name in ("corner", "trace", "prior_posterior"):
+        assert r"\sigma_{\mathrm{twist}}$" in text
+        assert r"\mathrm{deg}" in text
+    if name == "frequency_response":
+        assert r"\mathrm{rpm/mV}" in text
+    if name == "fit":
+        for unit in ("deg", "rpm", "ms", "mV"):
+            assert rf"\mathrm{{{unit}}}" in text, unit
+        (line,) = figure.texts
+        assert r"$t_1 = 20\,\mathrm{mN\,m}$" in line.get_text()
+
+
+def test_numbers_in_the_units_of_the_user_are_those_of_the_record() -> None:
+    """Data, noise, inputs, draws and priors are all converted."""
+    view = run_in_other_units()._view
+    (drawing,) = drawings("fit", view).values()
+    fit, _ = drawing.arguments
+    assert fit.t[-1] == pytest.approx(4000.0)
+    twist, motor = fit.signals
+    assert np.std(twist.y - twist.model) == pytest.approx(2.0, rel=0.2)
+    assert np.std(motor.y - motor.model) == pytest.approx(5.0, rel=0.2)
+    assert (twist.sigma, motor.sigma) == pytest.approx((2.0, 5.0), rel=0.2)
+    assert np.ptp(twist.predictive - twist.model) > 4
+    matlab = 1 - np.linalg.norm(twist.y - twist.model) / np.linalg.norm(twist.y - twist.y.mean())
+    assert 1 - twist.share == pytest.approx(matlab, rel=1e-6)  # of `compare`
+    (course,) = fit.courses
+    assert sorted({*course.values}) == [-6000.0, 6000.0]
+    shown = view.shown(["sigma_twist"])
+    assert np.median(shown.select(view.draws)) == pytest.approx(2.0, rel=0.2)
+    prior = shown.priors["sigma_twist"]
+    assert (prior.low, prior.high) == pytest.approx((0.05, 50.0))
+    assert shown.mode["sigma_twist"] == pytest.approx(twist.sigma)
+
+
+@run_cases("name", ["corner", "trace", "prior_posterior"])
+def test_its_parameters_are_those_that_the_config_names(name: str) -> None:
+    view = with_output(run_in_other_units()._view, parameters=["sigma_twist"])
+    (panel,) = figure_of(name, view).axes
+    assert "twist" in panel.get_xlabel() + panel.get_ylabel()
+
+
+@run_cases("name", ["corner", "fit", "trace"])
+def test_in_a_notebook_it_carries_its_warning(name: str) -> None:
+    good = run_in_other_units()
+    assert not any("NOT" in text.get_text() for text in good.plot(name).texts)
+    bad = dataclasses.replace(good.sampled.convergence, reasons=("too short",))
+    unconverged = dataclasses.replace(good.sampled, convergence=bad)
+    figure = drawn(dataclasses.replace(good, sampled=unconverged).plot(name))
+    assert any(text.get_text() == "NOT CONVERGED" for text in figure.texts)
+    assert list(clashes(figure)) == []
