@@ -13,8 +13,10 @@ BROWSER_READY := .venv-browser/.ready
 DOCS := .venv-docs/bin
 DOCS_READY := .venv-docs/.ready
 SITE := build/docs
-# No test of these compiles a kernel for long.
-FAST := tests/basics tests/record $(addprefix tests/contracts/test_,architecture.py contracts.py formats.py mutants.py pointers.py words.py)
+# Contracts of the code and units that compile no new kernel.
+FAST := tests/basics tests/record \
+  $(addprefix tests/contracts/test_,architecture.py contracts.py formats.py mutants.py pointers.py words.py) \
+  $(addprefix tests/config/test_,config.py inputs.py reading.py relations.py)
 
 .PHONY: help posterior paper docs test test-fast test-slow check format bench bench-growth zoo modes causes real baseline mutants attack rates pages results schema dist clean
 
@@ -25,7 +27,7 @@ help:
 	@echo "make results     what results/published holds, made anew from every config (5 minutes)"
 	@echo "make docs        the site of docs/, its notebooks run: build/docs/index.html (2 minutes, in .venv-docs)"
 	@echo "make test        the tests, about 6 minutes; the slowest twenty are listed at the end"
-	@echo "make test-fast   contracts and units that compile nothing, under a minute"
+	@echo "make test-fast   contracts and units that compile no kernel, under a minute"
 	@echo "make test-slow   longer proofs"
 	@echo "make check       format, lint, types and tests"
 	@echo "make format      put the code into the project's format"

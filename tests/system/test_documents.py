@@ -229,6 +229,14 @@ def test_make_alone_prints_its_targets() -> None:
         assert target == "help" or f"make {target}" in done.stdout, target
 
 
+def test_the_fast_tests_are_there() -> None:
+    command = ["make", "-n", "-o", ".venv/.ready", "test-fast"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    paths = re.findall(r"tests/\S+", done.stdout)
+    assert len(paths) > 5
+    assert all((ROOT / path).exists() for path in paths), paths
+
+
 # --- configs and other blocks --------------------------------------------------------------------
 
 
