@@ -203,7 +203,7 @@ HELD = [(J_1, "  j_1: nominal"), ("k_s: nominal", "k_s: {prior: normal, mean: 0.
 CHANGES = {
     "plain": [],
     "at_nominal": [("k_e: {prior: uniform, low: 0.5", "k_e: {prior: uniform, low: 1.0")],
-    "rubs": [("t_f: nominal", "t_f: nominal\n  t_c1: {prior: uniform, low: 0.01, high: 1}")],
+    "rubs": [(J_1, "  j_1: nominal\n  t_c1: {prior: uniform, low: 1.0e-4, high: 1}")],
     "seeded": [("seed: 7", "seed: 8")],
     "held": HELD,
     "short": [("max_steps: 500", "max_steps: 100"), ("ess: 100", "ess: 100000")],
