@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from scipy.io import loadmat
 from scipy.optimize import least_squares
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.command_line import cli
 from support.document_blocks import DOCS, ROOT, files
-from support.small_problems import near
+from support.small_problems import points_near
 from support.unexplained_records import causes_of
 
 import bayesdrill as bd
@@ -341,7 +341,7 @@ HELD_INERTIA = ("J_M", "nominal")
 
 @pytest.mark.slow
 @simulated
-@together("name", ["square", "sweep", "slow"])
+@run_cases("name", ["square", "sweep", "slow"])
 def test_the_offset_of_the_supply_and_both_frictions_are_named(name: str, tmp_path: Path) -> None:
     """Rotor 1 has a friction of 12e-3 N m at rest, and 6e-3 N m in motion."""
     changes = (WHOLE_RECORD, UNKNOWN_INERTIA)
@@ -367,7 +367,7 @@ def test_a_missing_torque_stands_in_for_all_frictions_of_a_servo(tmp_path: Path)
 
 @pytest.mark.slow
 @simulated
-@together("changes", [(), (WHOLE_RECORD,)], ids=["4 s", "all"])
+@run_cases("changes", [(), (WHOLE_RECORD,)], ids=["4 s", "all"])
 def test_the_missing_torque_of_a_servo_is_its_friction(
     changes: tuple[tuple[str, str], ...], tmp_path: Path
 ) -> None:
@@ -382,7 +382,7 @@ def test_the_missing_torque_of_a_servo_is_its_friction(
     values = case.find_map(processes=1).mode.values
     assert values["k_s"] / values["j_1"] == pytest.approx(0.9 / 2.4e-3, rel=0.03)
     rng = seeds.stream(7, "torque")
-    drawn = near(posterior, posterior.space.vector(values), 50, rng)
+    drawn = points_near(posterior, posterior.space.vector(values), 50, rng)
     estimate = torque_estimates(posterior, posterior.coordinates.to_physical(drawn), rng)[0]
     first = regress_torque(estimate)[0]
     assert (first.kind, first.of, first.taken) == ("sign", "w_2", True)

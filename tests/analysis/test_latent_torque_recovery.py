@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.command_line import replace_text
-from support.small_problems import near
+from support.small_problems import points_near
 
 import bayesdrill as bd
 from bayesdrill.analysis.latent_torque import regress_torque, torque_estimates
@@ -61,14 +61,14 @@ def rubbing(folder: Path, seed: int) -> Path:
 
 
 @pytest.mark.slow
-@together("seed", [1, 2])
+@run_cases("seed", [1, 2])
 def test_the_missing_torque_of_a_rubbing_rig_is_its_friction(seed: int, tmp_path: Path) -> None:
     """The law is within the band, the parameters within four sds, the friction within 15 %."""
     case = bd.load(rubbing(tmp_path, seed))
     posterior = case.job.problem.posterior
     mode = posterior.space.vector(case.find_map(processes=1).mode.values)
     rng = seeds.stream(7, "torque")
-    theta = posterior.coordinates.to_physical(near(posterior, mode, 200, rng))
+    theta = posterior.coordinates.to_physical(points_near(posterior, mode, 200, rng))
     estimate = torque_estimates(posterior, theta, rng)[0]
     for k, name in enumerate(TRUTH):
         assert posterior.space.free[k] == name

@@ -17,7 +17,7 @@ import pytest
 from ruamel.yaml import YAML
 from scipy.io import savemat
 from support import command_line, forked_command
-from support.case_tables import together
+from support.case_tables import run_cases
 
 K_E = "k_e: {prior: uniform, low: 0.5, high: 1.5, relative: true}"
 J_1 = "j_1: {prior: uniform, low: 0.5, high: 1.5, relative: true}"
@@ -156,7 +156,7 @@ def make(folder: Path, case: dict[str, Any]) -> None:
     if "mat" in case:
         changes.append(("file: small.csv", "file: small.mat"))
         changes += [(f"{{column: {x},", f"{{variable: {x},") for x in ("t", "theta_1", "w_1")]
-    command_line.small(folder, *changes)
+    command_line.small_config(folder, *changes)
     for name in SPOIL.keys() & case.keys():
         SPOIL[name](folder, case[name])
 
@@ -175,7 +175,7 @@ def label(folder: Path, at: str | None) -> str:
     return f"small.yaml:{numbers[0]}:"
 
 
-def assert_a_message(result: command_line.Ran) -> None:
+def assert_a_message(result: command_line.CommandResult) -> None:
     """Status 2, and on stderr what fits one screen; nothing on stdout."""
     assert result.status == 2, result.text
     assert result.out == ""
@@ -208,7 +208,7 @@ def test_the_cases_are_many_and_named_once() -> None:
 
 
 def test_the_good_experiment_passes(here: Path) -> None:
-    command_line.small(here)
+    command_line.small_config(here)
     before = command_line.listing(here)
     result = command_line.cli("check", "small.yaml")
     assert (result.status, result.err) == (0, "")
@@ -216,7 +216,7 @@ def test_the_good_experiment_passes(here: Path) -> None:
     assert command_line.listing(here) == before
 
 
-@together("case", CASES, ids=lambda case: case["name"])
+@run_cases("case", CASES, ids=lambda case: case["name"])
 def test_a_mistake_is_named_with_its_place_and_a_way_out(
     case: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -250,14 +250,14 @@ def test_a_mistake_ends_a_real_process_without_a_traceback(name: str, tmp_path: 
     (case,) = (case for case in CASES if case["name"] == name)
     make(tmp_path, case)
     before = command_line.listing(tmp_path)
-    result = command_line.run("posterior", "small.yaml", cwd=tmp_path)
+    result = command_line.run_process("posterior", "small.yaml", cwd=tmp_path)
     assert_a_message(result)
     assert result.err.startswith(label(tmp_path, case.get("at")))
     assert command_line.listing(tmp_path) == before
 
 
 def test_a_config_given_with_its_folder_is_named_with_its_folder(tmp_path: Path) -> None:
-    config = command_line.small(tmp_path / "rig", ("k_T: nominal", "k_t: nominal"))
+    config = command_line.small_config(tmp_path / "rig", ("k_T: nominal", "k_t: nominal"))
     result = command_line.cli("check", os.path.relpath(config))
     assert result.err.startswith(f"{os.path.relpath(config)}:15: ")
 
@@ -266,7 +266,7 @@ def test_a_config_given_with_its_folder_is_named_with_its_folder(tmp_path: Path)
 
 
 def test_all_mistakes_of_a_config_come_at_once(here: Path) -> None:
-    command_line.small(
+    command_line.small_config(
         here,
         ("seed: 7", "seed: -7\nsampelr: {}"),
         ("unit: s}", "unit: V}"),
@@ -305,27 +305,27 @@ def test_all_mistakes_of_a_config_come_at_once(here: Path) -> None:
 
 def test_more_mistakes_than_a_screen_holds_are_counted(here: Path) -> None:
     unknown = "\n".join(["seed: 7", *(f"x_{i}: 1" for i in range(40))])
-    command_line.small(here, ("seed: 7", unknown))
+    command_line.small_config(here, ("seed: 7", unknown))
     assert messages()[-1] == "... and 25 more"
 
 
 def test_all_mistakes_of_a_record_come_at_once(here: Path) -> None:
     """A column that is missing hides no other one, be it that of the times."""
-    command_line.small(
+    command_line.small_config(
         here, ("{column: theta_1", "{column: theta1"), ("v: 8.0", "v: {column: u, unit: V}")
     )
     cells(here, (5, 0, "nan"), (6, 2, "nan"))
     text = "\n".join(messages())
     for fragment in ("record.time", "line 5", "'theta1'", "line 6", "inputs.v.column"):
         assert fragment in text
-    command_line.small(here, ("column: t,", "column: time,"), ("column: w_1", "column: w1"))
+    command_line.small_config(here, ("column: t,", "column: time,"), ("column: w_1", "column: w1"))
     text = "\n".join(messages())
     assert "no column 'time'" in text
     assert "no column 'w1'" in text
 
 
 # Each of these entries is needed: without it, a mistake elsewhere is found all the same.
-@together(
+@run_cases(
     "change",
     [
         ("name: small\n", ""),
@@ -343,7 +343,7 @@ def test_all_mistakes_of_a_record_come_at_once(here: Path) -> None:
 def test_a_wrong_entry_hides_no_mistake_elsewhere(
     change: tuple[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    command_line.small(tmp_path, change, prior("prior: uniform, low: 0.09, high: 0.03"))
+    command_line.small_config(tmp_path, change, prior("prior: uniform, low: 0.09, high: 0.03"))
     monkeypatch.chdir(tmp_path)
     lines = messages()
     assert len(lines) == 2, lines
@@ -353,7 +353,7 @@ def test_a_wrong_entry_hides_no_mistake_elsewhere(
 # --- misuse of the command line ------------------------------------------------------------------
 
 
-@together(
+@run_cases(
     "arguments",
     [
         ["chek"],
@@ -378,7 +378,7 @@ def test_a_wrong_entry_hides_no_mistake_elsewhere(
 def test_misuse_of_the_command_line_costs_nothing(
     arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    command_line.small(tmp_path)
+    command_line.small_config(tmp_path)
     monkeypatch.chdir(tmp_path)
     before = command_line.listing(tmp_path)
     assert_a_message(command_line.cli(*arguments))
@@ -388,8 +388,8 @@ def test_misuse_of_the_command_line_costs_nothing(
 # --- files without an end ------------------------------------------------------------------------
 
 
-@together("command", ["check", "init", "verify", "simulate"])
-@together("kind", ["a device", "a pipe", "a link to a pipe"])
+@run_cases("command", ["check", "init", "verify", "simulate"])
+@run_cases("kind", ["a device", "a pipe", "a link to a pipe"])
 def test_a_device_or_a_pipe_is_no_config_and_no_record(
     kind: str, command: str, tmp_path: Path
 ) -> None:
@@ -408,11 +408,13 @@ def test_a_device_or_a_pipe_is_no_config_and_no_record(
     assert f"{path.name}: is a device or a pipe, which may have no end; give a file" in ended.text
 
 
-@together("kind", ["a device", "a pipe", "a large file", "standard input"])
+@run_cases("kind", ["a device", "a pipe", "a large file", "standard input"])
 def test_a_record_without_an_end_is_not_read(kind: str, tmp_path: Path) -> None:
     record = tmp_path / "small.csv"
     name = "/dev/stdin" if kind == "standard input" else "small.csv"
-    config = command_line.small(tmp_path, ("file: small.csv", f"file: {name}\n  format: csv"))
+    config = command_line.small_config(
+        tmp_path, ("file: small.csv", f"file: {name}\n  format: csv")
+    )
     record.unlink()
     read, write = os.pipe()  # nobody writes to it, and nobody closes it
     terminal = os.dup(0)

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 import pytest
 from support import command_line
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.command_line import assert_refused, replace_text
 
 from bayesdrill import output_files
@@ -64,11 +64,11 @@ class Calibration:
     def run(self) -> dict[str, Any]:
         return dict(json.loads((self.folder / "run.json").read_text()))
 
-    def command(self, *options: str) -> command_line.Ran:
+    def command(self, *options: str) -> command_line.CommandResult:
         arguments = ("calibrate", self.config, "-o", self.folder, "--processes", "1")
         return command_line.cli(*arguments, *options)
 
-    def resume(self) -> command_line.Ran:
+    def resume(self) -> command_line.CommandResult:
         return self.command("--resume")
 
     def calibrate(self, how: str, reporter: Reporter) -> None:
@@ -86,7 +86,7 @@ class Calibration:
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Calibration:
     """A finished calibration, not to be changed."""
     place = tmp_path_factory.mktemp("finished")
-    config = command_line.small(place, ("output: {", f"{QUICK}\noutput: {{"))
+    config = command_line.small_config(place, ("output: {", f"{QUICK}\noutput: {{"))
     calibration = Calibration(config, place / "out")
     calibration.calibrate("fresh", Silent())
     return calibration
@@ -159,7 +159,7 @@ def test_a_calibration_leaves_a_complete_folder_and_nothing_else(finished: Calib
     assert "at most 1 %" in summary
 
 
-@together(
+@run_cases(
     "change",
     [
         {"ranks": [0, 0, 20]},  # of 19 draws
@@ -227,7 +227,7 @@ def test_results_are_neither_overwritten_nor_mixed(copy: Calibration) -> None:
     assert command_line.listing(copy.folder) == before
 
 
-@together(
+@run_cases(
     "old, new, message",
     [
         ("ess: 50,", "ess: 18,", "18 effective draws do not hold 19 independent ones"),
@@ -238,7 +238,7 @@ def test_results_are_neither_overwritten_nor_mixed(copy: Calibration) -> None:
 def test_a_calibration_that_cannot_be_is_refused(
     old: str, new: str, message: str, tmp_path: Path
 ) -> None:
-    config = command_line.small(tmp_path, ("output: {", f"{QUICK}\noutput: {{"))
+    config = command_line.small_config(tmp_path, ("output: {", f"{QUICK}\noutput: {{"))
     replace_text(config, old, new)
     assert_refused(Calibration(config, tmp_path / "out").command(), message)
     assert not (tmp_path / "out").exists()
@@ -281,7 +281,7 @@ def test_a_calibration_that_is_stopped_loses_nothing(
 ) -> None:
     calibration = Calibration(finished.config, tmp_path / "out")
     arguments = ("calibrate", finished.config, "-o", calibration.folder, "--processes", "2")
-    process = command_line.start(*arguments, cwd=tmp_path)
+    process = command_line.start_process(*arguments, cwd=tmp_path)
     started.append(process)
     end = time.monotonic() + 60
     refits = calibration.folder / ".refits"
@@ -299,7 +299,7 @@ def test_a_calibration_that_is_stopped_loses_nothing(
         assert process.returncode == 130, err
         assert "continue with --resume" in err
         assert calibration.run["status"] == "interrupted"
-    result = command_line.run(*arguments, "--resume", cwd=tmp_path)
+    result = command_line.run_process(*arguments, "--resume", cwd=tmp_path)
     assert result.status in (0, 3), result.text
     assert calibration.ranks == finished.ranks
 
@@ -341,7 +341,7 @@ def test_a_scheduler_that_is_not_there_is_named(finished: Calibration, tmp_path:
         ("tcp://no.such.host:8786", "no scheduler answers at tcp://no.such.host:8786"),
     ):
         arguments = ("calibrate", finished.config, "-o", "out", "--scheduler", address)
-        result = command_line.run(*arguments, cwd=tmp_path)
+        result = command_line.run_process(*arguments, cwd=tmp_path)
         assert_refused(result, message)
         assert len(result.err.splitlines()) == 1, result.err
     assert time.monotonic() - now < 30

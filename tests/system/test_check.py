@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support import command_line
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.command_line import cli
 
 from bayesdrill.config import loading
@@ -28,12 +28,14 @@ def checked(config: Path) -> str:
 # --- units and values ----------------------------------------------------------------------------
 
 
-@together("unit", ["rpm", "deg/s", "revolution/s", "turn/min", "mrad/s", "cycle/hour", "degree/ms"])
+@run_cases(
+    "unit", ["rpm", "deg/s", "revolution/s", "turn/min", "mrad/s", "cycle/hour", "degree/ms"]
+)
 def test_units_of_angular_velocity_are_read(unit: str, tmp_path: Path) -> None:
-    checked(command_line.small(tmp_path, ("unit: rad/s", f"unit: {unit}")))
+    checked(command_line.small_config(tmp_path, ("unit: rad/s", f"unit: {unit}")))
 
 
-@together(
+@run_cases(
     "change",
     [
         ("t_f: nominal", "t_f: 0"),
@@ -46,12 +48,12 @@ def test_units_of_angular_velocity_are_read(unit: str, tmp_path: Path) -> None:
     ids=lambda change: change[1],
 )
 def test_friction_may_be_zero_or_negative(change: Change, tmp_path: Path) -> None:
-    checked(command_line.small(tmp_path, change))
+    checked(command_line.small_config(tmp_path, change))
 
 
 def test_a_rig_that_turns_backwards_is_driven_by_its_constant_friction(tmp_path: Path) -> None:
-    config = command_line.small(tmp_path, ("v: 8.0", "v: -8.0"))
-    command_line.simulated(config)
+    config = command_line.small_config(tmp_path, ("v: 8.0", "v: -8.0"))
+    command_line.simulate_again(config)
     assert "friction: in 9" in checked(config).splitlines()[-1]
 
 
@@ -65,7 +67,9 @@ def test_tied_parameters_are_listed() -> None:
 
 def test_each_column_is_shown_as_the_file_has_it(tmp_path: Path) -> None:
     """So that swapped columns, wrong units and a wrong rate can be seen."""
-    config = command_line.small(tmp_path, ("unit: rad,", "unit: deg,"), ("unit: s}", "unit: min}"))
+    config = command_line.small_config(
+        tmp_path, ("unit: rad,", "unit: deg,"), ("unit: s}", "unit: min}")
+    )
     numbers = np.array([line.split(",") for line in LINES[1:]], dtype=float).T
     lines = checked(config).splitlines()
     head = next(n for n, line in enumerate(lines) if line.startswith("columns ("))
@@ -78,17 +82,19 @@ def test_each_column_is_shown_as_the_file_has_it(tmp_path: Path) -> None:
 
 
 def test_two_samples_are_a_record(tmp_path: Path) -> None:
-    config = command_line.small(tmp_path)
+    config = command_line.small_config(tmp_path)
     (tmp_path / "small.csv").write_text("\n".join(LINES[:3]) + "\n")
     checked(config)
 
 
 def test_the_filter_of_a_decimated_record_is_described(tmp_path: Path) -> None:
-    config = command_line.small(tmp_path, ("duration: 5, rate: 20", "duration: 5, rate: 200"))
+    config = command_line.small_config(
+        tmp_path, ("duration: 5, rate: 20", "duration: 5, rate: 200")
+    )
     result = cli("simulate", config, "-o", tmp_path / "fast.csv")
     assert result.status == 0, result.text
     decimated = ("file: small.csv", "file: fast.csv\n  decimate: {factor: 4}")
-    out = checked(command_line.small(tmp_path, decimated))
+    out = checked(command_line.small_config(tmp_path, decimated))
     assert "a sample every 0.02 s (50 Hz), the first at 0.2 s" in out
     assert "record: theta_1, w_1: filtered and decimated" in out
     assert "one sample of 4 is left (231 of 1001)" in out
@@ -100,7 +106,7 @@ def test_a_differenced_speed_is_suspected_until_it_is_declared(tmp_path: Path) -
     rows = [f"{a:.9g},{b:.9g},{c:.9g}" for a, b, c in zip(t, angle, speed, strict=True)]
     outputs = []
     for channel in (CHANNEL, CHANNEL[:-1] + ", derived_from: theta_1}"):
-        config = command_line.small(tmp_path, (CHANNEL, channel))
+        config = command_line.small_config(tmp_path, (CHANNEL, channel))
         (tmp_path / "small.csv").write_text("\n".join([LINES[0], *rows]) + "\n")
         outputs.append(checked(config))
     suspected, declared = outputs
@@ -115,20 +121,22 @@ def test_the_size_of_the_results_is_estimated_and_long_records_get_fewer_draws(
     tmp_path: Path,
 ) -> None:
     """12 predictive draws of each ensemble would fit, but are too few for the tails."""
-    config = command_line.small(tmp_path, ("duration: 5, rate: 20", "duration: 5, rate: 40000"))
-    command_line.simulated(config)
+    config = command_line.small_config(
+        tmp_path, ("duration: 5, rate: 20", "duration: 5, rate: 40000")
+    )
+    command_line.simulate_again(config)
     out = checked(config)
     assert "size at most: chain 0.384 MB (500 steps), 10 predictive draws" in out
     command_line.replace_text(config, "predictive_draws: 10", "predictive_draws: 125")
     assert "no predictive draws: 125 of each ensemble are too many" in checked(config)
     command_line.replace_text(config, "rate: 40000", "rate: 16000")
-    command_line.simulated(config)
+    command_line.simulate_again(config)
     out = checked(config)
     assert "31 predictive draws of each ensemble" in out
     assert "not 125" in out
 
 
-@together(
+@run_cases(
     "interval, message",
     [
         ("[4, 3]", "4 s is not before 3 s"),
@@ -140,7 +148,7 @@ def test_stretches_that_cannot_be_held_out_are_refused(
     interval: str, message: str, tmp_path: Path
 ) -> None:
     time = "  time: {column: t, unit: s}"
-    config = command_line.small(tmp_path, (time, f"{time}\n  held_out: {interval}"))
+    config = command_line.small_config(tmp_path, (time, f"{time}\n  held_out: {interval}"))
     command_line.assert_refused(cli("check", config), message, "record.held_out")
 
 
@@ -162,7 +170,7 @@ OTHER: tuple[Change, ...] = (
 OWN_VALUES = "j_m: 1, c_m: 1, k_e: 0.2, k_T: 0.2, r_m: 1, l_m: 1, k_s: 1, j_1: 0.1, t_f: 1"
 
 
-@together(
+@run_cases(
     "changes, entry, compared, name",
     [
         ((), None, set(NINE), "tables_2_3"),
@@ -184,7 +192,7 @@ def test_a_rig_is_compared_with_the_table_that_it_asks_for(
     tmp_path: Path,
 ) -> None:
     given = [("map: {", f"nominal: {entry}\nmap: {{")] if entry else []
-    config = command_line.small(tmp_path, *changes, *given)
+    config = command_line.small_config(tmp_path, *changes, *given)
     nominal = loading.load(config).experiments[0].nominal
     assert set(nominal.compared) == compared
     assert name in (None, nominal.name)
@@ -192,8 +200,8 @@ def test_a_rig_is_compared_with_the_table_that_it_asks_for(
 
 def test_nothing_of_the_paper_is_said_of_another_rig(tmp_path: Path) -> None:
     """Its k_T is not 1.99 times its k_e, its shaft is not the paper's, and starts are its own."""
-    config = command_line.small(tmp_path, *OTHER)
-    command_line.simulated(config)
+    config = command_line.small_config(tmp_path, *OTHER)
+    command_line.simulate_again(config)
     out = checked(config)
     for word in ("nominal", "energy", "geometry"):
         assert word not in out
@@ -206,8 +214,8 @@ def test_nothing_of_the_paper_is_said_of_another_rig(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_run_of_a_rig_without_nominal_values_has_no_verdict(tmp_path: Path) -> None:
-    config, folder = command_line.small(tmp_path, *OTHER), tmp_path / "out"
-    command_line.simulated(config)
+    config, folder = command_line.small_config(tmp_path, *OTHER), tmp_path / "out"
+    command_line.simulate_again(config)
     result = command_line.posterior(config, folder)
     assert result.status in (0, 3), result.err
     assert "tables_2_3" not in result.out + (folder / "config.resolved.yaml").read_text()

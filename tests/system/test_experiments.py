@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from scipy.special import logsumexp
 from scipy.stats import norm
 from support import two_experiments
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.command_line import assert_refused, cli, posterior, replace_text
 
 import bayesdrill as bd
@@ -336,7 +336,7 @@ def test_models_are_compared_by_what_they_predict(records: Path, tmp_path: Path)
 AWAY = ", held_out: true"
 
 
-@together(
+@run_cases(
     "old, new, message",
     [
         ("[offset_w_1]", "[]", "nothing tells offset_w_1 of fast; give a number, or add it to "

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from support import command_line
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.command_line import assert_refused
 
 SECONDS = 15.0  # of the processor; each of these took minutes once
@@ -26,7 +26,7 @@ TABLES = {
 }
 
 
-@together("name", TABLES)
+@run_cases("name", TABLES)
 def test_a_table_of_odd_proportions_is_refused_in_seconds(name: str, tmp_path: Path) -> None:
     text, message = TABLES[name]
     (tmp_path / "odd.csv").write_text(text)
@@ -48,7 +48,7 @@ def test_200_columns_that_may_be_anything_are_paired_in_seconds(tmp_path: Path) 
     assert "nothing says" in result.err or "its name does not say" in result.err
 
 
-@together("what", ["samples", "bytes"])
+@run_cases("what", ["samples", "bytes"])
 def test_init_says_how_much_it_reads(what: str, tmp_path: Path) -> None:
     path = tmp_path / "long.npz"
     if what == "samples":

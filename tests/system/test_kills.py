@@ -38,7 +38,7 @@ def start(
     config: Path, folder: Path, *options: str, processes: int = 1, **pipes: object
 ) -> subprocess.Popen[str]:
     arguments = ("posterior", config, "-o", folder, "--processes", str(processes), *options)
-    return command_line.start(*arguments, cwd=config.parent, **pipes)
+    return command_line.start_process(*arguments, cwd=config.parent, **pipes)
 
 
 def wait_for(
@@ -81,12 +81,12 @@ def assert_group_ends(leader: int, seconds: float = 10.0) -> None:
 
 def begun(folder: Path, processes: int, saved: int, started: Processes) -> FinishedRun:
     """Start a run in a process of its own, and return when this number of pieces is saved."""
-    config = command_line.small(folder, UNREACHABLE)
+    config = command_line.small_config(folder, UNREACHABLE)
     process = start(config, folder / "out", processes=processes)
     started.append(process)
     wait_for(process, (folder / "out" / "run.json").exists)
     wait_for(process, lambda: pieces(folder / "out") >= saved)
-    return FinishedRun(config, folder / "out", command_line.Ran(0, "", ""))
+    return FinishedRun(config, folder / "out", command_line.CommandResult(0, "", ""))
 
 
 def assert_resumes(
@@ -163,7 +163,7 @@ def test_an_interrupted_and_resumed_run_equals_one_without_interruption(
 @pytest.mark.slow
 def test_workers_do_not_outlive_a_run_that_is_killed(tmp_path: Path, started: Processes) -> None:
     nowhere = subprocess.DEVNULL
-    config = command_line.small(tmp_path, UNREACHABLE)
+    config = command_line.small_config(tmp_path, UNREACHABLE)
     process = start(config, tmp_path / "out", processes=2, stdout=nowhere, stderr=nowhere)
     started.append(process)
     wait_for(process, lambda: pieces(tmp_path / "out") >= 1)
@@ -177,7 +177,7 @@ def test_a_killed_run_leaves_no_warnings_of_its_semaphores(
     tmp_path: Path, started: Processes
 ) -> None:
     """They would be printed once its workers have ended: on the terminal where it is resumed by then."""
-    config = command_line.small(tmp_path, LONG)
+    config = command_line.small_config(tmp_path, LONG)
     process = start(config, tmp_path / "out", processes=2, stdout=subprocess.DEVNULL)
     started.append(process)
     wait_for(process, lambda: pieces(tmp_path / "out") >= 3)
@@ -196,7 +196,7 @@ def test_a_killed_run_leaves_no_warnings_of_its_semaphores(
 def test_ctrl_c_while_workers_start_shows_no_traceback(
     seconds: float, tmp_path: Path, started: Processes
 ) -> None:
-    process = start(command_line.small(tmp_path, UNREACHABLE), tmp_path / "out", processes=2)
+    process = start(command_line.small_config(tmp_path, UNREACHABLE), tmp_path / "out", processes=2)
     started.append(process)
     wait_for(process, (tmp_path / "out" / "run.json").exists)
     time.sleep(seconds)
@@ -266,8 +266,10 @@ def stopped_worker(leader: int) -> None:
 def test_whatever_stops_a_run_it_ends_and_can_be_resumed(
     command: str, act: Callable[[int], None], tmp_path: Path, started: Processes
 ) -> None:
-    config, folder = command_line.small(tmp_path, LONG), tmp_path / "out"
-    process = command_line.start(command, config, "-o", folder, "--processes", "2", cwd=tmp_path)
+    config, folder = command_line.small_config(tmp_path, LONG), tmp_path / "out"
+    process = command_line.start_process(
+        command, config, "-o", folder, "--processes", "2", cwd=tmp_path
+    )
     started.append(process)
     wait_for(process, lambda: len(workers(process.pid)) >= 2)
     time.sleep(1.5)  # until they are at work
@@ -284,14 +286,14 @@ def test_whatever_stops_a_run_it_ends_and_can_be_resumed(
 def test_a_run_goes_on_when_its_output_is_closed(
     converged: FinishedRun, tmp_path: Path, started: Processes
 ) -> None:
-    config, folder = command_line.small(tmp_path), tmp_path / "out"
+    config, folder = command_line.small_config(tmp_path), tmp_path / "out"
     process = start(config, folder, stderr=subprocess.STDOUT)
     started.append(process)
     assert process.stdout is not None
     process.stdout.close()
     process.stdout = None
     assert process.wait(timeout=60) == 0
-    run = FinishedRun(config, folder, command_line.Ran(0, "", ""))
+    run = FinishedRun(config, folder, command_line.CommandResult(0, "", ""))
     assert run.json["status"] == "finished"
     converged.assert_same_chains(run)
 
@@ -306,13 +308,13 @@ def test_a_run_goes_on_when_its_output_is_closed(
 def test_a_killed_worker_ends_the_command_with_a_message(
     command: str, tmp_path: Path, started: Processes
 ) -> None:
-    config, folder = command_line.small(tmp_path, DRAWN), tmp_path / "out"
+    config, folder = command_line.small_config(tmp_path, DRAWN), tmp_path / "out"
     saves = command in ("posterior", "calibrate")
     if command == "report":
         assert posterior(config, folder).status == 0
     target = folder if command == "report" else config
     options = ["-o", folder] if saves else []
-    process = command_line.start(
+    process = command_line.start_process(
         *command.split(), target, *options, "--processes", "2", cwd=tmp_path
     )
     started.append(process)
@@ -360,7 +362,7 @@ ORDER = (0, 0, 1, 1, 2, 2, 0, 3, 3, 2, 4, 3, 4, 0, 5, 6, 6, 7, 8, 8)
 def test_twenty_kills_in_a_row_cost_nothing(tmp_path: Path) -> None:
     """kill -9 of the parent alone or of all its processes; every resume goes on, and chain and draws
     are those of a run that was never killed."""
-    config = command_line.small(tmp_path, LONG, DRAWN)
+    config = command_line.small_config(tmp_path, LONG, DRAWN)
     result = posterior(config, tmp_path / "whole")
     assert result.status == 3
     whole = FinishedRun(config, tmp_path / "whole", result)
@@ -393,7 +395,7 @@ def test_twenty_kills_in_a_row_cost_nothing(tmp_path: Path) -> None:
             os.killpg(process.pid, signal.SIGKILL)
         # A run that was killed before it wrote anything may also just be begun again.
         options = ["--resume"] if has_begun or kill % 4 else []
-    result = command_line.run(
+    result = command_line.run_process(
         "posterior", config, "-o", folder, "--resume", cwd=tmp_path, seconds=120
     )
     assert result.status == 3, result.text

@@ -121,7 +121,7 @@ def test_a_cause_that_explains_nothing_alone_is_tried_with_the_best(tmp_path: Pa
 
     A missing torque, which absorbs any misfit, neither keeps friction out nor is recommended.
     """
-    job = prepare(command_line.small(tmp_path, ("walkers: 8", "walkers: 24")))
+    job = prepare(command_line.small_config(tmp_path, ("walkers: 8", "walkers: 24")))
     template = refit_candidate(job.problem.posterior, job.problem.posterior.space.start, -math.inf)
     assert template is not None
     worth = {"missing_torque_motor": 120.0, "friction_motor": 50.0, "friction_both": 100.0}
@@ -227,7 +227,7 @@ def test_a_ladder_overwrites_nothing_unasked_and_resumes_only_itself(
 
 
 def test_a_config_that_is_wrong_is_refused_before_anything_is_written(tmp_path: Path) -> None:
-    config = command_line.small(tmp_path, ("k_s: nominal", "k_s: nominall"))
+    config = command_line.small_config(tmp_path, ("k_s: nominal", "k_s: nominall"))
     result = command_line.cli("ladder", config, "-o", tmp_path / "out")
     assert_refused(result, "parameters.k_s")
     assert not (tmp_path / "out").exists()

@@ -112,7 +112,7 @@ def test_the_fit_is_drawn() -> None:
 def mapped(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with the small experiment and its maximum in `out`, not to be changed."""
     place = tmp_path_factory.mktemp("mapped")
-    config = command_line.small(place)
+    config = command_line.small_config(place)
     before = command_line.listing(place)
     result = cli("map", config, "--processes", "1")
     assert result.status == 0
@@ -168,7 +168,7 @@ def test_verify_names_what_does_not_belong_to_a_maximum(rig: Path) -> None:
 
 def test_a_fit_that_must_not_be_believed_ends_with_status_3(tmp_path: Path) -> None:
     """As its posterior does; the report says so before it describes the fit."""
-    config, out = command_line.small(tmp_path, WRONG_UNIT), tmp_path / "out"
+    config, out = command_line.small_config(tmp_path, WRONG_UNIT), tmp_path / "out"
     result = cli("map", config, "--quick", "--output", out, "--processes", "1")
     assert result.status == 3
     assert result.out.index("DO NOT BELIEVE these numbers:") > result.out.index("fit: ")
@@ -185,8 +185,8 @@ def test_a_fit_that_must_not_be_believed_ends_with_status_3(tmp_path: Path) -> N
 
 def test_a_rig_without_friction_is_identified(tmp_path: Path) -> None:
     frictionless = (("t_f: nominal", "t_f: 0"), ("c_m: nominal", "c_m: 0"))
-    config = command_line.small(tmp_path, *frictionless)
-    command_line.simulated(config)
+    config = command_line.small_config(tmp_path, *frictionless)
+    command_line.simulate_again(config)
     result = cli("map", config, "--processes", "1")
     assert result.status == 0, result.err
     assert "fit: the residuals look like the noise" in result.out
@@ -307,7 +307,7 @@ def test_a_prior_that_ends_too_early_is_widened(name: str, tmp_path: Path) -> No
 
 
 def test_apply_writes_a_new_config_and_never_over_another_file(tmp_path: Path) -> None:
-    config = command_line.small(tmp_path)
+    config = command_line.small_config(tmp_path)
     before = command_line.listing(tmp_path)
     other, new = tmp_path / "there.yaml", tmp_path / "new.yaml"
     other.write_text("mine: 1\n")

@@ -15,7 +15,7 @@ import pytest
 import scipy.sparse
 from scipy.io import savemat
 from support import command_line
-from support.case_tables import together
+from support.case_tables import run_cases
 
 import bayesdrill as bd
 from bayesdrill.record.formats import matlab
@@ -154,7 +154,7 @@ REFUSED: list[tuple[str, str | bytes, tuple[str, ...]]] = [
 
 def place(folder: Path, content: str | bytes, *changes: Change, name: str = "small.csv") -> Path:
     """Write the small experiment with another record; return the path of its config."""
-    config = command_line.small(folder, *changes)
+    config = command_line.small_config(folder, *changes)
     (folder / name).write_bytes(content if isinstance(content, bytes) else content.encode())
     return config
 
@@ -168,7 +168,7 @@ def refusal(config: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     return result.err
 
 
-@together("name, content", AS_MEANT, ids=[name for name, _ in AS_MEANT])
+@run_cases("name, content", AS_MEANT, ids=[name for name, _ in AS_MEANT])
 def test_an_odd_spelling_is_read_as_it_is_meant(
     name: str, content: str | bytes, tmp_path: Path
 ) -> None:
@@ -177,7 +177,7 @@ def test_an_odd_spelling_is_read_as_it_is_meant(
     np.testing.assert_array_equal(experiment.y, np.column_stack([THETA, W]))
 
 
-@together("name, content, fragments", REFUSED, ids=[name for name, *_ in REFUSED])
+@run_cases("name, content, fragments", REFUSED, ids=[name for name, *_ in REFUSED])
 def test_an_ambiguous_record_is_refused_with_a_way_out(
     name: str,
     content: str | bytes,
@@ -191,7 +191,7 @@ def test_an_ambiguous_record_is_refused_with_a_way_out(
         assert fragment in message
 
 
-@together(
+@run_cases(
     "name, way_out",
     [
         ("small.csv.gz", "Unpack the file first"),
@@ -236,7 +236,7 @@ def matlab_object(kind: str) -> Callable[[Path], None]:
     return write
 
 
-@together(
+@run_cases(
     "write, way_out",
     [
         (sparse, "is sparse; save full(...) of it"),
@@ -251,7 +251,7 @@ def test_a_matlab_variable_that_is_no_column_of_numbers_is_refused(
     write: Callable[[Path], None], way_out: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write(tmp_path / "small.mat")
-    message = refusal(command_line.small(tmp_path, *MAT), monkeypatch)
+    message = refusal(command_line.small_config(tmp_path, *MAT), monkeypatch)
     assert "small.mat" in message
     assert way_out in message
 
@@ -280,7 +280,7 @@ IN_COUNTS = ("{column: w_1, unit: rad/s, sigma: 0.05}", "{column: w_1, unit: mra
 DEG, RPM = 180 / np.pi, 30 / np.pi
 
 
-@together(
+@run_cases(
     "name, columns, changes, message",
     [
         ("sound", (T, THETA, W), (), None),

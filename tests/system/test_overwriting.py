@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from support import command_line, finished_runs
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.command_line import assert_refused, assert_refused_unchanged, cli, listing
 from typer.main import get_command
 
@@ -22,7 +22,7 @@ from bayesdrill.tasks.identify import MARK
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A rig with runs of it that other commands read, not to be changed."""
     place = tmp_path_factory.mktemp("rig")
-    config = command_line.small(place)
+    config = command_line.small_config(place)
     (place / "sheet.yaml").write_text("k_s: 0.3\n")
     for name, changes in (("posterior_run", ()), ("other", (("seed: 7", "seed: 8"),))):
         result = finished_runs.posterior(tmp_path_factory, place, name, *changes)
@@ -72,7 +72,7 @@ def unchanged(home: Path, files: list[Path]) -> Callable[[], None]:
     return check
 
 
-@together("command", [*get_command(app).commands], home=copied)  # type: ignore[attr-defined]
+@run_cases("command", [*get_command(app).commands], home=copied)  # type: ignore[attr-defined]
 def test_an_output_is_never_a_file_that_a_command_reads(command: str, home: Path) -> None:
     """By its own name and by another one of it, with --force too."""
     option = ["--figure"] if command == "check" else ["--force", "--output"]
@@ -88,7 +88,7 @@ def test_an_output_is_never_a_file_that_a_command_reads(command: str, home: Path
             hard.unlink()
 
 
-@together(
+@run_cases(
     "command, names",
     [
         ("map", ["map.csv", "prediction.csv", "report.html", "config.yaml"]),
@@ -121,7 +121,7 @@ def test_results_never_replace_a_record_that_has_the_name_of_a_result(
         before = record.read_bytes() if record.exists() else None
         record.write_text(command_line.small_record())
         entry = ("file: small.csv", f"file: out/{name}\n  format: csv")
-        config = command_line.small(home, few_refits, entry, name="quick.yaml")
+        config = command_line.small_config(home, few_refits, entry, name="quick.yaml")
         check = unchanged(home, [record])
         result = cli(command, config, "-o", out, "--force", *options)
         assert result.status == 2, result.text
@@ -132,7 +132,9 @@ def test_results_never_replace_a_record_that_has_the_name_of_a_result(
 
 
 def test_a_figure_of_a_rig_never_replaces_the_record(tmp_path: Path) -> None:
-    config = command_line.small(tmp_path, ("file: small.csv", "file: small.svg\n  format: csv"))
+    config = command_line.small_config(
+        tmp_path, ("file: small.csv", "file: small.svg\n  format: csv")
+    )
     (tmp_path / "small.svg").write_text(command_line.small_record())
     check = unchanged(tmp_path, [tmp_path / "small.svg"])
     assert_refused(cli("check", config, "--figure", tmp_path / "small.svg"), "never replaced")
@@ -150,7 +152,7 @@ def write(folder: Path, name: str, text: str = "mine") -> Path:
 
 
 def test_identify_overwrites_its_own_files_with_force_only(tmp_path: Path) -> None:
-    config, out = command_line.small(tmp_path), tmp_path / "out"
+    config, out = command_line.small_config(tmp_path), tmp_path / "out"
     command = ("identify", config, "-o", out)
     write(out, "notes.md")
     assert cli(*command, "--profile", "k_e").status == 0
@@ -166,19 +168,19 @@ def test_identify_overwrites_its_own_files_with_force_only(tmp_path: Path) -> No
     assert (out / "identify.md").read_bytes() != first
 
 
-@together("option", ["", "--force"])
-@together("name", ["identify.md", "figures/spectrum.png", "figures/profiles.pdf"])
+@run_cases("option", ["", "--force"])
+@run_cases("name", ["identify.md", "figures/spectrum.png", "figures/profiles.pdf"])
 def test_identify_replaces_no_file_of_others(name: str, option: str, tmp_path: Path) -> None:
-    config = command_line.small(tmp_path)
+    config = command_line.small_config(tmp_path)
     write(tmp_path / "out", name)
     message = "was not written by" if option else f"{name}: exists already"
     command = ("identify", config, "-o", tmp_path / "out", *option.split())
     assert_refused_unchanged(tmp_path, message, *command)
 
 
-@together("option", ["", "--force"])
+@run_cases("option", ["", "--force"])
 def test_identify_writes_through_no_link(option: str, tmp_path: Path) -> None:
-    config, out = command_line.small(tmp_path), tmp_path / "out"
+    config, out = command_line.small_config(tmp_path), tmp_path / "out"
     (tmp_path / "pictures").mkdir()
     out.mkdir()
     (out / "figures").symlink_to("../pictures")

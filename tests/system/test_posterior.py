@@ -14,7 +14,7 @@ import pytest
 import xarray
 from emcee.backends import HDFBackend
 from support import command_line, finished_runs
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.finished_runs import FIGURES, FILES, FinishedRun
 
 import bayesdrill as bd
@@ -26,7 +26,7 @@ from bayesdrill.tasks import pipeline
 
 def fresh(folder: Path, *changes: tuple[str, str], processes: int = 1) -> FinishedRun:
     """A run that is made here and now."""
-    config = command_line.small(folder, *changes)
+    config = command_line.small_config(folder, *changes)
     result = command_line.posterior(config, folder / "out", processes=processes)
     return FinishedRun(config, folder / "out", result)
 
@@ -198,7 +198,7 @@ def test_a_run_that_did_not_converge_says_so(unconverged: FinishedRun) -> None:
 
 
 @pytest.mark.slow
-@together("steps", [100, 101])
+@run_cases("steps", [100, 101])
 def test_a_run_of_hardly_any_steps_is_too_short(steps: int, tmp_path: Path) -> None:
     few = f"ess: 100, moves: {{stretch: 1}}, max_steps: {steps}"
     run = fresh(tmp_path, ("ess: 100, max_steps: 500", few))
@@ -293,7 +293,7 @@ FEWER = ("max_steps: 500", "max_steps: 100")
 
 def test_notes_repeat_what_is_suspicious_about_the_record(tmp_path: Path) -> None:
     """A sensor that is stuck, and the first three of five glitches."""
-    config = command_line.small(tmp_path, FEWER, ("rad/s, sigma: 0.05", "rad/s, sigma: 500"))
+    config = command_line.small_config(tmp_path, FEWER, ("rad/s, sigma: 0.05", "rad/s, sigma: 500"))
     lines = [line.split(",") for line in command_line.small_record().splitlines()]
     for row in range(80, 95):
         lines[row][2] = lines[80][2]
@@ -317,9 +317,9 @@ def test_python_without_docstrings_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """ArviZ needs them, and fails as it is loaded, after minutes of sampling."""
-    command_line.small(tmp_path)
+    command_line.small_config(tmp_path)
     monkeypatch.setenv("PYTHONOPTIMIZE", "2")
-    result = command_line.run("posterior", "small.yaml", cwd=tmp_path)
+    result = command_line.run_process("posterior", "small.yaml", cwd=tmp_path)
     assert result.status == 2
     assert result.err.splitlines() == [
         "python -OO takes the docstrings away that ArviZ works on; leave -OO out"

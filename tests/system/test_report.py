@@ -33,7 +33,7 @@ from bayesdrill.output_files import dumps_checksummed, loads_checksummed
 from bayesdrill.tasks import comparison, conclusions, pipeline
 
 
-def report(*arguments: str | Path) -> command_line.Ran:
+def report(*arguments: str | Path) -> command_line.CommandResult:
     return cli("report", *arguments, "--processes", "1")
 
 
@@ -111,7 +111,7 @@ def test_a_finished_run_draws_what_a_resumed_config_asks_for(copy: FinishedRun) 
     }
     assert "belong together" in cli("verify", copy.folder).out
     (copy.folder / "figures" / "mine.png").write_text("mine")
-    config = command_line.small(copy.config.parent)
+    config = command_line.small_config(copy.config.parent)
     result = posterior(config, copy.folder, "--force")
     assert result.status == 0, result.text
     assert figures(copy.folder) == {"mine.png"}
@@ -131,7 +131,7 @@ DRIVEN = (
 @pytest.mark.slow
 def test_a_misfit_shows_its_residuals_and_the_sandwich_sds(tmp_path: Path) -> None:
     """The motor of the config is weaker than that of the record."""
-    config, out = command_line.small(tmp_path, *DRIVEN), tmp_path / "out"
+    config, out = command_line.small_config(tmp_path, *DRIVEN), tmp_path / "out"
     lines = (tmp_path / "small.csv").read_text().splitlines()
     voltage = ["v", *(f"{6.0 + 2.0 * (k // 7 % 2)}" for k in range(len(lines) - 1))]
     rows = [f"{line},{v}\n" for line, v in zip(lines, voltage, strict=True)]

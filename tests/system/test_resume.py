@@ -15,7 +15,7 @@ import h5py
 import numpy as np
 import pytest
 from support import command_line
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.command_line import assert_refused, posterior, replace_text
 from support.finished_runs import FILES, UNREACHABLE, FinishedRun
 
@@ -90,7 +90,7 @@ STOPS = (
 def test_a_run_stopped_in_five_stages_says_what_is_saved_and_goes_on(
     converged: FinishedRun, tmp_path: Path
 ) -> None:
-    config = command_line.small(tmp_path)
+    config = command_line.small_config(tmp_path)
     case, out = bd.load(config), tmp_path / "out"
     for stage, words in STOPS:
         with pytest.raises(Interrupted) as stopped:
@@ -125,7 +125,7 @@ def test_a_run_cut_when_one_ensemble_had_just_reached_a_check_resumes(
     unconverged: FinishedRun, tmp_path: Path
 ) -> None:
     """The others had gone past the check, which must not be made again with longer ensembles."""
-    config = command_line.small(tmp_path, UNREACHABLE)
+    config = command_line.small_config(tmp_path, UNREACHABLE)
     replace_text(config, "max_steps: 700", "max_steps: 487")  # a check: 200, 250, 312, 390, 487
     one, other = tmp_path / "one", tmp_path / "other"
     assert posterior(config, one).status == 3
@@ -144,7 +144,7 @@ def test_a_run_cut_when_one_ensemble_had_just_reached_a_check_resumes(
 
 @pytest.mark.slow
 def test_a_run_killed_before_it_wrote_anything_may_begin_again(tmp_path: Path) -> None:
-    config = command_line.small(tmp_path / "rig", UNREACHABLE)
+    config = command_line.small_config(tmp_path / "rig", UNREACHABLE)
     for name, options in (("plain", []), ("resumed", ["--resume"])):
         folder = tmp_path / name
         folder.mkdir()
@@ -170,7 +170,7 @@ W_1 = "w_1: {column: w_1, unit: rad/s, sigma: 0.05"
 GEAR = "model: {i_m: 0.25}\nmap: {"
 
 
-@together(
+@run_cases(
     "old, new, named",
     [
         (K_E, K_E.replace("0.5", "0.6"), "the prior of k_e was Uniform(low=0.03008, high=0.09024) "
@@ -201,7 +201,7 @@ def test_resuming_another_config_names_what_changed_and_both_values(
     assert command_line.listing(copy.folder) == before
 
 
-@together("package", ["bayesdrill", "numpy", "scipy", "emcee", "llvmlite"], copy=copied)
+@run_cases("package", ["bayesdrill", "numpy", "scipy", "emcee", "llvmlite"], copy=copied)
 def test_resuming_under_another_version_of_what_decides_the_chain_is_refused(
     package: str, copy: FinishedRun
 ) -> None:
@@ -279,9 +279,9 @@ def test_force_killed_while_it_clears_a_folder_can_be_repeated(
     converged.assert_same_chains(copy)
 
 
-@together("options", [[], ["--resume"], ["--force"]], ids=str)
+@run_cases("options", [[], ["--resume"], ["--force"]], ids=str)
 def test_files_of_others_are_never_touched(options: list[str], tmp_path: Path) -> None:
-    config = command_line.small(tmp_path / "rig")
+    config = command_line.small_config(tmp_path / "rig")
     for name in ("thesis/chapter_1.tex", ".git/HEAD"):
         file = tmp_path / "home" / name
         file.parent.mkdir(parents=True)
@@ -299,7 +299,7 @@ def digit_changed(content: bytes) -> bytes:
     return re.sub(rb"(log_posterior.*\.\d)\d", rb"\g<1>0", content, count=1)
 
 
-@together(
+@run_cases(
     "name, damage, way_out",
     [
         ("run.json", lambda content: content[:40], "put back a copy"),
@@ -374,10 +374,10 @@ def test_a_run_that_fills_its_disk_can_be_resumed(
     kilobytes: int, converged: FinishedRun, tmp_path: Path, small_disk: Callable[[str], Path]
 ) -> None:
     folder = small_disk(f"size={kilobytes}k") / "out"
-    config = command_line.small(tmp_path / "rig")
+    config = command_line.small_config(tmp_path / "rig")
     # In a process of its own: HDF5 may take the whole process down when it cannot write.
     arguments = ("posterior", config, "-o", folder, "--processes", "1")
-    result = command_line.run(*arguments, cwd=tmp_path)
+    result = command_line.run_process(*arguments, cwd=tmp_path)
     assert_refused(result, f"{folder}", "No space left", "--resume")
     names = [Path(name).name for name in command_line.listing(folder)]
     assert not [name for name in names if name.startswith(".chain")]

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support import command_line
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.command_line import assert_refused, assert_refused_unchanged, cli, listing
 
 from bayesdrill.basics.errors import InputError
@@ -25,10 +25,10 @@ FORMS = {
 }
 
 
-@together("form", FORMS)
+@run_cases("form", FORMS)
 def test_a_simulated_record_is_written_as_its_config_reads_it(form: str, tmp_path: Path) -> None:
     entry = ("  file: small.csv", f"  file: other.txt\n  {FORMS[form]}")
-    (experiment,) = loading.load(command_line.small(tmp_path, entry)).experiments
+    (experiment,) = loading.load(command_line.small_config(tmp_path, entry)).experiments
     grid = simulation.simulation_grid(experiment)
     y = np.random.default_rng(3).normal(size=(len(grid.t), 2)) * [1e-3, 1e4]
     text = simulation.record_text(experiment, grid, y)
@@ -40,7 +40,7 @@ def test_a_simulated_record_is_written_as_its_config_reads_it(form: str, tmp_pat
 
 def test_the_samples_of_a_simulated_record_are_counted(tmp_path: Path) -> None:
     entry = ("  file: small.csv", "  file: other.csv\n  skip_rows: 3")
-    result = cli("simulate", command_line.small(tmp_path, entry))
+    result = cli("simulate", command_line.small_config(tmp_path, entry))
     assert result.status == 0, result.err
     assert result.out.endswith("101 samples\n")
 
@@ -50,7 +50,7 @@ NO_HEADER = "record.header: a simulated record has a header"
 ONE_FILE = "a simulated record is one file with one time"
 
 
-@together(
+@run_cases(
     "old, new, message",
     [
         (FILE, "file: other.mat", "record.file: a simulated record is text"),
@@ -69,7 +69,7 @@ ONE_FILE = "a simulated record is one file with one time"
 def test_a_record_that_its_config_could_not_read_is_not_written(
     old: str, new: str, message: str, tmp_path: Path
 ) -> None:
-    config = command_line.small(tmp_path, (old, new))
+    config = command_line.small_config(tmp_path, (old, new))
     before = listing(tmp_path)
     target = [] if old in (FILE, "column: t,") else ["-o", tmp_path / "new.csv"]
     assert_refused(cli("simulate", config, "--force", *target), message)
@@ -80,14 +80,14 @@ def test_a_record_that_its_config_could_not_read_is_not_written(
 
 
 def test_a_target_that_the_config_could_not_read_is_not_written(tmp_path: Path) -> None:
-    config = command_line.small(tmp_path)
+    config = command_line.small_config(tmp_path)
     command = ("simulate", config, "--output", tmp_path / "other.mat")
     assert_refused_unchanged(tmp_path, "name a .csv file", *command)
 
 
 def test_another_simulation_is_overwritten_with_force_only(tmp_path: Path) -> None:
     """The same config and seed give the same record."""
-    config, other = command_line.small(tmp_path), tmp_path / "other.csv"
+    config, other = command_line.small_config(tmp_path), tmp_path / "other.csv"
     record = (tmp_path / "small.csv").read_bytes()
     assert cli("simulate", config, "-o", other).status == 0
     assert other.read_bytes() == record
@@ -100,12 +100,12 @@ def test_another_simulation_is_overwritten_with_force_only(tmp_path: Path) -> No
     assert (tmp_path / "small.csv").read_bytes() == record
 
 
-@together("option", ["", "--force"])
-@together("name", [None, "small.csv", "../rig/small.csv", "hard.csv"])
+@run_cases("option", ["", "--force"])
+@run_cases("name", [None, "small.csv", "../rig/small.csv", "hard.csv"])
 def test_the_record_that_a_config_names_is_never_overwritten(
     name: str | None, option: str, tmp_path: Path
 ) -> None:
-    config = command_line.small(tmp_path / "rig")
+    config = command_line.small_config(tmp_path / "rig")
     os.link(tmp_path / "rig" / "small.csv", tmp_path / "rig" / "hard.csv")
     output = [] if name is None else ["-o", tmp_path / "rig" / name]
     command = ("simulate", config, *output, *option.split())
@@ -113,8 +113,8 @@ def test_the_record_that_a_config_names_is_never_overwritten(
     assert_refused_unchanged(tmp_path, message, *command)
 
 
-@together("force", [False, True])
-@together("name", ["thesis.tex", "longer", "empty", "pipe", "link", "folder"])
+@run_cases("force", [False, True])
+@run_cases("name", ["thesis.tex", "longer", "empty", "pipe", "link", "folder"])
 def test_simulate_replaces_nothing_but_a_record(name: str, force: bool, tmp_path: Path) -> None:
     files = {"thesis.tex": "t,theta", "longer": "t,theta_1,w_1\n0,0,0\n", "empty": ""}
     for file, text in files.items():

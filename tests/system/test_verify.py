@@ -14,7 +14,7 @@ import h5py
 import pytest
 import xarray
 from support import command_line, finished_runs, forked_command
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.command_line import assert_refused, cli, posterior, renew_digests
 
 import bayesdrill as bd
@@ -110,7 +110,7 @@ CASES: list[tuple[Callable[[Path], None], bool, str]] = [
 ]
 
 
-@together(
+@run_cases(
     "change, renewed, message",
     CASES,
     ids=[f"{change.__name__}{' with digests' * renewed}" for change, renewed, _ in CASES],
@@ -127,7 +127,7 @@ def test_what_does_not_belong_is_named(
     assert command_line.listing(rig) == before
 
 
-@together("name", ["chain.h5", "map.json"], rig=copied)
+@run_cases("name", ["chain.h5", "map.json"], rig=copied)
 def test_a_chain_or_map_of_another_run_is_refused_by_all_that_read_it(name: str, rig: Path) -> None:
     mine, other = rig / "out", rig / "other"
     shutil.copy(other / name, mine / name)
@@ -177,7 +177,7 @@ def test_a_run_is_not_compared_with_itself(finished: Path, tmp_path: Path) -> No
 SOURCES = ("chain.h5", "map.json", "config.resolved.yaml")
 
 
-@together("name", [*SOURCES, "summary.csv", "figures/corner.png"], rig=copied)
+@run_cases("name", [*SOURCES, "summary.csv", "figures/corner.png"], rig=copied)
 def test_a_missing_file_comes_back_as_verify_says(name: str, rig: Path) -> None:
     """A resumed run makes what a report is made from; a report makes the rest."""
     (rig / "out" / name).unlink()
@@ -193,7 +193,7 @@ def test_a_missing_file_comes_back_as_verify_says(name: str, rig: Path) -> None:
 
 
 def test_a_missing_file_of_a_map_is_made_by_a_map(tmp_path: Path) -> None:
-    config = command_line.small(tmp_path)
+    config = command_line.small_config(tmp_path)
     assert cli("map", config, "-o", tmp_path / "map").status == 0
     (tmp_path / "map" / "map.csv").unlink()
     assert_refused(cli("verify", tmp_path / "map"), "`bayesdrill map --force` makes it again")
@@ -239,7 +239,7 @@ WRONG_TYPES: list[tuple[str, Callable[[dict[str, Any]], object], str]] = [
 ]
 
 
-@together("name, change, message", WRONG_TYPES, rig=copied)
+@run_cases("name, change, message", WRONG_TYPES, rig=copied)
 def test_wrong_types_are_refused_though_the_checksum_fits(
     name: str, change: Callable[[dict[str, Any]], object], message: str, rig: Path
 ) -> None:
@@ -250,15 +250,15 @@ def test_wrong_types_are_refused_though_the_checksum_fits(
     assert_refused(cli("verify", rig / "out"), message)
 
 
-@together("content", [b"\xff\xfe\x80", b"[" * 100_000, b"[]", b'{"values": {"k_e": NaN}}', b"{}"])
-@together("name", ["run.json", "map.json"])
+@run_cases("content", [b"\xff\xfe\x80", b"[" * 100_000, b"[]", b'{"values": {"k_e": NaN}}', b"{}"])
+@run_cases("name", ["run.json", "map.json"])
 def test_a_report_refuses_a_damaged_file(content: bytes, name: str, tmp_path: Path) -> None:
     (tmp_path / "run.json").write_text(json.dumps({"fingerprint": {}}))
     (tmp_path / name).write_bytes(content)
     assert_refused(cli("report", tmp_path))
 
 
-@together(
+@run_cases(
     "dataset, shape",
     [("chain", (-1, 8, 1)), ("chain", (-1, 4, 2)), ("log_prob", (-1, 4))],
     rig=copied,
@@ -335,7 +335,7 @@ def test_formats_of_figures_are_known_to_verify_and_force(rig: Path) -> None:
 
 def test_every_file_of_a_record_is_part_of_its_run(tmp_path: Path) -> None:
     """And results are refused in the folder of any of them."""
-    config = command_line.small(
+    config = command_line.small_config(
         tmp_path / "rig",
         ("w_1: {column: w_1", "w_1: {file: more/speed.csv, column: w_1"),
         ("v: 8.0", "v: {file: {path: more/supply.csv}, column: u, unit: V, hold: first}"),
