@@ -13,8 +13,12 @@ BROWSER_READY := .venv-browser/.ready
 DOCS := .venv-docs/bin
 DOCS_READY := .venv-docs/.ready
 SITE := build/docs
+# Contracts of the code and units that compile no new kernel.
+FAST := tests/basics tests/record \
+  $(addprefix tests/contracts/test_,architecture.py contracts.py formats.py mutants.py pointers.py words.py) \
+  $(addprefix tests/config/test_,config.py inputs.py reading.py relations.py)
 
-.PHONY: help posterior paper docs test test-slow check format bench bench-growth zoo modes causes real baseline mutants attack rates pages results schema dist clean
+.PHONY: help posterior paper docs test test-fast test-slow check format bench bench-growth zoo modes causes real baseline mutants attack rates pages results schema dist clean
 
 help:
 	@echo "make posterior [CONFIG=configs/mine.yaml] [ARGS=--resume|--force]"
@@ -22,7 +26,8 @@ help:
 	@echo "make paper       the studies of the paper, repeated: results/paper/ (2 to 3 minutes)"
 	@echo "make results     what results/published holds, made anew from every config (5 minutes)"
 	@echo "make docs        the site of docs/, its notebooks run: build/docs/index.html (2 minutes, in .venv-docs)"
-	@echo "make test        the tests, about 15 minutes"
+	@echo "make test        the tests, about 6 minutes; the slowest twenty are listed at the end"
+	@echo "make test-fast   contracts and units that compile no kernel, under a minute"
 	@echo "make test-slow   longer proofs"
 	@echo "make check       format, lint, types and tests"
 	@echo "make format      put the code into the project's format"
@@ -61,7 +66,10 @@ docs: $(DOCS_READY)
 	@echo "site: $(SITE)/index.html"
 
 test: $(READY)
-	@$(BIN)/python -m pytest -m "not slow" -n 2 --dist loadfile --no-loadscope-reorder
+	@$(BIN)/python -m pytest -m "not slow" -n 2 --dist loadfile --no-loadscope-reorder --durations=20
+
+test-fast: $(READY)
+	@$(BIN)/python -m pytest -q -m "not slow" $(FAST)
 
 test-slow: $(READY)
 	@$(BIN)/python -m pytest -m slow

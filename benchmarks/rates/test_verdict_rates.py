@@ -1,7 +1,4 @@
-"""Verdicts on simulated records whose truth is known: false alarms, and models that are wrong.
-
-One record of each kind is judged in `tests/system/test_verdict_rates.py`.
-"""
+"""Verdicts on simulated records whose truth is known: false alarms, and models that are wrong."""
 
 from __future__ import annotations
 
@@ -82,6 +79,18 @@ def test_nominal_records_rarely_disagree(tmp_path: Path, parameters: e.Entry) ->
     assert alarms <= MOST_ALARMS
     assert sum(one.believed for one in found) >= 0.95 * RECORDS
     assert sum(one.fits for one in found) >= 0.95 * RECORDS
+
+
+def test_no_nominal_value_at_an_end_of_its_prior_disagrees(tmp_path: Path) -> None:
+    """Six records of a rig at its nominal values, which are ends of their priors."""
+    parameters = e.parameters("nominal", k_s=BEGINS, k_e=ENDS)
+    job = simulated_posteriors.built(tmp_path, simulated_posteriors.row(parameters))
+    trial = Trial(job, simulated_posteriors.truly(job))
+    for seed in range(6):
+        verdict, reasons = trial.concluded(seed)
+        assert not reasons
+        assert {q.says for q in (*verdict.products, *verdict.parameters)} == {"cannot judge"}
+        assert verdict.ends == {name: job.problem.nominal[name] for name in ("k_s", "k_e")}
 
 
 def true(job: simulated_posteriors.Job) -> dict[str, float]:

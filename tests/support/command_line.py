@@ -129,6 +129,45 @@ def simulate_again(config: Path) -> None:
     assert result.status == 0, result.err
 
 
+def posterior(
+    config: Path, folder: Path, *options: str | Path, processes: int = 1
+) -> CommandResult:
+    """Sample the posterior of a config into `folder`, in this process unless told otherwise."""
+    return cli("posterior", config, "-o", folder, "--processes", str(processes), *options)
+
+
+def assert_refused(result: CommandResult, *fragments: str) -> None:
+    """Status 2, and on stderr at most a screen that holds all fragments and is no traceback."""
+    assert result.status == 2, result.text
+    assert "Traceback" not in result.text
+    assert len(result.err.splitlines()) <= 24
+    for fragment in fragments:
+        assert fragment in result.err, result.err
+
+
+def assert_refused_unchanged(folder: Path, message: str, *arguments: str | Path) -> None:
+    """The command is refused in one line that holds `message`, and nothing below `folder` changes."""
+    before = listing(folder)
+    result = cli(*arguments)
+    assert_refused(result, message)
+    assert len(result.err.splitlines()) == 1, result.err
+    assert listing(folder) == before
+
+
+def replace_text(path: Path, old: str, new: str) -> None:
+    """Replace a text, which must stand in the file, everywhere in it."""
+    text = path.read_text(encoding="utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new), encoding="utf-8")
+
+
+def renew_digests(folder: Path) -> None:
+    """Write the digests of the files that are there now into `run.json`, as a forger would."""
+    run = output_files.loads_checksummed((folder / "run.json").read_bytes())
+    run["files"] = {name: output_files.digest(folder / name) for name in run["files"]}
+    (folder / "run.json").write_text(output_files.dumps_checksummed(run))
+
+
 def listing(folder: Path) -> dict[str, object]:
     """Return every file and folder below, with its content, or the place to which a link leads."""
     return {

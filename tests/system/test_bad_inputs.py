@@ -1,6 +1,6 @@
 """What users get wrong: each mistake is named with value, line and a way out, and costs nothing.
 
-The mistakes are in `bad_inputs.yaml`, whose head explains its entries.
+Mistakes in configs and records are in `bad_inputs.yaml`, whose head explains its entries.
 """
 
 from __future__ import annotations
@@ -16,13 +16,14 @@ import numpy as np
 import pytest
 from ruamel.yaml import YAML
 from scipy.io import savemat
-from support import command_line
+from support import command_line, forked_command
 from support.case_tables import run_cases
 
 K_E = "k_e: {prior: uniform, low: 0.5, high: 1.5, relative: true}"
 J_1 = "j_1: {prior: uniform, low: 0.5, high: 1.5, relative: true}"
 THETA_1 = "    theta_1: {column: theta_1, unit: rad, sigma: 0.05}\n"
 W_1 = "    w_1: {column: w_1, unit: rad/s, sigma: 0.05}\n"
+EXAMPLE = command_line.ROOT / "configs" / "example_ties.yaml"
 TIMES = np.arange(101) * 0.05
 SECONDS = 15.0  # more than any config takes to be read
 CASES: list[dict[str, Any]] = YAML(typ="safe").load(Path(__file__).with_name("bad_inputs.yaml"))
@@ -137,7 +138,14 @@ def long(text: str) -> str:
 
 
 def make(folder: Path, case: dict[str, Any]) -> None:
-    """Write the good experiment with the case's mistake."""
+    """Write the good experiment, or the example of formulas, with the case's mistake."""
+    if "example" in case:
+        text = EXAMPLE.read_text().replace("records/", f"{EXAMPLE.parent}/records/")
+        for old, new in case["example"]:
+            assert text.count(old) == 1, f"{old!r} stands {text.count(old)} times in the config"
+            text = text.replace(old, new)
+        (folder / "small.yaml").write_text(text)
+        return
     changes = [(long(old), long(new)) for old, new in case.get("replace", ())]
     if "prior" in case:
         changes.append(prior(case["prior"]))
@@ -162,19 +170,36 @@ def label(folder: Path, at: str | None) -> str:
     if at is None:
         return "small.yaml"
     lines = (folder / "small.yaml").read_text(encoding="utf-8").split("\n")
-    found = [number for number, line in enumerate(lines, start=1) if long(at) in line]
-    assert len(found) == 1, f"{at!r} in lines {found}"
-    return f"small.yaml:{found[0]}:"
+    numbers = [number for number, line in enumerate(lines, start=1) if long(at) in line]
+    assert len(numbers) == 1, f"{at!r} in lines {numbers}"
+    return f"small.yaml:{numbers[0]}:"
 
 
-def assert_a_message(ran: command_line.CommandResult) -> None:
+def assert_a_message(result: command_line.CommandResult) -> None:
     """Status 2, and on stderr what fits one screen; nothing on stdout."""
-    assert ran.status == 2, ran.text
-    assert ran.out == ""
-    assert "Traceback" not in ran.err
-    lines = ran.err.splitlines()
+    assert result.status == 2, result.text
+    assert result.out == ""
+    assert "Traceback" not in result.err
+    lines = result.err.splitlines()
     assert 1 <= len(lines) <= 24
     assert max(map(len, lines)) <= 400
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The working directory, which is empty."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def messages() -> list[str]:
+    """Return the lines of `bayesdrill check` of a config that is wrong."""
+    result = command_line.cli("check", "small.yaml")
+    assert_a_message(result)
+    return result.err.splitlines()
+
+
+# --- one mistake ---------------------------------------------------------------------------------
 
 
 def test_the_cases_are_many_and_named_once() -> None:
@@ -182,14 +207,13 @@ def test_the_cases_are_many_and_named_once() -> None:
     assert len({case["name"] for case in CASES}) == len(CASES)
 
 
-def test_the_good_experiment_passes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    command_line.small_config(tmp_path)
-    monkeypatch.chdir(tmp_path)
-    before = command_line.listing(tmp_path)
-    ran = command_line.cli("check", "small.yaml")
-    assert (ran.status, ran.err) == (0, "")
-    assert "would run" in ran.out
-    assert command_line.listing(tmp_path) == before
+def test_the_good_experiment_passes(here: Path) -> None:
+    command_line.small_config(here)
+    before = command_line.listing(here)
+    result = command_line.cli("check", "small.yaml")
+    assert (result.status, result.err) == (0, "")
+    assert "would run" in result.out
+    assert command_line.listing(here) == before
 
 
 @run_cases("case", CASES, ids=lambda case: case["name"])
@@ -200,44 +224,50 @@ def test_a_mistake_is_named_with_its_place_and_a_way_out(
     monkeypatch.chdir(tmp_path)
     before = command_line.listing(tmp_path)
     place = label(tmp_path, case.get("at"))
-    # Both begin with `bd.load`; that they say the same is seen of every tenth.
+    # Both commands begin with `bd.load`, so every tenth case is enough for the second of them.
     for command in ("check", "posterior")[CASES.index(case) % 10 > 0 :]:
-        begun = time.monotonic()
-        ran = command_line.cli(command, "small.yaml")
-        assert time.monotonic() - begun < SECONDS
-        assert_a_message(ran)
-        assert ran.err.startswith(place), ran.err
+        start = time.monotonic()
+        result = command_line.cli(command, "small.yaml")
+        assert time.monotonic() - start < SECONDS
+        assert_a_message(result)
+        assert result.err.startswith(place), result.err
         for fragment in case["says"]:
-            assert fragment in ran.err
+            assert fragment in result.err
+        lines = len(result.err.splitlines())
+        assert lines == case.get("messages", lines)
         assert command_line.listing(tmp_path) == before
 
 
 SLOW = pytest.mark.slow
+IN_PROCESSES = [
+    "NaN",
+    *(pytest.param(x, marks=SLOW) for x in ("misspelt symbol", "missing config")),
+]
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param("misspelt symbol", marks=SLOW),
-        pytest.param("missing config", marks=SLOW),
-        "NaN",
-    ],
-)
+@pytest.mark.parametrize("name", IN_PROCESSES)
 def test_a_mistake_ends_a_real_process_without_a_traceback(name: str, tmp_path: Path) -> None:
     (case,) = (case for case in CASES if case["name"] == name)
     make(tmp_path, case)
     before = command_line.listing(tmp_path)
-    ran = command_line.run_process("posterior", "small.yaml", cwd=tmp_path)
-    assert_a_message(ran)
-    assert ran.err.startswith(label(tmp_path, case.get("at")))
+    result = command_line.run_process("posterior", "small.yaml", cwd=tmp_path)
+    assert_a_message(result)
+    assert result.err.startswith(label(tmp_path, case.get("at")))
     assert command_line.listing(tmp_path) == before
 
 
-def test_all_mistakes_of_a_config_come_at_once(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_config_given_with_its_folder_is_named_with_its_folder(tmp_path: Path) -> None:
+    config = command_line.small_config(tmp_path / "rig", ("k_T: nominal", "k_t: nominal"))
+    result = command_line.cli("check", os.path.relpath(config))
+    assert result.err.startswith(f"{os.path.relpath(config)}:15: ")
+
+
+# --- several mistakes ----------------------------------------------------------------------------
+
+
+def test_all_mistakes_of_a_config_come_at_once(here: Path) -> None:
     command_line.small_config(
-        tmp_path,
+        here,
         ("seed: 7", "seed: -7\nsampelr: {}"),
         ("unit: s}", "unit: V}"),
         (THETA_1, THETA_1.replace("0.05", "0")),
@@ -252,8 +282,7 @@ def test_all_mistakes_of_a_config_come_at_once(
         ("walkers: 8", "walkers: 9"),
         ("map: {", "map: {method: nelder, "),
     )
-    monkeypatch.chdir(tmp_path)
-    wanted = [
+    expected = [
         ("seed: -7", "seed: -7"),
         ("sampelr", "did you mean sampler?"),
         ("time:", "unit 'V' is not a unit of s"),
@@ -269,42 +298,33 @@ def test_all_mistakes_of_a_config_come_at_once(
         ("map:", "did you mean nelder_mead?"),
         ("walkers: 9", "an even number"),
     ]
-    ran = command_line.cli("check", "small.yaml")
-    assert_a_message(ran)
-    lines = ran.err.splitlines()
-    assert len(lines) == len(wanted), ran.err
-    for line, (at, says) in zip(lines, wanted, strict=True):
-        assert line.startswith(label(tmp_path, at)), line
-        assert says in line
+    for line, (at, words) in zip(messages(), expected, strict=True):
+        assert line.startswith(label(here, at)), line
+        assert words in line
 
 
-def test_more_mistakes_than_a_screen_holds_are_counted(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_more_mistakes_than_a_screen_holds_are_counted(here: Path) -> None:
+    unknown = "\n".join(["seed: 7", *(f"x_{i}: 1" for i in range(40))])
+    command_line.small_config(here, ("seed: 7", unknown))
+    assert messages()[-1] == "... and 25 more"
+
+
+def test_all_mistakes_of_a_record_come_at_once(here: Path) -> None:
+    """A column that is missing hides no other one, be it that of the times."""
     command_line.small_config(
-        tmp_path, ("seed: 7", "\n".join(["seed: 7", *(f"x_{i}: 1" for i in range(40))]))
+        here, ("{column: theta_1", "{column: theta1"), ("v: 8.0", "v: {column: u, unit: V}")
     )
-    monkeypatch.chdir(tmp_path)
-    ran = command_line.cli("check", "small.yaml")
-    assert_a_message(ran)
-    assert ran.err.splitlines()[-1] == "... and 25 more"
-
-
-def test_all_mistakes_of_a_record_come_at_once(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    command_line.small_config(
-        tmp_path, ("{column: theta_1", "{column: theta1"), ("v: 8.0", "v: {column: u, unit: V}")
-    )
-    cells(tmp_path, (5, 0, "nan"), (6, 2, "nan"))
-    monkeypatch.chdir(tmp_path)
-    ran = command_line.cli("check", "small.yaml")
-    assert_a_message(ran)
+    cells(here, (5, 0, "nan"), (6, 2, "nan"))
+    text = "\n".join(messages())
     for fragment in ("record.time", "line 5", "'theta1'", "line 6", "inputs.v.column"):
-        assert fragment in ran.err
+        assert fragment in text
+    command_line.small_config(here, ("column: t,", "column: time,"), ("column: w_1", "column: w1"))
+    text = "\n".join(messages())
+    assert "no column 'time'" in text
+    assert "no column 'w1'" in text
 
 
-# Each of these entries is needed: without it, a mistake elsewhere has to be found all the same.
+# Each of these entries is needed: without it, a mistake elsewhere is found all the same.
 @run_cases(
     "change",
     [
@@ -320,28 +340,17 @@ def test_all_mistakes_of_a_record_come_at_once(
     ],
     ids=lambda change: change[0].split(":")[0].strip(),
 )
-def test_a_spoilt_entry_hides_no_mistake_elsewhere(
+def test_a_wrong_entry_hides_no_mistake_elsewhere(
     change: tuple[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     command_line.small_config(tmp_path, change, prior("prior: uniform, low: 0.09, high: 0.03"))
     monkeypatch.chdir(tmp_path)
-    ran = command_line.cli("check", "small.yaml")
-    assert_a_message(ran)
-    assert len(ran.err.splitlines()) == 2, ran.err
-    assert "parameters.k_e: low 0.09 is not below high 0.03" in ran.err
+    lines = messages()
+    assert len(lines) == 2, lines
+    assert any("parameters.k_e: low 0.09 is not below high 0.03" in line for line in lines)
 
 
-def test_a_missing_time_hides_no_other_missing_column(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    command_line.small_config(
-        tmp_path, ("column: t,", "column: time,"), ("column: w_1", "column: w1")
-    )
-    monkeypatch.chdir(tmp_path)
-    ran = command_line.cli("check", "small.yaml")
-    assert_a_message(ran)
-    assert "no column 'time'" in ran.err
-    assert "no column 'w1'" in ran.err
+# --- misuse of the command line ------------------------------------------------------------------
 
 
 @run_cases(
@@ -352,6 +361,8 @@ def test_a_missing_time_hides_no_other_missing_column(
         ["check", "small.yaml", "--fast"],
         ["posterior", "small.yaml", "--processes", "0"],
         ["posterior", "small.yaml", "--processes", "two"],
+        ["posterior", "small.yaml", "--processes", "3000000000"],
+        ["calibrate", "small.yaml", "--processes", "3000000000"],
         ["posterior", "small.yaml", "--resume", "--force"],
         ["simulate", "small.yaml", "--seed", "-1"],
         ["simulate", "small.yaml"],
@@ -370,12 +381,63 @@ def test_misuse_of_the_command_line_costs_nothing(
     command_line.small_config(tmp_path)
     monkeypatch.chdir(tmp_path)
     before = command_line.listing(tmp_path)
-    ran = command_line.cli(*arguments)
-    assert_a_message(ran)
+    assert_a_message(command_line.cli(*arguments))
     assert command_line.listing(tmp_path) == before
 
 
-def test_a_config_given_with_its_folder_names_the_folder(tmp_path: Path) -> None:
-    config = command_line.small_config(tmp_path / "rig", ("k_T: nominal", "k_t: nominal"))
-    ran = command_line.cli("check", os.path.relpath(config))
-    assert ran.err.startswith(f"{os.path.relpath(config)}:15: ")
+# --- files without an end ------------------------------------------------------------------------
+
+
+@run_cases("command", ["check", "init", "verify", "simulate"])
+@run_cases("kind", ["a device", "a pipe", "a link to a pipe"])
+def test_a_device_or_a_pipe_is_no_config_and_no_record(
+    kind: str, command: str, tmp_path: Path
+) -> None:
+    """Opening a pipe would wait until somebody writes."""
+    path = tmp_path / ("small.csv" if command == "init" else "run.json")
+    if kind == "a device":
+        path.symlink_to("/dev/zero")
+    else:
+        os.mkfifo(pipe := path.with_name("pipe") if "link" in kind else path)
+        if pipe != path:
+            path.symlink_to(pipe)
+    arguments = [command, tmp_path if command == "verify" else path]
+    ended = forked_command.ran(arguments, tmp_path, SECONDS)
+    assert (ended.status, ended.hung, ended.traceback) == (2, False, False)
+    assert ended.text.count("\n") == 1
+    assert f"{path.name}: is a device or a pipe, which may have no end; give a file" in ended.text
+
+
+@run_cases("kind", ["a device", "a pipe", "a large file", "standard input"])
+def test_a_record_without_an_end_is_not_read(kind: str, tmp_path: Path) -> None:
+    record = tmp_path / "small.csv"
+    name = "/dev/stdin" if kind == "standard input" else "small.csv"
+    config = command_line.small_config(
+        tmp_path, ("file: small.csv", f"file: {name}\n  format: csv")
+    )
+    record.unlink()
+    read, write = os.pipe()  # nobody writes to it, and nobody closes it
+    terminal = os.dup(0)
+    try:
+        os.dup2(read, 0)
+        if kind == "a device":
+            record.symlink_to("/dev/zero")
+        elif kind == "a pipe":
+            os.mkfifo(record)
+        elif kind == "a large file":
+            with record.open("wb") as file:
+                file.truncate(2_000_000_000)
+        ended = forked_command.ran(["check", config], tmp_path, SECONDS)
+    finally:
+        os.dup2(terminal, 0)
+        for descriptor in (read, write, terminal):
+            os.close(descriptor)
+    assert (ended.status, ended.hung) == (2, False)
+    assert "small.yaml:4" in ended.text
+    assert ("at most 1000 MB" if kind == "a large file" else "give a file") in ended.text
+
+
+def test_a_long_config_is_not_read(tmp_path: Path) -> None:
+    (tmp_path / "long.yaml").write_text("#" * 200_000)
+    result = command_line.cli("check", tmp_path / "long.yaml")
+    command_line.assert_refused(result, "holds more than 100 kB")

@@ -1,4 +1,4 @@
-"""Calibrations: the same ranks wherever and however they are computed, and how they end."""
+"""`bayesdrill calibrate CONFIG`: the same ranks wherever and however they are computed."""
 
 from __future__ import annotations
 
@@ -13,28 +13,25 @@ import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from support import command_line
 from support.case_tables import run_cases
+from support.command_line import assert_refused, replace_text
 
 from bayesdrill import output_files
 from bayesdrill.analysis.calibration import CalibrationStudy, refit
 from bayesdrill.basics.errors import InputError, Interrupted
-from bayesdrill.basics.progress import Silent
+from bayesdrill.basics.progress import Reporter, Silent
 from bayesdrill.output_files import dumps_checksummed, loads_checksummed
 from bayesdrill.rig.simulators.exact import Response
 from bayesdrill.tasks import calibrate, remote
 
-TINY = (
-    (
-        "output: {",
-        "calibration: {refits: 10, draws: 19, n_tau: 5, ess: 50, max_steps: 600}\noutput: {",
-    ),
-)
+QUICK = "calibration: {refits: 10, draws: 19, n_tau: 5, ess: 50, max_steps: 600}"
 FILES = {
     *(".lock", "config.resolved.yaml", "config.yaml", "ranks.csv", "run.json"),
     *("summary.md", "report.html"),
@@ -43,48 +40,19 @@ FILES = {
 }
 
 
-@dataclass
-class Stopping:
-    """A reporter by which Ctrl-C comes when the work is at `share`."""
+@dataclass(frozen=True)
+class Stopping(Silent):
+    """A reporter that raises Ctrl-C when this fraction of the work is done."""
 
-    share: float
-    said: list[str] = field(default_factory=list)
-
-    def say(self, text: str) -> None:
-        self.said.append(text)
+    fraction: float
 
     def update(self, fraction: float, text: str) -> None:
-        if self.share <= fraction < 1:
+        if self.fraction <= fraction < 1:
             raise KeyboardInterrupt
 
 
-def here(config: Path, folder: Path, how: str = "fresh", report: object = None) -> object:
-    """A calibration in this process."""
-    with ThreadPoolExecutor(1) as pool:
-        crew = remote.RefitExecutor(pool)
-        try:
-            job = calibrate.prepare(config)
-            return calibrate.calibrate(job, folder, how, crew, report or Silent())  # type: ignore[arg-type]
-        finally:
-            pool.shutdown(cancel_futures=True)
-
-
-def command(config: Path, folder: Path, *options: str) -> command_line.CommandResult:
-    return command_line.cli("calibrate", config, "-o", folder, "--processes", "1", *options)
-
-
-def run_of(folder: Path) -> dict[str, object]:
-    return dict(json.loads((folder / "run.json").read_text()))
-
-
-def change(path: Path, old: str, new: str) -> None:
-    text = path.read_text(encoding="utf-8")
-    assert old in text
-    path.write_text(text.replace(old, new), encoding="utf-8")
-
-
 @dataclass(frozen=True)
-class Done:
+class Calibration:
     config: Path
     folder: Path
 
@@ -92,36 +60,59 @@ class Done:
     def ranks(self) -> bytes:
         return (self.folder / "ranks.csv").read_bytes()
 
+    @property
+    def run(self) -> dict[str, Any]:
+        return dict(json.loads((self.folder / "run.json").read_text()))
+
+    def command(self, *options: str) -> command_line.CommandResult:
+        arguments = ("calibrate", self.config, "-o", self.folder, "--processes", "1")
+        return command_line.cli(*arguments, *options)
+
+    def resume(self) -> command_line.CommandResult:
+        return self.command("--resume")
+
+    def calibrate(self, how: str, reporter: Reporter) -> None:
+        """In this process, without the command line."""
+        with ThreadPoolExecutor(1) as pool:
+            crew = remote.RefitExecutor(pool)
+            try:
+                job = calibrate.prepare(self.config)
+                calibrate.calibrate(job, self.folder, how, crew, reporter)  # type: ignore[arg-type]
+            finally:
+                pool.shutdown(cancel_futures=True)
+
 
 @pytest.fixture(scope="module")
-def done(tmp_path_factory: pytest.TempPathFactory) -> Done:
-    """A finished calibration of a tiny config; tests copy it, or leave it as it is."""
-    place = tmp_path_factory.mktemp("done")
-    config = command_line.small_config(place, *TINY)
-    here(config, place / "out")
-    return Done(config, place / "out")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Calibration:
+    """A finished calibration, not to be changed."""
+    place = tmp_path_factory.mktemp("finished")
+    config = command_line.small_config(place, ("output: {", f"{QUICK}\noutput: {{"))
+    calibration = Calibration(config, place / "out")
+    calibration.calibrate("fresh", Silent())
+    return calibration
 
 
 @pytest.fixture
-def copy(done: Done, tmp_path: Path) -> Done:
-    shutil.copytree(done.config.parent, tmp_path / "copy")
-    return Done(tmp_path / "copy" / "small.yaml", tmp_path / "copy" / "out")
+def copy(finished: Calibration, tmp_path: Path) -> Calibration:
+    """The same, to be changed."""
+    shutil.copytree(finished.config.parent, tmp_path / "copy")
+    return Calibration(tmp_path / "copy" / "small.yaml", tmp_path / "copy" / "out")
 
 
 @pytest.fixture
-def study(done: Done) -> CalibrationStudy:
-    return calibrate.study(calibrate.prepare(done.config))
+def study(finished: Calibration) -> CalibrationStudy:
+    return calibrate.study(calibrate.prepare(finished.config))
 
 
 # --- one refit -----------------------------------------------------------------------------------
 
 
 def test_a_refit_depends_on_the_study_and_its_index_alone(
-    done: Done, study: CalibrationStudy
+    finished: Calibration, study: CalibrationStudy
 ) -> None:
-    """Computed again, in another order; kills a random stream that is shared by refits."""
+    """Computed again, in another order."""
     again = [refit(study, index) for index in (3, 1)]
-    kept = {each.index: each for each in calibrate.saved(done.folder / ".refits", study)}
+    kept = {each.index: each for each in calibrate.saved(finished.folder / ".refits", study)}
     assert again == [kept[3], kept[1]]
     assert len({each.truth for each in kept.values()}) == 10
 
@@ -132,39 +123,38 @@ def test_another_record_shares_the_compiled_code(study: CalibrationStudy) -> Non
     theta = study.posterior.space.full(study.posterior.space.draw(9, np.random.default_rng(2)))
     other = response.with_record(y)
     assert other._kernel("misfit") is response._kernel("misfit")
-    anew = Response(response.model, dataclasses.replace(response.experiment, y=y))
-    assert np.array_equal(other.squares(theta), anew.squares(theta))
+    compiled = Response(response.model, dataclasses.replace(response.experiment, y=y))
+    assert np.array_equal(other.squares(theta), compiled.squares(theta))
     assert not np.array_equal(other.squares(theta), response.squares(theta))
     with pytest.raises(ValueError, match="shape"):
         response.with_record(y[:-1])
 
 
-def test_the_record_that_was_measured_plays_no_part(copy: Done) -> None:
+def test_the_measured_record_plays_no_part(copy: Calibration) -> None:
+    """Nor need it be there: `simulation:` has the times too."""
     before = copy.ranks
     record = copy.config.parent / "small.csv"
-    lines = record.read_text().splitlines()
-    record.write_text("\n".join([*lines[:5], *reversed(lines[5:6]), *lines[6:]]) + "\n")
-    change(record, lines[9], ",".join([lines[9].split(",")[0], "0.1", "0.2"]))
-    assert command(copy.config, copy.folder, "--resume").status in (0, 3)
-    record.unlink()  # the grid is in `simulation:` too
-    assert command(copy.config, copy.folder, "--resume").status in (0, 3)
+    replace_text(record, record.read_text().splitlines()[9].partition(",")[2], "0.1,0.2")
+    assert copy.resume().status in (0, 3)
+    record.unlink()
+    assert copy.resume().status in (0, 3)
     assert copy.ranks == before
 
 
 # --- what it leaves, and how it goes on ----------------------------------------------------------
 
 
-def test_a_calibration_leaves_a_complete_folder_and_nothing_else(done: Done) -> None:
-    assert set(command_line.listing(done.folder)) == FILES
+def test_a_calibration_leaves_a_complete_folder_and_nothing_else(finished: Calibration) -> None:
+    assert set(command_line.listing(finished.folder)) == FILES
     assert {name for name in FILES if not output_files.CALIBRATE.is_output(name)} == {
         *(".lock", "figures", ".refits"),
     }
-    run = run_of(done.folder)
+    run = finished.run
     assert (run["status"], run["refits"], run["seed"]) == ("finished", 10, 7)
-    rows = list(csv.DictReader((done.folder / "ranks.csv").read_text().splitlines()))
+    rows = list(csv.DictReader(finished.ranks.decode().splitlines()))
     assert [int(row["refit"]) for row in rows] == list(range(10))
     assert all(0 <= int(row["rank_log_likelihood"]) <= 19 for row in rows)
-    summary = (done.folder / "summary.md").read_text()
+    summary = (finished.folder / "summary.md").read_text()
     assert str(run["verdict"])[1:] in summary
     assert "at most 1 %" in summary
 
@@ -175,7 +165,7 @@ def test_a_calibration_leaves_a_complete_folder_and_nothing_else(done: Done) -> 
         {"ranks": [0, 0, 20]},  # of 19 draws
         {"ranks": [0, 0, -1]},
         {"ranks": [0, 0]},
-        {"ranks": []},  # and converged
+        {"ranks": []},  # of a refit that converged
         {"ranks": ["0", "0", "0"]},
         {"truth": [1.0]},
         {"truth": [1.0, float("nan"), 0.0]},
@@ -187,100 +177,93 @@ def test_a_calibration_leaves_a_complete_folder_and_nothing_else(done: Done) -> 
     ],
     ids=str,
 )
-def test_a_refit_of_another_study_is_not_believed(
-    change: dict[str, object], done: Done, study: CalibrationStudy, tmp_path: Path
+def test_a_refit_that_cannot_be_is_refused(
+    change: dict[str, object], finished: Calibration, study: CalibrationStudy, tmp_path: Path
 ) -> None:
-    """Sealed as the house does it, with other types, or ranks that cannot be."""
-    data = loads_checksummed((done.folder / ".refits" / "000001.json").read_bytes())
-    (tmp_path / "000001.json").write_text(dumps_checksummed(data))
+    """Though its checksum fits."""
+    path = tmp_path / "000001.json"
+    data = loads_checksummed((finished.folder / ".refits" / path.name).read_bytes())
+    path.write_text(dumps_checksummed(data))
     assert [each.index for each in calibrate.saved(tmp_path, study)] == [1]
-    (tmp_path / "000001.json").write_text(dumps_checksummed({**data, **change}))
+    path.write_text(dumps_checksummed({**data, **change}))
     with pytest.raises(InputError, match=r"000001.json: is damaged; delete it"):
         calibrate.saved(tmp_path, study)
 
 
 def test_ctrl_c_keeps_the_refits_that_are_done(
-    done: Done, study: CalibrationStudy, tmp_path: Path
+    finished: Calibration, study: CalibrationStudy, tmp_path: Path
 ) -> None:
-    folder = tmp_path / "out"
+    calibration = Calibration(finished.config, tmp_path / "out")
     with pytest.raises(Interrupted, match="saved"):
-        here(done.config, folder, report=Stopping(0.05))
-    assert run_of(folder)["status"] == "interrupted"
-    kept = calibrate.saved(folder / ".refits", study)
+        calibration.calibrate("fresh", Stopping(0.05))
+    assert calibration.run["status"] == "interrupted"
+    kept = calibrate.saved(calibration.folder / ".refits", study)
     assert 1 <= len(kept) < 10
-    assert set(kept) <= set(calibrate.saved(done.folder / ".refits", study))
-    assert not (folder / "ranks.csv").exists()
+    assert set(kept) <= set(calibrate.saved(finished.folder / ".refits", study))
+    assert not (calibration.folder / "ranks.csv").exists()
 
 
-def test_resumed_is_the_same_as_uninterrupted(done: Done, copy: Done) -> None:
-    """Some refits were done, others not, when the run before was killed."""
+def test_a_resumed_calibration_equals_one_without_interruption(
+    finished: Calibration, copy: Calibration
+) -> None:
     for name in ("ranks.csv", "summary.md", ".refits/000002.json", ".refits/000009.json"):
         (copy.folder / name).unlink()
-    here(copy.config, copy.folder, "resume")
-    assert copy.ranks == done.ranks
-    assert (copy.folder / "summary.md").read_bytes() == (done.folder / "summary.md").read_bytes()
+    copy.calibrate("resume", Silent())
+    assert copy.ranks == finished.ranks
+    summaries = [each.folder / "summary.md" for each in (copy, finished)]
+    assert summaries[0].read_bytes() == summaries[1].read_bytes()
 
 
-def test_results_are_neither_overwritten_nor_mixed(copy: Done) -> None:
+def test_results_are_neither_overwritten_nor_mixed(copy: Calibration) -> None:
     before = command_line.listing(copy.folder)
-    ran = command(copy.config, copy.folder)
-    assert (ran.status, "results exist already" in ran.err) == (2, True)
-    change(copy.config, "draws: 19", "draws: 20")
-    ran = command(copy.config, copy.folder, "--resume")
-    assert (ran.status, "calibration.draws" in ran.err) == (2, True)
-    change(copy.config, "draws: 20", "draws: 19")
-    change(copy.config, "rad/s, sigma: 0.05", "rad/s, sigma: 0.06")
-    ran = command(copy.config, copy.folder, "--resume")
-    assert (ran.status, "the noise" in ran.err) == (2, True)
+    assert_refused(copy.command(), "results exist already")
+    for old, new, message in (
+        ("draws: 19", "draws: 20", "calibration.draws"),
+        ("rad/s, sigma: 0.05", "rad/s, sigma: 0.06", "the noise"),
+    ):
+        replace_text(copy.config, old, new)
+        assert_refused(copy.resume(), message)
+        replace_text(copy.config, new, old)
     assert command_line.listing(copy.folder) == before
 
 
 @run_cases(
-    "changes, told",
+    "old, new, message",
     [
-        ([("ess: 50,", "ess: 18,")], "18 effective draws do not hold 19 independent ones"),
-        ([("max_steps: 600", "max_steps: 99")], "calibration.max_steps: 99"),
-        ([("refits: 10", "refits: 9")], "calibration.refits"),
+        ("ess: 50,", "ess: 18,", "18 effective draws do not hold 19 independent ones"),
+        ("max_steps: 600", "max_steps: 99", "calibration.max_steps: 99"),
+        ("refits: 10", "refits: 9", "calibration.refits"),
     ],
 )
 def test_a_calibration_that_cannot_be_is_refused(
-    changes: list[tuple[str, str]], told: str, tmp_path: Path
+    old: str, new: str, message: str, tmp_path: Path
 ) -> None:
-    config = command_line.small_config(tmp_path, *TINY)
-    for old, new in (*changes, ("max_steps: 500", "max_steps: 5000")):
-        change(config, old, new)
-    ran = command(config, tmp_path / "out")
-    assert (ran.status, told in ran.err) == (2, True), ran.text
+    config = command_line.small_config(tmp_path, ("output: {", f"{QUICK}\noutput: {{"))
+    replace_text(config, old, new)
+    assert_refused(Calibration(config, tmp_path / "out").command(), message)
     assert not (tmp_path / "out").exists()
 
 
-def test_a_damaged_refit_is_named(copy: Done) -> None:
+def test_a_damaged_refit_is_named(copy: Calibration) -> None:
     path = copy.folder / ".refits" / "000007.json"
     digit = path.read_text().replace('"index": 7', '"index": 6')
-    for damage in ("{", "[1, 2]", '{"index": 7}', digit):
-        path.write_text(damage)
+    for content in ("{", "[1, 2]", '{"index": 7}', digit):
+        path.write_text(content)
         before = command_line.listing(copy.folder)
-        ran = command(copy.config, copy.folder, "--resume")
-        assert (ran.status, "000007.json" in ran.err, "Traceback" in ran.text) == (2, True, False)
+        assert_refused(copy.resume(), "000007.json")
         assert command_line.listing(copy.folder) == before
 
 
-def test_the_status_is_the_verdict(copy: Done) -> None:
-    """Ranks of zero everywhere: what a posterior far too high gives."""
-    status = command(copy.config, copy.folder, "--resume").status
-    assert status == (0 if run_of(copy.folder)["calibrated"] else 3)
+def test_the_status_is_the_verdict(copy: Calibration) -> None:
+    """A posterior that is far too high gives ranks of zero everywhere."""
+    assert copy.resume().status == (0 if copy.run["calibrated"] else 3)
     for path in (copy.folder / ".refits").glob("*.json"):
         data = loads_checksummed(path.read_bytes())
         path.write_text(dumps_checksummed({**data, "ranks": [0, 0, 0]}))
-    ran = command(copy.config, copy.folder, "--resume")
-    assert ran.status == 3
-    assert "not calibrated: ranks of" in ran.out
-    assert "(posterior too high)" in ran.out
-
-
-def test_help_shows_an_example() -> None:
-    ran = command_line.cli("calibrate", "--help")
-    assert "Example: bayesdrill calibrate" in " ".join(ran.out.split())
+    result = copy.resume()
+    assert result.status == 3
+    assert "not calibrated: ranks of" in result.out
+    assert "(posterior too high)" in result.out
 
 
 # --- processes and clusters ----------------------------------------------------------------------
@@ -290,36 +273,40 @@ def test_help_shows_an_example() -> None:
 @pytest.mark.parametrize(
     "number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL], ids=lambda number: number.name
 )
-def test_processes_that_are_stopped_lose_nothing(
-    number: signal.Signals, done: Done, tmp_path: Path, started: list[subprocess.Popen[str]]
+def test_a_calibration_that_is_stopped_loses_nothing(
+    number: signal.Signals,
+    finished: Calibration,
+    tmp_path: Path,
+    started: list[subprocess.Popen[str]],
 ) -> None:
-    folder = tmp_path / "out"
-    arguments = ("calibrate", done.config, "-o", folder, "--processes", "2")
+    calibration = Calibration(finished.config, tmp_path / "out")
+    arguments = ("calibrate", finished.config, "-o", calibration.folder, "--processes", "2")
     process = command_line.start_process(*arguments, cwd=tmp_path)
     started.append(process)
     end = time.monotonic() + 60
-    while len(list((folder / ".refits").glob("*.json"))) < 3 and time.monotonic() < end:
+    refits = calibration.folder / ".refits"
+    while len(list(refits.glob("*.json"))) < 3 and time.monotonic() < end:
         time.sleep(0.02)
-    begun = time.monotonic()
+    now = time.monotonic()
     if number == signal.SIGINT:
         os.killpg(process.pid, number)
     else:
         process.send_signal(number)
     _, err = process.communicate(timeout=30)
-    assert time.monotonic() - begun < 10
+    assert time.monotonic() - now < 10
     assert "Traceback" not in err
     if number != signal.SIGKILL:
         assert process.returncode == 130, err
         assert "continue with --resume" in err
-        assert run_of(folder)["status"] == "interrupted"
-    ran = command_line.run_process(*arguments, "--resume", cwd=tmp_path)
-    assert ran.status in (0, 3), ran.text
-    assert (folder / "ranks.csv").read_bytes() == done.ranks
+        assert calibration.run["status"] == "interrupted"
+    result = command_line.run_process(*arguments, "--resume", cwd=tmp_path)
+    assert result.status in (0, 3), result.text
+    assert calibration.ranks == finished.ranks
 
 
 @pytest.mark.slow
-def test_a_worker_of_a_cluster_that_is_killed_costs_nothing(done: Done, tmp_path: Path) -> None:
-    """One of three workers gets SIGKILL in the middle: every refit once, equal to the local ones."""
+def test_a_killed_worker_of_a_cluster_costs_nothing(finished: Calibration, tmp_path: Path) -> None:
+    """One of three workers gets SIGKILL: every refit is there once, equal to the local one."""
     distributed = pytest.importorskip("distributed")
     folder = tmp_path / "out"
     with distributed.LocalCluster(
@@ -335,39 +322,39 @@ def test_a_worker_of_a_cluster_that_is_killed_costs_nothing(done: Done, tmp_path
                     killed.set()
                     os.kill(pids[1], signal.SIGKILL)
 
-        job = calibrate.prepare(done.config)
+        job = calibrate.prepare(finished.config)
         with remote.dask_executor(cluster.scheduler_address) as crew:
-            found = calibrate.calibrate(job, folder, "fresh", crew, Killing())
+            result = calibrate.calibrate(job, folder, "fresh", crew, Killing())
     assert killed.is_set()
-    assert [each.index for each in found.refits] == list(range(10))
-    assert (folder / "ranks.csv").read_bytes() == done.ranks
-    assert list(found.refits) == calibrate.saved(done.folder / ".refits", calibrate.study(job))
+    assert [each.index for each in result.refits] == list(range(10))
+    assert (folder / "ranks.csv").read_bytes() == finished.ranks
+    kept = calibrate.saved(finished.folder / ".refits", calibrate.study(job))
+    assert list(result.refits) == kept
 
 
 @pytest.mark.slow
-def test_a_scheduler_that_is_not_there_is_named(done: Done, tmp_path: Path) -> None:
-    begun = time.monotonic()
-    for address, told in (
+def test_a_scheduler_that_is_not_there_is_named(finished: Calibration, tmp_path: Path) -> None:
+    now = time.monotonic()
+    for address, message in (
         ("tcp://127.0.0.1:1", "no scheduler answers at tcp://127.0.0.1:1"),
         ("nonsense://x:y", "'nonsense://x:y' is no address"),
         ("tcp://no.such.host:8786", "no scheduler answers at tcp://no.such.host:8786"),
     ):
-        arguments = ("calibrate", done.config, "-o", "out", "--scheduler", address)
-        ran = command_line.run_process(*arguments, cwd=tmp_path)
-        assert (ran.status, "Traceback" in ran.text) == (2, False), ran.text
-        assert told in ran.err
-        assert len(ran.err.splitlines()) == 1, ran.err
-    assert time.monotonic() - begun < 30
+        arguments = ("calibrate", finished.config, "-o", "out", "--scheduler", address)
+        result = command_line.run_process(*arguments, cwd=tmp_path)
+        assert_refused(result, message)
+        assert len(result.err.splitlines()) == 1, result.err
+    assert time.monotonic() - now < 30
     assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.slow
-def test_without_distributed_a_scheduler_is_refused(done: Done, tmp_path: Path) -> None:
+def test_without_distributed_a_scheduler_is_refused(finished: Calibration, tmp_path: Path) -> None:
     code = "import sys; sys.modules['distributed'] = None; from bayesdrill.cli import main; main()"
-    arguments = ["calibrate", str(done.config), "--scheduler", "tcp://127.0.0.1:1"]
-    ran = subprocess.run(
+    arguments = ["calibrate", str(finished.config), "--scheduler", "tcp://127.0.0.1:1"]
+    done = subprocess.run(
         [sys.executable, "-c", code, *arguments], cwd=tmp_path, capture_output=True, text=True
     )
-    assert ran.returncode == 2
-    assert "bayesdrill[cluster]" in ran.stderr
-    assert "Traceback" not in ran.stderr
+    assert done.returncode == 2
+    assert "bayesdrill[cluster]" in done.stderr
+    assert "Traceback" not in done.stderr

@@ -1,4 +1,4 @@
-"""Every command in the documents runs, and every config in them is one."""
+"""The documents: commands and scripts run, configs are valid, statements are true of the program."""
 
 from __future__ import annotations
 
@@ -9,13 +9,15 @@ import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from ruamel.yaml import YAML
-from support.case_tables import run_cases
+from support import command_line
 from support.document_blocks import (
     DOCS,
     DOCUMENTS,
@@ -30,19 +32,23 @@ from support.document_blocks import (
     script,
     sentences,
 )
-from support.scipy_oracles import NOMINAL
 
+import bayesdrill as bd
+from bayesdrill.cli import app
 from bayesdrill.config import loading
+from bayesdrill.config.schema.config import Config
+from bayesdrill.rig.models import MODELS
+from bayesdrill.rig.models.linear import dynamics
+from docs import check_site, reference
 
-# Of all other pages: mostly the same commands for the same configs.
 README = ROOT / "README.md"
 
 
 @pytest.fixture(scope="module")
 def tree(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A copy of the project whose `.venv` is the environment of this test."""
+    """A copy of the project, whose `.venv` is the environment of this test."""
     copy = tmp_path_factory.mktemp("clone") / "bayesdrill"
-    shutil.copytree(ROOT, copy, ignore=_of_this_place)
+    shutil.copytree(ROOT, copy, ignore=_not_in_a_clone)
     (copy / ".venv").symlink_to(sys.prefix)
     for name, held in HELD.items():
         config = copy / "configs" / f"{name}.yaml"
@@ -51,14 +57,14 @@ def tree(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return copy
 
 
-def _of_this_place(folder: str, names: list[str]) -> set[str]:
-    """What a clone would not have: environments, caches, and runs."""
+def _not_in_a_clone(folder: str, names: list[str]) -> set[str]:
+    """Names that a clone does not have: environments, caches, and runs."""
     others = shutil.ignore_patterns(".venv*", "build", ".git", "__pycache__", ".*_cache")
     runs = {*names} - {"README.md", "published"} if Path(folder) == ROOT / "results" else set()
     return {*others(folder, names), *runs}
 
 
-# What is held in the copy, so that few unknowns are left; the record of the second has another k_T.
+# Parameters that are held in the copy, so that few unknowns remain; example_rig has another k_T.
 HELD = {
     "nominal_step": dict.fromkeys(("j_m", "c_m", "k_T", "r_m", "l_m", "t_f"), "nominal"),
     "my_rig": dict.fromkeys(("j_m", "c_m", "k_T", "r_m", "t_f"), "nominal"),
@@ -74,7 +80,7 @@ map: {starts: 2}
 
 
 def lighten(config: Path, held: dict[str, str]) -> None:
-    """Targets that are soon met: what is tested are the commands; CI runs `make posterior` as it is."""
+    """Set targets that are soon met: the commands are tested; CI runs `make posterior` as it is."""
     text = re.sub(r"^sampler:.*\n(  .*\n)*", "", config.read_text(), flags=re.M)
     for name, value in held.items():
         text = re.sub(rf"^  {name}: {{.*$", f"  {name}: {value}", text, flags=re.M)
@@ -82,17 +88,8 @@ def lighten(config: Path, held: dict[str, str]) -> None:
     config.write_text(text + LIGHT.replace("[]", drawn))
 
 
-def lay_out(page: Path, tree: Path) -> None:
-    """The files that a page shows, where its commands look for them."""
-    for name, text in files(page).items():
-        (tree / name).write_text(text)
-        if (held := HELD.get(Path(name).stem)) is not None:
-            lighten(tree / name, held)
-
-
 def run(command: str, tree: Path) -> subprocess.CompletedProcess[str]:
-    """As a newcomer types it, but `make` takes the environment as set up, and the tests that
-    `make test` would run (these) are only collected, and not all of them."""
+    """Run as a newcomer types it; `make` takes the environment as set up and only collects tests."""
     command = re.sub(r"^make ", "make -o .venv/.ready ", command)
     environment = {
         **os.environ,
@@ -125,7 +122,6 @@ def test_every_script_runs(tree: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_every_notebook_runs(path: Path) -> None:
-    """As it is; `make docs` draws its pictures."""
     done = subprocess.run(
         [sys.executable, "-"],
         input=cells(path),
@@ -150,13 +146,13 @@ def test_every_script_and_notebook_is_python() -> None:
 
 @pytest.fixture(scope="module")
 def ran() -> set[str]:
-    """The commands that ran in the tree: no run overwrites another."""
+    """Commands that ran in the tree: none runs twice."""
     return set()
 
 
 @pytest.mark.slow
-def test_every_command_runs_in_order(tree: Path, ran: set[str]) -> None:
-    """One after the other, as the README has them: later ones need what earlier ones left."""
+def test_commands_of_the_readme_run_in_order(tree: Path, ran: set[str]) -> None:
+    """Commands of the README; later ones need the results of earlier ones."""
     follow(README, tree, ran)
     assert {"make posterior", "make test"} <= ran
     assert (tree / "results" / "nominal_step" / "figures" / "corner.pdf").exists()
@@ -165,16 +161,16 @@ def test_every_command_runs_in_order(tree: Path, ran: set[str]) -> None:
 
 @pytest.mark.slow
 def test_the_numbers_of_one_motor_are_those_of_its_page(tree: Path, ran: set[str]) -> None:
-    """At most eight commands lead to them, and their sds cover what windows of the record say."""
+    """Eight commands at most lead to them, and their sds cover the estimates of single windows."""
     page = DOCS / "one-motor.md"
     follow(page, tree, ran)
     assert len(commands(page)) <= 8
-    units = {"K": 180 / math.pi, "T": 1e3, "t_0": 1e3}  # of the page, for one SI
-    found = {}
+    units = {"K": 180 / math.pi, "T": 1e3, "t_0": 1e3}  # units of the page per SI unit
+    results = {}
     for name in ("one_motor", "one_motor_drift"):
         with (tree / "results" / name / "summary.csv").open() as file:
             rows = {row["name"]: row for row in csv.DictReader(file)}
-        found[name] = {
+        results[name] = {
             symbol: (unit * float(rows[symbol]["mean"]), unit * float(rows[symbol]["sd"]))
             for symbol, unit in units.items()
         }
@@ -182,13 +178,13 @@ def test_the_numbers_of_one_motor_are_those_of_its_page(tree: Path, ran: set[str
     windows = {"K": (160.2, 162.0), "T": (38.9, 39.4), "t_0": (16.89, 17.0)}
     for symbol, (low, high) in ranges.items():
         shown = re.findall(rf"^\| `{symbol}` .*?\| ([\d.]+) ", page.read_text(), re.M)
-        for name, text in zip(found, shown, strict=True):
-            mean, sd = found[name][symbol]
+        for name, text in zip(results, shown, strict=True):
+            mean, sd = results[name][symbol]
             assert low <= round(mean, 1) <= high
             assert float(text) == pytest.approx(mean, abs=sd)
-        mean, sd = found["one_motor_drift"][symbol]
+        mean, sd = results["one_motor_drift"][symbol]
         assert all(abs(value - mean) < 2 * sd for value in windows[symbol])
-    assert found["one_motor"]["K"][1] < 0.2 < found["one_motor_drift"]["K"][1] < 1.0
+    assert results["one_motor"]["K"][1] < 0.2 < results["one_motor_drift"]["K"][1] < 1.0
 
 
 @pytest.mark.slow
@@ -199,8 +195,11 @@ def test_commands_of_all_other_pages_run(tree: Path, ran: set[str]) -> None:
 
 
 def follow(path: Path, tree: Path, ran: set[str]) -> None:
-    """What a page says, in its order; what another page said before has been done."""
-    lay_out(path, tree)
+    """Write the files of a page and run its commands in order, except those that ran before."""
+    for name, text in files(path).items():
+        (tree / name).write_text(text)
+        if (held := HELD.get(Path(name).stem)) is not None:
+            lighten(tree / name, held)
     for command in commands(path):
         if command in ran:
             continue
@@ -211,75 +210,187 @@ def follow(path: Path, tree: Path, ran: set[str]) -> None:
         assert "Traceback" not in done.stderr
 
 
-def test_commands_named_in_the_text_exist(tree: Path) -> None:
-    """Inline `make x` and `bayesdrill x` too."""
+def test_commands_named_in_the_text_exist() -> None:
     text = "\n".join(path.read_text() for path in DOCUMENTS)
     targets = set(re.findall(r"`make ([a-z-]+)", text))
     makefile = (ROOT / "Makefile").read_text()
     assert targets
     assert all(re.search(rf"^{target}:", makefile, re.MULTILINE) for target in targets)
     for command in set(re.findall(r"`bayesdrill ([a-z]+)", text)):
-        done = run(f"bayesdrill {command} --help", tree)
-        assert done.returncode == 0, command
-        assert "Example:" in done.stdout, command
+        result = command_line.cli(command, "--help")
+        assert result.status == 0, command
+        assert "Example:" in result.out, command
 
 
-def test_bare_make_prints_its_targets(tree: Path) -> None:
-    done = run("make -s", tree)
+def test_make_alone_prints_its_targets() -> None:
+    done = subprocess.run(["make", "-s"], cwd=ROOT, capture_output=True, text=True, check=True)
     phony = re.search(r"^\.PHONY: (.*)$", (ROOT / "Makefile").read_text(), re.MULTILINE)
-    for target in phony.group(1).split():
-        if target != "help":
-            assert f"make {target}" in done.stdout
+    for target in phony[1].split():
+        assert target == "help" or f"make {target}" in done.stdout, target
 
 
-def test_the_readmes_own_config_is_valid(tree: Path) -> None:
-    """Its block, completed with what it leaves out."""
-    (block,) = blocks(ROOT / "README.md", "yaml")
-    rest = "".join(f"  {name}: nominal\n" for name in ("j_m", "c_m", "k_T", "l_m", "t_f"))
-    path = tree / "configs" / "readme.yaml"
-    path.write_text(f"name: readme\nseed: 1\n{block}{rest}")
-    config = loading.load(path).config
-    assert config.parameters["j_1"] == 0.0283
+def test_the_fast_tests_are_there() -> None:
+    command = ["make", "-n", "-o", ".venv/.ready", "test-fast"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    paths = re.findall(r"tests/\S+", done.stdout)
+    assert len(paths) > 5
+    assert all((ROOT / path).exists() for path in paths), paths
 
 
-REST: dict[str, Any] = {
-    "name": "page",
-    "seed": 1,
-    "record": {"file": "r.csv", "time": {"column": "t", "unit": "s"}},
-    "inputs": {"v": 8.0},
-    "parameters": dict.fromkeys(NOMINAL, "nominal")
-    | {"j_1": {"prior": "uniform", "low": 0.01, "high": 0.1}},
-}
-ANY_CHANNEL = {"theta_1": {"column": "a", "unit": "rad", "sigma": 0.1}}
+# --- configs and other blocks --------------------------------------------------------------------
 
 
-COMPLETED = [block for page in ("record", "rigs") for block in blocks(DOCS / f"{page}.md", "yaml")]
+YAML_SAFE = YAML(typ="safe", pure=True)
 
 
-@run_cases("block", COMPLETED)
-def test_every_block_of_the_pages_on_records_and_rigs_is_valid(block: str, tmp_path: Path) -> None:
-    """Completed with what it leaves out."""
-    yaml = YAML(typ="safe")
-    given = yaml.load(block)
-    if "name" in given and "parameters" in given:
-        whole = given
-    elif (
-        "model" in given and given["model"]["name"] != "motor_shaft"
-    ):  # other inputs, other parameters
-        whole = {**REST, **given, "record": {**REST["record"], "channels": ANY_CHANNEL}}
-        whole["record"] |= given.get("record", {})
-    else:
-        whole = _of_the_papers_rig(given)
-    with (tmp_path / "page.yaml").open("w") as file:
-        yaml.dump(whole, file)
-    config = loading.load(tmp_path / "page.yaml").config
-    assert config.record.channels
+def completed(base: Mapping[str, Any], part: Mapping[str, Any]) -> dict[str, Any]:
+    """Complete a part of a config by a whole one, section by section.
+
+    A part with another rig has inputs and parameters of its own, and is given channels alone.
+    """
+    rig = part.get("model", {}).get("name", "motor_shaft")
+    if rig != "motor_shaft" and "parameters" in part:
+        channels = base["record"]["channels"]
+        shown = {name: channels[name] for name in channels if name in MODELS[rig]().states}
+        record = {**base["record"], "channels": shown}
+        base = {"name": base["name"], "seed": base["seed"], "record": record}
+    sections = {
+        name: {**base[name], **own} if isinstance(base.get(name), Mapping) else own
+        for name, own in part.items()
+    }
+    return {**base, **sections}
 
 
-def _of_the_papers_rig(given: dict[str, Any]) -> dict[str, Any]:
-    both = {key: {**REST.get(key, {}), **value} for key, value in given.items()}
-    both.get("record", {}).setdefault("channels", ANY_CHANNEL)
-    return REST | {"record": REST["record"] | {"channels": ANY_CHANNEL}} | both
+def test_every_part_of_a_config_is_valid(tmp_path: Path) -> None:
+    """Completed by the bundled config, where a page shows a part."""
+    base = YAML_SAFE.load((ROOT / "configs" / "nominal_step.yaml").read_text())
+    count = 0
+    for page in DOCUMENTS:
+        for block in blocks(page, "yaml"):
+            part = YAML_SAFE.load(block)
+            if part is None or "toy_" in block:  # those are run with their package
+                continue
+            path = tmp_path / "part.yaml"
+            with path.open("w") as file:
+                YAML_SAFE.dump(completed(base, part), file)
+            try:
+                loading.load(path)
+            except bd.InputError as error:
+                pytest.fail(f"{page.name}\n{block}\n{error}")
+            count += 1
+    assert count > 10
+
+
+def test_the_toys_are_the_package_that_is_shown() -> None:
+    (shown,) = blocks(DOCS / "extending.md", "toml")
+    listed = set(re.findall(r'^toy_\w+ = "[\w:]+"$', shown, re.MULTILINE))
+    brought = (ROOT / "tests" / "toys" / "toys-1.0.dist-info" / "entry_points.txt").read_text()
+    lines = [line.split(" = ") for line in brought.splitlines() if " = " in line]
+    assert listed == {f'{name} = "{place}"' for name, place in lines}
+
+
+def test_the_equations_for_matlab_are_those_of_the_model() -> None:
+    """At values at which no other product is the same."""
+    functions = [b for b in blocks(DOCS / "matlab.md", "matlab") if "function [" in b]
+    linear_function, other = (next(b for b in functions if f" = {name}(" in b) for name in RIGS)
+    values = {name: 1.1 + 0.3 * k for k, name in enumerate(bd.MotorShaft.parameters)}
+    linear = bd.MotorShaft(i_m=1 / 8).linear(values)
+    states = bd.MotorShaft.states
+    a, constant = dynamics(linear, states, 1)[0], [linear.c.get(state, 0.0) for state in states]
+    driven = np.array([linear.B.get((state, "v"), 0.0) for state in states])
+    names = {**values, "i_m": 1 / 8}
+    assert np.allclose(matrix(linear_function, "A", names), a)
+    assert np.allclose(matrix(linear_function, "B", names), np.transpose([driven, constant]))
+    x, v = np.arange(5.0) ** 2 + 0.7, 3.0
+    names |= {"x": lambda k: x[k - 1], "u": lambda _: v, "twist": x[0] - x[1]}
+    assert np.allclose(matrix(other, "dx", names)[:, 0], a @ x + driven * v + constant)
+
+
+RIGS = ("rig", "rig_nl")
+
+
+def matrix(function: str, name: str, values: Mapping[str, Any]) -> np.ndarray:
+    """Evaluate a matrix of a MATLAB function."""
+    text = re.search(rf"^{name} = \[(.*?)\];", function, re.MULTILINE | re.DOTALL)[1]
+    rows = [row.replace("^", "**").split(",") for row in text.split(";")]
+    return np.array([[eval(cell.strip(), {}, dict(values)) for cell in row] for row in rows])
+
+
+def test_the_reference_has_every_command_entry_and_function() -> None:
+    pages = {name: (DOCS / f"{name}.md").read_text() for name in ("commands", "entries", "api")}
+    filled = {name: reference.fill(text) for name, text in pages.items()}
+    commands = [command.name or command.callback.__name__ for command in app.registered_commands]
+    assert {f"## {name}" for name in commands} <= {*filled["commands"].splitlines()}
+    assert "`--profile`" in filled["commands"]
+    assert all(f"`{name}`" in filled["entries"] for name in Config.model_fields)
+    assert "| `walkers` | whole number" in filled["entries"]
+    assert all(re.search(rf"\b(bayesdrill|bd)\.{name}\b", pages["api"]) for name in bd.__all__)
+
+
+# --- pages and the site --------------------------------------------------------------------------
+
+
+def test_every_page_is_in_the_site() -> None:
+    index = (DOCS / "index.md").read_text()
+    pages = {path.relative_to(DOCS).with_suffix("") for path in DOCUMENTS[1:]}
+    for page in pages - {Path("index"), Path("paper.template")}:
+        assert re.search(rf"^{page}$", index, re.MULTILINE), page
+
+
+def test_pages_of_the_site_link_to_no_page_outside_it() -> None:
+    """Other files are offered as they are."""
+    for page in (path for path in DOCUMENTS if DOCS in path.parents):
+        for link in re.findall(r"\]\((?!\w+:|#)([^)#\s]+\.md)[)#]", page.read_text()):
+            assert DOCS in (page.parent / link).resolve().parents, f"{page.name}: {link}"
+
+
+def test_a_broken_site_is_detected(tmp_path: Path) -> None:
+    page = "<h1 id='here'>x</h1><a href='other.html#there'>y</a><a href='#here'>z</a>"
+    (tmp_path / "index.html").write_text(page)
+    (tmp_path / "other.html").write_text("<p id='there'></p><a href='https://example.org'>far</a>")
+    assert list(check_site.wrong(tmp_path)) == []
+    (tmp_path / "other.html").write_text(
+        "<script src='https://example.org/x.js'></script><img src='gone.png'>"
+        "<a href='nowhere.html'></a><p style='background: url(//example.org/y.png)'></p>"
+    )
+    (tmp_path / "site.css").write_text("@import url('https://example.org/font.css');")
+    problems = "\n".join(check_site.wrong(tmp_path))
+    for message in (
+        "index.html: other.html#there has no such anchor",
+        "other.html: loads https://example.org/x.js",
+        "other.html: gone.png is not there",
+        "other.html: nowhere.html leads nowhere",
+        "other.html: loads //example.org/y.png",
+        "site.css: loads https://example.org/font.css",
+    ):
+        assert message in problems
+
+
+def test_the_site_pins_no_package_twice() -> None:
+    """One environment holds both lists."""
+    locks = (ROOT / "requirements.lock", DOCS / "requirements.lock")
+    own, more = ({line.split("==")[0].lower() for line in p.read_text().split()} for p in locks)
+    assert not own & more
+    assert {"sphinx", "myst-nb", "furo"} <= more
+
+
+@pytest.mark.slow
+def test_the_example_of_a_verdict_is_what_is_printed(tmp_path: Path) -> None:
+    """Every line of the page, as the bundled run prints it."""
+    page = DOCS / "verdict.md"
+    result = command_line.cli(
+        "posterior", ROOT / "configs" / "nominal_step.yaml", "--output", tmp_path / "out"
+    )
+    printed = [line.rstrip() for line in result.text.splitlines()]
+    for block in blocks(page, "text"):
+        for line in block.splitlines():
+            assert line in printed, line
+    summary = (tmp_path / "out" / "summary.md").read_text().splitlines()
+    shown = re.findall(r"^\| (c_m|k_e|k_s) \| (.*) \|$", page.read_text(), re.MULTILINE)
+    assert len(shown) == 3
+    for name, row in shown:
+        (line,) = (line for line in summary if line.startswith(f"| {name} "))
+        assert {*row.split(" | ")} <= {*line.strip("| ").split(" | ")}, name
 
 
 def test_documents_name_files_that_exist() -> None:
@@ -293,17 +404,17 @@ def test_documents_name_files_that_exist() -> None:
 
 def test_no_machine_path_or_registry_host_is_committed() -> None:
     words = ["/" + "work/", "/" + "root/", "pypi" + ".org", "python" + "hosted"]
-    for path in ROOT.rglob("*"):
+    ignored = (".venv", ".git", "__pycache__", ".hypothesis", "results", "build")
+    folders = [path for path in ROOT.iterdir() if not path.name.startswith(ignored)]
+    for path in (path for folder in folders for path in (folder, *folder.rglob("*"))):
         parts = path.relative_to(ROOT).parts
-        others = (".venv", ".git", "__pycache__", ".hypothesis")
-        if path.is_file() and parts[0] not in ("results", "build"):
-            if any(part.startswith(others) or part.endswith("_cache") for part in parts):
-                continue
-            text = path.read_bytes().decode("utf-8", "ignore")
-            assert not [word for word in words if word in text], path
+        if path.is_dir() or any(part == "__pycache__" or part.endswith("_cache") for part in parts):
+            continue
+        text = path.read_bytes().decode("utf-8", "ignore")
+        assert not [word for word in words if word in text], path
 
 
-def test_no_place_is_left_to_be_worded() -> None:
+def test_no_placeholder_is_left_in_a_page() -> None:
     for path in DOCUMENTS:
         assert "@@" not in path.read_text(), path
 

@@ -1,4 +1,4 @@
-"""Several experiments from simulated records to reports: what a user gets, and may do with it."""
+"""Several experiments in one config, from simulated records to reports; and experiments held out."""
 
 from __future__ import annotations
 
@@ -10,22 +10,27 @@ import numpy as np
 import pytest
 import xarray
 from matplotlib.figure import Figure
-from support import command_line, two_experiments
+from scipy.special import logsumexp
+from scipy.stats import norm
+from support import two_experiments
+from support.case_tables import run_cases
+from support.command_line import assert_refused, cli, posterior, replace_text
 
 import bayesdrill as bd
+from bayesdrill.analysis.prediction import held_out
 from bayesdrill.config.job import prepare
 from bayesdrill.results import provenance
 from bayesdrill.tasks import calibrate
 
 
 @pytest.fixture(scope="module")
-def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder of a finished run of the pair, with its figure of the fit."""
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of a finished run of both experiments, with its figure of the fit."""
     folder = tmp_path_factory.mktemp("pair")
     config = two_experiments.write(folder, ("figures: []", "figures: [fit, predictive_check]"))
-    ran = command_line.cli("posterior", config, "-o", folder / "out", "--processes", "1")
-    assert ran.status == 0, ran.text
-    assert "sampling: converged after " in ran.out
+    result = posterior(config, folder / "out")
+    assert result.status == 0, result.text
+    assert "sampling: converged after " in result.out
     return folder / "out"
 
 
@@ -34,33 +39,39 @@ def rows(path: Path) -> dict[str, dict[str, str]]:
         return {row["name"]: row for row in csv.DictReader(file)}
 
 
-def test_the_posterior_holds_what_the_records_were_made_with(done: Path) -> None:
+# --- a joint run ---------------------------------------------------------------------------------
+
+
+def test_the_posterior_holds_what_the_records_were_made_with(finished: Path) -> None:
     """Within 4 sd, in SI; and it is much narrower than the prior."""
-    found = rows(done / "summary.csv")
+    summary = rows(finished / "summary.csv")
     truth = {**bd.nominal(), **two_experiments.TRUTH}
-    assert list(found) == ["k_e", "j_1", "offset_theta_1", "lag_theta_1"]
-    for name, row in found.items():
+    assert list(summary) == ["k_e", "j_1", "offset_theta_1", "lag_theta_1"]
+    for name, row in summary.items():
         mean, sd = float(row["mean"]), float(row["sd"])
         assert abs(mean - truth[name]) < 4 * sd, name
         assert float(row["shrinkage"]) > 0.9
 
 
-def test_the_report_speaks_of_several_records_in_the_units_of_the_config(done: Path) -> None:
-    text = (done / "summary.md").read_text(encoding="utf-8")
-    assert "verdict: these records determine 2 of the 2" in text
+def test_the_report_speaks_of_several_records_in_the_units_of_the_config(finished: Path) -> None:
+    text = (finished / "summary.md").read_text(encoding="utf-8")
     assert "this record" not in text
-    assert "## What these records can show, at the MAP" in text
-    assert "of theta_1 in slow" in text
-    assert "| offset_theta_1 | deg |" in text
-    assert "| lag_theta_1 | ms |" in text
-    assert "(figures/fit_1.png)" in text
-    page = (done / "report.html").read_text(encoding="utf-8")
+    for words in (
+        "verdict: these records determine 2 of the 2",
+        "## What these records can show, at the MAP",
+        "of theta_1 in slow",
+        "| offset_theta_1 | deg |",
+        "| lag_theta_1 | ms |",
+        "(figures/fit_1.png)",
+    ):
+        assert words in text
+    page = (finished / "report.html").read_text(encoding="utf-8")
     assert "slow: Record, model at the MAP" in page
     assert "fast: Record, model at the MAP" in page
 
 
-def test_the_tree_has_each_channel_of_each_experiment(done: Path) -> None:
-    with xarray.open_datatree(done / "posterior.nc") as tree:
+def test_the_tree_has_each_channel_of_each_experiment(finished: Path) -> None:
+    with xarray.open_datatree(finished / "posterior.nc") as tree:
         assert set(tree["posterior"].data_vars) == {"k_e", "j_1", "offset_theta_1", "lag_theta_1"}
         for group in ("posterior_predictive", "log_likelihood", "observed_data"):
             assert set(tree[group].data_vars) == {
@@ -68,109 +79,93 @@ def test_the_tree_has_each_channel_of_each_experiment(done: Path) -> None:
             }
         assert tree["observed_data"]["w_1_slow"].dims == ("time_slow",)
         inputs = tree["constant_data"]
-        assert float(inputs["v_slow"]) == 4.0
-        assert float(inputs["v_fast"]) == 8.0
+        assert (float(inputs["v_slow"]), float(inputs["v_fast"])) == (4.0, 8.0)
         assert tree["posterior"]["lag_theta_1"].attrs["units"] == "s"
 
 
-def test_a_finished_run_reads_its_own_config_again(done: Path) -> None:
-    """The one with all defaults has the fingerprint of the one that was given."""
-    given = prepare(done.parent / "all.yaml")
-    resolved = prepare(done / "config.resolved.yaml")
-    one, other = (provenance.fingerprint(job.config, job.problem) for job in (given, resolved))
-    assert one == other
-    assert {"the record of slow", "the record of fast"} <= set(one)
-    before = (done / "summary.md").read_text(encoding="utf-8")
-    ran = command_line.cli("report", done, "--processes", "1")
-    assert ran.status == 0, ran.text
-    assert (done / "summary.md").read_text(encoding="utf-8") == before
+def test_a_finished_run_reads_its_own_config_again(finished: Path) -> None:
+    """The config with all defaults has the fingerprint of the one that was given."""
+    jobs = map(prepare, (finished.parent / "all.yaml", finished / "config.resolved.yaml"))
+    given, resolved = (provenance.fingerprint(job.config, job.problem) for job in jobs)
+    assert given == resolved
+    assert {"the record of slow", "the record of fast"} <= set(given)
+    before = (finished / "summary.md").read_text(encoding="utf-8")
+    report = cli("report", finished, "--processes", "1")
+    assert report.status == 0, report.text
+    assert (finished / "summary.md").read_text(encoding="utf-8") == before
 
 
-def test_verify_sees_that_all_belongs_together(done: Path, tmp_path: Path) -> None:
-    ran = command_line.cli("verify", done)
-    assert ran.status == 0, ran.text
-    config = done / "config.yaml"
+def test_a_change_of_one_experiment_is_named_by_verify_and_resume(finished: Path) -> None:
+    config, record = finished / "config.yaml", finished.parent / "fast.csv"
+    resume = (finished.parent / "all.yaml", finished, "--resume")
+    assert cli("verify", finished).status == 0
+    assert posterior(*resume).status == 0
     text = config.read_text(encoding="utf-8")
-    config.write_text(text.replace("inputs: {v: 4.0}", "inputs: {v: 4.5}"), encoding="utf-8")
-    ran = command_line.cli("verify", done)
+    replace_text(config, "inputs: {v: 4.0}", "inputs: {v: 4.5}")
+    changed = cli("verify", finished)
     config.write_text(text, encoding="utf-8")
-    assert ran.status == 2
-    assert "config.yaml: is not the config of this run" in ran.err
-
-
-def test_a_run_can_be_resumed_and_not_with_another_record(done: Path) -> None:
-    config = done.parent / "all.yaml"
-    ran = command_line.cli("posterior", config, "-o", done, "--resume", "--processes", "1")
-    assert ran.status == 0, ran.text
-    record = done.parent / "fast.csv"
+    assert_refused(changed, "config.yaml: is not the config of this run")
     text = record.read_text(encoding="utf-8")
-    lines = text.splitlines()
-    lines[-1] = ",".join([lines[-1].split(",")[0], "3700", "17"])
-    record.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    ran = command_line.cli("posterior", config, "-o", done, "--resume", "--processes", "1")
+    replace_text(record, text.splitlines()[-1].partition(",")[2], "3700,17")
+    resumed = posterior(*resume)
     record.write_text(text, encoding="utf-8")
-    assert ran.status == 2
-    assert "the record of fast" in ran.err
+    assert_refused(resumed, "the record of fast")
 
 
 @pytest.mark.slow
-def test_a_joint_run_is_laid_over_a_single_one(done: Path, tmp_path: Path) -> None:
-    """The joint one is narrower; names of sensors are one."""
+def test_a_joint_run_is_laid_over_a_single_one(finished: Path, tmp_path: Path) -> None:
+    """The joint one is narrower; names of sensors are the same."""
     text = two_experiments.PAIR
     begin, end = text.index("experiments:"), text.index("parameters:")
     single = (text[:begin] + text[end:]).replace("name: pair", "name: single")
     single = single.replace("  time: {column", "  file: fast.csv\n  time: {column")
-    (tmp_path / "fast.csv").write_text(
-        two_experiments.records(two_experiments.PAIR)["fast.csv"], encoding="utf-8"
-    )
+    record = two_experiments.records(two_experiments.PAIR)["fast.csv"]
+    (tmp_path / "fast.csv").write_text(record, encoding="utf-8")
     (tmp_path / "single.yaml").write_text(single, encoding="utf-8")
-    ran = command_line.cli(
-        "posterior", tmp_path / "single.yaml", "-o", tmp_path / "one", "--processes", "1"
-    )
-    assert ran.status == 0, ran.text
-    both = [
-        float(rows(at / "summary.csv")["offset_theta_1"]["sd"]) for at in (done, tmp_path / "one")
-    ]
-    assert both[0] < both[1]
-    ran = command_line.cli("report", done, tmp_path / "one", "-o", tmp_path / "both")
-    assert ran.status == 0, ran.text
-    table = (tmp_path / "both" / "overlay.md").read_text(encoding="utf-8")
-    assert "| lag_theta_1 | ms |" in table
-    assert "theta_1: offset, lag" in table
-    assert "Sensing(" not in table
+    result = posterior(tmp_path / "single.yaml", tmp_path / "one")
+    assert result.status == 0, result.text
+    tables = [rows(folder / "summary.csv") for folder in (finished, tmp_path / "one")]
+    joint, alone = (float(table["offset_theta_1"]["sd"]) for table in tables)
+    assert joint < alone
+    result = cli("report", finished, tmp_path / "one", "-o", tmp_path / "both")
+    assert result.status == 0, result.text
+    overlay = (tmp_path / "both" / "overlay.md").read_text(encoding="utf-8")
+    assert "| lag_theta_1 | ms |" in overlay
+    assert "theta_1: offset, lag" in overlay
+    assert "Sensing(" not in overlay
 
 
 def test_the_maximum_predicts_every_experiment(tmp_path: Path) -> None:
-    config = two_experiments.write(tmp_path)
-    ran = command_line.cli("map", config, "-o", tmp_path / "map", "--processes", "1")
-    assert ran.status == 0, ran.text
-    found = {path.name for path in (tmp_path / "map").rglob("*.*")}
-    assert {"prediction_1.csv", "prediction_2.csv", "fit_1.pdf", "fit_2.pdf"} <= found
-    values = json.loads((tmp_path / "map" / "map.json").read_text(encoding="utf-8"))["values"]
+    out = tmp_path / "map"
+    result = cli("map", two_experiments.write(tmp_path), "-o", out, "--processes", "1")
+    assert result.status == 0, result.text
+    names = {path.name for path in out.rglob("*.*")}
+    assert {"prediction_1.csv", "prediction_2.csv", "fit_1.pdf", "fit_2.pdf"} <= names
+    values = json.loads((out / "map.json").read_text(encoding="utf-8"))["values"]
     for name, truth in two_experiments.TRUTH.items():
         assert values[name] == pytest.approx(truth, rel=0.2)
-    assert command_line.cli("verify", tmp_path / "map").status == 0
+    assert cli("verify", out).status == 0
 
 
-def test_python_loads_several_and_shows_each(done: Path) -> None:
-    case = bd.load(done.parent / "all.yaml")
+def test_python_loads_several_experiments_and_shows_each(finished: Path) -> None:
+    case = bd.load(finished.parent / "all.yaml")
     assert case.unknowns == ("k_e", "j_1", "offset_theta_1", "lag_theta_1")
     assert "columns of fast" in case.preview()
     assert "k_e" in str(case.identify("k_e"))
-    run = bd.open(done)
+    run = bd.open(finished)
     assert isinstance(run.plot("fit", part=2), Figure)
     assert "these records determine" in str(run.judge())
 
 
-def test_python_has_sensors_of_arrays() -> None:
-    """A lag and an offset that were put into a response by hand come out again."""
+def test_gain_offset_and_lag_of_an_array_are_identified() -> None:
+    """Values that are put into a response by hand."""
     t = np.arange(121) * 0.03
     nominal = bd.nominal()
-    shown = bd.respond("motor_shaft", nominal, t, {"v": 8.0}, ["theta_1", "w_1"])
+    exact = bd.respond("motor_shaft", nominal, t, {"v": 8.0}, ["theta_1", "w_1"])
     late = bd.respond("motor_shaft", nominal, t[1:] - 0.012, {"v": 8.0}, ["theta_1"])
     rng = np.random.default_rng(6)
     angle = 0.9 * np.append(0.0, late["theta_1"]) + 0.3 + 0.02 * rng.standard_normal(121)
-    speed = shown["w_1"] + 0.05 * rng.standard_normal(121)
+    speed = exact["w_1"] + 0.05 * rng.standard_normal(121)
     gain = {"prior": "log_normal", "median": 1, "sd_log": 0.2}
     lag = {"prior": "normal", "mean": 0, "sd": 0.02}
     offset = {"prior": "normal", "mean": 0, "sd": 1}
@@ -190,71 +185,170 @@ def test_python_has_sensors_of_arrays() -> None:
     assert values["lag_theta_1"] == pytest.approx(0.012, abs=0.003)
 
 
-def test_records_are_simulated_one_for_each_and_never_over_what_is_there(tmp_path: Path) -> None:
+# --- simulated records ---------------------------------------------------------------------------
+
+
+def test_records_of_all_experiments_are_simulated_or_none(tmp_path: Path) -> None:
     config = two_experiments.write(tmp_path)
-    made = bd.simulate(config, tmp_path / "new", seed=3)
-    assert [path.name for path in made.files] == ["slow.csv", "fast.csv"]
-    assert made.samples == 202
-    again = command_line.cli("simulate", config, "-o", tmp_path / "new")
+    simulated = bd.simulate(config, tmp_path / "new", seed=3)
+    assert [path.name for path in simulated.files] == ["slow.csv", "fast.csv"]
+    assert simulated.samples == 202
+    again = cli("simulate", config, "-o", tmp_path / "new")
     assert again.status == 2
     assert again.err.count("exists already") == 1
     (tmp_path / "slow.csv").unlink()
-    ran = command_line.cli("simulate", config)
-    assert ran.status == 2
-    assert (
-        "fast.csv: is read by this command, or named by its config, and never replaced" in ran.err
-    )
-    assert not (tmp_path / "slow.csv").exists()  # nothing is written where one of them cannot be
-    ran = command_line.cli("simulate", config, "-o", config)
-    assert ran.status == 2
-    assert "is no folder" in ran.err
+    message = "fast.csv: is read by this command, or named by its config, and never replaced"
+    assert_refused(cli("simulate", config), message)
+    assert not (tmp_path / "slow.csv").exists()  # no record is written where one is refused
+    assert_refused(cli("simulate", config, "-o", config), "is no folder")
     same = two_experiments.write(tmp_path, ("{file: fast.csv}", "{file: slow.csv, window: [0, 3]}"))
-    ran = command_line.cli("simulate", same, "-o", tmp_path / "other")
-    assert ran.status == 2
-    assert "experiments.fast.record.file: another experiment is simulated into" in ran.err
+    message = "experiments.fast.record.file: another experiment is simulated into"
+    assert_refused(cli("simulate", same, "-o", tmp_path / "other"), message)
 
 
-def test_simulated_noise_differs_between_experiments_and_truth_is_what_is_said(
-    tmp_path: Path,
-) -> None:
-    """Against the response of names: a lag, an offset and a moment are where `truth:` has them."""
+def test_simulated_records_have_the_given_sensors_and_noise_of_their_own(tmp_path: Path) -> None:
+    """Against a response: a lag, an offset and a begin are where `truth:` has them."""
     config = two_experiments.write(
         tmp_path,
         ("inputs: {v: 4.0}", "inputs: {v: 8.0, t_0: {prior: normal, mean: 0.1, sd: 0.1}}"),
         ("offset_theta_1: -6}", "offset_theta_1: -6, t_0: 0.3}"),
     )
     bd.simulate(config, tmp_path / "new", seed=3)
-    found = {
-        name: np.loadtxt(tmp_path / "new" / f"{name}.csv", delimiter=",", skiprows=1)
-        for name in ("slow", "fast")
-    }
-    t = found["fast"][:, 0]
-    clean = bd.respond(
-        "motor_shaft", bd.nominal(), np.arange(4001) * 0.001, {"v": 8.0}, ["theta_1", "w_1"]
-    )
+    fine = np.arange(4001) * 0.001
+    clean = bd.respond("motor_shaft", bd.nominal(), fine, {"v": 8.0}, ["theta_1", "w_1"])
 
     def at(times: np.ndarray, name: str) -> np.ndarray:
-        return np.where(times < 0, 0.0, np.interp(times, np.arange(4001) * 0.001, clean[name]))
+        return np.where(times < 0, 0.0, np.interp(times, fine, clean[name]))
 
-    left = []
-    for name, moment in (("fast", 0.0), ("slow", 0.3)):
-        angle = np.degrees(at(t - 0.015 - moment, "theta_1")) - 6
-        left.append(found[name][:, 1] - angle)
-        assert left[-1].std() == pytest.approx(2, rel=0.25)
-        assert (found[name][:, 2] - at(t - moment, "w_1")).std() == pytest.approx(0.1, rel=0.25)
-    assert abs(np.corrcoef(left)[0, 1]) < 0.4
+    residuals = []
+    for name, begin in (("fast", 0.0), ("slow", 0.3)):
+        path = tmp_path / "new" / f"{name}.csv"
+        t, angle, speed = np.loadtxt(path, delimiter=",", skiprows=1).T
+        residuals.append(angle - (np.degrees(at(t - 0.015 - begin, "theta_1")) - 6))
+        assert residuals[-1].std() == pytest.approx(2, rel=0.25)
+        assert (speed - at(t - begin, "w_1")).std() == pytest.approx(0.1, rel=0.25)
+    assert abs(np.corrcoef(residuals)[0, 1]) < 0.4
 
 
-def test_refits_of_free_states_have_the_priors_of_the_run(tmp_path: Path) -> None:
-    """And see nothing of the record else; mutant killed: a record that is left in."""
+def test_refits_have_the_priors_of_the_run_and_no_measured_value(tmp_path: Path) -> None:
+    """Priors of free initial states follow from the record; all else of it is taken out."""
     config = two_experiments.write(
         tmp_path,
         ("experiments:\n  slow", "initial: free\nexperiments:\n  slow"),
         ("walkers: 16", "walkers: 32"),
     )
-    one, other = prepare(config).problem, calibrate.prepare(config).problem
-    assert dict(one.posterior.space.priors) == dict(other.posterior.space.priors)
-    assert not np.nansum(np.abs(other.observations[0].experiment.y))
-    seen = [one.experiment.seen for one in other.observations]
-    for mine, theirs in zip(one.observations, seen, strict=True):
-        assert np.array_equal(mine.experiment.seen, theirs)
+    measured, simulated = prepare(config).problem, calibrate.prepare(config).problem
+    assert dict(measured.posterior.space.priors) == dict(simulated.posterior.space.priors)
+    for own, other in zip(measured.observations, simulated.observations, strict=True):
+        assert not np.nansum(np.abs(other.experiment.y))
+        assert np.array_equal(own.experiment.seen, other.experiment.seen)
+
+
+# --- experiments that are held out ---------------------------------------------------------------
+
+SIGMA = 0.1
+CONFIG = """\
+name: held
+seed: 7
+record:
+  time: {column: t, unit: s}
+  channels:
+    w_1: {column: w_1, unit: rad/s, sigma: 0.1, offset: {prior: normal, mean: 0, sd: 0.5}}
+    w_2: {column: w_2, unit: rad/s, sigma: 0.1}
+experiments:
+  slow: {record: {file: slow.csv}, inputs: {v: 5.0}}
+  fast: {record: {file: fast.csv}, inputs: {v: 9.0}HELD_OUT}
+shared: SHARED
+parameters:
+  {j_m: nominal, c_m: nominal, k_e: {prior: uniform, low: 0.5, high: 1.5, relative: true}, k_T: nominal,
+   r_m: nominal, l_m: nominal, k_s: K_S, j_1: nominal, t_f: nominal}
+map: {starts: 1, evaluations: 300}
+sampler: {walkers: 24, ess: 400, n_tau: 10}
+output: {predictive_draws: 10, figures: [fit]}
+simulation: {duration: 4.0, rate: 25}
+"""
+USUAL = {
+    "HELD_OUT": ", held_out: true",
+    "SHARED": "[offset_w_1]",
+    "K_S": "{prior: uniform, low: 0.5, high: 1.5, relative: true}",
+}
+
+
+def write(folder: Path, name: str = "held", **changes: str) -> Path:
+    text = CONFIG
+    for key, value in (USUAL | changes).items():
+        text = text.replace(key, value)
+    path = folder / f"{name}.yaml"
+    path.write_text(text)
+    return path
+
+
+@pytest.fixture(scope="module")
+def records(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("held")
+    bd.simulate(write(folder, "made", HELD_OUT=""), seed=3, output=folder)
+    return folder
+
+
+def test_a_held_out_experiment_is_no_evidence_and_is_predicted(records: Path) -> None:
+    """Against a config that has never heard of it, and densities by SciPy."""
+    problem = bd.load(write(records)).job.problem
+    space = problem.posterior.space
+    assert [observation.label for observation in problem.observations] == ["slow"]
+    alone = write(records, "alone")
+    lines = alone.read_text().splitlines()
+    lines = [line for line in lines if not line.startswith(("  fast", "shared"))]
+    alone.write_text("\n".join(lines))
+    other = bd.load(alone).job.problem
+    theta = space.draw(40, np.random.default_rng(1))
+    same = [space.free.index(name.removesuffix("_slow")) for name in other.names]
+    density = other.posterior.density(theta[:, same])
+    assert problem.posterior.density(theta) == pytest.approx(density, rel=1e-12)
+    near = space.vector(space.start) * (
+        1.0 + 1e-3 * np.random.default_rng(2).standard_normal((40, theta.shape[1]))
+    )
+    (fast,) = problem.posterior.likelihood.held_out
+    clean = fast.signals(space.full(near))
+    scores = logsumexp(norm.logpdf(fast.experiment.y, clean, SIGMA), axis=0) - np.log(40)
+    prediction = held_out(problem.posterior, near)
+    assert prediction is not None
+    assert prediction.samples == 2 * 101
+    assert prediction.score == pytest.approx(scores.sum(), rel=1e-9)
+
+
+@pytest.mark.slow
+def test_models_are_compared_by_what_they_predict(records: Path, tmp_path: Path) -> None:
+    """A spring that is held at a wrong value predicts worse; a run that saw the record is refused."""
+    for name, changes in (("given", {}), ("stiff", {"K_S": "0.3"}), ("whole", {"HELD_OUT": ""})):
+        result = posterior(write(records, name, **changes), tmp_path / name)
+        assert result.status in (0, 3), result.text
+        if name == "given":
+            assert "fast, its 202 samples are held out, and are no evidence" in result.text
+    result = cli("compare", tmp_path / "stiff", tmp_path / "given", "-o", tmp_path / "out")
+    assert result.status == 0, result.text
+    assert "held out: 202 samples, which given predicts best" in result.out
+    assert json.loads((tmp_path / "out" / "run.json").read_text())["best"] == "given"
+    assert cli("verify", tmp_path / "given").status == 0
+    refused = cli("compare", tmp_path / "given", tmp_path / "whole", "-o", tmp_path / "no")
+    assert_refused(refused, "held out as a whole")
+
+
+AWAY = ", held_out: true"
+
+
+@run_cases(
+    "old, new, message",
+    [
+        ("[offset_w_1]", "[]", "nothing tells offset_w_1 of fast; give a number, or add it to "
+         "`shared:`"),
+        ("[offset_w_1]", "[offset_w_1]\nown: [k_s]", "nothing tells k_s of fast, which is held out"),
+        (AWAY, f"{AWAY}}}\n  more: {{held_out: 3", "experiments.more.held_out"),
+        ("{v: 5.0}}", f"{{v: 5.0}}{AWAY}}}", "all are held out; leave one to be fitted"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_held_out_is_refused(
+    records: Path, old: str, new: str, message: str
+) -> None:
+    config = write(records, "wrong")
+    replace_text(config, old, new)
+    assert_refused(cli("check", config), message)

@@ -1,6 +1,6 @@
-"""A run that is killed again and again ends with the chain that it would have had anyway.
+"""Processes that are killed, stopped or interrupted: a resumed run has the chain that it would have had.
 
-And where only a worker is killed, as the kernel does when memory is out, that is said.
+Where only a worker is killed, as the kernel does when memory runs out, the command says so.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import json
 import os
 import signal
 import subprocess
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -17,169 +18,224 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray
-from emcee.backends import HDFBackend
 from support import command_line
+from support.command_line import assert_refused, posterior
+from support.finished_runs import FILES, UNREACHABLE, FinishedRun
 
 DRAWN = ("figures: []", "figures: [corner]")
 LONG = ("ess: 100, max_steps: 500", "ess: 10000000, max_steps: 4000")
 KILLS = 20
 GROUPS = ("posterior", "sample_stats", "posterior_predictive", "log_likelihood")
 
+type Processes = list[subprocess.Popen[str]]
+
 
 def pieces(folder: Path) -> int:
     return len(list((folder / ".pieces").glob("ensemble_*.npz")))
 
 
-def moments(folder: Path) -> list[tuple[str, Callable[[], bool]]]:
-    """What is waited for, from start-up to the report; a random delay follows."""
-    before, begun = pieces(folder), time.time()
-
-    def fresh(name: str) -> bool:
-        path = folder / name
-        return path.exists() and path.stat().st_mtime > begun
-
-    return [
-        ("start-up", lambda: True),
-        ("MAP", (folder / "run.json").exists),
-        ("learning", (folder / "map.json").exists),
-        ("sampling", lambda: pieces(folder) > before + 2),
-        ("sampling", lambda: pieces(folder) > before + 6),
-        ("writing chain.h5", lambda: any(folder.glob(".chain.*.aside.h5"))),
-        ("after chain.h5", (folder / "chain.h5").exists),
-        ("report", lambda: fresh("summary.md")),
-        ("figures", lambda: fresh("figures/corner.pdf")),
-    ]
+def start(
+    config: Path, folder: Path, *options: str, processes: int = 1, **pipes: object
+) -> subprocess.Popen[str]:
+    arguments = ("posterior", config, "-o", folder, "--processes", str(processes), *options)
+    return command_line.start_process(*arguments, cwd=config.parent, **pipes)
 
 
-# The first kills while the chain is short, the last when it is whole, and written no more: each moment
-# can be reached.
-ORDER = (0, 0, 1, 1, 2, 2, 0, 3, 3, 2, 4, 3, 4, 0, 5, 6, 6, 7, 8, 8)
+def wait_for(
+    process: subprocess.Popen[str], ready: Callable[[], object], seconds: float = 60
+) -> None:
+    """Wait until `ready` while the process lives."""
+    end = time.monotonic() + seconds
+    while not ready():
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < end
+        time.sleep(0.002)
 
 
-def ended(process: subprocess.Popen[str], *, whole_group: bool) -> None:
-    if whole_group:
-        os.killpg(process.pid, signal.SIGKILL)
+def group(leader: int, command: bytes = b"") -> list[int]:
+    """Return the living processes in the session of `leader` with `command` in their command line."""
+    members = []
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):
+            state, _, number = stat.read_text().rpartition(")")[2].split()[:3]
+            line = stat.with_name("cmdline").read_bytes()
+            if int(number) == leader and state != "Z" and command in line:
+                members.append(int(stat.parent.name))
+    return members
+
+
+def workers(leader: int) -> list[int]:
+    return group(leader, b"spawn_main")
+
+
+def assert_group_ends(leader: int, seconds: float = 10.0) -> None:
+    """Helpers of multiprocessing end a moment after their parent."""
+    end = time.monotonic() + seconds
+    while group(leader) and time.monotonic() < end:
+        time.sleep(0.05)
+    assert not group(leader), "workers outlive the run"
+
+
+# --- one kill ------------------------------------------------------------------------------------
+
+
+def begun(folder: Path, processes: int, saved: int, started: Processes) -> FinishedRun:
+    """Start a run in a process of its own, and return when this number of pieces is saved."""
+    config = command_line.small_config(folder, UNREACHABLE)
+    process = start(config, folder / "out", processes=processes)
+    started.append(process)
+    wait_for(process, (folder / "out" / "run.json").exists)
+    wait_for(process, lambda: pieces(folder / "out") >= saved)
+    return FinishedRun(config, folder / "out", command_line.CommandResult(0, "", ""))
+
+
+def assert_resumes(
+    run: FinishedRun,
+    process: subprocess.Popen[str],
+    number: signal.Signals,
+    unconverged: FinishedRun,
+) -> None:
+    """A run that is interrupted by `number` and resumed equals one without interruption."""
+    folder, saved = run.folder, pieces(run.folder)
+    if number == signal.SIGINT:
+        os.killpg(process.pid, number)  # as a terminal does, to parent and workers
     else:
-        process.kill()
+        process.send_signal(number)
+    _, err = process.communicate(timeout=30)
+    assert not (folder / "chain.h5").exists()
+    assert pieces(folder) >= saved
+    if number == signal.SIGKILL:
+        assert process.returncode == -signal.SIGKILL
+        assert run.json["status"] == "running"
+    else:
+        assert process.returncode == 130
+        assert "Traceback" not in err
+        if saved:
+            assert "continue with --resume" in err
+            assert run.json["status"] == "interrupted"
+    assert_group_ends(process.pid)
+    assert posterior(run.config, folder, "--resume").status == 3
+    unconverged.assert_same_chains(run)
+    assert set(command_line.listing(folder)) == FILES
+    summaries = [each.folder / "summary.csv" for each in (run, unconverged)]
+    assert summaries[0].read_bytes() == summaries[1].read_bytes()
 
 
-def start(config: Path, folder: Path, options: list[str]) -> subprocess.Popen[str]:
-    arguments = ("posterior", config, "-o", folder, *options)
-    return command_line.start_process(*arguments, cwd=config.parent, stdout=subprocess.DEVNULL)
+def test_a_folder_is_locked_while_a_run_writes_and_an_interrupted_run_can_be_resumed(
+    unconverged: FinishedRun, tmp_path: Path, started: Processes
+) -> None:
+    run = begun(tmp_path, 1, 3, started)
+    (process,) = started
+    process.send_signal(signal.SIGSTOP)
+    before = command_line.listing(run.folder)
+    for option in ("--resume", "--force"):
+        result = posterior(run.config, run.folder, option)
+        assert_refused(result, "another run is writing here")
+    assert_refused(command_line.cli("report", run.folder), "another run is writing here")
+    assert command_line.listing(run.folder) == before
+    process.send_signal(signal.SIGCONT)
+    assert_resumes(run, process, signal.SIGINT, unconverged)
 
 
 @pytest.mark.slow
-def test_twenty_kills_in_a_row_cost_nothing(tmp_path: Path) -> None:
-    """kill -9 of the parent alone or of all its processes; every resume goes on, and the chain and
-    the draws are those of a run that was left in peace."""
-    config = command_line.small_config(tmp_path, LONG, DRAWN)
-    peace, folder = tmp_path / "peace", tmp_path / "killed"
-    assert command_line.cli("posterior", config, "-o", peace, "--processes", "1").status == 3
-    rng = np.random.default_rng(20)
-    log: list[str] = []
-    options: list[str] = []
-    for kill in range(KILLS):
-        process = start(config, folder, [*options, "--processes", str(1 + kill % 2)])
-        name, reached = moments(folder)[ORDER[kill]]
-        longest = {"start-up": 2.5, "figures": 0.02}.get(name, 0.3)  # of figures little is left
-        delay = rng.uniform(0.0, longest)
-        end = time.monotonic() + 60
-        while not reached() and process.poll() is None and time.monotonic() < end:
-            time.sleep(0.001)
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            process.wait(delay)
-        begun = (folder / "run.json").exists()
-        ended(process, whole_group=kill % 4 < 2)
-        _, err = process.communicate(timeout=30)
-        state = f"{name} +{delay:.2f} s: {process.returncode}, {pieces(folder)} pieces"
-        log.append(f"{state}, chain.h5: {(folder / 'chain.h5').exists()}")
-        print(log[-1])
-        assert process.returncode == -signal.SIGKILL, (log, err)
-        assert "Traceback" not in err, (log, err)
-        with contextlib.suppress(ProcessLookupError):  # workers that outlive their parent
-            os.killpg(process.pid, signal.SIGKILL)
-        # A run that was killed before it wrote anything may also just be begun again.
-        options = ["--resume"] if begun or kill % 4 else []
-    ran = command_line.run_process(
-        "posterior", config, "-o", folder, "--resume", cwd=tmp_path, seconds=120
-    )
-    assert ran.status == 3, ran.text
-    assert len({line.split(" +")[0] for line in log}) >= 7
-    for k in range(4):
-        one, other = (
-            HDFBackend(str(path / "chain.h5"), name=f"ensemble_{k}", read_only=True)
-            for path in (peace, folder)
-        )
-        assert one.get_chain().shape == (4000, 8, 2)
-        assert np.array_equal(one.get_chain(), other.get_chain())
-        assert np.array_equal(one.get_log_prob(), other.get_log_prob())
-        assert np.array_equal(one.accepted, other.accepted)
-        assert np.array_equal(one.random_state[1], other.random_state[1])
-    with (
-        xarray.open_datatree(peace / "posterior.nc", engine="h5netcdf") as one,
-        xarray.open_datatree(folder / "posterior.nc", engine="h5netcdf") as other,
-    ):
-        for group in GROUPS:
-            xarray.testing.assert_equal(one[group].to_dataset(), other[group].to_dataset())
-    assert (peace / "summary.csv").read_bytes() == (folder / "summary.csv").read_bytes()
-    assert set(command_line.listing(peace)) == set(command_line.listing(folder))
+@pytest.mark.parametrize(
+    ("number", "processes", "saved"),
+    [
+        (signal.SIGINT, 1, 0),
+        (signal.SIGINT, 2, 3),
+        (signal.SIGTERM, 1, 3),
+        (signal.SIGKILL, 1, 3),
+    ],
+    ids=lambda value: getattr(value, "name", value),
+)
+def test_an_interrupted_and_resumed_run_equals_one_without_interruption(
+    number: signal.Signals,
+    processes: int,
+    saved: int,
+    unconverged: FinishedRun,
+    tmp_path: Path,
+    started: Processes,
+) -> None:
+    run = begun(tmp_path, processes, saved, started)
+    assert_resumes(run, started[0], number, unconverged)
 
 
-def test_what_a_killed_run_leaves_behind_is_taken_away_in_silence(tmp_path: Path) -> None:
-    """Its semaphores, once its workers have ended: on the terminal where it is resumed by then."""
-    config, folder = command_line.small_config(tmp_path, LONG), tmp_path / "killed"
-    process = start(config, folder, ["--processes", "2"])
-    end = time.monotonic() + 60
-    while pieces(folder) < 2 and process.poll() is None and time.monotonic() < end:
-        time.sleep(0.01)
+@pytest.mark.slow
+def test_workers_do_not_outlive_a_run_that_is_killed(tmp_path: Path, started: Processes) -> None:
+    nowhere = subprocess.DEVNULL
+    config = command_line.small_config(tmp_path, UNREACHABLE)
+    process = start(config, tmp_path / "out", processes=2, stdout=nowhere, stderr=nowhere)
+    started.append(process)
+    wait_for(process, lambda: pieces(tmp_path / "out") >= 1)
+    assert len(group(process.pid)) > 2
     process.kill()
-    _, err = process.communicate(timeout=30)  # until the last of its processes has ended
+    process.wait()
+    assert_group_ends(process.pid, seconds=5.0)
+
+
+def test_a_killed_run_leaves_no_warnings_of_its_semaphores(
+    tmp_path: Path, started: Processes
+) -> None:
+    """They would be printed once its workers have ended: on the terminal where it is resumed by then."""
+    config = command_line.small_config(tmp_path, LONG)
+    process = start(config, tmp_path / "out", processes=2, stdout=subprocess.DEVNULL)
+    started.append(process)
+    wait_for(process, lambda: pieces(tmp_path / "out") >= 3)
+    process.kill()
+    _, err = process.communicate(timeout=30)  # until the last of the group has closed it
     assert process.returncode == -signal.SIGKILL
     assert "starting the walkers" in err
     assert "resource_tracker" not in err
 
 
-def workers(leader: int) -> list[int]:
-    """The worker processes in the group of `leader`."""
-    found = []
-    for path in Path("/proc").glob("[0-9]*/cmdline"):
-        with contextlib.suppress(OSError):
-            pid = int(path.parent.name)
-            if os.getpgid(pid) == leader and b"spawn_main" in path.read_bytes():
-                found.append(pid)
-    return found
+# --- Ctrl-C, and closed terminals ----------------------------------------------------------------
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "command", ["map", "identify --at-map", "posterior", "calibrate", "report"]
-)
-def test_a_worker_that_is_killed_ends_in_a_message(
-    command: str, tmp_path: Path, started: list[subprocess.Popen[str]]
+@pytest.mark.parametrize("seconds", [0.2, 0.5, 1.0, 1.5])
+def test_ctrl_c_while_workers_start_shows_no_traceback(
+    seconds: float, tmp_path: Path, started: Processes
 ) -> None:
-    config, folder = command_line.small_config(tmp_path, DRAWN), tmp_path / "out"
-    saves = command in ("posterior", "calibrate")
-    if command == "report":
-        assert command_line.cli("posterior", config, "-o", folder, "--processes", "1").status == 0
-    target = folder if command == "report" else config
-    options = ["-o", folder] if saves else []
-    process = command_line.start_process(
-        *command.split(), target, *options, "--processes", "2", cwd=tmp_path
+    process = start(command_line.small_config(tmp_path, UNREACHABLE), tmp_path / "out", processes=2)
+    started.append(process)
+    wait_for(process, (tmp_path / "out" / "run.json").exists)
+    time.sleep(seconds)
+    os.killpg(process.pid, signal.SIGINT)
+    _, err = process.communicate(timeout=30)
+    assert "Traceback" not in err
+
+
+LARGE_RESULTS = """
+import numpy as np
+from bayesdrill.sampling.workers import WorkerPool
+
+def large():
+    return np.zeros(4_000_000)
+
+if __name__ == "__main__":
+    with WorkerPool(None, 2) as pool:
+        tasks = [pool.submit_function(large) for _ in range(8)]
+        tasks[0].result()
+        raise KeyboardInterrupt
+"""
+
+
+@pytest.mark.slow
+def test_ctrl_c_while_a_worker_hands_over_a_result_ends_the_process(
+    tmp_path: Path, started: Processes
+) -> None:
+    (tmp_path / "large.py").write_text(LARGE_RESULTS)
+    process = subprocess.Popen(
+        [sys.executable, "large.py"],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(command_line.ROOT)},
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
     )
     started.append(process)
-    end = time.monotonic() + 60
-    while not (there := workers(process.pid)) and time.monotonic() < end:
-        assert process.poll() is None, process.communicate()
-        time.sleep(0.002)
-    os.kill(there[0], signal.SIGKILL)
-    _, err = process.communicate(timeout=30)
-    assert process.returncode == 2, err
-    assert "Traceback" not in err
-    assert "a worker process was killed" in err
-    assert "--processes" in err
-    assert ("--resume" in err) == saves
-    if saves:
-        assert json.loads((folder / "run.json").read_text())["status"] == "interrupted"
+    _, err = process.communicate(timeout=15)
+    assert err.splitlines()[-1] == "KeyboardInterrupt", err
 
 
 def to_group(*numbers: signal.Signals) -> Callable[[int], None]:
@@ -207,21 +263,15 @@ def stopped_worker(leader: int) -> None:
     ],
 )
 @pytest.mark.parametrize("command", ["posterior", "calibrate"])
-def test_whatever_stops_a_run_it_ends_and_can_go_on(
-    command: str,
-    act: Callable[[int], None],
-    tmp_path: Path,
-    started: list[subprocess.Popen[str]],
+def test_whatever_stops_a_run_it_ends_and_can_be_resumed(
+    command: str, act: Callable[[int], None], tmp_path: Path, started: Processes
 ) -> None:
     config, folder = command_line.small_config(tmp_path, LONG), tmp_path / "out"
     process = command_line.start_process(
         command, config, "-o", folder, "--processes", "2", cwd=tmp_path
     )
     started.append(process)
-    end = time.monotonic() + 60
-    while len(workers(process.pid)) < 2 and time.monotonic() < end:
-        assert process.poll() is None, process.communicate()
-        time.sleep(0.002)
+    wait_for(process, lambda: len(workers(process.pid)) >= 2)
     time.sleep(1.5)  # until they are at work
     act(process.pid)
     _, err = process.communicate(timeout=30)
@@ -230,3 +280,134 @@ def test_whatever_stops_a_run_it_ends_and_can_go_on(
     assert "--resume" in err
     assert json.loads((folder / "run.json").read_text())["status"] == "interrupted"
     assert not workers(process.pid)
+
+
+@pytest.mark.slow
+def test_a_run_goes_on_when_its_output_is_closed(
+    converged: FinishedRun, tmp_path: Path, started: Processes
+) -> None:
+    config, folder = command_line.small_config(tmp_path), tmp_path / "out"
+    process = start(config, folder, stderr=subprocess.STDOUT)
+    started.append(process)
+    assert process.stdout is not None
+    process.stdout.close()
+    process.stdout = None
+    assert process.wait(timeout=60) == 0
+    run = FinishedRun(config, folder, command_line.CommandResult(0, "", ""))
+    assert run.json["status"] == "finished"
+    converged.assert_same_chains(run)
+
+
+# --- killed workers ------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "command", ["map", "identify --at-map", "posterior", "calibrate", "report"]
+)
+def test_a_killed_worker_ends_the_command_with_a_message(
+    command: str, tmp_path: Path, started: Processes
+) -> None:
+    config, folder = command_line.small_config(tmp_path, DRAWN), tmp_path / "out"
+    saves = command in ("posterior", "calibrate")
+    if command == "report":
+        assert posterior(config, folder).status == 0
+    target = folder if command == "report" else config
+    options = ["-o", folder] if saves else []
+    process = command_line.start_process(
+        *command.split(), target, *options, "--processes", "2", cwd=tmp_path
+    )
+    started.append(process)
+    wait_for(process, lambda: workers(process.pid))
+    os.kill(workers(process.pid)[0], signal.SIGKILL)
+    _, err = process.communicate(timeout=30)
+    assert process.returncode == 2, err
+    assert "Traceback" not in err
+    assert "a worker process was killed" in err
+    assert "--processes" in err
+    assert ("--resume" in err) == saves
+    if saves:
+        assert json.loads((folder / "run.json").read_text())["status"] == "interrupted"
+
+
+# --- many kills ----------------------------------------------------------------------------------
+
+
+def moments(folder: Path) -> list[tuple[str, Callable[[], bool]]]:
+    """What is waited for before a kill, from start-up to the report; a random delay follows."""
+    before, now = pieces(folder), time.time()
+
+    def fresh(name: str) -> bool:
+        path = folder / name
+        return path.exists() and path.stat().st_mtime > now
+
+    return [
+        ("start-up", lambda: True),
+        ("MAP", (folder / "run.json").exists),
+        ("learning", (folder / "map.json").exists),
+        ("sampling", lambda: pieces(folder) > before + 2),
+        ("sampling", lambda: pieces(folder) > before + 6),
+        ("writing chain.h5", lambda: any(folder.glob(".chain.*.aside.h5"))),
+        ("after chain.h5", (folder / "chain.h5").exists),
+        ("report", lambda: fresh("summary.md")),
+        ("figures", lambda: fresh("figures/corner.pdf")),
+    ]
+
+
+# The first kills come while the chain is short, the last when it is complete: each moment is reached.
+ORDER = (0, 0, 1, 1, 2, 2, 0, 3, 3, 2, 4, 3, 4, 0, 5, 6, 6, 7, 8, 8)
+
+
+@pytest.mark.slow
+def test_twenty_kills_in_a_row_cost_nothing(tmp_path: Path) -> None:
+    """kill -9 of the parent alone or of all its processes; every resume goes on, and chain and draws
+    are those of a run that was never killed."""
+    config = command_line.small_config(tmp_path, LONG, DRAWN)
+    result = posterior(config, tmp_path / "whole")
+    assert result.status == 3
+    whole = FinishedRun(config, tmp_path / "whole", result)
+    folder = tmp_path / "killed"
+    rng = np.random.default_rng(20)
+    log: list[str] = []
+    options: list[str] = []
+    for kill in range(KILLS):
+        process = start(config, folder, *options, processes=1 + kill % 2, stdout=subprocess.DEVNULL)
+        name, reached = moments(folder)[ORDER[kill]]
+        longest = {"start-up": 2.5, "figures": 0.02}.get(name, 0.3)  # figures are soon drawn
+        delay = rng.uniform(0.0, longest)
+        end = time.monotonic() + 60
+        while not reached() and process.poll() is None and time.monotonic() < end:
+            time.sleep(0.001)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(delay)
+        has_begun = (folder / "run.json").exists()
+        if kill % 4 < 2:
+            os.killpg(process.pid, signal.SIGKILL)
+        else:
+            process.kill()
+        _, err = process.communicate(timeout=30)
+        state = f"{name} +{delay:.2f} s: {process.returncode}, {pieces(folder)} pieces"
+        log.append(f"{state}, chain.h5: {(folder / 'chain.h5').exists()}")
+        print(log[-1])
+        assert process.returncode == -signal.SIGKILL, (log, err)
+        assert "Traceback" not in err, (log, err)
+        with contextlib.suppress(ProcessLookupError):  # workers that outlive their parent
+            os.killpg(process.pid, signal.SIGKILL)
+        # A run that was killed before it wrote anything may also just be begun again.
+        options = ["--resume"] if has_begun or kill % 4 else []
+    result = command_line.run_process(
+        "posterior", config, "-o", folder, "--resume", cwd=tmp_path, seconds=120
+    )
+    assert result.status == 3, result.text
+    assert len({line.split(" +")[0] for line in log}) >= 7
+    killed = FinishedRun(config, folder, result)
+    assert whole.chains()["z 0"].shape == (4000, 8, 2)
+    whole.assert_same_chains(killed)
+    with (
+        xarray.open_datatree(whole.folder / "posterior.nc", engine="h5netcdf") as expected,
+        xarray.open_datatree(folder / "posterior.nc", engine="h5netcdf") as tree,
+    ):
+        for name in GROUPS:
+            xarray.testing.assert_equal(expected[name].to_dataset(), tree[name].to_dataset())
+    assert (whole.folder / "summary.csv").read_bytes() == (folder / "summary.csv").read_bytes()
+    assert set(command_line.listing(whole.folder)) == set(command_line.listing(folder))

@@ -1,4 +1,4 @@
-"""`bayesdrill ladder CONFIG`: rungs that are runs, a comparison, and a config to go on with."""
+"""`bayesdrill ladder CONFIG`: a run of each candidate model, a comparison, and a recommended config."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support import command_line
+from support.command_line import assert_refused, replace_text
 
 from bayesdrill.analysis.refits import RefitMaximum, refit_candidate
 from bayesdrill.basics.errors import Interrupted
-from bayesdrill.basics.progress import Silent
+from bayesdrill.basics.progress import Reporter, Silent
 from bayesdrill.config import loading
 from bayesdrill.config.job import prepare
 from bayesdrill.selection.candidates import CandidateModel
@@ -46,7 +47,7 @@ DT, N, FINER = 0.02, 150, 400
 
 
 def turned() -> str:
-    """A motor with dry friction, turned to and fro by a torque: by as many short steps of Euler."""
+    """A record of a motor with dry friction under an alternating torque, by short steps of Euler."""
     t = DT * np.arange(N)
     torque = 0.06 * np.sign(np.sin(4.0 * t + 0.3)) + 0.02
     w, speed = 0.0, []
@@ -63,7 +64,7 @@ def turned() -> str:
 
 @dataclass
 class Stopping:
-    """A reporter by which Ctrl-C comes when so many rungs are done."""
+    """A reporter that raises Ctrl-C when this number of rungs is finished."""
 
     rungs: int
     said: list[str] = field(default_factory=list)
@@ -76,18 +77,18 @@ class Stopping:
             raise KeyboardInterrupt
 
 
-def here(config: Path, folder: Path, how: str = "fresh", report: object = None) -> object:
-    """A ladder in this process."""
+def climb(config: Path, folder: Path, how: str, reporter: Reporter) -> None:
+    """Make a ladder in this process, without the command line."""
     with ThreadPoolExecutor(1) as pool:
         crew = remote.RefitExecutor(pool)
         try:
-            return ladder.ladder(prepare(config), folder, how, crew, report or Silent())  # type: ignore[arg-type]
+            ladder.ladder(prepare(config), folder, how, crew, reporter)  # type: ignore[arg-type]
         finally:
             pool.shutdown(cancel_futures=True)
 
 
 @dataclass(frozen=True)
-class Done:
+class Ladder:
     config: Path
     folder: Path
 
@@ -97,29 +98,28 @@ class Done:
 
 
 @pytest.fixture(scope="module")
-def done(tmp_path_factory: pytest.TempPathFactory) -> Done:
-    """Of a motor that rubs, fitted with one that does not; once stopped on its way."""
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Ladder:
+    """A ladder of a motor with friction from a config without it, which was stopped once."""
     place = tmp_path_factory.mktemp("ladder")
     given = place / "given.yaml"
     given.write_text(CONFIG)
     (place / "turned.csv").write_text(turned())
     with pytest.raises(Interrupted, match="continue with --resume"):
-        here(given, place / "out", report=Stopping(1))
+        climb(given, place / "out", "fresh", Stopping(1))
     assert json.loads((place / "out" / "run.json").read_text())["status"] == "interrupted"
     before = {p: p.stat().st_mtime_ns for p in (place / "out").glob("*/chain.h5")}
     assert len(before) == 1
-    told = Stopping(-1)
-    here(given, place / "out", "resume", told)
-    assert "(1 of them done before)" in told.said[-1]
+    reporter = Stopping(-1)
+    climb(given, place / "out", "resume", reporter)
+    assert "(1 of them done before)" in reporter.said[-1]
     assert all(path.stat().st_mtime_ns == time for path, time in before.items())
-    return Done(given, place / "out")
+    return Ladder(given, place / "out")
 
 
-def test_a_thing_that_is_worth_nothing_alone_is_tried_beside_the_best(tmp_path: Path) -> None:
-    """Each part is worth so much, damping beside friction alone; nothing is refitted.
+def test_a_cause_that_explains_nothing_alone_is_tried_with_the_best(tmp_path: Path) -> None:
+    """Each part has a given log evidence, damping only together with friction; nothing is refitted.
 
-    Mutants killed: a ranking that ends with pairs; one that goes on where only noise is left; one in
-    which a missing torque, that absorbs anything, keeps friction out or is recommended.
+    A missing torque, which absorbs any misfit, neither keeps friction out nor is recommended.
     """
     job = prepare(command_line.small_config(tmp_path, ("walkers: 8", "walkers: 24")))
     template = refit_candidate(job.problem.posterior, job.problem.posterior.space.start, -math.inf)
@@ -146,7 +146,7 @@ def test_a_thing_that_is_worth_nothing_alone_is_tried_beside_the_best(tmp_path: 
         future.set_result(template)
         return future
 
-    MISFIT = tuple(dataclasses.replace(one, correlation=1.0) for one in template.fit)
+    MISFIT = tuple(dataclasses.replace(row, correlation=1.0) for row in template.fit)
     every = Guessing(job, job.problem.posterior.space.start, template, submit, Silent())
     best = every.causes().ranked[0]
     assert {*best.parts} == {"friction_both", "damping_shaft", "lag_w_1"}
@@ -159,17 +159,17 @@ def test_a_thing_that_is_worth_nothing_alone_is_tried_beside_the_best(tmp_path: 
 
 
 @pytest.mark.slow
-def test_what_is_missing_is_named_and_recommended(done: Done, tmp_path: Path) -> None:
-    run = done.run
+def test_the_missing_friction_is_named_and_recommended(finished: Ladder) -> None:
+    run = finished.run
     assert run["status"] == "finished"
     assert (run["verdict"], run["recommended"]) == ("model", "friction_motor")
     assert run["candidates"]["parts"][0] == ["friction_motor"]
     assert [] in run["candidates"]["parts"]
-    page = (done.folder / "comparison.md").read_text(encoding="utf-8")
+    page = (finished.folder / "comparison.md").read_text(encoding="utf-8")
     assert "# Ladder of turned" in page
     assert "verdict: MODEL: friction_motor is e^" in page
     assert "the residuals of friction_motor look like the noise" in page
-    recommended = done.folder / "recommended.yaml"
+    recommended = finished.folder / "recommended.yaml"
     checked = command_line.cli("check", recommended)
     assert checked.status == 0, checked.text
     config = loading.load(recommended).config
@@ -177,78 +177,69 @@ def test_what_is_missing_is_named_and_recommended(done: Done, tmp_path: Path) ->
     assert config.parameters["t_cm"] is not None
 
 
-def test_a_rung_is_the_run_of_its_config(done: Done, tmp_path: Path) -> None:
-    """Byte for byte; and a run of its own, that can be reported and compared again.
-
-    Mutant killed: another stream for the search or the chain.
-    """
-    alone, mine = tmp_path / "alone", done.folder / "model_1"
+def test_a_rung_is_the_run_of_its_config(finished: Ladder, tmp_path: Path) -> None:
+    """Byte for byte; and it can be reported and compared again."""
+    alone, mine = tmp_path / "alone", finished.folder / "model_1"
     command_line.cli("posterior", mine / "config.resolved.yaml", "-o", alone, "--processes", "1")
     for name in ("summary.csv", "map.json"):
         assert (mine / name).read_bytes() == (alone / name).read_bytes(), name
-    both = [json.loads((place / "run.json").read_text())["log_evidence"] for place in (mine, alone)]
-    assert both[0] == both[1]
-    said = json.loads((done.folder / "run.json").read_text())["log_evidence"]
-    assert said["friction_motor"] == both[0]
-    ran = command_line.cli("compare", done.folder / "model_2", mine, "-o", tmp_path / "two")
-    assert "verdict: MODEL" in ran.out
+    runs = [json.loads((folder / "run.json").read_text()) for folder in (mine, alone)]
+    assert runs[0]["log_evidence"] == runs[1]["log_evidence"]
+    assert finished.run["log_evidence"]["friction_motor"] == runs[0]["log_evidence"]
+    result = command_line.cli("compare", finished.folder / "model_2", mine, "-o", tmp_path / "two")
+    assert "verdict: MODEL" in result.out
 
 
-def test_rungs_and_what_is_said_of_them_are_verified(done: Done, tmp_path: Path) -> None:
-    """A rung's table, and the comparison."""
-    assert command_line.cli("verify", done.folder).status == 0
+def test_verify_names_a_changed_table_of_a_rung_or_of_the_comparison(
+    finished: Ladder, tmp_path: Path
+) -> None:
+    assert command_line.cli("verify", finished.folder).status == 0
     for k, place in enumerate(("model_1/summary.csv", "comparison.csv")):
         copy = tmp_path / str(k)
-        shutil.copytree(done.config.parent, copy)
+        shutil.copytree(finished.config.parent, copy)
         table = copy / "out" / place
         lines = table.read_text().splitlines()
         table.write_text("\n".join([lines[0], lines[2], lines[1], *lines[3:]]) + "\n")
-        found = command_line.cli("verify", copy / "out")
-        assert found.status == 2
-        assert f"{table}: was changed after this run had written it" in found.err, found.err
-        assert found.err.count("\n") == 1, found.err
+        result = command_line.cli("verify", copy / "out")
+        assert_refused(result, f"{table}: was changed after this run had written it")
+        assert result.err.count("\n") == 1, result.err
 
 
-def test_nothing_is_overwritten_unasked(done: Done, tmp_path: Path) -> None:
-    shutil.copytree(done.config.parent, tmp_path / "copy")
+def test_a_ladder_overwrites_nothing_unasked_and_resumes_only_itself(
+    finished: Ladder, tmp_path: Path
+) -> None:
+    shutil.copytree(finished.config.parent, tmp_path / "copy")
     config, folder = tmp_path / "copy" / "given.yaml", tmp_path / "copy" / "out"
     before = command_line.listing(tmp_path)
-    for options, says in (
-        ((), "results exist already; continue them with --resume"),
-        (("--resume", "--force"), "--resume"),
-    ):
-        ran = command_line.cli("ladder", config, "-o", folder, "--processes", "1", *options)
-        assert ran.status == 2, options
-        assert says in ran.err, ran.err
-    changed = config.read_text().replace("seed: 7", "seed: 8")
-    config.write_text(changed)
-    ran = command_line.cli("ladder", config, "-o", folder, "--processes", "1", "--resume")
-    assert ran.status == 2
-    assert "cannot resume: the seed was 7 and is 8" in ran.err
-    config.write_text(changed.replace("seed: 8", "seed: 7"))
+    command = ("ladder", config, "-o", folder, "--processes", "1")
+    message = "results exist already; continue them with --resume"
+    assert_refused(command_line.cli(*command), message)
+    assert_refused(command_line.cli(*command, "--resume", "--force"), "--resume")
+    replace_text(config, "seed: 7", "seed: 8")
+    message = "cannot resume: the seed was 7 and is 8"
+    assert_refused(command_line.cli(*command, "--resume"), message)
+    replace_text(config, "seed: 8", "seed: 7")
     assert command_line.listing(tmp_path).keys() == before.keys()
-    # All is there: nothing is sampled, and the same is said again.
-    told = Stopping(-1)
-    here(config, folder, "resume", told)
+    # All rungs are there: nothing is sampled, and the comparison is the same.
+    climb(config, folder, "resume", Silent())
     table = (folder / "comparison.csv").read_bytes()
-    assert table == (done.folder / "comparison.csv").read_bytes()
+    assert table == (finished.folder / "comparison.csv").read_bytes()
 
 
 def test_a_config_that_is_wrong_is_refused_before_anything_is_written(tmp_path: Path) -> None:
     config = command_line.small_config(tmp_path, ("k_s: nominal", "k_s: nominall"))
-    ran = command_line.cli("ladder", config, "-o", tmp_path / "out")
-    assert ran.status == 2
-    assert "parameters.k_s" in ran.err
+    result = command_line.cli("ladder", config, "-o", tmp_path / "out")
+    assert_refused(result, "parameters.k_s")
     assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.slow
-def test_processes_and_a_cluster_come_to_the_same(done: Done, tmp_path: Path) -> None:
+def test_processes_and_a_cluster_give_the_same_comparison(finished: Ladder, tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed")
-    table = (done.folder / "comparison.csv").read_bytes()
-    ran = command_line.cli("ladder", done.config, "-o", tmp_path / "two", "--processes", "2")
-    assert ran.status == 0, ran.text
-    assert "recommended: dry friction at the motor" in ran.out
+    table = (finished.folder / "comparison.csv").read_bytes()
+    result = command_line.cli("ladder", finished.config, "-o", tmp_path / "two", "--processes", "2")
+    assert result.status == 0, result.text
+    assert "recommended: dry friction at the motor" in result.out
     assert (tmp_path / "two" / "comparison.csv").read_bytes() == table
     with (
         distributed.LocalCluster(
@@ -256,5 +247,5 @@ def test_processes_and_a_cluster_come_to_the_same(done: Done, tmp_path: Path) ->
         ) as cluster,
         remote.dask_executor(cluster.scheduler_address) as crew,
     ):
-        ladder.ladder(prepare(done.config), tmp_path / "three", "fresh", crew, Silent())
+        ladder.ladder(prepare(finished.config), tmp_path / "three", "fresh", crew, Silent())
     assert (tmp_path / "three" / "comparison.csv").read_bytes() == table

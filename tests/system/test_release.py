@@ -1,21 +1,24 @@
-"""What is released: one version, the files of `dist/`, and what they do where no checkout is."""
+"""A release: one version, the files of `dist/`, and what they do where no checkout is."""
 
 from __future__ import annotations
 
 import re
+import shutil
+import sys
 import tarfile
 import tomllib
 import zipfile
+from pathlib import Path
 
 import pytest
 from support import command_line, release_builds
-from support.release_builds import Dist
+from support.release_builds import PINNED, Dist, Installed
 
 import bayesdrill
 from bayesdrill.api import files as api_files
 
 ROOT = command_line.ROOT
-LARGEST = {".whl": 1_200_000, ".gz": 4_000_000}  # bytes; on the way to whoever installs it
+LARGEST = {".whl": 1_200_000, ".gz": 4_000_000}  # bytes
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +27,6 @@ def dist(tmp_path_factory: pytest.TempPathFactory) -> Dist:
 
 
 def test_the_version_stands_in_one_place() -> None:
-    """Whatever else names it is compared with it here, or in the test of what is cited."""
     number = bayesdrill.__version__
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())
     assert project["project"]["dynamic"] == ["version"]
@@ -35,8 +37,8 @@ def test_the_version_stands_in_one_place() -> None:
     assert [path.relative_to(ROOT).as_posix() for path in code] == ["bayesdrill/__init__.py"]
 
 
-def test_the_changelog_tells_of_this_version() -> None:
-    """By the headings of `keep a changelog`: the newest is this one, of the day that is cited."""
+def test_the_changelog_has_this_version() -> None:
+    """With headings as in `keep a changelog`, and the date of the citation."""
     text = (ROOT / "CHANGELOG.md").read_text()
     first, newest, *_ = re.findall(r"^## (.*)$", text, re.M)
     assert first == "Unreleased"
@@ -61,7 +63,7 @@ def test_the_wheel_holds_the_package_and_its_examples_alone(dist: Dist) -> None:
     assert f"{about}/licenses/LICENSE" in names
 
 
-def test_the_source_holds_what_tests_and_docs_need_and_nothing_that_was_made(dist: Dist) -> None:
+def test_the_sdist_holds_what_tests_and_docs_need_and_no_results(dist: Dist) -> None:
     with tarfile.open(dist.sdist) as archive:
         names = [name.split("/", 1)[1] for name in archive.getnames()]
     assert not [n for n in names if re.match(r"(results/.+/|\.venv|dist|\.git/)|.*__pycache__", n)]
@@ -71,6 +73,125 @@ def test_the_source_holds_what_tests_and_docs_need_and_nothing_that_was_made(dis
     }
 
 
-def test_files_stay_small(dist: Dist) -> None:
+def test_wheel_and_sdist_stay_small(dist: Dist) -> None:
     for path in (dist.wheel, dist.sdist):
         assert path.stat().st_size < LARGEST[path.suffix], path.name
+
+
+# --- installed ---------------------------------------------------------------------------------
+
+PYTHONS = ("3.12", "3.13", "3.14", "3.15")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("version", PYTHONS)
+def test_the_wheel_works_where_no_checkout_is(version: str, dist: Dist, tmp_path: Path) -> None:
+    """On each Python that is here, with pinned versions: the first commands of a newcomer."""
+    at = release_builds.empty(version, tmp_path)
+    release_builds.reach_packages(at)
+    at.run("pip", "install", "-q", "--constraint", PINNED, dist.wheel)
+    at.run("pip", "check")
+    number = f"bayesdrill {bayesdrill.__version__}\n"
+    assert at.run("bayesdrill", "--version") == number
+    assert at.run("python", "-m", "bayesdrill", "--version") == number
+    assert_complete(at)
+    assert_runs(at)
+    assert "bayesdrill" in at.run("bayesdrill", "cite")
+
+
+def assert_complete(at: Installed) -> None:
+    script = """
+        import importlib.util, pathlib, bayesdrill as bd
+        place = pathlib.Path(bd.__file__).parent
+        assert "site-packages" in place.parts, place
+        assert (place / "py.typed").is_file()
+        assert not (place / "examples" / "paper").exists() and not importlib.util.find_spec("studies")
+        for name in bd.__all__:
+            getattr(bd, name)
+    """
+    at.run("python", "-c", "\n".join(line[8:] for line in script.splitlines()))
+
+
+def assert_runs(at: Installed) -> None:
+    """Examples, a simulated record, and a posterior of it that passes `verify`."""
+    at.run("bayesdrill", "example")
+    at.run("bayesdrill", "check", "configs/example_rig.yaml")
+    assert "determine" in at.run("bayesdrill", "identify", "configs/nominal_step.yaml")
+    (at.folder / "small.yaml").write_text(command_line.SMALL)
+    at.run("bayesdrill", "simulate", "small.yaml")
+    at.run("bayesdrill", "posterior", "small.yaml")
+    assert (at.folder / "results" / "small" / "summary.md").is_file()
+    assert "belong together" in at.run("bayesdrill", "verify", "results/small")
+    script = "import bayesdrill as bd; print(bd.load('configs/nominal_step.yaml').preview())"
+    assert "unknown: " in at.run("python", "-c", script)
+
+
+@pytest.mark.slow
+def test_the_source_installs_as_the_wheel_does(dist: Dist, tmp_path: Path) -> None:
+    """File by file; it says its version without any other package."""
+    contents = []
+    for archive in (dist.wheel, dist.sdist):
+        at = release_builds.empty(
+            f"{sys.version_info[0]}.{sys.version_info[1]}", tmp_path / archive.suffix
+        )
+        release_builds.reach_packages(at)
+        at.run("pip", "install", "-q", "--no-deps", "--no-compile", archive)
+        (place,) = (at.bin.parent / "lib").glob("python*/site-packages")
+        record = next(place.glob("bayesdrill-*.dist-info")) / "RECORD"
+        lines = record.read_text().splitlines()
+        contents.append({line for line in lines if line.startswith("bayesdrill/")})
+    assert contents[0] == contents[1]
+
+
+def instructions() -> list[tuple[str, str]]:
+    """Return names and arguments of the Dockerfile's instructions."""
+    lines = (ROOT / "Dockerfile").read_text().splitlines()
+    return [tuple(line.split(" ", 1)) for line in lines if line and not line.startswith("#")]
+
+
+def test_the_dockerfile_copies_files_that_are_there_and_runs_as_a_user() -> None:
+    """Checked without Docker."""
+    listed = instructions()
+    known = {"FROM", "WORKDIR", "COPY", "RUN", "ENV", "USER", "ENTRYPOINT", "CMD"}
+    assert {name for name, _ in listed} <= known
+    assert all(
+        re.match(r"python:3\.\d+-slim( AS \w+)?$", what) for name, what in listed if name == "FROM"
+    )
+    (user,) = [what for name, what in listed if name == "USER"]
+    assert user == "bayesdrill"
+    assert any(
+        name == "RUN" and what.startswith(f"useradd --create-home {user} ") for name, what in listed
+    )
+    assert ("ENTRYPOINT", '["bayesdrill"]') in listed
+    lines = (ROOT / ".dockerignore").read_text().splitlines()
+    given = [line[1:] for line in lines if line.startswith("!")]
+    assert lines[1] == "*"
+    assert all((ROOT / name).exists() for name in given)
+    assert {"pyproject.toml", "requirements.lock", "bayesdrill", "configs"} <= {*given}
+
+
+@pytest.mark.slow
+def test_the_commands_of_the_dockerfile_run_by_hand(dist: Dist, tmp_path: Path) -> None:
+    """One after the other, with no other files than those that the image gets."""
+    version = re.search(r"python:(3\.\d+)", instructions()[0][1]).group(1)
+    at = release_builds.empty(version, tmp_path)
+    release_builds.reach_packages(at)
+    source, wheel = at.folder / "source", at.folder / "wheel"
+    for line in (ROOT / ".dockerignore").read_text().splitlines():
+        if line.startswith("!"):
+            of, to = dist.tree / line[1:], source / line[1:]
+            to.parent.mkdir(exist_ok=True)
+            shutil.copytree(of, to) if of.is_dir() else shutil.copy(of, to)
+    count = 0
+    for name, what in instructions():
+        if name == "RUN" and not what.startswith("useradd"):
+            if "/wheel/requirements.lock" in what:
+                shutil.copy(source / "requirements.lock", wheel)
+            here = what.replace("/wheel", str(wheel))
+            at.run(Path("/bin/sh"), "-c", f"cd {source} && {here}")
+            count += 1
+    assert count == 3
+    shutil.rmtree(source)
+    assert at.run("bayesdrill", "--help").count("posterior") > 0
+    at.run("bayesdrill", "example")
+    at.run("bayesdrill", "check", "configs/nominal_step.yaml")

@@ -1,4 +1,4 @@
-"""What `bayesdrill verify` catches: tables, figures, configs and records that do not belong together."""
+"""`bayesdrill verify RUN`: tables, figures, configs and records that do not belong together."""
 
 from __future__ import annotations
 
@@ -12,8 +12,10 @@ from typing import Any
 
 import h5py
 import pytest
-from support import command_line, forked_command
+import xarray
+from support import command_line, finished_runs, forked_command
 from support.case_tables import run_cases
+from support.command_line import assert_refused, cli, posterior, renew_digests
 
 import bayesdrill as bd
 from bayesdrill.config.job import prepare
@@ -25,47 +27,39 @@ DRAWN = ("figures: []", "figures: [corner, trace]")
 
 
 @pytest.fixture(scope="module")
-def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A rig with two runs of it, by two seeds."""
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A rig with two runs, `out` and `other`, by two seeds; not to be changed."""
     place = tmp_path_factory.mktemp("rig")
-    for name, seed in (("out", "seed: 7"), ("other", "seed: 8")):
-        config = command_line.small_config(place, DRAWN, ("seed: 7", seed), name=f"{name}.yaml")
-        ran = command_line.cli("posterior", config, "-o", place / name, "--processes", "1")
-        assert ran.status == 0, ran.text
+    for name, changes in (("out", ()), ("other", (("seed: 7", "seed: 8"),))):
+        result = finished_runs.posterior(tmp_path_factory, place, name, DRAWN, *changes)
+        assert result.status == 0, result.text
     return place
 
 
-def copied_rig(done: Path, tmp_path: Path) -> Path:
+def copied(finished: Path, tmp_path: Path) -> Path:
     """The rig and its runs, to be changed."""
-    shutil.copytree(done, tmp_path / "rig")
+    shutil.copytree(finished, tmp_path / "rig")
     return tmp_path / "rig"
 
 
-rig = pytest.fixture(copied_rig, name="rig")
+rig = pytest.fixture(copied, name="rig")
 
 
-def text(path: Path, old: str, new: str) -> None:
-    content = path.read_text()
-    assert old in content
-    path.write_text(content.replace(old, new, 1))
+def replace_once(path: Path, old: str, new: str) -> None:
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
 
 
-def forged(folder: Path) -> None:
-    """The digests of what is there now: somebody has taken pains."""
-    run = loads_checksummed((folder / "run.json").read_bytes())
-    from bayesdrill.output_files import digest
-
-    run["files"] = {name: digest(folder / name) for name in run["files"]}
-    (folder / "run.json").write_text(dumps_checksummed(run))
+# --- what does not belong ------------------------------------------------------------------------
 
 
 def edited_table(rig: Path) -> None:
     lines = (rig / "out" / "summary.csv").read_text().splitlines()
     cells = lines[1].split(",")
     cells[4] = repr(1.001 * float(cells[4]))
-    (rig / "out" / "summary.csv").write_text(
-        "\n".join([lines[0], ",".join(cells), *lines[2:]]) + "\n"
-    )
+    lines[1] = ",".join(cells)
+    (rig / "out" / "summary.csv").write_text("\n".join(lines) + "\n")
 
 
 def figure_of_another_run(rig: Path) -> None:
@@ -73,23 +67,21 @@ def figure_of_another_run(rig: Path) -> None:
 
 
 def figure_of_another_name(rig: Path) -> None:
-    shutil.copy(rig / "out" / "figures" / "trace.pdf", rig / "out" / "figures" / "corner.pdf")
+    shutil.copy(rig / "out" / "figures" / "trace.png", rig / "out" / "figures" / "corner.png")
 
 
 def changed_config(rig: Path) -> None:
-    text(rig / "out" / "config.yaml", "high: 1.5", "high: 1.6")
+    replace_once(rig / "out" / "config.yaml", "high: 1.5", "high: 1.6")
 
 
 def changed_both_configs(rig: Path) -> None:
     changed_config(rig)
-    text(rig / "out" / "config.resolved.yaml", "high: 1.5", "high: 1.6")
+    replace_once(rig / "out" / "config.resolved.yaml", "high: 1.5", "high: 1.6")
 
 
-def another_record(rig: Path) -> None:
+def repeated_sample(rig: Path) -> None:
     lines = (rig / "small.csv").read_text().splitlines()
-    lines[50] = lines[49]
-    t = (rig / "small.csv").read_text().splitlines()[50].split(",")[0]
-    lines[50] = ",".join([t, *lines[49].split(",")[1:]])
+    lines[50] = ",".join([lines[50].split(",")[0], *lines[49].split(",")[1:]])
     (rig / "small.csv").write_text("\n".join(lines) + "\n")
 
 
@@ -97,52 +89,50 @@ def another_chain(rig: Path) -> None:
     shutil.copy(rig / "other" / "chain.h5", rig / "out" / "chain.h5")
 
 
-def missing(rig: Path) -> None:
+def missing_figure(rig: Path) -> None:
     (rig / "out" / "figures" / "trace.png").unlink()
 
 
+# A change, whether the digests of `run.json` are renewed after it, and the message.
 CASES: list[tuple[Callable[[Path], None], bool, str]] = [
     (edited_table, False, "summary.csv: was changed after this run had written it"),
     (figure_of_another_run, False, "corner.png: was changed"),
     (figure_of_another_run, True, "corner.png: is a figure of another run"),
-    (figure_of_another_name, True, "corner.pdf: is another figure than its name says"),
+    (figure_of_another_name, True, "corner.png: is another figure than its name says"),
     (changed_config, False, "config.yaml: was changed"),
     (changed_config, True, "config.yaml: is not the config of this run"),
     (changed_both_configs, True, "the prior of k_e was Uniform"),
-    (another_record, False, "the record was 101 samples"),
-    (another_record, True, "the record was 101 samples"),
+    (repeated_sample, False, "the record was 101 samples"),
+    (repeated_sample, True, "the record was 101 samples"),
     (another_chain, False, "chain.h5: was changed"),
     (another_chain, True, "chain.h5: is of run "),
-    (missing, False, "trace.png: is missing"),
+    (missing_figure, False, "trace.png: is missing"),
 ]
 
 
 @run_cases(
-    "change, pains, says",
+    "change, renewed, message",
     CASES,
-    ids=[f"{c.__name__}{' forged' * p}" for c, p, _ in CASES],
-    rig=copied_rig,
+    ids=[f"{change.__name__}{' with digests' * renewed}" for change, renewed, _ in CASES],
+    rig=copied,
 )
 def test_what_does_not_belong_is_named(
-    change: Callable[[Path], None], pains: bool, says: str, rig: Path
+    change: Callable[[Path], None], renewed: bool, message: str, rig: Path
 ) -> None:
     change(rig)
-    if pains:
-        forged(rig / "out")
+    if renewed:
+        renew_digests(rig / "out")
     before = command_line.listing(rig)
-    ran = command_line.cli("verify", rig / "out")
-    assert ran.status == 2
-    assert says in ran.err, ran.err
-    assert "Traceback" not in ran.text
+    assert_refused(cli("verify", rig / "out"), message)
     assert command_line.listing(rig) == before
 
 
-@run_cases("name", ["chain.h5", "map.json"], rig=copied_rig)
-def test_what_another_run_has_found_is_refused_by_all_that_read_it(name: str, rig: Path) -> None:
-    """Mutant killed: a chain that is believed whatever run it is of."""
+@run_cases("name", ["chain.h5", "map.json"], rig=copied)
+def test_a_chain_or_map_of_another_run_is_refused_by_all_that_read_it(name: str, rig: Path) -> None:
     mine, other = rig / "out", rig / "other"
     shutil.copy(other / name, mine / name)
     before = command_line.listing(rig)
+    way_out = "put back its own, or delete it and continue with --resume"
     for command in (
         ("report", mine),
         ("verify", mine),
@@ -150,80 +140,69 @@ def test_what_another_run_has_found_is_refused_by_all_that_read_it(name: str, ri
         ("compare", other, mine, "-o", rig / "compared"),
         ("posterior", rig / "out.yaml", "-o", mine, "--resume"),
     ):
-        ran = command_line.cli(*command)
-        assert ran.status == 2, ran.text
-        assert f"{name}: is of run " in ran.err
-        assert "put back its own, or delete it and continue with --resume" in ran.err
+        assert_refused(cli(*command), f"{name}: is of run ", way_out)
     assert command_line.listing(rig) == before
 
 
-def test_a_chain_that_does_not_say_whose_it_is_is_believed_where_run_json_knows_it(
-    rig: Path,
-) -> None:
+def test_a_chain_of_an_older_version_is_believed_where_run_json_has_its_digest(rig: Path) -> None:
+    """Such a chain does not name its run."""
     for name in ("out", "other"):
         with h5py.File(rig / name / "chain.h5", "r+") as file:
             for group in file.values():
                 del group.attrs["run"]
                 seal(group)
-        forged(rig / name)
+        renew_digests(rig / name)
     assert bd.verify(rig / "out").together
-    shutil.copy(rig / "other" / "chain.h5", rig / "out" / "chain.h5")
-    ran = command_line.cli("report", rig / "out")
-    assert ran.status == 2
-    assert "chain.h5: is of a run that it does not name (an older version wrote it)" in ran.err
+    another_chain(rig)
+    message = "chain.h5: is of a run that it does not name (an older version wrote it)"
+    assert_refused(cli("report", rig / "out"), message)
 
 
-def test_a_run_is_not_compared_with_itself(done: Path, tmp_path: Path) -> None:
-    """By whatever name; laid over itself it may be."""
+def test_a_run_is_not_compared_with_itself(finished: Path, tmp_path: Path) -> None:
+    """Under whatever name; it may be laid over itself."""
     link = tmp_path / "link"
-    link.symlink_to(done / "out")
-    for other in (done / "out", done / "other" / ".." / "out", link):
-        ran = command_line.cli("compare", done / "out", other, "-o", tmp_path / "both")
-        assert ran.status == 2
-        assert "would be compared with itself; give another run" in ran.err
+    link.symlink_to(finished / "out")
+    for other in (finished / "out", finished / "other" / ".." / "out", link):
+        result = cli("compare", finished / "out", other, "-o", tmp_path / "both")
+        assert_refused(result, "would be compared with itself; give another run")
         assert not (tmp_path / "both").exists()
-    run = bd.open(done / "out")
+    run = bd.open(finished / "out")
     with pytest.raises(bd.InputError, match="number 2 would be compared with itself"):
         bd.compare([run, run])
-    assert command_line.cli("report", done / "out", link, "-o", tmp_path / "over").status == 0
+    assert cli("report", finished / "out", link, "-o", tmp_path / "over").status == 0
 
 
-GROUND = ("chain.h5", "map.json", "config.resolved.yaml")
+# --- what is missing, damaged, or endless --------------------------------------------------------
+
+SOURCES = ("chain.h5", "map.json", "config.resolved.yaml")
 
 
-@run_cases("name", [*GROUND, "summary.csv", "figures/corner.png"], rig=copied_rig)
-def test_a_missing_file_comes_back_as_verify_says(
-    name: str, done: Path, tmp_path: Path, rig: Path
-) -> None:
-    """What a report is made from comes from a run that goes on; all else from a report."""
+@run_cases("name", [*SOURCES, "summary.csv", "figures/corner.png"], rig=copied)
+def test_a_missing_file_comes_back_as_verify_says(name: str, rig: Path) -> None:
+    """A resumed run makes what a report is made from; a report makes the rest."""
     (rig / "out" / name).unlink()
-    told = command_line.cli("verify", rig / "out")
-    assert told.status == 2
-    way = "--resume` makes it again" if name in GROUND else "`bayesdrill report` makes"
-    assert way in told.err
-    ran = command_line.cli("report", rig / "out")
-    assert ran.status == (2 if name in GROUND else 0), ran.text
-    if name in GROUND:
-        assert "--resume" in ran.err
-        options = ("-o", rig / "out", "--resume", "--processes", "1")
-        assert command_line.cli("posterior", rig / "out.yaml", *options).status == 0
-    assert command_line.cli("verify", rig / "out").status == 0
+    way = "--resume` makes it again" if name in SOURCES else "`bayesdrill report` makes"
+    assert_refused(cli("verify", rig / "out"), way)
+    report = cli("report", rig / "out")
+    if name in SOURCES:
+        assert_refused(report, "--resume")
+        assert posterior(rig / "out.yaml", rig / "out", "--resume").status == 0
+    else:
+        assert report.status == 0, report.text
+    assert cli("verify", rig / "out").status == 0
 
 
 def test_a_missing_file_of_a_map_is_made_by_a_map(tmp_path: Path) -> None:
     config = command_line.small_config(tmp_path)
-    assert command_line.cli("map", config, "-o", tmp_path / "map").status == 0
+    assert cli("map", config, "-o", tmp_path / "map").status == 0
     (tmp_path / "map" / "map.csv").unlink()
-    assert (
-        "`bayesdrill map --force` makes it again"
-        in command_line.cli("verify", tmp_path / "map").err
-    )
-    assert command_line.cli("map", config, "-o", tmp_path / "map", "--force").status == 0
-    assert command_line.cli("verify", tmp_path / "map").status == 0
+    assert_refused(cli("verify", tmp_path / "map"), "`bayesdrill map --force` makes it again")
+    assert cli("map", config, "-o", tmp_path / "map", "--force").status == 0
+    assert cli("verify", tmp_path / "map").status == 0
 
 
-def test_no_pipe_among_results_is_waited_for(rig: Path) -> None:
-    """Each file of a run in turn; mutant killed: what `run.json` names is opened, whatever it is."""
+def test_a_pipe_among_results_is_refused_and_not_waited_for(rig: Path) -> None:
+    """In the place of each file of a run in turn."""
     out = rig / "out"
     commands = [("verify", out)]
     commands += [("report", out), ("compare", out, rig / "other", "-o", rig / "new")]
@@ -238,184 +217,6 @@ def test_no_pipe_among_results_is_waited_for(rig: Path) -> None:
             assert f"{name}: " in ended.text
             assert "pipe" in ended.text
         kept.rename(path)
-
-
-def test_what_belongs_together_is_said_so(rig: Path) -> None:
-    """After a report too, in another place, and of a case that was saved from memory."""
-    ran = command_line.cli("verify", rig / "out")
-    assert (ran.status, ran.err) == (0, "")
-    assert "belong together" in ran.out
-    (rig / "out" / "figures" / "trace.png").unlink()
-    assert command_line.cli("report", rig / "out", "--processes", "1").status == 0
-    assert bd.verify(rig / "out").together
-    bd.open(rig / "out").save(rig / "saved")
-    assert bd.verify(rig / "saved").together
-    with pytest.raises(bd.InputError, match="no results"):
-        bd.verify(rig)
-
-
-@pytest.fixture
-def lent(done: Path) -> Iterator[Path]:
-    """The rig where this user may only read, beside `mine`, where it may write; root is nobody."""
-    if os.name != "posix":
-        pytest.skip("no mode bits")
-    place = Path(tempfile.mkdtemp())  # others cannot look into the folders of pytest
-    shutil.copytree(done, place / "rig")
-    (place / "mine").mkdir()
-    every = [place, *place.rglob("*")]
-    for path in every:
-        path.chmod(0o444 | 0o111 * path.is_dir())
-    (place / "mine").chmod(0o777)
-    user = os.geteuid()
-    try:
-        if user == 0:
-            os.seteuid(65534)
-        try:
-            Path(bd.__file__).read_bytes()
-        except PermissionError:
-            pytest.skip("nobody else may read the package")
-        yield place
-    finally:
-        os.seteuid(user)
-        for path in every:
-            path.chmod(0o755)
-        shutil.rmtree(place)
-
-
-def test_what_one_may_only_read_is_verified_compared_and_reported_elsewhere(lent: Path) -> None:
-    run, other, mine = lent / "rig" / "out", lent / "rig" / "other", lent / "mine"
-    before = command_line.listing(lent / "rig")
-    assert command_line.cli("verify", run).status == 0
-    for command in (
-        ("compare", run, other, "-o", mine / "compared"),
-        ("report", run, other, "-o", mine / "laid"),
-        ("report", run, "-o", mine / "copy", "--processes", "1"),
-    ):
-        ran = command_line.cli(*command)
-        assert ran.status == 0, ran.text
-    for name in ("chain.h5", "map.json", "config.yaml", "summary.csv", "verdict.csv"):
-        assert (mine / "copy" / name).read_bytes() == (run / name).read_bytes()
-    for name in ("compared", "laid", "copy"):
-        assert bd.verify(mine / name).together
-    old, new = (json.loads((place / "run.json").read_text()) for place in (run, mine / "copy"))
-    assert [new[name] for name in ("fingerprint", "versions", "log_evidence")] == [
-        old[name] for name in ("fingerprint", "versions", "log_evidence")
-    ]
-    assert command_line.listing(lent / "rig") == before
-    for command in (
-        ("report", run),
-        ("report", run, "-o", run / "below"),
-        ("compare", run, other, "-o", run / "below"),
-        ("posterior", lent / "rig" / "out.yaml", "-o", run, "--force"),
-        ("posterior", lent / "rig" / "out.yaml", "-o", run / "below"),
-    ):
-        ran = command_line.cli(*command)
-        assert ran.status == 2
-        assert "nothing can be written here (Permission denied); give another --output" in ran.err
-
-
-def test_a_run_is_reported_elsewhere_in_a_folder_of_its_own(rig: Path) -> None:
-    out, before = rig / "out", command_line.listing(rig)
-    for wrong, says in (
-        ([out, "-o", out, "--force"], "holds this very run"),
-        ([out, "-o", rig, "--force"], "this folder holds other files"),
-        ([out, "-o", rig / "other"], "results exist already"),
-        ([out, "--force"], "--force: goes with --output"),
-    ):
-        ran = command_line.cli("report", *wrong)
-        assert ran.status == 2
-        assert says in ran.err
-        assert command_line.listing(rig) == before
-    ran = command_line.cli("report", out, "-o", rig / "other", "--force", "--processes", "1")
-    assert ran.status == 0, ran.text
-    assert bd.verify(rig / "other").together
-    assert (rig / "other" / "chain.h5").read_bytes() == (out / "chain.h5").read_bytes()
-
-
-def test_figures_and_tree_say_which_run_they_are_of(done: Path) -> None:
-    import xarray
-
-    run = json.loads((done / "out" / "run.json").read_text())
-    with xarray.open_datatree(done / "out" / "posterior.nc", engine="h5netcdf") as tree:
-        marks = {name: tree.attrs[name] for name in ("run", "record", "burn-in", "versions")}
-    for name in ("corner.png", "corner.pdf", "trace.png"):
-        content = (done / "out" / "figures" / name).read_bytes()
-        assert marks["run"].encode() in content
-        assert marks["record"].split("(")[1].strip(")").encode() in content
-        assert run["versions"]["emcee"].encode() in content
-    assert marks["burn-in"] == f"{run['burn_in']} of {run['steps']} steps"
-
-
-def test_formats_of_figures_are_known_to_all_that_lists_files(rig: Path) -> None:
-    """Mutants killed: an svg that verify or --force does not know; a stale figure that stays."""
-    config = rig / "out.yaml"
-    text(config, DRAWN[1], "figures: [corner, trace], formats: [svg, png], size: single, dpi: 100")
-    ran = command_line.cli("posterior", config, "-o", rig / "out", "--processes", "1", "--resume")
-    assert ran.status == 0, ran.text
-    figures = rig / "out" / "figures"
-    names = {f"{stem}.{end}" for stem in ("corner", "trace") for end in ("svg", "png")}
-    assert {path.name for path in figures.iterdir()} == names
-    assert bd.verify(rig / "out").together
-    shutil.copy(figures / "trace.svg", figures / "corner.svg")
-    forged(rig / "out")
-    (problem,) = bd.verify(rig / "out").problems
-    assert "corner.svg: is another figure than its name says" in str(problem)
-    (figures / "mine.svg").write_text("kept")
-    text(config, "[corner, trace], formats: [svg, png]", "[]")
-    ran = command_line.cli("posterior", config, "-o", rig / "out", "--processes", "1", "--force")
-    assert ran.status == 0, ran.text
-    assert [path.name for path in figures.iterdir()] == ["mine.svg"]
-
-
-def test_every_file_of_a_record_is_part_of_its_run(tmp_path: Path) -> None:
-    """Mutant killed: only the record's own file found again from the folder of the results."""
-    own = "w_1: {column: w_1, unit: rad/s"
-    changes = [
-        (own, "w_1: {file: more/speed.csv, column: w_1, unit: rad/s"),
-        ("v: 8.0", "v: {file: {path: more/supply.csv}, column: u, unit: V, hold: first}"),
-    ]
-    config = command_line.small_config(tmp_path / "rig", *changes)
-    more = config.parent / "more"
-    more.mkdir()
-    lines = (config.parent / "small.csv").read_text().splitlines()
-    (more / "speed.csv").write_text("\n".join(lines) + "\n")
-    rows = [f"{line.split(',')[0]},8" for line in lines[1:]]
-    (more / "supply.csv").write_text("\n".join(["t,u", *rows]) + "\n")
-    ran = command_line.cli("posterior", config, "-o", tmp_path / "out", "--processes", "1")
-    assert ran.status == 0, ran.text
-    page = (tmp_path / "out" / "report.html").read_text()
-    for name in ("small.csv", "speed.csv", "supply.csv"):
-        assert f"<code>{name}</code>" in page
-    assert bd.verify(tmp_path / "out").together
-    supply = more / "supply.csv"
-    text(supply, rows[70], rows[70].replace(",8", ",8.25"))
-    assert "the input v" in bd.verify(tmp_path / "out").said
-    text(supply, ",8.25", ",8")
-    text(
-        more / "speed.csv",
-        lines[30],
-        lines[29].replace(lines[29].split(",")[0], lines[30].split(",")[0]),
-    )
-    assert "the record was 101 samples" in bd.verify(tmp_path / "out").said
-
-
-def test_results_never_stand_beside_a_file_of_their_record(tmp_path: Path) -> None:
-    changes = [("w_1: {column: w_1", "w_1: {file: more/speed.csv, column: w_1")]
-    config = command_line.small_config(tmp_path, *changes)
-    (tmp_path / "more").mkdir()
-    shutil.copy(tmp_path / "small.csv", tmp_path / "more" / "speed.csv")
-    job = prepare(config)
-    check_record(job, tmp_path / "elsewhere", None)
-    for folder in (tmp_path, tmp_path / "more"):
-        with pytest.raises(bd.InputError, match="holds the record of this run"):
-            check_record(job, folder, None)
-
-
-def resealed(path: Path, change: Callable[[dict[str, Any]], object]) -> None:
-    """Of other content, with a checksum that fits."""
-    data = loads_checksummed(path.read_bytes())
-    change(data)
-    path.write_text(dumps_checksummed(data))
 
 
 DAMAGED = "map.json: is damaged; delete it"
@@ -438,37 +239,207 @@ WRONG_TYPES: list[tuple[str, Callable[[dict[str, Any]], object], str]] = [
 ]
 
 
-@run_cases("name, change, said", WRONG_TYPES, rig=copied_rig)
-def test_types_are_looked_at_before_anything_is_believed(
-    name: str, change: Callable[[dict[str, Any]], object], said: str, rig: Path
+@run_cases("name, change, message", WRONG_TYPES, rig=copied)
+def test_wrong_types_are_refused_though_the_checksum_fits(
+    name: str, change: Callable[[dict[str, Any]], object], message: str, rig: Path
 ) -> None:
-    resealed(rig / "out" / name, change)
-    told = command_line.cli("verify", rig / "out")
-    assert told.status == 2
-    assert said in told.err
+    path = rig / "out" / name
+    data = loads_checksummed(path.read_bytes())
+    change(data)
+    path.write_text(dumps_checksummed(data))
+    assert_refused(cli("verify", rig / "out"), message)
+
+
+@run_cases("content", [b"\xff\xfe\x80", b"[" * 100_000, b"[]", b'{"values": {"k_e": NaN}}', b"{}"])
+@run_cases("name", ["run.json", "map.json"])
+def test_a_report_refuses_a_damaged_file(content: bytes, name: str, tmp_path: Path) -> None:
+    (tmp_path / "run.json").write_text(json.dumps({"fingerprint": {}}))
+    (tmp_path / name).write_bytes(content)
+    assert_refused(cli("report", tmp_path))
 
 
 @run_cases(
     "dataset, shape",
     [("chain", (-1, 8, 1)), ("chain", (-1, 4, 2)), ("log_prob", (-1, 4))],
-    rig=copied_rig,
+    rig=copied,
 )
 def test_a_chain_of_other_walkers_or_unknowns(
     dataset: str, shape: tuple[int, ...], rig: Path
 ) -> None:
+    consistent = shape == (-1, 4, 2)
     with h5py.File(rig / "out" / "chain.h5", "r+") as file:
         for group in file.values():
-            values = group[dataset][:].reshape(shape)
-            del group[dataset]
-            group[dataset] = values
-            if dataset == "chain" and shape[1:] == (4, 2):  # in itself it is one
-                for name in ("log_prob", "accepted"):
-                    own = group[name][:]
-                    del group[name]
-                    group[name] = own.reshape(-1, 4) if own.ndim == 2 else own[:4]
+            arrays = {dataset: group[dataset][:].reshape(shape)}
+            if consistent:
+                arrays["log_prob"] = group["log_prob"][:].reshape(-1, 4)
+                arrays["accepted"] = group["accepted"][:4]
+            for name, values in arrays.items():
+                del group[name]
+                group[name] = values
             seal(group)
-    ran = command_line.cli("verify", rig / "out")
-    assert ran.status == 2
-    whole = dataset == "chain" and shape[1:] == (4, 2)
-    assert ("a chain of 4 walkers in 2 unknowns" if whole else "is damaged") in ran.err
-    assert command_line.cli("report", rig / "out").status == 2
+    message = "a chain of 4 walkers in 2 unknowns" if consistent else "is damaged"
+    assert_refused(cli("verify", rig / "out"), message)
+    assert cli("report", rig / "out").status == 2
+
+
+# --- what belongs --------------------------------------------------------------------------------
+
+
+def test_what_belongs_together_passes(rig: Path) -> None:
+    """After a report too, in another place, and for a case that was saved from memory."""
+    result = cli("verify", rig / "out")
+    assert (result.status, result.err) == (0, "")
+    assert "belong together" in result.out
+    missing_figure(rig)
+    assert cli("report", rig / "out", "--processes", "1").status == 0
+    assert bd.verify(rig / "out").together
+    bd.open(rig / "out").save(rig / "saved")
+    assert bd.verify(rig / "saved").together
+    with pytest.raises(bd.InputError, match="no results"):
+        bd.verify(rig)
+
+
+def test_figures_and_tree_say_which_run_they_are_of(finished: Path) -> None:
+    run = json.loads((finished / "out" / "run.json").read_text())
+    with xarray.open_datatree(finished / "out" / "posterior.nc", engine="h5netcdf") as tree:
+        marks = {name: tree.attrs[name] for name in ("run", "record", "burn-in", "versions")}
+    for name in ("corner.png", "corner.pdf", "trace.png"):
+        content = (finished / "out" / "figures" / name).read_bytes()
+        assert marks["run"].encode() in content
+        assert marks["record"].split("(")[1].strip(")").encode() in content
+        assert run["versions"]["emcee"].encode() in content
+    assert marks["burn-in"] == f"{run['burn_in']} of {run['steps']} steps"
+
+
+def test_formats_of_figures_are_known_to_verify_and_force(rig: Path) -> None:
+    """Figures of formats that the config names no more are removed, and those of others stay."""
+    config, out = rig / "out.yaml", rig / "out"
+    formats = "[corner, trace], formats: [svg, png]"
+    replace_once(config, DRAWN[1], f"figures: {formats}, size: single, dpi: 100")
+    result = posterior(config, out, "--resume")
+    assert result.status == 0, result.text
+    figures = out / "figures"
+    names = {f"{stem}.{end}" for stem in ("corner", "trace") for end in ("svg", "png")}
+    assert {path.name for path in figures.iterdir()} == names
+    assert bd.verify(out).together
+    shutil.copy(figures / "trace.svg", figures / "corner.svg")
+    renew_digests(out)
+    (problem,) = bd.verify(out).problems
+    assert "corner.svg: is another figure than its name says" in str(problem)
+    (figures / "mine.svg").write_text("kept")
+    replace_once(config, formats, "[]")
+    result = posterior(config, out, "--force")
+    assert result.status == 0, result.text
+    assert [path.name for path in figures.iterdir()] == ["mine.svg"]
+
+
+def test_every_file_of_a_record_is_part_of_its_run(tmp_path: Path) -> None:
+    """And results are refused in the folder of any of them."""
+    config = command_line.small_config(
+        tmp_path / "rig",
+        ("w_1: {column: w_1", "w_1: {file: more/speed.csv, column: w_1"),
+        ("v: 8.0", "v: {file: {path: more/supply.csv}, column: u, unit: V, hold: first}"),
+    )
+    more, out = config.parent / "more", tmp_path / "out"
+    more.mkdir()
+    lines = (config.parent / "small.csv").read_text().splitlines()
+    (more / "speed.csv").write_text("\n".join(lines) + "\n")
+    rows = [f"{line.split(',')[0]},8" for line in lines[1:]]
+    (more / "supply.csv").write_text("\n".join(["t,u", *rows]) + "\n")
+    job = prepare(config)
+    check_record(job, out, None)
+    for folder in (config.parent, more):
+        with pytest.raises(bd.InputError, match="holds the record of this run"):
+            check_record(job, folder, None)
+    result = posterior(config, out)
+    assert result.status == 0, result.text
+    page = (out / "report.html").read_text()
+    for name in ("small.csv", "speed.csv", "supply.csv"):
+        assert f"<code>{name}</code>" in page
+    assert bd.verify(out).together
+    replace_once(more / "supply.csv", rows[70], rows[70].replace(",8", ",8.25"))
+    assert "the input v" in bd.verify(out).said
+    replace_once(more / "supply.csv", ",8.25", ",8")
+    time, before = lines[30].split(",")[0], lines[29].split(",", 1)[1]
+    replace_once(more / "speed.csv", lines[30], f"{time},{before}")
+    assert "the record was 101 samples" in bd.verify(out).said
+
+
+# --- runs of others, and reports elsewhere -------------------------------------------------------
+
+
+@pytest.fixture
+def read_only(finished: Path) -> Iterator[Path]:
+    """The rig where this user may only read, beside `mine`, where it may write; root becomes nobody."""
+    if os.name != "posix":
+        pytest.skip("no mode bits")
+    place = Path(tempfile.mkdtemp())  # others cannot look into the folders of pytest
+    shutil.copytree(finished, place / "rig")
+    (place / "mine").mkdir()
+    paths = [place, *place.rglob("*")]
+    for path in paths:
+        path.chmod(0o444 | 0o111 * path.is_dir())
+    (place / "mine").chmod(0o777)
+    user = os.geteuid()
+    try:
+        if user == 0:
+            os.seteuid(65534)
+        try:
+            Path(bd.__file__).read_bytes()
+        except PermissionError:
+            pytest.skip("nobody else may read the package")
+        yield place
+    finally:
+        os.seteuid(user)
+        for path in paths:
+            path.chmod(0o755)
+        shutil.rmtree(place)
+
+
+def test_runs_in_a_read_only_folder_are_verified_compared_and_reported_elsewhere(
+    read_only: Path,
+) -> None:
+    run, other, mine = read_only / "rig" / "out", read_only / "rig" / "other", read_only / "mine"
+    before = command_line.listing(read_only / "rig")
+    assert cli("verify", run).status == 0
+    for command in (
+        ("compare", run, other, "-o", mine / "compared"),
+        ("report", run, other, "-o", mine / "laid"),
+        ("report", run, "-o", mine / "copy", "--processes", "1"),
+    ):
+        result = cli(*command)
+        assert result.status == 0, result.text
+    for name in ("chain.h5", "map.json", "config.yaml", "summary.csv", "verdict.csv"):
+        assert (mine / "copy" / name).read_bytes() == (run / name).read_bytes()
+    for name in ("compared", "laid", "copy"):
+        assert bd.verify(mine / name).together
+    old, new = (json.loads((place / "run.json").read_text()) for place in (run, mine / "copy"))
+    for name in ("fingerprint", "versions", "log_evidence"):
+        assert new[name] == old[name]
+    assert command_line.listing(read_only / "rig") == before
+    config = read_only / "rig" / "out.yaml"
+    message = "nothing can be written here (Permission denied); give another --output"
+    for command in (
+        ("report", run),
+        ("report", run, "-o", run / "below"),
+        ("compare", run, other, "-o", run / "below"),
+        ("posterior", config, "-o", run, "--force"),
+        ("posterior", config, "-o", run / "below"),
+    ):
+        assert_refused(cli(*command), message)
+
+
+def test_a_run_is_reported_elsewhere_in_a_folder_of_its_own(rig: Path) -> None:
+    out, before = rig / "out", command_line.listing(rig)
+    for arguments, message in (
+        ([out, "-o", out, "--force"], "holds this very run"),
+        ([out, "-o", rig, "--force"], "this folder holds other files"),
+        ([out, "-o", rig / "other"], "results exist already"),
+        ([out, "--force"], "--force: goes with --output"),
+    ):
+        assert_refused(cli("report", *arguments), message)
+        assert command_line.listing(rig) == before
+    result = cli("report", out, "-o", rig / "other", "--force", "--processes", "1")
+    assert result.status == 0, result.text
+    assert bd.verify(rig / "other").together
+    assert (rig / "other" / "chain.h5").read_bytes() == (out / "chain.h5").read_bytes()

@@ -1,4 +1,4 @@
-"""Steps of a rig that rubs: chosen anew where its maximum is, and taken from there on by all."""
+"""Substeps of a rig with friction: chosen again at the maximum, and used from there on by all."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ UNKNOWN = {"prior": "log_uniform", "low": 0.01, "high": 100.0, "start": 20.0}
 
 @cache
 def case(*, known: bool = False) -> bd.Case:
-    """Of noise that is a thousandth of what the search starts with: there any step would do.
+    """Return a case whose noise is a thousandth of its start, where any step would be fine enough.
 
-    `known`: all but an inertia is.
+    If `known`, all but an inertia is held.
     """
     v = np.where(np.arange(len(T)) // 40 % 2 == 0, 6.0, -6.0)
     inputs = {"v": bd.Input(v, "V", hold="zero")}
@@ -50,16 +50,15 @@ def run(*, known: bool = False) -> bd.Run:
     return case(known=known).sample()
 
 
-def taken(job: Job) -> dict[str, step_error.StepSizes]:
+def steps_of(job: Job) -> dict[str, step_error.StepSizes]:
     return step_error.chosen_steps(job.problem.posterior)
 
 
-def test_there_are_as_many_as_the_maximum_wants() -> None:
-    """Mutant killed: steps as they were chosen at the start."""
+def test_steps_are_as_fine_as_the_maximum_needs() -> None:
     best = case().find_map()
-    start, found = taken(case().job), best.mode.pieces
+    start, end = steps_of(case().job), best.mode.pieces
     assert start[""][0] == 1
-    assert found[""][0] > 1
+    assert end[""][0] > 1
     theta = case().job.problem.posterior.space.vector(best.values)
     (few,) = step_errors(case().job.problem.posterior.likelihood, theta)
     (enough,) = step_errors(case().job.with_steps_at(best.mode).problem.posterior.likelihood, theta)
@@ -70,22 +69,18 @@ def test_there_are_as_many_as_the_maximum_wants() -> None:
 
 
 @pytest.mark.slow
-def test_a_search_and_a_chain_take_them_in_all_processes(tmp_path: Path) -> None:
-    """Mutant killed: workers that go on in the steps of the search."""
+def test_all_processes_use_the_steps_of_the_maximum(tmp_path: Path) -> None:
     run().save(tmp_path / "out")
     bd.load(tmp_path / "out" / "config.yaml").run(tmp_path / "two", processes=2)
     other = bd.open(tmp_path / "two")
-    assert taken(run().job) == taken(other.job) == run().mode.pieces
+    assert steps_of(run().job) == steps_of(other.job) == run().mode.pieces
     for name, draws in run().draws.items():
         assert np.array_equal(draws, other.draws[name])
 
 
 def test_the_evidence_is_that_of_the_rig_and_not_of_its_steps() -> None:
-    """Oracle: the integral over its only unknown, in far finer steps than any that a run takes.
-
-    Mutants killed: no error of steps; what finer steps add is taken away.
-    """
-    found, posterior = run(known=True).evidence, run(known=True).job.problem.posterior
+    """Oracle: the integral over its only unknown, in far finer steps than those of any run."""
+    evidence, posterior = run(known=True).evidence, run(known=True).job.problem.posterior
     x = run(known=True).draws["j_1"]
     at = np.linspace(x.mean() - 8 * x.std(), x.mean() + 8 * x.std(), 400)
     prior = posterior.space.priors["j_1"]
@@ -96,25 +91,25 @@ def test_the_evidence_is_that_of_the_rig_and_not_of_its_steps() -> None:
         return float(logs.max() + np.log(whole))
 
     true = log_z({"": (256, REVERSAL_SUBSTEPS)})
-    assert found is not None
+    assert evidence is not None
     assert abs(log_z(dict(run(known=True).mode.pieces)) - true) > 0.03
-    assert abs(found.log_z - true) < 2 * found.error < 0.1
+    assert abs(evidence.log_z - true) < 2 * evidence.error < 0.1
     assert "for the error of its steps" in str(run(known=True))
 
 
-def test_what_was_saved_goes_on_in_them(tmp_path: Path) -> None:
+def test_a_saved_run_goes_on_in_its_steps(tmp_path: Path) -> None:
     mine = run(known=True)
     mine.save(tmp_path / "out")
     again = bd.open(tmp_path / "out")
-    assert taken(again.job) == taken(mine.job)
+    assert steps_of(again.job) == steps_of(mine.job)
     assert again.mode.pieces == mine.mode.pieces
     posterior = mine.job.problem.posterior
     last = mine.sampled.segments[0][-1]
     assert posterior(last.z[-1]) == pytest.approx(last.log_p[-1], abs=1e-9)
 
-    told = YAML_SAFE.load((tmp_path / "out" / "config.yaml").read_text())
-    told["model"] = {**told.get("model", {}), "name": "motor_shaft", "pieces": 2}
-    with (tmp_path / "out" / "said.yaml").open("w") as file:
-        YAML_SAFE.dump(told, file)
-    said = bd.load(tmp_path / "out" / "said.yaml").job
-    assert taken(said) == {}  # what the config says stays
+    config = YAML_SAFE.load((tmp_path / "out" / "config.yaml").read_text())
+    config["model"] = {**config.get("model", {}), "name": "motor_shaft", "pieces": 2}
+    with (tmp_path / "out" / "given.yaml").open("w") as file:
+        YAML_SAFE.dump(config, file)
+    given = bd.load(tmp_path / "out" / "given.yaml").job
+    assert steps_of(given) == {}  # steps of the config stay

@@ -1,4 +1,4 @@
-"""Records of rigs with one thing wrong: in 95 of 100 of each kind that is the first of the ranking."""
+"""Records of rigs with one fault: in 95 of 100 records of each kind the ranking names it first."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from bayesdrill.analysis.causes import Causes
 
 RECORDS, RIGHT = 100, 95
 SECONDS = 20.0  # of the processor, once the code is compiled
-N, FEWER, DT = 600, 300, 0.01
+N, DT = 600, 0.01
 SIGMA = {"theta_2": 0.02, "twist": 0.02, "w_1": 0.1}
 MEASURES = {"theta_2": "theta_2", "twist": "theta_1 - theta_2", "w_1": "w_1"}
 HELD = ("r_m", "l_m", "t_f")
 BOX = {"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}
 RHO = 0.8
-# What is wrong, and the part that says so.
+# The fault of each kind, and the candidate that repairs it.
 KINDS = {
     "gain": "gain_twist",
     "lag": "lag_w_1",
@@ -31,10 +31,10 @@ KINDS = {
 }
 
 
-def case(kind: str, seed: int, n: int) -> bd.Case:
-    """Of a rig within a few tens of per cent of the nominal one, turned both ways; `n` samples."""
+def case(kind: str, seed: int) -> bd.Case:
+    """Of a rig within a few tens of per cent of the nominal one, turned both ways."""
     rng = np.random.default_rng([seed, 35])
-    t = DT * np.arange(n)
+    t = DT * np.arange(N)
     turns = np.sign(np.sin(rng.uniform(2, 5) * t + rng.uniform(0, 6)))
     v = 6.0 * turns + rng.uniform(-1, 1) + 1.5 * np.sin(rng.uniform(6, 14) * t)
     truth = {
@@ -50,9 +50,9 @@ def case(kind: str, seed: int, n: int) -> bd.Case:
     if kind == "lag":
         y["w_1"] = np.concatenate([y["w_1"][:1], y["w_1"][:1], y["w_1"][:-2]])
     for name, sigma in SIGMA.items():
-        noise = rng.standard_normal(n)
+        noise = rng.standard_normal(N)
         if kind == "memory":
-            for k in range(1, n):
+            for k in range(1, N):
                 noise[k] = RHO * noise[k - 1] + np.sqrt(1 - RHO**2) * noise[k]
         y[name] = y[name] + sigma * noise
     return bd.case(
@@ -69,38 +69,25 @@ def case(kind: str, seed: int, n: int) -> bd.Case:
     )
 
 
-def ranked(kind: str, seed: int, n: int = N) -> tuple[Causes | None, float]:
-    """And the seconds that it took of the processor."""
-    of = case(kind, seed, n)
-    begun = time.process_time()
-    found = causes_of(of)
-    return found, time.process_time() - begun
+def ranked(kind: str, seed: int) -> tuple[Causes | None, float]:
+    """Return the ranking, and the seconds of the processor that it took."""
+    bad = case(kind, seed)
+    start = time.process_time()
+    causes = causes_of(bad)
+    return causes, time.process_time() - start
 
 
-def first(found: Causes | None) -> tuple[str, ...]:
-    return () if found is None else found.ranked[0].parts
-
-
-@pytest.mark.parametrize(
-    "kind", ["gear", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("lag", "memory"))]
-)
-def test_what_is_wrong_is_the_first_of_the_ranking(kind: str) -> None:
-    """Mutants killed: a lag in one direction, gears that are not tried, noise that stays white."""
-    found, _ = ranked(kind, 0, FEWER)
-    assert first(found) == (KINDS[kind],)
-    assert found is not None
-    assert found.best.parts == (KINDS[kind],)
-    if kind == "gear":  # how much j_m, k_e and k_T make up for, no record can tell
-        assert 1 / 25 < float(found.best.lines.split(":")[-1].strip(" }")) < 1 / 10
+def first(causes: Causes | None) -> tuple[str, ...]:
+    return () if causes is None else causes.ranked[0].parts
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
-def test_of_a_hundred_records_ninety_five_are_right_and_soon(kind: str) -> None:
-    every = [ranked(kind, seed) for seed in range(RECORDS)]
-    wrong = {seed: first(found) for seed, (found, _) in enumerate(every)}
+def test_95_of_100_records_are_explained_rightly_within_20_seconds(kind: str) -> None:
+    rankings = [ranked(kind, seed) for seed in range(RECORDS)]
+    wrong = {seed: first(causes) for seed, (causes, _) in enumerate(rankings)}
     wrong = {seed: parts for seed, parts in wrong.items() if parts != (KINDS[kind],)}
     assert len(wrong) <= RECORDS - RIGHT, wrong
-    late = [seed for seed, (_, seconds) in enumerate(every) if seconds > SECONDS]
-    assert len(late) <= 5  # those that compile, and take no longer than others when that is done
+    late = [seed for seed, (_, seconds) in enumerate(rankings) if seconds > SECONDS]
+    assert len(late) <= 5  # those that compile kernels; a second ranking of them is fast
     assert all(ranked(kind, seed)[1] <= SECONDS for seed in late)

@@ -1,4 +1,4 @@
-"""A long record is compressed: the same posterior as by all samples, said in words and checked."""
+"""A long record is compressed: its posterior is that of all samples, which the run checks."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy.signal import lfilter
 from support.scipy_oracles import NOMINAL
 
@@ -24,25 +25,32 @@ from bayesdrill.sampling import fit as fits
 from bayesdrill.sampling.workers import WorkerPool
 from bayesdrill.tasks import find_map, pipeline
 
+Array = NDArray[np.float64]
+
 T = np.arange(24_001) / 500.0
 BOX = {"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}
-SAMPLED = 6001  # of those that are sampled by all samples too: enough to be compressed
+SAMPLED = 6001  # samples of records that are sampled exactly too: enough to be compressed
+RHO = 0.8
 LEVEL = {"prior": "log_uniform", "low": 0.01, "high": 1.0}
 
 
-@cache
-def case(likelihood: str = "auto", samples: int = len(T)) -> bd.Case:
-    """Two speeds under random steps of voltage; the noise of one of them is unknown."""
-    t, rng = T[:samples], np.random.default_rng(5)
-    v = np.where(rng.random(len(t) // 100 + 1) < 0.5, 4.0, 12.0).repeat(100)[: len(t)]
+def speeds(samples: int, seed: int) -> tuple[Array, Array, Array, np.random.Generator]:
+    """Return times, voltage and two speeds under random steps of voltage."""
+    t, rng = T[:samples], np.random.default_rng(seed)
+    v = np.where(rng.random(samples // 100 + 1) < 0.5, 4.0, 12.0).repeat(100)[:samples]
     exact = bd.respond(MotorShaft(), NOMINAL, t, {"v": v}, ["w_1", "w_2"])
-    noise = 0.1 * rng.standard_normal((2, len(t)))
-    free = ("j_m", "k_e", "r_m", "k_s", "j_1")
+    return t, v, np.array([exact["w_1"], exact["w_2"]]), rng
+
+
+def case_of(
+    t: Array, v: Array, w: Array, free: tuple[str, ...], likelihood: str, **noise: str
+) -> bd.Case:
+    """Return the case of two speeds, the noise of the second unknown."""
     return bd.case(
         t,
         {
-            "w_1": bd.Channel(exact["w_1"] + noise[0], "rad/s", 0.1),
-            "w_2": bd.Channel(exact["w_2"] + noise[1], "rad/s", LEVEL),
+            "w_1": bd.Channel(w[0], "rad/s", 0.1),
+            "w_2": bd.Channel(w[1], "rad/s", LEVEL, **noise),
         },
         {"v": bd.Input(v, "V")},
         parameters={name: BOX if name in free else "nominal" for name in NOMINAL},
@@ -53,59 +61,53 @@ def case(likelihood: str = "auto", samples: int = len(T)) -> bd.Case:
 
 
 @cache
+def case(likelihood: str = "auto", samples: int = len(T)) -> bd.Case:
+    t, v, w, rng = speeds(samples, 5)
+    w = w + 0.1 * rng.standard_normal(w.shape)
+    return case_of(t, v, w, ("j_m", "k_e", "r_m", "k_s", "j_1"), likelihood)
+
+
+@cache
 def sampled(likelihood: str) -> bd.Run:
     return case(likelihood, SAMPLED).sample(processes=1)
 
 
-def test_the_posterior_is_that_of_all_samples() -> None:
-    short, whole = sampled("auto"), sampled("exact")
-    assert short.converged
-    assert whole.converged
-    pairs = zip(short.analysis.unknowns, whole.analysis.unknowns, strict=True)
-    apart = [abs(mine.mean - row.mean) / row.sd for mine, row in pairs]
-    assert max(apart) < 0.15  # some five Monte Carlo errors
-    assert short.evidence.log_z == pytest.approx(whole.evidence.log_z, abs=0.1)
-    assert short.sampled.compression is not None
-    assert whole.sampled.compression is None
-
-
-RHO = 0.8
-
-
 @cache
 def coloured(likelihood: str) -> bd.Run:
-    """Two speeds under random steps of voltage; the noise of one of them remembers."""
-    t, rng = T[:4201], np.random.default_rng(6)
-    v = np.where(rng.random(len(t) // 100 + 1) < 0.5, 4.0, 12.0).repeat(100)[: len(t)]
-    exact = bd.respond(MotorShaft(), NOMINAL, t, {"v": v}, ["w_1", "w_2"])
-    noise = 0.1 * rng.standard_normal((2, len(t)))
+    """A run of a record in which the noise of one channel is autoregressive."""
+    t, v, w, rng = speeds(4201, 6)
+    noise = 0.1 * rng.standard_normal(w.shape)
     noise[1] = lfilter([np.sqrt(1.0 - RHO**2)], [1.0, -RHO], noise[1])
     free = ("k_e", "r_m", "k_s")
-    return bd.case(
-        t,
-        {
-            "w_1": bd.Channel(exact["w_1"] + noise[0], "rad/s", 0.1),
-            "w_2": bd.Channel(exact["w_2"] + noise[1], "rad/s", LEVEL, noise="ar1"),
-        },
-        {"v": bd.Input(v, "V")},
-        parameters={name: BOX if name in free else "nominal" for name in NOMINAL},
-        nominal="tables_2_3",
-        sampler={"likelihood": likelihood, "walkers": 32, "ess": 1000},
-        name="coloured",
-    ).sample(processes=1)
+    return case_of(t, v, w + noise, free, likelihood, noise="ar1").sample(processes=1)
 
 
-def test_noise_that_remembers_goes_with_it() -> None:
-    short, whole = coloured("auto"), coloured("exact")
-    pairs = zip(short.analysis.unknowns, whole.analysis.unknowns, strict=True)
-    assert max(abs(mine.mean - row.mean) / row.sd for mine, row in pairs) < 0.15
-    found = {row.name: row for row in short.analysis.unknowns}
+def difference(one: bd.Run, other: bd.Run) -> float:
+    """Return the largest difference of two means, in sds; 0.15 are some five Monte Carlo errors."""
+    pairs = zip(one.analysis.unknowns, other.analysis.unknowns, strict=True)
+    return max(abs(mine.mean - row.mean) / row.sd for mine, row in pairs)
+
+
+def test_the_posterior_is_that_of_all_samples() -> None:
+    compressed, exact = sampled("auto"), sampled("exact")
+    assert compressed.converged
+    assert exact.converged
+    assert difference(compressed, exact) < 0.15
+    assert compressed.evidence.log_z == pytest.approx(exact.evidence.log_z, abs=0.1)
+    assert compressed.sampled.compression is not None
+    assert exact.sampled.compression is None
+
+
+def test_autoregressive_noise_is_compressed_too() -> None:
+    compressed, exact = coloured("auto"), coloured("exact")
+    assert difference(compressed, exact) < 0.15
+    rows = {row.name: row for row in compressed.analysis.unknowns}
     for name, true in (("rho_w_2", RHO), ("k_s", NOMINAL["k_s"])):
-        assert abs(found[name].mean - true) < 4.0 * found[name].sd, name
-    check = short.sampled.compression
+        assert abs(rows[name].mean - true) < 4.0 * rows[name].sd, name
+    check = compressed.sampled.compression
     assert check is not None
     assert check.difference < 1e-6
-    assert whole.sampled.compression is None
+    assert exact.sampled.compression is None
 
 
 def test_draws_are_checked_against_the_exact_likelihood() -> None:
@@ -117,10 +119,10 @@ def test_draws_are_checked_against_the_exact_likelihood() -> None:
     assert check.exact < 10
 
 
-def test_of_a_record_that_is_too_long_nothing_is_predicted_sample_by_sample(
+def test_a_record_that_is_too_long_is_not_predicted_sample_by_sample(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """And figures are given its extremes alone: no peak is lost, and files stay small."""
+    """Figures are given the extremes of stretches: no peak is lost, and files stay small."""
     monkeypatch.setattr(output_files, "MOST_PREDICTED", 4 * 2 * len(T) - 1)
     run = case("auto").sample(processes=1)
     (whole,) = fit_words.every_fit(run.job.problem, run.sampled.draws[0, -1], run.analysis.fit)
@@ -134,7 +136,7 @@ def test_of_a_record_that_is_too_long_nothing_is_predicted_sample_by_sample(
     assert len(fit.t) < len(T) / 2
     y = run.job.problem.observations[0].experiment.y
     for signal, column in zip(fit.signals, y.T, strict=True):
-        # Dots are no extremes: else they would lie outside of the band of the noise.
+        # Dots are samples, not extremes, which would lie outside of the band of the noise.
         assert np.array_equal(signal.y[signal.dots], column[fit_words.measured(column)])
         assert (signal.y.min(), signal.y.max()) == (column.min(), column.max())
     (drawing,) = fit_figure.draw_fit(run._view)
@@ -143,7 +145,7 @@ def test_of_a_record_that_is_too_long_nothing_is_predicted_sample_by_sample(
     assert (tmp_path / "long/figures/fit.png").exists()
 
 
-def test_the_search_sees_an_excerpt_and_then_all() -> None:
+def test_the_search_begins_with_an_excerpt_and_ends_with_all_samples() -> None:
     problem = case().job.problem
     plan = find_map.fit_plan(case().job)
     with WorkerPool(problem.posterior, 1) as pool:
@@ -165,11 +167,8 @@ def test_the_search_sees_an_excerpt_and_then_all() -> None:
             assert problem.posterior.density(beside[None])[0] < here + 1e-6
 
 
-def test_an_excerpt_that_says_too_little_grows(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The rig rests for longer than the first excerpt.
-
-    Mutant killed: a search that goes on by all samples where the first of them say too little.
-    """
+def test_an_excerpt_without_information_grows(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The rig rests for longer than the first excerpt, and the search still ends compressed."""
     monkeypatch.setattr(compression, "EXCERPT", 2048)
     asked = compression.excerpt
     monkeypatch.setattr(compression, "excerpt", lambda p, n=2048: asked(p, n))
@@ -204,8 +203,8 @@ def test_an_excerpt_that_says_too_little_grows(monkeypatch: pytest.MonkeyPatch) 
         assert mode.values[name] == pytest.approx(NOMINAL[name], rel=0.02)
 
 
-def test_what_cannot_be_compressed_is_refused_where_it_is_asked_for() -> None:
-    """By itself it has all samples, however long it is."""
+def test_a_record_that_cannot_be_compressed_is_refused_or_exact() -> None:
+    """It is refused where compression is asked for; by default it has all samples, however long."""
     lag = {"lag": {"prior": "uniform", "low": 0, "high": 0.1}}
     torque = {"missing_torque": {"at": "rotor_1", "size": 0.1, "time": 0.5}}
     cases = [
@@ -215,7 +214,7 @@ def test_what_cannot_be_compressed_is_refused_where_it_is_asked_for() -> None:
     ]
     for reason, rubs, sensor, missing in cases:
 
-        def made(likelihood: str, *entries: dict[str, Any]) -> bd.Case:
+        def problematic(likelihood: str, *entries: dict[str, Any]) -> bd.Case:
             rig, channel, more = entries
             return bd.case(
                 T[:5000],
@@ -227,14 +226,15 @@ def test_what_cannot_be_compressed_is_refused_where_it_is_asked_for() -> None:
             )
 
         with pytest.raises(InputError, match=f"cannot be compressed: {reason}"):
-            made("compressed", rubs, sensor, missing)
-        (whole,) = made("auto", rubs, sensor, missing).job.problem.observations
+            problematic("compressed", rubs, sensor, missing)
+        (whole,) = problematic("auto", rubs, sensor, missing).job.problem.observations
         assert reason in whole.exact_reason
         assert not compression.is_long(whole)
 
 
-def test_what_turns_out_not_to_be_compressible_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Mutant killed: a record that goes on by all samples where it was to be compressed."""
+def test_a_compression_that_fails_after_the_search_is_refused(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     mode = case().find_map(processes=1).mode
     job = case("compressed").job
 
@@ -246,8 +246,8 @@ def test_what_turns_out_not_to_be_compressible_is_refused(monkeypatch: pytest.Mo
         pipeline.sample_in_memory(job, mode, 1, Silent())
 
 
-def test_a_run_that_goes_on_has_the_same_functions() -> None:
-    """Mutant killed: functions about the maximum that depend on those of the search."""
+def test_a_resumed_run_has_the_same_basis_functions() -> None:
+    """Those about the maximum do not depend on those of the search."""
     problem, plan = case().job.problem, find_map.fit_plan(case().job)
     triangles = []
     with WorkerPool(problem.posterior, 1) as searched:

@@ -56,7 +56,7 @@ def bounds_at_nominal(job: Job) -> np.ndarray:
 
 
 @pytest.mark.slow
-def test_bounds_are_the_posteriors_spread(job: Job) -> None:
+def test_bounds_are_the_spread_of_the_posterior(job: Job) -> None:
     posterior = job.problem.posterior
     start = posterior.space.vector(job.problem.nominal)
     with WorkerPool(posterior, 1) as pool:
@@ -76,14 +76,14 @@ def test_bounds_are_the_spread_of_repeated_fits(job: Job) -> None:
     clean = likelihood.signals(nominal[None])
     rng = seeds.stream(12, "record")
     scenery = SensitivityStudy(likelihood)
-    found = []
+    fits = []
     for _ in range(FITS):
         y = likelihood.only_observation.noise.draw(clean, np.empty((1, 0)), rng)[0]
         fresh = replace_only(
             likelihood, response=likelihood.only_observation.response.with_record(y)
         )
-        found.append(Fitter(replace(posterior, likelihood=fresh), scenery, nominal).best.logs)
-    logs = np.array(found)
+        fits.append(Fitter(replace(posterior, likelihood=fresh), scenery, nominal).best.logs)
+    logs = np.array(fits)
     bounds = bounds_at_nominal(job)
     assert np.allclose(logs.std(axis=0), bounds, rtol=0.1)
     # No bias either, to the error of a mean of 500.

@@ -1,4 +1,4 @@
-"""What is published of the configs is theirs, and whatever is not is found."""
+"""Results that are published are those of today's configs and records, and others are detected."""
 
 from __future__ import annotations
 

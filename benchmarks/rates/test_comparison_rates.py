@@ -30,30 +30,26 @@ def named(kind: Kind, records: int) -> int:
 
 @pytest.mark.slow
 @run_cases("kind", KINDS, ids=[kind.name for kind in KINDS])
-def test_what_is_wrong_is_named(kind: Kind) -> None:
+def test_95_of_100_records_of_a_kind_are_judged_rightly(kind: Kind) -> None:
     assert named(kind, compare.RECORDS) >= RATE * compare.RECORDS
 
 
 @pytest.mark.slow
 @run_cases("kind", KINDS[::3], ids=[kind.name for kind in KINDS[::3]])
-def test_one_record_of_a_kind_tells_it_already(kind: Kind) -> None:
-    """Mutant killed: a noise that is held against all of the same rig."""
+def test_one_record_of_each_kind_is_judged_rightly(kind: Kind) -> None:
     assert named(kind, 1) == 1
 
 
-def test_what_is_wrong_is_as_large_as_it_is_said_to_be() -> None:
-    """Of the squares that the config as given leaves, beside those of the noise.
-
-    Mutant killed: what is wrong before the parameters have taken up what they can.
-    """
+def test_the_misfit_is_as_large_as_the_bench_says() -> None:
+    """The size is what the best fit of the given config leaves, relative to the noise."""
     for kind in KINDS[1:3]:
         y, size = bench().record(kind, 0)
-        sums = [left(job, y) for job in (bench().known, bench().jobs[kind.right])]
+        sums = [mean_square_residual(job, y) for job in (bench().known, bench().jobs[kind.right])]
         assert np.sqrt(sums[0] / sums[1] - 1.0) == pytest.approx(size, rel=0.25)
 
 
-def left(job: Job, y: NDArray[np.float64]) -> float:
-    """The mean square of what the best fit leaves."""
+def mean_square_residual(job: Job, y: NDArray[np.float64]) -> float:
+    """Return the mean square of the residuals at the maximum of the posterior."""
     posterior = compare.of(job, y).problem.posterior
     start = posterior.space.vector(posterior.space.start)[None]
     surface = LogDensity(posterior, physical=True)
@@ -62,11 +58,8 @@ def left(job: Job, y: NDArray[np.float64]) -> float:
     return float(np.mean((y - posterior.likelihood.signals(best)[0]) ** 2))
 
 
-def test_a_proposal_misses_nothing_of_a_correlation_that_is_none() -> None:
-    """Pressed against zero it has no long tail where it is walked in: every draw of the proposal counts.
-
-    Mutant killed: a correlation that goes by its log.
-    """
+def test_the_proposal_covers_a_correlation_near_zero() -> None:
+    """In its own coordinate a correlation has no long tail at zero: every draw counts."""
     y, _ = bench().record(KINDS[2], 3)
     job = compare.of(bench().jobs[RED], y)
     _, sampled = fit(job.problem.posterior, compare.plan(job, 3))

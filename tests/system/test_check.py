@@ -1,0 +1,224 @@
+"""`bayesdrill check CONFIG`: what it shows of a record, and what it compares with nominal values."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support import command_line
+from support.case_tables import run_cases
+from support.command_line import cli
+
+from bayesdrill.config import loading
+from bayesdrill.rig.models.motor_shaft import PARAMETERS as NINE
+
+type Change = tuple[str, str]
+LINES = command_line.small_record().splitlines()
+CHANNEL = "w_1: {column: w_1, unit: rad/s, sigma: 0.05}"
+
+
+def checked(config: Path) -> str:
+    """Return what is printed of a config that is valid."""
+    result = cli("check", config)
+    assert result.status == 0, result.text
+    return result.out
+
+
+# --- units and values ----------------------------------------------------------------------------
+
+
+@run_cases(
+    "unit", ["rpm", "deg/s", "revolution/s", "turn/min", "mrad/s", "cycle/hour", "degree/ms"]
+)
+def test_units_of_angular_velocity_are_read(unit: str, tmp_path: Path) -> None:
+    checked(command_line.small_config(tmp_path, ("unit: rad/s", f"unit: {unit}")))
+
+
+@run_cases(
+    "change",
+    [
+        ("t_f: nominal", "t_f: 0"),
+        ("t_f: nominal", "t_f: -0.05"),
+        ("c_m: nominal", "c_m: 0"),
+        ("t_f: nominal", "t_f: {prior: normal, mean: 0, sd: 0.1}"),
+        ("t_f: nominal", "t_f: {prior: truncated_normal, mean: -0.1, sd: 0.1, low: 0, high: 0.5}"),
+        ("rate: 20", "rate: 20, t_f: 0, c_m: 0"),
+    ],
+    ids=lambda change: change[1],
+)
+def test_friction_may_be_zero_or_negative(change: Change, tmp_path: Path) -> None:
+    checked(command_line.small_config(tmp_path, change))
+
+
+def test_a_rig_that_turns_backwards_is_driven_by_its_constant_friction(tmp_path: Path) -> None:
+    config = command_line.small_config(tmp_path, ("v: 8.0", "v: -8.0"))
+    command_line.simulate_again(config)
+    assert "friction: in 9" in checked(config).splitlines()[-1]
+
+
+def test_tied_parameters_are_listed() -> None:
+    out = checked(command_line.ROOT / "configs" / "example_ties.yaml")
+    assert "tied: k_T = k_e, k_s = pi * G * d ** 4 / (32 * L)" in out
+
+
+# --- the record ----------------------------------------------------------------------------------
+
+
+def test_each_column_is_shown_as_the_file_has_it(tmp_path: Path) -> None:
+    """So that swapped columns, wrong units and a wrong rate can be seen."""
+    config = command_line.small_config(
+        tmp_path, ("unit: rad,", "unit: deg,"), ("unit: s}", "unit: min}")
+    )
+    numbers = np.array([line.split(",") for line in LINES[1:]], dtype=float).T
+    lines = checked(config).splitlines()
+    head = next(n for n, line in enumerate(lines) if line.startswith("columns ("))
+    assert lines[head] == "columns (a sample every 3 s (0.333333 Hz), the first at 0 s):"
+    assert lines[head + 1].split() == ["measures", "column", "unit", "first", "from", "to"]
+    names = [("time", "t", "min"), ("theta_1", "theta_1", "deg"), ("w_1", "w_1", "rad/s")]
+    for line, (name, column, unit), values in zip(lines[head + 2 :], names, numbers, strict=False):
+        shown = [f"{x:.5g}" for x in (values[0], min(values), max(values))]
+        assert line.split() == [name, name, column, unit, *shown]
+
+
+def test_two_samples_are_a_record(tmp_path: Path) -> None:
+    config = command_line.small_config(tmp_path)
+    (tmp_path / "small.csv").write_text("\n".join(LINES[:3]) + "\n")
+    checked(config)
+
+
+def test_the_filter_of_a_decimated_record_is_described(tmp_path: Path) -> None:
+    config = command_line.small_config(
+        tmp_path, ("duration: 5, rate: 20", "duration: 5, rate: 200")
+    )
+    result = cli("simulate", config, "-o", tmp_path / "fast.csv")
+    assert result.status == 0, result.text
+    decimated = ("file: small.csv", "file: fast.csv\n  decimate: {factor: 4}")
+    out = checked(command_line.small_config(tmp_path, decimated))
+    assert "a sample every 0.02 s (50 Hz), the first at 0.2 s" in out
+    assert "record: theta_1, w_1: filtered and decimated" in out
+    assert "one sample of 4 is left (231 of 1001)" in out
+
+
+def test_a_differenced_speed_is_suspected_until_it_is_declared(tmp_path: Path) -> None:
+    t, angle, _ = np.array([line.split(",") for line in LINES[1:]], dtype=float).T
+    speed = np.diff(angle, prepend=angle[0]) * 20.0
+    rows = [f"{a:.9g},{b:.9g},{c:.9g}" for a, b, c in zip(t, angle, speed, strict=True)]
+    outputs = []
+    for channel in (CHANNEL, CHANNEL[:-1] + ", derived_from: theta_1}"):
+        config = command_line.small_config(tmp_path, (CHANNEL, channel))
+        (tmp_path / "small.csv").write_text("\n".join([LINES[0], *rows]) + "\n")
+        outputs.append(checked(config))
+    suspected, declared = outputs
+    assert "record, derived: the noise of w_1 is that of differences of theta_1" in suspected
+    assert "record, derived" not in declared
+    assert "w_1 is not counted, as it is derived from theta_1" in declared
+    assert "101 samples of theta_1 over" in declared
+
+
+@pytest.mark.slow
+def test_the_size_of_the_results_is_estimated_and_long_records_get_fewer_draws(
+    tmp_path: Path,
+) -> None:
+    """12 predictive draws of each ensemble would fit, but are too few for the tails."""
+    config = command_line.small_config(
+        tmp_path, ("duration: 5, rate: 20", "duration: 5, rate: 40000")
+    )
+    command_line.simulate_again(config)
+    out = checked(config)
+    assert "size at most: chain 0.384 MB (500 steps), 10 predictive draws" in out
+    command_line.replace_text(config, "predictive_draws: 10", "predictive_draws: 125")
+    assert "no predictive draws: 125 of each ensemble are too many" in checked(config)
+    command_line.replace_text(config, "rate: 40000", "rate: 16000")
+    command_line.simulate_again(config)
+    out = checked(config)
+    assert "31 predictive draws of each ensemble" in out
+    assert "not 125" in out
+
+
+@run_cases(
+    "interval, message",
+    [
+        ("[4, 3]", "4 s is not before 3 s"),
+        ("[7, 8]", "no sample lies in it"),
+        ("[0, 5]", "leaves nothing of a channel"),
+    ],
+)
+def test_stretches_that_cannot_be_held_out_are_refused(
+    interval: str, message: str, tmp_path: Path
+) -> None:
+    time = "  time: {column: t, unit: s}"
+    config = command_line.small_config(tmp_path, (time, f"{time}\n  held_out: {interval}"))
+    command_line.assert_refused(cli("check", config), message, "record.held_out")
+
+
+# --- nominal values ------------------------------------------------------------------------------
+
+# Another rig than that of the paper: values and priors of its own, and no word of a table.
+OTHER: tuple[Change, ...] = (
+    ("j_m: nominal", "j_m: 5e-4"),
+    ("c_m: nominal", "c_m: 2e-4"),
+    ("k_e: {prior: uniform, low: 0.5, high: 1.5, relative: true}", "k_e: {tie: k_T}"),
+    ("k_T: nominal", "k_T: {prior: uniform, low: 0.1, high: 0.3}"),
+    ("r_m: nominal", "r_m: 0.5"),
+    ("l_m: nominal", "l_m: 1e-3"),
+    ("k_s: nominal", "k_s: 2.0"),
+    ("j_1: {prior: uniform, low: 0.5, high: 1.5, relative: true}", "j_1: {prior: log_normal, "
+     "median: 0.1, sd_log: 0.3}"),
+    ("t_f: nominal", "t_f: 0.05"),
+)  # fmt: skip
+OWN_VALUES = "j_m: 1, c_m: 1, k_e: 0.2, k_T: 0.2, r_m: 1, l_m: 1, k_s: 1, j_1: 0.1, t_f: 1"
+
+
+@run_cases(
+    "changes, entry, compared, name",
+    [
+        ((), None, set(NINE), "tables_2_3"),
+        ((), "table_1", set(NINE), "table_1"),
+        (OTHER, None, set(), None),
+        (OTHER, "{tolerance: 0.1}", set(), None),
+        (OTHER, "tables_2_3", set(NINE), "tables_2_3"),
+        (OTHER, "{j_1: 0.1}", {"j_1"}, "the config's nominal values"),
+        (OTHER, f"{{{OWN_VALUES}}}", set(NINE), "the config's nominal values"),
+        (OTHER, "{table: table_1, j_1: 0.1}", set(NINE), "table_1 (j_1 as in the config)"),
+        ((), "{j_1: 0.03}", set(NINE), "tables_2_3 (j_1 as in the config)"),
+    ],
+)
+def test_a_rig_is_compared_with_the_table_that_it_asks_for(
+    changes: tuple[Change, ...],
+    entry: str | None,
+    compared: set[str],
+    name: str | None,
+    tmp_path: Path,
+) -> None:
+    given = [("map: {", f"nominal: {entry}\nmap: {{")] if entry else []
+    config = command_line.small_config(tmp_path, *changes, *given)
+    nominal = loading.load(config).experiments[0].nominal
+    assert set(nominal.compared) == compared
+    assert name in (None, nominal.name)
+
+
+def test_nothing_of_the_paper_is_said_of_another_rig(tmp_path: Path) -> None:
+    """Its k_T is not 1.99 times its k_e, its shaft is not the paper's, and starts are its own."""
+    config = command_line.small_config(tmp_path, *OTHER)
+    command_line.simulate_again(config)
+    out = checked(config)
+    for word in ("nominal", "energy", "geometry"):
+        assert word not in out
+    result = cli("map", config, "--processes", "1")
+    assert result.status == 0, result.err
+    (line,) = (x for x in result.out.splitlines() if x.startswith("k_T "))
+    assert line.split()[1:] == ["N", "m/A", line.split()[-1]]  # no nominal value, no deviation
+    assert abs(float(line.split()[-1]) / 0.2 - 1) < 0.01  # the median, which is the truth
+
+
+@pytest.mark.slow
+def test_a_run_of_a_rig_without_nominal_values_has_no_verdict(tmp_path: Path) -> None:
+    config, folder = command_line.small_config(tmp_path, *OTHER), tmp_path / "out"
+    command_line.simulate_again(config)
+    result = command_line.posterior(config, folder)
+    assert result.status in (0, 3), result.err
+    assert "tables_2_3" not in result.out + (folder / "config.resolved.yaml").read_text()
+    again = cli("report", folder, "--processes", "1")
+    assert (again.status, again.err) == (result.status, "")
+    assert not (folder / "verdict.csv").exists()

@@ -1,0 +1,326 @@
+"""`bayesdrill posterior CONFIG`: what a run leaves and prints, what it repeats, when it is believed."""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+from pathlib import Path
+from types import SimpleNamespace
+
+import h5py
+import numpy as np
+import pytest
+import xarray
+from emcee.backends import HDFBackend
+from support import command_line, finished_runs
+from support.case_tables import run_cases
+from support.finished_runs import FIGURES, FILES, FinishedRun
+
+import bayesdrill as bd
+from bayesdrill.output_files import POSTERIOR, dumps_checksummed, loads_checksummed
+from bayesdrill.results.run_folder import seal
+from bayesdrill.sampling.proposal import learning
+from bayesdrill.tasks import pipeline
+
+
+def fresh(folder: Path, *changes: tuple[str, str], processes: int = 1) -> FinishedRun:
+    """A run that is made here and now."""
+    config = command_line.small_config(folder, *changes)
+    result = command_line.posterior(config, folder / "out", processes=processes)
+    return FinishedRun(config, folder / "out", result)
+
+
+# --- what a run leaves behind --------------------------------------------------------------------
+
+
+def test_a_run_leaves_a_complete_folder_and_nothing_else(drawn: FinishedRun) -> None:
+    assert drawn.result.status == 0, drawn.result.text
+    assert set(command_line.listing(drawn.folder)) == FILES | FIGURES
+    assert {name for name in FILES if not POSTERIOR.is_output(name)} == {".lock", "figures"}
+    assert (drawn.folder / "config.yaml").read_bytes() == drawn.config.read_bytes()
+    for name in FIGURES:
+        magic = b"%PDF" if name.endswith("pdf") else b"\x89PNG"
+        assert (drawn.folder / name).read_bytes().startswith(magic)
+    run = drawn.json
+    assert (run["status"], run["converged"], run["seed"]) == ("finished", True, 7)
+    assert "sampling: converged after " in drawn.result.out
+    assert f"results: {drawn.folder}/" in drawn.result.out
+    rows = (drawn.folder / "summary.csv").read_text().splitlines()[1:]
+    assert [row.split(",")[0] for row in rows] == ["k_e", "j_1"]
+    assert "converged: all targets are met" in (drawn.folder / "summary.md").read_text()
+
+
+def test_the_fit_is_described_on_the_terminal_and_in_the_summary(converged: FinishedRun) -> None:
+    lines = [line for line in converged.result.out.splitlines() if line.startswith("fit: ")]
+    assert lines[0].startswith("fit: the MAP leaves unexplained ")
+    assert lines[1].startswith("fit: the residuals look like the noise")
+    summary = (converged.folder / "summary.md").read_text()
+    assert "".join(f"- {line}\n" for line in lines) in summary
+    channels = [row["channel"] for row in converged.json["analysis"]["fit"]]
+    assert channels == ["theta_1", "w_1"]
+
+
+def test_the_resolved_config_is_a_config(converged: FinishedRun) -> None:
+    check = command_line.cli("check", converged.folder / "config.resolved.yaml")
+    assert (check.status, check.err) == (0, "")
+    assert check.out == command_line.cli("check", converged.config).out
+
+
+def test_the_chain_is_an_emcee_backend(converged: FinishedRun) -> None:
+    for k in range(4):
+        path = str(converged.folder / "chain.h5")
+        backend = HDFBackend(path, name=f"ensemble_{k}", read_only=True)
+        assert backend.get_chain().shape == (converged.json["steps"], 8, 2)
+        assert backend.get_log_prob().shape == backend.get_chain().shape[:2]
+        assert np.all(np.isfinite(backend.get_log_prob()))
+        assert np.all(backend.accepted > 0)
+
+
+def test_the_tree_has_the_groups_and_units_of_arviz(converged: FinishedRun) -> None:
+    with xarray.open_datatree(converged.folder / "posterior.nc", engine="h5netcdf") as tree:
+        groups = {"posterior", "sample_stats", "log_likelihood", "prior", "derived"}
+        groups |= {"posterior_predictive", "observed_data", "constant_data"}
+        assert set(tree.children) == groups
+        assert set(tree["posterior"].data_vars) == {"k_e", "j_1"}
+        for name in ("posterior", "sample_stats", "log_likelihood", "posterior_predictive"):
+            assert tree[name].sizes["chain"] == 4
+        assert tree["posterior"]["k_e"].attrs["units"] == "V*s/rad"
+        assert tree["observed_data"]["w_1"].attrs["units"] == "rad/s"
+        assert tree["observed_data"]["w_1"].sizes == {"time": 101}
+        assert tree["log_likelihood"]["w_1"].sizes["draw"] == 10
+        assert np.all(np.isfinite(tree["log_likelihood"]["w_1"].values))
+        k_e = tree["posterior"]["k_e"].values
+        assert np.all((k_e > 0.5 * 0.06016) & (k_e < 1.5 * 0.06016))
+
+
+STAGES = [
+    "searching the MAP",
+    "looking at what the record can show",
+    "looking for other maxima",
+    "learning the proposal",
+    "looking for what the proposal leaves out",
+    "starting the walkers",
+    "computing the evidence",
+    "looking at what the draws say",
+    "making tables and figures",
+]
+
+
+def test_each_stage_is_announced(converged: FinishedRun) -> None:
+    announced = [line for line in converged.result.err.splitlines() if line.endswith(" ...")]
+    assert announced == [f"  {stage} ..." for stage in STAGES]
+    report = command_line.cli("report", converged.folder, "--processes", "1")
+    assert report.err.splitlines() == announced[-2:]
+
+
+# --- what a run repeats --------------------------------------------------------------------------
+
+
+def test_the_chain_does_not_depend_on_the_processes(converged: FinishedRun, tmp_path: Path) -> None:
+    """And config and record are left as they were."""
+    other = fresh(tmp_path, processes=2)
+    assert other.result.status == 0, other.result.text
+    converged.assert_same_chains(other)
+    for name in ("summary.csv", "map.json"):
+        assert (converged.folder / name).read_bytes() == (other.folder / name).read_bytes()
+    assert other.config.read_text() == command_line.SMALL
+    assert (tmp_path / "small.csv").read_text() == command_line.small_record()
+
+
+def test_a_report_made_again_says_the_same_times(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The run's own report rounds as `run.json` does; the global generator of NumPy is not used."""
+    state = np.random.get_state()  # noqa: NPY002
+    clock = (k * 0.04996 for k in itertools.count())
+    with monkeypatch.context() as patch:
+        patch.setattr(pipeline, "time", SimpleNamespace(perf_counter=lambda: next(clock)))
+        run = fresh(tmp_path)
+    after = np.random.get_state()  # noqa: NPY002
+    assert state[2:] == after[2:]
+    assert np.array_equal(state[1], after[1])
+    assert run.result.status == 0, run.result.text
+    assert run.json["seconds"] == {"map": 0.05, "sampling": 0.05, "report": 0.05}
+    page = (run.folder / "report.html").read_bytes()
+    report = command_line.cli("report", run.folder, "--processes", "1")
+    assert report.status == 0, report.text
+    assert (run.folder / "report.html").read_bytes() == page
+
+
+def test_another_seed_makes_another_chain(converged: FinishedRun, copy: FinishedRun) -> None:
+    """`--force` makes it in the same folder, where notes of the user stay."""
+    command_line.replace_text(copy.config, "seed: 7", "seed: 8")
+    (copy.folder / "notes.txt").write_text("what I saw that day")
+    result = command_line.posterior(copy.config, copy.folder, "--force")
+    assert result.status in (0, 3), result.text
+    assert (copy.folder / "notes.txt").read_text() == "what I saw that day"
+    assert set(command_line.listing(copy.folder)) == {*FILES, "notes.txt"}
+    first, second = converged.chains(), copy.chains()
+    assert not np.array_equal(first["z 0"], second["z 0"][: len(first["z 0"])])
+    assert copy.json["seed"] == 8
+    assert len({first[f"z {k}"].tobytes() for k in range(4)}) == 4  # nor are ensembles the same
+
+
+@pytest.mark.slow
+def test_the_bundled_config_gives_the_same_bytes(tmp_path: Path) -> None:
+    """Whoever changes a digest on purpose says so in CHANGELOG.md; processors may round otherwise."""
+    digests = {
+        "summary.csv": "dd00e72173b9c8b8",
+        "derived.csv": "9e96c7a22626370c",
+        "verdict.csv": "a3e969bffa81f483",
+        "draws": "355a2459ab0dc915",
+    }
+    config, folder = command_line.ROOT / "configs" / "nominal_step.yaml", tmp_path / "out"
+    result = command_line.cli("posterior", config, "--output", folder)
+    assert result.status == 0, result.text
+    contents = {name: (folder / name).read_bytes() for name in digests if name != "draws"}
+    with h5py.File(folder / "chain.h5") as file:
+        contents["draws"] = b"".join(file[name]["chain"][:].tobytes() for name in sorted(file))
+    assert digests == {
+        name: hashlib.sha256(content).hexdigest()[:16] for name, content in contents.items()
+    }
+
+
+# --- when a run is believed ----------------------------------------------------------------------
+
+
+def test_a_run_that_did_not_converge_says_so(unconverged: FinishedRun) -> None:
+    result = unconverged.result
+    assert result.status == 3
+    assert set(command_line.listing(unconverged.folder)) == FILES
+    for words in ("NOT CONVERGED", "effective draws of", "sampler.max_steps", "--resume"):
+        assert words in result.out
+    assert "NOT CONVERGED" in (unconverged.folder / "summary.md").read_text()
+    run = unconverged.json
+    assert (run["status"], run["converged"], run["steps"]) == ("finished", False, 700)
+    assert command_line.cli("report", unconverged.folder, "--processes", "1").status == 3
+
+
+@pytest.mark.slow
+@run_cases("steps", [100, 101])
+def test_a_run_of_hardly_any_steps_is_too_short(steps: int, tmp_path: Path) -> None:
+    few = f"ess: 100, moves: {{stretch: 1}}, max_steps: {steps}"
+    run = fresh(tmp_path, ("ess: 100, max_steps: 500", few))
+    assert run.result.status == 3, run.result.text
+    assert "too short" in run.result.out
+    assert "autocorrelation times long" in run.result.out
+    assert (run.json["steps"], run.json["burn_in"]) == (steps, steps // 2)
+    rule = "half of the run, too short for 5 autocorrelation times"
+    assert run.json["burn_in_rule"].startswith(rule)
+
+
+def test_a_stuck_walker_keeps_a_run_from_being_believed(copy: FinishedRun) -> None:
+    """The last log density of a walker of each ensemble is raised, so that it accepts no proposal.
+
+    R-hat, autocorrelation times and effective draws are content with the chain that goes on.
+    """
+    with h5py.File(copy.folder / "chain.h5", "r+") as file:
+        for k in range(4):
+            last = file[f"ensemble_{k}"]["chain"][-1]
+            middle = np.argmin(np.abs(last / np.median(last, axis=0) - 1).max(axis=1))
+            file[f"ensemble_{k}"]["log_prob"][-1, middle] += 1e6
+            seal(file[f"ensemble_{k}"])
+    command_line.replace_text(copy.config, "ess: 100, max_steps: 500", "ess: 8000, max_steps: 1200")
+    result = command_line.posterior(copy.config, copy.folder, "--resume")
+    assert result.status == 3, result.text
+    assert "4 of 32 walkers (1 in ensemble 0, 1 in ensemble 1" in result.out
+    assert "stuck: the longest did not move for" in result.out
+    assert copy.json["steps"] == 1200
+    assert len(copy.json["reasons"]) == 1
+    assert "stuck" in (copy.folder / "summary.md").read_text()
+
+
+def test_a_parameter_pressed_against_the_end_of_its_prior_is_noted(tmp_path: Path) -> None:
+    """The record was made with k_e = 0.06016 V s/rad, just outside this prior."""
+    narrow = (
+        "low: 0.5, high: 1.5, relative: true}\n  k_T",
+        "low: 0.03, high: 0.06015, start: 0.05}\n  k_T",
+    )
+    run = fresh(tmp_path, narrow, ("ess: 100, max_steps: 500", "ess: 1000, max_steps: 5000"))
+    assert run.result.status == 0, run.result.text
+    assert "note: k_e is pressed against the end 0.06015 of its prior" in run.result.out
+    assert "k_e is pressed" in (run.folder / "summary.md").read_text()
+    assert [note for note in run.json["notes"] if note.startswith("note: k_e")]
+
+
+def test_a_posterior_that_the_proposal_does_not_cover_is_not_believed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Neither by the run nor by a later report; 2 % that it does not cover is a note."""
+    monkeypatch.setattr(learning, "missed_mass", lambda *_: 0.125)
+    run = fresh(tmp_path)
+    report = ("report", run.folder, "--processes", "1")
+    words = "about 12 % of the posterior lies where the proposal hardly ever"
+    for result in (run.result, command_line.cli(*report)):
+        assert result.status == 3, result.text
+        assert f"coverage: {words}" in result.out
+    assert (run.json["missed"], run.json["verdict"]["agrees"]) == (0.125, None)
+    assert "ROUGH" in (run.folder / "summary.md").read_text()
+    data = loads_checksummed((run.folder / "run.json").read_bytes())
+    (run.folder / "run.json").write_text(dumps_checksummed({**data, "missed": 0.02}))
+    result = command_line.cli(*report)
+    assert result.status == 0, result.text
+    words = "note: coverage: about 2 % of the posterior lies where the proposal hardly ever leads,"
+    assert f"{words} so the ends of intervals are rough" in result.out
+    assert run.json["missed"] == 0.02
+
+
+def test_a_nominal_value_at_an_end_of_its_prior_is_not_judged(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> None:
+    """The end is named with the way out; a file of an older version is removed by the report."""
+    ends = ("k_e: {prior: uniform, low: 0.5", "k_e: {prior: uniform, low: 1.0")
+    run = finished_runs.run(tmp_path_factory, ends)
+    assert run.result.status == 0, run.result.text
+    words = "Cannot judge: k_e. The prior of k_e ends at 0.06016; widen it."
+    assert words in run.result.out
+    verdict = run.json["verdict"]
+    assert verdict["ends"] == {"k_e": 0.06016}
+    assert verdict["quantities"]["k_e"]["says"] == "cannot judge"
+    (run.folder / "opened.npz").write_text("of an older version")
+    report = command_line.cli("report", run.folder, "--processes", "1")
+    assert report.status == 0, report.text
+    assert words in report.out
+    assert not (run.folder / "opened.npz").exists()
+
+
+# --- rigs and records of other kinds -------------------------------------------------------------
+
+
+FEWER = ("max_steps: 500", "max_steps: 100")
+
+
+def test_notes_repeat_what_is_suspicious_about_the_record(tmp_path: Path) -> None:
+    """A sensor that is stuck, and the first three of five glitches."""
+    config = command_line.small_config(tmp_path, FEWER, ("rad/s, sigma: 0.05", "rad/s, sigma: 500"))
+    lines = [line.split(",") for line in command_line.small_record().splitlines()]
+    for row in range(80, 95):
+        lines[row][2] = lines[80][2]
+    for row in (30, 41, 52, 63, 74):
+        lines[row - 1][2] = "900"
+    (tmp_path / "small.csv").write_text("\n".join(map(",".join, lines)) + "\n")
+    run = bd.load(config).run(tmp_path / "out")
+    notes = json.loads((run.folder / "run.json").read_text(encoding="utf-8"))["notes"]
+    assert [note for note in notes if note.startswith("note: record, stuck: w_1 stays")]
+    assert "stuck: w_1 stays at exactly one value" in run.summary
+    (note,) = [note for note in notes if "glitches" in note]
+    assert "in 5 places (5 samples): line 30 (1.4 s)" in note
+    assert "line 63" not in note
+    assert "and 2 more" in note
+
+
+# --- the command line ----------------------------------------------------------------------------
+
+
+def test_python_without_docstrings_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """ArviZ needs them, and fails as it is loaded, after minutes of sampling."""
+    command_line.small_config(tmp_path)
+    monkeypatch.setenv("PYTHONOPTIMIZE", "2")
+    result = command_line.run_process("posterior", "small.yaml", cwd=tmp_path)
+    assert result.status == 2
+    assert result.err.splitlines() == [
+        "python -OO takes the docstrings away that ArviZ works on; leave -OO out"
+    ]

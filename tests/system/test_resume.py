@@ -1,0 +1,419 @@
+"""`bayesdrill posterior --resume` and `--force`: what goes on, what is refused, what is damaged."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from support import command_line
+from support.case_tables import run_cases
+from support.command_line import assert_refused, posterior, replace_text
+from support.finished_runs import FILES, UNREACHABLE, FinishedRun
+
+import bayesdrill as bd
+from bayesdrill.basics.errors import Interrupted
+from bayesdrill.output_files import POSTERIOR, dumps_checksummed, loads_checksummed
+from bayesdrill.results.run_folder import Folder, seal
+
+
+def copied(converged: FinishedRun, tmp_path: Path) -> FinishedRun:
+    return converged.copy(tmp_path / "copy")
+
+
+# --- a run that goes on --------------------------------------------------------------------------
+
+
+def test_a_finished_run_resumed_changes_nothing(converged: FinishedRun, copy: FinishedRun) -> None:
+    assert posterior(copy.config, copy.folder, "--resume").status == 0
+    assert set(command_line.listing(copy.folder)) == FILES
+    converged.assert_same_chains(copy)
+
+
+def test_a_finished_run_is_extended(
+    converged: FinishedRun, unconverged: FinishedRun, copy: FinishedRun
+) -> None:
+    replace_text(copy.config, *UNREACHABLE)
+    result = posterior(copy.config, copy.folder, "--resume")
+    assert result.status == 3, result.text
+    assert set(command_line.listing(copy.folder)) == FILES
+    short, long = converged.chains(), copy.chains()
+    for k in range(4):
+        assert long[f"z {k}"].shape == (700, 8, 2)
+        assert np.array_equal(long[f"z {k}"][: len(short[f"z {k}"])], short[f"z {k}"])
+    unconverged.assert_same_chains(copy)
+
+
+def test_a_map_that_is_deleted_is_searched_again(converged: FinishedRun, copy: FinishedRun) -> None:
+    (copy.folder / "map.json").unlink()
+    before = command_line.listing(copy.folder)
+    report = command_line.cli("report", copy.folder, "--processes", "1")
+    assert_refused(report, "map.json: is not there; continue with --resume")
+    assert command_line.listing(copy.folder) == before
+    assert posterior(copy.config, copy.folder, "--resume").status == 0
+    for name in ("map.json", "chain.h5", "summary.csv"):
+        assert (copy.folder / name).read_bytes() == (converged.folder / name).read_bytes()
+
+
+@dataclass
+class Stopping:
+    """A reporter that raises Ctrl-C where a stage with this text begins or goes on."""
+
+    text: str = "never"
+    said: list[str] = field(default_factory=list)
+
+    def say(self, text: str) -> None:
+        self.said.append(text)
+
+    def update(self, fraction: float, text: str) -> None:
+        if self.text in text:
+            raise KeyboardInterrupt
+
+
+STOPS = (
+    ("searching", "nothing was found yet, and {} holds the config alone"),
+    ("learning", "the maximum is saved in {}, and nothing was sampled yet"),
+    ("the walkers", "the maximum is saved in {}, and nothing was sampled yet"),
+    (" steps to the next look", "what was sampled is saved in {}"),
+    ("the draws", "what was sampled is saved in {}"),
+)
+
+
+def test_a_run_stopped_in_five_stages_says_what_is_saved_and_goes_on(
+    converged: FinishedRun, tmp_path: Path
+) -> None:
+    config = command_line.small_config(tmp_path)
+    case, out = bd.load(config), tmp_path / "out"
+    for stage, words in STOPS:
+        with pytest.raises(Interrupted) as stopped:
+            case.run(out, resume=out.exists(), report=Stopping(stage))
+        message = f"stopped; {words.format(out)}; continue with --resume"
+        assert str(stopped.value) == message, stage
+        if stage != " steps to the next look":
+            continue
+        report = command_line.cli("report", out)
+        assert_refused(report, "--resume")
+    assert case.run(out, resume=True).reasons == ()
+    assert bd.verify(out).together
+    converged.assert_same_chains(FinishedRun(config, out, report))
+
+
+def test_a_run_cut_before_its_first_check_cannot_be_reported_yet(copy: FinishedRun) -> None:
+    """Though its few steps may look converged."""
+    with h5py.File(copy.folder / "chain.h5", "r+") as file:
+        for group in file.values():
+            for name in ("chain", "log_prob"):
+                group[name].resize(150, axis=0)
+            group.attrs["iteration"] = 150
+            seal(group)
+    before = command_line.listing(copy.folder)
+    report = command_line.cli("report", copy.folder)
+    assert_refused(report, "before its first check", "--resume")
+    assert command_line.listing(copy.folder) == before
+
+
+@pytest.mark.slow
+def test_a_run_cut_when_one_ensemble_had_just_reached_a_check_resumes(
+    unconverged: FinishedRun, tmp_path: Path
+) -> None:
+    """The others had gone past the check, which must not be made again with longer ensembles."""
+    config = command_line.small_config(tmp_path, UNREACHABLE)
+    replace_text(config, "max_steps: 700", "max_steps: 487")  # a check: 200, 250, 312, 390, 487
+    one, other = tmp_path / "one", tmp_path / "other"
+    assert posterior(config, one).status == 3
+    shutil.copytree(one, other)
+    replace_text(config, "max_steps: 487", "max_steps: 500")
+    assert posterior(config, other, "--resume").status == 3
+    with h5py.File(one / "chain.h5") as short, h5py.File(other / "chain.h5", "r+") as long:
+        del long["ensemble_2"]
+        short.copy("ensemble_2", long)
+    report = command_line.cli("report", other)
+    assert_refused(report, "before its first check", "--resume")
+    replace_text(config, "max_steps: 500", "max_steps: 700")
+    assert posterior(config, other, "--resume").status == 3
+    unconverged.assert_same_chains(FinishedRun(config, other, report))
+
+
+@pytest.mark.slow
+def test_a_run_killed_before_it_wrote_anything_may_begin_again(tmp_path: Path) -> None:
+    config = command_line.small_config(tmp_path / "rig", UNREACHABLE)
+    for name, options in (("plain", []), ("resumed", ["--resume"])):
+        folder = tmp_path / name
+        folder.mkdir()
+        (folder / ".lock").touch()
+        (folder / ".run.4711.aside.json").write_text("{")
+        assert posterior(config, folder, *options).status == 3
+        assert set(command_line.listing(folder)) == FILES
+
+
+# --- a run of something else ---------------------------------------------------------------------
+
+
+def test_a_second_fresh_run_is_refused(copy: FinishedRun) -> None:
+    before = command_line.listing(copy.folder)
+    result = posterior(copy.config, copy.folder)
+    assert_refused(result, "results exist already", "--resume", "--force")
+    assert command_line.listing(copy.folder) == before
+
+
+K_E = "low: 0.5, high: 1.5, relative: true}\n  k_T"
+J_1 = "j_1: {prior: uniform, low: 0.5, high: 1.5, relative: true}"
+W_1 = "w_1: {column: w_1, unit: rad/s, sigma: 0.05"
+GEAR = "model: {i_m: 0.25}\nmap: {"
+
+
+@run_cases(
+    "old, new, named",
+    [
+        (K_E, K_E.replace("0.5", "0.6"), "the prior of k_e was Uniform(low=0.03008, high=0.09024) "
+         "and is Uniform(low=0.0360959"),
+        ("c_m: nominal", "c_m: 2e-4", "c_m, which is held, was 0.00019 and is 0.0002"),
+        (J_1, "j_1: nominal", "the prior of j_1 was Uniform(low=0.01415, high=0.04245) and is not "
+         "there"),
+        ("seed: 7", "seed: 8", "the seed was 7 and is 8"),
+        (W_1, W_1.replace("0.05", "0.06"), "the noise of w_1 was 0.05 and is 0.06"),
+        ("walkers: 8", "walkers: 10", "sampler.walkers was 8 and is 10"),
+        ("walkers: 8", "walkers: 8, moves: {stretch: 1}", "and is {'stretch': 1.0}"),
+        ("walkers: 8", "walkers: 8, ensembles: 5", "sampler.ensembles was 4 and is 5"),
+        ("evaluations: 500", "evaluations: 600", "map.evaluations was 500 and is 600"),
+        ("v: 8.0", "v: 8.1", "the input v was 8.0 and is 8.1"),
+        ("map: {", "initial: {w_1: 0.1}\nmap: {", "the initial state was "),
+        ("unit: rad, sigma", "unit: rad, measures: 2 * theta_1, sigma", "the channel theta_1 was "),
+        ("map: {", GEAR, "the model was MotorShaft(i_m=0.125) and is MotorShaft(i_m=0.25)"),
+    ],
+    ids=lambda text: text.split(":")[0][:20], copy=copied,
+)  # fmt: skip
+def test_resuming_another_config_names_what_changed_and_both_values(
+    old: str, new: str, named: str, copy: FinishedRun
+) -> None:
+    before = command_line.listing(copy.folder)
+    replace_text(copy.config, old, new)
+    result = posterior(copy.config, copy.folder, "--resume")
+    assert_refused(result, "cannot resume", named, "--force", "--output")
+    assert command_line.listing(copy.folder) == before
+
+
+@run_cases("package", ["bayesdrill", "numpy", "scipy", "emcee", "llvmlite"], copy=copied)
+def test_resuming_under_another_version_of_what_decides_the_chain_is_refused(
+    package: str, copy: FinishedRun
+) -> None:
+    """With both versions.  A report, which adds nothing to the chain, is made."""
+    run = loads_checksummed((copy.folder / "run.json").read_bytes())
+    run["fingerprint"][f"the version of {package}"] = "0.0.1"
+    (copy.folder / "run.json").write_text(dumps_checksummed(run))
+    before = command_line.listing(copy.folder)
+    result = posterior(copy.config, copy.folder, "--resume")
+    words = f"the version of {package} was 0.0.1 and is {version(package)}"
+    assert_refused(result, words, "--force")
+    assert command_line.listing(copy.folder) == before
+    if package == "numpy":
+        assert command_line.cli("report", copy.folder, "--processes", "1").status == 0
+        assert '"the version of numpy": "0.0.1"' in (copy.folder / "run.json").read_text()
+
+
+def test_resuming_with_another_record_names_the_record(copy: FinishedRun) -> None:
+    before = command_line.listing(copy.folder)
+    record = copy.config.parent / "small.csv"
+    lines = record.read_text().splitlines()
+    t, theta_1, w_1 = map(float, lines[5].split(","))
+    record.write_text("\n".join([*lines[:5], f"{t},{theta_1},{w_1 + 1e-6}", *lines[6:]]) + "\n")
+    result = posterior(copy.config, copy.folder, "--resume")
+    assert_refused(result, "cannot resume", "the record was 101 samples (")
+    assert_refused(command_line.cli("report", copy.folder), "the record")
+    assert command_line.listing(copy.folder) == before
+
+
+# --- --force -------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_force_starts_over_in_a_damaged_folder_too(
+    converged: FinishedRun, copy: FinishedRun
+) -> None:
+    for name in ("summary.csv", "map.json", "chain.h5"):
+        (copy.folder / name).write_text("{")
+    assert posterior(copy.config, copy.folder, "--force").status == 0
+    assert set(command_line.listing(copy.folder)) == FILES
+    converged.assert_same_chains(copy)
+
+
+def test_force_killed_while_it_clears_a_folder_can_be_repeated(
+    converged: FinishedRun, copy: FinishedRun, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """After each file that is removed the folder is one that --force or --resume accepts."""
+    kills = []
+
+    def kill(*_: object) -> None:
+        kills.append(count)
+        raise SystemExit(-9)
+
+    for count in (0, 5, 100):
+        remaining = count
+
+        def unlink(path: Path, missing_ok: bool = False) -> None:
+            nonlocal remaining
+            remaining -= 1
+            if remaining < 0:
+                kill()
+            os.unlink(path)
+
+        monkeypatch.setattr(Path, "unlink", unlink)
+        if count == 100:  # all is removed, and the new run.json is not there yet
+            monkeypatch.setattr(Folder, "write_text", kill)
+        with pytest.raises(SystemExit):
+            Folder(copy.folder, "force", {}, POSTERIOR).__enter__().begin()
+        monkeypatch.undo()
+        assert (copy.folder / "run.json").exists()
+        assert_refused(posterior(copy.config, copy.folder), "--resume", "--force")
+    assert kills == [0, 5, 100]
+    assert not (copy.folder / "figures").exists()
+    assert posterior(copy.config, copy.folder, "--resume").status == 0
+    converged.assert_same_chains(copy)
+
+
+@run_cases("options", [[], ["--resume"], ["--force"]], ids=str)
+def test_files_of_others_are_never_touched(options: list[str], tmp_path: Path) -> None:
+    config = command_line.small_config(tmp_path / "rig")
+    for name in ("thesis/chapter_1.tex", ".git/HEAD"):
+        file = tmp_path / "home" / name
+        file.parent.mkdir(parents=True)
+        file.write_text("years of work")
+    before = command_line.listing(tmp_path)
+    assert_refused(posterior(config, tmp_path / "home", *options), "other files")
+    assert command_line.listing(tmp_path) == before
+
+
+# --- damaged results -----------------------------------------------------------------------------
+
+
+def digit_changed(content: bytes) -> bytes:
+    """Change the first log posterior of `map.json` by a hundredth."""
+    return re.sub(rb"(log_posterior.*\.\d)\d", rb"\g<1>0", content, count=1)
+
+
+@run_cases(
+    "name, damage, way_out",
+    [
+        ("run.json", lambda content: content[:40], "put back a copy"),
+        ("run.json", lambda content: content.replace(b"finished", b"finishes"), "put back a copy"),
+        *(("run.json", lambda _, text=text: text, "another folder") for text in
+          (b"[]", b"null", b'"x"', b'{"fingerprint": 3}')),
+        ("map.json", lambda content: content[:40], "delete it and continue with --resume"),
+        ("map.json", lambda content: b"\xff" + content, "delete it and continue with --resume"),
+        ("map.json", digit_changed, "delete it and continue with --resume"),
+        ("chain.h5", lambda content: content[:40], "delete it and continue with --resume"),
+    ],
+    copy=copied,
+)  # fmt: skip
+def test_a_damaged_result_is_named_and_nothing_is_written(
+    name: str, damage: Callable[[bytes], bytes], way_out: str, copy: FinishedRun
+) -> None:
+    """Not even that the run is `running` again."""
+    content = (copy.folder / name).read_bytes()
+    assert damage(content) != content
+    (copy.folder / name).write_bytes(damage(content))
+    before = command_line.listing(copy.folder)
+    commands = [posterior(copy.config, copy.folder, "--resume")]
+    if way_out == "another folder":
+        commands.append(posterior(copy.config, copy.folder, "--force"))
+    else:
+        commands.append(command_line.cli("report", copy.folder, "--processes", "1"))
+        assert not any("--force" in result.err for result in commands)
+    for result in commands:
+        assert_refused(result, name, way_out)
+    assert command_line.listing(copy.folder) == before
+
+
+@pytest.mark.filterwarnings("ignore:unclosed file:ResourceWarning")
+def test_a_damaged_piece_is_named(copy: FinishedRun) -> None:
+    replace_text(copy.config, *UNREACHABLE)
+    (copy.folder / ".pieces").mkdir()
+    piece = copy.folder / ".pieces" / f"ensemble_0_{copy.json['steps']:09d}.npz"
+    piece.write_bytes(b"PK\x03\x04 cut short")
+    before = command_line.listing(copy.folder)
+    assert_refused(posterior(copy.config, copy.folder, "--resume"), piece.name)
+    assert command_line.listing(copy.folder) == before
+
+
+# --- disks ---------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Callable[[str], Path]]:
+    """A disk of its own, to be mounted and mounted again with other options."""
+    place = tmp_path / "disk"
+    place.mkdir()
+    mounted = False
+
+    def mount(options: str) -> Path:
+        nonlocal mounted
+        again = "remount," if mounted else ""
+        command = ["mount", "-t", "tmpfs", "-o", again + options, "tmpfs", str(place)]
+        if shutil.which("mount") is None or subprocess.run(command, capture_output=True).returncode:
+            pytest.skip("nothing may be mounted here")
+        mounted = True
+        return place
+
+    yield mount
+    if mounted:
+        subprocess.run(["umount", "-l", str(place)], check=True)
+
+
+# Too small for the pieces, for the chain beside them, for what follows from it.
+@pytest.mark.slow
+@pytest.mark.parametrize("kilobytes", [150, 600, 640])
+def test_a_run_that_fills_its_disk_can_be_resumed(
+    kilobytes: int, converged: FinishedRun, tmp_path: Path, small_disk: Callable[[str], Path]
+) -> None:
+    folder = small_disk(f"size={kilobytes}k") / "out"
+    config = command_line.small_config(tmp_path / "rig")
+    # In a process of its own: HDF5 may take the whole process down when it cannot write.
+    arguments = ("posterior", config, "-o", folder, "--processes", "1")
+    result = command_line.run_process(*arguments, cwd=tmp_path)
+    assert_refused(result, f"{folder}", "No space left", "--resume")
+    names = [Path(name).name for name in command_line.listing(folder)]
+    assert not [name for name in names if name.startswith(".chain")]
+    small_disk("size=50m")
+    assert posterior(config, folder, "--resume").status == 0
+    assert set(command_line.listing(folder)) == FILES
+    converged.assert_same_chains(FinishedRun(config, folder, result))
+
+
+@pytest.mark.slow
+def test_a_read_only_disk_is_named(
+    converged: FinishedRun, tmp_path: Path, small_disk: Callable[[str], Path]
+) -> None:
+    place = small_disk("size=50m")
+    config = converged.copy(place / "rig").config
+    before = command_line.listing(place)
+    small_disk("ro")
+    out = place / "rig" / "out"
+    for result in (
+        posterior(config, place / "new"),
+        posterior(config, out, "--resume"),
+        posterior(config, out, "--force"),
+        command_line.cli("report", out),
+        command_line.cli("simulate", config, "--output", place / "record.csv"),
+    ):
+        assert_refused(result, str(place), "ead-only")
+    assert command_line.listing(place) == before
+
+
+@pytest.mark.slow
+def test_results_behind_a_symbolic_link_are_reported(
+    converged: FinishedRun, tmp_path: Path
+) -> None:
+    rig = converged.copy(tmp_path / "rig")
+    (tmp_path / "far" / "away").mkdir(parents=True)
+    rig.folder.rename(tmp_path / "far" / "away" / "out")
+    rig.folder.symlink_to(tmp_path / "far" / "away" / "out")
+    assert posterior(rig.config, rig.folder, "--resume").status == 0
+    assert command_line.cli("report", rig.folder).status == 0

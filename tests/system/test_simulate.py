@@ -1,0 +1,132 @@
+"""`bayesdrill simulate CONFIG`: records that their config can read, and that replace no other file."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support import command_line
+from support.case_tables import run_cases
+from support.command_line import assert_refused, assert_refused_unchanged, cli, listing
+
+from bayesdrill.basics.errors import InputError
+from bayesdrill.config import loading
+from bayesdrill.config.records import reading, simulation
+
+FORMS = {
+    "semicolons": "delimiter: ';'",
+    "decimal comma": "decimal: ','",
+    "bars and decimal comma": "delimiter: '|'\n  decimal: ','",
+    "white space": "delimiter: ' '\n  header: true",
+    "tabs": 'delimiter: "\\t"',
+    "skipped rows": "skip_rows: 3",
+}
+
+
+@run_cases("form", FORMS)
+def test_a_simulated_record_is_written_as_its_config_reads_it(form: str, tmp_path: Path) -> None:
+    entry = ("  file: small.csv", f"  file: other.txt\n  {FORMS[form]}")
+    (experiment,) = loading.load(command_line.small_config(tmp_path, entry)).experiments
+    grid = simulation.simulation_grid(experiment)
+    y = np.random.default_rng(3).normal(size=(len(grid.t), 2)) * [1e-3, 1e4]
+    text = simulation.record_text(experiment, grid, y)
+    (tmp_path / "other.txt").write_text(text, encoding="utf-8")
+    record = reading.read(experiment)
+    np.testing.assert_allclose(record.t, grid.t, rtol=1e-8)
+    np.testing.assert_allclose(record.y, y, rtol=1e-8)
+
+
+def test_the_samples_of_a_simulated_record_are_counted(tmp_path: Path) -> None:
+    entry = ("  file: small.csv", "  file: other.csv\n  skip_rows: 3")
+    result = cli("simulate", command_line.small_config(tmp_path, entry))
+    assert result.status == 0, result.err
+    assert result.out.endswith("101 samples\n")
+
+
+FILE, W_1 = "file: small.csv", "w_1: {column: w_1, unit: rad/s, sigma: 0.05}"
+NO_HEADER = "record.header: a simulated record has a header"
+ONE_FILE = "a simulated record is one file with one time"
+
+
+@run_cases(
+    "old, new, message",
+    [
+        (FILE, "file: other.mat", "record.file: a simulated record is text"),
+        (FILE, "file: other.foo", "the ending '.foo' is unknown"),
+        (FILE, "file: other.csv\n  header: false", NO_HEADER),
+        (FILE, "file: other.csv\n  delimiter: ab", "delimiter 'ab' is not one character"),
+        ("column: t,", "column: nan,", "mixes numbers and text"),
+        ("column: t,", "column: '%',", "no column '%'"),
+        ("column: t,", "column: w_1,", "stands 2 times in the header"),
+        (W_1, W_1[:-1] + ", file: other.csv}", ONE_FILE),
+        (W_1, W_1[:-1] + ", time: {rate: 20}}", ONE_FILE),
+        (W_1, W_1[:-1] + ", derived_from: theta_1}", "has measured channels only"),
+        (W_1, W_1 + "\n  decimate: {factor: 2}", "would be decimated again"),
+    ],
+)
+def test_a_record_that_its_config_could_not_read_is_not_written(
+    old: str, new: str, message: str, tmp_path: Path
+) -> None:
+    config = command_line.small_config(tmp_path, (old, new))
+    before = listing(tmp_path)
+    target = [] if old in (FILE, "column: t,") else ["-o", tmp_path / "new.csv"]
+    assert_refused(cli("simulate", config, "--force", *target), message)
+    assert listing(tmp_path) == before
+
+
+# --- files that are there ------------------------------------------------------------------------
+
+
+def test_a_target_that_the_config_could_not_read_is_not_written(tmp_path: Path) -> None:
+    config = command_line.small_config(tmp_path)
+    command = ("simulate", config, "--output", tmp_path / "other.mat")
+    assert_refused_unchanged(tmp_path, "name a .csv file", *command)
+
+
+def test_another_simulation_is_overwritten_with_force_only(tmp_path: Path) -> None:
+    """The same config and seed give the same record."""
+    config, other = command_line.small_config(tmp_path), tmp_path / "other.csv"
+    record = (tmp_path / "small.csv").read_bytes()
+    assert cli("simulate", config, "-o", other).status == 0
+    assert other.read_bytes() == record
+    command = ("simulate", config, "-o", other, "--seed", "8")
+    assert_refused_unchanged(tmp_path, "other.csv: exists already; give --force", *command)
+    assert cli(*command, "--force").status == 0
+    assert other.read_bytes() != record
+    (tmp_path / "small.csv").unlink()
+    assert cli("simulate", config).status == 0
+    assert (tmp_path / "small.csv").read_bytes() == record
+
+
+@run_cases("option", ["", "--force"])
+@run_cases("name", [None, "small.csv", "../rig/small.csv", "hard.csv"])
+def test_the_record_that_a_config_names_is_never_overwritten(
+    name: str | None, option: str, tmp_path: Path
+) -> None:
+    config = command_line.small_config(tmp_path / "rig")
+    os.link(tmp_path / "rig" / "small.csv", tmp_path / "rig" / "hard.csv")
+    output = [] if name is None else ["-o", tmp_path / "rig" / name]
+    command = ("simulate", config, *output, *option.split())
+    message = "or named by its config, and never replaced"
+    assert_refused_unchanged(tmp_path, message, *command)
+
+
+@run_cases("force", [False, True])
+@run_cases("name", ["thesis.tex", "longer", "empty", "pipe", "link", "folder"])
+def test_simulate_replaces_nothing_but_a_record(name: str, force: bool, tmp_path: Path) -> None:
+    files = {"thesis.tex": "t,theta", "longer": "t,theta_1,w_1\n0,0,0\n", "empty": ""}
+    for file, text in files.items():
+        (tmp_path / file).write_text(text)
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "link").symlink_to("thesis.tex")
+    (tmp_path / "folder").mkdir()
+    never = {"pipe": "a device or pipe, ", "link": "a link, ", "folder": "a folder, "}
+    message = never.get(name, "is no record with these columns" if force else "exists already")
+    before = listing(tmp_path)
+    with pytest.raises(InputError, match=message):
+        simulation.check_target(
+            "t,theta_1\n0,0\n", tmp_path / name, [tmp_path / "none.csv"], force=force
+        )
+    assert listing(tmp_path) == before
