@@ -8,10 +8,9 @@ from functools import cache
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 from scipy.stats import rankdata
 from support.case_tables import together
-from support.missing_physics import best
+from support.missing_physics import ar1, best
 from support.scipy_oracles import NOMINAL
 from support.small_problems import experiment, posterior
 
@@ -198,12 +197,6 @@ def test_unknowns_that_depend_on_the_same_priors_are_named_together() -> None:
 
 N, SIGMA, FREE = 600, np.array([0.02, 0.1]), ("k_s", "j_1", "k_e")
 AT = np.array([NOMINAL[name] for name in FREE])
-
-
-def ar1(rho: float, shape: tuple[int, ...], seed: int) -> Array:
-    """Return autoregressive columns of the standard deviation 1."""
-    noise = np.random.default_rng(seed).standard_normal((shape[0] + 300, *shape[1:]))
-    return np.asarray(lfilter([np.sqrt(1 - rho**2)], [1.0, -rho], noise, axis=0)[300:])
 
 
 @cache

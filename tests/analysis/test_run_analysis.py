@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
 from support import command_line
 from support.case_tables import together
+from support.missing_physics import ar1
 
 import bayesdrill as bd
 from bayesdrill.tasks import conclusions
@@ -34,7 +34,7 @@ def without_causes(monkeypatch: pytest.MonkeyPatch) -> None:
 def record(rho: float) -> np.ndarray:
     """Return the speed of the motor with autoregressive residuals."""
     clean = bd.respond(MOTOR, VALUES, T, {"v": V}, "w_2")["w_2"]
-    noise = lfilter([1.0], [1.0, -rho], np.random.default_rng(3).standard_normal(len(T)))
+    noise = ar1(rho, T.shape, 3)
     return clean + 0.05 * noise / noise.std()
 
 
@@ -60,7 +60,7 @@ def run(widths: float, rho: float = RHO) -> bd.Run:
 def test_a_run_is_not_believed_whose_sandwich_sds_do_not_determine_an_unknown() -> None:
     doubted = run(NARROW)
     report, analysis = doubted.judge(), doubted.analysis
-    assert {*analysis.unsupported} == {"c_m"}
+    assert "c_m" in analysis.unsupported
     (reason,) = report.reasons
     assert "(sandwich), the record does not determine" in reason
     for row in analysis.unknowns:

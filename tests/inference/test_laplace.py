@@ -7,11 +7,11 @@ from functools import cache
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
 from scipy.stats import norm
 from support import two_experiments
 from support.case_tables import together
 from support.compiled_responses import SIGMA, seen
+from support.missing_physics import ar1
 from support.missing_torque_cases import posterior_with_torque
 from support.scipy_oracles import NOMINAL, ORDER
 from support.small_problems import likelihood_of, unknown
@@ -238,7 +238,6 @@ def test_the_curvature_with_a_missing_torque_is_on_average_the_fisher_informatio
 @together("rho, within", [(0.0, 0.05), (0.5, 0.1), (0.9, 0.2), (-0.5, 0.1)])
 def test_the_variance_of_a_sum_counts_correlations_at_all_lags(rho: float, within: float) -> None:
     """Of an AR(1) it is (1 + rho) / (1 - rho) times that of as many independent numbers."""
-    noise = np.random.default_rng(7).standard_normal((20_300, 2))
-    x = lfilter([np.sqrt(1 - rho**2)], [1.0, -rho], noise, axis=0)[300:]
+    x = ar1(rho, (20_000, 2), 7)
     ratio = np.diag(laplace.long_run_variance(x)) / len(x) * (1 - rho) / (1 + rho)
     assert ratio == pytest.approx([1.0, 1.0], abs=within)

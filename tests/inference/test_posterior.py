@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pickle
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,7 +17,6 @@ from support.small_problems import measured, posterior, vector
 from support.stepped_friction import experiment_of, model_of, parameters
 
 from bayesdrill.inference import step_error
-from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Uniform
 from bayesdrill.inference.unknowns import Unknown
@@ -53,16 +51,6 @@ def test_unknown_sigmas_are_those_of_their_channels() -> None:
     observation = target.likelihood.only_observation
     residuals = RECORD.y - target.likelihood.signals(theta)
     assert observation.noise.pointwise(residuals, sigmas) == pytest.approx(terms, rel=1e-10)
-
-
-def test_white_noise_has_a_normalised_density_and_draws_of_the_sigmas_of_its_channels() -> None:
-    noise, x = White(n_samples=1, known={0: 0.3}, n_channels=1), np.linspace(-4, 4, 4001)
-    residuals = SimpleNamespace(squares=x[:, None] ** 2)
-    density = np.exp(noise.log_likelihood(residuals, np.empty((len(x), 0))))[:, 0]
-    assert np.trapezoid(density, x) == pytest.approx(1.0, abs=1e-9)
-    noise = White(n_samples=1, known={0: 0.5, 2: 2.0}, n_channels=3)
-    drawn = noise.draw(np.zeros((4000, 10, 3)), np.full((4000, 1), 0.1), np.random.default_rng(2))
-    assert drawn.std(axis=(0, 1)) == pytest.approx([0.5, 0.1, 2.0], rel=0.02)
 
 
 @together("coordinates, logs", [("linear", 0), ("log", 9), ("mixed", 7)])

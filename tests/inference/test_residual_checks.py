@@ -9,8 +9,8 @@ from functools import cache
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 from support.case_tables import together
+from support.missing_physics import ar1
 from support.scipy_oracles import NOMINAL
 from support.small_problems import experiment, measured, posterior, replace_only
 
@@ -206,12 +206,6 @@ def test_predictions_one_step_ahead_stand_beside_the_simulation() -> None:
 
 LONG, DT = 600, 0.01
 TWO_SIGMAS = np.array([0.02, 0.1])
-
-
-def ar1(rho: float, shape: tuple[int, ...], seed: int) -> Array:
-    """Return autoregressive columns of the standard deviation 1."""
-    noise = np.random.default_rng(seed).standard_normal((shape[0] + 300, *shape[1:]))
-    return np.asarray(lfilter([np.sqrt(1 - rho**2)], [1.0, -rho], noise, axis=0)[300:])
 
 
 VOLTAGE = 6.0 + 2.0 * ar1(0.9, (LONG,), 99)
