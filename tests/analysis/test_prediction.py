@@ -165,6 +165,10 @@ def test_each_sample_is_predicted_without_itself() -> None:
     result = leave_one_out_check(target.likelihood, target.likelihood.only_observation, theta)
     assert result[:, 0] == pytest.approx(exact, abs=0.01)
     assert np.abs(ndtr((y - theta) / SIGMA).mean(axis=0) - exact).max() > 0.025
+    alike = leave_one_out_check(
+        target.likelihood, target.likelihood.only_observation, np.full((30, 1), 0.02)
+    )
+    assert alike[:, 0] == pytest.approx(ndtr((y - 0.02) / SIGMA))
 
 
 @together(

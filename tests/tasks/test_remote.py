@@ -194,7 +194,7 @@ def test_a_real_worker_that_dies_or_stops_costs_nothing(
     number: signal.Signals, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     distributed = pytest.importorskip("distributed")
-    monkeypatch.setattr(remote, "WATCH", 1.0)
+    monkeypatch.setattr(remote, "WATCH", 2.0)
     monkeypatch.setattr(remote, "SILENT_SECONDS", 5.0)
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0"
