@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 from scipy.signal import lfilter
-from support.case_tables import together
+from support.case_tables import run_cases
 
 from bayesdrill.analysis.calibration import (
     FALSE_ALARM,
@@ -49,7 +49,7 @@ def verdict(ranks: np.ndarray, n_draws: int = L, **failures: int) -> Calibration
 # --- bands of ranks ----------------------------------------------------------------------------------
 
 
-@together("false_alarm", [0.02, 0.2, 0.5])
+@run_cases("false_alarm", [0.02, 0.2, 0.5])
 def test_the_chance_to_leave_a_band_is_that_over_all_possible_ranks(false_alarm: float) -> None:
     """Of five ranks among four draws, all of them counted."""
     n, n_draws = 5, 4
@@ -60,7 +60,7 @@ def test_the_chance_to_leave_a_band_is_that_over_all_possible_ranks(false_alarm:
     assert outside <= false_alarm
 
 
-@together("n, n_draws", [(100, 49), (N, L), (1000, L)])
+@run_cases("n, n_draws", [(100, 49), (N, L), (1000, L)])
 def test_a_band_is_as_narrow_as_its_false_alarms_allow(n: int, n_draws: int) -> None:
     for chance in (0.05, 0.001):
         assert 0.95 * chance < ecdf_band(n, n_draws, chance).false_alarm <= chance
@@ -122,7 +122,7 @@ def test_exact_posteriors_are_calibrated() -> None:
     assert verdict(conjugate(correlation=0.98, every=150)).calibrated  # of nearly independent draws
 
 
-@together(
+@run_cases(
     "fault, shape",
     [
         ({"narrow": 1 / np.sqrt(2)}, "posterior too narrow"),  # without the 1/2 of the misfit

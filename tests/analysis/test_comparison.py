@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.compared_models import model, problem
 from support.figure_checks import posterior as figure_draws
 from support.missing_physics import best
@@ -63,7 +63,7 @@ WORDS: dict[str, tuple[list[RunSummary], Word, str]] = {
 }
 
 
-@together("models, word, best", WORDS.values(), WORDS)
+@run_cases("models, word, best", WORDS.values(), WORDS)
 def test_the_word_follows_from_the_odds(models: list[RunSummary], word: Word, best: str) -> None:
     result = decide(models)
     assert (result.word, models[result.best].name) == (word, best)
@@ -79,7 +79,7 @@ def test_odds_are_those_of_the_evidence() -> None:
     assert texts == ["1", "7.5", "120", "e^35"]
 
 
-@together(
+@run_cases(
     "other, named",
     [
         (model("b", -4.0, vague="c_s"), ("c_s",)),
@@ -129,7 +129,7 @@ def test_a_run_has_no_distance_from_itself() -> None:
     assert all(row.agreed == problem().nominal[row.symbol.name] for row in rows)
 
 
-@together("shift, stretch", [(2.0, 1.0), (-0.7, 1.0), (3.0, 4.0)])
+@run_cases("shift, stretch", [(2.0, 1.0), (-0.7, 1.0), (3.0, 4.0)])
 def test_the_distance_of_shifted_draws_is_the_shift(shift: float, stretch: float) -> None:
     """In root mean squares of both sds."""
     for row in overlay_rows([layer("a"), layer("b", shift, stretch)]):

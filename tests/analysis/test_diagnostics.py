@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.stats import rankdata
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.missing_physics import ar1, best
 from support.scipy_oracles import NOMINAL
 from support.small_problems import experiment, posterior
@@ -75,7 +75,7 @@ PRESSED: dict[str, tuple[Prior, Array, float | None]] = {
 }
 
 
-@together("prior, draws, end", PRESSED.values(), PRESSED)
+@run_cases("prior, draws, end", PRESSED.values(), PRESSED)
 def test_draws_that_crowd_at_an_end_of_their_prior_are_pressed_against_it(
     prior: Prior, draws: Array, end: float | None
 ) -> None:
@@ -95,7 +95,7 @@ AT_NOMINAL: dict[str, tuple[Prior, Array, float | None]] = {
 }
 
 
-@together("prior, draws, end", AT_NOMINAL.values(), AT_NOMINAL)
+@run_cases("prior, draws, end", AT_NOMINAL.values(), AT_NOMINAL)
 def test_an_end_that_cuts_draws_off_at_the_nominal_value_is_found(
     prior: Prior, draws: Array, end: float | None
 ) -> None:
@@ -168,7 +168,7 @@ DEPENDENT: dict[str, tuple[Array, tuple[str, ...]]] = {
 }
 
 
-@together("draws, partners", DEPENDENT.values(), DEPENDENT)
+@run_cases("draws, partners", DEPENDENT.values(), DEPENDENT)
 def test_an_unknown_explained_by_unconstrained_partners_depends_on_their_priors(
     draws: Array, partners: tuple[str, ...]
 ) -> None:
@@ -178,7 +178,7 @@ def test_an_unknown_explained_by_unconstrained_partners_depends_on_their_priors(
     assert result == ({"x": partners} if partners else {})
 
 
-@together("partner, word", [("weak", "determined"), ("prior only", "through others")])
+@run_cases("partner, word", [("weak", "determined"), ("prior only", "through others")])
 def test_only_what_is_called_determined_depends_on_a_prior(partner: Word, word: Word) -> None:
     """And only on what the record leaves to its prior."""
     draws = np.stack([A, A + 0.01 * NOISE], axis=1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.case_tables import for_each, together
+from support.case_tables import for_each, run_cases
 from support.linear_study import TABLE, gaussian, verdict
 from support.missing_physics import T, against_the_table, believed, best, record
 
@@ -51,7 +51,7 @@ def test_a_table_is_right_with_the_physics_that_the_rig_lacks(
     for_each({f"{name}, steady: {steady}": (name, steady) for name, steady in cases}, check)
 
 
-@together("steady", [False, True])
+@run_cases("steady", [False, True])
 def test_a_wrong_table_is_not_excused(steady: bool) -> None:
     target, theta = fit_of(steady, k_e=0.065)
     assert equivalent_explanation(against_the_table(target), theta) is None

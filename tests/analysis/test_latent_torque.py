@@ -10,7 +10,7 @@ from functools import cache
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.missing_torque_cases import SIZE, posterior_with_torque
 
 from bayesdrill.analysis.latent_torque import TorqueEstimate, regress_torque, torque_estimates
@@ -39,7 +39,7 @@ def estimate(at: str, seed: int, n: int = 200, spread: float = 0.0) -> tuple[Tor
     return result, torque
 
 
-@together("at", ["motor", "rotor_1"])
+@run_cases("at", ["motor", "rotor_1"])
 def test_the_torque_is_estimated_within_its_band(at: str) -> None:
     """The band should hold 94 % of 301 samples; they are correlated, so 85 % are enough."""
     result, truth = estimate(at, 4)
@@ -122,7 +122,7 @@ LAWS = {
 }
 
 
-@together("kind", LAWS)
+@run_cases("kind", LAWS)
 def test_the_law_that_made_a_torque_is_recognised_with_its_size(kind: str) -> None:
     torque, at, of, size = LAWS[kind]
     laws = regress_torque(known(torque, at))

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from support import command_line, two_experiments
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.scipy_oracles import NOMINAL, ORDER, by_expm, matrices
 from support.small_problems import experiment, posterior
 
@@ -149,7 +149,7 @@ def problem_measuring(measures: str, i_m: float = 0.125, **priors: object) -> Pr
     return case.job.problem
 
 
-@together(
+@run_cases(
     "measures, i_m, named",
     [
         *((x, 0.125, False) for x in ("8 * w_2", "-8 * w_2", "8.05 * theta_2", "w_2", "5 * w_1")),
@@ -177,7 +177,7 @@ def test_a_nominal_value_far_outside_its_prior_is_named() -> None:
     assert list(plausibility.plausibility_of_priors(near)) == []
 
 
-@together("parameters, own", [("c_m: 0.1", "j_m"), ("c_m: PRIOR", "c_m")])
+@run_cases("parameters, own", [("c_m: 0.1", "j_m"), ("c_m: PRIOR", "c_m")])
 def test_a_parameter_of_each_experiment_is_checked_without_a_table(
     parameters: str, own: str, tmp_path: Path
 ) -> None:
@@ -217,7 +217,7 @@ SHARP = 0.05 * (1.0 + 0.01 * np.random.default_rng(6).standard_normal(4000))
 UNMOVED = LogUniform(1e-3, 1e1).quantile(np.random.default_rng(7).random(4000))
 
 
-@together(
+@run_cases(
     "prior, x, wide",
     [
         (LogUniform(0.01, 1.0), SHARP, False),

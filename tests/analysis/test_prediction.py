@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.special import ndtr
 from scipy.stats import norm
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.scipy_oracles import NOMINAL, matrices
 from support.small_problems import experiment, posterior, posterior_of
 
@@ -130,7 +130,7 @@ def test_held_out_samples_are_predicted_by_the_rest() -> None:
     assert red.score < score.score
 
 
-@together("noise, memory", [(None, False), (0.0, False), (0.6, True), ("unknown", True)])
+@run_cases("noise, memory", [(None, False), (0.0, False), (0.6, True), ("unknown", True)])
 def test_a_noise_has_memory_if_its_samples_are_correlated(noise: object, memory: bool) -> None:
     rho = {"rho": noise} if isinstance(noise, float) else {}
     target = case(noise=None if noise is None else {"name": "ar1", **rho})
@@ -171,7 +171,7 @@ def test_each_sample_is_predicted_without_itself() -> None:
     assert alike[:, 0] == pytest.approx(ndtr((y - 0.02) / SIGMA))
 
 
-@together(
+@run_cases(
     "factor, moved, words",
     [
         (1.0, 0.0, ""),
@@ -219,7 +219,7 @@ def with_sensors(series: dict[str, Array], *, first_order: bool) -> Posterior:
     return posterior_of(rig, (0.1, 0.1), {"k_s": Uniform(0.1, 1.0)}, NOMINAL | SENSORS)
 
 
-@together("first_order", [False, True])
+@run_cases("first_order", [False, True])
 def test_the_response_of_the_model_is_that_of_simulated_sines(first_order: bool) -> None:
     """Of the second half of a record, without the motion of the shaft, which hardly dies away."""
     rng = np.random.default_rng(1)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.scipy_oracles import NOMINAL
 
 import bayesdrill as bd
@@ -117,14 +117,14 @@ def test_a_start_of_a_candidate_is_used() -> None:
     assert result.values["j_arm"] == pytest.approx(0.02, rel=0.02)
 
 
-@together("high, at_end", [(0.1, True), (10.0, False)])
+@run_cases("high, at_end", [(0.1, True), (10.0, False)])
 def test_a_maximum_at_the_end_of_a_prior_is_noticed(high: float, at_end: bool) -> None:
     unknown = UNKNOWN | {"c_hub": {"prior": "uniform", "low": 0.05, "high": high, "start": 0.09}}
     posterior = hub(5.0 * np.sign(np.sin(7.0 * T)), HUB, unknown)
     assert ("c_hub" in refit(posterior, posterior.space.start).at_ends) == at_end
 
 
-@together("turns", [False, True])
+@run_cases("turns", [False, True])
 def test_unknowns_that_stand_for_each_other_are_named(turns: bool) -> None:
     """Dry friction and an offset of the voltage of a motor, unless it turns both ways."""
     u = 4.0 * np.sign(np.sin(9.0 * T)) if turns else 4.0 + np.sin(9.0 * T)
@@ -136,7 +136,7 @@ def test_unknowns_that_stand_for_each_other_are_named(turns: bool) -> None:
     assert pairs == ([] if turns else [{"t_c_hub", "offset_u_hub"}])
 
 
-@together("size, vague", [(0.0, ("j_hub", "c_hub")), (5.0, ())])
+@run_cases("size, vague", [(0.0, ("j_hub", "c_hub")), (5.0, ())])
 def test_an_unknown_of_which_the_record_says_nothing_is_vague(
     size: float, vague: tuple[str, ...]
 ) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support import command_line
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.missing_physics import ar1
 
 import bayesdrill as bd
@@ -91,7 +91,7 @@ def test_a_run_is_believed_whose_sandwich_sds_determine_as_well() -> None:
     assert "Sandwich sds, in the report of a posterior, count that" in wide.judge().text
 
 
-@together("widths, doubted", [(NARROW, True), (WIDE, False)])
+@run_cases("widths, doubted", [(NARROW, True), (WIDE, False)])
 def test_identify_at_a_maximum_says_determined_by_the_same_rule(
     widths: float, doubted: bool
 ) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.command_line import ROOT
 from support.missing_physics import DT, MEASURES, SIGMA, N, believed, best, record
 from support.scipy_oracles import NOMINAL
@@ -55,7 +55,7 @@ def kinds(of: Experiment, *factors: float) -> list[str]:
     return [text.split(":")[0] for text in said(of, *factors)]
 
 
-@together("path", CONFIGS)
+@run_cases("path", CONFIGS)
 def test_nothing_is_suspected_of_the_bundled_records(path: Path) -> None:
     assert words.record_suspicions(bd.load(path).job.problem) == ()
 
@@ -93,7 +93,7 @@ SWING = np.sin(3.0 * TIMES) * FADING
 SPEED = (3.0 * np.cos(3.0 * TIMES) - 0.2 * np.sin(3.0 * TIMES)) * FADING
 
 
-@together(
+@run_cases(
     "angle, speed",
     [
         (SWING, SPEED),
@@ -115,7 +115,7 @@ def test_nothing_is_suspected_of_sound_pairs(angle: np.ndarray, speed: np.ndarra
 FACTORS = {"57.3": 1 / DEGREE, "9.55": 1 / RPM, "6.28": 2 * np.pi, "8": 8.0, "1000": 1000.0}
 
 
-@together("name, turn", [(name, turn) for name in FACTORS for turn in (1, -1)])
+@run_cases("name, turn", [(name, turn) for name in FACTORS for turn in (1, -1)])
 def test_a_wrong_unit_of_one_of_two_columns_shows_without_a_model(name: str, turn: int) -> None:
     factor = FACTORS[name] ** turn
     record = experiment(TIMES, theta_1=factor * (SWING + NOISE), w_1=SPEED + NOISE)
@@ -131,7 +131,7 @@ def test_swapped_columns_are_noticed_and_those_of_different_parts_not_compared()
     assert kinds(experiment(TIMES, theta_1=SWING, w_2=60 * SPEED, twist=9 * SWING)) == []
 
 
-@together("bits", [12, 16])
+@run_cases("bits", [12, 16])
 def test_a_counter_that_overflows_shows_in_the_unit_of_its_column(bits: int) -> None:
     unit, half = 0.001, 2 ** (bits - 1)
     counts = np.round(1.5 * half * SWING)
@@ -143,7 +143,7 @@ def test_a_counter_that_overflows_shows_in_the_unit_of_its_column(bits: int) -> 
     assert kinds(experiment(TIMES, theta_1=unit * counts), unit) == []
 
 
-@together("unit", [1.0, DEGREE])
+@run_cases("unit", [1.0, DEGREE])
 def test_an_angle_that_is_wrapped_into_one_turn_shows(unit: float) -> None:
     (text,) = said(experiment(TIMES, theta_1=np.mod(5.0 * TIMES, 2 * np.pi)), unit)
     assert "one turn" in text
@@ -177,7 +177,7 @@ def test_half_a_sample_moves_what_a_late_step_moves() -> None:
         assert value == pytest.approx(expected, rel=0.5, abs=0.3), name
 
 
-@together("own, seconds", [({}, 0.5 * DT), ({"v": 7 * DT}, 3.5 * DT)], ["of the record", "slower"])
+@run_cases("own, seconds", [({}, 0.5 * DT), ({"v": 7 * DT}, 3.5 * DT)], ["of the record", "slower"])
 def test_half_a_sample_is_one_of_the_input(own: dict[str, float], seconds: float) -> None:
     """Also where the channels are measured at one of four samples only."""
     whole = record({})

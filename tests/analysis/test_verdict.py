@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 from scipy.stats import chi2, norm
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.linear_study import LINEAR, PRIOR, PRIOR_SD, TABLE, gaussian, linear_study, verdict
 
 from bayesdrill.analysis.diagnostics import ParameterRow
@@ -53,13 +53,13 @@ def draws_of(seed: int, **factors: float) -> np.ndarray:
 # --- tensions and bits -------------------------------------------------------------------------------
 
 
-@together("z", [0.3, 1.0, 2.4, 4.0, 12.0])
+@run_cases("z", [0.3, 1.0, 2.4, 4.0, 12.0])
 def test_the_tension_of_a_normal_posterior_is_its_z(z: float) -> None:
     for side in (-z, z):
         assert tension(0.02 * (NORMAL + side), 0.0, 0.0) == pytest.approx(z, rel=0.02)
 
 
-@together("x", [0.02, 0.2, 3.0])
+@run_cases("x", [0.02, 0.2, 3.0])
 def test_the_tension_of_a_skewed_posterior_is_its_tail_probability(x: float) -> None:
     tail = math.exp(-x) if x > math.log(2) else -math.expm1(-x)
     assert tension(-np.log(1 - U) - x, 0.0, 0.0) == pytest.approx(norm.isf(tail), abs=0.03)
@@ -71,7 +71,7 @@ def test_tension_counts_from_the_nearest_value_within_tolerance() -> None:
     assert tension(draws, -0.2, 0.2) == 0.0
 
 
-@together("shift", [0.5, 1.5, 4.0])
+@run_cases("shift", [0.5, 1.5, 4.0])
 def test_joint_tension_is_that_of_chi_squared(shift: float) -> None:
     root = np.array([[1.0, 0.0, 0.0], [0.9, 0.1, 0.0], [2.0, 0.3, 0.02]])
     z = RNG.standard_normal((20_000, 3))
@@ -194,7 +194,7 @@ def test_a_deviation_within_tolerance_agrees() -> None:
     assert r_m.beyond < 0.01
 
 
-@together("ratio", [0.55, 0.6, 1.9, 2.1])
+@run_cases("ratio", [0.55, 0.6, 1.9, 2.1])
 def test_the_ends_of_a_tolerance_change_places_below_the_line(ratio: float) -> None:
     """k_s within 20 %, j_1 within 40 %: k_s/j_1 from 0.8/1.4 to 1.2/0.6."""
     wide = np.exp(2.0 * np.log(PRIOR / VALUES)) * VALUES
@@ -213,7 +213,7 @@ def test_a_parameter_pressed_against_its_prior_is_said_to_be() -> None:
     assert result[RATIO] == "agrees"
 
 
-@together("exponent, ratio, agrees", [(0.0, "agrees", True), (3.0, "cannot judge", None)])
+@run_cases("exponent, ratio, agrees", [(0.0, "agrees", True), (3.0, "cannot judge", None)])
 def test_a_value_cut_off_by_an_end_at_its_nominal_value_cannot_be_judged(
     exponent: float, ratio: str, agrees: bool | None
 ) -> None:
@@ -255,7 +255,7 @@ def test_false_alarms_are_shared_by_all_that_is_judged() -> None:
     assert 2 * norm.sf(result.limit) * (judged + 1) == pytest.approx(FALSE_ALARM)
 
 
-@together("word", ["determined", "weak", "prior only"])
+@run_cases("word", ["determined", "weak", "prior only"])
 def test_both_tables_have_one_word_for_one_unknown(word: str) -> None:
     """k_s and j_1 only as a ratio, r_m by itself, and a noise level that has no verdict."""
     result = verdict(draws_of(8))
@@ -294,7 +294,7 @@ def test_tolerances_are_given_by_a_number_or_by_symbol() -> None:
     assert tolerances({"k_s": 0.1})["r_m"] == 0.0
 
 
-@together("entry", [-0.1, 1.0, 5, "5 %", {"k_x": 0.1}, {"k_s": 2}])
+@run_cases("entry", [-0.1, 1.0, 5, "5 %", {"k_x": 0.1}, {"k_s": 2}])
 def test_a_tolerance_that_is_no_share_of_a_known_symbol_is_rejected(entry: object) -> None:
     with pytest.raises(ValidationError):
         tolerances(entry)

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 from support.array_cases import BOX, T, run, two
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.command_line import ROOT
 from support.scipy_oracles import NOMINAL
 
@@ -148,7 +148,7 @@ RESPONSE: dict[str, Any] = {
 WRONG = [value for value in POOL if not isinstance(value, int | float | str | np.int64 | None)]
 
 
-@together("value", WRONG)
+@run_cases("value", WRONG)
 def test_a_wrong_value_within_an_argument_is_named(value: object) -> None:
     """In columns, fields of channels and inputs, entries, constants of rigs, numbers of mappings."""
     fields = [one.name for one in dataclasses.fields(bd.Channel) if one.name != "values"]
@@ -196,7 +196,7 @@ NUMBERS: dict[str, tuple[Callable[..., Any], str, tuple[Any, ...]]] = {
 }  # fmt: skip
 
 
-@together("call, name, values", NUMBERS.values(), NUMBERS)
+@run_cases("call, name, values", NUMBERS.values(), NUMBERS)
 def test_a_number_out_of_range_is_refused(
     call: Callable[..., Any], name: str, values: tuple[Any, ...]
 ) -> None:
@@ -223,7 +223,7 @@ WRONG_PARTS: dict[str, tuple[str, Any]] = {
 }
 
 
-@together("place, value", WRONG_PARTS.values(), WRONG_PARTS)
+@run_cases("place, value", WRONG_PARTS.values(), WRONG_PARTS)
 def test_a_train_refuses_wrong_parts(place: str, value: Any) -> None:
     entry = "shafts" if place == "inertias" else place
     assert f"{place}: " in message(bd.Train, inertias=TWO_ENDS, **{entry: value})

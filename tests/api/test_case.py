@@ -12,7 +12,7 @@ import pytest
 from scipy import stats
 from support import command_line
 from support.array_cases import BOX, T, run, two
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.command_line import ROOT
 from support.scipy_oracles import NOMINAL
 
@@ -79,7 +79,7 @@ GAP = np.where(T[17] == T, np.nan, 1.0)
 DATES = np.datetime64("2026-01-01") + np.arange(len(T)) * np.timedelta64(20, "ms")
 
 
-@together(
+@run_cases(
     "changes, message",
     [
         ({"t": DATES}, "t: these are dates or durations; give seconds"),
@@ -149,7 +149,7 @@ def test_columns_that_are_written_as_text_are_read_back_exactly(tmp_path: Path) 
 
 def test_a_case_of_a_config_does_what_the_commands_do(tmp_path: Path) -> None:
     """With the same words, the same folders and the same refusals."""
-    config, out = command_line.small(tmp_path / "rig"), tmp_path / "out"
+    config, out = command_line.small_config(tmp_path / "rig"), tmp_path / "out"
     case = bd.load(config)
     assert command_line.cli("check", config).out == f"{case.preview()}\n"
     best = case.find_map()
@@ -174,7 +174,7 @@ def test_a_case_of_a_config_does_what_the_commands_do(tmp_path: Path) -> None:
 
 
 def test_a_config_is_simulated_and_calibrated_before_anything_is_measured(tmp_path: Path) -> None:
-    config = command_line.small(tmp_path / "rig")
+    config = command_line.small_config(tmp_path / "rig")
     simulated = bd.simulate(config, tmp_path / "record.csv", seed=4)
     assert simulated.samples == 101 == len(simulated.path.read_text().splitlines()) - 1
     with pytest.raises(bd.InputError, match="seed: -1"):

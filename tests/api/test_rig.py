@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from support.array_cases import SHAFT, T
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.scipy_oracles import NOMINAL, by_expm
 
 import bayesdrill as bd
@@ -22,7 +22,7 @@ def test_the_response_is_that_of_the_matrix_exponential() -> None:
         assert values == pytest.approx(column, rel=1e-9, abs=1e-12)
 
 
-@together("hold", ["zero", "first"])
+@run_cases("hold", ["zero", "first"])
 def test_a_response_at_uneven_times_is_that_on_a_fine_grid(hold: str) -> None:
     """Of a voltage that changes at those times alone."""
     fine = 0.25 + 0.005 * np.arange(201)
@@ -41,7 +41,7 @@ def test_a_response_at_uneven_times_is_that_on_a_fine_grid(hold: str) -> None:
         assert values == pytest.approx(exact[name][picked], rel=1e-9, abs=1e-10)
 
 
-@together(
+@run_cases(
     "changes, message",
     [
         ({"t": np.array([0.0, 0.5, 0.1])}, "t: "),

@@ -18,7 +18,7 @@ import xarray
 from matplotlib.figure import Figure
 from support import command_line
 from support.array_cases import T, noisy, run, two
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.command_line import ROOT
 
 import bayesdrill as bd
@@ -151,7 +151,7 @@ def test_computed_results_are_not_pickled_with_a_run() -> None:
     assert len(pickle.dumps(judged)) == len(pickle.dumps(fresh()))
 
 
-@together("name", ["nominal_step", "example_experiments", "example_torque"])
+@run_cases("name", ["nominal_step", "example_experiments", "example_torque"])
 def test_a_pickled_case_of_a_config_is_the_same(name: str) -> None:
     case = bd.load(CONFIGS / f"{name}.yaml")
     back = pickle.loads(pickle.dumps(case))
@@ -176,7 +176,7 @@ def test_cases_and_runs_differ_if_one_number_does() -> None:
     assert fresh() == run() != run().judge()
 
 
-@together(
+@run_cases(
     "one, other, equal",
     [
         ({"a": [np.array([1.0, np.nan])]}, {"a": [np.array([1.0, np.nan])]}, True),

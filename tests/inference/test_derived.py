@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.command_line import ROOT
 from support.scipy_oracles import NOMINAL, by_expm, matrices, skewed
 from support.small_problems import experiment
@@ -31,7 +31,7 @@ def undefined(values: dict[str, float]) -> set[str]:
     return {name for name, x in values.items() if np.isnan(x)}
 
 
-@together("p", [NOMINAL, skewed()])
+@run_cases("p", [NOMINAL, skewed()])
 def test_a_long_simulation_ends_at_the_steady_speed_and_current(p: dict[str, float]) -> None:
     """Under a load, too."""
     late = by_expm(p, np.array([200.0, 201.0]), np.zeros(5), 8.0, 0.3)
@@ -61,7 +61,7 @@ MISSING = {
 }
 
 
-@together("changes, expected", MISSING.values(), MISSING)
+@run_cases("changes, expected", MISSING.values(), MISSING)
 def test_a_quantity_that_a_rig_does_not_have_is_nan(
     changes: dict[str, float], expected: set[str]
 ) -> None:
@@ -166,7 +166,7 @@ def test_a_corner_shows_the_quantities_that_are_asked_for() -> None:
     assert [symbol.name for symbol in usual.symbols] == list(space.free)
 
 
-@together(
+@run_cases(
     "powers, name",
     [
         ({"k_s": 1, "j_1": -1}, "k_s_over_j_1"),

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.scipy_oracles import NOMINAL
 
 import bayesdrill as bd
@@ -35,7 +35,7 @@ CASES = {
 }
 
 
-@together("rig, truth, inputs, channel, unit, sigma, within", CASES.values(), CASES)
+@run_cases("rig, truth, inputs, channel, unit, sigma, within", CASES.values(), CASES)
 def test_the_start_is_near_the_truth(
     rig: Model,
     truth: Mapping[str, float],

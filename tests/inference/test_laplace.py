@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 from support import two_experiments
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.compiled_responses import SIGMA, seen
 from support.missing_physics import ar1
 from support.missing_torque_cases import posterior_with_torque
@@ -62,7 +62,7 @@ LINEAR: dict[str, Callable[[], Posterior]] = {
     "noise alone": lambda: seen("step", None, free=()),
 }
 ALL = LINEAR | {
-    "two experiments": lambda: two_experiments.rich().problem.posterior,
+    "two experiments": lambda: two_experiments.rich_job().problem.posterior,
     "missing torque": with_missing_torque,
 }
 
@@ -87,7 +87,7 @@ def differences(
     return np.array(slopes)
 
 
-@together("physical, name", [(physical, name) for physical in [False, True] for name in ALL])
+@run_cases("physical, name", [(physical, name) for physical in [False, True] for name in ALL])
 def test_slopes_are_those_of_the_density(physical: bool, name: str) -> None:
     """Over the coordinates with their Jacobian, and over the unknowns themselves without it."""
     target = ALL[name]()
@@ -100,7 +100,7 @@ def test_slopes_are_those_of_the_density(physical: bool, name: str) -> None:
     assert model.slope * surface.spread == pytest.approx(numeric, rel=1e-5, abs=rounding)
 
 
-@together("name", LINEAR)
+@run_cases("name", LINEAR)
 def test_curvatures_are_those_of_least_squares(name: str) -> None:
     """J'J of the signals, twice what is left of the record (or the number of samples, where that is
     more) for the log of a noise level, and what the priors add."""
@@ -129,7 +129,7 @@ def test_curvatures_are_those_of_least_squares(name: str) -> None:
     assert curvature == pytest.approx(expected * scale, rel=1e-4, abs=rounding)
 
 
-@together("name", LINEAR)
+@run_cases("name", LINEAR)
 def test_slopes_along_fewer_directions_are_parts_of_all(name: str) -> None:
     target = LINEAR[name]()
     surface = LogDensity(target)
@@ -142,7 +142,7 @@ def test_slopes_along_fewer_directions_are_parts_of_all(name: str) -> None:
     assert some.curvature == pytest.approx(along, rel=1e-7, abs=1e-9 * np.abs(along).max())
 
 
-@together("name", LINEAR)
+@run_cases("name", LINEAR)
 def test_a_point_does_not_depend_on_its_neighbours(name: str) -> None:
     """To the last bit, however many there are: products of matrices round as their sizes have it."""
     target = LINEAR[name]()
@@ -235,7 +235,7 @@ def test_the_curvature_with_a_missing_torque_is_on_average_the_fisher_informatio
     assert ratio == pytest.approx(np.ones(len(ratio)), abs=4 * np.sqrt(2 / 60))
 
 
-@together("rho, within", [(0.0, 0.05), (0.5, 0.1), (0.9, 0.2), (-0.5, 0.1)])
+@run_cases("rho, within", [(0.0, 0.05), (0.5, 0.1), (0.9, 0.2), (-0.5, 0.1)])
 def test_the_variance_of_a_sum_counts_correlations_at_all_lags(rho: float, within: float) -> None:
     """Of an AR(1) it is (1 + rho) / (1 - rho) times that of as many independent numbers."""
     x = ar1(rho, (20_000, 2), 7)

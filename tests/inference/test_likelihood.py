@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 from support import two_experiments
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.missing_torque_cases import SIZE, TIME, posterior_with_torque
 from support.missing_torque_oracle import covariance, process
 from support.scipy_oracles import NOMINAL
@@ -24,7 +24,7 @@ from bayesdrill.rig.simulators.sensors import ObservationModel
 
 
 def joint() -> Posterior:
-    return two_experiments.rich().problem.posterior
+    return two_experiments.rich_job().problem.posterior
 
 
 def points(posterior: Posterior, n: int = 3) -> np.ndarray:
@@ -70,7 +70,7 @@ def test_an_unknown_of_one_experiment_moves_it_alone_and_a_shared_one_all() -> N
         assert changed == [not name.endswith("_moving"), not name.endswith("_late")], name
 
 
-@together("level, experiment", [("known", 0), ("unknown", 1)])
+@run_cases("level, experiment", [("known", 0), ("unknown", 1)])
 def test_missing_samples_count_as_if_they_were_never_measured(level: str, experiment: int) -> None:
     """Those of one channel, whose noise level is known or not."""
     posterior = joint()

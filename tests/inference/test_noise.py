@@ -11,7 +11,7 @@ import pytest
 import scipy.stats
 from numpy.typing import NDArray
 from scipy.integrate import quad
-from support.case_tables import together
+from support.case_tables import run_cases
 
 from bayesdrill.inference.noise.ar1 import AR1
 from bayesdrill.inference.noise.contract import Noise, NoisyChannel
@@ -79,7 +79,7 @@ RECORDS = {
 }
 
 
-@together("rho, record", [(rho, name) for rho in (0.02, 0.5, 0.95, 0.9999) for name in RECORDS])
+@run_cases("rho, record", [(rho, name) for rho in (0.02, 0.5, 0.95, 0.9999) for name in RECORDS])
 def test_an_ar1_noise_has_a_covariance_that_falls_off_with_time(rho: float, record: str) -> None:
     """By `rho` over the usual step of the channel."""
     t, seen, step = RECORDS[record]
@@ -136,7 +136,7 @@ def test_slopes_of_an_ar1_noise_with_gaps_scatter_by_its_information() -> None:
     assert (np.linalg.eigvalsh(curvature - expected) > -1e-9 * scale.max()).all()
 
 
-@together("kind", [AR1, Quantised])
+@run_cases("kind", [AR1, Quantised])
 def test_a_walker_that_overflows_is_lost_where_samples_are_missing(
     kind: type[AR1] | type[Quantised],
 ) -> None:
@@ -152,7 +152,7 @@ def test_a_walker_that_overflows_is_lost_where_samples_are_missing(
 # --- Student's t -------------------------------------------------------------------------------------
 
 
-@together("nu", [2.1, 5.0, 80.0])
+@run_cases("nu", [2.1, 5.0, 80.0])
 def test_heavy_tails_are_those_of_student(nu: float) -> None:
     channels = [noisy("w_1", 0.3), noisy("w_2", 0.02, degrees=nu)]
     noise, own = StudentT.from_channels(channels, 40), np.array([[0.31, 0.017, nu]])
@@ -179,7 +179,7 @@ def rounded(sigma: float, n: int) -> Quantised:
     return Quantised.from_channels([noisy("w_1", sigma, step=STEP)], n)
 
 
-@together("ratio", [0.01, 0.1, 0.5, 3.0, 100.0])
+@run_cases("ratio", [0.01, 0.1, 0.5, 3.0, 100.0])
 def test_a_rounded_sample_has_the_probability_of_its_interval(ratio: float) -> None:
     """By quadrature, for a sigma of `ratio` steps; the density over all residuals is one."""
     sigma = ratio * STEP
@@ -256,7 +256,7 @@ def test_samples_are_asked_for_only_where_a_step_is_small_beside_sigma() -> None
 # --- mixtures ----------------------------------------------------------------------------------------
 
 
-@together("missing", [False, True])
+@run_cases("missing", [False, True])
 def test_each_channel_of_a_mixture_has_the_likelihood_of_its_own_noise(missing: bool) -> None:
     parts = (
         ChannelNoise(StudentT.from_channels([noisy("w_2", 0.02)], 10), (2,)),

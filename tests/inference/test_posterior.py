@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 import scipy.stats
 from support import two_experiments
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.friction_cases import CASES
 from support.missing_physics import MEASURES, believed
 from support.scipy_oracles import NOMINAL, ORDER
-from support.small_problems import measured, posterior, vector
+from support.small_problems import noisy_step, posterior, vector
 from support.stepped_friction import experiment_of, model_of, parameters
 
 from bayesdrill.inference import step_error
@@ -26,7 +26,7 @@ from bayesdrill.rig.simulators.sensors import ObservationModel
 from bayesdrill.sampling import mode_search
 
 SIGMA = np.array([0.1, 0.07, 0.2, 0.15])
-RECORD = measured(SIGMA, n=150)
+RECORD = noisy_step(SIGMA, n=150)
 LOG_VOLUME = np.log(vector(NOMINAL)).sum()  # each prior is one nominal value wide
 
 
@@ -53,7 +53,7 @@ def test_unknown_sigmas_are_those_of_their_channels() -> None:
     assert observation.noise.pointwise(residuals, sigmas) == pytest.approx(terms, rel=1e-10)
 
 
-@together("coordinates, logs", [("linear", 0), ("log", 9), ("mixed", 7)])
+@run_cases("coordinates, logs", [("linear", 0), ("log", 9), ("mixed", 7)])
 def test_the_density_over_coordinates_carries_the_jacobian(coordinates: str, logs: int) -> None:
     zero = {name: Uniform(0.0, 2 * NOMINAL[name]) for name in ("c_m", "k_T")}
     priors, choice = (zero if coordinates == "mixed" else {}), coordinates == "linear"
@@ -104,7 +104,7 @@ def test_a_pickled_posterior_gives_the_same_density() -> None:
 
 def test_a_maximum_at_the_end_of_a_prior_that_may_be_negative_is_noticed() -> None:
     """On the scale of the prior: ratios of values say nothing of an end at zero."""
-    target = two_experiments.rich().problem.posterior
+    target = two_experiments.rich_job().problem.posterior
     values = dict(target.space.start)
     assert "lag_twist_late" not in mode_search._at_bound(target, values)
     values |= {"lag_twist_late": 1e-7, "offset_v_late": -0.9999, "t_0_late": 0.0}

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.stats
-from support.case_tables import together
+from support.case_tables import run_cases
 
 from bayesdrill.inference.priors import PRIORS, Prior, prior_log_sd, prior_sd
 
@@ -28,7 +28,7 @@ def test_every_family_has_a_distribution_of_scipy() -> None:
     assert set(FAMILIES) == set(PRIORS)
 
 
-@together("prior, true", FAMILIES.values(), FAMILIES)
+@run_cases("prior, true", FAMILIES.values(), FAMILIES)
 def test_density_and_quantiles_are_those_of_scipy(prior: Prior, true: Any) -> None:
     x = np.linspace(1e-3, 6.0, 501)
     assert np.exp(prior.logpdf(x)) == pytest.approx(true.pdf(x), rel=1e-10)
@@ -36,7 +36,7 @@ def test_density_and_quantiles_are_those_of_scipy(prior: Prior, true: Any) -> No
     assert true.cdf(prior.quantile(u)) == pytest.approx(u, rel=1e-9)
 
 
-@together("prior, true", FAMILIES.values(), FAMILIES)
+@run_cases("prior, true", FAMILIES.values(), FAMILIES)
 def test_the_density_outside_the_support_is_minus_infinity(prior: Prior, true: Any) -> None:
     with np.errstate(invalid="ignore"):
         density = prior.logpdf(np.array([-1.0, -1e-9, 0.0, np.nan]))
@@ -44,7 +44,7 @@ def test_the_density_outside_the_support_is_minus_infinity(prior: Prior, true: A
     assert not np.isfinite(density[3])
 
 
-@together("prior, true", FAMILIES.values(), FAMILIES)
+@run_cases("prior, true", FAMILIES.values(), FAMILIES)
 def test_spreads_are_standard_deviations(prior: Prior, true: Any) -> None:
     assert prior_sd(prior) == pytest.approx(true.std(), rel=0.01)
     logs = np.log(true.ppf((np.arange(100_000) + 0.5) / 100_000))

@@ -9,10 +9,10 @@ from functools import cache
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.missing_physics import ar1
 from support.scipy_oracles import NOMINAL
-from support.small_problems import experiment, measured, posterior, replace_only
+from support.small_problems import experiment, noisy_step, posterior, replace_only
 
 from bayesdrill.basics.units import SECOND
 from bayesdrill.inference.noise import NOISES
@@ -39,7 +39,7 @@ N = 60
 @cache
 def likelihood(*, known: bool = True, n: int = N) -> Likelihood:
     """Return that of four channels, whose noise levels are known or not."""
-    return posterior(measured(SIGMA, n=n), SIGMA if known else None, free=FREE).likelihood
+    return posterior(noisy_step(SIGMA, n=n), SIGMA if known else None, free=FREE).likelihood
 
 
 def summaries(
@@ -92,7 +92,7 @@ def test_a_channel_that_does_not_move_has_no_share() -> None:
     assert "theta_1" not in residual_sentences(result, SECOND).splitlines()[0]
 
 
-@together("factor, kind, word", [(2.0, "large", "larger"), (0.4, "small", "smaller")])
+@run_cases("factor, kind, word", [(2.0, "large", "larger"), (0.4, "small", "smaller")])
 def test_a_wrong_sigma_is_noticed_in_its_channel(factor: float, kind: str, word: str) -> None:
     result = summaries(white(5) * [1.0, 1.0, factor, 1.0])
     assert [getattr(channel, kind) for channel in result] == [False, False, True, False]
@@ -145,7 +145,7 @@ def test_an_exact_fit_leaves_less_than_noise() -> None:
     assert not any(channel.correlated and channel.rms > 1e-9 for channel in result)
 
 
-@together("rms, believed", [(0.3, True), (1.4, True), (1.6, False)])
+@run_cases("rms, believed", [(0.3, True), (1.4, True), (1.6, False)])
 def test_a_fit_that_leaves_far_more_than_the_noise_is_not_believed(
     rms: float, believed: bool
 ) -> None:
@@ -159,7 +159,7 @@ def test_a_fit_that_leaves_far_more_than_the_noise_is_not_believed(
     assert residual_reasons(result) == (() if believed else (reason,))
 
 
-@together("weights, believed", [((1.0, 1.0), True), ((1.0,) * 5, False), ((1.0, -2.0, 1.0), True)])
+@run_cases("weights, believed", [((1.0, 1.0), True), ((1.0,) * 5, False), ((1.0, -2.0, 1.0), True)])
 def test_a_fit_that_leaves_strongly_correlated_residuals_is_not_believed(
     weights: tuple[float, ...], believed: bool
 ) -> None:
@@ -256,7 +256,7 @@ def test_correlations_are_those_of_pairs_of_samples_that_are_there() -> None:
     assert with_v.step == pytest.approx(DT)
 
 
-@together("rho", [0.0, 0.8])
+@run_cases("rho", [0.0, 0.8])
 def test_bands_hold_residuals_that_know_nothing_of_the_input(rho: float) -> None:
     """Over 200 records one value in a hundred is outside, and hardly a record follows the input."""
     outside, white_outside, followed = [], [], 0
@@ -271,7 +271,7 @@ def test_bands_hold_residuals_that_know_nothing_of_the_input(rho: float) -> None
     assert rho > 0 or 0.005 < np.mean(white_outside) < 0.02
 
 
-@together("lag, channel, size", [(4, 1, 0.04), (-3, 0, 0.008)])
+@run_cases("lag, channel, size", [(4, 1, 0.04), (-3, 0, 0.008)])
 def test_residuals_that_follow_an_input_are_named_with_the_lag(
     lag: int, channel: int, size: float
 ) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.friction_cases import CASES, moved
 from support.small_problems import posterior_of
 from support.stepped_friction import experiment_of, model_of, parameters
@@ -41,7 +41,7 @@ def errors_from_oracle(rig: Stepped) -> np.ndarray:
     return np.asarray(np.abs(rig.signals(parameters(CASE))[0] - moved(NAME).states).max(axis=0))
 
 
-@together("substeps", [1, 4])
+@run_cases("substeps", [1, 4])
 def test_errors_are_those_from_the_oracle_in_sds_of_the_noise(substeps: int) -> None:
     (result,) = step_errors(posterior(0.03, substeps).likelihood, np.zeros(0))
     assert result.pieces == substeps
@@ -49,7 +49,7 @@ def test_errors_are_those_from_the_oracle_in_sds_of_the_noise(substeps: int) -> 
     assert np.array(result.errors) == pytest.approx(expected, rel=0.05)
 
 
-@together("sigma", [0.5, 0.3, 0.01])
+@run_cases("sigma", [0.5, 0.3, 0.01])
 def test_the_fewest_steps_are_chosen_whose_error_is_small_beside_the_noise(sigma: float) -> None:
     response = choose_steps(posterior(sigma), np.zeros(0)).likelihood.only_observation.response
     chosen = response.pieces, response.turns

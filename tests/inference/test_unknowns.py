@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 from support import two_experiments
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.scipy_oracles import NOMINAL
-from support.small_problems import measured, posterior, vector, with_priors
+from support.small_problems import noisy_step, posterior, vector, with_priors
 
 from bayesdrill.inference.priors import (
     PRIORS,
@@ -47,7 +47,7 @@ COORDINATES = {
 }
 
 
-@together("coordinates, theta", COORDINATES.values(), COORDINATES)
+@run_cases("coordinates, theta", COORDINATES.values(), COORDINATES)
 def test_coordinates_lead_back_and_leave_their_argument_as_it_is(
     coordinates: Coordinates, theta: np.ndarray
 ) -> None:
@@ -62,7 +62,7 @@ def test_coordinates_lead_back_and_leave_their_argument_as_it_is(
     assert np.array_equal(z, kept)
 
 
-@together("coordinates, theta", COORDINATES.values(), COORDINATES)
+@run_cases("coordinates, theta", COORDINATES.values(), COORDINATES)
 def test_slopes_and_jacobian_are_differences(coordinates: Coordinates, theta: np.ndarray) -> None:
     z = coordinates.from_physical(theta)
     h = 1e-6 * np.maximum(np.abs(z), 1e-3)
@@ -99,7 +99,7 @@ ENTRIES: dict[str, dict[str, float]] = {
 }
 
 
-@together("family", PRIORS)
+@run_cases("family", PRIORS)
 def test_an_unknown_is_walked_in_its_log_unless_zero_itself_has_a_density(family: str) -> None:
     """Its log would have an endless tail there."""
     prior = PRIORS[family](**ENTRIES[family])
@@ -114,7 +114,7 @@ def test_an_unknown_is_walked_in_its_log_unless_zero_itself_has_a_density(family
 def test_the_density_of_an_unknown_that_may_be_zero_has_no_jacobian_and_ends_at_zero() -> None:
     sigma = np.full(4, 0.1)
     zero = {"c_m": HalfNormal(2 * NOMINAL["c_m"]), "t_f": Uniform(0.0, 0.2)}
-    target = posterior(measured(sigma, n=60), sigma, priors=zero)
+    target = posterior(noisy_step(sigma, n=60), sigma, priors=zero)
     logs = dict(zip(target.space.free, target.coordinates.logs, strict=True))
     assert {name for name, log in logs.items() if not log} == {"c_m", "t_f"}
     c_m, t_f = (target.space.free.index(name) for name in zero)
@@ -133,10 +133,10 @@ def test_the_density_of_an_unknown_that_may_be_zero_has_no_jacobian_and_ends_at_
 
 
 def joint_space() -> ParameterSpace:
-    return two_experiments.rich().problem.posterior.space
+    return two_experiments.rich_job().problem.posterior.space
 
 
-@together(
+@run_cases(
     "prior, signed",
     [
         (Uniform(-1.0, 2.0), True),

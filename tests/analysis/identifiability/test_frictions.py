@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.missing_physics import DT, MEASURES, SIGMA, N, T
 from support.scipy_oracles import NOMINAL
 from support.small_problems import experiment, posterior_of
@@ -98,7 +98,7 @@ CONFOUNDED: dict[str, tuple[Any, ...]] = {
 }  # fmt: skip
 
 
-@together("free, values, record, rivals, words, other", CONFOUNDED.values(), CONFOUNDED)
+@run_cases("free, values, record, rivals, words, other", CONFOUNDED.values(), CONFOUNDED)
 def test_a_friction_that_the_record_confounds_is_named_with_its_rivals(
     free: tuple[str, ...],
     values: dict[str, float],
@@ -172,7 +172,7 @@ def test_of_a_rig_without_friction_nothing_is_said() -> None:
     assert friction_sentences(FrictionConfounding(), RIG) == ""
 
 
-@together("added", [{"t_cm": 0.05}, {"t_cm": 0.03, "t_c1": 0.2, "v_d": 0.4}])
+@run_cases("added", [{"t_cm": 0.05}, {"t_cm": 0.03, "t_c1": 0.2, "v_d": 0.4}])
 def test_the_stall_voltage_holds_all_friction(added: dict[str, float]) -> None:
     """v = r_m T / k_T + v_d, where T is the torque of all friction at the motor."""
     torque = 0.01 + added["t_cm"] + added.get("t_c1", 0.0) / 8

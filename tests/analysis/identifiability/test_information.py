@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support import two_experiments
 from support.scipy_oracles import NOMINAL
-from support.small_problems import measured, posterior, vector
+from support.small_problems import noisy_step, posterior, vector
 
 from bayesdrill.analysis.identifiability.information import (
     AS_RECORDED,
@@ -23,7 +23,7 @@ NEAR, FAR = vector(NOMINAL), vector(NOMINAL) * np.linspace(0.8, 1.2, 9)
 
 def test_sensitivities_are_the_slopes_of_the_response() -> None:
     """Against Richardson differences of the response."""
-    likelihood = posterior(measured(SIGMA), SIGMA).likelihood
+    likelihood = posterior(noisy_step(SIGMA), SIGMA).likelihood
     exact = SensitivityStudy(likelihood).sensitivities(FAR).reshape(-1, 4, 9)
 
     def slopes(h: float) -> np.ndarray:
@@ -36,7 +36,10 @@ def test_sensitivities_are_the_slopes_of_the_response() -> None:
 
 
 def test_a_point_or_an_input_that_was_left_is_forgotten() -> None:
-    likelihood, half = posterior(measured(SIGMA), SIGMA).likelihood, DesignVariant(times={"v": 0.5})
+    likelihood, half = (
+        posterior(noisy_step(SIGMA), SIGMA).likelihood,
+        DesignVariant(times={"v": 0.5}),
+    )
     study = SensitivityStudy(likelihood)
     points = [(NEAR, half), (NEAR, AS_RECORDED), (NEAR, half), (FAR, half), (FAR, AS_RECORDED)]
     for theta, variant in [*points, (NEAR, AS_RECORDED)]:
@@ -60,7 +63,7 @@ def test_bounds_of_products_follow_by_algebra() -> None:
 
 def test_nuisances_are_taken_out_as_freely_as_their_priors_allow() -> None:
     """The information of the rig is the Schur complement of that of sensors and starts."""
-    target = two_experiments.rich().problem.posterior
+    target = two_experiments.rich_job().problem.posterior
     theta = target.space.draw(1, np.random.default_rng(4))[0]
     study = SensitivityStudy(target.likelihood)
     assert study.unknowns == ("k_e", "k_s", "t_f_late", "t_f_moving")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from support.scipy_oracles import NOMINAL, ORDER
-from support.small_problems import measured, posterior
+from support.small_problems import noisy_step, posterior
 
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.identifiability.profile import THRESHOLD, Fitter, profile
@@ -23,7 +23,7 @@ def fitter_of(target: Posterior, theta: np.ndarray | None = None) -> Fitter:
 def test_the_profile_of_a_gaussian_problem_is_a_parabola() -> None:
     """The 95 % interval of a well-known unknown is its best value +- 1.96 sd."""
     names, small = ("k_s", "j_m"), np.full(4, 1e-3)
-    fitter = fitter_of(posterior(measured(small), small, free=names))
+    fitter = fitter_of(posterior(noisy_step(small), small, free=names))
     result, sd = profile(fitter, names, 0), fitter.spread()[0]
     assert result.shape == "bounded"
     width = 2 * np.sqrt(2 * THRESHOLD) * sd
@@ -35,7 +35,7 @@ def test_the_profile_of_a_gaussian_problem_is_a_parabola() -> None:
 
 def test_the_profile_of_an_unknown_that_the_record_does_not_show_is_flat() -> None:
     names = tuple(name for name in ORDER if name != "j_1")
-    fitter = fitter_of(posterior(measured(SIGMA), SIGMA, free=names))
+    fitter = fitter_of(posterior(noisy_step(SIGMA), SIGMA, free=names))
     flat = profile(fitter, names, names.index("l_m"))
     assert flat.shape == "flat"
     assert flat.loss.max() < THRESHOLD
@@ -45,7 +45,7 @@ def test_the_profile_of_an_unknown_that_the_record_does_not_show_is_flat() -> No
 def test_a_profile_whose_best_fit_is_an_end_of_its_prior_has_each_value_once() -> None:
     names, high = ("k_s", "j_m"), 0.9 * NOMINAL["k_s"]  # below what fits
     priors = {"k_s": Uniform(0.5 * high, high)}
-    target = posterior(measured(SIGMA), SIGMA, free=names, priors=priors)
+    target = posterior(noisy_step(SIGMA), SIGMA, free=names, priors=priors)
     theta = target.space.vector({"k_s": high, "j_m": NOMINAL["j_m"]})
     result = profile(fitter_of(target, theta), names, 0)
     assert result.best == pytest.approx(high)

@@ -7,11 +7,11 @@ import importlib
 
 import numpy as np
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.command_line import ROOT
 from support.linear_study import TABLE, gaussian, verdict
 from support.scipy_oracles import ORDER
-from support.small_problems import likelihood_of, measured, posterior
+from support.small_problems import likelihood_of, noisy_step, posterior
 
 from bayesdrill.analysis.identifiability.information import (
     Information,
@@ -97,7 +97,7 @@ Scales = set[tuple[frozenset[str], frozenset[str]]]
 
 def target_with(*held: str, sigma: np.ndarray | None = SIGMA) -> Posterior:
     free = tuple(name for name in ORDER if name not in held)
-    return posterior(measured(SIGMA), sigma, free=free)
+    return posterior(noisy_step(SIGMA), sigma, free=free)
 
 
 def dependences(target: Posterior) -> tuple[DependsOnFixed, ...]:
@@ -131,7 +131,7 @@ HELD: dict[str, tuple[Posterior, Scales]] = {
 }  # fmt: skip
 
 
-@together("target, expected", HELD.values(), HELD)
+@run_cases("target, expected", HELD.values(), HELD)
 def test_a_held_number_settles_the_scale_of_its_symmetry(
     target: Posterior, expected: Scales
 ) -> None:
@@ -180,7 +180,7 @@ def study(target: Posterior) -> IdentifiabilityStudy:
 
 def test_a_record_too_noisy_for_the_inductance_depends_on_the_prior_of_the_resistance() -> None:
     sigma = 100.0 * SIGMA
-    target = posterior(measured(sigma), sigma, free=("j_m", "k_e", "k_T", "r_m"))
+    target = posterior(noisy_step(sigma), sigma, free=("j_m", "k_e", "k_T", "r_m"))
     text = identify_words.dependence_sentences(study(target))
     assert "depend on the prior" in text
     assert "more than on the record, which hardly shows l_m." in text

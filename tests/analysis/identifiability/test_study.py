@@ -6,10 +6,10 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.command_line import ROOT
 from support.scipy_oracles import ORDER
-from support.small_problems import experiment, measured, posterior, replace_only
+from support.small_problems import experiment, noisy_step, posterior, replace_only
 
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.identifiability.profile import Profile
@@ -23,7 +23,7 @@ from bayesdrill.rig.models.motor_shaft import MotorShaft, TwoRotors
 from bayesdrill.rig.simulators.exact import Response
 
 SIGMA = np.array([0.02, 0.01, 0.05, 0.03])  # unequal
-RECORD = measured(SIGMA)
+RECORD = noisy_step(SIGMA)
 
 
 def study(target: Posterior, asked: Asked | None = None) -> IdentifiabilityStudy:
@@ -66,7 +66,7 @@ def test_the_rig_has_two_symmetries_and_seven_invariants() -> None:
     assert "k_T, r_m and l_m can all be multiplied by the same factor" in text
 
 
-@together(
+@run_cases(
     "held, left",
     [
         (("j_1",), 1),
@@ -91,7 +91,7 @@ RECORDS = {
 }
 
 
-@together("target, left", RECORDS.values(), RECORDS)
+@run_cases("target, left", RECORDS.values(), RECORDS)
 def test_measured_currents_and_loads_break_symmetries(
     target: Posterior, left: set[tuple[int, ...]]
 ) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 
 import bayesdrill as bd
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
@@ -76,7 +76,7 @@ MOVING = {
 }  # fmt: skip
 
 
-@together("case, channel, determined", RESTING.values(), RESTING)
+@run_cases("case, channel, determined", RESTING.values(), RESTING)
 def test_a_rig_that_rests_at_the_start_is_studied_where_it_moves(
     case: bd.Case, channel: str, determined: set[str]
 ) -> None:
@@ -94,7 +94,7 @@ def test_a_rig_that_rests_at_the_start_is_studied_where_it_moves(
     assert findings.point.theta == pytest.approx(case.identify().point.theta)  # by the seed
 
 
-@together("case", MOVING.values(), MOVING)
+@run_cases("case", MOVING.values(), MOVING)
 def test_a_rig_that_moves_is_studied_at_the_start(case: bd.Case) -> None:
     posterior = case.job.problem.posterior
     point = study_point(SensitivityStudy(posterior.likelihood), posterior, 0)
@@ -146,7 +146,7 @@ def test_slopes_that_overflow_tell_nothing() -> None:
     assert np.isfinite(case.identify().study.information.root).all()
 
 
-@together(
+@run_cases(
     "initial, words",
     [
         (
