@@ -1,4 +1,4 @@
-"""Ranks of true values: the bands are exact, and the verdict tells right posteriors from wrong."""
+"""Ranks of true values: exact bands, and verdicts that tell right posteriors from wrong ones."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from bayesdrill.report.sections import calibration_words as words
 N, L = 200, 99
 
 
-def refits(table: np.ndarray, strayed: int = 0, lost: int = 0) -> list[Refit]:
-    """Refits with ranks `(N, Q)`, of which the first `strayed` did not converge."""
+def refits(ranks: np.ndarray, strayed: int = 0, lost: int = 0) -> list[Refit]:
+    """Return refits with `ranks (N, Q)`: the first did not converge, or gave no draws."""
     return [
         Refit(
             index=k,
@@ -37,47 +37,43 @@ def refits(table: np.ndarray, strayed: int = 0, lost: int = 0) -> list[Refit]:
             reasons=("R-hat",) if k < strayed else (),
             seconds=0.0,
         )
-        for k, row in enumerate(table)
+        for k, row in enumerate(ranks)
     ]
 
 
-def verdict(table: np.ndarray, n_draws: int = L, **how: int) -> CalibrationVerdict:
-    names = [*(f"q_{k}" for k in range(table.shape[1] - 1)), LOG_LIKELIHOOD]
-    return judge_calibration(names, refits(table, **how), n_draws)
+def verdict(ranks: np.ndarray, n_draws: int = L, **failures: int) -> CalibrationVerdict:
+    names = [*(f"q_{k}" for k in range(ranks.shape[1] - 1)), LOG_LIKELIHOOD]
+    return judge_calibration(names, refits(ranks, **failures), n_draws)
 
 
-# --- bands ---------------------------------------------------------------------------------------
+# --- bands of ranks ----------------------------------------------------------------------------------
 
 
 @run_cases("false_alarm", [0.02, 0.2, 0.5])
-def test_the_chance_to_leave_a_band_is_that_of_all_possible_ranks(false_alarm: float) -> None:
-    """Every set of five ranks among four draws, counted. Kills any wrong term of the recursion."""
+def test_the_chance_to_leave_a_band_is_that_over_all_possible_ranks(false_alarm: float) -> None:
+    """Of five ranks among four draws, all of them counted."""
     n, n_draws = 5, 4
     band = ecdf_band(n, n_draws, false_alarm)
     every = itertools.product(range(n_draws + 1), repeat=n)
-    out = np.mean([not band.holds(np.array(ranks)) for ranks in every])
-    assert band.false_alarm == pytest.approx(out, abs=1e-12)
-    assert out <= false_alarm
+    outside = np.mean([not band.holds(np.array(ranks)) for ranks in every])
+    assert band.false_alarm == pytest.approx(outside, abs=1e-12)
+    assert outside <= false_alarm
 
 
-@run_cases("false_alarm", [0.05, 0.001])
-def test_bands_use_nearly_all_of_the_chance_they_are_given(false_alarm: float) -> None:
-    """Kills a band that is valid because it is too wide."""
-    for n, n_draws in ((100, 49), (N, L), (1000, L)):
-        assert 0.95 * false_alarm < ecdf_band(n, n_draws, false_alarm).false_alarm <= false_alarm
+@run_cases("n, n_draws", [(100, 49), (N, L), (1000, L)])
+def test_a_band_is_as_narrow_as_its_false_alarms_allow(n: int, n_draws: int) -> None:
+    for chance in (0.05, 0.001):
+        assert 0.95 * chance < ecdf_band(n, n_draws, chance).false_alarm <= chance
 
 
-def test_a_band_of_counts_is_the_binomials() -> None:
+def test_a_band_of_counts_is_that_of_a_binomial() -> None:
     low, high = count_band(N, 0.8, 0.01)
     counts = np.random.default_rng(4).binomial(N, 0.8, 400_000)
-    for out, one_less in (
-        (np.mean(counts < low), np.mean(counts < low + 1)),
-        (np.mean(counts > high), np.mean(counts > high - 1)),
-    ):
-        assert out < 0.0055 < 0.0065 < one_less + 0.002
+    for outside, narrower in ((counts < low, counts < low + 1), (counts > high, counts > high - 1)):
+        assert np.mean(outside) < 0.0055 < 0.0065 < np.mean(narrower) + 0.002
 
 
-def test_the_reach_is_above_one_just_outside() -> None:
+def test_the_reach_of_ranks_is_above_one_just_outside_their_band() -> None:
     band = ecdf_band(60, 19, 0.5)
     ranks = np.random.default_rng(2).integers(0, 20, (2000, 60))
     reach, holds = (np.array([f(row) for row in ranks]) for f in (band.reach, band.holds))
@@ -85,33 +81,28 @@ def test_the_reach_is_above_one_just_outside() -> None:
     assert 0.3 < holds.mean() < 0.7
 
 
-# --- ranks ---------------------------------------------------------------------------------------
-
-
 def test_ties_are_broken_evenly() -> None:
     """Three of ten draws equal the truth, two are below: ranks 2 to 5, a quarter each."""
-    rng = np.random.default_rng(5)
-    draws = np.array([0.0, 0.0, 1.0, 1.0, 1.0, 2.0, 2.0, 2.0, 2.0, 2.0])
-    found = np.bincount([rank(1.0, draws, rng) for _ in range(4000)], minlength=11)
-    assert found.sum() == found[2:6].sum()
-    assert np.all(abs(found[2:6] - 1000) < 4 * np.sqrt(750))
+    rng, draws = np.random.default_rng(5), np.array([0.0] * 2 + [1.0] * 3 + [2.0] * 5)
+    counts = np.bincount([rank(1.0, draws, rng) for _ in range(4000)], minlength=11)
+    assert counts.sum() == counts[2:6].sum()
+    assert np.all(abs(counts[2:6] - 1000) < 4 * np.sqrt(750))
 
 
-# --- the verdict ---------------------------------------------------------------------------------
+# --- the verdict -------------------------------------------------------------------------------------
 
 
 def conjugate(
-    narrow: float = 1.0, shift: float = 0.0, n: int = N, correlation: float = 0.0, every: int = 1
+    narrow: float = 1.0, shift: float = 0.0, correlation: float = 0.0, every: int = 1
 ) -> np.ndarray:
-    """Ranks `(n, 3)` of two normal means with normal priors, and of the log likelihood.
+    """Return ranks `(N, 3)` of two normal means with normal priors, and of the log likelihood.
 
-    Exact posterior draws, their sd times `narrow`, moved by `shift` sd; successive draws have the
-    `correlation`, and `every`-th is used.
+    The posterior draws are exact, but for their sd times `narrow`, a `shift` in sds, and the
+    `correlation` of successive ones, of which each `every`-th is used.
     """
-    rng = np.random.default_rng(6)
-    sd = 1 / np.sqrt(1 + 1 / 0.25)  # of the posterior, noise variance 0.25
-    table = np.empty((n, 3), dtype=int)
-    for row in table:
+    rng, sd = np.random.default_rng(6), 1 / np.sqrt(1 + 1 / 0.25)  # of a noise variance of 0.25
+    ranks = np.empty((N, 3), dtype=int)
+    for row in ranks:
         truth = rng.standard_normal(2)
         y = truth + 0.5 * rng.standard_normal(2)
         z = rng.standard_normal((L * every, 2))
@@ -121,100 +112,82 @@ def conjugate(
         fit = [-((y - x) ** 2).sum(axis=-1) for x in (truth, draws)]
         row[:2] = [rank(t, x, rng) for t, x in zip(truth, draws.T, strict=True)]
         row[2] = rank(fit[0], fit[1], rng)
-    return table
+    return ranks
 
 
 def test_exact_posteriors_are_calibrated() -> None:
-    found = verdict(conjugate())
-    assert found.calibrated, words.verdict(found)
-    assert "calibrated: over 200 refits" in words.verdict(found)
+    result = verdict(conjugate())
+    assert result.calibrated, words.verdict(result)
+    assert "calibrated: over 200 refits" in words.verdict(result)
+    assert verdict(conjugate(correlation=0.98, every=150)).calibrated  # of nearly independent draws
 
 
 @run_cases(
-    "wrong, shape",
+    "fault, shape",
     [
-        ({"narrow": 1 / np.sqrt(2)}, "posterior too narrow"),
+        ({"narrow": 1 / np.sqrt(2)}, "posterior too narrow"),  # without the 1/2 of the misfit
         ({"narrow": 1.5}, "posterior too wide"),
         ({"shift": 0.5}, "posterior too high"),
         ({"shift": -0.5}, "posterior too low"),
+        ({"correlation": 0.98}, "posterior too narrow"),
     ],
 )
-def test_wrong_posteriors_are_not(wrong: dict[str, float], shape: str) -> None:
-    """sqrt 2 is the 1/2 of the misfit forgotten. Kills a band too wide to see it."""
-    found = verdict(conjugate(**wrong))
-    assert not found.calibrated
-    assert shape in {quantity.shape for quantity in found.quantities[:2]}
-    assert found.faults[0].startswith("ranks of ")
-    assert shape in words.verdict(found)
+def test_a_wrong_posterior_is_not_calibrated(fault: dict[str, float], shape: str) -> None:
+    result = verdict(conjugate(**fault))
+    assert not result.calibrated
+    assert shape in {quantity.shape for quantity in result.quantities[:2]}
+    assert result.faults[0].startswith("ranks of ")
+    assert shape in words.verdict(result)
 
 
-def test_a_posterior_that_ignores_the_record_is_seen_by_its_log_likelihood() -> None:
-    """The prior itself ranks every parameter evenly (Modrak et al. 2023); kills leaving it out."""
-    rng = np.random.default_rng(7)
-    table = np.empty((N, 2), dtype=int)
-    for row in table:
+def test_a_posterior_that_ignores_the_record_is_noticed_by_its_log_likelihood() -> None:
+    """The prior itself ranks every parameter evenly (Modrak et al. 2023)."""
+    rng, ranks = np.random.default_rng(7), np.empty((N, 2), dtype=int)
+    for row in ranks:
         truth, draws = rng.standard_normal(), rng.standard_normal(L)
         y = truth + 0.5 * rng.standard_normal()
         row[:] = rank(truth, draws, rng), rank(-((y - truth) ** 2), -((y - draws) ** 2), rng)
-    found = verdict(table)
-    assert found.quantities[0].holds
-    assert found.faults == (f"ranks of {LOG_LIKELIHOOD} leave the band (posterior too wide)",)
+    result = verdict(ranks)
+    assert result.quantities[0].holds
+    assert result.faults == (f"ranks of {LOG_LIKELIHOOD} leave the band (posterior too wide)",)
 
 
-def test_correlated_draws_look_too_narrow_and_thinned_ones_do_not() -> None:
-    """Why ranks are among nearly independent draws."""
-    found = verdict(conjugate(correlation=0.98))
-    assert "posterior too narrow" in {quantity.shape for quantity in found.quantities[:2]}
-    assert verdict(conjugate(correlation=0.98, every=150)).calibrated
-
-
-@pytest.mark.parametrize(
-    "together",
-    [
-        pytest.param(False, marks=pytest.mark.slow, id="independent"),
-        pytest.param(True, id="the same"),
-    ],
-)
-def test_a_right_posterior_is_found_wrong_as_seldom_as_stated(together: bool) -> None:
-    """Studies of five quantities; kills a band not adjusted for their number.
-
-    Where all quantities have the same ranks the union bound is far from sharp, but holds.
-    """
-    rng = np.random.default_rng(8)
-    n, n_draws, studies = 60, 19, 1500 if together else 4000
+@pytest.mark.parametrize("alike", [pytest.param(False, marks=pytest.mark.slow), True])
+def test_a_right_posterior_is_found_wrong_as_seldom_as_stated(alike: bool) -> None:
+    """In studies of five quantities, which may all have the same ranks."""
+    rng, n, n_draws, studies = np.random.default_rng(8), 60, 19, 1500 if alike else 4000
     wrong = 0
     for _ in range(studies):
-        table = rng.integers(0, n_draws + 1, (n, 1 if together else 5))
-        wrong += bool(verdict(np.broadcast_to(table, (n, 5)), n_draws).faults)
+        ranks = rng.integers(0, n_draws + 1, (n, 1 if alike else 5))
+        wrong += bool(verdict(np.broadcast_to(ranks, (n, 5)), n_draws).faults)
     assert wrong / studies < FALSE_ALARM + 3 * np.sqrt(FALSE_ALARM / studies)
-    if not together:
+    if not alike:  # then the bound for all of them is sharp
         by_ranks = 5 * ecdf_band(n, n_draws, 0.1 * FALSE_ALARM).false_alarm
         assert wrong / studies > by_ranks - 3 * np.sqrt(by_ranks / studies)
 
 
+UNIFORM = np.random.default_rng(9).integers(0, L + 1, (N, 3))
+
+
 def test_refits_that_did_not_converge_stay_in_the_ranks_and_forbid_the_verdict() -> None:
-    table = np.random.default_rng(9).integers(0, L + 1, (N, 3))
-    few, many = verdict(table, strayed=10), verdict(table, strayed=11)
+    few, many = verdict(UNIFORM, strayed=10), verdict(UNIFORM, strayed=11)
     assert few.calibrated
     assert not many.calibrated
     assert many.band.n == N
     assert words.verdict(many).startswith("no verdict: 11 of 200 refits did not converge")
-    assert "0, 1, 2, 3" in words.refits(many, refits(table, 11))
+    assert "0, 1, 2, 3" in words.refits(many, refits(UNIFORM, 11))
 
 
 def test_a_refit_without_draws_forbids_the_verdict() -> None:
-    table = np.random.default_rng(9).integers(0, L + 1, (N, 3))
-    found = verdict(table, strayed=1, lost=1)
-    assert (found.lost, found.band.n, found.calibrated) == ((0,), N - 1, False)
-    assert "1 of 200 refits gave no draws" in words.verdict(found)
+    result = verdict(UNIFORM, strayed=1, lost=1)
+    assert (result.lost, result.band.n, result.calibrated) == ((0,), N - 1, False)
+    assert "1 of 200 refits gave no draws" in words.verdict(result)
 
 
-def test_intervals_cover_what_they_say() -> None:
+def test_intervals_cover_as_many_refits_as_their_share() -> None:
     """Ranks 25 to 74 of 0 to 99 lie between the draws that bound the middle half."""
     ranks = np.repeat(np.arange(L + 1), 2)
-    found = verdict(np.stack([ranks, ranks], axis=-1))
-    for interval in found.quantities[0].intervals:
+    intervals = verdict(np.stack([ranks, ranks], axis=-1)).quantities[0].intervals
+    assert [interval.share for interval in intervals] == pytest.approx([0.5, 0.8, 0.94])
+    for interval in intervals:
         assert interval.inside == pytest.approx(interval.share * N)
-    assert [interval.share for interval in found.quantities[0].intervals] == pytest.approx(
-        [0.5, 0.8, 0.94]
-    )

@@ -1,107 +1,245 @@
-"""Model, noise or neither: what the log evidence of several models of one record says."""
+"""Runs compared by evidence and by distance, and experiments compared with each other."""
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from support.case_tables import run_cases
 from support.compared_models import model, problem
+from support.figure_checks import posterior as figure_draws
+from support.missing_physics import best
+from support.scipy_oracles import NOMINAL, ORDER
+from support.small_problems import experiment, likelihood_of, unknown, vector
 
-from bayesdrill.analysis import comparison
-from bayesdrill.analysis.comparison import RunSummary, Word, decide, probabilities
-from bayesdrill.report.sections import comparison_words
+from bayesdrill.analysis.comparison import (
+    PosteriorSummary,
+    RepeatedProduct,
+    RunSummary,
+    Word,
+    decide,
+    differing,
+    overlay_rows,
+    probabilities,
+    repeats,
+)
+from bayesdrill.analysis.identifiability.information import SensitivityStudy
+from bayesdrill.inference.noise.contract import NoisyChannel
+from bayesdrill.inference.noise.white import White
+from bayesdrill.inference.posterior import Posterior
+from bayesdrill.inference.priors import Uniform
+from bayesdrill.inference.unknowns import ParameterSpace
+from bayesdrill.report.sections import comparison_words, verdict_words
+from bayesdrill.rig.models.motor_shaft import MotorShaft
+from bayesdrill.rig.simulators.exact import Response
+
+# --- the word that the evidence of several models has ------------------------------------------------
 
 GIVEN = model("given", 0.0)
-FRICTION = {"rig": "rubbing"}
-RED = {"noise": "ar1"}
+FRICTION, RED = {"rig": "rubbing"}, {"noise": "ar1"}
+BOTH = {**FRICTION, **RED}
 
-CASES: dict[str, tuple[list[RunSummary], Word, str]] = {
-    "one thing alone": ([GIVEN, model("b", 2.0, **FRICTION), model("c", 1.0, **RED)], "neither", "b"),
-    "the first": ([GIVEN, model("b", -5.0, **FRICTION)], "neither", "given"),
+
+def models(friction: float, red: float, both: float | None = None) -> list[RunSummary]:
+    """Return the given model, and three others with these log evidences."""
+    more = [] if both is None else [model("d", both, **BOTH)]
+    return [GIVEN, model("b", friction, **FRICTION), model("c", red, **RED), *more]
+
+
+WORDS: dict[str, tuple[list[RunSummary], Word, str]] = {
+    "too little": (models(2.0, 1.0), "neither", "b"),
+    "the first": (models(-5.0, -6.0), "neither", "given"),
     "by chance": ([GIVEN, model("b", 4.0, **FRICTION, error=1.0)], "neither", "b"),
-    "friction": ([GIVEN, model("b", 40.0, **FRICTION), model("c", 20.0, **RED)], "model", "b"),
-    "red noise": ([GIVEN, model("b", 20.0, **FRICTION), model("c", 40.0, **RED)], "noise", "c"),
-    "nobody knows": ([GIVEN, model("b", 41.0, **FRICTION), model("c", 40.0, **RED)], "either", "b"),
-    "both": (
-        [GIVEN, model("b", 20.0, **FRICTION), model("c", 30.0, **RED),
-         model("d", 60.0, **FRICTION, **RED)], "both", "d",
-    ),
-    "friction beside red noise that is not needed": (
-        [GIVEN, model("b", 59.0, **FRICTION), model("c", 30.0, **RED),
-         model("d", 60.0, **FRICTION, **RED)], "model", "d",
-    ),
-    "red noise beside friction that is not needed": (
-        [GIVEN, model("b", 20.0, **FRICTION), model("c", 59.0, **RED),
-         model("d", 60.0, **FRICTION, **RED)], "noise", "d",
-    ),
+    "friction": (models(40.0, 20.0), "model", "b"),
+    "red noise": (models(20.0, 40.0), "noise", "c"),
+    "friction or noise": (models(41.0, 40.0), "either", "b"),
+    "both": (models(20.0, 30.0, 60.0), "both", "d"),
+    "friction, and red noise that is not needed": (models(59.0, 30.0, 60.0), "model", "d"),
+    "red noise, and friction that is not needed": (models(20.0, 59.0, 60.0), "noise", "d"),
     "priors": ([GIVEN, model("b", 10.0)], "priors", "b"),
-}  # fmt: skip
+}
 
 
-@run_cases("models, word, best", CASES.values(), CASES)
-def test_the_word_is_that_of_the_odds(models: list[RunSummary], word: Word, best: str) -> None:
-    """Mutants killed: the best against the first alone; no standard error."""
-    found = decide(models)
-    assert (found.word, models[found.best].name) == (word, best)
-    said = next(iter(comparison_words.comparison_verdict(models)))
+@run_cases("models, word, best", WORDS.values(), WORDS)
+def test_the_word_follows_from_the_odds(models: list[RunSummary], word: Word, best: str) -> None:
+    result = decide(models)
+    assert (result.word, models[result.best].name) == (word, best)
+    sentence = next(iter(comparison_words.comparison_verdict(models)))
     shown = {"both": "MODEL AND NOISE", "either": "MODEL OR NOISE"}.get(word, word.upper())
-    assert said.startswith(f"verdict: {shown}")
+    assert sentence.startswith(f"verdict: {shown}")
 
 
 def test_odds_are_those_of_the_evidence() -> None:
     shares = probabilities([model("a", -3000.0), model("b", -3000.0 + math.log(3.0))])
     assert shares == pytest.approx((0.25, 0.75))
-    assert [comparison_words.odds(x) for x in (0.0, math.log(7.5), math.log(120.4), 35.2)] == [
-        "1", "7.5", "120", "e^35",
-    ]  # fmt: skip
+    texts = [comparison_words.odds(x) for x in (0.0, math.log(7.5), math.log(120.4), 35.2)]
+    assert texts == ["1", "7.5", "120", "e^35"]
 
 
-def test_vague_priors_are_named_where_they_may_have_decided() -> None:
-    """Of a model that has lost by little, and not by a prior that the best has too.
+@run_cases(
+    "other, named",
+    [
+        (model("b", -4.0, vague="c_s"), ("c_s",)),
+        (model("b", -40.0, vague="c_s"), ()),
+        (model("b", -4.0, vague="k_s"), ()),
+        (model("b", -4.0, vague="k_s", prior="another"), ("k_s",)),
+    ],
+    ["lost by little", "lost by far", "a prior of both", "another prior"],
+)
+def test_vague_priors_are_named_where_they_may_have_decided(
+    other: RunSummary, named: tuple[str, ...]
+) -> None:
+    assert decide([model("best", 0.0, vague="k_s"), other]).vague == named
 
-    Mutants killed: all vague priors; those of the best.
-    """
 
-    def named(*others: RunSummary) -> tuple[str, ...]:
-        return decide([model("best", 0.0, vague="k_s"), *others]).vague
-
-    assert named(model("b", -4.0, vague="c_s")) == ("c_s",)
-    assert named(model("b", -40.0, vague="c_s")) == ()
-    assert named(model("b", -4.0, vague="k_s")) == ()
-    assert named(model("b", -4.0, vague="k_s", prior="another")) == ("k_s",)
-
-
-def test_what_must_not_be_believed_is_said() -> None:
-    models = [GIVEN, model("stopped", 30.0, **FRICTION, rms=2.0)]
-    said = "\n".join(comparison_words.comparison_verdict(models))
-    assert "more than noise: none of these models explains the whole record" in said
-    assert "stopped did not converge" in said
-    table = comparison_words.comparison_table(models)
+def test_models_that_must_not_be_believed_are_named_with_the_reasons() -> None:
+    stopped = [GIVEN, model("stopped", 30.0, **FRICTION, rms=2.0)]
+    text = "\n".join(comparison_words.comparison_verdict(stopped))
+    assert "more than noise: none of these models explains the whole record" in text
+    assert "stopped did not converge" in text
+    table = comparison_words.comparison_table(stopped)
     assert [line[0] for line in table.lines] == ["stopped (NOT CONVERGED)", "given"]
+    reasons = ("w_1 is off", "and coloured")
+    layer = replace(GIVEN.layer, warning="DOES NOT FIT: much", reasons=reasons)
+    doubted = [replace(GIVEN, layer=layer), model("best", 30.0, **FRICTION)]
+    text = "\n".join(comparison_words.comparison_verdict(doubted))
+    warning = "  DO NOT BELIEVE given: DOES NOT FIT: much\n    - w_1 is off\n    - and coloured"
+    assert warning in text
+    assert "BELIEVE best" not in text
 
 
-def test_a_comparison_names_why_a_model_must_not_be_believed() -> None:
-    """Mutants killed: the reasons of the best alone; a warning without its reasons."""
-    layer = replace(
-        GIVEN.layer, warning="DOES NOT FIT: much", reasons=("w_1 is off", "and coloured")
+# --- distances between posteriors --------------------------------------------------------------------
+
+
+def layer(name: str, shift: float = 0.0, stretch: float = 1.0, **settings: str) -> PosteriorSummary:
+    """Return draws that are moved by `shift` sds, and stretched about their means."""
+    x = figure_draws(3000)[:, :9]
+    mean, sd = x.mean(axis=0), x.std(axis=0, ddof=1)
+    draws = mean + stretch * (x - mean) + shift * sd
+    return PosteriorSummary(name=name, mark=name, problem=problem(), draws=draws, settings=settings)
+
+
+def test_a_run_has_no_distance_from_itself() -> None:
+    rows = overlay_rows([layer("a"), layer("a")])
+    assert [row.symbol.name for row in rows] == list(problem().names)
+    assert all(row.distance == 0.0 and row.pair == (0, 1) for row in rows)
+    assert all(row.agreed == problem().nominal[row.symbol.name] for row in rows)
+
+
+@run_cases("shift, stretch", [(2.0, 1.0), (-0.7, 1.0), (3.0, 4.0)])
+def test_the_distance_of_shifted_draws_is_the_shift(shift: float, stretch: float) -> None:
+    """In root mean squares of both sds."""
+    for row in overlay_rows([layer("a"), layer("b", shift, stretch)]):
+        assert row.distance == pytest.approx(abs(shift) / np.sqrt((1 + stretch**2) / 2))
+        first, second = row.places
+        assert first is not None
+        assert second is not None
+        assert second.sd == pytest.approx(stretch * first.sd)
+        assert first.low < first.mean < first.high
+
+
+def test_of_several_runs_the_farthest_two_are_named() -> None:
+    for row in overlay_rows([layer("a", 0.2), layer("b", -1.0), layer("c", 1.5)]):
+        assert row.pair == (1, 2)
+        assert row.distance == pytest.approx(2.5)
+
+
+def test_an_unknown_that_one_run_holds_or_lacks_has_no_distance() -> None:
+    """One run holds k_e, knows nothing of k_s, and has another nominal value of j_1."""
+    whole = layer("a")
+    posterior, names = problem().posterior, problem().names
+    kept = [k for k, name in enumerate(names) if name not in ("k_e", "k_s")]
+    space = replace(posterior.space, fixed={"k_e": 0.06})
+    less = replace(
+        problem(),
+        posterior=replace(posterior, space=space),
+        symbols=tuple(problem().symbols[k] for k in kept),
+        nominal={**problem().nominal, "j_1": 0.03},
     )
-    said = "\n".join(
-        comparison_words.comparison_verdict(
-            [replace(GIVEN, layer=layer), model("best", 30.0, **FRICTION)]
-        )
-    )
-    assert (
-        "  DO NOT BELIEVE given: DOES NOT FIT: much\n    - w_1 is off\n    - and coloured" in said
-    )
-    assert "BELIEVE best" not in said
+    other = replace(whole, problem=less, draws=whole.draws[:, kept])
+    rows = {row.symbol.name: row for row in overlay_rows([whole, other])}
+    held = rows["k_e"].places[1]
+    assert held is not None
+    assert (held.fixed, held.mean) == (True, 0.06)
+    assert not rows["k_e"].shared
+    assert (rows["k_s"].places[1], rows["k_s"].distance) == (None, None)
+    assert rows["c_m"].distance == 0.0
+    assert rows["j_1"].agreed is None
 
 
-def test_a_table_of_models_without_nominal_values_has_no_column_of_them() -> None:
-    """Nor one for how far apart unknowns are that no two of them share."""
-    some = problem().symbols
-    bare = [replace(problem(), nominal={}, symbols=own) for own in (some[:3], some[3:6])]
-    layers = [replace(GIVEN.layer, name=n, problem=p) for n, p in zip("ab", bare, strict=True)]
-    heads = comparison_words.overlay_table(layers, comparison.overlay_rows(layers)).heads
+def test_settings_that_are_not_the_same_everywhere_are_named() -> None:
+    layers = [layer("a", seed="1", k_s="normal"), layer("b", seed="1", k_e="held")]
+    assert differing(layers) == {"k_s": ("normal", None), "k_e": (None, "held")}
+    assert differing([layer("a", seed="1"), layer("b", seed="1")]) == {}
+
+
+def test_a_table_of_runs_without_nominal_values_has_no_column_of_them() -> None:
+    """Nor one of distances, where no unknown is shared."""
+    symbols = problem().symbols
+    problems = [replace(problem(), nominal={}, symbols=own) for own in (symbols[:3], symbols[3:6])]
+    layers = [replace(GIVEN.layer, name=n, problem=p) for n, p in zip("ab", problems, strict=True)]
+    heads = comparison_words.overlay_table(layers, overlay_rows(layers)).heads
     assert heads == ("", "unit", "a", "b")
+
+
+# --- experiments with one rig ------------------------------------------------------------------------
+
+SIGMA, FREE = 0.05, ("k_e", "k_s", "j_1")
+MEASURES = {"w_1": {"w_1": 1.0}, "w_2": {"w_2": 1.0}}
+
+
+def compared(
+    stiffer: float, seed: int = 0, volts: tuple[float, ...] = (3.0, 8.0, 5.0)
+) -> tuple[RepeatedProduct, ...]:
+    """Return the comparison of experiments, in the last of which the shaft is so much stiffer."""
+    rng, pairs = np.random.default_rng(seed), []
+    for k, volt in enumerate(volts):
+        clean = experiment(200, 0.01, constant={"v": volt, "t_1": 0.0}, measures=MEASURES)
+        k_s = NOMINAL["k_s"] * (stiffer if k == 2 else 1.0)
+        y = Response(MotorShaft(), clean).signals(vector({**NOMINAL, "k_s": k_s})[None])[0]
+        record = replace(clean, y=y + SIGMA * rng.standard_normal(y.shape))
+        noisy = [NoisyChannel(channel=c, sigma=SIGMA, start=SIGMA) for c in record.channels]
+        pairs.append((Response(MotorShaft(), record), White.from_channels(noisy, len(y))))
+    priors = {name: Uniform(0.5 * NOMINAL[name], 2 * NOMINAL[name]) for name in FREE}
+    unknowns = tuple(unknown(name, prior) for name, prior in priors.items())
+    fixed = {name: NOMINAL[name] for name in ORDER if name not in FREE}
+    space = ParameterSpace(model=ORDER, unknowns=unknowns, fixed=fixed)
+    likelihood = likelihood_of(space, *pairs)
+    labelled = [
+        replace(one, label=f"run_{k}") for k, one in enumerate(likelihood.observations, start=1)
+    ]
+    likelihood = dataclasses.replace(likelihood, observations=tuple(labelled))
+    theta = best(Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates))
+    return repeats(SensitivityStudy(likelihood), theta, [(1, 0, 0), (0, 1, -1), (0, 0, 1)])
+
+
+@pytest.mark.slow
+def test_experiments_with_one_rig_hardly_ever_differ() -> None:
+    """Over 16 sets p is uniform enough."""
+    p = np.array([[product.p for product in compared(1.0, seed)] for seed in range(16)])
+    assert 0.3 < p.mean() < 0.7
+    assert (p < 0.01 / 3).sum() <= 2
+
+
+def test_a_shaft_that_changes_between_experiments_is_noticed_with_its_size() -> None:
+    """4 % more stiffness in one of three: a standard deviation of the logs of 0.0226."""
+    products = compared(1.04)
+    k_e, ratio, _ = products
+    assert ratio.differs
+    assert not k_e.differs
+    assert ratio.labels == ("run_1", "run_2", "run_3")
+    apart = np.array(ratio.apart)
+    assert apart[2] - apart[:2].mean() == pytest.approx(np.log(1.04), abs=4 * max(ratio.sds))
+    assert ratio.spread == pytest.approx(np.log(1.04) / np.sqrt(3), rel=0.4)
+    text = verdict_words.repeats_sentence(products, FREE)
+    assert "do not show the same rig" in text
+    assert "k_s/j_1" in text.replace(" ", "")
+    assert len(verdict_words.repeats_table(products, FREE).lines) == 3
+
+
+def test_one_experiment_has_none_to_compare() -> None:
+    assert compared(1.0, volts=(8.0,)) == ()
+    assert verdict_words.repeats_sentence((), FREE) == ""

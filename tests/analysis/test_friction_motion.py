@@ -1,4 +1,4 @@
-"""Laws of friction over the speeds of a record, by what else they look at."""
+"""Laws of friction over the speeds of a record."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ P = {"k_s": 4.3, "j_1": 8.1e-3, "c_s": 0.02, "c_1": 0.03, **ROCK}
 
 
 def test_a_law_is_shown_at_the_root_mean_square_of_the_weight_that_acts() -> None:
-    """Its sensor has a gain and an offset.  Mutant killed: the weight as it was recorded."""
+    """The weight on the bit is not the recorded one: its sensor has a gain and an offset."""
     rig = DrivenShaft(added=("c_s", "c_1", *ROCK))
     weight = 500.0 + 80.0 * np.sin(np.arange(100))
     record = experiment(

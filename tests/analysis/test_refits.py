@@ -1,49 +1,103 @@
-"""Refits of candidates: what they hide, from where they start, and what they cannot tell."""
+"""Refits of candidates: their evidence, what they hide, where they start, what they cannot tell."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 import pytest
+from scipy.stats import multivariate_normal
+from support.case_tables import run_cases
+from support.scipy_oracles import NOMINAL
 
 import bayesdrill as bd
-from bayesdrill.analysis.refits import measured_samples, refit_candidate
+from bayesdrill.analysis.refits import RefitMaximum, measured_samples, refit_candidate
 from bayesdrill.inference.posterior import Posterior
 
 T = 0.01 * np.arange(200)
 FREE = {"prior": "log_uniform", "low": 1e-3, "high": 10.0}
 
 
-def swing(window: list[float] | None = None, *, noisy: bool = True) -> Posterior:
-    """A pendulum that is let go; nothing drives it."""
+def refit(
+    posterior: Posterior, start: Mapping[str, float] | None = None, *more: Any
+) -> RefitMaximum:
+    result = refit_candidate(posterior, start or {}, -np.inf, *more)
+    assert result is not None
+    return result
+
+
+def swing(**record: list[float]) -> Posterior:
+    """Return that of a pendulum that is let go, which nothing drives."""
     rig = bd.Train(inertias=("arm",), gravity=("arm",), added=("c_arm",))
     p = {"j_arm": 0.02, "g_arm": 1.0, "c_arm": 0.01}
     y = bd.respond(rig, p, T, {}, ["theta_arm"], initial={"theta_arm": 0.8})["theta_arm"]
-    y = y + 0.01 * noisy * np.random.default_rng(1).standard_normal(len(T))
-    case = bd.case(
-        T,
-        {"theta_arm": bd.Channel(y, "rad", 0.01)},
-        {},
-        {**p, "j_arm": FREE, "c_arm": FREE},
-        rig=rig,
-        initial="free",
-        **({} if window is None else {"record": {"window": window}}),
-    )
+    y = y + 0.01 * np.random.default_rng(1).standard_normal(len(T))
+    channels, unknowns = {"theta_arm": bd.Channel(y, "rad", 0.01)}, {"j_arm": FREE, "c_arm": FREE}
+    case = bd.case(T, channels, {}, p | unknowns, rig=rig, initial="free", record=record)
     return case.job.problem.posterior
 
 
-def test_samples_that_a_candidate_hides_count_as_unexplained() -> None:
-    """In its evidence they are Gaussian about the mean of their channel; in its share all is left.
+def hub(u: np.ndarray, p: dict[str, float], unknown: dict[str, Any], **offset: Any) -> Posterior:
+    """Return that of a motor under the voltage `u`, whose offset may be unknown."""
+    friction = tuple(name for name in p if name == "t_c_hub")
+    rig = bd.Train(inertias=("hub",), drives={"hub": "voltage"}, added=("c_hub", *friction))
+    y = bd.respond(rig, p, T, {"u_hub": u}, ["w_hub"])["w_hub"]
+    y = y + 0.02 * np.random.default_rng(2).standard_normal(len(T))
+    channels, inputs = (
+        {"w_hub": bd.Channel(y, "rad/s", 0.02)},
+        {"u_hub": bd.Input(u, "V", **offset)},
+    )
+    return bd.case(T, channels, inputs, p | unknown, rig=rig).job.problem.posterior
 
-    Mutants killed: hidden samples that count for nothing, or as if they were fitted.
-    """
-    given, later = swing(), swing([0.5, 2.0])
-    records = measured_samples(given.likelihood)
-    near = given.space.start
-    plain, counted = (refit_candidate(later, near, -np.inf, {}, each) for each in ({}, records))
-    whole = refit_candidate(given, near, -np.inf, {}, records)
-    assert plain is not None
-    assert counted is not None
-    assert whole is not None
+
+HUB = {"j_hub": 0.05, "k_T_hub": 1.0, "r_hub": 1.0, "c_hub": 0.3}
+UNKNOWN = {"j_hub": FREE, "c_hub": FREE}
+
+
+def test_the_evidence_of_a_linear_model_is_exact() -> None:
+    """Offsets of channels and of the supply act linearly: the record is Gaussian, and its covariance
+    is written down."""
+    n, rng = 120, np.random.default_rng(2)
+    t, values, wanted = 0.01 * np.arange(n), NOMINAL | {"t_f": 0.0}, ["theta_2", "w_1"]
+    v = 5.0 * np.sign(np.sin(5.0 * t + 0.4))
+    sds = {"theta_2": 2e-3, "w_1": 0.01, "v": 0.01}  # as sure as the record
+
+    def signals(volts: np.ndarray) -> np.ndarray:
+        columns = bd.respond("motor_shaft", values, t, {"v": volts}, wanted)
+        return np.concatenate([columns[name] for name in wanted])
+
+    noise, clean = np.repeat([0.02, 0.1], n), signals(v)
+    y = signals(v + 0.01) + noise * rng.standard_normal(2 * n)
+    offsets = np.repeat(np.eye(2), n, axis=0)
+    rows = np.column_stack([offsets, signals(v + 1.0) - clean]) * [*sds.values()]
+    exact = multivariate_normal(clean, np.diag(noise**2) + rows @ rows.T).logpdf(y)
+    offset = {name: {"prior": "normal", "mean": 0.0, "sd": sd} for name, sd in sds.items()}
+    case = bd.case(
+        t,
+        channels={
+            "theta_2": bd.Channel(y[:n], "rad", 0.02, offset=offset["theta_2"]),
+            "w_1": bd.Channel(y[n:], "rad/s", 0.1, offset=offset["w_1"]),
+        },
+        inputs={"v": bd.Input(v, "V", offset=offset["v"])},
+        parameters=values,
+    )
+    assert {*case.unknowns} == {f"offset_{name}" for name in sds}
+    result = refit(case.job.problem.posterior)
+    assert result.log_z == pytest.approx(exact, abs=0.01)
+    assert not result.at_ends
+    assert not result.several
+
+
+def test_samples_that_a_candidate_hides_count_as_unexplained() -> None:
+    """In its evidence they are Gaussian about the mean of their channel; of their size all is left."""
+    given, later = swing(), swing(window=[0.5, 2.0])
+    records, start = measured_samples(given.likelihood), given.space.start
+    plain, counted, whole = (
+        refit(later, start),
+        refit(later, start, {}, records),
+        refit(given, start, {}, records),
+    )
     assert (whole.hidden, plain.hidden) == (0.0, 0.0)
     assert counted.hidden == pytest.approx(0.25)
     y = given.likelihood.observations[0].experiment.y[:, 0]
@@ -52,64 +106,39 @@ def test_samples_that_a_candidate_hides_count_as_unexplained() -> None:
     assert counted.log_z - plain.log_z == pytest.approx(density, rel=1e-6)
     assert counted.log_posterior - plain.log_posterior == pytest.approx(density, rel=1e-6)
     theta = later.space.vector(counted.values)[None]
-    left = y[50:] - later.likelihood.signals(theta)[0, :, 0]
-    wanted = np.sqrt((np.sum(left**2) + np.sum(unseen**2)) / np.sum((y - y.mean()) ** 2))
-    assert counted.fit[0].share == pytest.approx(wanted, rel=1e-3)
+    residuals = y[50:] - later.likelihood.signals(theta)[0, :, 0]
+    share = (np.sum(residuals**2) + np.sum(unseen**2)) / np.sum((y - y.mean()) ** 2)
+    assert counted.fit[0].share == pytest.approx(np.sqrt(share), rel=1e-3)
     assert counted.log_z < whole.log_z
 
 
-def test_unknowns_that_stand_for_each_other_are_named() -> None:
-    """A motor that turns one way: dry friction and an offset of its voltage.  Both ways they do not.
-
-    Mutant killed: correlations of what was known before.
-    """
-    for turns, alike in ((False, True), (True, False)):
-        u = 4.0 + np.sin(9.0 * T) if not turns else 4.0 * np.sign(np.sin(9.0 * T))
-        rig = bd.Train(inertias=("hub",), drives={"hub": "voltage"}, added=("c_hub", "t_c_hub"))
-        p = {"j_hub": 0.05, "k_T_hub": 1.0, "r_hub": 1.0, "c_hub": 0.3, "t_c_hub": 0.5}
-        y = bd.respond(rig, p, T, {"u_hub": u}, ["w_hub"])["w_hub"]
-        y = y + 0.02 * np.random.default_rng(2).standard_normal(len(T))
-        case = bd.case(
-            T,
-            {"w_hub": bd.Channel(y, "rad/s", 0.02)},
-            {"u_hub": bd.Input(u, "V", offset={"prior": "normal", "mean": 0.0, "sd": 1.0})},
-            {
-                **p,
-                "j_hub": FREE,
-                "c_hub": FREE,
-                "t_c_hub": {"prior": "uniform", "low": 0, "high": 3},
-            },
-            rig=rig,
-        )
-        posterior = case.job.problem.posterior
-        near = {name: posterior.space.start[name] for name in ("j_hub", "c_hub")}
-        found = refit_candidate(posterior, near, -np.inf)
-        assert found is not None
-        assert [{*pair} for pair in found.alike] == [{"t_c_hub", "offset_u_hub"}] * alike
+def test_a_start_of_a_candidate_is_used() -> None:
+    result = refit(swing(), {}, {}, {}, [{"j_arm": 0.02, "c_arm": 0.01}])
+    assert result.values["j_arm"] == pytest.approx(0.02, rel=0.02)
 
 
-def test_an_unknown_of_which_a_record_says_nothing_is_vague() -> None:
-    """Mutant killed: sds that are not those of the coordinate in which the prior is wide."""
-    rig = bd.Train(inertias=("hub",), drives={"hub": "voltage"}, added=("c_hub",))
-    free = {"j_hub": FREE, "c_hub": FREE, "k_T_hub": 1.0, "r_hub": 1.0}
-    noise = 0.02 * np.random.default_rng(3).standard_normal(len(T))
-    for size, vague in ((0.0, ("j_hub", "c_hub")), (5.0, ())):
-        u = size * np.sign(np.sin(7.0 * T))
-        p = {"j_hub": 0.05, "k_T_hub": 1.0, "r_hub": 1.0, "c_hub": 0.3}
-        y = bd.respond(rig, p, T, {"u_hub": u}, ["w_hub"])["w_hub"] + noise
-        case = bd.case(
-            T, {"w_hub": bd.Channel(y, "rad/s", 0.02)}, {"u_hub": bd.Input(u, "V")}, free, rig=rig
-        )
-        posterior = case.job.problem.posterior
-        found = refit_candidate(posterior, posterior.space.start, -np.inf)
-        assert found is not None
-        assert found.vague == vague
+@run_cases("high, at_end", [(0.1, True), (10.0, False)])
+def test_a_maximum_at_the_end_of_a_prior_is_noticed(high: float, at_end: bool) -> None:
+    unknown = UNKNOWN | {"c_hub": {"prior": "uniform", "low": 0.05, "high": high, "start": 0.09}}
+    posterior = hub(5.0 * np.sign(np.sin(7.0 * T)), HUB, unknown)
+    assert ("c_hub" in refit(posterior, posterior.space.start).at_ends) == at_end
 
 
-def test_starts_of_a_candidate_are_used() -> None:
-    """Mutant killed: starts that are not read."""
-    posterior = swing()
-    start = {"j_arm": 0.02, "c_arm": 0.01}
-    found = refit_candidate(posterior, {}, -np.inf, {}, {}, [start])
-    assert found is not None
-    assert found.values["j_arm"] == pytest.approx(0.02, rel=0.02)
+@run_cases("turns", [False, True])
+def test_unknowns_that_stand_for_each_other_are_named(turns: bool) -> None:
+    """Dry friction and an offset of the voltage of a motor, unless it turns both ways."""
+    u = 4.0 * np.sign(np.sin(9.0 * T)) if turns else 4.0 + np.sin(9.0 * T)
+    friction = {"prior": "uniform", "low": 0, "high": 3}
+    offset = {"prior": "normal", "mean": 0.0, "sd": 1.0}
+    posterior = hub(u, HUB | {"t_c_hub": 0.5}, UNKNOWN | {"t_c_hub": friction}, offset=offset)
+    near = {name: posterior.space.start[name] for name in UNKNOWN}
+    pairs = [{*pair} for pair in refit(posterior, near).alike]
+    assert pairs == ([] if turns else [{"t_c_hub", "offset_u_hub"}])
+
+
+@run_cases("size, vague", [(0.0, ("j_hub", "c_hub")), (5.0, ())])
+def test_an_unknown_of_which_the_record_says_nothing_is_vague(
+    size: float, vague: tuple[str, ...]
+) -> None:
+    posterior = hub(size * np.sign(np.sin(7.0 * T)), HUB, UNKNOWN)
+    assert refit(posterior, posterior.space.start).vague == vague

@@ -1,192 +1,222 @@
-"""What is suspected of columns, and that sound records are left in peace."""
+"""What is suspected of columns, and what half a sample of an input would move."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from support.case_tables import run_cases
+from support.command_line import ROOT
+from support.missing_physics import DT, MEASURES, SIGMA, N, believed, best, record
+from support.scipy_oracles import NOMINAL
+from support.small_problems import experiment as experiment_of
+from support.small_problems import posterior_of, vector
 
 import bayesdrill as bd
 from bayesdrill.analysis import suspicions
-from bayesdrill.record.experiment import Channel, Experiment
+from bayesdrill.analysis.identifiability.information import SensitivityStudy
+from bayesdrill.analysis.suspicions import half_sample_shift
+from bayesdrill.inference.priors import Uniform
+from bayesdrill.inference.residual_checks import like_noise
+from bayesdrill.record.experiment import Experiment
 from bayesdrill.record.formats import FORMATS, format_of
 from bayesdrill.report import words
 from bayesdrill.rig import MotorShaft
+from bayesdrill.rig.simulators import simulator
+from bayesdrill.rig.simulators.irregular import IrregularSimulator
+from bayesdrill.rig.simulators.sensors import ObservationModel
+from bayesdrill.tasks.conclusions import SampledRun, concluded
 
-ROOT = Path(__file__).parents[2]
 SHARED = ROOT.parent / "shared" / "data"
-CONFIGS = sorted([*(ROOT / "configs").glob("*.yaml"), *(ROOT / "configs" / "paper").glob("*.yaml")])
-
+CONFIGS = [*(ROOT / "configs").glob("*.yaml"), *(ROOT / "configs" / "paper").glob("*.yaml")]
 DEGREE, RPM = np.pi / 180, np.pi / 30
 
 
 def experiment(t: np.ndarray, **columns: np.ndarray) -> Experiment:
-    """Channels under the names of states, `(T,)` each in SI; `twist` is theta_1 - theta_2."""
+    """Return channels under the names of states, `(T,)` each in SI; `twist` is theta_1 - theta_2."""
     weights = {"twist": {"theta_1": 1.0, "theta_2": -1.0}}
-    return Experiment(
-        t=t,
-        y=np.stack(list(columns.values()), axis=-1),
-        channels=tuple(
-            Channel(
-                name=name,
-                weights=weights.get(name, {name: 1.0}),
-                unit="rad/s" if name.startswith("w_") else "rad",
-                latex="",
-                latex_unit="",
-            )
-            for name in columns
-        ),
-        constant={},
-        series={},
-        first_order=False,
-        start={},
-        t_start=0.0,
+    measures = {name: weights.get(name, {name: 1.0}) for name in columns}
+    y = np.stack(list(columns.values()), axis=-1)
+    of = experiment_of(len(t), constant={}, y=y, measures=measures)
+    channels = tuple(
+        replace(one, unit="rad/s" if one.name.startswith("w_") else "rad") for one in of.channels
     )
+    return replace(of, t=t, channels=channels)
+
+
+def said(of: Experiment, *factors: float, gear: float = 1.0) -> list[str]:
+    factors = factors or (1.0,) * len(of.channels)
+    return [*suspicions.suspicions_of_record(of, factors, MotorShaft(gear))]
 
 
 def kinds(of: Experiment, *factors: float) -> list[str]:
-    found = suspicions.suspicions_of_record(
-        of, factors or [1.0] * len(of.channels), MotorShaft(1.0)
-    )
-    return [one.split(":")[0] for one in found]
-
-
-def test_there_are_configs() -> None:
-    assert len(CONFIGS) >= 6
+    return [text.split(":")[0] for text in said(of, *factors)]
 
 
 @run_cases("path", CONFIGS)
-def test_nothing_is_suspected_of_the_records_of_the_house(path: Path) -> None:
-    job = bd.load(path).job
-    assert words.record_suspicions(job.problem) == ()
-
-
-# --- records of rigs of others ---------------------------------------------------------------------
+def test_nothing_is_suspected_of_the_bundled_records(path: Path) -> None:
+    assert words.record_suspicions(bd.load(path).job.problem) == ()
 
 
 def columns_of(name: str, *columns: str | int, variable: str | None = None) -> list[np.ndarray]:
-    path = SHARED / name
-    if not path.exists():
-        pytest.skip(f"{name} is not here")
-    one = FORMATS[format_of(path)]
-    table = one.read(path, one.options(), None)
+    kind = FORMATS[format_of(SHARED / name)]
+    table = kind.read(SHARED / name, kind.options(), None)
     return [table.pick(column, variable) for column in columns]
 
 
-@pytest.mark.parametrize("name", ["square", "sweep", "slow"])
-def test_nothing_is_suspected_of_a_servo_with_coarse_sensors(name: str) -> None:
-    columns = ("time [ms]", "theta [deg]", "alpha [deg]")
-    t, theta, alpha = columns_of(f"simulated_servo/{name}.csv", *columns)
-    of = experiment(t / 1000, theta_2=theta * DEGREE, twist=alpha * DEGREE)
-    assert kinds(of, DEGREE, DEGREE) == []
+@pytest.mark.skipif(not SHARED.is_dir(), reason="records that do not come with the project")
+def test_only_a_differentiated_speed_is_suspected_of_records_of_real_rigs() -> None:
+    for name in ("square", "sweep", "slow"):
+        names = ("time [ms]", "theta [deg]", "alpha [deg]")
+        t, theta, alpha = columns_of(f"simulated_servo/{name}.csv", *names)
+        servo = experiment(t / 1000, theta_2=theta * DEGREE, twist=alpha * DEGREE)
+        assert kinds(servo, DEGREE, DEGREE) == []
+    for name in ("0.06_1", "0.06_3", "0.065_2"):  # its makers differentiated the angle
+        path = f"hsm150_servo/idf_pos_{name}.mat"
+        t, angle, speed = columns_of(path, 1, 3, 4, variable="data")
+        assert kinds(experiment(t, theta_1=angle, w_1=speed)) == ["derived"]
+    names = tuple(f"{x}_Sample_175_complete" for x in ("Time", "Bit_Speed", "Top_Speed"))
+    t, bit, top = columns_of("ufrj_drillstring_rig/175_completo_1.mat", *names)
+    for used in ((t >= 37) & (t <= 41), t >= 0):
+        string = experiment(t[used], w_1=bit[used] * RPM, w_2=top[used] * RPM)
+        assert kinds(string, RPM, RPM) == []
 
 
-@pytest.mark.parametrize("name", ["0.06_1", "0.06_3", "0.065_2"])
-def test_the_speed_of_a_servo_pair_is_the_difference_quotient_of_its_angle(name: str) -> None:
-    """Exactly: so its makers wrote it.  Nothing else is suspected."""
-    t, angle, speed = columns_of(f"hsm150_servo/idf_pos_{name}.mat", 1, 3, 4, variable="data")
-    assert np.abs(speed[1:] - np.diff(angle) / 1e-3).max() < 1e-9
-    assert kinds(experiment(t, theta_1=angle, w_1=speed)) == ["derived"]
+# --- sound columns, and the same ones spoilt ---------------------------------------------------------
 
-
-def test_nothing_is_suspected_of_a_drill_string() -> None:
-    names = ("Time", "Bit_Speed", "Top_Speed")
-    columns = (f"{name}_Sample_175_complete" for name in names)
-    t, bit, top = columns_of("ufrj_drillstring_rig/175_completo_1.mat", *columns)
-    window = (t >= 37) & (t <= 41)
-    for used in (window, t >= 0):
-        of = experiment(t[used], w_1=bit[used] * RPM, w_2=top[used] * RPM)
-        assert kinds(of, RPM, RPM) == []
-
-
-# --- shapes that are sound, and the same ones spoilt -----------------------------------------------
-
-T = np.arange(2001) * 0.005
-RNG = np.random.default_rng(5)
-NOISE = 0.01 * RNG.standard_normal(len(T))
-SWING = np.sin(3.0 * T) * np.exp(-0.2 * T)
-SWING_SPEED = (3.0 * np.cos(3.0 * T) - 0.2 * np.sin(3.0 * T)) * np.exp(-0.2 * T)
+TIMES = np.arange(2001) * 0.005
+NOISE = 0.01 * np.random.default_rng(5).standard_normal(len(TIMES))
+FADING = np.exp(-0.2 * TIMES)
+SWING = np.sin(3.0 * TIMES) * FADING
+SPEED = (3.0 * np.cos(3.0 * TIMES) - 0.2 * np.sin(3.0 * TIMES)) * FADING
 
 
 @run_cases(
     "angle, speed",
     [
-        (SWING, SWING_SPEED),
-        (SWING + NOISE, SWING_SPEED + NOISE),
-        (np.sin(T), np.cos(T)),  # the integral of each is the other, up to a sign
-        (5.0 * T, 5.0 + NOISE),
-        (5.0 * T + NOISE, 5.0 + 0.2 * SWING_SPEED),
-        (np.exp(T), np.exp(T) + NOISE),
+        (SWING, SPEED),
+        (SWING + NOISE, SPEED + NOISE),
+        (np.sin(TIMES), np.cos(TIMES)),  # the integral of each is the other, up to a sign
+        (5.0 * TIMES, 5.0 + NOISE),
+        (5.0 * TIMES + NOISE, 5.0 + 0.2 * SPEED),
+        (np.exp(TIMES), np.exp(TIMES) + NOISE),
         (NOISE, NOISE[::-1]),
-        (np.round(SWING, 1), SWING_SPEED + NOISE),
-        (np.minimum(SWING, 0.0) + 1e-9 * T, SWING_SPEED),
-        (40.0 * T**2, 80.0 * T),
+        (np.round(SWING, 1), SPEED + NOISE),
+        (np.minimum(SWING, 0.0) + 1e-9 * TIMES, SPEED),
+        (40.0 * TIMES**2, 80.0 * TIMES),
     ],
 )
-def test_sound_pairs_are_left_in_peace(angle: np.ndarray, speed: np.ndarray) -> None:
-    assert kinds(experiment(T, theta_1=angle, w_1=speed)) == []
+def test_nothing_is_suspected_of_sound_pairs(angle: np.ndarray, speed: np.ndarray) -> None:
+    assert kinds(experiment(TIMES, theta_1=angle, w_1=speed)) == []
 
 
-@run_cases(
-    "factor, name, turn",
-    [
-        (*case, turn)
-        for case in [
-            (1 / DEGREE, "57.3"),
-            (1 / RPM, "9.55"),
-            (2 * np.pi, "6.28"),
-            (8.0, "8"),
-            (1000.0, "1000"),
-        ]
-        for turn in [1, -1]
-    ],
-)
-def test_a_wrong_unit_of_one_of_two_columns_shows_without_a_model(
-    factor: float, name: str, turn: int
-) -> None:
-    of = experiment(T, theta_1=SWING * factor**turn + NOISE * factor**turn, w_1=SWING_SPEED + NOISE)
-    (said,) = suspicions.suspicions_of_record(of, [1.0, 1.0], MotorShaft(0.125))
-    assert said.startswith("unit: theta_1 grows ")
-    assert float(said.split()[3]) == pytest.approx(factor**turn, rel=0.01)
-    assert f"({name})" in said
+FACTORS = {"57.3": 1 / DEGREE, "9.55": 1 / RPM, "6.28": 2 * np.pi, "8": 8.0, "1000": 1000.0}
 
 
-def test_swapped_columns_show() -> None:
-    assert kinds(experiment(T, theta_1=SWING_SPEED + NOISE, w_1=SWING + NOISE)) == ["columns"]
-    assert kinds(experiment(T, theta_1=5.0 + NOISE, w_1=5.0 * T)) == ["columns"]
+@run_cases("name, turn", [(name, turn) for name in FACTORS for turn in (1, -1)])
+def test_a_wrong_unit_of_one_of_two_columns_shows_without_a_model(name: str, turn: int) -> None:
+    factor = FACTORS[name] ** turn
+    record = experiment(TIMES, theta_1=factor * (SWING + NOISE), w_1=SPEED + NOISE)
+    (text,) = said(record, gear=0.125)
+    assert text.startswith("unit: theta_1 grows ")
+    assert float(text.split()[3]) == pytest.approx(factor, rel=0.01)
+    assert f"({name})" in text
 
 
-def test_columns_of_different_things_are_not_compared() -> None:
-    of = experiment(T, theta_1=SWING, w_2=60 * SWING_SPEED, twist=9 * SWING)
-    assert kinds(of) == []
+def test_swapped_columns_are_noticed_and_those_of_different_parts_not_compared() -> None:
+    for theta_1, w_1 in ((SPEED + NOISE, SWING + NOISE), (5.0 + NOISE, 5.0 * TIMES)):
+        assert kinds(experiment(TIMES, theta_1=theta_1, w_1=w_1)) == ["columns"]
+    assert kinds(experiment(TIMES, theta_1=SWING, w_2=60 * SPEED, twist=9 * SWING)) == []
 
 
 @run_cases("bits", [12, 16])
-def test_a_counter_that_ran_over_shows_in_the_unit_of_its_column(bits: int) -> None:
+def test_a_counter_that_overflows_shows_in_the_unit_of_its_column(bits: int) -> None:
     unit, half = 0.001, 2 ** (bits - 1)
     counts = np.round(1.5 * half * SWING)
     wrapped = (counts + half) % 2**bits - half
-    of = experiment(T, theta_1=unit * wrapped)
-    (said,) = suspicions.suspicions_of_record(of, [unit], MotorShaft(1.0))
-    assert said.startswith("overflow: theta_1")
-    assert f"2^{bits} counts" in said
-    np.testing.assert_array_equal(np.unwrap(wrapped, period=2**bits), counts)
-    assert kinds(experiment(T, theta_1=unit * counts), unit) == []
+    (text,) = said(experiment(TIMES, theta_1=unit * wrapped), unit)
+    assert text.startswith("overflow: theta_1")
+    assert f"2^{bits} counts" in text
+    assert np.array_equal(np.unwrap(wrapped, period=2**bits), counts)
+    assert kinds(experiment(TIMES, theta_1=unit * counts), unit) == []
 
 
 @run_cases("unit", [1.0, DEGREE])
 def test_an_angle_that_is_wrapped_into_one_turn_shows(unit: float) -> None:
-    turned = np.mod(5.0 * T, 2 * np.pi)
-    (said,) = suspicions.suspicions_of_record(
-        experiment(T, theta_1=turned), [unit], MotorShaft(1.0)
+    (text,) = said(experiment(TIMES, theta_1=np.mod(5.0 * TIMES, 2 * np.pi)), unit)
+    assert "one turn" in text
+    assert f"np.unwrap(x, period={2 * np.pi / unit:.6g})" in text
+    spike = np.where(np.arange(len(TIMES)) == 700, 2 * np.pi, 0.0)
+    assert kinds(experiment(TIMES, theta_1=SWING + spike)) == []
+
+
+# --- half a sample of an input -----------------------------------------------------------------------
+
+
+def test_half_a_sample_moves_what_a_late_step_moves() -> None:
+    """Against the fit of a record whose step was given half a sample late, to first order."""
+    values, free = {**NOMINAL, "t_f": 1e-3}, ("j_m", "k_e", "k_s", "j_1")
+    priors = {name: Uniform(0.3 * NOMINAL[name], 3 * NOMINAL[name]) for name in free}
+    clean = experiment_of(N, DT, measures=MEASURES, constant={"v": 8.0, "t_1": 0.0})
+    delayed = IrregularSimulator(MotorShaft(), clean, ObservationModel(delay="t_0"))
+    fits = []
+    for delay in (0.0, 0.5 * DT):
+        y = delayed.signals(np.append(vector(values), delay)[None])[0]
+        rig = simulator(MotorShaft(), replace(clean, y=y), ObservationModel())
+        fits.append(posterior_of(rig, SIGMA, priors, values))
+    theta, moved = map(best, fits)
+    study = SensitivityStudy(fits[0].likelihood)
+    shift = half_sample_shift(study, theta)
+    assert shift is not None
+    assert shift.matters
+    rows = study.with_nuisances(theta)
+    sds = np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)))
+    for (name, value), expected in zip(shift.shifts, np.log(moved / theta) / sds, strict=True):
+        assert value == pytest.approx(expected, rel=0.5, abs=0.3), name
+
+
+@run_cases("own, seconds", [({}, 0.5 * DT), ({"v": 7 * DT}, 3.5 * DT)], ["of the record", "slower"])
+def test_half_a_sample_is_one_of_the_input(own: dict[str, float], seconds: float) -> None:
+    """Also where the channels are measured at one of four samples only."""
+    whole = record({})
+    y = np.where(np.arange(N)[:, None] % 4 == 0, whole.y, np.nan)
+    target = believed(replace(whole, y=y, input_steps=own))
+    shift = half_sample_shift(SensitivityStudy(target.likelihood), best(target))
+    assert shift is not None
+    assert shift.seconds == pytest.approx(seconds)
+
+
+def test_half_a_sample_does_not_matter_where_the_lags_of_channels_are_unknown() -> None:
+    target = believed(record({}))
+    theta = best(target)
+    assert half_sample_shift(SensitivityStudy(target.likelihood), theta) is not None
+    sensing = ObservationModel(lags={"alpha": "a", "w_2": "b"})
+    one = target.likelihood.only_observation
+    rig = IrregularSimulator(MotorShaft(), one.experiment, sensing)
+    fixed = {**target.space.fixed, "a": 0.0, "b": 0.0}
+    space = replace(target.space, model=(*target.space.model, "a", "b"), fixed=fixed)
+    likelihood = replace(target.likelihood, observations=(replace(one, response=rig),), space=space)
+    assert half_sample_shift(SensitivityStudy(likelihood), theta) is None
+
+
+def test_half_a_sample_is_mentioned_only_where_the_fit_is_noise() -> None:
+    t = np.linspace(0.0, 2.0, 81)
+    exact = bd.respond("motor_shaft", NOMINAL, t, {"v": 8.0}, "w_1")["w_1"]
+    noise = 0.05 * np.random.default_rng(6).standard_normal(len(t))
+    box = {"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}
+    case = bd.case(
+        t,
+        channels={"w_1": bd.Channel(exact + noise, "rad/s", 0.05)},
+        inputs={"v": 8.0},
+        parameters=dict.fromkeys(NOMINAL, "nominal") | {"l_m": box},
+        sampler={"ensembles": 4, "walkers": 16, "r_hat": 1.1, "n_tau": 5, "ess": 100},
     )
-    assert "one turn" in said
-    assert f"np.unwrap(x, period={2 * np.pi / unit:.6g})" in said
-
-
-def test_a_spike_is_no_counter() -> None:
-    spiked = SWING.copy()
-    spiked[700] += 2 * np.pi
-    assert kinds(experiment(T, theta_1=spiked)) == []
+    run = case.sample(seed=3)
+    assert [note for note in run._view.notes if "timing: if the inputs act half a sample" in note]
+    noisier = run.job.problem.posterior.edit(records=[(exact + 9.0 * noise)[:, None]])
+    job = replace(run.job, problem=replace(run.job.problem, posterior=noisier))
+    view = concluded(SampledRun(job, run.mode, run.sampled), alone=False)  # no causes are sought
+    assert not like_noise(view.analysis.fit)
+    assert not [note for note in view.notes if "half a sample" in note]

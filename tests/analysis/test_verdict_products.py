@@ -1,4 +1,4 @@
-"""Which products of a table's unknowns a verdict looks at, where others are unknown that no table names.
+"""Products that a verdict looks at where unknowns are in no table.
 
 Of each rig the posterior of a record is exact: Gaussian in the logs, by the information of its study.
 """
@@ -28,7 +28,7 @@ TRUTH = {
 }  # fmt: skip
 
 
-def upto(high: float) -> e.Entry:
+def up_to(high: float) -> e.Entry:
     return {"prior": "uniform", "low": 0.0, "high": high}
 
 
@@ -36,14 +36,14 @@ WEIGHED = {"prior": "normal", "mean": 1.0, "sd": 0.01, **e.RELATIVE}
 RIGS = {
     "no friction": e.parameters(e.box()),
     "one weighed": e.parameters(e.box(), j_1=WEIGHED),
-    "friction": e.parameters(e.box(), t_f=0.0, t_cm=upto(0.2), t_c1=upto(1.0)),
+    "friction": e.parameters(e.box(), t_f=0.0, t_cm=up_to(0.2), t_c1=up_to(1.0)),
     "friction and damping": e.parameters(
-        e.box(), t_f=0.0, t_cm=upto(0.2), c_s={"prior": "log_uniform", "low": 1e-4, "high": 0.1}
+        e.box(), t_f=0.0, t_cm=up_to(0.2), c_s={"prior": "log_uniform", "low": 1e-4, "high": 0.1}
     ),
 }
 
 
-def studied(job: Job, values: dict[str, float]) -> IdentifiabilityStudy:
+def study(job: Job, values: dict[str, float]) -> IdentifiabilityStudy:
     posterior = job.problem.posterior
     theta = posterior.space.vector({**posterior.space.start, **values})
     return study_of(SensitivityStudy(posterior.likelihood), posterior, theta, job.asked)
@@ -58,50 +58,47 @@ def rig(
     own = {name: x for name, x in true.items() if name in row.config["parameters"]}
     row = simulated_posteriors.replace(row, config={**row.config, "simulation": own})
     job = simulated_posteriors.built(tmp_path_factory.mktemp("rig"), row)
-    return studied(job, {**job.problem.nominal, **own})
+    return study(job, {**job.problem.nominal, **own})
 
 
-def named(study: IdentifiabilityStudy) -> list[str]:
+def table_names(study: IdentifiabilityStudy) -> list[str]:
     return [name for name in study.names if name not in ("t_cm", "t_c1", "t_s1", "w_s1", "c_s")]
 
 
-def judged(study: IdentifiabilityStudy, off: dict[str, float]) -> Verdict:
-    """Of the middle record of a rig whose values are `off` the table's by so much, relatively."""
-    before = np.array([one.prior_sd for one in study.parameters])
+def verdict(study: IdentifiabilityStudy, **deviations: float) -> Verdict:
+    """Return that on the most likely record of a rig with these relative deviations from its table."""
+    priors = np.array([one.prior_sd for one in study.parameters])
     known = study.information.root.T @ study.information.root
-    covariance = np.linalg.inv(known + np.diag(before**-2.0))
-    truth = np.log1p([off.get(name, 0.0) for name in study.names])
+    covariance = np.linalg.inv(known + np.diag(priors**-2.0))
+    truth = np.log1p([deviations.get(name, 0.0) for name in study.names])
     rng = np.random.default_rng(3)
     root = np.linalg.cholesky(covariance)
     draws = covariance @ known @ truth + rng.standard_normal((4000, len(truth))) @ root.T
-    prior = before * rng.standard_normal((20_000, len(truth)))
-    table = dict.fromkeys(named(study), 1.0)
+    prior = priors * rng.standard_normal((20_000, len(truth)))
+    table = dict.fromkeys(table_names(study), 1.0)
     return judge(study, np.exp(draws), np.exp(prior), table, {}, (), Thresholds())
 
 
 def test_products_span_all_that_no_symmetry_changes(rig: IdentifiabilityStudy) -> None:
-    """Of the table's unknowns alone: as many as there are of these, less the symmetries that they take
-    part in.  Mutants killed: products that others take part in, dropped from a basis of all; products
-    that only priors know.
-    """
-    own = [name in named(rig) for name in rig.names]
+    """They are of the table's unknowns alone: as many as these, less the symmetries that they have."""
+    own = np.array([name in table_names(rig) for name in rig.names])
     symmetries = np.array(rig.structure.symmetries, dtype=float)
-    powers = np.array(basis(rig, named(rig)), dtype=float)
+    powers = np.array(basis(rig, table_names(rig)), dtype=float)
     assert not (powers @ symmetries.T).any()
-    assert not powers[:, np.logical_not(own)].any()
-    free = sum(own) - np.linalg.matrix_rank(symmetries[:, own])
+    assert not powers[:, ~own].any()
+    free = own.sum() - np.linalg.matrix_rank(symmetries[:, own])
     assert np.linalg.matrix_rank(powers) == len(powers) == free
     spring = [{"k_s": 1, "j_1": -1}.get(name, 0) for name in rig.names]
     assert spring in powers[:2].tolist()
 
 
-def test_a_value_of_the_table_that_is_off_is_told(rig: IdentifiabilityStudy) -> None:
-    """Each in turn by 10 %, where any product shows it; and nothing where nothing is off."""
-    shown = [name for name, sigmas in off_by(rig, named(rig), 0.1).items() if sigmas > 6]
+def test_a_value_of_the_table_that_is_off_disagrees(rig: IdentifiabilityStudy) -> None:
+    """Each in turn by 10 %, where any product shows it; and nothing does where nothing is off."""
+    shown = [name for name, sigmas in off_by(rig, table_names(rig), 0.1).items() if sigmas > 6]
     assert {"j_m", "k_s", "j_1"} <= {*shown}
     assert len(shown) >= 5
-    assert [name for name in shown if judged(rig, {name: 0.1}).agrees] == []
-    assert judged(rig, {}).agrees
+    assert [name for name in shown if verdict(rig, **{name: 0.1}).agrees] == []
+    assert verdict(rig).agrees
 
 
 @pytest.mark.slow
@@ -112,10 +109,10 @@ def test_a_servo_that_rubs_contradicts_a_table_whose_motor_is_too_heavy(tmp_path
     for name in ("square", "sweep", "slow"):
         text = text.replace(f"{name}.csv", str(SHARED / f"{name}.csv"))
     (tmp_path / "three.yaml").write_text(text)
-    study = studied(bd.load(tmp_path / "three.yaml").job, TRUTH)
-    found = judged(study, {"j_m": 1 / 1.3 - 1.0})
-    assert len(found.products) == 6
-    assert not found.agrees
-    assert found.joint is not None
-    assert found.joint > 100
-    assert judged(study, {}).agrees
+    servo = study(bd.load(tmp_path / "three.yaml").job, TRUTH)
+    result = verdict(servo, j_m=1 / 1.3 - 1.0)
+    assert len(result.products) == 6
+    assert not result.agrees
+    assert result.joint is not None
+    assert result.joint > 100
+    assert verdict(servo).agrees

@@ -1,4 +1,4 @@
-"""Starts by inverse dynamics: near the truth from far away, and none where a state is not told."""
+"""Starts of searches by inverse dynamics, from configured starts that are far from the truth."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 import pytest
+from support.case_tables import run_cases
 from support.scipy_oracles import NOMINAL
 
 import bayesdrill as bd
@@ -13,83 +14,64 @@ from bayesdrill.inference.inverse_dynamics import regression_start
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.models.motor_shaft import DrivenShaft, Motor
 
-DT, N = 0.005, 4000
-T = DT * np.arange(N)
-FAR = (12.0, 0.1, 5.0)  # times the truth: where searches begin
+N = 4000
+T = 0.005 * np.arange(N)
+FAR = (12.0, 0.1, 5.0)  # times the truth: the configured starts
 
 
-def held(rng: np.random.Generator, samples: int) -> np.ndarray:
-    return np.repeat(rng.standard_normal(N // samples), samples)
+def steps(seed: int, samples: int) -> np.ndarray:
+    """Return random levels, each of them for `samples` samples."""
+    return np.repeat(np.random.default_rng(seed).standard_normal(N // samples), samples)
 
 
-def case(
+SHAFT = DrivenShaft(added=("c_s",)), {"k_s": 4.1, "j_1": 0.008, "c_s": 0.02}
+DRIVEN = {"w_2": bd.Input(5.0 * steps(1, 20), "rad/s"), "t_1": bd.Input(0.5 * steps(6, 40), "N*m")}
+RUBBING = Motor(added=("t_cm",)), {"j_m": 2e-3, "c_m": 5e-3, "t_cm": 0.02}
+PUSHED = {"t_m": bd.Input(0.3 * steps(2, 50), "N*m")}
+CASES = {
+    "angle of a shaft": (*SHAFT, DRIVEN, "theta_1", "rad", 0.01, 0.03),
+    "speed of a shaft": (*SHAFT, DRIVEN, "w_1", "rad/s", 0.05, 0.08),
+    "motor with dry friction": (*RUBBING, PUSHED, "w_2", "rad/s", 0.05, 0.01),
+}
+
+
+@run_cases("rig, truth, inputs, channel, unit, sigma, within", CASES.values(), CASES)
+def test_the_start_is_near_the_truth(
     rig: Model,
     truth: Mapping[str, float],
     inputs: Mapping[str, bd.Input],
     channel: str,
     unit: str,
     sigma: float,
-) -> bd.Case:
-    shown = bd.respond(rig, truth, T, {name: u.values for name, u in inputs.items()}, [channel])
-    y = shown[channel] + sigma * np.random.default_rng(5).standard_normal(N)
+    within: float,
+) -> None:
+    """It fits better than the configured start, and is where the search begins."""
+    signals = bd.respond(rig, truth, T, {name: u.values for name, u in inputs.items()}, [channel])
+    y = signals[channel] + sigma * np.random.default_rng(5).standard_normal(N)
     boxes = {
-        name: {"prior": "log_uniform", "low": x / 1e3, "high": x * 1e3, "start": x * off}
-        for (name, x), off in zip(truth.items(), FAR, strict=True)
+        name: {"prior": "log_uniform", "low": x / 1e3, "high": x * 1e3, "start": x * factor}
+        for (name, x), factor in zip(truth.items(), FAR, strict=True)
     }
-    channels = {channel: bd.Channel(y, unit, sigma)}
-    return bd.case(T, channels=channels, inputs=inputs, rig=rig, parameters=boxes)
-
-
-def shaft(channel: str, unit: str, sigma: float) -> tuple[bd.Case, dict[str, float]]:
-    rng = np.random.default_rng(1)
-    truth = {"k_s": 4.1, "j_1": 0.008, "c_s": 0.02}
-    inputs = {
-        "w_2": bd.Input(5.0 * held(rng, 20), "rad/s"),
-        "t_1": bd.Input(0.5 * held(rng, 40), "N*m"),
-    }
-    return case(DrivenShaft(added=("c_s",)), truth, inputs, channel, unit, sigma), truth
-
-
-def motor() -> tuple[bd.Case, dict[str, float]]:
-    """With a torque that is measured, and dry friction."""
-    truth = {"j_m": 2e-3, "c_m": 5e-3, "t_cm": 0.02}
-    inputs = {"t_m": bd.Input(0.3 * held(np.random.default_rng(2), 50), "N*m")}
-    return case(Motor(added=("t_cm",)), truth, inputs, "w_2", "rad/s", 0.05), truth
-
-
-@pytest.mark.parametrize(
-    ("build", "within"),
-    [
-        pytest.param(lambda: shaft("theta_1", "rad", 0.01), 0.03, id="angle of a shaft"),
-        pytest.param(lambda: shaft("w_1", "rad/s", 0.05), 0.08, id="speed of a shaft"),
-        pytest.param(motor, 0.01, id="motor that rubs"),
-    ],
-)
-def test_the_start_is_near_the_truth(build: object, within: float) -> None:
-    """From configured starts that are wrong by factors of ten, without simulating anything.
-
-    Mutants killed: the sign of an integral by parts; an input taken half a step late; friction that
-    drives.
-    """
-    given, truth = build()  # type: ignore[operator]
-    posterior = given.job.problem.posterior
+    case = bd.case(T, {channel: bd.Channel(y, unit, sigma)}, inputs, boxes, rig=rig)
+    posterior = case.job.problem.posterior
     theta = regression_start(posterior)
     assert theta is not None
-    found = dict(zip(posterior.space.free, theta, strict=True))
-    assert found == pytest.approx(truth, rel=within)
-    far = posterior.space.vector(posterior.space.start)
-    assert np.diff(posterior.density(np.array([far, theta]))) > 0
-    (search,) = given.find_map(quick=True).mode.searches
-    assert dict(search.start) == found
+    start = dict(zip(posterior.space.free, theta, strict=True))
+    assert start == pytest.approx(truth, rel=within)
+    configured = posterior.space.vector(posterior.space.start)
+    assert np.diff(posterior.density(np.array([configured, theta]))) > 0
+    (search,) = case.find_map(quick=True).mode.searches
+    assert dict(search.start) == start
 
 
-def test_a_state_that_nothing_tells_leaves_the_configured_start() -> None:
+def test_a_state_that_no_channel_shows_leaves_the_configured_start() -> None:
     """The current of the motor is in no column."""
-    y = np.random.default_rng(3).standard_normal((N, 1))
-    given = bd.case(
+    noise = np.random.default_rng(3).standard_normal(N)
+    prior = {"prior": "uniform", "low": 0.01, "high": 1.0}
+    case = bd.case(
         T,
-        channels={"w_1": bd.Channel(y[:, 0], "rad/s", 0.1)},
-        inputs={"v": bd.Input(held(np.random.default_rng(4), 50), "V")},
-        parameters={**NOMINAL, "t_f": 0.0, "k_s": {"prior": "uniform", "low": 0.01, "high": 1.0}},
+        {"w_1": bd.Channel(noise, "rad/s", 0.1)},
+        {"v": bd.Input(steps(4, 50), "V")},
+        {**NOMINAL, "t_f": 0.0, "k_s": prior},
     )
-    assert regression_start(given.job.problem.posterior) is None
+    assert regression_start(case.job.problem.posterior) is None

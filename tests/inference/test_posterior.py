@@ -1,101 +1,74 @@
-"""Likelihood and posterior against SciPy, term by term."""
+"""The density of a posterior against SciPy, term by term, and posteriors that are edited."""
 
 from __future__ import annotations
 
 import pickle
-from types import SimpleNamespace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import scipy.stats
+from support import two_experiments
 from support.case_tables import run_cases
+from support.friction_cases import CASES
+from support.missing_physics import MEASURES, believed
 from support.scipy_oracles import NOMINAL, ORDER
 from support.small_problems import noisy_step, posterior, vector
+from support.stepped_friction import experiment_of, model_of, parameters
 
-from bayesdrill.inference.noise.white import White
+from bayesdrill.inference import step_error
+from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Uniform
+from bayesdrill.inference.unknowns import Unknown
+from bayesdrill.rig.models import PARAMETERS
+from bayesdrill.rig.models.linear import with_named
+from bayesdrill.rig.simulators.sensors import ObservationModel
+from bayesdrill.sampling import mode_search
 
 SIGMA = np.array([0.1, 0.07, 0.2, 0.15])
 RECORD = noisy_step(SIGMA, n=150)
+LOG_VOLUME = np.log(vector(NOMINAL)).sum()  # each prior is one nominal value wide
 
 
-def points(n: int, seed: int = 1) -> np.ndarray:
-    rng = np.random.default_rng(seed)
-    return vector(NOMINAL) * rng.uniform(0.8, 1.2, (n, 9))
+def points(n: int) -> np.ndarray:
+    return vector(NOMINAL) * np.random.default_rng(1).uniform(0.8, 1.2, (n, 9))
 
 
-def test_known_sigma_is_a_sum_of_normal_densities() -> None:
-    target = posterior(RECORD, SIGMA)
-    theta = points(5)
-    signals = target.likelihood.signals(theta)
-    true = scipy.stats.norm(signals, SIGMA).logpdf(RECORD.y).sum(axis=(1, 2))
-    box = np.log(vector(NOMINAL)).sum()  # each width is one nominal value
-    assert np.allclose(target.density(theta), true - box, rtol=1e-10)
+def test_the_density_with_known_sigma_is_a_product_of_normal_densities() -> None:
+    target, theta = posterior(RECORD, SIGMA), points(5)
+    normal = scipy.stats.norm(target.likelihood.signals(theta), SIGMA)
+    expected = normal.logpdf(RECORD.y).sum(axis=(1, 2)) - LOG_VOLUME
+    assert target.density(theta) == pytest.approx(expected, rel=1e-10)
 
 
-def test_unknown_sigma_per_channel() -> None:
-    """Mutants killed: -log sigma dropped, sigmas of two channels exchanged."""
+def test_unknown_sigmas_are_those_of_their_channels() -> None:
     target = posterior(RECORD, None)
     sigmas = np.array([[0.3, 0.05, 0.11, 0.7], [0.02, 0.6, 0.4, 0.09]])
     theta = np.hstack([points(2), sigmas])
-    signals = target.likelihood.signals(theta)
-    true = scipy.stats.norm(signals, sigmas[:, None]).logpdf(RECORD.y).sum(axis=(1, 2))
-    constant = np.log(vector(NOMINAL)).sum() + 4 * np.log(0.99)
-    assert np.allclose(target.density(theta), true - constant, rtol=1e-10)
-
-
-def test_noise_density_integrates_to_one() -> None:
-    noise = White(n_samples=1, known={0: 0.3}, n_channels=1)
-    x = np.linspace(-4, 4, 4001)
-    left = SimpleNamespace(squares=x[:, None] ** 2)
-    density = np.exp(noise.log_likelihood(left, np.empty((len(x), 0))))[:, 0]
-    assert np.trapezoid(density, x) == pytest.approx(1.0, abs=1e-9)
-
-
-def test_pointwise_terms_sum_to_the_likelihood() -> None:
-    target = posterior(RECORD, None)
-    theta = np.hstack([points(3), np.full((3, 4), 0.2)])
-    sigma = theta[:, target.likelihood.only_observation.noise_columns]
+    terms = scipy.stats.norm(target.likelihood.signals(theta), sigmas[:, None]).logpdf(RECORD.y)
+    expected = terms.sum(axis=(1, 2)) - LOG_VOLUME - 4 * np.log(0.99)
+    assert target.density(theta) == pytest.approx(expected, rel=1e-10)
+    observation = target.likelihood.only_observation
     residuals = RECORD.y - target.likelihood.signals(theta)
-    pointwise = target.likelihood.only_observation.noise.pointwise(residuals, sigma)
-    by_channel = target.likelihood.only_observation.by_channel(target.space.full(theta), theta)
-    assert np.allclose(pointwise.sum(axis=1), by_channel, rtol=1e-10)
+    assert observation.noise.pointwise(residuals, sigmas) == pytest.approx(terms, rel=1e-10)
 
 
-def test_predictive_noise_has_the_sigma_of_its_channel() -> None:
-    noise = White(n_samples=1, known={0: 0.5, 2: 2.0}, n_channels=3)
-    drawn = noise.draw(np.zeros((4000, 10, 3)), np.full((4000, 1), 0.1), np.random.default_rng(2))
-    assert drawn.std(axis=(0, 1)) == pytest.approx([0.5, 0.1, 2.0], rel=0.02)
-
-
-@run_cases("coordinates", ["linear", "log", "mixed"])
-def test_density_over_coordinates_carries_the_jacobian(coordinates: str) -> None:
+@run_cases("coordinates, logs", [("linear", 0), ("log", 9), ("mixed", 7)])
+def test_the_density_over_coordinates_carries_the_jacobian(coordinates: str, logs: int) -> None:
     zero = {name: Uniform(0.0, 2 * NOMINAL[name]) for name in ("c_m", "k_T")}
-    target = {
-        "linear": posterior(RECORD, SIGMA, logs=False),
-        "log": posterior(RECORD, SIGMA),
-        "mixed": posterior(RECORD, SIGMA, priors=zero),
-    }[coordinates]
-    assert sum(target.coordinates.logs) == {"linear": 0, "log": 9, "mixed": 7}[coordinates]
+    priors, choice = (zero if coordinates == "mixed" else {}), coordinates == "linear"
+    target = posterior(RECORD, SIGMA, priors=priors, logs=False if choice else None)
+    assert sum(target.coordinates.logs) == logs
     theta = points(4)
     z = target.coordinates.from_physical(theta)
-    step = 1e-6
-    extra = [
-        np.linalg.slogdet(
-            (
-                target.coordinates.to_physical(row + np.diag(step * np.abs(row)))
-                - target.coordinates.to_physical(row - np.diag(step * np.abs(row)))
-            )
-            / (2 * step * np.abs(row)[:, None])
-        )[1]
-        for row in z
-    ]
-    assert np.allclose(target(z), target.density(theta) + extra, rtol=0, atol=1e-4)
+    h = 1e-6 * np.abs(z)
+    slopes = target.coordinates.to_physical(z + h) - target.coordinates.to_physical(z - h)
+    jacobian = np.log(slopes / (2 * h)).sum(axis=1)
+    assert target(z) == pytest.approx(target.density(theta) + jacobian, rel=0, abs=1e-4)
 
 
-def test_outside_the_prior_is_minus_infinity_and_costs_nothing() -> None:
-    target = posterior(RECORD, SIGMA)
-    theta = points(6)
+def test_the_density_outside_the_prior_is_minus_infinity() -> None:
+    target, theta = posterior(RECORD, SIGMA), points(6)
     theta[1, 3] *= 5
     theta[4, 0] = np.nan
     theta[5, 2] = -1.0
@@ -105,7 +78,7 @@ def test_outside_the_prior_is_minus_infinity_and_costs_nothing() -> None:
     assert np.all(density[[1, 4, 5]] == -np.inf)
 
 
-def test_failures_are_counted_never_nan() -> None:
+def test_a_simulation_that_fails_is_counted_and_has_no_density() -> None:
     target = posterior(RECORD, SIGMA, priors={"l_m": Uniform(0.0, 1.0)}, logs=False)
     theta = points(5)
     theta[2, ORDER.index("l_m")] = 1e-320
@@ -115,18 +88,97 @@ def test_failures_are_counted_never_nan() -> None:
     assert np.isfinite(np.delete(density, 2)).all()
 
 
-def test_fixed_parameters_are_held_and_named() -> None:
-    """Mutant killed: two parameters exchanged."""
-    target = posterior(RECORD, SIGMA, free=("k_T", "c_m"))
-    full = target.space.full(np.array([[0.1, 3e-4]]))[0]
-    named = dict(zip(ORDER, full, strict=True))
-    assert named == {**NOMINAL, "k_T": 0.1, "c_m": 3e-4}
-    nine = posterior(RECORD, SIGMA)
-    theta = vector({**NOMINAL, "k_T": 0.1, "c_m": 3e-4})[None]
-    assert target.likelihood(np.array([[0.1, 3e-4]]))[0] == nine.likelihood(theta)[0]
+def test_fixed_parameters_are_held_by_their_names() -> None:
+    target, values = posterior(RECORD, SIGMA, free=("k_T", "c_m")), {"k_T": 0.1, "c_m": 3e-4}
+    theta = np.array([[*values.values()]])
+    assert dict(zip(ORDER, target.space.full(theta)[0], strict=True)) == {**NOMINAL, **values}
+    nine = posterior(RECORD, SIGMA).likelihood(vector({**NOMINAL, **values})[None])
+    assert target.likelihood(theta)[0] == nine[0]
 
 
-def test_pickled_posterior_answers_alike() -> None:
+def test_a_pickled_posterior_gives_the_same_density() -> None:
     target = posterior(RECORD, SIGMA)
     z = target.coordinates.from_physical(points(3))
     assert np.array_equal(pickle.loads(pickle.dumps(target))(z), target(z))
+
+
+def test_a_maximum_at_the_end_of_a_prior_that_may_be_negative_is_noticed() -> None:
+    """On the scale of the prior: ratios of values say nothing of an end at zero."""
+    target = two_experiments.rich_job().problem.posterior
+    values = dict(target.space.start)
+    assert "lag_twist_late" not in mode_search._at_bound(target, values)
+    values |= {"lag_twist_late": 1e-7, "offset_v_late": -0.9999, "t_0_late": 0.0}
+    at_bound = mode_search._at_bound(target, values)
+    assert {"lag_twist_late", "offset_v_late"} <= set(at_bound)
+    assert "t_0_late" not in at_bound
+
+
+# --- editing ---------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def stepped() -> Posterior:
+    """Return one of a rig that is stepped, whose experiment has a twin that is held out."""
+    case = CASES["falling"]
+    model = model_of(case)
+    known = dict(zip(model.parameters, parameters(case)[0], strict=True))
+    plain = believed(experiment_of(case, MEASURES), model, **known)
+    target = step_error.with_steps(plain, {"": (2, 3)})
+    twin = replace(target.likelihood.only_observation, label="twin")
+    return replace(target, likelihood=replace(target.likelihood, held_out=(twin,)))
+
+
+def at(target: Posterior, **values: float) -> np.ndarray:
+    return target.space.vector({**target.space.start, **values})[None]
+
+
+def test_an_edit_of_nothing_changes_nothing(stepped: Posterior) -> None:
+    same = stepped.edit()
+    assert same.space is stepped.space
+    assert same.density(at(stepped)) == stepped.density(at(stepped))
+    assert step_error.chosen_steps(same) == {"": (2, 3), "twin": (2, 3)}
+
+
+def test_a_parameter_that_was_fixed_is_freed_behind_those_of_the_rig(stepped: Posterior) -> None:
+    space = stepped.space
+    name = next(name for name in space.model if space.fixed.get(name, 0.0) > 0)
+    value = space.fixed[name]
+    prior = Uniform(0.5 * value, 2 * value)
+    new = Unknown(symbol=PARAMETERS[name], role="rig", prior=prior, start=value)
+    freed = stepped.edit(free=[new])
+    rig = len(space.columns("rig", "quantity"))
+    assert freed.space.free == (*space.free[:rig], name, *space.free[rig:])
+    assert freed.likelihood(at(freed)) == stepped.likelihood(at(stepped))
+    assert freed.likelihood(at(freed, **{name: 1.1 * value})) != stepped.likelihood(at(stepped))
+    assert [one.label for one in freed.likelihood.held_out] == ["twin"]
+
+
+def test_another_record_is_explained_instead(stepped: Posterior) -> None:
+    theta = at(stepped)
+    signals = stepped.likelihood.signals(theta)
+    assert stepped.edit(records=[*signals]).likelihood.mean_square(theta) < 1e-24
+    assert stepped.likelihood.mean_square(theta) > 0.1
+    with pytest.raises(ValueError, match="longer"):
+        stepped.edit(records=[*signals, *signals])
+
+
+def test_another_rig_with_other_sensors_takes_the_same_steps(stepped: Posterior) -> None:
+    """With damping that is none and a gain of one the likelihood is the same number."""
+    channel = stepped.likelihood.only_observation.experiment.names[0]
+    new = [
+        Unknown(
+            symbol=replace(PARAMETERS["c_s"], name=name),
+            role="sensor",
+            prior=Uniform(0.0, 2.0),
+            start=start,
+        )
+        for name, start in (("c_s", 0.0), ("gain", 1.0))
+    ]
+    sensing = ObservationModel(gains={channel: "gain"})
+    damped = stepped.edit(
+        free=new, each=lambda one: one.for_rig(with_named(one.response.model, ["c_s"]), sensing)
+    )
+    assert step_error.chosen_steps(damped) == step_error.chosen_steps(stepped)
+    assert damped.likelihood(at(damped)) == stepped.likelihood(at(stepped))
+    assert damped.likelihood(at(damped, c_s=1e-3)) != stepped.likelihood(at(stepped))
+    assert damped.likelihood(at(damped, gain=1.1)) != stepped.likelihood(at(stepped))

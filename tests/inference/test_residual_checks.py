@@ -1,22 +1,32 @@
-"""What a fit leaves: as much as noise, more, less, or with a memory."""
+"""What a fit leaves: as much as noise, more, less, or correlated with itself and with inputs."""
 
 from __future__ import annotations
 
+import dataclasses
 import re
+from functools import cache
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from support.case_tables import run_cases
+from support.missing_physics import ar1
 from support.scipy_oracles import NOMINAL
-from support.small_problems import noisy_step, posterior, replace_only
+from support.small_problems import experiment, noisy_step, posterior, replace_only
 
 from bayesdrill.basics.units import SECOND
 from bayesdrill.inference.noise import NOISES
 from bayesdrill.inference.noise.contract import NoisyChannel
 from bayesdrill.inference.posterior import Likelihood
-from bayesdrill.inference.residual_checks import FALSE_ALARM, ResidualSummary, residual_summaries
-from bayesdrill.report.sections import fit_words as words
+from bayesdrill.inference.residual_checks import (
+    FALSE_ALARM,
+    ResidualCorrelation,
+    ResidualSummary,
+    correlations,
+    input_sentences,
+    residual_summaries,
+)
+from bayesdrill.report.sections.fit_words import residual_reasons, residual_sentences
 
 Array = NDArray[np.float64]
 
@@ -26,210 +36,249 @@ AT = np.array([NOMINAL[name] for name in FREE])
 N = 60
 
 
-@pytest.fixture(scope="module")
-def rig() -> Likelihood:
-    return posterior(noisy_step(SIGMA, n=N), SIGMA, free=FREE).likelihood
+@cache
+def likelihood(*, known: bool = True, n: int = N) -> Likelihood:
+    """Return that of four channels, whose noise levels are known or not."""
+    return posterior(noisy_step(SIGMA, n=n), SIGMA if known else None, free=FREE).likelihood
 
 
-def with_residuals(rig: Likelihood, residuals: Array) -> Likelihood:
-    y = rig.signals(AT[None])[0] + residuals
-    return replace_only(rig, response=rig.only_observation.response.with_record(y))
+def summaries(
+    residuals: Array, theta: Array = AT, of: Likelihood | None = None
+) -> tuple[ResidualSummary, ...]:
+    """Return what is said of a record that differs from the signals by `residuals (N, 4)`."""
+    of = of or likelihood()
+    y = of.signals(theta[None])[0] + residuals
+    response = of.only_observation.response.with_record(y)
+    return residual_summaries(replace_only(of, response=response), theta)
 
 
 def white(seed: int) -> Array:
     return SIGMA * np.random.default_rng(seed).standard_normal((N, 4))
 
 
-def wrong(found: ResidualSummary) -> bool:
-    return found.large or found.small or found.correlated or found.far
+def test_records_of_the_model_give_a_finding_as_seldom_as_stated() -> None:
+    """In 2000 records, of which all channels together may give 1 % (fits make it rather 0.7 %)."""
+    every = [summaries(white(seed)) for seed in range(2000)]
+    wrong = [any(x.large or x.small or x.correlated or x.far for x in of) for of in every]
+    assert 0.3 * FALSE_ALARM < np.mean(wrong) < 1.6 * FALSE_ALARM
+    for kind in ("large", "correlated", "far"):
+        assert any(getattr(channel, kind) for of in every for channel in of)
 
 
-def test_records_of_the_model_give_a_finding_as_seldom_as_stated(rig: Likelihood) -> None:
-    """2000 records, of which 20 or fewer; the limit below counts on a fit, so rather 15.
-
-    Mutants killed: the limits of one look for all twenty.
-    """
-    found = [residual_summaries(with_residuals(rig, white(seed)), AT) for seed in range(2000)]
-    rate = np.mean([any(map(wrong, one)) for one in found])
-    assert 0.3 * FALSE_ALARM < rate < 1.6 * FALSE_ALARM
-    for what in ("large", "correlated", "far"):
-        assert any(getattr(channel, what) for one in found for channel in one)
-
-
-def test_sizes_and_correlations_are_those_of_the_channel(rig: Likelihood) -> None:
-    residuals = white(3)
-    found = residual_summaries(with_residuals(rig, residuals), AT)
-    for k, one in enumerate(found):
+def test_sizes_and_correlations_are_those_of_the_channel() -> None:
+    residuals, record = white(3), likelihood().only_observation.experiment
+    result = summaries(residuals)
+    signals = likelihood().signals(AT[None])[0]
+    for k, channel in enumerate(result):
         own = residuals[:, k]
-        assert one.channel == rig.only_observation.response.experiment.names[k]
-        assert one.rms * SIGMA[k] == pytest.approx(np.sqrt(np.mean(own**2)))
-        assert one.farthest == pytest.approx(np.abs(own / SIGMA[k]).max())
-        assert (
-            own[np.argmin(np.abs(rig.only_observation.response.experiment.t - one.time))] ** 2
-            == (own**2).max()
-        )
-        assert one.correlation == pytest.approx(own[1:] @ own[:-1] / (own @ own), abs=1e-9)
-        spread = rig.only_observation.response.experiment.y[:, k].std()
-        assert one.share == pytest.approx(np.sqrt(np.mean(own**2)) / spread, rel=0.02)
-    first, second = words.residual_sentences(found, SECOND).splitlines()
+        assert channel.channel == record.names[k]
+        assert channel.rms * SIGMA[k] == pytest.approx(np.sqrt(np.mean(own**2)))
+        assert channel.farthest == pytest.approx(np.abs(own / SIGMA[k]).max())
+        assert channel.time == record.t[np.abs(own).argmax()]
+        assert channel.correlation == pytest.approx(own[1:] @ own[:-1] / (own @ own), abs=1e-9)
+        share = np.sqrt(np.mean(own**2)) / (signals[:, k] + own).std()
+        assert channel.share == pytest.approx(share, rel=1e-6)
+    first, second = residual_sentences(result, SECOND).splitlines()
     assert first.startswith("fit: the MAP leaves unexplained ")
-    assert f"{100 * found[1].share:.2g} % of {found[1].channel}" in first
+    assert f"{100 * result[1].share:.2g} % of {result[1].channel}" in first
     assert second.startswith("fit: the residuals look like the noise (rms ")
 
 
-def test_a_channel_that_does_nothing_has_no_share(rig: Likelihood) -> None:
-    flat = rig.only_observation.response.experiment.y.copy()
-    flat[:, 0] = 3.0
-    found = residual_summaries(
-        replace_only(rig, response=rig.only_observation.response.with_record(flat)), AT
-    )
-    assert np.isnan(found[0].share)
-    assert "theta_1" not in words.residual_sentences(found, SECOND).splitlines()[0]
+def test_a_channel_that_does_not_move_has_no_share() -> None:
+    y = likelihood().only_observation.experiment.y.copy()
+    y[:, 0] = 3.0
+    result = summaries(y - likelihood().signals(AT[None])[0])
+    assert np.isnan(result[0].share)
+    assert "theta_1" not in residual_sentences(result, SECOND).splitlines()[0]
 
 
-@run_cases(
-    "factor, which, says",
-    [
-        (2.0, "large", "are larger than the noise"),
-        (0.4, "small", "are smaller than the noise"),
-    ],
-)
-def test_a_wrong_sigma_is_told_in_its_channel(
-    factor: float, which: str, says: str, rig: Likelihood
-) -> None:
-    residuals = white(5)
-    residuals[:, 2] *= factor
-    found = residual_summaries(with_residuals(rig, residuals), AT)
-    assert [getattr(one, which) for one in found] == [False, False, True, False]
-    assert not any(one.correlated or one.far for one in found)
-    text = words.residual_sentences(found, SECOND).split("\n", 1)[1]
-    assert says in text
-    assert f"w_1 {found[2].rms:.3g}" in text
+@run_cases("factor, kind, word", [(2.0, "large", "larger"), (0.4, "small", "smaller")])
+def test_a_wrong_sigma_is_noticed_in_its_channel(factor: float, kind: str, word: str) -> None:
+    result = summaries(white(5) * [1.0, 1.0, factor, 1.0])
+    assert [getattr(channel, kind) for channel in result] == [False, False, True, False]
+    assert not any(channel.correlated or channel.far for channel in result)
+    text = residual_sentences(result, SECOND).split("\n", 1)[1]
+    assert f"are {word} than the noise" in text
+    assert f"w_1 {result[2].rms:.3g}" in text
     assert "theta" not in text
 
 
-def test_what_the_model_misses_is_told_with_unknown_noise_too() -> None:
-    """A slow wave in one channel, whose sigma fits its size."""
-    record = noisy_step(SIGMA, n=N)
-    rig = posterior(record, None, free=FREE).likelihood
+def test_a_wave_that_the_model_misses_is_noticed_though_an_unknown_sigma_fits_its_size() -> None:
     residuals = white(5)
     residuals[:, 3] += 0.05 * np.sin(np.linspace(0, 9, N))
     size = np.sqrt(np.mean(residuals**2, axis=0))
-    theta = np.array([*AT, *size])
-    y = rig.signals(theta[None])[0] + residuals
-    found = residual_summaries(
-        replace_only(rig, response=rig.only_observation.response.with_record(y)), theta
-    )
-    assert [one.correlated for one in found] == [False, False, False, True]
-    assert not any(one.large or one.small or one.far for one in found)
-    text = words.residual_sentences(found, SECOND)
-    assert f"to the next: w_2 {found[3].correlation:.3g}" in text
+    result = summaries(residuals, np.array([*AT, *size]), likelihood(known=False))
+    assert [channel.correlated for channel in result] == [False, False, False, True]
+    assert not any(channel.large or channel.small or channel.far for channel in result)
+    text = residual_sentences(result, SECOND)
+    assert f"to the next: w_2 {result[3].correlation:.3g}" in text
     assert "looks like" not in text
 
 
-def test_an_unknown_sigma_that_its_prior_keeps_off_is_told() -> None:
-    rig = posterior(noisy_step(SIGMA, n=N), None, free=FREE).likelihood
-    y = rig.signals(np.array([*AT, *SIGMA])[None])[0] + white(4)
-    own = replace_only(rig, response=rig.only_observation.response.with_record(y))
-    found = residual_summaries(own, np.array([*AT, SIGMA[0] / 3, *SIGMA[1:]]))
-    assert [one.large for one in found] == [True, False, False, False]
+def test_residuals_above_an_unknown_sigma_that_its_prior_keeps_too_small_are_noticed() -> None:
+    theta = np.array([*AT, SIGMA[0] / 3, *SIGMA[1:]])
+    result = summaries(white(4), theta, likelihood(known=False))
+    assert [channel.large for channel in result] == [True, False, False, False]
 
 
-def test_a_differenced_column_and_one_bad_sample_are_told(rig: Likelihood) -> None:
-    """Mutants killed: correlations above zero alone; sizes of the channel alone."""
+def test_a_differenced_column_and_one_bad_sample_are_noticed() -> None:
     residuals = white(7)
     steps = np.random.default_rng(1).standard_normal(N + 2)
     residuals[:, 1] = SIGMA[1] * np.diff(steps, 2) / np.sqrt(6)
     residuals[20, 0] = -5.5 * SIGMA[0]
-    found = residual_summaries(with_residuals(rig, residuals), AT)
-    assert [one.correlated for one in found] == [False, True, False, False]
-    assert found[1].correlation == pytest.approx(-2 / 3, abs=0.15)
-    assert [one.far for one in found] == [True, False, False, False]
-    assert (
-        f"theta_1 5.5 at {rig.only_observation.response.experiment.t[20]:.4g} s"
-        in words.residual_sentences(found, SECOND)
-    )
+    result = summaries(residuals)
+    assert [channel.correlated for channel in result] == [False, True, False, False]
+    assert result[1].correlation == pytest.approx(-2 / 3, abs=0.15)
+    assert [channel.far for channel in result] == [True, False, False, False]
+    time = likelihood().only_observation.experiment.t[20]
+    assert f"theta_1 5.5 at {time:.4g} s" in residual_sentences(result, SECOND)
 
 
-def test_the_worst_channel_comes_first(rig: Likelihood) -> None:
-    found = residual_summaries(with_residuals(rig, white(5) * [2.0, 1.0, 9.0, 4.0]), AT)
-    assert re.search(
-        r"noise: w_1 \S+, w_2 \S+, theta_1 \S+ times sigma \(",
-        words.residual_sentences(found, SECOND),
-    )
+def test_the_worst_channel_comes_first() -> None:
+    text = residual_sentences(summaries(white(5) * [2.0, 1.0, 9.0, 4.0]), SECOND)
+    assert re.search(r"noise: w_1 \S+, w_2 \S+, theta_1 \S+ times sigma \(", text)
 
 
-def test_an_exact_fit_leaves_less_than_noise(rig: Likelihood) -> None:
-    found = residual_summaries(with_residuals(rig, np.zeros((N, 4))), AT)
-    assert all(one.small and not one.large for one in found)
-    assert not any(one.correlated and one.rms > 1e-9 for one in found)
+def test_an_exact_fit_leaves_less_than_noise() -> None:
+    result = summaries(np.zeros((N, 4)))
+    assert all(channel.small and not channel.large for channel in result)
+    assert not any(channel.correlated and channel.rms > 1e-9 for channel in result)
 
 
-@run_cases("rms, believed", [(1.4, True), (1.6, False)])
+@run_cases("rms, believed", [(0.3, True), (1.4, True), (1.6, False)])
 def test_a_fit_that_leaves_far_more_than_the_noise_is_not_believed(
-    rms: float, believed: bool, rig: Likelihood
+    rms: float, believed: bool
 ) -> None:
-    """Mutants killed: every finding a reason; never one."""
+    """One that leaves less is: its standard deviations are too large."""
     residuals = white(5)
     residuals[:, 2] *= rms * SIGMA[2] / np.sqrt(np.mean(residuals[:, 2] ** 2))
-    found = residual_summaries(with_residuals(rig, residuals), AT)
-    assert [one.large for one in found] == [False, False, True, False]
-    assert [one.unbelievable for one in found] == [False, False, not believed, False]
-    more = "the residuals are larger than the noise: w_1 1.6 times sigma"
-    assert words.residual_reasons(found) == (() if believed else (more,))
+    result = summaries(residuals)
+    assert [channel.large for channel in result] == [False, False, rms > 1, False]
+    assert [channel.unbelievable for channel in result] == [False, False, not believed, False]
+    reason = "the residuals are larger than the noise: w_1 1.6 times sigma"
+    assert residual_reasons(result) == (() if believed else (reason,))
 
 
 @run_cases("weights, believed", [((1.0, 1.0), True), ((1.0,) * 5, False), ((1.0, -2.0, 1.0), True)])
-def test_what_is_not_white_by_far_is_not_believed(
-    weights: tuple[float, ...], believed: bool, rig: Likelihood
+def test_a_fit_that_leaves_strongly_correlated_residuals_is_not_believed(
+    weights: tuple[float, ...], believed: bool
 ) -> None:
-    """Averages of two and of five samples: correlations of 1/2 and of 4/5; a differenced column.
-
-    Mutants killed: what is but told taken for a reason; a correlation below zero for one.
-    """
+    """Averages of two and of five samples: correlations of 1/2 and of 4/5; a differenced column."""
     rng, residuals = np.random.default_rng(6), white(5)
     steps = np.convolve(rng.standard_normal(N + len(weights) - 1), weights, mode="valid")
     residuals[:, 1] = SIGMA[1] * steps / steps.std()
-    found = residual_summaries(with_residuals(rig, residuals), AT)
-    assert found[1].correlated
-    assert not any(one.large for one in found)
-    reasons = words.residual_reasons(found)
-    assert reasons == () if believed else "are correlated" in reasons[0]
+    result = summaries(residuals)
+    assert result[1].correlated
+    assert not any(channel.large for channel in result)
+    reasons = residual_reasons(result)
+    assert bool(reasons) != believed
     if not believed:
-        assert f"to the next: theta_2 {found[1].correlation:.3g}" in reasons[0]
+        assert "are correlated" in reasons[0]
+        assert f"to the next: theta_2 {result[1].correlation:.3g}" in reasons[0]
 
 
-def test_a_fit_that_leaves_too_little_is_believed(rig: Likelihood) -> None:
-    """A sigma that is too large makes sds too large."""
-    assert words.residual_reasons(residual_summaries(with_residuals(rig, 0.3 * white(5)), AT)) == ()
-
-
-def test_the_simulation_and_predictions_one_step_ahead_stand_side_by_side() -> None:
-    """Noise that remembers by 0.8 leaves 0.6 of itself one step ahead; white noise all, and nothing is
-    said.  Mutants killed: shares of the whitened residuals, or of one channel for the other's.
-    """
-    record = noisy_step(SIGMA, n=400)
-    rig = posterior(record, SIGMA, free=FREE).likelihood
-    assert "one step ahead" not in words.residual_sentences(residual_summaries(rig, AT), SECOND)
+def test_predictions_one_step_ahead_stand_beside_the_simulation() -> None:
+    """AR(1) noise with rho 0.8 leaves 0.6 of itself one step ahead; of white noise nothing is said."""
+    plain = likelihood(n=400)
+    record = plain.only_observation.experiment
+    assert "one step ahead" not in residual_sentences(residual_summaries(plain, AT), SECOND)
     channels = [
         NoisyChannel(channel=c, sigma=float(s), start=1.0, entries={"rho": 0.8})
         for c, s in zip(record.channels, SIGMA, strict=True)
     ]
     noise = NOISES["ar1"].from_channels(channels, 400)
-    blank = np.zeros((1, 400, 4))
-    residuals = noise.draw(blank, np.empty((1, 0)), np.random.default_rng(2))[0]
-    found = residual_summaries(with_residuals(replace_only(rig, noise=noise), residuals), AT)
-    spread = rig.signals(AT[None])[0].std(axis=0)
-    for k, one in enumerate(found):
-        assert one.simulated == one.share
-        fresh = residuals[1:, k] - 0.8 * residuals[:-1, k]
-        assert one.ahead == pytest.approx(fresh.std() / spread[k], rel=0.05)
-        assert one.ahead == pytest.approx(0.6 * one.simulated, rel=0.2)
-    text = words.residual_sentences(found, SECOND).splitlines()[1]
-    last = found[-1]
-    assert text.startswith(
-        "fit: explained by the simulation alone, and by predictions one step ahead"
+    rng = np.random.default_rng(2)
+    residuals = noise.draw(np.zeros((1, 400, 4)), np.empty((1, 0)), rng)[0]
+    result = summaries(residuals, AT, replace_only(plain, noise=noise))
+    spread = plain.signals(AT[None])[0].std(axis=0)
+    for k, channel in enumerate(result):
+        assert channel.simulated == channel.share
+        innovations = residuals[1:, k] - 0.8 * residuals[:-1, k]
+        assert channel.ahead == pytest.approx(innovations.std() / spread[k], rel=0.05)
+        assert channel.ahead == pytest.approx(0.6 * channel.simulated, rel=0.2)
+    text = residual_sentences(result, SECOND).splitlines()[1]
+    assert text.startswith("fit: explained by the simulation alone, and by predictions one step")
+    simulated, ahead = (100 * (1 - x) for x in (result[-1].simulated, result[-1].ahead))
+    assert text.endswith(f"w_2 {simulated:.4g} % and {ahead:.4g} %.")
+
+
+# --- correlations at several lags, with residuals and with an input -----------------------------------
+
+LONG, DT = 600, 0.01
+TWO_SIGMAS = np.array([0.02, 0.1])
+
+
+VOLTAGE = 6.0 + 2.0 * ar1(0.9, (LONG,), 99)
+
+
+@cache
+def driven() -> Likelihood:
+    measures = {"theta_1": {"theta_1": 1.0}, "w_2": {"w_2": 1.0}}
+    record = experiment(LONG, DT, series={"v": VOLTAGE}, constant={"t_1": 0.0}, measures=measures)
+    return posterior(record, TWO_SIGMAS, free=FREE).likelihood
+
+
+def correlations_of(residuals: Array) -> dict[tuple[str, str], ResidualCorrelation]:
+    """Return those of residuals `(600, 2)`, NaN where nothing was measured, by channel and input."""
+    observation = driven().only_observation
+    y = driven().signals(AT[None])[0] + residuals
+    record = dataclasses.replace(observation.experiment, y=y)
+    changed = replace_only(
+        driven(),
+        response=observation.response.of(record),
+        noise=observation.noise.with_counts(record.counts),
     )
-    assert text.endswith(
-        f"w_2 {100 * (1 - last.simulated):.4g} % and {100 * (1 - last.ahead):.4g} %."
-    )
+    return {(one.channel.name, one.input): one for one in correlations(changed, AT)}
+
+
+def test_correlations_are_those_of_pairs_of_samples_that_are_there() -> None:
+    """Those with an input are of what one sample does not say of the next."""
+    residuals = TWO_SIGMAS * ar1(0.7, (LONG, 2), 1)
+    residuals[100:160, 0] = residuals[300, 1] = np.nan
+    result = correlations_of(residuals)
+    e, own = residuals[:, 0] / TWO_SIGMAS[0], result["theta_1", ""]
+
+    def mean(a: Array, b: Array) -> float:
+        return float(np.nanmean(a * b))
+
+    for lag in (1, 2, 7, 25):
+        assert own.lags[lag - 1] == lag
+        expected = mean(e[lag:], e[:-lag]) / mean(e, e)
+        assert own.values[lag - 1] == pytest.approx(expected, rel=1e-9)
+    with_v, rho = result["theta_1", "v"], own.values[0]
+    u = np.where(np.isnan(e), np.nan, VOLTAGE - VOLTAGE[~np.isnan(e)].mean())
+    e, u = e[1:] - rho * e[:-1], u[1:] - rho * u[:-1]
+    size = np.sqrt(mean(e, e) * mean(u, u))
+    for lag in (0, 1, 5, 25):
+        late, early = mean(e[lag:], u[: len(u) - lag]), mean(e[: len(e) - lag], u[lag:])
+        assert with_v.values[with_v.lags == lag] == pytest.approx(late / size, rel=1e-9)
+        assert with_v.values[with_v.lags == -lag] == pytest.approx(early / size, rel=1e-9)
+    assert with_v.step == pytest.approx(DT)
+
+
+@run_cases("rho", [0.0, 0.8])
+def test_bands_hold_residuals_that_know_nothing_of_the_input(rho: float) -> None:
+    """Over 200 records one value in a hundred is outside, and hardly a record follows the input."""
+    outside, white_outside, followed = [], [], 0
+    for seed in range(200):
+        result = correlations_of(TWO_SIGMAS * ar1(rho, (LONG, 2), seed))
+        with_input = [one for (_, name), one in result.items() if name]
+        outside += [np.abs(one.values) > one.band for one in with_input]
+        white_outside.append(np.abs(result["w_2", ""].values) > result["w_2", ""].band)
+        followed += bool(input_sentences(with_input))
+    assert 0.003 < np.mean(outside) < 0.02
+    assert followed <= 7  # 2 on average
+    assert rho > 0 or 0.005 < np.mean(white_outside) < 0.02
+
+
+@run_cases("lag, channel, size", [(4, 1, 0.04), (-3, 0, 0.008)])
+def test_residuals_that_follow_an_input_are_named_with_the_lag(
+    lag: int, channel: int, size: float
+) -> None:
+    """Also deep in correlated residuals, and where the input comes after them."""
+    residuals = TWO_SIGMAS * ar1(0.9, (LONG, 2), 3)
+    residuals[:, channel] += size * np.roll(VOLTAGE - 6.0, lag)
+    (text,) = input_sentences(list(correlations_of(residuals).values()))
+    name = ("theta_1", "w_2")[channel]
+    assert text.startswith(f"the residuals of {name} follow the input v, {lag:+} samples (")
+    assert text.endswith(": the input answers to the rig, or times are off") == (lag < 0)

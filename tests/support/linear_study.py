@@ -33,7 +33,7 @@ def linear_study(prior_sd: np.ndarray) -> IdentifiabilityStudy:
     words = Thresholds()
     joint = known.with_priors(prior_sd)
 
-    def judged(exponents: tuple[int, ...]) -> KnownProduct:
+    def product(exponents: tuple[int, ...]) -> KnownProduct:
         e = np.array(exponents, dtype=float)
         sd, before = joint.bound(e), float(np.linalg.norm(prior_sd * e))
         return KnownProduct(
@@ -54,7 +54,7 @@ def linear_study(prior_sd: np.ndarray) -> IdentifiabilityStudy:
             invariants=((0, 0, 1), (1, -1, 0)),
             unexplained=0,
         ),
-        parameters=tuple(judged(e) for e in ((1, 0, 0), (0, 1, 0), (0, 0, 1))),
+        parameters=tuple(product(e) for e in ((1, 0, 0), (0, 1, 0), (0, 0, 1))),
         products=products(known, prior_sd, simple_exponents(3), words),
         information=known,
         remedies=(),
@@ -66,7 +66,7 @@ PRIOR = np.exp(PRIOR_SD * RNG.standard_normal((5000, 3))) * list(TABLE.values())
 
 
 def gaussian(truth: dict[str, float], rng: np.random.Generator, n: int = N) -> np.ndarray:
-    """Draws of the exact posterior of one record of a rig at `truth`, priors in logs around it."""
+    """Return exact posterior draws of one record of a rig at `truth`, with priors in logs."""
     log_truth = np.log([truth[name] / TABLE[name] for name in NAMES])
     precision = ROOT.T @ ROOT + np.eye(3) / PRIOR_SD**2
     data = ROOT.T @ (ROOT @ log_truth + rng.standard_normal(3))
@@ -83,25 +83,26 @@ def verdict(
 
 
 def off_by(study: IdentifiabilityStudy, named: Collection[str], off: float) -> dict[str, float]:
-    """With each of the `named` in turn off by so much: sigmas by which the record shows it.
+    """Return by how many sigmas the record shows each of the `named` that is `off` relatively.
 
     The most over all products of up to three of them, with powers up to two, that no symmetry changes
     and that the record brings below half of the prior: counted one by one, no basis among them.
     """
-    before = np.array([one.prior_sd for one in study.parameters])
+    priors = np.array([parameter.prior_sd for parameter in study.parameters])
     root = study.information.root
-    covariance = np.linalg.inv(root.T @ root + np.diag(before**-2.0))
-    symmetries = np.array(study.structure.symmetries, dtype=float).reshape(-1, len(before))
-    found = dict.fromkeys(named, 0.0)
+    covariance = np.linalg.inv(root.T @ root + np.diag(priors**-2.0))
+    symmetries = np.array(study.structure.symmetries, dtype=float).reshape(-1, len(priors))
+    columns = [study.names.index(name) for name in named]
+    sigmas = dict.fromkeys(named, 0.0)
     for size in (1, 2, 3):
-        for places in itertools.combinations([study.names.index(name) for name in named], size):
+        for chosen in itertools.combinations(columns, size):
             for powers in itertools.product((1, -1, 2, -2), repeat=size):
-                e = np.zeros(len(before))
-                e[list(places)] = powers
+                e = np.zeros(len(priors))
+                e[list(chosen)] = powers
                 sd = math.sqrt(e @ covariance @ e)
-                if (symmetries @ e).any() or sd > 0.5 * np.linalg.norm(e * before):
+                if (symmetries @ e).any() or sd > 0.5 * np.linalg.norm(e * priors):
                     continue
-                for place, power in zip(places, powers, strict=True):
-                    name = study.names[place]
-                    found[name] = max(found[name], abs(power) * math.log1p(off) / sd)
-    return found
+                for column, power in zip(chosen, powers, strict=True):
+                    name = study.names[column]
+                    sigmas[name] = max(sigmas[name], abs(power) * math.log1p(off) / sd)
+    return sigmas

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from scipy.signal import lfilter
 from support.friction_oracle import Rig, simulate
 from support.scipy_oracles import NOMINAL
 from support.small_problems import experiment, likelihood_of, unknown
@@ -83,6 +84,12 @@ def best(posterior: Posterior) -> np.ndarray:
     start = posterior.space.vector(posterior.space.start)
     top = gauss_newton(surface, posterior.coordinates.from_physical(start[None]), 60)
     return np.asarray(posterior.coordinates.to_physical(top.u)[0])
+
+
+def ar1(rho: float, shape: tuple[int, ...], seed: int) -> np.ndarray:
+    """Return autoregressive columns of the standard deviation 1."""
+    noise = np.random.default_rng(seed).standard_normal((shape[0] + 300, *shape[1:]))
+    return np.asarray(lfilter([np.sqrt(1 - rho**2)], [1.0, -rho], noise, axis=0)[300:])
 
 
 def against_the_table(posterior: Posterior, tolerance: float = 0.0, **table: float) -> Problem:

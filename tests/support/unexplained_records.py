@@ -17,7 +17,7 @@ from bayesdrill.tasks import conclusions
 
 
 def write(folder: Path, config: str, columns: Mapping[str, np.ndarray]) -> Path:
-    """A config, with `record.csv` beside it."""
+    """Write a config, with `record.csv` beside it."""
     rows, head = np.column_stack([*columns.values()]), ",".join(columns)
     np.savetxt(folder / "record.csv", rows, "%.15g", ",", header=head, comments="")
     path = folder / "given.yaml"
@@ -26,24 +26,24 @@ def write(folder: Path, config: str, columns: Mapping[str, np.ndarray]) -> Path:
 
 
 def causes_of(case: bd.Case) -> Causes | None:
-    """At the maximum that one search finds, in this process."""
-    found = case.find_map(quick=True).mode
-    job = case.job.with_steps_at(found)
-    return conclusions.causes(job, found, conclusions.residuals(job, found))
+    """Return what explains the fit at the maximum that one search finds, in this process."""
+    mode = case.find_map(quick=True).mode
+    job = case.job.with_steps_at(mode)
+    return conclusions.causes(job, mode, conclusions.residuals(job, mode))
 
 
 def fits(case: bd.Case) -> bool:
-    """Whether its maximum leaves what looks like noise."""
-    found = case.find_map(quick=True).mode
-    posterior = case.job.with_steps_at(found).problem.posterior
-    theta = posterior.space.vector(found.values)
+    """Return whether its maximum leaves what looks like noise."""
+    mode = case.find_map(quick=True).mode
+    posterior = case.job.with_steps_at(mode).problem.posterior
+    theta = posterior.space.vector(mode.values)
     return residual_checks.like_noise(
         residual_checks.residual_summaries(posterior.likelihood, theta)
     )
 
 
 def amended(config: Path, lines: str) -> bd.Case:
-    """A config to which a reader has added `lines`."""
+    """Return the case of a config to which a reader has added `lines`."""
     yaml = YAML(typ="safe")
     path = config.with_name("amended.yaml")
     path.write_text(json.dumps(merged(yaml.load(config), yaml.load(lines))))
@@ -51,8 +51,8 @@ def amended(config: Path, lines: str) -> bd.Case:
 
 
 def merged(given: Mapping[str, Any], more: Mapping[str, Any]) -> dict[str, Any]:
-    found = dict(given)
+    entries = dict(given)
     for key, value in more.items():
-        inside = isinstance(value, dict) and isinstance(found.get(key), dict)
-        found[key] = merged(found[key], value) if inside else value
-    return found
+        inside = isinstance(value, dict) and isinstance(entries.get(key), dict)
+        entries[key] = merged(entries[key], value) if inside else value
+    return entries

@@ -1,0 +1,180 @@
+"""What a record of the nominal rig can show: symmetries, products, bounds, remedies, and their words."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+from support.case_tables import run_cases
+from support.command_line import ROOT
+from support.scipy_oracles import ORDER
+from support.small_problems import experiment, noisy_step, posterior, replace_only
+
+from bayesdrill.analysis.identifiability.information import SensitivityStudy
+from bayesdrill.analysis.identifiability.profile import Profile
+from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy, study_of
+from bayesdrill.basics.symbols import PARAMETERS
+from bayesdrill.config import job, loading
+from bayesdrill.config.schema.config import Asked
+from bayesdrill.inference.posterior import Posterior
+from bayesdrill.report.sections import identify_words as words
+from bayesdrill.rig.models.motor_shaft import MotorShaft, TwoRotors
+from bayesdrill.rig.simulators.exact import Response
+
+SIGMA = np.array([0.02, 0.01, 0.05, 0.03])  # unequal
+RECORD = noisy_step(SIGMA)
+
+
+def study(target: Posterior, asked: Asked | None = None) -> IdentifiabilityStudy:
+    """Return that at the start values."""
+    theta = target.space.vector(target.space.start)
+    sensitivity = SensitivityStudy(target.likelihood)
+    return study_of(sensitivity, target, theta, asked or Asked(), seek_remedies=True)
+
+
+@cache
+def study_with(*free: str) -> IdentifiabilityStudy:
+    return study(posterior(RECORD, SIGMA, free=free))
+
+
+def without(*names: str) -> tuple[str, ...]:
+    return tuple(name for name in ORDER if name not in names)
+
+
+def exponents(**powers: int) -> tuple[int, ...]:
+    return tuple(powers.get(name, 0) for name in ORDER)
+
+
+ELECTRICAL = exponents(k_T=1, r_m=1, l_m=1)
+MECHANICAL = exponents(j_m=1, c_m=1, k_s=1, j_1=1, t_f=1, k_T=1)
+
+
+def test_the_rig_has_two_symmetries_and_seven_invariants() -> None:
+    nominal = study_with(*ORDER)
+    assert set(nominal.structure.symmetries) == {ELECTRICAL, MECHANICAL}
+    assert nominal.structure.unexplained == 0
+    invariants = np.array(nominal.structure.invariants)
+    assert invariants.shape == (7, 9)
+    assert np.linalg.matrix_rank(invariants) == 7
+    assert not np.any(invariants @ np.array([ELECTRICAL, MECHANICAL]).T)
+    text = words.full(nominal, MotorShaft())
+    assert (
+        "j_m, c_m, k_T, k_s, j_1 and t_f can all be multiplied by the same factor without changing "
+        "any measured signal"
+    ) in text
+    assert "k_T, r_m and l_m can all be multiplied by the same factor" in text
+
+
+@run_cases(
+    "held, left",
+    [
+        (("j_1",), 1),
+        (("r_m",), 1),
+        (("j_1", "r_m"), 0),
+        (("k_e",), 2),
+        (("j_m", "k_T", "r_m", "l_m", "k_s", "j_1", "t_f"), 0),
+    ],
+)
+def test_held_parameters_break_symmetries(held: tuple[str, ...], left: int) -> None:
+    structure = study_with(*without(*held)).structure
+    assert (len(structure.symmetries), structure.unexplained) == (left, 0)
+
+
+FOUR = {name: {name: 1.0} for name in ("theta_1", "theta_2", "w_1", "w_2")}
+LOADED = experiment(101, 0.03, measures=FOUR, constant={"v": 8.0, "t_1": 0.05})
+WITH_CURRENT = experiment(101, 0.03, y=np.ones((101, 5)))
+RECORDS = {
+    "a measured current": (posterior(WITH_CURRENT, np.full(5, 0.1)), {MECHANICAL}),
+    "a known load": (posterior(LOADED, SIGMA), {ELECTRICAL}),
+    "unknown noise levels": (posterior(RECORD, None), {ELECTRICAL, MECHANICAL}),
+}
+
+
+@run_cases("target, left", RECORDS.values(), RECORDS)
+def test_measured_currents_and_loads_break_symmetries(
+    target: Posterior, left: set[tuple[int, ...]]
+) -> None:
+    """Noise levels that are unknown do not matter."""
+    assert set(study(target).structure.symmetries) == left
+
+
+def test_the_tie_of_an_ideal_motor_breaks_one_symmetry() -> None:
+    source = loading.load(ROOT / "configs" / "nominal_step.yaml").source
+    source.data["parameters"]["k_T"] = {"tie": "k_e"}
+    tied = job.assemble(loading.validate(source))
+    structure = study(tied.problem.posterior, tied.asked).structure
+    (symmetry,) = structure.symmetries
+    # k_T stays, so the factor of the mechanical scale is undone by the electrical one.
+    powers = dict(zip(structure.names, symmetry, strict=True))
+    assert powers["j_m"] == -powers["r_m"] != 0
+
+
+def test_a_known_inertia_at_the_motor_only_bends_the_symmetries() -> None:
+    target = posterior(RECORD, SIGMA)
+    response = Response(TwoRotors(j_2=7e-3, r_s=0.2), RECORD)
+    result = study(replace(target, likelihood=replace_only(target.likelihood, response=response)))
+    assert result.structure.symmetries == ()
+    assert result.structure.unexplained == 2
+    shown = np.array(result.structure.invariants, dtype=float)
+    assert np.linalg.matrix_rank(shown) == len(shown) == 5
+    assert np.linalg.matrix_rank(np.vstack([shown, exponents(k_s=1, j_1=-1)])) == 5
+    assert not shown[:, [ORDER.index("j_m"), ORDER.index("r_m")]].any()
+    text = words.brief(result)
+    assert "2 changes of several of j_m, c_m" in text
+    assert "leave every signal as it is" in text
+
+
+def test_badly_known_unknowns_are_named_with_their_bounds() -> None:
+    result = study_with(*without("r_m", "j_1"))
+    first, second, *_ = words.brief(result).split("; ")
+    assert first == "no symmetry hides an unknown from this record"
+    known = dict(zip(result.names, result.parameters, strict=True))
+    assert 0 < sum(parameter.bound > 0.5 for parameter in known.values()) < len(known)
+    for name, parameter in known.items():
+        bound = f"{name} to {words.percent(parameter.bound)}"
+        assert (bound in second) == (parameter.bound > 0.5)
+    assert words.brief(study_with("k_s", "k_e")) == "the record determines every unknown"
+
+
+def test_the_best_known_product_is_the_frequency_of_the_rotor() -> None:
+    result = study_with(*ORDER).products
+    assert words.product(ORDER, result[0].exponents) == "k_s/j_1"
+    assert result[0].sd < 1e-3
+    assert [product.word for product in result].count("determined") == 5
+    assert np.linalg.matrix_rank(np.array([product.exponents for product in result])) == 9
+
+
+def test_a_parameter_that_a_symmetry_hides_has_no_bound() -> None:
+    result = study_with(*ORDER)
+    bounds = dict(zip(result.names, (k.bound for k in result.parameters), strict=True))
+    assert [name for name, bound in bounds.items() if np.isfinite(bound)] == ["k_e"]
+
+
+def test_remedies_say_which_symmetry_they_break() -> None:
+    result = study_with(*ORDER)
+    remedies = {remedy.what.split(" (")[0]: remedy for remedy in result.remedies}
+    electrical, mechanical = map(result.structure.symmetries.index, (ELECTRICAL, MECHANICAL))
+    assert remedies["measure i"].breaks == (electrical,)
+    assert remedies["measure i"].left == 1
+    assert remedies["weigh or measure j_1 to 1 %"].breaks == (mechanical,)
+    assert remedies["tie k_T = k_e"].left == 1
+    load = next(r for what, r in remedies.items() if what.startswith("apply a known load"))
+    assert load.breaks == (mechanical,)
+    for what, remedy in remedies.items():
+        if "voltage" in what or "coast" in what or "k_e to" in what:
+            assert (remedy.breaks, remedy.left) == ((), 2)
+        assert remedy.shrink > 0.999  # what is learnt makes nothing less known
+
+
+def test_a_profile_that_the_priors_of_others_bound_is_no_limit_of_the_record() -> None:
+    names = ("k_T", "r_m", "l_m", "k_e")  # the first three with one factor leave every signal
+    line = np.linspace(1.0, 2.0, 5)
+    profiles = [
+        Profile(name=name, values=line, loss=line, best=1.5, low=low, high=1.8, shape=shape)
+        for name, low, shape in (("r_m", None, "one-sided"), ("k_e", 1.2, "bounded"))
+    ]
+    symbols = [PARAMETERS[name] for name in names]
+    _, _, r_m, k_e = words.profiles(profiles, study_with(*names), symbols).splitlines()
+    assert r_m.endswith(f"one-sided: {words.THROUGH_OTHERS}")
+    assert k_e.endswith(f"bounded: {words.SHAPES['bounded']}")

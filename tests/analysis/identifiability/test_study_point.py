@@ -1,0 +1,165 @@
+"""Where a record is studied before a search: at the start, or where the rig moves as its record does."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from support.case_tables import run_cases
+
+import bayesdrill as bd
+from bayesdrill.analysis.identifiability.information import SensitivityStudy
+from bayesdrill.analysis.identifiability.study import study_point
+
+T = np.linspace(0.0, 3.0, 121)
+PUSH = 2.0 * np.sin(3.0 * T)
+
+
+def uniform(low: float, high: float, **start: float) -> dict[str, Any]:
+    return {"prior": "uniform", "low": low, "high": high, **start}
+
+
+def wide(low: float = 1e-3, high: float = 10.0) -> dict[str, Any]:
+    return {"prior": "log_uniform", "low": low, "high": high}
+
+
+def simulated(
+    rig: Any,
+    p: dict[str, float],
+    channel: str,
+    believed: dict[str, Any],
+    t_m: np.ndarray | float | None = None,
+    starts: tuple[dict[str, Any], dict[str, Any]] = ({}, {}),
+) -> bd.Case:
+    """Return the case of a record at `p`; `starts` are the true one and the one that is believed."""
+    drives = {} if t_m is None else {"t_m": t_m}
+    clean = bd.respond(rig, p, T, drives, channel, initial=starts[0])[channel]
+    sigma = 0.01 * float(np.ptp(clean))
+    y = clean + sigma * np.random.default_rng(1).standard_normal(len(T))
+    channels = {channel: bd.Channel(y, rig.symbols[channel].unit, sigma)}
+    inputs = {name: bd.Input(x, "N*m") for name, x in drives.items()}
+    return bd.case(T, channels, inputs, {**p, **believed}, rig=rig, initial=starts[1])
+
+
+def pendulum(start: float) -> bd.Case:
+    """Return one that falls, and whose friction may hold it up to a tilt of about 0.1 from above."""
+    rig = bd.Train(inertias=("arm",), gravity=("arm",), added=("t_c_arm", "a_arm"))
+    p = {"j_arm": 0.1, "g_arm": 1.0, "t_c_arm": 0.1, "a_arm": 1.2}
+    friction, tilt = uniform(0, 1.0), uniform(0, 6.2, start=start)
+    believed = {"j_arm": wide(), "t_c_arm": friction, "a_arm": tilt}
+    return simulated(rig, p, "theta_arm", believed)
+
+
+def servo(friction: dict[str, Any]) -> bd.Case:
+    """Return a motor that turns both ways, driven by a torque, with dry friction."""
+    believed = {"j_m": wide(), "t_cm": friction}
+    p = {"j_m": 0.1, "c_m": 0.2, "t_cm": 0.3}
+    return simulated(bd.Motor(added=("t_cm",)), p, "w_2", believed, PUSH)
+
+
+def cart(speed: float) -> bd.Case:
+    """Return one that rolls out, of whose first speed no channel says much."""
+    rig = bd.Train(motion="linear", inertias=("cart",), added=("c_cart",))
+    starts = {"v_cart": 1.0}, {"v_cart": {"prior": "normal", "mean": speed, "sd": 2.0}}
+    believed = {"c_cart": wide(0.01)}
+    return simulated(rig, {"m_cart": 1.0, "c_cart": 1.0}, "x_cart", believed, None, starts)
+
+
+RESTING = {
+    "a pendulum": (pendulum(3.1), "theta_arm", {"j_arm", "a_arm"}),
+    "a servo": (servo(uniform(0.0, 8.0, start=4.0)), "w_2", {"j_m"}),
+    "a cart": (cart(0.0), "x_cart", {"c_cart"}),
+}
+MOVING = {
+    "a pendulum": pendulum(1.5), "a servo": servo(uniform(0.0, 8.0, start=0.5)), "a cart": cart(0.7)
+}  # fmt: skip
+
+
+@run_cases("case, channel, determined", RESTING.values(), RESTING)
+def test_a_rig_that_rests_at_the_start_is_studied_where_it_moves(
+    case: bd.Case, channel: str, determined: set[str]
+) -> None:
+    findings = case.identify()
+    assert findings.point.still == (channel,)
+    assert findings.text.startswith("AT REST: at the start values the rig does not move")
+    assert f"in the record it does ({channel})" in findings.text
+    words = zip(findings.study.names, (x.word for x in findings.study.parameters), strict=True)
+    assert determined <= {name for name, word in words if word == "determined"}
+    assert "the likeliest of 128 draws from the priors" in findings.text
+    for name, value in zip(case.unknowns, findings.point.theta.tolist(), strict=True):
+        assert f"{name} = {value:.4g}" in findings.text
+    before, _, _ = case.preview().partition("timing: ")
+    assert "AT REST" in before
+    assert findings.point.theta == pytest.approx(case.identify().point.theta)  # by the seed
+
+
+@run_cases("case", MOVING.values(), MOVING)
+def test_a_rig_that_moves_is_studied_at_the_start(case: bd.Case) -> None:
+    posterior = case.job.problem.posterior
+    point = study_point(SensitivityStudy(posterior.likelihood), posterior, 0)
+    assert (point.at, point.still) == ("the start", ())
+    assert point.theta.tolist() == [*posterior.space.start.values()]
+    assert "AT REST" not in case.identify().text
+
+
+def test_nothing_is_said_of_the_record_where_no_draw_moves_the_rig() -> None:
+    """The friction is beyond the drive wherever the priors lead."""
+    case = servo(uniform(3.0, 8.0))
+    for text in (case.identify().text, case.preview()):
+        assert "Nor does it at likely draws from the priors" in text
+        assert "left to the prior" not in text
+        assert "not at all" not in text
+
+
+def test_a_record_that_is_at_rest_itself_is_studied_at_the_start() -> None:
+    noise = 0.01 * np.random.default_rng(2).standard_normal(len(T))
+    believed = {"j_m": wide(), "c_m": 0.2, "t_cm": uniform(0.0, 8.0)}
+    channels = {"w_2": bd.Channel(noise, "rad/s", 0.01)}
+    case = bd.case(T, channels, {"t_m": 0.1}, believed, rig=bd.Motor(added=("t_cm",)))
+    assert case.identify().point.still == ()
+
+
+def test_slopes_that_overflow_tell_nothing() -> None:
+    """Rock that is far stronger than the motor all but holds a bit at the end of a stiff string."""
+    t, ends = np.arange(100) * 0.05, ("motor", "bit")
+    drives, added = {"motor": "current"}, ("c_string",)
+    rig = bd.Train(ends, {"string": ends}, drives=drives, rock=("bit",), added=added)
+    inputs = {"i_motor": bd.Input(134.13125 * (t > 0.3), "A"), "wob_bit": 105.368323}
+    believed = {
+        "j_motor": wide(1.10709, 996.536),
+        "k_string": wide(500.075, 43349),
+        "c_string": wide(5.47821, 1212.9),
+        "j_bit": 2.02478,
+        "k_T_motor": 0.1,
+        "b_0_bit": wide(0.659853, 49.4256),
+        "b_1_bit": wide(2.17322, 21.9248),
+        "b_2_bit": wide(3.19202, 8130.4),
+        "b_3_bit": 0.0925623,
+    }
+    channels = {"theta_bit": bd.Channel(0.01 * np.sin(t), "rad", wide(0.001, 1))}
+    case = bd.case(t, channels, inputs, believed, rig=rig)
+    posterior = case.job.problem.posterior
+    start = posterior.space.vector(posterior.space.start)
+    assert np.isfinite(SensitivityStudy(posterior.likelihood).with_nuisances(start)).all()
+    case.preview()
+    assert np.isfinite(case.identify().study.information.root).all()
+
+
+@run_cases(
+    "initial, words",
+    [
+        (
+            {"theta_2": "free", "w_2": "free"},
+            "every parameter of the rig; of sensors and starts it leaves theta_2_0",
+        ),
+        ({"w_2": "free"}, "every unknown"),
+    ],
+)
+def test_an_angle_that_is_free_at_the_start_and_not_measured_is_named(
+    initial: dict[str, str], words: str
+) -> None:
+    believed = {"j_m": wide(), "c_m": wide()}
+    p = {"j_m": 0.1, "c_m": 0.2}
+    case = simulated(bd.Motor(), p, "w_2", believed, PUSH, ({}, initial))
+    assert f"the record determines {words}" in case.preview()

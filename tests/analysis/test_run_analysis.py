@@ -1,0 +1,145 @@
+"""Runs whose unknowns are determined only as far as their residuals are not correlated."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support import command_line
+from support.case_tables import run_cases
+from support.missing_physics import ar1
+
+import bayesdrill as bd
+from bayesdrill.tasks import conclusions
+
+T = 0.02 * np.arange(1000)
+V = np.where(np.sin(0.9 * T) > 0, 6.0, 3.0)
+RHO = 0.5  # of the residuals: sds are too small by 1.7, and the fit is believed
+SAMPLER = {"walkers": 32, "ess": 400, "n_tau": 20}
+MOTOR = bd.Motor(added=("k_e", "k_T", "r_m", "l_m"))
+VALUES = {"j_m": 0.02, "c_m": 0.05, "k_e": 0.5, "k_T": 0.5, "r_m": 1.0, "l_m": 0.001}
+SDS = {"j_m": 8e-5, "c_m": 6e-5}  # as white noise would leave them
+NARROW, WIDE = 2.6, 12.0  # sds of priors over these
+
+
+@pytest.fixture(autouse=True)
+def without_causes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let no causes of the bad fit be ranked, which takes half a minute."""
+    monkeypatch.setattr(conclusions, "causes", lambda *_: None)
+
+
+@cache
+def record(rho: float) -> np.ndarray:
+    """Return the speed of the motor with autoregressive residuals."""
+    clean = bd.respond(MOTOR, VALUES, T, {"v": V}, "w_2")["w_2"]
+    noise = ar1(rho, T.shape, 3)
+    return clean + 0.05 * noise / noise.std()
+
+
+def motor(widths: float, rho: float = RHO, *, table: bool = False) -> bd.Case:
+    """Return a case whose two unknowns have normal priors of the sds `SDS` times `widths`."""
+    priors = {
+        name: {"prior": "normal", "mean": VALUES[name], "sd": sd * widths}
+        for name, sd in SDS.items()
+    }
+    sigma = {"prior": "log_uniform", "low": 0.01, "high": 1.0}
+    channels = {"w_2": bd.Channel(record(rho), "rad/s", sigma)}
+    nominal = {"nominal": {name: VALUES[name] for name in SDS}} if table else {}
+    return bd.case(
+        T, channels, {"v": bd.Input(V, "V")}, VALUES | priors, rig=MOTOR, sampler=SAMPLER, **nominal
+    )
+
+
+@cache
+def run(widths: float, rho: float = RHO) -> bd.Run:
+    return motor(widths, rho, table=widths == NARROW).sample(seed=1)
+
+
+def test_a_run_is_not_believed_whose_sandwich_sds_do_not_determine_an_unknown() -> None:
+    doubted = run(NARROW)
+    report, analysis = doubted.judge(), doubted.analysis
+    assert "c_m" in analysis.unsupported
+    (reason,) = report.reasons
+    assert "(sandwich), the record does not determine" in reason
+    for row in analysis.unknowns:
+        ratio = analysis.sandwich[row.name] / row.sd
+        unsupported = row.word == "determined" and ratio >= 0.5 / (1 - row.shrinkage)
+        assert (row.name in analysis.unsupported) == unsupported, row.name
+        assert (f"{row.name} ({ratio:.3g} times as large)" in reason) == unsupported
+    assert "DO NOT BELIEVE these numbers, though the ensembles converged" in report.text
+    assert "the record says" not in report.text
+    assert "determined:" not in report.text
+    assert "verdict: none, because the model does not fit" in report.text
+    assert analysis.judged is not None
+    for q in analysis.judged.verdict.products:  # each has a sandwich sd from the covariance of logs
+        names = zip(analysis.judged.verdict.names, q.exponents, strict=True)
+        first = next(name for name, exponent in names if exponent)
+        assert any(key.startswith(first) for key in analysis.sandwich)
+
+
+def test_a_run_is_believed_whose_sandwich_sds_determine_as_well() -> None:
+    """Or that leaves white noise, of which no sandwich is made."""
+    wide, white = run(WIDE), run(NARROW, 0.0)
+    assert wide.analysis.sandwich["c_m"] > 1.5 * np.std(wide.draws["c_m"])
+    assert not white.analysis.sandwich
+    for believed in (wide, white):
+        assert believed.judge().reasons == ()
+        assert {row.word for row in believed.analysis.unknowns} == {"determined"}
+        assert "determined: j_m, c_m" in believed.judge().text
+    assert "Sandwich sds, in the report of a posterior, count that" in wide.judge().text
+
+
+@run_cases("widths, doubted", [(NARROW, True), (WIDE, False)])
+def test_identify_at_a_maximum_says_determined_by_the_same_rule(
+    widths: float, doubted: bool
+) -> None:
+    case = motor(widths)
+    findings = case.identify(at=case.find_map())
+    assert bool(findings.reasons) == doubted
+    assert ("DO NOT BELIEVE these numbers" in findings.text) == doubted
+    assert ("determined" in findings.text.replace("does not determine", "")) != doubted
+
+
+CONFIG = """\
+name: c
+seed: 1
+record:
+  file: r.csv
+  time: {column: t, unit: s}
+  channels: {w_2: {column: w, unit: rad/s, sigma: {prior: log_uniform, low: 0.01, high: 1}}}
+inputs: {v: {column: v, unit: V}}
+model: {name: motor}
+parameters:
+  j_m: {prior: normal, mean: 0.02, sd: 2.08e-4}
+  c_m: {prior: normal, mean: 0.05, sd: 1.56e-4}
+  k_e: 0.5
+  k_T: 0.5
+  r_m: 1.0
+  l_m: 0.001
+map: {starts: 1}
+sampler: {walkers: 16, r_hat: 1.1, n_tau: 10, ess: 200}
+output: {predictive_draws: 10, figures: []}
+"""
+
+
+def test_commands_end_with_status_3(tmp_path: Path) -> None:
+    rows, config, folder = (
+        np.stack([T, record(RHO), V], axis=-1),
+        tmp_path / "c.yaml",
+        tmp_path / "out",
+    )
+    np.savetxt(tmp_path / "r.csv", rows, delimiter=",", header="t,w,v", comments="")
+    config.write_text(CONFIG)
+    posterior = command_line.cli("posterior", config, "-o", folder, "--processes", "1")
+    assert posterior.status == 3, posterior.text
+    assert "the record does not determine c_m" in posterior.out
+    for status, *arguments in (
+        (0, "verify", folder),
+        (3, "report", folder, "--processes", "1"),
+        (3, "identify", config, "--at-map"),
+        (0, "identify", config),
+    ):
+        result = command_line.cli(*arguments)
+        assert result.status == status, result.text
