@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import scipy.io
 import scipy.io.matlab
-from support.case_tables import for_each
+from support.case_tables import together
 
 from bayesdrill.basics.entries import NoEntries
 from bayesdrill.basics.errors import InputError
@@ -97,8 +97,9 @@ def table(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     return FORMATS["mat"].read(path, NoEntries(), None)
 
 
-def test_pick(table: RecordTable) -> None:
-    cases = [
+@together(
+    "column, variable, expected",
+    [
         ("theta_1", None, T),
         (None, "theta_1", T),
         (1, "theta_1", T),
@@ -113,18 +114,19 @@ def test_pick(table: RecordTable) -> None:
         ("theta", "rig", T),
         (None, "rig.motor.w", W),
         (1, "rig.motor.w", W),
-    ]
+    ],
+)
+def test_columns_are_picked(
+    table: RecordTable, column: str | int | None, variable: str | None, expected: np.ndarray
+) -> None:
+    values = table.pick(column, variable)
+    assert values.dtype == np.float64
+    np.testing.assert_array_equal(values, expected)
 
-    def check(column, variable, expected) -> None:
-        values = table.pick(column, variable)
-        assert values.dtype == np.float64
-        np.testing.assert_array_equal(values, expected)
 
-    for_each({str(case): case for case in cases}, check)
-
-
-def test_what_cannot_be_picked(table: RecordTable) -> None:
-    cases = [
+@together(
+    "column, variable, message",
+    [
         ("theta_l", None, "did you mean theta_1?"),
         ("data", None, "4 rows and 3 columns; say which column, from 1 to 3"),
         (4, "data", "no column 4; give one from 1 to 3"),
@@ -140,30 +142,51 @@ def test_what_cannot_be_picked(table: RecordTable) -> None:
         ("z", None, "is complex; save its real part"),
         ("cube", None, "has 3 dimensions (2 x 3 x 4)"),
         ("nothing", None, "is empty"),
-    ]
+    ],
+)
+def test_what_cannot_be_picked_is_named_with_a_way_out(
+    table: RecordTable, column: str | int | None, variable: str | None, message: str
+) -> None:
+    with pytest.raises(InputError) as caught:
+        table.pick(column, variable, location="signals.w")
+    said = str(caught.value)
+    assert said.startswith("signals.w: ")
+    assert "run.mat" in said
+    assert message in said
 
-    def check(column, variable, said: str) -> None:
-        with pytest.raises(InputError) as caught:
-            table.pick(column, variable, location="signals.w")
-        assert str(caught.value).startswith("signals.w: ")
-        assert "run.mat" in str(caught.value)
-        assert said in str(caught.value)
 
-    for_each({str(case): case for case in cases}, check)
-
-
-def test_where_names_the_sample(table: RecordTable) -> None:
+def test_samples_are_numbered_from_one(table: RecordTable) -> None:
     assert table.where(17) == "sample 18"
     assert not any(name.startswith("#") for name in [*table.variables, *table.ignored])
 
 
-def test_timeseries_says_how_to_save(tmp_path: Path) -> None:
+def test_only_wanted_variables_are_read(table: RecordTable) -> None:
+    few = read(table.path, {"theta_1", "rig.theta"})
+    assert not {"row", "data"} & set(few.variables)
+    for name in ("theta_1", "rig.theta"):
+        np.testing.assert_array_equal(few.pick(name), T)
+    with pytest.raises(InputError, match=r"did you mean theta_1\? \(the file has .*row") as caught:
+        read(table.path, {"theta_l"}).pick("theta_l")
+    assert "rig.motor.w" in str(caught.value)
+
+
+@pytest.mark.parametrize("share", [0.15, 0.5, 0.9])
+def test_files_that_are_cut_short_are_refused(
+    table: RecordTable, share: float, tmp_path: Path
+) -> None:
+    content = table.path.read_bytes()
+    (tmp_path / "cut.mat").write_bytes(content[: int(len(content) * share)])
+    with pytest.raises(InputError, match="damaged or cut short"):
+        read(tmp_path / "cut.mat")
+
+
+def test_a_timeseries_says_how_to_save_its_numbers(tmp_path: Path) -> None:
     write_v73(tmp_path / "run.mat")
     with pytest.raises(InputError, match=r"timeseries.*plain arrays: t = ts.Time; y = ts.Data"):
         read(tmp_path / "run.mat").pick("ts")
 
 
-def test_object_of_a_v5_file_is_named() -> None:
+def test_an_object_of_a_v5_file_is_named() -> None:
     folder = Path(scipy.io.matlab.__file__).parent / "tests" / "data"
     path = folder / "testmatlabstring_7_WIN64.mat"
     if not path.exists():
@@ -172,17 +195,12 @@ def test_object_of_a_v5_file_is_named() -> None:
         read(path).pick("matstring1")
 
 
-def capture(*signals: tuple[str, np.ndarray]) -> dict[str, object]:
-    """As ControlDesk saves: a time, and an array of structs of which each is a signal."""
-    y = np.zeros((1, len(signals)), dtype=[(n, "O") for n in ("Name", "Type", "Data", "Unit")])
-    for k, (name, values) in enumerate(signals):
-        y[0, k] = (name, 2, values[None, :], "")
-    return {"X": {"Name": "time", "Data": T[None, :]}, "Y": y}
-
-
 def test_signals_in_an_array_of_structs_are_read_with_their_names(tmp_path: Path) -> None:
-    """Mutants killed: all elements are the first; a label belongs to the signal before it."""
-    content = capture(("Model/speed", W), ('"Model Root"/"duty"', T))
+    """As ControlDesk saves: a time, and an array of structs of which each is a signal."""
+    y = np.zeros((1, 2), dtype=[(n, "O") for n in ("Name", "Type", "Data", "Unit")])
+    y[0, 0] = ("Model/speed", 2, W[None, :], "")
+    y[0, 1] = ('"Model Root"/"duty"', 2, T[None, :], "")
+    content = {"X": {"Name": "time", "Data": T[None, :]}, "Y": y}
     scipy.io.savemat(tmp_path / "run.mat", {"run1": content})
     table = read(tmp_path / "run.mat", {"run1.X.Data", "run1.Y(2).Data"})
     np.testing.assert_array_equal(table.pick("run1.Y(1).Data"), W)
@@ -199,168 +217,32 @@ def test_the_only_variable_needs_no_name(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read(tmp_path / "run.mat").pick(2), W)
 
 
-def _cut(path: Path, keep: float) -> None:
-    raw = path.read_bytes()
-    path.write_bytes(raw[: int(len(raw) * keep)])
-
-
-def test_cut_files_are_refused(tmp_path_factory: pytest.TempPathFactory) -> None:
-    def check(writer, keep: float) -> None:
-        tmp_path = tmp_path_factory.mktemp("case")
-        path = tmp_path / "run.mat"
-        writer(path)
-        _cut(path, keep)
-        with pytest.raises(InputError, match="damaged or cut short"):
-            read(path)
-
-    for_each(
-        {
-            f"{writer.__name__} {keep}": (writer, keep)
-            for writer in [write_v5, write_v73]
-            for keep in [0.15, 0.5, 0.9]
-        },
-        check,
-    )
-
-
-def test_other_files_are_refused(tmp_path_factory: pytest.TempPathFactory) -> None:
-    cases = [
+@together(
+    "content, message",
+    [
         (b"", "is empty"),
         (b"t,w\n1,2\n" * 50, "not a MATLAB file"),
         (b"x", "not a MATLAB file"),
         (bytes(range(256)) * 4, "not a MATLAB file"),
         (b"MATLAB 5.0 MAT-file".ljust(300), "damaged"),
-    ]
-
-    def check(content: bytes, said: str) -> None:
-        tmp_path = tmp_path_factory.mktemp("case")
-        path = tmp_path / "run.mat"
-        path.write_bytes(content)
-        with pytest.raises(InputError, match=said):
-            read(path)
-
-    for_each({str(case): case for case in cases}, check)
-
-
-def test_files_that_cannot_be_opened(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no such file"):
-        read(tmp_path / "run.mat")
-    with pytest.raises(InputError, match="is a folder"):
-        read(tmp_path)
-
-
-def shared(name: str) -> RecordTable:
-    path = SHARED / name
-    if not path.exists():
-        pytest.skip(f"{name} is not here")
-    return read(path)
-
-
-def test_drill_string_rig() -> None:
-    table = shared("ufrj_drillstring_rig/175_completo_1.mat")
-    time = table.pick("Time_Sample_175_complete")
-    assert time.shape == (59000,)
-    np.testing.assert_allclose(np.diff(time), 1e-3, atol=1e-6)
-    window = (time >= 37) & (time <= 41)
-    torque = table.pick(None, "Bit_Torque_Sample_175_complete")[window]
-    assert 0.4 < torque.min() < torque.max() < 4.0
-    assert np.sum(table.pick("Top_Speed_Sample_175_complete") < 0) == 1790
-
-
-def test_servo_pair() -> None:
-    table = shared("hsm150_servo/idf_pos_0.06_1.mat")
-    time, current = table.pick(1, "data"), table.pick(7, "data")
-    assert time.shape == current.shape == (20000,)
-    np.testing.assert_allclose(np.diff(time), 1e-3, atol=1e-9)
-    assert table.pick("N") == [2500.0]
-    with pytest.raises(InputError, match="20000 rows and 7 columns"):
-        table.pick("data")
-
-
-# --- only what is named, and only of this file ------------------------------------------------------
-
-
-def from_elsewhere(folder: Path, how: str) -> Path:
-    """`t` in the file itself, and `w` from a file that the config does not name."""
-    with h5py.File(folder / "secret.h5", "w") as other:
-        other["x"] = W
-    (folder / "secret.bin").write_bytes(W.tobytes())
-    with h5py.File(folder / "run.mat", "w") as file:
-        file["t"] = T
-        match how:
-            case "external link":
-                file["w"] = h5py.ExternalLink("secret.h5", "x")
-            case "soft link through an external one":
-                file["#refs#"] = h5py.ExternalLink("secret.h5", "/")
-                file["w"] = h5py.SoftLink("/#refs#/x")
-            case "virtual dataset":
-                layout = h5py.VirtualLayout(W.shape, W.dtype)
-                layout[:] = h5py.VirtualSource(str(folder / "secret.h5"), "x", W.shape)
-                file.create_virtual_dataset("w", layout)
-            case "external storage":
-                storage = [(str(folder / "secret.bin"), 0, W.nbytes)]
-                file.create_dataset("w", W.shape, W.dtype, external=storage)
-    return folder / "run.mat"
-
-
-def test_numbers_of_other_files_are_never_read(tmp_path_factory: pytest.TempPathFactory) -> None:
-    cases = [
-        ("external link", "is a link to elsewhere"),
-        ("soft link through an external one", "is a link to elsewhere"),
-        ("virtual dataset", "has its numbers in other files"),
-        ("external storage", "has its numbers in other files"),
-    ]
-
-    def check(how: str, says: str) -> None:
-        tmp_path = tmp_path_factory.mktemp("case")
-        path = from_elsewhere(tmp_path, how)
-        table = read(path, {"t", "w"})
-        np.testing.assert_array_equal(table.pick("t"), T)
-        with pytest.raises(InputError, match=f"'w' of run.mat {says}; save the numbers themselves"):
-            table.pick("w")
-
-    for_each({case[0]: case for case in cases}, check)
-
-
-def test_what_is_wanted_is_what_is_read(tmp_path_factory: pytest.TempPathFactory) -> None:
-    def check(writer) -> None:
-        tmp_path = tmp_path_factory.mktemp("case")
-        writer(tmp_path / "run.mat")
-        table = read(tmp_path / "run.mat", {"theta_1", "rig.theta"})
-        assert not {"row", "data"} & set(table.variables)
-        for name in ("theta_1", "rig.theta"):
-            np.testing.assert_array_equal(table.pick(name), T)
-
-    for_each({writer.__name__: (writer,) for writer in [write_v5, write_v73]}, check)
-
-
-def test_a_name_that_is_missing_is_told_beside_all_that_are_there(
-    tmp_path_factory: pytest.TempPathFactory,
-) -> None:
-    def check(writer) -> None:
-        tmp_path = tmp_path_factory.mktemp("case")
-        writer(tmp_path / "run.mat")
-        with pytest.raises(
-            InputError, match=r"did you mean theta_1\? \(the file has .*row"
-        ) as caught:
-            read(tmp_path / "run.mat", {"theta_l"}).pick("theta_l")
-        assert "rig.motor.w" in str(caught.value)
-
-    for_each({writer.__name__: (writer,) for writer in [write_v5, write_v73]}, check)
-
-
-def test_a_damaged_variable_that_is_not_wanted_is_not_in_the_way(tmp_path: Path) -> None:
+        (None, "no such file"),
+    ],
+)
+def test_other_files_are_refused(content: bytes | None, message: str, tmp_path: Path) -> None:
     path = tmp_path / "run.mat"
-    scipy.io.savemat(path, {"t": T, "noise": np.arange(500.0)}, do_compression=False)
-    whole = path.read_bytes()
-    path.write_bytes(whole[:-100])
-    np.testing.assert_array_equal(read(path, {"t"}).pick("t"), T)
-    with pytest.raises(InputError, match="damaged or cut short"):
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(InputError, match=message):
         read(path)
 
 
-def test_a_huge_variable_that_is_not_wanted_is_not_read(tmp_path: Path) -> None:
+def test_a_damaged_or_huge_variable_that_is_not_wanted_does_no_harm(tmp_path: Path) -> None:
     path = tmp_path / "run.mat"
+    scipy.io.savemat(path, {"t": T, "noise": np.arange(500.0)}, do_compression=False)
+    path.write_bytes(path.read_bytes()[:-100])
+    np.testing.assert_array_equal(read(path, {"t"}).pick("t"), T)
+    with pytest.raises(InputError, match="damaged or cut short"):
+        read(path)
     with h5py.File(path, "w") as file:
         file["t"] = T
         file.create_dataset("bomb", (10**12,), "f8", chunks=(10**6,))
@@ -391,24 +273,16 @@ ONE = element(5, struct.pack("<ii", 1, 1))  # by one
 SEVEN = element(9, struct.pack("<d", 7.0))
 
 
-def test_cells_in_cells_end_no_process(tmp_path_factory: pytest.TempPathFactory) -> None:
+@together("packed", [False, True])
+@together("wanted", [None, {"deep"}, {"missing"}])
+def test_cells_in_cells_end_no_process(
+    packed: bool, wanted: set[str] | None, tmp_path: Path
+) -> None:
     """SciPy reads each inside the last, until its stack is full."""
-
-    def check(packed: bool, wanted) -> None:
-        tmp_path = tmp_path_factory.mktemp("case")
-        path = tmp_path / "run.mat"
-        path.write_bytes(nested(20_000, packed=packed))
-        with pytest.raises(InputError, match=f"more than {MAX_DEPTH} deep; save plain arrays"):
-            read(path, wanted)
-
-    for_each(
-        {
-            f"{packed} {wanted}": (packed, wanted)
-            for packed in [False, True]
-            for wanted in [None, {"deep"}, {"missing"}]
-        },
-        check,
-    )
+    path = tmp_path / "run.mat"
+    path.write_bytes(nested(20_000, packed=packed))
+    with pytest.raises(InputError, match=f"more than {MAX_DEPTH} deep; save plain arrays"):
+        read(path, wanted)
 
 
 def test_how_deep_is_counted_as_scipy_counts(tmp_path: Path) -> None:
@@ -428,3 +302,31 @@ def test_how_deep_is_counted_as_scipy_counts(tmp_path: Path) -> None:
     for content, expected in ((deep, False), ({"last": deep}, True)):
         scipy.io.savemat(path, {"a": T, "deep": content, "z": W}, do_compression=True)
         assert too_deep(path.read_bytes()) is expected
+
+
+def shared(name: str) -> RecordTable:
+    path = SHARED / name
+    if not path.exists():
+        pytest.skip(f"{name} is not here")
+    return read(path)
+
+
+def test_drill_string_rig() -> None:
+    table = shared("ufrj_drillstring_rig/175_completo_1.mat")
+    time = table.pick("Time_Sample_175_complete")
+    assert time.shape == (59000,)
+    np.testing.assert_allclose(np.diff(time), 1e-3, atol=1e-6)
+    window = (time >= 37) & (time <= 41)
+    torque = table.pick(None, "Bit_Torque_Sample_175_complete")[window]
+    assert 0.4 < torque.min() < torque.max() < 4.0
+    assert np.sum(table.pick("Top_Speed_Sample_175_complete") < 0) == 1790
+
+
+def test_servo_pair() -> None:
+    table = shared("hsm150_servo/idf_pos_0.06_1.mat")
+    time, current = table.pick(1, "data"), table.pick(7, "data")
+    assert time.shape == current.shape == (20000,)
+    np.testing.assert_allclose(np.diff(time), 1e-3, atol=1e-9)
+    assert table.pick("N") == [2500.0]
+    with pytest.raises(InputError, match="20000 rows and 7 columns"):
+        table.pick("data")

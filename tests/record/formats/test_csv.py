@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.case_tables import for_each
+from support.case_tables import together
 
 from bayesdrill.basics.errors import InputError
-from bayesdrill.record.formats import FORMATS, format_of
+from bayesdrill.record.formats import format_of
 from bayesdrill.record.formats.csv import CsvOptions, read
 from bayesdrill.record.formats.table import RecordTable
 
@@ -71,14 +71,9 @@ DIALECTS: dict[str, bytes] = {
 }  # fmt: skip
 
 
-@pytest.fixture
-def write(tmp_path: Path):  # type: ignore[no-untyped-def]
-    def _write(content: str | bytes, name: str = "run.csv") -> Path:
-        path = tmp_path / name
-        path.write_bytes(content.encode() if isinstance(content, str) else content)
-        return path
-
-    return _write
+def write(path: Path, content: str | bytes) -> Path:
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
+    return path
 
 
 def load(path: Path, **options: object) -> RecordTable:
@@ -91,30 +86,29 @@ def refusal(path: Path, **options: object) -> str:
     return str(caught.value)
 
 
-def test_same_numbers_in_every_dialect(write) -> None:
-    def check(dialect: str) -> None:
-        table = load(write(DIALECTS[dialect]))
-        assert tuple(table.variables) == NAMES
-        np.testing.assert_array_equal(np.column_stack(list(table.variables.values())), DATA)
-
-    for_each({str(dialect): (dialect,) for dialect in DIALECTS}, check)
+@together("dialect", DIALECTS)
+def test_every_dialect_has_the_same_numbers(dialect: str, tmp_path: Path) -> None:
+    table = load(write(tmp_path / "run.csv", DIALECTS[dialect]))
+    assert tuple(table.variables) == NAMES
+    np.testing.assert_array_equal(np.column_stack(list(table.variables.values())), DATA)
 
 
-def test_without_header_columns_are_numbered(write) -> None:
-    cases = [(",", "."), (";", ","), (" ", ","), ("\t", ".")]
-
-    def check(delimiter: str, decimal: str) -> None:
-        table = load(write(text(delimiter, decimal, head=False)))
-        assert tuple(table.variables) == ("1", "2", "3")
-        np.testing.assert_array_equal(table.pick(2), DATA[:, 1])
-        np.testing.assert_array_equal(table.pick("3"), DATA[:, 2])
-        assert table.where(0) == "line 1"
-
-    for_each({case[0]: case for case in cases}, check)
+@together("delimiter, decimal", [(",", "."), (";", ","), (" ", ","), ("\t", ".")])
+def test_without_header_columns_are_numbered(delimiter: str, decimal: str, tmp_path: Path) -> None:
+    table = load(write(tmp_path / "run.csv", text(delimiter, decimal, head=False)))
+    assert tuple(table.variables) == ("1", "2", "3")
+    np.testing.assert_array_equal(table.pick(2), DATA[:, 1])
+    np.testing.assert_array_equal(table.pick("3"), DATA[:, 2])
+    assert table.where(0) == "line 1"
 
 
-def test_spellings(write) -> None:
-    cases = [
+LATE_COMMA = "a;b\n" + "0;0\n" * 300 + "0,5;1\n" + "0;0\n" * 300
+LATE_VALUES = [[0, 0]] * 300 + [[0.5, 1]] + [[0, 0]] * 300
+
+
+@together(
+    "content, options, expected",
+    [
         ("0,1;2,3\n", {}, [[0.1, 2.3]]),
         ("0,1 2,3\n", {}, [[0.1, 2.3]]),
         ("0,1\n2,3\n", {}, [[0, 1], [2, 3]]),
@@ -122,7 +116,7 @@ def test_spellings(write) -> None:
         ("t,w\n0,1\n", {}, [[0, 1]]),
         ("speed\n0,1\n2,3\n", {}, [[0.1], [2.3]]),
         ("motor speed\n1.5\n2\n", {}, [[1.5], [2]]),
-        ("a;b\n" + "0;0\n" * 300 + "0,5;1\n" + "0;0\n" * 300, {}, None),
+        (LATE_COMMA, {}, LATE_VALUES),
         ("title\nmore, title\na;b\n1;2\n", {"skip_rows": 2}, [[1, 2]]),
         ("1;2\n3;4\n", {"header": True}, [[3, 4]]),
         ("a,b,\n1,2,\n", {}, [[1, 2]]),
@@ -136,32 +130,28 @@ def test_spellings(write) -> None:
         ("0,5;\n1,5;\n", {}, [[0.5], [1.5]]),
         ("My rig\nt;w\n1;2\n3;4\n", {}, [[1, 2], [3, 4]]),
         ("Date:;2020\nRecorded:;2;0x1\nPeriod:;4.0\n;w\nms;rpm\n1;2\n3;4\n", {}, [[1, 2], [3, 4]]),
-    ]
-
-    def check(content: str, options: dict[str, object], expected) -> None:
-        table = load(write(content), **options)
-        values = np.column_stack(list(table.variables.values()))
-        if expected is None:
-            assert values.shape == (601, 2)
-            assert values.sum() == 1.5
-        else:
-            np.testing.assert_array_equal(values, expected)
-
-    for_each({str(case): case for case in cases}, check)
+    ],
+)
+def test_spellings(
+    content: str, options: dict[str, object], expected: list[list[float]], tmp_path: Path
+) -> None:
+    table = load(write(tmp_path / "run.csv", content), **options)
+    np.testing.assert_array_equal(np.column_stack(list(table.variables.values())), expected)
 
 
-def test_latin_1_names_are_kept_verbatim(write) -> None:
-    table = load(write("t;φ".replace("φ", "Drehwinkel [°]").encode("latin-1") + b"\n1;2\n"))
-    assert tuple(table.variables) == ("t", "Drehwinkel [°]")
+def test_names_in_latin_1_are_kept_verbatim(tmp_path: Path) -> None:
+    content = "t;Drehwinkel [°]\n1;2\n".encode("latin-1")
+    assert tuple(load(write(tmp_path / "run.csv", content)).variables) == ("t", "Drehwinkel [°]")
 
 
-def test_where_names_the_line_of_the_file(write) -> None:
-    table = load(write("# rig\n\nt,w\ns,rpm\n1,2\n\n# pause\n3,4\n"))
+def test_rows_are_named_by_the_line_of_the_file(tmp_path: Path) -> None:
+    table = load(write(tmp_path / "run.csv", "# rig\n\nt,w\ns,rpm\n1,2\n\n# pause\n3,4\n"))
     assert [table.where(0), table.where(1)] == ["line 5", "line 8"]
 
 
-def test_refusals(write) -> None:
-    cases = [
+@together(
+    "content, options, words",
+    [
         ("", {}, ["the file is empty"]),
         ("\n# only this\n\n", {}, ["only blank lines and comments"]),
         ("t,w\n", {}, ["header but no data", "line 1"]),
@@ -187,53 +177,52 @@ def test_refusals(write) -> None:
         ("1,2\n", {"delimiter": ";;"}, ["delimiter ';;' is not one character"]),
         ("1,2\n", {"delimiter": "5"}, ["delimiter '5' occurs in numbers"]),
         ("1,2\n", {"decimal": ",", "delimiter": ","}, ["both ','"]),
-    ]
+    ],
+)
+def test_a_fault_is_named_with_its_line_and_a_way_out(
+    content: str | bytes, options: dict[str, object], words: list[str], tmp_path: Path
+) -> None:
+    message = refusal(write(tmp_path / "run.csv", content), **options)
+    assert [word for word in ["run.csv", *words] if word not in message] == []
 
-    def check(content: str | bytes, options: dict[str, object], said: list[str]) -> None:
-        message = refusal(write(content), **options)
-        for words in ["run.csv", *said]:
-            assert words in message
 
-    for_each({str(case): case for case in cases}, check)
-
-
-def test_errors_show_no_more_than_the_cell_that_failed(write) -> None:
-    cases = [
+@together(
+    "content",
+    [
         "user secret\nroot hunter2\nguest hunter3\n",
         "root:hunter2:0:0\nguest:hunter3:1:1\n",
         "1,hunter2,secret,other\n1,2,3,4\n",
         "t,w\n1,2\n3,hunter2,secret\n4,5\n",
         "hunter2 and secret\n1;2\n3;4\n",
         "hunter2\nhunter4\nsecret\n",
-    ]
-
-    def check(content: str) -> None:
-        message = refusal(write(content))
-        assert "secret" not in message
-        assert "hunter3" not in message
-
-    for_each({str(content): (content,) for content in cases}, check)
+    ],
+)
+def test_errors_show_no_more_than_the_cell_that_failed(content: str, tmp_path: Path) -> None:
+    message = refusal(write(tmp_path / "run.csv", content))
+    assert "secret" not in message
+    assert "hunter3" not in message
 
 
-def test_five_faults_are_shown_and_the_rest_counted(write) -> None:
+def test_five_faults_are_shown_and_the_rest_counted(tmp_path: Path) -> None:
     faulty = "t,w\n" + "".join(f"{i},{'bad' if i % 7 == 0 else i}\n" for i in range(70_000))
     with pytest.raises(InputError) as caught:
-        load(write(faulty))
+        load(write(tmp_path / "run.csv", faulty))
     assert len(caught.value.problems) == 6
     places = [problem.place.rsplit(" ", 1)[1] for problem in caught.value.problems[:5]]
     assert places == ["2", "9", "16", "23", "30"]
     assert "and 9995 more cells" in caught.value.problems[-1].message
 
 
-def test_files_that_cannot_be_opened(tmp_path: Path, write) -> None:
-    write(text(","), "run_01.csv")
+def test_files_that_cannot_be_opened(tmp_path: Path) -> None:
+    write(tmp_path / "run_01.csv", text(","))
     assert "did you mean run_01.csv?" in refusal(tmp_path / "run_1.csv")
     assert "is a folder" in refusal(tmp_path)
     assert "does not exist" in refusal(tmp_path / "nowhere" / "run.csv")
 
 
-def test_what_cannot_be_picked(write) -> None:
-    cases = [
+@together(
+    "column, variable, message",
+    [
         ("w_1 [rmp]", None, "did you mean w_1 [rpm]?"),
         ("zzzz", None, "known: t [s], w_1 [rpm], theta, x, (column 5), (column 6)"),
         (7, None, "has the columns 1 to 6"),
@@ -242,27 +231,27 @@ def test_what_cannot_be_picked(write) -> None:
         ("twin", None, "stands 2 times in the header (columns 5, 6)"),
         (None, None, "give its name or its number"),
         ("x", "rig", "leave the variable out"),
-    ]
+    ],
+)
+def test_what_cannot_be_picked_is_named_with_a_way_out(
+    column: str | int | None, variable: str | None, message: str, tmp_path: Path
+) -> None:
+    content = "t [s],w_1 [rpm],theta,x,twin,twin\n1,2,3,4,5,6\n"
+    table = load(write(tmp_path / "run.csv", content))
+    assert table.pick(6) == [6.0]
+    with pytest.raises(InputError) as caught:
+        table.pick(column, variable, location="signals.w")
+    assert caught.value.problems[0].place == "signals.w"
+    assert "run.csv" in str(caught.value)
+    assert message in str(caught.value)
 
-    def check(column, variable, said: str) -> None:
-        table = load(write("t [s],w_1 [rpm],theta,x,twin,twin\n1,2,3,4,5,6\n"))
-        assert table.pick(6) == [6.0]
-        with pytest.raises(InputError) as caught:
-            table.pick(column, variable, location="signals.w")
-        assert caught.value.problems[0].place == "signals.w"
-        assert "run.csv" in str(caught.value)
-        assert said in str(caught.value)
 
-    for_each({str(case): case for case in cases}, check)
-
-
-def test_formats_by_ending(tmp_path: Path) -> None:
+def test_the_format_follows_from_the_ending() -> None:
     assert [format_of(Path(n)) for n in ("a.csv", "a.TXT", "a.tsv", "a.dat")] == ["csv"] * 4
     assert format_of(Path("a.MAT")) == "mat"
-    assert {"csv", "mat"} <= set(FORMATS)
-    for name, said in [("a.xlsx", ".csv, .txt, .tsv, .dat, .mat"), ("a", "no ending")]:
-        with pytest.raises(InputError, match=said):
-            format_of(tmp_path / name)
+    for name, message in [("a.xlsx", ".csv, .txt, .tsv, .dat, .mat"), ("a", "no ending")]:
+        with pytest.raises(InputError, match=message):
+            format_of(Path(name))
 
 
 _ALPHABET = st.sampled_from([*'0123456789,.;\t |"#%-eE_x\n\r naN[]', "\x00", "é", "\x85"])
