@@ -23,7 +23,7 @@ T = np.array([10.0, 10.5, 11.25, 12.0])
 W = np.array([101.25, 99.0, -98.5, 1.0 / 3.0])
 DATA = np.column_stack([T, W, -W, np.array([1.0, 0.0, 0.0, 1.0])])[:, :3]
 COUNTS = np.array([7, 8, 9, 250], dtype=np.uint8)
-SHARED = Path(__file__).resolve().parents[3] / "shared" / "data"
+SHARED = Path(__file__).parents[4] / "shared" / "data"
 
 
 def write_v5(path: Path) -> None:

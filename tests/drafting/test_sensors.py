@@ -1,0 +1,109 @@
+"""Kinds and units of columns, told by the sizes and derivatives of what they measure."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.case_tables import together
+from support.first_configs import (
+    ANGLE,
+    DEG,
+    RECORD,
+    RPM,
+    SPEED,
+    T,
+    channels_of,
+    draft_of,
+    german_record,
+    reversing_rig,
+    shared,
+    write_table,
+)
+
+SIZES = {"deg": DEG, "rad": 1.0, "rpm": RPM, "rad/s": 1.0, "deg/s": DEG}
+
+
+@together("angle, speed", [("deg", "rpm"), ("deg", "rad/s"), ("rad", "rpm"), ("rad", "deg/s")])
+def test_the_derivative_of_an_angle_tells_both_units(
+    angle: str, speed: str, tmp_path: Path
+) -> None:
+    t, v, x = reversing_rig()
+    rng = np.random.default_rng(3)
+    columns = {
+        "t": t,
+        "voltage": v,
+        "position": (x[:, 1] + rng.normal(0, 0.01, len(t))) * SIZES[angle],
+        "velocity": (x[:, 3] + rng.normal(0, 0.1, len(t))) * SIZES[speed],
+    }
+    draft = draft_of(write_table(tmp_path / "r.csv", columns))
+    assert channels_of(draft) == {"theta_2": ("position", angle), "w_2": ("velocity", speed)}
+    assert "which end of the shaft is not said" in draft["words"]
+
+
+@together("unit", ["rpm", "rad/s"])
+def test_speeds_alone_have_the_same_unit(unit: str, tmp_path: Path) -> None:
+    """By the size of the slower one, as the motor's is multiplied by the gear."""
+    t, _, x = reversing_rig()
+    rng = np.random.default_rng(4)
+    y = (x[:, 2:4] * [1, 5] + rng.normal(0, 0.05, (len(t), 2))) * SIZES[unit]
+    columns = {"t": t, "speed motor": y[:, 1], "speed bit": y[:, 0]}
+    draft = draft_of(write_table(tmp_path / "r.csv", columns))
+    assert channels_of(draft) == {"w_1": ("speed bit", unit), "motor": ("speed motor", unit)}
+    assert draft["record"]["channels"]["motor"]["measures"] == "5 * w_2"
+
+
+def test_without_times_an_angle_and_its_speed_tell_the_rate(tmp_path: Path) -> None:
+    columns = german_record()
+    del columns["Zeit_ms"]
+    columns["n_Rotor [rpm]"] = columns.pop("n_Rotor")
+    draft = draft_of(write_table(tmp_path / "r.csv", columns))
+    assert draft["record"]["time"]["rate"] == pytest.approx(200, rel=0.02)
+    del columns["n_Rotor [rpm]"]
+    draft = draft_of(write_table(tmp_path / "r.csv", columns))
+    assert draft["record"]["time"] == {"rate": 100}
+    assert "REVIEW: no column is a time" in draft["words"]
+
+
+BATTERY = 12 + 0.05 * np.sin(40 * T)
+
+
+def test_a_steady_voltage_beside_a_motion_both_ways_is_a_supply(tmp_path: Path) -> None:
+    columns = {"t": T, "battery voltage": BATTERY, "speed": SPEED, "current": np.abs(SPEED)}
+    draft = draft_of(write_table(tmp_path / "r.csv", columns))
+    assert "v" not in draft["inputs"]
+    supply = "battery voltage: hardly changes while the rig turns both ways: a supply"
+    assert supply in draft["said"]
+    assert "REVIEW: it never changes its sign" in draft["words"]
+    flat = draft_of(write_table(tmp_path / "r.csv", {"t": T, "v": 0 * T + 12, "angle": ANGLE}))
+    assert "a supply, not what the motor gets" in flat["said"]
+    cart = write_table(tmp_path / "r.csv", {"t": T, "v": BATTERY, "x": ANGLE})
+    draft = draft_of(cart, "t=t [s]", "v=u_cart [V]", "x=x_cart [m]")
+    assert draft["inputs"]["u_cart"]["column"] == "v"
+    assert "REVIEW: it hardly changes while the rig turns both ways" in draft["words"]
+
+
+def test_a_steady_voltage_of_a_rig_that_turns_one_way_drives_it(tmp_path: Path) -> None:
+    columns = {"t": T, "v": BATTERY, "speed": 80 + SPEED / 4, "current": np.abs(SPEED)}
+    draft = draft_of(write_table(tmp_path / "r.csv", columns))
+    assert draft["inputs"]["v"]["column"] == "v"
+    assert "never changes its sign" not in draft["words"]
+
+
+def test_the_bus_of_a_servo_is_not_its_voltage(tmp_path: Path) -> None:
+    path = shared("cases/small/init_supply_as_motor_voltage/servo.csv")
+    draft = draft_of(path, config=tmp_path / "s.yaml")
+    assert channels_of(draft) == {"theta_2": ("position", "rad"), "i": ("current", "mA")}
+    assert "input_volts: hardly changes" in draft["said"]
+    assert "goal_position: is a set point" in draft["said"]
+    assert "it never changes its sign" in draft["words"]
+    assert "inputs.v: this entry is missing" in draft["said"]
+
+
+@together(
+    "head", ["goal_speed", "speed_ref", "setpoint speed", "cmd_vel", "target position", "n_soll"]
+)
+def test_a_set_point_is_no_measurement(head: str, tmp_path: Path) -> None:
+    draft = draft_of(write_table(tmp_path / "r.csv", {**RECORD, head: SPEED}))
+    assert f"not used: {head}: is a set point" in draft["said"]
