@@ -34,9 +34,9 @@ def search(target: Posterior, evaluations: int = 4000, **start: float) -> Search
     return mode_search.search(target, THOROUGH, evaluations, theta)
 
 
-def summarise_from_four(target: Posterior, seed: int) -> Mode:
+def summarise_from_four(target: Posterior, seed: int, evaluations: int = 4000) -> Mode:
     starts = mode_search.starts(target, 4, np.random.default_rng(seed))
-    searches = [mode_search.search(target, THOROUGH, 8000, start) for start in starts]
+    searches = [mode_search.search(target, THOROUGH, evaluations, start) for start in starts]
     return mode_search.summarise(target, tuple(searches))
 
 
@@ -59,7 +59,7 @@ def test_searches_agree_where_the_record_determines_everything() -> None:
 
 def test_nine_parameters_wander_along_the_symmetries() -> None:
     target = posterior(RECORD, SIGMA)
-    mode = summarise_from_four(target, 2)
+    mode = summarise_from_four(target, 2, evaluations=2000)
     assert mode.log_posterior >= target.density(vector(NOMINAL)[None])[0]
     assert mode.gain < 1e-6
     assert len(mode.highest) >= 2

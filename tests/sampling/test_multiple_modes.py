@@ -309,7 +309,7 @@ def two_branches(channel: str = "w_hub", **priors: object) -> bd.Case:
         TRUTH | HELD | free | priors,
         rig=rig,
         map={"starts": 1},
-        sampler={"ess": 400},
+        sampler={"ess": 200, "walkers": 32},
     )
 
 

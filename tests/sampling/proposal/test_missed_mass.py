@@ -93,7 +93,7 @@ def test_the_missed_mass_of_a_shortened_proposal_is_that_of_the_whole(
     assert share > 0.2
 
 
-@together("seed, start", [(1, (-1e-4, -9.0)), (4, (-9.0, -1e-4)), (7, (-9.0, -1e-4))])
+@together("seed, start", [(1, (-1e-4, -9.0)), (4, (-9.0, -1e-4))])
 def test_a_ridge_that_turns_a_corner_is_not_covered(seed: int, start: tuple[float, float]) -> None:
     """From either end: beyond the corner, where tight and loose are exchanged, lies a half."""
     assert learned(corner(), [np.array(start)], seed).missed > 0.05
