@@ -19,7 +19,6 @@ from support.first_configs import (
     draft_of,
     refusal,
     reversing_rig,
-    shared,
     write_table,
 )
 
@@ -108,57 +107,6 @@ def test_two_things_with_one_name_are_refused(
     assert message in refusal(write_table(tmp_path / "r.csv", RECORD), *names)
 
 
-COUNT = np.arange(400.0)
-
-
-@together("head, begin", [("n", 0), ("i", 1), ("", 0), ("index", 7e4)])
-def test_a_column_that_grows_by_one_a_row_is_a_row_number(
-    head: str, begin: float, tmp_path: Path
-) -> None:
-    draft = draft_of(write_table(tmp_path / "r.csv", {head: COUNT + begin, **RECORD}))
-    assert "grows by one a row: a row number" in draft["said"]
-    assert channels_of(draft) == {"w_2": ("speed", "rpm")}
-
-
-@together(
-    "columns, names, expected",
-    [
-        ({"t": T, "u": VOLTAGE, "theta": COUNT}, [], {"theta_2": ("theta", "deg")}),
-        ({"t": T, "n [rpm]": COUNT, "u": VOLTAGE}, [], {"w_2": ("n [rpm]", "rpm")}),
-        (
-            {"": COUNT, "t": T, "a": ANGLE, "i": SPEED},
-            ["t=t [s]", "a=theta_arm [rad]"],
-            {"theta_arm": ("a", "rad")},
-        ),
-        ({"t": COUNT, "u": VOLTAGE, "speed": SPEED}, [], {"w_2": ("speed", "rpm")}),
-        ({"n": COUNT, "u": VOLTAGE, "speed": SPEED}, [], {"w_2": ("speed", "rpm")}),
-    ],
-    ids=["an angle", "a speed with a unit", "beside an angle", "a time", "no time"],
-)
-def test_a_motion_or_a_time_that_grows_by_one_is_no_row_number(
-    columns: dict[str, np.ndarray],
-    names: list[str],
-    expected: dict[str, tuple[str, str]],
-    tmp_path: Path,
-) -> None:
-    draft = draft_of(write_table(tmp_path / "r.csv", columns), *names)
-    assert channels_of(draft) == expected
-    if "n" in columns:
-        assert "samples a second" in draft["said"]
-    elif columns["t"] is COUNT:
-        assert draft["record"]["time"] == {"column": "t", "unit": "ms"}
-
-
-def test_a_counter_beside_a_voltage_and_a_reference(tmp_path: Path) -> None:
-    folder = shared("cases/small/init_counter")
-    draft = draft_of(folder / "counter.txt", config=tmp_path / "s.yaml")
-    assert channels_of(draft) == {"theta_2": ("theta", "deg")}
-    assert draft["inputs"]["v"]["column"] == "v"
-    assert "REVIEW: u may be the voltage as well" in draft["words"]
-    draft = draft_of(folder / "only_n.txt", config=tmp_path / "s.yaml")
-    assert channels_of(draft) == {"theta_2": ("theta [deg]", "deg")}
-
-
 FORCE, MOTOR_VOLTAGE, MOTOR_SPEED = "u=f_cart [N]", "u=u_motor [V]", "u=w_motor [rad/s]"
 TURN = 2 * np.pi / 2800
 
@@ -188,36 +136,6 @@ def test_counts_and_shares_are_units(
     record = bd.load(tmp_path / "r.yaml").job.problem.experiment
     values = record.series[name] if is_input else record.y[:, 0]
     assert values[-1] == pytest.approx(si * columns["y"][-1], rel=1e-4)
-
-
-def test_a_linear_encoder_in_counts_has_a_unit(tmp_path: Path) -> None:
-    path = shared("cases/small/linear_counts/rec.csv")
-    drive = "t=t [s]", "u=u_cart [V]"
-    assert "count/(560/cm)" in refusal(path, *drive, "enc=x_cart [count/560]")
-    draft_of(path, *drive, "enc=x_cart [count/(560/cm)]", config=tmp_path / "s.yaml")
-    record = bd.load(tmp_path / "s.yaml").job.problem.experiment
-    assert np.nanmax(record.y) == pytest.approx(3360 / 56000, rel=1e-6)
-
-
-def test_a_unit_has_its_source(tmp_path: Path) -> None:
-    """The head or the user; a table without a head has none."""
-    typed = draft_of(
-        write_table(tmp_path / "r.csv", RECORD), "t=t [s]", "u=v [V]", "speed=w_2 [rad/s]"
-    )
-    assert "unit rad/s, as `--columns` says" in typed["words"]
-    assert "100 samples a second, as `--columns` says" in typed["words"]
-    assert "by its head" not in typed["words"]
-    columns = {"t [s]": T, "u [V]": VOLTAGE, "speed [rad/s]": SPEED}
-    headed = draft_of(write_table(tmp_path / "r.csv", columns))
-    assert "unit rad/s, by its head" in headed["words"]
-
-
-@together("head, kind", [("torque [%]", "torque"), ("motor current (%)", "current")])
-def test_a_share_of_a_rated_torque_is_asked_for(head: str, kind: str, tmp_path: Path) -> None:
-    columns = {"t": T, "speed": SPEED, head: VOLTAGE}
-    said = draft_of(write_table(tmp_path / "r.csv", columns))["said"]
-    assert f"is a share of the rated {kind}; look that up" in said
-    assert f'--columns "{head}=t_m [% of 9.84 mN*m]"' in said
 
 
 @pytest.fixture
@@ -283,15 +201,9 @@ def test_an_array_of_structs_is_read_with_names_and_units(tmp_path: Path) -> Non
     assert channels_of(train) == {"w_motor": ("run.Y(1).Data", "rad/s")}
 
 
-def test_a_record_in_which_nothing_moves_is_refused_in_one_sentence(tmp_path: Path) -> None:
-    still = {"t": T, "u": VOLTAGE, "speed": 0 * T, "angle": 0 * T + 3, "goal angle": SPEED}
-    message = refusal(write_table(tmp_path / "r.csv", still))
-    assert "nothing moved: speed, angle are the same in every row" in message
-    assert "\n" not in message
-    names = "t=t [s]", "u=u_cart [V]", "speed=x_cart [m]"
-    assert "nothing moved: speed are" in refusal(tmp_path / "r.csv", *names)
+def test_columns_without_heads_that_stand_still_have_the_names_of_their_logger(
+    tmp_path: Path,
+) -> None:
     rows = np.column_stack([T, *(0 * T + 2.4e-311 for _ in range(8))]).tolist()
     (tmp_path / "r.json").write_text(f'{{"slow-forward": {rows}}}')
     assert "nothing moved: slow-forward.left position" in refusal(tmp_path / "r.json")
-    moving = write_table(tmp_path / "r.csv", {**still, "angle": ANGLE})
-    assert [*channels_of(draft_of(moving))] == ["theta_2"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import re
+from functools import reduce
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +10,8 @@ import h5py
 import numpy as np
 import pytest
 import scipy.io
-from support import command_line
+import yaml
+from support import command_line, first_configs
 from support.case_tables import together
 from support.first_configs import (
     DEG,
@@ -32,6 +33,50 @@ from bayesdrill.config import loading
 from bayesdrill.config.records import reading, simulation
 
 CONFIGS = command_line.ROOT / "configs"
+
+
+TABLE = Path(__file__).with_name("drafts.yaml")
+CASES = yaml.safe_load(TABLE.read_text(encoding="utf-8"))
+SIGNALS = {
+    **vars(first_configs),
+    "COUNT": np.arange(400.0),
+    "BATTERY": 12 + 0.05 * np.sin(40 * first_configs.T),
+    "BENCH": first_configs.reversing_rig(),
+}
+
+
+def records_of(case: dict[str, Any], folder: Path) -> list[Path]:
+    if "columns" in case:
+        columns = {head: eval(text, SIGNALS) for head, text in case["columns"].items()}
+        return [write_table(folder / "r.csv", columns)]
+    path = Path(case["file"])
+    return sorted(shared(str(path.parent)).glob(path.name))
+
+
+def entry(draft: dict[str, Any], place: str) -> object:
+    """What stands at a dotted place, None where there is nothing."""
+    return reduce(lambda entries, key: (entries or {}).get(key), place.split("."), draft)
+
+
+@pytest.mark.parametrize("case", CASES, ids=[case["name"] for case in CASES])
+def test_drafts(case: dict[str, Any], tmp_path: Path) -> None:
+    records = records_of(case, tmp_path)
+    assert records
+    for record in records:
+        columns, known = case.get("say", ()), case.get("known", {})
+        if "refused" in case:
+            message = refusal(record, *columns, **known)
+            assert [words for words in case["refused"] if words not in message] == []
+            assert "\n" not in message or "nothing moved" not in message
+            continue
+        draft = draft_of(record, *columns, config=tmp_path / "r.yaml", **known)
+        text = draft["words"] + draft["said"]
+        assert [words for words in case.get("words", ()) if words not in text] == []
+        assert [words for words in case.get("nowhere", ()) if words in text] == []
+        entries = {place: entry(draft, place) for place in case.get("entries", {})}
+        assert entries == case.get("entries", {})
+        if "channels" in case:
+            assert channels_of(draft) == {k: tuple(v) for k, v in case["channels"].items()}
 
 
 def noise(draft: dict[str, Any], channel: str) -> float:
@@ -416,17 +461,6 @@ def test_a_servo_is_understood(tmp_path: Path) -> None:
     assert draft["inputs"]["v"]["unit"] == "V"
 
 
-def test_a_drill_string_without_a_voltage(tmp_path: Path) -> None:
-    path = shared("data/ufrj_drillstring_rig/175_completo_1.mat")
-    draft = draft_of(path, config=tmp_path / "mine.yaml")
-    assert "mask" not in draft["record"]["channels"]["w_2"]
-    assert "looks like glitches" in draft["text"].partition("w_1:")[2]
-    assert draft["initial"] == {"state": "free", "theta_2": 0}
-    assert {k: unit for k, (_, unit) in channels_of(draft).items()} == {"w_1": "rpm", "w_2": "rpm"}
-    assert draft["inputs"]["t_1"]["unit"] == "N*m"
-    assert "still to do" in draft["said"]
-
-
 def test_repeated_records_of_a_servo_pair(tmp_path: Path) -> None:
     files = [shared(f"data/hsm150_servo/idf_pos_0.065_{k}.mat") for k in (1, 2, 3)]
     draft = draft_of(files, config=tmp_path / "mine.yaml", voltage=1.0)
@@ -435,72 +469,6 @@ def test_repeated_records_of_a_servo_pair(tmp_path: Path) -> None:
     assert draft["shared"] == ["sigma_theta_2", "sigma_i"]
     assert draft["record"]["channels"]["theta_2"]["unit"] == "rad"
     assert draft["record"]["channels"]["theta_2"]["column"] == 3
-
-
-def test_a_position_along_a_line_has_no_largest_angle(tmp_path: Path) -> None:
-    path = shared("cases/small/init_empty_sentence/a.csv")
-    words = draft_of(path, "t=t [s]", "x=x_cart [m]", config=tmp_path / "s.yaml")["words"]
-    assert "by the largest 0.382 m/s;" in words
-    path = shared("cases/small/every_unknown/rec.csv")
-    names = "t=t [s]", "u=u_motor [V]", "w=w_motor [rad/s]"
-    assert draft_of(path, *names, config=tmp_path / "s.yaml")["initial"] == {"w_motor": "free"}
-
-
-def test_a_capture_of_a_control_desk(tmp_path: Path) -> None:
-    draft = draft_of(shared("cases/small/struct_array/rec.mat"), config=tmp_path / "s.yaml")
-    assert draft["inputs"]["v"]["column"] == "capture.Y(2).Data"
-    assert channels_of(draft)["w_2"][0] == "capture.Y(1).Data"
-
-
-def test_the_head_of_a_recorder_is_passed_over(tmp_path: Path) -> None:
-    folder, config = shared("cases/small/epos_head"), tmp_path / "s.yaml"
-    draft = draft_of(folder / "e.csv", config=config)
-    assert draft["record"]["time"] == {"column": 1, "unit": "ms"}
-    assert channels_of(draft) == {"w_2": ("Velocity actual value averaged", "rpm")}
-    assert "is a share of the rated torque" in draft["said"]
-    names = "1=t [ms]", "2=w_2 [rpm]", "3=t_m [% of 9.84 mN*m]"
-    motor = draft_of(folder / "e.csv", *names, config=config, rig="motor")
-    assert motor["inputs"]["t_m"]["unit"] == "% of 9.84 mN*m"
-    record = bd.load(config).job.problem.experiment
-    assert record.series["t_m"][0] == pytest.approx(0.3 * 9.84e-3)
-    assert bd.load(folder / "e2.yaml")
-
-
-def test_rows_that_end_in_a_semicolon_are_read(tmp_path: Path) -> None:
-    folder = shared("cases/small/trailing_semicolon")
-    names = "1=v [V]", "3=w_2 [rad/s]", "2=i [A]"
-    for name in ("r.txt", "r3.txt", "r4.txt"):
-        draft = draft_of(folder / name, *names, config=tmp_path / "s.yaml", rig="motor", rate=200)
-        assert channels_of(draft) == {"w_2": ("3", "rad/s"), "i": ("2", "A")}
-    assert bd.load(folder / "r2.yaml")
-
-
-def test_rows_in_json_are_named() -> None:
-    message = refusal(shared("cases/small/json_recipe/rows.json"))
-    assert "slow-forward, column 3; fast-forward, column 1" in message
-    assert "has 3 values, and 20 are wanted" in message
-    assert "python -c" not in message
-
-
-def test_a_drive_whose_encoders_are_dead_is_refused() -> None:
-    (path,) = shared("cases/frc_drive_dead_encoder").glob("*.json")
-    message = refusal(path)
-    assert "nothing moved: slow-forward.left position, " in message
-    assert "\n" not in message
-    names = "slow-forward.time [s]=t [s]", "slow-forward.left speed=w_2 [rad/s]"
-    assert "nothing moved" in refusal(path, *names)
-
-
-def test_a_brushless_motor_of_which_a_capture_names_nothing(tmp_path: Path) -> None:
-    path, config = shared("cases/dspace_bldc/dataset.mat"), tmp_path / "s.yaml"
-    message = refusal(path)
-    assert "column cigan.Y(3).Data (-0.7514 to 0.7514): its name does not say" in message
-    names = "cigan.Y(2).Data=w_rotor [rad/s]", "cigan.Y(3).Data=u_rotor [V]"
-    draft = draft_of(path, *names, config=config)
-    record = reading.read(loading.load(config).experiments[0])
-    assert len(record.t) == 8334
-    assert record.dt == pytest.approx(0.72e-3)
-    assert "Nothing moves before 0.0295" in draft["words"]
 
 
 def test_screw_drives_in_exports_of_their_controller(tmp_path: Path) -> None:
@@ -516,12 +484,16 @@ def test_screw_drives_in_exports_of_their_controller(tmp_path: Path) -> None:
         assert len(record.t) == 500
 
 
-def test_a_servo_with_a_goal(tmp_path: Path) -> None:
-    for path in shared("cases/kscale_sts3215").glob("*.json"):
-        draft = draft_of(path, config=tmp_path / "s.yaml")
-        assert {*channels_of(draft)} >= {"theta_2", "i"}
-        assert "entries.goal_position: is a set point" in draft["said"]
-        assert "entries.input_volts: hardly changes while the rig turns both ways" in draft["said"]
-        assert "it never changes its sign" in draft["words"]
-        (missing,) = re.findall(r"still to do: (.*)", draft["said"])
-        assert "inputs.v: " in missing
+def test_configs_of_recorders_with_heads_and_semicolons_are_read(tmp_path: Path) -> None:
+    config = tmp_path / "s.yaml"
+    names = "1=t [ms]", "2=w_2 [rpm]", "3=t_m [% of 9.84 mN*m]"
+    draft_of(shared("cases/small/epos_head/e.csv"), *names, config=config, rig="motor")
+    record = bd.load(config).job.problem.experiment
+    assert record.series["t_m"][0] == pytest.approx(0.3 * 9.84e-3)
+    names = "cigan.Y(2).Data=w_rotor [rad/s]", "cigan.Y(3).Data=u_rotor [V]"
+    draft_of(shared("cases/dspace_bldc/dataset.mat"), *names, config=config)
+    record = reading.read(loading.load(config).experiments[0])
+    assert len(record.t) == 8334
+    assert record.dt == pytest.approx(0.72e-3)
+    for name in ("epos_head/e2.yaml", "trailing_semicolon/r2.yaml"):
+        assert bd.load(shared("cases/small") / name)

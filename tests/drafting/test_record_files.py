@@ -20,7 +20,6 @@ from support.first_configs import (
     german_record,
     refusal,
     reversing_rig,
-    shared,
     write_table,
 )
 
@@ -234,13 +233,3 @@ def test_a_single_record_is_not_split(tmp_path: Path) -> None:
     assert "experiments" not in alone
     after_few_rows = draft_of(repeated(tmp_path, 9, 400), split=True)
     assert after_few_rows["record"]["rows"] == [11, 410]
-
-
-@together("name, last", [("rec.csv", 81), ("rec400.csv", 801)])
-def test_two_validation_runs_in_one_file(name: str, last: int, tmp_path: Path) -> None:
-    path = shared("cases/small/validation_two_records") / name
-    half = (last - 1) // 2
-    assert f"time goes back at line {half + 2} (" in refusal(path)
-    draft = draft_of(path, config=tmp_path / "s.yaml", split=True, voltage=3.0)
-    rows = [entry["record"]["rows"] for entry in draft["experiments"].values()]
-    assert rows == [[2, half + 1], [half + 2, last]]

@@ -18,10 +18,8 @@ from support.first_configs import (
     SPEED,
     VOLTAGE,
     T,
-    channels_of,
     draft_of,
     german_record,
-    refusal,
     reversing_rig,
     shared,
     speed_response,
@@ -29,36 +27,6 @@ from support.first_configs import (
 )
 
 import bayesdrill as bd
-
-
-@together(
-    "names, best",
-    [
-        (["u", "v"], "v"),
-        (["v1", "u"], "u"),
-        (["u", "voltage"], "voltage"),
-        (["v", "U [V]"], "U [V]"),
-        (["u_soll", "u"], "u"),
-    ],
-)
-def test_the_voltage_is_what_is_called_most_like_one(
-    names: Sequence[str], best: str, tmp_path: Path
-) -> None:
-    columns = {name: VOLTAGE * (1 + k) for k, name in enumerate(names)}
-    draft = draft_of(write_table(tmp_path / "r.csv", {"t": T, **columns, "speed": SPEED}))
-    assert draft["inputs"]["v"]["column"] == best
-    others = ", ".join(name for name in names if name != best and "soll" not in name)
-    assert (f"{others} may be the voltage as well" in draft["words"]) == bool(others)
-
-
-def test_speeds_that_are_called_like_voltages_are_named(tmp_path: Path) -> None:
-    path = shared("cases/small/init_not_needed/rec.csv")
-    message = refusal(path)
-    assert "u is taken as the voltage; if it is a speed say" in message
-    assert '--columns "v1=w_1 [rad/s]" or v_cart [mm/s]' in message
-    names = "t=t [s]", "u=u_a [V]", "v1=v_a [mm/s]", "v2=v_b [mm/s]"
-    draft = draft_of(path, *names, config=tmp_path / "s.yaml")
-    assert channels_of(draft) == {"v_a": ("v1", "mm/s"), "v_b": ("v2", "mm/s")}
 
 
 def test_without_a_voltage_the_draft_asks_for_it(tmp_path: Path) -> None:
@@ -72,18 +40,6 @@ def test_without_a_voltage_the_draft_asks_for_it(tmp_path: Path) -> None:
 
 
 # --- when inputs act, and what is late -------------------------------------------------------------
-
-
-@together("late, name", [(0, "a"), (1, "a"), (3, "rotor"), (2, "cart")])
-def test_a_motion_that_follows_late_gets_a_wide_prior_of_the_moment_of_the_input(
-    late: int, name: str, tmp_path: Path
-) -> None:
-    axis, unit = ("v_cart", "m/s") if name == "cart" else (f"w_{name}", "deg/s")
-    path = write_table(tmp_path / "r.csv", {"t": T, "u": VOLTAGE, "y": speed_response(late)})
-    draft = draft_of(path, "t=t [s]", f"u=u_{name} [V]", f"y={axis} [{unit}]")
-    high = draft["inputs"]["t_0"]["high"]
-    assert high == pytest.approx(0.01 if late == 0 else 0.01 * (late + 2))
-    assert ("seems to follow late" in draft["words"]) == (late > 0)
 
 
 def test_a_delay_of_more_than_a_sample_lies_inside_the_prior(tmp_path: Path) -> None:
@@ -212,28 +168,6 @@ def test_a_rig_that_coasts_says_how_large_its_current_may_be(tmp_path: Path) -> 
     k_e, r_m = (math.sqrt(prior["low"] * prior["high"]) for prior in priors)
     speed = np.abs(columns["n_Motor"]).max() / RPM
     assert space.priors["i_0"].sd == pytest.approx(2 * speed * k_e / r_m, rel=0.2)
-
-
-@together(
-    "names, initial",
-    [
-        (["u=u_motor [V]", "a=w_motor [rad/s]"], {"w_motor": "free"}),
-        (
-            ["u=i_a [A]", "a=w_a [rad/s]", "b=w_b [rad/s]"],
-            {"w_a": "free", "w_b": "free", "theta_b": "free"},
-        ),
-        (["u=f_cart [N]", "a=v_cart [m/s]"], {"v_cart": "free"}),
-        (["u=u_motor [V]", "a=theta_motor [rad]"], "free"),
-        (["u=f_cart [N]", "a=x_cart [m]"], "free"),
-    ],
-)
-def test_no_angle_is_freed_that_no_channel_sees(
-    names: Sequence[str], initial: object, tmp_path: Path
-) -> None:
-    """Only twists matter to speeds; a position is seen."""
-    columns = {"t": T, "u": VOLTAGE, "a": SPEED, "b": speed_response(1)}
-    draft = draft_of(write_table(tmp_path / "r.csv", columns), "t=t [s]", *names)
-    assert draft["initial"] == initial
 
 
 def test_a_rest_before_the_motion_is_described(tmp_path: Path) -> None:

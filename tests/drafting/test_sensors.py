@@ -8,17 +8,12 @@ import numpy as np
 import pytest
 from support.case_tables import together
 from support.first_configs import (
-    ANGLE,
     DEG,
-    RECORD,
     RPM,
-    SPEED,
-    T,
     channels_of,
     draft_of,
     german_record,
     reversing_rig,
-    shared,
     write_table,
 )
 
@@ -64,46 +59,3 @@ def test_without_times_an_angle_and_its_speed_tell_the_rate(tmp_path: Path) -> N
     draft = draft_of(write_table(tmp_path / "r.csv", columns))
     assert draft["record"]["time"] == {"rate": 100}
     assert "REVIEW: no column is a time" in draft["words"]
-
-
-BATTERY = 12 + 0.05 * np.sin(40 * T)
-
-
-def test_a_steady_voltage_beside_a_motion_both_ways_is_a_supply(tmp_path: Path) -> None:
-    columns = {"t": T, "battery voltage": BATTERY, "speed": SPEED, "current": np.abs(SPEED)}
-    draft = draft_of(write_table(tmp_path / "r.csv", columns))
-    assert "v" not in draft["inputs"]
-    supply = "battery voltage: hardly changes while the rig turns both ways: a supply"
-    assert supply in draft["said"]
-    assert "REVIEW: it never changes its sign" in draft["words"]
-    flat = draft_of(write_table(tmp_path / "r.csv", {"t": T, "v": 0 * T + 12, "angle": ANGLE}))
-    assert "a supply, not what the motor gets" in flat["said"]
-    cart = write_table(tmp_path / "r.csv", {"t": T, "v": BATTERY, "x": ANGLE})
-    draft = draft_of(cart, "t=t [s]", "v=u_cart [V]", "x=x_cart [m]")
-    assert draft["inputs"]["u_cart"]["column"] == "v"
-    assert "REVIEW: it hardly changes while the rig turns both ways" in draft["words"]
-
-
-def test_a_steady_voltage_of_a_rig_that_turns_one_way_drives_it(tmp_path: Path) -> None:
-    columns = {"t": T, "v": BATTERY, "speed": 80 + SPEED / 4, "current": np.abs(SPEED)}
-    draft = draft_of(write_table(tmp_path / "r.csv", columns))
-    assert draft["inputs"]["v"]["column"] == "v"
-    assert "never changes its sign" not in draft["words"]
-
-
-def test_the_bus_of_a_servo_is_not_its_voltage(tmp_path: Path) -> None:
-    path = shared("cases/small/init_supply_as_motor_voltage/servo.csv")
-    draft = draft_of(path, config=tmp_path / "s.yaml")
-    assert channels_of(draft) == {"theta_2": ("position", "rad"), "i": ("current", "mA")}
-    assert "input_volts: hardly changes" in draft["said"]
-    assert "goal_position: is a set point" in draft["said"]
-    assert "it never changes its sign" in draft["words"]
-    assert "inputs.v: this entry is missing" in draft["said"]
-
-
-@together(
-    "head", ["goal_speed", "speed_ref", "setpoint speed", "cmd_vel", "target position", "n_soll"]
-)
-def test_a_set_point_is_no_measurement(head: str, tmp_path: Path) -> None:
-    draft = draft_of(write_table(tmp_path / "r.csv", {**RECORD, head: SPEED}))
-    assert f"not used: {head}: is a set point" in draft["said"]
