@@ -250,8 +250,8 @@ def test_a_time_with_the_head_of_a_twist_does_no_harm(tmp_path: Path) -> None:
 
 
 BATCHES = [
-    pytest.param((0, 1), id="quick"),
-    pytest.param((2, 3), id="long", marks=pytest.mark.slow),
+    pytest.param((0,), id="quick"),
+    pytest.param((1, 2, 3), id="long", marks=pytest.mark.slow),
 ]
 
 
@@ -275,7 +275,7 @@ def test_every_config_that_is_written_is_valid(batches: tuple[int, ...], tmp_pat
         except (bd.InputError, AssertionError) as error:
             invalid[seed] = str(error)
     assert invalid == {}
-    assert count > 6
+    assert count > 3 * len(batches)
 
 
 def test_names_that_yaml_would_take_for_something_else(tmp_path: Path) -> None:

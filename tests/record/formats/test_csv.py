@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 from support.case_tables import together
@@ -15,6 +17,7 @@ from bayesdrill.record.formats import format_of
 from bayesdrill.record.formats.csv import CsvOptions, read
 from bayesdrill.record.formats.table import RecordTable
 
+TABLE = yaml.safe_load(Path(__file__).with_name("texts.yaml").read_text(encoding="utf-8"))
 NAMES = ("t [s]", "w_1 [rpm]", "theta")
 # Unequal, off the origin, negative, with exponents and whole numbers: no column can stand in
 # for another, and no mark for another.
@@ -102,41 +105,17 @@ def test_without_header_columns_are_numbered(delimiter: str, decimal: str, tmp_p
     assert table.where(0) == "line 1"
 
 
-LATE_COMMA = "a;b\n" + "0;0\n" * 300 + "0,5;1\n" + "0;0\n" * 300
-LATE_VALUES = [[0, 0]] * 300 + [[0.5, 1]] + [[0, 0]] * 300
+@together("case", TABLE["spellings"], lambda case: case["text"])
+def test_spellings(case: dict[str, Any], tmp_path: Path) -> None:
+    table = load(write(tmp_path / "run.csv", case["text"]), **case.get("options", {}))
+    np.testing.assert_array_equal(np.column_stack(list(table.variables.values())), case["numbers"])
 
 
-@together(
-    "content, options, expected",
-    [
-        ("0,1;2,3\n", {}, [[0.1, 2.3]]),
-        ("0,1 2,3\n", {}, [[0.1, 2.3]]),
-        ("0,1\n2,3\n", {}, [[0, 1], [2, 3]]),
-        ("0,1\n2,3\n", {"decimal": ","}, [[0.1], [2.3]]),
-        ("t,w\n0,1\n", {}, [[0, 1]]),
-        ("speed\n0,1\n2,3\n", {}, [[0.1], [2.3]]),
-        ("motor speed\n1.5\n2\n", {}, [[1.5], [2]]),
-        (LATE_COMMA, {}, LATE_VALUES),
-        ("title\nmore, title\na;b\n1;2\n", {"skip_rows": 2}, [[1, 2]]),
-        ("1;2\n3;4\n", {"header": True}, [[3, 4]]),
-        ("a,b,\n1,2,\n", {}, [[1, 2]]),
-        ("a,b,c\n1,2,\n3,4,\n", {}, [[1, 2, np.nan], [3, 4, np.nan]]),
-        ("a,b\n1,NaN\n,2\nnan,3\n", {}, [[1, np.nan], [np.nan, 2], [np.nan, 3]]),
-        ("a;b\n1;2\n;\n3;4\n", {}, [[1, 2], [np.nan, np.nan], [3, 4]]),
-        ("a;b\n1;2\n\n3;4\n;\n", {}, [[1, 2], [3, 4]]),
-        ("1, 2.5, 3;\n4, 5, 6;\n", {}, [[1, 2.5, 3], [4, 5, 6]]),
-        ("1, 2.5, 3;\n4, 5, 6;\n", {"delimiter": ",", "header": False}, [[1, 2.5, 3], [4, 5, 6]]),
-        ("a b|\n1.5 2|\n3 4|\n", {}, [[1.5, 2], [3, 4]]),
-        ("0,5;\n1,5;\n", {}, [[0.5], [1.5]]),
-        ("My rig\nt;w\n1;2\n3;4\n", {}, [[1, 2], [3, 4]]),
-        ("Date:;2020\nRecorded:;2;0x1\nPeriod:;4.0\n;w\nms;rpm\n1;2\n3;4\n", {}, [[1, 2], [3, 4]]),
-    ],
-)
-def test_spellings(
-    content: str, options: dict[str, object], expected: list[list[float]], tmp_path: Path
-) -> None:
-    table = load(write(tmp_path / "run.csv", content), **options)
-    np.testing.assert_array_equal(np.column_stack(list(table.variables.values())), expected)
+def test_a_decimal_comma_may_come_late(tmp_path: Path) -> None:
+    zeros = "0;0\n" * 300
+    table = load(write(tmp_path / "run.csv", f"a;b\n{zeros}0,5;1\n{zeros}"))
+    assert table.pick("a")[300] == 0.5
+    assert [values.sum() for values in table.variables.values()] == [0.5, 1.0]
 
 
 def test_names_in_latin_1_are_kept_verbatim(tmp_path: Path) -> None:
@@ -149,41 +128,10 @@ def test_rows_are_named_by_the_line_of_the_file(tmp_path: Path) -> None:
     assert [table.where(0), table.where(1)] == ["line 5", "line 8"]
 
 
-@together(
-    "content, options, words",
-    [
-        ("", {}, ["the file is empty"]),
-        ("\n# only this\n\n", {}, ["only blank lines and comments"]),
-        ("t,w\n", {}, ["header but no data", "line 1"]),
-        ("t,w\ns,rpm\n", {}, ["header but no data"]),
-        ("1,2\n", {"skip_rows": 5}, ["after the 5 lines of skip_rows"]),
-        ("t,w\n1,2\n3,x\n", {}, ["line 3", "'w'", "'x' is not a number"]),
-        ("t,w\ns,2\n3,4\n", {}, ["line 2", "'t'", "'s' is not a number", "skip_rows"]),
-        ("t;w\n1.5;2,5\n", {}, ["line 2", "'2,5' is not a number", "decimal: ','"]),
-        ("t;w\n1.5;2\n", {"decimal": ","}, ["'1.5' is not a number", "decimal: '.'"]),
-        ("speed\n0,5\nx\n0,7\n", {}, ["line 3", "'x' is not a number"]),
-        ("t,w\n1_0,2\n", {}, ["'1_0' is not a number"]),
-        ("t,w\n1,2\n3\n4,5,6\n7,8\n", {}, ["line 3: 1 cells where 2", "line 4: 3 cells where 2"]),
-        ("t,w\n1,2\n3\n4,x\n7,8\n", {}, ["line 3: 1 cells", "line 4", "'x'"]),
-        ("My rig\n1;2\n3;4\n", {}, ["line 1: the header has 1 cells", "skip_rows"]),
-        ("My rig\n0;2\nt;w\n1;2\n3;4\n", {}, ["line 1: the header has 1 cells", "skip_rows"]),
-        ("1,x\n1,2\n", {}, ["line 1: mixes numbers and text such as 'x'", "header: true"]),
-        ("t;w\n1.5;2.5\n1.6;2.6\n", {"decimal": ","}, ["'1.6' is not a number", "decimal: '.'"]),
-        ("root:x:0\nbin:x:1\nsys:x:2\n", {}, ["holds no numbers", "name the file of the record"]),
-        ("KEY = abc\nOTHER = def\n", {"header": False}, ["holds no numbers"]),
-        (b"\x00\x01\x02\x03", {}, ["binary"]),
-        (b"PK\x03\x04rest", {}, ["spreadsheet", "export it as CSV"]),
-        (b"MATLAB 5.0 MAT-file", {}, ["MATLAB file", ".mat"]),
-        ("1,2\n", {"delimiter": ";;"}, ["delimiter ';;' is not one character"]),
-        ("1,2\n", {"delimiter": "5"}, ["delimiter '5' occurs in numbers"]),
-        ("1,2\n", {"decimal": ",", "delimiter": ","}, ["both ','"]),
-    ],
-)
-def test_a_fault_is_named_with_its_line_and_a_way_out(
-    content: str | bytes, options: dict[str, object], words: list[str], tmp_path: Path
-) -> None:
-    message = refusal(write(tmp_path / "run.csv", content), **options)
-    assert [word for word in ["run.csv", *words] if word not in message] == []
+@together("case", TABLE["faults"], lambda case: case["text"])
+def test_a_fault_is_named_with_its_line_and_a_way_out(case: dict[str, Any], tmp_path: Path) -> None:
+    message = refusal(write(tmp_path / "run.csv", case["text"]), **case.get("options", {}))
+    assert [words for words in ["run.csv", *case["says"]] if words not in message] == []
 
 
 @together(
