@@ -16,11 +16,11 @@ SHAPES = ((0.5, 0.8, 0.3), (0.2, 1.2, -0.4))  # weight, width and shift of a hum
 @cache
 def rough(target: Target, d: int, n_sheets: int = 1) -> Proposal:
     """Over one ridge of `target` or over two, with components of unequal weights."""
-    found = over(target, d, n_sheets)
-    drawn = found.draw(4000, np.random.RandomState(1)).u
+    components = over(target, d, n_sheets)
+    drawn = components.draw(4000, np.random.RandomState(1)).u
     own = target.draw(2000, d, np.random.default_rng(8))
-    usual = float(np.median(target.log_density(own) - found.log_density(own)))
-    return Proposal(found, float(target.inside(drawn).mean()), usual)
+    usual = float(np.median(target.log_density(own) - components.log_density(own)))
+    return Proposal(components, float(target.inside(drawn).mean()), usual)
 
 
 def over(target: Target, d: int, n_sheets: int) -> Mixture:

@@ -81,7 +81,7 @@ class Target:
         d = x.shape[1]
         tests = [*uniforms.T, ndtr(scores.sum(axis=1) / np.sqrt(d))]
         tests.append(scipy.stats.chi2(d).cdf((scores**2).sum(axis=1)))
-        return np.array([scipy.stats.kstest(one, "uniform").pvalue for one in tests])
+        return np.array([scipy.stats.kstest(values, "uniform").pvalue for values in tests])
 
 
 @dataclass(frozen=True)
@@ -162,11 +162,11 @@ class Bent(Target):
         place, spread, owed = self.curve(psi, d - n)
         root = spread[:, :, None] * np.eye(d - n)
         root[:, range(1, d - n), range(d - n - 1)] = owed[:, 1:]
-        made = []
+        maps = []
         for size, degree in ((1.0, 6), (2.0, 4)):
             base = ridge.local_basis(np.array(self.centre[:d]), size * self.mixing(d), n)
-            made.append(ridge.fit_ridge(base, psi / size, place / size, root / size, degree, 2))
-        return made
+            maps.append(ridge.fit_ridge(base, psi / size, place / size, root / size, degree, 2))
+        return maps
 
     def _within(self, psi: np.ndarray, e: np.ndarray) -> np.ndarray:
         ends = (psi > self.ends[0]) & (psi < self.ends[1])
@@ -217,20 +217,20 @@ class Humps(Target):
         return self.mix(base)
 
     def log_density(self, x: np.ndarray) -> np.ndarray:
-        d, one = x.shape[1], self.unmix(x)
-        other = (one - self.apart * np.eye(d)[0]) / self.wide
-        log_two = np.log(1.0 - self.first) - d * np.log(self.wide) - 0.5 * (other**2).sum(axis=1)
-        return np.logaddexp(np.log(self.first) - 0.5 * (one**2).sum(axis=1), log_two)
+        d, first = x.shape[1], self.unmix(x)
+        second = (first - self.apart * np.eye(d)[0]) / self.wide
+        log_two = np.log(1.0 - self.first) - d * np.log(self.wide) - 0.5 * (second**2).sum(axis=1)
+        return np.logaddexp(np.log(self.first) - 0.5 * (first**2).sum(axis=1), log_two)
 
     def hump(self, x: np.ndarray) -> np.ndarray:
         return (self.unmix(x)[:, 0] > 0.4 * self.apart).astype(int)
 
     def uniforms(self, x: np.ndarray) -> np.ndarray:
         base, second = self.unmix(x), self.hump(x)
-        found = ndtr(base / np.where(second, self.wide, 1.0)[:, None])
+        uniforms = ndtr(base / np.where(second, self.wide, 1.0)[:, None])
         high = ndtr((base[:, 0] - self.apart) / self.wide)
-        found[:, 0] = self.first * ndtr(base[:, 0]) + (1.0 - self.first) * high
-        return found
+        uniforms[:, 0] = self.first * ndtr(base[:, 0]) + (1.0 - self.first) * high
+        return uniforms
 
     def ridges(self, d: int) -> list[RidgeMap]:
         """One through each, neither of them straight."""
