@@ -168,32 +168,6 @@ def test_files_that_cannot_be_opened(tmp_path: Path) -> None:
     assert "does not exist" in refusal(tmp_path / "nowhere" / "run.csv")
 
 
-@together(
-    "column, variable, message",
-    [
-        ("w_1 [rmp]", None, "did you mean w_1 [rpm]?"),
-        ("zzzz", None, "known: t [s], w_1 [rpm], theta, x, (column 5), (column 6)"),
-        (7, None, "has the columns 1 to 6"),
-        (0, None, "has no column 0"),
-        ("2", None, "write it without quotes"),
-        ("twin", None, "stands 2 times in the header (columns 5, 6)"),
-        (None, None, "give its name or its number"),
-        ("x", "rig", "leave the variable out"),
-    ],
-)
-def test_what_cannot_be_picked_is_named_with_a_way_out(
-    column: str | int | None, variable: str | None, message: str, tmp_path: Path
-) -> None:
-    content = "t [s],w_1 [rpm],theta,x,twin,twin\n1,2,3,4,5,6\n"
-    table = load(write(tmp_path / "run.csv", content))
-    assert table.pick(6) == [6.0]
-    with pytest.raises(InputError) as caught:
-        table.pick(column, variable, location="signals.w")
-    assert caught.value.problems[0].place == "signals.w"
-    assert "run.csv" in str(caught.value)
-    assert message in str(caught.value)
-
-
 def test_the_format_follows_from_the_ending() -> None:
     assert [format_of(Path(n)) for n in ("a.csv", "a.TXT", "a.tsv", "a.dat")] == ["csv"] * 4
     assert format_of(Path("a.MAT")) == "mat"

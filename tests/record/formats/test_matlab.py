@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import scipy.io
 import scipy.io.matlab
+from support.array_files import DATA, T, W, write_v5, write_v73
 from support.case_tables import together
 
 from bayesdrill.basics.entries import NoEntries
@@ -19,75 +20,7 @@ from bayesdrill.record.formats import FORMATS
 from bayesdrill.record.formats.matlab import MAX_DEPTH, read, too_deep
 from bayesdrill.record.formats.table import RecordTable
 
-T = np.array([10.0, 10.5, 11.25, 12.0])
-W = np.array([101.25, 99.0, -98.5, 1.0 / 3.0])
-DATA = np.column_stack([T, W, -W, np.array([1.0, 0.0, 0.0, 1.0])])[:, :3]
-COUNTS = np.array([7, 8, 9, 250], dtype=np.uint8)
 SHARED = Path(__file__).parents[4] / "shared" / "data"
-
-
-def write_v5(path: Path) -> None:
-    cell = np.empty((1, 2), dtype=object)
-    cell[:] = [[T, W]]
-    content = {
-        "theta_1": T[:, None],
-        "row": W[None, :],
-        "data": DATA,
-        "counts": COUNTS[:, None],
-        "on": (W > 0)[:, None],
-        "rate": 1000.0,
-        "rig": {"theta": T[:, None], "motor": {"w": W[:, None]}, "name": "rig 3"},
-        "note": "a text",
-        "cells": cell,
-        "z": W + 1j,
-        "cube": np.zeros((2, 3, 4)),
-        "nothing": np.zeros((0, 0)),
-    }
-    scipy.io.savemat(path, content, do_compression=True)
-
-
-def write_v73(path: Path) -> None:
-    with h5py.File(path, "w", userblock_size=512) as file:
-
-        def put(where: h5py.Group, name: str, values: np.ndarray, kind: str = "double") -> None:
-            # As MATLAB does: the array transposed, its class in an attribute.
-            item = where.create_dataset(name, data=np.atleast_2d(values).T)
-            item.attrs["MATLAB_class"] = np.bytes_(kind)
-
-        def struct(where: h5py.Group, name: str) -> h5py.Group:
-            group = where.create_group(name)
-            group.attrs["MATLAB_class"] = np.bytes_("struct")
-            return group
-
-        put(file, "theta_1", T[:, None])
-        put(file, "row", W[None, :])
-        put(file, "data", DATA)
-        put(file, "counts", COUNTS[:, None], "uint8")
-        put(file, "on", (W > 0).astype(np.uint8)[:, None], "logical")
-        put(file, "rate", np.array([[1000.0]]))
-        rig = struct(file, "rig")
-        put(rig, "theta", T[:, None])
-        put(struct(rig, "motor"), "w", W[:, None])
-        put(rig, "name", np.frombuffer("rig 3".encode("utf-16-le"), np.uint16)[None, :], "char")
-        put(file, "note", np.frombuffer("a text".encode("utf-16-le"), np.uint16)[None, :], "char")
-        refs = file.create_group("#refs#")
-        put(refs, "a", T)
-        cells = file.create_dataset("cells", (1, 1), dtype=h5py.ref_dtype)
-        cells[0, 0] = refs["a"].ref
-        cells.attrs["MATLAB_class"] = np.bytes_("cell")
-        pair = np.zeros((4, 1), dtype=[("real", "f8"), ("imag", "f8")])
-        file.create_dataset("z", data=pair).attrs["MATLAB_class"] = np.bytes_("double")
-        cube = file.create_dataset("cube", data=np.zeros((4, 3, 2)))
-        cube.attrs["MATLAB_class"] = np.bytes_("double")
-        nothing = file.create_dataset("nothing", data=np.zeros(2, dtype=np.uint64))
-        nothing.attrs["MATLAB_class"] = np.bytes_("double")
-        nothing.attrs["MATLAB_empty"] = np.uint8(1)
-        series = file.create_dataset("ts", data=np.zeros((1, 6), dtype=np.uint32))
-        series.attrs["MATLAB_class"] = np.bytes_("timeseries")
-        series.attrs["MATLAB_object_decode"] = np.int32(3)
-    head = b"MATLAB 7.3 MAT-file, Platform: GLNXA64, HDF5 schema 1.00 ."
-    with path.open("r+b") as raw:
-        raw.write(head.ljust(124) + b"\x00\x02IM")
 
 
 @pytest.fixture(scope="module", params=["v5", "v73"])
@@ -95,64 +28,6 @@ def table(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     path = tmp_path_factory.mktemp("mat") / "run.mat"
     {"v5": write_v5, "v73": write_v73}[request.param](path)
     return FORMATS["mat"].read(path, NoEntries(), None)
-
-
-@together(
-    "column, variable, expected",
-    [
-        ("theta_1", None, T),
-        (None, "theta_1", T),
-        (1, "theta_1", T),
-        ("row", None, W),
-        (1, "data", T),
-        (2, "data", W),
-        (3, "data", -W),
-        ("counts", None, COUNTS),
-        ("on", None, W > 0),
-        ("rate", None, [1000.0]),
-        ("rig.theta", None, T),
-        ("theta", "rig", T),
-        (None, "rig.motor.w", W),
-        (1, "rig.motor.w", W),
-    ],
-)
-def test_columns_are_picked(
-    table: RecordTable, column: str | int | None, variable: str | None, expected: np.ndarray
-) -> None:
-    values = table.pick(column, variable)
-    assert values.dtype == np.float64
-    np.testing.assert_array_equal(values, expected)
-
-
-@together(
-    "column, variable, message",
-    [
-        ("theta_l", None, "did you mean theta_1?"),
-        ("data", None, "4 rows and 3 columns; say which column, from 1 to 3"),
-        (4, "data", "no column 4; give one from 1 to 3"),
-        (0, "data", "no column 0"),
-        (2, "theta_1", "1 column, so no column 2"),
-        ("rig", None, "is a struct; name one of its fields: rig."),
-        ("x", "rig", "no variable 'rig.x'"),
-        (1, None, "say which one"),
-        (None, None, "say which one"),
-        ("note", None, "is text, not numbers"),
-        ("rig.name", None, "is text"),
-        ("cells", None, "is a cell array; save cell2mat(...) of it"),
-        ("z", None, "is complex; save its real part"),
-        ("cube", None, "has 3 dimensions (2 x 3 x 4)"),
-        ("nothing", None, "is empty"),
-    ],
-)
-def test_what_cannot_be_picked_is_named_with_a_way_out(
-    table: RecordTable, column: str | int | None, variable: str | None, message: str
-) -> None:
-    with pytest.raises(InputError) as caught:
-        table.pick(column, variable, location="signals.w")
-    said = str(caught.value)
-    assert said.startswith("signals.w: ")
-    assert "run.mat" in said
-    assert message in said
 
 
 def test_samples_are_numbered_from_one(table: RecordTable) -> None:
