@@ -114,16 +114,6 @@ def test_bundled_records_come_back_as_their_configs_have_them(name: str, tmp_pat
     assert "initial" not in draft
 
 
-@pytest.mark.slow
-@together("name", BUNDLED)
-def test_check_accepts_what_is_written(name: str, tmp_path: Path) -> None:
-    case = loading.load(CONFIGS / f"{name}.yaml")
-    path = tmp_path / "mine.csv"
-    path.write_text(simulation.simulate(case, 11, path))
-    bd.init(path, voltage=8.0)
-    assert command_line.cli("check", tmp_path / "mine.yaml").status == 0
-
-
 def test_a_newcomers_record_is_understood(tmp_path: Path) -> None:
     draft = draft_of(write_table(tmp_path / "messung 07.csv", german_record()))
     assert channels_of(draft) == {

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,17 +10,11 @@ import pytest
 import scipy.linalg
 from support.case_tables import together
 from support.first_configs import (
-    ANGLE,
-    RECORD,
     RPM,
-    SPEED,
-    VOLTAGE,
-    T,
     draft_of,
     german_record,
     reversing_rig,
     shared,
-    speed_response,
     write_table,
 )
 
@@ -168,32 +160,3 @@ def test_a_rig_that_coasts_says_how_large_its_current_may_be(tmp_path: Path) -> 
     k_e, r_m = (math.sqrt(prior["low"] * prior["high"]) for prior in priors)
     speed = np.abs(columns["n_Motor"]).max() / RPM
     assert space.priors["i_0"].sd == pytest.approx(2 * speed * k_e / r_m, rel=0.2)
-
-
-def test_a_rest_before_the_motion_is_described(tmp_path: Path) -> None:
-    late = VOLTAGE * (T > 1.5)
-    path = write_table(tmp_path / "r.csv", {"t": T, "u": late, "speed": speed_response(0, late)})
-    for names in ([], ["t=t [s]", "u=u_motor [V]", "speed=w_motor [rad/s]"]):
-        (begin,) = re.findall(r"Nothing moves before ([\d.]+) s", draft_of(path, *names)["words"])
-        assert 1.4 < float(begin) < 1.7
-    moving = write_table(tmp_path / "r.csv", {**RECORD, "speed": 5 + SPEED})
-    assert "Nothing moves before" not in draft_of(moving)["words"]
-
-
-NUMBER = r"[\d.e+-]+"
-
-
-@together(
-    "names, largest",
-    [
-        (["y=x_cart [m]"], f"{NUMBER} m/s"),
-        (["u=f_cart [N]", "y=x_cart [m]"], f"{NUMBER} m/s, {NUMBER} N"),
-        (["u=i_a [A]", "y=theta_a [rad]"], f"{NUMBER} rad/s, {NUMBER} A"),
-    ],
-)
-def test_scales_of_priors_name_the_largest_speed_and_drive(
-    names: Sequence[str], largest: str, tmp_path: Path
-) -> None:
-    path = write_table(tmp_path / "r.csv", {"t": T, "u": VOLTAGE, "y": ANGLE})
-    (words,) = re.findall(r"by the largest ([^;]*);", draft_of(path, "t=t [s]", *names)["words"])
-    assert re.fullmatch(largest, words)
