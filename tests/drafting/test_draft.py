@@ -42,15 +42,18 @@ SIGNALS = {
     "COUNT": np.arange(400.0),
     "BATTERY": 12 + 0.05 * np.sin(40 * first_configs.T),
     "BENCH": first_configs.reversing_rig(),
+    "GERMAN": german_record(),
 }
 
 
-def records_of(case: dict[str, Any], folder: Path) -> list[Path]:
+def records_of(case: dict[str, Any], folder: Path) -> list[Path | list[Path]]:
+    """Each is drafted by itself; `files` are records of one config."""
     if "columns" in case:
         columns = {head: eval(text, SIGNALS) for head, text in case["columns"].items()}
         return [write_table(folder / "r.csv", columns)]
-    path = Path(case["file"])
-    return sorted(shared(str(path.parent)).glob(path.name))
+    patterns = [Path(pattern) for pattern in case.get("files", [case.get("file")])]
+    paths = [path for p in patterns for path in sorted(shared(str(p.parent)).glob(p.name))]
+    return [paths] if "files" in case else [*paths]
 
 
 def entry(draft: dict[str, Any], place: str) -> object:
@@ -411,23 +414,6 @@ def test_a_data_sheet_becomes_the_nominal_table(tmp_path: Path) -> None:
     assert "sheet.yaml:3: k_T: this key stands already in line 1" in message
 
 
-def test_rigs_by_their_names(tmp_path: Path) -> None:
-    columns = german_record()
-    t, top = columns["Zeit_ms"], np.cumsum(columns["U_Motor"])
-    shaft = {"Zeit_ms": t, "theta_2 [rad]": top, "w_1 [rad/s]": columns["n_Rotor"]}
-    draft = draft_of(write_table(tmp_path / "d.csv", shaft), rig="driven_shaft")
-    assert [*draft["record"]["channels"]] == ["w_1"]
-    assert draft["inputs"]["theta_2"]["column"] == "theta_2 [rad]"
-    assert "v" not in draft["inputs"]
-    assert {*draft["parameters"]} == {"k_s", "j_1"}
-    assert draft["model"] == {"name": "driven_shaft"}
-    torque, speed = columns["U_Motor"], columns["n_Motor"]
-    motor = {"Zeit_ms": t, "motor torque [N*m]": torque, "w_2 [rad/s]": speed}
-    draft = draft_of(write_table(tmp_path / "m.csv", motor), rig="motor")
-    assert {*draft["parameters"]} == {"j_m", "c_m"}
-    assert draft["inputs"]["t_m"]["unit"] == "N*m"
-
-
 # --- records of other rigs -------------------------------------------------------------------------
 
 
@@ -449,16 +435,6 @@ def test_a_servo_is_understood(tmp_path: Path) -> None:
     }
     assert draft["record"]["time"] == {"column": "time [ms]", "unit": "ms"}
     assert draft["inputs"]["v"]["unit"] == "V"
-
-
-def test_repeated_records_of_a_servo_pair(tmp_path: Path) -> None:
-    files = [shared(f"data/hsm150_servo/idf_pos_0.065_{k}.mat") for k in (1, 2, 3)]
-    draft = draft_of(files, config=tmp_path / "mine.yaml", voltage=1.0)
-    assert list(draft["experiments"]) == ["run_1", "run_2", "run_3"]
-    assert draft["record"]["channels"]["w_2"]["derived_from"] == "theta_2"
-    assert draft["shared"] == ["sigma_theta_2", "sigma_i"]
-    assert draft["record"]["channels"]["theta_2"]["unit"] == "rad"
-    assert draft["record"]["channels"]["theta_2"]["column"] == 3
 
 
 def test_screw_drives_in_exports_of_their_controller(tmp_path: Path) -> None:

@@ -13,7 +13,6 @@ from support.first_configs import (
     draft_of,
     german_record,
     read_records,
-    shared,
     write_table,
 )
 from support.oscillating_records import swing, with_glitches
@@ -152,44 +151,3 @@ def test_a_glitch_is_listed_with_its_time_and_not_masked(tmp_path: Path) -> None
     assert "looks like glitches: [1.5, 1.5], [4.005, 4.01], [6.015, 6.015] s" in words
     assert "mask: {times: [[1.5, 1.5], [4.005, 4.01], [6.015, 6.015]]}" in words
     assert words.count("looks like") == 1
-
-
-# Folders of records without a glitch, and how a newcomer names their columns.
-CLEAN: dict[str, tuple[list[str], list[str], dict[str, object]]] = {
-    "simulated_servo": (["slow.csv", "square.csv", "sweep.csv"], [], {"gear": 14}),
-    "two_inertia_bench_tokyo": (
-        ["MultisineTypeA.mat", "MultisineTypeB.mat"],
-        ["time=t [us]", "theta_mx=theta_2 [rad]", "theta_my=-theta_1 [rad]"],
-        {"rig": "driven_shaft"},
-    ),
-    "flexible_drive_waterloo_2022": (
-        ["velocity_response_2.mat", "velocity_response_sine_3.mat"],
-        ["u=v [V]", "v1=w_2 [rad/s]", "v2=w_1 [rad/s]"],
-        {},
-    ),
-    "elastic_joint_padova": (
-        ["data3_v1.mat"],
-        ["data.estimation.thb=theta_1 [deg]"],
-        {"rig": "driven_shaft"},
-    ),
-    "geared_servo_padova": (
-        ["awu_resp.mat"],
-        [
-            "step_awu.signals(4).values=v [V]",
-            "step_awu.signals(6).values=theta_2 [deg]",
-            "step_awu.signals(7).values=i [A]",
-        ],
-        {"rig": "motor", "gear": 14},
-    ),
-    "three_disc_epfl": (["FPdata.mat"], ["u=v [V]", "y=theta_1 [rad]"], {"rate": 25.0}),
-}
-
-
-@together("folder", CLEAN)
-def test_drafts_of_real_records_list_no_glitch(folder: str, tmp_path: Path) -> None:
-    files, columns, known = CLEAN[folder]
-    paths = [shared(f"data/{folder}") / name for name in files]
-    draft = draft_of(paths, *columns, config=tmp_path / "mine.yaml", **known)
-    assert "still to do" not in draft["said"]
-    assert "looks like" not in draft["text"]
-    assert draft["parameters"]
