@@ -347,21 +347,6 @@ def test_nothing_is_overwritten_unasked(tmp_path: Path) -> None:
     assert command_line.cli("init", path, "--gear", 0.2, "--force").status == 2
 
 
-def test_no_file_that_is_read_is_replaced(tmp_path: Path) -> None:
-    """A data sheet, also by another name of it; one of several records."""
-    path, sheet = write_table(tmp_path / "r.csv", RECORD), tmp_path / "sheet.yaml"
-    sheet.write_text("k_T: 0.3\n")
-    (tmp_path / "link.yaml").symlink_to(sheet)
-    (tmp_path / "hard.yaml").hardlink_to(sheet)
-    for output in (sheet, tmp_path / "link.yaml", tmp_path / "hard.yaml"):
-        done = command_line.cli("init", path, "--sheet", sheet, "-o", output, "--force")
-        assert done.status == 2
-        assert sheet.read_text() == "k_T: 0.3\n"
-    second = write_table(tmp_path / "second.csv", RECORD)
-    assert command_line.cli("init", path, second, "--output", second, "--force").status == 2
-    assert second.read_text() == path.read_text()
-
-
 def test_check_draws_the_record_of_each_experiment(tmp_path: Path) -> None:
     twice = {name: np.concatenate([x, x]) for name, x in RECORD.items()}
     draft_of(write_table(tmp_path / "r.csv", twice), split=True)
