@@ -70,7 +70,8 @@ def test_drafts(case: dict[str, Any], tmp_path: Path) -> None:
         if "refused" in case:
             message = refusal(record, *columns, **known)
             assert [words for words in case["refused"] if words not in message] == []
-            assert "\n" not in message or "nothing moved" not in message
+            if "nothing moved" in message:
+                assert "\n" not in message
             continue
         draft = draft_of(record, *columns, config=tmp_path / "r.yaml", **known)
         text = draft["words"] + draft["said"]
