@@ -49,7 +49,11 @@ SIGNALS = {
 def records_of(case: dict[str, Any], folder: Path) -> list[Path | list[Path]]:
     """Each is drafted by itself; `files` are records of one config."""
     if "columns" in case:
-        columns = {head: eval(text, SIGNALS) for head, text in case["columns"].items()}
+        columns = case["columns"]
+        if isinstance(columns, str):
+            columns = eval(columns, SIGNALS)
+        else:
+            columns = {head: eval(text, SIGNALS) for head, text in columns.items()}
         return [write_table(folder / "r.csv", columns)]
     patterns = [Path(pattern) for pattern in case.get("files", [case.get("file")])]
     paths = [path for p in patterns for path in sorted(shared(str(p.parent)).glob(p.name))]

@@ -19,6 +19,7 @@ from support.first_configs import (
     draft_of,
     german_record,
     refusal,
+    repeated,
     reversing_rig,
     write_table,
 )
@@ -185,23 +186,9 @@ def test_experiments_are_called_by_what_differs(names: tuple[str, ...], labels: 
 # --- several records in one file -------------------------------------------------------------------
 
 
-def repeated(folder: Path, *lengths: int) -> Path:
-    """A table with records of these lengths one after the other."""
-    long = {name: np.resize(x, 700) for name, x in RECORD.items()} | {"t": 0.01 * np.arange(700)}
-    columns = {name: np.concatenate([x[:n] for n in lengths]) for name, x in long.items()}
-    return write_table(folder / "r.csv", columns)
-
-
-@together("lengths", [(300, 700), (700, 300), (100, 400)])
-def test_records_one_after_the_other_are_refused(lengths: tuple[int, int], tmp_path: Path) -> None:
-    message = refusal(repeated(tmp_path, *lengths))
-    assert f"time goes back at line {lengths[0] + 2} (" in message
-    assert "2 records in one file? Say --split" in message
-
-
 def test_records_one_after_the_other_are_split(tmp_path: Path) -> None:
     """Each is an experiment of its rows; what is too short for a record is none."""
-    draft = draft_of(repeated(tmp_path, 300, 5, 400), split=True)
+    draft = draft_of(write_table(tmp_path / "r.csv", repeated(300, 5, 400)), split=True)
     assert draft["experiments"] == {
         "run_1": {"record": {"file": "r.csv", "rows": [2, 301]}},
         "run_2": {"record": {"file": "r.csv", "rows": [307, 706]}},
@@ -226,10 +213,3 @@ def test_other_files_and_rigs_are_split_too(tmp_path: Path) -> None:
     assert draft["model"]["name"] == "train"
     second = reading.read(loading.load(tmp_path / "r.yaml").experiments[1])
     np.testing.assert_array_equal(second.y[:, 0], SPEED[:250])
-
-
-def test_a_single_record_is_not_split(tmp_path: Path) -> None:
-    alone = draft_of(write_table(tmp_path / "r.csv", RECORD), split=True)
-    assert "experiments" not in alone
-    after_few_rows = draft_of(repeated(tmp_path, 9, 400), split=True)
-    assert after_few_rows["record"]["rows"] == [11, 410]

@@ -20,17 +20,6 @@ from support.first_configs import (
 
 import bayesdrill as bd
 
-
-def test_without_a_voltage_the_draft_asks_for_it(tmp_path: Path) -> None:
-    columns = german_record()
-    del columns["U_Motor"]
-    draft = draft_of(write_table(tmp_path / "r.csv", columns))
-    assert "inputs.v: this entry is missing" in draft["said"]
-    assert "REVIEW: no column is a voltage" in draft["words"]
-    with pytest.raises(bd.InputError, match=r"inputs\.v: this entry is missing"):
-        bd.load(tmp_path / "r.yaml")
-
-
 # --- when inputs act, and what is late -------------------------------------------------------------
 
 

@@ -111,6 +111,12 @@ ANGLE = np.cumsum(SPEED) * 0.01
 RECORD: Mapping[str, np.ndarray] = {"t": T, "u": VOLTAGE, "speed": SPEED}
 
 
+def repeated(*lengths: int) -> dict[str, np.ndarray]:
+    """Records of these lengths one after the other, of at most 700 rows each."""
+    long = {name: np.resize(x, 700) for name, x in RECORD.items()} | {"t": 0.01 * np.arange(700)}
+    return {name: np.concatenate([x[:n] for n in lengths]) for name, x in long.items()}
+
+
 def german_record(gear: float = 5.0) -> dict[str, np.ndarray]:
     """Degrees and rpm, the motor before the gear, ms, a measured voltage; noise 0.5, 1 and 6."""
     t, v, x = reversing_rig(gear)
