@@ -55,12 +55,6 @@ def test_files_that_are_cut_short_are_refused(
         read(tmp_path / "cut.mat")
 
 
-def test_a_timeseries_says_how_to_save_its_numbers(tmp_path: Path) -> None:
-    write_v73(tmp_path / "run.mat")
-    with pytest.raises(InputError, match=r"timeseries.*plain arrays: t = ts.Time; y = ts.Data"):
-        read(tmp_path / "run.mat").pick("ts")
-
-
 def test_an_object_of_a_v5_file_is_named() -> None:
     folder = Path(scipy.io.matlab.__file__).parent / "tests" / "data"
     path = folder / "testmatlabstring_7_WIN64.mat"
