@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.special import logsumexp
-from support.case_tables import together
+from support.case_tables import run_cases
 
 from bayesdrill.inference.priors import Uniform
 from bayesdrill.inference.unknowns import Coordinates
@@ -34,7 +34,7 @@ def test_every_mode_is_sampled_with_its_mass(puzzle: Puzzle, tmp_path: Path) -> 
 
 
 @pytest.mark.slow
-@together("puzzle", EVERY)
+@run_cases("puzzle", EVERY)
 def test_a_grid_twice_as_fine_has_the_same_masses(puzzle: Puzzle, tmp_path: Path) -> None:
     posterior = puzzle.load(tmp_path).job.problem.posterior
     usual, finer = (puzzle.modes(posterior, n) for n in (1, 2))
@@ -99,7 +99,7 @@ def test_a_number_may_part_a_mode() -> None:
     assert THREE.modes(("b", 0.3)).masses == pytest.approx([0.3, 0.3, 0.3, 0.1], rel=3e-2)
 
 
-@together("apart, count", [(4.0, 1), (8.0, 2)])
+@run_cases("apart, count", [(4.0, 1), (8.0, 2)])
 def test_a_shallow_valley_parts_nothing(apart: float, count: int) -> None:
     """Of two bells of one sd four sds apart it is e^-1.3 deep, eight apart e^-7."""
     middles = np.array([[0.0, 0.5], [0.05 * apart, 0.5]])

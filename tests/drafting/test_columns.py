@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy.io
 import yaml
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.first_configs import (
     ANGLE,
     DEG,
@@ -29,7 +29,7 @@ from bayesdrill.drafting.columns import named_column, parse_head
 TABLE = yaml.safe_load(Path(__file__).with_name("heads.yaml").read_text(encoding="utf-8"))
 
 
-@together("head, expected", TABLE["heads"].items())
+@run_cases("head, expected", TABLE["heads"].items())
 def test_heads_are_read_in_several_languages(head: str, expected: list[str]) -> None:
     meaning = parse_head(head)
     assert [meaning.kind, meaning.location, meaning.unit] == expected
@@ -48,7 +48,7 @@ def test_the_name_of_a_file_may_stand_before_a_column() -> None:
     assert (column.meaning.symbol, column.meaning.unit) == ("w_1", "rpm")
 
 
-@together("name", TABLE["wrong_names"])
+@run_cases("name", TABLE["wrong_names"])
 def test_a_name_or_unit_that_cannot_be_read_is_refused(name: str, tmp_path: Path) -> None:
     message = refusal(write_table(tmp_path / "r.csv", RECORD), "t=t [s]", name)
     assert message.startswith("--columns:")
@@ -56,7 +56,7 @@ def test_a_name_or_unit_that_cannot_be_read_is_refused(name: str, tmp_path: Path
     assert not (tmp_path / "r.yaml").exists()
 
 
-@together(
+@run_cases(
     "names, message",
     [
         (["speed=w_s_a [rad/s]", "u=w_a [rad/s]"], "two things would be called w_s_a"),
@@ -73,7 +73,7 @@ FORCE, MOTOR_VOLTAGE, MOTOR_SPEED = "u=f_cart [N]", "u=u_motor [V]", "u=w_motor 
 TURN = 2 * np.pi / 2800
 
 
-@together(
+@run_cases(
     "drive, name, typed, unit, si",
     [
         (MOTOR_VOLTAGE, "theta_motor", "count/2800", "count/2800", TURN),

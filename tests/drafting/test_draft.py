@@ -12,7 +12,7 @@ import pytest
 import scipy.io
 import yaml
 from support import command_line, first_configs
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.first_configs import (
     DEG,
     RECORD,
@@ -103,7 +103,7 @@ BUNDLED = (
 )
 
 
-@together("name", BUNDLED)
+@run_cases("name", BUNDLED)
 def test_bundled_records_come_back_as_their_configs_have_them(name: str, tmp_path: Path) -> None:
     """Names, units, sums of states, time and gear; also the round trip, as they are simulated."""
     case = loading.load(CONFIGS / f"{name}.yaml")
@@ -186,7 +186,7 @@ def test_a_matlab_file_of_structs_and_a_nameless_matrix(tmp_path: Path) -> None:
     assert "data, column 3: (" in draft["words"]
 
 
-@together("ending", ["npz", "h5"])
+@run_cases("ending", ["npz", "h5"])
 def test_files_of_arrays(ending: str, tmp_path: Path) -> None:
     t, v, x = reversing_rig()
     y = x + np.random.default_rng(4).normal(0, 0.02, x.shape)
@@ -292,7 +292,7 @@ def test_more_files_than_a_config_holds_are_named(tmp_path: Path) -> None:
     assert not (tmp_path / "all.yaml").exists()
 
 
-@together(
+@run_cases(
     "text, message",
     [
         (None, "no such file"),

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.io
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.first_configs import (
     DEG,
     RECORD,
@@ -167,7 +167,7 @@ def test_a_file_in_which_a_channel_stands_still_is_refused(tmp_path: Path) -> No
     assert refusal(paths) == f"{paths[1]}: column n_Rotor is 3 in every row. Leave this file out"
 
 
-@together(
+@run_cases(
     "names, labels",
     [
         (("slow", "square", "sweep"), ["slow", "square", "sweep"]),

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.linalg
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.first_configs import (
     RPM,
     draft_of,
@@ -51,7 +51,7 @@ def angle_and_twist(t: np.ndarray, late: float, w: float) -> tuple[np.ndarray, n
     return drive(t), np.interp(t - late, s, q[:, 0])
 
 
-@together("late", [0.0, 0.015])
+@run_cases("late", [0.0, 0.015])
 def test_the_lag_of_a_twist_follows_from_the_motion_of_the_rotor(
     late: float, tmp_path: Path
 ) -> None:

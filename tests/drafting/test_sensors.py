@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.first_configs import (
     DEG,
     RPM,
@@ -20,7 +20,7 @@ from support.first_configs import (
 SIZES = {"deg": DEG, "rad": 1.0, "rpm": RPM, "rad/s": 1.0, "deg/s": DEG}
 
 
-@together("angle, speed", [("deg", "rpm"), ("deg", "rad/s"), ("rad", "rpm"), ("rad", "deg/s")])
+@run_cases("angle, speed", [("deg", "rpm"), ("deg", "rad/s"), ("rad", "rpm"), ("rad", "deg/s")])
 def test_the_derivative_of_an_angle_tells_both_units(
     angle: str, speed: str, tmp_path: Path
 ) -> None:
@@ -37,7 +37,7 @@ def test_the_derivative_of_an_angle_tells_both_units(
     assert "which end of the shaft is not said" in draft["words"]
 
 
-@together("unit", ["rpm", "rad/s"])
+@run_cases("unit", ["rpm", "rad/s"])
 def test_speeds_alone_have_the_same_unit(unit: str, tmp_path: Path) -> None:
     """By the size of the slower one, as the motor's is multiplied by the gear."""
     t, _, x = reversing_rig()

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.first_configs import (
     channels_of,
     draft_of,
@@ -35,7 +35,7 @@ def test_noise_is_that_of_a_swing_or_of_the_counts() -> None:
     assert signals.counted_unit(swing) == ""
 
 
-@together("unit, size", [("s", 1e3), ("ms", 1.0), ("us", 1e-3)])
+@run_cases("unit, size", [("s", 1e3), ("ms", 1.0), ("us", 1e-3)])
 def test_the_unit_of_time_follows_from_its_steps(unit: str, size: float, tmp_path: Path) -> None:
     columns = german_record()
     t = columns.pop("Zeit_ms") / size
@@ -88,7 +88,7 @@ def test_rows_that_share_a_time_with_others_are_cut_off(tmp_path: Path) -> None:
     assert draft["record"]["window"] == pytest.approx([0.0, 4.49])
 
 
-@together("unit", [" [deg]", ""])
+@run_cases("unit", [" [deg]", ""])
 def test_an_angle_that_wraps_is_unwrapped(unit: str, tmp_path: Path) -> None:
     columns = german_record()
     columns["n_Rotor [rpm]"] = 5 * columns.pop("n_Rotor")

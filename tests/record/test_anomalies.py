@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.signal import lfilter
-from support.case_tables import together
+from support.case_tables import run_cases
 
 from bayesdrill.record import anomalies
 from bayesdrill.record.formats import FORMATS, format_of
@@ -61,14 +61,14 @@ def test_short_and_long_records_have_the_same_running_medians() -> None:
     assert np.array_equal(part[:-12], anomalies._running_median(x, 25)[: len(part) - 12])
 
 
-@together("name", SOUND)
+@run_cases("name", SOUND)
 def test_sound_signals_have_no_spikes_and_no_clipped_samples(name: str) -> None:
     assert len(anomalies.spikes(SOUND[name])) == 0
     if name not in OF_INPUTS:
         assert len(anomalies.saturated(SOUND[name])) == 0
 
 
-@together("path", RECORDS)
+@run_cases("path", RECORDS)
 def test_bundled_records_have_no_anomalies(path: Path) -> None:
     for name, x in read(path).variables.items():
         assert len(anomalies.spikes(x)) == 0, name
@@ -76,7 +76,7 @@ def test_bundled_records_have_no_anomalies(path: Path) -> None:
         assert len(anomalies.stuck(x)) == 0, name
 
 
-@together(
+@run_cases(
     "name, width, sign",
     product(
         ["swing", "square with noise", "stick-slip", "coarse angle", "ramp"], [1, 2, 5, 12], [1, -1]
@@ -126,7 +126,7 @@ def test_stuck_samples_show_only_where_no_others_are_repeated() -> None:
         assert len(anomalies.stuck(x)) == 0
 
 
-@together("digits", [2, 12])
+@run_cases("digits", [2, 12])
 def test_clipped_samples_are_detected_at_either_end_of_a_range(digits: int) -> None:
     tone = np.round(3.0 * np.sin(5.0 * T) + NOISE + 1.0, digits)
     for clipped, end in ((np.minimum(tone, 3.0), 3.0), (np.maximum(tone, -1.0), -1.0)):
@@ -147,7 +147,7 @@ BACKWARD = np.diff(ANGLE, prepend=TURNING[0]) / DT
 MEASURED = SPEED + 0.3 * OWN[1]
 
 
-@together("period", [360.0, 2 * np.pi, 4096.0])
+@run_cases("period", [360.0, 2 * np.pi, 4096.0])
 def test_an_angle_that_wraps_is_unwrapped(period: float) -> None:
     x = TURNING * period / (2 * np.pi)
     wrapped = np.mod(x + 0.3 * period, period)
@@ -169,7 +169,7 @@ def test_the_nearest_difference_quotient_is_named() -> None:
         assert off < 1e-12
 
 
-@together(
+@run_cases(
     "speed",
     [
         BACKWARD,
@@ -184,7 +184,7 @@ def test_differences_of_an_angle_are_recognised(speed: np.ndarray) -> None:
     assert anomalies.differenced(ANGLE, speed, DT)
 
 
-@together(
+@run_cases(
     "angle, speed",
     [
         (ANGLE, MEASURED),
@@ -235,7 +235,7 @@ def test_all_glitches_of_a_drill_string_are_detected_and_nothing_else() -> None:
         assert len(anomalies.spikes(table.pick(variable=f"{name}_Sample_175_complete"))) == 0
 
 
-@together("name", ["square", "sweep", "slow"])
+@run_cases("name", ["square", "sweep", "slow"])
 def test_a_servo_with_coarse_sensors_has_no_anomalies(name: str) -> None:
     table = read(SHARED / "simulated_servo" / f"{name}.csv")
     for x in table.variables.values():
@@ -245,7 +245,7 @@ def test_a_servo_with_coarse_sensors_has_no_anomalies(name: str) -> None:
         assert len(anomalies.stuck(table.pick(column))) == 0
 
 
-@together("force, number", product(["06", "065"], [1, 2, 3]))
+@run_cases("force, number", product(["06", "065"], [1, 2, 3]))
 def test_only_the_faulty_samples_of_a_servo_pair_are_spikes(force: str, number: int) -> None:
     """Single samples of the speed are off by seven counts, all at one place of a block of 512.
 

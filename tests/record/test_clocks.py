@@ -6,14 +6,14 @@ from itertools import product
 
 import numpy as np
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 
 from bayesdrill.record import clocks
 
 KEPT = np.r_[0:20, 25:60, 61:100]
 
 
-@together("rate, begin", product([100.0, 300.0, 1234.5], [0.0, -3.7, 812.0]))
+@run_cases("rate, begin", product([100.0, 300.0, 1234.5], [0.0, -3.7, 812.0]))
 def test_a_grid_with_missing_samples_is_recognised_in_rounded_times(
     rate: float, begin: float
 ) -> None:
@@ -44,7 +44,7 @@ def test_times_with_jitter_have_no_grid() -> None:
         assert number in words
 
 
-@together(
+@run_cases(
     "missing, words",
     [
         ([], "a sample every 0.01 s (100 Hz), the first at 0 s"),
@@ -76,7 +76,7 @@ def test_times_that_are_nearly_the_same_are_named() -> None:
     assert clocks.crowded_time(clocks.union([t, other]), [t, other]) == pytest.approx(0.62)
 
 
-@together(
+@run_cases(
     "first_order, expected",
     [(False, [5, 5, -1, -1, -1, 3, 3]), (True, [5, 2, pytest.approx(-1), -1, 1, 3, 3])],
 )
@@ -97,7 +97,7 @@ def tone(share: float) -> np.ndarray:
     return np.sin(2 * np.pi * share * RATE / FACTOR / 2 * T + 0.4)
 
 
-@together("share", [0.05, 0.3, 0.5])
+@run_cases("share", [0.05, 0.3, 0.5])
 def test_decimation_leaves_slow_tones_in_phase(share: float) -> None:
     result = clocks.decimated(np.stack([tone(share), 2 - tone(share)], axis=-1), FACTOR)
     np.testing.assert_allclose(result.y[:, 0], tone(share)[result.samples], atol=2e-4)
@@ -106,7 +106,7 @@ def test_decimation_leaves_slow_tones_in_phase(share: float) -> None:
     assert result.removed.max() < 2e-4
 
 
-@together("share", [1.25, 1.6, 2.0, 5.3])
+@run_cases("share", [1.25, 1.6, 2.0, 5.3])
 def test_decimation_takes_away_what_would_alias(share: float) -> None:
     result = clocks.decimated(tone(share)[:, None], FACTOR)
     assert np.abs(result.y).max() < 2e-4

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import scipy.stats
 from scipy.special import ndtr
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.known_chains import Chains, ar1, sound
 
 from bayesdrill.basics import seeds
@@ -30,7 +30,7 @@ from bayesdrill.sampling.samplers.ensemble import State, advance
 TARGETS = Targets(r_hat=1.01, n_tau=50, ess=1000)
 
 
-@together("rho", [0.0, 0.5, 0.9])
+@run_cases("rho", [0.0, 0.5, 0.9])
 def test_autocorrelation_time_of_a_known_process(rho: float) -> None:
     tau = autocorrelation_time(ar1((4, 2000, 16, 2), rho))
     assert tau == pytest.approx((1 + rho) / (1 - rho), rel=0.05)
@@ -108,7 +108,7 @@ def test_walkers_that_remember_their_last_draw_have_no_more_effective_draws() ->
 TOO_LONG = "about 25000 steps, more than sampler.max_steps (20000); raise"
 
 
-@together(
+@run_cases(
     "trail, words",
     [
         ([(200, 8), (400, 16), (1000, 41)], None),  # on its way: tau is constant
@@ -138,7 +138,7 @@ def test_a_chain_that_would_be_too_large_is_not_advised_to_raise_max_steps() -> 
     assert "max_steps" not in message
 
 
-@together("rho", [0.0, 0.5, 0.9])
+@run_cases("rho", [0.0, 0.5, 0.9])
 def test_the_next_check_is_when_the_chain_is_long_enough(rho: float) -> None:
     tau = (1.0 + rho) / (1.0 - rho)
     steps = math.ceil(BURN_IN_TAUS * tau + 40 * tau)  # not quite the 50 that are wanted
@@ -207,8 +207,8 @@ def reason(result: Convergence, fault: str) -> str:
     return text
 
 
-@together("seed", range(8))
-@together("shape", [np.asarray, np.exp, ndtr], ["normal", "skewed", "flat"])
+@run_cases("seed", range(8))
+@run_cases("shape", [np.asarray, np.exp, ndtr], ["normal", "skewed", "flat"])
 def test_sound_chains_are_believed(seed: int, shape: np.ufunc) -> None:
     chains = sound(seed)
     chains.theta = shape(chains.theta)
@@ -263,7 +263,7 @@ def test_a_walker_caught_in_a_lesser_maximum_is_named() -> None:
     assert "4 of 256 walkers" in reason(judge(chains), "lost")
 
 
-@together("second", [slice(0, 12), slice(0, 1)], ["12 of 32", "1 of 32"])
+@run_cases("second", [slice(0, 12), slice(0, 1)], ["12 of 32", "1 of 32"])
 def test_two_places_alike_in_all_ensembles_are_named_where_r_hat_is_blind(second: slice) -> None:
     chains = sound(7)
     for ensemble in range(4):
@@ -304,7 +304,7 @@ def two_humps(z: np.ndarray) -> tuple[np.ndarray, int]:
     return np.logaddexp(np.logaddexp(*humps), needle), 0
 
 
-@together(
+@run_cases(
     "place, walkers, expected",
     [((0.0, 0.0), 2, set()), ((2000.0, 0.0), 2, {"two places"}), ((0.0, 9.0), 1, {"stuck"})],
 )

@@ -8,10 +8,10 @@ from functools import cache
 
 import numpy as np
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.closed_form_densities import Walled, humps, learned, ridge_point, ridged
 from support.compiled_responses import SIGMA, seen
-from support.small_problems import measured, posterior
+from support.small_problems import noisy_step, posterior
 
 import bayesdrill as bd
 from bayesdrill.basics.progress import Silent
@@ -62,7 +62,7 @@ def begin(seed: int, ensemble: int) -> State:
     return begin_walkers(target, proposal.proposal, WALKERS, seed, ensemble)
 
 
-@together("moves", [{"independence": 1.0}, ALL_MOVES])
+@run_cases("moves", [{"independence": 1.0}, ALL_MOVES])
 def test_ensembles_have_no_step_in_common(moves: dict[str, float]) -> None:
     first, second = visited(moves)
     assert min(len(first), len(second)) > 3 * WALKERS  # they have moved
@@ -169,7 +169,7 @@ RIG = {**dict.fromkeys(("j_m", "c_m", "k_e", "k_T", "r_m", "l_m", "t_f"), "nomin
 LAG = {"lag": {"prior": "uniform", "low": 0, "high": 0.1}}
 
 
-@together(
+@run_cases(
     "samples, sensor, expensive", [(40_000, {}, False), (1000, LAG, False), (40_000, LAG, True)]
 )
 def test_slopes_are_expensive_of_long_records_that_sums_do_not_replace(
@@ -195,7 +195,7 @@ HOPELESS = Plan(
 
 def run_hopelessly(backend: MemoryBackend) -> SamplingResult:
     sigma = np.full(4, 0.1)
-    target = posterior(measured(sigma, n=60), sigma, free=("k_s", "j_1"))
+    target = posterior(noisy_step(sigma, n=60), sigma, free=("k_s", "j_1"))
     maximum = target.space.vector(target.space.start)[None]
     return sample(WorkerPool(target, 1), maximum, HOPELESS, backend, Silent())
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.special
 import scipy.stats
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.handmade_proposals import rough
-from support.known_targets import TARGETS, Bent, Boxed, Humps, Skewed, Target, loose
+from support.known_targets import TARGETS, Bent, Boxed, Skewed, Target, TwoModes, count_loose
 from support.scipy_oracles import NOMINAL
 
 import bayesdrill as bd
@@ -41,10 +41,10 @@ def log_integral(target: Target, d: int) -> float:
         return scales + d * math.lgamma(1.5)
     if isinstance(target, Boxed):
         return scales + d * math.log(math.expm1(target.rate) / target.rate)
-    if isinstance(target, Humps):
+    if isinstance(target, TwoModes):
         return scales + 0.5 * d * math.log(2 * math.pi)
     assert isinstance(target, Bent)
-    n = loose(d)
+    n = count_loose(d)
     below, above = scipy.special.gammainc(target.shape, np.exp(np.clip(target.ends, -700, 700)))
     along = n * (math.lgamma(target.shape) + math.log(above - below))
     across = 0.5 * math.log(2 * math.pi) + scipy.stats.norm.logsf(target.least)
@@ -66,7 +66,7 @@ def independent_draws(target: Target, d: int, seed: int = 1) -> np.ndarray:
 
 def test_walkers_that_do_not_pass_between_humps_are_in_the_error() -> None:
     """All of them are on one hump."""
-    target = TARGETS["humps"]
+    target = TARGETS["two_modes"]
     z = target.draw(STEPS * WALKERS, 2, np.random.default_rng(5))
     for side in (z[:, 0] > z[:, 0].mean(), z[:, 0] <= z[:, 0].mean()):
         draws = np.resize(z[side], (2, STEPS, WALKERS, 2))
@@ -74,8 +74,8 @@ def test_walkers_that_do_not_pass_between_humps_are_in_the_error() -> None:
         assert abs(result.log_z - log_integral(target, 2)) < 1.5 * result.error
 
 
-@together("d", [2, 5, 9])
-@together("name", TARGETS)
+@run_cases("d", [2, 5, 9])
+@run_cases("name", TARGETS)
 def test_it_is_the_integral_of_the_density(d: int, name: str) -> None:
     """Over two bent ridges in units of their own, with priors that cut draws off, and humps."""
     target = TARGETS[name]

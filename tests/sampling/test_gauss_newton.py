@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 import scipy.optimize
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.closed_form_densities import Walled, altered, humps, ridged
 
 from bayesdrill.inference.laplace import QuadraticModel
@@ -46,7 +46,7 @@ def random_squares(seed: int, d: int) -> tuple[Squares, np.ndarray, np.ndarray]:
     return linear_squares(matrix, target, scales), matrix, target
 
 
-@together("d", [2, 5, 9])
+@run_cases("d", [2, 5, 9])
 def test_a_step_within_a_box_is_that_of_bounded_least_squares(d: int) -> None:
     """From the middle and from corners."""
     at_walls = 0
@@ -88,7 +88,7 @@ def banana(low: float, high: float) -> Squares:
     return Squares(middle, spread, 1.0, residuals, slopes)
 
 
-@together("exact", [False, True])
+@run_cases("exact", [False, True])
 def test_a_valley_shaped_like_a_banana_is_followed(exact: bool) -> None:
     start = np.random.default_rng(2).uniform(-2.5, 3.5, (30, 2))
     result = gauss_newton(banana(-3.0, 4.0), start, 60, exact=exact)
@@ -96,7 +96,7 @@ def test_a_valley_shaped_like_a_banana_is_followed(exact: bool) -> None:
     assert result.u == pytest.approx(np.ones((30, 2)), abs=1e-4)
 
 
-@together("low, high", [(-3.0, 0.8), (-1.5, 0.6), (1.2, 4.0)])
+@run_cases("low, high", [(-3.0, 0.8), (-1.5, 0.6), (1.2, 4.0)])
 def test_a_valley_that_a_wall_cuts_off_is_followed_to_the_wall(low: float, high: float) -> None:
     surface = banana(low, high)
     starts = np.random.default_rng(3).uniform(low, high, (20, 2))

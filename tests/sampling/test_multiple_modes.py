@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.closed_form_densities import Walled, altered, humps, ridged, without_density
 from support.scipy_oracles import NOMINAL, matrices
 from support.small_problems import experiment, posterior, vector, with_priors
@@ -25,7 +25,7 @@ from bayesdrill.sampling.multiple_modes import distinct_modes, joined_by_ridge, 
 from benchmarks.modes import collection
 
 
-@together("n_loose, n_tight", [(1, 1), (1, 3), (2, 1), (2, 3)])
+@run_cases("n_loose, n_tight", [(1, 1), (1, 3), (2, 1), (2, 3)])
 def test_points_of_one_long_bent_ridge_are_one_maximum(n_loose: int, n_tight: int) -> None:
     """They are hundreds of standard deviations apart, and what lies between them is off the ridge."""
     surface = ridged(n_loose, n_tight)
@@ -36,7 +36,7 @@ def test_points_of_one_long_bent_ridge_are_one_maximum(n_loose: int, n_tight: in
     assert distinct_modes(surface, points, -1e-3 * np.arange(12.0)) == [0]
 
 
-@together("d", [1, 2, 5])
+@run_cases("d", [1, 2, 5])
 def test_two_humps_are_two_maxima_the_highest_first(d: int) -> None:
     surface = humps(d, (0.1, 0.9), (1.0, 1.0), 20.0)
     noise = np.random.default_rng(4).standard_normal((10, d))
@@ -48,7 +48,7 @@ def test_two_humps_are_two_maxima_the_highest_first(d: int) -> None:
     assert list(surface.belongs(points[modes])) == [1, 0]
 
 
-@together("apart, count", [(10.0, 2), (1.0, 1)])
+@run_cases("apart, count", [(10.0, 2), (1.0, 1)])
 def test_a_valley_parts_humps_so_wide_that_nothing_is_tight(apart: float, count: int) -> None:
     surface = humps(1, (0.6, 0.4), (3.0, 3.0), apart)
     values = surface.value(surface.means)
@@ -179,8 +179,8 @@ def test_frequencies_are_those_of_the_equations_of_motion() -> None:
     assert np.array_equal(omega[:, 1], np.zeros(3))  # all other poles decay without oscillation
 
 
-@together("free", [("k_s",), ("k_s", "j_1"), ("k_s", "j_1", "t_f")])
-@together("from_the_truth", [True, False])
+@run_cases("free", [("k_s",), ("k_s", "j_1"), ("k_s", "j_1", "t_f")])
+@run_cases("from_the_truth", [True, False])
 def test_the_other_stiffness_of_a_torsion_near_half_the_sampling_rate(
     free: tuple[str, ...], from_the_truth: bool
 ) -> None:
@@ -329,7 +329,7 @@ def test_branches_that_nothing_distinguishes_are_exchanged() -> None:
     assert twin == pytest.approx(expected, rel=1e-9)
 
 
-@together(
+@run_cases(
     "channel, priors",
     [
         ("w_left", {}),

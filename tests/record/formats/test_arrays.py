@@ -13,7 +13,7 @@ import pyarrow
 import pytest
 from pyarrow import parquet
 from support.array_files import Bomb, T, W, write_all, write_zip
-from support.case_tables import together
+from support.case_tables import run_cases
 
 import bayesdrill as bd
 from bayesdrill.basics.errors import InputError
@@ -41,8 +41,8 @@ def refusal(path: Path, column: str | int | None = None, variable: str | None = 
 LINK, OTHER = "is a link to elsewhere", "has its numbers in other files"
 
 
-@together("ending", [".h5", ".mat"])
-@together(
+@run_cases("ending", [".h5", ".mat"])
+@run_cases(
     "reference, message",
     [("external link", LINK), ("soft link", LINK), ("virtual", OTHER), ("external storage", OTHER)],
 )
@@ -79,7 +79,7 @@ def test_only_wanted_columns_of_parquet_are_read(files: dict[str, Path]) -> None
     assert table.where(2) == "row 3"
 
 
-@together(
+@run_cases(
     "columns, message",
     [({"t": T[:0], "w": W[:0]}, "column 'w' of run.parquet is empty"), ({}, "no column 'w'")],
 )
@@ -101,7 +101,7 @@ def test_without_its_library_parquet_says_what_to_install(
     assert "pip install 'bayesdrill[parquet]', or save the record as CSV" in said
 
 
-@together("name, share", product(("h5", "npz", "parquet"), (0.1, 0.5, 0.9)))
+@run_cases("name, share", product(("h5", "npz", "parquet"), (0.1, 0.5, 0.9)))
 def test_files_that_are_cut_short_are_refused(
     files: dict[str, Path], name: str, share: float, tmp_path: Path
 ) -> None:
@@ -114,7 +114,7 @@ def test_files_that_are_cut_short_are_refused(
 FOREIGN = (b"t,w_1\n0,1\n" * 20, bytes(range(256)) * 4, b"x")
 
 
-@together(
+@run_cases(
     "ending, content, message",
     [
         *((*row, "is not a") for row in product(("h5", "npz", "parquet"), FOREIGN)),

@@ -10,7 +10,7 @@ import pytest
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
-from support.case_tables import together
+from support.case_tables import run_cases
 
 from bayesdrill.basics.errors import InputError
 from bayesdrill.record.formats import format_of
@@ -89,14 +89,14 @@ def refusal(path: Path, **options: object) -> str:
     return str(caught.value)
 
 
-@together("dialect", DIALECTS)
+@run_cases("dialect", DIALECTS)
 def test_every_dialect_has_the_same_numbers(dialect: str, tmp_path: Path) -> None:
     table = load(write(tmp_path / "run.csv", DIALECTS[dialect]))
     assert tuple(table.variables) == NAMES
     np.testing.assert_array_equal(np.column_stack(list(table.variables.values())), DATA)
 
 
-@together("delimiter, decimal", [(",", "."), (";", ","), (" ", ","), ("\t", ".")])
+@run_cases("delimiter, decimal", [(",", "."), (";", ","), (" ", ","), ("\t", ".")])
 def test_without_header_columns_are_numbered(delimiter: str, decimal: str, tmp_path: Path) -> None:
     table = load(write(tmp_path / "run.csv", text(delimiter, decimal, head=False)))
     assert tuple(table.variables) == ("1", "2", "3")
@@ -105,7 +105,7 @@ def test_without_header_columns_are_numbered(delimiter: str, decimal: str, tmp_p
     assert table.where(0) == "line 1"
 
 
-@together("case", TABLE["spellings"], lambda case: case["text"])
+@run_cases("case", TABLE["spellings"], lambda case: case["text"])
 def test_spellings(case: dict[str, Any], tmp_path: Path) -> None:
     table = load(write(tmp_path / "run.csv", case["text"]), **case.get("options", {}))
     np.testing.assert_array_equal(np.column_stack(list(table.variables.values())), case["numbers"])
@@ -128,13 +128,13 @@ def test_rows_are_named_by_the_line_of_the_file(tmp_path: Path) -> None:
     assert [table.where(0), table.where(1)] == ["line 5", "line 8"]
 
 
-@together("case", TABLE["faults"], lambda case: case["text"])
+@run_cases("case", TABLE["faults"], lambda case: case["text"])
 def test_a_fault_is_named_with_its_line_and_a_way_out(case: dict[str, Any], tmp_path: Path) -> None:
     message = refusal(write(tmp_path / "run.csv", case["text"]), **case.get("options", {}))
     assert [words for words in ["run.csv", *case["says"]] if words not in message] == []
 
 
-@together(
+@run_cases(
     "content",
     [
         "user secret\nroot hunter2\nguest hunter3\n",

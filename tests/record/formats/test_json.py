@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 
 from bayesdrill.basics.errors import InputError
 from bayesdrill.record.formats.json import MAX_KEYS, read
@@ -28,7 +28,7 @@ def load(folder: Path, content: object) -> RecordTable:
     return read(path)
 
 
-@together(
+@run_cases(
     "content, prefix",
     [
         (COLUMNS, ""),
@@ -57,7 +57,7 @@ def test_columns_in_every_shape(content: object, prefix: str, tmp_path: Path) ->
     np.testing.assert_array_equal(table.pick(f"{prefix}w"), W)
 
 
-@together(
+@run_cases(
     "content, name",
     [(ROWS, "data"), ({"run": ROWS}, "run"), ({"run": np.transpose(ROWS).tolist()}, "run")],
 )
@@ -86,7 +86,7 @@ def test_a_test_of_an_frc_log_has_the_names_of_its_columns(tmp_path: Path) -> No
     assert table.variables["other"].shape == (9, 3)
 
 
-@together(
+@run_cases(
     "content, message",
     [
         (json.dumps(RECORDS)[:-9], "cannot be read as JSON .*line 1"),

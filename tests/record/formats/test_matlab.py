@@ -12,7 +12,7 @@ import pytest
 import scipy.io
 import scipy.io.matlab
 from support.array_files import DATA, T, W, write_v5, write_v73
-from support.case_tables import together
+from support.case_tables import run_cases
 
 from bayesdrill.basics.entries import NoEntries
 from bayesdrill.basics.errors import InputError
@@ -86,7 +86,7 @@ def test_the_only_variable_needs_no_name(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read(tmp_path / "run.mat").pick(2), W)
 
 
-@together(
+@run_cases(
     "content, message",
     [
         (b"", "is empty"),
@@ -142,8 +142,8 @@ ONE = element(5, struct.pack("<ii", 1, 1))  # by one
 SEVEN = element(9, struct.pack("<d", 7.0))
 
 
-@together("packed", [False, True])
-@together("wanted", [None, {"deep"}, {"missing"}])
+@run_cases("packed", [False, True])
+@run_cases("wanted", [None, {"deep"}, {"missing"}])
 def test_cells_in_cells_end_no_process(
     packed: bool, wanted: set[str] | None, tmp_path: Path
 ) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import yaml
 from support import array_files
-from support.case_tables import together
+from support.case_tables import run_cases
 
 from bayesdrill.basics.errors import InputError
 from bayesdrill.record.formats import FORMATS, Wanted, format_of
@@ -37,8 +37,8 @@ def load(path: Path, wanted: Wanted = None) -> RecordTable:
     return file_format.read(path, file_format.options(), wanted)
 
 
-@together("wanted", [None, NAMED], ["all", "named"])
-@together("name, row", PICKED)
+@run_cases("wanted", [None, NAMED], ["all", "named"])
+@run_cases("name, row", PICKED)
 def test_columns_of_every_layout_are_picked(
     files: dict[str, Path], wanted: Wanted, name: str, row: dict[str, Any]
 ) -> None:
@@ -47,7 +47,7 @@ def test_columns_of_every_layout_are_picked(
     np.testing.assert_array_equal(values, eval(row["values"], vars(array_files)))
 
 
-@together("name, row", REFUSED)
+@run_cases("name, row", REFUSED)
 def test_what_cannot_be_picked_is_named_with_a_way_out(
     files: dict[str, Path], name: str, row: dict[str, Any]
 ) -> None:

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 import pytest
 from scipy.optimize import minimize
-from support.case_tables import together
+from support.case_tables import run_cases
 
 from bayesdrill.inference.unknowns import Coordinates
 from bayesdrill.sampling.optimisers.contract import Optimum, Task
@@ -62,7 +62,7 @@ def test_a_limit_of_evaluations_only_cuts_a_search_short() -> None:
         assert optimum.settled == (limit > len(whole)), limit
 
 
-@together("n", [1, 2, 3, 9])
+@run_cases("n", [1, 2, 3, 9])
 def test_simplices_in_lock_step_evaluate_the_points_of_scipy(n: int) -> None:
     """Hills with ripples, some of them with a wall; the last evaluation may be within a step."""
     rng = np.random.default_rng(n)

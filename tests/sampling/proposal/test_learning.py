@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.closed_form_densities import (
     Gaussians,
     humps,
@@ -43,8 +43,8 @@ def two_humps(kind: str, d: int) -> tuple[Gaussians, LearnedProposal]:
     return surface, learned(surface, surface.means)
 
 
-@together("kind", HUMPS)
-@together("d", [1, 2, 5])
+@run_cases("kind", HUMPS)
+@run_cases("d", [1, 2, 5])
 def test_weights_of_two_maxima_are_those_of_importance_sampling(kind: str, d: int) -> None:
     surface, proposal = two_humps(kind, d)
     u, log_q = proposal.proposal.draw(20_000, surface.inside, np.random.RandomState(3))
@@ -57,8 +57,8 @@ def test_weights_of_two_maxima_are_those_of_importance_sampling(kind: str, d: in
     assert proposal.draws.acceptance > 0.8
 
 
-@together("kind", HUMPS)
-@together("d", [1, 2, 5])
+@run_cases("kind", HUMPS)
+@run_cases("d", [1, 2, 5])
 def test_walkers_that_start_on_two_maxima_alike_come_to_their_weights(kind: str, d: int) -> None:
     surface, proposal = two_humps(kind, d)
     noise = np.random.default_rng(4).standard_normal((100, d))
@@ -75,7 +75,7 @@ def test_walkers_that_start_on_two_maxima_alike_come_to_their_weights(kind: str,
     assert np.bincount(hump) / len(hump) == pytest.approx(surface.weights, rel=0.1)
 
 
-@together("d", [1, 2])
+@run_cases("d", [1, 2])
 def test_humps_thousands_of_their_widths_apart_are_learnt(d: int) -> None:
     """As aliases are."""
     surface = humps(d, (0.7, 0.3), (0.01, 0.005), 2000.0)
@@ -106,7 +106,7 @@ def test_a_maximum_without_mass_costs_nothing() -> None:
     assert proposal.shares(drawn, 2)[1] < 0.02
 
 
-@together("n_loose, n_tight", [(1, 1), (1, 3), (2, 3)])
+@run_cases("n_loose, n_tight", [(1, 1), (1, 3), (2, 3)])
 def test_a_bent_ridge_is_learnt(n_loose: int, n_tight: int) -> None:
     """Over hundreds of standard deviations, which change along it, within walls."""
     surface = ridged(n_loose, n_tight)

@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.closed_form_densities import Ridged, corner, learned, ridge_point, ridged
 
 from bayesdrill.sampling.proposal.learning import LearnedProposal
@@ -39,8 +39,8 @@ def missed(surface: Ridged, proposal: Proposal, u: np.ndarray, weights: np.ndarr
     return missed_mass(surface, proposal, [0], (u, weights[None]), np.random.RandomState(4))
 
 
-@together("far", [False, True])
-@together("n_loose, n_tight", SIZES)
+@run_cases("far", [False, True])
+@run_cases("n_loose, n_tight", SIZES)
 def test_points_are_brought_to_the_ridge(far: bool, n_loose: int, n_tight: int) -> None:
     """From a ridge that is off by ten standard deviations, or by hundreds, of another covariance."""
     surface, proposal = of_a_ridge(n_loose, n_tight)
@@ -70,14 +70,14 @@ def test_points_that_do_not_arrive_stay_where_the_polynomials_have_them() -> Non
         assert np.array_equal(result, expected)
 
 
-@together("n_loose, n_tight", SIZES)
+@run_cases("n_loose, n_tight", SIZES)
 def test_a_proposal_of_the_whole_ridge_misses_nothing(n_loose: int, n_tight: int) -> None:
     surface, proposal = of_a_ridge(n_loose, n_tight)
     assert proposal.missed == 0.0
     assert missed(surface, proposal.proposal, proposal.draws.u, proposal.draws.weights) == 0.0
 
 
-@together("n_loose, n_tight", SIZES)
+@run_cases("n_loose, n_tight", SIZES)
 def test_the_missed_mass_of_a_shortened_proposal_is_that_of_the_whole(
     n_loose: int, n_tight: int
 ) -> None:
@@ -93,7 +93,7 @@ def test_the_missed_mass_of_a_shortened_proposal_is_that_of_the_whole(
     assert share > 0.2
 
 
-@together("seed, start", [(1, (-1e-4, -9.0)), (4, (-9.0, -1e-4))])
+@run_cases("seed, start", [(1, (-1e-4, -9.0)), (4, (-9.0, -1e-4))])
 def test_a_ridge_that_turns_a_corner_is_not_covered(seed: int, start: tuple[float, float]) -> None:
     """From either end: beyond the corner, where tight and loose are exchanged, lies a half."""
     assert learned(corner(), [np.array(start)], seed).missed > 0.05

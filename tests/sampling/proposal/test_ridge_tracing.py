@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.closed_form_densities import humps, ridge_point, ridged
 
 from bayesdrill.sampling.proposal import ridge_tracing
@@ -23,8 +23,8 @@ def test_roots_are_those_of_the_inverse_curvature() -> None:
     assert white == pytest.approx(np.broadcast_to(np.eye(4), white.shape), abs=1e-6)
 
 
-@together("seed", [1, 2])
-@together("n_loose, n_tight", [(1, 1), (1, 3), (2, 1), (2, 3)])
+@run_cases("seed", [1, 2])
+@run_cases("n_loose, n_tight", [(1, 1), (1, 3), (2, 1), (2, 3)])
 def test_a_strongly_bent_ridge_is_followed(seed: int, n_loose: int, n_tight: int) -> None:
     """Over hundreds of standard deviations, on points that no fit has seen."""
     surface = ridged(n_loose, n_tight)
@@ -43,7 +43,7 @@ def test_a_strongly_bent_ridge_is_followed(seed: int, n_loose: int, n_tight: int
     assert np.cov(e.T).reshape(n_tight, n_tight) == pytest.approx(np.eye(n_tight), abs=0.25)
 
 
-@together("seed", [1, 2, 3])
+@run_cases("seed", [1, 2, 3])
 def test_a_ridge_is_followed_up_to_the_ends_of_the_priors(seed: int) -> None:
     """On its last tenth."""
     surface = ridged(2, 2)

@@ -7,7 +7,7 @@ import itertools
 
 import numpy as np
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 
 from bayesdrill.sampling.samplers import ridge
 from bayesdrill.sampling.samplers.ridge import LocalBasis, RidgeMap
@@ -34,7 +34,7 @@ def coordinates_of(ridge_map: RidgeMap, n: int = 12) -> np.ndarray:
     return np.random.default_rng(4).standard_normal((n, d)) * np.geomspace(0.5, 30.0, n)[:, None]
 
 
-@together("n_loose, n_tight", SHAPES)
+@run_cases("n_loose, n_tight", SHAPES)
 def test_bending_and_straightening_undo_each_other(n_loose: int, n_tight: int) -> None:
     ridge_map = curved(n_loose, n_tight)
     y = coordinates_of(ridge_map)
@@ -44,7 +44,7 @@ def test_bending_and_straightening_undo_each_other(n_loose: int, n_tight: int) -
     assert back_volume == pytest.approx(log_volume, abs=1e-7)
 
 
-@together("n_loose, n_tight", SHAPES)
+@run_cases("n_loose, n_tight", SHAPES)
 def test_volumes_are_those_of_a_numerical_determinant(n_loose: int, n_tight: int) -> None:
     """Beyond the points of the fit too, where the ridge goes straight on."""
     to_u = curved(n_loose, n_tight).from_ridge_coordinates
