@@ -40,7 +40,6 @@ def puzzles() -> tuple[Puzzle, ...]:
             ),
             t=bursts((0, 2), (100, 102), rate=25),
             cells=(16384,),
-            quick=True,
             own_seed=2,
         ),
         Puzzle(

@@ -10,7 +10,7 @@ import scipy.linalg
 from support import command_line
 from support.case_tables import for_each
 from support.config_mistakes import check_mistakes
-from support.first_configs import both_ways, made, written
+from support.first_configs import draft_of, reversing_rig, write_table
 from support.scipy_oracles import NOMINAL, matrices
 
 import bayesdrill as bd
@@ -162,10 +162,10 @@ def test_each_experiment_may_have_its_own(tmp_path: Path) -> None:
 
 
 def test_lines_of_a_first_config_switch_it_on(tmp_path: Path) -> None:
-    t, v, x = both_ways()
+    t, v, x = reversing_rig()
     columns = {"t": t, "v": v, "w_1": x[:, 2], "w_2": x[:, 3]}
-    record = written(tmp_path / "both.csv", columns)
-    draft = made(record)["text"]
+    record = write_table(tmp_path / "both.csv", columns)
+    draft = draft_of(record)["text"]
     off = tmp_path / "off.yaml"
     off.write_text(draft)
     assert model(off).parameters == MotorShaft.parameters

@@ -1,4 +1,4 @@
-"""Convergence against processes whose autocorrelation is known."""
+"""Convergence of processes whose autocorrelation is known, and of chains with one fault each."""
 
 from __future__ import annotations
 
@@ -8,19 +8,24 @@ import emcee
 import numpy as np
 import pytest
 import scipy.stats
+from scipy.special import ndtr
 from support.case_tables import run_cases
-from support.known_chains import ar1
+from support.known_chains import Chains, ar1, sound
 
+from bayesdrill.basics import seeds
 from bayesdrill.inference.derived import HDI_PROBABILITY, hdi
 from bayesdrill.sampling.convergence import (
     BURN_IN_TAUS,
+    Convergence,
     Targets,
     assess,
     autocorrelation_time,
     chain_length,
+    find_two_groups,
     futility,
     thinned,
 )
+from bayesdrill.sampling.samplers.ensemble import State, advance
 
 TARGETS = Targets(r_hat=1.01, n_tau=50, ess=1000)
 
@@ -31,47 +36,45 @@ def test_autocorrelation_time_of_a_known_process(rho: float) -> None:
     assert tau == pytest.approx((1 + rho) / (1 - rho), rel=0.05)
 
 
-def test_autocorrelation_time_is_emcees() -> None:
+def test_autocorrelation_time_is_that_of_emcee() -> None:
     chain = ar1((1, 4000, 12, 3), 0.8) * [1.0, 1e-4, 50.0] + [0.0, 3.0, -7.0]
-    true = emcee.autocorr.integrated_time(chain[0], tol=0, quiet=True)
-    assert autocorrelation_time(chain) == pytest.approx(true, rel=0.05)
+    expected = emcee.autocorr.integrated_time(chain[0], tol=0, quiet=True)
+    assert autocorrelation_time(chain) == pytest.approx(expected, rel=0.05)
 
 
 def test_converged_chains_are_believed() -> None:
-    found = assess(ar1((4, 1200, 16, 2), 0.8), ("a", "b"), TARGETS)
-    assert found.converged
-    assert found.tau == pytest.approx([9, 9], rel=0.1)
-    assert found.burn_in == pytest.approx(45, abs=6)
-    assert found.thin in (9, 10)
+    result = assess(ar1((4, 1200, 16, 2), 0.8), ("a", "b"), TARGETS)
+    assert result.converged
+    assert result.tau == pytest.approx([9, 9], rel=0.1)
+    assert result.burn_in == pytest.approx(45, abs=6)
+    assert result.thin in (9, 10)
 
 
-def test_ensembles_that_disagree_are_not() -> None:
-    """Mutant killed: R-hat over walkers instead of ensembles."""
+def test_ensembles_that_disagree_are_not_believed() -> None:
     chains = ar1((4, 1200, 16, 2), 0.8)
     chains[2, :, :, 1] += 0.8
-    found = assess(chains, ("a", "b"), TARGETS)
-    assert not found.converged
-    assert "the ensembles disagree on b" in found.reasons[0]
+    result = assess(chains, ("a", "b"), TARGETS)
+    assert not result.converged
+    assert "the ensembles disagree on b" in result.reasons[0]
 
 
 def test_walkers_that_disagree_alike_in_all_ensembles_are_not_independent_chains() -> None:
     """Stuck walkers: every ensemble has the same mixture, so only tau can tell."""
-    chains = ar1((4, 1200, 16, 1), 0.2)
-    chains += 5.0 * np.arange(16)[:, None]
-    found = assess(chains, ("a",), TARGETS)
-    assert not found.converged
-    assert "autocorrelation times long" in " ".join(found.reasons)
+    chains = ar1((4, 1200, 16, 1), 0.2) + 5.0 * np.arange(16)[:, None]
+    result = assess(chains, ("a",), TARGETS)
+    assert not result.converged
+    assert "autocorrelation times long" in " ".join(result.reasons)
 
 
 def test_short_chains_say_what_is_missing() -> None:
-    found = assess(ar1((4, 150, 16, 1), 0.9), ("a",), TARGETS)
-    assert any("wanted at least 50" in reason for reason in found.reasons)
+    short = assess(ar1((4, 150, 16, 1), 0.9), ("a",), TARGETS)
+    assert any("wanted at least 50" in reason for reason in short.reasons)
     few = assess(ar1((4, 600, 4, 1), 0.5), ("a",), Targets(r_hat=1.5, n_tau=10, ess=1e6))
     assert any("effective draws of a, wanted at least 1e+06" in reason for reason in few.reasons)
 
 
-def test_where_only_length_is_missing_it_says_how_many_steps_would_do() -> None:
-    """So many do, and a chain whose ensembles disagree is promised nothing."""
+def test_a_chain_that_is_only_too_short_says_how_many_steps_are_enough() -> None:
+    """A chain whose ensembles disagree is promised nothing."""
     chains = ar1((4, 4000, 16, 2), 0.9)
     short = assess(chains[:, :600], ("a", "b"), TARGETS)
     assert not short.converged
@@ -83,80 +86,77 @@ def test_where_only_length_is_missing_it_says_how_many_steps_would_do() -> None:
     assert assess(chains[:, :600], ("a", "b"), TARGETS).enough is None
 
 
-def test_effective_draws_of_independent_ones_are_their_number() -> None:
-    found = assess(ar1((4, 700, 10, 1), 0.0), ("a",), TARGETS)
-    kept = 4 * 10 * (found.steps - found.burn_in) / found.thin
-    assert found.ess_bulk[0] == pytest.approx(kept, rel=0.1)
+def test_independent_draws_are_as_many_effective_ones() -> None:
+    result = assess(ar1((4, 700, 10, 1), 0.0), ("a",), TARGETS)
+    kept = 4 * 10 * (result.steps - result.burn_in) / result.thin
+    assert result.ess_bulk[0] == pytest.approx(kept, rel=0.1)
 
 
-def test_walkers_that_remember_their_last_draw_have_no_more_effective_ones() -> None:
+def test_walkers_that_remember_their_last_draw_have_no_more_effective_draws() -> None:
     """Draws are thinned by tau or by a quarter of the steps, whatever is less: here by far less.
 
     ArviZ takes the walkers of an ensemble for a series, in which neighbours are independent.
-    Mutant killed: its number taken for all walkers, thousands of draws of which hundreds count.
     """
     rho, walkers, steps = 0.98, 64, 300
-    found = assess(ar1((4, steps, walkers, 1), rho), ("a",), TARGETS)
-    assert found.thin < found.tau[0]
-    kept = steps - found.burn_in
-    true = 4 * walkers * kept * (1 - rho) / (1 + rho)
-    assert found.ess_bulk[0] < 2 * true
-    assert found.ess_tail[0] <= 4 * walkers * kept / found.thin
+    result = assess(ar1((4, steps, walkers, 1), rho), ("a",), TARGETS)
+    assert result.thin < result.tau[0]
+    kept = 4 * walkers * (steps - result.burn_in)
+    assert result.ess_bulk[0] < 2 * kept * (1 - rho) / (1 + rho)
+    assert result.ess_tail[0] <= kept / result.thin
+
+
+TOO_LONG = "about 25000 steps, more than sampler.max_steps (20000); raise"
 
 
 @run_cases(
-    "trail, says",
+    "trail, words",
     [
         ([(200, 8), (400, 16), (1000, 41)], None),  # on its way: tau is constant
         ([(200, 8), (400, 8.5), (800, 9)], None),  # too early to say
         ([(500, 9), (1000, 10)], "tau grows with the chain, 56 steps after 500 and 100 after 1000"),
         ([(500, 50), (1000, 51)], None),  # nothing is missing
-        (
-            [(500, 1.0), (1000, 2.0)],
-            "about 25000 steps, more than sampler.max_steps (20000); raise",
-        ),
+        ([(500, 1.0), (1000, 2.0)], TOO_LONG),
         ([(500, 1.3), (1000, 2.6)], None),  # 19231 steps would do
         ([(600, 9), (1000, 10)], None),  # no check at half of the steps or less to compare with
     ],
 )
 def test_runs_that_more_steps_would_not_help_are_given_up(
-    trail: list[tuple[int, float]], says: str | None
+    trail: list[tuple[int, float]], words: str | None
 ) -> None:
-    """Mutants killed: given up before it can be told; never; what is enough given up."""
-    found = futility(trail, wanted=50, allowed=20_000, most=20_000)
-    assert (says in found) if says else found == ""
-    assert not found or found.startswith("stopped early: ")
+    message = futility(trail, wanted=50, allowed=20_000, most=20_000)
+    if words is None:
+        assert message == ""
+    else:
+        assert message.startswith("stopped early: ")
+        assert words in message
 
 
-def test_a_chain_that_would_be_too_large_is_not_for_max_steps_to_mend() -> None:
-    """Mutant killed: advice that changes nothing."""
-    found = futility([(500, 3.0), (1000, 6.0)], wanted=50, allowed=20_000, most=8_000)
-    assert "about 8333 steps, more than the 8000 that a chain of so many walkers" in found
-    assert "sampler.walkers a smaller number" in found
-    assert "max_steps" not in found
+def test_a_chain_that_would_be_too_large_is_not_advised_to_raise_max_steps() -> None:
+    message = futility([(500, 3.0), (1000, 6.0)], wanted=50, allowed=20_000, most=8_000)
+    assert "about 8333 steps, more than the 8000 that a chain of so many walkers" in message
+    assert "sampler.walkers a smaller number" in message
+    assert "max_steps" not in message
 
 
 @run_cases("rho", [0.0, 0.5, 0.9])
 def test_the_next_check_is_when_the_chain_is_long_enough(rho: float) -> None:
-    """Of an AR(1) chain tau is known.  Mutant killed: a growth that does not ask for tau."""
     tau = (1.0 + rho) / (1.0 - rho)
     steps = math.ceil(BURN_IN_TAUS * tau + 40 * tau)  # not quite the 50 that are wanted
-    found = chain_length(ar1((4, steps, 64, 1), rho))
-    assert found.n_tau < 50
-    ahead = found.next_check(steps, 50)
+    length = chain_length(ar1((4, steps, 64, 1), rho))
+    assert length.n_tau < 50
+    ahead = length.next_check(steps, 50)
     assert 1.05 * 55 * tau < ahead < 1.4 * 55 * tau
     assert chain_length(ar1((4, ahead, 64, 1), rho)).n_tau > 50
 
 
 def test_checks_are_neither_rare_nor_many() -> None:
     """However far there is to go, and also where the length is not what is missing."""
-    found = chain_length(ar1((4, 200, 16, 1), 0.5))
-    assert found.next_check(200, 1e6) == 300
-    assert found.next_check(200, 1.0) == 250
+    length = chain_length(ar1((4, 200, 16, 1), 0.5))
+    assert length.next_check(200, 1e6) == 300
+    assert length.next_check(200, 1.0) == 250
 
 
 def test_thinning_keeps_time_and_ensembles_apart() -> None:
-    """Mutant killed: chain transposed."""
     chains = np.arange(2 * 10 * 3 * 1, dtype=float).reshape(2, 10, 3, 1)
     draws = thinned(chains, burn_in=4, thin=3)
     assert draws.shape == (2, 6, 1)
@@ -165,14 +165,160 @@ def test_thinning_keeps_time_and_ensembles_apart() -> None:
 
 
 def test_hdi_is_the_narrowest_interval_not_the_one_with_equal_tails() -> None:
-    """Of an exponential it begins at zero; arviz-stats versions before 1.2.1 returned an ETI."""
+    """Of an exponential it begins at zero; arviz-stats before 1.2.1 returned an ETI."""
     assert HDI_PROBABILITY == 0.94
     u = (np.arange(200_000) + 0.5) / 200_000
     low, high = hdi(scipy.stats.expon.ppf(u))
     assert low == pytest.approx(0.0, abs=1e-3)
     assert high == pytest.approx(-np.log(0.06), abs=1e-3)
-    low, high = hdi(scipy.stats.gamma(3.0).ppf(u))
-    density = scipy.stats.gamma(3.0).pdf
-    assert density(low) == pytest.approx(density(high), rel=0.01)
-    cdf = scipy.stats.gamma(3.0).cdf
-    assert cdf(high) - cdf(low) == pytest.approx(0.94, abs=1e-3)
+    gamma = scipy.stats.gamma(3.0)
+    low, high = hdi(gamma.ppf(u))
+    assert gamma.pdf(low) == pytest.approx(gamma.pdf(high), rel=0.01)
+    assert gamma.cdf(high) - gamma.cdf(low) == pytest.approx(0.94, abs=1e-3)
+
+
+# --- each fault is named with its place, and no other ----------------------------------------------
+
+NAMES = ("k_T", "k_s", "r_m")
+LOOSE = Targets(r_hat=1.05, n_tau=50, ess=1000)
+FAULTS = {
+    "too short": "too short to judge its burn-in",
+    "stuck": "stuck",
+    "lost": "far from where the posterior is",
+    "two places": "sit in two places",
+    "tau grows": "still grows with the chain",
+    "R-hat": "the ensembles disagree",
+}
+
+
+def judge(chains: Chains, targets: Targets = LOOSE) -> Convergence:
+    return assess(chains.theta, NAMES, targets, log_p=chains.log_p)
+
+
+def faults(result: Convergence) -> set[str]:
+    text = "\n".join(result.reasons)
+    return {fault for fault, words in FAULTS.items() if words in text}
+
+
+def reason(result: Convergence, fault: str) -> str:
+    """The only reason, which is this one."""
+    assert faults(result) == {fault}
+    (text,) = [text for text in result.reasons if FAULTS[fault] in text]
+    return text
+
+
+@run_cases("seed", range(8))
+@run_cases("shape", [np.asarray, np.exp, ndtr], ["normal", "skewed", "flat"])
+def test_sound_chains_are_believed(seed: int, shape: np.ufunc) -> None:
+    chains = sound(seed)
+    chains.theta = shape(chains.theta)
+    assert judge(chains).reasons == ()
+
+
+def test_sound_but_short_chains_are_called_short_and_nothing_else() -> None:
+    result = judge(sound(1, steps=60))
+    assert "half of the run is 30" in reason(result, "too short")
+    assert result.burn_in == 30
+    assert "half of the run, too short" in result.burn_in_rule
+
+
+def test_a_stuck_walker_in_the_middle_of_the_posterior_is_named() -> None:
+    chains = sound(2, walkers=64)
+    chains.theta[2, 300, 17] = [0.1, 0.2, 1.5]
+    chains.stuck(2, 17, since=300)
+    words = reason(judge(chains), "stuck")
+    assert "1 of 256 walkers (1 in ensemble 2) is stuck" in words
+    assert "did not move for 399 of " in words
+    assert "walker 17 of ensemble 2, at r_m" in words
+
+
+def test_a_stuck_walker_in_every_ensemble_is_named_where_r_hat_is_blind() -> None:
+    chains = sound(3, walkers=64)
+    for ensemble in range(4):
+        chains.theta[ensemble, 0, 5] = [1.0, -0.5, 0.3]
+        chains.stuck(ensemble, 5, since=0)
+    words = reason(judge(chains), "stuck")
+    assert "4 of 256 walkers (1 in ensemble 0, 1 in ensemble 1" in words
+
+
+def test_a_walker_that_rests_for_a_while_is_not_stuck() -> None:
+    """An independence move may leave a walker in a tail for several tau."""
+    chains = sound(4)
+    chains.theta[1, 100:250, 3] = chains.theta[1, 100, 3]
+    assert judge(chains).reasons == ()
+
+
+def test_many_walkers_that_do_not_move_are_counted() -> None:
+    chains = sound(5)
+    for ensemble in range(4):
+        for walker in range(20):
+            chains.stuck(ensemble, walker, since=0)
+    assert any("80 of 128 walkers did not move" in text for text in judge(chains).reasons)
+
+
+def test_a_walker_caught_in_a_lesser_maximum_is_named() -> None:
+    chains = sound(6, walkers=64)
+    for ensemble in range(4):
+        chains.lost(ensemble, 9, far=0.8, below=40.0)
+    assert "4 of 256 walkers" in reason(judge(chains), "lost")
+
+
+@run_cases("second", [slice(0, 12), slice(0, 1)], ["12 of 32", "1 of 32"])
+def test_two_places_alike_in_all_ensembles_are_named_where_r_hat_is_blind(second: slice) -> None:
+    chains = sound(7)
+    for ensemble in range(4):
+        chains.parted(ensemble, second, 1, far=6.0)
+    words = reason(judge(chains), "two places")
+    assert "k_s: " in words
+    assert "k_T" not in words
+    assert ", 0 crossings" in words
+
+
+def test_two_places_between_which_walkers_cross_are_no_fault() -> None:
+    chains = sound(8, steps=1500)
+    flips = np.random.default_rng(8).random(chains.theta.shape[:3]) < 0.05
+    chains.theta[..., 0] += 6.0 * (np.cumsum(flips, axis=1) % 2)
+    assert judge(chains).reasons == ()
+    seldom = np.cumsum(np.random.default_rng(9).random((1000, 100)) < 0.004, axis=0) % 2
+    noise = np.random.default_rng(10).standard_normal((1000, 100))
+    assert find_two_groups(6.0 * seldom + noise) is None
+    groups = find_two_groups(20.0 * (np.arange(100) % 4 == 0) + noise)
+    assert groups is not None
+    assert groups.crossings == 0
+    assert groups.share == pytest.approx(0.25, abs=0.01)
+    assert (groups.low, groups.high) == pytest.approx((0.0, 20.0), abs=0.1)
+
+
+def test_slow_motion_that_a_window_does_not_see_is_named() -> None:
+    chains = sound(9, steps=2000, rho=0.2)
+    chains.theta[..., :1] += 0.35 * ar1((4, 2000, 32, 1), 0.9985, seed=10)
+    result = judge(chains)
+    assert result.n_tau > LOOSE.n_tau
+    assert "autocorrelation time of k_T still grows" in reason(result, "tau grows")
+
+
+def two_humps(z: np.ndarray) -> tuple[np.ndarray, int]:
+    """Equal normal densities 2000 standard deviations apart, and a needle at (0, 9, 0)."""
+    humps = [-0.5 * ((z - [x, 0.0, 0.0]) ** 2).sum(axis=-1) for x in (0.0, 2000.0)]
+    needle = 60.0 - 0.5e12 * ((z - [0.0, 9.0, 0.0]) ** 2).sum(axis=-1)
+    return np.logaddexp(np.logaddexp(*humps), needle), 0
+
+
+@run_cases(
+    "place, walkers, expected",
+    [((0.0, 0.0), 2, set()), ((2000.0, 0.0), 2, {"two places"}), ((0.0, 9.0), 1, {"stuck"})],
+)
+def test_faults_of_real_ensembles_are_named(
+    place: tuple[float, float], walkers: int, expected: set[str]
+) -> None:
+    """All on one hump; two of sixteen on the other, one on the needle: alike in every ensemble."""
+    start = np.zeros((16, 3))
+    start[:walkers, :2] = place
+    moves, segments = {"differential_evolution": 0.7, "stretch": 0.3}, []
+    for ensemble in range(4):
+        rng = np.random.default_rng(ensemble)
+        z = start + np.where(start[:, 1:2] == 9.0, 1e-9, 0.5) * rng.standard_normal(start.shape)
+        state = State(z, two_humps(z)[0], seeds.legacy_state(1, "walk", ensemble))
+        segments.append(advance(two_humps, state, 700, moves))
+    chains = Chains(np.array([s.z for s in segments]), np.array([s.log_p for s in segments]))
+    assert faults(judge(chains, Targets(r_hat=1.1, n_tau=10, ess=200))) == expected

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 
 from bayesdrill.inference.laplace import QuadraticModel
+from bayesdrill.sampling.proposal.learning import LearnedProposal, learn
 
 
 @dataclass(frozen=True)
@@ -175,3 +176,27 @@ class Corner(Walled):
 
 def corner() -> Corner:
     return Corner(np.full(2, -5.5), np.full(2, 3.0), 2.0, 1e-3)
+
+
+def altered[Surface: Walled](surface: Surface, **methods: Callable[..., object]) -> Surface:
+    """The same surface with other methods."""
+    kind = type("Altered", (type(surface),), methods)
+    return kind(**{field.name: getattr(surface, field.name) for field in fields(surface)})
+
+
+def without_density[Surface: Walled](surface: Surface) -> Surface:
+    """The same surface, whose density is zero everywhere."""
+    return altered(surface, value=lambda self, u: np.full(len(u), -np.inf))
+
+
+def learned(surface: Walled, maxima: Sequence[np.ndarray], seed: int = 1) -> LearnedProposal:
+    """The proposal that is learnt from these maxima `(D,)`."""
+    return learn(
+        surface, list(maxima), np.random.RandomState(seed), np.random.default_rng(seed + 2)
+    )
+
+
+def ridge_point(surface: Ridged) -> np.ndarray:
+    """A point `(D,)` on the ridge."""
+    d = len(surface.middle)
+    return surface.at(np.full((1, surface.n_loose), 0.1), np.zeros((1, d - surface.n_loose)))[0]

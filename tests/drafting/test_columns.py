@@ -1,0 +1,171 @@
+"""What heads, names and counters of columns say, and files of which no column can be used."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.io
+import yaml
+from support.case_tables import run_cases
+from support.first_configs import (
+    ANGLE,
+    DEG,
+    RECORD,
+    SPEED,
+    VOLTAGE,
+    T,
+    channels_of,
+    draft_of,
+    refusal,
+    reversing_rig,
+    write_table,
+)
+
+import bayesdrill as bd
+from bayesdrill.drafting.columns import named_column, parse_head
+
+TABLE = yaml.safe_load(Path(__file__).with_name("heads.yaml").read_text(encoding="utf-8"))
+
+
+@run_cases("head, expected", TABLE["heads"].items())
+def test_heads_are_read_in_several_languages(head: str, expected: list[str]) -> None:
+    meaning = parse_head(head)
+    assert [meaning.kind, meaning.location, meaning.unit] == expected
+
+
+def test_a_row_of_units_completes_a_head_and_a_unit_of_no_turn_is_unknown() -> None:
+    assert parse_head("theta_1 [counts]").unknown_unit == "counts"
+    assert parse_head("position [mm]").kind == "position"  # of what moves along a line
+    assert parse_head("w [rpm]", "ignored").unit == "rpm"
+    assert parse_head("w", "[rpm]").unit == "rpm"
+
+
+def test_the_name_of_a_file_may_stand_before_a_column() -> None:
+    column = named_column("b.mat:data:2=w_1 [rpm]", ["a.mat", "b.mat"])
+    assert (column.file, column.variable, column.column) == ("b.mat", "data", 2)
+    assert (column.meaning.symbol, column.meaning.unit) == ("w_1", "rpm")
+
+
+@run_cases("name", TABLE["wrong_names"])
+def test_a_name_or_unit_that_cannot_be_read_is_refused(name: str, tmp_path: Path) -> None:
+    message = refusal(write_table(tmp_path / "r.csv", RECORD), "t=t [s]", name)
+    assert message.startswith("--columns:")
+    assert "ground" in message or "count/(560/cm)" in message
+    assert not (tmp_path / "r.yaml").exists()
+
+
+@run_cases(
+    "names, message",
+    [
+        (["speed=w_s_a [rad/s]", "u=w_a [rad/s]"], "two things would be called w_s_a"),
+        (["speed=w_shaft [rad/s]", "u=w_load [rad/s]"], "called shaft"),
+    ],
+)
+def test_two_things_with_one_name_are_refused(
+    names: list[str], message: str, tmp_path: Path
+) -> None:
+    assert message in refusal(write_table(tmp_path / "r.csv", RECORD), *names)
+
+
+FORCE, MOTOR_VOLTAGE, MOTOR_SPEED = "u=f_cart [N]", "u=u_motor [V]", "u=w_motor [rad/s]"
+TURN = 2 * np.pi / 2800
+
+
+@run_cases(
+    "drive, name, typed, unit, si",
+    [
+        (MOTOR_VOLTAGE, "theta_motor", "count/2800", "count/2800", TURN),
+        (MOTOR_VOLTAGE, "theta_motor", "2800 counts per turn", "count/2800", TURN),
+        (FORCE, "x_cart", "count/(560/cm)", "count/(560/cm)", 1e-2 / 560),
+        (FORCE, "x_cart", "560 counts/cm", "count/(560/cm)", 1e-2 / 560),
+        (MOTOR_SPEED, "t_motor", "% of 9.84 mN*m", "% of 9.84 mN*m", 9.84e-5),
+    ],
+)
+def test_counts_and_shares_are_units(
+    drive: str, name: str, typed: str, unit: str, si: float, tmp_path: Path
+) -> None:
+    """Their sizes are those of a turn, of a length and of what a drive is rated for."""
+    is_input = name == "t_motor"
+    columns = {"t": T, "u": VOLTAGE, "y": np.round(400 * ANGLE)}
+    if is_input:
+        columns |= {"u": SPEED, "y": VOLTAGE}
+    path = write_table(tmp_path / "r.csv", columns)
+    draft = draft_of(path, "t=t [s]", drive, f"y={name} [{typed}]")
+    entries = draft["inputs"] if is_input else draft["record"]["channels"]
+    assert entries[name]["unit"] == unit
+    record = bd.load(tmp_path / "r.yaml").job.problem.experiment
+    values = record.series[name] if is_input else record.y[:, 0]
+    assert values[-1] == pytest.approx(si * columns["y"][-1], rel=1e-4)
+
+
+@pytest.fixture
+def matrix(tmp_path: Path) -> Path:
+    """Time, noise, an angle at the gearbox in degrees and the voltage, without heads."""
+    t, v, x = reversing_rig()
+    rng = np.random.default_rng(3)
+    angle = x[:, 1] * DEG + rng.normal(0, 0.1, len(t))
+    data = np.stack([t, rng.normal(size=len(t)), angle, v], axis=-1)
+    scipy.io.savemat(tmp_path / "m.mat", {"data_theta": data})
+    return tmp_path / "m.mat"
+
+
+def test_columns_of_a_matrix_are_named_by_their_numbers(matrix: Path) -> None:
+    others = "data_theta:4=v [V]", "data_theta:1=t [s]"
+    draft = draft_of(matrix, "data_theta:3=theta_2 [deg]", *others, gear=5)
+    assert channels_of(draft) == {"theta_2": ("3", "deg")}
+    assert draft["inputs"]["v"]["column"] == 4
+    assert draft["record"]["time"] == {"variable": "data_theta", "column": 1, "unit": "s"}
+    assert "measures" not in draft["record"]["channels"]["theta_2"]
+    against = draft_of(matrix, "data_theta:3=-theta_2 [deg]", *others, gear=5)
+    assert against["record"]["channels"]["theta_2"]["measures"] == "-theta_2"
+
+
+def test_a_matrix_whose_columns_are_unknown_is_refused_with_what_to_type(matrix: Path) -> None:
+    message = refusal(matrix)
+    assert '--columns "data_theta:2=theta_2 [deg]"' in message
+    assert "data_theta, column 3 (" in message
+    assert "data_theta:9" in refusal(matrix, "data_theta:9=theta_2 [deg]")
+    assert "names no known quantity" in refusal(matrix, "data_theta:3=theta_2 [rpm]")
+    assert "names no known quantity" in refusal(matrix, "data_theta:3=colour")
+    assert "is not a rig; did you mean motor" in refusal(matrix, rig="motr")
+
+
+def test_structures_of_simulink_are_read_one_record_at_a_time(tmp_path: Path) -> None:
+    t, v, x = reversing_rig()
+    signals = np.zeros((1, 2), dtype=[("values", "O"), ("label", "O"), ("plotStyle", "O")])
+    signals[0, 0] = (v[:, None], "voltage [V]", 0)
+    signals[0, 1] = (x[:, 2:3], "w_1 [rad/s]", 0)
+    scope = {"time": t[:, None], "signals": signals, "blockName": "rig/Scope"}
+    scipy.io.savemat(tmp_path / "s.mat", {"scope": scope})
+    draft = draft_of(tmp_path / "s.mat", gear=5)
+    assert channels_of(draft) == {"w_1": ("scope.signals(2).values", "rad/s")}
+    assert draft["inputs"]["v"]["column"] == "scope.signals(1).values"
+    scipy.io.savemat(tmp_path / "two.mat", {"a": scope, "b": scope})
+    message = refusal(tmp_path / "two.mat")
+    assert "holds 2 records: a, b" in message
+    assert '--columns "a.signals(1).values=' in message
+
+
+def test_an_array_of_structs_is_read_with_names_and_units(tmp_path: Path) -> None:
+    y = np.zeros((1, 2), dtype=[(name, "O") for name in ("Name", "Data", "Unit", "XIndex")])
+    y[0, 0] = ("Model/speed", SPEED[None], "rad/s", 1)
+    y[0, 1] = ("u", VOLTAGE[None], "mV", 1)
+    path = tmp_path / "r.mat"
+    scipy.io.savemat(path, {"run": {"X": {"Data": T[None], "Name": ""}, "Y": y}})
+    draft = draft_of(path)
+    assert channels_of(draft) == {"w_2": ("run.Y(1).Data", "rad/s")}
+    assert draft["inputs"]["v"]["unit"] == "mV"
+    assert draft["record"]["time"] == {"column": "run.X.Data", "unit": "s"}
+    train = draft_of(path, "run.Y(2).Data=i_motor [mA]", "run.Y(1).Data=w_motor [rad/s]")
+    assert train["record"]["time"]["column"] == "run.X.Data"
+    assert channels_of(train) == {"w_motor": ("run.Y(1).Data", "rad/s")}
+
+
+def test_columns_without_heads_that_stand_still_have_the_names_of_their_logger(
+    tmp_path: Path,
+) -> None:
+    rows = np.column_stack([T, *(0 * T + 2.4e-311 for _ in range(8))]).tolist()
+    (tmp_path / "r.json").write_text(f'{{"slow-forward": {rows}}}')
+    assert "nothing moved: slow-forward.left position" in refusal(tmp_path / "r.json")

@@ -1,0 +1,455 @@
+"""Whole drafts: what they say where the truth is known, and that a config that is written is valid."""
+
+from __future__ import annotations
+
+from functools import reduce
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+import scipy.io
+import yaml
+from support import command_line, first_configs
+from support.case_tables import run_cases
+from support.first_configs import (
+    DEG,
+    RECORD,
+    RPM,
+    T,
+    channels_of,
+    draft_of,
+    german_record,
+    refusal,
+    reversing_rig,
+    shared,
+    spoilt_record,
+    write_table,
+)
+
+import bayesdrill as bd
+from bayesdrill.config import loading
+from bayesdrill.config.records import reading, simulation
+
+CONFIGS = command_line.ROOT / "configs"
+
+
+TABLE = Path(__file__).with_name("drafts.yaml")
+CASES = yaml.safe_load(TABLE.read_text(encoding="utf-8"))
+SIGNALS = {
+    **vars(first_configs),
+    "COUNT": np.arange(400.0),
+    "BATTERY": 12 + 0.05 * np.sin(40 * first_configs.T),
+    "BENCH": first_configs.reversing_rig(),
+    "GERMAN": german_record(),
+}
+
+
+def records_of(case: dict[str, Any], folder: Path) -> list[Path | list[Path]]:
+    """Each is drafted by itself; `files` are records of one config."""
+    if "columns" in case:
+        columns = case["columns"]
+        if isinstance(columns, str):
+            columns = eval(columns, SIGNALS)
+        else:
+            columns = {head: eval(text, SIGNALS) for head, text in columns.items()}
+        return [write_table(folder / "r.csv", columns)]
+    patterns = [Path(pattern) for pattern in case.get("files", [case.get("file")])]
+    paths = [path for p in patterns for path in sorted(shared(str(p.parent)).glob(p.name))]
+    return [paths] if "files" in case else [*paths]
+
+
+def entry(draft: dict[str, Any], place: str) -> object:
+    """What stands at a dotted place, None where there is nothing."""
+    return reduce(lambda entries, key: (entries or {}).get(key), place.split("."), draft)
+
+
+@pytest.mark.parametrize("case", CASES, ids=[case["name"] for case in CASES])
+def test_drafts(case: dict[str, Any], tmp_path: Path) -> None:
+    records = records_of(case, tmp_path)
+    assert records
+    for record in records:
+        columns, known = case.get("say", ()), case.get("known", {})
+        if "refused" in case:
+            message = refusal(record, *columns, **known)
+            assert [words for words in case["refused"] if words not in message] == []
+            if "nothing moved" in message:
+                assert "\n" not in message
+            continue
+        draft = draft_of(record, *columns, config=tmp_path / "r.yaml", **known)
+        text = draft["words"] + draft["said"]
+        assert [words for words in case.get("words", ()) if words not in text] == []
+        assert [words for words in case.get("nowhere", ()) if words in text] == []
+        entries = {place: entry(draft, place) for place in case.get("entries", {})}
+        assert entries == case.get("entries", {})
+        if "channels" in case:
+            assert channels_of(draft) == {k: tuple(v) for k, v in case["channels"].items()}
+
+
+def noise(draft: dict[str, Any], channel: str) -> float:
+    """Ten times the least that its prior allows; the most is the spread of the channel, or more."""
+    sigma = draft["record"]["channels"][channel]["sigma"]
+    assert sigma["high"] >= 99 * sigma["low"]
+    return 10 * float(sigma["low"])
+
+
+BUNDLED = (
+    "nominal_step",
+    "example_rig",
+    "example_ties",
+    "paper/estimates",
+    "paper/missing_physics",
+)
+
+
+@run_cases("name", BUNDLED)
+def test_bundled_records_come_back_as_their_configs_have_them(name: str, tmp_path: Path) -> None:
+    """Names, units, sums of states, time and gear; also the round trip, as they are simulated."""
+    case = loading.load(CONFIGS / f"{name}.yaml")
+    path = tmp_path / "mine.csv"
+    path.write_text(simulation.simulate(case, 11, path))
+    draft, config = draft_of(path, voltage=8.0, gear=8), case.config
+    channels, time = config.record.channels, config.record.time
+    assert channels_of(draft) == {k: (str(spec.column), spec.unit) for k, spec in channels.items()}
+    for key, spec in channels.items():
+        measures = draft["record"]["channels"][key].get("measures")
+        assert (measures or "").replace(" ", "") == str(spec.measures or "").replace(" ", "")
+        sigma: Any = config.simulation.sigma.get(key, spec.sigma)  # type: ignore[union-attr]
+        assert 1 / 1.5 < noise(draft, key) / sigma < 1.5, key
+    assert draft["record"]["time"] == {"column": time.column, "unit": time.unit}  # type: ignore[union-attr]
+    assert draft["model"]["i_m"] == 0.125
+    assert "initial" not in draft
+
+
+def test_a_newcomers_record_is_understood(tmp_path: Path) -> None:
+    draft = draft_of(write_table(tmp_path / "messung 07.csv", german_record()))
+    assert channels_of(draft) == {
+        "theta_1": ("phi_Rotor_deg", "deg"),
+        "w_1": ("n_Rotor", "rpm"),
+        "motor": ("n_Motor", "rpm"),
+    }
+    assert draft["record"]["time"] == {"column": "Zeit_ms", "unit": "ms"}
+    assert draft["record"]["channels"]["motor"]["measures"] == "5 * w_2"
+    assert draft["model"]["i_m"] == 0.2
+    v = draft["inputs"]["v"]
+    assert (v["column"], v["unit"], v["hold"]) == ("U_Motor", "V", "zero")
+    assert v["offset"] == {"prior": "normal", "mean": 0, "sd": pytest.approx(0.13, abs=0.005)}
+    assert draft["inputs"]["t_0"] == {"prior": "uniform", "low": -0.005, "high": 0.005}
+    assert draft["parameters"]["t_f"] == 0.0  # it turns both ways
+    for name, sigma in (("theta_1", 0.5), ("w_1", 1.0), ("motor", 6.0)):
+        assert 1 / 1.5 < noise(draft, name) / sigma < 1.5
+
+
+def test_every_guess_is_marked_and_what_the_record_says_is_not(tmp_path: Path) -> None:
+    lines = draft_of(write_table(tmp_path / "r.csv", german_record()))["text"].splitlines()
+
+    def above(entry: str) -> str:
+        last = next(k for k, line in enumerate(lines) if line.lstrip().startswith(entry))
+        begin = next(k for k in range(last - 1, -1, -1) if "#" not in lines[k][:6])
+        return " ".join(lines[begin + 1 : last])
+
+    assert "REVIEW: no unit is said; the derivative of phi_Rotor_deg is 6 times" in above("w_1:")
+    assert "no unit is said" not in above("theta_1:")
+    assert "REVIEW: the noise is not said" in above("theta_1:")
+    assert "REVIEW: the gear is not said; n_Motor and n_Rotor turn as 5:1" in above("model:")
+    assert "REVIEW" in above("v:")
+    assert "REVIEW" not in above("time:")
+
+
+def test_decimal_commas_a_row_of_units_and_blanks(tmp_path: Path) -> None:
+    t, v, x = reversing_rig()
+    columns = {"Zeit": t, "Spannung": v, "Winkel Getriebe": x[:, 1] * DEG, "Drehzahl Last": x[:, 2]}
+    path = write_table(tmp_path / "r.csv", columns, ";", ",")
+    head, _, rest = path.read_text().partition("\n")
+    path.write_text(f"{head}\ns;V;Grad;rad/s\n{rest}")
+    draft = draft_of(path)
+    assert channels_of(draft) == {
+        "theta_2": ("Winkel Getriebe", "deg"),
+        "w_1": ("Drehzahl Last", "rad/s"),
+    }
+    assert draft["record"]["time"] == {"column": "Zeit", "unit": "s"}
+
+
+def test_a_matlab_file_of_structs_and_a_nameless_matrix(tmp_path: Path) -> None:
+    t, v, x = reversing_rig()
+    y = x + np.random.default_rng(4).normal(0, 0.02, x.shape)
+    path = tmp_path / "r.mat"
+    scipy.io.savemat(path, {"rig": {"t": t, "u": v, "theta_1": y[:, 0], "i": y[:, 4]}, "J": 0.01})
+    draft = draft_of(path)
+    assert channels_of(draft) == {"theta_1": ("rig.theta_1", "rad"), "i": ("rig.i", "A")}
+    assert "J: has one value" in draft["words"]
+    scipy.io.savemat(path, {"data": np.column_stack([t, y[:, 1], v, y[:, 3]])})
+    draft = draft_of(path, voltage=1.0)
+    assert channels_of(draft) == {"theta_2": ("2", "rad"), "w_2": ("4", "rad/s")}
+    assert draft["record"]["time"] == {"variable": "data", "column": 1, "unit": "s"}
+    assert "data, column 3: (" in draft["words"]
+
+
+@run_cases("ending", ["npz", "h5"])
+def test_files_of_arrays(ending: str, tmp_path: Path) -> None:
+    t, v, x = reversing_rig()
+    y = x + np.random.default_rng(4).normal(0, 0.02, x.shape)
+    columns = {"t": t, "u": v, "theta_2": y[:, 1] * DEG, "n_motor": y[:, 3] * 5 * RPM}
+    path = tmp_path / f"r.{ending}"
+    if ending == "npz":
+        np.savez(path, **columns)
+    else:
+        with h5py.File(path, "w") as file:
+            file.update(columns)
+    draft = draft_of(path)
+    assert channels_of(draft) == {"theta_2": ("theta_2", "deg"), "motor": ("n_motor", "rpm")}
+    assert draft["record"]["channels"]["motor"]["measures"] == "5 * w_2"
+
+
+def test_what_cannot_be_used_is_left_out_with_its_reason(tmp_path: Path) -> None:
+    columns = german_record()
+    n = len(columns["Zeit_ms"])
+    rng = np.random.default_rng(6)
+    more = {
+        "humidity": rng.normal(50, 1, n),
+        "WOB [N]": rng.normal(300, 5, n),
+        "theta_2 [counts]": rng.normal(0, 9, n),
+        "n_soll": rng.normal(0, 9, n),
+        "speed_set": np.full(n, 3.0),
+        "n_Last": np.gradient(columns["phi_Rotor_deg"], 0.005) / 6,
+    }
+    del columns["n_Rotor"]
+    draft = draft_of(write_table(tmp_path / "r.csv", {**columns, **more}))
+    channels = draft["record"]["channels"]
+    assert {*channels} == {"theta_1", "w_1", "motor"}
+    assert channels["w_1"]["derived_from"] == "theta_1"
+    assert "derived_from" not in channels["motor"]
+    unused = draft["words"].split("Not used:")[1].split("inputs:")[0].split(" - ")
+    for name, why in {
+        "humidity": "its name does not say",
+        "WOB [N]": "is a force",
+        "theta_2 [counts]": "does not say how far one of it turns",
+        "n_soll": "is a set point",
+    }.items():
+        (reason,) = (row for row in unused if name in row.partition(": ")[0])
+        assert why in reason, name
+
+
+def test_a_wide_table_is_summed_up(tmp_path: Path) -> None:
+    rng = np.random.default_rng(2)
+    more = {f"c{k}": rng.normal(size=len(T)) for k in range(60)}
+    said = draft_of(write_table(tmp_path / "r.csv", {**RECORD, **more}))["said"]
+    assert len(said.splitlines()) < 30
+    assert "not used: others, see the config" in said
+
+
+def test_a_time_with_the_head_of_a_twist_does_no_harm(tmp_path: Path) -> None:
+    """It grows evenly, so that its law leaves nothing of it at all."""
+    head, *rows = (CONFIGS / "records" / "nominal_step.csv").read_text().splitlines()
+    path = tmp_path / "odd.csv"
+    path.write_text("\n".join([f"twist{head[head.index(',') :]}", *rows]))
+    assert "twist" in channels_of(draft_of(path))
+
+
+BATCHES = [
+    pytest.param((0,), id="quick"),
+    pytest.param((1, 2, 3), id="long", marks=pytest.mark.slow),
+]
+
+
+@pytest.mark.parametrize("batches", BATCHES)
+def test_every_config_that_is_written_is_valid(batches: tuple[int, ...], tmp_path: Path) -> None:
+    """Of spoilt records; a voltage that nobody has given is asked for, and nothing else is."""
+    invalid, count, path = {}, 0, tmp_path / "r.csv"
+    for seed in (100 * batch + number for batch in batches for number in range(12)):
+        write_table(path, spoilt_record(np.random.default_rng(seed)))
+        config = tmp_path / f"{seed}.yaml"
+        try:
+            asks = bd.init(path, config, voltage=6.0 if seed % 2 else None).asks
+        except bd.InputError:
+            assert not config.exists()
+            continue
+        count += 1
+        try:
+            assert all("inputs" in issue.place for issue in asks)
+            if not asks:
+                bd.load(config)
+        except (bd.InputError, AssertionError) as error:
+            invalid[seed] = str(error)
+    assert invalid == {}
+    assert count > 3 * len(batches)
+
+
+def test_names_that_yaml_would_take_for_something_else(tmp_path: Path) -> None:
+    columns = {name: values[:200] for name, values in german_record().items()}
+    for name in ("0", "null", "1e5", "true"):
+        assert draft_of(write_table(tmp_path / f"{name}.csv", columns))["name"] == name
+    paths = [write_table(tmp_path / f"run_{name}.csv", columns) for name in ("null", "true")]
+    assert {*draft_of(paths)["experiments"]} == {"null", "true"}
+
+
+def test_more_files_than_a_config_holds_are_named(tmp_path: Path) -> None:
+    columns = {name: values[:60] for name, values in german_record().items()}
+    paths = [write_table(tmp_path / f"r{k}.csv", columns) for k in range(52)]
+    message = refusal(paths, output=tmp_path / "all.yaml")
+    assert "52 entries stand here, wanted are at most 50; take out r50, r51" in message
+    assert not (tmp_path / "all.yaml").exists()
+
+
+@run_cases(
+    "text, message",
+    [
+        (None, "no such file"),
+        ("t,humidity\n" + "".join(f"{k},{k % 7}\n" for k in range(50)), "no column is an angle"),
+        ("t,w_1\n0,1\n1,2\n", "20 numbers or more"),
+    ],
+)
+def test_hopeless_files_are_refused_and_nothing_is_written(
+    text: str | None, message: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "r.csv"
+    if text is not None:
+        path.write_text(text)
+    before = command_line.listing(tmp_path)
+    refused = command_line.cli("init", path)
+    assert refused.status == 2
+    assert message in refused.err
+    assert "Traceback" not in refused.err
+    assert command_line.listing(tmp_path) == before
+
+
+def test_a_folder_is_no_record(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = command_line.cli("init", ".")
+    assert done.status == 2
+    assert "Traceback" not in done.err
+
+
+@pytest.mark.parametrize("name", ["gear", "voltage", "rate"])
+def test_impossible_numbers_are_input_errors(name: str, tmp_path: Path) -> None:
+    path = write_table(tmp_path / "r.csv", RECORD)
+    numbers = [1e155, 1e400, -1e400, float("nan"), 10**400, 1e-320]
+    for number in numbers if name == "voltage" else [*numbers, -3, 0]:
+        assert refusal(path, **{name: number})
+
+
+# --- which files are written -----------------------------------------------------------------------
+
+
+def test_nothing_is_overwritten_unasked(tmp_path: Path) -> None:
+    path = write_table(tmp_path / "r.csv", german_record())
+    config = tmp_path / "r.yaml"
+    config.write_text("mine")
+    assert command_line.cli("init", path).status == 2
+    assert config.read_text() == "mine"
+    done = command_line.cli("init", path, "--force")
+    assert done.status == 0
+    assert "REVIEW" in done.out
+    record = path.read_bytes()
+    for output in (path, tmp_path / "notes.txt"):
+        assert command_line.cli("init", path, "--output", output, "--force").status == 2
+    assert path.read_bytes() == record
+    folder = tmp_path / "configs"
+    folder.mkdir()
+    assert command_line.cli("init", path, "--output", folder / "mine.yaml", "--gear", 5).status == 0
+    assert "file: ../r.csv" in (folder / "mine.yaml").read_text()
+    assert command_line.cli("init", path, "--gear", 0.2, "--force").status == 2
+
+
+def test_check_draws_the_record_of_each_experiment(tmp_path: Path) -> None:
+    twice = {name: np.concatenate([x, x]) for name, x in RECORD.items()}
+    draft_of(write_table(tmp_path / "r.csv", twice), split=True)
+    done = command_line.cli("check", tmp_path / "r.yaml", "--figure-record", tmp_path / "seen.png")
+    assert done.status == 0
+    for k in (1, 2):
+        assert (tmp_path / f"seen_{k}.png").read_bytes().startswith(b"\x89PNG")
+        assert f"seen_{k}.png" in done.out
+    case = bd.load(tmp_path / "r.yaml")
+    with pytest.raises(bd.InputError, match=r"--figure-record: 'seen\.gif' is none of \.pdf"):
+        case.draw_record(tmp_path / "seen.gif")
+
+
+# --- rigs, their nominal values and priors ---------------------------------------------------------
+
+
+def test_without_a_data_sheet_priors_follow_the_record(tmp_path: Path) -> None:
+    """A rig with a thousandth of the torque has priors around a thousandth."""
+    columns = german_record()
+    draft = draft_of(write_table(tmp_path / "r.csv", columns), gear=5)
+    priors = draft["parameters"]
+    assert "nominal" not in draft
+    assert all(prior == 0.0 or prior["prior"] == "log_uniform" for prior in priors.values())
+    columns["U_Motor"] = 1e-3 * columns["U_Motor"]
+    small = draft_of(write_table(tmp_path / "s.csv", columns), gear=5)["parameters"]
+    for name, power in {"k_e": 1, "k_T": 1, "j_1": 2, "k_s": 2}.items():
+        assert small[name]["low"] / priors[name]["low"] == pytest.approx(1e-3**power, rel=0.1), name
+
+
+def test_a_data_sheet_becomes_the_nominal_table(tmp_path: Path) -> None:
+    record, sheet = write_table(tmp_path / "r.csv", german_record()), tmp_path / "sheet.yaml"
+    sheet.write_text(
+        "j_m: {value: 0.5, unit: g*m^2, side: load}\nk_T: {value: 45, unit: mN*m/A}\nc_s: 0.001\n"
+    )
+    draft = draft_of(record, gear=5, sheet=sheet)
+    assert draft["nominal"]["j_m"] == {"value": 0.5, "unit": "g*m^2", "side": "load"}
+    assert draft["parameters"]["k_T"]["relative"]
+    assert draft["parameters"]["k_e"]["prior"] == "log_uniform"
+    assert "c_s" in draft["parameters"]
+    nominal = bd.load(tmp_path / "r.yaml").job.problem.nominal
+    assert nominal["j_m"] == pytest.approx(0.5e-3 / 25)
+    assert nominal["k_T"] == pytest.approx(0.045)
+    assert {*nominal} == {"j_m", "k_T", "c_s"}
+    sheet.write_text("k_T: {value: 45, unit: mN*m/A, side: load}\nj_x: 3\n")
+    message = refusal(record, sheet=sheet, force=True)
+    assert "sheet.yaml: k_T" in message
+    assert "j_x" in message
+    sheet.write_text("k_T: 3\nk_e: 1\nk_T: 4\n")
+    message = refusal(record, sheet=sheet, force=True)
+    assert "sheet.yaml:3: k_T: this key stands already in line 1" in message
+
+
+# --- records of other rigs -------------------------------------------------------------------------
+
+
+def test_a_servo_is_understood(tmp_path: Path) -> None:
+    """The twist is 3.3 ms late, which `square` alone tells, and the voltage 0.06 V less."""
+    files = [shared(f"data/simulated_servo/{name}.csv") for name in ("slow", "square", "sweep")]
+    draft = draft_of(files, config=tmp_path / "mine.yaml", gear=14)
+    assert list(draft["experiments"]) == ["slow", "square", "sweep"]
+    lag = draft["record"]["channels"]["twist"]["lag"]
+    assert lag["unit"] == "ms"
+    assert lag["low"] < 1 < 3.3 < 10 < lag["high"] < 30
+    assert "lag" not in draft["record"]["channels"]["theta_2"]
+    assert draft["inputs"]["v"]["offset"]["sd"] > 0.06
+    assert {"offset_v", "lag_twist", "t_0", "sigma_twist"} < {*draft["shared"]}
+    assert "initial" not in draft
+    assert channels_of(draft) == {
+        "theta_2": ("theta [deg]", "deg"),
+        "twist": ("alpha [deg]", "deg"),
+    }
+    assert draft["record"]["time"] == {"column": "time [ms]", "unit": "ms"}
+    assert draft["inputs"]["v"]["unit"] == "V"
+
+
+def test_screw_drives_in_exports_of_their_controller(tmp_path: Path) -> None:
+    """One was opened in a spreadsheet, where a cell was changed by hand; the others are read."""
+    folder = shared("cases/ucl_screw_drives")
+    changed = folder / "drive3" / "steady_2.csv"
+    fault = "line 15: column 'Torque actual value averaged': '-800,,was -11.1'"
+    assert fault in refusal(changed)
+    names = "1=t [ms]", "2=w_2 [rpm]", "3=t_m [% of 9.84 mN*m]"
+    for path in sorted({*folder.rglob("*.csv")} - {changed})[::4]:
+        draft_of(path, *names, config=tmp_path / "s.yaml", rig="motor")
+        record = reading.read(loading.load(tmp_path / "s.yaml").experiments[0])
+        assert len(record.t) == 500
+
+
+def test_configs_of_recorders_with_heads_and_semicolons_are_read(tmp_path: Path) -> None:
+    config = tmp_path / "s.yaml"
+    names = "1=t [ms]", "2=w_2 [rpm]", "3=t_m [% of 9.84 mN*m]"
+    draft_of(shared("cases/small/epos_head/e.csv"), *names, config=config, rig="motor")
+    record = bd.load(config).job.problem.experiment
+    assert record.series["t_m"][0] == pytest.approx(0.3 * 9.84e-3)
+    names = "cigan.Y(2).Data=w_rotor [rad/s]", "cigan.Y(3).Data=u_rotor [V]"
+    draft_of(shared("cases/dspace_bldc/dataset.mat"), *names, config=config)
+    record = reading.read(loading.load(config).experiments[0])
+    assert len(record.t) == 8334
+    assert record.dt == pytest.approx(0.72e-3)
+    for name in ("epos_head/e2.yaml", "trailing_semicolon/r2.yaml"):
+        assert bd.load(shared("cases/small") / name)

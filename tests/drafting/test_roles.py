@@ -1,0 +1,151 @@
+"""Which column drives, how a record begins, and which channel is late."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.linalg
+from support.case_tables import run_cases
+from support.first_configs import (
+    RPM,
+    draft_of,
+    german_record,
+    reversing_rig,
+    shared,
+    write_table,
+)
+
+import bayesdrill as bd
+
+# --- when inputs act, and what is late -------------------------------------------------------------
+
+
+def test_a_delay_of_more_than_a_sample_lies_inside_the_prior(tmp_path: Path) -> None:
+    """The truth is 25 ms; the speed is a difference of counts, with the noise of its steps."""
+    path = shared("cases/small/t0_prior_end/rec.csv")
+    names = "t=t [s]", "u=u_rotor [V]", "y=w_rotor [deg/s]"
+    draft = draft_of(path, *names, config=tmp_path / "s.yaml")
+    assert draft["inputs"]["t_0"]["low"] < 0.025 < 0.9 * draft["inputs"]["t_0"]["high"] < 0.1
+    sigma = draft["record"]["channels"]["w_rotor"]["sigma"]
+    assert sigma["low"] == pytest.approx(6.43 / np.sqrt(6) / 10, rel=0.01)
+    assert "a difference of counts? It goes in steps of 6.4286 deg/s" in draft["words"]
+
+
+def angle_and_twist(t: np.ndarray, late: float, w: float) -> tuple[np.ndarray, np.ndarray]:
+    """An angle at the gearbox, and the twist of a swinging rotor behind it, `late` s before."""
+
+    def drive(s: np.ndarray) -> np.ndarray:
+        return np.where(s > 0, 2.0 * np.sin(1.3 * s) ** 2 + 0.5 * np.sin(7.0 * s), 0.0)
+
+    # q'' + w^2 q = -theta_2'', by its exact response on a fine grid
+    h = 2e-4
+    s = h * np.arange(int(t[-1] / h) + 2)
+    push = -np.gradient(np.gradient(drive(s), h), h)
+    step = scipy.linalg.expm(h * np.array([[0, 1, 0], [-(w**2), 0, 1], [0, 0, 0]]))
+    q = np.zeros((len(s), 2))
+    for k in range(len(s) - 1):
+        q[k + 1] = step[:2, :2] @ q[k] + step[:2, 2] * push[k]
+    return drive(t), np.interp(t - late, s, q[:, 0])
+
+
+@run_cases("late", [0.0, 0.015])
+def test_the_lag_of_a_twist_follows_from_the_motion_of_the_rotor(
+    late: float, tmp_path: Path
+) -> None:
+    t = 0.005 * np.arange(2000)
+    rng = np.random.default_rng(4)
+    angle, twist = angle_and_twist(t, late, 12.0)
+    columns = {
+        "t [s]": t,
+        "theta_2 [rad]": angle + rng.normal(0, 2e-4, len(t)),
+        "twist [rad]": twist + rng.normal(0, 2e-4, len(t)),
+    }
+    draft = draft_of(write_table(tmp_path / "r.csv", columns), voltage=5.0)
+    channels = draft["record"]["channels"]
+    assert "lag" not in channels["theta_2"]
+    if late:
+        high = pytest.approx(1e3 * (2 * late + 3 * 0.005), rel=0.15)
+        assert channels["twist"]["lag"] == {
+            "prior": "uniform", "low": 0, "high": high, "unit": "ms",
+        }  # fmt: skip
+        assert "it seems to be 15 ms late" in draft["words"]
+    else:
+        assert "lag" not in channels["twist"]
+        assert "#   lag: {prior: uniform, low: 0, high: 25, unit: ms}" in draft["text"]
+
+
+# --- how a record begins ---------------------------------------------------------------------------
+
+
+def test_a_record_begins_moving_or_at_rest(tmp_path: Path) -> None:
+    """Moving; before zero; later than zero; after a rest that no constant voltage explains."""
+    t, v, x = reversing_rig()
+    rng = np.random.default_rng(8)
+
+    def columns(rows: slice, shift: float = 0.0) -> dict[str, np.ndarray]:
+        y = x[rows, 2:4] + rng.normal(0, 0.02, (len(t[rows]), 2))
+        return {"t": t[rows] + shift, "w_1": y[:, 0], "w_2": y[:, 1]}
+
+    path = tmp_path / "r.csv"
+    moving = draft_of(write_table(path, columns(slice(150, None))), voltage=6.0)
+    assert moving["initial"] == {"time": t[150], "state": "free", "theta_2": 0}
+    assert "t_0" not in moving["inputs"]  # the voltage was there before
+    measured = draft_of(write_table(path, {**columns(slice(150, None)), "u": v[150:]}))
+    assert measured["initial"] == {"state": "free", "theta_2": 0}
+    assert "t_0" in measured["inputs"]
+    rest = draft_of(write_table(path, columns(slice(0, None), -0.105)), voltage=6.0)
+    assert rest["record"]["window"][0] == pytest.approx(0, abs=0.02)
+    late = columns(slice(0, None))
+    late = {k: np.concatenate([rng.normal(0, 0.02, 100), x]) for k, x in late.items()}
+    late["t"] = 0.005 * np.arange(1700)
+    draft = draft_of(write_table(path, late), voltage=6.0)
+    assert draft["record"]["window"][0] == pytest.approx(0.6, abs=0.03)
+
+
+def test_a_record_begins_steadily_or_elsewhere_than_at_zero(tmp_path: Path) -> None:
+    """Steady until the voltage changes; turning, by an angle alone; at rest at another angle."""
+    t = 0.005 * np.arange(1200)
+    rng = np.random.default_rng(8)
+    v = np.where(t < 2, 4.0, 7.0)
+    late = np.maximum(t - 2, 0)
+    w = 20 + 15 * (1 - np.exp(-late / 0.3))
+    theta = 20 * t + 15 * (late - 0.3 * (1 - np.exp(-late / 0.3))) + rng.normal(0, 0.01, len(t))
+    columns = {"t": t, "u": v, "theta_2": 3 + theta, "w_2": w + rng.normal(0, 0.2, len(t))}
+    draft = draft_of(write_table(tmp_path / "r.csv", columns))
+    assert draft["initial"] == {"state": "steady", "theta_2": "free"}
+    del columns["w_2"]
+    turning = write_table(tmp_path / "r.csv", {**columns, "u": v + 0.3 * np.sin(9 * t)})
+    assert draft_of(turning)["initial"] == "free"
+    rest = {"t": t, "u": v - 4, "theta_2": 3 + theta - 20 * t}
+    draft = draft_of(write_table(tmp_path / "r.csv", rest))
+    assert "initial" not in draft
+    offset = draft["record"]["channels"]["theta_2"]["offset"]
+    assert (offset["mean"], offset["sd"]) == (0, pytest.approx(6.0, rel=0.05))
+
+
+def test_a_rig_that_nothing_drives_begins_in_an_unknown_state(tmp_path: Path) -> None:
+    """A beam that is held and then let go, its upper end at rest."""
+    t = 0.001 * np.arange(2000)
+    angle = 12.0 * np.where(t < 0.1, 1.0, np.exp(-(t - 0.1)) * np.cos(24.0 * (t - 0.1)))
+    noisy = angle + np.random.default_rng(1).normal(0, 0.1, len(t))
+    path = write_table(tmp_path / "r.csv", {"t [s]": t, "theta_1 [deg]": noisy})
+    draft = draft_of(path, rig="driven_shaft")
+    assert draft["initial"] == "free"
+    assert draft["record"]["window"][0] == pytest.approx(0.1, abs=0.02)
+    assert "t_0" not in draft["inputs"]
+
+
+def test_a_rig_that_coasts_says_how_large_its_current_may_be(tmp_path: Path) -> None:
+    """Nothing follows of a voltage of zero; of what turns a current does."""
+    columns = {name: german_record()[name][200:900] for name in ("Zeit_ms", "n_Motor")}
+    path = write_table(tmp_path / "r.csv", {**columns, "U_Motor": np.zeros(700)})
+    draft = draft_of(path)
+    assert draft["initial"]["state"] == "free"
+    space = bd.load(path.with_suffix(".yaml")).job.problem.posterior.space
+    priors = [draft["parameters"][name] for name in ("k_e", "r_m")]
+    k_e, r_m = (math.sqrt(prior["low"] * prior["high"]) for prior in priors)
+    speed = np.abs(columns["n_Motor"]).max() / RPM
+    assert space.priors["i_0"].sd == pytest.approx(2 * speed * k_e / r_m, rel=0.2)

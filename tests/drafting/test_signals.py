@@ -1,0 +1,153 @@
+"""Times, rows and noise of a record: what `init` reads of them, masks of glitches, turns."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.case_tables import run_cases
+from support.first_configs import (
+    channels_of,
+    draft_of,
+    german_record,
+    read_records,
+    write_table,
+)
+from support.oscillating_records import swing, with_glitches
+
+from bayesdrill.drafting import signals
+from bayesdrill.drafting.columns import FileColumn, parse_head
+
+STEP = 0.01
+
+
+def test_noise_is_that_of_a_swing_or_of_the_counts() -> None:
+    rng = np.random.default_rng(9)
+    t = 0.01 * np.arange(2000)
+    swing = 30 * np.sin(20 * t)
+    assert signals.noise(swing + rng.normal(0, 0.3, 2000)) == pytest.approx(0.3, rel=0.15)
+    coarse = np.round(3 * np.sin(0.3 * t) / 0.5) * 0.5
+    assert signals.noise(coarse) == pytest.approx(0.5 / math.sqrt(12), rel=0.01)
+    for step, unit in ((0.36, "deg"), (math.pi / 2048, "rad"), (0.1, "")):
+        assert signals.counted_unit(np.round(swing / step) * step) == unit
+    assert signals.counted_unit(swing) == ""
+
+
+@run_cases("unit, size", [("s", 1e3), ("ms", 1.0), ("us", 1e-3)])
+def test_the_unit_of_time_follows_from_its_steps(unit: str, size: float, tmp_path: Path) -> None:
+    columns = german_record()
+    t = columns.pop("Zeit_ms") / size
+    draft = draft_of(write_table(tmp_path / "r.csv", {"t": t, **columns}))
+    assert draft["record"]["time"]["unit"] == unit
+    assert channels_of(draft)["w_1"] == ("n_Rotor", "rpm")
+
+
+def test_gaps_and_missing_cells_are_left_as_they_are(tmp_path: Path) -> None:
+    columns = german_record()
+    columns["n_Rotor"][300] = np.nan
+    columns["Zeit_ms"][1500:] += 4000
+    draft = draft_of(write_table(tmp_path / "r.csv", columns))
+    assert "window" not in draft["record"]
+    assert draft["record"]["missing"] == "drop"
+    assert "missing" not in draft["inputs"]["v"]
+    assert "800 missing in 1 gap" in draft["words"]
+    assert channels_of(draft)["w_1"] == ("n_Rotor", "rpm")
+
+
+def test_uneven_times_are_not_resampled(tmp_path: Path) -> None:
+    columns = german_record()
+    kept = np.sort(np.random.default_rng(7).choice(1600, 1200, replace=False))
+    kept[0] = 0
+    columns = {name: x[kept] for name, x in columns.items()}
+    draft = draft_of(write_table(tmp_path / "r.csv", columns))
+    assert channels_of(draft)["w_1"] == ("n_Rotor", "rpm")
+    assert draft["record"]["channels"]["motor"]["measures"] == "5 * w_2"
+    assert "window" not in draft["record"]
+    assert "nothing is resampled" in draft["words"]
+
+
+def test_infinite_cells_and_rows_without_an_input_are_cut_off(tmp_path: Path) -> None:
+    columns = german_record()
+    columns["U_Motor"][:4] = np.nan
+    columns["phi_Rotor_deg"][1500] = np.inf
+    draft = draft_of(write_table(tmp_path / "r.csv", columns))
+    assert draft["record"]["window"] == pytest.approx([0.02, 7.495])
+
+
+def test_rows_that_share_a_time_with_others_are_cut_off(tmp_path: Path) -> None:
+    """No window of times can take one of three rows with the same time, or one beyond a wild time."""
+    columns = german_record()
+    columns["Zeit_ms"][900:] -= 15.0
+    draft = draft_of(write_table(tmp_path / "r.csv", columns))
+    assert draft["record"]["window"] == pytest.approx([0.0, 4.48])
+    columns["Zeit_ms"][900:] += 15.0
+    columns["Zeit_ms"][899] = 1e7  # which grows, too
+    draft = draft_of(write_table(tmp_path / "r.csv", columns))
+    assert draft["record"]["window"] == pytest.approx([0.0, 4.49])
+
+
+@run_cases("unit", [" [deg]", ""])
+def test_an_angle_that_wraps_is_unwrapped(unit: str, tmp_path: Path) -> None:
+    columns = german_record()
+    columns["n_Rotor [rpm]"] = 5 * columns.pop("n_Rotor")
+    wrapped = np.mod(5 * columns.pop("phi_Rotor_deg") + 180, 360) - 180
+    columns[f"phi_Rotor{unit}"] = wrapped
+    draft = draft_of(write_table(tmp_path / "r.csv", columns), gear=1)
+    theta = draft["record"]["channels"]["theta_1"]
+    assert (theta["wraps"], theta["unit"]) == (360, "deg")
+    jumps = int(np.sum(np.abs(np.diff(wrapped)) > 180))
+    sentences = " ".join(read_records(tmp_path / "r.yaml"))
+    assert f"theta_1: unwrapped {jumps} jumps of 360 deg" in sentences
+    assert jumps > 3
+
+
+# --- glitches --------------------------------------------------------------------------------------
+
+
+def glitches(columns: dict[str, np.ndarray]) -> dict[str, tuple[tuple[float, float], ...]]:
+    """Of each channel the first and last times of what looks like a glitch."""
+    heads = {"v": "v [V]"}
+    file_columns = [
+        FileColumn(name, {"column": name}, x, parse_head(heads.get(name, name)))
+        for name, x in columns.items()
+    ]
+    t = STEP * np.arange(len(columns["v"]))
+    segment = signals.longest_segment(signals.Timing(t, None, "s", ""), file_columns)
+    assert segment is not None
+    sensors, _ = signals.read_sensors(file_columns, segment)
+    return {sensor.name: sensor.raw.glitches for sensor in sensors}
+
+
+def test_no_peak_of_a_swing_is_a_glitch() -> None:
+    for seed in range(200):
+        assert not any(glitches(swing(np.random.default_rng(seed))).values()), seed
+
+
+def test_nearly_all_real_glitches_are_listed() -> None:
+    """Of 1 to 3 samples, 5 spreads of the channel: 95 % of 800, whose standard error is 0.8 %."""
+    shares = []
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        columns = swing(rng)
+        name = ("theta_2", "w_1", "twist", "i")[seed % 4]
+        spoilt, first_samples = with_glitches(columns[name], rng)
+        listed = np.zeros(len(spoilt), dtype=bool)
+        for begin, end in glitches({"v": columns["v"], name: spoilt})[name]:
+            listed[round(begin / STEP) : round(end / STEP) + 1] = True
+        shares.append(listed[first_samples].mean())
+    assert np.mean(shares) >= 0.95
+
+
+def test_a_glitch_is_listed_with_its_time_and_not_masked(tmp_path: Path) -> None:
+    columns = german_record()
+    columns["n_Motor"][[300, 801, 802, 1203]] = -4000.0
+    draft = draft_of(write_table(tmp_path / "r.csv", columns))
+    channels = draft["record"]["channels"]
+    assert not any("mask" in channel for channel in channels.values())
+    assert channels["motor"]["measures"] == "5 * w_2"
+    words = draft["words"]
+    assert "looks like glitches: [1.5, 1.5], [4.005, 4.01], [6.015, 6.015] s" in words
+    assert "mask: {times: [[1.5, 1.5], [4.005, 4.01], [6.015, 6.015]]}" in words
+    assert words.count("looks like") == 1

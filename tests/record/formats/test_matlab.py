@@ -1,0 +1,201 @@
+"""MATLAB files of both kinds: one set of numbers, and what the errors say."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import scipy.io
+import scipy.io.matlab
+from support.array_files import DATA, T, W, write_v5, write_v73
+from support.case_tables import run_cases
+
+from bayesdrill.basics.entries import NoEntries
+from bayesdrill.basics.errors import InputError
+from bayesdrill.record.formats import FORMATS
+from bayesdrill.record.formats.matlab import MAX_DEPTH, read, too_deep
+from bayesdrill.record.formats.table import RecordTable
+
+SHARED = Path(__file__).parents[4] / "shared" / "data"
+
+
+@pytest.fixture(scope="module", params=["v5", "v73"])
+def table(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> RecordTable:
+    path = tmp_path_factory.mktemp("mat") / "run.mat"
+    {"v5": write_v5, "v73": write_v73}[request.param](path)
+    return FORMATS["mat"].read(path, NoEntries(), None)
+
+
+def test_samples_are_numbered_from_one(table: RecordTable) -> None:
+    assert table.where(17) == "sample 18"
+    assert not any(name.startswith("#") for name in [*table.variables, *table.ignored])
+
+
+def test_only_wanted_variables_are_read(table: RecordTable) -> None:
+    few = read(table.path, {"theta_1", "rig.theta"})
+    assert not {"row", "data"} & set(few.variables)
+    for name in ("theta_1", "rig.theta"):
+        np.testing.assert_array_equal(few.pick(name), T)
+    with pytest.raises(InputError, match=r"did you mean theta_1\? \(the file has .*row") as caught:
+        read(table.path, {"theta_l"}).pick("theta_l")
+    assert "rig.motor.w" in str(caught.value)
+
+
+@pytest.mark.parametrize("share", [0.15, 0.5, 0.9])
+def test_files_that_are_cut_short_are_refused(
+    table: RecordTable, share: float, tmp_path: Path
+) -> None:
+    content = table.path.read_bytes()
+    (tmp_path / "cut.mat").write_bytes(content[: int(len(content) * share)])
+    with pytest.raises(InputError, match="damaged or cut short"):
+        read(tmp_path / "cut.mat")
+
+
+def test_an_object_of_a_v5_file_is_named() -> None:
+    folder = Path(scipy.io.matlab.__file__).parent / "tests" / "data"
+    path = folder / "testmatlabstring_7_WIN64.mat"
+    if not path.exists():
+        pytest.skip("scipy is installed without its test data")
+    with pytest.raises(InputError, match=r"MATLAB object \(string\).*plain arrays"):
+        read(path).pick("matstring1")
+
+
+def test_signals_in_an_array_of_structs_are_read_with_their_names(tmp_path: Path) -> None:
+    """As ControlDesk saves: a time, and an array of structs of which each is a signal."""
+    y = np.zeros((1, 2), dtype=[(n, "O") for n in ("Name", "Type", "Data", "Unit")])
+    y[0, 0] = ("Model/speed", 2, W[None, :], "")
+    y[0, 1] = ('"Model Root"/"duty"', 2, T[None, :], "")
+    content = {"X": {"Name": "time", "Data": T[None, :]}, "Y": y}
+    scipy.io.savemat(tmp_path / "run.mat", {"run1": content})
+    table = read(tmp_path / "run.mat", {"run1.X.Data", "run1.Y(2).Data"})
+    np.testing.assert_array_equal(table.pick("run1.Y(1).Data"), W)
+    np.testing.assert_array_equal(table.pick("run1.Y(2).Data"), T)
+    assert table.labels["run1.Y(1).Data"] == "Model/speed"
+    assert table.labels["run1.X.Data"] == "time"
+    assert "run1.Y(1).Type" not in table.variables
+    with pytest.raises(InputError, match=r"an array of structs; name a field of one: run1.Y\(1"):
+        table.pick("run1.Y")
+
+
+def test_the_only_variable_needs_no_name(tmp_path: Path) -> None:
+    scipy.io.savemat(tmp_path / "run.mat", {"data": DATA})
+    np.testing.assert_array_equal(read(tmp_path / "run.mat").pick(2), W)
+
+
+@run_cases(
+    "content, message",
+    [
+        (b"", "is empty"),
+        (b"t,w\n1,2\n" * 50, "not a MATLAB file"),
+        (b"x", "not a MATLAB file"),
+        (bytes(range(256)) * 4, "not a MATLAB file"),
+        (b"MATLAB 5.0 MAT-file".ljust(300), "damaged"),
+        (None, "no such file"),
+    ],
+)
+def test_other_files_are_refused(content: bytes | None, message: str, tmp_path: Path) -> None:
+    path = tmp_path / "run.mat"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(InputError, match=message):
+        read(path)
+
+
+def test_a_damaged_or_huge_variable_that_is_not_wanted_does_no_harm(tmp_path: Path) -> None:
+    path = tmp_path / "run.mat"
+    scipy.io.savemat(path, {"t": T, "noise": np.arange(500.0)}, do_compression=False)
+    path.write_bytes(path.read_bytes()[:-100])
+    np.testing.assert_array_equal(read(path, {"t"}).pick("t"), T)
+    with pytest.raises(InputError, match="damaged or cut short"):
+        read(path)
+    with h5py.File(path, "w") as file:
+        file["t"] = T
+        file.create_dataset("bomb", (10**12,), "f8", chunks=(10**6,))
+    np.testing.assert_array_equal(read(path, {"t"}).pick("t"), T)
+
+
+def nested(depth: int, *, packed: bool, lies: bool = False) -> bytes:
+    """A number in cells in cells; what `lies` says in each tag that nothing follows its head."""
+    number = element(14, element(6, struct.pack("<II", 6, 0)) + ONE + element(1, b"") + SEVEN)
+    heads, size = [], len(number)
+    for k in reversed(range(depth)):
+        flags, name = element(6, struct.pack("<II", 1, 0)), element(1, b"" if k else b"deep")
+        head = flags + ONE + name
+        size += len(head)
+        heads.append(struct.pack("<II", 14, len(head) if lies else size) + head)
+        size += 8
+    content = b"".join(reversed(heads)) + number
+    if packed:
+        content = struct.pack("<II", 15, len(zlib.compress(content))) + zlib.compress(content)
+    return b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM" + content
+
+
+def element(kind: int, content: bytes) -> bytes:
+    return struct.pack("<II", kind, len(content)) + content.ljust(-(-len(content) // 8) * 8, b"\0")
+
+
+ONE = element(5, struct.pack("<ii", 1, 1))  # by one
+SEVEN = element(9, struct.pack("<d", 7.0))
+
+
+@run_cases("packed", [False, True])
+@run_cases("wanted", [None, {"deep"}, {"missing"}])
+def test_cells_in_cells_end_no_process(
+    packed: bool, wanted: set[str] | None, tmp_path: Path
+) -> None:
+    """SciPy reads each inside the last, until its stack is full."""
+    path = tmp_path / "run.mat"
+    path.write_bytes(nested(20_000, packed=packed))
+    with pytest.raises(InputError, match=f"more than {MAX_DEPTH} deep; save plain arrays"):
+        read(path, wanted)
+
+
+def test_how_deep_is_counted_as_scipy_counts(tmp_path: Path) -> None:
+    """By what a cell holds, whatever stands in its tag; fields and empty cells are no depth."""
+    for packed in (False, True):
+        assert not too_deep(nested(MAX_DEPTH, packed=packed))
+        assert too_deep(nested(MAX_DEPTH + 1, packed=packed))
+    path = tmp_path / "run.mat"
+    path.write_bytes(nested(5, packed=False, lies=True))
+    assert "deep" in scipy.io.loadmat(path)
+    assert too_deep(nested(MAX_DEPTH + 1, packed=False, lies=True))
+    deep: object = T
+    for k in range(MAX_DEPTH // 2):
+        cell = np.empty((1, 3), dtype=object)
+        cell[:] = [["text", {f"field_{k}": deep, "other": W}, np.zeros((0, 0))]]
+        deep = cell
+    for content, expected in ((deep, False), ({"last": deep}, True)):
+        scipy.io.savemat(path, {"a": T, "deep": content, "z": W}, do_compression=True)
+        assert too_deep(path.read_bytes()) is expected
+
+
+def shared(name: str) -> RecordTable:
+    path = SHARED / name
+    if not path.exists():
+        pytest.skip(f"{name} is not here")
+    return read(path)
+
+
+def test_drill_string_rig() -> None:
+    table = shared("ufrj_drillstring_rig/175_completo_1.mat")
+    time = table.pick("Time_Sample_175_complete")
+    assert time.shape == (59000,)
+    np.testing.assert_allclose(np.diff(time), 1e-3, atol=1e-6)
+    window = (time >= 37) & (time <= 41)
+    torque = table.pick(None, "Bit_Torque_Sample_175_complete")[window]
+    assert 0.4 < torque.min() < torque.max() < 4.0
+    assert np.sum(table.pick("Top_Speed_Sample_175_complete") < 0) == 1790
+
+
+def test_servo_pair() -> None:
+    table = shared("hsm150_servo/idf_pos_0.06_1.mat")
+    time, current = table.pick(1, "data"), table.pick(7, "data")
+    assert time.shape == current.shape == (20000,)
+    np.testing.assert_allclose(np.diff(time), 1e-3, atol=1e-9)
+    assert table.pick("N") == [2500.0]
+    with pytest.raises(InputError, match="20000 rows and 7 columns"):
+        table.pick("data")
