@@ -18,7 +18,6 @@ from bayesdrill.inference.priors import (
 )
 from bayesdrill.report.sections import verdict_words
 from bayesdrill.sampling.evidence import Evidence
-from bayesdrill.tasks import run_entries
 
 RNG = np.random.default_rng(6)
 SHARP = 0.05 * (1.0 + 0.01 * RNG.standard_normal(4000))
@@ -70,14 +69,3 @@ def test_as_many_digits_as_are_known_and_what_makes_them_doubtful() -> None:
     said = verdict_words.evidence_sentences(stepped, (), converged=True)
     assert "of which -0.41 +- 0.3 for the error of its steps" in said
     assert "ROUGH: the steps of the rig are long for it" in said
-
-
-def test_what_a_run_has_left_is_read_back() -> None:
-    one = Evidence(log_z=-1.0 / 3.0, error=0.01, overlap=0.5)
-    stepped = dataclasses.replace(one, steps=0.2, steps_error=0.009)
-    for found in (one, stepped):
-        assert run_entries.evidence_of_data(run_entries.evidence_data(found, ())) == found
-    assert run_entries.evidence_of_data({}) is None
-    forged = run_entries.evidence_data(one, ()) | {"log_evidence": "nan"}
-    assert run_entries.evidence_of_data(forged) is None
-    assert run_entries.evidence_data(None, ()) == {}

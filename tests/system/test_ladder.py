@@ -186,7 +186,9 @@ def test_a_rung_is_the_run_of_its_config(done: Done, tmp_path: Path) -> None:
     command_line.cli("posterior", mine / "config.resolved.yaml", "-o", alone, "--processes", "1")
     for name in ("summary.csv", "map.json"):
         assert (mine / name).read_bytes() == (alone / name).read_bytes(), name
-    both = [json.loads((place / "run.json").read_text())["log_evidence"] for place in (mine, alone)]
+    both = [
+        json.loads((place / "run.json").read_text())["evidence"]["log_z"] for place in (mine, alone)
+    ]
     assert both[0] == both[1]
     said = json.loads((done.folder / "run.json").read_text())["log_evidence"]
     assert said["friction_motor"] == both[0]

@@ -96,7 +96,8 @@ def assert_same_chains(one: Path, other: Path) -> None:
 
 
 def run_of(folder: Path) -> dict[str, Any]:
-    return dict(json.loads((folder / "run.json").read_text()))
+    run = json.loads((folder / "run.json").read_text())
+    return {**run.get("analysis", {}).get("convergence", {}), **run}
 
 
 def pieces(folder: Path) -> list[Path]:

@@ -298,8 +298,8 @@ def test_what_one_may_only_read_is_verified_compared_and_reported_elsewhere(lent
     for name in ("compared", "laid", "copy"):
         assert bd.verify(mine / name).together
     old, new = (json.loads((place / "run.json").read_text()) for place in (run, mine / "copy"))
-    assert [new[name] for name in ("fingerprint", "versions", "log_evidence")] == [
-        old[name] for name in ("fingerprint", "versions", "log_evidence")
+    assert [new[name] for name in ("fingerprint", "versions", "evidence")] == [
+        old[name] for name in ("fingerprint", "versions", "evidence")
     ]
     assert command_line.listing(lent / "rig") == before
     for command in (
