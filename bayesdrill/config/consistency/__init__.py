@@ -6,7 +6,7 @@ from bayesdrill.basics.entries import unknown_keys
 from bayesdrill.basics.errors import Issue
 from bayesdrill.config.consistency import record, several, unknowns, work
 from bayesdrill.config.resolve import case, quantities, sensors
-from bayesdrill.config.resolve.case import ResolvedExperiment
+from bayesdrill.config.resolve.case import LocalNumbers, ResolvedExperiment
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import IssueCollector, Location, Source
 from bayesdrill.rig.models import MODELS
@@ -32,6 +32,7 @@ def check(
         sensor_numbers, sensing = record.check_sensors(errors, config, model, free)
         torque = unknowns.check_torque(errors, config, model, sensing)
         local_numbers = record.local_numbers(config, channels, sensor_numbers, free, torque)
+        _check_own_names(errors, config, local_numbers)
         work.check_settings(errors, config)
         if alone:
             unknown = several.unknown_names(config, model, local_numbers)
@@ -64,3 +65,15 @@ def check(
     if alone:
         work.check_identify(errors, config, unknowns.free_parameters(config, config.parameters))
     return errors.issues, None if errors.issues else resolved
+
+
+def _check_own_names(errors: IssueCollector, config: Config, local: LocalNumbers) -> None:
+    """Check that no quantity or formula has the name of an unknown beside the rig.
+
+    Of several experiments these names have a label, and formulas are checked against them later.
+    """
+    for section in ("quantities",) if errors.source.labels else ("quantities", "derived"):
+        for name in getattr(config, section):
+            if name in local.numbers and not name.startswith("sigma_"):  # which is refused for any
+                message = "a sensor's number, or one of noise or torque, has this name"
+                errors.add((section, name), f"{message}; choose another one")
