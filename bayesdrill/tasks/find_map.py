@@ -16,7 +16,7 @@ from bayesdrill.basics.progress import Reporter
 from bayesdrill.basics.units import Unit
 from bayesdrill.basics.values import as_data, from_data
 from bayesdrill.config.job import Job, prepare
-from bayesdrill.config.resolve import assembly
+from bayesdrill.config.resolve import work
 from bayesdrill.config.yaml_source import parse
 from bayesdrill.inference.compression import LONG
 from bayesdrill.inference.posterior import Problem
@@ -93,7 +93,7 @@ def fit_plan(job: Job) -> FitPlan:
     """Return how a job fits its posterior, as its config says it."""
     settings = job.config.map
     return FitPlan(
-        optimiser=assembly.optimiser(job.config),
+        optimiser=work.optimiser(job.config),
         starts=settings.starts,
         evaluations=settings.evaluations,
         chains=plan(job.config),

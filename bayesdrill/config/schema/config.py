@@ -1,7 +1,7 @@
 """The experiment config as validated records, its defaults, and its JSON schema.
 
 Strict: unknown keys, wrong types and values out of range are errors.  What needs more than one
-entry to be judged (a start inside its prior, symbols of the model, units) is in `consistency`.
+entry to be judged (a start inside its prior, symbols of the model, units) is in `resolve`.
 """
 
 from __future__ import annotations
