@@ -13,10 +13,12 @@ from support.described_rigs import LINEAR, ROTARY, save_records
 from support.described_rigs import T as SAMPLES
 from support.scipy_oracles import NOMINAL, by_expm, with_damping
 
+from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.config import loading
 from bayesdrill.config.job import prepare
 from bayesdrill.config.records import simulation
 from bayesdrill.record.formats.csv import CsvOptions, read
+from bayesdrill.tasks import identify
 
 CONFIGS = ROOT / "configs"
 BUNDLED = CONFIGS / "nominal_step.yaml"
@@ -55,12 +57,17 @@ def test_the_bundled_record_of_ties_obeys_them() -> None:
 @pytest.mark.slow
 def test_the_truth_of_the_bundled_experiments_is_plausible_and_their_start_is_not() -> None:
     """By the misfit for each number: 1 where only noise is left."""
-    problem = prepare(CONFIGS / "example_experiments.yaml").problem
-    space, likelihood = problem.posterior.space, problem.posterior.likelihood
+    job = prepare(CONFIGS / "example_experiments.yaml")
+    problem, space = job.problem, job.problem.posterior.space
+    likelihood = problem.posterior.likelihood
     truth = dict(problem.nominal) | {"gain_twist": 1.06, "lag_twist": 0.018, "t_0_step": 0.035}
     scatter = 4 * np.sqrt(2 / likelihood.n_measured)
     assert abs(likelihood.mean_square(space.vector(truth)[None])[0] - 1) < scatter
     assert likelihood.mean_square(space.vector(space.start)[None])[0] > 20
+    first, dependence = identify.preflight(job, SensitivityStudy(likelihood)).splitlines()
+    assert first == "the record determines every unknown"
+    held = "k_s, j_1 and t_f depend on j_m, c_m and k_T, which the config holds"
+    assert dependence.startswith(held)
 
 
 def test_simulated_records_differ_by_seed_and_obey_the_truth(tmp_path: Path) -> None:
