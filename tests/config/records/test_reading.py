@@ -1,4 +1,4 @@
-"""A record is read into an experiment in SI: units, times, missing samples, windows, real records."""
+"""A record is read into an experiment in SI: units, times, missing samples, windows."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.io
-from support.command_line import ROOT
 from support.config_texts import RNG, SPEED, SUPPLY, T, load_measured, read_measured, save
 
 from bayesdrill.basics.errors import InputError
@@ -16,7 +15,6 @@ from bayesdrill.config.records import reading
 from bayesdrill.config.resolve import assembly
 from bayesdrill.record.experiment import Experiment
 
-DATA = ROOT.parent / "shared" / "data"
 HELD = ("j_m", "c_m", "k_T", "r_m", "l_m", "k_s", "j_1", "t_f")
 PARAMETERS = (
     "parameters:\n  k_e: {prior: uniform, low: 0.5, high: 1.5, relative: true}\n"
@@ -139,34 +137,6 @@ def test_all_problems_of_a_record_are_told_at_once_with_rows(
     assert "is 5 in every row" in message
     assert "no column 'volt'" in message
     assert len(caught.value.problems) == 4
-
-
-@pytest.mark.skipif(not DATA.is_dir(), reason="the real records are not here")
-def test_real_records_of_matlab_are_read(tmp_path: Path) -> None:
-    """A drill string of UFRJ, four seconds at 1 kHz; a servo whose one variable has all columns."""
-    variable = "{{variable: {}_Sample_175_complete, unit: {}, sigma: 5}}".format
-    record = f"""\
-  file: {DATA / "ufrj_drillstring_rig" / "175_completo_1.mat"}
-  time: {{variable: Time_Sample_175_complete, unit: s}}
-  window: [37, 41]
-  channels: {{w_1: {variable("Bit_Speed", "rpm")}, w_2: {variable("Top_Speed", "rpm")}}}"""
-    load = "{v: 8, t_1: {variable: Bit_Torque_Sample_175_complete, unit: N*m}}"
-    drill = read(tmp_path, record, load)
-    assert drill.y.shape == (4001, 2)
-    assert drill.dt == pytest.approx(1e-3)
-    assert -0.5 < drill.y[:, 0].min() < 0.0 < 15.0 < drill.y[:, 0].max() < 22.0
-    assert 0.4 < drill.series["t_1"].min() < drill.series["t_1"].max() < 4.0
-    record = f"""\
-  file: {DATA / "hsm150_servo" / "idf_pos_0.06_1.mat"}
-  time: {{variable: data, column: 1, unit: s}}
-  channels:
-    theta_2: {{variable: data, column: 3, unit: rad, sigma: 0.01}}
-    w_2: {{variable: data, column: 4, unit: rad/s, sigma: 0.5}}
-    i: {{variable: data, column: 7, unit: A, sigma: 0.05}}"""
-    servo = read(tmp_path, record)
-    assert servo.y.shape == (20000, 3)
-    speed = np.gradient(servo.y[:, 0], servo.dt)
-    assert np.corrcoef(speed[100:-100], servo.y[100:-100, 1])[0, 1] > 0.9
 
 
 # Times.
