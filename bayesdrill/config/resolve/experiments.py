@@ -297,9 +297,9 @@ def check_experiments(
     _check_held_out(errors, config, by_label)
     _check_names(errors, config, by_label)
     if not errors.issues:
-        case = ResolvedCase(config=config, source=source, experiments=(*resolved.values(),))
-        space = case.space()
-        _check_derived(errors, case, space)
+        whole = ResolvedCase(config=config, source=source, experiments=(*resolved.values(),))
+        space = whole.space()
+        _check_derived(errors, whole, space)
         local = [joint_name(config, n, label) for label, x in by_label.items() for n in x.unknown]
         unknown = list(dict.fromkeys([*space.free, *local]))
         work.check_unknown(errors, config, unknown, space.relations)
@@ -331,19 +331,19 @@ def _check_held(
                 errors.add(("experiments", label, "parameters", name), message)
 
 
-def _check_derived(errors: IssueCollector, case: ResolvedCase, space: ParameterSpace) -> None:
+def _check_derived(errors: IssueCollector, whole: ResolvedCase, space: ParameterSpace) -> None:
     """Check that formulas name what there is among all experiments."""
-    known = {*space.free, *space.fixed, *space.relations, *symbols.DERIVED, *case.config.derived}
-    for formula in case.experiments[0].rig_numbers.derived:
+    known = {*space.free, *space.fixed, *space.relations, *symbols.DERIVED, *whole.config.derived}
+    for formula in whole.experiments[0].rig_numbers.derived:
         for name in [name for name in formula.expression.names if name not in known]:
-            others = dict.fromkeys(called.get(name, "") for called in case.called.values())
+            others = dict.fromkeys(called.get(name, "") for called in whole.called.values())
             way_out = f"name {' or '.join(others)}" if all(others) else "it is the same in all"
             message = f"there is no {name} among all experiments; {way_out}"
             errors.add(("derived", formula.symbol.name), message)
 
 
 def check_truth(errors: IssueCollector, config: Config, by_label: NumbersByLabel) -> None:
-    """Check true values by channel, and by names of the other case."""
+    """Check true values by channel, and by names of the other unknowns."""
     simulation: Any = config.simulation
     channels = dict.fromkeys(name for local in by_label.values() for name in local.channels)
     for name in simulation.sigma if simulation else ():
