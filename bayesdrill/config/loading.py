@@ -18,7 +18,7 @@ from bayesdrill.basics.errors import InputError, Issue, did_you_mean, shortened
 from bayesdrill.basics.registry import lookup
 from bayesdrill.config.resolve import case, experiments, quantities, record, sensors, work
 from bayesdrill.config.resolve.case import LocalNumbers, ResolvedCase, ResolvedExperiment
-from bayesdrill.config.schema.config import Config, ModelSpec, config_kind
+from bayesdrill.config.schema.config import HOUSE_CONFIG, Config, ModelSpec, config_kind
 from bayesdrill.config.schema.vocabulary import described_rigs, vocabulary_of
 from bayesdrill.config.yaml_source import IssueCollector, Location, Source, read
 from bayesdrill.inference.priors import PRIORS
@@ -81,7 +81,7 @@ def load_kind(source: Source) -> type[Config]:
     described = described_rigs()
     parts = {n for n, having in members_by_entry(kinds).items() if {*having} <= {*described}}
     if not isinstance(entry, Mapping) or not (entry.get("name") in described or parts & {*entry}):
-        return Config
+        return HOUSE_CONFIG
     errors = IssueCollector(source, frozenset())
     try:
         section = ModelSpec.model_validate(entry)
@@ -97,7 +97,7 @@ def load_kind(source: Source) -> type[Config]:
         for item in error.errors():
             loc = ("model", *item["loc"])
             location = _location(loc, data)
-            errors.add(location, _message({**item, "loc": loc}, location, Config))
+            errors.add(location, _message({**item, "loc": loc}, location, HOUSE_CONFIG))
     raise InputError(sorted({*source.repeated, *errors.issues}, key=_line))
 
 

@@ -27,7 +27,7 @@ from bayesdrill.analysis.verdict import (
 )
 from bayesdrill.basics.symbols import PARAMETERS
 from bayesdrill.config.resolve.quantities import nominal_table
-from bayesdrill.config.schema.config import Nominal, Thresholds
+from bayesdrill.config.schema.config import HOUSE_CONFIG, Thresholds
 from bayesdrill.config.schema.vocabulary import HOUSE
 from bayesdrill.report.sections import verdict_words
 from bayesdrill.tasks import run_entries
@@ -292,7 +292,11 @@ def test_false_alarms_are_shared_by_all_that_is_judged() -> None:
 
 def given(entry: object) -> dict[str, float]:
     config: Any = SimpleNamespace(
-        nominal=Nominal.model_validate({"tolerance": entry}), parameters={}, vocabulary=HOUSE
+        nominal=HOUSE_CONFIG.model_fields["nominal"].annotation.model_validate(
+            {"tolerance": entry}
+        ),
+        parameters={},
+        vocabulary=HOUSE,
     )
     return {**nominal_table(config, {}).tolerance}
 
