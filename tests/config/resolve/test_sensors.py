@@ -40,7 +40,8 @@ def noisy(noise: str, sigma: str = "0.05", unit: str = "rad/s") -> tuple[str, st
 
 def shaken(folder: Path, *changes: tuple[str, str], torque: str = TORQUE) -> Path:
     """The small experiment with a missing torque."""
-    return command_line.small(folder, (END, END + torque), ("walkers: 8", "walkers: 12"), *changes)
+    more = ((END, END + torque), ("walkers: 8", "walkers: 12"))
+    return command_line.small(folder, *more, *changes)
 
 
 def test_mistakes_of_several_sensors_are_told_at_once(tmp_path: Path) -> None:
