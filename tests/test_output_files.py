@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.case_tables import together
-from support.command_line import cli, listing, small
+from support.case_tables import run_cases
+from support.command_line import cli, listing, small_config
 from support.foreign_files import SPOIL, put
 
 from bayesdrill import output_files
@@ -18,7 +18,7 @@ from bayesdrill.basics.errors import InputError
 from bayesdrill.output_files import atomic_write, dumps_checksummed, loads_checksummed
 
 
-@together("spoil", ["linked", "dangling", "folder", "pipe"])
+@run_cases("spoil", ["linked", "dangling", "folder", "pipe"])
 def test_a_file_is_replaced_and_nothing_else(spoil: str, tmp_path: Path) -> None:
     path = tmp_path / "here" / "record.csv"
     put(tmp_path / "here", "record.csv")
@@ -46,7 +46,7 @@ def test_json_with_a_changed_bit_is_never_believed() -> None:
     assert refused > 400
 
 
-@together(
+@run_cases(
     "content", [b"", b"\xff", b"{}", b"[]", b"3", b"[" * 100_000, b'{"a": 1' + b"0" * 9999 + b"}"]
 )
 def test_json_without_a_checksum_is_refused(content: bytes) -> None:
@@ -56,7 +56,7 @@ def test_json_without_a_checksum_is_refused(content: bytes) -> None:
 
 def test_findings_are_written_into_any_folder_and_again(tmp_path: Path) -> None:
     """Mutant killed: figures whose empty folder was just taken away."""
-    config, out = small(tmp_path), tmp_path / "out"
+    config, out = small_config(tmp_path), tmp_path / "out"
     figure = out / "figures" / "spectrum.png"
     assert cli("identify", config, "-o", out).status == 0
     figure.chmod(0o600)
@@ -64,7 +64,7 @@ def test_findings_are_written_into_any_folder_and_again(tmp_path: Path) -> None:
     assert stat.S_IMODE(figure.stat().st_mode) == 0o600
 
 
-@together(
+@run_cases(
     "command",
     [
         "posterior",
@@ -86,7 +86,7 @@ def test_a_place_that_cannot_be_written_is_found_before_the_work(
     def read_only(**_: object) -> None:
         raise OSError(errno.EROFS, os.strerror(errno.EROFS))
 
-    config, out = small(tmp_path), tmp_path / "out"
+    config, out = small_config(tmp_path), tmp_path / "out"
     given = [config]
     if command == "init":
         given, out = [config.parent / "small.csv"], tmp_path / "mine.yaml"

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from support import command_line
-from support.case_tables import together
+from support.case_tables import run_cases
 
 import bayesdrill as bd
 from bayesdrill.api import files
@@ -48,7 +48,7 @@ def test_nothing_is_overwritten_and_nothing_written_beside_it(tmp_path: Path) ->
     assert command_line.listing(tmp_path) == before
 
 
-@together("name", ["", "records"])
+@run_cases("name", ["", "records"])
 def test_a_link_or_file_in_the_place_of_a_folder_is_refused(name: str, tmp_path: Path) -> None:
     folder, elsewhere = tmp_path / "here", tmp_path / "elsewhere"
     elsewhere.mkdir()

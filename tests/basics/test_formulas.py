@@ -7,7 +7,7 @@ import pickle
 
 import numpy as np
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 
 from bayesdrill.basics.duals import Dual
 from bayesdrill.basics.formulas import (
@@ -29,7 +29,7 @@ FORMULAS = [
 ]
 
 
-@together("text, value", FORMULAS)
+@run_cases("text, value", FORMULAS)
 def test_a_formula_has_values_at_numbers_and_at_arrays(text: str, value: float) -> None:
     formula = pickle.loads(pickle.dumps(expression(text, VALUES)))
     assert formula == expression(text, VALUES)
@@ -38,7 +38,7 @@ def test_a_formula_has_values_at_numbers_and_at_arrays(text: str, value: float) 
     assert formula.value(arrays) == pytest.approx([value, value], rel=1e-14)
 
 
-@together("text", [text for text, _ in FORMULAS])
+@run_cases("text", [text for text, _ in FORMULAS])
 def test_derivatives_are_those_of_differences(text: str) -> None:
     """Mutant killed: the slope of a power forgotten."""
     formula = expression(text, VALUES)
@@ -66,7 +66,7 @@ def test_only_formulas_of_a_positive_form_are_taken_for_positive() -> None:
     assert [text for text in SIGNED if expression(text, VALUES).positive] == []
 
 
-@together(
+@run_cases(
     "text, message",
     [
         ("k_x", "did you mean"),
@@ -99,7 +99,7 @@ def test_chains_are_resolved_and_circles_named() -> None:
 STATES = ("theta_1", "theta_2", "w_1", "w_2", "i")
 
 
-@together(
+@run_cases(
     "text, weights",
     [
         ("theta_1", {"theta_1": 1.0}),
@@ -115,7 +115,7 @@ def test_linear_combinations_have_weights(text: str, weights: dict[str, float]) 
     assert linear_combination(text, STATES) == weights
 
 
-@together(
+@run_cases(
     "text, message",
     [
         ("theta_3", "did you mean theta_2|did you mean theta_1"),

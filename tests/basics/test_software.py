@@ -8,7 +8,7 @@ import tomllib
 import arviz_base
 import emcee
 from ruamel.yaml import YAML
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.command_line import ROOT, cli
 
 import bayesdrill as bd
@@ -23,7 +23,7 @@ def fields(entry: str) -> dict[str, str]:
     return {name.lower(): value.strip("{}") for name, value in pairs}
 
 
-@together(
+@run_cases(
     "entry",
     [emcee.__bibtex__, arviz_base.citations().split("@article")[1].split("\n\n")[0]],
     ["emcee", "arviz"],

@@ -5,12 +5,12 @@ from __future__ import annotations
 import re
 
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 
 from bayesdrill.basics import units
 
 
-@together(
+@run_cases(
     "unit", ['m"\\input{x}"', r"m #\input{x}", "m'&'", "m\n", '%"<b>"', "m,s", "m\u00b2\u00b2"]
 )
 def test_text_beside_a_unit_is_refused(unit: str) -> None:
@@ -21,7 +21,7 @@ def test_text_beside_a_unit_is_refused(unit: str) -> None:
         units.factor(unit, "m")
 
 
-@together("unit", units._COMMON)
+@run_cases("unit", units._COMMON)
 def test_common_units_are_what_pint_says_and_refused_as_it_refuses(unit: str) -> None:
     """A blank before a unit is nothing to pint, and no common unit."""
     for si in units._KINDS:

@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 from typer.testing import CliRunner
 
 from bayesdrill.cli import app
@@ -34,7 +34,7 @@ def answer(shell: str, line: str) -> str:
     return result.stdout
 
 
-@together("shell", ["zsh", "fish", "powershell"])
+@run_cases("shell", ["zsh", "fish", "powershell"])
 def test_shells_that_show_helps_are_answered_with_them(shell: str) -> None:
     text = answer(shell, "bayesdrill po")
     assert "posterior" in text

@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 import typer
 from support import command_line
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.command_line import STOPPING
 
 from bayesdrill.basics.errors import ErrorCollector, InputError
@@ -159,10 +159,10 @@ def test_a_message_that_nobody_can_read_leaves_the_status(monkeypatch: pytest.Mo
     assert ended.value.exit_code == INPUT_WRONG
 
 
-@together("size", [25, 40, 300])  # MB, of which the libraries take up about 400
+@run_cases("size", [25, 40, 300])  # MB, of which the libraries take up about 400
 def test_memory_may_end_as_libraries_are_loaded(size: int, tmp_path: Path) -> None:
     """Of a process of its own, as a batch system bounds it."""
-    command_line.small(tmp_path)
+    command_line.small_config(tmp_path)
     limit = size * 1024**2
     ended = subprocess.run(
         [sys.executable, "-m", "bayesdrill", "check", "small.yaml"],
@@ -177,10 +177,10 @@ def test_memory_may_end_as_libraries_are_loaded(size: int, tmp_path: Path) -> No
     assert "Traceback" not in ended.stderr
 
 
-@together("room", [100, 4_000, 10_000])  # bytes
+@run_cases("room", [100, 4_000, 10_000])  # bytes
 def test_a_full_disk_names_the_file(room: int, tmp_path: Path) -> None:
     """A limit of files ends writing as a full disk does; what was begun is taken away."""
-    command_line.small(tmp_path)
+    command_line.small_config(tmp_path)
     resource.setrlimit(resource.RLIMIT_FSIZE, (room, resource.RLIM_INFINITY))
     try:
         ran = command_line.cli("identify", tmp_path / "small.yaml", "-o", tmp_path / "out")
@@ -192,7 +192,7 @@ def test_a_full_disk_names_the_file(room: int, tmp_path: Path) -> None:
     assert not [*tmp_path.rglob("*aside*")]
 
 
-@together("command", ["--help", "--version", "posterior --help", "schema", "cite"])
+@run_cases("command", ["--help", "--version", "posterior --help", "schema", "cite"])
 def test_output_that_nobody_reads_ends_in_a_status(command: str) -> None:
     """A full device is told and has status 2; of a pipe that is closed nobody wants to know."""
     read, write = os.pipe()
@@ -211,7 +211,7 @@ def test_output_that_nobody_reads_ends_in_a_status(command: str) -> None:
             assert "Traceback" not in ended.stderr
 
 
-@together("threads", ["", "x", "4,2", "-1", "1e3", " 2"])
+@run_cases("threads", ["", "x", "4,2", "-1", "1e3", " 2"])
 def test_a_number_of_threads_that_is_none_counts_as_unset(threads: str) -> None:
     """Transforms of SciPy end in an error there, and all that assesses chains uses them."""
     code = "import bayesdrill, scipy.fft, os; scipy.fft.rfft([1.0, 2.0]); print(sorted(os.environ))"

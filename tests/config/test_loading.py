@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.command_line import ROOT
 from support.config_texts import write, write_composed
 from support.described_rigs import LINEAR, ROTARY, save_records
@@ -37,7 +37,7 @@ def test_the_bundled_config_says_what_the_documents_say() -> None:
         assert (prior.low, prior.high) == pytest.approx((0.5 * NOMINAL[name], 1.5 * NOMINAL[name]))
 
 
-@together(
+@run_cases(
     "text",
     [
         BUNDLED,
@@ -63,7 +63,7 @@ def test_a_resolved_config_means_the_same(text: str, tmp_path: Path) -> None:
     assert again.problem.posterior.density(start) == job.problem.posterior.density(start)
 
 
-@together(
+@run_cases(
     "old, new, name",
     [
         ("seed: 2013", "seed: 2014", "the seed"),

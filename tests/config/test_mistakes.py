@@ -34,7 +34,7 @@ def shaft(folder: Path, *changes: tuple[str, str]) -> None:
 
 
 def small(folder: Path, *changes: tuple[str, str]) -> None:
-    prepare(command_line.small(folder, *changes))
+    prepare(command_line.small_config(folder, *changes))
 
 
 def train(folder: Path, *changes: tuple[str, str], text: str = described_rigs.ROTARY) -> None:

@@ -6,8 +6,8 @@ import stat
 from pathlib import Path
 
 import pytest
-from support.case_tables import together
-from support.command_line import listing, results
+from support.case_tables import run_cases
+from support.command_line import listing, write_results
 from support.foreign_files import SPOIL, put
 
 from bayesdrill import output_files
@@ -48,7 +48,7 @@ def refused(folder: Path, mode: WriteMode, kind: Kind = POSTERIOR) -> str:
 
 def test_a_record_that_was_saved_with_its_run_outlives_it(tmp_path: Path) -> None:
     """Its config may be started over from this very folder: the record is in no other place."""
-    out = results(tmp_path / "out", POSTERIOR)
+    out = write_results(tmp_path / "out", POSTERIOR)
     put(out, RECORD, "t,w_1")
     put(out, ".record.12.aside.csv", "left by a run that was killed")
     start_over(out)
@@ -56,10 +56,10 @@ def test_a_record_that_was_saved_with_its_run_outlives_it(tmp_path: Path) -> Non
     assert not (out / ".record.12.aside.csv").exists()
 
 
-@together("kind", KINDS)
+@run_cases("kind", KINDS)
 def test_force_takes_what_such_a_run_writes_and_nothing_else(kind: Kind, tmp_path: Path) -> None:
     """Mutants killed: names by pattern; a folder removed whole."""
-    out = results(tmp_path / "out", kind)
+    out = write_results(tmp_path / "out", kind)
     for name in FOREIGN_FILES:
         put(out, name)
     put(out, ".run.12.aside.json", "left by a run that was killed")
@@ -79,7 +79,7 @@ def test_force_takes_what_such_a_run_writes_and_nothing_else(kind: Kind, tmp_pat
 
 def test_run_json_is_there_all_the_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Mutant killed: run.json removed while the folder is cleared, in which a kill may fall."""
-    out = results(tmp_path / "out", POSTERIOR)
+    out = write_results(tmp_path / "out", POSTERIOR)
     listings, write = [], Folder.write_text
 
     def list_and_write(folder: Folder, name: str, text: str) -> None:
@@ -96,7 +96,7 @@ FOREIGN_RUNS = [
 ]
 
 
-@together("mode, text", [(mode, text) for mode in MODES for text in FOREIGN_RUNS])
+@run_cases("mode, text", [(mode, text) for mode in MODES for text in FOREIGN_RUNS])
 def test_a_run_json_of_others_gives_no_right_to_a_folder(
     mode: WriteMode, text: str, tmp_path: Path
 ) -> None:
@@ -107,17 +107,17 @@ def test_a_run_json_of_others_gives_no_right_to_a_folder(
     assert "--force" not in message
 
 
-@together("mode, kind", [(mode, kind) for mode in MODES for kind in KINDS])
+@run_cases("mode, kind", [(mode, kind) for mode in MODES for kind in KINDS])
 def test_results_of_another_command_are_left_alone(
     mode: WriteMode, kind: Kind, tmp_path: Path
 ) -> None:
     other = KINDS[KINDS.index(kind) - 1]
-    message = refused(results(tmp_path / "out", other), mode, kind)
+    message = refused(write_results(tmp_path / "out", other), mode, kind)
     assert f"results of `bayesdrill {other.job}`" in message
     assert "--force" not in message
 
 
-@together(
+@run_cases(
     "mode, name, spoil, what",
     [
         (mode, *case)
@@ -136,7 +136,7 @@ def test_what_no_run_can_have_written_is_named_first(
     mode: WriteMode, name: str, spoil: str, what: str, tmp_path: Path
 ) -> None:
     """Mutants killed: links are followed; a chain is gone before the run fails."""
-    out = results(tmp_path / "results" / "out", POSTERIOR)
+    out = write_results(tmp_path / "results" / "out", POSTERIOR)
     SPOIL[spoil](out / name)
     message = refused(out, mode)
     assert f"{name}: {what}, " in message
@@ -150,7 +150,7 @@ def test_hidden_files_of_others_that_bear_our_names_are_left_alone(tmp_path: Pat
 
 def test_a_folder_behind_a_link_is_a_folder(tmp_path: Path) -> None:
     """As one whose results lie on another disk; the user named it."""
-    results(tmp_path / "disk", POSTERIOR)
+    write_results(tmp_path / "disk", POSTERIOR)
     (tmp_path / "out").symlink_to("disk")
     start_over(tmp_path / "out")
     assert {*listing(tmp_path / "disk")} == {".lock", RUN}
@@ -163,7 +163,7 @@ def test_a_file_that_would_not_be_known_again_is_not_written(tmp_path: Path) -> 
 
 def test_a_replaced_file_keeps_its_mode_bits(tmp_path: Path) -> None:
     """Also where --force takes it away first.  Mutants killed: a file as the umask has it."""
-    out = results(tmp_path / "out", POSTERIOR)
+    out = write_results(tmp_path / "out", POSTERIOR)
     (out / RUN).chmod(0o640)
     (out / "summary.csv").chmod(0o600)
     modes: tuple[WriteMode, ...] = ("report", "force")

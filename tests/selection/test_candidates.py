@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from ruamel.yaml import YAML
 from support import command_line
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.unexplained_records import merged
 
 from bayesdrill.config import loading
@@ -40,7 +40,7 @@ load_yaml = YAML(typ="safe").load
 
 
 def candidates(folder: Path, *changes: tuple[str, str]) -> CandidateModels:
-    config = command_line.small(folder, ("walkers: 8", "walkers: 24"), *changes)
+    config = command_line.small_config(folder, ("walkers: 8", "walkers: 24"), *changes)
     return CandidateModels.from_job(prepare(config), {})
 
 
@@ -176,7 +176,7 @@ def test_only_parts_that_go_together_are_combined(tmp_path: Path) -> None:
     assert models.beyond(tuple(f"x{k}" for k in range(MOST_PARTS)), every) == []
 
 
-@together("name", ["as_given", "ar1", "damping_shaft"])
+@run_cases("name", ["as_given", "ar1", "damping_shaft"])
 def test_a_recommended_config_can_be_read_from_another_folder(name: str, tmp_path: Path) -> None:
     """Mutant killed: a record that is looked for beside the new config."""
     output = ("output: {predictive_draws: 10, figures: []}", "output: {figures: [corner]}")

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from ruamel.yaml import YAML
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.unexplained_records import write
 
 import bayesdrill as bd
@@ -111,7 +111,7 @@ def test_all_channels_are_not_late_together(tmp_path: Path) -> None:
 HELD = ("j_m", "c_m", "k_e", "k_T", "r_m", "l_m", "j_1", "t_f")
 
 
-@together(
+@run_cases(
     "rest, numbers, constants",
     [
         (

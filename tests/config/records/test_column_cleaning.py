@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.config_texts import ANGLE, RNG, SPEED, SUPPLY, T, read_measured, save
 
 from bayesdrill.basics.errors import InputError
@@ -34,7 +34,7 @@ def test_glitches_are_listed_with_rows_and_times_and_kept(tmp_path: Path) -> Non
     assert experiment.told == ()
 
 
-@together(
+@run_cases(
     "mask, gone",
     [
         ("glitches", [60, 61, 150]),
@@ -89,7 +89,7 @@ def test_a_saturated_and_a_stuck_sensor_are_named(tmp_path: Path) -> None:
     assert anomaly.where == ("line 102 to 131 (1.3 to 1.59 s)",)
 
 
-@together(
+@run_cases(
     "unit, wraps, turn",
     [
         ("deg", "true", 360.0),

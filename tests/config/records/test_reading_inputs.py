@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.config_texts import (
     DRILL_T,
     TOP_ANGLE,
@@ -36,7 +36,7 @@ parameters: {j_m: {prior: uniform, low: 1, high: 9}, c_m: 0.1}
 """
 
 
-@together(
+@run_cases(
     "old, new, messages",
     [
         (
@@ -87,7 +87,7 @@ def test_measured_inputs_are_converted_to_si(tmp_path: Path) -> None:
     assert isinstance(problem.observations[0].response, Stepped)
 
 
-@together("column, wraps", [("angle", ""), ("turned", ", wraps: true")])
+@run_cases("column, wraps", [("angle", ""), ("turned", ", wraps: true")])
 def test_an_imposed_angle_is_its_speed_between_samples(
     column: str, wraps: str, tmp_path: Path
 ) -> None:
@@ -136,7 +136,7 @@ def test_missing_samples_of_an_imposed_angle_are_bridged_straight(tmp_path: Path
     assert any("theta_2: 2 samples are bridged" in note for note in experiment.told)
 
 
-@together("changes, moved", [((), "top"), ((IMPOSED,), "angle")])
+@run_cases("changes, moved", [((), "top"), ((IMPOSED,), "angle")])
 def test_a_simulated_record_has_its_inputs_in_the_units_of_their_columns(
     changes: tuple[tuple[str, str], ...], moved: str, tmp_path: Path
 ) -> None:

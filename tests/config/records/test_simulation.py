@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.command_line import ROOT
 from support.config_texts import write, write_composed
 from support.described_rigs import LINEAR, ROTARY, save_records
@@ -95,7 +95,7 @@ def test_added_physics_is_simulated(tmp_path: Path) -> None:
     assert np.abs(states - undamped).max() > 0.1
 
 
-@together("text, name, channels", [(ROTARY, "arm.csv", 3), (LINEAR, "carts.csv", 2)])
+@run_cases("text, name, channels", [(ROTARY, "arm.csv", 3), (LINEAR, "carts.csv", 2)])
 def test_a_simulated_record_of_a_train_leaves_noise(
     text: str, name: str, channels: int, tmp_path: Path
 ) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.case_tables import for_each, together
+from support.case_tables import for_each, run_cases
 from support.config_texts import DEG, RPM, save, write
 from support.described_rigs import (
     CURRENT,
@@ -74,7 +74,7 @@ def test_the_density_of_masses_along_a_line_is_that_of_their_equations(tmp_path:
     assert found == pytest.approx(carts_density(y, x), rel=1e-8)
 
 
-@together(
+@run_cases(
     "motion, letter, unit, size, inertia, stiffness",
     [("", "theta", "deg", DEG, "j", 0.5), ("motion: linear, ", "x", "mm", 1e-3, "m", 30.0)],
 )

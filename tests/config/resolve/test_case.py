@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support import command_line
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.config_texts import write, write_composed
 from support.first_configs import both_ways, made, written
 from support.scipy_oracles import NOMINAL, with_damping
@@ -25,7 +25,7 @@ C_S = "c_s: {prior: log_uniform, low: 1.0e-4, high: 0.1}"
 T = 0.025 * np.arange(161)
 
 
-@together(
+@run_cases(
     "lines, added",
     [
         ((), ()),
@@ -132,7 +132,7 @@ def test_a_rig_without_a_config_takes_added_physics() -> None:
     assert np.abs(free["w_2"]).max() == 0.0
 
 
-@together(
+@run_cases(
     "wrong, message",
     [
         ({"t_sm": 0.1}, "parameters.t_sm: t_sm means nothing without t_cm and w_sm"),

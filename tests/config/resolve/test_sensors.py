@@ -41,7 +41,7 @@ def noisy(noise: str, sigma: str = "0.05", unit: str = "rad/s") -> tuple[str, st
 def shaken(folder: Path, *changes: tuple[str, str], torque: str = TORQUE) -> Path:
     """The small experiment with a missing torque."""
     more = ((END, END + torque), ("walkers: 8", "walkers: 12"))
-    return command_line.small(folder, *more, *changes)
+    return command_line.small_config(folder, *more, *changes)
 
 
 def test_mistakes_of_several_sensors_are_told_at_once(tmp_path: Path) -> None:
@@ -140,13 +140,13 @@ def test_samples_that_a_late_input_leaves_undetermined_are_left_out(tmp_path: Pa
 @pytest.mark.parametrize("kind", ["{name: ar1, rho: 0.5}", "{name: student_t, degrees: 4}"])
 def test_a_number_of_noise_that_is_held_needs_no_walkers(kind: str, tmp_path: Path) -> None:
     """With one unknown more, four walkers are too few (`mistakes.yaml`)."""
-    config = command_line.small(tmp_path, noisy(kind), ("walkers: 8", "walkers: 4"))
+    config = command_line.small_config(tmp_path, noisy(kind), ("walkers: 8", "walkers: 4"))
     assert prepare(config).problem.names == ("k_e", "j_1")
 
 
 def test_a_step_is_in_the_unit_of_its_column(tmp_path: Path) -> None:
     quantised = noisy("{name: quantised, step: 6.0}", "0.5", "rpm")
-    case = loading.load(command_line.small(tmp_path, quantised))
+    case = loading.load(command_line.small_config(tmp_path, quantised))
     noise = sensors.build_noise(case.experiments[0].channels, 5)
     parts = [part.noise for part in noise.parts]  # type: ignore[attr-defined]
     (step,) = [part.steps[0] for part in parts if isinstance(part, Quantised)]
@@ -156,8 +156,8 @@ def test_a_step_is_in_the_unit_of_its_column(tmp_path: Path) -> None:
 def test_a_record_is_simulated_with_the_true_correlation(tmp_path: Path) -> None:
     truth = "rate: 20, sigma: {w_1: 0.2}, truth: {rho_w_1: 0.9}"
     longer = ("duration: 5", "duration: 100")
-    config = command_line.small(tmp_path, noisy("ar1", SIGMA), ("rate: 20", truth), longer)
-    command_line.simulated(config)
+    config = command_line.small_config(tmp_path, noisy("ar1", SIGMA), ("rate: 20", truth), longer)
+    command_line.simulate_again(config)
     problem = prepare(config).problem
     space, observation = problem.posterior.space, problem.posterior.likelihood.only_observation
     theta = space.vector({**problem.nominal, "sigma_w_1": 0.2, "rho_w_1": 0.9})[None]
@@ -171,7 +171,7 @@ def test_a_record_is_simulated_with_the_true_correlation(tmp_path: Path) -> None
 
 def test_an_impossible_true_correlation_is_refused(tmp_path: Path) -> None:
     truth = "rate: 20, sigma: {w_1: 0.2}, truth: {rho_w_1: 1.5}"
-    config = command_line.small(tmp_path, noisy("ar1", SIGMA), ("rate: 20", truth))
+    config = command_line.small_config(tmp_path, noisy("ar1", SIGMA), ("rate: 20", truth))
     ran = command_line.cli("simulate", config)
     assert ran.status == 2
     message = "1.5 is impossible; give a number between 0 and 1"
@@ -227,8 +227,8 @@ def test_a_missing_torque_beside_gravity_is_said_to_be_an_approximation(tmp_path
 def test_a_record_is_simulated_with_a_missing_torque(tmp_path: Path) -> None:
     """With a large torque residuals spread far beyond the noise."""
     simulated = "simulation: {duration: 5, rate: 20, truth: {s_d: 0.5, tau_d: 0.3}}\n"
-    path = command_line.small(tmp_path, (END, simulated + TORQUE))
-    command_line.simulated(path)
+    path = command_line.small_config(tmp_path, (END, simulated + TORQUE))
+    command_line.simulate_again(path)
     posterior = prepare(path).problem.posterior
     theta = posterior.space.vector({**posterior.space.start, "s_d": 0.5, "tau_d": 0.3})[None]
     observation = posterior.likelihood.only_observation
