@@ -14,12 +14,11 @@ import shutil
 import stat
 import tempfile
 import threading
-from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 from bayesdrill.basics.errors import InputError, Issue, encodable
 from bayesdrill.basics.registry import Registry
@@ -420,20 +419,6 @@ def loads_checksummed(content: bytes) -> dict[str, Any]:
     except RecursionError:
         raise ValueError("nested too deep") from None
     return dict(data)
-
-
-def typed[T](kind: type[T], entries: Mapping[str, Any]) -> T:
-    """The dataclass or typed dict of `opened` entries; raises `ValueError` where types are not right."""
-    # Half a character, of the name of a file, is none in the text that is validated.
-    text = json.dumps(entries, ensure_ascii=False).encode("utf-8", "replace")
-    return cast("T", _adapter(cast("Hashable", kind)).validate_json(text, strict=True))
-
-
-@cache
-def _adapter(kind: Hashable) -> Any:
-    from pydantic import TypeAdapter  # late: few commands read such files
-
-    return TypeAdapter(cast("type", kind))
 
 
 def _checksum(data: Mapping[str, Any]) -> str:

@@ -31,7 +31,7 @@ from bayesdrill.basics.errors import ErrorCollector
 from bayesdrill.basics.values import Value
 from bayesdrill.config.schema.config import Asked
 from bayesdrill.inference import derived
-from bayesdrill.inference.derived import Derived, product_name
+from bayesdrill.inference.derived import Derived, DerivedRow, product_name
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.residual_checks import (
     ResidualSummary,
@@ -175,7 +175,7 @@ class RunAnalysis:
     repeats: tuple[RepeatedProduct, ...]
     causes: Causes | None
     instead: EquivalentExplanation | None
-    derived: tuple[derived.DerivedRow, ...]
+    derived: tuple[DerivedRow, ...]
     meanings: Mapping[str, str]
     convergence: Convergence
     acceptance: tuple[float, ...]
@@ -231,7 +231,7 @@ def analyse(
     products = () if judged is None else basis(judged.study, judged.study.names)
     compared = () if judged is None else [q.exponents for q in judged.verdict.products]
     following = run.derived(judged)
-    rows_of_derived: tuple[derived.DerivedRow, ...] = ()
+    rows_of_derived: tuple[DerivedRow, ...] = ()
     with run.sparing.making("derived quantities"):
         rows_of_derived = derived.summarise(following)
     return RunAnalysis(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Annotated, Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,3 +13,18 @@ Indices = NDArray[np.intp]
 Counts = NDArray[np.int64]
 
 PART = 1 << 18  # numbers of a long series that are looked at together, lest all of it is copied
+
+
+class _Stored:
+    """How pydantic reads an array of numbers that a record keeps, and describes it."""
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, *_: Any) -> Any:
+        from pydantic_core import core_schema
+
+        numbers = core_schema.list_schema(core_schema.float_schema())
+        table = core_schema.union_schema([numbers, core_schema.list_schema(numbers)])
+        return core_schema.no_info_after_validator_function(np.array, table)
+
+
+StoredArray = Annotated[Array, _Stored]  # of a field of a record that is written as JSON

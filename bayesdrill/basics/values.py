@@ -5,9 +5,9 @@ is given must be what annotations say, wherever it is given.  Only kinds are loo
 a path can be one; what a number may be, and what names there are, is for each call to say.  Names
 of types that a module imports for annotations alone let pass all.
 
-Frozen records are written as data for JSON and read back again, by the types of their fields; and
-so is their JSON schema.  Floats keep all digits; those that JSON has no number for are the strings
-`inf`, `-inf` and `nan`.
+Frozen records are written as data for JSON and read back again, by the types of their fields.
+Floats keep all digits; those that JSON has no number for are the strings `Infinity`, `-Infinity`
+and `NaN`.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ import builtins
 import dataclasses
 import functools
 import inspect
-import math
+import json
 import re
 import typing
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from functools import cache
 from numbers import Integral, Real
 from os import PathLike, fspath
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Annotated, Any, Literal, Union, cast, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Union, cast
 
 import numpy as np
 
@@ -194,73 +194,36 @@ def _no_path(location: str, value: str | PathLike[str]) -> Iterator[Issue]:
         yield Issue(location, f"this cannot be a path ({reason}); give another")
 
 
-NUMBER: dict[str, Any] = {"anyOf": [{"type": "number"}, {"enum": ["inf", "-inf", "nan"]}]}
-PLAIN_TYPES: dict[Any, dict[str, Any]] = {
-    float: NUMBER,
-    int: {"type": "integer"},
-    str: {"type": "string"},
-    bool: {"type": "boolean"},
-}
 FIELD_LINE = re.compile(r"(?P<name>\w+): (?P<description>.+?)(?: \[(?P<unit>.+)\])?")
 LABEL_FIELDS = ("name", "channel", "label", "parameter")  # by which a record is known in a list
 
 
 def as_data(value: Any) -> Any:
     """Return mappings, lists, numbers and strings of a record and all that it contains."""
-    if dataclasses.is_dataclass(value):
-        return {f.name: as_data(getattr(value, f.name)) for f in dataclasses.fields(value)}
-    if isinstance(value, Mapping):
-        return {str(key): as_data(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
-        return as_data(value.tolist())
-    if isinstance(value, list | tuple):
-        return [as_data(item) for item in value]
-    return str(value) if isinstance(value, float) and not math.isfinite(value) else value
+    from pydantic_core import to_json
+
+    return json.loads(to_json(value, inf_nan_mode="strings", fallback=_plain))
 
 
-def from_data[T](kind: type[T], data: Any) -> T:
-    """Return the record of what `as_data` gave; raises `ValueError` where names or types are wrong."""
-    try:
-        return cast("T", _read(kind, data))
-    except (KeyError, TypeError, AttributeError) as error:
-        raise ValueError(f"no {kind.__name__}: {error}") from None
+def _plain(value: Any) -> Any:
+    return dict(value) if isinstance(value, Mapping) else value.tolist()
 
 
-def _read(kind: Any, data: Any) -> Any:
-    origin, inside = _parts(kind)
-    if origin in (Union, UnionType):
-        (choice,) = inside
-        return None if data is None else _read(choice, data)
-    if origin is Literal and data in inside:
-        return data
-    if origin is np.ndarray:
-        return np.array(data, dtype=float)
-    if origin is tuple:
-        kinds = inside[:1] * len(data) if inside[1:] == (...,) else inside
-        return tuple(_read(*pair) for pair in zip(kinds, data, strict=True))
-    if origin is Mapping:
-        return {name: _read(inside[1], item) for name, item in data.items()}
-    record = cast("type", kind)
-    if dataclasses.is_dataclass(kind) and _hints(record).keys() == {*data}:
-        return record(**{name: _read(hint, data[name]) for name, hint in _hints(record).items()})
-    if kind is float:
-        return float(data)
-    if kind not in PLAIN_TYPES or not isinstance(data, kind):
-        raise ValueError(f"{str(data)[:100]} is no {kind}")
-    return data
+def from_data[T](kind: type[T], data: Any, *, strict: bool = False) -> T:
+    """Return the record, or typed mapping, of what `as_data` gave.
 
-
-def _parts(kind: Any) -> tuple[Any, tuple[Any, ...]]:
-    """Return a type's origin, through an alias such as that of arrays, and what it is of but None."""
-    origin = get_origin(kind)
-    inside = tuple(part for part in get_args(kind) if part is not NoneType)
-    return get_origin(getattr(origin, "__value__", None)) or origin, inside
+    Raises `ValueError` where names or types are wrong; `strict`: also for numbers that are strings.
+    """
+    # Half a character, of the name of a file, is none in the text that is validated.
+    text = json.dumps(data, ensure_ascii=False).encode("utf-8", "replace")
+    return cast("T", _adapter(cast("Hashable", kind)).validate_json(text, strict=strict))
 
 
 @cache
-def _hints(kind: type) -> dict[str, Any]:
-    hints = get_type_hints(kind)
-    return {field.name: hints[field.name] for field in dataclasses.fields(kind)}
+def _adapter(kind: Hashable) -> Any:
+    from pydantic import TypeAdapter  # late: few commands read such files
+
+    return TypeAdapter(cast("type", kind))
 
 
 def field_descriptions(kind: type) -> dict[str, dict[str, str]]:
@@ -268,51 +231,11 @@ def field_descriptions(kind: type) -> dict[str, dict[str, str]]:
     lines = map(FIELD_LINE.fullmatch, (inspect.getdoc(kind) or "").splitlines())
     parts = {line["name"]: line.groupdict() for line in lines if line}
     return {
-        name: {key: text for key, text in parts.get(name, {}).items() if text and key != "name"}
-        for name in _hints(kind)
+        field.name: {
+            key: text for key, text in parts.get(field.name, {}).items() if text and key != "name"
+        }
+        for field in dataclasses.fields(kind)
     }
-
-
-def schema(kind: type) -> dict[str, Any]:
-    """Return the JSON schema of what `as_data` makes of a record."""
-    definitions: dict[str, Any] = {}
-    return {**_schema(kind, definitions), "$defs": dict(sorted(definitions.items()))}
-
-
-def _schema(kind: Any, definitions: dict[str, Any]) -> dict[str, Any]:
-    origin, inside = _parts(kind)
-    if origin in (Union, UnionType):
-        (choice,) = inside
-        return {"anyOf": [_schema(choice, definitions), {"type": "null"}]}
-    if origin is Literal:
-        return {"enum": [*inside]}
-    if origin is np.ndarray:
-        row = {"type": "array", "items": NUMBER}  # of a matrix
-        return {"type": "array", "items": {"anyOf": [*NUMBER["anyOf"], row]}}
-    if origin is tuple and inside[1:] == (...,):
-        return {"type": "array", "items": _schema(inside[0], definitions)}
-    if origin is tuple:
-        return {"type": "array", "prefixItems": [_schema(item, definitions) for item in inside]}
-    if origin is Mapping:
-        return {"type": "object", "additionalProperties": _schema(inside[1], definitions)}
-    if not dataclasses.is_dataclass(kind):
-        return PLAIN_TYPES[kind]
-    record = cast("type", kind)
-    name = f"{record.__module__.rpartition('.')[2]}.{record.__name__}"
-    if name not in definitions:
-        definitions[name] = {}  # it may hold others of its kind
-        fields = {
-            key: _schema(_hints(record)[key], definitions) | description
-            for key, description in field_descriptions(record).items()
-        }
-        definitions[name] = {
-            "type": "object",
-            "description": inspect.getdoc(record),
-            "properties": fields,
-            "required": [*fields],
-            "additionalProperties": False,
-        }
-    return {"$ref": f"#/$defs/{name}"}
 
 
 def leaves(data: Any, name: str = "") -> Iterator[tuple[str, Any]]:

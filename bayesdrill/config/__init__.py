@@ -1,7 +1,7 @@
 """A config becomes objects, or every mistake of it at once.
 
-`schema/` says what may be written, `loading` reads it, `consistency/` finds what contradicts
-itself, `records/` reads the files that are named, `resolve/` and `job` build the `Problem`.
+`schema/` says what may be written, `loading` reads it, `resolve/` builds objects of it and finds
+what contradicts itself, `records/` reads the files that are named, and `job` puts all together.
 Nothing here samples.
 """
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from bayesdrill.config.records.simulation import simulate as simulate
     from bayesdrill.config.records.simulation import truth as truth
     from bayesdrill.config.records.sources import path_of as path_of
-    from bayesdrill.config.resolve.assembly import optimiser as optimiser
     from bayesdrill.config.resolve.case import ResolvedCase as ResolvedCase
+    from bayesdrill.config.resolve.work import optimiser as optimiser
 
 __getattr__ = lazy_attributes(__name__)

@@ -16,11 +16,9 @@ from pydantic import BaseModel, ValidationError
 from bayesdrill.basics.entries import SMALLEST, build_member, members_by_entry, unknown_keys
 from bayesdrill.basics.errors import InputError, Issue, did_you_mean, shortened
 from bayesdrill.basics.registry import lookup
-from bayesdrill.config import consistency
-from bayesdrill.config.consistency import several
-from bayesdrill.config.resolve import experiments
-from bayesdrill.config.resolve.case import ResolvedCase, ResolvedExperiment
-from bayesdrill.config.schema.config import Config, ModelSpec, config_kind
+from bayesdrill.config.resolve import case, experiments, quantities, record, sensors, work
+from bayesdrill.config.resolve.case import LocalNumbers, ResolvedCase, ResolvedExperiment
+from bayesdrill.config.schema.config import HOUSE_CONFIG, Config, ModelSpec, config_kind
 from bayesdrill.config.schema.vocabulary import described_rigs, vocabulary_of
 from bayesdrill.config.yaml_source import IssueCollector, Location, Source, read
 from bayesdrill.inference.priors import PRIORS
@@ -83,7 +81,7 @@ def load_kind(source: Source) -> type[Config]:
     described = described_rigs()
     parts = {n for n, having in members_by_entry(kinds).items() if {*having} <= {*described}}
     if not isinstance(entry, Mapping) or not (entry.get("name") in described or parts & {*entry}):
-        return Config
+        return HOUSE_CONFIG
     errors = IssueCollector(source, frozenset())
     try:
         section = ModelSpec.model_validate(entry)
@@ -99,7 +97,7 @@ def load_kind(source: Source) -> type[Config]:
         for item in error.errors():
             loc = ("model", *item["loc"])
             location = _location(loc, data)
-            errors.add(location, _message({**item, "loc": loc}, location, Config))
+            errors.add(location, _message({**item, "loc": loc}, location, HOUSE_CONFIG))
     raise InputError(sorted({*source.repeated, *errors.issues}, key=_line))
 
 
@@ -144,7 +142,7 @@ def _load_several(
     else:
         problems.append(source.issue((experiments.EXPERIMENTS,), NO_EXPERIMENT))
     if not problems:
-        problems += several.check_experiments(config, source, resolved)
+        problems += experiments.check_experiments(config, source, resolved)
     if problems:
         raise InputError(sorted(dict.fromkeys(problems), key=_line))
     return config, resolved
@@ -170,7 +168,7 @@ def _load_single(source: Source, kind: type[Config], label: str = "") -> Resolve
         spoilt = [*errors, *filter(None, meant)]
         problems += _check_remaining(pruned, spoilt, source, kind)
     else:
-        broken, resolved = consistency.check(config, source, frozenset(), label)
+        broken, resolved = _resolve(config, source, frozenset(), label)
         problems += broken
         if not problems and resolved is not None:
             return resolved
@@ -191,7 +189,7 @@ def _check_remaining(
         config = kind.model_validate(data)
     except ValidationError:
         return []
-    return consistency.check(config, source, frozenset(spoilt))[0]
+    return _resolve(config, source, frozenset(spoilt))[0]
 
 
 def _intended_location(error: dict[str, Any], location: Location, hint: str) -> Location | None:
@@ -199,6 +197,76 @@ def _intended_location(error: dict[str, Any], location: Location, hint: str) -> 
     suggestion = hint.rpartition("did you mean ")[2].rstrip("?")
     misspelt = error["type"] == "extra_forbidden" and suggestion != hint
     return (*location[:-1], suggestion) if misspelt else None
+
+
+def _resolve(
+    config: Config, source: Source, spoilt: frozenset[Location], label: str = ""
+) -> tuple[list[Issue], ResolvedExperiment | None]:
+    """Build an experiment of a config whose entries are each valid, and return what is wrong with it.
+
+    Mistakes in `spoilt` places were reported already.
+    """
+    errors, alone = IssueCollector(source, spoilt), not source.labels
+    names = config.vocabulary.parameters
+    spoilt_names = [name for name in names if errors.is_reported(("parameters", name))]
+    model = errors.run(("model", "name"), case.build_model, config, spoilt_names)
+    given_nominal = {} if model is None else case.check_nominal(errors, config, model)
+    nominal = errors.run(("nominal", "table"), quantities.nominal_table, config, given_nominal)
+    resolved = None
+    if model is not None:
+        vain = unknown_keys(("name", "model"), MODELS.usable(), type(model), config.model)
+        errors.add_all(("model",), vain)
+        rig = None if nominal is None else case.check_rig(errors, config, model, nominal)
+        channels = record.check_channels(errors, config, model)
+        free = sensors.free_states(config, model)
+        sensor_numbers, sensing = record.check_sensors(errors, config, model, free)
+        torque = case.check_torque(errors, config, model, sensing)
+        local_numbers = record.local_numbers(config, channels, sensor_numbers, free, torque)
+        _check_own_names(errors, config, local_numbers)
+        work.check_settings(errors, config)
+        if alone:
+            unknown = experiments.unknown_names(config, model, local_numbers)
+            tied = [name for name, x in config.parameters.items() if quantities.is_tied(x)]
+            work.check_unknown(errors, config, unknown, tied)
+            experiments.check_truth(errors, config, {"": local_numbers})
+        if nominal is not None and rig is not None and sensing is not None:
+            resolved = ResolvedExperiment(
+                label=label,
+                config=config,
+                source=source,
+                model=model,
+                nominal=nominal,
+                rig_numbers=rig,
+                channels=tuple(channel for channel in channels.values() if channel is not None),
+                sensor_numbers={e: x for e, x in sensor_numbers.items() if x is not None},
+                sensing=sensing,
+                free_states=free,
+                torque={name: x for name, x in torque.items() if x is not None},
+                local_numbers=local_numbers,
+            )
+    message = "there is one experiment alone; remove this entry, or add `experiments:`"
+    for key in ("shared", "own"):
+        if getattr(config, key) and alone:
+            errors.add((key,), message)
+    record.check_record(errors, config)
+    record.check_inputs(errors, config, model)
+    work.check_simulation(errors, config)
+    work.check_calibration(errors, config)
+    if alone:
+        work.check_identify(errors, config, case.free_parameters(config, config.parameters))
+    return errors.issues, None if errors.issues else resolved
+
+
+def _check_own_names(errors: IssueCollector, config: Config, local: LocalNumbers) -> None:
+    """Check that no quantity or formula has the name of an unknown beside the rig.
+
+    Of several experiments these names have a label, and formulas are checked against them later.
+    """
+    for section in ("quantities",) if errors.source.labels else ("quantities", "derived"):
+        for name in getattr(config, section):
+            if name in local.numbers and not name.startswith("sigma_"):  # which is refused for any
+                message = "a sensor's number, or one of noise or torque, has this name"
+                errors.add((section, name), f"{message}; choose another one")
 
 
 def _remove(data: Any, location: Location) -> None:

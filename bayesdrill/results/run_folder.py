@@ -17,6 +17,7 @@ from filelock import FileLock, Timeout
 
 from bayesdrill import output_files
 from bayesdrill.basics.errors import InputError, Issue, report_damage, shortened
+from bayesdrill.basics.values import from_data
 from bayesdrill.output_files import LOCK, PIECES, RUN, Kind, atomic_write
 from bayesdrill.sampling.samplers.ensemble import ChainSegment, State
 
@@ -431,7 +432,7 @@ def read_run(folder: Path) -> dict[str, Any] | None:
     output_files.refuse_endless(path)
     try:
         entries = output_files.loads_checksummed(path.read_bytes())
-        output_files.typed(_Entries, entries)
+        from_data(_Entries, entries, strict=True)
         return entries
     except ValueError:
         message = "is damaged, or not of this bayesdrill; put back a copy, or give another folder"

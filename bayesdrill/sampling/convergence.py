@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import scipy
 
-from bayesdrill.basics.arrays import Array, Flags, Indices
+from bayesdrill.basics.arrays import Array, Flags, Indices, StoredArray
 
 STUCK_SHARE = 0.5  # of the kept steps: a walker that stands still for as long is stuck, ...
 STUCK_RATIO = 5.0  # ... if that is as many times longer than half of the walkers ever do
@@ -251,10 +251,10 @@ class Convergence:
     burn_in: int
     burn_in_rule: str
     thin: int
-    tau: Array
-    r_hat: Array
-    ess_bulk: Array
-    ess_tail: Array
+    tau: StoredArray
+    r_hat: StoredArray
+    ess_bulk: StoredArray
+    ess_tail: StoredArray
     n_tau: float
     reasons: tuple[str, ...]
     slowest: str

@@ -16,11 +16,12 @@ from bayesdrill.analysis.calibration import CalibrationStudy, CalibrationVerdict
 from bayesdrill.basics import software
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import Reporter
+from bayesdrill.basics.values import from_data
 from bayesdrill.config import loading
 from bayesdrill.config.job import Job
 from bayesdrill.config.records import reading, simulation, sources
 from bayesdrill.config.resolve import assembly
-from bayesdrill.output_files import FIGURES, REFITS, dumps_checksummed, loads_checksummed, typed
+from bayesdrill.output_files import FIGURES, REFITS, dumps_checksummed, loads_checksummed
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.report import run_report
 from bayesdrill.report.scales import WIDTHS
@@ -140,7 +141,7 @@ def saved(folder: Path, study: CalibrationStudy) -> list[Refit]:
 
 def _read(path: Path, study: CalibrationStudy) -> Refit:
     try:
-        stored = typed(Refit, loads_checksummed(path.read_bytes()))
+        stored = from_data(Refit, loads_checksummed(path.read_bytes()), strict=True)
         ranked = {len(study.names), *([0] if stored.reasons else [])}
         right = len(stored.truth) == len(study.names) and len(stored.ranks) in ranked
         right &= 0 <= stored.steps <= study.plan.chains.max_steps

@@ -14,14 +14,14 @@ from bayesdrill.basics import software
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.basics.units import Unit
-from bayesdrill.basics.values import as_data
+from bayesdrill.basics.values import as_data, from_data
 from bayesdrill.config.job import Job, prepare
-from bayesdrill.config.resolve import assembly
+from bayesdrill.config.resolve import work
 from bayesdrill.config.yaml_source import parse
 from bayesdrill.inference.compression import LONG
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.residual_checks import ResidualSummary
-from bayesdrill.output_files import MAP, dumps_checksummed, loads_checksummed, typed
+from bayesdrill.output_files import MAP, dumps_checksummed, loads_checksummed
 from bayesdrill.report import publish, words
 from bayesdrill.report.map_report import MapReport
 from bayesdrill.report.sections import fit_words
@@ -93,7 +93,7 @@ def fit_plan(job: Job) -> FitPlan:
     """Return how a job fits its posterior, as its config says it."""
     settings = job.config.map
     return FitPlan(
-        optimiser=assembly.optimiser(job.config),
+        optimiser=work.optimiser(job.config),
         starts=settings.starts,
         evaluations=settings.evaluations,
         chains=plan(job.config),
@@ -154,7 +154,7 @@ def read_mode(folder: Folder, problem: Problem) -> Mode | None:
     try:
         data = loads_checksummed(path.read_bytes())
         folder.refuse_foreign(MAP_FILE, data.get("run"))
-        mode = typed(Mode, data)
+        mode = from_data(Mode, data, strict=True)
         if not _possible(mode, problem):
             raise ValueError("of other unknowns")
         return mode

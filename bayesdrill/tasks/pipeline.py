@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
+
 from bayesdrill import output_files
 from bayesdrill.analysis.diagnostics import ParameterRow
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
@@ -221,13 +223,14 @@ def _read_sampled(job: Job, folder: Folder) -> SampledRun:
     _read_ahead(job, folder)
     again = ensembles.load_sampled(posterior, plan(job.config), folder.segments, str(path))
     run = run_folder.read_run(path) or {}
-    again = again.with_missed(run_entries.missed_of_data(run)).with_reasons(mode.doubts)
-    sampled = dataclasses.replace(
-        again,
-        mode_shares=run_entries.maxima_weights(run),
-        evidence=run_entries.evidence_of_data(run),
-        compression=run_entries.compression_of_data(run),
-    )
+    if (record := run_entries.read_record(run, path)) is not None:
+        again = dataclasses.replace(
+            again.with_missed(record.missed),
+            mode_shares=np.array(shares) if (shares := [x.weight for x in record.maxima]) else None,
+            evidence=record.evidence,
+            compression=record.compression,
+        )
+    sampled = again.with_reasons(mode.doubts)
     return SampledRun(job, mode, sampled, kept=kept_analysis(job, mode, sampled, run))
 
 

@@ -1,30 +1,34 @@
-"""What `run.json` says of a finished run, from its `RunAnalysis`, and its schema."""
+"""What `run.json` says of a finished run: one record, beside its `RunAnalysis`; and its schema."""
 
 from __future__ import annotations
 
 import json
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import TypeAdapter
+from pydantic.json_schema import GenerateJsonSchema
 
-from bayesdrill.analysis.plausibility import DiffusePrior
 from bayesdrill.analysis.run_analysis import RunAnalysis
 from bayesdrill.analysis.verdict import Verdict
-from bayesdrill.basics.arrays import Array
-from bayesdrill.basics.values import as_data, schema
+from bayesdrill.basics.errors import InputError
+from bayesdrill.basics.values import as_data, field_descriptions, from_data
 from bayesdrill.inference.compression import CompressionCheck
-from bayesdrill.inference.posterior import Problem
+from bayesdrill.output_files import RUN
 from bayesdrill.report.sections import verdict_words
 from bayesdrill.report.view import ReportContext
-from bayesdrill.sampling.ensembles import SamplingResult
 from bayesdrill.sampling.evidence import Evidence
-from bayesdrill.sampling.mode_search import Mode
+from bayesdrill.sampling.proposal.learning import LearnedProposal
 
+FORM = 2  # of `RunRecord`; the first had the numbers of the analysis a second time
+OLDER = (
+    "was written by an older version of bayesdrill, and is not read any more; `bayesdrill posterior "
+    "CONFIG --resume` goes on with its chain and writes it anew"
+)
 ANALYSIS, ANALYSIS_OF = "analysis", "analysis_of"  # entries of `run.json`
-
-
 ENTRIES: Mapping[str, str] = {
     "job": "the command that made the folder",
     "fingerprint": "what decides the chain, by name",
@@ -34,161 +38,143 @@ ENTRIES: Mapping[str, str] = {
     "seconds": "how long the parts of the run took [s]",
     "missing": "tables and figures that could not be made, and why",
     "files": "digests of all files that were written, by name",
-    "units": "SI units of the unknowns, by name",
-    "converged": "whether all targets of the sampler are met",
-    "reasons": "why the result must not be believed; empty where it may be",
-    "notes": "sentences on priors, record and rig",
-    "verdict": "what the run says of the nominal table [sigma]",
-    "steps": "steps of each ensemble",
-    "burn_in": "steps that are dropped",
-    "burn_in_rule": "how many these are, and why",
-    "thin": "one of so many steps is kept",
-    "n_tau": "length of the chain [autocorrelation times]",
-    "tau": "autocorrelation times by unknowns [steps]",
-    "r_hat": "the largest R-hat of all unknowns",
-    "ess_bulk": "the fewest effective draws of all unknowns",
-    "acceptance": "the share of proposals accepted, of each ensemble",
-    "failures": "proposals inside the prior that had no finite response",
-    "compression": "how the compressed likelihood of long records compares with the exact one",
-    "log_evidence": "how probable the record is under the model [natural log]",
-    "log_evidence_error": "its standard error",
-    "log_evidence_overlap": "what posterior and proposal have in common, from 0 to 1",
-    "log_evidence_steps": "what finer steps of a rig that is stepped add to it [natural log]",
-    "log_evidence_steps_error": "the standard error of that",
-    "vague_priors": "unknowns whose priors are too wide for it to mean much",
     "importance": "posterior means that the proposal gives without a chain [SI]",
-    "missed": "about how much of the posterior the proposal hardly ever reaches",
-    "maxima": "maxima of the posterior, and the share of each [SI]",
     ANALYSIS: "all that is said of the run, evaluated once",
     ANALYSIS_OF: "a digest of what the analysis was made of",
     "checksum": "of all entries before it",
 }
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WeightedMaximum:
+    """A maximum of the posterior [SI], and the share of the draws about it."""
+
+    values: Mapping[str, float]
+    log_posterior: float
+    weight: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunRecord:
+    """What a finished run says of itself.
+
+    form: the version of this record
+    units: SI units of the unknowns, by name
+    converged: whether all targets of the sampler are met
+    reasons: why the result must not be believed; empty where it may be
+    notes: sentences on priors, record and rig
+    verdict: what the run says of the nominal table [sigma]
+    evidence: how probable the record is under the model [natural log]
+    missed: about how much of the posterior the proposal hardly ever reaches
+    compression: how the compressed likelihood of long records compares with the exact one
+    maxima: maxima of the posterior, and the share of each [SI]
+    """
+
+    form: int = FORM
+    units: Mapping[str, str]
+    converged: bool
+    reasons: tuple[str, ...]
+    notes: tuple[str, ...]
+    verdict: Mapping[str, Any] | None
+    evidence: Evidence | None
+    missed: float
+    compression: CompressionCheck | None
+    maxima: tuple[WeightedMaximum, ...]
+
+
+def entries(view: ReportContext, made_of: str) -> dict[str, Any]:
+    """Return the record and the analysis as data; `made_of`: a digest of what that is of."""
+    analysis, problem, sampled = view.analysis, view.problem, view.sampled
+    converged, shares = analysis.convergence.converged, sampled.mode_shares
+    verdict = None
+    if analysis.judged is not None:
+        believed, judged = not view.reasons, analysis.judged.verdict
+        table = problem.compared_with
+        verdict = verdict_data(judged, table, converged=converged, believed=believed)
+    pairs = [] if shares is None else zip(view.mode.maxima, shares.tolist(), strict=True)
+    record = RunRecord(
+        units={symbol.name: symbol.unit for symbol in problem.symbols},
+        converged=converged,
+        reasons=tuple(view.reasons),
+        notes=tuple(view.notes),
+        verdict=verdict,
+        evidence=analysis.evidence,
+        missed=sampled.missed,
+        compression=sampled.compression,
+        maxima=tuple(
+            WeightedMaximum(values=m.values, log_posterior=m.log_posterior, weight=share)
+            for m, share in pairs
+        ),
+    )
+    learnt = sampled.learnt
+    weighted = {} if learnt is None else {"importance": _weighted_means(view, learnt)}
+    return {**as_data(record), **weighted, ANALYSIS: as_data(analysis), ANALYSIS_OF: made_of}
+
+
+def read_record(run: Mapping[str, Any], folder: Path) -> RunRecord | None:
+    """Return the record that `run.json` of `folder` holds; None of a run that never finished.
+
+    Raises `InputError` where an older version has written it.
+    """
+    if run.get("form") is None and run.get("status") != "finished":
+        return None
+    try:
+        if run.get("form") == FORM:
+            return from_data(RunRecord, run)
+    except ValueError:
+        pass
+    raise InputError.at(str(folder / RUN), OLDER)
+
+
+def _weighted_means(view: ReportContext, learnt: LearnedProposal) -> dict[str, Any]:
+    """Return what the draws of the proposal say without a chain."""
+    posterior, draws = view.problem.posterior, learnt.draws
+    theta, free = posterior.coordinates.to_physical(draws.u), posterior.space.free
+    mean = draws.weights @ theta
+    error = np.sqrt(draws.weights**2 @ (theta - mean) ** 2)
+    return {
+        "draws": len(theta),
+        "share": round(draws.share, 4),
+        "acceptance": round(draws.acceptance, 4),
+        "mean": dict(zip(free, mean.tolist(), strict=True)),
+        "error": dict(zip(free, error.tolist(), strict=True)),
+    }
+
+
+class _RunSchema(GenerateJsonSchema):
+    """The schema of what `as_data` makes of records, with descriptions from their docstrings."""
+
+    def float_schema(self, _: Any) -> dict[str, Any]:
+        """Return that of a number, or of a string for what JSON has no number for."""
+        return {"anyOf": [{"type": "number"}, {"enum": ["Infinity", "-Infinity", "NaN"]}]}
+
+    def dataclass_schema(self, schema: Any) -> dict[str, Any]:
+        """Return that of a record, all of whose fields are there."""
+        record = super().dataclass_schema(schema)
+        for name, described in field_descriptions(schema["cls"]).items():
+            record["properties"][name] |= described
+        return record | {"additionalProperties": False}
+
+    def field_title_should_be_set(self, _: Any) -> bool:
+        """Return that names of fields are no titles."""
+        return False
+
+
 def run_schema() -> str:
-    """The JSON schema of `run.json`, as text."""
-    analysis = schema(RunAnalysis)
-    entries = {name: {"description": said} for name, said in ENTRIES.items()}
-    entries[ANALYSIS] |= {"$ref": analysis["$ref"]}
+    """Return the JSON schema of `run.json` as text."""
+    both = TypeAdapter(tuple[RunRecord, RunAnalysis])
+    defs = both.json_schema(schema_generator=_RunSchema, mode="serialization")["$defs"]
+    record = defs.pop(RunRecord.__name__)
+    said = {name: {"description": text} for name, text in ENTRIES.items()}
+    said[ANALYSIS] |= {"$ref": f"#/$defs/{RunAnalysis.__name__}"}
     described = {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "run.json of bayesdrill posterior",
         "type": "object",
-        "properties": entries,
-        "$defs": analysis["$defs"],
+        "properties": record["properties"] | said,
+        "$defs": defs,
     }
     return json.dumps(described, indent=2) + "\n"
-
-
-def entries(view: ReportContext, made_of: str) -> dict[str, Any]:
-    """All of them, from the analysis; `made_of`: a digest of what that is of."""
-    analysis, c, problem = view.analysis, view.analysis.convergence, view.problem
-    ensembles = ("steps", "burn_in", "burn_in_rule", "thin")
-    return {
-        "units": {symbol.name: symbol.unit for symbol in problem.symbols},
-        "converged": c.converged,
-        "reasons": list(view.reasons),
-        "notes": list(view.notes),
-        "verdict": analysis.judged
-        and verdict_data(
-            analysis.judged.verdict,
-            problem.compared_with,
-            converged=c.converged,
-            believed=not view.reasons,
-        ),
-        **{name: getattr(c, name) for name in ensembles},
-        "n_tau": round(c.n_tau, 2),
-        "tau": {name: round(float(x), 2) for name, x in zip(problem.names, c.tau, strict=True)},
-        "r_hat": round(float(np.max(c.r_hat)), 5),
-        "ess_bulk": round(float(np.min(c.ess_bulk)), 1),
-        "acceptance": [round(x, 4) for x in analysis.acceptance],
-        "failures": analysis.failures,
-        **evidence_data(analysis.evidence, analysis.vague),
-        **({"compression": as_data(check)} if (check := view.sampled.compression) else {}),
-        **({"missed": view.sampled.missed} if view.sampled.missed else {}),
-        **_learnt(problem, view.mode, view.sampled),
-        ANALYSIS: as_data(analysis),
-        ANALYSIS_OF: made_of,
-    }
-
-
-def _learnt(problem: Problem, mode: Mode, sampled: SamplingResult) -> dict[str, Any]:
-    """What the proposal says without a chain, and where the maxima are."""
-    learnt, free = sampled.learnt, problem.posterior.space.free
-    if learnt is None or sampled.mode_shares is None:
-        return {}
-    theta = problem.posterior.coordinates.to_physical(learnt.draws.u)
-    weights = learnt.draws.weights
-    mean = weights @ theta
-    error = np.sqrt(weights**2 @ (theta - mean) ** 2)
-    return {
-        "importance": {
-            "draws": len(theta),
-            "share": round(learnt.draws.share, 4),
-            "acceptance": round(learnt.draws.acceptance, 4),
-            "mean": dict(zip(free, mean.tolist(), strict=True)),
-            "error": dict(zip(free, error.tolist(), strict=True)),
-        },
-        "maxima": [
-            {
-                "values": dict(maximum.values),
-                "log_posterior": maximum.log_posterior,
-                "weight": float(weight),
-            }
-            for maximum, weight in zip(mode.maxima, sampled.mode_shares, strict=True)
-        ],
-    }
-
-
-def maxima_weights(run: Mapping[str, Any]) -> Array | None:
-    """What each maximum holds, as a finished run has counted it."""
-    try:
-        return np.array([float(maximum["weight"]) for maximum in run["maxima"]])
-    except (KeyError, TypeError, ValueError):
-        return None
-
-
-def evidence_data(evidence: Evidence | None, priors: Sequence[DiffusePrior]) -> dict[str, Any]:
-    """Entries of their own; those of steps only where there are any."""
-    if evidence is None:
-        return {}
-    names = [name for name in _EVIDENCE if evidence.steps_error or not name.startswith(_OF_STEPS)]
-    numbers = {name: getattr(evidence, _EVIDENCE[name]) for name in names}
-    return numbers | {"vague_priors": [prior.name for prior in priors]}
-
-
-_OF_STEPS = "log_evidence_steps"
-_EVIDENCE = {
-    "log_evidence": "log_z",
-    "log_evidence_error": "error",
-    "log_evidence_overlap": "overlap",
-    _OF_STEPS: "steps",
-    f"{_OF_STEPS}_error": "steps_error",
-}
-
-
-def compression_of_data(run: Mapping[str, Any]) -> CompressionCheck | None:
-    """What `run.json` says of the check of a compressed likelihood."""
-    try:
-        return CompressionCheck(**run["compression"])
-    except (KeyError, TypeError):
-        return None
-
-
-def missed_of_data(run: Mapping[str, Any]) -> float:
-    """How much of the posterior the proposal missed, by `run.json`; 0 where it says nothing."""
-    missed = run.get("missed")
-    return missed if isinstance(missed, float) and 0.0 < missed <= 1.0 else 0.0
-
-
-def evidence_of_data(run: Mapping[str, Any]) -> Evidence | None:
-    """What `evidence_data` has left in `run.json`; None where it is not there, or no numbers."""
-    told = {_OF_STEPS: 0.0, f"{_OF_STEPS}_error": 0.0, **run}
-    try:
-        numbers = {key: float(told[name]) for name, key in _EVIDENCE.items()}
-    except (KeyError, TypeError, ValueError):
-        return None
-    return Evidence(**numbers) if all(map(math.isfinite, numbers.values())) else None
 
 
 def verdict_data(

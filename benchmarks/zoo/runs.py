@@ -104,7 +104,9 @@ def read(folder: Path, status: int | None, wall: float, said: str = "") -> Run:
     """Of a results folder; what stands there of an earlier run does not count."""
     found = _json(folder / "run.json") if status in (0, 3) else {}
     rows = _summary(folder / "summary.csv") if found.get("status") == "finished" else []
-    weighted = found.get("importance")
+    weighted, analysis = found.get("importance"), found.get("analysis", {})
+    names = [unknown["name"] for unknown in analysis.get("unknowns", ())]
+    convergence = analysis.get("convergence", {})
     return Run(
         status=status,
         wall=wall,
@@ -112,11 +114,11 @@ def read(folder: Path, status: int | None, wall: float, said: str = "") -> Run:
         converged=bool(found.get("converged", False)),
         reasons=tuple(found.get("reasons", ())),
         seconds=found.get("seconds", {}),
-        steps=int(found.get("steps", 0)),
-        tau=found.get("tau", {}),
-        acceptance=tuple(found.get("acceptance", ())),
-        ess=float(found.get("ess_bulk", 0.0)),
-        fit=tuple(found.get("analysis", {}).get("fit", ())),
+        steps=int(convergence.get("steps", 0)),
+        tau=dict(zip(names, convergence.get("tau", ()), strict=True)),
+        acceptance=tuple(analysis.get("acceptance", ())),
+        ess=float(min(convergence.get("ess_bulk", ()), default=0.0)),
+        fit=tuple(analysis.get("fit", ())),
         maxima=tuple(found.get("maxima") or ()),
         importance=None if weighted is None else _importance(weighted),
         mean={row["name"]: float(row["mean"]) for row in rows},

@@ -33,7 +33,6 @@ from bayesdrill.report.sections.verdict_words import evidence_sentences
 from bayesdrill.rig.models.linear import Linear
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.sampling.evidence import Evidence
-from bayesdrill.tasks.run_entries import evidence_data, evidence_of_data
 
 BLIND, SEEN = Information(ORDER, np.zeros((9, 9))), Information(ORDER, np.eye(9))
 IDEAL = NOMINAL["k_e"]  # of k_T
@@ -256,12 +255,3 @@ def test_an_evidence_has_the_digits_that_are_known_and_what_makes_it_doubtful() 
     text = evidence_sentences(stepped, (), converged=True)
     assert "of which -0.41 +- 0.3 for the error of its steps" in text
     assert "ROUGH: the steps of the rig are long for it" in text
-
-
-def test_the_evidence_of_a_run_is_read_back_from_its_entries() -> None:
-    stepped = dataclasses.replace(GOOD, steps=0.2, steps_error=0.009)
-    for evidence in (GOOD, stepped):
-        assert evidence_of_data(evidence_data(evidence, ())) == evidence
-    forged = evidence_data(GOOD, ()) | {"log_evidence": "nan"}
-    assert evidence_of_data({}) is evidence_of_data(forged) is None
-    assert evidence_data(None, ()) == {}

@@ -27,7 +27,7 @@ from bayesdrill.analysis.verdict import (
 )
 from bayesdrill.basics.symbols import PARAMETERS
 from bayesdrill.config.resolve.quantities import nominal_table
-from bayesdrill.config.schema.config import Nominal, Thresholds
+from bayesdrill.config.schema.config import HOUSE_CONFIG, Thresholds
 from bayesdrill.config.schema.vocabulary import HOUSE
 from bayesdrill.report.sections.verdict_words import verdict_csv, verdict_sentences
 from bayesdrill.tasks.run_entries import verdict_data
@@ -282,7 +282,8 @@ def test_both_tables_have_one_word_for_one_unknown(word: str) -> None:
 
 
 def tolerances(entry: object) -> dict[str, float]:
-    nominal = Nominal.model_validate({"tolerance": entry})
+    section: Any = HOUSE_CONFIG.model_fields["nominal"].annotation
+    nominal = section.model_validate({"tolerance": entry})
     config: Any = SimpleNamespace(nominal=nominal, parameters={}, vocabulary=HOUSE)
     return {**nominal_table(config, {}).tolerance}
 

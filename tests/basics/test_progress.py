@@ -1,4 +1,4 @@
-"""What long work tells: each stage that begins, a line now and then, and a bar with the time."""
+"""Reports of progress: a line for each stage and now and then, or a bar with the time left."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from bayesdrill.basics import progress
 from bayesdrill.basics.progress import Lines
 
 
-def test_each_stage_is_a_line_and_more_come_now_and_then(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_each_stage_has_a_line_and_more_come_now_and_then(monkeypatch: pytest.MonkeyPatch) -> None:
     """Mutants killed: a stage that begins without a word; a line for each update."""
     now, stream = [100.0], io.StringIO()
     monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
-    told = Lines(stream)
+    lines = Lines(stream)
     for after, fraction, text in (
         *((0.0, 0.0, "searching"), (9.0, 0.3, "searching, 3 of 10"), (2.0, 0.5, "5 of 10")),
         *((1.0, 0.6, "6 of 10"), (20.0, 1.0, ""), (0.0, 0.0, "learning"), (11.0, 0.1, "round 1")),
     ):
         now[0] += after
-        told.update(fraction, text)
+        lines.update(fraction, text)
     assert stream.getvalue().splitlines() == [
         "  searching ...",
         "   50 %  5 of 10, about 11 s left",
@@ -31,20 +31,20 @@ def test_each_stage_is_a_line_and_more_come_now_and_then(monkeypatch: pytest.Mon
 
 
 def test_a_bar_begins_anew_with_each_stage(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Mutant killed: the time left of one stage told by that of another."""
+    """Mutant killed: the time left of one stage computed by that of another."""
     console = Console(file=io.StringIO(), force_terminal=True, width=120)
     terminal = type("Terminal", (io.StringIO,), {"isatty": lambda _: True})()
     monkeypatch.setattr(progress.sys, "stderr", terminal)
     monkeypatch.setattr("rich.console.Console", lambda **_: console)
     now = [100.0]
     monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
-    with progress.reporter() as told:
-        told.update(0.0, "searching")
+    with progress.reporter() as bar:
+        bar.update(0.0, "searching")
         now[0] += 1000.0
-        told.update(0.0, "learning")
+        bar.update(0.0, "learning")
         now[0] += 10.0
-        told.update(0.5, "round 1")
-        (task,) = told._progress.tasks  # type: ignore[attr-defined]
+        bar.update(0.5, "round 1")
+        (task,) = bar._progress.tasks  # type: ignore[attr-defined]
         assert task.description == "round 1, about 10 s left"
-        told.update(1.0, "")
-        assert not told._progress.tasks  # type: ignore[attr-defined]
+        bar.update(1.0, "")
+        assert not bar._progress.tasks  # type: ignore[attr-defined]

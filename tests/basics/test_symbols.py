@@ -14,20 +14,20 @@ from bayesdrill.basics import symbols
 from bayesdrill.rig.models.motor_shaft import PARAMETERS
 
 
-def test_the_two_nominal_tables() -> None:
+def test_nominal_tables_have_the_values_of_the_paper() -> None:
     """Values as printed: Table 1, and the initial guesses of Table 3."""
-    one, three = symbols.NOMINAL["table_1"], symbols.NOMINAL["tables_2_3"]
+    first, third = symbols.NOMINAL["table_1"], symbols.NOMINAL["tables_2_3"]
     printed = {"j_m": 4e-4, "k_e": 0.06016, "k_T": 0.12, "r_m": 0.33, "l_m": 1.1e-3, "j_1": 0.0283}
-    for table in (one, three):
+    for table in (first, third):
         assert {name: table[name] for name in printed} == pytest.approx(printed)
         assert table["t_f"] == 0.1
         assert set(table) == set(PARAMETERS)
-    assert (one["k_s"], one["c_m"]) == (0.30, pytest.approx(18.0e-5))
-    assert (three["k_s"], three["c_m"]) == (0.26, pytest.approx(19.0e-5))
+    assert (first["k_s"], first["c_m"]) == (0.30, pytest.approx(18.0e-5))
+    assert (third["k_s"], third["c_m"]) == (0.26, pytest.approx(19.0e-5))
     assert symbols.DEFAULT_NOMINAL == "tables_2_3"
 
 
-def test_geometry_supports_the_default() -> None:
+def test_the_geometry_of_the_shaft_supports_the_default_table() -> None:
     stiffness = 79.3e9 * np.pi * 0.003**4 / (32 * 2.4)
     assert symbols.NOMINAL["tables_2_3"]["k_s"] == pytest.approx(stiffness, rel=0.02)
     inertia = 6.4 * (0.188 / 2) ** 2 / 2
@@ -62,8 +62,8 @@ def test_units_agree_with_the_equations() -> None:
     }
     for balance, terms in balances.items():
         for term in terms.split():
-            found = eval(term, {}, unit).to(unit[balance].units)
-            assert found.magnitude == pytest.approx(1.0), term
+            quantity = eval(term, {}, unit).to(unit[balance].units)
+            assert quantity.magnitude == pytest.approx(1.0), term
 
 
 @run_cases("name", symbols.PARAMETERS)

@@ -19,71 +19,68 @@ BIN = Path(sys.executable).parent
 BAYESDRILL = str(BIN / "bayesdrill")
 
 
-def asked(shell: str, line: str) -> str:
-    """What bayesdrill answers to a shell that wants `line` completed."""
+def answer(shell: str, line: str) -> str:
+    """Return what bayesdrill answers to a shell that wants `line` completed."""
     words = line.split(" ")
-    asking = {
+    variables = {
         "bash": {"COMP_WORDS": line, "COMP_CWORD": str(len(words) - 1)},
         "zsh": {"_TYPER_COMPLETE_ARGS": line},
         "fish": {"_TYPER_COMPLETE_ARGS": line, "_TYPER_COMPLETE_FISH_ACTION": "get-args"},
         "powershell": {"_TYPER_COMPLETE_ARGS": line, "_TYPER_COMPLETE_WORD_TO_COMPLETE": words[-1]},
     }[shell]
-    environment = {**asking, "_BAYESDRILL_COMPLETE": f"complete_{shell}"}
-    said = CliRunner().invoke(app, env=environment, prog_name="bayesdrill")
-    assert (said.exit_code, said.stderr) == (0, "")
-    return said.stdout
+    environment = {**variables, "_BAYESDRILL_COMPLETE": f"complete_{shell}"}
+    result = CliRunner().invoke(app, env=environment, prog_name="bayesdrill")
+    assert (result.exit_code, result.stderr) == (0, "")
+    return result.stdout
 
 
 @run_cases("shell", ["zsh", "fish", "powershell"])
-def test_other_shells_are_answered(shell: str) -> None:
-    said = asked(shell, "bayesdrill po")
-    assert "posterior" in said
-    assert "verify" not in said
-    assert "MAP, sampling, diagnostics" in said  # these show what a command does
+def test_shells_that_show_helps_are_answered_with_them(shell: str) -> None:
+    text = answer(shell, "bayesdrill po")
+    assert "posterior" in text
+    assert "verify" not in text
+    assert "MAP, sampling, diagnostics" in text
 
 
 def test_options_and_their_words_are_completed() -> None:
-    assert asked("bash", "bayesdrill posterior a.yaml --f").split() == ["--force"]
-    assert asked("bash", "bayesdrill export --to m").split() == ["mjcf"]
-    assert not asked("bash", "bayesdrill check co").split()  # files are the shell's
+    assert answer("bash", "bayesdrill posterior a.yaml --f").split() == ["--force"]
+    assert answer("bash", "bayesdrill export --to m").split() == ["mjcf"]
+    assert not answer("bash", "bayesdrill check co").split()  # files are the shell's
+    ended = subprocess.run([BAYESDRILL, "--help"], capture_output=True, text=True, check=True)
+    assert "--install-completion" in ended.stdout
+    assert "--show-completion" not in ended.stdout
+
+
+# What is typed before the tab key, and the line that bash makes of it.
+TYPED = {
+    "bayesdrill ver\t": "bayesdrill verify",
+    "bayesdrill check conf\tmy\t": "bayesdrill check configs/my rig.yaml",
+    "bayesdrill posterior x --res\t": "bayesdrill posterior x --resume",
+}
 
 
 @pytest.mark.skipif(not shutil.which("bash"), reason="no bash here")
 def test_bash_completes_what_is_typed(tmp_path: Path) -> None:
     """A terminal, the script that `--show-completion` prints, and the tab key."""
     script = tmp_path / "completion.sh"
-    shown = subprocess.run(
-        ["bash", "-c", f"{BAYESDRILL} --show-completion; exit"],
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    script.write_text(shown.stdout)
+    show = ["bash", "-c", f"{BAYESDRILL} --show-completion; exit"]
+    script.write_text(subprocess.run(show, capture_output=True, text=True, check=True).stdout)
     (tmp_path / "configs").mkdir()
     (tmp_path / "configs" / "my rig.yaml").touch()
     # After the tab: to the front of the line (ctrl-a), and have it said instead of done.
-    lines = [
-        ("bayesdrill ver\t", "bayesdrill verify"),
-        ("bayesdrill check conf\tmy\t", "bayesdrill check configs/my rig.yaml"),
-        ("bayesdrill posterior x --res\t", "bayesdrill posterior x --resume"),
-    ]
-    typed = "".join(f"{line}\x01echo SAID \n" for line, _ in lines)
-    said = [
-        line.removeprefix("SAID ").strip()
-        for line in in_terminal(f"source {script}\n{typed}exit\n", tmp_path).splitlines()
-        if line.startswith("SAID ")
-    ]
-    assert said == [expected for _, expected in lines]
+    typed = "".join(f"{keys}\x01echo SAID \n" for keys in TYPED)
+    shown = in_terminal(f"source {script}\n{typed}exit\n", tmp_path).splitlines()
+    lines = [line.removeprefix("SAID ").strip() for line in shown if line.startswith("SAID ")]
+    assert lines == [*TYPED.values()]
 
 
 def in_terminal(typed: str, folder: Path) -> str:
-    """What an interactive bash in `folder` shows."""
+    """Return what an interactive bash in `folder` shows."""
     terminal, other_end = pty.openpty()
-    search = f"{BIN}{os.pathsep}{os.environ['PATH']}"
     bash = subprocess.Popen(
         ["bash", "--norc", "--noprofile", "-i"],
         cwd=folder,
-        env={"PATH": search, "TERM": "dumb"},
+        env={"PATH": f"{BIN}{os.pathsep}{os.environ['PATH']}", "TERM": "dumb"},
         stdin=other_end,
         stdout=other_end,
         stderr=other_end,
@@ -102,9 +99,3 @@ def in_terminal(typed: str, folder: Path) -> str:
         bash.wait(timeout=20)
         os.close(terminal)
     return shown.decode().replace("\r", "")
-
-
-def test_help_names_one_option_for_it() -> None:
-    done = subprocess.run([BAYESDRILL, "--help"], capture_output=True, text=True, check=True)
-    assert "--install-completion" in done.stdout
-    assert "--show-completion" not in done.stdout

@@ -44,7 +44,8 @@ class FinishedRun:
 
     @property
     def json(self) -> dict[str, Any]:
-        return dict(json.loads((self.folder / "run.json").read_text()))
+        run = json.loads((self.folder / "run.json").read_text())
+        return {**run.get("analysis", {}).get("convergence", {}), **run}
 
     def chains(self) -> dict[str, np.ndarray]:
         """Return all that `chain.h5` holds of the four ensembles."""

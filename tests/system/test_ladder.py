@@ -184,8 +184,9 @@ def test_a_rung_is_the_run_of_its_config(finished: Ladder, tmp_path: Path) -> No
     for name in ("summary.csv", "map.json"):
         assert (mine / name).read_bytes() == (alone / name).read_bytes(), name
     runs = [json.loads((folder / "run.json").read_text()) for folder in (mine, alone)]
-    assert runs[0]["log_evidence"] == runs[1]["log_evidence"]
-    assert finished.run["log_evidence"]["friction_motor"] == runs[0]["log_evidence"]
+    evidence = [run["evidence"]["log_z"] for run in runs]
+    assert evidence[0] == evidence[1]
+    assert finished.run["log_evidence"]["friction_motor"] == evidence[0]
     result = command_line.cli("compare", finished.folder / "model_2", mine, "-o", tmp_path / "two")
     assert "verdict: MODEL" in result.out
 

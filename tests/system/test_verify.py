@@ -414,7 +414,7 @@ def test_runs_in_a_read_only_folder_are_verified_compared_and_reported_elsewhere
     for name in ("compared", "laid", "copy"):
         assert bd.verify(mine / name).together
     old, new = (json.loads((place / "run.json").read_text()) for place in (run, mine / "copy"))
-    for name in ("fingerprint", "versions", "log_evidence"):
+    for name in ("fingerprint", "versions", "evidence"):
         assert new[name] == old[name]
     assert command_line.listing(read_only / "rig") == before
     config = read_only / "rig" / "out.yaml"

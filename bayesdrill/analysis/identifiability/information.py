@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.arrays import Array, StoredArray
 from bayesdrill.inference.compression import first_samples
 from bayesdrill.inference.laplace import natural_sd
 from bayesdrill.inference.likelihood import Observation
@@ -193,7 +193,7 @@ class Information:
     """The information of a record about the logs of `names`, as its root `(m, m)`."""
 
     names: tuple[str, ...]
-    root: Array
+    root: StoredArray
 
     def bound(self, exponents: Array) -> float:
         """Return the Cramer-Rao bound of the log of a product of powers; inf if not determined."""

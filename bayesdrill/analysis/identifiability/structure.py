@@ -26,7 +26,7 @@ from bayesdrill.analysis.identifiability.information import (
     SensitivityStudy,
     root_of,
 )
-from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.arrays import Array, StoredArray
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Uniform
 from bayesdrill.inference.unknowns import Unknown
@@ -204,7 +204,7 @@ class DependsOnFixed:
     names: tuple[str, ...]
     exponents: Exponents
     held: tuple[str, ...]
-    following: Array
+    following: StoredArray
 
     @property
     def _powers(self) -> dict[str, int]:

@@ -7,16 +7,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from bayesdrill.basics import symbols, units
-from bayesdrill.basics.entries import build_member
 from bayesdrill.basics.errors import collect_each
-from bayesdrill.basics.registry import lookup
 from bayesdrill.basics.units import SECOND, Unit
 from bayesdrill.config.resolve import experiments, sensors
 from bayesdrill.config.resolve.case import ResolvedCase, ResolvedExperiment
 from bayesdrill.config.resolve.experiments import joint_name
 from bayesdrill.config.resolve.quantities import ParsedNumber
 from bayesdrill.config.resolve.sensors import build_noise
-from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import IssueCollector, Location
 from bayesdrill.inference import step_error
 from bayesdrill.inference.display_units import DisplayUnits
@@ -27,14 +24,6 @@ from bayesdrill.inference.unknowns import Unknown, labelled_name
 from bayesdrill.record.experiment import Experiment, raise_if_any
 from bayesdrill.rig.simulators import simulator
 from bayesdrill.rig.simulators.contract import Simulator
-from bayesdrill.sampling.optimisers import OPTIMISERS
-from bayesdrill.sampling.optimisers.contract import Optimiser
-
-
-def optimiser(config: Config) -> Optimiser:
-    """Return the optimiser that searches the MAP."""
-    return build_member(lookup(OPTIMISERS, config.map.method, "method"), config.map)
-
 
 MAX_SHOWN_TIME = 1e4  # of the units of a record: nobody reads so many milliseconds
 SEARCH_STEPS = 4  # steps to a sample, for the search of the maximum: there they are chosen anew

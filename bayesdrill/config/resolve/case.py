@@ -1,29 +1,40 @@
 """A config, resolved once: the rig, each experiment with channels and sensors, nominal values.
 
-Loading gives it, and nobody asks the YAML again: `consistency` builds it, and reports what is
-wrong. The steps raise `ValueError` with a message for the user.
+Loading gives it, and nobody asks the YAML again. The numbers of the rig are built here; what is
+wrong with one is filed at its entry.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from bayesdrill.basics.entries import build_member
-from bayesdrill.basics.formulas import Expression, resolve_relations
+import numpy as np
+
+from bayesdrill.basics.entries import LARGEST, SMALLEST, build_member
+from bayesdrill.basics.formulas import Expression, RelationError, resolve_relations
 from bayesdrill.basics.registry import lookup
-from bayesdrill.config.resolve import quantities
+from bayesdrill.config import latex
+from bayesdrill.config.resolve import quantities, sensors
 from bayesdrill.config.resolve.quantities import NominalValues, ParsedNumber
 from bayesdrill.config.resolve.sensors import SensorEntry
 from bayesdrill.config.schema import numbers
 from bayesdrill.config.schema.config import Config
-from bayesdrill.config.yaml_source import Source
+from bayesdrill.config.yaml_source import IssueCollector, Location, Source
 from bayesdrill.inference.noise.contract import NoisyChannel
 from bayesdrill.inference.posterior import Formula
 from bayesdrill.inference.priors import Prior
 from bayesdrill.inference.unknowns import ParameterSpace, Unknown, labelled_name
 from bayesdrill.rig.models import MODELS
-from bayesdrill.rig.models.linear import Model, with_named
+from bayesdrill.rig.models.friction import Named
+from bayesdrill.rig.models.linear import (
+    Model,
+    missing_requirements,
+    requirement_text,
+    weak_statics,
+    with_all,
+    with_named,
+)
 from bayesdrill.rig.simulators.sensors import ObservationModel
 
 
@@ -188,3 +199,159 @@ class ResolvedCase:
     def experiment(self, label: str) -> ResolvedExperiment:
         """Return the experiment of this name."""
         return next(experiment for experiment in self.experiments if experiment.label == label)
+
+
+# The numbers of the rig are built, and every mistake in them is filed at its entry.
+
+TRIED_DRAWS = 4096  # from the priors, at which formulas are tried
+
+
+def check_nominal(errors: IssueCollector, config: Config, model: Model) -> dict[str, float]:
+    """Return the values of the config's own table, SI, at their own sides of the gear."""
+    values = {
+        name: errors.run(("nominal", name), quantities.nominal_value, config, model, name)
+        for name in config.vocabulary.parameters
+        if getattr(config.nominal, name) is not None
+    }
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def check_torque(
+    errors: IssueCollector, config: Config, model: Model, sensing: ObservationModel | None
+) -> dict[str, float | Unknown | None]:
+    """Return size and time of the missing torque; it needs an inertia to act on."""
+    acts = sensors.latent_torque(config)
+    if acts is None:
+        return {}
+    if sensing is not None:
+        errors.run(("missing_torque",), sensors.check_latent_torque, model, acts, sensing)
+    return {
+        name: errors.run(("missing_torque", entry), sensors.latent_torque_number, config, name)
+        for name, entry in sensors.TORQUE_ENTRIES.items()
+    }
+
+
+def check_rig(
+    errors: IssueCollector, config: Config, model: Model, table: NominalValues
+) -> RigNumbers | None:
+    """Return parameters, quantities and formulas; None with a mistake."""
+    parsed_parameters = dict[str, ParsedNumber | Expression | None]()
+    for name in config.vocabulary.parameters:
+        location: Location = ("parameters", name)
+        if config.parameters.get(name) is None:
+            if name in model.parameters:
+                nominal = table.values.get(name)
+                also = "" if nominal is None else f"`{name}: nominal` ({nominal:g}) or "
+                message = f"missing; to hold it write {also}a number"
+                errors.add(location, message)
+        elif name not in model.parameters:
+            errors.add(location, f"the model {model.name} has no {name}; {_removal_hint(name)}")
+        else:
+            arguments = (config, model, table, name)
+            parsed_parameters[name] = errors.run(location, quantities.parse_parameter, *arguments)
+    _check_added(errors, config, model)
+    return _check_relations(errors, config, model, parsed_parameters)
+
+
+def _removal_hint(name: str) -> str:
+    """For a parameter of another model."""
+    rigs = {n: with_all(kind()) for n, kind in MODELS.usable().items()}
+    having = [n for n, rig in rigs.items() if name in rig.parameters]
+    return f"remove it, or take model.name: {' or '.join(having)}" if having else "remove it"
+
+
+def _check_added(errors: IssueCollector, config: Config, model: Model) -> None:
+    """What is named means something, and nothing is said of what is not named."""
+    reported: set[str] = set()
+    for name, missing in missing_requirements(model).items():
+        if name not in reported:
+            errors.add(("parameters", name), requirement_text(name, missing))
+        reported |= {*model.offers[name]}
+    for section in ("nominal", "simulation"):
+        section_spec = getattr(config, section)
+        for name in config.vocabulary.parameters:
+            if name not in model.parameters and getattr(section_spec, name, None) is not None:
+                why = f"{name} is not of the model {model.name}; remove this"
+                if name in model.offers:
+                    why = f"{name} is not named in `parameters:`; name it there, or remove this"
+                errors.add((section, name), why)
+
+
+def _check_relations(
+    errors: IssueCollector,
+    config: Config,
+    model: Model,
+    parsed_parameters: Mapping[str, ParsedNumber | Expression | None],
+) -> RigNumbers | None:
+    before = len(errors.issues)
+    quantities_, derived = dict[str, ParsedNumber](), list[Formula]()
+    for name, spec in config.quantities.items():
+        number = errors.run(("quantities", name), quantities.parse_quantity, config, name, spec)
+        if number is not None:
+            quantities_[name] = number
+            if getattr(spec, "latex", None) is not None:
+                errors.run(("quantities", name, "latex"), latex.check, number.symbol)
+    for name, formula in config.derived.items():
+        arguments = (config, model, name, errors.source.labels)
+        parsed = errors.run(("derived", name), quantities.parse_formula, *arguments)
+        if parsed is not None:
+            derived.append(parsed)
+            if formula.latex is not None:
+                errors.run(("derived", name, "latex"), latex.check, parsed.symbol)
+    tied = [name for name in parsed_parameters if quantities.is_tied(config.parameters[name])]
+    related = {name: x for name, x in parsed_parameters.items() if isinstance(x, Expression)}
+    wrong = any(parsed_parameters[name] is None for name in tied) or len(errors.issues) > before
+    if wrong or not {*model.parameters} <= {*parsed_parameters}:
+        return None
+    parameters = {n: x for n in model.parameters if (x := parsed_parameters[n]) is not None}
+    if len(parameters) < len(model.parameters):  # a prior or a start, said already
+        return None
+    rig = RigNumbers(parameters=parameters, quantities=quantities_, derived=tuple(derived))
+    try:
+        if not errors.source.labels:
+            check_used(errors, config, [rig])
+        space = rig.space()
+    except RelationError as error:
+        errors.add(("parameters", error.name), str(error))
+        return None
+    named = _check_values(errors, config, space, related)
+    errors.add_all(("parameters",), weak_statics(model, named))
+    return rig
+
+
+def check_used(errors: IssueCollector, config: Config, each: Iterable[RigNumbers]) -> set[str]:
+    """Check that a formula names each quantity; return what formulas of parameters name."""
+    every = [*each]
+    used = {name for rig in every for x in rig.related.values() for name in x.names}
+    others = {name for rig in every for formula in rig.derived for name in formula.expression.names}
+    for name in [n for n in config.quantities if n not in used | others]:
+        message = "no formula names it; use it in `parameters:` or `derived:`, or remove it"
+        errors.add(("quantities", name), message)
+    return used
+
+
+def _check_values(
+    errors: IssueCollector, config: Config, space: ParameterSpace, related: Mapping[str, Expression]
+) -> Named:
+    """Check that computed parameters are positive wherever the priors lead; return all values."""
+    theta = space.draw(TRIED_DRAWS, np.random.default_rng(0)) if space.free else np.ones((1, 0))
+    named = space.named(theta)
+    for name, relation in related.items():
+        values = np.broadcast_to(named[name], len(theta))
+        upper_limit = min(LARGEST, config.vocabulary.parameters[name].at_most)
+        good = (values >= SMALLEST) & (values <= upper_limit)
+        if not good.all():
+            k = int(np.argmin(good))
+            errors.add(
+                ("parameters", name),
+                f"'{relation.text}' is {values[k]:.3g} at {100 * np.mean(~good):.3g} % of what the "
+                f"priors allow, and must be positive (and at most {upper_limit:g}); mend the "
+                "formula or narrow the priors",
+            )
+    return named
+
+
+def free_parameters(config: Config, names: Iterable[str]) -> list[str]:
+    """Return those of `names` that have a prior."""
+    parameters = config.parameters
+    return [name for name in names if isinstance(parameters.get(name), numbers.ParameterPrior)]

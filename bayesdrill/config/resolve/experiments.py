@@ -10,14 +10,23 @@ from typing import Any
 
 import numpy as np
 
+from bayesdrill.basics import symbols
 from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.errors import Issue
 from bayesdrill.basics.symbols import SPEED_UNITS, Symbol
-from bayesdrill.config.resolve import quantities, sensors
+from bayesdrill.config.resolve import case, quantities, sensors, work
+from bayesdrill.config.resolve.case import (
+    LocalNumbers,
+    ResolvedCase,
+    ResolvedExperiment,
+    RigNumbers,
+)
 from bayesdrill.config.resolve.quantities import ParsedNumber
+from bayesdrill.config.schema import numbers
 from bayesdrill.config.schema.config import Config
-from bayesdrill.config.yaml_source import Location, Source
+from bayesdrill.config.yaml_source import IssueCollector, Location, Source
 from bayesdrill.inference.priors import Prior, TruncatedNormal
-from bayesdrill.inference.unknowns import labelled_name
+from bayesdrill.inference.unknowns import ParameterSpace, Unknown, labelled_name
 from bayesdrill.record.experiment import Experiment, frozen
 from bayesdrill.rig.models.friction import Named
 from bayesdrill.rig.models.linear import Model
@@ -263,3 +272,186 @@ def check_at_rest(experiment: Experiment, sigmas: Sequence[float]) -> None:
                 "and the config says nothing of it; write `initial: free`, `initial: steady`, or the "
                 "states there"
             )
+
+
+# Each experiment by its name, which is empty where there is only one.
+NumbersByLabel = Mapping[str, LocalNumbers]
+
+
+def check_experiments(
+    config: Config, source: Source, resolved: Mapping[str, ResolvedExperiment]
+) -> list[Issue]:
+    """Return the issues of a config whose experiments are each valid."""
+    errors = IssueCollector(source, frozenset())
+    for label in config.experiments:
+        if not label.isidentifier():
+            message = f"'{label}' cannot name an experiment; use letters, digits and `_`"
+            errors.add(("experiments", label), message)
+    if errors.issues:
+        return errors.issues
+    model = next(iter(resolved.values())).model
+    by_label = {label: experiment.local_numbers for label, experiment in resolved.items()}
+    _check_held(errors, config, resolved)
+    _check_local(errors, config, model, [each.rig_numbers for each in resolved.values()])
+    _check_shared(errors, config, model, by_label)
+    _check_held_out(errors, config, by_label)
+    _check_names(errors, config, by_label)
+    if not errors.issues:
+        whole = ResolvedCase(config=config, source=source, experiments=(*resolved.values(),))
+        space = whole.space()
+        _check_derived(errors, whole, space)
+        local = [joint_name(config, n, label) for label, x in by_label.items() for n in x.unknown]
+        unknown = list(dict.fromkeys([*space.free, *local]))
+        work.check_unknown(errors, config, unknown, space.relations)
+        work.check_identify(errors, config, [x for x in space.free if x not in config.quantities])
+    check_truth(errors, config, by_label)
+    return errors.issues
+
+
+def unknown_names(config: Config, model: Model, local: LocalNumbers) -> list[str]:
+    """Return the names of all unknowns of an experiment alone."""
+    every = case.free_parameters(config, model.parameters)
+    every += [n for n, q in config.quantities.items() if isinstance(q, numbers.QuantityPrior)]
+    return list(dict.fromkeys([*every, *local.unknown]))
+
+
+def _check_held(
+    errors: IssueCollector, config: Config, resolved: Mapping[str, ResolvedExperiment]
+) -> None:
+    """Check that what an experiment holds by itself is a number or a formula, of a rig that all have."""
+    for label, experiment in resolved.items():
+        for name in config.experiments[label].parameters:
+            free = isinstance(experiment.config.parameters.get(name), numbers.ParameterPrior)
+            without = [n for n, each in resolved.items() if name not in each.model.parameters]
+            only = f"only a number or a formula can be held; `own: [{name}]` makes unknowns"
+            both = f"{name} is `own:`, and so unknown in each; remove one of the two"
+            lacks = f"{name} is not in the rig of {' and '.join(without)}; name it above"
+            checks = ((free, only), (name in config.own, both), (without, lacks))
+            if message := next((text for wrong, text in checks if wrong), ""):
+                errors.add(("experiments", label, "parameters", name), message)
+
+
+def _check_derived(errors: IssueCollector, whole: ResolvedCase, space: ParameterSpace) -> None:
+    """Check that formulas name what there is among all experiments."""
+    known = {*space.free, *space.fixed, *space.relations, *symbols.DERIVED, *whole.config.derived}
+    for formula in whole.experiments[0].rig_numbers.derived:
+        for name in [name for name in formula.expression.names if name not in known]:
+            others = dict.fromkeys(called.get(name, "") for called in whole.called.values())
+            way_out = f"name {' or '.join(others)}" if all(others) else "it is the same in all"
+            message = f"there is no {name} among all experiments; {way_out}"
+            errors.add(("derived", formula.symbol.name), message)
+
+
+def check_truth(errors: IssueCollector, config: Config, by_label: NumbersByLabel) -> None:
+    """Check true values by channel, and by names of the other unknowns."""
+    simulation: Any = config.simulation
+    channels = dict.fromkeys(name for local in by_label.values() for name in local.channels)
+    for name in simulation.sigma if simulation else ():
+        if not errors.is_reported(("record", "channels", name)):
+            location: Location = ("simulation", "sigma", name)
+            errors.expect(location, name, channels, "there is no such channel")
+    for name in simulation.truth if simulation else ():
+        message = "a sensor, a start, a noise or an experiment has no such unknown"
+        known_names = _truth_names(config, by_label)
+        errors.expect(("simulation", "truth", name), name, known_names, message)
+
+
+def _truth_names(config: Config, by_label: NumbersByLabel) -> list[str]:
+    """What a true value can be given for beside the rig, in one experiment or in all."""
+    pairs = [(label, name) for label in by_label for name in config.own]
+    if config.missing_torque is not None:
+        pairs += [(label, name) for label in by_label for name in sensors.TORQUE_ENTRIES]
+    for label, local in by_label.items():
+        sizes = {symbols.noise_name(name) for name in local.channels}  # `simulation.sigma`
+        pairs += [(label, name) for name in local.numbers if name not in sizes]
+    local_names = [labelled_name(name, label) for label, name in pairs if name not in config.shared]
+    return list(dict.fromkeys([*(name for _, name in pairs), *local_names]))
+
+
+def _check_local(
+    errors: IssueCollector, config: Config, model: Model, each: Iterable[RigNumbers]
+) -> None:
+    free = case.free_parameters(config, model.parameters)
+    related_names = case.check_used(errors, config, each)
+    for k, name in enumerate(config.own):
+        errors.expect(("own", k), name, free, f"{name} is no unknown parameter of the rig")
+        if name in related_names:
+            message = f"a formula or tie names {name}, so that all experiments share it; remove one"
+            errors.add(("own", k), message)
+
+
+def _check_shared(
+    errors: IssueCollector, config: Config, model: Model, by_label: NumbersByLabel
+) -> None:
+    """What is shared is unknown in several experiments, with one prior."""
+    known_names = dict.fromkeys(name for local in by_label.values() for name in local.numbers)
+    for k, name in enumerate(config.shared):
+        location = ("shared", k)
+        having = [label for label, local in by_label.items() if name in local.numbers]
+        given = [by_label[label].numbers[name] for label in having]
+        values = [(x.prior, x.start) if isinstance(x, Unknown) else x for x in given]
+        if not having:
+            rig = " (parameters of the rig are shared unless they are `own:`)"
+            message = f"{name} is no unknown of a sensor, a start or noise"
+            message += rig if name in model.parameters else ""
+            errors.expect(location, name, known_names, message)
+        elif any(isinstance(value, float) for value in values):
+            message = f"{name} is held, so that nothing is unknown of it; remove it here"
+            errors.add(location, message)
+        elif len(having) == 1:
+            message = f"only {having[0]} has {name}; give it to another one, or remove it here"
+            errors.add(location, message)
+        elif any(value is None for value in values):
+            state = name.removesuffix("_0")
+            example = f"`{state}: {{prior: normal, mean: 0, sd: 1}}`"
+            way_out = f"give one in all, such as {example}, or remove it here"
+            errors.add(location, f"each record gives {name} a prior of its own; {way_out}")
+        elif others := [n for n, x in zip(having, values, strict=True) if x != values[0]]:
+            message = f"{name} has another prior in {others[0]} than in {having[0]}"
+            way_out = "give it once, above `experiments:`, or remove it here"
+            errors.add(location, f"{message}; {way_out}")
+
+
+def _check_held_out(errors: IssueCollector, config: Config, by_label: NumbersByLabel) -> None:
+    """What is predicted of an experiment that is no evidence, others have to tell."""
+    held_out = [label for label, experiment in config.experiments.items() if experiment.held_out]
+    if held_out and len(held_out) == len(by_label):
+        message = "all are held out; leave one to be fitted"
+        errors.add(("experiments", held_out[0], "held_out"), message)
+        return
+    fitted = [local for label, local in by_label.items() if label not in held_out]
+    determined = {name for local in fitted for name in local.numbers if name in config.shared}
+    for label in held_out:
+        for k, name in enumerate(config.own):
+            message = f"nothing tells {name} of {label}, which is held out; remove it here"
+            errors.add(("own", k), message)
+        if alone := ", ".join(n for n in by_label[label].unknown if n not in determined):
+            message = f"nothing tells {alone} of {label}; give a number, or add it to `shared:`"
+            errors.add(("experiments", label, "held_out"), message)
+
+
+def _check_names(errors: IssueCollector, config: Config, by_label: NumbersByLabel) -> None:
+    """That no two unknowns, and no two columns of results, have one name."""
+    words = config.vocabulary
+    used_names = dict.fromkeys([*words.parameters, *config.quantities, *symbols.DERIVED], "")
+    used_names |= dict.fromkeys(config.derived, "")
+    before = len(errors.issues)
+    for label, local in by_label.items():
+        local_names = [*config.own, *config.experiments[label].parameters]
+        local_names += [name for name in local.numbers if name not in config.shared]
+        _no_clash(errors, label, local_names, used_names)
+    columns = dict[str, str]()
+    for label, local in by_label.items() if len(errors.issues) == before else ():
+        _no_clash(errors, label, [*local.channels, *words.inputs], columns)
+
+
+def _no_clash(
+    errors: IssueCollector, label: str, names: Iterable[str], used_names: dict[str, str]
+) -> None:
+    new_names = {labelled_name(name, label): f"{name} of {label}" for name in names}
+    clashes = [name for name in new_names if name in used_names]
+    for name in clashes[:1]:
+        other = f"that of {used_names[name]}" if used_names[name] else "another meaning already"
+        message = f"the name {name} of {new_names[name]} is {other}; rename the experiment"
+        errors.add(("experiments", label), message)
+    used_names |= {name: meaning for name, meaning in new_names.items() if name not in clashes}

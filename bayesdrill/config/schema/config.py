@@ -1,7 +1,7 @@
 """The experiment config as validated records, its defaults, and its JSON schema.
 
 Strict: unknown keys, wrong types and values out of range are errors.  What needs more than one
-entry to be judged (a start inside its prior, symbols of the model, units) is in `consistency`.
+entry to be judged (a start inside its prior, symbols of the model, units) is in `resolve`.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ from bayesdrill.config.schema.numbers import (
 from bayesdrill.config.schema.records import (
     MAX_NAMED,
     ExperimentSpec,
-    Initial,
-    Inputs,
+    InitialBase,
+    InputsBase,
     OutputSpec,
     RecordSpec,
 )
@@ -174,13 +174,9 @@ class MapBase(Strict):
 
 
 if TYPE_CHECKING:
-    Parameters = dict[str, ParameterSpec]
-    Nominal = _NominalBase
-    Simulation = _SimulationBase
     ModelSpec = ModelBase
     MapSpec = MapBase
-else:  # with names of the vocabulary, and what the members of the registries bring
-    Parameters, Tolerances, Nominal, Simulation = _sections(HOUSE)
+else:  # with what the members of the registries bring
     ModelSpec = member_section("ModelSpec", ModelBase, "name", MODELS.usable())
     MapSpec = member_section("MapSpec", MapBase, "method", OPTIMISERS.usable())
 
@@ -234,13 +230,14 @@ class IdentifySpec(Strict):
 class Config(Strict):
     """An experiment: a record, a rig, what is believed of it, and how to find out more."""
 
-    vocabulary: ClassVar[Vocabulary] = HOUSE
+    # Whose names the sections have of which only a base stands here; see `config_kind`.
+    vocabulary: ClassVar[Vocabulary]
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=100)]
     seed: Annotated[int, Field(ge=0, lt=2**64)]
     record: RecordSpec
-    inputs: Inputs
-    initial: Annotated[Initial, shorthand("state")] = Initial()
+    inputs: InputsBase
+    initial: InitialBase = InitialBase()
     experiments: Named[ExperimentSpec] = Field(default_factory=dict)
     """Several experiments with one rig, by name; each needs a record."""
     shared: NameList = Field(default_factory=list)
@@ -248,8 +245,8 @@ class Config(Strict):
     own: NameList = Field(default_factory=list)
     """Parameters of the rig that are another unknown in each experiment."""
     model: ModelSpec = ModelSpec()
-    nominal: Annotated[Nominal, shorthand("table")] = Nominal()
-    parameters: Parameters
+    nominal: _NominalBase = _NominalBase()
+    parameters: dict[str, ParameterSpec]
     quantities: Named[QuantitySpec] = Field(default_factory=dict)
     """What formulas of parameters name beside parameters."""
     derived: Named[Annotated[DerivedSpec, shorthand("formula")]] = Field(default_factory=dict)
@@ -261,11 +258,7 @@ class Config(Strict):
     output: OutputSpec = OutputSpec()
     identify: IdentifySpec = IdentifySpec()
     calibration: CalibrationSpec = CalibrationSpec()
-    simulation: Simulation | None = None
-
-
-class _ConfigOfRig(Config):
-    """A config with names of its rig, which is pickled as what it was read from."""
+    simulation: _SimulationBase | None = None
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _restored, (self.vocabulary, self.model_dump(exclude_unset=True))
@@ -278,23 +271,25 @@ def _restored(vocabulary: Vocabulary, data: dict[str, Any]) -> Config:
 @cache
 def config_kind(vocabulary: Vocabulary) -> type[Config]:
     """Return the config whose sections have the names of this vocabulary."""
-    if vocabulary == HOUSE:
-        return Config
     inputs, initial = records.inputs_section(vocabulary), records.initial_section(vocabulary)
     parameters, _, nominal, simulation = _sections(vocabulary)
     at: Any = Literal[vocabulary.inertias], MissingTorqueSpec.model_fields["at"]
-    torque = create_model("MissingTorqueSpec", __base__=MissingTorqueSpec, at=at)
+    torque = extended("MissingTorqueSpec", MissingTorqueSpec, {"at": at})
+    about_torque = Config.model_fields["missing_torque"].description
     sections: dict[str, Any] = {
         "inputs": (inputs, ...),
         "initial": (Annotated[initial, shorthand("state")], initial()),
         "nominal": (Annotated[nominal, shorthand("table")], nominal()),
         "parameters": (parameters, ...),
-        "missing_torque": (torque | None, None),
+        "missing_torque": (torque | None, Field(None, description=about_torque)),
         "simulation": (simulation | None, None),
     }
-    kind: Any = create_model("Config", __base__=_ConfigOfRig, __doc__=Config.__doc__, **sections)
+    kind: Any = create_model("Config", __base__=Config, __doc__=Config.__doc__, **sections)
     kind.vocabulary = vocabulary
     return kind
+
+
+HOUSE_CONFIG = config_kind(HOUSE)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

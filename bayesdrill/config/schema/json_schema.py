@@ -10,7 +10,7 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from bayesdrill.config.schema.config import Config
+from bayesdrill.config.schema.config import HOUSE_CONFIG
 from bayesdrill.config.schema.vocabulary import HOUSE, described_rigs
 
 ABOUT = ("description", "default", "title")
@@ -29,7 +29,7 @@ SECTIONS: Mapping[str, tuple[str, ...]] = {
 
 def json_schema() -> str:
     """Return the JSON schema of a config as text."""
-    schema = Config.model_json_schema()
+    schema = HOUSE_CONFIG.model_json_schema()
     defs = schema["$defs"]
     known: dict[str, Any] = {}
     # Names whose entries are as free as any: of numbers that may be negative, of what drives.

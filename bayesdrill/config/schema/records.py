@@ -27,7 +27,7 @@ from bayesdrill.config.schema.numbers import (
     entry_shape,
     shorthand,
 )
-from bayesdrill.config.schema.vocabulary import HOUSE, Vocabulary
+from bayesdrill.config.schema.vocabulary import Vocabulary
 from bayesdrill.inference.noise import NOISES
 from bayesdrill.record.formats import FORMATS
 
@@ -334,12 +334,8 @@ def initial_section(vocabulary: Vocabulary) -> type[InitialBase]:
 
 if TYPE_CHECKING:
     RecordSpec = RecordBase
-    Inputs = InputsBase
-    Initial = InitialBase
 else:
     RecordSpec = member_section("RecordSpec", RecordBase, "format", _options)
-    Inputs = inputs_section(HOUSE)
-    Initial = initial_section(HOUSE)
 
 
 class ExperimentSpec(Strict):

@@ -1,4 +1,4 @@
-"""What a newcomer without a checkout gets, and how results are cited."""
+"""The examples are written into a folder: all of them, and over nothing of others."""
 
 from __future__ import annotations
 
@@ -16,12 +16,16 @@ CONFIGS = command_line.ROOT / "configs"
 
 def test_the_examples_are_those_of_the_checkout_and_run(tmp_path: Path) -> None:
     folder = tmp_path / "my rig"
-    made = command_line.cli("example", folder)
-    assert made.status == 0
+    folder.mkdir()
+    (folder / "notes.txt").write_text("mine")
+    ran = command_line.cli("example", folder)
+    assert ran.status == 0
+    assert (folder / "notes.txt").read_text() == "mine"
+    (folder / "notes.txt").unlink()
     there = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
     assert there == {*files.FILES}
     assert all((folder / name).read_bytes() == (CONFIGS / name).read_bytes() for name in there)
-    assert f"'{folder}/nominal_step.yaml'" in made.out  # as a shell takes it
+    assert f"bayesdrill check '{folder}/nominal_step.yaml'" in ran.out  # as a shell takes it
     assert command_line.cli("check", folder / "nominal_step.yaml").status == 0
 
 
@@ -37,23 +41,15 @@ def test_nothing_is_overwritten_and_nothing_written_beside_it(tmp_path: Path) ->
     (tmp_path / "example_rig.yaml").write_text("mine")
     (tmp_path / "records" / "nominal_step.csv").symlink_to("nowhere")
     before = command_line.listing(tmp_path)
-    refused = command_line.cli("example", tmp_path)
-    assert refused.status == 2
-    assert len(refused.err.splitlines()) == 2  # each of them, and a way out
-    assert "example_rig.yaml: is there already; move it" in refused.err
+    ran = command_line.cli("example", tmp_path)
+    assert ran.status == 2
+    assert len(ran.err.splitlines()) == 2  # each of them, and a way out
+    assert "example_rig.yaml: is there already; move it" in ran.err
     assert command_line.listing(tmp_path) == before
 
 
-def test_other_files_of_the_folder_stay(tmp_path: Path) -> None:
-    (tmp_path / "notes.txt").write_text("mine")
-    made = bd.example(tmp_path)
-    assert len(made.files) == len(files.FILES)
-    assert (tmp_path / "notes.txt").read_text() == "mine"
-    assert "bayesdrill check" in repr(made)
-
-
 @run_cases("name", ["", "records"])
-def test_what_is_no_folder_is_not_written_through(name: str, tmp_path: Path) -> None:
+def test_a_link_or_file_in_the_place_of_a_folder_is_refused(name: str, tmp_path: Path) -> None:
     folder, elsewhere = tmp_path / "here", tmp_path / "elsewhere"
     elsewhere.mkdir()
     if name:
@@ -61,9 +57,9 @@ def test_what_is_no_folder_is_not_written_through(name: str, tmp_path: Path) -> 
         (folder / name).symlink_to(elsewhere)
     else:
         folder.write_text("a file")
-    refused = command_line.cli("example", folder)
-    assert refused.status == 2
-    assert "is no folder" in refused.err
+    ran = command_line.cli("example", folder)
+    assert ran.status == 2
+    assert "is no folder" in ran.err
     assert not [*elsewhere.iterdir()]
 
 
@@ -74,8 +70,3 @@ def test_a_package_without_its_examples_says_so(
     with pytest.raises(bd.InputError, match="install bayesdrill again"):
         bd.example(tmp_path / "here")
     assert not [*tmp_path.iterdir()]
-
-
-def test_what_is_installed_is_cited() -> None:
-    said = command_line.cli("cite")
-    assert (said.status, said.out.strip()) == (0, bd.citation().strip())

@@ -7,14 +7,19 @@ from typing import Any
 
 from bayesdrill import output_files
 from bayesdrill.basics import symbols
-from bayesdrill.basics.entries import entries_of, unknown_keys
+from bayesdrill.basics.entries import build_member, entries_of, unknown_keys
 from bayesdrill.basics.registry import lookup
-from bayesdrill.config.resolve import assembly
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import IssueCollector, Location
 from bayesdrill.output_files import RUN_FIGURES
 from bayesdrill.sampling.optimisers import OPTIMISERS
+from bayesdrill.sampling.optimisers.contract import Optimiser
 from bayesdrill.sampling.samplers.ensemble import MOVES, always_inside, moves_with_weights
+
+
+def optimiser(config: Config) -> Optimiser:
+    """Return the optimiser that searches the MAP."""
+    return build_member(lookup(OPTIMISERS, config.map.method, "method"), config.map)
 
 
 def check_settings(errors: IssueCollector, config: Config) -> None:
@@ -44,7 +49,7 @@ def check_unknown(
     if kind := OPTIMISERS.usable().get(config.map.method):
         given_entries = [e for e in entries_of(kind) if getattr(config.map, e) is not None]
         location = ("map", *(given_entries or ["method"])[:1])
-        errors.run(location, assembly.optimiser(config).check, list(unknown))
+        errors.run(location, optimiser(config).check, list(unknown))
     sampler, n_unknown = config.sampler, len(unknown)
     if not unknown:
         errors.add(("parameters",), "nothing is unknown; give at least one parameter a prior")

@@ -1,27 +1,26 @@
-"""What is cited is as its authors say; `citation.bib` and `CITATION.cff` hold the same."""
+"""Citations are as their authors ask for; `citation.bib` and `CITATION.cff` hold the same works."""
 
 from __future__ import annotations
 
 import re
 import tomllib
-from pathlib import Path
 
 import arviz_base
 import emcee
 from ruamel.yaml import YAML
 from support.case_tables import run_cases
+from support.command_line import ROOT, cli
 
 import bayesdrill as bd
 
-ROOT = Path(__file__).parents[2]
 ENTRIES = {re.split(r"[{,]", entry)[1]: entry for entry in bd.citation().split("\n\n")}
 CFF = YAML(typ="safe").load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
 
 
 def fields(entry: str) -> dict[str, str]:
-    """Of one entry of BibTeX, without its outer braces."""
-    found = re.findall(r"^\s*(\w+)\s*=\s*[{\"]?(.*?)[}\"]?,?$", entry, re.M)
-    return {name.lower(): value.strip("{}") for name, value in found}
+    """Return the fields of an entry of BibTeX, without outer braces."""
+    pairs = re.findall(r"^\s*(\w+)\s*=\s*[{\"]?(.*?)[}\"]?,?$", entry, re.M)
+    return {name.lower(): value.strip("{}") for name, value in pairs}
 
 
 @run_cases(
@@ -48,9 +47,11 @@ def test_the_paper_is_cited_as_its_page_names_it() -> None:
     assert "doi" not in paper  # none is known
 
 
-def test_entries_are_plain_and_whole() -> None:
-    """Any BibTeX reads them: ASCII, braces that close, a comma after each field."""
+def test_any_bibtex_reads_the_entries() -> None:
+    """ASCII, braces that close, a comma after each field; the command prints the same."""
     text = bd.citation()
+    ran = cli("cite")
+    assert (ran.status, ran.out.strip()) == (0, text.strip())
     assert text.isascii()
     assert r"Germ{\'a}n" in text
     assert "{Cunha Jr}, Americo" in text
@@ -74,16 +75,16 @@ def test_both_files_cite_this_version_and_the_same_works() -> None:
         assert len(reference["authors"]) == entry["author"].count(" and ") + 1
 
 
-def test_the_file_has_what_its_format_requires() -> None:
+def test_the_cff_file_has_what_its_format_requires() -> None:
     """CFF 1.2.0: its keys, words and forms of values."""
-    assert {"cff-version", "message", "title", "authors"} <= set(CFF)
+    assert {"cff-version", "message", "title", "authors"} <= {*CFF}
     assert (CFF["cff-version"], CFF["type"]) == ("1.2.0", "software")
     assert re.fullmatch(r"\d{4}-\d\d-\d\d", CFF["date-released"])
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     assert (CFF["license"], CFF["authors"]) == (project["license"], project["authors"])
     assert CFF["abstract"].rstrip(".") == project["description"]
     for reference in CFF["references"]:
-        assert {"type", "title", "authors"} <= set(reference)
+        assert {"type", "title", "authors"} <= {*reference}
         assert reference["type"] in ("article", "conference-paper")
         assert re.fullmatch(r"10\.\d{4,9}/\S+", reference.get("doi", "10.1000/none"))
-        assert all({"family-names"} < set(one) for one in reference["authors"])
+        assert all({"family-names"} < {*author} for author in reference["authors"])

@@ -48,10 +48,6 @@ def check_sensors(
         check_quantity(errors, ("initial", name), start, unit)
     checked = {e: _sensor_number(errors, e) for e in sensors.sensor_entries(config, model)}
     sensing = errors.run(("inputs",), sensors.build_sensing, config, [*checked], free)
-    names = {e.symbol.name for e in checked} | {sensors.state_name(name) for name in free}
-    for name in config.quantities:
-        if name in names:
-            errors.add(("quantities", name), "a sensor's number has this name; choose another one")
     _check_ineffective(errors, config)
     if config.initial.state == "steady":
         _check_steady(errors, config, model)

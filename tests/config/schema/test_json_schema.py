@@ -1,0 +1,61 @@
+"""The JSON schema of configs, by which editors complete and describe entries."""
+
+from __future__ import annotations
+
+import json
+import re
+from typing import Any
+
+import pytest
+from support.command_line import ROOT
+
+from bayesdrill.config.schema.json_schema import json_schema
+
+
+@pytest.fixture(scope="module")
+def schema() -> dict[str, Any]:
+    return dict(json.loads(json_schema()))
+
+
+def test_the_committed_schema_is_that_of_the_code() -> None:
+    """`make schema` writes it anew."""
+    assert (ROOT / "configs" / "schema.json").read_text() == json_schema()
+
+
+def test_symbols_have_their_unit_and_meaning(schema: dict[str, Any]) -> None:
+    entry = schema["$defs"]["Parameters"]["properties"]["t_f"]
+    assert "not a time" in entry["description"]
+    assert "N*m" in entry["description"]
+    assert schema["additionalProperties"] is False
+
+
+def test_every_entry_of_sensors_and_experiments_is_described(schema: dict[str, Any]) -> None:
+    kinds = {
+        name: kind["properties"] for name, kind in schema["$defs"].items() if "properties" in kind
+    }
+    described = [schema["properties"][name] for name in ("experiments", "shared", "own")]
+    described += [
+        kinds[x][n] for x in ("ChannelSpec", "InputColumn") for n in ("gain", "offset", "lag")
+    ]
+    described += [
+        kinds["ExperimentSpec"]["held_out"],
+        kinds["Inputs"]["t_0"],
+        kinds["Initial"]["state"],
+    ]
+    assert all(entry["description"] for entry in described)
+    own = {"record", "inputs", "initial", "parameters", "held_out"}
+    assert {*kinds["ExperimentSpec"]} == own
+    assert "experiment has" not in json.dumps(schema)
+
+
+def test_names_of_parts_are_known_beside_a_train_alone(schema: dict[str, Any]) -> None:
+    names = schema["else"]["properties"]
+    assert schema["if"]["properties"]["model"]["properties"]["name"] == {"enum": ["train"]}
+    for section in ("parameters", "nominal", "inputs", "initial", "simulation"):
+        kind = schema["$defs"][section.capitalize()]
+        assert names[section]["propertyNames"]["enum"] == [*kind["properties"]]
+        ((pattern, _),) = kind["patternProperties"].items()
+        assert kind["additionalProperties"] is False
+        for name in ("j_load", "t_c_load", "theta_arm_2", "k_T_motor"):
+            assert re.search(pattern, name), name
+    assert names["missing_torque"]["properties"]["at"]["enum"] == ["motor", "rotor_1"]

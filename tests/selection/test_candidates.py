@@ -1,0 +1,195 @@
+"""Candidate models: each is a valid config, which differs in what its name says."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from ruamel.yaml import YAML
+from support import command_line
+from support.case_tables import run_cases
+from support.unexplained_records import merged
+
+from bayesdrill.config import loading
+from bayesdrill.config.job import prepare
+from bayesdrill.selection import config_edits
+from bayesdrill.selection.candidates import MOST_PARTS, CandidateModel, CandidateModels
+
+TORQUES = {"missing_torque_motor", "missing_torque_rotor_1"}
+PHYSICS = {
+    "friction_motor": ("t_cm",),
+    "friction_rotor_1": ("t_c1",),
+    "friction_both": ("t_cm", "t_c1"),
+    "voltage_drop": ("v_d",),
+    "drag_motor": ("d_m",),
+    "drag_rotor_1": ("d_1",),
+    "damping_rotor_1": ("c_1",),
+    "damping_shaft": ("c_s",),
+    "load_friction_motor": ("eta",),
+    "inertia_rotor_1": ("j_0", "k_0", "c_0"),
+}
+CHANNELS = ("theta_1", "w_1")
+UNKNOWN_OF_SENSORS = {"t_0"} | {
+    f"{kind}_{c}" for c in CHANNELS for kind in ("lag", "gain", "offset")
+}
+OF_SENSORS = {*UNKNOWN_OF_SENSORS, "sign_theta_1", "sign_w_1", "free_start"}
+NOT_OF_MODEL = ("output", "simulation", "sampler")
+FREE = "sigma: {prior: log_uniform, low: 0.01, high: 1}"
+FREE_ANGLE = ("theta_1, unit: rad, sigma: 0.05", f"theta_1, unit: rad, {FREE}")
+load_yaml = YAML(typ="safe").load
+
+
+def candidates(folder: Path, *changes: tuple[str, str]) -> CandidateModels:
+    config = command_line.small_config(folder, ("walkers: 8", "walkers: 24"), *changes)
+    return CandidateModels.from_job(prepare(config), {})
+
+
+def singles(models: CandidateModels) -> dict[str, CandidateModel]:
+    """Candidates with one part, by name: causes, and what absorbs any misfit."""
+    both = (*models.singles(), *models.singles(absorbing=True))
+    return {candidate.name: candidate for candidate in both}
+
+
+def unknowns(candidate: CandidateModel) -> set[str]:
+    return {*candidate.job().problem.names}
+
+
+def test_each_candidate_frees_what_its_name_says(tmp_path: Path) -> None:
+    """Mutants killed: one channel of all; a thing that stays in the next rung; a gear that stays."""
+    models = candidates(tmp_path)
+    every = singles(models)
+    assert {*every} == {"unknown_noise", "ar1", *PHYSICS, *TORQUES, *OF_SENSORS}
+    sizes, memories = ({f"{name}_{c}" for c in CHANNELS} for name in ("sigma", "rho"))
+    noise = {"unknown_noise": sizes, "ar1": sizes | memories}
+    for name, candidate in every.items():
+        names = unknowns(candidate)
+        expected = {"k_e", "j_1", *PHYSICS.get(name, ()), *noise.get(name, ())}
+        expected |= {name} & UNKNOWN_OF_SENSORS
+        assert expected <= names, name
+        free = (
+            {"s_d", "tau_d"}
+            if name in TORQUES
+            else {f"{x}_0" for x in (*CHANNELS, "theta_2", "w_2", "i")}
+        )
+        if name in TORQUES or name == "free_start":
+            assert free <= names, name
+        else:
+            assert names == expected, name
+    (geared,) = models.with_numbers(gear=2.0).rungs([("gear",)])
+    assert geared.job().problem.model.i_m == 2.0 * models.job.problem.model.i_m
+    assert geared.lines == "model: {i_m: 0.25}"
+    assert every["sign_w_1"].lines == "record:\n  channels:\n    w_1: {gain: -1.0}"
+
+
+def test_the_lines_of_a_candidate_make_it_of_the_config(tmp_path: Path) -> None:
+    """Pasted into the config as given, they are the rung.  Mutant killed: only what is new is said."""
+    models = candidates(tmp_path)
+    for name, candidate in singles(models).items():
+        pasted = merged(load_yaml(models.job.source.text), load_yaml(candidate.lines))
+        whole = load_yaml(candidate.source.text)
+        of_model, expected = (
+            {key: x for key, x in data.items() if key not in NOT_OF_MODEL}
+            for data in (pasted, whole)
+        )
+        assert of_model == expected, name
+
+
+EXPERIMENTS = """\
+experiments:
+  a: {}
+  b: {record: {channels: {w_1: {column: w_1, unit: rad/s, sigma: 0.1, lag: 0.01}}}}
+inputs:"""
+
+
+def test_parts_of_several_experiments_are_shared_or_own(tmp_path: Path) -> None:
+    """Sensors are the same, but for offsets of channels; noise is an experiment's own.
+
+    Mutants killed: a lag of its own in each; what an experiment says of a sensor is said again.
+    """
+    every = singles(candidates(tmp_path, ("inputs:", EXPERIMENTS)))
+    for name, freed in {
+        "gain_w_1": {"gain_w_1"},
+        "offset_theta_1": {"offset_theta_1_a", "offset_theta_1_b"},
+        "lag_w_1": {"lag_w_1_a"},
+        "unknown_noise": {"sigma_w_1_a", "sigma_w_1_b", "sigma_theta_1"},
+        "ar1": {f"{x}_{c}" for x in ("sigma", "rho") for c in ("w_1_a", "w_1_b", "theta_1")},
+    }.items():
+        assert unknowns(every[name]) == {"k_e", "j_1", *freed}, name
+    without_lag = EXPERIMENTS.replace(", lag: 0.01", "")
+    torque = singles(candidates(tmp_path, ("inputs:", without_lag)))["missing_torque_rotor_1"]
+    assert unknowns(torque) == {"k_e", "j_1", "s_d", "tau_d"}
+
+
+def test_physics_and_noise_of_a_config_are_not_tried_again(tmp_path: Path) -> None:
+    ar1 = ("w_1, unit: rad/s, sigma: 0.05", f"w_1, unit: rad/s, noise: ar1, {FREE}")
+    friction = ("t_f: nominal", "t_f: nominal\n  t_cm: {prior: uniform, low: 0, high: 0.1}")
+    every = singles(candidates(tmp_path, friction, FREE_ANGLE, ar1))
+    assert not {"friction_motor", "friction_both", "unknown_noise"} & {*every}
+    assert {"friction_rotor_1", "ar1"} <= {*every}
+    assert "rho_theta_1" in unknowns(every["ar1"])
+
+
+def test_windows_leave_an_experiment_that_is_held_out(tmp_path: Path) -> None:
+    """Mutant killed: experiments that are known by their place, so that one held out shifts them."""
+    text = "experiments:\n  away: {held_out: true}\n  a: {}\ninputs:"
+    halves = candidates(tmp_path, ("inputs:", text)).windows(2)
+    experiments = [half.source.data["experiments"] for half in halves]
+    assert [each["away"] for each in experiments] == [{"held_out": True}] * 2
+    first, second = (each["a"]["record"]["window"] for each in experiments)
+    assert first[1] == second[0] > first[0]
+
+
+def test_a_memory_is_shared_as_the_size_of_its_noise(tmp_path: Path) -> None:
+    """Mutant killed: a memory of its own in each experiment, of noise that they share."""
+    shared = ("inputs:", "experiments: {a: {}, b: {}}\nshared: [sigma_w_1]\ninputs:")
+    free_speed = ("w_1, unit: rad/s, sigma: 0.05", f"w_1, unit: rad/s, {FREE}")
+    every = singles(candidates(tmp_path, shared, FREE_ANGLE, free_speed))
+    assert {"rho_w_1", "rho_theta_1_a", "rho_theta_1_b"} <= unknowns(every["ar1"])
+
+
+def test_angles_of_many_turns_widen_no_prior(tmp_path: Path) -> None:
+    """Mutant killed: springs as strong as both their angles."""
+    sizes = candidates(tmp_path / "here").sizes
+    start = ("inputs:", "initial: {theta_1: 1000, theta_2: 1000}\ninputs:")
+    assert candidates(tmp_path / "far", start).sizes == pytest.approx(sizes, rel=1e-6)
+
+
+def test_only_parts_that_go_together_are_combined(tmp_path: Path) -> None:
+    """Mutants killed: friction at rest that nothing slides with; a second friction, noise or torque."""
+    models = candidates(tmp_path)
+    every = [*singles(models)]
+
+    def beyond(*parts: str) -> set[str]:
+        prefix = "-".join(parts)
+        return {x.name.removeprefix(f"{prefix}-") for x in models.beyond(parts, every)}
+
+    smooth = {"damping_rotor_1", "damping_shaft", "inertia_rotor_1", *OF_SENSORS}
+    rubbing = {"voltage_drop", "drag_motor", "drag_rotor_1", "load_friction_motor"}
+    assert beyond("friction_rotor_1", "ar1") == {*smooth, *rubbing, "static_rotor_1"}
+    assert beyond("missing_torque_motor") == {"unknown_noise", *smooth}
+    rests = {x.name: x for x in models.beyond(("friction_both",), ())}
+    assert {*rests} == {"friction_both-static_motor", "friction_both-static_rotor_1"}
+    names = unknowns(rests["friction_both-static_rotor_1"])
+    assert {"t_cm", "t_c1", "t_s1", "w_s1"} <= names
+    fewer = models.without_each(("friction_both", "static_motor", "ar1"))
+    assert [x.name for x in fewer] == ["friction_both-ar1", "friction_both-static_motor"]
+    assert models.beyond(tuple(f"x{k}" for k in range(MOST_PARTS)), every) == []
+
+
+@run_cases("name", ["as_given", "ar1", "damping_shaft"])
+def test_a_recommended_config_can_be_read_from_another_folder(name: str, tmp_path: Path) -> None:
+    """Mutant killed: a record that is looked for beside the new config."""
+    output = ("output: {predictive_draws: 10, figures: []}", "output: {figures: [corner]}")
+    models = candidates(tmp_path / "here", output)
+    candidate = {**singles(models), "as_given": models.rungs([()])[0]}[name]
+    path = tmp_path / "far" / "away" / "recommended.yaml"
+    path.parent.mkdir(parents=True)
+    given = candidate.source.data, models.job.source, path.parent
+    path.write_text(config_edits.as_file(*given, ["first", "second"], "mine"))
+    assert path.read_text().startswith("# first\n# second\nname: mine\n")
+    case, problem = loading.load(path), candidate.job().problem
+    assert list(case.config.output.figures) == ["corner"]
+    again = prepare(path).problem
+    assert again.names == problem.names
+    assert (again.experiment.y == problem.experiment.y).all()
+    assert load_yaml(case.source.text)["record"]["file"] == "../../here/small.csv"
