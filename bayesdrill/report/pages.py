@@ -8,16 +8,12 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.ticker import FixedLocator, NullFormatter
 from matplotlib.transforms import Affine2D
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from bayesdrill.analysis.calibration import RankBand
 from bayesdrill.basics.arrays import Array, Counts
-from bayesdrill.basics.symbols import Symbol
 from bayesdrill.report import style
 from bayesdrill.report.scales import DOUBLE, Scale
 
@@ -58,16 +54,22 @@ def build_page(
     return figure, panels
 
 
+def is_first_column(panel: Axes) -> bool:
+    """Return whether a panel is at the left of its page."""
+    spec = panel.get_subplotspec()
+    return spec is None or spec.is_first_col()
+
+
 def label_outside(panels: Sequence[Axes], x: str, y: str, *, share_y: bool = True) -> None:
     """Label the foot of each column and, where they share it, the side of each row of equal panels."""
     specs = [panel.get_subplotspec() for panel in panels]
     feet = {spec.colspan.start: k for k, spec in enumerate(specs) if spec is not None}
-    for k, (panel, spec) in enumerate(zip(panels, specs, strict=True)):
+    for k, panel in enumerate(panels):
         foot = k in feet.values()
         panel.tick_params(labelbottom=foot)
         panel.set_xlabel(x if foot else "", labelpad=2)
         if share_y:
-            side = spec is None or spec.colspan.start == 0
+            side = is_first_column(panel)
             panel.tick_params(labelleft=side)
             panel.set_ylabel(y if side else "")
 
@@ -124,77 +126,6 @@ def difference_panel(
     panel.set_ylim(-FOOT_ROOM * most, HEAD_ROOM * most)
     style.set_ticks(panel.xaxis, np.array([0.0, 0.5, 1.0]), ["0", "0.5", "1"])
     style.set_ticks(panel.yaxis, *Scale(0.0, 0, -FOOT_ROOM * most, FOOT_ROOM * most).ticks(numbers))
-
-
-CORNER_GAP = 0.06  # between panels, in panels
-
-
-def corner_panels(
-    n: int, size: tuple[float, float], left: float, bottom: float, inside: float
-) -> tuple[Figure, NDArray[np.object_]]:
-    """Build a figure of this `size` and its panels `(n, n)`, None above the diagonal; inches."""
-    width, height = size
-    figure = Figure(figsize=size)
-    grid = figure.add_gridspec(
-        n,
-        n,
-        left=left / width,
-        right=(left + inside) / width,
-        bottom=bottom / height,
-        top=(bottom + inside) / height,
-        wspace=CORNER_GAP,
-        hspace=CORNER_GAP,
-    )
-    panels = np.full((n, n), None)
-    for row in range(n):
-        for column in range(row + 1):
-            panels[row, column] = figure.add_subplot(grid[row, column])
-    return figure, panels
-
-
-CLEAR = 0.1  # of an axis of a corner, without ticks at its ends
-SMALLEST = 5.2  # letters of its ticks, points
-
-
-def corner_axes(
-    panels: NDArray[np.object_],
-    shown: Sequence[tuple[Scale, Symbol]],
-    letters: float,
-    letter: float,
-    *,
-    texts: bool = True,
-    small: bool = True,
-) -> None:
-    """Set limits and ticks of all panels `(n, n)`, and at the left and at the bottom their `texts`.
-
-    `letters`: of labels, points; `letter`: the size of one of a tick, in panels; `small`: whether
-    logarithmic axes have small ticks.
-    """
-
-    def numbers(axis: Axis, k: int, outer: bool) -> None:
-        scale, symbol = shown[k]
-        places, values = scale.ticks(clear=CLEAR, letter=letter)
-        style.set_ticks(axis, places, values if outer else None)
-        axis.set_minor_locator(FixedLocator(scale.between.tolist() if small else []))
-        axis.set_minor_formatter(NullFormatter())
-        if outer:
-            axis.set_tick_params(labelsize=max(0.85 * letters, SMALLEST), pad=0.4 * letters)
-            for text in axis.get_ticklabels():
-                text.set(rotation=45, ha="right", va="center_baseline", rotation_mode="anchor")
-            axis.set_label_text(scale.label(symbol, "\n"), fontsize=letters)
-            axis.labelpad = 0.2 * letters
-
-    n = len(shown)
-    for i, (row, _) in enumerate(shown):
-        for j, (column, _) in enumerate(shown[: i + 1]):
-            panels[i, j].set_xlim(column.low, column.high)
-            numbers(panels[i, j].xaxis, j, texts and i == n - 1)
-            if i > j:
-                panels[i, j].set_ylim(row.low, row.high)
-                numbers(panels[i, j].yaxis, i, texts and j == 0)
-    figure = panels[0, 0].figure
-    figure.align_xlabels(list(panels[-1]))
-    figure.align_ylabels(list(panels[1:, 0]))
 
 
 Ends = tuple[float, float]

@@ -232,7 +232,7 @@ def warned(figure: Figure, warning: str) -> Figure:
     lines = textwrap.wrap(warning, max(8, int((width - 2 * MARGIN) / LETTER)))
     strip = 2 * MARGIN + LINE * len(lines)
     figure.set_size_inches(width, height + strip)
-    _lower(figure, height / (height + strip))
+    shrink(figure, 1.0, height / (height + strip))
     with styled():
         look: dict[str, Any] = {"weight": "bold", "size": 9.0, "linespacing": 1.1}
         middle = 1.0 - 0.5 * strip / (height + strip)
@@ -240,21 +240,21 @@ def warned(figure: Figure, warning: str) -> Figure:
     return figure
 
 
-def _lower(figure: Figure, share: float) -> None:
-    """Move all that is there to the lower `share` of the page."""
-    down = Affine2D().scale(1.0, share) + figure.transFigure
+def shrink(figure: Figure, across: float, up: float) -> None:
+    """Move all that is there to the lower left of the page, to these shares of its width and height."""
+    smaller = Affine2D().scale(across, up) + figure.transFigure
     engine = figure.get_layout_engine()
     if engine is not None:
         # It leaves room for a legend only where that has not been moved.
         heights = [legend.get_window_extent().height / figure.dpi for legend in figure.legends]
         room = sum(height + 2 * engine.get()["h_pad"] for height in heights)
-        engine.set(rect=(0, 0, 1, share - room / figure.get_figheight()))  # type: ignore[call-arg]
+        engine.set(rect=(0, 0, across, up - room / figure.get_figheight()))  # type: ignore[call-arg]
     else:
         for panel in figure.axes:
             x, y, w, h = panel.get_position(original=True).bounds
-            panel.set_position((x, y * share, w, h * share))
+            panel.set_position((x * across, y * up, w * across, h * up))
     for artist in (*figure.artists, *figure.lines, *figure.patches, *figure.texts):
-        artist.set_transform(down)
+        artist.set_transform(smaller)
     for legend in figure.legends:
         box = legend.get_bbox_to_anchor().transformed(figure.transFigure.inverted())
-        legend.set_bbox_to_anchor(box, transform=down)
+        legend.set_bbox_to_anchor(box, transform=smaller)

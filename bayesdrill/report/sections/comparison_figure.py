@@ -24,15 +24,14 @@ from bayesdrill.inference.display_units import DisplayUnits
 from bayesdrill.inference.residual_checks import ResidualSummary
 from bayesdrill.report import scales, style
 from bayesdrill.report.pages import (
-    CORNER_GAP,
     LEVELS,
     build_page,
     contours,
-    corner_axes,
-    corner_panels,
+    is_first_column,
     legend_above,
 )
 from bayesdrill.report.sections.comparison_words import elided, in_logs, overlay_shown
+from bayesdrill.report.sections.corner_figure import CornerPage
 
 MAX_NAME_LETTERS = 48  # letters of a name in a legend
 
@@ -78,12 +77,6 @@ CORNER_REACH = 0.5  # the axis grows by this share of its width at most to show 
 BINS = 40  # across an axis
 MIN_FILLED_SHARE = 0.02  # of an axis that a run fills less of, its histogram would be a spike
 
-# Inches; a corner of nine is printed at two thirds of its size.
-PANEL_LARGEST, PANEL_SMALLEST, PANELS_WIDTH = 2.0, 1.03, 9.3
-LEFT, BOTTOM, TOP, RIGHT = 0.88, 0.88, 0.2, 0.15
-LEGEND_WIDTH, CORNER_LEGEND_LINE = 3.0, 0.21
-LETTERS, LETTER_SHARE = 10.0, 0.055  # of axes: points, and of a panel
-
 
 @dataclass(frozen=True, slots=True)
 class _Column:
@@ -104,23 +97,16 @@ def overlay_corner_figure(
     first run is flat in the log.
     """
     columns = [_column(row, layers, display_units) for row in rows if row.shared]
-    n = len(columns)
-    panel = min(PANEL_LARGEST, max(PANEL_SMALLEST, PANELS_WIDTH / n))
-    size = panel * (n + CORNER_GAP * (n - 1))
-    # Few panels have their legend beside them.
-    legend = (len(layers) + 4) * CORNER_LEGEND_LINE
-    beside = LEGEND_WIDTH if n == 1 else max(0.0, LEGEND_WIDTH - (n - 1) * panel)
-    above = max(0.0, legend - (n - 1) * panel) if n > 1 else 0.0
-    page = LEFT + size + RIGHT + beside, BOTTOM + size + TOP + above
     with style.styled():
-        figure, panels = corner_panels(n, page, LEFT, BOTTOM, size)
+        page = CornerPage.build(
+            [(column.scale, column.row.symbol) for column in columns], scales.DOUBLE
+        )
         for i, row in enumerate(columns):
-            _histograms(panels[i, i], row)
+            _histograms(page.panels[i, i], row, page.fine)
             for j, column in enumerate(columns[:i]):
-                _contours(panels[i, j], column, row)
-        corner_axes(panels, [(c.scale, c.row.symbol) for c in columns], LETTERS, LETTER_SHARE)
-        _legend(figure, layers, columns)
-    return figure
+                _contours(page.panels[i, j], column, row, page.fine)
+        page.finish(_corner_handles(layers, columns))
+    return page.figure
 
 
 def _column(
@@ -146,7 +132,7 @@ def _column(
     return _Column(row=row, scale=scale, draws=shown, ends=ends)
 
 
-def _histograms(panel: Axes, column: _Column) -> None:
+def _histograms(panel: Axes, column: _Column, fine: float) -> None:
     """Each as high as its panel: a narrow posterior would dwarf a wide one."""
     for x, ends, look in zip(column.draws, column.ends, RUN_STYLES, strict=False):
         if x is None:
@@ -155,26 +141,26 @@ def _histograms(panel: Axes, column: _Column) -> None:
         share = max((last - first) / (column.scale.high - column.scale.low), MIN_FILLED_SHARE)
         edges = np.linspace(first, last, max(12, round(BINS * share)) + 1)
         counts, _ = np.histogram(x, edges)
-        panel.stairs(counts / counts.max(), edges, **look.line)
-    style.mark_values(panel, column.scale, column.row.agreed, arrow=False)
+        panel.stairs(counts / counts.max(), edges, **style.finer(look.line, fine))
+    style.mark_values(panel, column.scale, column.row.agreed, arrow=False, fine=fine)
     panel.set_ylim(0, 1.1)
     panel.set_yticks([])
 
 
-def _contours(panel: Axes, column: _Column, row: _Column) -> None:
+def _contours(panel: Axes, column: _Column, row: _Column, fine: float) -> None:
     pairs = zip(column.draws, row.draws, column.ends, row.ends, RUN_STYLES, strict=False)
     for x, y, x_ends, y_ends, look in pairs:
         if x is not None and y is not None:
             lines: dict[str, Any] = {"colors": look.color, "linestyles": [look.linestyle]}
-            lines["linewidths"] = 0.9 * look.linewidth
+            lines["linewidths"] = 0.9 * fine * look.linewidth
             contours(panel, (x, y), (x_ends, y_ends), lines=lines)
-    style.mark_values(panel, column.scale, column.row.agreed, arrow=False)
-    style.mark_values(panel, row.scale, row.row.agreed, vertical=True, arrow=False)
+    marks: dict[str, Any] = {"arrow": False, "fine": fine}
+    style.mark_values(panel, column.scale, column.row.agreed, **marks)
+    style.mark_values(panel, row.scale, row.row.agreed, vertical=True, **marks)
 
 
-def _legend(figure: Figure, layers: Sequence[PosteriorSummary], columns: Sequence[_Column]) -> None:
-    width, height = figure.get_size_inches()
-    handles: list[Any] = run_handles(layers)
+def _corner_handles(layers: Sequence[PosteriorSummary], columns: Sequence[_Column]) -> list[Line2D]:
+    handles = run_handles(layers)
     sides = {c.scale.side(c.row.agreed) for c in columns if c.row.agreed is not None}
     handles += style.nominal_handles(sides & {0})
     notes = ["histograms: each as high as its panel"]
@@ -182,15 +168,7 @@ def _legend(figure: Figure, layers: Sequence[PosteriorSummary], columns: Sequenc
         inner, outer = (f"{100 * level:.1f} %" for level in LEVELS)
         levels = f"contours: {inner} and {outer} of the draws of a run;"
         notes = [levels, "none where the density is flat", *notes]
-    handles += [Line2D([], [], linestyle="none", label=note) for note in notes]
-    figure.legend(
-        handles=handles,
-        loc="upper right",
-        bbox_to_anchor=(1 - 0.5 * RIGHT / width, 1 - 0.5 * TOP / height),
-        fontsize=8.0 if len(columns) < 5 else 12.0,
-        borderaxespad=0.0,
-        handlelength=2.6,
-    )
+    return handles + [Line2D([], [], linestyle="none", label=note) for note in notes]
 
 
 INTERVALS_REACH = 1.0  # how far an axis may grow for the nominal value, in widths
@@ -319,7 +297,7 @@ def comparison_figure(
         for panel, (row, scale) in zip(panels[SCORE_PANELS:], shared, strict=True):
             _intervals(panel, row, scale, order, looks, arrow=False)
         for panel in panels:
-            side = panel.get_subplotspec().is_first_col()
+            side = is_first_column(panel)
             _below_each_other(panel, len(models), names if side else None)
             panel.tick_params(axis="y", length=0)
         figure.supxlabel(READ, fontsize=8.0, color=style.DARK)

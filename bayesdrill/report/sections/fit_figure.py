@@ -107,7 +107,7 @@ def fit_figure(fit: Fit, width: float = scales.DOUBLE, at: str = "the MAP") -> F
             _course(panel, course, time, t)
         for signal, (left, right) in zip(fit.signals, rows, strict=True):
             _signals(left, signal, time, t)
-            _residuals(right, signal, time, t)
+            _residuals(right, signal, time, t, beside=width >= scales.DOUBLE)
         for panel in figure.axes:
             panel.set_xlim(time.low, time.high)
             style.set_ticks(panel.xaxis, *time.ticks(4))
@@ -186,7 +186,7 @@ def _signals(panel: Axes, signal: Signal, time: scales.Scale, t: Array) -> None:
     panel.plot(time(t[drawn]), scale(model[drawn]), zorder=2, **style.BLACK_LINE)
 
 
-def _residuals(panel: Axes, signal: Signal, time: scales.Scale, t: Array) -> None:
+def _residuals(panel: Axes, signal: Signal, time: scales.Scale, t: Array, *, beside: bool) -> None:
     """Measured minus MAP, the band of the noise, and how much of the channel this is."""
     residual, sigma = signal.y - signal.model, signal.sigma
     label = Symbol("rest", "", r"\mathrm{residual}", signal.label.latex_unit, "")
@@ -199,7 +199,7 @@ def _residuals(panel: Axes, signal: Signal, time: scales.Scale, t: Array) -> Non
     _dots(panel, time(t[signal.dots]), scale(residual[signal.dots]))
     panel.axhline(float(scale(0.0)), zorder=2, **style.BLACK_LINE)
     if not math.isnan(signal.share):
-        gap = "\n" if panel.figure.get_figwidth() < scales.DOUBLE else " "
+        gap = " " if beside else "\n"
         share = f"unexplained:{gap}{fit_words.percent(signal.share)}"
         look: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points"}
         look |= {"rotation": 90, "ha": "left", "va": "center"}

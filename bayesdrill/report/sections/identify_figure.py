@@ -17,7 +17,7 @@ from bayesdrill.analysis.identifiability.profile import THRESHOLD, Profile
 from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.report import scales, style
-from bayesdrill.report.pages import build_page, legend_above
+from bayesdrill.report.pages import build_page, is_first_column, legend_above
 from bayesdrill.report.sections.identify_words import percent
 
 LETTER = 0.04  # of a number at an axis, in widths of a panel
@@ -43,7 +43,7 @@ def profile_figure(
         for panel, profile in zip(panels, profiles, strict=True):
             known, log = nominal.get(profile.name), profile.name in logs
             sides.add(_panel(panel, profile, symbols[profile.name], known, log=log))
-            side = panel.get_subplotspec().is_first_col()
+            side = is_first_column(panel)
             panel.tick_params(labelleft=side)
             panel.set_ylabel("loss of log likelihood" if side else "")
         handles = [Patch(facecolor=style.FAINT, label="within 95 %"), *style.nominal_handles(sides)]

@@ -18,7 +18,7 @@ from bayesdrill.basics.symbols import Symbol
 from bayesdrill.basics.units import Unit
 from bayesdrill.inference.derived import HDI_PROBABILITY
 from bayesdrill.report import scales, style
-from bayesdrill.report.pages import build_page, legend_above
+from bayesdrill.report.pages import build_page, is_first_column, legend_above
 from bayesdrill.report.sections.physics_words import LawShown, laws, time_symbol
 from bayesdrill.report.sections.torque_words import TORQUE, regressors
 from bayesdrill.report.view import Drawing, ReportContext, for_each_experiment
@@ -93,7 +93,7 @@ def torque_figure(torque: TorqueEstimate, width: float = scales.DOUBLE, *, clock
             panel.fill_between(x(regressor.centres), *y(regressor.band), zorder=1, **style.BAND)
             panel.plot(x(regressor.centres), y(regressor.means), zorder=3, **style.BLACK_LINE)
             _finish(panel, x, y, regressor.label)
-            if not panel.get_subplotspec().is_first_col():
+            if not is_first_column(panel):
                 panel.set_ylabel("")
                 panel.tick_params(labelleft=False)
         handles = [
