@@ -25,7 +25,7 @@ def test_a_finished_run_draws_what_a_resumed_config_asks_for(tmp_path: Path) -> 
     config = command_line.small(tmp_path, ASKED)
     ran = command_line.cli("posterior", config, "-o", out, "--resume", "--processes", "2")
     assert ran.status == 0, ran.text
-    assert drawn(out) == {f"{name}.{end}" for name in ON_REQUEST for end in ("pdf", "png")}
+    assert drawn(out) == {f"{name}.png" for name in ON_REQUEST}
     assert "belong together" in command_line.cli("verify", out).out
     (out / "figures" / "mine.png").write_text("mine")
     config = command_line.small(tmp_path)
@@ -60,7 +60,8 @@ def test_a_fit_that_leaves_more_than_noise_shows_what_and_how_sure_it_is(tmp_pat
     out = tmp_path / "out"
     ran = command_line.cli("posterior", config, "-o", out, "--processes", "1")
     assert ran.status == 3, ran.text
-    assert {"residuals.pdf", "residuals.png"} <= drawn(out)
+    assert {"residuals.png", "corner.pdf"} <= drawn(out)
+    assert "residuals.pdf" not in drawn(out)
     assert "frequency_response.png" not in drawn(out)
     analysis = json.loads((out / "run.json").read_text())["analysis"]
     sds = {row["name"]: row["sd"] for row in analysis["unknowns"]}

@@ -73,7 +73,7 @@ def figure_of_another_run(rig: Path) -> None:
 
 
 def figure_of_another_name(rig: Path) -> None:
-    shutil.copy(rig / "out" / "figures" / "trace.pdf", rig / "out" / "figures" / "corner.pdf")
+    shutil.copy(rig / "out" / "figures" / "trace.png", rig / "out" / "figures" / "corner.png")
 
 
 def changed_config(rig: Path) -> None:
@@ -105,7 +105,7 @@ CASES: list[tuple[Callable[[Path], None], bool, str]] = [
     (edited_table, False, "summary.csv: was changed after this run had written it"),
     (figure_of_another_run, False, "corner.png: was changed"),
     (figure_of_another_run, True, "corner.png: is a figure of another run"),
-    (figure_of_another_name, True, "corner.pdf: is another figure than its name says"),
+    (figure_of_another_name, True, "corner.png: is another figure than its name says"),
     (changed_config, False, "config.yaml: was changed"),
     (changed_config, True, "config.yaml: is not the config of this run"),
     (changed_both_configs, True, "the prior of k_e was Uniform"),
