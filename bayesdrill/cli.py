@@ -301,8 +301,9 @@ def report(
         _compare("overlay", folders, output, force=force)
         return
     with reporter() as progress:
-        options = {"force": force, "processes": processes, "pdf": pdf}
-        outcome = bd.publish(folders[0], output, **options, report=progress)
+        outcome = bd.publish(
+            folders[0], output, force=force, processes=processes, pdf=pdf, report=progress
+        )
     finish(outcome)
 
 
