@@ -291,6 +291,9 @@ def report(
         Path | None, output_option("Default: of one where it is, of several results/<name>-<name>.")
     ] = None,
     force: Force = False,
+    pdf: Annotated[
+        bool, option("Write every figure of a run as PDF too, and not corner plots alone.", "--pdf")
+    ] = False,
     processes: Processes = None,
 ) -> None:
     """Make tables and figures again from a stored chain; of several runs, lay them over each other."""
@@ -298,7 +301,9 @@ def report(
         _compare("overlay", folders, output, force=force)
         return
     with reporter() as progress:
-        outcome = bd.publish(folders[0], output, force=force, processes=processes, report=progress)
+        outcome = bd.publish(
+            folders[0], output, force=force, processes=processes, pdf=pdf, report=progress
+        )
     finish(outcome)
 
 

@@ -84,6 +84,15 @@ def shown_path(formats: Iterable[str]) -> str:
     return min(formats, key=("png", "svg", "pdf").index)
 
 
+def formats_of(stem: str, asked: Sequence[str] | None, *, pdf: bool) -> tuple[str, ...]:
+    """Return the formats of a figure of a run: those `asked` for, or PNG, and PDF of corner plots.
+
+    `pdf`: whether all figures are written as PDF too.
+    """
+    formats = asked or (DEFAULT_FORMATS if stem in CORNER_PLOTS else ("png",))
+    return tuple(dict.fromkeys([*formats, *(["pdf"] if pdf else [])]))
+
+
 UNFINISHED = Kind("posterior", (f"{PIECES}/ensemble_#_#.npz",))
 
 # What a report is made from, beside the config with all defaults.
@@ -111,6 +120,7 @@ ON_REQUEST = {
     "frequency_response": "sections.fit_figure",
 }
 OWN_FIGURES = USUALLY_DRAWN | ON_REQUEST
+CORNER_PLOTS = ("corner", "invariants")
 # Those of draws alone, which are drawn while the analysis of a run looks at its draws.
 OF_DRAWS = ("rig", "corner", "trace", "prior_posterior")
 # Those of which each of several experiments has one.

@@ -216,11 +216,13 @@ def publish(
     *,
     force: bool = False,
     processes: int | None = 1,
+    pdf: bool = False,
     report: Reporter | None = None,
 ) -> Outcome:
     """Make tables and figures again from the chain in a folder; raises `InputError` without one.
 
     `output`: a folder that gets a copy of the run with them, where the first may only be read.
+    `pdf`: every figure is written as PDF too.
     """
     from bayesdrill.tasks import pipeline
 
@@ -231,7 +233,7 @@ def publish(
     elif force:
         message = "goes with --output, or several folders; one is written again where it is"
         raise InputError.at("--force", message)
-    return pipeline.republish(path, workers, report or SILENT)
+    return pipeline.republish(path, workers, report or SILENT, pdf=pdf)
 
 
 @check_arguments

@@ -15,7 +15,8 @@ if TYPE_CHECKING:
     from bayesdrill.report.canvas import SMALL as SMALL
     from bayesdrill.report.canvas import SOLID as SOLID
     from bayesdrill.report.canvas import Canvas as Canvas
-    from bayesdrill.report.pages import Page as Page
+    from bayesdrill.report.pages import build_page as build_page
+    from bayesdrill.report.pages import legend_above as legend_above
     from bayesdrill.report.publish import draw as draw
     from bayesdrill.report.render import as_html as as_html
     from bayesdrill.report.rig_drawing import rig_figure as rig_figure

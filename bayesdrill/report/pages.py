@@ -1,110 +1,101 @@
-"""Lay out pages of equal panels, and draw contours of two unknowns."""
+"""Lay out pages of panels below a legend, and draw contours of two unknowns."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.ticker import FixedLocator, NullFormatter
 from matplotlib.transforms import Affine2D
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from bayesdrill.analysis.calibration import RankBand
 from bayesdrill.basics.arrays import Array, Counts
-from bayesdrill.basics.symbols import Symbol
 from bayesdrill.report import style
 from bayesdrill.report.scales import DOUBLE, Scale
 
-# Inches, of a figure in one column.
-NARROW_ROW, NARROW_LEFT, LEGEND_LINE = 0.95, 0.48, 0.135
-NARROW_GAP = 0.8
+NARROW_ROW = 0.85  # of the height of a row, in a figure as wide as one column of text
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Page:
-    """The layout of panels in columns; all sizes in inches.
+def build_page(
+    n: int,
+    columns: int,
+    row: float,
+    width: float = DOUBLE,
+    *,
+    narrow: int = 2,
+    first: float = 0,
+    last: float = 0,
+) -> tuple[Figure, list[Axes]]:
+    """Build a figure and its `n` panels, row by row; matplotlib keeps all that is written apart.
 
-    `row`: the height of a panel; `foot`: room for something else below all of them.
+    `row`: the height of a row with its numbers, inches; `narrow`: how many columns a figure has that
+    is no wider than one of text; `first` and `last`: heights of a panel as wide as the page, above or
+    below the others, which then is the first or the last of the list.
     """
-
-    columns: int = 3
-    width: float = DOUBLE
-    row: float = 1.15
-    left: float = 0.58
-    right: float = 0.12
-    gap_x: float = 0.12
-    gap_y: float = 0.12
-    top: float = 0.52
-    bottom: float = 0.42
-    foot: float = 0.0
-
-    def fitting(self, width: float, n_handles: int) -> Page:
-        """Return this layout, or one for a column of text, below a legend of two columns."""
-        if width >= self.width:
-            return self
-        return replace(
-            self,
-            width=width,
-            columns=2,
-            row=NARROW_ROW,
-            left=NARROW_LEFT,
-            gap_x=NARROW_GAP * self.gap_x,
-            top=0.16 + LEGEND_LINE * math.ceil(n_handles / 2),
-        )
-
-    def frame(self, panel: Axes, k: int, n: int, x: str, y: str) -> None:
-        """Label the foot of each column and the side of each row, of panel `k` of `n`."""
-        columns = min(n, self.columns)
-        foot, side = k + columns >= n, k % columns == 0
-        panel.tick_params(labelleft=side, labelbottom=foot)
-        if foot:
-            panel.set_xlabel(x, labelpad=2)
-        if side:
-            panel.set_ylabel(y)
-
-    def build(self, n: int) -> tuple[Figure, list[Axes]]:
-        """Build a figure and its `n` panels, row by row."""
-        columns = min(n, self.columns)
-        rows = math.ceil(n / columns)
-        height = self.bottom + self.foot + rows * self.row + (rows - 1) * self.gap_y + self.top
-        inside = self.width - self.left - self.right - (columns - 1) * self.gap_x
-        width = inside / columns
-        figure = Figure(figsize=(self.width, height))
-        panels = []
-        for k in range(n):
-            row, column = divmod(k, columns)
-            x = self.left + column * (width + self.gap_x)
-            y = height - self.top - self.row - row * (self.row + self.gap_y)
-            panels.append(inches_panel(figure, x, y, width, self.row))
-        return figure, panels
+    if width < DOUBLE:
+        columns, row = min(columns, narrow), NARROW_ROW * row
+    columns = min(n, columns)
+    heights = [*([first] if first else []), *[row] * math.ceil(n / columns)]
+    heights += [last] if last else []
+    figure = Figure(figsize=(width, sum(heights)), layout="constrained")
+    figure.get_layout_engine().set(w_pad=0.03, h_pad=0.03, wspace=0.01, hspace=0.01)  # type: ignore[union-attr, call-arg]
+    grid = figure.add_gridspec(len(heights), columns, height_ratios=heights)
+    top = 1 if first else 0
+    panels = [figure.add_subplot(grid[top + k // columns, k % columns]) for k in range(n)]
+    if first:
+        panels.insert(0, figure.add_subplot(grid[0, :]))
+    if last:
+        panels.append(figure.add_subplot(grid[-1, :]))
+    figure.align_ylabels(panels)
+    return figure, panels
 
 
-def inches_panel(figure: Figure, x: float, y: float, width: float, height: float) -> Axes:
-    """Add a panel with its lower left corner at `x, y` from that of the figure, in inches."""
-    across, up = figure.get_size_inches()
-    return figure.add_axes((x / across, y / up, width / across, height / up))
+def is_first_column(panel: Axes) -> bool:
+    """Return whether a panel is at the left of its page."""
+    spec = panel.get_subplotspec()
+    return spec is None or spec.is_first_col()
 
 
-SMALL_PANELS = Page()
-# Of an axis that is a row of intervals or a density, with its numbers and label below.
-AXES = Page(left=0.14, right=0.14, gap_x=0.2, gap_y=0.56, bottom=0.5)
+def label_outside(panels: Sequence[Axes], x: str, y: str, *, share_y: bool = True) -> None:
+    """Label the foot of each column and, where they share it, the side of each row of equal panels."""
+    specs = [panel.get_subplotspec() for panel in panels]
+    feet = {spec.colspan.start: k for k, spec in enumerate(specs) if spec is not None}
+    for k, panel in enumerate(panels):
+        foot = k in feet.values()
+        panel.tick_params(labelbottom=foot)
+        panel.set_xlabel(x if foot else "", labelpad=2)
+        if share_y:
+            side = is_first_column(panel)
+            panel.tick_params(labelleft=side)
+            panel.set_ylabel(y if side else "")
 
 
 LEGEND = style.fix_look(
-    loc="upper center", borderaxespad=0.3, labelspacing=0.3, columnspacing=1.2, handlelength=1.9
+    loc="outside upper center",
+    borderaxespad=0.3,
+    labelspacing=0.3,
+    columnspacing=1.4,
+    handlelength=2.2,
 )
 
 
-def legend_above(figure: Figure, handles: Sequence[Any], most: int, **look: Any) -> None:
-    """Put a legend above, in at most `most` columns; `look`: what is not as in `LEGEND`."""
-    figure.legend(handles=handles, ncols=min(most, len(handles)), **{**LEGEND, **look})
+def legend_above(figure: Figure, handles: Sequence[Any], **look: Any) -> None:
+    """Put a legend above all panels, in as few rows as the page is wide enough for, and make room.
+
+    `look`: what is not as in `LEGEND`.
+    """
+    for rows in range(1, len(handles) + 1):
+        columns = math.ceil(len(handles) / rows)
+        legend = figure.legend(handles=handles, ncols=columns, **{**LEGEND, **look})
+        box = legend.get_window_extent()
+        if box.width <= figure.bbox.width or columns == 1:
+            break
+        legend.remove()
+    figure.set_figheight(figure.get_figheight() + box.height / figure.dpi)
 
 
 def departures(band: RankBand, ranks: Counts) -> Array:
@@ -135,77 +126,6 @@ def difference_panel(
     panel.set_ylim(-FOOT_ROOM * most, HEAD_ROOM * most)
     style.set_ticks(panel.xaxis, np.array([0.0, 0.5, 1.0]), ["0", "0.5", "1"])
     style.set_ticks(panel.yaxis, *Scale(0.0, 0, -FOOT_ROOM * most, FOOT_ROOM * most).ticks(numbers))
-
-
-CORNER_GAP = 0.06  # between panels, in panels
-
-
-def corner_panels(
-    n: int, size: tuple[float, float], left: float, bottom: float, inside: float
-) -> tuple[Figure, NDArray[np.object_]]:
-    """Build a figure of this `size` and its panels `(n, n)`, None above the diagonal; inches."""
-    width, height = size
-    figure = Figure(figsize=size)
-    grid = figure.add_gridspec(
-        n,
-        n,
-        left=left / width,
-        right=(left + inside) / width,
-        bottom=bottom / height,
-        top=(bottom + inside) / height,
-        wspace=CORNER_GAP,
-        hspace=CORNER_GAP,
-    )
-    panels = np.full((n, n), None)
-    for row in range(n):
-        for column in range(row + 1):
-            panels[row, column] = figure.add_subplot(grid[row, column])
-    return figure, panels
-
-
-CLEAR = 0.1  # of an axis of a corner, without ticks at its ends
-SMALLEST = 5.2  # letters of its ticks, points
-
-
-def corner_axes(
-    panels: NDArray[np.object_],
-    shown: Sequence[tuple[Scale, Symbol]],
-    letters: float,
-    letter: float,
-    *,
-    texts: bool = True,
-    small: bool = True,
-) -> None:
-    """Set limits and ticks of all panels `(n, n)`, and at the left and at the bottom their `texts`.
-
-    `letters`: of labels, points; `letter`: the size of one of a tick, in panels; `small`: whether
-    logarithmic axes have small ticks.
-    """
-
-    def numbers(axis: Axis, k: int, outer: bool) -> None:
-        scale, symbol = shown[k]
-        places, values = scale.ticks(clear=CLEAR, letter=letter)
-        style.set_ticks(axis, places, values if outer else None)
-        axis.set_minor_locator(FixedLocator(scale.between.tolist() if small else []))
-        axis.set_minor_formatter(NullFormatter())
-        if outer:
-            axis.set_tick_params(labelsize=max(0.85 * letters, SMALLEST), pad=0.4 * letters)
-            for text in axis.get_ticklabels():
-                text.set(rotation=45, ha="right", va="center_baseline", rotation_mode="anchor")
-            axis.set_label_text(scale.label(symbol, "\n"), fontsize=letters)
-            axis.labelpad = 0.2 * letters
-
-    n = len(shown)
-    for i, (row, _) in enumerate(shown):
-        for j, (column, _) in enumerate(shown[: i + 1]):
-            panels[i, j].set_xlim(column.low, column.high)
-            numbers(panels[i, j].xaxis, j, texts and i == n - 1)
-            if i > j:
-                panels[i, j].set_ylim(row.low, row.high)
-                numbers(panels[i, j].yaxis, i, texts and j == 0)
-    figure = panels[0, 0].figure
-    figure.align_xlabels(list(panels[-1]))
-    figure.align_ylabels(list(panels[1:, 0]))
 
 
 Ends = tuple[float, float]

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import importlib
 import io
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 from concurrent.futures import Future
+from itertools import chain
 from pathlib import Path
 from types import MappingProxyType
 
@@ -92,23 +93,26 @@ _SEVERAL = tuple(f"{stem}_{k}" for stem in EACH for k in range(1, MAX_NAMED + 1)
 
 
 def write_results(
-    view: ReportContext, folder: Folder, pool: WorkerPool, report: Reporter
+    view: ReportContext, folder: Folder, pool: WorkerPool, report: Reporter, *, pdf: bool = False
 ) -> tuple[str, ...]:
     """Write all files of a run, and return what could not be made, and why.
 
-    Raises `OSError` when the disk is full; files already there stay whole.
+    `pdf`: every figure as PDF too.  Raises `OSError` when the disk is full; files already there stay
+    whole.
     """
     output, sparing = view.config.output, ErrorCollector()  # of this writing
     figures = folder.path / FOLDER
     figures.mkdir(exist_ok=True)
     wanted = wanted_figures(output.figures)
+    formats = {name: output_files.formats_of(name, output.formats, pdf=pdf) for name in wanted}
+    written = (output_files.figure_files(name, formats=formats[name]) for name in wanted)
     folder.remove_stale(
         {*output_files.figure_files(*FIGURES, *_SEVERAL, formats=output_files.FORMATS)}
-        - {*output_files.figure_files(*wanted, formats=output.formats)}
+        - {*chain.from_iterable(written)}
         | {*output_files.OUTDATED}
     )
-    of_draws = [name for name in wanted if name in output_files.OF_DRAWS]
-    others = [name for name in wanted if name not in of_draws]
+    of_draws = {name: formats[name] for name in wanted if name in output_files.OF_DRAWS}
+    others = {name: formats[name] for name in wanted if name not in of_draws}
     tasks = _begin_figures(of_draws, view, figures, pool, report, sparing)
     report.update(0.0, "looking at what the draws say")
     _ = view.analysis  # while others draw
@@ -124,12 +128,12 @@ def write_results(
         image = io.BytesIO()
         view.tree.to_netcdf(image, engine="h5netcdf")
         output_files.write(folder.path_of("posterior.nc"), image.getvalue())
-    pictures, every = [], [task for name in wanted for task in tasks[name]]
-    for k, (stem, says, task) in enumerate(every):
+    pictures, every = [], [(name, *task) for name in wanted for task in tasks[name]]
+    for k, (name, stem, says, task) in enumerate(every):
         report.update(0.6 + 0.4 * k / len(every), f"figure {stem}")
         with sparing.making(f"figures/{stem}"):
             task.result()
-            pictures.append(Picture(stem, says or stem, output_files.shown_path(output.formats)))
+            pictures.append(Picture(stem, says or stem, output_files.shown_path(formats[name])))
     with sparing.making("summary.md"):
         folder.write_text("summary.md", as_markdown(view.config.name, sections(view, pictures)))
     with sparing.making("report.html"):
@@ -143,23 +147,23 @@ def write_results(
 
 
 def _begin_figures(
-    names: Sequence[str],
+    names: Mapping[str, tuple[str, ...]],
     view: ReportContext,
     folder: Path,
     pool: WorkerPool,
     report: Reporter,
     sparing: ErrorCollector,
 ) -> dict[str, list[tuple[str, str, Future[None]]]]:
-    """Begin to draw figures, and return of each name the stems, captions and tasks that it has."""
+    """Begin to draw figures in their formats; return of each the stems, captions and tasks."""
     output = view.config.output
     tasks: dict[str, list[tuple[str, str, Future[None]]]] = {name: [] for name in names}
     note = {"Title": view.config.name, "Creator": software.creator(), **view.marks}
-    destination = (folder, note, view.warning, tuple(output.formats), output.dpi)
-    for k, name in enumerate(names, 1):
+    for k, (name, formats) in enumerate(names.items(), 1):
         report.update(0.5 * k / len(names), f"figure {name}")
         with sparing.making(f"figures/{name}"):
             for stem, drawing in drawings(name, view).items():
-                task = pool.submit(draw, stem, drawing, *destination)
+                look = (note, view.warning, formats, output.dpi)
+                task = pool.submit(draw, stem, drawing, folder, *look)
                 tasks[name].append((stem, drawing.says, task))
     return tasks
 

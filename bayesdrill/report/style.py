@@ -13,13 +13,11 @@ from typing import TYPE_CHECKING, Any
 
 import matplotlib
 import numpy as np
-from matplotlib.artist import Artist
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedFormatter, FixedLocator, NullFormatter
-from matplotlib.transforms import Affine2D, ScaledTranslation
+from matplotlib.transforms import Affine2D
 from numpy.typing import NDArray
 
 from bayesdrill import output_files
@@ -30,7 +28,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-TICKS_WIDTH = 0.43  # between an axis and its label, inches
 SMALL = 0.83  # of the letters of a figure in one column, in those of one in two
 
 
@@ -124,7 +121,7 @@ def scale_axis(axis: Axis, scale: Scale, label: str, most: int = 4) -> None:
         panel.set_xlabel(label, labelpad=2)
     else:
         panel.set_ylim(scale.low, scale.high)
-        side_label(panel, label)
+        panel.set_ylabel(label, linespacing=1.12)
     set_numbers(axis, scale, most)
 
 
@@ -132,14 +129,6 @@ def set_ticks(axis: Axis, places: Array, texts: Sequence[str] | None) -> None:
     """Set fixed ticks with fixed texts, or with none: no offset text appears on this axis."""
     axis.set_major_locator(FixedLocator(places.tolist()))
     axis.set_major_formatter(NullFormatter() if texts is None else FixedFormatter(texts))
-
-
-def side_label(panel: Axes, text: str) -> None:
-    """Set the label of a vertical axis, at the same distance in all panels."""
-    width = TICKS_WIDTH * letters("ytick.labelsize") / RC["ytick.labelsize"]
-    move = ScaledTranslation(-width, 0, panel.figure.dpi_scale_trans)
-    panel.set_ylabel(text, linespacing=1.12)
-    panel.yaxis.set_label_coords(0, 0.5, transform=panel.transAxes + move)
 
 
 def finer(look: Mapping[str, Any], share: float) -> dict[str, Any]:
@@ -242,7 +231,8 @@ def warned(figure: Figure, warning: str) -> Figure:
     width, height = (float(inches) for inches in figure.get_size_inches())
     lines = textwrap.wrap(warning, max(8, int((width - 2 * MARGIN) / LETTER)))
     strip = 2 * MARGIN + LINE * len(lines)
-    _lower(figure, height + strip, height / (height + strip))
+    figure.set_size_inches(width, height + strip)
+    shrink(figure, 1.0, height / (height + strip))
     with styled():
         look: dict[str, Any] = {"weight": "bold", "size": 9.0, "linespacing": 1.1}
         middle = 1.0 - 0.5 * strip / (height + strip)
@@ -250,25 +240,21 @@ def warned(figure: Figure, warning: str) -> Figure:
     return figure
 
 
-def _lower(figure: Figure, height: float, share: float) -> None:
-    """To a page of this height, of which all that is there takes the lower `share`."""
-    anchors = [
-        (legend, legend.get_bbox_to_anchor().transformed(figure.transFigure.inverted()))
-        for legend in figure.get_children()
-        if isinstance(legend, Legend)
-    ]
+def shrink(figure: Figure, across: float, up: float) -> None:
+    """Move all that is there to the lower left of the page, to these shares of its width and height."""
+    smaller = Affine2D().scale(across, up) + figure.transFigure
     engine = figure.get_layout_engine()
-    figure.set_size_inches(float(figure.get_figwidth()), height)
     if engine is not None:
-        engine.set(rect=(0, 0, 1, share))  # type: ignore[call-arg]
-    for panel in figure.axes:
-        x, y, w, h = panel.get_position(original=True).bounds
-        panel.set_position((x, y * share, w, h * share))
-    for legend, box in anchors:
-        lowered = (box.x0, box.y0 * share, box.width, box.height * share)
-        legend.set_bbox_to_anchor(lowered, transform=figure.transFigure)
-    down = Affine2D().scale(1.0, share) + figure.transFigure
-    artists: list[Artist] = [*figure.artists, *figure.lines, *figure.patches, *figure.texts]
-    for artist in artists:
-        if not isinstance(artist, Legend):
-            artist.set_transform(down)
+        # It leaves room for a legend only where that has not been moved.
+        heights = [legend.get_window_extent().height / figure.dpi for legend in figure.legends]
+        room = sum(height + 2 * engine.get()["h_pad"] for height in heights)
+        engine.set(rect=(0, 0, across, up - room / figure.get_figheight()))  # type: ignore[call-arg]
+    else:
+        for panel in figure.axes:
+            x, y, w, h = panel.get_position(original=True).bounds
+            panel.set_position((x * across, y * up, w * across, h * up))
+    for artist in (*figure.artists, *figure.lines, *figure.patches, *figure.texts):
+        artist.set_transform(smaller)
+    for legend in figure.legends:
+        box = legend.get_bbox_to_anchor().transformed(figure.transFigure.inverted())
+        legend.set_bbox_to_anchor(box, transform=smaller)

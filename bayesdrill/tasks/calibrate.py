@@ -160,7 +160,10 @@ def _publish(job: Job, folder: Folder, refits: Sequence[Refit]) -> CalibrationVe
     verdict = calibration.judge_calibration(names, refits, config.calibration.draws)
     folder.write_text(RANKS, calibration_words.ranks_csv(names, refits))
     _draw(job, folder, verdict)
-    title, shape = f"Calibration of {config.name}", output_files.shown_path(config.output.formats)
+    title, shape = (
+        f"Calibration of {config.name}",
+        output_files.shown_path(config.output.formats_or_default),
+    )
     said = calibration_words.sections(verdict, refits, shape)
     folder.write_text("summary.md", as_markdown(title, said))
     seed, versions = str(config.seed), software.versions_text()
@@ -185,12 +188,13 @@ def _draw(job: Job, folder: Folder, verdict: CalibrationVerdict) -> None:
     from bayesdrill.report.sections.calibration_figure import calibration_figure
 
     figures, output = folder.path / FIGURES, job.config.output
+    formats = output.formats_or_default
     figures.mkdir(exist_ok=True)
     known, wanted = (
         output_files.figure_files("calibration", formats=each)
-        for each in (output_files.FORMATS, output.formats)
+        for each in (output_files.FORMATS, formats)
     )
     folder.remove_stale(set(known) - set(wanted))
     note = {"Title": job.config.name, "Creator": software.creator()}
     figure = calibration_figure(verdict, job.problem.symbols, WIDTHS[output.size])
-    style.save(figure, figures, "calibration", note, formats=output.formats, dpi=output.dpi)
+    style.save(figure, figures, "calibration", note, formats=formats, dpi=output.dpi)

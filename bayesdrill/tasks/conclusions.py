@@ -128,9 +128,10 @@ def doubts(job: Job, mode: Mode, study: IdentifiabilityStudy) -> tuple[str, ...]
 
 
 def settings(case: ResolvedCase) -> dict[str, Any]:
-    """All of a config but where its record is."""
+    """All of a config but where its record is, and in which formats its figures are written."""
     sections = (*experiments.SECTIONS, experiments.EXPERIMENTS)
     entries = case.config.model_dump(exclude_none=True, exclude=set(sections))
+    entries["output"].pop("formats", None)
     for experiment in case.experiments:
         alone = experiment.config.model_dump(exclude_none=True, include=set(experiments.SECTIONS))
         for section, key in sources.named_files(alone):

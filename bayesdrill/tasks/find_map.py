@@ -58,7 +58,7 @@ def save(job: Job, mode: Mode, output: Path, record: str | None, *, force: bool)
         place.mkdir(exist_ok=True)
         marks = provenance.marks(job.config, job.problem)
         note = {"Title": job.config.name, "Creator": software.creator(), **marks}
-        look = (said.warning, tuple(job.config.output.formats), job.config.output.dpi)
+        look = (said.warning, job.config.output.formats_or_default, job.config.output.dpi)
         for stem, figure in said.figures.items():
             publish.draw(job.problem.posterior, stem, figure, place, note, *look)
         folder.write_text("report.html", said.page(output))

@@ -91,12 +91,12 @@ class Findings(Value):
             logs = [name for name, prior in priors.items() if flat_in_logs(prior)]
             nominal = problem.units.values(problem.nominal)
             drawn["profiles"] = profile_figure(self.shown, symbols, nominal, logs, width)
-        note = {"Title": self.job.config.name}
+        note, formats = {"Title": self.job.config.name}, output.formats_or_default
         with output_files.renewed(place, IDENTIFY):
             figures.mkdir(parents=True, exist_ok=True)
             output_files.write_text(place / IDENTIFY.mark, _markdown(self, drawn))
             for name, figure in drawn.items():
-                style.save(figure, figures, name, note, formats=output.formats, dpi=output.dpi)
+                style.save(figure, figures, name, note, formats=formats, dpi=output.dpi)
         return f"{place}/ ({IDENTIFY.mark}, figures/)"
 
     def __str__(self) -> str:
@@ -178,7 +178,7 @@ def _columns(unknowns: tuple[str, ...], wanted: Sequence[str]) -> list[int]:
 
 def _markdown(findings: Findings, figures: Iterable[str]) -> str:
     config = findings.job.config
-    ending = output_files.shown_path(config.output.formats)
+    ending = output_files.shown_path(config.output.formats_or_default)
     mark = "" if ending == "pdf" else "!"  # which no page shows
     pictures = "\n\n".join(f"{mark}[{name}](figures/{name}.{ending})" for name in figures)
     title = f"# What {config.name} can say"

@@ -159,8 +159,10 @@ def _run(
         return _publish(job, folder, view, pool, report, clock[-1])
 
 
-def republish(output: Path, processes: int, report: Reporter = SILENT) -> Outcome:
-    """Make tables and figures again, from the chain that `output` holds."""
+def republish(
+    output: Path, processes: int, report: Reporter = SILENT, *, pdf: bool = False
+) -> Outcome:
+    """Make tables and figures again, from the chain that `output` holds; `pdf`: all as PDF too."""
     job, marks = _read_job(output)
     with Folder(output, "report", marks, POSTERIOR) as folder:
         finished = _read_sampled(job, folder)
@@ -170,7 +172,7 @@ def republish(output: Path, processes: int, report: Reporter = SILENT) -> Outcom
             seconds = dict(run.get("seconds", {}))
             seconds.pop("report", None)  # is being made again
             view = concluded(finished, seconds=seconds)
-            return _publish(finished.job, folder, view, pool, report)
+            return _publish(finished.job, folder, view, pool, report, pdf=pdf)
 
 
 def copy_result(source: Path, output: Path, *, force: bool) -> None:
@@ -288,9 +290,11 @@ def _publish(
     pool: WorkerPool,
     report: Reporter,
     begun: float | None = None,
+    *,
+    pdf: bool = False,
 ) -> Outcome:
     """`begun`: when the report began, of a run that is timed."""
-    missing = publish.write_results(view, folder, pool, report)
+    missing = publish.write_results(view, folder, pool, report, pdf=pdf)
     report.update(1.0, "")
     seconds, judged = dict(view.seconds), view.analysis.judged
     if begun is not None:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,12 +14,7 @@ from matplotlib.ticker import NullLocator
 
 from bayesdrill.basics import PARAMETERS, STATES, Array, own_symbol
 from bayesdrill.inference import HDI_PROBABILITY, hdi
-from bayesdrill.report import (
-    TIME,
-    Page,
-    scales,
-    style,
-)
+from bayesdrill.report import TIME, build_page, legend_above, scales, style
 from studies.paper import printed as paper
 from studies.paper.forward import MatrixReading
 from studies.paper.searches import Heuristic, SearchEnd, Verification
@@ -41,10 +34,9 @@ def _mark(color: str, marker: str, size: float, edge: float | None, **more: Any)
     return {**looks, "linestyle": "none", **more}
 
 
-def _legend(figure: Figure, looks: Mapping[str, LineStyle], columns: int, **more: Any) -> None:
-    """Above all panels, by label."""
-    handles = [Line2D([], [], label=label, **look) for label, look in looks.items()]
-    figure.legend(handles=handles, loc="upper center", ncols=columns, borderaxespad=0.3, **more)
+def _legend(figure: Figure, looks: Mapping[str, LineStyle]) -> None:
+    """Put a legend above all panels, by label."""
+    legend_above(figure, [Line2D([], [], label=label, **look) for label, look in looks.items()])
 
 
 MOST_TICKS = 8  # of a logarithmic axis
@@ -81,17 +73,7 @@ def usable(x: Array) -> Array:
 
 # The printed matrix
 
-PAIR = Page(
-    columns=2,
-    width=scales.DOUBLE,
-    row=2.0,
-    left=0.62,
-    right=0.12,
-    gap_x=0.74,
-    gap_y=0.0,
-    top=0.46,
-    bottom=0.42,
-)
+ROW = 2.5  # of panels, inches
 SHORT = {
     "right": r"corrected: $A_{51}$ over $j_m$, $i_n = 1/i_m$",
     "a_51": r"$A_{51}$ over $j_1$ (printed), $i_n = 1/i_m$",
@@ -117,7 +99,7 @@ def readings_figure(readings: Sequence[MatrixReading]) -> Figure:
     ranges = ((float(far.min()) - margin, float(far.max()) + margin), near)
     time = scales.scale(0.0, max(reading.row["time"] for reading in readings))
     with style.styled():
-        figure, panels = PAIR.build(2)
+        figure, panels = build_page(2, 2, ROW)
         for panel, (low, high) in zip(panels, ranges, strict=True):
             speed = scales.scale(low, high)
             for k, (reading, look) in enumerate(zip(readings, CURVES, strict=False)):
@@ -127,12 +109,12 @@ def readings_figure(readings: Sequence[MatrixReading]) -> Figure:
             style.set_ticks(panel.xaxis, *time.ticks(6, clear=0.0))
             style.set_ticks(panel.yaxis, *speed.ticks(5))
             panel.set_xlabel(time.label(TIME))
-            style.side_label(panel, speed.label(STATES["w_2"]))
+            panel.set_ylabel(speed.label(STATES["w_2"]))
         everything = scales.scale(*ranges[0])
         panels[0].axhspan(*(float(everything(x)) for x in near), **BAND)
         panels[1].set_facecolor(BAND["color"])
         looks = {_ending(reading): look for reading, look in zip(readings, CURVES, strict=False)}
-        _legend(figure, looks, 2, handlelength=3.0, labelspacing=0.25, columnspacing=1.6)
+        _legend(figure, looks)
     return figure
 
 
@@ -158,11 +140,11 @@ def verification_figure(
 ) -> Figure:
     """Draw relative errors of each unknown in per cent; `printed` by sigma and name."""
     with style.styled():
-        figure, panels = PAIR.build(len(v.names))
+        figure, panels = build_page(len(v.names), 2, ROW)
         for k, (panel, name) in enumerate(zip(panels, v.names, strict=True)):
             _errors(panel, v, k, {s: row[name] for s, row in printed.items() if name in row})
             panel.set_xlabel(r"$\sigma_n$ [rad, rad/s]")
-            style.side_label(panel, rf"relative error of ${PARAMETERS[name].latex}$ [%]")
+            panel.set_ylabel(rf"relative error of ${PARAMETERS[name].latex}$ [%]")
         looks = {
             "Cramér-Rao bound of the sd": BOUND,
             f"sd of {v.records} estimates, fminsearch": FMINSEARCH,
@@ -170,7 +152,7 @@ def verification_figure(
             "reported in the paper": PRINTED,
             "single estimates (fminsearch left)": BIG,
         }
-        _legend(figure, looks, 3, handlelength=2.2, labelspacing=0.25, columnspacing=1.6)
+        _legend(figure, looks)
     return figure
 
 
@@ -204,7 +186,6 @@ def _errors(panel: Axes, v: Verification, k: int, printed: Mapping[float, paper.
 # Where searches end
 
 FLOOR = _line(style.MIDDLE, 0.9, DASHED, zorder=1)
-ENDS = replace(PAIR, row=2.3, right=0.14, gap_x=0.72, top=0.32)
 WAYS: Mapping[str, tuple[str, str, str]] = {  # label, colour, marker
     "fminsearch": ("fminsearch", NOMINAL_COLOUR, "o"),
     "scaled": ("scaled search", style.MAP_COLOUR, "^"),
@@ -215,9 +196,10 @@ TRUTH = _mark(style.BLACK, "+", 10, 1.2, zorder=5)
 def simultaneous_figure(ends: Sequence[SearchEnd], symmetries: Sequence[str]) -> Figure:
     """Draw ends along two symmetries, and misfits against the distance from the truth."""
     shown = symmetries[:2]
-    page = ENDS if shown else replace(ENDS, width=scales.SINGLE, top=ENDS.top + 0.2)
     with style.styled():
-        figure, panels = page.build(2 if shown else 1)
+        figure, panels = build_page(
+            2 if shown else 1, 2, ROW, scales.DOUBLE if shown else scales.SINGLE
+        )
         if shown:
             _scales(panels[0], ends, shown)
         _misfits(panels[-1], ends)
@@ -227,8 +209,7 @@ def simultaneous_figure(ends: Sequence[SearchEnd], symmetries: Sequence[str]) ->
             looks["open: noise floor not reached"] = {**_end("fminsearch", reached=False), **grey}
         if shown:
             looks["truth"] = {**TRUTH, "markersize": 7}
-        spaces = {"columnspacing": 1.4, "handletextpad": 0.5, "labelspacing": 0.25}
-        _legend(figure, {**looks, "noise floor": FLOOR}, 6 if shown else 2, **spaces)
+        _legend(figure, {**looks, "noise floor": FLOOR})
     return figure
 
 
@@ -285,13 +266,13 @@ def _ways(ends: Sequence[SearchEnd]) -> list[str]:
 
 # The path of the heuristic
 
-ALONE = replace(ENDS, columns=1, width=scales.DOUBLE * 0.72)
+ALONE = 0.72 * scales.DOUBLE  # the width of a figure of one panel, inches
 
 
 def convergence_figure(heuristics: Sequence[tuple[str, Heuristic]]) -> Figure:
     """Draw the misfit per number after each iteration, by name of the record."""
     with style.styled():
-        figure, (panel,) = replace(ALONE, row=2.0, top=0.46).build(1)
+        figure, (panel,) = build_page(1, 1, 3.0, ALONE)
         looks = {}
         for k, (name, heuristic) in enumerate(heuristics):
             look, misfits = CURVES[k % len(CURVES)], heuristic.misfits
@@ -303,7 +284,7 @@ def convergence_figure(heuristics: Sequence[tuple[str, Heuristic]]) -> Figure:
         _misfit_axis(panel, np.concatenate(series))
         _from_zero(panel, max(len(misfits) for misfits in series) - 1 or 1, 0.02)
         panel.set_xlabel("iteration of the heuristic")
-        _legend(figure, {**looks, "noise floor": FLOOR}, 2, labelspacing=0.25)
+        _legend(figure, {**looks, "noise floor": FLOOR})
     return figure
 
 
@@ -324,8 +305,7 @@ def _from_zero(panel: Axes, last: float, before: float) -> None:
 
 # Table 3
 
-LINE = 0.34  # inches
-KEY, COLUMNS = 0.165, 3  # height of a row of the legend, and its columns
+LINE = 0.4  # inches
 UP, DOWN = -0.13, 0.22  # rows: the posterior, and below it the heuristic
 MIDDLE = (0.25, 0.75)  # quantiles: the thick bar
 THIN: LineStyle = {"color": style.DARK, "linewidth": 1.1, "solid_capstyle": "butt"}
@@ -360,9 +340,8 @@ def table_3_figure(
         **({"the paper's estimate": PAPER} if other else {}),
         **({} if truth is None else {"truth": {**TICK, "markersize": 9}}),
     }
-    head = 0.13 + KEY * math.ceil(len(looks) / COLUMNS)
     with style.styled():
-        figure, (panel,) = replace(ALONE, row=n * LINE, top=head).build(1)
+        figure, (panel,) = build_page(1, 1, 0.6 + n * LINE, ALONE)
         shown = [starts.ravel(), estimate]
         for row in range(n):
             whole = np.exp(hdi(np.log(ratios[:, row])))
@@ -386,7 +365,7 @@ def table_3_figure(
         panel.tick_params(axis="y", length=0)
         panel.set_ylim(n - 0.5, -0.5)
         panel.set_xlabel("value over initial guess")
-        _legend(figure, looks, COLUMNS, labelspacing=0.3)
+        _legend(figure, looks)
     return figure
 
 

@@ -31,7 +31,7 @@ from support.figure_checks import (
 
 from bayesdrill.basics.symbols import PARAMETERS, Symbol
 from bayesdrill.inference.priors import Uniform
-from bayesdrill.output_files import FORMATS
+from bayesdrill.output_files import FORMATS, formats_of
 from bayesdrill.report import scales, style
 from bayesdrill.report.sections.corner_figure import corner_figure
 
@@ -256,3 +256,12 @@ def test_nothing_is_left_where_drawing_fails(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="nosuchcommand"):
         style.save(figure, tmp_path, "bad", {})
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_run_writes_pdf_of_corner_plots_unless_more_is_asked_for() -> None:
+    """Mutants killed: PDF of every figure, or of none; `--pdf` that forgets what a config asks for."""
+    assert set(formats_of("corner", None, pdf=False)) == {"pdf", "png"}
+    assert formats_of("fit", None, pdf=False) == ("png",)
+    assert set(formats_of("fit", None, pdf=True)) == {"pdf", "png"}
+    assert formats_of("fit", ["svg"], pdf=True) == ("svg", "pdf")
+    assert formats_of("corner", ["svg"], pdf=False) == ("svg",)

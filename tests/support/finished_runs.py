@@ -22,11 +22,8 @@ from bayesdrill.tasks import conclusions
 ALL_FIGURES = ("figures: []", "figures: null")
 # Targets that cannot be met, so that a run uses all of its steps.
 UNREACHABLE = ("ess: 100, max_steps: 500", "ess: 1000000, max_steps: 700")
-FIGURES = {
-    f"figures/{stem}.{ending}"
-    for stem in ("corner", "fit", "invariants", "prior_posterior", "trace")
-    for ending in ("pdf", "png")
-}
+PICTURES = ("corner", "fit", "invariants", "prior_posterior", "trace")
+FIGURES = {"figures/corner.pdf", "figures/invariants.pdf"} | {f"figures/{p}.png" for p in PICTURES}
 FILES = {  # of a run without figures
     *(".lock", "chain.h5", "config.resolved.yaml", "config.yaml", "derived.csv", "map.json"),
     *("posterior.nc", "report.html", "run.json", "summary.csv", "summary.md", "table.tex"),

@@ -106,9 +106,7 @@ def test_a_finished_run_draws_what_a_resumed_config_asks_for(copy: FinishedRun) 
     replace_text(copy.config, "figures: []", f"figures: [{', '.join(ON_REQUEST)}]")
     result = posterior(copy.config, copy.folder, "--resume", processes=2)
     assert result.status == 0, result.text
-    assert figures(copy.folder) == {
-        f"{name}.{end}" for name in ON_REQUEST for end in ("pdf", "png")
-    }
+    assert figures(copy.folder) == {f"{name}.png" for name in ON_REQUEST}
     assert "belong together" in cli("verify", copy.folder).out
     (copy.folder / "figures" / "mine.png").write_text("mine")
     config = command_line.small_config(copy.config.parent)
@@ -138,7 +136,8 @@ def test_a_misfit_shows_its_residuals_and_the_sandwich_sds(tmp_path: Path) -> No
     (tmp_path / "small.csv").write_text("".join(rows))
     result = posterior(config, out)
     assert result.status == 3, result.text
-    assert {"residuals.pdf", "residuals.png"} <= figures(out)
+    assert {"residuals.png", "corner.pdf"} <= figures(out)
+    assert "residuals.pdf" not in figures(out)
     assert "frequency_response.png" not in figures(out)
     analysis = json.loads((out / "run.json").read_text())["analysis"]
     sds = {row["name"]: row["sd"] for row in analysis["unknowns"]}

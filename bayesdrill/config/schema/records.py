@@ -29,6 +29,7 @@ from bayesdrill.config.schema.numbers import (
 )
 from bayesdrill.config.schema.vocabulary import Vocabulary
 from bayesdrill.inference.noise import NOISES
+from bayesdrill.output_files import DEFAULT_FORMATS
 from bayesdrill.record.formats import FORMATS
 
 MAX_SPANS = 1000
@@ -205,7 +206,6 @@ def as_mask_spec(given: MaskSpec | str | None) -> MaskSpec:
 
 MAX_NAMED = 50  # channels, quantities, formulas; names in a figure
 Format = Literal["pdf", "png", "svg"]
-FORMATS_OF_FIGURES: list[Format] = ["pdf", "png"]
 
 
 class OutputSpec(Strict):
@@ -221,11 +221,15 @@ class OutputSpec(Strict):
     """Unknowns and derived quantities of the corner plot; default: `parameters`."""
     size: Literal["single", "double"] = "double"
     """Width of figures: 3.4 in, one column of a page, or 7 in."""
-    formats: Annotated[list[Format], Field(min_length=1, max_length=3)] = Field(
-        default_factory=FORMATS_OF_FIGURES.copy, description="Of the files of figures."
-    )
+    formats: Annotated[list[Format], Field(min_length=1, max_length=3)] | None = None
+    """Of all figures; default: png, and pdf of corner plots and where no report is written."""
     dpi: Annotated[int, Field(ge=50, le=1200)] = 220
     """Pixels to an inch, of png and of dots in the others."""
+
+    @property
+    def formats_or_default(self) -> tuple[str, ...]:
+        """Return the formats of a command that draws its figures once and has no report."""
+        return tuple(self.formats or DEFAULT_FORMATS)
 
 
 def _shape(value: Any) -> str:

@@ -15,13 +15,14 @@ from bayesdrill.analysis.calibration import CalibrationVerdict, RankedQuantity
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.report import scales, style
-from bayesdrill.report.pages import Page, departures, difference_panel, inches_panel, legend_above
-
-# Inches.
-RIGHT, BOTTOM, FOOT, COVERAGE = 0.1, 0.3, 0.45, 1.6
-PAGE = Page(
-    columns=4, row=1.05, left=0.62, right=RIGHT, top=0.34, bottom=BOTTOM, foot=COVERAGE + FOOT
+from bayesdrill.report.pages import (
+    build_page,
+    departures,
+    difference_panel,
+    label_outside,
+    legend_above,
 )
+
 MARKERS = ("o", "s", "^")  # of the levels
 
 
@@ -36,16 +37,12 @@ def calibration_figure(
     away = [departures(verdict.band, quantity.ranks) for quantity in verdict.quantities]
     most = max(float(np.abs(each).max()) for each in away)
     with style.styled(width):
-        handles = _handles(verdict)
-        page = PAGE.fitting(width, len(handles))
-        figure, panels = page.build(len(labels))
-        covered = inches_panel(figure, page.left, BOTTOM, width - page.left - RIGHT, COVERAGE)
+        figure, (*panels, covered) = build_page(len(labels), 4, 1.2, width, last=1.9)
         for k, quantity in enumerate(verdict.quantities):
             _difference(panels[k], labels[k], quantity, verdict.band.shares, away[k], most)
-            page.frame(panels[k], k, len(labels), "normalised rank", "ECDF difference")
+        label_outside(panels, "normalised rank", "ECDF difference")
         _coverage(covered, verdict, labels[:-1])
-        most_columns = len(handles) if width >= scales.DOUBLE else 2
-        legend_above(figure, handles, most_columns, handlelength=1.5, handletextpad=0.5)
+        legend_above(figure, _handles(verdict))
     return figure
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -24,15 +24,14 @@ from bayesdrill.inference.display_units import DisplayUnits
 from bayesdrill.inference.residual_checks import ResidualSummary
 from bayesdrill.report import scales, style
 from bayesdrill.report.pages import (
-    AXES,
-    CORNER_GAP,
     LEVELS,
+    build_page,
     contours,
-    corner_axes,
-    corner_panels,
+    is_first_column,
     legend_above,
 )
 from bayesdrill.report.sections.comparison_words import elided, in_logs, overlay_shown
+from bayesdrill.report.sections.corner_figure import CornerPage
 
 MAX_NAME_LETTERS = 48  # letters of a name in a legend
 
@@ -78,12 +77,6 @@ CORNER_REACH = 0.5  # the axis grows by this share of its width at most to show 
 BINS = 40  # across an axis
 MIN_FILLED_SHARE = 0.02  # of an axis that a run fills less of, its histogram would be a spike
 
-# Inches; a corner of nine is printed at two thirds of its size.
-PANEL_LARGEST, PANEL_SMALLEST, PANELS_WIDTH = 2.0, 1.03, 9.3
-LEFT, BOTTOM, TOP, RIGHT = 0.88, 0.88, 0.2, 0.15
-LEGEND_WIDTH, CORNER_LEGEND_LINE = 3.0, 0.21
-LETTERS, LETTER_SHARE = 10.0, 0.055  # of axes: points, and of a panel
-
 
 @dataclass(frozen=True, slots=True)
 class _Column:
@@ -104,23 +97,16 @@ def overlay_corner_figure(
     first run is flat in the log.
     """
     columns = [_column(row, layers, display_units) for row in rows if row.shared]
-    n = len(columns)
-    panel = min(PANEL_LARGEST, max(PANEL_SMALLEST, PANELS_WIDTH / n))
-    size = panel * (n + CORNER_GAP * (n - 1))
-    # Few panels have their legend beside them.
-    legend = (len(layers) + 4) * CORNER_LEGEND_LINE
-    beside = LEGEND_WIDTH if n == 1 else max(0.0, LEGEND_WIDTH - (n - 1) * panel)
-    above = max(0.0, legend - (n - 1) * panel) if n > 1 else 0.0
-    page = LEFT + size + RIGHT + beside, BOTTOM + size + TOP + above
     with style.styled():
-        figure, panels = corner_panels(n, page, LEFT, BOTTOM, size)
+        page = CornerPage.build(
+            [(column.scale, column.row.symbol) for column in columns], scales.DOUBLE
+        )
         for i, row in enumerate(columns):
-            _histograms(panels[i, i], row)
+            _histograms(page.panels[i, i], row, page.fine)
             for j, column in enumerate(columns[:i]):
-                _contours(panels[i, j], column, row)
-        corner_axes(panels, [(c.scale, c.row.symbol) for c in columns], LETTERS, LETTER_SHARE)
-        _legend(figure, layers, columns)
-    return figure
+                _contours(page.panels[i, j], column, row, page.fine)
+        page.finish(_corner_handles(layers, columns))
+    return page.figure
 
 
 def _column(
@@ -146,7 +132,7 @@ def _column(
     return _Column(row=row, scale=scale, draws=shown, ends=ends)
 
 
-def _histograms(panel: Axes, column: _Column) -> None:
+def _histograms(panel: Axes, column: _Column, fine: float) -> None:
     """Each as high as its panel: a narrow posterior would dwarf a wide one."""
     for x, ends, look in zip(column.draws, column.ends, RUN_STYLES, strict=False):
         if x is None:
@@ -155,26 +141,26 @@ def _histograms(panel: Axes, column: _Column) -> None:
         share = max((last - first) / (column.scale.high - column.scale.low), MIN_FILLED_SHARE)
         edges = np.linspace(first, last, max(12, round(BINS * share)) + 1)
         counts, _ = np.histogram(x, edges)
-        panel.stairs(counts / counts.max(), edges, **look.line)
-    style.mark_values(panel, column.scale, column.row.agreed, arrow=False)
+        panel.stairs(counts / counts.max(), edges, **style.finer(look.line, fine))
+    style.mark_values(panel, column.scale, column.row.agreed, arrow=False, fine=fine)
     panel.set_ylim(0, 1.1)
     panel.set_yticks([])
 
 
-def _contours(panel: Axes, column: _Column, row: _Column) -> None:
+def _contours(panel: Axes, column: _Column, row: _Column, fine: float) -> None:
     pairs = zip(column.draws, row.draws, column.ends, row.ends, RUN_STYLES, strict=False)
     for x, y, x_ends, y_ends, look in pairs:
         if x is not None and y is not None:
             lines: dict[str, Any] = {"colors": look.color, "linestyles": [look.linestyle]}
-            lines["linewidths"] = 0.9 * look.linewidth
+            lines["linewidths"] = 0.9 * fine * look.linewidth
             contours(panel, (x, y), (x_ends, y_ends), lines=lines)
-    style.mark_values(panel, column.scale, column.row.agreed, arrow=False)
-    style.mark_values(panel, row.scale, row.row.agreed, vertical=True, arrow=False)
+    marks: dict[str, Any] = {"arrow": False, "fine": fine}
+    style.mark_values(panel, column.scale, column.row.agreed, **marks)
+    style.mark_values(panel, row.scale, row.row.agreed, vertical=True, **marks)
 
 
-def _legend(figure: Figure, layers: Sequence[PosteriorSummary], columns: Sequence[_Column]) -> None:
-    width, height = figure.get_size_inches()
-    handles: list[Any] = run_handles(layers)
+def _corner_handles(layers: Sequence[PosteriorSummary], columns: Sequence[_Column]) -> list[Line2D]:
+    handles = run_handles(layers)
     sides = {c.scale.side(c.row.agreed) for c in columns if c.row.agreed is not None}
     handles += style.nominal_handles(sides & {0})
     notes = ["histograms: each as high as its panel"]
@@ -182,24 +168,15 @@ def _legend(figure: Figure, layers: Sequence[PosteriorSummary], columns: Sequenc
         inner, outer = (f"{100 * level:.1f} %" for level in LEVELS)
         levels = f"contours: {inner} and {outer} of the draws of a run;"
         notes = [levels, "none where the density is flat", *notes]
-    handles += [Line2D([], [], linestyle="none", label=note) for note in notes]
-    figure.legend(
-        handles=handles,
-        loc="upper right",
-        bbox_to_anchor=(1 - 0.5 * RIGHT / width, 1 - 0.5 * TOP / height),
-        fontsize=8.0 if len(columns) < 5 else 12.0,
-        borderaxespad=0.0,
-        handlelength=2.6,
-    )
+    return handles + [Line2D([], [], linestyle="none", label=note) for note in notes]
 
 
-HANDLE, LEGEND_LETTER = 0.55, 0.062  # of a legend: inches of a handle with its gaps, of a letter
-LEGEND_LINE, LEGEND_MARGIN = 0.17, 0.2
 INTERVALS_REACH = 1.0  # how far an axis may grow for the nominal value, in widths
 INTERVAL_BAR: dict[str, Any] = {"linewidth": 1.2, "marker": "|", "markersize": 5}
 FIXED_MARKER: dict[str, Any] = {"marker": "x", "markersize": 5, "markeredgewidth": 1.2}
 CREDIBLE = f"narrowest {100 * HDI_PROBABILITY:.0f} % interval"
-INTERVALS, MODELS = (0.17, 0.2), (0.19, 0.22)  # inches of a run and of the margins of a panel
+RUN_HEIGHT, AXIS_HEIGHT = 0.18, 0.65  # inches: of a run in a panel, and of its axis and margins
+MARGIN = 1.1  # above and below the runs of a panel, in heights of one
 
 
 def intervals_figure(
@@ -210,18 +187,13 @@ def intervals_figure(
     Axes are logarithmic where the prior of the first run is flat in the log.
     """
     scaled_rows = [_scaled(row, layers, display_units) for row in rows]
-    n, (height, frame) = len(layers), INTERVALS
+    n = len(layers)
     with style.styled():
-        handles = _handles(layers, scaled_rows)
-        longest = max(len(str(handle.get_label())) for handle in handles)
-        fitting = int(AXES.width / (HANDLE + LEGEND_LETTER * longest))
-        columns = max(1, min(len(handles), 4, fitting))
-        top = LEGEND_MARGIN + LEGEND_LINE * -(-len(handles) // columns)
-        figure, panels = replace(AXES, row=frame + n * height, top=top).build(len(rows))
+        figure, panels = build_page(len(rows), 3, AXIS_HEIGHT + n * RUN_HEIGHT)
         for panel, (row, scale) in zip(panels, scaled_rows, strict=True):
             _intervals(panel, row, scale, range(n), RUN_STYLES)
-            _below_each_other(panel, n, INTERVALS)
-        legend_above(figure, handles, columns, columnspacing=1.4, handlelength=2.6)
+            _below_each_other(panel, n)
+        legend_above(figure, _handles(layers, scaled_rows), handlelength=2.6)
     return figure
 
 
@@ -265,12 +237,9 @@ def _intervals(
     style.scale_axis(panel.xaxis, scale, scale.label(row.symbol))
 
 
-def _below_each_other(
-    panel: Axes, n: int, sizes: tuple[float, float], names: Sequence[str] | None = None
-) -> None:
+def _below_each_other(panel: Axes, n: int, names: Sequence[str] | None = None) -> None:
     """Runs, from the top."""
-    margin = 0.5 + 0.5 * sizes[1] / sizes[0]
-    panel.set_ylim(-margin, n - 1 + margin)
+    panel.set_ylim(-MARGIN, n - 1 + MARGIN)
     places = np.arange(n, dtype=np.float64)[::-1]
     style.set_ticks(panel.yaxis, places if names else np.array([]), names)
 
@@ -294,12 +263,10 @@ def _handles(
 
 FEW_MODELS, MAX_UNKNOWNS = 4, 12  # models of which all is shown, and unknowns
 SCORE_PANELS = 3  # panels that are not of unknowns
-LETTER, MIN_LEFT, MAX_LEFT = 0.058, 0.5, 2.2  # inches of a letter of a name, and of all of them
 MAX_MODEL_LETTERS = 42  # letters of a name
 MARKS = ("o", "s", "^", "D", "v", "P", "X", "*")  # of channels
 MARK: dict[str, Any] = {"markersize": 4.2, "linestyle": "none"}
 LIMIT: dict[str, Any] = {"color": style.MIDDLE, "linewidth": 0.7, "linestyle": (0, (1, 1.5))}
-PER_LINE, PER_LONG_LINE = 6, 4  # of the legend; with names of experiments
 READ = (
     f"the most probable model on top; shaded: odds of 20 to 1 or less; bars: means and {CREDIBLE}s"
 )
@@ -316,16 +283,11 @@ def comparison_figure(
     common = [row for row in rows if sum(p is not None and p.sd > 0 for p in row.places) >= least]
     shared = [_scaled(row, layers, display_units) for row in common[:MAX_UNKNOWNS]]
     names = [_name(models[k]) for k in order]
-    left = float(np.clip(0.14 + LETTER * max(map(len, names)), MIN_LEFT, MAX_LEFT))
     channels = dict.fromkeys(row.name for model in models for row in model.residuals)
     marks = dict(zip(channels, itertools.cycle(MARKS), strict=False))
     with style.styled():
-        handles = _model_handles(models)
-        several = any(observation.label for observation in layers[0].problem.observations)
-        per_line = min(PER_LONG_LINE if several else PER_LINE, len(handles))
-        row_height, top = MODELS[1] + len(models) * MODELS[0], -(-len(handles) // per_line)
-        page = replace(AXES, row=row_height, left=left, gap_x=0.18, top=0.44 + LEGEND_LINE * top)
-        figure, panels = page.build(SCORE_PANELS + len(shared))
+        height = AXIS_HEIGHT + len(models) * RUN_HEIGHT
+        figure, panels = build_page(SCORE_PANELS + len(shared), 3, height)
         ordered = [models[k] for k in order]
         _odds(panels[0], ordered)
         rms, correlation = "rms of residuals over noise", "their correlation"
@@ -334,13 +296,12 @@ def comparison_figure(
         looks = [RunStyle(_colour(k), "-", "o", size=3.6) for k in range(len(order))]
         for panel, (row, scale) in zip(panels[SCORE_PANELS:], shared, strict=True):
             _intervals(panel, row, scale, order, looks, arrow=False)
-        for k, panel in enumerate(panels):
-            _below_each_other(panel, len(models), MODELS, names if k % AXES.columns == 0 else None)
+        for panel in panels:
+            side = is_first_column(panel)
+            _below_each_other(panel, len(models), names if side else None)
             panel.tick_params(axis="y", length=0)
-        spread = {"columnspacing": 1.4, "handletextpad": 0.5, "handlelength": 2.0}
-        legend_above(figure, handles, per_line, labelspacing=0.5, **spread)
-        height = 1.0 - (page.top - 0.24) / figure.get_figheight()
-        figure.text(0.5, height, READ, ha="center", va="center", fontsize=8.0, color=style.DARK)
+        figure.supxlabel(READ, fontsize=8.0, color=style.DARK)
+        legend_above(figure, _model_handles(models))
     return figure
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -28,7 +27,7 @@ from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.display_units import DisplayedUnknowns
 from bayesdrill.inference.priors import Prior, flat_in_logs
 from bayesdrill.report import scales, style
-from bayesdrill.report.pages import SMALL_PANELS, Page, difference_panel, legend_above
+from bayesdrill.report.pages import build_page, difference_panel, label_outside, legend_above
 from bayesdrill.report.view import Drawing, ReportContext
 from bayesdrill.sampling.convergence import SOKAL_WINDOW, autocorrelation
 
@@ -36,10 +35,6 @@ STEPS = 300  # drawn at most
 QUANTILES = (0.05, 0.5, 0.95)  # of the walkers
 EXCURSION = 1.0  # how far burn-in may stretch an axis, in widths of what comes after it
 REACH = 0.5  # and how far the nominal value may
-
-TRACE_PAGE = Page(row=1.25, left=0.84, gap_x=0.9)
-TRACE_SMALL = replace(TRACE_PAGE, row=0.82, left=0.68, gap_x=0.72)
-LEGEND_LINE, LEGEND_MARGIN = 0.165, 0.16  # inches
 
 # Of the ensembles: greys, widths and dashes, each apart from the next in print.
 LOOKS: tuple[tuple[str, float, Any], ...] = (
@@ -94,15 +89,9 @@ def trace_figure(
             *style.nominal_handles(sides, marker="^"),
             Line2D([], [], label="MAP", **style.MAP_LINE),
         ]
-        most = 2 if n == 1 or small else 3
-        line = LEGEND_LINE * (style.SMALL if small else 1.0)
-        page = replace(
-            TRACE_SMALL if small else TRACE_PAGE,
-            columns={1: 1, 2: 1 if small else 2, 4: 2}.get(n, 2 if small else 3),
-            width=width if n > 1 or small else 1.3 * scales.SINGLE,
-            top=LEGEND_MARGIN + line * math.ceil(len(handles) / most),
-        )
-        figure, panels = page.build(n)
+        columns = 2 if n in (2, 4) else 3
+        page_width = width if n > 1 or small else 1.3 * scales.SINGLE
+        figure, panels = build_page(n, columns, 1.4, page_width)
         for d, (panel, symbol) in enumerate(zip(panels, symbols, strict=True)):
             if burn_in > 0:
                 panel.axvspan(0, burn_in, zorder=0, **BURN_IN)
@@ -111,10 +100,8 @@ def trace_figure(
             style.mark_values(panel, vertical[d], known[d], value, vertical=True, zorder=3)
             _step_axis(panel, n_steps)
             style.scale_axis(panel.yaxis, vertical[d], vertical[d].label(symbol, "\n"))
-            at_foot = d + page.columns >= n
-            panel.tick_params(labelbottom=at_foot)
-            panel.set_xlabel("step" if at_foot else "")
-        legend_above(figure, handles, most, columnspacing=2.0, handlelength=2.8)
+        label_outside(panels, "step", "", share_y=False)
+        legend_above(figure, handles, handlelength=2.8)
     return figure
 
 
@@ -200,8 +187,7 @@ def autocorrelation_figure(
             Line2D([], [], label=r"time $\tau$", **TAU),
             Patch(label=rf"lags summed up for $\tau$ ({SOKAL_WINDOW:g} $\tau$)", **SUMMED),
         ]
-        page = SMALL_PANELS.fitting(width, len(handles))
-        figure, panels = page.build(len(symbols))
+        figure, panels = build_page(len(symbols), 3, 1.25, width)
         for d, (panel, symbol) in enumerate(zip(panels, symbols, strict=True)):
             panel.axvspan(0, float(result.window[d]), zorder=0, **SUMMED)
             panel.axhline(0.0, color=style.MIDDLE, linewidth=0.5, zorder=1)
@@ -211,10 +197,10 @@ def autocorrelation_figure(
             _step_axis(panel, lags, 4)
             panel.set_ylim(1.15 * low - 0.06, 1.3)
             style.set_ticks(panel.yaxis, np.array([0.0, 0.5, 1.0]), ["0", "0.5", "1"])
-            page.frame(panel, d, len(symbols), "lag [steps]", "autocorrelation")
             text = rf"${symbol.latex}$: $\tau = {result.tau[d]:.3g}$" + " steps" * wide
             style.corner_text(panel, text, "right")
-        legend_above(figure, handles, 6 if wide else 2)
+        label_outside(panels, "lag [steps]", "autocorrelation")
+        legend_above(figure, handles)
     return figure
 
 
@@ -224,15 +210,13 @@ def rank_figure(
     """Draw how many more draws of an ensemble than expected are below each share, in per cent."""
     most = 100 * max(max(np.abs(h.away).max(), h.room.max()) / h.draws for h in ranks)
     places = np.pad(SHARES, 1, constant_values=(0, 1))
-    wide = width >= scales.DOUBLE
     with style.styled(width):
         chance = f"{100 * (1 - FALSE_ALARM):g} % of chance, together"
         handles = [*_thin_handles(len(ranks[0].holds)), Patch(label=chance, **style.CHANCE)]
         if not all(np.all(histogram.holds) for histogram in ranks):
             handles.append(Line2D([], [], label="leaves the band", **style.OUTSIDE))
-        page = SMALL_PANELS.fitting(width, len(handles))
-        figure, panels = page.build(len(ranks))
-        for k, (panel, histogram, symbol) in enumerate(zip(panels, ranks, symbols, strict=True)):
+        figure, panels = build_page(len(ranks), 3, 1.35, width)
+        for panel, histogram, symbol in zip(panels, ranks, symbols, strict=True):
             room = np.pad(100 * histogram.room / histogram.draws, 1)
             difference_panel(panel, places, (-room, room), float(most))
             each = zip(histogram.away, histogram.holds, strict=True)
@@ -241,8 +225,8 @@ def rank_figure(
                 line = np.pad(100 * away / histogram.draws, 1)
                 panel.plot(places, line, zorder=2 if holds else 3, **look)
             style.corner_text(panel, f"${symbol.latex}$")
-            page.frame(panel, k, len(ranks), "rank, as a share", "ECDF difference [%]")
-        legend_above(figure, handles, 5 if wide else 2)
+        label_outside(panels, "rank, as a share", "ECDF difference [%]")
+        legend_above(figure, handles)
     return figure
 
 

@@ -5,14 +5,16 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.ticker import FixedLocator, NullFormatter
 from numpy.typing import NDArray
 
 from bayesdrill.basics.arrays import Array
@@ -24,117 +26,163 @@ from bayesdrill.report import scales, style
 from bayesdrill.report.pages import (
     BINS,
     CENTRAL_SHARE,
-    CORNER_GAP,
     INNER_GREY,
     LEVELS,
     OUTER_GREY,
     central,
     contours,
-    corner_axes,
-    corner_panels,
 )
-from bayesdrill.report.scales import DOUBLE, SINGLE
+from bayesdrill.report.scales import DOUBLE, Scale
 from bayesdrill.report.sections import physics_words
 from bayesdrill.report.view import Drawing, ReportContext
 
-LARGEST = 2.2  # panel
-LEAST = 13.0  # points from one panel to the next: a page grows rather than have less
-LABEL = 7.8  # letters across a panel that its label and unit need, one upon the other
-UPRIGHT = 2.6  # and where they are turned by a right angle
-READABLE = 5.7  # points: below, labels are turned
-TITLE = 0.106  # inches of a title, for each point of its letters
-LEGEND = 2.35, 0.21  # inches of a legend beside, or above, of 8 points, and of a line of it
+GAP = 0.06  # between panels, in panels
+LARGEST = 2.2 * (1 + GAP)  # inches from one panel to the next
+LEAST = 13.0 / 72  # a page grows rather than have less
+READABLE = 5.7  # points: below, labels are turned by a right angle, and say the ends of their axes
+SMALLEST = 5.2  # numbers at an axis, points
+CLEAR = 0.1  # of an axis, without numbers at its ends
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CornerLayout:
+    """Margins in inches for each point of the letters, and `across`: letters from panel to panel."""
+
+    across: float
+    left: float
+    right: float
+    bottom: float
+
+    def sizes(self, n: int, width: float) -> tuple[float, float]:
+        """Return letters in points, and inches from panel to panel, of `n` unknowns in a `width`."""
+        most, margins = 10.0 if width >= DOUBLE else 8.5, self.left + self.right
+        letters = min(most, width / (n * self.across / 72 + margins))
+        pitch = min(max((width - margins * letters) / n, LEAST), LARGEST)
+        return min(most, 72 * pitch / self.across), pitch
+
+
+NUMBERED = CornerLayout(across=7.8, left=0.088, right=0.012, bottom=0.088)
+TURNED = CornerLayout(across=2.6, left=0.085, right=0.075, bottom=0.17)
+
+
+def _below_the_diagonal(n: int) -> list[tuple[int, int]]:
+    """Return rows and columns of panels, with those on the diagonal."""
+    return [(row, column) for row in range(n) for column in range(row + 1)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CornerPage:
-    """The layout of a corner: inches, and `letters` in points."""
+    """A figure with `panels (n, n)`, None above the diagonal; `shown`: its axes, at most `width` wide.
 
-    n: int
+    `letters`: of labels, points; `pitch`: inches from panel to panel; `fine`: the factor by which
+    lines and marks are thinner than in a large panel.
+    """
+
+    figure: Figure
+    panels: NDArray[np.object_]
+    shown: Sequence[tuple[Scale, Symbol]]
     width: float
-    pitch: float
-    left: float
-    right: float
-    bottom: float
     letters: float
-    legend_letters: float
-    compact: bool
-    top: float = 0.0
-    above: bool = False
+    pitch: float
+    fine: float
+    turned: bool
 
     @classmethod
-    def build(cls, n: int, width: float, lines: int) -> CornerPage:
-        """Lay out `n` unknowns in at most `width`, with a legend of so many `lines`.
+    def build(cls, shown: Sequence[tuple[Scale, Symbol]], width: float) -> CornerPage:
+        """Lay out these axes in at most `width`, or as little more as they need."""
+        n, layout = len(shown), NUMBERED
+        letters, pitch = layout.sizes(n, width)
+        if letters < READABLE:
+            layout = TURNED
+            letters, pitch = layout.sizes(n, width)
+        inside, title = pitch * (n - GAP / (1 + GAP)), 0.02 + 0.028 * letters
+        left, right, bottom = (x * letters for x in (layout.left, layout.right, layout.bottom))
+        figure = Figure(figsize=(left + inside + right, bottom + inside + title))
+        across, up = figure.get_size_inches()
+        ends = {"left": left / across, "right": (left + inside) / across}
+        ends |= {"bottom": bottom / up, "top": (bottom + inside) / up}
+        grid = figure.add_gridspec(n, n, wspace=GAP, hspace=GAP, **ends)
+        panels = np.full((n, n), None)
+        fine = min(1.0, max(0.45, pitch / 1.11))
+        for i, j in _below_the_diagonal(n):
+            panel = panels[i, j] = figure.add_subplot(grid[i, j])
+            panel.tick_params(size=3.0 * fine, width=0.6 * fine)
+            for spine in panel.spines.values():
+                spine.set_linewidth(0.6 * fine)
+        sizes: dict[str, float] = {"width": width, "letters": letters, "pitch": pitch, "fine": fine}
+        turned = layout is TURNED
+        return cls(figure=figure, panels=panels, shown=shown, turned=turned, **sizes)
 
-        It stands in the corner or beside a single panel, where it has room there; else above.
-        """
-        page = cls._fitting(n, width, compact=False)
-        if page.letters < READABLE:
-            page = cls._fitting(n, width, compact=True)
-        across, line = (size * page.legend_letters / 8.0 for size in LEGEND)
-        title = 0.02 + 0.028 * page.letters
-        alone = page.left + across + page.right + page.pitch if n == 1 else 0.0
-        broad = max(page.width, alone)
-        beside = min(n, math.ceil((title + lines * line) / page.pitch))
-        titled = (beside - 1) * page.pitch + TITLE * page.letters
-        occupied = page.left + max(beside * page.pitch, titled)
-        has_room = n == 1 or (beside < n and broad - across > occupied)
-        if broad <= width and has_room:
-            return replace(page, width=broad, top=title)
-        rows = math.ceil(lines / 2) + 1
-        least = max(page.width, min(width, SINGLE))
-        return replace(page, width=least, top=title + rows * 0.75 * line, above=True)
+    def finish(self, handles: Sequence[Any]) -> None:
+        """Set limits, numbers and labels of panels that are drawn, and add the legend."""
+        self._number()
+        if self.turned:
+            self._label_ends()
+        self._add_legend(handles)
 
-    @classmethod
-    def _fitting(cls, n: int, width: float, *, compact: bool) -> CornerPage:
-        """With ticks and labels along the panels, or `compact`."""
-        letters, pitch, side, edge, foot, across = 10.0, 10.0, 0.088, 0.12, 0.088, LABEL
-        ends, most = (0.0, LARGEST * (1 + CORNER_GAP)), 10.0 if width >= DOUBLE else 8.5
-        if compact:
-            letters, pitch, side, edge, foot, across = 6.0, 0.3, 0.085, 0.06, 0.17, UPRIGHT
-            ends, most = (LEAST / 72, math.inf), 6.5
-        for _ in range(30):
-            left, right = side * letters, max(edge, TITLE * letters - pitch)
-            pitch = min(max((width - left - right) / n, ends[0]), ends[1])
-            letters = min(most, 72 * pitch / across)
-        return cls(
-            n=n,
-            width=left + n * pitch + right,
-            pitch=pitch,
-            left=left,
-            right=right,
-            bottom=foot * letters,
-            letters=letters,
-            legend_letters=8.0 if width >= DOUBLE else 6.4,
-            compact=compact,
-        )
+    def _number(self) -> None:
+        letter = 0.43 * self.letters / (72 * self.pitch)  # of a number, in panels
 
-    @property
-    def inside(self) -> float:
-        """The size of all panels, and the gaps between them."""
-        return self.n * self.pitch - CORNER_GAP * self.panel
+        def number(axis: Axis, k: int, outer: bool) -> None:
+            scale, symbol = self.shown[k]
+            places, values = scale.ticks(clear=CLEAR, letter=letter)
+            style.set_ticks(axis, places, values if outer else None)
+            axis.set_minor_locator(FixedLocator(scale.between.tolist() if self.fine == 1 else []))
+            axis.set_minor_formatter(NullFormatter())
+            if outer:
+                size = max(0.85 * self.letters, SMALLEST)
+                axis.set_tick_params(labelsize=size, pad=0.4 * self.letters)
+                for text in axis.get_ticklabels():
+                    text.set(rotation=45, ha="right", va="center_baseline", rotation_mode="anchor")
+                axis.set_label_text(scale.label(symbol, "\n"), fontsize=self.letters)
+                axis.labelpad = 0.2 * self.letters
 
-    @property
-    def panel(self) -> float:
-        """The size of a panel."""
-        return self.pitch / (1 + CORNER_GAP)
+        shown, panels, n = self.shown, self.panels, len(self.shown)
+        for i, j in _below_the_diagonal(n):
+            panels[i, j].set_xlim(shown[j][0].low, shown[j][0].high)
+            number(panels[i, j].xaxis, j, not self.turned and i == n - 1)
+            if i > j:
+                panels[i, j].set_ylim(shown[i][0].low, shown[i][0].high)
+                number(panels[i, j].yaxis, i, not self.turned and j == 0)
+        self.figure.align_xlabels(list(panels[-1]))
+        self.figure.align_ylabels(list(panels[1:, 0]))
 
-    @property
-    def height(self) -> float:
-        """The height of the page."""
-        return self.bottom + self.inside + self.top
+    def _label_ends(self) -> None:
+        """Write the ends of each axis under its label, where panels are too small for numbers."""
+        look: dict[str, Any] = {"fontsize": self.letters, "labelpad": 2}
+        for k, (scale, symbol) in enumerate(self.shown):
+            ends = scale.number(scale.value(np.array([scale.low, scale.high])))
+            low, high = (scales.short_number(float(end)) for end in ends)
+            text = f"{scale.label(symbol)}\n{low} to {high}"
+            self.panels[-1, k].set_xlabel(text, rotation=90, va="top", linespacing=1.0, **look)
+            if k:
+                name = f"${symbol.latex}$"
+                self.panels[k, 0].set_ylabel(name, rotation=0, ha="right", va="center", **look)
 
-    @property
-    def fine(self) -> float:
-        """The factor by which lines and marks are thinner than in a large panel."""
-        return min(1.0, max(0.45, self.panel / 1.05))
+    def _add_legend(self, handles: Sequence[Any]) -> None:
+        """Put a legend in the upper right; for it the page grows, up to its width and then upwards."""
+        figure = self.figure
+        look: dict[str, Any] = {"loc": "upper right", "borderaxespad": 0.3}
+        legend = figure.legend(handles=handles, **look)
+        box = legend.get_window_extent().padded(4.0)
+        legend.remove()
+        panels = [panel.get_tightbbox() for panel in self.panels.diagonal()]
+        across, up = figure.get_size_inches()
+        beside = [panel.x1 for panel in panels if panel.y1 > box.y0]
+        missing = (max(beside, default=0.0) - box.x0) / figure.dpi
+        wider = min(max(missing, 0.0), max(self.width - across, 0.0))
+        below = [panel.y1 for panel in panels if panel.x1 > box.x0 + wider * figure.dpi]
+        higher = max((max(below, default=0.0) - box.y0) / figure.dpi, 0.0)
+        figure.set_size_inches(across + wider, up + higher)
+        style.shrink(figure, across / (across + wider), up / (up + higher))
+        figure.legend(handles=handles, **look)
 
 
 Handles = list[Line2D | Patch]
 
 
-def _handles(columns: Sequence[CornerColumn]) -> tuple[Handles, Handles]:
-    """Lines, then shades and notes."""
+def _handles(columns: Sequence[CornerColumn]) -> Handles:
+    """Return handles of lines, shades and notes."""
     credible = f"{100 * HDI_PROBABILITY:.0f} %"
     lines: Handles = [
         Line2D([], [], color=style.BLACK, linewidth=0.8, label="posterior"),
@@ -157,21 +205,7 @@ def _handles(columns: Sequence[CornerColumn]) -> tuple[Handles, Handles]:
         notes.append("no contour where the density is flat")
     if any(column.scale.origin for column in columns):
         notes.append(r"$\delta$: the difference that the axis shows")
-    return lines, shades + [Line2D([], [], linestyle="none", label=note) for note in notes]
-
-
-def legend(figure: Figure, first: Handles, second: Handles, page: CornerPage) -> None:
-    """Put the legend in the empty upper right, beside a single panel, or above."""
-    size = page.legend_letters
-    look: dict[str, Any] = {"fontsize": size, "borderaxespad": 0.0, "handlelength": 2.2}
-    edge = 0.5 * min(page.right, 0.2) / page.width
-    groups: list[tuple[Any, float, Handles]] = [("upper right", 1 - edge, [*first, *second])]
-    if page.above:
-        look["labelspacing"] = 0.35
-        groups = [("upper left", 0.05 / page.width, first), ("upper right", 1.0, second)]
-    for location, x, group in groups:
-        at = (x, 1 - 0.07 / page.height)
-        figure.legend(handles=group, loc=location, bbox_to_anchor=at, **look)
+    return [*lines, *shades, *(Line2D([], [], linestyle="none", label=note) for note in notes)]
 
 
 POINTS = 2000  # drawn in a panel; contours and histograms count all draws
@@ -202,29 +236,18 @@ def corner_figure(draws: Array, shown: DisplayedUnknowns, width: float = scales.
     """Draw a D by D corner of draws `(N, D)` of what is `shown`, at most `width` wide."""
     columns = [_column(x, symbol, shown) for x, symbol in zip(draws.T, shown.symbols, strict=True)]
     with style.styled(width):
-        first, second = _handles(columns)
-        page = CornerPage.build(len(columns), width, len(first) + len(second))
-        size = (page.width, page.height)
-        figure, panels = corner_panels(page.n, size, page.left, page.bottom, page.inside)
-        for panel in panels[np.tril_indices(page.n)]:
-            panel.tick_params(size=3.0 * page.fine, width=0.6 * page.fine)
-            for spine in panel.spines.values():
-                spine.set_linewidth(0.6 * page.fine)
+        page = CornerPage.build([(column.scale, column.symbol) for column in columns], width)
         for i, row in enumerate(columns):
-            _marginal(panels[i, i], row, page)
+            _marginal(page.panels[i, i], row, page)
             for j, column in enumerate(columns[:i]):
-                contours(panels[i, j], (column.x, row.x), (column.ends, row.ends), page.fine)
-                _marks(panels[i, j], column, row, page)
-        axes = [(column.scale, column.symbol) for column in columns]
-        look: dict[str, Any] = {"texts": not page.compact, "small": page.fine == 1.0}
-        corner_axes(panels, axes, page.letters, 0.43 * page.letters / (72 * page.pitch), **look)
-        if page.n == 1:
-            panels[0, 0].set_ylabel("density", fontsize=page.letters)
-        if page.compact:
-            _upright(panels, columns, page)
-        _points(figure, panels, columns, page)
-        legend(figure, first, second, page)
-    return figure
+                xy, ends = (column.x, row.x), (column.ends, row.ends)
+                contours(page.panels[i, j], xy, ends, page.fine)
+                _marks(page.panels[i, j], column, row, page)
+        if len(columns) == 1:
+            page.panels[0, 0].set_ylabel("density", fontsize=page.letters)
+        page.finish(_handles(columns))
+        _points(columns, page)
+    return page.figure
 
 
 def _column(x: Array, symbol: Symbol, shown: DisplayedUnknowns) -> CornerColumn:
@@ -252,14 +275,12 @@ def _title(column: CornerColumn, interval: Array) -> str:
     return rf"${name} = ({spread})\,10^{{{power}}}$"
 
 
-def _points(
-    figure: Figure, panels: NDArray[np.object_], columns: Sequence[CornerColumn], page: CornerPage
-) -> None:
+def _points(columns: Sequence[CornerColumn], page: CornerPage) -> None:
     """Some draws below all panels, as one artist: each rasterised one costs a page of pixels."""
     shown = style.thin(len(columns[0].x), round(POINTS * page.fine**2))
     places = []
     for i, j in itertools.combinations(range(len(columns)), 2):
-        panel, pair = panels[j, i], (columns[i], columns[j])
+        panel, pair = page.panels[j, i], (columns[i], columns[j])
         panel.patch.set_visible(False)
         low, high = np.transpose([(column.scale.low, column.scale.high) for column in pair])
         inside = (np.stack([column.x[shown] for column in pair], axis=-1) - low) / (high - low)
@@ -269,7 +290,7 @@ def _points(
     if places:
         x, y = np.concatenate(places).T
         look = style.finer(style.DOTS, page.fine)
-        figure.add_artist(Line2D(x, y, transform=figure.transFigure, **look))
+        page.figure.add_artist(Line2D(x, y, transform=page.figure.transFigure, **look))
 
 
 def _marginal(panel: Axes, column: CornerColumn, page: CornerPage) -> None:
@@ -307,22 +328,6 @@ def _marks(panel: Axes, column: CornerColumn, row: CornerColumn, page: CornerPag
     if column.mode is not None and row.mode is not None:
         x, y = float(column.scale(column.mode)), float(row.scale(row.mode))
         panel.plot([x], [y], **style.finer(style.CROSS, page.fine))
-
-
-def _upright(
-    panels: NDArray[np.object_], columns: Sequence[CornerColumn], page: CornerPage
-) -> None:
-    """Where panels are too small for ticks: the ends of each axis under its label."""
-    look: dict[str, Any] = {"fontsize": page.letters, "labelpad": 2}
-    for k, column in enumerate(columns):
-        scale = column.scale
-        ends = scale.number(scale.value(np.array([scale.low, scale.high])))
-        low, high = (scales.short_number(float(end)) for end in ends)
-        text = f"{scale.label(column.symbol)}\n{low} to {high}"
-        panels[-1, k].set_xlabel(text, rotation=90, va="top", linespacing=1.0, **look)
-        if k:
-            name = f"${column.symbol.latex}$"
-            panels[k, 0].set_ylabel(name, rotation=0, ha="right", va="center", **look)
 
 
 def draw_corner(run: ReportContext) -> Drawing:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 from itertools import groupby
 from pathlib import Path
@@ -42,19 +41,23 @@ from bayesdrill.inference.residual_checks import (
 )
 from bayesdrill.output_files import numbered
 from bayesdrill.report import scales, style, words
-from bayesdrill.report.pages import Page, departures, difference_panel, inches_panel, legend_above
+from bayesdrill.report.pages import (
+    build_page,
+    departures,
+    difference_panel,
+    label_outside,
+    legend_above,
+)
 from bayesdrill.report.scales import WIDTHS
 from bayesdrill.report.sections import fit_words
 from bayesdrill.report.sections.fit_words import Course, Fit, Signal, corners, every_fit, extremes
 from bayesdrill.report.view import Drawing, ReportContext, for_each_experiment
 from bayesdrill.rig.models.linear import Model
 
-FIT_SHARE = 0.6  # of the width, for the signals, where the residuals are beside them
-# Rows of signals, beside their residuals or above them; the legend has the room at the top.
-_WIDE = Page(row=1.45, left=0.84, right=0.3, gap_x=0.9, top=0.6)
-_NARROW = Page(row=0.95, left=0.68, right=0.27, gap_x=0.0, gap_y=0.1, top=0.5, bottom=0.38)
-RESIDUALS_BELOW = 0.55  # inches
-RECORD_PAGE = Page(columns=1, row=1.1, left=0.84, gap_y=0.3, top=0.1)
+# Heights in inches, each with its numbers: of inputs or frictions, of signals, and of the residuals
+# below these where a figure is as wide as one column of text; of the legends.
+WIDE_HEIGHTS, NARROW_HEIGHTS, LEGENDS = (0.85, 1.55), (0.65, 1.05, 0.65), 0.6
+SHARES = (0.6, 0.4)  # of the width, of signals and of the residuals beside them
 
 
 def build_fit_page(fit: Fit, width: float) -> tuple[Figure, list[Axes], list[tuple[Axes, Axes]]]:
@@ -63,42 +66,25 @@ def build_fit_page(fit: Fit, width: float) -> tuple[Figure, list[Axes], list[tup
     Panels of inputs and frictions; of each channel those of its signals and of its residuals.
     """
     beside = width >= scales.DOUBLE
-    # Inches of a strip, of inputs or of frictions, and of a line of text.
-    size, strip, line = (_WIDE, 0.75, 0.2) if beside else (_NARROW, 0.55, 0.17)
+    strip, *channel = WIDE_HEIGHTS if beside else NARROW_HEIGHTS
     n, n_courses, n_rubs = len(fit.signals), len(fit.courses), len(fit.rubs)
-    channel = size.row if beside else size.row + size.gap_y + RESIDUALS_BELOW
-    # What is constant stands in a line of its own, or above the one legend.
-    above = 0.06 + (line if fit.constant and (n_courses or not beside) else 0.0)
-    head = line if n_courses else 0.0
-    top = above + (n_courses * (strip + size.gap_y) + head) + size.top
-    rubbing = size.gap_y + line + n_rubs * (strip + size.gap_y) if n_rubs else 0.0
-    height = top + n * channel + (n - 1) * size.gap_y + rubbing + size.bottom
-    figure = Figure(figsize=(width, height))
-    free = width - size.left - size.right - size.gap_x
-    share = FIT_SHARE * free if beside else free
-
-    def panel(y: float, h: float, x: float = size.left, w: float = share) -> Axes:
-        axes = inches_panel(figure, x, height - y - h, w, h)
-        axes.tick_params(labelbottom=False)
-        return axes
-
-    def strips(y: float, n: int) -> list[Axes]:
-        return [panel(y + k * (strip + size.gap_y), strip) for k in range(n)]
-
-    courses, rows = strips(above + head, n_courses), []
-    for k in range(n):
-        y = top + k * (channel + size.gap_y)
-        signals = panel(y, size.row)
-        if beside:
-            right = size.left + share + size.gap_x
-            residuals = panel(y, size.row, right, free - share)
-        else:
-            residuals = panel(y + size.row + size.gap_y, RESIDUALS_BELOW)
-        rows.append((signals, residuals))
-    rubs = strips(top + n * (channel + size.gap_y) + line, n_rubs)
-    signals, residuals = rows[-1]
-    for foot in ([signals, *rubs][-1], residuals) if beside else [residuals, *rubs][-1:]:
-        foot.tick_params(labelbottom=True)
+    heights = [*[strip] * n_courses, *channel * n, *[strip] * n_rubs]
+    figure = Figure(figsize=(width, LEGENDS + sum(heights)), layout="constrained")
+    shares = SHARES if beside else (1.0,)
+    grid = figure.add_gridspec(
+        len(heights), len(shares), height_ratios=heights, width_ratios=shares
+    )
+    courses = [figure.add_subplot(grid[k, 0]) for k in range(n_courses)]
+    rows = []
+    for top in range(n_courses, len(heights) - n_rubs, len(channel)):
+        below = grid[top, 1] if beside else grid[top + 1, 0]
+        rows.append((figure.add_subplot(grid[top, 0]), figure.add_subplot(below)))
+    rubs = [figure.add_subplot(grid[k - n_rubs, 0]) for k in range(n_rubs)]
+    signals, residuals = zip(*rows, strict=True)
+    for column in ((*courses, *signals, *rubs), residuals) if beside else (figure.axes,):
+        figure.align_ylabels(column)
+        for panel in column[:-1]:
+            panel.tick_params(labelbottom=False)
     return figure, [*courses, *rubs], rows
 
 
@@ -121,12 +107,10 @@ def fit_figure(fit: Fit, width: float = scales.DOUBLE, at: str = "the MAP") -> F
             _course(panel, course, time, t)
         for signal, (left, right) in zip(fit.signals, rows, strict=True):
             _signals(left, signal, time, t)
-            _residuals(right, signal, time, t)
-        broad = rows[0][0].get_position().width
+            _residuals(right, signal, time, t, beside=width >= scales.DOUBLE)
         for panel in figure.axes:
             panel.set_xlim(time.low, time.high)
-            most = 5 if panel.get_position().width >= broad else 4
-            style.set_ticks(panel.xaxis, *time.ticks(most))
+            style.set_ticks(panel.xaxis, *time.ticks(4))
             if panel.xaxis.get_tick_params()["labelbottom"]:
                 panel.set_xlabel(time.label(fit.time))
         _legends(figure, rows[0], strips, fit, at, beside=width >= scales.DOUBLE)
@@ -137,7 +121,7 @@ def record_figure(fit: Fit) -> Figure:
     """Draw channels and inputs over time, without the model."""
     t, time = fit.t, scales.scale(float(fit.t[0]), float(fit.t[-1]), margin=0.01)
     with style.styled():
-        figure, panels = RECORD_PAGE.build(len(fit.signals) + len(fit.courses))
+        figure, panels = build_page(len(fit.signals) + len(fit.courses), 1, 1.35)
         for panel, signal in zip(panels, fit.signals, strict=False):
             y = signal.y[signal.dots]
             scale = _numbers(panel, signal.label, float(y.min()), float(y.max()))
@@ -202,7 +186,7 @@ def _signals(panel: Axes, signal: Signal, time: scales.Scale, t: Array) -> None:
     panel.plot(time(t[drawn]), scale(model[drawn]), zorder=2, **style.BLACK_LINE)
 
 
-def _residuals(panel: Axes, signal: Signal, time: scales.Scale, t: Array) -> None:
+def _residuals(panel: Axes, signal: Signal, time: scales.Scale, t: Array, *, beside: bool) -> None:
     """Measured minus MAP, the band of the noise, and how much of the channel this is."""
     residual, sigma = signal.y - signal.model, signal.sigma
     label = Symbol("rest", "", r"\mathrm{residual}", signal.label.latex_unit, "")
@@ -215,7 +199,8 @@ def _residuals(panel: Axes, signal: Signal, time: scales.Scale, t: Array) -> Non
     _dots(panel, time(t[signal.dots]), scale(residual[signal.dots]))
     panel.axhline(float(scale(0.0)), zorder=2, **style.BLACK_LINE)
     if not math.isnan(signal.share):
-        share = f"unexplained: {fit_words.percent(signal.share)}"
+        gap = " " if beside else "\n"
+        share = f"unexplained:{gap}{fit_words.percent(signal.share)}"
         look: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points"}
         look |= {"rotation": 90, "ha": "left", "va": "center"}
         panel.annotate(share, (1.0, 0.5), (4, 0), size=style.letters("legend.fontsize"), **look)
@@ -255,12 +240,11 @@ def _legends(
         "unexplained: rms over spread": Line2D([], [], linestyle="none"),
     }
     left, right = first
-    place = left.get_position()
     if beside:
         _legend(left, signals, 3)
         _legend(right, {f"measured minus model at {at}": dot, **residual_handles}, 1)
     else:
-        _legend(left, signals | residual_handles, 2, 0.02 - place.x0 / place.width)
+        _legend(left, signals | residual_handles, 2, -0.25)
     if fit.rubs:
         rubs = {f"friction at {at}": line, "it sticks": Patch(**STICKS)}
         _legend(strips[len(fit.courses)], {**rubs, f"{SHARE} posterior": band}, 3)
@@ -274,8 +258,7 @@ def _legends(
             unit = rf"\,\mathrm{{{label.latex_unit}}}" if label.latex_unit else ""
             each.append(f"${label.latex} = {number}{unit}$")
         text, size = f"constant input: {', '.join(each)}", style.letters("legend.fontsize")
-        y = 1 - 0.06 / figure.get_figheight()
-        figure.text(place.x0, y, text, va="top", size=size)
+        figure.suptitle(text, x=0.02, ha="left", size=size)
 
 
 def _legend(panel: Axes, entries: dict[str, Any], columns: int, x: float = 0.0) -> None:
@@ -287,14 +270,13 @@ def _legend(panel: Axes, entries: dict[str, Any], columns: int, x: float = 0.0) 
         ncols=columns,
         borderaxespad=0.1,
         borderpad=0.2,
-        handlelength=1.6,
-        handletextpad=0.5,
-        columnspacing=1.0,
+        handlelength=1.4,
+        handletextpad=0.4,
+        columnspacing=0.8,
         labelspacing=0.2,
     )
 
 
-PAGE = Page(columns=2, row=1.3, gap_x=0.66, gap_y=0.16, top=0.5)
 FARTHEST = 4.5  # sds shown; what lies beyond stands in the last bin
 BINS = 36
 FOUND: dict[str, Any] = {"facecolor": style.LIGHT, "edgecolor": style.BLACK, "linewidth": 0.7}
@@ -316,17 +298,15 @@ def predictive_figure(checks: Sequence[PredictionCheck], width: float = scales.D
             handles.append(Line2D([], [], label="record", **style.BLACK_LINE))
         if not all(check.holds for check in checks):
             handles.append(Line2D([], [], label="record, leaves the band", **style.OUTSIDE))
-        page = PAGE.fitting(width, len(handles))
-        figure, panels = page.build(2 * len(checks))
+        figure, panels = build_page(2 * len(checks), 2, 1.55, width)
         for k, check in enumerate(checks):
             left, right = panels[2 * k : 2 * k + 2]
             _densities(left, check)
             _difference(right, check, away[k], most)
-            for panel in (left, right):
-                panel.tick_params(labelbottom=k == len(checks) - 1)
+        label_outside(panels, "", "", share_y=False)
         panels[-2].set_xlabel("measured less predicted" + ", in sds of the prediction" * wide)
         panels[-1].set_xlabel("share of the prediction below (PIT)" if wide else "PIT")
-        legend_above(figure, handles, 4 if wide else 2)
+        legend_above(figure, handles)
     return figure
 
 
@@ -385,10 +365,9 @@ def residuals_figure(
         ]
         if any((np.abs(c.values) > c.band).any() for c in correlations):
             handles.append(Line2D([], [], label="outside", **style.OUTSIDE))
-        page = Page(row=1.2, top=0.36).fitting(width, len(handles))
-        page = replace(page, columns=len(beside))
-        figure, panels = page.build(len(correlations))
-        for k, (panel, c) in enumerate(zip(panels, correlations, strict=True)):
+        columns = len(beside)
+        figure, panels = build_page(len(correlations), columns, 1.35, width, narrow=columns)
+        for panel, c in zip(panels, correlations, strict=True):
             panel.fill_between(c.lags, -c.band, c.band, zorder=0, **style.CHANCE)
             panel.axhline(0.0, color=style.MIDDLE, linewidth=0.5, zorder=1)
             for inside, look in ((True, STEM), (False, dict(style.OUTSIDE))):
@@ -402,8 +381,8 @@ def residuals_figure(
             driver = latex.get(c.input, c.input)
             other = f"with ${driver}$" if driver else "with itself"
             style.corner_text(panel, other, "right", fontsize=style.letters("legend.fontsize"))
-            page.frame(panel, k, len(correlations), "lag [samples]", "correlation")
-        legend_above(figure, handles, 3)
+        label_outside(panels, "lag [samples]", "correlation")
+        legend_above(figure, handles)
     return figure
 
 
@@ -438,14 +417,11 @@ def frequency_figure(
             Line2D([], [], label="model at the MAP", **style.BLACK_LINE),
             Line2D([], [], label=measured, **POINT),
         ]
-        page = replace(PAGE, left=0.7, gap_x=0.75, top=0.36).fitting(width, 4)
-        figure, panels = page.build(2 * len(responses))
+        figure, panels = build_page(2 * len(responses), 2, 1.5, width)
         for k, panel in enumerate(panels):
             _bode(panel, responses[k // 2], phase=bool(k % 2))
-            panel.tick_params(labelbottom=k >= len(panels) - 2)
-        for panel in panels[-2:]:
-            panel.set_xlabel("frequency [Hz]")
-        legend_above(figure, handles, 2 if width >= scales.DOUBLE else 1)
+        label_outside(panels, "frequency [Hz]", "", share_y=False)
+        legend_above(figure, handles)
     return figure
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,12 +17,10 @@ from bayesdrill.analysis.identifiability.profile import THRESHOLD, Profile
 from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.report import scales, style
-from bayesdrill.report.pages import Page, legend_above
+from bayesdrill.report.pages import build_page, is_first_column, legend_above
 from bayesdrill.report.sections.identify_words import percent
 
-PAGE = Page(left=0.5, gap_x=0.18, gap_y=0.62, top=0.34, bottom=0.5)
-LEGEND = 3  # entries
-LETTER, ROOMY = 0.062, 1.6  # inches: of a letter, and of a panel that has room for four ticks
+LETTER = 0.04  # of a number at an axis, in widths of a panel
 HIGHEST = 8.0  # of the loss that is shown
 MARGIN = 0.04  # of the width of a panel, so that walls can be seen
 
@@ -39,20 +36,18 @@ def profile_figure(
 
     In the units of the symbols; the axes of the parameters in `logs` are logarithmic.
     """
-    alone = len(profiles) == 1
     with style.styled(width):
-        page = PAGE.fitting(width, LEGEND) if not alone else replace(PAGE, width=scales.SINGLE)
-        figure, panels = page.build(len(profiles))
-        sides, small = set(), style.letters("legend.fontsize")
-        for k, (panel, profile) in enumerate(zip(panels, profiles, strict=True)):
+        width = width if len(profiles) > 1 else scales.SINGLE
+        figure, panels = build_page(len(profiles), 3, 1.75, width)
+        sides = set()
+        for panel, profile in zip(panels, profiles, strict=True):
             known, log = nominal.get(profile.name), profile.name in logs
             sides.add(_panel(panel, profile, symbols[profile.name], known, log=log))
-            panel.tick_params(labelleft=k % page.columns == 0)
-            if k % page.columns == 0:
-                panel.set_ylabel("loss of log likelihood", fontsize=small)
+            side = is_first_column(panel)
+            panel.tick_params(labelleft=side)
+            panel.set_ylabel("loss of log likelihood" if side else "")
         handles = [Patch(facecolor=style.FAINT, label="within 95 %"), *style.nominal_handles(sides)]
-        most = 4 if width >= scales.DOUBLE else 2
-        legend_above(figure, handles, most, columnspacing=2.0, handlelength=2.0)
+        legend_above(figure, handles)
     return figure
 
 
@@ -78,9 +73,7 @@ def _panel(
     panel.set_ylim(-0.03 * HIGHEST, HIGHEST)
     style.set_ticks(panel.yaxis, np.array([0.0, 2.0, 4.0, 6.0]), ["0", "2", "4", "6"])
     panel.set_xlabel(scale.label(symbol), labelpad=1)
-    inches = panel.get_window_extent().width / panel.figure.dpi
-    room = {"clear": 0.08, "letter": LETTER / inches}
-    style.set_numbers(panel.xaxis, scale, 4 if inches > ROOMY else 3, **room)
+    style.set_numbers(panel.xaxis, scale, 3, clear=0.08, letter=LETTER)
     style.corner_text(panel, profile.shape, "right", fontsize=style.letters("legend.fontsize"))
     return side
 
@@ -94,7 +87,6 @@ def _edge(values: np.ndarray, loss: np.ndarray, end: int) -> float:
     return float(values[inner] + np.sqrt(max(share, 0.0)) * (values[end] - values[inner]))
 
 
-SPECTRUM = Page(columns=1, left=2.75, right=0.25, top=0.42, bottom=0.48)
 BAR, NARROW_BAR = 0.27, 0.42  # inches; in one column of a page labels stand above their bars
 LEAST_EXPONENT = 0.15  # smaller ones are left out of a label
 BEYOND = 30.0  # how far the axis reaches past the largest finite sd
@@ -106,13 +98,13 @@ def spectrum_figure(
     """Draw a bar for each direction, its length the Cramer-Rao bound on a logarithmic axis."""
     directions = study.information.directions
     wide, n = width >= scales.DOUBLE, len(directions)
-    left, bar = (SPECTRUM.left, BAR) if wide else (0.12, NARROW_BAR)
+    bar = BAR if wide else NARROW_BAR
     labels = [_label(study.names, d.exponents, latex) for d in directions]
     handles: list[Patch | Line2D] = [Line2D([], [], label="prior", **style.PRIOR_LINE)]
     if np.isinf([d.sd for d in directions]).any():
         handles.append(Patch(label="leaves no trace in the record", **BLIND))
     with style.styled(width):
-        figure, (panel,) = replace(SPECTRUM, width=width, row=n * bar, left=left).build(1)
+        figure, (panel,) = build_page(1, 1, 0.5 + n * bar, width)
         _bars(panel, study, 0.62 * BAR / bar)
         panel.set_yticks(np.arange(n), labels if wide else [""] * n)
         panel.tick_params(axis="y", length=0)
@@ -121,9 +113,7 @@ def spectrum_figure(
             across = panel.get_yaxis_transform()
             for position, label in enumerate(labels):
                 panel.text(0.01, position - 0.24, label, transform=across, va="bottom")
-        look = {"columnspacing": 2.0, "handlelength": 2.0, "labelspacing": 0.5}
-        at = (1 - SPECTRUM.right / width, 1.0)
-        legend_above(figure, handles, 3, loc="upper right", bbox_to_anchor=at, **look)
+        legend_above(figure, handles)
     return figure
 
 

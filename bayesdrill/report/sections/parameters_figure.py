@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import math
 from collections.abc import Sequence
@@ -22,16 +21,12 @@ from bayesdrill.basics.symbols import Symbol, product_latex
 from bayesdrill.inference.display_units import DisplayedUnknowns
 from bayesdrill.inference.priors import Prior, flat_in_logs
 from bayesdrill.report import scales, style
-from bayesdrill.report.pages import AXES, Page, legend_above
+from bayesdrill.report.pages import NARROW_ROW, build_page, legend_above
 from bayesdrill.report.scales import DOUBLE
 from bayesdrill.report.sections.corner_figure import corner_figure
 from bayesdrill.report.sections.identify_words import product
 from bayesdrill.report.view import Drawing, ReportContext
 
-PAGE = dataclasses.replace(AXES, row=1.05, top=0.36)
-SMALL = dataclasses.replace(
-    PAGE, columns=2, width=scales.SINGLE, row=0.66, gap_x=0.16, gap_y=0.43, top=0.42, bottom=0.44
-)
 TAIL = 0.001  # of a prior without an end: where its axis ends
 BINS = 60
 HEAD = 1.12  # of the highest density: where a panel ends
@@ -48,9 +43,9 @@ def prior_posterior_figure(
 ) -> Figure:
     """Draw priors and draws `(N, D)` of what is `shown`, over the range of each prior."""
     symbols = shown.symbols
-    page = PAGE if width >= scales.DOUBLE and len(symbols) > 1 else SMALL
-    with style.styled(page.width):
-        figure, panels = page.build(len(symbols))
+    width = width if len(symbols) > 1 else scales.SINGLE
+    with style.styled(width):
+        figure, panels = build_page(len(symbols), 3, 1.45, width)
         sides = set()
         for panel, x, symbol in zip(panels, draws.T, symbols, strict=True):
             prior, known = shown.priors[symbol.name], shown.nominal.get(symbol.name)
@@ -67,9 +62,7 @@ def prior_posterior_figure(
             *style.nominal_handles(sides),
             Line2D([], [], label="MAP", **style.MAP_LINE),
         ]
-        most = len(handles) if page is PAGE or len(handles) <= 4 else 3
-        gap = 1.6 if page is PAGE else 1.2
-        legend_above(figure, handles, most, columnspacing=gap, handlelength=2.4)
+        legend_above(figure, handles)
     return figure
 
 
@@ -90,10 +83,7 @@ def _densities(panel: Axes, scale: scales.Scale, x: Array, prior: Prior) -> None
     panel.set_ylim(0, HEAD * top)
 
 
-SIZE = 2.6  # of the panel of a ridge
-RIDGE_PAGE = Page(
-    columns=1, width=SIZE + 0.76, row=SIZE, left=0.62, right=0.14, top=0.74, bottom=0.5
-)
+SIZE = 3.4  # of a ridge with its labels, inches
 POINTS = 3000
 REACH, CORNERS = 1e4, 4001  # the line is drawn over this factor, and cut by the axes
 BAND: dict[str, Any] = {"color": style.LIGHT, "linewidth": 6.0, "solid_capstyle": "butt"}
@@ -129,7 +119,7 @@ def ridge_figure(draws: Array, pair: CorrelatedPair, shown: DisplayedUnknowns) -
     factor, some = np.geomspace(1 / REACH, REACH, CORNERS), style.thin(len(draws), POINTS)
     box, line, dots, cross, marks = [], [], [], [], []
     with style.styled():
-        figure, (panel,) = RIDGE_PAGE.build(1)
+        figure, (panel,) = build_page(1, 1, SIZE / NARROW_ROW, SIZE)
         marked = all(shown.symbols[k].name in shown.nominal for k in pair.columns)
         axes = (panel.xaxis, panel.yaxis)
         for column, power, axis in zip(pair.columns, pair.exponents, axes, strict=True):
@@ -151,16 +141,13 @@ def ridge_figure(draws: Array, pair: CorrelatedPair, shown: DisplayedUnknowns) -
             style.mark_values(panel, scale, known, vertical=vertical, arrow=False, zorder=4)
         panel.plot(*cross, zorder=5, **style.CROSS)
         handles: list[Line2D | Patch] = [
-            Line2D([], [], label="exact symmetry: no measured signal changes along it", **BAND),
+            Line2D([], [], label="same signals, exactly", **BAND),
             Line2D([], [], label="posterior draws", **{**DOTS, "markersize": 3}),
             Patch(fill=False, label="prior", **BOX),
             *(style.nominal_handles({0}) if marked else []),
             Line2D([], [], label="MAP", **style.CROSS),
         ]
-        look: dict[str, Any] = {"handlelength": 2.2, "columnspacing": 1.6, "labelspacing": 0.5}
-        legend_above(figure, handles[:1], 1, **look)
-        below = (0.5, 1 - 0.22 / float(figure.get_size_inches()[1]))
-        legend_above(figure, handles[1:], 2, bbox_to_anchor=below, **look)
+        legend_above(figure, handles)
     return figure
 
 

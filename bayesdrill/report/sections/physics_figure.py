@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from functools import partial
 from typing import Any
@@ -19,15 +18,11 @@ from bayesdrill.basics.symbols import Symbol
 from bayesdrill.basics.units import Unit
 from bayesdrill.inference.derived import HDI_PROBABILITY
 from bayesdrill.report import scales, style
-from bayesdrill.report.pages import Page, inches_panel, legend_above
+from bayesdrill.report.pages import build_page, is_first_column, legend_above
 from bayesdrill.report.sections.physics_words import LawShown, laws, time_symbol
 from bayesdrill.report.sections.torque_words import TORQUE, regressors
 from bayesdrill.report.view import Drawing, ReportContext, for_each_experiment
 
-PAGE = Page(row=1.6, left=0.84, right=0.1, gap_x=0.94, gap_y=0.6, top=0.36)
-SMALL = dataclasses.replace(
-    PAGE, columns=1, width=scales.SINGLE, row=1.15, left=0.7, gap_y=0.5, top=0.5, bottom=0.4
-)
 BINS = 60
 FOOT = 0.2  # of a panel: for the speeds of the record
 HEAD = 1.12  # of the largest effort
@@ -37,9 +32,8 @@ SEEN: dict[str, Any] = {"color": style.MIDDLE}
 
 def friction_figure(laws: Sequence[LawShown], width: float = scales.DOUBLE) -> Figure:
     """Draw a panel for each friction law."""
-    page = PAGE if width >= scales.DOUBLE else SMALL
-    with style.styled(page.width):
-        figure, panels = page.build(len(laws))
+    with style.styled(width):
+        figure, panels = build_page(len(laws), 3, 2.1, width, narrow=1)
         for panel, law in zip(panels, laws, strict=True):
             _law(panel, law)
         handles: list[Line2D | Patch] = [
@@ -49,8 +43,7 @@ def friction_figure(laws: Sequence[LawShown], width: float = scales.DOUBLE) -> F
         if any(law.nominal is not None for law in laws):
             handles.append(Line2D([], [], label="nominal values", **style.NOMINAL))
         handles.append(Patch(label="speeds of the record", **SEEN))
-        most = 2 if page is SMALL else len(handles)
-        legend_above(figure, handles, most, columnspacing=1.6, handlelength=2.4)
+        legend_above(figure, handles)
     return figure
 
 
@@ -76,30 +69,22 @@ def _law(panel: Axes, law: LawShown) -> None:
     panel.axhline(y.low, color=style.MIDDLE, linewidth=0.5)
 
 
-FIRST_ROW, FIRST_TOP = 1.5, 0.36  # inches, of the panel over time
-TORQUE_PAGE = Page(columns=2, row=1.5, left=0.84, right=0.1, gap_x=0.3, gap_y=0.56)
-TORQUE_PAGE = dataclasses.replace(TORQUE_PAGE, top=FIRST_TOP + FIRST_ROW + TORQUE_PAGE.gap_y)
-TORQUE_SMALL = dataclasses.replace(TORQUE_PAGE, columns=1, width=scales.SINGLE, row=1.1, left=0.7)
 TORQUE_POINTS = 1200  # of a line over time, and dots of a panel
 
 
 def torque_figure(torque: TorqueEstimate, width: float = scales.DOUBLE, *, clock: Unit) -> Figure:
     """Draw a missing torque over time, and against each thing that it may follow."""
-    page = TORQUE_PAGE if width >= scales.DOUBLE else TORQUE_SMALL
     band, against = torque.band, list(regressors(torque))
     y = scales.scale(float(band[0].min()), float(band[1].max()), margin=0.04)
     with style.styled(width):
-        figure, panels = page.build(len(against))
-        height, inside = figure.get_figheight(), width - page.left - page.right
-        first = (page.left, height - FIRST_TOP - FIRST_ROW, inside, FIRST_ROW)
-        panel = inches_panel(figure, *first)
+        figure, (panel, *panels) = build_page(len(against), 2, 2.0, width, narrow=1, first=2.0)
         x = scales.scale(float(torque.t[0] / clock.factor), float(torque.t[-1] / clock.factor))
         some = style.thin(len(torque.t), TORQUE_POINTS)
         t = x(torque.t[some] / clock.factor)
         panel.fill_between(t, *y(band[:, some]), **style.BAND)
         panel.plot(t, y(torque.expected[some]), **style.BLACK_LINE)
         _finish(panel, x, y, time_symbol(clock))
-        for k, (panel, regressor) in enumerate(zip(panels, against, strict=True)):
+        for panel, regressor in zip(panels, against, strict=True):
             x = scales.scale(
                 float(regressor.values.min()), float(regressor.values.max()), margin=0.02
             )
@@ -108,7 +93,7 @@ def torque_figure(torque: TorqueEstimate, width: float = scales.DOUBLE, *, clock
             panel.fill_between(x(regressor.centres), *y(regressor.band), zorder=1, **style.BAND)
             panel.plot(x(regressor.centres), y(regressor.means), zorder=3, **style.BLACK_LINE)
             _finish(panel, x, y, regressor.label)
-            if k % page.columns:
+            if not is_first_column(panel):
                 panel.set_ylabel("")
                 panel.tick_params(labelleft=False)
         handles = [
@@ -116,7 +101,7 @@ def torque_figure(torque: TorqueEstimate, width: float = scales.DOUBLE, *, clock
             Patch(label=f"{100 * HDI_PROBABILITY:.0f} % posterior", **style.BAND),
             Line2D([], [], label="samples", **{**style.DOTS, "markersize": 3, "rasterized": False}),
         ]
-        legend_above(figure, handles, 3, columnspacing=2.0, handlelength=2.0)
+        legend_above(figure, handles)
     return figure
 
 
