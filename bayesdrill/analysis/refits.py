@@ -100,7 +100,8 @@ def refit_candidate(
     seconds = (time.perf_counter() - begun) / len(rows)
     best = np.argsort(-first.value, kind="stable")[:CLIMBED_STARTS]
     u, value, gain = first.u[best], first.value[best], first.gain[best]
-    promising = (value + gain)[np.isfinite(value)].max() + unseen > least
+    finite = np.isfinite(value)  # elsewhere the gain may be infinite too
+    promising = (value[finite] + gain[finite]).max() + unseen > least
     if promising and step_error.chosen_steps(posterior):
         posterior = step_error.choose_steps(posterior, coordinates.to_physical(u)[0])
         surface = LogDensity(posterior, physical=True)

@@ -181,7 +181,8 @@ class _Interval:
         near, far = self._near
         log_tails = scipy.special.log_ndtr(near), scipy.special.log_ndtr(far)
         part = np.where(right, 1.0 - share, share)  # of what is nearer to zero, as this is turned
-        with np.errstate(divide="ignore"):
+        # A response that is not finite has no quantile, and the result is NaN there.
+        with np.errstate(divide="ignore", invalid="ignore"):
             quantile = scipy.special.ndtri_exp(
                 np.logaddexp(np.log(part) + log_tails[0], np.log1p(-part) + log_tails[1])
             )
