@@ -3,7 +3,7 @@
 The approximation is the Gauss-Newton information of the record plus that of the priors, both in the
 logs of the unknowns.  It decides where to start and how to scale, never what is reported.
 
-Slopes of the response are exact (`rig.models.linear.Tangent`), its curvature is that of Gauss and
+Slopes of the response are exact (`rig.kernels.linear`), its curvature is that of Gauss and
 Newton: what a straight response would have.  That is positive, and right where the fit leaves only
 noise.
 """

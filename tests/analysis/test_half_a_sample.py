@@ -20,7 +20,7 @@ from bayesdrill.inference.residual_checks import like_noise
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators import simulator
-from bayesdrill.rig.simulators.irregular import IrregularSimulator
+from bayesdrill.rig.simulators.linear import Response
 from bayesdrill.rig.simulators.sensors import ObservationModel
 from bayesdrill.sampling.gauss_newton import gauss_newton
 from bayesdrill.tasks.conclusions import SampledRun, concluded
@@ -40,7 +40,7 @@ def voltage(n: int = N) -> np.ndarray:
 def seen() -> Experiment:
     """With noise."""
     clean = experiment(N, DT, series={"v": voltage()}, constant={"t_1": 0.0}, measures=MEASURES)
-    y = IrregularSimulator(MotorShaft(), clean, ObservationModel()).signals(TRUTH[None])[0]
+    y = Response(MotorShaft(), clean, ObservationModel()).signals(TRUTH[None])[0]
     return replace(clean, y=y + SIGMA * np.random.default_rng(8).standard_normal(y.shape))
 
 
@@ -63,7 +63,7 @@ def best(posterior: Posterior) -> np.ndarray:
 def test_half_a_sample_moves_what_a_late_step_moves() -> None:
     """Oracle: the fit of a record whose step was given half a sample late; mutant: the other way."""
     clean = experiment(N, DT, measures=MEASURES, constant={"v": 8.0, "t_1": 0.0})
-    late = IrregularSimulator(MotorShaft(), clean, ObservationModel(delay="t_0"))
+    late = Response(MotorShaft(), clean, ObservationModel(delay="t_0"))
     on_time, half = (late.signals(np.append(TRUTH, shift)[None])[0] for shift in (0.0, 0.5 * DT))
     posterior = believed(replace(clean, y=on_time))
     theta = best(posterior)
@@ -96,7 +96,7 @@ def test_a_moment_that_is_unknown_is_no_matter_of_doubt() -> None:
     posterior = believed(record)
     assert half_sample_shift(SensitivityStudy(posterior.likelihood), best(posterior)) is not None
     every = ObservationModel(lags={"alpha": "a", "w_2": "b"})
-    rig = IrregularSimulator(MotorShaft(), record, every)
+    rig = Response(MotorShaft(), record, every)
     one = replace(posterior.likelihood.only_observation, response=rig)
     space = replace(
         posterior.space,

@@ -20,7 +20,7 @@ from bayesdrill.inference.priors import Uniform
 from bayesdrill.inference.unknowns import ParameterSpace
 from bayesdrill.report.sections import verdict_words
 from bayesdrill.rig.models.motor_shaft import MotorShaft
-from bayesdrill.rig.simulators.exact import Response
+from bayesdrill.rig.simulators.linear import Response
 from bayesdrill.sampling.gauss_newton import gauss_newton
 
 SIGMA = 0.05

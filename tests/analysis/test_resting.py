@@ -32,7 +32,7 @@ from bayesdrill.config.schema.config import Asked
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.report.sections import identify_words, verdict_words
 from bayesdrill.rig.models.motor_shaft import MotorShaft
-from bayesdrill.rig.simulators.exact import Response
+from bayesdrill.rig.simulators.linear import Response
 
 SIGMA = np.array([0.02, 0.01, 0.05, 0.03])
 MECHANICAL = frozenset({"j_m", "c_m", "k_T", "k_s", "j_1", "t_f"})

@@ -28,8 +28,8 @@ from bayesdrill.report.sections import torque_words
 from bayesdrill.report.sections.physics_figure import torque_figure
 from bayesdrill.rig.models.latent_torque import MissingTorque, TorqueLocation
 from bayesdrill.rig.models.motor_shaft import MotorShaft
-from bayesdrill.rig.simulators.exact import Response
 from bayesdrill.rig.simulators.kalman import KalmanFilter
+from bayesdrill.rig.simulators.linear import Response
 
 SIZE, TIME, SIGMA = 0.1, 0.3, 0.05
 SPEEDS = {name: {name: 1.0} for name in STATES[:4]}

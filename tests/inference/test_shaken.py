@@ -26,8 +26,8 @@ from bayesdrill.inference.unknowns import ParameterSpace, Unknown
 from bayesdrill.rig.models.latent_torque import MissingTorque
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators import simulator
-from bayesdrill.rig.simulators.exact import Response
 from bayesdrill.rig.simulators.kalman import KalmanFilter
+from bayesdrill.rig.simulators.linear import Response
 from bayesdrill.rig.simulators.sensors import ObservationModel
 
 FOUR = {name: {name: 1.0} for name in STATES[:4]}

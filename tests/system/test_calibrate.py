@@ -26,7 +26,7 @@ from bayesdrill.analysis.calibration import CalibrationStudy, refit
 from bayesdrill.basics.errors import InputError, Interrupted
 from bayesdrill.basics.progress import Silent
 from bayesdrill.output_files import dumps_checksummed, loads_checksummed
-from bayesdrill.rig.simulators.exact import Response
+from bayesdrill.rig.simulators.linear import Response
 from bayesdrill.tasks import calibrate, remote
 
 TINY = (
