@@ -59,13 +59,15 @@ class Response(Unstepped):
     @property
     def record(self) -> Mapping[str, int] | None:
         """See `Simulator.record`."""
-        experiment = self.experiment
-        plain = self.sensing.empty and experiment.uniform and bool(experiment.seen.all())
-        return {name: block.ctypes.data for name, block in self._record.items()} if plain else None
+        return self._record[1]
 
     @cached_property
-    def _record(self) -> dict[str, Array]:
-        return record_blocks(self.experiment)
+    def _record(self) -> tuple[dict[str, Array], dict[str, int] | None]:
+        """Record and inputs of perfect sensors at even times, and their addresses."""
+        experiment, blocks = self.experiment, record_blocks(self.experiment)
+        plain = self.sensing.empty and experiment.uniform and bool(experiment.seen.all())
+        addresses = {name: block.ctypes.data for name, block in blocks.items()}
+        return blocks, addresses if plain else None
 
     def signals(self, full: Array) -> Array:
         """Return the channels: `(W, P) -> (W, T, K)`, SI."""
