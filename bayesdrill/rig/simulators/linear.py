@@ -139,7 +139,7 @@ class Response(Unstepped):
             rows=weight_kinds(kinds.astype(np.float64)),
             own=own,
             late=self._late,
-            times=EVEN if g.uniform else UNEVEN,
+            times=UNEVEN if any(self._late) and not g.uniform else EVEN,
             table=len(g.spans) > 1,
             shares=g.width > 0.0,
             gaps=self._gaps and output != SIGNALS,
