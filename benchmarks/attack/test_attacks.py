@@ -70,7 +70,7 @@ def home(tmp_path: Path) -> Path:
         path = tmp_path / name
         path.parent.mkdir(exist_ok=True)
         path.write_bytes(content)
-    command_line.small(tmp_path)
+    command_line.small_config(tmp_path)
     return tmp_path
 
 
@@ -144,7 +144,7 @@ def test_records(home: Path, kind: str) -> None:
 def test_damaged_results(home: Path, command: tuple[str, ...]) -> None:
     """Whatever has become of one file of a run."""
     results, sound = home / "results" / "small", home / "sound"
-    assert command_line.run("posterior", "small.yaml", cwd=home).status in SOUND
+    assert command_line.run_process("posterior", "small.yaml", cwd=home).status in SOUND
     shutil.copytree(results, sound)
 
     def falls(change: tuple[str, bytes]) -> None:
@@ -215,12 +215,12 @@ def test_forged_results(home: Path, job: str) -> None:
         "ladder": ("ladder", "small.yaml"),
     }
     if job in ("compare", "report"):
-        assert command_line.run("posterior", "small.yaml", cwd=home).status in SOUND
+        assert command_line.run_process("posterior", "small.yaml", cwd=home).status in SOUND
         shutil.copytree(home / "results" / "small", home / "results" / "other")
         begun[job] = (job, "results/small", "results/other")
     elif job == "calibrate":
         (home / "small.yaml").write_text(f"{command_line.SMALL}calibration: {{refits: 10}}\n")
-    made = command_line.run(*begun[job], "-o", "out", cwd=home, seconds=300)
+    made = command_line.run_process(*begun[job], "-o", "out", cwd=home, seconds=300)
     assert made.status in SOUND, made.text
     out, sound = home / "out", home / "sound"
     shutil.copytree(out, sound)
@@ -246,7 +246,7 @@ def runs(home: Path) -> Path:
     """A home with runs in it, a data sheet, and files of other names for the same."""
     shutil.copytree(home, home / "kept", ignore=shutil.ignore_patterns("kept"))
     shutil.rmtree(home / "kept" / "figures")
-    assert command_line.run("posterior", "small.yaml", cwd=home).status in SOUND
+    assert command_line.run_process("posterior", "small.yaml", cwd=home).status in SOUND
     shutil.copytree(home / "results" / "small", home / "results" / "other")
     (home / "sheet.yaml").write_text("k_s: 0.3\n")
     (home / "campaign.yaml").write_text(f"{command_line.SMALL}{EXPERIMENTS}")

@@ -24,7 +24,7 @@ def refits(study: CalibrationStudy, n: int, folder: Path) -> list[Refit]:
 def pair(tmp_path_factory: pytest.TempPathFactory) -> CalibrationStudy:
     """Two unknowns, 101 samples, ranks among 99 draws."""
     change = ("output: {", "calibration: {ess: 100}\noutput: {")
-    config = command_line.small(tmp_path_factory.mktemp("pair"), change)
+    config = command_line.small_config(tmp_path_factory.mktemp("pair"), change)
     return calibrate.study(calibrate.prepare(config))
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support import simulated_posteriors
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.linear_study import off_by
 from support.simulated_posteriors import Trial
 
@@ -56,7 +56,7 @@ def test_two_parameters_that_are_off_disagree_and_no_others(tmp_path: Path) -> N
 
 
 @pytest.mark.slow
-@together(
+@run_cases(
     "parameters",
     [
         SEVEN,
@@ -96,7 +96,7 @@ def made(parameters: e.Entry) -> Row:
 
 
 @pytest.mark.slow
-@together("parameters", [SEVEN, *RUBS], ids=["seven", "friction", "damped"])
+@run_cases("parameters", [SEVEN, *RUBS], ids=["seven", "friction", "damped"])
 def test_a_value_of_the_table_that_is_off_is_told(tmp_path: Path, parameters: e.Entry) -> None:
     """Each in turn by 10 %, where a product that the record determines is off by 7 sigma and more.
 
@@ -134,7 +134,7 @@ def rubbed(job: simulated_posteriors.Job) -> np.ndarray:
 
 
 @pytest.mark.slow
-@together("wrong", ["lag", "gain", "friction", "gear", "correlated noise"])
+@run_cases("wrong", ["lag", "gain", "friction", "gear", "correlated noise"])
 def test_a_wrong_model_does_not_blame_the_table(tmp_path: Path, wrong: str) -> None:
     """The nominal table is the truth, and something else is wrong: the fit shows it, and the table
     is in doubt at most.  Mutant killed: a verdict that does not ask whether the rig fits.

@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 from scipy.signal import lfilter
-from support.case_tables import together
+from support.case_tables import run_cases
 
 from bayesdrill.analysis.calibration import (
     FALSE_ALARM,
@@ -49,7 +49,7 @@ def verdict(table: np.ndarray, n_draws: int = L, **how: int) -> CalibrationVerdi
 # --- bands ---------------------------------------------------------------------------------------
 
 
-@together("false_alarm", [0.02, 0.2, 0.5])
+@run_cases("false_alarm", [0.02, 0.2, 0.5])
 def test_the_chance_to_leave_a_band_is_that_of_all_possible_ranks(false_alarm: float) -> None:
     """Every set of five ranks among four draws, counted. Kills any wrong term of the recursion."""
     n, n_draws = 5, 4
@@ -60,7 +60,7 @@ def test_the_chance_to_leave_a_band_is_that_of_all_possible_ranks(false_alarm: f
     assert out <= false_alarm
 
 
-@together("false_alarm", [0.05, 0.001])
+@run_cases("false_alarm", [0.05, 0.001])
 def test_bands_use_nearly_all_of_the_chance_they_are_given(false_alarm: float) -> None:
     """Kills a band that is valid because it is too wide."""
     for n, n_draws in ((100, 49), (N, L), (1000, L)):
@@ -130,7 +130,7 @@ def test_exact_posteriors_are_calibrated() -> None:
     assert "calibrated: over 200 refits" in words.verdict(found)
 
 
-@together(
+@run_cases(
     "wrong, shape",
     [
         ({"narrow": 1 / np.sqrt(2)}, "posterior too narrow"),

@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.compared_models import model, problem
 
 from bayesdrill.analysis import comparison
@@ -40,7 +40,7 @@ CASES: dict[str, tuple[list[RunSummary], Word, str]] = {
 }  # fmt: skip
 
 
-@together("models, word, best", CASES.values(), CASES)
+@run_cases("models, word, best", CASES.values(), CASES)
 def test_the_word_is_that_of_the_odds(models: list[RunSummary], word: Word, best: str) -> None:
     """Mutants killed: the best against the first alone; no standard error."""
     found = decide(models)

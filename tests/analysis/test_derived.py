@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.scipy_oracles import NOMINAL, by_expm, matrices, skewed
 
 from bayesdrill.config import job
@@ -23,7 +23,7 @@ def poles(p: dict[str, float]) -> dict[str, float]:
     return {name: float(x[0]) for name, x in found.items()}
 
 
-@together("p", [NOMINAL, skewed()])
+@run_cases("p", [NOMINAL, skewed()])
 def test_a_long_simulation_ends_at_the_steady_speed_and_current(p: dict[str, float]) -> None:
     """Under a load too. Mutant killed: the load left out of the steady state."""
     late = by_expm(p, np.array([200.0, 201.0]), np.zeros(5), 8.0, 0.3)
@@ -109,7 +109,7 @@ def test_a_corner_of_chosen_quantities() -> None:
     assert [symbol.name for symbol in every.symbols] == list(space.free)
 
 
-@together(
+@run_cases(
     "powers, name",
     [
         ({"k_s": 1, "j_1": -1}, "k_s_over_j_1"),

@@ -10,7 +10,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 
 from bayesdrill.analysis.latent_torque import TorqueEstimate, regress_torque
 from bayesdrill.analysis.run_analysis import torque_summary
@@ -54,7 +54,7 @@ MADE = {
 }
 
 
-@together("kind", MADE)
+@run_cases("kind", MADE)
 def test_each_law_is_found_with_its_size(kind: str) -> None:
     torque, at, of, size = MADE[kind]
     found = regress_torque(shaking(torque, at))

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.scipy_oracles import NOMINAL, matrices
 from support.small_problems import experiment, posterior, posterior_of
 
@@ -37,7 +37,7 @@ def target(series: dict[str, Array], *, first_order: bool) -> Posterior:
     return posterior_of(rig, (0.1, 0.1), {"k_s": Uniform(0.1, 1.0)}, NOMINAL | SENSORS)
 
 
-@together("first_order", [False, True])
+@run_cases("first_order", [False, True])
 def test_the_model_s_is_what_a_sine_leaves(first_order: bool) -> None:
     """By the simulator: the second half of a record, all else fitted and taken away (the shaft's own
     motion, which hardly dies away).

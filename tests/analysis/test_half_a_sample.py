@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.scipy_oracles import NOMINAL
 from support.small_problems import experiment, posterior_of, replace_only, vector
 
@@ -80,7 +80,7 @@ def test_half_a_sample_moves_what_a_late_step_moves() -> None:
         assert shift == pytest.approx(true, rel=0.5, abs=0.3), name
 
 
-@together("own, seconds", [({}, 0.5 * DT), ({"v": 7 * DT}, 3.5 * DT)], ["of the record", "slower"])
+@run_cases("own, seconds", [({}, 0.5 * DT), ({"v": 7 * DT}, 3.5 * DT)], ["of the record", "slower"])
 def test_half_a_sample_is_one_of_the_input(own: dict[str, float], seconds: float) -> None:
     """Of channels one sample of four is left; mutant killed: half of one of theirs."""
     record = seen()

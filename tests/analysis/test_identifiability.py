@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.scipy_oracles import NOMINAL, ORDER
-from support.small_problems import measured, posterior, replace_only, vector
+from support.small_problems import noisy_step, posterior, replace_only, vector
 
 from bayesdrill.analysis.identifiability import information, structure
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
@@ -30,7 +30,7 @@ SIGMA = np.array([0.02, 0.01, 0.05, 0.03])  # unequal
 
 
 def studied(record=None, sigma=SIGMA, **options) -> IdentifiabilityStudy:
-    record = measured(SIGMA) if record is None else record
+    record = noisy_step(SIGMA) if record is None else record
     target = posterior(record, sigma, **options)
     theta = target.space.vector(target.space.start)
     return study_of(SensitivityStudy(target.likelihood), target, theta, Asked(), seek_remedies=True)
@@ -71,7 +71,7 @@ def test_the_symmetries_in_words(bundled: IdentifiabilityStudy) -> None:
     assert "k_T, r_m and l_m can all be multiplied by the same factor" in text
 
 
-@together(
+@run_cases(
     "held, left",
     [
         (("j_1",), 1),
@@ -155,7 +155,7 @@ def test_a_direction_that_turns_from_place_to_place_is_still_blind() -> None:
 
 def test_a_known_inertia_beside_the_motors_settles_no_scale() -> None:
     """It only makes the two symmetries bend."""
-    target = posterior(measured(SIGMA), SIGMA)
+    target = posterior(noisy_step(SIGMA), SIGMA)
     likelihood = target.likelihood
     rig = TwoRotors(j_2=7e-3, r_s=0.2)
     response = Response(rig, likelihood.only_observation.response.experiment)
@@ -203,7 +203,7 @@ def test_doubling_rounds_nothing() -> None:
 
 def test_sensitivities_are_the_slopes_of_the_response() -> None:
     """Mutant killed: a Dual's quotient rule; against Richardson differences of the response."""
-    target = posterior(measured(SIGMA), SIGMA)
+    target = posterior(noisy_step(SIGMA), SIGMA)
     theta = vector(NOMINAL) * np.linspace(0.8, 1.2, 9)
     scenery = SensitivityStudy(target.likelihood)
     exact = scenery.sensitivities(theta).reshape(-1, 4, 9)
@@ -221,7 +221,7 @@ def test_sensitivities_are_the_slopes_of_the_response() -> None:
 def test_a_point_that_was_left_is_forgotten() -> None:
     """Whatever is asked in between.  Mutants killed: the course that is kept is any point's, or any
     inputs'."""
-    target = posterior(measured(SIGMA), SIGMA)
+    target = posterior(noisy_step(SIGMA), SIGMA)
     near, far = vector(NOMINAL), vector(NOMINAL) * np.linspace(0.8, 1.2, 9)
     pushed = information.DesignVariant(times={"v": 0.5})
     asked = [(near, pushed), (near, information.AS_RECORDED), (near, pushed), (far, pushed)]
@@ -280,7 +280,7 @@ def test_remedies_say_what_they_break(bundled: IdentifiabilityStudy) -> None:
 def test_profile_of_a_gaussian_problem_is_a_parabola() -> None:
     """Two well-known unknowns: the 95 % interval is best +- 1.96 sd, the loss quadratic."""
     small = np.full(4, 1e-3)
-    target = posterior(measured(small), small, free=("k_s", "j_m"))
+    target = posterior(noisy_step(small), small, free=("k_s", "j_m"))
     theta = target.space.vector(target.space.start)
     fitter = Fitter(target, SensitivityStudy(target.likelihood), theta)
     found = profile(fitter, ("k_s", "j_m"), 0)
@@ -295,7 +295,7 @@ def test_profile_of_a_gaussian_problem_is_a_parabola() -> None:
 
 
 def test_profile_of_what_the_record_does_not_show_is_flat() -> None:
-    target = posterior(measured(SIGMA), SIGMA, free=without("j_1"))
+    target = posterior(noisy_step(SIGMA), SIGMA, free=without("j_1"))
     theta = target.space.vector(target.space.start)
     fitter = Fitter(target, SensitivityStudy(target.likelihood), theta)
     names = without("j_1")
@@ -309,7 +309,7 @@ def test_a_profile_whose_best_fit_is_an_end_of_its_prior_has_each_place_once() -
     """Mutant killed: places between the best fit and an end where it is already."""
     high = 0.9 * NOMINAL["k_s"]  # below what fits
     priors = {"k_s": Uniform(0.5 * high, high)}
-    target = posterior(measured(SIGMA), SIGMA, free=("k_s", "j_m"), priors=priors)
+    target = posterior(noisy_step(SIGMA), SIGMA, free=("k_s", "j_m"), priors=priors)
     theta = target.space.vector({"k_s": high, "j_m": NOMINAL["j_m"]})
     found = profile(Fitter(target, SensitivityStudy(target.likelihood), theta), ("k_s", "j_m"), 0)
     assert found.best == pytest.approx(high)

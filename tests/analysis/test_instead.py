@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.case_tables import for_each, together
+from support.case_tables import for_each, run_cases
 from support.missing_physics import T, against_the_table, believed, best, record
 
 from bayesdrill.analysis.causes import equivalent_explanation
@@ -48,7 +48,7 @@ def test_a_table_is_right_with_what_is_missing(names: dict[str, tuple[bool, ...]
     )
 
 
-@together("steady", [False, True])
+@run_cases("steady", [False, True])
 def test_a_table_that_is_wrong_is_not_excused(steady: bool) -> None:
     posterior = believed(record({"k_e": 0.065}, STEADY if steady else None))
     assert equivalent_explanation(against_the_table(posterior), best(posterior)) is None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from support.case_tables import together
+from support.case_tables import run_cases
 
 from bayesdrill.analysis.diagnostics import ParameterRow, Word, prior_dependence
 from bayesdrill.report import words as said_of
@@ -30,7 +30,7 @@ A, B, C = RNG.uniform(1.0, 3.0, (3, N))  # left to their priors
 NOISE = RNG.standard_normal(N)
 
 
-@together(
+@run_cases(
     "draws, on",
     [
         (2.0 - 0.3 * A + 0.01 * NOISE, ("a",)),

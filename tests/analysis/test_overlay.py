@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.figure_checks import posterior
 
 import bayesdrill as bd
@@ -39,7 +39,7 @@ def test_a_run_is_not_apart_from_itself() -> None:
     assert differing([layer("a", seed="1"), layer("b", seed="1")]) == {}
 
 
-@together("shift, stretch", [(2.0, 1.0), (-0.7, 1.0), (3.0, 4.0)])
+@run_cases("shift, stretch", [(2.0, 1.0), (-0.7, 1.0), (3.0, 4.0)])
 def test_a_shift_of_the_draws_is_how_far_they_are_apart(shift: float, stretch: float) -> None:
     """In sds of both: their root mean square."""
     for row in overlay_rows([layer("a"), layer("b", shift, stretch)]):

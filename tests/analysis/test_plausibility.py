@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from support import command_line, two_experiments
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.scipy_oracles import NOMINAL, ORDER, by_expm, matrices
 from support.small_problems import experiment, posterior
 
@@ -153,7 +153,7 @@ def measured(measures: str, i_m: float = 0.125, **priors: object) -> Problem:
 SPRING = {"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}
 
 
-@together(
+@run_cases(
     "measures, i_m, said",
     [
         ("8 * w_2", 0.125, False),
@@ -188,7 +188,7 @@ def test_a_nominal_value_that_a_prior_has_never_heard_of_is_named() -> None:
     assert list(plausibility.plausibility_of_priors(measured("w_2", j_1=near))) == []
 
 
-@together("parameters, own", [("c_m: 0.1", "j_m"), ("c_m: PRIOR", "c_m")])
+@run_cases("parameters, own", [("c_m: 0.1", "j_m"), ("c_m: PRIOR", "c_m")])
 def test_a_parameter_that_is_another_one_in_each_experiment_needs_no_table(
     parameters: str, own: str, tmp_path: Path
 ) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import scipy.stats
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.scipy_oracles import NOMINAL
 
 import bayesdrill as bd
@@ -103,7 +103,7 @@ def test_what_is_held_out_is_predicted_by_the_rest() -> None:
     assert run.draws[made.unknowns[0]].mean() == pytest.approx(mean, abs=0.2 * sd)
 
 
-@together("rho", [0.0, 0.6, None])
+@run_cases("rho", [0.0, 0.6, None])
 def test_a_noise_that_remembers_is_found_out(rho: float | None) -> None:
     """Mutant killed: what is no white noise by its kind."""
     white = case().job.problem.posterior

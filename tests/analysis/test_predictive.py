@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.special import ndtr
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.small_problems import likelihood_of
 
 from bayesdrill.analysis.prediction import leave_one_out_check, prediction_checks
@@ -79,7 +79,7 @@ def test_each_sample_is_predicted_without_itself() -> None:
     assert np.abs(with_itself - exact).max() > 0.03
 
 
-@together(
+@run_cases(
     "believed, moved, says",
     [
         (SIGMA, 0.0, ""),

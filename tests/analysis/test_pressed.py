@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from support.case_tables import together
+from support.case_tables import run_cases
 
 from bayesdrill.analysis.diagnostics import end_at_nominal, pressed_against
 from bayesdrill.inference.priors import (
@@ -21,7 +21,7 @@ EXPONENTIAL = -np.log(U)
 BOX = Uniform(0.5, 1.5)
 
 
-@together(
+@run_cases(
     "prior, draws, end",
     [
         (BOX, 1.5 - 0.02 * EXPONENTIAL, 1.5),
@@ -37,7 +37,7 @@ def test_draws_that_want_past_an_end_are_told(prior: Prior, draws: np.ndarray, e
     assert pressed_against(draws, prior) == end
 
 
-@together(
+@run_cases(
     "prior",
     [
         BOX,
@@ -58,7 +58,7 @@ def test_the_corners_of_a_box_of_priors_are_no_pull() -> None:
     assert pressed_against(scale, Uniform(0.0, 1.0)) is None
 
 
-@together("sd", [1e-4, 5e-3])
+@run_cases("sd", [1e-4, 5e-3])
 def test_a_peak_near_an_end_that_does_not_touch_it_is_not_reported(sd: float) -> None:
     """Mutant killed: near is taken for pressed."""
     near = 1.5 - 3.0 * sd + sd * np.sqrt(2.0) * np.cos(np.pi * U)
@@ -70,7 +70,7 @@ def bell(middle: float, sd: float, low: float = -np.inf, high: float = np.inf) -
     return TruncatedNormal(middle, sd, low, high).quantile(U)
 
 
-@together(
+@run_cases(
     "prior, draws, end",
     [
         (Uniform(1.0, 1.5), bell(1.0, 0.01, 1.0, 1.5), 1.0),

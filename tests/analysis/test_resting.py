@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.linear_study import TABLE, gaussian, verdict
 from support.scipy_oracles import ORDER
-from support.small_problems import likelihood_of, measured, posterior
+from support.small_problems import likelihood_of, noisy_step, posterior
 
 from bayesdrill.analysis.identifiability.information import (
     Information,
@@ -41,7 +41,7 @@ ELECTRICAL = frozenset({"k_T", "r_m", "l_m"})
 
 def found(*held: str, sigma: np.ndarray | None = SIGMA) -> tuple[DependsOnFixed, ...]:
     free = tuple(name for name in ORDER if name not in held)
-    target = posterior(measured(SIGMA), sigma, free=free)
+    target = posterior(noisy_step(SIGMA), sigma, free=free)
     theta = target.space.vector(target.space.start)
     return rests(target, theta)
 
@@ -57,7 +57,7 @@ def sets(found: tuple[DependsOnFixed, ...]) -> set[tuple[frozenset[str], frozens
     return {(frozenset(one.unknown), frozenset(one.through)) for one in found}
 
 
-@together("sigma, name", [(sigma, name) for sigma in [SIGMA, None] for name in ["j_1", "r_m"]])
+@run_cases("sigma, name", [(sigma, name) for sigma in [SIGMA, None] for name in ["j_1", "r_m"]])
 def test_a_held_number_settles_its_scale(sigma: np.ndarray | None, name: str) -> None:
     """Of a noise that is known and of one that is not."""
     whole = MECHANICAL if name == "j_1" else ELECTRICAL
@@ -117,7 +117,7 @@ def test_what_the_record_hardly_shows_settles_nothing() -> None:
 
 def test_a_record_too_loud_for_the_inductance_rests_on_the_resistance_s_prior() -> None:
     sigma = 100.0 * SIGMA
-    target = posterior(measured(sigma), sigma, free=("j_m", "k_e", "k_T", "r_m"))
+    target = posterior(noisy_step(sigma), sigma, free=("j_m", "k_e", "k_T", "r_m"))
     theta = target.space.vector(target.space.start)
     made = study_of(SensitivityStudy(target.likelihood), target, theta, Asked())
     text = identify_words.dependence_sentences(made)
@@ -126,7 +126,9 @@ def test_a_record_too_loud_for_the_inductance_rests_on_the_resistance_s_prior() 
 
 
 def test_in_words_before_sampling_and_in_the_verdict() -> None:
-    target = posterior(measured(SIGMA), SIGMA, free=tuple(name for name in ORDER if name != "l_m"))
+    target = posterior(
+        noisy_step(SIGMA), SIGMA, free=tuple(name for name in ORDER if name != "l_m")
+    )
     theta = target.space.vector(target.space.start)
     made = study_of(SensitivityStudy(target.likelihood), target, theta, Asked())
     for text in (identify_words.full(made, MotorShaft()), identify_words.brief(made)):
@@ -146,7 +148,7 @@ def test_in_words_before_sampling_and_in_the_verdict() -> None:
 def test_a_rig_s_own_parameters_may_be_held(monkeypatch: pytest.MonkeyPatch) -> None:
     """Mutant killed: symbols that only the house has."""
     monkeypatch.syspath_prepend(Path(__file__).parents[1] / "toys")
-    rig, record = importlib.import_module("toy_rig").Damped(), measured(SIGMA)
+    rig, record = importlib.import_module("toy_rig").Damped(), noisy_step(SIGMA)
     free = tuple(name for name in ORDER if name not in ("j_1", "r_m"))
     plain = posterior(record, SIGMA, free=free)
     space = dataclasses.replace(

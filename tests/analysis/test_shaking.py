@@ -12,7 +12,7 @@ import io
 
 import numpy as np
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.scipy_oracles import NOMINAL
 from support.small_problems import STATES, experiment, posterior, unknown, vector
 
@@ -74,7 +74,7 @@ def seen(at: TorqueLocation, seed: int, n: int = 200) -> tuple[TorqueEstimate, n
     return found, truth
 
 
-@together("at", ["motor", "rotor_1"])
+@run_cases("at", ["motor", "rotor_1"])
 def test_the_torque_is_found_and_its_band_holds_it(at: TorqueLocation) -> None:
     """Of 301 samples 94 % and no less than 85: they hang together."""
     found, truth = seen(at, 4)

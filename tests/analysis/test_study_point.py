@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from support import command_line
-from support.case_tables import for_each, together
+from support.case_tables import for_each, run_cases
 
 import bayesdrill as bd
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
@@ -84,7 +84,7 @@ RESTING = {
 MOVING = {"a pendulum": (pendulum(1.5),), "a servo": (servo(0.5),), "a cart": (cart(0.7),)}
 
 
-@together("case, channel, determined", RESTING.values(), RESTING)
+@run_cases("case, channel, determined", RESTING.values(), RESTING)
 def test_a_rig_that_rests_at_the_start_is_studied_where_it_moves(
     case: bd.Case, channel: str, determined: tuple[str, ...]
 ) -> None:

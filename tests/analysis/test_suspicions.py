@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 
 import bayesdrill as bd
 from bayesdrill.analysis import suspicions
@@ -57,7 +57,7 @@ def test_there_are_configs() -> None:
     assert len(CONFIGS) >= 6
 
 
-@together("path", CONFIGS)
+@run_cases("path", CONFIGS)
 def test_nothing_is_suspected_of_the_records_of_the_house(path: Path) -> None:
     job = bd.load(path).job
     assert words.record_suspicions(job.problem) == ()
@@ -110,7 +110,7 @@ SWING = np.sin(3.0 * T) * np.exp(-0.2 * T)
 SWING_SPEED = (3.0 * np.cos(3.0 * T) - 0.2 * np.sin(3.0 * T)) * np.exp(-0.2 * T)
 
 
-@together(
+@run_cases(
     "angle, speed",
     [
         (SWING, SWING_SPEED),
@@ -129,7 +129,7 @@ def test_sound_pairs_are_left_in_peace(angle: np.ndarray, speed: np.ndarray) -> 
     assert kinds(experiment(T, theta_1=angle, w_1=speed)) == []
 
 
-@together(
+@run_cases(
     "factor, name, turn",
     [
         (*case, turn)
@@ -163,7 +163,7 @@ def test_columns_of_different_things_are_not_compared() -> None:
     assert kinds(of) == []
 
 
-@together("bits", [12, 16])
+@run_cases("bits", [12, 16])
 def test_a_counter_that_ran_over_shows_in_the_unit_of_its_column(bits: int) -> None:
     unit, half = 0.001, 2 ** (bits - 1)
     counts = np.round(1.5 * half * SWING)
@@ -176,7 +176,7 @@ def test_a_counter_that_ran_over_shows_in_the_unit_of_its_column(bits: int) -> N
     assert kinds(experiment(T, theta_1=unit * counts), unit) == []
 
 
-@together("unit", [1.0, DEGREE])
+@run_cases("unit", [1.0, DEGREE])
 def test_an_angle_that_is_wrapped_into_one_turn_shows(unit: float) -> None:
     turned = np.mod(5.0 * T, 2 * np.pi)
     (said,) = suspicions.suspicions_of_record(

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.missing_physics import DT, MEASURES, SIGMA, N, T
 from support.scipy_oracles import NOMINAL
 from support.small_problems import experiment, posterior_of
@@ -148,7 +148,7 @@ def test_static_friction_of_a_rig_that_never_slows_down_is_left_to_the_prior() -
     assert "so low a voltage half-way that it stops (" in said
 
 
-@together("slow", [1.2, 2.5])
+@run_cases("slow", [1.2, 2.5])
 def test_static_friction_shows_where_it_sticks_or_goes_slowly(slow: float) -> None:
     found = told(believed(("t_sm", "w_sm", "k_e"), STATIC, slow * np.sin(2 * T)))
     assert found.unseen == ()
@@ -209,7 +209,7 @@ def test_identify_says_it() -> None:
     assert "friction: t_cm can hardly be told from t_f" in identify_words.full(found, RIG)
 
 
-@together("added", [{"t_cm": 0.05}, {"t_cm": 0.03, "t_c1": 0.2, "v_d": 0.4}])
+@run_cases("added", [{"t_cm": 0.05}, {"t_cm": 0.03, "t_c1": 0.2, "v_d": 0.4}])
 def test_the_voltage_that_holds_it_at_rest(added: dict[str, float]) -> None:
     """Of a motor that is held: v = r_m T / k_T + v_d, T all friction that has to be overcome."""
     rig = with_named(MotorShaft(), added)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from support import command_line
-from support.case_tables import together
+from support.case_tables import run_cases
 
 import bayesdrill as bd
 
@@ -80,7 +80,7 @@ def sampled(name: str) -> bd.Run:
 DOUBTED = {"a motor with a table": ("c_m",), "a train": ("c_load",)}
 
 
-@together("name", DOUBTED)
+@run_cases("name", DOUBTED)
 def test_a_run_is_not_believed_that_determines_by_its_own_sds_alone(name: str) -> None:
     """Mutant killed: as long as the correlation of neighbours is small enough, all is well."""
     run = sampled(name)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from support.case_tables import together
+from support.case_tables import run_cases
 
 from bayesdrill.analysis.plausibility import DiffusePrior, diffuse_priors
 from bayesdrill.inference.priors import (
@@ -24,7 +24,7 @@ RNG = np.random.default_rng(6)
 SHARP = 0.05 * (1.0 + 0.01 * RNG.standard_normal(4000))
 
 
-@together(
+@run_cases(
     "prior, wide",
     [
         (LogUniform(0.01, 1.0), False),

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 from scipy.stats import chi2, norm
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.linear_study import LINEAR, PRIOR, PRIOR_SD, TABLE, gaussian, linear_study, verdict
 
 from bayesdrill.analysis.diagnostics import ParameterRow
@@ -37,7 +37,7 @@ NORMAL = norm.ppf((np.arange(N) + 0.5) / N)
 RNG = np.random.default_rng(7)
 
 
-@together("z", [0.3, 1.0, 2.4, 4.0, 12.0])
+@run_cases("z", [0.3, 1.0, 2.4, 4.0, 12.0])
 def test_tension_of_a_normal_posterior_is_its_z(z: float) -> None:
     assert tension(0.02 * (NORMAL - z), 0.0, 0.0) == pytest.approx(z, rel=0.02)
     assert tension(0.02 * (NORMAL + z), 0.0, 0.0) == pytest.approx(z, rel=0.02)
@@ -58,7 +58,7 @@ def test_tension_counts_from_the_nearest_value_within_tolerance() -> None:
     assert tension(draws, -0.2, 0.2) == 0.0
 
 
-@together("shift", [0.5, 1.5, 4.0])
+@run_cases("shift", [0.5, 1.5, 4.0])
 def test_joint_tension_is_that_of_chi_squared(shift: float) -> None:
     root = np.array([[1.0, 0.0, 0.0], [0.9, 0.1, 0.0], [2.0, 0.3, 0.02]])
     z = RNG.standard_normal((20_000, 3))
@@ -82,7 +82,7 @@ def test_very_far_is_a_number() -> None:
     assert found == pytest.approx(math.sqrt(2) * 0.5 / 1e-4, rel=0.05)
 
 
-@together("sd", [0.03, 1e-4])
+@run_cases("sd", [0.03, 1e-4])
 def test_bits_of_a_normal_in_a_flat_prior(sd: float) -> None:
     prior = RNG.uniform(-1.0, 1.0, 100_000)
     exact = (math.log(2.0) - 0.5 * math.log(2 * math.pi * math.e) - math.log(sd)) / math.log(2)
@@ -198,7 +198,7 @@ def test_a_deviation_within_tolerance_agrees() -> None:
     assert r_m.beyond < 0.01
 
 
-@together("ratio", [0.55, 0.6, 1.9, 2.1])
+@run_cases("ratio", [0.55, 0.6, 1.9, 2.1])
 def test_the_ends_of_a_tolerance_change_places_below_the_line(ratio: float) -> None:
     """k_s within 20 %, j_1 within 40 %: k_s/j_1 from 0.8/1.4 to 1.2/0.6.
 
@@ -304,7 +304,7 @@ def test_tolerances_by_number_and_by_symbol() -> None:
     assert given({"k_s": 0.1})["r_m"] == 0.0
 
 
-@together("wrong", [-0.1, 1.0, 5, "5 %", {"k_x": 0.1}, {"k_s": 2}])
+@run_cases("wrong", [-0.1, 1.0, 5, "5 %", {"k_x": 0.1}, {"k_s": 2}])
 def test_tolerances_that_are_none_are_refused(wrong: object) -> None:
     with pytest.raises(ValidationError):
         given(wrong)
@@ -315,7 +315,7 @@ def row(name: str, word: str) -> ParameterRow:
     return ParameterRow(**{**empty, "name": name, "word": word})  # type: ignore[arg-type]
 
 
-@together("word", ["determined", "weak", "prior only"])
+@run_cases("word", ["determined", "weak", "prior only"])
 def test_both_tables_have_one_word_for_one_unknown(word: str) -> None:
     """k_s and j_1 only as a ratio, r_m by itself, and a noise level that has no verdict."""
     found = verdict(gaussian(TABLE, RNG))

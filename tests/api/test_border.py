@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 from support.array_cases import BOX, T, run, two
-from support.case_tables import for_each, together
+from support.case_tables import for_each, run_cases
 from support.command_line import ROOT
 from support.scipy_oracles import NOMINAL
 
@@ -147,7 +147,7 @@ RESPONSE: dict[str, Any] = {
 WRONG = [value for value in POOL if not isinstance(value, int | float | str | np.int64 | None)]
 
 
-@together("value", [one for k, one in enumerate(WRONG)])
+@run_cases("value", [one for k, one in enumerate(WRONG)])
 def test_what_stands_in_records_is_judged_where_they_are_used(value: object) -> None:
     """Columns, fields of channels and inputs, entries, constants of rigs, numbers of mappings."""
     fields = [one.name for one in dataclasses.fields(bd.Channel) if one.name != "values"]

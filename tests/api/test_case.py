@@ -15,7 +15,7 @@ import xarray
 from scipy import stats
 from support import command_line
 from support.array_cases import BOX, SHAFT, T, noisy, run, two
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.scipy_oracles import NOMINAL, by_expm
 
 import bayesdrill as bd
@@ -77,7 +77,7 @@ MASKED = np.ma.masked_greater(np.where(T[3] == T, 9999.0, np.sin(T)), 9000.0)
 DATES = np.datetime64("2026-01-01") + np.arange(len(T)) * np.timedelta64(20, "ms")
 
 
-@together(
+@run_cases(
     "changes, message",
     [
         ({"t": DATES}, "t: these are dates or durations; give seconds"),
@@ -131,7 +131,7 @@ def test_a_mistake_has_its_name(changes: dict[str, object], message: str) -> Non
         bd.case(**arguments | changes)  # type: ignore[arg-type]
 
 
-@together("hold", ["zero", "first"])
+@run_cases("hold", ["zero", "first"])
 def test_a_response_at_uneven_times_is_that_at_a_grid_which_holds_them(hold: str) -> None:
     """With a voltage that changes at those times alone."""
     fine = 0.25 + 0.005 * np.arange(201)
@@ -151,7 +151,7 @@ def test_a_response_at_uneven_times_is_that_at_a_grid_which_holds_them(hold: str
         assert values == pytest.approx(exact[name][picked], rel=1e-9, abs=1e-10)
 
 
-@together(
+@run_cases(
     "changes, message",
     [
         ({"t": np.array([0.0, 0.5, 0.1])}, "t: "),
@@ -308,7 +308,7 @@ def test_the_notebook_runs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
 
 def test_what_the_command_line_does_with_files_python_does(tmp_path: Path) -> None:
     """The same words, the same folders, the same refusals."""
-    config = command_line.small(tmp_path / "rig")
+    config = command_line.small_config(tmp_path / "rig")
     case = bd.load(config)
     checked = command_line.cli("check", config)
     assert checked.out == f"{case.preview()}\n"
@@ -337,7 +337,7 @@ def test_what_the_command_line_does_with_files_python_does(tmp_path: Path) -> No
 
 def test_records_and_calibrations_of_a_config(tmp_path: Path) -> None:
     """What a calibration finds is tested by the command line, which is a user of this."""
-    config = command_line.small(tmp_path / "rig")
+    config = command_line.small_config(tmp_path / "rig")
     made = bd.simulate(config, tmp_path / "record.csv", seed=4)
     assert made.samples == 101 == len(made.path.read_text().splitlines()) - 1
     with pytest.raises(bd.InputError, match="seed: -1"):

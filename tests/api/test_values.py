@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from support.array_cases import T, noisy, run, two
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.command_line import ROOT
 
 import bayesdrill as bd
@@ -64,7 +64,7 @@ def test_what_is_computed_stays_here() -> None:
     assert len(pickle.dumps(judged)) == len(pickle.dumps(dataclasses.replace(run())))
 
 
-@together("name", ["nominal_step", "example_experiments", "example_torque"])
+@run_cases("name", ["nominal_step", "example_experiments", "example_torque"])
 def test_a_case_that_is_read_again_is_the_same(name: str) -> None:
     """Of several experiments, of rigs that rub and of those that a torque shakes too."""
     case = bd.load(CONFIGS / f"{name}.yaml")

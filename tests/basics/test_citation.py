@@ -9,7 +9,7 @@ from pathlib import Path
 import arviz_base
 import emcee
 from ruamel.yaml import YAML
-from support.case_tables import together
+from support.case_tables import run_cases
 
 import bayesdrill as bd
 
@@ -24,7 +24,7 @@ def fields(entry: str) -> dict[str, str]:
     return {name.lower(): value.strip("{}") for name, value in found}
 
 
-@together(
+@run_cases(
     "entry",
     [emcee.__bibtex__, arviz_base.citations().split("@article")[1].split("\n\n")[0]],
     ["emcee", "arviz"],

@@ -1,14 +1,14 @@
 from __future__ import annotations
 
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 
 from bayesdrill.basics.formulas import linear_combination
 
 STATES = ("theta_1", "theta_2", "w_1", "w_2", "i")
 
 
-@together(
+@run_cases(
     "text, weights",
     [
         ("theta_1", {"theta_1": 1.0}),
@@ -24,7 +24,7 @@ def test_reads_linear_combinations(text: str, weights: dict[str, float]) -> None
     assert linear_combination(text, STATES) == weights
 
 
-@together(
+@run_cases(
     "text, message",
     [
         ("theta_3", "did you mean theta_2|did you mean theta_1"),

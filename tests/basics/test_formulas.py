@@ -7,7 +7,7 @@ import pickle
 
 import numpy as np
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 
 from bayesdrill.basics.duals import Dual
 from bayesdrill.basics.formulas import RelationError, expression, resolve_relations
@@ -26,7 +26,7 @@ WORTH = [
 ]
 
 
-@together("text, value", WORTH)
+@run_cases("text, value", WORTH)
 def test_value_at_numbers_and_at_arrays(text: str, value: float) -> None:
     found = pickle.loads(pickle.dumps(expression(text, NAMES)))
     assert found == expression(text, NAMES)
@@ -35,7 +35,7 @@ def test_value_at_numbers_and_at_arrays(text: str, value: float) -> None:
     assert found.value(both) == pytest.approx([value, value], rel=1e-14)
 
 
-@together("text", [text for text, _ in WORTH])
+@run_cases("text", [text for text, _ in WORTH])
 def test_derivatives_are_those_of_differences(text: str) -> None:
     """Mutant killed: the slope of a power forgotten."""
     found = expression(text, NAMES)
@@ -81,7 +81,7 @@ def test_what_may_be_negative_or_nothing_is_not_taken_for_positive() -> None:
         assert not expression(text, NAMES).positive
 
 
-@together(
+@run_cases(
     "text, message",
     [
         ("k_x", "did you mean"),

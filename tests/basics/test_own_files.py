@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.case_tables import together
-from support.command_line import cli, listing, results, small
+from support.case_tables import run_cases
+from support.command_line import cli, listing, small_config, write_results
 
 from bayesdrill import output_files
 from bayesdrill.basics.errors import InputError
@@ -58,7 +58,7 @@ def put(folder: Path, name: str, text: str = "mine") -> None:
 
 def test_a_record_that_was_saved_with_its_run_outlives_it(tmp_path: Path) -> None:
     """Its config may be started over from this very folder: the record is in no other place."""
-    out = results(tmp_path / "out", POSTERIOR)
+    out = write_results(tmp_path / "out", POSTERIOR)
     with Folder(out, "force", {"seed": "1"}, POSTERIOR) as folder:
         folder.begin(status="running")
         folder.write_text(RECORD, "t,w_1")
@@ -69,10 +69,10 @@ def test_a_record_that_was_saved_with_its_run_outlives_it(tmp_path: Path) -> Non
     assert not (out / ".record.12.aside.csv").exists()
 
 
-@together("kind", KINDS)
+@run_cases("kind", KINDS)
 def test_force_takes_what_such_a_run_writes_and_nothing_else(kind: Kind, tmp_path: Path) -> None:
     """Mutants killed: names by pattern; a folder removed whole."""
-    out = results(tmp_path / "out", kind)
+    out = write_results(tmp_path / "out", kind)
     for name in STRANGERS:
         put(out, name)
     put(out, ".run.12.aside.json", "left by a run that was killed")
@@ -96,7 +96,7 @@ def test_force_takes_what_such_a_run_writes_and_nothing_else(kind: Kind, tmp_pat
 
 def test_run_json_is_there_all_the_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Mutant killed: run.json removed while the folder is cleared, in which a kill may fall."""
-    out = results(tmp_path / "out", POSTERIOR)
+    out = write_results(tmp_path / "out", POSTERIOR)
     seen = []
     write = Folder.write_text
 
@@ -125,7 +125,7 @@ def refused(folder: Path, mode: WriteMode, kind: Kind = POSTERIOR) -> str:
 FOREIGN = ['{"status": "finished"}', '{"job": "posterior", "fingerprint": {}}', "{}", "[]", "", "x"]
 
 
-@together("mode, text", [(mode, text) for mode in MODES for text in FOREIGN])
+@run_cases("mode, text", [(mode, text) for mode in MODES for text in FOREIGN])
 def test_a_run_json_of_others_gives_no_right_to_a_folder(
     mode: WriteMode, text: str, tmp_path: Path
 ) -> None:
@@ -136,12 +136,12 @@ def test_a_run_json_of_others_gives_no_right_to_a_folder(
     assert "--force" not in said
 
 
-@together("mode, kind", [(mode, kind) for mode in MODES for kind in KINDS])
+@run_cases("mode, kind", [(mode, kind) for mode in MODES for kind in KINDS])
 def test_results_of_another_command_are_left_alone(
     mode: WriteMode, kind: Kind, tmp_path: Path
 ) -> None:
     other = KINDS[KINDS.index(kind) - 1]
-    said = refused(results(tmp_path / "out", other), mode, kind)
+    said = refused(write_results(tmp_path / "out", other), mode, kind)
     assert f"results of `bayesdrill {other.job}`" in said
     assert "--force" not in said
 
@@ -173,7 +173,7 @@ def file_instead(path: Path) -> None:
     path.write_text("mine")
 
 
-@together(
+@run_cases(
     "mode, name, spoil, what",
     [
         (mode, *case)
@@ -192,7 +192,7 @@ def test_what_no_run_can_have_made_is_named_first(
     mode: WriteMode, name: str, spoil: Callable[[Path], None], what: str, tmp_path: Path
 ) -> None:
     """Mutants killed: links are followed; a chain is gone before the run fails."""
-    out = results(tmp_path / "results" / "out", POSTERIOR)
+    out = write_results(tmp_path / "results" / "out", POSTERIOR)
     spoil(out / name)
     said = refused(out, mode)
     assert f"{name}: {what}, " in said
@@ -206,14 +206,14 @@ def test_hidden_files_of_others_that_bear_our_names_are_left_alone(tmp_path: Pat
 
 def test_a_folder_behind_a_link_is_a_folder(tmp_path: Path) -> None:
     """As one whose results lie on another disk; the user named it."""
-    results(tmp_path / "disk", POSTERIOR)
+    write_results(tmp_path / "disk", POSTERIOR)
     (tmp_path / "out").symlink_to("disk")
     with Folder(tmp_path / "out", "force", {}, POSTERIOR) as folder:
         folder.begin(status="running")
     assert set(listing(tmp_path / "disk")) == {".lock", RUN}
 
 
-@together("spoil", [linked, dangling, folder_instead, pipe])
+@run_cases("spoil", [linked, dangling, folder_instead, pipe])
 def test_a_file_is_replaced_and_nothing_else(spoil: Callable[[Path], None], tmp_path: Path) -> None:
     path = tmp_path / "here" / "record.csv"
     put(tmp_path / "here", "record.csv")
@@ -246,7 +246,7 @@ def test_what_is_sealed_is_opened_and_a_changed_bit_is_never_believed() -> None:
     assert found > 400
 
 
-@together(
+@run_cases(
     "content", [b"", b"\xff", b"{}", b"[]", b"3", b"[" * 100_000, b'{"a": 1' + b"0" * 9999 + b"}"]
 )
 def test_what_was_never_sealed_is_an_error(content: bytes) -> None:
@@ -256,7 +256,7 @@ def test_what_was_never_sealed_is_an_error(content: bytes) -> None:
 
 def test_what_is_replaced_hands_its_mode_bits_on(tmp_path: Path) -> None:
     """Also where --force takes it away first.  Mutants killed: a file as the umask has it."""
-    out = results(tmp_path / "out", POSTERIOR)
+    out = write_results(tmp_path / "out", POSTERIOR)
     put(out, "summary.csv")
     (out / RUN).chmod(0o640)
     (out / "summary.csv").chmod(0o600)
@@ -271,7 +271,7 @@ def test_what_is_replaced_hands_its_mode_bits_on(tmp_path: Path) -> None:
 
 def test_findings_are_written_into_any_folder_and_again(tmp_path: Path) -> None:
     """Mutant killed: figures whose empty folder was just taken away."""
-    config, out = small(tmp_path), tmp_path / "out"
+    config, out = small_config(tmp_path), tmp_path / "out"
     for again in ((), ("--force",)):
         ran = cli("identify", config, "-o", out, *again)
         assert ran.status == 0, ran.err
@@ -296,7 +296,7 @@ def test_a_place_that_cannot_be_written_is_found_before_the_work(
     def read_only(**_: object) -> None:
         raise OSError(errno.EROFS, os.strerror(errno.EROFS))
 
-    config, out = small(tmp_path), tmp_path / "out"
+    config, out = small_config(tmp_path), tmp_path / "out"
     given = [config]
     if command == "init":
         given, out = [config.parent / "small.csv"], tmp_path / "mine.yaml"

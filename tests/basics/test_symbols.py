@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pint
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 
 from bayesdrill.basics import symbols
 from bayesdrill.rig.models.motor_shaft import PARAMETERS
@@ -34,7 +34,7 @@ def test_geometry_supports_the_default() -> None:
     assert symbols.NOMINAL["tables_2_3"]["j_1"] == pytest.approx(inertia, rel=0.002)
 
 
-@together("table", [symbols.PARAMETERS, symbols.STATES, symbols.INPUTS])
+@run_cases("table", [symbols.PARAMETERS, symbols.STATES, symbols.INPUTS])
 def test_every_symbol_is_complete(table: dict[str, symbols.Symbol]) -> None:
     registry = pint.UnitRegistry()
     for name, symbol in table.items():
@@ -66,7 +66,7 @@ def test_units_agree_with_the_equations() -> None:
             assert found.magnitude == pytest.approx(1.0), term
 
 
-@together("name", symbols.PARAMETERS)
+@run_cases("name", symbols.PARAMETERS)
 def test_the_documents_have_a_row_for_every_parameter(name: str) -> None:
     page = "config.md" if name in PARAMETERS else "rigs.md"
     text = (Path(__file__).parents[2] / "docs" / page).read_text()

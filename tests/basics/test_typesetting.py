@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 from matplotlib.mathtext import MathTextParser
-from support.case_tables import together
+from support.case_tables import run_cases
 
 from bayesdrill.basics import symbols, units
 from bayesdrill.basics.symbols import Symbol, product_latex
@@ -32,7 +32,7 @@ def named(latex: str, unit: str = "") -> Symbol:
     return Symbol("q", "1", latex, unit, "")
 
 
-@together("latex", REFUSED)
+@run_cases("latex", REFUSED)
 def test_what_would_leave_its_formula_is_refused_with_a_way_out(latex: str) -> None:
     """Mutant killed: mathtext alone asked, which takes `a&b`, and all that stands between dollars."""
     with pytest.raises(ValueError, match="figures and tables cannot write") as caught:
@@ -41,7 +41,7 @@ def test_what_would_leave_its_formula_is_refused_with_a_way_out(latex: str) -> N
     assert r"such as \omega_1" in str(caught.value)
 
 
-@together("latex", TAKEN)
+@run_cases("latex", TAKEN)
 def test_what_is_taken_can_stand_in_products_and_with_labels(latex: str) -> None:
     """Mutant killed: a power after a power, at which mathtext raises while a figure is drawn."""
     config_latex.check(named(latex))
@@ -50,7 +50,7 @@ def test_what_is_taken_can_stand_in_products_and_with_labels(latex: str) -> None
     parse(f"${symbols.superscript(latex, r'\mathrm{slow}')}$")
 
 
-@together(
+@run_cases(
     "unit", ['m"\\input{x}"', r"m #\input{x}", "m'&'", "m\n", '%"<b>"', "m,s", "m\u00b2\u00b2"]
 )
 def test_a_unit_is_nothing_but_a_unit(unit: str) -> None:
@@ -61,7 +61,7 @@ def test_a_unit_is_nothing_but_a_unit(unit: str) -> None:
         units.factor(unit, "m")
 
 
-@together("unit", units._COMMON)
+@run_cases("unit", units._COMMON)
 def test_common_units_are_what_pint_says_and_refused_as_it_refuses(unit: str) -> None:
     """A blank before a unit is nothing to pint, and no common unit."""
     for si in units._KINDS:
@@ -75,7 +75,7 @@ def test_common_units_are_what_pint_says_and_refused_as_it_refuses(unit: str) ->
             assert units.factor(unit, si) == value
 
 
-@together("unit", ["\u00b0\u00b2", "\u00b0**2"])
+@run_cases("unit", ["\u00b0\u00b2", "\u00b0**2"])
 def test_powers_of_signs_can_be_drawn(unit: str) -> None:
     config_latex.check(named("x", units.display_unit(unit).latex))
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from support.array_cases import run
-from support.case_tables import together
+from support.case_tables import run_cases
 
 import bayesdrill as bd
 from benchmarks import baseline
@@ -77,7 +77,7 @@ MEANS, SDS = "means, in standard errors: ", "sds, in standard errors: "
 DENSITY = "log density: 1.0e-07 max(1, |log density|) at 1 points"
 
 
-@together(
+@run_cases(
     "change, text, beyond",
     [
         (other_bytes, BYTES, False),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from support.case_tables import together
+from support.case_tables import run_cases
 
 from bayesdrill.analysis.latent_torque import torque_estimates
 from bayesdrill.report.sections.torque_words import HARMLESS
@@ -35,7 +35,7 @@ def test_noise_that_remembers_is_to_be_told_of() -> None:
     assert sum(told[name] for name in noise.FREE) > 0.8 * 12 * len(noise.FREE)
 
 
-@together("at", ["rotor_1", "motor"])
+@run_cases("at", ["rotor_1", "motor"])
 def test_where_nothing_rubs_the_rig_goes_where_the_torque_moves_it(at: str) -> None:
     """Kills a sign, a gear, a torque that is held half a step late."""
     missing = {**TORQUE, "at": at, "smoothness": "3/2"}

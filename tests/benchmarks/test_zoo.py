@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 
 from bayesdrill.config.job import prepare
 from bayesdrill.config.records import simulation
@@ -100,14 +100,14 @@ def test_fewer_effective_draws_allow_for_more() -> None:
     assert "seeds disagree" not in complaints(row(), run(), few)
 
 
-@together("second", [False, True])
+@run_cases("second", [False, True])
 def test_weights_that_disagree_fail_in_either_run(second: bool) -> None:
     pair = (run(), run(weights=6.0))
     said = complaints(row(), *(pair if second else pair[::-1]))
     assert "importance weights disagree on j_1" in said
 
 
-@together("second", [False, True])
+@run_cases("second", [False, True])
 def test_a_sound_run_without_weights_fails(second: bool) -> None:
     pair = (run(), run(weights=None))
     assert "no importance weights" in complaints(row(), *(pair if second else pair[::-1]))
@@ -121,7 +121,7 @@ def test_the_limit_allows_for_the_number_of_comparisons() -> None:
     assert np.mean(worst > judge.limit(9)) == pytest.approx(judge.LEVEL, abs=3e-4)
 
 
-@together(
+@run_cases(
     "spoilt",
     [
         {"draws": {"k_s": 0.0, "j_1": 1e4}},
@@ -136,7 +136,7 @@ def test_what_is_no_number_does_not_agree(spoilt: dict[str, object]) -> None:
     assert "disagree" in complaints(row(), run(), found)
 
 
-@together(
+@run_cases(
     "own, says",
     [
         ({"status": None}, "stopped"),
@@ -268,7 +268,7 @@ def _noiseless(job_path: Path) -> tuple[Experiment, np.ndarray, np.ndarray]:
     return job.problem.experiment, theta[0], Response(rig, job.problem.experiment).signals(theta)[0]
 
 
-@together("name", ["closed_loop", "closed_loop_straight"])
+@run_cases("name", ["closed_loop", "closed_loop_straight"])
 def test_a_loop_closes_around_the_rig_that_is_simulated(name: str, tmp_path: Path) -> None:
     """Kills: a plant that holds its input otherwise than the config says."""
     path, _ = folder.write(row(name), tmp_path)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from support import command_line, injection_payloads
-from support.case_tables import together
+from support.case_tables import run_cases
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
@@ -57,11 +57,11 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     kinds = {"sound": (DRAWN,), "worse": (DRAWN, WORSE), "short": (DRAWN, SHORT)}
     for name, changes in kinds.items():
         place = tmp_path_factory.mktemp(name)
-        config = command_line.small(place, *changes)
+        config = command_line.small_config(place, *changes)
         command_line.cli("posterior", config, "-o", place / "out", "--processes", "1")
         made[name] = place / "out" / "report.html"
     place = tmp_path_factory.mktemp("calibration")
-    config = command_line.small(place, TINY)
+    config = command_line.small_config(place, TINY)
     command_line.cli("calibrate", config, "-o", place / "out", "--processes", "1")
     made["calibration"] = place / "out" / "report.html"
     paper = ROOT / "results" / "paper" / "report.html"
@@ -100,7 +100,7 @@ def opened(browser: Browser, path: Path, size: str, scheme: Any = "light") -> tu
     return page, heard
 
 
-@together("size", SIZES)
+@run_cases("size", SIZES)
 def test_nothing_fails_and_nothing_is_cut(browser: Browser, path: Path, size: str) -> None:
     page, heard = opened(browser, path, size)
     assert not heard.messages
@@ -117,8 +117,8 @@ def test_nothing_fails_and_nothing_is_cut(browser: Browser, path: Path, size: st
     assert page.evaluate(beyond) == 0
 
 
-@together("scheme", ["light", "dark"])
-@together("size", ["desktop", "phone"])
+@run_cases("scheme", ["light", "dark"])
+@run_cases("size", ["desktop", "phone"])
 def test_all_can_read_it(browser: Browser, path: Path, size: str, scheme: str) -> None:
     """By the rules of axe: contrast, names, landmarks, what can be reached by keyboard."""
     axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
@@ -136,7 +136,7 @@ def test_dark_is_dark(browser: Browser, path: Path) -> None:
     assert dark < 150 < 600 < light
 
 
-@together("size", ["desktop", "phone"])
+@run_cases("size", ["desktop", "phone"])
 def test_a_figure_opens_at_its_full_size_and_closes_by_keyboard(
     browser: Browser, path: Path, size: str
 ) -> None:

@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 from typer.testing import CliRunner
 
 from bayesdrill.cli import app
@@ -34,7 +34,7 @@ def asked(shell: str, line: str) -> str:
     return said.stdout
 
 
-@together("shell", ["zsh", "fish", "powershell"])
+@run_cases("shell", ["zsh", "fish", "powershell"])
 def test_other_shells_are_answered(shell: str) -> None:
     said = asked(shell, "bayesdrill po")
     assert "posterior" in said

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from support import command_line
-from support.case_tables import together
+from support.case_tables import run_cases
 
 import bayesdrill as bd
 from bayesdrill.api import files
@@ -52,7 +52,7 @@ def test_other_files_of_the_folder_stay(tmp_path: Path) -> None:
     assert "bayesdrill check" in repr(made)
 
 
-@together("name", ["", "records"])
+@run_cases("name", ["", "records"])
 def test_what_is_no_folder_is_not_written_through(name: str, tmp_path: Path) -> None:
     folder, elsewhere = tmp_path / "here", tmp_path / "elsewhere"
     elsewhere.mkdir()

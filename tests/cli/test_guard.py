@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 import typer
 from support import command_line
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.command_line import STOPPING
 
 from bayesdrill.basics.errors import ErrorCollector, InputError
@@ -105,7 +105,7 @@ def test_a_signal_while_a_library_is_loaded_stops_a_command(
     assert capsys.readouterr().err == "stopped\n"
 
 
-@together("number", STOPPING, ids=lambda number: number.name)
+@run_cases("number", STOPPING, ids=lambda number: number.name)
 def test_a_command_that_is_stopped_claims_nothing_of_files(
     number: signal.Signals, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -135,7 +135,7 @@ def test_only_the_first_of_many_signals_interrupts() -> None:
     assert ended.value.exit_code == INTERRUPTED
 
 
-@together("number", STOPPING, ids=lambda number: number.name)
+@run_cases("number", STOPPING, ids=lambda number: number.name)
 def test_a_signal_that_is_to_be_ignored_stays_so(number: signal.Signals) -> None:
     """`nohup`, and jobs in the background."""
     with hearing():
@@ -178,10 +178,10 @@ def test_a_message_that_nobody_can_read_leaves_the_status(monkeypatch: pytest.Mo
     assert ended.value.exit_code == INPUT_WRONG
 
 
-@together("size", [25, 40, 300])  # MB, of which the libraries take up about 400
+@run_cases("size", [25, 40, 300])  # MB, of which the libraries take up about 400
 def test_memory_that_ends_as_libraries_are_loaded(size: int, tmp_path: Path) -> None:
     """Of a process of its own, as a batch system bounds it."""
-    command_line.small(tmp_path)
+    command_line.small_config(tmp_path)
     limit = size * 1024**2
     ended = subprocess.run(
         [sys.executable, "-m", "bayesdrill", "check", "small.yaml"],
@@ -196,10 +196,10 @@ def test_memory_that_ends_as_libraries_are_loaded(size: int, tmp_path: Path) -> 
     assert "Traceback" not in ended.stderr
 
 
-@together("room", [100, 4_000, 10_000])  # bytes
+@run_cases("room", [100, 4_000, 10_000])  # bytes
 def test_a_disk_that_is_full_names_the_file(room: int, tmp_path: Path) -> None:
     """A limit of files ends writing as a full disk does; what was begun is taken away."""
-    command_line.small(tmp_path)
+    command_line.small_config(tmp_path)
     resource.setrlimit(resource.RLIMIT_FSIZE, (room, resource.RLIM_INFINITY))
     try:
         ran = command_line.cli("identify", tmp_path / "small.yaml", "-o", tmp_path / "out")
@@ -211,7 +211,7 @@ def test_a_disk_that_is_full_names_the_file(room: int, tmp_path: Path) -> None:
     assert not [*tmp_path.rglob("*aside*")]
 
 
-@together(
+@run_cases(
     "command",
     [
         ("--help",),
@@ -241,7 +241,7 @@ def test_what_is_said_to_nobody_ends_in_a_status(command: tuple[str, ...]) -> No
             assert "Traceback" not in ended.stderr
 
 
-@together("threads", ["", "x", "4,2", "-1", "1e3"])
+@run_cases("threads", ["", "x", "4,2", "-1", "1e3"])
 def test_what_is_no_number_of_threads_counts_as_unset(threads: str) -> None:
     """Transforms of SciPy end in an error there, and all that assesses chains uses them."""
     code = "import bayesdrill, scipy.fft, os; scipy.fft.rfft([1.0, 2.0]); print(sorted(os.environ))"

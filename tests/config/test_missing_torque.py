@@ -26,7 +26,9 @@ END = "simulation: {duration: 5, rate: 20}\n"
 
 
 def config(folder: Path, *changes: tuple[str, str], torque: str = TORQUE) -> Path:
-    return command_line.small(folder, (END, END + torque), ("walkers: 8", "walkers: 12"), *changes)
+    return command_line.small_config(
+        folder, (END, END + torque), ("walkers: 8", "walkers: 12"), *changes
+    )
 
 
 def test_size_and_time_are_unknowns_behind_the_noise(tmp_path: Path) -> None:
@@ -105,8 +107,8 @@ def test_beside_gravity_too(tmp_path: Path) -> None:
 def test_a_record_is_simulated_with_it_and_read_again(tmp_path: Path) -> None:
     """With a large torque residuals spread far beyond the noise."""
     truth = (END, "simulation: {duration: 5, rate: 20, truth: {s_d: 0.5, tau_d: 0.3}}\n" + TORQUE)
-    path = command_line.small(tmp_path, truth)
-    command_line.simulated(path)
+    path = command_line.small_config(tmp_path, truth)
+    command_line.simulate_again(path)
     posterior = job.prepare(path).problem.posterior
     space = posterior.space
     theta = space.vector({**space.start, "s_d": 0.5, "tau_d": 0.3})

@@ -46,7 +46,7 @@ def test_a_mistake_is_said_once_and_nothing_is_counted_that_it_was_to_hold(
     def check(name: str) -> None:
         tmp_path = tmp_path_factory.mktemp("case")
         noise, says = MISTAKES[name]
-        config = command_line.small(tmp_path, channel(noise), ("walkers: 8", "walkers: 4"))
+        config = command_line.small_config(tmp_path, channel(noise), ("walkers: 8", "walkers: 4"))
         ran = command_line.cli("check", config)
         assert ran.status == 2
         (line,) = ran.err.splitlines()
@@ -58,7 +58,7 @@ def test_a_mistake_is_said_once_and_nothing_is_counted_that_it_was_to_hold(
 def test_what_is_unknown_by_default_is_counted(tmp_path_factory: pytest.TempPathFactory) -> None:
     def check(noise: str) -> None:
         tmp_path = tmp_path_factory.mktemp("case")
-        config = command_line.small(tmp_path, channel(noise), ("walkers: 8", "walkers: 4"))
+        config = command_line.small_config(tmp_path, channel(noise), ("walkers: 8", "walkers: 4"))
         ran = command_line.cli("check", config)
         assert ran.status == 2
         assert "at least twice the 3 unknowns" in ran.err
@@ -66,7 +66,7 @@ def test_what_is_unknown_by_default_is_counted(tmp_path_factory: pytest.TempPath
         held = channel(f"{{name: {noise}, {entry}}}")
         assert (
             command_line.cli(
-                "check", command_line.small(tmp_path, held, ("walkers: 8", "walkers: 4"))
+                "check", command_line.small_config(tmp_path, held, ("walkers: 8", "walkers: 4"))
             ).status
             == 0
         )
@@ -76,7 +76,7 @@ def test_what_is_unknown_by_default_is_counted(tmp_path_factory: pytest.TempPath
 
 def test_a_step_is_in_the_unit_of_its_column(tmp_path: Path) -> None:
     noise = channel("{name: quantised, step: 6.0}", "0.5", "rpm")
-    case = loading.load(command_line.small(tmp_path, noise))
+    case = loading.load(command_line.small_config(tmp_path, noise))
     made = sensors.build_noise(case.experiments[0].channels, 5)
     kinds = [part.noise for part in made.parts if isinstance(part.noise, Quantised)]  # type: ignore[attr-defined]
     assert kinds[0].steps[0] == pytest.approx(0.2 * np.pi)
@@ -88,8 +88,8 @@ TRUTH = "rate: 20, sigma: {w_1: 0.2}, truth: {rho_w_1: 0.9}"
 def test_a_record_is_made_with_the_true_correlation(tmp_path: Path) -> None:
     noise = channel("ar1", SIGMA)
     longer = ("duration: 5", "duration: 100")
-    config = command_line.small(tmp_path, noise, ("rate: 20", TRUTH), longer)
-    command_line.simulated(config)
+    config = command_line.small_config(tmp_path, noise, ("rate: 20", TRUTH), longer)
+    command_line.simulate_again(config)
     problem = job.prepare(config).problem
     values = {**problem.nominal, "sigma_w_1": 0.2, "rho_w_1": 0.9}
     theta = problem.posterior.space.vector(values)
@@ -116,7 +116,7 @@ def test_a_true_value_must_be_one(tmp_path_factory: pytest.TempPathFactory) -> N
     def check(given: str, says: str) -> None:
         tmp_path = tmp_path_factory.mktemp("case")
         truth = TRUTH.replace("rho_w_1: 0.9", given)
-        config = command_line.small(tmp_path, channel("ar1", SIGMA), ("rate: 20", truth))
+        config = command_line.small_config(tmp_path, channel("ar1", SIGMA), ("rate: 20", truth))
         ran = command_line.cli("simulate", config)
         assert ran.status == 2
         assert says in ran.err

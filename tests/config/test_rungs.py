@@ -39,7 +39,7 @@ NOT_OF_MODEL = ("output", "simulation", "sampler")
 
 def ladder(tmp_path: Path, *changes: tuple[str, str]) -> CandidateModels:
     return CandidateModels.from_job(
-        prepare(command_line.small(tmp_path, ("walkers: 8", "walkers: 24"), *changes)), {}
+        prepare(command_line.small_config(tmp_path, ("walkers: 8", "walkers: 24"), *changes)), {}
     )
 
 

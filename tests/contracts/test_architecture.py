@@ -12,7 +12,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 
 ROOT = Path(__file__).parents[2]
 PACKAGE = ROOT / "bayesdrill"
@@ -123,7 +123,7 @@ def test_studies_use_what_floors_hand_on_and_nothing_deeper() -> None:
     assert not any(name.startswith("bayesdrill") for name in names)
 
 
-@together("folder", [f for f in FLOORS if (PACKAGE / f).is_dir()])
+@run_cases("folder", [f for f in FLOORS if (PACKAGE / f).is_dir()])
 def test_what_a_floor_hands_on_is_there(folder: str) -> None:
     text = (PACKAGE / folder / "__init__.py").read_text()
     names = re.findall(r"^    from (bayesdrill\.[\w.]+) import \(?\s*(\w+) as", text, re.M)

@@ -21,7 +21,7 @@ from typing import Annotated
 import pytest
 import typer
 from pydantic import Field
-from support.case_tables import together
+from support.case_tables import run_cases
 
 from bayesdrill.basics import registry
 from bayesdrill.basics.entries import Strict, member_section
@@ -387,8 +387,8 @@ def test_a_signal_while_a_package_is_loaded_is_no_fault_of_it(
 
 
 @pytest.mark.usefixtures("hostile")
-@together("what, why", [("call", "TypeError: call"), ("exit", "SystemExit: 0")])
-@together("elsewhere", [False, True])
+@run_cases("what, why", [("call", "TypeError: call"), ("exit", "SystemExit: 0")])
+@run_cases("elsewhere", [False, True])
 def test_whatever_is_raised_as_it_works_names_it(
     what: str, why: str, elsewhere: bool, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -12,7 +12,7 @@ import pyarrow
 import pytest
 import scipy.io
 from pyarrow import parquet
-from support.case_tables import together
+from support.case_tables import run_cases
 
 from bayesdrill.basics.entries import entries_of
 from bayesdrill.basics.errors import InputError
@@ -62,7 +62,7 @@ WRITERS: Mapping[str, Callable[[Path, Mapping[str, np.ndarray]], None]] = {
 }
 
 
-@together("name", FORMATS)
+@run_cases("name", FORMATS)
 def test_what_is_written_is_read(name: str, tmp_path: Path) -> None:
     one = FORMATS[name]
     for ending in one.suffixes:
@@ -76,8 +76,8 @@ def test_what_is_written_is_read(name: str, tmp_path: Path) -> None:
     assert {*entries_of(one.options)} <= {*RecordSpec.model_fields}
 
 
-@together("name", FORMATS)
-@together("content", [b"", b"\x00\xff" * 40, None], ids=["empty", "noise", "gone"])
+@run_cases("name", FORMATS)
+@run_cases("content", [b"", b"\x00\xff" * 40, None], ids=["empty", "noise", "gone"])
 def test_what_it_cannot_read_is_an_input_error(
     name: str, content: bytes | None, tmp_path: Path
 ) -> None:

@@ -12,7 +12,7 @@ import emcee
 import numpy as np
 import pytest
 import scipy.stats
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.handmade_proposals import over, rough
 from support.known_targets import TARGETS, Target
 
@@ -46,8 +46,8 @@ def walked(target: Target, d: int, proposal: Proposal, steps: int = STEPS) -> Ch
     return advance(evaluate, state, steps, ALONE, proposal, target.inside)
 
 
-@together("d", [2, 5, 9])
-@together("target", TWO.values(), ids=TWO)
+@run_cases("d", [2, 5, 9])
+@run_cases("target", TWO.values(), ids=TWO)
 def test_target_is_kept_exactly_over_two_ridges(target: Target, d: int) -> None:
     """Ridges in units of their own, the draws of one likely on the other or never.
 
@@ -101,7 +101,7 @@ def test_a_forgotten_proposal_density_is_found_out() -> None:
     assert CUT.p_values(walked(CUT, 2, forgetful).state.z).min() < FAIL
 
 
-@together("name, d", [("wild", 5), ("bent", 2), ("humps", 5)])
+@run_cases("name, d", [("wild", 5), ("bent", 2), ("humps", 5)])
 def test_steps_of_walkers_by_themselves_keep_the_target(name: str, d: int) -> None:
     """About half of them step, since their limit is set where most of the target is.
 
@@ -226,11 +226,11 @@ def test_what_the_prior_cuts_off_is_filled_up() -> None:
 
 def test_a_wider_mixture_has_equal_shares_of_its_ridges() -> None:
     """Where ensembles start: mutant killed: the shares that have been found, or guessed, kept."""
-    found = over(TARGETS["humps"], 3, 2)
+    found = over(TARGETS["two_modes"], 3, 2)
     wide = found.with_width(1.5)
     drawn = wide.draw(20_000, np.random.RandomState(5)).u
-    assert TARGETS["humps"].hump(drawn).mean() == pytest.approx(0.5, abs=0.02)
-    y, _ = wide.sheets[0].to_ridge_coordinates(drawn[TARGETS["humps"].hump(drawn) == 0])
+    assert TARGETS["two_modes"].hump(drawn).mean() == pytest.approx(0.5, abs=0.02)
+    y, _ = wide.sheets[0].to_ridge_coordinates(drawn[TARGETS["two_modes"].hump(drawn) == 0])
     own = wide.sheets[0].to_ridge_coordinates(found.draw(20_000, np.random.RandomState(6)).u)[0]
-    own = own[TARGETS["humps"].hump(wide.sheets[0].from_ridge_coordinates(own)[0]) == 0]
+    own = own[TARGETS["two_modes"].hump(wide.sheets[0].from_ridge_coordinates(own)[0]) == 0]
     assert y.std(axis=0) == pytest.approx(1.5 * own.std(axis=0), rel=0.1)

@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping
 import emcee
 import numpy as np
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.handmade_proposals import rough
 from support.known_targets import TARGETS, Target
 
@@ -62,7 +62,7 @@ def through(move: Callable[[], emcee.moves.Move], target: Target, d: int, seed: 
     return sampler.run_mcmc(start, 40, skip_initial_state_check=True).coords
 
 
-@together("name", TARGETS)
+@run_cases("name", TARGETS)
 def test_draws_of_the_targets_follow_their_densities(name: str) -> None:
     target = TARGETS[name]
     for d in (2, 5, 9):
@@ -78,8 +78,8 @@ def test_draws_of_the_targets_follow_their_densities(name: str) -> None:
     assert weights.mean() == pytest.approx(1.0, abs=5 * weights.std() / np.sqrt(len(x)))
 
 
-@together("d", [2, 5, 9])
-@together("name, of", PAIRS)
+@run_cases("d", [2, 5, 9])
+@run_cases("name, of", PAIRS)
 def test_target_is_kept_exactly(name: str, of: str, d: int) -> None:
     """A move along a ridge or over it: bent, in units of its own, unlike the target."""
     target = TARGETS[of]
@@ -88,9 +88,9 @@ def test_target_is_kept_exactly(name: str, of: str, d: int) -> None:
     assert target.p_values(piece.state.z).min() > FAIL
 
 
-@together("d", [2, 5, 9])
-@together("target", STRAIGHT.values(), ids=STRAIGHT)
-@together("name", WITHOUT)
+@run_cases("d", [2, 5, 9])
+@run_cases("target", STRAIGHT.values(), ids=STRAIGHT)
+@run_cases("name", WITHOUT)
 def test_target_is_kept_exactly_where_nothing_has_been_learnt(
     name: str, target: Target, d: int
 ) -> None:
@@ -99,7 +99,7 @@ def test_target_is_kept_exactly_where_nothing_has_been_learnt(
     assert target.p_values(piece.state.z).min() > FAIL
 
 
-@together("target", TARGETS.values(), ids=TARGETS)
+@run_cases("target", TARGETS.values(), ids=TARGETS)
 def test_the_default_mixture_keeps_the_target_exactly(target: Target) -> None:
     piece = walked(target, 5, SamplerSpec().moves, rough(target, 5, 2))
     assert target.p_values(piece.state.z).min() > FAIL
@@ -128,7 +128,7 @@ def is_found_out(wrong: type[emcee.moves.Move], d: int) -> bool:
     )
 
 
-@together(
+@run_cases(
     "wrong, d", [(move, d) for move in (StretchOffByOne, StretchWithoutFactor) for d in (2, 5)]
 )
 def test_a_wrong_move_is_found_out(wrong: type[emcee.moves.Move], d: int) -> None:
@@ -137,7 +137,7 @@ def test_a_wrong_move_is_found_out(wrong: type[emcee.moves.Move], d: int) -> Non
 
 
 @pytest.mark.slow
-@together("d", [3, 5])
+@run_cases("d", [3, 5])
 def test_the_snooker_move_of_emcee_is_found_out(d: int) -> None:
     """That of emcee 3.1.6 fails the exact test."""
     assert is_found_out(emcee.moves.DESnookerMove, d)

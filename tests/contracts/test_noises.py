@@ -15,7 +15,7 @@ import pytest
 import scipy.special
 import scipy.stats
 from numpy.typing import NDArray
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.scipy_oracles import NOMINAL
 from support.small_problems import experiment, likelihood_of, unknown
 
@@ -142,7 +142,7 @@ def natural(of: Noise, own: Array, column: int, step: float) -> Array:
     return moved
 
 
-@together("name", MADE)
+@run_cases("name", MADE)
 def test_the_density_of_two_samples_integrates_to_one(name: str) -> None:
     of = noise(name, 2)
     own, sd = truth(of), of.scales(truth(of))[0]
@@ -153,7 +153,7 @@ def test_the_density_of_two_samples_integrates_to_one(name: str) -> None:
     assert (np.exp(log_p).sum(axis=0) * area) == pytest.approx(np.ones(2), rel=1e-3)
 
 
-@together("name", MADE)
+@run_cases("name", MADE)
 def test_terms_of_single_samples_sum_to_the_likelihood_whatever_the_batch(name: str) -> None:
     of = noise(name, 30)
     own = truth(of, 5)
@@ -171,7 +171,7 @@ def test_terms_of_single_samples_sum_to_the_likelihood_whatever_the_batch(name: 
     assert set(of.fixed_values()) <= {0, 1}
 
 
-@together("name", MADE)
+@run_cases("name", MADE)
 def test_slopes_are_those_of_the_density(name: str) -> None:
     of = noise(name, 12)
     own = truth(of, 3)
@@ -191,7 +191,7 @@ def test_slopes_are_those_of_the_density(name: str) -> None:
     assert (np.linalg.eigvalsh(as_matrix(curvature, own)) > 0).all()
 
 
-@together("name", MADE)
+@run_cases("name", MADE)
 def test_information_is_what_slopes_scatter_over_draws(name: str) -> None:
     """At the truth slopes are zero on average, and their squares are the information."""
     n = 25
@@ -216,7 +216,7 @@ def test_information_is_what_slopes_scatter_over_draws(name: str) -> None:
     )
 
 
-@together("name", MADE)
+@run_cases("name", MADE)
 def test_what_is_whitened_is_white_and_its_size_is_told(name: str) -> None:
     n = 6000
     of = noise(name, n)
@@ -236,7 +236,7 @@ def test_what_is_whitened_is_white_and_its_size_is_told(name: str) -> None:
         assert (np.abs(off) < 6 * sd).all()
 
 
-@together("name", MADE)
+@run_cases("name", MADE)
 def test_innovations_are_what_samples_before_do_not_tell(name: str) -> None:
     """Nothing of a sample that comes later, all of the sample itself; not larger than the residuals.
 
@@ -276,7 +276,7 @@ def target(name: str) -> Posterior:
     return Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates)
 
 
-@together("name", MADE)
+@run_cases("name", MADE)
 def test_a_posterior_with_it_has_the_slopes_of_its_density(name: str) -> None:
     of = target(name)
     surface = LogDensity(of)
@@ -294,7 +294,7 @@ def test_a_posterior_with_it_has_the_slopes_of_its_density(name: str) -> None:
     assert (np.linalg.eigvalsh(found.curvature) > 0).all()
 
 
-@together("name", MADE)
+@run_cases("name", MADE)
 def test_its_information_is_that_of_the_curvature_at_the_truth(name: str) -> None:
     """Laplace's root, in the natural scales, against the surface's, in the coordinates."""
     of = target(name)

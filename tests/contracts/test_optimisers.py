@@ -6,7 +6,7 @@ Slopes go the rest of the way: so it has to come near, no more.
 from __future__ import annotations
 
 import numpy as np
-from support.case_tables import together
+from support.case_tables import run_cases
 
 from bayesdrill.basics.entries import build_member, entries_of
 from bayesdrill.config.schema.config import MapSpec
@@ -45,7 +45,7 @@ def searched(name: str, evaluations: int) -> tuple[object, list[float]]:
     return found, seen
 
 
-@together("name", OPTIMISERS)
+@run_cases("name", OPTIMISERS)
 def test_it_comes_near_the_top(name: str) -> None:
     found, seen = searched(name, 4000)
     assert found.settled
@@ -53,8 +53,8 @@ def test_it_comes_near_the_top(name: str) -> None:
     assert found.value > -1.0
 
 
-@together("name", OPTIMISERS)
-@together("most", [1, 7, 30])
+@run_cases("name", OPTIMISERS)
+@run_cases("most", [1, 7, 30])
 def test_what_it_may_spend_is_all_it_spends(name: str, most: int) -> None:
     found, seen = searched(name, most)
     assert found.evaluations == len(seen) <= most
@@ -62,7 +62,7 @@ def test_what_it_may_spend_is_all_it_spends(name: str, most: int) -> None:
     assert not found.settled
 
 
-@together("name", OPTIMISERS)
+@run_cases("name", OPTIMISERS)
 def test_a_start_finds_the_same_alone_and_beside_others(name: str) -> None:
     """Mutant killed: what one search asked for handed to another."""
     task = Task(
@@ -79,7 +79,7 @@ def test_a_start_finds_the_same_alone_and_beside_others(name: str) -> None:
         assert found.evaluations == alone.evaluations
 
 
-@together("name", OPTIMISERS)
+@run_cases("name", OPTIMISERS)
 def test_a_config_gives_it_its_entries(name: str) -> None:
     kind = OPTIMISERS[name]
     assert {*entries_of(kind)} <= {*MapSpec.model_fields}

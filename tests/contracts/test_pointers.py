@@ -11,7 +11,7 @@ import re
 from functools import cache
 from pathlib import Path
 
-from support.case_tables import together
+from support.case_tables import run_cases
 
 import bayesdrill as bd
 
@@ -67,7 +67,7 @@ def lost_name(name: str) -> bool:
     )
 
 
-@together("page", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
+@run_cases("page", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_what_a_page_points_to_is_there(page: Path) -> None:
     """In other pages than that of the house dotted names are entries of configs."""
     names = quoted(page.read_text())
@@ -77,7 +77,7 @@ def test_what_a_page_points_to_is_there(page: Path) -> None:
     assert [n for n in sorted(python) if not files.match(n) and lost_name(n)] == []
 
 
-@together("module", MODULES, ids=lambda path: str(path.relative_to(ROOT)))
+@run_cases("module", MODULES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_what_the_docstring_of_a_module_points_to_is_there(module: Path) -> None:
     names = quoted(ast.get_docstring(ast.parse(module.read_text())) or "")
     files = (".yaml", ".json", ".csv", ".md")

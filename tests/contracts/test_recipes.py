@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.figure_checks import clashes, drawn
 from support.scipy_oracles import NOMINAL
 
@@ -130,7 +130,7 @@ def labels(figure: Figure) -> str:
     return " ".join(axes.get_xlabel() + axes.get_ylabel() for axes in figure.axes)
 
 
-@together("name", DRAWN)
+@run_cases("name", DRAWN)
 def test_it_is_drawn_and_says_what_it_shows(name: str) -> None:
     figure = here(name, showing(name, run()).config.output.size)
     assert figure.axes
@@ -139,16 +139,16 @@ def test_it_is_drawn_and_says_what_it_shows(name: str) -> None:
         assert POSTERIOR.is_output(f"{output_files.FIGURES}/{name}.{end}")
 
 
-@together("size", WIDTHS)
-@together("name", OWN)
+@run_cases("size", WIDTHS)
+@run_cases("name", OWN)
 def test_it_is_as_wide_as_the_config_says(name: str, size: str) -> None:
     figure = here(name, size)
     assert list(clashes(figure)) == []
     assert figure.get_figwidth() <= WIDTHS[size]
 
 
-@together("size", WIDTHS)
-@together("name", [name for name in OWN if name != "ridge"])
+@run_cases("size", WIDTHS)
+@run_cases("name", [name for name in OWN if name != "ridge"])
 def test_it_speaks_the_units_of_the_user(name: str, size: str) -> None:
     """Of the record and of its noise; there is no symmetry left, and no ridge."""
     figure = figure_of(name, sized(showing(name, abroad()), size))
@@ -199,7 +199,7 @@ def test_parameters_are_those_that_the_config_names() -> None:
         assert "twist" in panel.get_xlabel() + panel.get_ylabel()
 
 
-@together("name", ["corner", "fit", "trace"])
+@run_cases("name", ["corner", "fit", "trace"])
 def test_in_a_notebook_it_carries_its_warning(name: str) -> None:
     """Mutant killed: a warning in files alone."""
     good = abroad()

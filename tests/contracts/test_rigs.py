@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.linalg import expm
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.scipy_oracles import NOMINAL
 from support.small_problems import experiment
 
@@ -54,7 +54,7 @@ def response(rig: Model) -> Response:
     return Response(rig, experiment(N, DT, constant=constant, measures=measures))
 
 
-@together("name", RIGS)
+@run_cases("name", RIGS)
 def test_its_names_have_symbols_and_places_in_a_config(name: str) -> None:
     rig = RIGS[name]
     kind: Any = type(rig)
@@ -81,7 +81,7 @@ def test_its_names_have_symbols_and_places_in_a_config(name: str) -> None:
     hash(rig)
 
 
-@together("name", RIGS)
+@run_cases("name", RIGS)
 def test_its_frictions_brake_and_are_told_apart(name: str) -> None:
     rig, p = RIGS[name], values(RIGS[name])[0]
     named = dict(zip(rig.parameters, p, strict=True))
@@ -104,7 +104,7 @@ def test_its_frictions_brake_and_are_told_apart(name: str) -> None:
             assert ((size >= 0) & np.isfinite(size)).all()
 
 
-@together("name", RIGS)
+@run_cases("name", RIGS)
 def test_its_response_is_the_matrix_exponential(name: str) -> None:
     rig, p = light(name), values(light(name))
     named = dict(zip(rig.parameters, p[0], strict=True))
@@ -129,7 +129,7 @@ def test_its_response_is_the_matrix_exponential(name: str) -> None:
     assert found / scale == pytest.approx(np.array(exact) / scale, abs=1e-9)
 
 
-@together("name", RIGS)
+@run_cases("name", RIGS)
 def test_its_sensitivities_are_differences(name: str) -> None:
     rig, p = light(name), values(light(name))
     of = response(rig)
@@ -143,7 +143,7 @@ def test_its_sensitivities_are_differences(name: str) -> None:
         assert slopes[k] / scale == pytest.approx(numeric / scale, abs=1e-4), name_
 
 
-@together("name", RIGS)
+@run_cases("name", RIGS)
 def test_its_sums_are_those_of_its_signals(name: str) -> None:
     rig, p = light(name), values(light(name))
     of = response(rig)

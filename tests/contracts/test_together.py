@@ -6,13 +6,13 @@ import os
 from pathlib import Path
 
 import pytest
-from support.case_tables import for_each, together
+from support.case_tables import for_each, run_cases
 
 
 def test_every_case_runs_and_each_that_fails_is_named() -> None:
     ran = []
 
-    @together("number, why", [(1, "raised"), (2, ""), (3, "not raised"), (4, "wrong")])
+    @run_cases("number, why", [(1, "raised"), (2, ""), (3, "not raised"), (4, "wrong")])
     def only_two(number: int, why: str) -> None:
         ran.append(number)
         assert why != "wrong"
@@ -36,8 +36,8 @@ def test_every_case_runs_and_each_that_fails_is_named() -> None:
     assert "test_together.py:" in told
 
 
-@together("second", ["x", "y"])
-@together("first", ["a", "b"])
+@run_cases("second", ["x", "y"])
+@run_cases("first", ["a", "b"])
 def test_each_case_has_a_folder_and_an_environment_of_its_own(
     first: str, second: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -51,7 +51,7 @@ def counted(tmp_path: Path) -> list[Path]:
     return [tmp_path]
 
 
-@together("number", [1, 2], made=counted)
+@run_cases("number", [1, 2], made=counted)
 def test_what_is_made_again_is_made_for_each_case(
     number: int, made: list[Path], tmp_path: Path
 ) -> None:
@@ -61,7 +61,7 @@ def test_what_is_made_again_is_made_for_each_case(
 
 def test_no_cases_are_a_mistake() -> None:
     with pytest.raises(AssertionError, match="there are no cases"):
-        together("number", [])
+        run_cases("number", [])
 
 
 def test_every_case_that_fails_is_told_by_its_name() -> None:

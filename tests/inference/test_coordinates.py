@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.stats import norm
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.scipy_oracles import NOMINAL
-from support.small_problems import measured, posterior, vector
+from support.small_problems import noisy_step, posterior, vector
 
 from bayesdrill.inference import laplace
 from bayesdrill.inference.priors import (
@@ -47,7 +47,7 @@ def points(n: int = 40, width: float = 0.9) -> np.ndarray:
     return centre * factors
 
 
-@together("name", NAMES)
+@run_cases("name", NAMES)
 def test_there_and_back(name: str) -> None:
     """Mutant killed: logs of columns beside those that are meant."""
     coordinates, theta = make(name), points()
@@ -56,7 +56,7 @@ def test_there_and_back(name: str) -> None:
     assert np.allclose(coordinates.to_physical(z), theta, rtol=1e-14)
 
 
-@together("name", NAMES)
+@run_cases("name", NAMES)
 def test_nothing_that_goes_in_is_changed(name: str) -> None:
     """Mutant killed: logs taken in place, of the walkers themselves."""
     coordinates, theta = make(name), points(3)
@@ -69,7 +69,7 @@ def test_nothing_that_goes_in_is_changed(name: str) -> None:
     assert np.array_equal(z, before[1])
 
 
-@together("name", NAMES)
+@run_cases("name", NAMES)
 def test_jacobian_equals_a_numerical_determinant(name: str) -> None:
     """Mutants killed: the Jacobian dropped, or that of all unknowns where some have no logs."""
     coordinates = make(name)
@@ -86,7 +86,7 @@ def test_jacobian_equals_a_numerical_determinant(name: str) -> None:
         assert theta[0] == pytest.approx(row, rel=1e-12)
 
 
-@together("name", NAMES)
+@run_cases("name", NAMES)
 def test_slopes_are_those_of_differences(name: str) -> None:
     coordinates, theta = make(name), points(5)
     z = coordinates.from_physical(theta)
@@ -105,7 +105,7 @@ PARAMETERS: dict[str, dict[str, float]] = {
 }
 
 
-@together("family", PRIORS)
+@run_cases("family", PRIORS)
 def test_logs_are_the_scale_unless_zero_itself_has_a_density(family: str) -> None:
     """Mutant killed: logs of an unknown whose lower end is zero, an endless tail for the walkers."""
     prior = PRIORS[family](**PARAMETERS[family])
@@ -124,7 +124,7 @@ def test_a_posterior_walks_in_logs_but_where_its_prior_reaches_zero() -> None:
     """
     sigma = np.full(4, 0.1)
     zero = {"c_m": HalfNormal(2 * NOMINAL["c_m"]), "t_f": Uniform(0.0, 0.2)}
-    target = posterior(measured(sigma, n=60), sigma, priors=zero)
+    target = posterior(noisy_step(sigma, n=60), sigma, priors=zero)
     logs = dict(zip(target.space.free, target.coordinates.logs, strict=True))
     assert {name for name, log in logs.items() if not log} == {"c_m", "t_f"}
     c_m, t_f = (target.space.free.index(name) for name in zero)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support import two_experiments
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.small_problems import with_priors
 
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
@@ -20,7 +20,7 @@ from bayesdrill.sampling import mode_search
 
 
 def target() -> Posterior:
-    return two_experiments.rich().problem.posterior
+    return two_experiments.rich_job().problem.posterior
 
 
 def points(posterior: Posterior, n: int = 3) -> np.ndarray:
@@ -74,7 +74,7 @@ def test_an_own_unknown_moves_its_experiment_alone_and_a_shared_one_all() -> Non
         assert changed == expected, name
 
 
-@together("level", ["known", "unknown"])
+@run_cases("level", ["known", "unknown"])
 def test_what_is_missing_is_as_if_it_were_never_sampled(level: str) -> None:
     """Against the record without these rows, of one channel; mutant killed: counts of all samples."""
     posterior = target()
@@ -165,7 +165,7 @@ def unknown(prior: object, role: str = "sensor") -> Unknown:
     return replace(one, prior=prior, role=role, start=0.0)  # type: ignore[arg-type]
 
 
-@together(
+@run_cases(
     "prior, signed",
     [
         (Uniform(-1.0, 2.0), True),

@@ -15,7 +15,7 @@ import pytest
 import scipy.stats
 from numpy.typing import NDArray
 from scipy.integrate import quad
-from support.case_tables import together
+from support.case_tables import run_cases
 
 from bayesdrill.inference.noise.ar1 import AR1
 from bayesdrill.inference.noise.contract import Noise, NoisyChannel
@@ -70,7 +70,7 @@ def dense(t: Array, sigma: float, rho: float, usual: float) -> Array:
     return sigma**2 * rho ** (np.abs(t[:, None] - t) / usual)
 
 
-@together(
+@run_cases(
     "rho, times",
     [
         (rho, times)
@@ -157,7 +157,7 @@ def test_a_walker_that_overflows_is_lost_whatever_is_missing() -> None:
         assert np.isnan(of.log_likelihood(left_of(sick), own)[0, 0])
 
 
-@together("nu", [2.1, 5.0, 80.0])
+@run_cases("nu", [2.1, 5.0, 80.0])
 def test_heavy_tails_are_students(nu: float) -> None:
     of = StudentT.from_channels([noisy("w_1", 0.3), noisy("w_2", 0.02, degrees=nu)], 40)
     own = np.array([[0.31, 0.017, nu]])
@@ -178,7 +178,7 @@ def test_heavy_tails_are_students(nu: float) -> None:
 RATIOS = [0.01, 0.1, 0.5, 3.0, 100.0]  # of sigma to a step
 
 
-@together("ratio", RATIOS)
+@run_cases("ratio", RATIOS)
 def test_what_is_rounded_has_the_probability_of_its_interval(ratio: float) -> None:
     """By quadrature over where the number was before; and the density of all residuals is one."""
     step = 0.1

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.friction_cases import CASES, moved
 from support.small_problems import likelihood_of
 from support.stepped_friction import experiment_of, model_of, parameters
@@ -44,7 +44,7 @@ def off(pieces: int, turns: int = REVERSAL_SUBSTEPS) -> np.ndarray:
     return np.asarray(np.abs(rig.signals(parameters(CASE))[0] - moved(NAME).states).max(axis=0))
 
 
-@together("pieces", [1, 4])
+@run_cases("pieces", [1, 4])
 def test_errors_are_those_from_the_oracle(pieces: int) -> None:
     """In sd of the noise; mutants killed: another sd, a truth that is no finer."""
     (found,) = step_errors(likelihood(0.03, pieces), np.zeros(0))
@@ -52,7 +52,7 @@ def test_errors_are_those_from_the_oracle(pieces: int) -> None:
     assert np.array(found.errors) * 0.03 == pytest.approx(off(pieces), rel=0.05)
 
 
-@together("sigma", [0.5, 0.3, 0.01])
+@run_cases("sigma", [0.5, 0.3, 0.01])
 def test_as_few_pieces_are_chosen_as_are_enough(sigma: float) -> None:
     posterior = Posterior(
         space=likelihood(sigma).space,

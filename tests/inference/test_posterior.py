@@ -8,15 +8,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import scipy.stats
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.scipy_oracles import NOMINAL, ORDER
-from support.small_problems import measured, posterior, vector
+from support.small_problems import noisy_step, posterior, vector
 
 from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.priors import Uniform
 
 SIGMA = np.array([0.1, 0.07, 0.2, 0.15])
-RECORD = measured(SIGMA, n=150)
+RECORD = noisy_step(SIGMA, n=150)
 
 
 def points(n: int, seed: int = 1) -> np.ndarray:
@@ -68,7 +68,7 @@ def test_predictive_noise_has_the_sigma_of_its_channel() -> None:
     assert drawn.std(axis=(0, 1)) == pytest.approx([0.5, 0.1, 2.0], rel=0.02)
 
 
-@together("coordinates", ["linear", "log", "mixed"])
+@run_cases("coordinates", ["linear", "log", "mixed"])
 def test_density_over_coordinates_carries_the_jacobian(coordinates: str) -> None:
     zero = {name: Uniform(0.0, 2 * NOMINAL[name]) for name in ("c_m", "k_T")}
     target = {

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.integrate
 import scipy.stats
-from support.case_tables import together
+from support.case_tables import run_cases
 
 from bayesdrill.inference.priors import PRIORS, Prior, prior_log_sd, prior_sd
 
@@ -30,14 +30,14 @@ def test_every_family_is_tested() -> None:
     assert set(CASES) == set(PRIORS)
 
 
-@together("family", CASES)
+@run_cases("family", CASES)
 def test_density_equals_scipys(family: str) -> None:
     prior, true = CASES[family]
     x = np.linspace(1e-3, 6.0, 501)
     assert np.allclose(np.exp(prior.logpdf(x)), true.pdf(x), rtol=1e-10)
 
 
-@together("family", CASES)
+@run_cases("family", CASES)
 def test_density_integrates_to_one(family: str) -> None:
     """Mutant killed: a family cut at zero without renormalising."""
     prior, _ = CASES[family]
@@ -51,14 +51,14 @@ def test_density_integrates_to_one(family: str) -> None:
     assert total == pytest.approx(1.0, abs=1e-6)
 
 
-@together("family", CASES)
+@run_cases("family", CASES)
 def test_quantiles_invert_the_distribution(family: str) -> None:
     prior, true = CASES[family]
     u = np.array([0.003, 0.2, 0.55, 0.98])
     assert np.allclose(true.cdf(prior.quantile(u)), u, rtol=1e-9)
 
 
-@together("family", CASES)
+@run_cases("family", CASES)
 def test_outside_the_support_is_minus_infinity_never_nan(family: str) -> None:
     prior, _ = CASES[family]
     outside = np.array([-1.0, -1e-9, 0.0, np.nan])
@@ -68,14 +68,14 @@ def test_outside_the_support_is_minus_infinity_never_nan(family: str) -> None:
     assert not np.isfinite(density[3])
 
 
-@together("family", CASES)
+@run_cases("family", CASES)
 def test_draws_follow_it(family: str) -> None:
     prior, true = CASES[family]
     x = prior.quantile(np.random.default_rng(8).random(20_000))
     assert scipy.stats.kstest(x, true.cdf).pvalue > 1e-4
 
 
-@together("family", CASES)
+@run_cases("family", CASES)
 def test_spreads_are_standard_deviations(family: str) -> None:
     prior, true = CASES[family]
     assert prior_sd(prior) == pytest.approx(true.std(), rel=0.01)

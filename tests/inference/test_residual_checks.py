@@ -7,9 +7,9 @@ import re
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.scipy_oracles import NOMINAL
-from support.small_problems import measured, posterior, replace_only
+from support.small_problems import noisy_step, posterior, replace_only
 
 from bayesdrill.basics.units import SECOND
 from bayesdrill.inference.noise import NOISES
@@ -28,7 +28,7 @@ N = 60
 
 @pytest.fixture(scope="module")
 def rig() -> Likelihood:
-    return posterior(measured(SIGMA, n=N), SIGMA, free=FREE).likelihood
+    return posterior(noisy_step(SIGMA, n=N), SIGMA, free=FREE).likelihood
 
 
 def with_residuals(rig: Likelihood, residuals: Array) -> Likelihood:
@@ -87,7 +87,7 @@ def test_a_channel_that_does_nothing_has_no_share(rig: Likelihood) -> None:
     assert "theta_1" not in words.residual_sentences(found, SECOND).splitlines()[0]
 
 
-@together(
+@run_cases(
     "factor, which, says",
     [
         (2.0, "large", "are larger than the noise"),
@@ -110,7 +110,7 @@ def test_a_wrong_sigma_is_told_in_its_channel(
 
 def test_what_the_model_misses_is_told_with_unknown_noise_too() -> None:
     """A slow wave in one channel, whose sigma fits its size."""
-    record = measured(SIGMA, n=N)
+    record = noisy_step(SIGMA, n=N)
     rig = posterior(record, None, free=FREE).likelihood
     residuals = white(5)
     residuals[:, 3] += 0.05 * np.sin(np.linspace(0, 9, N))
@@ -128,7 +128,7 @@ def test_what_the_model_misses_is_told_with_unknown_noise_too() -> None:
 
 
 def test_an_unknown_sigma_that_its_prior_keeps_off_is_told() -> None:
-    rig = posterior(measured(SIGMA, n=N), None, free=FREE).likelihood
+    rig = posterior(noisy_step(SIGMA, n=N), None, free=FREE).likelihood
     y = rig.signals(np.array([*AT, *SIGMA])[None])[0] + white(4)
     own = replace_only(rig, response=rig.only_observation.response.with_record(y))
     found = residual_summaries(own, np.array([*AT, SIGMA[0] / 3, *SIGMA[1:]]))
@@ -165,7 +165,7 @@ def test_an_exact_fit_leaves_less_than_noise(rig: Likelihood) -> None:
     assert not any(one.correlated and one.rms > 1e-9 for one in found)
 
 
-@together("rms, believed", [(1.4, True), (1.6, False)])
+@run_cases("rms, believed", [(1.4, True), (1.6, False)])
 def test_a_fit_that_leaves_far_more_than_the_noise_is_not_believed(
     rms: float, believed: bool, rig: Likelihood
 ) -> None:
@@ -179,7 +179,7 @@ def test_a_fit_that_leaves_far_more_than_the_noise_is_not_believed(
     assert words.residual_reasons(found) == (() if believed else (more,))
 
 
-@together("weights, believed", [((1.0, 1.0), True), ((1.0,) * 5, False), ((1.0, -2.0, 1.0), True)])
+@run_cases("weights, believed", [((1.0, 1.0), True), ((1.0,) * 5, False), ((1.0, -2.0, 1.0), True)])
 def test_what_is_not_white_by_far_is_not_believed(
     weights: tuple[float, ...], believed: bool, rig: Likelihood
 ) -> None:
@@ -208,7 +208,7 @@ def test_the_simulation_and_predictions_one_step_ahead_stand_side_by_side() -> N
     """Noise that remembers by 0.8 leaves 0.6 of itself one step ahead; white noise all, and nothing is
     said.  Mutants killed: shares of the whitened residuals, or of one channel for the other's.
     """
-    record = measured(SIGMA, n=400)
+    record = noisy_step(SIGMA, n=400)
     rig = posterior(record, SIGMA, free=FREE).likelihood
     assert "one step ahead" not in words.residual_sentences(residual_summaries(rig, AT), SECOND)
     channels = [

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.compiled_responses import SIGMA, seen
 from support.scipy_oracles import NOMINAL, ORDER
 from support.small_problems import likelihood_of, unknown
@@ -73,7 +73,7 @@ def differences(function: Callable[[np.ndarray], np.ndarray], u: np.ndarray, h: 
     return np.array(out)
 
 
-@together("physical, name", [(physical, name) for physical in [False, True] for name in TARGETS])
+@run_cases("physical, name", [(physical, name) for physical in [False, True] for name in TARGETS])
 def test_slopes_are_those_of_the_density(physical: bool, name: str) -> None:
     """Mutants killed: the slope of the Jacobian, of the prior or of the noise level left out."""
     target = TARGETS[name]()
@@ -86,7 +86,7 @@ def test_slopes_are_those_of_the_density(physical: bool, name: str) -> None:
     assert found.slope * surface.spread == pytest.approx(numeric, rel=1e-5, abs=1e-8 * scale + 1e-5)
 
 
-@together("name", TARGETS)
+@run_cases("name", TARGETS)
 def test_curvatures_are_those_of_least_squares(name: str) -> None:
     """J'J from differences of the signals, of a noise level twice what is left of the record (or
     the number of samples, where that is more), and what the priors add."""
@@ -119,7 +119,7 @@ def test_curvatures_are_those_of_least_squares(name: str) -> None:
     )
 
 
-@together("name", TARGETS)
+@run_cases("name", TARGETS)
 def test_fewer_directions_are_parts_of_all(name: str) -> None:
     """Slanted ones, of which noise levels are part too."""
     target = TARGETS[name]()
@@ -133,7 +133,7 @@ def test_fewer_directions_are_parts_of_all(name: str) -> None:
     assert some.curvature == pytest.approx(along, rel=1e-7, abs=1e-9 * np.abs(along).max())
 
 
-@together("name", TARGETS)
+@run_cases("name", TARGETS)
 def test_a_point_does_not_depend_on_its_neighbours(name: str) -> None:
     """To the last bit, however many there are.
 

@@ -8,7 +8,7 @@ import weakref
 
 import numpy as np
 from llvmlite import ir
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.compiled_responses import response
 from support.scipy_oracles import NOMINAL
 from support.small_problems import vector
@@ -58,7 +58,7 @@ def test_code_that_is_kept_takes_little() -> None:
         assert kind(engine.get_function_address("twice"))(1.5) == 3.0
 
 
-@together("n", (1, 8, 9, 20))
+@run_cases("n", (1, 8, 9, 20))
 def test_walkers_of_long_records_keep_to_themselves(n: int) -> None:
     """Long rows are copied in pieces.  Mutant killed: each group takes the rows of the first."""
     rng, size = np.random.default_rng(3), 2 * PIECE + 77

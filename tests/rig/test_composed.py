@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.scipy_oracles import ORDER, skewed
 from support.small_problems import STATES, experiment
 
@@ -83,7 +83,7 @@ def vector(rig: Model, p: dict[str, float]) -> np.ndarray:
     return np.array([[p[name] for name in rig.parameters]])
 
 
-@together("added", [*LINEAR, tuple(OFFERS)])
+@run_cases("added", [*LINEAR, tuple(OFFERS)])
 def test_it_is_what_the_balances_of_its_bodies_give(added: tuple[str, ...]) -> None:
     p, rig = parameters(added), MotorShaft(I_M, added=added)
     linear = rig.linear(p)
@@ -158,7 +158,7 @@ def code(rig: Model, series: bool) -> Counter[str]:
     return Counter(re.sub(r'%"[^"]*"', "%", line) for line in str(module).splitlines())
 
 
-@together("series", [False, True])
+@run_cases("series", [False, True])
 def test_what_is_not_named_costs_not_an_operation(series: bool) -> None:
     assert code(MotorShaft(), series) == code(Plain(), series)
     assert code(MotorShaft(added=("r_s",)), series) != code(Plain(), series)

@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.small_problems import experiment
 
 from bayesdrill.record import anomalies
@@ -111,7 +111,7 @@ def test_an_angle_straight_between_samples_is_a_speed_that_is_held() -> None:
     assert found[:, 1] == pytest.approx(angle, rel=1e-12)
 
 
-@together("lag", [-0.0373, 0.0211])
+@run_cases("lag", [-0.0373, 0.0211])
 def test_a_torque_that_the_record_shows_late_acts_when_it_did(lag: float) -> None:
     """Mutant killed: the sign of an input's lag turned."""
     early = solved(lambda s, _: (np.interp(s, T, SPEED), np.interp(s - lag, T, LOAD)))

@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from support import missing_torque_oracle
-from support.case_tables import for_each, together
+from support.case_tables import for_each, run_cases
 from support.scipy_oracles import skewed
-from support.small_problems import Held, experiment, vector
+from support.small_problems import UnevenShaft, experiment, vector
 
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.models.latent_torque import (
@@ -77,7 +77,7 @@ def density(found: KalmanFilter, left: Array) -> float:
     return float(np.nansum(-0.5 * (np.log(2 * np.pi * variances) + white**2)))
 
 
-@together("at, smooth", EVERY)
+@run_cases("at, smooth", EVERY)
 def test_the_likelihood_is_that_of_all_samples_together(
     at: TorqueLocation, smooth: Smoothness
 ) -> None:
@@ -96,7 +96,7 @@ def test_the_likelihood_is_that_of_all_samples_together(
     assert plain == pytest.approx(truth, abs=1e-8)
 
 
-@together("at, smooth", EVERY)
+@run_cases("at, smooth", EVERY)
 def test_gaps_uneven_times_and_a_start_before_the_first_sample(
     at: TorqueLocation, smooth: Smoothness
 ) -> None:
@@ -115,7 +115,7 @@ def test_gaps_uneven_times_and_a_start_before_the_first_sample(
     assert density(found, left) == pytest.approx(truth, abs=1e-8)
 
 
-@together("measures", [MEASURES, {"w_1": {"w_1": 1.0}, "twist": MEASURES["twist"]}, GEARED])
+@run_cases("measures", [MEASURES, {"w_1": {"w_1": 1.0}, "twist": MEASURES["twist"]}, GEARED])
 def test_a_start_before_the_first_sample_of_even_times(
     measures: dict[str, dict[str, float]],
 ) -> None:
@@ -133,7 +133,7 @@ def test_a_start_before_the_first_sample_of_even_times(
     assert ours.sum() == pytest.approx(truth, abs=1e-8)
 
 
-@together("n", [2, 3, 5, 8, 13, 64, 65, 127])
+@run_cases("n", [2, 3, 5, 8, 13, 64, 65, 127])
 def test_of_any_number_of_samples(n: int) -> None:
     """However it is written in twos: stretches of samples are put together so."""
     one = experiment(n, 0.02, measures=MEASURES)
@@ -167,7 +167,7 @@ def test_states_of_the_rig_are_those_that_channels_show() -> None:
     for_each({str(measures): (measures,) for measures in cases}, check)
 
 
-@together(
+@run_cases(
     "measures, size, time",
     [
         (measures, size, time)
@@ -193,7 +193,7 @@ def test_one_gain_is_as_good_as_all_of_them(
     assert found.log_density(row, sigmas, seen.record).sum() == pytest.approx(truth, abs=1e-7)
 
 
-@together("at, smooth", EVERY)
+@run_cases("at, smooth", EVERY)
 def test_slopes_are_those_of_differences(at: TorqueLocation, smooth: Smoothness) -> None:
     rng = np.random.default_rng(2)
     one = experiment(
@@ -221,7 +221,7 @@ def test_slopes_are_those_of_differences(at: TorqueLocation, smooth: Smoothness)
     )
 
 
-@together("at, smooth", EVERY)
+@run_cases("at, smooth", EVERY)
 def test_draws_are_of_the_covariance(at: TorqueLocation, smooth: Smoothness) -> None:
     """20000 of them: a standard error of 1 % of each variance, and of 0.7 % of what they are apart."""
     one = experiment(12, 0.1, first=0.2, measures=MEASURES)
@@ -233,7 +233,7 @@ def test_draws_are_of_the_covariance(at: TorqueLocation, smooth: Smoothness) -> 
     assert np.diag(np.cov(draws.T)) == pytest.approx(np.diag(truth), rel=0.06)
 
 
-@together("at, smooth", EVERY)
+@run_cases("at, smooth", EVERY)
 def test_smoothing_is_what_is_expected_of_the_torque(
     at: TorqueLocation, smooth: Smoothness
 ) -> None:
@@ -255,11 +255,11 @@ def test_smoothing_is_what_is_expected_of_the_torque(
     assert ours == pytest.approx(mean, abs=1e-9 * np.abs(mean).max() + 1e-10)
 
 
-@together("measures", [MEASURES, {"w_2": {"w_2": 1.0}}])
+@run_cases("measures", [MEASURES, {"w_2": {"w_2": 1.0}}])
 def test_a_rig_that_an_angle_holds_is_not_taken_for_one_that_turns(
     measures: dict[str, dict[str, float]],
 ) -> None:
-    rig, one = Held(), experiment(80, 0.02, measures=measures)
+    rig, one = UnevenShaft(), experiment(80, 0.02, measures=measures)
     found = KalmanFilter(rig, MissingTorque(at="motor"), one)
     row, sigmas = told()[0], SIGMAS[None, : len(measures)]
     left = found.draw(row, sigmas, np.random.default_rng(4))[1][0]

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.scipy_oracles import NOMINAL
-from support.small_problems import STATES, Held
+from support.small_problems import STATES, UnevenShaft
 
 from bayesdrill.basics.errors import InputError
 from bayesdrill.config import loading
@@ -21,8 +21,8 @@ ROOT = Path(__file__).parents[2]
 
 def test_poles_of_a_rig_that_its_angles_hold_are_all_of_them() -> None:
     """Mutant killed: a zero pole is taken out that is not there."""
-    linear = Held().linear(NOMINAL)
-    found = derived.poles(Held(), linear, 1)
+    linear = UnevenShaft().linear(NOMINAL)
+    found = derived.poles(UnevenShaft(), linear, 1)
     every = np.linalg.eigvals(dynamics(linear, STATES, 1)[0])
     pairs = every[every.imag > 0]
     least = pairs[np.argmin(-pairs.real / abs(pairs))]
@@ -50,7 +50,7 @@ def load(tmp_path: Path, model: str) -> Model:
     return loading.load(path).model
 
 
-@together(
+@run_cases(
     "text, model",
     [
         ("{}", MotorShaft(0.125)),
@@ -62,7 +62,7 @@ def test_a_config_gives_a_model_its_constants(text: str, model: Model, tmp_path:
     assert load(tmp_path, text) == model
 
 
-@together(
+@run_cases(
     "text, said",
     [
         (

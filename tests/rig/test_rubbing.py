@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.friction_cases import CASES, moved
 from support.friction_oracle import STATES, Rig, simulate
 from support.scipy_oracles import NOMINAL, by_radau
@@ -22,7 +22,7 @@ FREE = {
 AT_REST = np.zeros(2)
 
 
-@together("viscous, sign", [(viscous, sign) for viscous in [0.0, 0.021] for sign in [1, -1]])
+@run_cases("viscous, sign", [(viscous, sign) for viscous in [0.0, 0.021] for sign in [1, -1]])
 def test_a_rotor_coasts_until_it_sticks(viscous: float, sign: int) -> None:
     """j w' = -T - c w: (w_0 + T/c) exp(-c t/j) - T/c, and it stays where it has stopped."""
     w_0, torque, j = 13.0, 0.25, NOMINAL["j_1"]
@@ -120,7 +120,7 @@ def test_a_drop_of_the_voltage_stops_a_current() -> None:
     assert found.stuck[-1].tolist() == [True, False, True]
 
 
-@together("load", [0.5, -0.5])
+@run_cases("load", [0.5, -0.5])
 def test_a_gear_passes_on_what_its_efficiency_says(load: float) -> None:
     """Where the motor drives, power out is eta times power in; where the load does, 2 - 1/eta."""
     eta, p = 0.7, {**NOMINAL, "t_f": 0.0, "c_m": 1e-3, "c_s": 0.05}
@@ -151,7 +151,7 @@ def test_without_friction_it_is_the_linear_rig() -> None:
     assert not found.efforts.any()
 
 
-@together("name", CASES)
+@run_cases("name", CASES)
 def test_no_energy_is_lost(name: str) -> None:
     found = moved(name)
     assert np.abs(found.balance).max() < 1e-8

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.special import log_ndtr
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.friction_cases import CASES as RUBBING
 from support.linear_oracle import ExactMotion
 from support.scipy_oracles import NOMINAL, ORDER, by_radau, skewed
@@ -305,7 +305,7 @@ def test_an_experiment_has_the_simplest_simulator_that_it_allows() -> None:
     assert type(delayed) is Response
 
 
-@together("name", LINEAR)
+@run_cases("name", LINEAR)
 def test_signals_are_those_of_the_oracle(name: str) -> None:
     """Mutants killed: see `mutants.toml`; a lag of the wrong sign, an offset that a gain multiplies."""
     case = made(name)
@@ -314,7 +314,7 @@ def test_signals_are_those_of_the_oracle(name: str) -> None:
         assert far(case.signals[row], true) < case.close, row
 
 
-@together("name", LINEAR)
+@run_cases("name", LINEAR)
 def test_records_of_few_samples_have_the_signals_of_the_oracle(name: str) -> None:
     """Mutant killed: a last step that is taken though it leads nowhere."""
     case = made(name)
@@ -326,7 +326,7 @@ def test_records_of_few_samples_have_the_signals_of_the_oracle(name: str) -> Non
         assert far(case.of(cut).signals(case.full[:1])[0], true) < case.close, n
 
 
-@together("name", LINEAR)
+@run_cases("name", LINEAR)
 def test_slopes_are_differences_of_the_oracle(name: str) -> None:
     """In 80-bit numbers, differences have nine digits.
 
@@ -348,7 +348,7 @@ def test_slopes_are_differences_of_the_oracle(name: str) -> None:
         assert far(slopes[w, q], (ends[0] - ends[1]) / (2 * np.longdouble(h))) < 1e-7
 
 
-@together("name", EVERY_CASE)
+@run_cases("name", EVERY_CASE)
 def test_tallies_are_those_of_the_samples(name: str) -> None:
     """Mutants killed: neighbours across a gap that count as none, the first sample taken for the last, a
     channel's weight exchanged, a power of two lost, walkers whose lanes see other samples.
@@ -391,7 +391,7 @@ def test_logs_of_what_is_far_off_neither_overflow_nor_lose_digits() -> None:
     assert np.isnan(lost.logs(case.full, weights)).all()
 
 
-@together("name", EVERY_CASE)
+@run_cases("name", EVERY_CASE)
 def test_normal_equations_are_sums_of_slopes(name: str) -> None:
     """Without what was not seen."""
     case = made(name)
@@ -409,7 +409,7 @@ def test_normal_equations_are_sums_of_slopes(name: str) -> None:
     assert products == pytest.approx(np.einsum("wqtk,wptk->wqp", shown, shown))
 
 
-@together("name", EVERY_CASE)
+@run_cases("name", EVERY_CASE)
 def test_a_walker_depends_on_no_other_and_pickles_answer_alike(name: str) -> None:
     """Bits, whatever lanes have in common; and numbers that overflow are NaN in their own row alone.
 
@@ -487,7 +487,7 @@ def test_nothing_is_computed_of_what_lay_in_memory() -> None:
 # The oracle itself, against a solver that knows no exponential.
 
 
-@together("first_order", [False, True])
+@run_cases("first_order", [False, True])
 def test_the_oracle_is_what_radau_comes_to(first_order: bool) -> None:
     x0, n, dt = np.array([START[name] for name in STATES]), 7, 0.013
     rng = np.random.default_rng(11)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.case_tables import for_each, together
+from support.case_tables import for_each, run_cases
 from support.friction_cases import CASES, moved
 from support.friction_oracle import RUBS
 from support.scipy_oracles import NOMINAL
@@ -162,7 +162,7 @@ def test_frictions_of_no_size_leave_the_linear_rig() -> None:
         assert found == pytest.approx(true, rel=1e-9, abs=1e-9)
 
 
-@together("name", ["falling", "stick slip"])
+@run_cases("name", ["falling", "stick slip"])
 def test_a_stride_is_as_long_as_the_way_to_the_next_sample(name: str) -> None:
     """A record with gaps, in which inputs stay what they are."""
     case, rng = CASES[name], np.random.default_rng(8)

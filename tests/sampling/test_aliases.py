@@ -8,7 +8,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.scipy_oracles import NOMINAL, matrices
 from support.small_problems import experiment, posterior, vector, with_priors
 
@@ -75,7 +75,7 @@ def test_frequencies_are_those_of_the_equations_of_motion() -> None:
     assert np.array_equal(found[:, 1], np.zeros(3))  # all other poles decay without a swing
 
 
-@together(
+@run_cases(
     "free, nominal",
     [
         (free, nominal)

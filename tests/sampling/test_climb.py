@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 import scipy.optimize
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.closed_form_densities import Walled, humps, ridged
 
 from bayesdrill.inference.laplace import QuadraticModel
@@ -47,7 +47,7 @@ def linear(seed: int, d: int) -> tuple[Squares, np.ndarray, np.ndarray]:
     return surface, matrix, target
 
 
-@together("d", [2, 5, 9])
+@run_cases("d", [2, 5, 9])
 def test_a_step_within_a_box_is_that_of_bounded_least_squares(d: int) -> None:
     """One step, from the middle and from corners.  Mutant killed: steps cut at the walls."""
     at_walls = 0
@@ -98,7 +98,7 @@ def banana(low: float, high: float) -> Squares:
     return Squares(middle, spread, 1.0, residuals, slopes)
 
 
-@together("exact", [False, True])
+@run_cases("exact", [False, True])
 def test_a_valley_shaped_like_a_banana_is_followed(exact: bool) -> None:
     """Mutant killed: no damping."""
     surface = banana(-3.0, 4.0)
@@ -108,7 +108,7 @@ def test_a_valley_shaped_like_a_banana_is_followed(exact: bool) -> None:
     assert found.u == pytest.approx(np.ones((30, 2)), abs=1e-4)
 
 
-@together("low, high", [(-3.0, 0.8), (-1.5, 0.6), (1.2, 4.0)])
+@run_cases("low, high", [(-3.0, 0.8), (-1.5, 0.6), (1.2, 4.0)])
 def test_a_valley_that_a_wall_cuts_off_is_followed_to_the_wall(low: float, high: float) -> None:
     surface = banana(low, high)
     start = np.random.default_rng(3).uniform(low, high, (20, 2))

@@ -8,7 +8,7 @@ import emcee
 import numpy as np
 import pytest
 import scipy.stats
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.known_chains import ar1
 
 from bayesdrill.inference.derived import HDI_PROBABILITY, hdi
@@ -25,7 +25,7 @@ from bayesdrill.sampling.convergence import (
 TARGETS = Targets(r_hat=1.01, n_tau=50, ess=1000)
 
 
-@together("rho", [0.0, 0.5, 0.9])
+@run_cases("rho", [0.0, 0.5, 0.9])
 def test_autocorrelation_time_of_a_known_process(rho: float) -> None:
     tau = autocorrelation_time(ar1((4, 2000, 16, 2), rho))
     assert tau == pytest.approx((1 + rho) / (1 - rho), rel=0.05)
@@ -104,7 +104,7 @@ def test_walkers_that_remember_their_last_draw_have_no_more_effective_ones() -> 
     assert found.ess_tail[0] <= 4 * walkers * kept / found.thin
 
 
-@together(
+@run_cases(
     "trail, says",
     [
         ([(200, 8), (400, 16), (1000, 41)], None),  # on its way: tau is constant
@@ -136,7 +136,7 @@ def test_a_chain_that_would_be_too_large_is_not_for_max_steps_to_mend() -> None:
     assert "max_steps" not in found
 
 
-@together("rho", [0.0, 0.5, 0.9])
+@run_cases("rho", [0.0, 0.5, 0.9])
 def test_the_next_check_is_when_the_chain_is_long_enough(rho: float) -> None:
     """Of an AR(1) chain tau is known.  Mutant killed: a growth that does not ask for tau."""
     tau = (1.0 + rho) / (1.0 - rho)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from support.case_tables import together
+from support.case_tables import run_cases
 
 import bayesdrill as bd
 from bayesdrill.inference.posterior import Posterior
@@ -20,7 +20,7 @@ def of(n: int, **channel: object) -> Posterior:
     return made.job.problem.posterior
 
 
-@together(
+@run_cases(
     "samples, channel, is_dear",
     [
         (40_000, {}, False),  # sums alone

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.special
 import scipy.stats
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.handmade_proposals import rough
-from support.known_targets import TARGETS, Bent, Boxed, Humps, Skewed, Target, loose
+from support.known_targets import TARGETS, Bent, Boxed, Skewed, Target, TwoModes, count_loose
 from support.scipy_oracles import NOMINAL
 
 import bayesdrill as bd
@@ -40,10 +40,10 @@ class Known:
             return scales + d * math.lgamma(1.5)
         if isinstance(one, Boxed):
             return scales + d * math.log(math.expm1(one.rate) / one.rate)
-        if isinstance(one, Humps):
+        if isinstance(one, TwoModes):
             return scales + 0.5 * d * math.log(2 * math.pi)
         assert isinstance(one, Bent)
-        n = loose(d)
+        n = count_loose(d)
         below, above = scipy.special.gammainc(one.shape, np.exp(np.clip(one.ends, -700, 700)))
         along = n * (math.lgamma(one.shape) + math.log(above - below))
         across = 0.5 * math.log(2 * math.pi) + scipy.stats.norm.logsf(one.least)
@@ -62,8 +62,8 @@ def found(target: Target, d: int, proposal: Proposal, seed: int = 1) -> Evidence
 
 def test_walkers_that_do_not_pass_between_humps_are_in_the_error() -> None:
     """All of them on the heavier hump.  Mutant killed: an error of what walkers themselves have seen."""
-    target = TARGETS["humps"]
-    assert isinstance(target, Humps)
+    target = TARGETS["two_modes"]
+    assert isinstance(target, TwoModes)
     z = target.draw(STEPS * WALKERS, 2, np.random.default_rng(5))
     for side in (z[:, 0] > z[:, 0].mean(), z[:, 0] <= z[:, 0].mean()):
         own = np.resize(z[side], (2, STEPS, WALKERS, 2))
@@ -74,7 +74,7 @@ def test_walkers_that_do_not_pass_between_humps_are_in_the_error() -> None:
         assert abs(result.log_z - Known(target).integral(2)) < 1.5 * result.error
 
 
-@together("d, name", [(d, name) for d in [2, 5, 9] for name in TARGETS])
+@run_cases("d, name", [(d, name) for d in [2, 5, 9] for name in TARGETS])
 def test_it_is_the_integral_of_the_density(d: int, name: str) -> None:
     """Over two bent ridges in units of their own, with priors that cut draws off, and humps.
 

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.closed_form_densities import Gaussians, humps, ridged
 from support.compiled_responses import SIGMA, seen
 
@@ -42,7 +42,7 @@ def two(kind: str, d: int) -> tuple[Gaussians, LearnedProposal]:
     return surface, learn(surface, list(surface.means), seed, rng)
 
 
-@together("kind, d", HUMPS)
+@run_cases("kind, d", HUMPS)
 def test_weights_of_two_maxima_without_a_chain(kind: str, d: int) -> None:
     """From importance weights of draws.  Mutant killed: the weights of components left out of q."""
     surface, learnt = two(kind, d)
@@ -79,7 +79,7 @@ def test_a_proposal_is_held_against_what_another_has_seen() -> None:
     assert len(_best([both, one]).origin) == 2
 
 
-@together("kind, d", HUMPS)
+@run_cases("kind, d", HUMPS)
 def test_weights_of_two_maxima_from_walkers_that_start_on_both_alike(kind: str, d: int) -> None:
     """The same mutant killed: walkers would come to be shared as the proposal's draws are not."""
     surface, learnt = two(kind, d)
@@ -108,7 +108,7 @@ def test_a_maximum_that_holds_nothing_costs_nothing() -> None:
     assert learnt.shares(drawn, 2)[1] < 0.02
 
 
-@together("n_loose, n_tight", [(1, 1), (1, 3), (2, 3)])
+@run_cases("n_loose, n_tight", [(1, 1), (1, 3), (2, 3)])
 def test_a_bent_ridge_is_learnt(n_loose: int, n_tight: int) -> None:
     """Hundreds of standard deviations, which change along it, within walls.
 

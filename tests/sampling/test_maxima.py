@@ -6,13 +6,13 @@ import dataclasses
 
 import numpy as np
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.closed_form_densities import Gaussians, humps, ridged
 
 from bayesdrill.sampling import multiple_modes
 
 
-@together("n_loose, n_tight", [(1, 1), (1, 3), (2, 1), (2, 3)])
+@run_cases("n_loose, n_tight", [(1, 1), (1, 3), (2, 1), (2, 3)])
 def test_points_of_one_long_bent_ridge_are_one_maximum(n_loose: int, n_tight: int) -> None:
     """Hundreds of standard deviations apart.  Mutant killed: a straight path from one to the other."""
     surface = ridged(n_loose, n_tight)
@@ -24,7 +24,7 @@ def test_points_of_one_long_bent_ridge_are_one_maximum(n_loose: int, n_tight: in
     assert multiple_modes.distinct_modes(surface, points, values) == [0]
 
 
-@together("d", [1, 2, 5])
+@run_cases("d", [1, 2, 5])
 def test_two_humps_are_two_maxima_the_highest_first(d: int) -> None:
     """Mutant killed: places that a step has brought back to where it came from."""
     surface = humps(d, (0.1, 0.9), (1.0, 1.0), 20.0)

@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from support.case_tables import for_each, together
+from support.case_tables import for_each, run_cases
 from support.closed_form_densities import Ridged, corner, ridged
 
 from bayesdrill.sampling.proposal.learning import LearnedProposal, learn
@@ -38,7 +38,7 @@ def missed(surface: Ridged, proposal: Proposal, u: np.ndarray, weights: np.ndarr
     return missed_mass(surface, proposal, [0], (u, weights[None]), np.random.RandomState(4))
 
 
-@together(
+@run_cases(
     "far, n_loose, n_tight", [(far, *case) for far in [False, True] for case in [(1, 1), (2, 3)]]
 )
 def test_points_are_brought_to_the_ridge(far: bool, n_loose: int, n_tight: int) -> None:
@@ -75,14 +75,14 @@ def test_what_does_not_arrive_stays_where_the_polynomials_have_it() -> None:
         assert np.array_equal(one, other)
 
 
-@together("n_loose, n_tight", [(1, 1), (2, 3)])
+@run_cases("n_loose, n_tight", [(1, 1), (2, 3)])
 def test_a_proposal_that_leaves_nothing_out_is_enough(n_loose: int, n_tight: int) -> None:
     surface, found = learnt(n_loose, n_tight)
     assert found.missed == 0.0
     assert missed(surface, found.proposal, found.draws.u, found.draws.weights) == 0.0
 
 
-@together("n_loose, n_tight", [(1, 1), (2, 3)])
+@run_cases("n_loose, n_tight", [(1, 1), (2, 3)])
 def test_what_a_proposal_leaves_out_is_found(n_loose: int, n_tight: int) -> None:
     """As much as draws of the whole say, from draws of the piece, whose weights say nothing of it.
 

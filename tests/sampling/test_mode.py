@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.optimize import minimize
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.scipy_oracles import NOMINAL
-from support.small_problems import measured, posterior, replace_only, starting, vector
+from support.small_problems import noisy_step, posterior, replace_only, vector, with_start
 
 from bayesdrill.inference import laplace
 from bayesdrill.inference.laplace import TAIL_MASS
@@ -25,7 +25,7 @@ from bayesdrill.sampling.optimisers.nelder_mead import NelderMead, in_lock_step,
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 SIGMA = np.array([0.02, 0.03, 0.05, 0.04])
-RECORD = measured(SIGMA, n=200)
+RECORD = noisy_step(SIGMA, n=200)
 TWO = ("k_e", "k_s")
 
 
@@ -204,7 +204,7 @@ def test_searches_that_end_in_another_maximum_do_not_wander() -> None:
 
 def test_starts_begin_with_the_configured_one() -> None:
     target = posterior(RECORD, SIGMA, free=TWO)
-    target = starting(target, {"k_e": 0.05, "k_s": 0.3})
+    target = with_start(target, {"k_e": 0.05, "k_s": 0.3})
     points = mode_search.starts(target, 3, np.random.default_rng(1))
     assert points[0] == pytest.approx([0.05, 0.3])
     assert np.isfinite(target.density(points)).all()
@@ -266,7 +266,7 @@ def test_a_maximum_on_the_bound_is_named() -> None:
     assert found.gain < 1e-4
 
 
-@together("logs", [True, None], ["log", "linear"])
+@run_cases("logs", [True, None], ["log", "linear"])
 def test_a_search_for_a_zero_ends_where_its_prior_does(logs: bool | None) -> None:
     """The record is of a rig with negative damping, so the less c_m the better, down to nothing."""
     prior = HalfNormal(2 * NOMINAL["c_m"])

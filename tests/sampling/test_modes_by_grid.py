@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.special import logsumexp
-from support.case_tables import for_each, together
+from support.case_tables import for_each, run_cases
 from support.small_problems import with_priors
 
 from bayesdrill.inference.laplace import LogDensity
@@ -55,7 +55,7 @@ def test_every_mode_is_found_with_its_mass(puzzles: dict[str, Puzzle], tmp_path:
 
 
 @SLOW
-@together("puzzle", EVERY)
+@run_cases("puzzle", EVERY)
 def test_a_grid_twice_as_fine_finds_the_same_masses(puzzle: Puzzle, tmp_path: Path) -> None:
     posterior = puzzle.load(tmp_path).job.problem.posterior
     here, finer = (puzzle.modes(posterior, n) for n in (1, 2))

@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 from support.case_tables import for_each
-from support.small_problems import measured, posterior
+from support.small_problems import noisy_step, posterior
 
 from bayesdrill.basics.progress import Silent
 from bayesdrill.sampling.convergence import Targets
@@ -26,7 +26,7 @@ PLAN = Plan(
 
 
 def run(backend: MemoryBackend) -> SamplingResult:
-    target = posterior(measured(SIGMA, n=60), SIGMA, free=("k_s", "j_1"))
+    target = posterior(noisy_step(SIGMA, n=60), SIGMA, free=("k_s", "j_1"))
     maximum = target.space.vector(target.space.start)[None]
     return sample(WorkerPool(target, 1), maximum, PLAN, backend, Silent())
 

@@ -7,7 +7,7 @@ import itertools
 
 import numpy as np
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.closed_form_densities import humps, ridged
 
 from bayesdrill.sampling.proposal import ridge_tracing
@@ -40,7 +40,7 @@ def far_and_near(found: RidgeMap, n: int = 12) -> np.ndarray:
     return np.random.default_rng(4).standard_normal((n, d)) * np.geomspace(0.5, 30.0, n)[:, None]
 
 
-@together("n_loose, n_tight", SHAPES)
+@run_cases("n_loose, n_tight", SHAPES)
 def test_bending_and_straightening_undo_each_other(n_loose: int, n_tight: int) -> None:
     """Mutant killed: the covariance's root taken at another point on the way back."""
     found = curved(n_loose, n_tight)
@@ -51,7 +51,7 @@ def test_bending_and_straightening_undo_each_other(n_loose: int, n_tight: int) -
     assert straightened == pytest.approx(bent, abs=1e-7)
 
 
-@together("n_loose, n_tight", SHAPES)
+@run_cases("n_loose, n_tight", SHAPES)
 def test_volumes_are_those_of_a_numerical_determinant(n_loose: int, n_tight: int) -> None:
     """Beyond the points of the fit too, where the ridge goes straight on.
 
@@ -118,7 +118,7 @@ def test_roots_are_those_of_the_inverse_curvature() -> None:
     assert white == pytest.approx(np.broadcast_to(np.eye(4), white.shape), abs=1e-6)
 
 
-@together(
+@run_cases(
     "seed, n_loose, n_tight",
     [(seed, *case) for seed in [1, 2] for case in [(1, 1), (1, 3), (2, 1), (2, 3)]],
 )

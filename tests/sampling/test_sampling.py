@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.closed_form_densities import Walled, humps, ridged
 from support.compiled_responses import SIGMA, seen
 from threadpoolctl import threadpool_info, threadpool_limits
@@ -74,7 +74,7 @@ def begun(seed: int, ensemble: int) -> State:
     return begin_walkers(target, learnt.proposal, N, seed, ensemble)
 
 
-@together("moves", [moves for name, moves in MOVES.items()])
+@run_cases("moves", [moves for name, moves in MOVES.items()])
 def test_ensembles_have_no_step_in_common(moves: dict[str, float]) -> None:
     """Proposals of their own, from starts of their own.
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 from support import known_chains
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.known_chains import Chains, sound
 
 from bayesdrill.basics import seeds
@@ -39,7 +39,7 @@ def reason(found: Convergence, kind: str) -> str:
     return text
 
 
-@together(
+@run_cases(
     "seed, shape", [(seed, shape) for seed in range(8) for shape in ["normal", "skewed", "flat"]]
 )
 def test_sound_chains_are_believed(seed: int, shape: str) -> None:
@@ -105,7 +105,7 @@ def test_a_walker_caught_in_a_lesser_maximum_is_found() -> None:
     assert "4 of 256 walkers" in reason(found, "lost")
 
 
-@together("second", [slice(0, 12), slice(0, 1)], ["12 of 32", "1 of 32"])
+@run_cases("second", [slice(0, 12), slice(0, 1)], ["12 of 32", "1 of 32"])
 def test_two_places_alike_in_all_ensembles_are_found_where_r_hat_is_blind(second: slice) -> None:
     """Mutant killed: walkers that never cross pass."""
     spoilt = sound(7)
@@ -167,7 +167,7 @@ def sampled(start: np.ndarray, steps: int = 700) -> Chains:
     return Chains(np.array([p.z for p in found]), np.array([p.log_p for p in found]))
 
 
-@together(
+@run_cases(
     "walkers, kind", [((0.0, 0.0), None), ((2000.0, 0.0), "two places"), ((0.0, 9.0), "stuck")]
 )
 def test_real_ensembles(walkers: tuple[float, float], kind: str | None) -> None:

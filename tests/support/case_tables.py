@@ -15,7 +15,7 @@ import pytest
 type Test = Callable[..., None]
 
 
-def together(
+def run_cases(
     names: str,
     cases: Iterable[Any],
     ids: Iterable[str] | Callable[[Any], object] = str,
@@ -29,7 +29,7 @@ def together(
     own, every = [name.strip() for name in names.split(",")], list(cases)
     assert every, "there are no cases"
     rows = [tuple(case) if len(own) > 1 else (case,) for case in every]
-    said = [", ".join(named(x, ids) for x in row) for row in rows] if callable(ids) else [*ids]
+    said = [", ".join(case_name(x, ids) for x in row) for row in rows] if callable(ids) else [*ids]
 
     def decorate(test: Test) -> Test:
         wanted = [name for name in inspect.signature(test).parameters if name not in own]
@@ -53,8 +53,8 @@ def together(
                 try:
                     one(row, str(number), given)
                 except (Exception, pytest.fail.Exception) as error:
-                    failures.append(f"{name}: {told(error)}")
-            tell(failures, len(rows))
+                    failures.append(f"{name}: {describe(error)}")
+            raise_failures(failures, len(rows))
 
         usual = inspect.Parameter.KEYWORD_ONLY
         asked_for = [inspect.Parameter(name, usual) for name in sorted(asked)]
@@ -72,23 +72,23 @@ def for_each(cases: Mapping[str, tuple[Any, ...]], check: Callable[..., None]) -
         try:
             check(*arguments)
         except (Exception, pytest.fail.Exception) as error:
-            failures.append(f"{name:.100}: {told(error)}")
-    tell(failures, len(cases))
+            failures.append(f"{name:.100}: {describe(error)}")
+    raise_failures(failures, len(cases))
 
 
-def tell(failures: list[str], count: int) -> None:
+def raise_failures(failures: list[str], count: int) -> None:
     if failures:
         listed = "\n".join(failures)
         raise AssertionError(f"{len(failures)} of {count} cases fail\n{listed}")
 
 
-def named(value: Any, ids: Callable[[Any], object]) -> str:
+def case_name(value: Any, ids: Callable[[Any], object]) -> str:
     """A value in the name of its case, in few words."""
     text = getattr(value, "name", getattr(value, "__name__", value)) if ids is str else ids(value)
     return str(text)[:60]
 
 
-def told(error: BaseException) -> str:
+def describe(error: BaseException) -> str:
     """What was raised, and by which lines of the tests."""
     frames = [f for f in traceback.extract_tb(error.__traceback__) if "/tests/" in f.filename]
     lines = [f"{Path(f.filename).name}:{f.lineno}" for f in frames if f.filename != __file__]

@@ -51,7 +51,7 @@ simulation: {duration: 5, rate: 20}
 
 
 @dataclass(frozen=True)
-class Ran:
+class CommandResult:
     status: int
     out: str
     err: str
@@ -61,7 +61,7 @@ class Ran:
         return self.out + self.err
 
 
-def cli(*arguments: str | Path, program: typer.Typer = app) -> Ran:
+def cli(*arguments: str | Path, program: typer.Typer = app) -> CommandResult:
     """A command line in this process; the handlers of signals are put back."""
     before = {number: signal.getsignal(number) for number in STOPPING}
     try:
@@ -71,10 +71,10 @@ def cli(*arguments: str | Path, program: typer.Typer = app) -> Ran:
             signal.signal(number, handler)
     if result.exception is not None and not isinstance(result.exception, SystemExit):
         raise result.exception
-    return Ran(result.exit_code, result.stdout, result.stderr)
+    return CommandResult(result.exit_code, result.stdout, result.stderr)
 
 
-def start(*arguments: str | Path, cwd: Path, **options: object) -> subprocess.Popen[str]:
+def start_process(*arguments: str | Path, cwd: Path, **options: object) -> subprocess.Popen[str]:
     """`python -m bayesdrill ...` as a process of its own, not stopped with this one."""
     command = [sys.executable, "-m", "bayesdrill", *map(str, arguments)]
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "MPLBACKEND": "agg", "COLUMNS": "200"}
@@ -95,10 +95,10 @@ def _hear_all() -> None:
         signal.signal(number, signal.SIG_DFL)
 
 
-def run(*arguments: str | Path, cwd: Path, seconds: float = 60) -> Ran:
-    process = start(*arguments, cwd=cwd)
+def run_process(*arguments: str | Path, cwd: Path, seconds: float = 60) -> CommandResult:
+    process = start_process(*arguments, cwd=cwd)
     out, err = process.communicate(timeout=seconds)
-    return Ran(process.returncode, out, err)
+    return CommandResult(process.returncode, out, err)
 
 
 @functools.cache
@@ -109,7 +109,7 @@ def small_record() -> str:
     return simulation.simulate(loading.validate(parse(Path("small.yaml"), SMALL)), seed=7)
 
 
-def small(folder: Path, *changes: tuple[str, str], name: str = "small.yaml") -> Path:
+def small_config(folder: Path, *changes: tuple[str, str], name: str = "small.yaml") -> Path:
     """The small experiment in `folder`, its config changed by replacements of text that stands in it."""
     text = SMALL
     for old, new in changes:
@@ -121,7 +121,7 @@ def small(folder: Path, *changes: tuple[str, str], name: str = "small.yaml") -> 
     return folder / name
 
 
-def simulated(config: Path) -> None:
+def simulate_again(config: Path) -> None:
     """Another record in the place of the small one, which is never overwritten."""
     (config.parent / "small.csv").unlink()
     done = cli("simulate", config)
@@ -141,7 +141,7 @@ def _content(path: Path) -> object:
     return path.read_bytes() if path.is_file() else oct(path.lstat().st_mode)
 
 
-def results(folder: Path, kind: output_files.Kind) -> Path:
+def write_results(folder: Path, kind: output_files.Kind) -> Path:
     """A folder in which a run of this kind has been, with every file that it may write."""
     with Folder(folder, "fresh", {}, kind) as run:
         run.begin(status="finished")

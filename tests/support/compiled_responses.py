@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from support.scipy_oracles import NOMINAL
-from support.small_problems import experiment, measured, posterior, vector
+from support.small_problems import experiment, noisy_step, posterior, vector
 
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.rig.models.motor_shaft import MotorShaft
@@ -21,7 +21,7 @@ MEASURED = {"step": {}, "zero-order hold": {"v"}, "first-order hold": {"t_1"}}  
 def response(name: str) -> Response:
     """Of a step, or with one input measured and the first sample later than the start."""
     if name == "step":
-        return Response(MotorShaft(), measured(SIGMA, n=60))
+        return Response(MotorShaft(), noisy_step(SIGMA, n=60))
     rng, n = np.random.default_rng(8), 60
     series = {"v": 6.0 + rng.standard_normal(n), "t_1": 0.05 * rng.standard_normal(n)}
     record = experiment(

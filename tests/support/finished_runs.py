@@ -20,14 +20,14 @@ def posterior(
     name: str,
     *changes: tuple[str, str],
     causes: bool = True,
-) -> command_line.Ran:
+) -> command_line.CommandResult:
     """Put config, record and results of `bayesdrill posterior` into `place`; return what it said.
 
     The results are in the folder `name`, the config in `name`.yaml.  The first worker that needs a
     config makes its run, while others wait; the run of another config is another one.  Without
     `causes` those of a bad fit are not ranked, which takes a minute.
     """
-    text = command_line.small(place, *changes, name=f"{name}.yaml").read_bytes()
+    text = command_line.small_config(place, *changes, name=f"{name}.yaml").read_bytes()
     shared = factory.getbasetemp()
     if "PYTEST_XDIST_WORKER" in os.environ:  # each worker has a folder of its own in that of all
         shared = shared.parent
@@ -36,7 +36,7 @@ def posterior(
     with (made / "lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not (made / "status").exists():
-            config = command_line.small(made, *changes)
+            config = command_line.small_config(made, *changes)
             with pytest.MonkeyPatch.context() as patch:
                 if not causes:
                     patch.setattr(conclusions, "causes", lambda *_: None)
@@ -49,4 +49,4 @@ def posterior(
         (made / f"{part}.txt").read_text("utf-8").replace(str(made / "out"), str(place / name))
         for part in ("out", "err")
     )
-    return command_line.Ran(int((made / "status").read_text()), out, err)
+    return command_line.CommandResult(int((made / "status").read_text()), out, err)

@@ -23,7 +23,7 @@ def quoted(text: str) -> str:
 
 def small(folder: Path) -> Path:
     """The small experiment; unknowns are called as entities of HTML are."""
-    config = command_line.small(
+    config = command_line.small_config(
         folder,
         ("file: small.csv", f"file: {quoted(FILE)}"),
         ("column: theta_1", f"column: {quoted(COLUMNS['theta_1'])}"),

@@ -123,7 +123,7 @@ class Bent(Target):
 
     def parts(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The loose variables, the tight ones in standard deviations, and log det of their root."""
-        psi, tau = np.split(self.unmix(x), [loose(x.shape[1])], axis=1)
+        psi, tau = np.split(self.unmix(x), [count_loose(x.shape[1])], axis=1)
         place, spread, owed = self.curve(np.clip(psi, -20.0, 20.0), tau.shape[1])
         e = (tau - place) / spread
         for j in range(1, e.shape[1]):
@@ -132,10 +132,10 @@ class Bent(Target):
 
     def draw(self, n: int, d: int, rng: np.random.Generator) -> np.ndarray:
         share = self._mass(np.array(self.ends))
-        psi = share[0] + rng.random((n, loose(d))) * (share[1] - share[0])
+        psi = share[0] + rng.random((n, count_loose(d))) * (share[1] - share[0])
         psi = np.log(scipy.special.gammaincinv(self.shape, psi))
         least = ndtr(self.least)
-        e = ndtri(least + (1.0 - least) * rng.random((n, d - loose(d))))
+        e = ndtri(least + (1.0 - least) * rng.random((n, d - count_loose(d))))
         place, spread, owed = self.curve(psi, e.shape[1])
         tau = place + spread * e + owed * np.roll(e, 1, axis=1)
         return self.mix(np.concatenate([psi, tau], axis=1))
@@ -157,7 +157,7 @@ class Bent(Target):
 
     def ridges(self, d: int) -> list[RidgeMap]:
         """Its own, nearly, and once more in other units, as far as a lower degree goes."""
-        rng, n = np.random.default_rng(3), loose(d)
+        rng, n = np.random.default_rng(3), count_loose(d)
         psi = np.log(rng.gamma(self.shape, size=(600, n)))
         place, spread, owed = self.curve(psi, d - n)
         root = spread[:, :, None] * np.eye(d - n)
@@ -203,7 +203,7 @@ class Boxed(Target):
 
 
 @dataclass(frozen=True)
-class Humps(Target):
+class TwoModes(Target):
     """Two round humps, mixed: the first of weight 0.3, and the other twice as wide."""
 
     first: ClassVar[float] = 0.3
@@ -239,14 +239,14 @@ class Humps(Target):
         return [waved(np.array(self.centre[:d]), whole, 0.2), waved(far, self.wide * whole, -0.2)]
 
 
-def loose(d: int) -> int:
+def count_loose(d: int) -> int:
     """How many of `d` variables the tight ones follow."""
     return (d + 1) // 3
 
 
 def waved(centre: np.ndarray, columns: np.ndarray, bend: float) -> RidgeMap:
     """A ridge that bends in all its directions, and whose root changes along it."""
-    d, n = len(centre), loose(len(centre))
+    d, n = len(centre), count_loose(len(centre))
     psi = np.random.default_rng(5).standard_normal((300, n))
     tau = bend * np.repeat((psi**2).sum(axis=1)[:, None], d - n, axis=1)
     root = np.exp(bend * psi.sum(axis=1))[:, None, None] * (
@@ -268,5 +268,5 @@ TARGETS = {
     "bent": Bent(),
     "cut": Bent(ends=(0.2, 1.5), least=-1.0),
     "boxed": Boxed(),
-    "humps": Humps(),
+    "humps": TwoModes(),
 }

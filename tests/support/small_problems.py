@@ -28,7 +28,7 @@ from bayesdrill.rig.simulators.linear import Response
 STATES = ("theta_1", "theta_2", "w_1", "w_2", "i")
 
 
-class Held(MotorShaft):
+class UnevenShaft(MotorShaft):
     """A rig that its angles hold, but where j_m and j_1 are alike: its shaft pulls unevenly."""
 
     def linear(self, p: Named) -> Linear:
@@ -72,7 +72,7 @@ def vector(p: dict[str, float]) -> np.ndarray:
     return np.array([p[name] for name in ORDER])
 
 
-def measured(sigma: np.ndarray, n: int = 301, dt: float = 0.01, seed: int = 5) -> Experiment:
+def noisy_step(sigma: np.ndarray, n: int = 301, dt: float = 0.01, seed: int = 5) -> Experiment:
     """Four channels of the nominal rig after an 8 V step, with noise `sigma (4,)`."""
     four = {name: {name: 1.0} for name in STATES[:4]}
     clean = Response(MotorShaft(), experiment(n, dt, measures=four)).signals(vector(NOMINAL)[None])[
@@ -158,7 +158,7 @@ def unknown(name: str, prior: Prior, transform: Transform | None = None) -> Unkn
     return Unknown(symbol=symbol, role="quantity", prior=prior, start=begin, transform=transform)
 
 
-def starting(target: Posterior, start: Mapping[str, float]) -> Posterior:
+def with_start(target: Posterior, start: Mapping[str, float]) -> Posterior:
     """The same, where searches for the MAP begin elsewhere."""
     changed = (replace(u, start=start.get(u.name, u.start)) for u in target.space.unknowns)
     return replace(target, space=replace(target.space, unknowns=tuple(changed)))
@@ -170,7 +170,9 @@ def with_priors(space: ParameterSpace, priors: Mapping[str, Prior]) -> Parameter
     return replace(space, unknowns=tuple(changed))
 
 
-def near(posterior: Posterior, theta: np.ndarray, n: int, rng: np.random.Generator) -> np.ndarray:
+def points_near(
+    posterior: Posterior, theta: np.ndarray, n: int, rng: np.random.Generator
+) -> np.ndarray:
     """`(n, D)` points of finite posterior around `theta (D,)`, in the sampler's coordinates."""
     centre = posterior.coordinates.from_physical(theta[None])[0]
     steps = laplace.matrix_root(laplace.covariance(posterior, theta))

@@ -108,7 +108,7 @@ def write(folder: Path, *changes: tuple[str, str], text: str = PAIR) -> Path:
 
 
 @functools.cache
-def rich() -> Job:
+def rich_job() -> Job:
     """With samples missing in the twist of the first experiment."""
     with tempfile.TemporaryDirectory() as place:
         config = write(Path(place), text=RICH)

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support import command_line
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.document_blocks import ROOT
 from support.unexplained_records import write
 
@@ -23,7 +23,7 @@ there = pytest.mark.skipif(not SMALL.is_dir(), reason="records that do not come 
 SECONDS = 60.0  # that the slowest may take on two processors
 
 
-def mapped(name: str, config: str = "config.yaml", *options: str) -> command_line.Ran:
+def mapped(name: str, config: str = "config.yaml", *options: str) -> command_line.CommandResult:
     return command_line.cli("map", SMALL / name / config, *(options or ("--processes", "1")))
 
 
@@ -52,7 +52,7 @@ def test_a_slow_clock_is_found() -> None:
 
 @there
 @pytest.mark.slow
-@together("name", ["lag_undriven", "lag_of_only_channel"])
+@run_cases("name", ["lag_undriven", "lag_of_only_channel"])
 def test_no_lag_is_said_of_the_only_channel_of_a_free_swing(name: str) -> None:
     config = {"lag_undriven": "config.yaml", "lag_of_only_channel": "drop.yaml"}[name]
     out = mapped(name, config).out
@@ -190,7 +190,7 @@ def test_a_prior_that_ends_too_early_is_widened(name: str, tmp_path: Path) -> No
 
 def test_a_config_is_written_once_and_never_over_what_is_read(tmp_path: Path) -> None:
     """Mutants killed: the config itself, a file that is there, a name of another kind."""
-    config = command_line.small(tmp_path)
+    config = command_line.small_config(tmp_path)
     before = command_line.listing(tmp_path)
     other = tmp_path / "there.yaml"
     other.write_text("mine: 1\n")

@@ -11,7 +11,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 from arviz_stats.base import array_stats
-from support.small_problems import near
+from support.small_problems import points_near
 
 from bayesdrill.basics import seeds
 from bayesdrill.basics.progress import Silent
@@ -72,7 +72,7 @@ class ByRatios:
 
 def long_run(posterior: Posterior, start: np.ndarray, ensemble: int) -> np.ndarray:
     """`(kept, W, D)` physical draws."""
-    z = near(posterior, start, WALKERS, seeds.stream(77, "start", ensemble))
+    z = points_near(posterior, start, WALKERS, seeds.stream(77, "start", ensemble))
     state = State(z, posterior(z), seeds.legacy_state(77, "walk", ensemble))
     kept = []
     for step in range(0, STEPS, 1000):

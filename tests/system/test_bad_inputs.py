@@ -17,7 +17,7 @@ import pytest
 from ruamel.yaml import YAML
 from scipy.io import savemat
 from support import command_line
-from support.case_tables import together
+from support.case_tables import run_cases
 
 K_E = "k_e: {prior: uniform, low: 0.5, high: 1.5, relative: true}"
 J_1 = "j_1: {prior: uniform, low: 0.5, high: 1.5, relative: true}"
@@ -148,7 +148,7 @@ def make(folder: Path, case: dict[str, Any]) -> None:
     if "mat" in case:
         changes.append(("file: small.csv", "file: small.mat"))
         changes += [(f"{{column: {x},", f"{{variable: {x},") for x in ("t", "theta_1", "w_1")]
-    command_line.small(folder, *changes)
+    command_line.small_config(folder, *changes)
     for name in SPOIL.keys() & case.keys():
         SPOIL[name](folder, case[name])
 
@@ -167,7 +167,7 @@ def label(folder: Path, at: str | None) -> str:
     return f"small.yaml:{found[0]}:"
 
 
-def assert_a_message(ran: command_line.Ran) -> None:
+def assert_a_message(ran: command_line.CommandResult) -> None:
     """Status 2, and on stderr what fits one screen; nothing on stdout."""
     assert ran.status == 2, ran.text
     assert ran.out == ""
@@ -183,7 +183,7 @@ def test_the_cases_are_many_and_named_once() -> None:
 
 
 def test_the_good_experiment_passes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    command_line.small(tmp_path)
+    command_line.small_config(tmp_path)
     monkeypatch.chdir(tmp_path)
     before = command_line.listing(tmp_path)
     ran = command_line.cli("check", "small.yaml")
@@ -192,7 +192,7 @@ def test_the_good_experiment_passes(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert command_line.listing(tmp_path) == before
 
 
-@together("case", CASES, ids=lambda case: case["name"])
+@run_cases("case", CASES, ids=lambda case: case["name"])
 def test_a_mistake_is_named_with_its_place_and_a_way_out(
     case: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -227,7 +227,7 @@ def test_a_mistake_ends_a_real_process_without_a_traceback(name: str, tmp_path: 
     (case,) = (case for case in CASES if case["name"] == name)
     make(tmp_path, case)
     before = command_line.listing(tmp_path)
-    ran = command_line.run("posterior", "small.yaml", cwd=tmp_path)
+    ran = command_line.run_process("posterior", "small.yaml", cwd=tmp_path)
     assert_a_message(ran)
     assert ran.err.startswith(label(tmp_path, case.get("at")))
     assert command_line.listing(tmp_path) == before
@@ -236,7 +236,7 @@ def test_a_mistake_ends_a_real_process_without_a_traceback(name: str, tmp_path: 
 def test_all_mistakes_of_a_config_come_at_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    command_line.small(
+    command_line.small_config(
         tmp_path,
         ("seed: 7", "seed: -7\nsampelr: {}"),
         ("unit: s}", "unit: V}"),
@@ -281,7 +281,7 @@ def test_all_mistakes_of_a_config_come_at_once(
 def test_more_mistakes_than_a_screen_holds_are_counted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    command_line.small(
+    command_line.small_config(
         tmp_path, ("seed: 7", "\n".join(["seed: 7", *(f"x_{i}: 1" for i in range(40))]))
     )
     monkeypatch.chdir(tmp_path)
@@ -293,7 +293,7 @@ def test_more_mistakes_than_a_screen_holds_are_counted(
 def test_all_mistakes_of_a_record_come_at_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    command_line.small(
+    command_line.small_config(
         tmp_path, ("{column: theta_1", "{column: theta1"), ("v: 8.0", "v: {column: u, unit: V}")
     )
     cells(tmp_path, (5, 0, "nan"), (6, 2, "nan"))
@@ -305,7 +305,7 @@ def test_all_mistakes_of_a_record_come_at_once(
 
 
 # Each of these entries is needed: without it, a mistake elsewhere has to be found all the same.
-@together(
+@run_cases(
     "change",
     [
         ("name: small\n", ""),
@@ -323,7 +323,7 @@ def test_all_mistakes_of_a_record_come_at_once(
 def test_a_spoilt_entry_hides_no_mistake_elsewhere(
     change: tuple[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    command_line.small(tmp_path, change, prior("prior: uniform, low: 0.09, high: 0.03"))
+    command_line.small_config(tmp_path, change, prior("prior: uniform, low: 0.09, high: 0.03"))
     monkeypatch.chdir(tmp_path)
     ran = command_line.cli("check", "small.yaml")
     assert_a_message(ran)
@@ -334,7 +334,9 @@ def test_a_spoilt_entry_hides_no_mistake_elsewhere(
 def test_a_missing_time_hides_no_other_missing_column(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    command_line.small(tmp_path, ("column: t,", "column: time,"), ("column: w_1", "column: w1"))
+    command_line.small_config(
+        tmp_path, ("column: t,", "column: time,"), ("column: w_1", "column: w1")
+    )
     monkeypatch.chdir(tmp_path)
     ran = command_line.cli("check", "small.yaml")
     assert_a_message(ran)
@@ -342,7 +344,7 @@ def test_a_missing_time_hides_no_other_missing_column(
     assert "no column 'w1'" in ran.err
 
 
-@together(
+@run_cases(
     "arguments",
     [
         ["chek"],
@@ -365,7 +367,7 @@ def test_a_missing_time_hides_no_other_missing_column(
 def test_misuse_of_the_command_line_costs_nothing(
     arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    command_line.small(tmp_path)
+    command_line.small_config(tmp_path)
     monkeypatch.chdir(tmp_path)
     before = command_line.listing(tmp_path)
     ran = command_line.cli(*arguments)
@@ -374,6 +376,6 @@ def test_misuse_of_the_command_line_costs_nothing(
 
 
 def test_a_config_given_with_its_folder_names_the_folder(tmp_path: Path) -> None:
-    config = command_line.small(tmp_path / "rig", ("k_T: nominal", "k_t: nominal"))
+    config = command_line.small_config(tmp_path / "rig", ("k_T: nominal", "k_t: nominal"))
     ran = command_line.cli("check", os.path.relpath(config))
     assert ran.err.startswith(f"{os.path.relpath(config)}:15: ")

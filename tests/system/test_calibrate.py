@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support import command_line
-from support.case_tables import together
+from support.case_tables import run_cases
 
 from bayesdrill import output_files
 from bayesdrill.analysis.calibration import CalibrationStudy, refit
@@ -69,7 +69,7 @@ def here(config: Path, folder: Path, how: str = "fresh", report: object = None) 
             pool.shutdown(cancel_futures=True)
 
 
-def command(config: Path, folder: Path, *options: str) -> command_line.Ran:
+def command(config: Path, folder: Path, *options: str) -> command_line.CommandResult:
     return command_line.cli("calibrate", config, "-o", folder, "--processes", "1", *options)
 
 
@@ -97,7 +97,7 @@ class Done:
 def done(tmp_path_factory: pytest.TempPathFactory) -> Done:
     """A finished calibration of a tiny config; tests copy it, or leave it as it is."""
     place = tmp_path_factory.mktemp("done")
-    config = command_line.small(place, *TINY)
+    config = command_line.small_config(place, *TINY)
     here(config, place / "out")
     return Done(config, place / "out")
 
@@ -169,7 +169,7 @@ def test_a_calibration_leaves_a_complete_folder_and_nothing_else(done: Done) -> 
     assert "at most 1 %" in summary
 
 
-@together(
+@run_cases(
     "change",
     [
         {"ranks": [0, 0, 20]},  # of 19 draws
@@ -235,7 +235,7 @@ def test_results_are_neither_overwritten_nor_mixed(copy: Done) -> None:
     assert command_line.listing(copy.folder) == before
 
 
-@together(
+@run_cases(
     "changes, told",
     [
         ([("ess: 50,", "ess: 18,")], "18 effective draws do not hold 19 independent ones"),
@@ -246,7 +246,7 @@ def test_results_are_neither_overwritten_nor_mixed(copy: Done) -> None:
 def test_a_calibration_that_cannot_be_is_refused(
     changes: list[tuple[str, str]], told: str, tmp_path: Path
 ) -> None:
-    config = command_line.small(tmp_path, *TINY)
+    config = command_line.small_config(tmp_path, *TINY)
     for old, new in (*changes, ("max_steps: 500", "max_steps: 5000")):
         change(config, old, new)
     ran = command(config, tmp_path / "out")
@@ -295,7 +295,7 @@ def test_processes_that_are_stopped_lose_nothing(
 ) -> None:
     folder = tmp_path / "out"
     arguments = ("calibrate", done.config, "-o", folder, "--processes", "2")
-    process = command_line.start(*arguments, cwd=tmp_path)
+    process = command_line.start_process(*arguments, cwd=tmp_path)
     started.append(process)
     end = time.monotonic() + 60
     while len(list((folder / ".refits").glob("*.json"))) < 3 and time.monotonic() < end:
@@ -312,7 +312,7 @@ def test_processes_that_are_stopped_lose_nothing(
         assert process.returncode == 130, err
         assert "continue with --resume" in err
         assert run_of(folder)["status"] == "interrupted"
-    ran = command_line.run(*arguments, "--resume", cwd=tmp_path)
+    ran = command_line.run_process(*arguments, "--resume", cwd=tmp_path)
     assert ran.status in (0, 3), ran.text
     assert (folder / "ranks.csv").read_bytes() == done.ranks
 
@@ -353,7 +353,7 @@ def test_a_scheduler_that_is_not_there_is_named(done: Done, tmp_path: Path) -> N
         ("tcp://no.such.host:8786", "no scheduler answers at tcp://no.such.host:8786"),
     ):
         arguments = ("calibrate", done.config, "-o", "out", "--scheduler", address)
-        ran = command_line.run(*arguments, cwd=tmp_path)
+        ran = command_line.run_process(*arguments, cwd=tmp_path)
         assert (ran.status, "Traceback" in ran.text) == (2, False), ran.text
         assert told in ran.err
         assert len(ran.err.splitlines()) == 1, ran.err

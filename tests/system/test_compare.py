@@ -149,7 +149,7 @@ def test_stretches_that_cannot_be_held_out_are_refused(tmp_path: Path) -> None:
         ("[7, 8]", "no sample lies in it"),
         ("[0, 5]", "leaves nothing of a channel"),
     ):
-        config = command_line.small(tmp_path, (AWAY[0], f"{AWAY[0]}\n  held_out: {entry}"))
+        config = command_line.small_config(tmp_path, (AWAY[0], f"{AWAY[0]}\n  held_out: {entry}"))
         ran = command_line.cli("check", config)
         assert ran.status == 2, entry
         assert says in ran.err, ran.err

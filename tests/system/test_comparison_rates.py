@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from support.case_tables import together
+from support.case_tables import run_cases
 
 from bayesdrill.config.job import Job
 from bayesdrill.inference.laplace import LogDensity
@@ -29,13 +29,13 @@ def named(kind: Kind, records: int) -> int:
 
 
 @pytest.mark.slow
-@together("kind", KINDS, ids=[kind.name for kind in KINDS])
+@run_cases("kind", KINDS, ids=[kind.name for kind in KINDS])
 def test_what_is_wrong_is_named(kind: Kind) -> None:
     assert named(kind, compare.RECORDS) >= RATE * compare.RECORDS
 
 
 @pytest.mark.slow
-@together("kind", KINDS[::3], ids=[kind.name for kind in KINDS[::3]])
+@run_cases("kind", KINDS[::3], ids=[kind.name for kind in KINDS[::3]])
 def test_one_record_of_a_kind_tells_it_already(kind: Kind) -> None:
     """Mutant killed: a noise that is held against all of the same rig."""
     assert named(kind, 1) == 1

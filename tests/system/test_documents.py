@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 from ruamel.yaml import YAML
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.document_blocks import (
     DOCS,
     DOCUMENTS,
@@ -256,7 +256,7 @@ ANY_CHANNEL = {"theta_1": {"column": "a", "unit": "rad", "sigma": 0.1}}
 COMPLETED = [block for page in ("record", "rigs") for block in blocks(DOCS / f"{page}.md", "yaml")]
 
 
-@together("block", COMPLETED)
+@run_cases("block", COMPLETED)
 def test_every_block_of_the_pages_on_records_and_rigs_is_valid(block: str, tmp_path: Path) -> None:
     """Completed with what it leaves out."""
     yaml = YAML(typ="safe")

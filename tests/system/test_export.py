@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from support.array_cases import run as sampled_run
-from support.case_tables import together
+from support.case_tables import run_cases
 
 import bayesdrill as bd
 from bayesdrill.rig.models.linear import dynamics
@@ -93,7 +93,7 @@ def test_command_writes_and_refuses(run, tmp_path, capsys):
         bd.export(folder, "json", tmp_path / "none" / "rig.json")
 
 
-@together("reserved", ["world", "base"])
+@run_cases("reserved", ["world", "base"])
 def test_a_part_may_be_called_what_simulators_have_themselves(reserved: str) -> None:
     """The body has another name then, which no other part has; its joint keeps its own."""
     rig = bd.Train(inertias=(reserved, f"{reserved}_body"), drives={reserved: "torque"})

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from support import command_line, finished_runs
-from support.case_tables import together
+from support.case_tables import run_cases
 from typer.main import get_command
 
 from bayesdrill import output_files
@@ -24,7 +24,7 @@ RECORD_IN_OUT = ("file: small.csv", "file: out/{name}")
 def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A rig with runs of it that other commands read."""
     place = tmp_path_factory.mktemp("rig")
-    config = command_line.small(place)
+    config = command_line.small_config(place)
     (place / "sheet.yaml").write_text(SHEET)
     for name, changes in (("posterior_run", ()), ("other", (("seed: 7", "seed: 8"),))):
         ran = finished_runs.posterior(tmp_path_factory, place, name, *changes)
@@ -81,7 +81,7 @@ def untouched(home: Path, files: list[Path]) -> Callable[[], None]:
     return check
 
 
-@together("command", [*get_command(app).commands], home=copied)  # type: ignore[attr-defined]
+@run_cases("command", [*get_command(app).commands], home=copied)  # type: ignore[attr-defined]
 def test_an_output_is_never_a_file_that_a_command_reads(
     command: str, done: Path, tmp_path: Path, home: Path
 ) -> None:
@@ -100,7 +100,7 @@ def test_an_output_is_never_a_file_that_a_command_reads(
             hard.unlink()
 
 
-@together(
+@run_cases(
     "command, names",
     [
         ("map", ["map.csv", "prediction.csv", "report.html", "config.yaml"]),
@@ -133,7 +133,9 @@ def test_a_folder_of_results_never_replaces_the_record_of_its_config(
         before = record.read_bytes() if record.exists() else None
         record.write_text(command_line.small_record())
         entry = f"file: out/{name}\n  format: csv"
-        config = command_line.small(home, quick, ("file: small.csv", entry), name="quick.yaml")
+        config = command_line.small_config(
+            home, quick, ("file: small.csv", entry), name="quick.yaml"
+        )
         kept = untouched(home, [record])
         ran = command_line.cli(command, config, "-o", out, "--force", *options)
         assert ran.status == 2, ran.text
@@ -144,7 +146,9 @@ def test_a_folder_of_results_never_replaces_the_record_of_its_config(
 
 
 def test_a_figure_of_a_rig_is_never_the_record_itself(tmp_path: Path) -> None:
-    config = command_line.small(tmp_path, ("file: small.csv", "file: small.svg\n  format: csv"))
+    config = command_line.small_config(
+        tmp_path, ("file: small.csv", "file: small.svg\n  format: csv")
+    )
     (tmp_path / "small.svg").write_text(command_line.small_record())
     kept = untouched(tmp_path, [tmp_path / "small.svg"])
     ran = command_line.cli("check", config, "--figure", tmp_path / "small.svg")

@@ -10,7 +10,7 @@ import pytest
 from scipy.special import logsumexp
 from scipy.stats import norm
 from support import command_line
-from support.case_tables import together
+from support.case_tables import run_cases
 
 import bayesdrill as bd
 from bayesdrill.analysis.prediction import held_out
@@ -120,7 +120,7 @@ def test_models_are_compared_by_what_they_predict_of_it(records: Path, tmp_path:
     assert "held out as a whole" in refused.err
 
 
-@together(
+@run_cases(
     "changes, said",
     [
         (

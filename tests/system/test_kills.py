@@ -65,14 +65,14 @@ def ended(process: subprocess.Popen[str], *, whole_group: bool) -> None:
 
 def start(config: Path, folder: Path, options: list[str]) -> subprocess.Popen[str]:
     arguments = ("posterior", config, "-o", folder, *options)
-    return command_line.start(*arguments, cwd=config.parent, stdout=subprocess.DEVNULL)
+    return command_line.start_process(*arguments, cwd=config.parent, stdout=subprocess.DEVNULL)
 
 
 @pytest.mark.slow
 def test_twenty_kills_in_a_row_cost_nothing(tmp_path: Path) -> None:
     """kill -9 of the parent alone or of all its processes; every resume goes on, and the chain and
     the draws are those of a run that was left in peace."""
-    config = command_line.small(tmp_path, LONG, DRAWN)
+    config = command_line.small_config(tmp_path, LONG, DRAWN)
     peace, folder = tmp_path / "peace", tmp_path / "killed"
     assert command_line.cli("posterior", config, "-o", peace, "--processes", "1").status == 3
     rng = np.random.default_rng(20)
@@ -100,7 +100,9 @@ def test_twenty_kills_in_a_row_cost_nothing(tmp_path: Path) -> None:
             os.killpg(process.pid, signal.SIGKILL)
         # A run that was killed before it wrote anything may also just be begun again.
         options = ["--resume"] if begun or kill % 4 else []
-    ran = command_line.run("posterior", config, "-o", folder, "--resume", cwd=tmp_path, seconds=120)
+    ran = command_line.run_process(
+        "posterior", config, "-o", folder, "--resume", cwd=tmp_path, seconds=120
+    )
     assert ran.status == 3, ran.text
     assert len({line.split(" +")[0] for line in log}) >= 7
     for k in range(4):
@@ -125,7 +127,7 @@ def test_twenty_kills_in_a_row_cost_nothing(tmp_path: Path) -> None:
 
 def test_what_a_killed_run_leaves_behind_is_taken_away_in_silence(tmp_path: Path) -> None:
     """Its semaphores, once its workers have ended: on the terminal where it is resumed by then."""
-    config, folder = command_line.small(tmp_path, LONG), tmp_path / "killed"
+    config, folder = command_line.small_config(tmp_path, LONG), tmp_path / "killed"
     process = start(config, folder, ["--processes", "2"])
     end = time.monotonic() + 60
     while pieces(folder) < 2 and process.poll() is None and time.monotonic() < end:
@@ -155,13 +157,13 @@ def workers(leader: int) -> list[int]:
 def test_a_worker_that_is_killed_ends_in_a_message(
     command: str, tmp_path: Path, started: list[subprocess.Popen[str]]
 ) -> None:
-    config, folder = command_line.small(tmp_path, DRAWN), tmp_path / "out"
+    config, folder = command_line.small_config(tmp_path, DRAWN), tmp_path / "out"
     saves = command in ("posterior", "calibrate")
     if command == "report":
         assert command_line.cli("posterior", config, "-o", folder, "--processes", "1").status == 0
     target = folder if command == "report" else config
     options = ["-o", folder] if saves else []
-    process = command_line.start(
+    process = command_line.start_process(
         *command.split(), target, *options, "--processes", "2", cwd=tmp_path
     )
     started.append(process)
@@ -211,8 +213,10 @@ def test_whatever_stops_a_run_it_ends_and_can_go_on(
     tmp_path: Path,
     started: list[subprocess.Popen[str]],
 ) -> None:
-    config, folder = command_line.small(tmp_path, LONG), tmp_path / "out"
-    process = command_line.start(command, config, "-o", folder, "--processes", "2", cwd=tmp_path)
+    config, folder = command_line.small_config(tmp_path, LONG), tmp_path / "out"
+    process = command_line.start_process(
+        command, config, "-o", folder, "--processes", "2", cwd=tmp_path
+    )
     started.append(process)
     end = time.monotonic() + 60
     while len(workers(process.pid)) < 2 and time.monotonic() < end:

@@ -121,7 +121,7 @@ def test_a_thing_that_is_worth_nothing_alone_is_tried_beside_the_best(tmp_path: 
     Mutants killed: a ranking that ends with pairs; one that goes on where only noise is left; one in
     which a missing torque, that absorbs anything, keeps friction out or is recommended.
     """
-    job = prepare(command_line.small(tmp_path, ("walkers: 8", "walkers: 24")))
+    job = prepare(command_line.small_config(tmp_path, ("walkers: 8", "walkers: 24")))
     template = refit_candidate(job.problem.posterior, job.problem.posterior.space.start, -math.inf)
     assert template is not None
     worth = {"missing_torque_motor": 120.0, "friction_motor": 50.0, "friction_both": 100.0}
@@ -235,7 +235,7 @@ def test_nothing_is_overwritten_unasked(done: Done, tmp_path: Path) -> None:
 
 
 def test_a_config_that_is_wrong_is_refused_before_anything_is_written(tmp_path: Path) -> None:
-    config = command_line.small(tmp_path, ("k_s: nominal", "k_s: nominall"))
+    config = command_line.small_config(tmp_path, ("k_s: nominal", "k_s: nominall"))
     ran = command_line.cli("ladder", config, "-o", tmp_path / "out")
     assert ran.status == 2
     assert "parameters.k_s" in ran.err

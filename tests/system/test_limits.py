@@ -11,15 +11,15 @@ import h5py
 import numpy as np
 import pytest
 from support import command_line, forked_command
-from support.case_tables import together
+from support.case_tables import run_cases
 
 from bayesdrill.record.formats import matlab
 
 SECONDS = 15.0
 
 
-@together("command", ["check", "init", "verify", "simulate"])
-@together("behind", ["a device", "a pipe", "a link to a pipe"])
+@run_cases("command", ["check", "init", "verify", "simulate"])
+@run_cases("behind", ["a device", "a pipe", "a link to a pipe"])
 def test_what_has_no_end_is_no_config_and_no_record(
     behind: str, command: str, tmp_path: Path
 ) -> None:
@@ -41,7 +41,9 @@ def test_what_has_no_end_is_no_config_and_no_record(
 
 def test_standard_input_is_no_record(tmp_path: Path) -> None:
     """A pipe that nobody writes to, and nobody closes."""
-    config = command_line.small(tmp_path, ("file: small.csv", "file: /dev/stdin\n  format: csv"))
+    config = command_line.small_config(
+        tmp_path, ("file: small.csv", "file: /dev/stdin\n  format: csv")
+    )
     out, into = os.pipe()
     before = os.dup(0)
     try:
@@ -76,7 +78,7 @@ def test_groups_that_hold_each_other_twice_are_walked_once(tmp_path: Path) -> No
 
 
 def test_times_of_a_clock_ask_for_the_initial_time(tmp_path: Path) -> None:
-    config = command_line.small(tmp_path)
+    config = command_line.small_config(tmp_path)
     first, *rows = (tmp_path / "small.csv").read_text().splitlines()
     moved = [f"{float(t) + 1.7e9:.3f},{more}" for t, more in (row.split(",", 1) for row in rows)]
     (tmp_path / "small.csv").write_text("\n".join([first, *moved]) + "\n")
@@ -87,7 +89,7 @@ def test_times_of_a_clock_ask_for_the_initial_time(tmp_path: Path) -> None:
 
 
 def test_a_header_that_is_a_comment_is_named(tmp_path: Path) -> None:
-    config = command_line.small(tmp_path)
+    config = command_line.small_config(tmp_path)
     text = (tmp_path / "small.csv").read_text()
     (tmp_path / "small.csv").write_text(f"# {text}")
     ran = command_line.cli("check", config)
@@ -96,7 +98,7 @@ def test_a_header_that_is_a_comment_is_named(tmp_path: Path) -> None:
 
 
 def test_two_samples_are_a_record(tmp_path: Path) -> None:
-    config = command_line.small(tmp_path)
+    config = command_line.small_config(tmp_path)
     rows = (tmp_path / "small.csv").read_text().splitlines()[:3]
     (tmp_path / "small.csv").write_text("\n".join(rows) + "\n")
     assert command_line.cli("check", config).status == 0
@@ -107,8 +109,10 @@ def test_the_size_is_said_before_and_fewer_draws_are_predicted_of_a_long_record(
     tmp_path: Path,
 ) -> None:
     """Twelve of each of two ensembles are room for as many as are asked for, but not for tails."""
-    config = command_line.small(tmp_path, ("duration: 5, rate: 20", "duration: 5, rate: 40000"))
-    command_line.simulated(config)
+    config = command_line.small_config(
+        tmp_path, ("duration: 5, rate: 20", "duration: 5, rate: 40000")
+    )
+    command_line.simulate_again(config)
     ran = command_line.cli("check", config)
     assert ran.status == 0, ran.text
     assert "size at most: chain 0.384 MB (500 steps), 10 predictive draws" in ran.out
@@ -116,14 +120,14 @@ def test_the_size_is_said_before_and_fewer_draws_are_predicted_of_a_long_record(
     ran = command_line.cli("check", config)
     assert "no predictive draws: 125 of each ensemble are too many" in ran.out
     config.write_text(config.read_text().replace("rate: 40000", "rate: 16000"))
-    command_line.simulated(config)
+    command_line.simulate_again(config)
     ran = command_line.cli("check", config)
     assert "31 predictive draws of each ensemble" in ran.out
     assert "not 125" in ran.out
 
 
-@together("content", [b"\xff\xfe\x80", b"[" * 100_000, b"[]", b'{"values": {"k_e": NaN}}', b"{}"])
-@together("name", ["run.json", "map.json"])
+@run_cases("content", [b"\xff\xfe\x80", b"[" * 100_000, b"[]", b'{"values": {"k_e": NaN}}', b"{}"])
+@run_cases("name", ["run.json", "map.json"])
 def test_a_damaged_file_of_a_run_is_named(content: bytes, name: str, tmp_path: Path) -> None:
     folder = tmp_path / "out"
     folder.mkdir()
@@ -134,10 +138,12 @@ def test_a_damaged_file_of_a_run_is_named(content: bytes, name: str, tmp_path: P
     assert "Traceback" not in ran.text
 
 
-@together("what", ["a device", "a pipe", "a large file"])
+@run_cases("what", ["a device", "a pipe", "a large file"])
 def test_a_record_that_has_no_end_is_not_read(what: str, tmp_path: Path) -> None:
     """Mutant killed: whatever `file:` names is opened, and waited for."""
-    config = command_line.small(tmp_path, ("file: small.csv", "file: small.csv\n  format: csv"))
+    config = command_line.small_config(
+        tmp_path, ("file: small.csv", "file: small.csv\n  format: csv")
+    )
     record = tmp_path / "small.csv"
     record.unlink()
     if what == "a device":
@@ -170,7 +176,7 @@ SAYS = {
 }
 
 
-@together("name", ENDLESS)
+@run_cases("name", ENDLESS)
 def test_init_looks_at_no_table_for_ever(name: str, tmp_path: Path) -> None:
     """Processor time, of which each took minutes: pairs of columns, digits, brackets that are open."""
     (tmp_path / "odd.csv").write_text(ENDLESS[name])
@@ -195,7 +201,7 @@ def test_columns_that_may_be_anything_are_paired_in_seconds(tmp_path: Path) -> N
     )
 
 
-@together("what", ["samples", "bytes"])
+@run_cases("what", ["samples", "bytes"])
 def test_init_says_how_much_it_looks_at(what: str, tmp_path: Path) -> None:
     path = tmp_path / "long.npz"
     if what == "samples":
@@ -209,9 +215,9 @@ def test_init_says_how_much_it_looks_at(what: str, tmp_path: Path) -> None:
     assert ran.err.count("\n") == 1
 
 
-@together("command", ["posterior", "calibrate"])
+@run_cases("command", ["posterior", "calibrate"])
 def test_more_processes_than_any_machine_has_are_refused(command: str, tmp_path: Path) -> None:
-    config = command_line.small(tmp_path)
+    config = command_line.small_config(tmp_path)
     ran = command_line.cli(command, config, "--processes", "3000000000", "-o", tmp_path / "out")
     assert ran.status == 2
     assert "less than or equal to 256" in ran.text
@@ -222,9 +228,9 @@ def test_python_without_docstrings_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Which ArviZ works on: a traceback as it is loaded, after minutes of sampling."""
-    command_line.small(tmp_path)
+    command_line.small_config(tmp_path)
     monkeypatch.setenv("PYTHONOPTIMIZE", "2")
-    ran = command_line.run("posterior", "small.yaml", cwd=tmp_path)
+    ran = command_line.run_process("posterior", "small.yaml", cwd=tmp_path)
     assert ran.status == 2
     assert ran.err.splitlines() == [
         "python -OO takes the docstrings away that ArviZ works on; leave -OO out"

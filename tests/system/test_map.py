@@ -107,7 +107,7 @@ def test_the_fit_is_drawn(tmp_path: Path) -> None:
 
 @pytest.fixture
 def config(tmp_path: Path) -> Path:
-    return command_line.small(tmp_path)
+    return command_line.small_config(tmp_path)
 
 
 def test_map_writes_where_it_is_told_and_overwrites_nothing_unasked(config: Path) -> None:
@@ -154,7 +154,7 @@ def test_what_does_not_belong_to_a_maximum_is_named(config: Path) -> None:
 
 def test_a_fit_that_must_not_be_believed_ends_as_its_posterior_does(tmp_path: Path) -> None:
     """Mutant killed: status 0 of a fit that leaves far more than the noise."""
-    config, out = command_line.small(tmp_path, WRONG), tmp_path / "out"
+    config, out = command_line.small_config(tmp_path, WRONG), tmp_path / "out"
     ran = command_line.cli("map", config, "--quick", "--output", out, "--processes", "1")
     assert ran.status == 3
     assert ran.out.index("DO NOT BELIEVE these numbers:") > ran.out.index("fit: ")
@@ -173,7 +173,7 @@ def test_a_fit_that_no_posterior_can_mend_is_said_before_anything_is_sampled(
 ) -> None:
     """Mutant killed: the MAP is said, and what it leaves only after sampling."""
     for name, changes, said in (("sound", (), False), ("wrong", (WRONG,), True)):
-        config = command_line.small(tmp_path / name, *changes)
+        config = command_line.small_config(tmp_path / name, *changes)
         ran = command_line.cli("map", config)
         assert ("DO NOT BELIEVE these numbers" in ran.text) is said
         if said:

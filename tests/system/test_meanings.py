@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support import command_line
-from support.case_tables import together
+from support.case_tables import run_cases
 
 from bayesdrill.config import loading
 from bayesdrill.config.records import reading, simulation
@@ -16,13 +16,15 @@ from bayesdrill.rig.models.motor_shaft import PARAMETERS as NINE
 type Change = tuple[str, str]
 
 
-@together("unit", ["rpm", "deg/s", "revolution/s", "turn/min", "mrad/s", "cycle/hour", "degree/ms"])
+@run_cases(
+    "unit", ["rpm", "deg/s", "revolution/s", "turn/min", "mrad/s", "cycle/hour", "degree/ms"]
+)
 def test_units_that_say_how_far_they_turn_are_read(unit: str, tmp_path: Path) -> None:
-    config = command_line.small(tmp_path, ("unit: rad/s", f"unit: {unit}"))
+    config = command_line.small_config(tmp_path, ("unit: rad/s", f"unit: {unit}"))
     assert command_line.cli("check", config).status == 0
 
 
-@together(
+@run_cases(
     "entry",
     [
         ("t_f: nominal", "t_f: 0"),
@@ -37,12 +39,14 @@ def test_units_that_say_how_far_they_turn_are_read(unit: str, tmp_path: Path) ->
 def test_a_motor_without_friction_or_with_that_of_the_other_way_can_be_meant(
     entry: Change, tmp_path: Path
 ) -> None:
-    assert command_line.cli("check", command_line.small(tmp_path, entry)).status == 0
+    assert command_line.cli("check", command_line.small_config(tmp_path, entry)).status == 0
 
 
 def test_the_true_values_of_a_rig_without_friction_are_found(tmp_path: Path) -> None:
-    config = command_line.small(tmp_path, ("t_f: nominal", "t_f: 0"), ("c_m: nominal", "c_m: 0"))
-    command_line.simulated(config)
+    config = command_line.small_config(
+        tmp_path, ("t_f: nominal", "t_f: 0"), ("c_m: nominal", "c_m: 0")
+    )
+    command_line.simulate_again(config)
     found = command_line.cli("map", config, "--processes", "1")
     assert found.status == 0, found.err
     for name in ("k_e", "j_1"):
@@ -60,9 +64,9 @@ FORMS = {
 }
 
 
-@together("form", FORMS)
+@run_cases("form", FORMS)
 def test_a_simulated_record_is_written_as_its_config_reads_it(form: str, tmp_path: Path) -> None:
-    path = command_line.small(
+    path = command_line.small_config(
         tmp_path, ("  file: small.csv", f"  file: other.txt\n  {FORMS[form]}")
     )
     (one,) = loading.load(path).experiments
@@ -77,7 +81,7 @@ def test_a_simulated_record_is_written_as_its_config_reads_it(form: str, tmp_pat
 
 def test_the_samples_of_a_simulated_record_are_counted(tmp_path: Path) -> None:
     other = ("  file: small.csv", "  file: other.csv\n  skip_rows: 3")
-    made = command_line.cli("simulate", command_line.small(tmp_path, other))
+    made = command_line.cli("simulate", command_line.small_config(tmp_path, other))
     assert made.status == 0, made.err
     assert made.out.endswith("101 samples\n")
 
@@ -99,10 +103,10 @@ UNREADABLE: dict[str, tuple[Change, str]] = {
 }
 
 
-@together("name", UNREADABLE)
+@run_cases("name", UNREADABLE)
 def test_a_record_that_its_config_could_not_read_is_not_written(name: str, tmp_path: Path) -> None:
     change, says = UNREADABLE[name]
-    config = command_line.small(tmp_path, change)
+    config = command_line.small_config(tmp_path, change)
     before = command_line.listing(tmp_path)
     ran = command_line.cli("simulate", config, "--force")
     assert ran.status == 2
@@ -111,7 +115,7 @@ def test_a_record_that_its_config_could_not_read_is_not_written(name: str, tmp_p
 
 
 def test_a_target_that_the_config_could_not_read_is_not_written(tmp_path: Path) -> None:
-    config = command_line.small(tmp_path)
+    config = command_line.small_config(tmp_path)
     ran = command_line.cli("simulate", config, "--output", tmp_path / "other.mat")
     assert ran.status == 2
     assert "name a .csv file" in ran.err
@@ -120,7 +124,9 @@ def test_a_target_that_the_config_could_not_read_is_not_written(tmp_path: Path) 
 
 def test_check_shows_each_column_as_the_file_has_it(tmp_path: Path) -> None:
     """So that swapped columns, wrong units and a wrong rate show."""
-    config = command_line.small(tmp_path, ("unit: rad,", "unit: deg,"), ("unit: s}", "unit: min}"))
+    config = command_line.small_config(
+        tmp_path, ("unit: rad,", "unit: deg,"), ("unit: s}", "unit: min}")
+    )
     rows = [line.split(",") for line in command_line.small_record().splitlines()[1:]]
     numbers = [[float(cell) for cell in column] for column in zip(*rows, strict=True)]
     lines = command_line.cli("check", config).out.splitlines()
@@ -134,8 +140,8 @@ def test_check_shows_each_column_as_the_file_has_it(tmp_path: Path) -> None:
 
 
 def test_a_rig_that_turns_backwards_is_told_that_friction_drives_it(tmp_path: Path) -> None:
-    config = command_line.small(tmp_path, ("v: 8.0", "v: -8.0"))
-    command_line.simulated(config)
+    config = command_line.small_config(tmp_path, ("v: 8.0", "v: -8.0"))
+    command_line.simulate_again(config)
     assert "friction: in 9" in command_line.cli("check", config).out.splitlines()[-1]
 
 
@@ -159,7 +165,7 @@ def nominal_of(
 ) -> tuple[Path, set[str], str]:
     """A config, the parameters that it compares with something, and what it calls that."""
     given = [("map: {", f"nominal: {say}\nmap: {{")] if say else []
-    path = command_line.small(folder, *changes, *given)
+    path = command_line.small_config(folder, *changes, *given)
     nominal = loading.load(path).experiments[0].nominal
     return path, set(nominal.compared), nominal.name
 
@@ -167,7 +173,7 @@ def nominal_of(
 OWN_VALUES = "j_m: 1, c_m: 1, k_e: 0.2, k_T: 0.2, r_m: 1, l_m: 1, k_s: 1, j_1: 0.1, t_f: 1"
 
 
-@together(
+@run_cases(
     "changes, say, compared, called",
     [
         ((), None, set(NINE), "tables_2_3"),
@@ -196,7 +202,7 @@ def test_a_table_speaks_only_of_the_rig_that_asks_for_it(
 def test_nothing_of_the_paper_is_said_of_another_rig(tmp_path: Path) -> None:
     """Its k_T is not 1.99 times its k_e, its shaft is not the paper's, and starts are its own."""
     config, *_ = nominal_of(tmp_path, *OTHER)
-    command_line.simulated(config)
+    command_line.simulate_again(config)
     said = command_line.cli("check", config).out
     assert "nominal" not in said
     assert "energy" not in said
@@ -211,7 +217,7 @@ def test_nothing_of_the_paper_is_said_of_another_rig(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_run_and_its_report_of_a_rig_without_nominal_values(tmp_path: Path) -> None:
     config, *_ = nominal_of(tmp_path, *OTHER)
-    command_line.simulated(config)
+    command_line.simulate_again(config)
     folder = tmp_path / "out"
     ran = command_line.cli("posterior", config, "--output", folder, "--processes", "1")
     assert ran.status in (0, 3), ran.err

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.io import loadmat
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.document_blocks import ROOT
-from support.small_problems import near
+from support.small_problems import points_near
 
 import bayesdrill as bd
 from bayesdrill.analysis.identifiability.torque_confounding import scaled_with_torque
@@ -73,13 +73,13 @@ def rubbing(folder: Path, seed: int) -> Path:
 def inferred(posterior: Posterior, mode: Array, n: int = 200) -> tuple[Array, TorqueEstimate]:
     """Draws of the unknowns by their normal approximation, and the torque with them."""
     rng = seeds.stream(7, "torque")
-    drawn = near(posterior, mode, n, rng)
+    drawn = points_near(posterior, mode, n, rng)
     theta = posterior.coordinates.to_physical(drawn)
     return theta, torque_estimates(posterior, theta, rng)[0]
 
 
 @pytest.mark.slow
-@together("seed", [1, 2])
+@run_cases("seed", [1, 2])
 def test_the_torque_of_a_rig_that_rubs_is_its_friction(seed: int, tmp_path: Path) -> None:
     """The law within its band, the parameters within four sds, the friction to 15 %."""
     case = bd.load(rubbing(tmp_path, seed))
@@ -225,7 +225,7 @@ def test_a_servo_without_a_word_of_its_frictions_has_its_stiffness_over_its_iner
 
 @pytest.mark.slow
 @pytest.mark.skipif(not SERVO.exists(), reason="a record that does not come with the project")
-@together("window", ["  window: [0, 4]\n", ""], ids=["4 s", "all"])
+@run_cases("window", ["  window: [0, 4]\n", ""], ids=["4 s", "all"])
 def test_the_torque_of_a_servo_is_its_friction(window: str, tmp_path: Path) -> None:
     """2.5e-3 N m at the motor, and of rotor 1 0.43e-3 to 0.86e-3 at its side of the gear; a supply that
     is 0.06 V lower is -0.67e-3 N m.  Sensors are as fine as a rig without friction at rotor 1 follows.

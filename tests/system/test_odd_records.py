@@ -17,7 +17,7 @@ import pytest
 import scipy.sparse
 from scipy.io import savemat
 from support import command_line
-from support.case_tables import together
+from support.case_tables import run_cases
 
 import bayesdrill as bd
 
@@ -257,7 +257,7 @@ REFUSED = [
 
 
 def place(folder: Path, one: Odd, name: str = "small.csv") -> Path:
-    config = command_line.small(folder, *one.changes)
+    config = command_line.small_config(folder, *one.changes)
     (folder / name).write_bytes(one.content)
     return config
 
@@ -271,14 +271,14 @@ def refusal(config: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     return ran.err
 
 
-@together("one", AS_MEANT, ids=lambda one: one.name)
+@run_cases("one", AS_MEANT, ids=lambda one: one.name)
 def test_odd_spelling_is_read_as_it_was_meant(one: Odd, tmp_path: Path) -> None:
     experiment = bd.load(place(tmp_path, one)).job.problem.experiment
     np.testing.assert_array_equal(experiment.t, T)
     np.testing.assert_array_equal(experiment.y, np.column_stack([THETA, W]))
 
 
-@together("one", REFUSED, ids=lambda one: one.name)
+@run_cases("one", REFUSED, ids=lambda one: one.name)
 def test_what_may_mean_two_things_is_refused_with_a_way_out(
     one: Odd, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -288,7 +288,7 @@ def test_what_may_mean_two_things_is_refused_with_a_way_out(
         assert words in said
 
 
-@together(
+@run_cases(
     "name, says",
     [
         ("small.csv.gz", "Unpack the file first"),
@@ -335,7 +335,7 @@ def v73(kind: str) -> Callable[[Path], None]:
     return write
 
 
-@together(
+@run_cases(
     "write, says",
     [
         (v5(scipy.sparse.csc_matrix(W[:, None])), "is sparse; save full(...) of it"),
@@ -350,7 +350,7 @@ def test_what_is_no_column_of_numbers_in_matlab(
     write: Callable[[Path], None], says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write(tmp_path / "small.mat")
-    said = refusal(command_line.small(tmp_path, *MAT), monkeypatch)
+    said = refusal(command_line.small_config(tmp_path, *MAT), monkeypatch)
     assert "small.mat" in said
     assert says in said
 
@@ -365,7 +365,7 @@ ANGLE = (THETA + np.pi) % (2 * np.pi) - np.pi
 IN_COUNTS = ("{column: w_1, unit: rad/s, sigma: 0.05}", "{column: w_1, unit: mrad/s, sigma: 50}")
 
 
-@together(
+@run_cases(
     "columns, changes, says",
     [
         ((T, THETA, W), (), None),

@@ -19,16 +19,16 @@ def drawn(out: Path) -> set[str]:
 @pytest.mark.slow
 def test_a_finished_run_draws_what_a_resumed_config_asks_for(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    config = command_line.small(tmp_path)
+    config = command_line.small_config(tmp_path)
     assert command_line.cli("posterior", config, "-o", out, "--processes", "1").status == 0
     assert drawn(out) == set()
-    config = command_line.small(tmp_path, ASKED)
+    config = command_line.small_config(tmp_path, ASKED)
     ran = command_line.cli("posterior", config, "-o", out, "--resume", "--processes", "2")
     assert ran.status == 0, ran.text
     assert drawn(out) == {f"{name}.{end}" for name in ON_REQUEST for end in ("pdf", "png")}
     assert "belong together" in command_line.cli("verify", out).out
     (out / "figures" / "mine.png").write_text("mine")
-    config = command_line.small(tmp_path)
+    config = command_line.small_config(tmp_path)
     ran = command_line.cli("posterior", config, "-o", out, "--force", "--processes", "1")
     assert ran.status == 0, ran.text
     assert drawn(out) == {"mine.png"}
@@ -51,7 +51,7 @@ def test_a_fit_that_leaves_more_than_noise_shows_what_and_how_sure_it_is(tmp_pat
     """With a motor that is not as strong as the one of the record; the same with noise enough shows no
     residuals.  Mutants killed: the figure of each run, or of none; sds of other units or unknowns.
     """
-    config = command_line.small(tmp_path, *DRIVEN, ("figures: []", "figures: null"))
+    config = command_line.small_config(tmp_path, *DRIVEN, ("figures: []", "figures: null"))
     lines = (tmp_path / "small.csv").read_text().splitlines()
     voltage = ["v", *(f"{6.0 + 2.0 * (k // 7 % 2)}" for k in range(len(lines) - 1))]
     (tmp_path / "small.csv").write_text(

@@ -24,7 +24,7 @@ import pytest
 import xarray
 from emcee.backends import HDFBackend
 from support import command_line, finished_runs
-from support.case_tables import together
+from support.case_tables import run_cases
 
 from bayesdrill.output_files import POSTERIOR, dumps_checksummed, loads_checksummed
 from bayesdrill.results.run_folder import Folder, seal
@@ -62,17 +62,19 @@ FILES = {
 class Done:
     config: Path
     folder: Path
-    ran: command_line.Ran
+    ran: command_line.CommandResult
 
 
-def posterior(config: Path, folder: Path, *options: str, processes: int = 1) -> command_line.Ran:
+def posterior(
+    config: Path, folder: Path, *options: str, processes: int = 1
+) -> command_line.CommandResult:
     return command_line.cli(
         "posterior", config, "-o", folder, "--processes", str(processes), *options
     )
 
 
 def fresh(folder: Path, *changes: tuple[str, str], processes: int = 1) -> Done:
-    config = command_line.small(folder, *changes)
+    config = command_line.small_config(folder, *changes)
     ran = posterior(config, folder / "out", processes=processes)
     return Done(config, folder / "out", ran)
 
@@ -103,7 +105,7 @@ def pieces(folder: Path) -> list[Path]:
     return sorted((folder / ".pieces").glob("ensemble_*.npz"))
 
 
-def assert_refused(ran: command_line.Ran, *fragments: str) -> None:
+def assert_refused(ran: command_line.CommandResult, *fragments: str) -> None:
     assert ran.status == 2, ran.text
     assert "Traceback" not in ran.text
     assert len(ran.err.splitlines()) <= 24
@@ -287,7 +289,7 @@ def test_tables_and_figures_that_fail_are_named_and_take_no_other_with_them(
 
 @pytest.mark.slow
 def test_results_behind_a_symbolic_link_are_reported(tmp_path: Path) -> None:
-    config = command_line.small(tmp_path / "rig")
+    config = command_line.small_config(tmp_path / "rig")
     (tmp_path / "far" / "away" / "disk").mkdir(parents=True)
     (tmp_path / "rig" / "results").symlink_to(tmp_path / "far" / "away" / "disk")
     folder = tmp_path / "rig" / "results" / "small"
@@ -416,12 +418,12 @@ def group(leader: int) -> list[int]:
 
 def begun(folder: Path, processes: int, started: list[subprocess.Popen[str]]) -> Done:
     """A run in a process of its own, some of which is saved."""
-    config = command_line.small(folder, ENDLESS)
+    config = command_line.small_config(folder, ENDLESS)
     arguments = ("posterior", config, "-o", folder / "out", "--processes", str(processes))
-    process = command_line.start(*arguments, cwd=folder)
+    process = command_line.start_process(*arguments, cwd=folder)
     started.append(process)
     waited(process, lambda: len(pieces(folder / "out")) >= 3)
-    return Done(config, folder / "out", command_line.Ran(0, "", ""))
+    return Done(config, folder / "out", command_line.CommandResult(0, "", ""))
 
 
 def assert_resumes(
@@ -488,10 +490,10 @@ def test_interrupted_and_resumed_is_the_same_as_uninterrupted(
 def test_workers_do_not_outlive_a_run_that_is_killed(
     tmp_path: Path, started: list[subprocess.Popen[str]]
 ) -> None:
-    config = command_line.small(tmp_path, ENDLESS)
+    config = command_line.small_config(tmp_path, ENDLESS)
     pipes = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     arguments = ("posterior", config, "-o", tmp_path / "out", "--processes", "2")
-    process = command_line.start(*arguments, cwd=tmp_path, **pipes)
+    process = command_line.start_process(*arguments, cwd=tmp_path, **pipes)
     started.append(process)
     waited(process, lambda: len(pieces(tmp_path / "out")) >= 1)
     assert len(group(process.pid)) > 2
@@ -508,8 +510,10 @@ def test_workers_do_not_outlive_a_run_that_is_killed(
 def test_ctrl_c_while_workers_start_shows_no_traceback(
     seconds: float, tmp_path: Path, started: list[subprocess.Popen[str]]
 ) -> None:
-    config = command_line.small(tmp_path, ENDLESS)
-    process = command_line.start("posterior", config, "-o", "out", "--processes", "2", cwd=tmp_path)
+    config = command_line.small_config(tmp_path, ENDLESS)
+    process = command_line.start_process(
+        "posterior", config, "-o", "out", "--processes", "2", cwd=tmp_path
+    )
     started.append(process)
     waited(process, (tmp_path / "out" / "run.json").exists)
     time.sleep(seconds)
@@ -557,9 +561,9 @@ def test_ctrl_c_while_a_worker_hands_over_a_result(
 def test_a_run_interrupted_before_its_first_piece_resumes(
     endless: Done, tmp_path: Path, started: list[subprocess.Popen[str]]
 ) -> None:
-    config = command_line.small(tmp_path, ENDLESS)
+    config = command_line.small_config(tmp_path, ENDLESS)
     folder = tmp_path / "out"
-    process = command_line.start(
+    process = command_line.start_process(
         "posterior", config, "-o", folder, "--processes", "1", cwd=tmp_path
     )
     started.append(process)
@@ -578,7 +582,7 @@ def test_a_run_cut_when_one_ensemble_had_just_reached_a_check_resumes(
     endless: Done, tmp_path: Path
 ) -> None:
     """The others had gone on, as the check was past: it must not be made again, with them longer."""
-    config = command_line.small(tmp_path, ENDLESS)
+    config = command_line.small_config(tmp_path, ENDLESS)
     change(config, "max_steps: 700", "max_steps: 487")  # a check: 200, 250, 312, 390, 487
     one, other = tmp_path / "one", tmp_path / "other"
     assert posterior(config, one).status == 3
@@ -595,7 +599,7 @@ def test_a_run_cut_when_one_ensemble_had_just_reached_a_check_resumes(
 
 
 @pytest.mark.slow
-@together("steps", [100, 101])
+@run_cases("steps", [100, 101])
 def test_a_run_of_hardly_any_steps_says_that_it_is_too_short(steps: int, tmp_path: Path) -> None:
     slow = f"ess: 100, moves: {{stretch: 1}}, max_steps: {steps}"
     found = fresh(tmp_path, ("ess: 100, max_steps: 500", slow))
@@ -630,9 +634,9 @@ def test_a_second_fresh_run_is_refused(copy: Done) -> None:
     assert command_line.listing(copy.folder) == before
 
 
-@together("options", [[], ["--resume"], ["--force"]], ids=str)
+@run_cases("options", [[], ["--resume"], ["--force"]], ids=str)
 def test_foreign_files_are_never_touched(options: list[str], tmp_path: Path) -> None:
-    config = command_line.small(tmp_path / "rig")
+    config = command_line.small_config(tmp_path / "rig")
     thesis = tmp_path / "home" / "thesis"
     thesis.mkdir(parents=True)
     (thesis / "chapter_1.tex").write_text("years of work")
@@ -643,7 +647,7 @@ def test_foreign_files_are_never_touched(options: list[str], tmp_path: Path) -> 
 
 @pytest.mark.slow
 def test_force_leaves_hidden_files_of_others_alone(tmp_path: Path) -> None:
-    config = command_line.small(tmp_path / "rig")
+    config = command_line.small_config(tmp_path / "rig")
     head = tmp_path / "repository" / ".git" / "HEAD"
     head.parent.mkdir(parents=True)
     head.write_text("ref: refs/heads/main")
@@ -651,7 +655,7 @@ def test_force_leaves_hidden_files_of_others_alone(tmp_path: Path) -> None:
     assert head.read_text() == "ref: refs/heads/main"
 
 
-@together(
+@run_cases(
     "old, new, named",
     [
         (
@@ -690,7 +694,7 @@ def test_resuming_something_else_names_what_changed_and_both_values(
     assert command_line.listing(copy.folder) == before
 
 
-@together("package", ["bayesdrill", "numpy", "scipy", "emcee", "llvmlite"], copy=copied_plain)
+@run_cases("package", ["bayesdrill", "numpy", "scipy", "emcee", "llvmlite"], copy=copied_plain)
 def test_resuming_under_another_version_of_what_decides_the_chain(package: str, copy: Done) -> None:
     """A chain is one chain: refused, with both versions. A report adds nothing, and may."""
     now = version(package)
@@ -718,7 +722,7 @@ def test_resuming_with_another_record_names_the_record(copy: Done) -> None:
     assert command_line.listing(copy.folder) == before
 
 
-@together("text", ["[]", "null", '"x"', '{"fingerprint": 3}'], copy=copied_plain)
+@run_cases("text", ["[]", "null", '"x"', '{"fingerprint": 3}'], copy=copied_plain)
 def test_a_run_json_that_is_json_but_no_run_is_named(text: str, copy: Done) -> None:
     (copy.folder / "run.json").write_text(text)
     before = command_line.listing(copy.folder)
@@ -763,7 +767,7 @@ def test_force_killed_as_it_cleared_leaves_a_folder_that_is_still_its_own(
 
 @pytest.mark.slow
 def test_a_run_killed_before_it_wrote_anything_may_begin_again(tmp_path: Path) -> None:
-    config = command_line.small(tmp_path / "rig", ENDLESS)
+    config = command_line.small_config(tmp_path / "rig", ENDLESS)
     for name, option in (("plain", []), ("resumed", ["--resume"])):
         folder = tmp_path / name
         folder.mkdir()
@@ -862,7 +866,7 @@ def digit_changed(content: bytes) -> bytes:
     return re.sub(rb"(log_posterior.*\.\d)\d", rb"\g<1>0", content, count=1)
 
 
-@together(
+@run_cases(
     "name, damage, way_out",
     [
         ("run.json", lambda content: content[:40], "put back a copy"),
@@ -911,7 +915,7 @@ def test_force_mends_a_damaged_folder(copy: Done) -> None:
 
 @pytest.mark.filterwarnings("ignore:unclosed file:ResourceWarning")
 def test_a_damaged_piece_is_named(done: Done, tmp_path: Path) -> None:
-    config = command_line.small(tmp_path, ENDLESS)
+    config = command_line.small_config(tmp_path, ENDLESS)
     shutil.copytree(done.folder, tmp_path / "out")
     (tmp_path / "out" / ".pieces").mkdir()
     first = run_of(done.folder)["steps"]
@@ -959,10 +963,10 @@ def test_a_full_disk_ends_in_a_message_and_costs_nothing(
     kilobytes: int, done: Done, tmp_path: Path, small_disk: Callable[[str], Path]
 ) -> None:
     folder = small_disk(f"size={kilobytes}k") / "out"
-    config = command_line.small(tmp_path / "rig")
+    config = command_line.small_config(tmp_path / "rig")
     # In a process of its own: HDF5 may take the whole process down when it cannot write.
     arguments = ("posterior", config, "-o", folder, "--processes", "1")
-    ran = command_line.run(*arguments, cwd=tmp_path)
+    ran = command_line.run_process(*arguments, cwd=tmp_path)
     assert_refused(ran, f"{folder}", "No space left", "--resume")
     assert not [
         name for name in command_line.listing(folder) if Path(name).name.startswith(".chain")
@@ -978,7 +982,7 @@ def test_a_disk_that_takes_nothing_is_named(
     tmp_path: Path, small_disk: Callable[[str], Path]
 ) -> None:
     place = small_disk("size=50m")
-    config = command_line.small(tmp_path / "rig")
+    config = command_line.small_config(tmp_path / "rig")
     assert posterior(config, place / "out").status == 0
     before = command_line.listing(place)
     small_disk("ro")
@@ -993,9 +997,9 @@ def test_a_disk_that_takes_nothing_is_named(
 @pytest.mark.slow
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
 def test_a_full_disk_under_the_output_of_check(tmp_path: Path) -> None:
-    command_line.small(tmp_path)
+    command_line.small_config(tmp_path)
     with Path("/dev/full").open("w") as full:
-        process = command_line.start("check", "small.yaml", cwd=tmp_path, stdout=full)
+        process = command_line.start_process("check", "small.yaml", cwd=tmp_path, stdout=full)
         _, err = process.communicate(timeout=30)
     assert process.returncode == 2, err
     assert "Traceback" not in err
@@ -1006,8 +1010,8 @@ def test_a_full_disk_under_the_output_of_check(tmp_path: Path) -> None:
 
 
 def test_a_pipe_closed_at_once_shows_no_traceback(tmp_path: Path) -> None:
-    command_line.small(tmp_path)
-    process = command_line.start("check", "small.yaml", cwd=tmp_path)
+    command_line.small_config(tmp_path)
+    process = command_line.start_process("check", "small.yaml", cwd=tmp_path)
     assert process.stdout is not None
     process.stdout.close()
     process.stdout = None
@@ -1017,10 +1021,10 @@ def test_a_pipe_closed_at_once_shows_no_traceback(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_run_survives_that_nobody_reads_it_any_more(done: Done, tmp_path: Path) -> None:
-    config = command_line.small(tmp_path)
+    config = command_line.small_config(tmp_path)
     folder = tmp_path / "out"
     arguments = ("posterior", config, "-o", folder, "--processes", "1")
-    process = command_line.start(*arguments, cwd=tmp_path, stderr=subprocess.STDOUT)
+    process = command_line.start_process(*arguments, cwd=tmp_path, stderr=subprocess.STDOUT)
     assert process.stdout is not None
     process.stdout.close()
     process.stdout = None
@@ -1032,11 +1036,11 @@ def test_a_run_survives_that_nobody_reads_it_any_more(done: Done, tmp_path: Path
 def test_the_module_tells_its_version(tmp_path: Path) -> None:
     import bayesdrill
 
-    ran = command_line.run("--version", cwd=tmp_path)
+    ran = command_line.run_process("--version", cwd=tmp_path)
     assert (ran.status, ran.out) == (0, f"bayesdrill {bayesdrill.__version__}\n")
 
 
-@together("command", ["check", "map", "posterior", "report", "simulate", "schema"])
+@run_cases("command", ["check", "map", "posterior", "report", "simulate", "schema"])
 def test_help_shows_an_example(command: str) -> None:
     ran = command_line.cli(command, "--help")
     assert ran.status == 0
@@ -1046,9 +1050,9 @@ def test_help_shows_an_example(command: str) -> None:
 
 @pytest.mark.slow
 def test_a_column_in_another_unit_than_said_is_told_of_the_fit(tmp_path: Path) -> None:
-    ran = command_line.cli("map", command_line.small(tmp_path), "--processes", "1")
+    ran = command_line.cli("map", command_line.small_config(tmp_path), "--processes", "1")
     assert "fit: the residuals look like the noise" in ran.out
-    config = command_line.small(tmp_path, ("w_1, unit: rad/s", "w_1, unit: rpm"))
+    config = command_line.small_config(tmp_path, ("w_1, unit: rad/s", "w_1, unit: rpm"))
     ran = command_line.cli("map", config, "--processes", "1")
     assert ran.status == 3
     assert "fit: the residuals are larger than the noise" in ran.out

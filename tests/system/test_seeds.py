@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 
 from bayesdrill.basics.progress import Silent
 from bayesdrill.config.job import prepare
@@ -23,7 +23,7 @@ ROWS = {"bundled": 16, "closed_loop": 16, "half_normals": 16, "two_springs": 48}
 
 
 @pytest.mark.slow
-@together("name", ROWS)
+@run_cases("name", ROWS)
 def test_means_scatter_as_their_errors_say(tmp_path: Path, name: str) -> None:
     """All that a run learns, starts and draws depends on its seed; the record and MAP do not.
 

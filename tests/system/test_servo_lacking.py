@@ -8,7 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.unexplained_records import causes_of
 
 import bayesdrill as bd
@@ -41,7 +41,7 @@ BOX = "{prior: uniform, low: 0.1, high: 10, relative: true}"
 
 @pytest.mark.slow
 @pytest.mark.skipif(not SHARED.is_dir(), reason="records that do not come with the project")
-@together("name", ["square", "sweep", "slow"])
+@run_cases("name", ["square", "sweep", "slow"])
 def test_the_offset_of_the_supply_and_both_frictions_are_named(name: str, tmp_path: Path) -> None:
     path = tmp_path / f"{name}.yaml"
     path.write_text(CONFIG.format(file=SHARED / f"{name}.csv", box=BOX))

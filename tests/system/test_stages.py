@@ -43,7 +43,7 @@ class Stopping:
 
 def test_each_stage_announces_itself(tmp_path: Path) -> None:
     told = Stopping()
-    case = bd.load(command_line.small(tmp_path))
+    case = bd.load(command_line.small_config(tmp_path))
     case.run(tmp_path / "out", report=told)
     assert tuple(told.stages) == STAGES
     ran = command_line.cli("report", tmp_path / "out", "--processes", "1")
@@ -64,7 +64,7 @@ def test_what_is_saved_is_said_and_nothing_else(tmp_path: Path) -> None:
 
     Mutant killed: one sentence for all that is stopped.
     """
-    case, out = bd.load(command_line.small(tmp_path)), tmp_path / "out"
+    case, out = bd.load(command_line.small_config(tmp_path)), tmp_path / "out"
     for at, says in STOPS:
         with pytest.raises(Interrupted) as stopped:
             case.run(out, resume=out.exists(), report=Stopping(at))

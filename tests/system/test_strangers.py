@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from support import command_line
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.command_line import cli, listing
 
 from bayesdrill import output_files
@@ -36,11 +36,11 @@ def write(folder: Path, name: str, text: str = "mine") -> Path:
 # --- folders of results --------------------------------------------------------------------------
 
 
-@together("option", ["", "--force", "--resume"])
+@run_cases("option", ["", "--force", "--resume"])
 def test_a_folder_is_known_by_more_than_the_name_of_a_file_in_it(
     option: str, tmp_path: Path
 ) -> None:
-    config = command_line.small(tmp_path / "rig")
+    config = command_line.small_config(tmp_path / "rig")
     for name in ("run.json", "summary.csv", "figures/corner.pdf"):
         write(tmp_path / "out", name, '{"status": "finished"}')
     for command in ("posterior", "calibrate"):
@@ -49,11 +49,11 @@ def test_a_folder_is_known_by_more_than_the_name_of_a_file_in_it(
     refused("report", tmp_path / "out", below=tmp_path, says="run.json: is damaged")
 
 
-@together("option", ["", "--force", "--resume"])
+@run_cases("option", ["", "--force", "--resume"])
 def test_a_calibration_and_a_posterior_do_not_mix(option: str, tmp_path: Path) -> None:
-    config = command_line.small(tmp_path / "rig")
+    config = command_line.small_config(tmp_path / "rig")
     for command, kind in (("posterior", output_files.CALIBRATE), ("calibrate", POSTERIOR)):
-        folder = command_line.results(tmp_path / kind.job, kind)
+        folder = command_line.write_results(tmp_path / kind.job, kind)
         says = f"these are results of `bayesdrill {kind.job}`; give another --output"
         refused(command, config, "-o", folder, *option.split(), below=tmp_path, says=says)
 
@@ -62,7 +62,7 @@ def test_a_calibration_and_a_posterior_do_not_mix(option: str, tmp_path: Path) -
 
 
 def test_identify_overwrites_its_own_files_when_told_to(tmp_path: Path) -> None:
-    config, out = command_line.small(tmp_path), tmp_path / "out"
+    config, out = command_line.small_config(tmp_path), tmp_path / "out"
     command = ("identify", config, "-o", out)
     write(out, "notes.md")
     assert cli(*command, "--profile", "k_e").status == 0
@@ -78,19 +78,19 @@ def test_identify_overwrites_its_own_files_when_told_to(tmp_path: Path) -> None:
     assert (out / "identify.md").read_bytes() != first
 
 
-@together("option", ["", "--force"])
-@together("name", ["identify.md", "figures/spectrum.png", "figures/profiles.pdf"])
+@run_cases("option", ["", "--force"])
+@run_cases("name", ["identify.md", "figures/spectrum.png", "figures/profiles.pdf"])
 def test_identify_leaves_what_it_has_not_made(name: str, option: str, tmp_path: Path) -> None:
-    config = command_line.small(tmp_path)
+    config = command_line.small_config(tmp_path)
     write(tmp_path / "out", name)
     says = "was not written by" if option else f"{name}: exists already"
     command = ("identify", config, "-o", tmp_path / "out", *option.split())
     refused(*command, below=tmp_path, says=says)
 
 
-@together("option", ["", "--force"])
+@run_cases("option", ["", "--force"])
 def test_identify_writes_through_no_link(option: str, tmp_path: Path) -> None:
-    config, out = command_line.small(tmp_path), tmp_path / "out"
+    config, out = command_line.small_config(tmp_path), tmp_path / "out"
     (tmp_path / "pictures").mkdir()
     out.mkdir()
     (out / "figures").symlink_to("../pictures")
@@ -105,7 +105,7 @@ def test_identify_writes_through_no_link(option: str, tmp_path: Path) -> None:
 def test_simulate_repeats_itself_and_overwrites_another_simulation_when_told_to(
     tmp_path: Path,
 ) -> None:
-    config, other = command_line.small(tmp_path), tmp_path / "other.csv"
+    config, other = command_line.small_config(tmp_path), tmp_path / "other.csv"
     record = (tmp_path / "small.csv").read_bytes()
     assert cli("simulate", config, "-o", other).status == 0
     assert other.read_bytes() == record
@@ -118,20 +118,20 @@ def test_simulate_repeats_itself_and_overwrites_another_simulation_when_told_to(
     assert (tmp_path / "small.csv").read_bytes() == record
 
 
-@together("option", ["", "--force"])
-@together("given", [None, "small.csv", "../rig/small.csv", "hard.csv"])
+@run_cases("option", ["", "--force"])
+@run_cases("given", [None, "small.csv", "../rig/small.csv", "hard.csv"])
 def test_simulate_never_overwrites_the_record_that_a_config_names(
     given: str | None, option: str, tmp_path: Path
 ) -> None:
-    config = command_line.small(tmp_path / "rig")
+    config = command_line.small_config(tmp_path / "rig")
     os.link(tmp_path / "rig" / "small.csv", tmp_path / "rig" / "hard.csv")
     output = [] if given is None else ["-o", tmp_path / "rig" / given]
     command = ("simulate", config, *output, *option.split())
     refused(*command, below=tmp_path, says="or named by its config, and never replaced")
 
 
-@together("force", [False, True])
-@together("name", ["thesis.tex", "longer", "empty", "pipe", "link", "folder"])
+@run_cases("force", [False, True])
+@run_cases("name", ["thesis.tex", "longer", "empty", "pipe", "link", "folder"])
 def test_simulate_replaces_nothing_but_a_record(name: str, force: bool, tmp_path: Path) -> None:
     write(tmp_path, "thesis.tex", "t,theta")
     write(tmp_path, "longer", "t,theta_1,w_1\n0,0,0\n")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import xarray
 from support import command_line
-from support.case_tables import together
+from support.case_tables import run_cases
 
 EXAMPLE = command_line.ROOT / "configs" / "example_ties.yaml"
 
@@ -52,7 +52,7 @@ def config(folder: Path, *changes: tuple[str, str]) -> Path:
     return folder / "mine.yaml"
 
 
-@together(
+@run_cases(
     "old, new, at, says, way_out",
     [case[1:] for case in WRONG],
     ids=[case[0] for case in WRONG],

@@ -13,7 +13,7 @@ from typing import Any
 import h5py
 import pytest
 from support import command_line, forked_command
-from support.case_tables import together
+from support.case_tables import run_cases
 
 import bayesdrill as bd
 from bayesdrill.config.job import prepare
@@ -29,7 +29,7 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A rig with two runs of it, by two seeds."""
     place = tmp_path_factory.mktemp("rig")
     for name, seed in (("out", "seed: 7"), ("other", "seed: 8")):
-        config = command_line.small(place, DRAWN, ("seed: 7", seed), name=f"{name}.yaml")
+        config = command_line.small_config(place, DRAWN, ("seed: 7", seed), name=f"{name}.yaml")
         ran = command_line.cli("posterior", config, "-o", place / name, "--processes", "1")
         assert ran.status == 0, ran.text
     return place
@@ -117,7 +117,7 @@ CASES: list[tuple[Callable[[Path], None], bool, str]] = [
 ]
 
 
-@together(
+@run_cases(
     "change, pains, says",
     CASES,
     ids=[f"{c.__name__}{' forged' * p}" for c, p, _ in CASES],
@@ -137,7 +137,7 @@ def test_what_does_not_belong_is_named(
     assert command_line.listing(rig) == before
 
 
-@together("name", ["chain.h5", "map.json"], rig=copied_rig)
+@run_cases("name", ["chain.h5", "map.json"], rig=copied_rig)
 def test_what_another_run_has_found_is_refused_by_all_that_read_it(name: str, rig: Path) -> None:
     """Mutant killed: a chain that is believed whatever run it is of."""
     mine, other = rig / "out", rig / "other"
@@ -191,7 +191,7 @@ def test_a_run_is_not_compared_with_itself(done: Path, tmp_path: Path) -> None:
 GROUND = ("chain.h5", "map.json", "config.resolved.yaml")
 
 
-@together("name", [*GROUND, "summary.csv", "figures/corner.png"], rig=copied_rig)
+@run_cases("name", [*GROUND, "summary.csv", "figures/corner.png"], rig=copied_rig)
 def test_a_missing_file_comes_back_as_verify_says(
     name: str, done: Path, tmp_path: Path, rig: Path
 ) -> None:
@@ -211,7 +211,7 @@ def test_a_missing_file_comes_back_as_verify_says(
 
 
 def test_a_missing_file_of_a_map_is_made_by_a_map(tmp_path: Path) -> None:
-    config = command_line.small(tmp_path)
+    config = command_line.small_config(tmp_path)
     assert command_line.cli("map", config, "-o", tmp_path / "map").status == 0
     (tmp_path / "map" / "map.csv").unlink()
     assert (
@@ -374,7 +374,7 @@ def test_every_file_of_a_record_is_part_of_its_run(tmp_path: Path) -> None:
         (own, "w_1: {file: more/speed.csv, column: w_1, unit: rad/s"),
         ("v: 8.0", "v: {file: {path: more/supply.csv}, column: u, unit: V, hold: first}"),
     ]
-    config = command_line.small(tmp_path / "rig", *changes)
+    config = command_line.small_config(tmp_path / "rig", *changes)
     more = config.parent / "more"
     more.mkdir()
     lines = (config.parent / "small.csv").read_text().splitlines()
@@ -401,7 +401,7 @@ def test_every_file_of_a_record_is_part_of_its_run(tmp_path: Path) -> None:
 
 def test_results_never_stand_beside_a_file_of_their_record(tmp_path: Path) -> None:
     changes = [("w_1: {column: w_1", "w_1: {file: more/speed.csv, column: w_1")]
-    config = command_line.small(tmp_path, *changes)
+    config = command_line.small_config(tmp_path, *changes)
     (tmp_path / "more").mkdir()
     shutil.copy(tmp_path / "small.csv", tmp_path / "more" / "speed.csv")
     job = prepare(config)
@@ -438,7 +438,7 @@ WRONG_TYPES: list[tuple[str, Callable[[dict[str, Any]], object], str]] = [
 ]
 
 
-@together("name, change, said", WRONG_TYPES, rig=copied_rig)
+@run_cases("name, change, said", WRONG_TYPES, rig=copied_rig)
 def test_types_are_looked_at_before_anything_is_believed(
     name: str, change: Callable[[dict[str, Any]], object], said: str, rig: Path
 ) -> None:
@@ -448,7 +448,7 @@ def test_types_are_looked_at_before_anything_is_believed(
     assert said in told.err
 
 
-@together(
+@run_cases(
     "dataset, shape",
     [("chain", (-1, 8, 1)), ("chain", (-1, 4, 2)), ("log_prob", (-1, 4))],
     rig=copied_rig,

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from support import command_line
-from support.case_tables import together
+from support.case_tables import run_cases
 
 from bayesdrill.config import loading
 from bayesdrill.config.job import Job, prepare
@@ -162,7 +162,7 @@ def test_names_are_unique_and_there_are_many() -> None:
     assert len(ROWS) - len(FITTING) >= 8
 
 
-@together("what", COVERED)
+@run_cases("what", COVERED)
 def test_every_kind_of_record_is_there(what: str) -> None:
     assert [row.name for row in FITTING if COVERED[what](row)]
 
@@ -175,7 +175,7 @@ def test_unsound_rows_are_of_several_kinds() -> None:
     )
 
 
-@together("row", ROWS, ids=ids(ROWS))
+@run_cases("row", ROWS, ids=ids(ROWS))
 def test_every_config_is_valid(row: Row, tmp_path: Path) -> None:
     path = tmp_path / f"{row.name}.yaml"
     path.write_text(folder.text(row, row.seed), encoding="utf-8")
@@ -186,7 +186,7 @@ def test_every_config_is_valid(row: Row, tmp_path: Path) -> None:
     assert config.sampler == usual or "sampler" in row.config
 
 
-@together("name", ["sum_and_tie", "load_measured"])
+@run_cases("name", ["sum_and_tie", "load_measured"])
 def test_a_written_row_passes_the_check(name: str, tmp_path: Path) -> None:
     for path in folder.write(rows.chosen([name])[0], tmp_path):
         ran = command_line.cli("check", path)
@@ -230,13 +230,13 @@ def looks_like_noise(row: Row, place: Path) -> bool:
     return not any(one.large or one.small or one.far or one.correlated for one in left)
 
 
-@together("name", ["closed_loop", "two_springs", "load_measured", "large_and_slow"])
+@run_cases("name", ["closed_loop", "two_springs", "load_measured", "large_and_slow"])
 def test_a_sound_record_leaves_its_noise_at_the_truth(name: str, tmp_path: Path) -> None:
     assert looks_like_noise(rows.chosen([name])[0], tmp_path)
 
 
 @pytest.mark.slow
-@together("row", THERE, ids=ids(THERE))
+@run_cases("row", THERE, ids=ids(THERE))
 def test_records_leave_their_noise_at_the_truth_where_the_rig_fits(
     row: Row, tmp_path: Path
 ) -> None:
@@ -246,7 +246,7 @@ def test_records_leave_their_noise_at_the_truth_where_the_rig_fits(
 GRIDS = {1: (20_001,), 2: (201, 1501), 3: (121, 601, 31)}  # k_e, k_s, j_1
 
 
-@together("n", [1, 2, 3])
+@run_cases("n", [1, 2, 3])
 def test_the_humps_of_an_aliased_record_have_these_shares(n: int, tmp_path: Path) -> None:
     row = rows.chosen([f"aliased_{n}"])[0]
     assert isinstance(row.humps, Two)
@@ -273,7 +273,7 @@ QUICK = [row for row in ROWS if row.name in ("free_swing", "aliased_1", "wrong_n
 
 
 @pytest.mark.slow
-@together("row", QUICK, ids=ids(QUICK))
+@run_cases("row", QUICK, ids=ids(QUICK))
 def test_a_quick_row_does_what_it_should(row: Row, tmp_path: Path) -> None:
     """One run at lower targets, whose means its own weights confirm."""
     short = dataclasses.replace(row, config=changed(row.config, SHORT))

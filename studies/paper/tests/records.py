@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from support.scipy_oracles import NOMINAL
-from support.small_problems import measured, posterior, starting
+from support.small_problems import noisy_step, posterior, with_start
 
 from bayesdrill.inference import Posterior, Uniform
 
@@ -30,5 +30,5 @@ def target(
     """A record of the nominal rig with noise `sigma`; priors from `wide[0]` to `wide[1]` of nominal."""
     low, high = wide
     priors = {name: Uniform(low * NOMINAL[name], high * NOMINAL[name]) for name in names}
-    found = posterior(measured(sigma, n=n), sigma, free=names, priors=priors)
-    return starting(found, start)
+    found = posterior(noisy_step(sigma, n=n), sigma, free=names, priors=priors)
+    return with_start(found, start)

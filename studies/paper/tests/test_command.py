@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 from support import command_line
-from support.case_tables import together
+from support.case_tables import run_cases
 
 from bayesdrill.output_files import POSTERIOR
 from studies.paper.__main__ import app
@@ -26,7 +26,7 @@ def _in_the_checkout(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
 
 
-def paper(*arguments: str | Path) -> command_line.Ran:
+def paper(*arguments: str | Path) -> command_line.CommandResult:
     return command_line.cli(*arguments, program=app)
 
 
@@ -69,7 +69,7 @@ def held(*names: str) -> Callable[[Path], None]:
 UNKNOWN = "sigma: {prior: log_uniform, low: 0.01, high: 1}}"
 
 
-@together(
+@run_cases(
     "spoil, says",
     [
         (deleted("measured.yaml"), "measured.yaml"),
@@ -101,7 +101,7 @@ def test_a_mistake_in_the_configs_is_told_before_anything_runs(
     refused(tmp_path / "paper", "-o", tmp_path / "out", below=tmp_path, says=says)
 
 
-@together("given", ["configs/paper/measured.yaml", "configs/nothing"])
+@run_cases("given", ["configs/paper/measured.yaml", "configs/nothing"])
 def test_what_is_no_folder_of_studies_is_told(given: str, tmp_path: Path) -> None:
     says = f"{given}: no such folder; give the one that holds two_parameters.yaml"
     refused(given, "-o", tmp_path / "out", below=tmp_path, says=says)
@@ -112,9 +112,9 @@ def test_results_and_files_of_others_are_left_alone(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("mine")
     says = "a file is in the way; give another --output"
     refused("-o", tmp_path / "file", below=tmp_path, says=says)
-    other = command_line.results(tmp_path / "other", POSTERIOR)
+    other = command_line.write_results(tmp_path / "other", POSTERIOR)
     refused("--force", "-o", other, below=tmp_path, says="results of `bayesdrill posterior`")
-    own = command_line.results(tmp_path / "own", files_of(("estimates", "measured")))
+    own = command_line.write_results(tmp_path / "own", files_of(("estimates", "measured")))
     refused("-o", own, below=tmp_path, says="make them anew with --force")
     (own / "measured").mkdir()
     (own / "measured" / "thesis.tex").write_text("mine")

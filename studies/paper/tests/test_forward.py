@@ -7,7 +7,7 @@ import pytest
 import scipy.interpolate
 import scipy.linalg
 from numpy.typing import NDArray
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.scipy_oracles import NOMINAL, by_expm, skewed
 from support.small_problems import STATES, experiment, vector
 
@@ -50,7 +50,7 @@ def augmented(reading: str, p: dict[str, float]) -> Array:
     return whole
 
 
-@together(
+@run_cases(
     "model, at, i_n",
     [
         (MotorShaft(I_M), "j_m", 1 / I_M),
@@ -78,7 +78,7 @@ def test_the_matrix_of_the_equations_and_the_printed_one(model: Model, at: str, 
     assert forcing == pytest.approx([0, 0, 0, -0.3 / j1, -I_M * p["t_f"] / jm, 8.0 / lm])
 
 
-@together(
+@run_cases(
     "model, at_10, at_30, end",
     [
         (AsPrinted(i_n=8.0, a_51="j_m"), (13.4, 16.3), 15.90, 15.91),
@@ -191,7 +191,7 @@ def test_a_search_with_the_integrator_ends_at_the_priors(boxed: Posterior) -> No
     assert np.isfinite(found[2])
 
 
-@together("p", [NOMINAL, skewed()], ids=["nominal", "skewed"])
+@run_cases("p", [NOMINAL, skewed()], ids=["nominal", "skewed"])
 def test_agrees_with_the_exact_response_within_thirty_tolerances(p: dict[str, float]) -> None:
     """Each state relative to its largest value over 10 s; the slow swing sums up its errors."""
     solution, found, true = both(p, 1e-3)
@@ -307,7 +307,7 @@ def test_one_time_is_the_start_and_a_rig_at_rest_stays() -> None:
     assert rest.steps <= 10
 
 
-@together(
+@run_cases(
     "t, rtol, says",
     [([0.0, 0.0], 1e-3, "times"), ([], 1e-3, "times"), ([0.0, 1.0], 0.0, "tolerances")],
 )

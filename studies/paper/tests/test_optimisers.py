@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from support.case_tables import together
+from support.case_tables import run_cases
 
 from bayesdrill.inference import Coordinates
 from bayesdrill.sampling import Task
@@ -51,7 +51,7 @@ def searched(way: str, evaluations: int) -> tuple[TracedOptimum, list[tuple[floa
     return found, asked
 
 
-@together("way", WAYS)
+@run_cases("way", WAYS)
 def test_a_search_finds_the_maximum_and_what_it_may_spend_only_cuts_it_short(way: str) -> None:
     """Mutant killed: the best point lost with the iteration that was cut."""
     whole, asked = searched(way, 8000)
@@ -81,7 +81,7 @@ def test_fminsearch_stops_at_tolerances_that_are_absolute() -> None:
     assert coarse.settled
 
 
-@together("n", [1, 2, 4])
+@run_cases("n", [1, 2, 4])
 def test_fminsearch_gives_up_where_matlab_documents_it(n: int) -> None:
     """On a slope without end: MaxFunEvals and MaxIter are 200 times the number of unknowns."""
     endless = task("abcd"[:n], lambda theta: np.asarray(theta.sum(axis=-1)))

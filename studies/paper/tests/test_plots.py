@@ -10,7 +10,7 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.figure_checks import SYMBOLS, clashes, drawn, marked, posterior, within, xy
 
 from bayesdrill.basics import PARAMETERS
@@ -133,7 +133,7 @@ def points(lines: Sequence[Line2D]) -> list[tuple[float, float]]:
     return sorted((float(x), float(y)) for line in lines for x, y in xy(line).T)
 
 
-@together("ends_at", [(0.7, 9e5), (2e-7, 30.0), (0.004, 2e3), (1e-40, 1e40)])
+@run_cases("ends_at", [(0.7, 9e5), (2e-7, 30.0), (0.004, 2e3), (1e-40, 1e40)])
 def test_decades_are_labelled_with_what_they_are(ends_at: tuple[float, float]) -> None:
     panel = Figure().add_subplot()
     set_decades(panel.yaxis, *ends_at)
@@ -171,7 +171,7 @@ def ends(n_scales: int) -> tuple[SearchEnd, ...]:
     return tuple(end(way, m, s[:n_scales], d) for way, m, s, d in found)
 
 
-@together("n_scales", [0, 1, 2])
+@run_cases("n_scales", [0, 1, 2])
 def test_open_marks_are_the_searches_that_did_not_reach_the_noise(n_scales: int) -> None:
     every = ends(n_scales)
     figure = simultaneous_figure(every, SCALES[:n_scales])
@@ -192,7 +192,7 @@ def test_open_marks_are_the_searches_that_did_not_reach_the_noise(n_scales: int)
     assert right.get_ylim()[1] > 8e3
 
 
-@together("n_scales", [1, 2])
+@run_cases("n_scales", [1, 2])
 def test_the_truth_stands_at_factor_one(n_scales: int) -> None:
     left = simultaneous_figure(ends(n_scales), SCALES[:n_scales]).axes[0]
     ((x, y),) = points(marked(left, "+"))
@@ -231,7 +231,7 @@ def test_the_misfit_after_each_iteration() -> None:
     assert any(np.all(xy(line)[1] == 1.0) for line in panel.get_lines())
 
 
-@together(
+@run_cases(
     "n, known, starts, printed",
     [(9, True, 24, "true"), (9, True, 24, "other"), (13, False, 0, "other"), (2, True, 1, "none")],
 )

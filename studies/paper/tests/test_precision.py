@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.scipy_oracles import NOMINAL, ORDER, by_expm, skewed
-from support.small_problems import measured, posterior, replace_only, vector
+from support.small_problems import noisy_step, posterior, replace_only, vector
 
 from bayesdrill.config import loading
 from bayesdrill.rig import Response
@@ -25,7 +25,7 @@ SIGMA = np.full(4, 0.02)
 
 
 def test_misfit_is_the_papers() -> None:
-    target = posterior(measured(SIGMA, n=40), np.array([0.02, 0.03, 0.05, 0.04]))
+    target = posterior(noisy_step(SIGMA, n=40), np.array([0.02, 0.03, 0.05, 0.04]))
     experiment = target.likelihood.only_observation.response.experiment
     states = by_expm(skewed(), experiment.t, np.zeros(5), 8.0, 0.0)[:, :4]
     per = (((experiment.y - states) / [0.02, 0.03, 0.05, 0.04]) ** 2).mean()
@@ -137,7 +137,7 @@ def mend(path: Path, old: str, new: str) -> None:
     path.write_text(text.replace(old, new))
 
 
-@together(
+@run_cases(
     "head, row",
     [("t,phi [\xb0],theta_2,w_1,w_2", "0,0,0,0,0"), (None, '"0","0","0","0","0"')],
     ids=["Latin-1", "quoted"],

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import scipy.linalg
 from numpy.typing import NDArray
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.scipy_oracles import NOMINAL, ORDER, by_expm, matrices, skewed
-from support.small_problems import STATES, experiment, measured, posterior, vector
+from support.small_problems import STATES, experiment, noisy_step, posterior, vector
 
 from bayesdrill.analysis import plausibility
 from bayesdrill.rig import MotorShaft
@@ -71,7 +71,7 @@ def test_inconsistencies_are_what_they_say() -> None:
 
 
 def test_products_do_not_change_with_the_scales_and_missing_physics_is_exact() -> None:
-    target = posterior(measured(SIGMA, n=60), SIGMA)
+    target = posterior(noisy_step(SIGMA, n=60), SIGMA)
     guess = vector(dict(printed.GUESS))
     factors = np.ones(9)
     for group, factor in (("j_m c_m k_s j_1 t_f k_T", 1.7), ("l_m r_m k_T", 0.6)):
@@ -149,7 +149,7 @@ def test_a_quantity_that_the_config_gives_is_none_of_the_records() -> None:
         assert cause["heuristic"] == pytest.approx(expected)
 
 
-@together("channels", [STATES[:4], ("i",)])
+@run_cases("channels", [STATES[:4], ("i",)])
 def test_what_a_record_says_alone_is_its_information_without_any_prior(
     channels: tuple[str, ...],
 ) -> None:

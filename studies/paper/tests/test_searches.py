@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import scipy.optimize
 from numpy.typing import NDArray
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.scipy_oracles import NOMINAL, ORDER, skewed
-from support.small_problems import measured, posterior, replace_only, starting, vector
+from support.small_problems import noisy_step, posterior, replace_only, vector, with_start
 
 from bayesdrill.inference import Posterior, Uniform
 from bayesdrill.rig import MotorShaft, Response
@@ -27,13 +27,13 @@ SIGMA = np.full(4, 0.02)
 TWO = ("c_m", "k_e")
 
 
-@together("way", precision.WAYS)
-@together("sigma", [0.001, 0.3])
+@run_cases("way", precision.WAYS)
+@run_cases("sigma", [0.001, 0.3])
 def test_estimates_are_those_of_least_squares(way: str, sigma: float) -> None:
     """Negative ones too.  Mutant killed: the prior kept in the density (it ends at zero)."""
     priors = {"c_m": Uniform(0.0, 0.02), "k_e": Uniform(0.0, 0.2)}
     start = {"c_m": 1e-3, "k_e": 1e-2}
-    target = starting(posterior(measured(SIGMA), SIGMA, free=TWO, priors=priors), start)
+    target = with_start(posterior(noisy_step(SIGMA), SIGMA, free=TWO, priors=priors), start)
     truth = np.array([NOMINAL[name] for name in TWO])
     indices = (3, 4, 5)
     found = searches.estimates(target, way, sigma, truth, 7, indices)
@@ -72,11 +72,11 @@ def test_distance_from_the_truth_is_split_along_the_symmetries() -> None:
 
 
 def test_path_of_the_heuristic_begins_and_ends_at_its_misfits() -> None:
-    target = posterior(measured(SIGMA, n=60), SIGMA, free=("k_e", "k_s", "j_1"))
+    target = posterior(noisy_step(SIGMA, n=60), SIGMA, free=("k_e", "k_s", "j_1"))
     names = target.space.free
     own = Pairwise()
     start = {name: 1.15 * NOMINAL[name] for name in names}
-    target = starting(target, start)
+    target = with_start(target, start)
     with WorkerPool(target, 1) as pool:
         found = searches.run_heuristic(pool, target, searches.MisfitSearch(own, 5000), 3, 5)
     assert found.misfits[0] == pytest.approx(precision.misfit_per_number(target, found.guess))
@@ -152,7 +152,7 @@ def verified() -> Verified:
         return rig, searches.verify(pool, rig, truth, SIGMAS, 4, plan), truth, one
 
 
-@together("sigma", SIGMAS)
+@run_cases("sigma", SIGMAS)
 def test_bounds_and_posteriors_grow_with_the_noise(verified: Verified, sigma: float) -> None:
     """The priors, ten sd wide at least, do not matter: the posterior is as wide as the bound.
 
@@ -185,7 +185,7 @@ def test_records_differ_in_the_size_of_their_noise_alone(verified: Verified) -> 
     assert found.values[0.001]["truth"] == pytest.approx(truth)
 
 
-@together("sigma", SIGMAS)
+@run_cases("sigma", SIGMAS)
 def test_each_search_ends_low_in_the_misfit_of_its_own_record_and_model(
     verified: Verified, sigma: float
 ) -> None:
@@ -227,7 +227,7 @@ def swinging() -> Posterior:
     return target(names, np.full(4, 5.0), 401, at(names, 1.3, 0.6), wide=(0.2, 4.0))
 
 
-@together("sigma", [5.0, 20.0])
+@run_cases("sigma", [5.0, 20.0])
 def test_ends_of_searches_are_told_apart_by_their_misfits(
     swinging: Posterior, sigma: float
 ) -> None:

@@ -15,7 +15,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from support.case_tables import together
+from support.case_tables import run_cases
 from support.scipy_oracles import ORDER
 
 from bayesdrill import output_files
@@ -292,7 +292,7 @@ def check(cell: str, name: str, record: Mapping[str, str]) -> None:
         assert agrees(cell, value, float(scale or 1)), (name, cell, value)
 
 
-@together("stem, k", IN_ROWS)
+@run_cases("stem, k", IN_ROWS)
 def test_every_row_is_that_of_the_csv_to_the_digits_shown(stem: str, k: int) -> None:
     """Mutants killed: one column in the place of another, digits lost, a scale forgotten."""
     heads, rows = grids(tables()[stem].markdown)[k]
@@ -382,7 +382,7 @@ def test_lines_of_table_2_lead_back_to_what_was_found() -> None:
         assert (line["printed"], line["printed_percent"]) == (paper.value, paper.deviation)
 
 
-@together("known", [True, False])
+@run_cases("known", [True, False])
 def test_lines_of_table_3_lead_back_to_what_was_found(known: bool) -> None:
     """Mutants killed: off the guess where it says off the truth, another parameter's number."""
     found = findings().nines[0 if known else 1]
