@@ -17,7 +17,7 @@ from bayesdrill.record.experiment import Channel, Experiment
 from bayesdrill.rig.models.linear import constant_forcing, dynamics
 from bayesdrill.rig.models.train import Train
 from bayesdrill.rig.simulators import simulator
-from bayesdrill.rig.simulators.exact import Response
+from bayesdrill.rig.simulators.linear import Response
 from bayesdrill.rig.simulators.sensors import ObservationModel
 
 BATCH, STEP, SAMPLES = 64, 0.002, 1001

@@ -5,12 +5,13 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 
 from bayesdrill.record.experiment import Channel, Experiment
-from bayesdrill.rig.kernels.sums import SQUARES
-from bayesdrill.rig.simulators.exact import Response
-from bayesdrill.rig.simulators.irregular import Dense
+from bayesdrill.rig.simulators.linear import Response
+from bayesdrill.rig.simulators.sensors import ObservationModel
 from benchmarks import problem
 from benchmarks.likelihood import BATCH, best_of
 
@@ -28,12 +29,12 @@ def times(n: int, rng: np.random.Generator) -> dict[str, np.ndarray]:
     }
 
 
-def shifts(rng: np.random.Generator) -> dict[str, np.ndarray | None]:
-    """Delays as walkers of a posterior have them, and as those of a prior."""
+def delays(rng: np.random.Generator) -> dict[str, np.ndarray]:
+    """Delays `(BATCH, channels)` as walkers of a posterior have them, and as those of a prior."""
     near = STEP * (np.array([0.3, 1.2, 1.7, 2.2]) + rng.normal(0, 2e-3, (BATCH, 4)))
     return {
-        "": None,
-        ", one delay": near * [0, 1, 0, 0],
+        "": near[:, :0],
+        ", one delay": near[:, 1:2],
         ", four delays": near,
         ", four delays, wide": STEP * rng.uniform(0.1, 3, (BATCH, 4)),
     }
@@ -46,8 +47,6 @@ def main() -> None:
         job.problem.posterior.likelihood.only_observation.response.model,
     )
     theta = space.full(space.vector(job.problem.nominal) * rng.uniform(0.9, 1.1, (BATCH, 1)))
-    start, rows = np.zeros((BATCH, 5)), np.zeros((BATCH, 4, 7))
-    rows[:, range(4), range(4)] = rng.uniform(0.9, 1.1, (BATCH, 4))
     channels = tuple(
         Channel(name=name, weights={name: 1.0}, unit="1", latex=name, latex_unit="1")
         for name in NAMES
@@ -63,14 +62,12 @@ def main() -> None:
         base = best_of(lambda p=plain: p.squares(theta), repeats)
         print(f"{n} samples of 4 channels, measured voltage: plain {1e6 * base / BATCH:.1f} us")
         for how, t in times(n, rng).items():
-            for of, shift in shifts(rng).items():
-                dense = Dense(model, t, series, {"t_1": 0.0}, first_order=False)
-                taken = best_of(
-                    lambda d=dense, s=shift, y=y: d.sums(
-                        (theta, start, start, s, rows), y, SQUARES
-                    ),
-                    repeats,
-                )
+            for of, late in delays(rng).items():
+                names = NAMES[: late.shape[1]]
+                sensing = ObservationModel(lags={name: f"lag_{name}" for name in names})
+                uneven = Response(model, dataclasses.replace(record, t=t), sensing)
+                full = np.hstack([theta, late])
+                taken = best_of(lambda r=uneven, p=full: r.squares(p), repeats)
                 print(f"  {how + of:36s} {1e6 * taken / BATCH:9.1f} us {taken / base:6.1f}")
 
 

@@ -22,13 +22,18 @@ CHAINS = 16  # independent sums: more than a core needs to hide what one operati
 ROUNDS = 20_000_000
 
 
-def operations(layout: Layout, dt: float, n_samples: int, numbers: np.ndarray) -> float:
-    """Vector operations of one group of walkers at `numbers (P + C,)`: parameters, constant inputs."""
+def operations(
+    layout: Layout, weights: np.ndarray, dt: float, n_samples: int, numbers: np.ndarray
+) -> float:
+    """Vector operations of one group of walkers at `numbers (P + C,)`: parameters, constant inputs.
+
+    `weights (K, X)`: of states in channels.
+    """
     reach = np.array(layout.reach)
     x = layout.n_states
     columns = [k for k in range(len(reach)) if k != x]
     step = sum(int(reach[i, columns].sum()) + 1 for i in range(x))
-    channels = sum(sum(kind != 0 for kind in kinds) + 1 for kinds in layout.channels)
+    channels = int((weights != 0).sum()) + len(weights)
     product = int(sum(np.sum(reach[i][:, None] & reach) for i in range(len(reach))))
     squarings = max(0, int(np.ceil(np.log2(_norm(layout, dt, numbers) / TAYLOR_NORM))))
     horner = TAYLOR_DEGREE // 4 - 1
@@ -72,5 +77,7 @@ def operations_per_second() -> float:
     return best
 
 
-def seconds_per_evaluation(layout: Layout, dt: float, n_samples: int, numbers: np.ndarray) -> float:
-    return operations(layout, dt, n_samples, numbers) / (LANES * operations_per_second())
+def seconds_per_evaluation(
+    layout: Layout, weights: np.ndarray, dt: float, n_samples: int, numbers: np.ndarray
+) -> float:
+    return operations(layout, weights, dt, n_samples, numbers) / (LANES * operations_per_second())

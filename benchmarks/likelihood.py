@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from bayesdrill.rig.kernels.exponential import present
-from bayesdrill.rig.simulators.exact import layout
+from bayesdrill.rig.simulators.long_record import input_layout
 from benchmarks import floor, problem
 
 BATCH = 64
@@ -36,9 +36,10 @@ def table(job: problem.Job) -> list[str]:
     single = best_of(lambda: target.density(theta[:1]))
     response = target.likelihood.only_observation.response
     full = target.space.full(theta)
-    own, record = layout(response.model, response.experiment), response.experiment
+    own, record = input_layout(response.model, response.experiment), response.experiment
     numbers = [*full[0], *(record.constant[name] for name in present(record.constant))]
-    lowest = floor.seconds_per_evaluation(own, record.dt, len(record.t), np.array(numbers))
+    weights = record.weights(response.model.states)
+    lowest = floor.seconds_per_evaluation(own, weights, record.dt, len(record.t), np.array(numbers))
     rows = [
         ("arithmetic floor, see below", lowest, 0.0),
         (f"likelihood, batch of {BATCH}", ours, 0.0),

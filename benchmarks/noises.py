@@ -15,7 +15,7 @@ from bayesdrill.inference.priors import LogUniform
 from bayesdrill.record.experiment import Channel, Experiment
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators.contract import Simulator
-from bayesdrill.rig.simulators.exact import Response
+from bayesdrill.rig.simulators.linear import Response
 from bayesdrill.rig.simulators.sensors import ObservationModel
 from bayesdrill.rig.simulators.stepped import Stepped
 from benchmarks import problem

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from bayesdrill.rig.models.latent_torque import MissingTorque, Smoothness, TorqueLocation
-from bayesdrill.rig.simulators.exact import Response
 from bayesdrill.rig.simulators.kalman import KalmanFilter
+from bayesdrill.rig.simulators.linear import Response
 from benchmarks import problem
 from benchmarks.likelihood import BATCH, best_of
 

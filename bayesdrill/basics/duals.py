@@ -8,6 +8,7 @@ NumPy's.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -82,6 +83,14 @@ class Dual:
 def dual(number: Any) -> Dual:
     """Return a number as a `Dual`; a plain one has no slope."""
     return number if isinstance(number, Dual) else Dual(number, 0.0)
+
+
+def linear_map(function: Callable[..., Any], *numbers: Any) -> Any:
+    """Return a linear function of arrays, or of arrays that all have slopes, with its slope."""
+    if not all(isinstance(number, Dual) for number in numbers):
+        return function(*numbers)
+    values, slopes = zip(*((number.value, number.slope) for number in numbers), strict=True)
+    return Dual(function(*values), function(*slopes))
 
 
 class Number(ABC):

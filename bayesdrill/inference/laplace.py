@@ -3,7 +3,7 @@
 The approximation is the Gauss-Newton information of the record plus that of the priors, both in the
 logs of the unknowns.  It decides where to start and how to scale, never what is reported.
 
-Slopes of the response are exact (`rig.models.linear.Tangent`), its curvature is that of Gauss and
+Slopes of the response are exact (`rig.kernels.linear`), its curvature is that of Gauss and
 Newton: what a straight response would have.  That is positive, and right where the fit leaves only
 noise.
 """
@@ -132,12 +132,15 @@ def natural_sd(unknown: Unknown) -> float:
 
 def _record_rows(posterior: Posterior, theta: Array) -> Array:
     """Slopes `(n, D)` of measured numbers over their noise, and a row for each unknown of a noise."""
-    up, down, steps = _neighbours(posterior.coordinates, theta)
-    full = posterior.space.full(np.concatenate([up, down]))
+    space = posterior.space
+    full, along = space.full(theta[None]), space.slopes(theta[None])
+    moving = space.columns(*SIMULATOR_ROLES)
     rows, levels = [], []
     for observation in posterior.likelihood.observations:
-        signals = observation.signals(full)
-        shifts = (signals[: len(theta)] - signals[len(theta) :]) / (2.0 * steps[:, None, None])
+        shifts = np.zeros((len(theta), *observation.experiment.y.shape))
+        if len(moving):
+            arguments = map(observation.simulator_parameters, (full, along))
+            shifts[moving] = observation.response.sensitivities(*arguments)[0]
         slopes = observation.whitened_jacobian_at(shifts, theta)
         rows.append(np.nan_to_num(slopes.reshape(len(theta), -1), posinf=0.0, neginf=0.0).T)
         information = observation.expected(theta)

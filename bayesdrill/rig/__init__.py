@@ -33,6 +33,6 @@ if TYPE_CHECKING:
     from bayesdrill.rig.models.roles import ShaftRoles as ShaftRoles
     from bayesdrill.rig.models.roles import usual_roles as usual_roles
     from bayesdrill.rig.models.train import Train as Train
-    from bayesdrill.rig.simulators.exact import Response as Response
+    from bayesdrill.rig.simulators.linear import Response as Response
 
 __getattr__ = lazy_attributes(__name__)

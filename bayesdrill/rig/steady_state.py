@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.duals import Dual
 from bayesdrill.rig.models.linear import Model
 
 INVARIANCE_TOLERANCE = 1e-12
@@ -72,27 +74,18 @@ def equilibrium(matrix: Array, forcing: Array) -> Array:
     return np.asarray(solution)
 
 
-def states(matrix: Array, forcing: Array, angles: Sequence[int], turn: Array | None) -> Array:
+def states(matrix: Any, forcing: Any, angles: Sequence[int], turn: Array | None) -> Any:
     """Return the steady state `(n, X)`, its first angle zero where all angles turn.
 
-    `turn`: as `free_turn` has it of the matrix.
+    `turn`: as `free_turn` has it of the matrix.  Matrix and forcing may both have slopes: those of
+    the state follow from A x = -f, as A x_dot = -(f_dot + A_dot x).
     """
+    if isinstance(matrix, Dual):
+        here = states(matrix.value, forcing.value, angles, turn)
+        moved = np.einsum("nij,nj->ni", matrix.slope, here) + forcing.slope
+        return Dual(here, states(matrix.value, moved, angles, turn))
     if turn is None:
         return equilibrium(matrix, forcing)
     steady = equilibrium(fix_rotation(matrix, angles, turn), forcing)
     steady[:, angles[0]] = 0.0
     return steady
-
-
-def state_slopes(
-    matrix: Array,
-    forcing: Array,
-    matrix_slope: Array,
-    forcing_slope: Array,
-    angles: Sequence[int],
-    turn: Array | None,
-) -> Array:
-    """Return the slope `(n, X)` of `states`, where matrix and forcing change by the slopes given."""
-    here = states(matrix, forcing, angles, turn)
-    moved = np.einsum("nij,nj->ni", matrix_slope, here) + forcing_slope
-    return states(matrix, moved, angles, turn)

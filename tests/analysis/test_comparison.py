@@ -34,7 +34,7 @@ from bayesdrill.inference.priors import Uniform
 from bayesdrill.inference.unknowns import ParameterSpace
 from bayesdrill.report.sections import comparison_words, verdict_words
 from bayesdrill.rig.models.motor_shaft import MotorShaft
-from bayesdrill.rig.simulators.exact import Response
+from bayesdrill.rig.simulators.linear import Response
 
 # --- the word that the evidence of several models has ------------------------------------------------
 

@@ -25,7 +25,7 @@ from bayesdrill.record.formats import FORMATS, format_of
 from bayesdrill.report import words
 from bayesdrill.rig import MotorShaft
 from bayesdrill.rig.simulators import simulator
-from bayesdrill.rig.simulators.irregular import IrregularSimulator
+from bayesdrill.rig.simulators.linear import Response
 from bayesdrill.rig.simulators.sensors import ObservationModel
 from bayesdrill.tasks.conclusions import SampledRun, concluded
 
@@ -160,7 +160,7 @@ def test_half_a_sample_moves_what_a_late_step_moves() -> None:
     values, free = {**NOMINAL, "t_f": 1e-3}, ("j_m", "k_e", "k_s", "j_1")
     priors = {name: Uniform(0.3 * NOMINAL[name], 3 * NOMINAL[name]) for name in free}
     clean = experiment_of(N, DT, measures=MEASURES, constant={"v": 8.0, "t_1": 0.0})
-    delayed = IrregularSimulator(MotorShaft(), clean, ObservationModel(delay="t_0"))
+    delayed = Response(MotorShaft(), clean, ObservationModel(delay="t_0"))
     fits = []
     for delay in (0.0, 0.5 * DT):
         y = delayed.signals(np.append(vector(values), delay)[None])[0]
@@ -194,7 +194,7 @@ def test_half_a_sample_does_not_matter_where_the_lags_of_channels_are_unknown() 
     assert half_sample_shift(SensitivityStudy(target.likelihood), theta) is not None
     sensing = ObservationModel(lags={"alpha": "a", "w_2": "b"})
     one = target.likelihood.only_observation
-    rig = IrregularSimulator(MotorShaft(), one.experiment, sensing)
+    rig = Response(MotorShaft(), one.experiment, sensing)
     fixed = {**target.space.fixed, "a": 0.0, "b": 0.0}
     space = replace(target.space, model=(*target.space.model, "a", "b"), fixed=fixed)
     likelihood = replace(target.likelihood, observations=(replace(one, response=rig),), space=space)

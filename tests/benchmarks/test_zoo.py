@@ -18,7 +18,7 @@ from support.case_tables import run_cases
 from bayesdrill.config.job import prepare
 from bayesdrill.config.records import simulation
 from bayesdrill.record.experiment import Experiment
-from bayesdrill.rig.simulators.exact import Response
+from bayesdrill.rig.simulators.linear import Response
 from benchmarks.modes import collection
 from benchmarks.modes.judge import SHOWN
 from benchmarks.zoo import folder, judge, plot, report, rows, runs, table

@@ -24,8 +24,7 @@ from bayesdrill.report.publish import FIGURES
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulators.contract import Simulator
-from bayesdrill.rig.simulators.exact import Response
-from bayesdrill.rig.simulators.irregular import IrregularSimulator
+from bayesdrill.rig.simulators.linear import Response
 from bayesdrill.rig.simulators.stepped import Stepped
 from bayesdrill.sampling.optimisers import OPTIMISERS
 from bayesdrill.sampling.optimisers.contract import Optimiser
@@ -38,8 +37,7 @@ PACKAGE = Path(bayesdrill.__file__).parent
 REGISTRIES = (
     "rig/models/",
     "rig/simulators/__init__.py",
-    "rig/simulators/exact.py",
-    "rig/simulators/irregular.py",
+    "rig/simulators/linear.py",
     "rig/simulators/stepped.py",
     "inference/noise/",
     "inference/priors.py",
@@ -51,7 +49,7 @@ REGISTRIES = (
     "tasks/remote.py",
 )
 CONTRACTS = (Model, Simulator, Noise, priors.Prior, Observation, Optimiser, Move, RefitExecutor)
-SIMULATORS = (Response, IrregularSimulator, Stepped)
+SIMULATORS = (Response, Stepped)
 OBSERVATIONS = (Observation, LatentTorqueObservation)
 # Of an observation whose density is not that of independent residuals all this is its own.
 DENSITY = (

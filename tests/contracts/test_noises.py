@@ -26,7 +26,7 @@ from bayesdrill.inference.priors import Uniform
 from bayesdrill.inference.unknowns import ParameterSpace
 from bayesdrill.record.experiment import Channel
 from bayesdrill.rig.models.motor_shaft import PARAMETERS, MotorShaft
-from bayesdrill.rig.simulators.exact import Response
+from bayesdrill.rig.simulators.linear import Response
 
 Array = NDArray[np.float64]
 SIGMA = (0.3, 0.02)  # unequal

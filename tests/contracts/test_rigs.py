@@ -19,7 +19,7 @@ from bayesdrill.config.schema.config import ModelSpec, config_kind
 from bayesdrill.config.schema.vocabulary import vocabulary_of
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.linear import Model, dynamics, with_all
-from bayesdrill.rig.simulators.exact import Response
+from bayesdrill.rig.simulators.linear import Response
 
 N, DT = 40, 0.004
 POINT = np.exp(np.random.default_rng(7).uniform(-0.2, 0.2, 50))

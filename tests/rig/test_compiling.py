@@ -21,9 +21,10 @@ from bayesdrill.rig.kernels.compiling import (
     rows_of_walkers,
 )
 from bayesdrill.rig.kernels.lanes import LANES
-from bayesdrill.rig.kernels.recurrence import write_response
+from bayesdrill.rig.kernels.linear import SUMS, write_linear
+from bayesdrill.rig.kernels.sums import SQUARES
 from bayesdrill.rig.models.motor_shaft import MotorShaft
-from bayesdrill.rig.simulators.exact import Response, layout
+from bayesdrill.rig.simulators.linear import Response
 
 MANY = 20
 
@@ -75,8 +76,8 @@ def test_code_lives_as_long_as_a_simulator_of_it() -> None:
     compile_kernel.cache_clear()
     made = Response(MotorShaft(), experiment)
     expected = made.squares(theta)
-    own = layout(MotorShaft(), experiment)
-    engine = weakref.ref(compile_kernel(write_response, own, "misfit", "signals").engine)
+    shape = made._shape(SUMS, SQUARES, slopes=False)
+    engine = weakref.ref(compile_kernel(write_linear, shape).engine)
     assert compile_kernel.cache_info().hits == 1
     compile_kernel.cache_clear()
     gc.collect()

@@ -19,13 +19,12 @@ from support.scipy_oracles import ORDER, skewed
 from support.small_problems import STATES, experiment
 
 from bayesdrill.rig.kernels.lanes import Module
-from bayesdrill.rig.kernels.recurrence import write_response
+from bayesdrill.rig.kernels.linear import SUMS, write_linear
 from bayesdrill.rig.kernels.sums import SQUARES
 from bayesdrill.rig.models import linear
-from bayesdrill.rig.models.linear import DOT, Linear, Model, Tangent, dynamics
+from bayesdrill.rig.models.linear import Linear, Model, dynamics
 from bayesdrill.rig.models.motor_shaft import OFFERS, MotorShaft, TwoRotors
-from bayesdrill.rig.simulators.exact import Response, layout
-from bayesdrill.rig.simulators.irregular import IrregularSimulator
+from bayesdrill.rig.simulators.linear import Response
 from bayesdrill.rig.simulators.sensors import ObservationModel, observed_model
 
 I_M = 0.2
@@ -154,8 +153,8 @@ class Plain(Model):
 def code(rig: Model, series: bool) -> Counter[str]:
     """What is handed to the compiler: how often each operation, whatever its numbers are called."""
     u = {"v": np.ones(20)} if series else {}
-    own, module = layout(rig, experiment(20, start=START, series=u)), Module("rig")
-    write_response(module, own, SQUARES.name)
+    simulator, module = Response(rig, experiment(20, start=START, series=u)), Module("rig")
+    write_linear(module, simulator._shape(SUMS, SQUARES, slopes=False))
     return Counter(re.sub(r'%"[^"]*"', "%", line) for line in str(module).splitlines())
 
 
@@ -167,7 +166,7 @@ def test_what_is_not_named_costs_not_an_operation(series: bool) -> None:
     theta, record = vector(Plain(), skewed()), experiment(30, start=START)
     for of in (
         Response,
-        lambda rig, one: IrregularSimulator(rig, one, ObservationModel(delay="t_0")),
+        lambda rig, one: Response(rig, one, ObservationModel(delay="t_0")),
     ):
         full = theta if of is Response else np.append(theta, [[0.004]], axis=1)
         one, other = of(MotorShaft(), record), of(Plain(), record)
@@ -204,7 +203,7 @@ def test_its_frictions_have_the_laws_of_what_is_named() -> None:
     assert not MotorShaft(I_M, added=("c_s", "j_2", "r_s", "c_1")).frictions
 
 
-def test_frictions_pass_through_the_sensors_of_inputs_and_not_through_slopes() -> None:
+def test_frictions_pass_through_the_sensors_of_inputs() -> None:
     rig = MotorShaft(I_M, added=("j_2", "t_cm", "v_d"))
     behind = observed_model(
         rig, ObservationModel(input_gains={"v": "gain_v"}, input_offsets={"v": "offset_v"})
@@ -218,12 +217,6 @@ def test_frictions_pass_through_the_sensors_of_inputs_and_not_through_slopes() -
     for column in (("w_2", "friction_m"), ("i", "drop")):
         assert through.B[column] == plain.B[column]
     assert through.c["i"] == pytest.approx(0.3 / p["l_m"])
-    tangent = Tangent(rig)
-    assert tangent.frictions == ()
-    moved = dict.fromkeys((name + DOT for name in rig.parameters), 0.0) | {"j_2" + DOT: 1.0}
-    slope = tangent.linear(p | moved).B["w_2" + DOT, "friction_m"]
-    up, down = (rig.linear(p | {"j_2": p["j_2"] + h}).B["w_2", "friction_m"] for h in (1e-6, -1e-6))
-    assert slope == pytest.approx((up - down) / 2e-6, rel=1e-6)
 
 
 def test_names_of_a_rig_and_of_its_kind() -> None:

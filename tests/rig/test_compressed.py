@@ -17,7 +17,7 @@ from bayesdrill.rig.models.train import Train
 from bayesdrill.rig.simulators import simulator
 from bayesdrill.rig.simulators.compressed import CompressedSimulator, compress, even_record
 from bayesdrill.rig.simulators.contract import Simulator
-from bayesdrill.rig.simulators.exact import Response
+from bayesdrill.rig.simulators.linear import Response
 from bayesdrill.rig.simulators.long_record import long_states as fast
 from bayesdrill.rig.simulators.rational_basis import (
     BLOCK,

@@ -26,8 +26,8 @@ from bayesdrill.rig.models.latent_torque import (
     torque_gain,
 )
 from bayesdrill.rig.models.motor_shaft import DrivenShaft, MotorShaft
-from bayesdrill.rig.simulators.exact import Response
 from bayesdrill.rig.simulators.kalman import KalmanFilter, step_lengths
+from bayesdrill.rig.simulators.linear import Response
 
 Array = NDArray[np.float64]
 

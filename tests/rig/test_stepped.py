@@ -18,7 +18,7 @@ from bayesdrill.rig.models.friction import Friction
 from bayesdrill.rig.models.linear import Linear, WrappedModel
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators.contract import REVERSAL_SUBSTEPS
-from bayesdrill.rig.simulators.exact import Response
+from bayesdrill.rig.simulators.linear import Response
 from bayesdrill.rig.simulators.sensors import ObservationModel
 from bayesdrill.rig.simulators.stepped import Stepped
 

@@ -19,7 +19,7 @@ from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Uniform
 from bayesdrill.rig.models.motor_shaft import MotorShaft
-from bayesdrill.rig.simulators.exact import Response
+from bayesdrill.rig.simulators.linear import Response
 from bayesdrill.sampling import multiple_modes
 from bayesdrill.sampling.multiple_modes import distinct_modes, joined_by_ridge, twin_starts
 from benchmarks.modes import collection

@@ -11,7 +11,7 @@ from support.small_problems import experiment, noisy_step, posterior, vector
 
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.rig.models.motor_shaft import MotorShaft
-from bayesdrill.rig.simulators.exact import Response
+from bayesdrill.rig.simulators.linear import Response
 
 SIGMA = np.array([0.1, 0.07, 0.2, 0.15])  # of the four channels of a step
 MEASURED = {"step": {}, "zero-order hold": {"v"}, "first-order hold": {"t_1"}}  # inputs

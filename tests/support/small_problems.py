@@ -23,7 +23,7 @@ from bayesdrill.rig.models.friction import Named
 from bayesdrill.rig.models.linear import Linear
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators.contract import Simulator
-from bayesdrill.rig.simulators.exact import Response
+from bayesdrill.rig.simulators.linear import Response
 
 STATES = ("theta_1", "theta_2", "w_1", "w_2", "i")
 

@@ -28,7 +28,7 @@ from bayesdrill.analysis.calibration import CalibrationStudy, refit
 from bayesdrill.basics.errors import InputError, Interrupted
 from bayesdrill.basics.progress import Reporter, Silent
 from bayesdrill.output_files import dumps_checksummed, loads_checksummed
-from bayesdrill.rig.simulators.exact import Response
+from bayesdrill.rig.simulators.linear import Response
 from bayesdrill.tasks import calibrate, remote
 
 QUICK = "calibration: {refits: 10, draws: 19, n_tau: 5, ess: 50, max_steps: 600}"

@@ -12,17 +12,35 @@ from dataclasses import dataclass
 
 from llvmlite import ir
 
-from bayesdrill.rig.kernels.exponential import Layout, addresses
-from bayesdrill.rig.kernels.lanes import VECTORS, Builder, Integer, Loop, Module, kernel, vector
+from bayesdrill.rig.kernels.exponential import Constants, Layout, addresses, emit_drive
+from bayesdrill.rig.kernels.lanes import (
+    NUMBERS,
+    VECTORS,
+    Builder,
+    Integer,
+    Loop,
+    Module,
+    kernel,
+    vector,
+)
 from bayesdrill.rig.kernels.loops import (
     Block,
     in_panels,
     multiply_panels,
     store_transposed_exponential,
 )
-from bayesdrill.rig.kernels.recurrence import BLOCKS, COUNTS, Constants, emit_drive
 from bayesdrill.rig.kernels.sums import RESIDUAL_SUMS, Sample
 
+# G groups of LANES walkers, T samples.
+COUNTS = ("groups", "samples")
+BLOCKS = {
+    "parameters": VECTORS,  # (G, P + K m): parameters, then weights `(K, m)` of sums that have some
+    "constants": NUMBERS,  # see `Constants`
+    "y": NUMBERS,  # (T, K)
+    "u": NUMBERS,  # (T + 1, n_series)
+    "scratch": VECTORS,
+    "out": VECTORS,  # (G, K, n) sums, or (G, T, K) signals
+}
 DOUBLINGS = 3  # of one sample: more cost more matrices than they save steps
 SAMPLES = 1 << DOUBLINGS  # of a step
 SLOPES = "sensitivities"
@@ -74,7 +92,7 @@ class BlockShape:
 
 
 def write_blocks(module: Module, shape: BlockShape, *names: str) -> None:
-    """Write functions as `write_response` does, with the address of scratch behind the others.
+    """Write `signals`, and sums of `RESIDUAL_SUMS` by their names.
 
     A walker's numbers are `BlockShape.walker`; `constants` are the step, the lead and the constant
     inputs.  `sensitivities` writes slopes of signals `(G, T, K, LANES)`, in the direction of all
@@ -88,7 +106,7 @@ def _emit_response(module: Module, shape: BlockShape, name: str) -> None:
     tally, k_count = RESIDUAL_SUMS.get(name), shape.channels
     width, each = (2 if name == SLOPES else 1), tally.weights if tally is not None else 0
     size = width * sum(shape.walker.values())
-    with kernel(module, name, COUNTS, BLOCKS | {"scratch": VECTORS}) as (a, b):
+    with kernel(module, name, COUNTS, BLOCKS) as (a, b):
         # Panels are wider than what they hold, and what lay in memory may be numbers so small that
         # each product with them takes a hundred times as long.
         b.clear(a["scratch"], shape.scratch(width))
@@ -157,8 +175,10 @@ class _Group:
             b.copy(start, base, shape.layout.n_states)
         b.write(vector(1.0), z[0], shape.layout.n_states)
         if shape.layout.lead:
+            until = emit_drive(b, shape.layout, self._a["u"], None)
+            b.write_row(until, b.offset(z[0], shape.head))
             self._exponential(lead=True)
-            self._multiply(self._back, z, self._front, (1, shape.head, shape.head))
+            self._multiply(self._back, z, self._front, (1, shape.layout.size, shape.head))
             self._move(self._back, z, shape.head)
 
     def _multiply(

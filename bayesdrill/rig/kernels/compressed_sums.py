@@ -67,44 +67,39 @@ def write_sums(module: Module, shape: BasisShape) -> None:
     and the square of what no function has.  `out (G, K sums + K, LANES)`: squares, and bounds of the
     size of what the functions leave.
 
-    With the tangent there are q directions too: `directions (G, q, P + ..., LANES)`, slopes of what
+    With slopes there are q directions too: `directions (G, q, P + ..., LANES)`, slopes of what
     walkers have, and `weights (G, K sums, LANES)` of each sum.  `out (G, K sums + K + q + q q, LANES)`
     goes on with slopes and the lower triangle of the products, these with their weights.
     """
     with kernel(module, "sums", COUNTS, BLOCKS) as (a, b):
         q, columns, n_sums = a["q"], a["columns"], shape.channels * shape.sums
         length, first = b.mul(columns, n_sums), n_sums + shape.channels
-        both = b.room(2 * shape.parameters)
         with b.loop(a["groups"], "groups") as group:
             walker = b.offset(a["walkers"], group, shape.walker_size)
             expansion = BasisExpansion(b, shape, a)
             residuals = expansion.after
             slopes = b.offset(residuals, length)  # (q, K sums, n)
             out = b.offset(a["out"], group, b.add(first, b.mul(q, b.add(q, 1))))
-            if shape.tangent:
+            if shape.slopes:
                 with b.loop(q, "directions") as direction:
                     row = b.add(b.mul(group, q), direction)
                     along = b.offset(a["directions"], row, shape.walker_size)
-                    b.copy(walker, both, shape.parameters)
-                    b.copy(along, b.offset(both, shape.parameters), shape.parameters)
-                    errors = _expand(expansion, (walker, along), both)
+                    errors = _expand(expansion, (walker, along))
                     row_slopes = b.offset(slopes, direction, length)
                     moved = expansion.coefficients.bases[1]
                     for s, row, products in _projections(expansion, moved):
                         for n, product in enumerate(products):
                             b.write(product, row_slopes, b.add(b.mul(columns, s), b.add(row, n)))
             else:
-                errors = _expand(expansion, (walker,), walker)
+                errors = _expand(expansion, (walker,))
             b.write_row(errors, b.offset(out, n_sums))
-            store_squares(expansion, out, residuals if shape.tangent else None)
-            if shape.tangent:
+            store_squares(expansion, out, residuals if shape.slopes else None)
+            if shape.slopes:
                 weights = b.offset(a["weights"], group, n_sums)
                 _store_products(expansion, weights, slopes, residuals, b.offset(out, first))
 
 
-def _expand(
-    expansion: BasisExpansion, bases: tuple[ir.Value, ...], parameters: ir.Value
-) -> list[ir.Value]:
+def _expand(expansion: BasisExpansion, bases: tuple[ir.Value, ...]) -> list[ir.Value]:
     """Store the coefficients of walkers; return bounds `(K,)`; `bases`: of numbers, and of slopes."""
     b, shape, layout = expansion.b, expansion.shape, expansion.shape.layout
     numbers = map(Blocks(b, bases).get, range(shape.parameters, shape.walker_size))
@@ -112,7 +107,8 @@ def _expand(
     rows = [[*islice(numbers, shape.states + 1)] for _ in range(shape.channels)]
     span, constants = b.shared(expansion.a["numbers"], 0), b.offset(expansion.a["numbers"], 1)
     e = expansion.entry.e
-    store_exponential(b, parameters, constants, span, e, layout, increments=True, beside_one=False)
+    values = [bases[0], span] + ([bases[1], vector(0.0)] if shape.slopes else [])
+    store_exponential(b, e, constants, layout, *values, increments=True, beside_one=False)
     return expansion.run(start, rows)
 
 

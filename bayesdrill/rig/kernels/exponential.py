@@ -20,20 +20,20 @@ import numpy as np
 from llvmlite import ir
 from numpy.typing import NDArray
 
-from bayesdrill.basics.duals import Dual
+from bayesdrill.basics.duals import Dual, dual, where
 from bayesdrill.rig.kernels.lanes import (
     F64,
     INT_VEC,
     VEC,
     Builder,
     Loop,
-    Values,
+    Mask,
     Vector,
     register,
     routine,
     vector,
 )
-from bayesdrill.rig.kernels.numbers import Numbers
+from bayesdrill.rig.kernels.numbers import Blocks, Number, Numbers, dot, multiply_add
 from bayesdrill.rig.models.linear import Model
 
 Entries = Callable[[Sequence[Any]], Sequence[tuple[int, int, Any]]]
@@ -50,8 +50,7 @@ class Layout:
     `entries(numbers)` gives its (row, column, value), of the rig's `n_parameters` and then of the
     `n_constants` inputs that are constant; entries of one place add up.  Its columns are X states,
     one constant input, `n_series` sampled inputs and, with a first-order hold, their increments.
-    `lead`: whether the start is before the first sample.  `channels (K, X)`: weights of states, see
-    `weight_kinds`.
+    `lead`: whether the start is before the first sample.
     """
 
     n_parameters: int
@@ -61,7 +60,6 @@ class Layout:
     first_order: bool
     entries: Entries
     lead: bool = False
-    channels: WeightKinds = ()
 
     @classmethod
     def from_model(
@@ -81,7 +79,7 @@ class Layout:
     def text(self) -> str:
         """See `compile_kernel`."""
         sizes = (self.n_parameters, self.n_states, self.n_series, self.first_order, self.lead)
-        return f"{sizes} {self.channels} {formulas(self.n_numbers, self.entries)}"
+        return f"{sizes} {formulas(self.n_numbers, self.entries)}"
 
     @property
     def n_numbers(self) -> int:
@@ -114,16 +112,13 @@ class Layout:
         return pattern
 
     def matrix(
-        self, b: Builder, parameters: ir.Value, constants: ir.Value, *, apart: int = 0
+        self, b: Builder, constants: ir.Value, *parameters: ir.Value
     ) -> Sequence[tuple[int, int, Any]]:
-        """Return the entries of parameters `(P,)` and constant inputs `(C,)`, as numbers.
+        """Return the entries of constant inputs `(C,)` and parameters `(P,)`, as numbers.
 
-        Slopes of parameters, if any, stand `apart` from them.
+        `parameters`: the addresses of their values and, if there are any, of their slopes.
         """
-        row = b.read_row(parameters, self.n_parameters)
-        if apart:
-            row += b.read_row(b.offset(parameters, apart), self.n_parameters)
-        numbers = Numbers(b, bool(apart)).shaped(row)
+        numbers = map(Blocks(b, parameters).get, range(self.n_parameters))
         return self.entries([*numbers, *(number(b, constants, c) for c in range(self.n_constants))])
 
 
@@ -231,6 +226,8 @@ TAYLOR_DEGREE = 16
 TAYLOR_NORM = 0.75  # 0.75**17 / 17! = 2e-17: the truncated series is exact to rounding below it
 MAX_SQUARINGS = 60
 
+BALANCING_ROUNDS = 6
+
 _MANTISSA_BITS = 52
 _EXPONENT_BIAS = 1023
 
@@ -238,75 +235,74 @@ _EXPONENT_BIAS = 1023
 @routine
 def store_exponential(
     b: Builder,
-    parameters: ir.Value,
-    constants: ir.Value,
-    span: ir.Value,
     e: ir.Value,
+    constants: ir.Value,
     layout: Layout,
-    *,
+    *numbers: ir.Value,
     increments: bool,
     beside_one: bool = True,
 ) -> None:
-    """Store the exponential e `(N, N)` of the augmented matrix, each lane over a `span` of its own.
+    """Store the exponential e `(N, N)` of the augmented matrix, each lane over a span of its own.
 
-    It is that of `parameters (P,)` and `constants (C,)`.  The last columns are those of the inputs'
-    `increments` over the span, or else of their slopes.  `beside_one=False` stores e - 1, which has
-    more digits where a span is short.
+    `numbers`: the address of parameters `(P,)` and the span; for an exponential with slopes, the
+    address of the slopes of the parameters and the slope of the span behind them.  The last columns
+    are those of the inputs' `increments` over the span, or else of their slopes.
+    `beside_one=False` stores e - 1, which has more digits where a span is short.
 
     By scaling and squaring (Moler and Van Loan 2003): a Taylor series of degree 16 in powers of the
     fourth power, then squarings lane by lane.  Both are of e - 1: beside a one, what a slow state
     does in the shortened span would be lost to rounding where another state is very fast.
     """
-    n, reach = layout.size, layout.reach
+    parameters, span, *changes = numbers
+    memory, n, reach = Numbers(b, bool(changes)), layout.size, layout.reach
     reached = [i * n + j for i in range(n) for j in range(n) if reach[i][j]]
-    scratch = b.room(5 * n * n)
-    a, second, third, fourth, spare = (b.offset(scratch, k * n * n) for k in range(5))
-    matrix = layout.matrix(b, parameters, constants)
-    timed = timed_entries(layout, matrix, Vector(b, span), increments=increments)
-    values = register_entries(timed)
+    a, second, third, fourth, spare = (memory.room(n * n) for _ in range(5))
+    matrix = layout.matrix(b, constants, parameters, *changes[:1])
+    (length,) = memory.shaped([span, *changes[1:]])
+    values = timed_entries(layout, matrix, length, increments=increments)
     # The size of the inputs' columns does not matter: the series in A alone converges.
     states = range(layout.n_states)
-    rows = ([values[row, c] for c in states if (row, c) in values] for row in states)
+    plain = value_registers(values)
+    rows = ([plain[row, c] for c in states if (row, c) in plain] for row in states)
     halvings, factor = emit_shortening(b, emit_norm(b, rows))
     for entry in reached:
         value = values.get(divmod(entry, n))
-        b.write(vector(0.0) if value is None else b.fmul(value, factor), a, entry)
+        memory.put(memory.zero() if value is None else value * Vector(b, factor), a, entry)
     for out, left, right in ((second, a, a), (third, second, a), (fourth, second, second)):
-        multiply_reached(b, out, left, right, layout)
+        multiply_reached(b, out, left, right, layout, slopes=memory.slopes)
 
     def add_terms(base: ir.Value | None, first: int) -> None:
         """Store e = base + sum of A^k / (first + k)! for k = 0..3 (and 4 at the top)."""
         for entry in reached:
             powers = [a, second, third, *([fourth] if base is None else [])]
             diagonal = first > 0 and entry % (n + 1) == 0
-            total = vector(1.0 / math.factorial(first) if diagonal else 0.0)
+            total: Number = Vector(b, vector(1.0 / math.factorial(first) if diagonal else 0.0))
             if base is not None:
-                total = b.fadd(total, b.read(base, entry))
-            terms = (
-                (vector(1.0 / math.factorial(first + k)), b.read(power, entry))
-                for k, power in enumerate(powers, start=1)
-            )
-            b.write(b.add_products(terms, total), e, entry)
+                total = memory.get(base, entry) + total
+            for k, power in enumerate(powers, start=1):
+                weight = Vector(b, vector(1.0 / math.factorial(first + k)))
+                total = multiply_add(weight, memory.get(power, entry), total)
+            memory.put(total, e, entry)
 
     add_terms(None, TAYLOR_DEGREE - 4)
     for first in range(TAYLOR_DEGREE - 8, -1, -4):
-        multiply_reached(b, spare, e, fourth, layout)
+        multiply_reached(b, spare, e, fourth, layout, slopes=memory.slopes)
         add_terms(spare, first)
 
     with b.loop(b.add(b.largest(halvings), 1), "squarings") as squarings:
         wanted = b.sitofp(halvings, VEC)
-        still = b.fcmp_ordered("<", b.splat(b.sitofp(squarings, F64)), wanted)
-        multiply_reached(b, spare, e, e, layout)
+        still = Mask(b, b.fcmp_ordered("<", b.splat(b.sitofp(squarings, F64)), wanted))
+        multiply_reached(b, spare, e, e, layout, slopes=memory.slopes)
         for entry in reached:
-            now = b.read(e, entry)
-            twice = b.fma(vector(2.0), now, b.read(spare, entry))  # (1 + e)^2 - 1
-            b.write(b.select(still, twice, now), e, entry)
+            now = memory.get(e, entry)
+            twice = multiply_add(Vector(b, vector(2.0)), now, memory.get(spare, entry))
+            memory.put(where(still, twice, now), e, entry)  # (1 + e)^2 - 1
     for entry in range(0, n * n, n + 1) if beside_one else ():
-        b.write(b.fadd(b.read(e, entry), vector(1.0)), e, entry)
+        memory.put(memory.get(e, entry) + 1.0, e, entry)
 
 
 def timed_entries(
-    layout: Layout, matrix: Sequence[tuple[int, int, Any]], span: Vector, *, increments: bool
+    layout: Layout, matrix: Sequence[tuple[int, int, Any]], span: Number, *, increments: bool
 ) -> dict[tuple[int, int], Any]:
     """Return the entries by place, times the span."""
     entries: dict[tuple[int, int], Any] = {}
@@ -351,61 +347,28 @@ def emit_halvings(b: Builder, norm: ir.Value, bound: float) -> ir.Value:
     return least
 
 
-def register_entries(entries: Mapping[tuple[int, int], Vector | float]) -> Registers:
-    """Return entries as registers."""
-    return {index: register(entry) for index, entry in entries.items()}
+def value_registers(entries: Mapping[tuple[int, int], Number]) -> Registers:
+    """Return the values of entries as registers."""
+    return {index: register(dual(entry).value) for index, entry in entries.items()}
 
 
 @routine
 def multiply_reached(
-    b: Builder, out: ir.Value, left: ir.Value, right: ir.Value, layout: Layout
+    b: Builder,
+    out: ir.Value,
+    left: ir.Value,
+    right: ir.Value,
+    layout: Layout,
+    *,
+    slopes: bool = False,
 ) -> None:
     """Store the product of two matrices `(N, N)`, of their entries in reach."""
-    n, reach = layout.size, layout.reach
+    n, reach, memory = layout.size, layout.reach, Numbers(b, slopes)
     for i in range(n):
-        row = {k: b.read(left, i * n + k) for k in range(n) if reach[i][k]}
+        row = {k: memory.get(left, i * n + k) for k in range(n) if reach[i][k]}
         for j in (j for j in range(n) if reach[i][j]):
-            terms = [(row[k], b.read(right, k * n + j)) for k in row if reach[k][j]]
-            b.write(b.add_products(terms), out, i * n + j)
-
-
-MAX_SERIES_DEGREE = 12
-MAX_SERIES_NORM = 0.25  # largest norm times span that a series is asked for
-SERIES_TAIL = 1e-16  # of a truncated series, at the ends of a cell
-BALANCING_ROUNDS = 6
-MAX_SPAN_HALVINGS = 50  # halvings of a span: below, it is lost in the rounding of a time
-MAX_NORM = 1e100  # of norms: a lane beyond has overflown
-
-Use = Callable[[ir.Value, Values, Values], Values]
-
-
-def rate_entries(layout: Layout) -> list[tuple[int, int]]:
-    """Return (row, column) of the entries of A, c and B that the rig has."""
-    entries = layout.entries([1.0] * layout.n_numbers)
-    return sorted({(row, column) for row, column, _ in entries if row < layout.n_states})
-
-
-def emit_rates(
-    b: Builder,
-    layout: Layout,
-    matrix: Sequence[tuple[int, int, Any]],
-    least: ir.Value,
-    out: ir.Value,
-) -> ir.Value:
-    """Store the entries at `rate_entries`, divided by norm; return norm, not below `least`."""
-    entries: dict[tuple[int, int], Vector | float] = {}
-    for row, column, value in matrix:
-        if row < layout.n_states:
-            entries[row, column] = entries.get((row, column), 0.0) + value
-    values = register_entries(entries)
-    norm = emit_balanced_norm(b, layout.n_states, values)
-    fit = b.fcmp_ordered(">", norm, least)
-    fit = b.and_(fit, b.fcmp_ordered("<", norm, vector(MAX_NORM)))
-    norm = b.select(fit, norm, least)
-    over = b.fdiv(vector(1.0), norm)
-    for index, entry in enumerate(rate_entries(layout)):
-        b.write(b.fmul(values[entry], over), out, index)
-    return norm
+            column = [(row[k], memory.get(right, k * n + j)) for k in row if reach[k][j]]
+            memory.put(dot(*zip(*column, strict=True)), out, i * n + j)
 
 
 def emit_balanced_norm(b: Builder, x: int, values: Registers) -> ir.Value:
@@ -430,94 +393,51 @@ def emit_balanced_norm(b: Builder, x: int, values: Registers) -> ir.Value:
 
 
 @dataclass(frozen=True, slots=True)
-class Cell:
-    """Spans up to the `width` of a cell, halved in each lane until a series is short enough.
+class Constants:
+    """The block of numbers that all walkers share.
 
-    `halvings`: how often (integers); `power`: 2 to that; `half`: 1/2 in lanes without any, whose
-    series begins in the middle of a cell, 0 in others; `unit`: norm times the width halved;
-    `weights`: 1/k or, beyond the degree of the lane, 0; `count`: largest degree, at least 3;
-    `depth`: most halvings.
+    It has the step, the span from the start to the first sample, inputs `(C,)`, the start `(X,)`,
+    and weights of channels `(K, X)`.
     """
 
-    halvings: ir.Value
-    power: ir.Value
-    half: ir.Value
-    unit: ir.Value
-    weights: ir.Value
-    count: ir.Value
-    depth: ir.Value
+    b: Builder
+    layout: Layout
+    block: ir.Value
+
+    @property
+    def inputs(self) -> ir.Value:
+        """The address of the constant inputs `(C,)`."""
+        return self.b.offset(self.block, 2)
+
+    @property
+    def all_weights(self) -> ir.Value:
+        """The address of the weights `(K, X)`."""
+        return self.b.offset(self.block, 2 + self.layout.n_constants + self.layout.n_states)
+
+    def span(self, *, lead: bool) -> ir.Value:
+        """Load the span of the lead, or of a step."""
+        return self.b.shared(self.block, int(lead))
+
+    def start(self, count: int) -> list[ir.Value]:
+        """Load the start of the first `count` states."""
+        first = 2 + self.layout.n_constants
+        return [self.b.shared(self.block, first + i) for i in range(count)]
+
+    def exponential(self, parameters: ir.Value, e: ir.Value, *, lead: bool) -> None:
+        """Store the exponential of `parameters` over a step or over the lead at `e`."""
+        numbers = (parameters, self.span(lead=lead))
+        store_exponential(self.b, e, self.inputs, self.layout, *numbers, increments=True)
 
 
-def emit_cell(
-    b: Builder, norm: ir.Value, width: ir.Value, weights: ir.Value, *, tail: float = SERIES_TAIL
-) -> Cell:
-    """Choose halvings and degree of each lane's series, and store its `weights`.
+def emit_drive(b: Builder, layout: Layout, u: ir.Value, index: ir.Value | None) -> list[ir.Value]:
+    """Load the sampled inputs and, with a first-order hold, their increments.
 
-    What the truncated series leaves out at the ends of a cell is about `tail`, relative to the
-    state.
+    They are those of a sample or, where `index` is None, those before the first.
     """
-    whole = b.fmul(norm, b.splat(width))
-    short = b.fcmp_ordered("<=", whole, vector(2 * MAX_SERIES_NORM))
-    halvings = b.select(short, 0, emit_halvings(b, whole, MAX_SERIES_NORM))
-    deep = b.icmp_signed(">", halvings, MAX_SPAN_HALVINGS)
-    halvings = b.select(deep, MAX_SPAN_HALVINGS, halvings)
-    power = emit_power(b, b.add(halvings, _EXPONENT_BIAS))
-    unit = b.fdiv(whole, power)
-    half = b.select(short, vector(0.5), vector(0.0))
-    size = b.select(short, b.fmul(unit, vector(0.5)), unit)
-    degree = b.select(deep, 0, 1)
-    for k in range(1, MAX_SERIES_DEGREE):
-        enough = (tail * math.factorial(k + 1)) ** (1 / (k + 1))
-        more = b.fcmp_ordered(">", size, vector(enough))
-        more = b.and_(more, b.icmp_signed("==", degree, k))
-        degree = b.add(degree, b.zext(more, INT_VEC))
-    for k in range(1, MAX_SERIES_DEGREE + 1):
-        wanted = b.icmp_signed(">=", degree, k)
-        b.write(b.select(wanted, vector(1 / k), vector(0.0)), weights, k)
-    count = b.largest(b.select(b.icmp_signed(">", degree, 3), degree, 3))
-    return Cell(halvings, power, half, unit, weights, count, b.largest(halvings))
-
-
-def emit_terms(
-    b: Builder,
-    layout: Layout,
-    rates: ir.Value,
-    values: tuple[Values, Values, Values],
-    over: ir.Value,
-    count: ir.Value,
-    start: Values,
-    use: Use,
-) -> Values:
-    """Evaluate derivatives of the state, the k-th times `over`**k (one over norm).
-
-    For k = 1 to `count` >= 3, at state, inputs and slopes of inputs (`values`).  `use(k, term,
-    carried)` returns what is carried on from `start`.
-    """
-    state, inputs, slopes = values
-    x = layout.n_states
-    columns = dict(enumerate(state))
-    columns |= {x: vector(1.0)} | {x + 1 + n: value for n, value in enumerate(inputs)}
-    term = _emit_rate(b, layout, rates, columns)
-    result = use(1, term, start)
-    columns = dict(enumerate(term))
+    series = range(layout.n_series)
+    row = b.mul(0 if index is None else index, layout.n_series)
+    drive = [b.single(u, b.add(row, s)) for s in series]
     if layout.first_order:
-        columns |= {x + 1 + n: b.fmul(value, over) for n, value in enumerate(slopes)}
-    term = _emit_rate(b, layout, rates, columns)
-    result = use(2, term, result)
-    more = Loop(b, b.sub(count, 2), [*term, *result], "terms")
-    term = _emit_rate(b, layout, rates, dict(enumerate(more.carried[:x])))
-    result = use(b.add(more.index, 3), term, more.carried[x:])
-    more.close([*term, *result])
-    return result
-
-
-def _emit_rate(b: Builder, layout: Layout, rates: ir.Value, columns: dict[int, ir.Value]) -> Values:
-    """Return sums of products, each added up in two halves to shorten the chain of additions."""
-    rate = []
-    for row in range(layout.n_states):
-        columns_of_row = [(n, c) for n, (r, c) in enumerate(rate_entries(layout)) if r == row]
-        terms = [(b.read(rates, n), columns[c]) for n, c in columns_of_row if c in columns]
-        halves = [terms[: len(terms) // 2], terms[len(terms) // 2 :]]
-        totals = [b.add_products(half[1:], b.fmul(*half[0])) for half in halves if half]
-        rate.append(b.fadd(*totals) if len(totals) == 2 else totals[0] if totals else vector(0.0))
-    return rate
+        following = b.add(row, layout.n_series if index is not None else 0)
+        drive += [b.fsub(b.single(u, b.add(following, s)), drive[s]) for s in series]
+    return [b.splat(value) for value in drive]

@@ -18,8 +18,8 @@ from bayesdrill.rig.kernels.exponential import (
     Layout,
     emit_balanced_norm,
     emit_shortening,
-    register_entries,
     timed_entries,
+    value_registers,
 )
 from bayesdrill.rig.kernels.lanes import (
     F64,
@@ -142,10 +142,11 @@ def store_transposed_exponential(
     """
     width = len(blocks) // 2
     e, spare = blocks[:width], blocks[width:]
-    matrix = layout.matrix(b, parameters, constants, apart=apart)
+    slopes = [b.offset(parameters, apart)] if apart else []
+    matrix = layout.matrix(b, constants, parameters, *slopes)
     timed = timed_entries(layout, matrix, Vector(b, span), increments=True)
     values = {index: dual(entry) for index, entry in timed.items()}
-    plain = register_entries({index: entry.value for index, entry in values.items()})
+    plain = value_registers(values)
     halvings, factor = emit_shortening(b, emit_balanced_norm(b, layout.n_states, plain))
     # Rows of the transpose are columns, and none is without an entry.
     diagonal = {(i, i) for i in range(layout.size)}

@@ -22,7 +22,7 @@ from itertools import islice
 
 from llvmlite import ir
 
-from bayesdrill.basics.duals import Dual, dual
+from bayesdrill.basics.duals import dual
 from bayesdrill.rig.kernels.exponential import Layout, number
 from bayesdrill.rig.kernels.lanes import Builder, Integer, Loop, Vector, vector
 from bayesdrill.rig.kernels.numbers import (
@@ -48,7 +48,7 @@ ROUNDS = 2
 class BasisShape:
     """What the kernels are specialised for.
 
-    `layout`: of the rig, or of its tangent where slopes are wanted (`tangent`).  `poles`: coordinates
+    `slopes`: whether numbers have some.  `poles`: coordinates
     of each, in the order of modal coordinates; `integrators`: coordinates before these, on which
     nothing depends.  `impulse`: whether the start moves the rig; `channels`: K.  `sums`: of squares of
     each channel, of residuals alone, or of steps between them and of both ends too.
@@ -60,23 +60,23 @@ class BasisShape:
     channels: int
     impulse: bool
     sums: int = 1
-    tangent: bool = False
+    slopes: bool = False
 
     @property
     def text(self) -> str:
         """See `compile_kernel`."""
         sizes = (self.integrators, self.channels, self.impulse, self.sums)
-        return f"{self.poles} {sizes} {self.tangent} {self.layout.text}"
+        return f"{self.poles} {sizes} {self.slopes} {self.layout.text}"
 
     @property
     def states(self) -> int:
         """States X of the rig."""
-        return self.layout.n_states // 2 if self.tangent else self.layout.n_states
+        return self.layout.n_states
 
     @property
     def parameters(self) -> int:
         """Parameters P of the rig."""
-        return self.layout.n_parameters // 2 if self.tangent else self.layout.n_parameters
+        return self.layout.n_parameters
 
     @property
     def blocks(self) -> list[list[int]]:
@@ -120,14 +120,14 @@ class BasisShape:
 
     def scratch_size(self, columns: int, q: int = 0) -> int:
         """Vectors of scratch."""
-        jets, products = 2 if self.tangent else 1, (1 + q) * self.channels * self.sums * columns
+        jets, products = 2 if self.slopes else 1, (1 + q) * self.channels * self.sums * columns
         return self.coefficients_at + jets * self.channels * columns + products + ROWS
 
     @property
     def coefficients_at(self) -> int:
         """Vectors of scratch before the coefficients: an exponential, and matrices of poles."""
-        jets = 2 if self.tangent else 1
-        return self.layout.size**2 + 3 * len(self.poles) * self.decaying**2 * jets
+        jets = 2 if self.slopes else 1
+        return (self.layout.size**2 + 3 * len(self.poles) * self.decaying**2) * jets
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,28 +194,21 @@ class ExponentialEntries:
     e: ir.Value
 
     def __call__(self, i: int, column: int) -> Number:
-        """Return an entry, with its slope; `column` counts those of the rig."""
-        x, layout = self.shape.states, self.shape.layout
-        at = column if column < x or not self.shape.tangent else column + x
-        rows = (i, x + i) if self.shape.tangent else (i,)
-        value, *slope = (
-            Vector(self.b, self.b.read(self.e, row * layout.size + at))
-            if layout.reach[row][at]
-            else Vector(self.b, vector(0.0))
-            for row in rows
-        )
-        return Dual(value, *slope) if slope else value
+        """Return an entry, with its slope where numbers have some."""
+        layout, kind = self.shape.layout, Numbers(self.b, self.shape.slopes)
+        reached = layout.reach[i][column]
+        return kind.get(self.e, i * layout.size + column) if reached else kind.zero()
 
 
 class BasisExpansion:
-    """The code that expands the response of a group of walkers, with slopes where it has a tangent."""
+    """The code that expands the response of a group of walkers, with slopes where they are wanted."""
 
     def __init__(self, b: Builder, shape: BasisShape, arguments: dict[str, ir.Value]) -> None:
         self.b, self.shape, self.a = b, shape, arguments
-        self._kind = Numbers(b, shape.tangent)
+        self._kind = Numbers(b, shape.slopes)
         self.frame = ModalFrame(b, shape, arguments["frame"])
         self.entry = ExponentialEntries(b, shape, arguments["scratch"])
-        self.after = b.offset(arguments["scratch"], shape.layout.size**2)
+        self.after = b.offset(arguments["scratch"], shape.layout.size**2 * self._kind.width)
         size = shape.decaying**2
         # Of each pole: the inverse of M, the all-pass, M.
         self.matrices = [[self._room(size) for _ in range(3)] for _ in shape.poles]

@@ -27,7 +27,7 @@ from dataclasses import dataclass
 
 from llvmlite import ir
 
-from bayesdrill.rig.kernels.exponential import Layout
+from bayesdrill.rig.kernels.exponential import Constants, Layout, Registers, emit_drive
 from bayesdrill.rig.kernels.kalman_filter import (
     Gains,
     StateSpace,
@@ -57,7 +57,6 @@ from bayesdrill.rig.kernels.numbers import (
     multiply_symmetric,
     solve,
 )
-from bayesdrill.rig.kernels.recurrence import Constants, emit_drive, next_state, phi_entries
 
 MIN_DOUBLINGS, MAX_DOUBLINGS = 7, 44  # doublings
 COVARIANCE_TOLERANCE = 1e-14  # of the variance of a sample: what one more doubling may add to it
@@ -248,7 +247,7 @@ def _correct_start(
 COUNTS = ("groups", "samples")
 BLOCKS = {
     "told": VECTORS,  # (G, P + K): parameters, variances
-    "constants": NUMBERS,  # see `recurrence.Constants`
+    "constants": NUMBERS,  # see `exponential.Constants`
     "y": NUMBERS,  # (T, K)
     "u": NUMBERS,  # (T + 1, n_series)
     "shown": VECTORS,  # scratch (T / `BLOCK_SAMPLES` + 1, n)
@@ -288,7 +287,8 @@ def write_steady_state(module: Module, system: StateSpace, layout: Layout) -> No
                 store_transition(b, parameters, span, at["phi"], at["q"], system, slopes=False)
                 predict_covariance(m, n, start, at["phi"], at["q"])
                 constants.exponential(parameters, e, lead=True)
-                state = next_state(b, phi_entries(b, layout, e), state, [])
+                until = emit_drive(b, layout, a["u"], None)
+                state = next_state(b, phi_entries(b, layout, e), state, until)
             span = constants.span(lead=False)
             store_transition(b, parameters, span, at["phi"], at["q"], system, slopes=False)
             _solve_riccati(m, system, at, a["samples"], first)
@@ -302,6 +302,25 @@ def write_steady_state(module: Module, system: StateSpace, layout: Layout) -> No
                 start_part = gained * (1.0 / k_count)
                 m.put(-0.5 * (total * root * root + start_part), out[k], 0)
                 m.put(1.0 / root, out[k_count + k], 0)
+
+
+def phi_entries(b: Builder, layout: Layout, e: ir.Value) -> Registers:
+    """Return the entries of Phi and of the columns after it that can differ from zero."""
+    size, reach = layout.size, layout.reach
+    places = ((i, j) for i in range(layout.n_states) for j in range(size) if reach[i][j])
+    return {(i, j): b.read(e, i * size + j) for i, j in places}
+
+
+def next_state(
+    b: Builder, phi: Registers, state: list[ir.Value], drive: list[ir.Value]
+) -> list[ir.Value]:
+    """Return the state after a step."""
+    x, following = len(state), []
+    columns = [*enumerate(state), *enumerate(drive, start=x + 1)]
+    for i in range(x):
+        terms = [(phi[i, j], value) for j, value in columns if (i, j) in phi]
+        following.append(b.add_products(terms, phi.get((i, x))))
+    return following
 
 
 @dataclass(frozen=True, slots=True)
@@ -337,7 +356,7 @@ class SteadyFilter:
             if pulls is not None:
                 pairs = zip(self.m.row(pulls, n, k * n), shown, strict=True)
                 shown = [multiply_add(pull, innovation, x) for pull, x in pairs]
-        following = next_state(b, self.phi, [x.value for x in state], drive, halves=False)
+        following = next_state(b, self.phi, [x.value for x in state], drive)
         return [*following, *(total.value for total in (*sums, *shown))]
 
 

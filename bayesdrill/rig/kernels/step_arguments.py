@@ -18,7 +18,7 @@ from bayesdrill.rig.kernels.lanes import NUMBERS, VECTORS, WHOLE, Builder, Vecto
 from bayesdrill.rig.kernels.numbers import Number, sum_products
 from bayesdrill.rig.kernels.sums import ResidualSums
 from bayesdrill.rig.models.friction import SettlingLaw
-from bayesdrill.rig.models.linear import Model, Tangent
+from bayesdrill.rig.models.linear import Model
 
 # T samples; N steps.
 COUNTS = ("groups", "samples", "nodes")
@@ -150,9 +150,8 @@ class SteppedShape:
 
     @property
     def layout(self) -> Layout:
-        """The layout of the matrix; with slopes, of the tangent's."""
-        model = Tangent(self.model) if self.dual else self.model
-        return Layout.from_model(model, self.driven, self.constant, first_order=False)
+        """The layout of the matrix."""
+        return Layout.from_model(self.model, self.driven, self.constant, first_order=False)
 
 
 class Rates:

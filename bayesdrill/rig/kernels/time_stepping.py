@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 from llvmlite import ir
 
-from bayesdrill.basics.duals import Dual, dual, where
+from bayesdrill.basics.duals import dual, where
 from bayesdrill.rig.kernels.exponential import addresses, number, store_exponential
 from bayesdrill.rig.kernels.friction import (
     FrictionHistory,
@@ -58,7 +58,7 @@ class Writer:
         # Exponentials of a step, a substep and, if there is one, a long step.
         count = 2 + shape.long_steps
         whole, part, *stride = self.exponentials = [
-            b.room(shape.layout.size**2) for _ in range(count)
+            self.kind.room(shape.layout.size**2) for _ in range(count)
         ]
         self._exponential(self.span, whole)
         if shape.turns > 1:
@@ -90,21 +90,16 @@ class Writer:
     def _exponential(self, span: Vector, room: ir.Value) -> None:
         b, constants = self.b, self.b.offset(self.a["numbers"], 2)
         parameters, layout = self.walker["parameters"], self.shape.layout
-        store_exponential(b, parameters, constants, span.value, room, layout, increments=False)
+        numbers = [parameters, span.value]
+        if self.shape.dual:
+            numbers += [b.offset(parameters, layout.n_parameters), vector(0.0)]
+        store_exponential(b, room, constants, layout, *numbers, increments=False)
 
     def _entry(self, e: ir.Value, row: int, column: int) -> Number | None:
         """Return an entry of Phi or of what follows it; columns count states, one, and what drives."""
-        layout, x = self.shape.layout, self.x_count
-        n, reach = layout.size, layout.reach
-        index = column if column < x or not self.shape.dual else column + x
-        value, *slopes = (
-            Vector(self.b, self.b.read(e, r * n + index)) if reach[r][index] else None
-            for r in (row, x + row)[: self.kind.width]
-        )
-        if not slopes or (value is None and slopes[0] is None):
-            return value
-        zero = Vector(self.b, vector(0.0))
-        return Dual(zero if value is None else value, 0.0 if slopes[0] is None else slopes[0])
+        layout = self.shape.layout
+        reached = layout.reach[row][column]
+        return self.kind.get(e, row * layout.size + column) if reached else None
 
     def _step(self, e: ir.Value, span: Vector) -> Step:
         shape, x, s = self.shape, self.x_count, len(self.shape.series)

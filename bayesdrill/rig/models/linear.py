@@ -1,11 +1,4 @@
-"""The contract of a model, and models that follow from another: its tangent, or with added physics.
-
-The tangent of a rig is a model whose extra states are the derivatives of the rig's own.
-
-    x' = A x + B u + c        x_dot' = A x_dot + A_dot x + B_dot u + c_dot
-
-for a direction in the space of parameters.  Its response is the exact sensitivity of the rig's
-response, by the same kernels: no step size, no difference of nearly equal numbers.
+"""The contract of a model, and models that follow from another: with added physics.
 
 Added physics is what a rig takes when its parameter is named, and is without when it is not.  A rig
 that is composed has a class-level `offers`: parameters, each with the names that it means nothing
@@ -25,7 +18,6 @@ import numpy as np
 
 from bayesdrill.basics import symbols
 from bayesdrill.basics.arrays import Array
-from bayesdrill.basics.duals import Dual, dual
 from bayesdrill.basics.entries import set_constants
 from bayesdrill.basics.errors import InputError, did_you_mean, short_repr
 from bayesdrill.basics.symbols import SPEED_UNITS, Symbol
@@ -242,46 +234,6 @@ class WrappedModel(Model):
     roles: ClassVar[Any] = property(lambda self: self.rig.roles)
     gear_ratio: ClassVar[Any] = property(lambda self: self.rig.gear_ratio)
     geared: ClassVar[Any] = property(lambda self: self.rig.geared)
-
-
-DOT = "_dot"
-
-
-@dataclass(frozen=True, slots=True)
-class Tangent(WrappedModel):
-    """The tangent of `rig`: its parameters and, named with `_dot`, the direction of the derivative."""
-
-    name: ClassVar[Any] = property(lambda self: f"tangent of {self.rig.name}")
-    declares: ClassVar[tuple[()]] = ()  # it is in no config
-    parameters: ClassVar[Any] = property(lambda self: _with_dots(self.rig.parameters))
-    states: ClassVar[Any] = property(lambda self: _with_dots(self.rig.states))
-    # Columns of the rig's frictions, and their derivatives, stand in its `B`.
-    frictions: ClassVar[tuple[()]] = ()
-
-    def linear(self, p: Named) -> Linear:
-        """See `Model.linear`."""
-        duals: Any = {name: Dual(p[name], p[name + DOT]) for name in self.rig.parameters}
-        rig = self.rig.linear(duals)
-        a: dict[tuple[str, str], Any] = {}
-        b: dict[tuple[str, str], Any] = {}
-        c: dict[str, Any] = {}
-        for (row, column), entry in rig.A.items():
-            a[row, column] = a[row + DOT, column + DOT] = dual(entry).value
-            if isinstance(entry, Dual):
-                a[row + DOT, column] = entry.slope
-        for (row, name), entry in rig.B.items():
-            b[row, name] = dual(entry).value
-            if isinstance(entry, Dual):
-                b[row + DOT, name] = entry.slope
-        for row, entry in rig.c.items():
-            c[row] = dual(entry).value
-            if isinstance(entry, Dual):
-                c[row + DOT] = entry.slope
-        return Linear(A=a, B=b, c=c)
-
-
-def _with_dots(names: tuple[str, ...]) -> tuple[str, ...]:
-    return (*names, *(name + DOT for name in names))
 
 
 @dataclass(frozen=True, slots=True)

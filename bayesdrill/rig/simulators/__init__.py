@@ -6,8 +6,7 @@ from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulators.chains import MOST_STATES, ChainResponse
 from bayesdrill.rig.simulators.contract import REVERSAL_SUBSTEPS, Simulator
-from bayesdrill.rig.simulators.exact import Response
-from bayesdrill.rig.simulators.irregular import IrregularSimulator
+from bayesdrill.rig.simulators.linear import Response
 from bayesdrill.rig.simulators.sensors import ObservationModel
 from bayesdrill.rig.simulators.stepped import Stepped
 
@@ -29,5 +28,4 @@ def simulator(
     even = experiment.uniform and not sensing.shifts
     if even and len(model.states) > MOST_STATES:
         return ChainResponse(model, experiment, sensing)
-    plain = sensing.empty and even and bool(experiment.seen.all())
-    return Response(model, experiment) if plain else IrregularSimulator(model, experiment, sensing)
+    return Response(model, experiment, sensing)

@@ -9,15 +9,16 @@ from functools import cached_property
 import numpy as np
 
 from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.duals import Dual
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.kernels.blocks import SLOPES, BlockShape, write_blocks
 from bayesdrill.rig.kernels.compiling import Kernel, compile_kernel
+from bayesdrill.rig.kernels.exponential import present
 from bayesdrill.rig.kernels.lanes import LANES
 from bayesdrill.rig.kernels.sums import SQUARES, ResidualSums
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulators.contract import in_groups
-from bayesdrill.rig.simulators.exact import constant_block, record_blocks
-from bayesdrill.rig.simulators.long_record import input_layout
+from bayesdrill.rig.simulators.long_record import input_layout, record_blocks
 from bayesdrill.rig.simulators.sensors import ObservationModel, ObservedWalkers
 from bayesdrill.rig.simulators.stepped import Unstepped
 
@@ -47,10 +48,14 @@ class ChainResponse(Unstepped):
     def sensitivities(self, full: Array, along: Array) -> Array:
         """See `Simulator.sensitivities`."""
         (n, q, p), shape = along.shape, self.experiment.y.shape
-        points, directions = np.repeat(full, q, axis=0), along.reshape(n * q, p)
-        walkers = ObservedWalkers(self.sensors, points)
-        slopes = ObservedWalkers(self.sensors, directions, walkers).numbers
-        return self._run(SLOPES, shape, walkers.numbers, slopes).reshape(n, q, *shape)
+        repeated = Dual(np.repeat(full, q, axis=0), along.reshape(n * q, p))
+        numbers = ObservedWalkers(self.sensors, repeated).numbers
+        slopes = self._run(SLOPES, shape, numbers.value, numbers.slope)
+        return slopes.reshape(n, q, *shape)
+
+    def course(self, full: Array, along: Array) -> tuple[Array, Array]:
+        """See `Simulator.course`."""
+        return self.signals(full), self.sensitivities(full, along)
 
     def _run(self, name: str, shape: tuple[int, ...], *walkers: Array) -> Array:
         scratch = np.empty((self._shape.scratch(1 + (name == SLOPES)) + 1, LANES))
@@ -80,5 +85,7 @@ class ChainResponse(Unstepped):
     @cached_property
     def _blocks(self) -> dict[str, Array]:
         """Constants, record, inputs."""
-        constants = constant_block(self.experiment, (), np.zeros(0))
-        return {"constants": constants, **record_blocks(self.experiment)}
+        experiment = self.experiment
+        spans = (experiment.dt, float(experiment.t[0] - experiment.t_start))
+        constants = np.array([*spans, *present(experiment.constant).values()])
+        return {"constants": constants, **record_blocks(experiment)}

@@ -11,12 +11,12 @@ import dataclasses
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
 
 from bayesdrill.basics.arrays import Array, Counts, Flags
+from bayesdrill.basics.duals import Dual
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.kernels.compiling import compile_kernel
 from bayesdrill.rig.kernels.compressed_sums import write_sums
@@ -24,9 +24,9 @@ from bayesdrill.rig.kernels.exponential import present
 from bayesdrill.rig.kernels.lanes import LANES
 from bayesdrill.rig.kernels.rational_basis import BasisShape
 from bayesdrill.rig.kernels.sums import SQUARES, ResidualSums
-from bayesdrill.rig.models.linear import Model, Tangent
+from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulators.contract import Simulator, in_groups
-from bayesdrill.rig.simulators.long_record import LongRecord, input_layout
+from bayesdrill.rig.simulators.long_record import LongRecord
 from bayesdrill.rig.simulators.rational_basis import (
     BLOCK,
     Basis,
@@ -168,9 +168,8 @@ class CompressedSimulator(Unstepped):
         n, q, _ = along.shape
         if weights.shape[2] != self._shape.sums:
             return self.whole.normal(full, along, weights)
-        at = ObservedWalkers(self.sensors, np.repeat(full, q, axis=0))
-        slopes = ObservedWalkers(self.sensors, along.reshape(n * q, -1), at).numbers
-        slopes = slopes.reshape(n, q, -1)
+        repeated = Dual(np.repeat(full, q, axis=0), along.reshape(n * q, -1))
+        slopes = ObservedWalkers(self.sensors, repeated).numbers.slope.reshape(n, q, -1)
         blocks = {"walkers": self._walkers(full), "directions": slopes, "weights": weights}
         rows, first = self._run(blocks, q)[0], self._k * (self._shape.sums + 1)
         numbers, slope, lower = np.split(rows, [first, first + q], axis=1)
@@ -228,19 +227,14 @@ class CompressedSimulator(Unstepped):
     def _shape(self) -> BasisShape:
         return self.compression.shape
 
-    @cached_property
-    def _tangent_shape(self) -> BasisShape:
-        layout = input_layout(Tangent(self.sensors.observed_model), self.experiment)
-        return dataclasses.replace(self._shape, layout=layout, tangent=True)
-
     def _walkers(self, full: Array) -> Array:
-        return ObservedWalkers(self.sensors, full).numbers
+        return np.asarray(ObservedWalkers(self.sensors, full).numbers)
 
     def _run(self, blocks: dict[str, Array], q: int = 0) -> tuple[Array, Array]:
         """Run the kernel on blocks `(W, ...)`; returns its numbers `(W, n)`, and scratch."""
         known, n = self.compression, len(blocks["walkers"])
         _, alike, columns, _ = known.record.matrix.shape
-        shape, size = self._tangent_shape if q else self._shape, columns**2
+        shape, size = dataclasses.replace(self._shape, slopes=q > 0), columns**2
         grouped = {name: in_groups(block) for name, block in blocks.items()}
         scratch = np.empty((shape.scratch_size(columns, q), LANES))
         given = {
@@ -253,15 +247,13 @@ class CompressedSimulator(Unstepped):
 
 def even_record(simulator: Simulator) -> LongRecord | None:
     """Return the record of a linear rig that has one step, and no channel that is late; or None."""
-    experiment, sensors = simulator.experiment, simulator.sensors
     late = simulator.sensing.shifts or simulator.stepping is not None
-    if late or len(experiment.t) < 2:
+    grid = simulator.sensors.grid
+    if late or not grid.uniform:
         return None
-    if simulator.exact:  # steps that are nearly one are one
-        return None if sensors.lead else LongRecord(sensors, experiment.dt, len(experiment.t))
-    grid = sensors.grid
-    record = LongRecord(sensors, float(grid.spans[0]), len(grid.t) - 1, grid.at)
-    return record if grid.uniform else None
+    count = len(grid.t) - 1
+    at = grid.at if len(grid.at) < count else None
+    return LongRecord(simulator.sensors, float(grid.spans[0]), count, at)
 
 
 def obstacle(simulator: Simulator) -> str:

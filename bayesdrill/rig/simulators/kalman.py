@@ -19,14 +19,14 @@ from numpy.typing import NDArray
 from bayesdrill.basics.arrays import Array
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.kernels.compiling import HIGH_OPT_LEVEL, Kernel, compile_kernel
-from bayesdrill.rig.kernels.exponential import Layout, weight_kinds
+from bayesdrill.rig.kernels.exponential import Layout, present, weight_kinds
 from bayesdrill.rig.kernels.kalman_filter import StateSpace, smoother_size, write_filter
 from bayesdrill.rig.kernels.lanes import LANES
 from bayesdrill.rig.kernels.steady_state_kalman import BLOCK_SAMPLES, write_steady_state
 from bayesdrill.rig.models.latent_torque import AugmentedModel, MissingTorque, augment
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulators.contract import in_groups
-from bayesdrill.rig.simulators.exact import constant_block, layout
+from bayesdrill.rig.simulators.long_record import input_layout
 
 CLOCK_TOLERANCE = 1e-9  # of the usual step: what steps may differ by and be one
 MAX_STEP_LENGTHS = 64  # lengths of steps, each with matrices of its own
@@ -158,14 +158,16 @@ class KalmanFilter:
     @cached_property
     def layout(self) -> Layout:
         """The layout of rig and torque."""
-        rig_layout = layout(self.augmented, self.experiment)
-        return dataclasses.replace(rig_layout, channels=self.system.channels)
+        lead = bool(self.experiment.t[0] > self.experiment.t_start)
+        return dataclasses.replace(input_layout(self.augmented, self.experiment), lead=lead)
 
     @cached_property
     def constants(self) -> tuple[Array, int]:
         """The kernel's block of constants of the experiment, and its address."""
-        start = self.augmented.initial_state(self.experiment.start)
-        block = constant_block(self.experiment, start, self.output_matrix)
+        experiment, start = self.experiment, self.augmented.initial_state(self.experiment.start)
+        spans = (experiment.dt, float(experiment.t[0] - experiment.t_start))
+        inputs = present(experiment.constant).values()
+        block = np.array([*spans, *inputs, *start, *self.output_matrix.ravel()])
         return block, block.ctypes.data
 
     def whiten(self, parameters: Array, sigmas: Array, residuals: Array) -> tuple[Array, Array]:

@@ -122,6 +122,13 @@ def input_layout(model: Model, experiment: Experiment) -> Layout:
     return Layout.from_model(model, series, constant, first_order=experiment.first_order)
 
 
+def record_blocks(experiment: Experiment) -> dict[str, Array]:
+    """Return record and inputs; the last increment drives nothing that is measured any more."""
+    series = [np.append(u, u[-1]) for u in experiment.series.values()]
+    u = np.array(series, dtype=np.float64).reshape(len(series), len(experiment.t) + 1).T
+    return {"y": np.ascontiguousarray(experiment.y), "u": np.ascontiguousarray(u)}
+
+
 def long_exponential(matrix: LongArray) -> LongArray:
     """Return exp(M) - 1."""
     _, size = np.frexp(np.abs(matrix).sum(axis=1).max(initial=0.0))

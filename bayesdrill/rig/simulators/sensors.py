@@ -8,24 +8,19 @@ start.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.duals import Dual, dual, linear_map
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig import steady_state
 from bayesdrill.rig.models.friction import Named
-from bayesdrill.rig.models.linear import (
-    Linear,
-    Model,
-    Tangent,
-    WrappedModel,
-    constant_forcing,
-    dynamics,
-)
+from bayesdrill.rig.models.linear import Linear, Model, WrappedModel, constant_forcing, dynamics
 from bayesdrill.rig.simulators.time_grid import Grid, build_grid
 
 
@@ -150,7 +145,7 @@ def observed_model(rig: Model, sensing: ObservationModel) -> Model:
 class SensorParameters:
     """Columns of `full (W, P)`: the model's parameters, then those that `sensing` names.
 
-    What is linear in them has its slope along `along (W, P)` by the same function.
+    `full` may be an array with slopes, and what follows from it has slopes then.
     """
 
     model: Model
@@ -167,9 +162,10 @@ class SensorParameters:
         """The model behind its inputs' sensors."""
         return observed_model(self.model, self.sensing)
 
-    def simulator_parameters(self, full: Array) -> Array:
+    def simulator_parameters(self, full: Any) -> Any:
         """Select the columns of `full` that are parameters of `observed_model`."""
-        return full if self._columns is None else full[:, self._columns]
+        places = self._columns
+        return full if places is None else linear_map(lambda part: part[:, places], full)
 
     @cached_property
     def _columns(self) -> list[int] | None:
@@ -177,9 +173,21 @@ class SensorParameters:
         places = [self.parameters.index(name) for name in self.observed_model.parameters]
         return None if places == [*range(len(self.parameters))] else places
 
-    def column(self, name: str, full: Array) -> Array:
+    def column(self, name: str, full: Any) -> Any:
         """Return the column `(W,)` of a name."""
-        return full[:, self.parameters.index(name)]
+        place = self.parameters.index(name)
+        return linear_map(lambda part: part[:, place], full)
+
+    def placed(self, places: Mapping[int, str], count: int, full: Any) -> Any:
+        """Return the columns of names at `places` of an array `(W, count)`, zero elsewhere."""
+        columns = [self.parameters.index(name) for name in places.values()]
+
+        def place(part: Array) -> Array:
+            out = np.zeros((len(part), count))
+            out[:, [*places]] = part[:, columns]
+            return out
+
+        return linear_map(place, full)
 
     # The record's own.
 
@@ -190,12 +198,18 @@ class SensorParameters:
 
     @cached_property
     def knots(self) -> tuple[Array, dict[str, Array]]:
-        """Times of start and samples, and sampled inputs there."""
+        """Times of start and samples, and sampled inputs there.
+
+        Steps that are nearly equal are equal.  Until the first sample inputs are as they are there.
+        """
         experiment = self.experiment
+        t = np.asarray(experiment.t)
+        if experiment.uniform and len(t) > 1:
+            t = t[0] + experiment.dt * np.arange(len(t))
         if not self.lead:
-            return np.asarray(experiment.t), dict(experiment.series)
+            return t, dict(experiment.series)
         series = {name: np.append(u[:1], u) for name, u in experiment.series.items()}
-        return np.append(experiment.t_start, experiment.t), series
+        return np.append(experiment.t_start, t), series
 
     @cached_property
     def grid(self) -> Grid:
@@ -234,39 +248,41 @@ class SensorParameters:
 
     # Sensors.
 
-    def channel_values(self, named: Mapping[str, str], full: Array) -> Array:
+    def channel_values(self, named: Mapping[str, str], full: Any) -> Any:
         """Return a parameter of each channel, `(W, K)`, zero where there is none."""
-        out = np.zeros((len(full), len(self.experiment.channels)))
-        for k, channel in enumerate(self.experiment.channels):
-            if channel.name in named:
-                out[:, k] = self.column(named[channel.name], full)
-        return out
+        names = [channel.name for channel in self.experiment.channels]
+        places = {k: named[name] for k, name in enumerate(names) if name in named}
+        return self.placed(places, len(names), full)
 
-    def gains(self, full: Array) -> Array:
+    def gains(self, full: Any) -> Any:
         """Return the gains of channels `(W, K)`, one where they have none."""
-        out = self.channel_values(self.sensing.gains, full)
-        alone = [c.name not in self.sensing.gains for c in self.experiment.channels]
-        return np.asarray(out + np.array(alone, dtype=np.float64))
+        known = self.sensing.gains
+        one = np.array([c.name not in known for c in self.experiment.channels], dtype=np.float64)
+        return self.channel_values(known, full) + one
 
-    def rows(self, gains: Array, named: Array) -> Array:
-        """Return `(W, K, X + 1)` over states and one.
+    def rows(self, full: Any) -> Any:
+        """Return rows of channels over states and one, gains times weights, and offsets.
 
-        They are `gains (W, K)` times weights, and offsets among `named (W, P)`.
+        They are `(W, K, X + 1)`.
         """
-        offsets = self.channel_values(self.sensing.offsets, named)
-        return np.concatenate([gains[:, :, None] * self.weights, offsets[:, :, None]], axis=2)
+        gains, offsets = self.gains(full), self.channel_values(self.sensing.offsets, full)
 
-    def channel_delays(self, full: Array) -> Array:
+        def row(gain: Array, offset: Array) -> Array:
+            return np.concatenate([gain[:, :, None] * self.weights, offset[:, :, None]], axis=2)
+
+        return linear_map(row, gains, offsets)
+
+    def channel_delays(self, full: Any) -> Any:
         """Return how much later each channel shows what the inputs do: `(W, K)`, in s."""
         out = self.channel_values(self.sensing.lags, full)
-        if self.sensing.delay is not None:
-            out += self.column(self.sensing.delay, full)[:, None]
-        return out
+        if self.sensing.delay is None:
+            return out
+        return out + linear_map(lambda d: d[:, None], self.column(self.sensing.delay, full))
 
-    def input_values(self, named: Mapping[str, str], full: Array) -> Array:
+    def input_values(self, named: Mapping[str, str], full: Any) -> Any:
         """Return a parameter of those inputs that have it, `(W, S)`."""
-        columns = [self.column(named[name], full) for name in self.inputs if name in named]
-        return np.stack(columns, axis=1) if columns else np.zeros((len(full), 0))
+        places = dict(enumerate(named[name] for name in self.inputs if name in named))
+        return self.placed(places, len(places), full)
 
     # The start.
 
@@ -275,106 +291,127 @@ class SensorParameters:
         """Indices of the angles."""
         return steady_state.angle_indices(self.model)
 
-    def shift_angles(
-        self, states: Array, free: Array | None, full: Array, known: Mapping[str, float]
-    ) -> Array:
+    def shift_angles(self, states: Any, free: Array | None, full: Any) -> Any:
         """Turn the rig in steady states so that one of its angles is what it is known to be.
 
         `free`: its `free_turn`.
         """
         turn = np.ones(len(self.angles)) if free is None else free
         for k, times in zip(self.angles, turn, strict=True):
-            name = self.model.states[k]
+            name, known = self.model.states[k], self.experiment.start
             parameter = self.sensing.states.get(name)
             if parameter is None and name not in known:
                 continue
             at = known[name] if parameter is None else self.column(parameter, full)
-            shift = (at - states[:, k])[:, None]
-            states[:, self.angles] += shift * (turn / times)
-            break
+            shift = at - linear_map(lambda part, column=k: part[:, column], states)
+            along = np.zeros((1, len(self.model.states)))
+            along[:, self.angles] = turn / times
+            return states + linear_map(lambda part, by=along: part[:, None] * by, shift)
         return states
 
 
 class ObservedWalkers:
     """What walkers `full (W, P)` have of their own; each part is computed when it is asked for.
 
-    `at`: None, or the walkers where all of this are slopes, along `full`.
+    `full` is an array, or one with slopes; all parts are then.
     """
 
-    def __init__(
-        self, sensors: SensorParameters, full: Array, at: ObservedWalkers | None = None
-    ) -> None:
-        self.sensors, self.full, self.at = sensors, full, at
+    def __init__(self, sensors: SensorParameters, full: Array | Dual) -> None:
+        self.sensors, self.full = sensors, full
 
     @property
-    def parameters(self) -> Array:
+    def parameters(self) -> Any:
         """Parameters of the observed model."""
         return self.sensors.simulator_parameters(self.full)
 
     @cached_property
-    def system(self) -> tuple[Array, Array, Array]:
-        """`A (n, X, X)`, `B (n, X, S)` of the sampled inputs, and what is constant `(n, X)`.
+    def system(self) -> tuple[Any, Any, Any]:
+        """`A (n, X, X)`, `B (n, X, S)` of the sampled inputs, and what is constant `(n, X)`."""
+        experiment, model = self.sensors.experiment, self.sensors.observed_model
+        n, sampled = len(dual(self.full).value), list(experiment.series)
+        columns = linear_map(lambda part: part.T, self.parameters)
+        named = {
+            name: linear_map(lambda part, row=k: part[row], columns)
+            for k, name in enumerate(model.parameters)
+        }
+        linear = model.linear(named)
 
-        They are those of the observed model, or of its tangent.
-        """
-        experiment = self.sensors.experiment
-        model, columns = self.sensors.observed_model, self.parameters
-        if self.at is not None:
-            model, columns = Tangent(model), np.concatenate([self.at.parameters, columns], axis=1)
-        linear, n = model.linear(dict(zip(model.parameters, columns.T, strict=True))), len(columns)
-        sampled = list(experiment.series)
-        by_input = np.zeros((n, len(model.states), len(sampled)))
-        for (row, name), value in linear.B.items():
-            if name in sampled:
-                by_input[:, model.states.index(row), sampled.index(name)] += value
-        constant = constant_forcing(linear, model.states, n, experiment.constant)
-        return dynamics(linear, model.states, n), by_input, constant
+        def arrays(part: Linear) -> tuple[Array, Array, Array]:
+            by_input = np.zeros((n, len(model.states), len(sampled)))
+            for (row, name), value in part.B.items():
+                if name in sampled:
+                    by_input[:, model.states.index(row), sampled.index(name)] += value
+            constant = constant_forcing(part, model.states, n, experiment.constant)
+            return dynamics(part, model.states, n), by_input, constant
+
+        if not isinstance(self.full, Dual):
+            return arrays(linear)
+        values, slopes = arrays(_mapped(linear, _value)), arrays(_mapped(linear, _slope))
+        matrix, by_input, constant = map(Dual, values, slopes)
+        return matrix, by_input, constant
 
     @cached_property
-    def start(self) -> Array:
+    def _drive(self) -> Any:
+        """What drives the states under the first inputs, `(n, X)`."""
+        _, by_input, constant = self.system
+        first = self.sensors.first_inputs
+        return linear_map(lambda part, still: still + part @ first, by_input, constant)
+
+    @cached_property
+    def start(self) -> Any:
         """The state at the start, `(W, X)`."""
-        w, x = self.sensors, len(self.sensors.model.states)
-        known = w.experiment.start if self.at is None else dict.fromkeys(w.experiment.start, 0.0)
+        w, states = self.sensors, self.sensors.model.states
         if w.sensing.steady:
-            matrix, by_input, forcing = self.system
-            drive, here = forcing + by_input @ w.first_inputs, matrix[:, :x, :x]
-            turn = steady_state.free_turn(here, w.angles)
-            if self.at is None:
-                steady = steady_state.states(here, drive, w.angles, turn)
-            else:
-                steady = steady_state.state_slopes(
-                    here, drive[:, :x], matrix[:, x:, :x], drive[:, x:], w.angles, turn
-                )
-            return w.shift_angles(steady, turn, self.full, known)
-        out = np.empty((len(self.full), x))
-        for k, name in enumerate(w.model.states):
-            parameter = w.sensing.states.get(name)
-            out[:, k] = (
-                known.get(name, 0.0) if parameter is None else w.column(parameter, self.full)
-            )
-        return out
+            matrix = self.system[0]
+            turn = steady_state.free_turn(dual(matrix).value, w.angles)
+            steady = steady_state.states(matrix, self._drive, w.angles, turn)
+            return w.shift_angles(steady, turn, self.full)
+        names, held = w.sensing.states, w.experiment.start
+        unknown = {k: names[name] for k, name in enumerate(states) if name in names}
+        known = [0.0 if name in names else held.get(name, 0.0) for name in states]
+        return w.placed(unknown, len(states), self.full) + np.array(known)
 
     @cached_property
-    def before(self) -> Array:
+    def before(self) -> Any:
         """How states change before the start `(W, X)`: not at all of a rig at rest."""
-        w, start = self.sensors, self.start
-        if not w.moves:
-            return np.zeros_like(start)
-        matrix, by_input, forcing = self.system
-        every = start if self.at is None else np.concatenate([self.at.start, start], axis=1)
-        moved = np.einsum("nxy,ny->nx", matrix, every) + forcing
-        return np.asarray(moved + by_input @ w.first_inputs)[:, -start.shape[1] :]
+        if not self.sensors.moves:
+            return linear_map(np.zeros_like, self.start)
+        moved = self.system[0] * linear_map(lambda part: part[:, None, :], self.start)
+        return linear_map(lambda part: part.sum(axis=2), moved) + self._drive
 
     @cached_property
-    def rows(self) -> Array:
+    def rows(self) -> Any:
         """The `SensorParameters.rows` of channels, `(W, K, X + 1)`."""
-        w, named = self.sensors, self.sensors.sensing.gains
-        gains = w.gains(self.full) if self.at is None else w.channel_values(named, self.full)
-        return w.rows(gains, self.full)
+        return self.sensors.rows(self.full)
 
     @property
-    def numbers(self) -> Array:
+    def numbers(self) -> Any:
         """Parameters, start and rows side by side: `(W, P' + X + K (X + 1))`."""
         with np.errstate(all="ignore"):
-            rows = self.rows.reshape(len(self.full), -1)
-            return np.concatenate([self.parameters, self.start, rows], axis=1)
+            return beside(self.parameters, self.start, self.rows)
+
+
+def _mapped(linear: Linear, part: Callable[[Any], Any]) -> Linear:
+    """Return the values of all entries, or their slopes."""
+    return Linear(
+        A={place: part(entry) for place, entry in linear.A.items()},
+        B={place: part(entry) for place, entry in linear.B.items()},
+        c={place: part(entry) for place, entry in linear.c.items()},
+    )
+
+
+def _value(entry: Any) -> Any:
+    return dual(entry).value
+
+
+def _slope(entry: Any) -> Any:
+    return dual(entry).slope
+
+
+def beside(*parts: Any) -> Any:
+    """Put arrays `(W, ...)` side by side, `(W, n)`, with their slopes where they have some."""
+
+    def joined(*arrays: Array) -> Array:
+        return np.concatenate([array.reshape(len(array), -1) for array in arrays], axis=1)
+
+    return linear_map(joined, *parts)

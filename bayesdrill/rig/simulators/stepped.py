@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.duals import Dual, linear_map
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.kernels.compiling import Kernel, compile_kernel
 from bayesdrill.rig.kernels.exponential import present
@@ -162,8 +163,6 @@ class Stepped(Simulator):
 
     def _steps(self, *, every_node: bool = False) -> UniformGrid:
         t, series = self.sensors.knots
-        if self.experiment.uniform and not self.sensors.lead:
-            t = t[0] + self.experiment.dt * np.arange(len(t))
         first_order = self.experiment.first_order
         return UniformGrid(t, series, first_order, self.pieces, every_node=every_node)
 
@@ -224,22 +223,22 @@ class Stepped(Simulator):
 
         Each is `(W, ...)`, or `(1, ...)` where walkers have the same.
         """
-        walkers = ObservedWalkers(self.sensors, full)
-        known = self._shared_parts or self._walker_parts(walkers)
-        parts = {"parameters": [walkers.parameters], **{name: [known[name]] for name in known}}
         if along is None:
-            return parts
-        changes = ObservedWalkers(self.sensors, along, walkers)
-        slopes = {"parameters": changes.parameters, **self._walker_parts(changes)}
-        return {name: [*parts[name], slope] for name, slope in slopes.items()}
+            walkers = ObservedWalkers(self.sensors, full)
+            known = self._shared_parts or self._walker_parts(walkers)
+            return {"parameters": [walkers.parameters], **{name: [known[name]] for name in known}}
+        walkers = ObservedWalkers(self.sensors, Dual(full, along))
+        duals = {"parameters": walkers.parameters, **self._walker_parts(walkers)}
+        return {name: [part.value, part.slope] for name, part in duals.items()}
 
-    def _walker_parts(self, walkers: ObservedWalkers) -> dict[str, Array]:
+    def _walker_parts(self, walkers: ObservedWalkers) -> dict[str, Any]:
         """Return the parts of each walker, as its sensors and its start are."""
         w, full = self.sensors, walkers.full
         # Only a channel that is late shows what was before the start.
-        before = walkers.before if self.sensing.shifts else np.zeros_like(walkers.start)
+        shifts, start = self.sensing.shifts, walkers.start
+        before = walkers.before if shifts else linear_map(np.zeros_like, start)
         return {
-            "x0": walkers.start,
+            "x0": start,
             "rows": walkers.rows,
             "before": before,
             "shift": w.channel_delays(full),
@@ -263,10 +262,6 @@ class Unstepped(Simulator):
     def motion(self, full: Array) -> Motion:
         """See `Simulator.motion`."""
         return Stepped(self.model, self.experiment, self.sensing).motion(full)
-
-    def course(self, full: Array, along: Array) -> tuple[Array, Array]:
-        """See `Simulator.course`."""
-        return self.signals(full), self.sensitivities(full, along)
 
 
 def _unit_rows(model: Model) -> Array:

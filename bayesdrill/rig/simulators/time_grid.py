@@ -19,7 +19,7 @@ CLOCK_ROUNDING = 4 * np.finfo(float).eps  # of the latest time: nor can its digi
 MAX_FILL_RATIO = 1.5
 # Distinct steps that get an exponential each: 4, and one for 100 samples.
 MIN_DISTINCT_STEPS, SAMPLES_PER_STEP = 4, 100
-CELLS, SAMPLES_PER_CELL = (24, 192), 12  # of all others, one for 12 samples between these ends
+CELLS, SAMPLES_PER_CELL = (24, 64), 12  # of all others, one for 12 samples between these ends
 WIDTH_RATIO = 1.25  # width by width
 BELOW_ONE = 1.0 - 2.0**-53
 EXPONENTIAL_COST = 10  # an exponential costs as much as so many products
@@ -32,9 +32,8 @@ class Grid:
 
     `t (T + 1,)` of knots from the first on, infinity at the end; `at (n,)`: the samples' knots.
     Step j is over `spans[node[j]]` and, where `share[j]` is not -1, that share of a `width` more.
-    `chained (N,)`: 1 where a node's span is that of the one before and a width.  `inside (N,)`: 1
-    where shares follow.  `usual`: the median step; `near`: times nearer to each other are one;
-    `uniform`: one step between all knots.
+    `chained (N,)`: 1 where a node's span is that of the one before and a width.  `usual`: the median
+    step; `near`: times nearer to each other are one; `uniform`: one step between all knots.
     """
 
     t: Array
@@ -42,7 +41,6 @@ class Grid:
     node: Whole
     share: Array
     spans: Array
-    inside: Array
     chained: Whole
     width: float
     usual: float
@@ -54,7 +52,7 @@ def build_grid(times: Array) -> Grid:
     """Build the grid of samples at increasing `times (n,)`, in s."""
     t = times - times[0]
     if len(t) == 1:
-        return _made(t, np.zeros(1, np.int64), np.zeros(0, np.int64), np.zeros(1), 1.0, 0.0)
+        return _made(t, np.zeros(1, np.int64), np.zeros(0, np.int64), np.ones(1), 1.0, 0.0)
     steps = np.diff(t)
     median = float(np.median(steps))
     near = CLOCK_ROUNDING * float(np.abs(times).max()) + STEP_TOLERANCE * median
@@ -86,10 +84,10 @@ def _merged(steps: Array, near: float) -> tuple[Whole, Array]:
 
 def _made(t: Array, at: Whole, node: Whole, spans: Array, median: float, near: float) -> Grid:
     """Return a grid whose steps are over the spans of nodes; the last knot leads nowhere."""
-    none, uniform = np.zeros(len(spans)), len(t) > 1 and len(spans) == 1
+    uniform = len(t) > 1 and len(spans) == 1
     return Grid(
         t=np.append(t, np.inf), at=at, node=np.append(node, 0), share=np.full(len(t), -1.0),
-        spans=spans, inside=none, chained=none.astype(np.int64), width=0.0, usual=median,
+        spans=spans, chained=np.zeros(len(spans), np.int64), width=0.0, usual=median,
         near=near, uniform=uniform,
     )  # fmt: skip
 
@@ -135,7 +133,7 @@ def _in_cells(t: Array, at: Whole, pieces: Whole, median: float, near: float) ->
     none = np.zeros(len(sizes))
     return replace(
         _made(t, at, node, np.concatenate([cells * width, sizes * median]), median, near),
-        share=share, inside=np.concatenate([np.ones(len(cells)), none]), width=width, uniform=False,
+        share=share, width=width, uniform=False,
         chained=np.concatenate([[0], np.diff(cells) == 1, none]).astype(np.int64),
     )  # fmt: skip
 
@@ -150,12 +148,19 @@ def _cost(cells: Whole) -> int:
     return len(cells) + EXPONENTIAL_COST * int(np.sum(np.diff(cells) != 1))
 
 
-def runs(g: Grid) -> tuple[Whole, Whole, Array]:
-    """Return node, length and share of runs of steps that have one node and no share."""
-    first = np.ones(len(g.node), dtype=bool)
-    first[1:] = (np.diff(g.node) != 0) | (g.share[1:] >= 0.0) | (g.share[:-1] >= 0.0)
-    begin = np.flatnonzero(first)
-    return g.node[begin], np.diff(np.append(begin, len(g.node))), g.share[begin]
+def inputs_at_knots(
+    g: Grid, series: Mapping[str, Array], *, first_order: bool
+) -> tuple[Array, Array]:
+    """Return sampled inputs `(T, S)` at all knots, and their slopes from there on."""
+    inputs = np.array([*series.values()]).reshape(len(series), len(g.at)).T
+    n_knots = len(g.t) - 1
+    before = np.searchsorted(g.at, np.arange(n_knots), side="right") - 1
+    since = (g.t[:-1] - g.t[g.at][before])[:, None]
+    slopes = np.zeros_like(inputs)
+    if first_order:
+        slopes[:-1] = np.diff(inputs, axis=0) / np.diff(g.t[g.at])[:, None]
+    slopes = slopes[before]
+    return inputs[before] + slopes * since, slopes
 
 
 NODE_TOLERANCE = 1e-9  # of a step: a shift nearer to a whole number of them is one

@@ -37,7 +37,7 @@ from bayesdrill.config.schema.config import Asked
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.report.sections import identify_words, verdict_words
 from bayesdrill.rig.models.motor_shaft import MotorShaft
-from bayesdrill.rig.simulators.exact import Response
+from bayesdrill.rig.simulators.linear import Response
 
 # Slopes by a, b, c at some points, where the record shows a + b and c.
 SUMS = [

@@ -20,7 +20,7 @@ from bayesdrill.config.schema.config import Asked
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.report.sections import identify_words as words
 from bayesdrill.rig.models.motor_shaft import MotorShaft, TwoRotors
-from bayesdrill.rig.simulators.exact import Response
+from bayesdrill.rig.simulators.linear import Response
 
 SIGMA = np.array([0.02, 0.01, 0.05, 0.03])  # unequal
 RECORD = noisy_step(SIGMA)

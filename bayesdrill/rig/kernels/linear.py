@@ -1,0 +1,567 @@
+"""The response of linear rigs: channels of groups of walkers, sample after sample.
+
+With z = (x, 1, u, slopes of u) a step is x(j + 1) = E(j) z(j), where E has the first rows of the
+matrix exponential over the step (`transitions`).  Channels are rows times z.  Numbers carry a slope in
+one direction of the parameters where slopes are wanted: matrices, starts, rows and delays alike.
+
+A channel that is late shows at time t what there was at t - s.  On even times, s is a whole number of
+steps less a share of one, and its row is one times the exponential over that share.  On uneven times
+the state at the knot before t - s is advanced by what is left.  Before the start states change
+straight.
+
+Sums of residuals are added up as channels are computed.  Otherwise channels are stored in planes
+`(rows, K)`: the values, then the slopes in each direction.  Planes are the output, or they become
+normal equations, a chunk of samples at a time that stays in the processor's cache.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from llvmlite import ir
+
+from bayesdrill.basics.duals import Dual, dual, where
+from bayesdrill.rig.kernels.exponential import OTHER_WEIGHT, Layout, WeightKinds, number
+from bayesdrill.rig.kernels.lanes import (
+    F64,
+    INT_VEC,
+    LANES,
+    NUMBERS,
+    VECTORS,
+    WHOLE,
+    Builder,
+    Integer,
+    Loop,
+    Mask,
+    Module,
+    Values,
+    Vector,
+    integer,
+    kernel,
+    vector,
+)
+from bayesdrill.rig.kernels.numbers import Number, Numbers, sum_products
+from bayesdrill.rig.kernels.sums import ResidualSums, Sample
+from bayesdrill.rig.kernels.transitions import Drive, State, Transitions, table_entries
+
+# G groups of LANES walkers; T samples, N knots (samples, and others behind the last); q directions;
+# nodes of the table; rungs of the ladder from its width on.
+COUNTS = ("groups", "samples", "knots", "directions", "nodes", "high")
+BLOCKS = {
+    "own": VECTORS,  # (G, numbers of `LinearShape.parts`, then of `LinearShape.plain`)
+    "along": VECTORS,  # (G, q, numbers of `LinearShape.parts`): slopes
+    "numbers": NUMBERS,  # width of the ladder; constant inputs; start and rows, where all share them
+    "spans": NUMBERS,  # of nodes
+    "chained": WHOLE,  # of nodes: 1 where one is the node before and a width
+    "node": WHOLE,  # (N,) of the step from each knot
+    "share": NUMBERS,  # (N,) of a width by which that step is longer than its node, -1 for none
+    "t": NUMBERS,  # (N + 1,), the last infinity
+    "u": NUMBERS,  # (N, S or 2 S): sampled inputs and, with a first-order hold, their slopes
+    "y": NUMBERS,  # (T, K)
+    "scratch": VECTORS,  # see `LinearShape.scratch`
+    "out": VECTORS,  # (G, planes, T, K); (G, K, n) sums; or (G, K + (1 + q)^2), see `_add_products`
+}
+SIGNALS, SUMS, NORMAL, INNOVATIONS = "signals", "sums", "normal", "innovations"
+ROWS = 64  # of a chunk
+EVEN, UNEVEN = "even", "uneven"  # times of channels that are late
+FARTHEST = 2.0**40  # steps of a delay that count
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LinearShape:
+    """The structure of a record, for which a kernel is specialised.
+
+    `rows (K, X + 1)`: weights of states, and offsets, see `weight_kinds`.  `own`: whether walkers have
+    starts and rows of their own.  `late (K,)`: channels that are, at `times` that are even or not.
+    `table`: whether there are several distinct steps; `shares`: whether some are longer than those.
+    `gaps`: samples without a number.  `output`: signals, sums as `tally` has them, or normal equations
+    of white noise or of noise that remembers.  `slopes`: in directions.
+    """
+
+    layout: Layout
+    rows: WeightKinds
+    own: bool
+    late: tuple[bool, ...]
+    times: str
+    table: bool
+    shares: bool
+    gaps: bool
+    output: str
+    tally: ResidualSums | None
+    slopes: bool
+
+    @property
+    def text(self) -> str:
+        """See `compile_kernel`."""
+        flags = (self.own, self.late, self.times, self.table, self.shares, self.gaps, self.slopes)
+        return f"{self.rows} {flags} {self.output} {self.tally} {self.layout.text}"
+
+    @property
+    def channels(self) -> int:
+        """Channels K."""
+        return len(self.rows)
+
+    @property
+    def parts(self) -> dict[str, int]:
+        """Numbers of a walker that may have slopes."""
+        x, k = self.layout.n_states, self.channels
+        parts = {"parameters": self.layout.n_parameters}
+        if self.own:
+            parts |= {"start": x, "rows": k * (x + 1)}
+        return parts | ({"before": x, "delay": k} if any(self.late) else {})
+
+    @property
+    def plain(self) -> dict[str, int]:
+        """Numbers of a walker that have none: weights of a tally, or scales of residuals."""
+        each = self.tally.weights if self.tally is not None else 0
+        each = {NORMAL: 1, INNOVATIONS: 3}.get(self.output, each)
+        return {"weights": each * self.channels}
+
+    @property
+    def ladder(self) -> bool:
+        """Whether there are spans that are not in the table."""
+        return self.shares or (any(self.late) and self.times == UNEVEN)
+
+    @property
+    def whole(self) -> bool:
+        """Whether all samples are one chunk: each direction is done before the next begins."""
+        normal = self.output in (NORMAL, INNOVATIONS)
+        return not normal or any(self.late) or self.table
+
+    def scratch(self, counts: Mapping[str, int]) -> dict[str, int]:
+        """Return the vectors of scratch of a run with these `COUNTS`."""
+        width, x, k = 2 if self.slopes else 1, self.layout.n_states, self.channels
+        planes, directions = 1 + counts["directions"], max(1, counts["directions"])
+        copies = 1 if self.whole else directions
+        rows = counts["samples"] if self.whole else ROWS
+        normal = self.output in (NORMAL, INNOVATIONS)
+        late = x if self.times == UNEVEN else sum(self.late)
+        return {
+            "table": copies * counts["nodes"] * len(table_entries(self.layout)) * width,
+            "states": directions * x * width,
+            "planes": planes * rows * k * normal,
+            "before": planes * k * 2 * normal,
+            "trace": counts["knots"] * late * width if any(self.late) else 0,
+        }
+
+
+def write_linear(module: Module, shape: LinearShape) -> None:
+    """Write the kernel `linear`, of `COUNTS` and addresses of `BLOCKS`."""
+    with (
+        kernel(module, "linear", COUNTS, BLOCKS) as (a, b),
+        b.loop(a["groups"], "groups") as group,
+    ):
+        _Writer(b, a, shape, group).write()
+
+
+class _Writer:
+    """Writes the code for a group of walkers."""
+
+    def __init__(
+        self, b: Builder, a: dict[str, ir.Value], shape: LinearShape, group: ir.Value
+    ) -> None:
+        self.b, self.a, self.shape, self.group = b, a, shape, group
+        self.layout, self.kind = shape.layout, Numbers(b, shape.slopes)
+        self.x, self.k = shape.layout.n_states, shape.channels
+        sizes = (sum(shape.parts.values()), sum(shape.plain.values()))
+        self.mine = b.offset(a["own"], group, sum(sizes))
+        self.weights = b.offset(self.mine, sizes[0])
+        self.planes = b.add(a["directions"], 1)
+        self._place_scratch()
+
+    def _place_scratch(self) -> None:
+        """Find where the parts of scratch begin, in the order of `LinearShape.scratch`."""
+        b, a, shape = self.b, self.a, self.shape
+        directions = a["directions"] if shape.slopes else integer(1)
+        copies = integer(1) if shape.whole else directions
+        width = self.kind.width
+        self.table_size = b.mul(a["nodes"], len(table_entries(self.layout)) * width)
+        self.table = a["scratch"]
+        self.states = b.offset(self.table, copies, self.table_size)
+        self.trace = b.offset(self.states, directions, self.x * width)
+        self.length = a["samples"] if shape.whole else integer(ROWS)
+        if shape.output == SIGNALS:
+            size = b.mul(self.planes, b.mul(a["samples"], self.k))
+            self.shown = b.offset(a["out"], self.group, size)
+        elif shape.output != SUMS:
+            self.shown = self.trace
+            self.before = b.offset(self.shown, self.planes, b.mul(self.length, self.k))
+            self.trace = b.offset(self.before, self.planes, 2 * self.k)
+
+    def write(self) -> None:
+        """Write all that is done for a group of walkers."""
+        b, a, shape = self.b, self.a, self.shape
+        if shape.tally is not None:
+            walker = _Walker(self, integer(0))
+            walker.prepare()
+            totals = walker.advance(integer(0), a["samples"], shape.tally.initial(self.k))
+            totals = walker.show_late(totals)
+            b.write_row(totals, b.offset(a["out"], self.group, len(totals)))
+            return
+        with self._directions() as direction:
+            walker = _Walker(self, direction)
+            walker.prepare()
+            if shape.whole:
+                walker.advance(integer(0), a["samples"], [])
+                walker.show_late([])
+        if shape.output == SIGNALS:
+            return
+        self._begin_products()
+        if shape.whole:
+            self._add_products(integer(0), a["samples"])
+            return
+        with b.loop(b.sdiv(b.add(a["samples"], ROWS - 1), ROWS), "chunks") as chunk:
+            first = b.mul(chunk, ROWS)
+            rows = b.least(b.sub(a["samples"], first), ROWS)
+            with self._directions() as direction:
+                _Walker(self, direction).advance(first, rows, [])
+            self._add_products(first, rows)
+
+    @contextmanager
+    def _directions(self) -> Iterator[Integer]:
+        """Repeat what is written inside for each direction; once where numbers have no slopes."""
+        if self.shape.slopes:
+            with self.b.loop(self.a["directions"], "directions") as direction:
+                yield direction
+        else:
+            yield integer(0)
+
+    def at(self, plane: Integer, row: Integer, k: int = 0) -> ir.Value:
+        """Return the address of channel k in a row of a plane."""
+        b = self.b
+        row = b.add(b.mul(plane, self.length), row)
+        return b.offset(self.shown, b.add(b.mul(row, self.k), k))
+
+    def measured(self, sample: ir.Value, k: int) -> ir.Value:
+        """Load the measured value of channel k at a sample."""
+        return self.b.shared(self.a["y"], self.b.add(self.b.mul(sample, self.k), k))
+
+    def add_sample(self, sample: ir.Value, k: int, value: ir.Value, totals: Values) -> Values:
+        """Return the sums of all channels with one more sample of channel k."""
+        b, tally = self.b, self.shape.tally
+        assert tally is not None
+        y, count = self.measured(sample, k), tally.count
+        weights = b.read_row(b.offset(self.weights, k * tally.weights), tally.weights)
+        known = Sample(b.fsub(y, value), None, weights)
+        if self.shape.gaps:
+            known = Sample.from_measured(b, known.residual, y, weights)
+        mine = slice(k * count, (k + 1) * count)
+        return [*totals[: mine.start], *tally.add(b, totals[mine], known), *totals[mine.stop :]]
+
+    # Normal equations.
+
+    def _begin_products(self) -> None:
+        b, size = self.b, self.b.add(self.k, self.b.mul(self.planes, self.planes))
+        self.out = b.offset(self.a["out"], self.group, size)
+        b.clear(self.out, size)
+        with b.loop(self.planes, "fresh") as plane:  # no sample before the first: see `_whiten`
+            before = b.offset(self.before, plane, 2 * self.k)
+            b.write_row([vector(0.0)] * self.k + [vector(1.0)] * self.k, before)
+
+    def _add_products(self, first: ir.Value, rows: ir.Value) -> None:
+        """Add up squares `(K,)` of residuals, and products `(1 + q, 1 + q)` of planes up to each."""
+        b, k_count = self.b, self.k
+        with b.loop(self.planes, "whiten") as plane:
+            self._whiten(plane, first, rows)
+
+        def products(plane: Integer, other: Integer) -> Values:
+            samples = Loop(b, rows, [vector(0.0)] * k_count, "products")
+            left, right = (b.read_row(self.at(p, samples.index), k_count) for p in (plane, other))
+            totals = [b.fma(*each) for each in zip(left, right, samples.carried, strict=True)]
+            samples.close(totals)
+            return totals
+
+        def add(value: ir.Value, index: Integer) -> None:
+            at = b.offset(self.out, index)
+            b.write(b.fadd(b.read(at, 0), value), at, 0)
+
+        for k, square in enumerate(products(0, 0)):
+            add(square, k)
+        with b.loop(self.planes, "planes") as plane, b.loop(b.add(plane, 1), "others") as other:
+            total, *more = products(plane, other)
+            for value in more:
+                total = b.fadd(total, value)
+            add(total, b.add(b.add(b.mul(plane, self.planes), other), k_count))
+
+    def _whiten(self, plane: ir.Value, first: ir.Value, rows: ir.Value) -> None:
+        """Put in the place of a plane what residuals, or their slopes, are over the noise.
+
+        Weights are one over the noise; where it remembers, they are those of a sample, of the one
+        observed before it, which is taken from it, and of the first.
+        """
+        b, k_count, memory = self.b, self.k, self.shape.output == INNOVATIONS
+        scales = b.read_row(self.weights, (3 if memory else 1) * k_count)
+        before = b.offset(self.before, plane, 2 * k_count)
+        samples = Loop(b, rows, b.read_row(before, 2 * k_count) if memory else [], "white")
+        last, fresh = samples.carried[:k_count], samples.carried[k_count:]
+        values = b.icmp_signed("==", plane, 0)
+        carried = [*samples.carried]
+        for k in range(k_count):
+            at, y = self.at(plane, samples.index, k), self.measured(b.add(first, samples.index), k)
+            observed = b.fcmp_ordered("ord", y, y)
+            residual = b.fsub(b.select(values, y, vector(0.0)), b.read(at, 0))
+            if memory:
+                begins = b.fcmp_ordered(">", fresh[k], vector(0.0))
+                scale = b.select(begins, scales[2 * k_count + k], scales[k])
+                white = b.fsub(b.fmul(residual, scale), b.fmul(last[k], scales[k_count + k]))
+                carried[k] = b.select(observed, residual, last[k])
+                carried[k_count + k] = b.select(observed, vector(0.0), fresh[k])
+            else:
+                white = b.fmul(residual, scales[k])
+            b.write(b.select(observed, white, vector(0.0)), at, 0)
+        samples.close(carried)
+        b.write_row(carried, before)
+
+
+class _Walker:
+    """The code of the numbers of walkers, in one direction where they have slopes."""
+
+    def __init__(self, w: _Writer, direction: Integer) -> None:
+        b, shape = w.b, w.shape
+        self.w, self.b, self.shape, self.kind = w, b, shape, w.kind
+        self.direction, self.x = direction, w.x
+        bases = [w.mine]
+        if shape.slopes:
+            row = b.add(b.mul(w.group, w.a["directions"]), direction)
+            bases.append(b.offset(w.a["along"], row, sum(shape.parts.values())))
+        self.bases = tuple(bases)
+        copy = integer(0) if shape.whole else direction
+        self.transitions = Transitions(
+            b=b, layout=w.layout, kind=w.kind, parameters=self.bases,
+            constants=b.offset(w.a["numbers"], 1), table=b.offset(w.table, copy, w.table_size),
+            width=number(b, w.a["numbers"], 0),
+        )  # fmt: skip
+        self.state = b.offset(w.states, direction, self.x * self.kind.width)
+        self.late = [k for k, late in enumerate(shape.late) if late]
+        self.rows = self._rows()
+
+    def numbers(self, name: str) -> list[Number]:
+        """Load the numbers of a part."""
+        sizes = self.shape.parts
+        first = sum([*sizes.values()][: [*sizes].index(name)])
+        parts = [self.b.read_row(self.b.offset(base, first), sizes[name]) for base in self.bases]
+        return self.kind.shaped([value for part in parts for value in part])
+
+    def _shared(self, first: int, count: int) -> list[Number]:
+        """Load numbers behind the constant inputs."""
+        first += 1 + self.w.layout.n_constants
+        return [number(self.b, self.w.a["numbers"], first + i) for i in range(count)]
+
+    def _rows(self) -> list[dict[int, Number]]:
+        """Return the entries of each channel's row that are not zero, by state; X is the offset's."""
+        count, shape = self.x + 1, self.shape
+        numbers = (
+            self.numbers("rows") if shape.own else self._shared(self.x, shape.channels * count)
+        )
+        return [
+            {
+                i: numbers[k * count + i]
+                if kind == OTHER_WEIGHT
+                else Vector(self.b, vector(float(kind)))
+                for i, kind in enumerate(kinds)
+                if kind != 0
+            }
+            for k, kinds in enumerate(shape.rows)
+        ]
+
+    def prepare(self) -> None:
+        """Store the transition matrices, the start, and rows of channels that are late."""
+        b, a, shape = self.b, self.w.a, self.shape
+        if shape.ladder:
+            self.transitions.fill_ladder(a["high"])
+        chained = a["chained"] if shape.shares else None
+        self.transitions.fill_table(a["nodes"], a["spans"], chained)
+        start = self.numbers("start") if shape.own else self._shared(0, self.x)
+        self.kind.put_row(start, self.state)
+        if not self.late:
+            return
+        delay = self.numbers("delay")
+        self.delays = {k: delay[k] for k in self.late}
+        if shape.times == EVEN:
+            span = number(b, a["spans"], 0)
+            self.late_rows, self.offsets = {}, {}
+            for k in self.late:
+                self.offsets[k], share = self._split(delay[k], span)
+                self.late_rows[k] = self._late_row(k, share)
+
+    def _split(self, delay: Number, step: Vector) -> tuple[ir.Value, Number]:
+        """Return a delay as whole steps, not below it, and the span by which these are longer."""
+        b = self.b
+        count = -Vector(b, b.floor((dual(delay).value / (-step)).value))
+        count = where(count.below(FARTHEST), count, FARTHEST)
+        count = where(count.above(-FARTHEST), count, -FARTHEST)
+        return b.fptosi(count.value, INT_VEC), count * step - delay
+
+    def _late_row(self, k: int, span: Number) -> ir.Value:
+        """Store the row of channel k times the exponential over a span; return its address."""
+        n, layout, kind = self.w.layout.size, self.w.layout, self.kind
+        e, row = kind.room(n * n), kind.room(n)
+        self.transitions.exponentiate(span, e)
+        for j in range(n):
+            terms = [
+                (weight, kind.get(e, i * n + j))
+                for i, weight in self.rows[k].items()
+                if layout.reach[i][j]
+            ]
+            kind.put(sum_products(kind.zero(), terms), row, j)
+        return row
+
+    # From knot to knot.
+
+    def drive(self, knot: ir.Value) -> Drive:
+        """Load what drives the rig from a knot on."""
+        layout = self.w.layout
+        columns = layout.size - self.x - 1
+        at = self.b.offset(self.w.a["u"], knot, columns) if columns else self.w.a["u"]
+        values = [number(self.b, at, c) for c in range(columns)]
+        return Drive(values[: layout.n_series], values[layout.n_series :])
+
+    def advance(self, first: ir.Value, rows: ir.Value, totals: Values) -> Values:
+        """Advance the state from the `first` knot on, and show the channels that are not late."""
+        totals = self._advance(first, rows, totals, shows=True)
+        if self.late:
+            more = self.b.sub(self.w.a["knots"], rows)
+            with self.b.if_then(self.b.icmp_signed(">", more, 0)):
+                self._advance(rows, more, [], shows=False)
+        return totals
+
+    def _advance(self, first: ir.Value, rows: ir.Value, totals: Values, *, shows: bool) -> Values:
+        b, a, kind, shape = self.b, self.w.a, self.kind, self.shape
+        phi = None if shape.table else self.transitions.read(self.transitions.table, 0)
+        begin = kind.flat(kind.row(self.state, self.x))
+        steps = Loop(b, rows, [*begin, *totals], "steps")
+        state, totals = kind.shaped(steps.carried[: len(begin)]), steps.carried[len(begin) :]
+        knot = b.add(first, steps.index)
+        drive = self.drive(knot)
+        for k in range(shape.channels) if shows else ():
+            if not shape.late[k]:
+                totals = self.show(knot, steps.index, k, self._seen(k, state), totals)
+        if self.late:
+            self._trace(knot, state, drive)
+        if shape.shares:
+            state, drive = self._share(b.single(a["share"], knot), state, drive)
+        if phi is None:
+            phi = self.transitions.read(self.transitions.table, b.single(a["node"], knot))
+        new = kind.flat(self.transitions.apply(phi, state, drive))
+        steps.close([*new, *totals])
+        kind.put_row(kind.shaped(new), self.state)
+        return totals
+
+    def _share(self, share: ir.Value, state: State, drive: Drive) -> tuple[State, Drive]:
+        """Advance by a share of the width, where there is one."""
+        b, kind, count = self.b, self.kind, len(drive.inputs)
+        default = [*kind.flat(state), *(u.value for u in drive.inputs)]
+
+        def moved() -> Values:
+            new, later = self.transitions.act(Vector(b, b.splat(share)), state, drive)
+            return [*kind.flat(new), *(dual(u).value.value for u in later.inputs)]
+
+        registers = b.replace_if(b.fcmp_ordered(">=", share, F64(0.0)), default, moved)
+        inputs = [Vector(b, u) for u in registers[len(registers) - count :]]
+        return kind.shaped(registers[: len(registers) - count]), Drive(inputs, drive.slopes)
+
+    def _seen(self, k: int, state: State, *, offset: bool = True) -> Number:
+        """Return what channel k shows of a state, with its offset or without."""
+        terms = [(weight, state[i]) for i, weight in self.rows[k].items() if i < self.x]
+        zero = Vector(self.b, vector(0.0))
+        return sum_products(self.rows[k].get(self.x, zero) if offset else zero, terms)
+
+    def show(self, sample: ir.Value, row: Integer, k: int, value: Number, totals: Values) -> Values:
+        """Add what channel k shows of a sample to the sums, or store it in a row of the planes."""
+        values = self.kind.flat([value])
+        if self.shape.tally is not None:
+            return self.w.add_sample(sample, k, values[0], totals)
+        for plane, register in zip((0, self.b.add(self.direction, 1)), values, strict=False):
+            self.b.write(register, self.w.at(plane, row, k), 0)
+        return totals
+
+    # Channels that are late.
+
+    def _trace(self, knot: ir.Value, state: State, drive: Drive) -> None:
+        """Keep what late channels show at even times, or the state from which they follow."""
+        kept = state
+        if self.shape.times == EVEN:
+            entries = [*state, Vector(self.b, vector(1.0)), *drive.inputs, *drive.slopes]
+            kept = []
+            for k in self.late:
+                row = self.kind.row(self.late_rows[k], self.w.layout.size)
+                kept.append(sum_products(None, [*zip(row, entries, strict=True)]))
+        at = self.b.offset(self.w.trace, knot, len(kept) * self.kind.width)
+        self.kind.put_row(kept, at)
+
+    def show_late(self, totals: Values) -> Values:
+        """Show the channels that are late."""
+        if not self.late:
+            return totals
+        b, w, shape = self.b, self.w, self.shape
+        start, before = self.numbers("start"), self.numbers("before")
+        begins = {k: self._seen(k, start) for k in self.late}
+        rates = {k: self._seen(k, before, offset=False) for k in self.late}
+        first = ir.Constant(INT_VEC, [0] * LANES)
+        carried = [first for _ in self.late] if shape.times == UNEVEN else []
+        samples = Loop(b, w.a["samples"], [*carried, *totals], "late")
+        totals = samples.carried[len(carried) :]
+        t, places = Vector(b, b.shared(w.a["t"], samples.index)), []
+        for n, k in enumerate(self.late):
+            when = t - self.delays[k]
+            early = dual(when).value.below(0.0)
+            straight = begins[k] + when * rates[k]
+            if shape.times == EVEN:
+                place = b.sub(b.splat(samples.index), self.offsets[k])
+                value = self._kept(self._inside(place), len(self.late), n)
+                early = Mask(b, b.icmp_signed("<", place, 0))  # whatever t has been rounded to
+            else:
+                place = self._knot_before(samples.carried[n], dual(when).value.value)
+                places.append(place)
+                value = self._between(k, place, when)
+            shown = where(early, straight, value)
+            totals = self.show(samples.index, samples.index, k, shown, totals)
+        samples.close([*places, *totals])
+        return totals
+
+    def _inside(self, place: ir.Value) -> ir.Value:
+        b = self.b
+        last = b.splat(b.sub(self.w.a["knots"], 1))
+        place = b.select(b.icmp_signed("<", place, last), place, last)
+        return b.select(b.icmp_signed(">", place, 0), place, 0)
+
+    def _kept(self, place: ir.Value, count: int, n: int) -> Number:
+        """Load number n of the `count` that were kept at the knot of each lane."""
+        width = self.kind.width
+        first = self.b.mul(place, count * width)
+        places = [self.b.add(first, n * width + part) for part in range(width)]
+        return self.kind.shaped([self.b.gather_lanes(self.w.trace, at) for at in places])[0]
+
+    def _knot_before(self, place: ir.Value, when: ir.Value) -> ir.Value:
+        """Return the last knot of each lane that is not after a time, from a `place` before it on."""
+        b, t = self.b, self.w.a["t"]
+        entry, check = b.block, b.append_basic_block("search")
+        b.branch(check)
+        b.position_at_end(check)
+        here = b.phi(INT_VEC)
+        here.add_incoming(place, entry)
+        following = b.add(here, 1)
+        due = b.fcmp_ordered("<=", b.gather(t, following), when)
+        new = b.select(due, following, here)
+        here.add_incoming(new, b.block)
+        after = b.append_basic_block("reached")
+        b.cbranch(b.anywhere(due), check, after)
+        b.position_at_end(after)
+        return here
+
+    def _between(self, k: int, place: ir.Value, when: Number) -> Number:
+        """Return what channel k shows at a time after the knot of each lane."""
+        b, layout = self.b, self.w.layout
+        state = [self._kept(place, self.x, i) for i in range(self.x)]
+        columns = layout.size - self.x - 1
+        first = b.mul(place, columns)
+        inputs = [Vector(b, b.gather(self.w.a["u"], b.add(first, c))) for c in range(columns)]
+        drive = Drive(inputs[: layout.n_series], inputs[layout.n_series :])
+        span = when - Vector(b, b.gather(self.w.a["t"], place))
+        early = dual(span).value.below(0.0)
+        nothing = Dual(Vector(b, vector(0.0)), dual(span).slope) if self.kind.slopes else 0.0
+        span = where(early, nothing, span)
+        moved, _ = self.transitions.act(span / self.transitions.width, state, drive)
+        return self._seen(k, moved)

@@ -1,0 +1,309 @@
+"""Transition matrices of a group of walkers, over the steps of a record and over any shorter span.
+
+The distinct steps of a record have a table of matrix exponentials.  A span that is not in the table is
+a multiple of a `width` times a ratio below one.  The exponential acts on a state by a ladder, whose
+rungs are exponentials over the width times ..., 4, 2, 1, 1/2, 1/4, ...: each rung that the ratio
+contains in its binary digits is one product.  What is left after the last rung is a Taylor series of
+few terms.  How many rungs below the width a lane needs follows from the norm of its matrix.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from llvmlite import ir
+
+from bayesdrill.basics.duals import dual, where
+from bayesdrill.rig.kernels.exponential import (
+    Layout,
+    emit_balanced_norm,
+    emit_halvings,
+    emit_power,
+    multiply_reached,
+    store_exponential,
+    value_registers,
+)
+from bayesdrill.rig.kernels.lanes import (
+    INT_VEC,
+    Builder,
+    Integer,
+    Loop,
+    Mask,
+    Vector,
+    vector,
+)
+from bayesdrill.rig.kernels.numbers import Number, Numbers, multiply_add, sum_products
+
+MAX_SERIES_DEGREE = 14
+MAX_SERIES_NORM = 0.3  # largest norm times span that a series is asked for
+SERIES_TAIL = 1e-16  # of a truncated series, relative to the state
+MAX_HALVINGS = 50  # of the width: a shorter span is lost in the rounding of a time
+MAX_RUNGS = 60 + MAX_HALVINGS
+LEAST_NORM = 1e-3  # of a norm times the width: below, it does not matter
+MAX_NORM = 1e100  # of norms: a lane beyond has overflown
+
+State = list[Number]
+
+
+def table_entries(layout: Layout) -> list[tuple[int, int]]:
+    """Return (row, column) of what tables keep of an exponential: rows of states, within reach."""
+    n, reach = layout.size, layout.reach
+    return [(i, j) for i in range(layout.n_states) for j in range(n) if reach[i][j]]
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """The sampled inputs at a moment and, with a first-order hold, their slopes from there on."""
+
+    inputs: Sequence[Number]
+    slopes: Sequence[Number]
+
+    def later(self, span: Number) -> Drive:
+        """Return the drive a span later: inputs follow their slopes, or are constant without any."""
+        if not self.slopes:
+            return self
+        pairs = zip(self.inputs, self.slopes, strict=True)
+        return Drive([multiply_add(slope, span, u) for u, slope in pairs], self.slopes)
+
+
+@dataclass(frozen=True, slots=True)
+class Ladder:
+    """Memory of a ladder and its series, see `Transitions.act`.
+
+    `rungs`: exponentials; `rates`: entries of A, c and B over the norm; `weights`: 1/k of each term;
+    `scale`: norm times width, and one over the norm; `halvings` of the width in each lane; `counts`:
+    terms of the series, rungs from the width on, all rungs.
+    """
+
+    rungs: ir.Value
+    rates: ir.Value
+    weights: ir.Value
+    scale: list[ir.Value]
+    halvings: ir.Value
+    counts: ir.Value
+
+
+@dataclass(frozen=True)
+class Transitions:
+    """The code that fills and applies the transition matrices of a group of walkers.
+
+    `kind`: of its numbers, with slopes or without; `parameters`: the addresses of their values and
+    slopes; `constants`: that of the constant inputs; `table`: that of the exponentials of steps;
+    `width`: the span that ratios are of.
+    """
+
+    b: Builder
+    layout: Layout
+    kind: Numbers
+    parameters: tuple[ir.Value, ...]
+    constants: ir.Value
+    table: ir.Value
+    width: Vector
+
+    @property
+    def size(self) -> int:
+        """Vectors of one exponential in a table."""
+        return len(table_entries(self.layout)) * self.kind.width
+
+    def exponentiate(self, span: Number, e: ir.Value) -> None:
+        """Store the exponential `(N, N)` over a span."""
+        numbers = [*self.parameters[:1], *self.kind.flat([span])[:1]]
+        if self.kind.slopes:
+            numbers += [self.parameters[1], *self.kind.flat([span])[1:]]
+        store_exponential(self.b, e, self.constants, self.layout, *numbers, increments=False)
+
+    def store(self, e: ir.Value, table: ir.Value, index: Integer) -> None:
+        """Store the `table_entries` of an exponential as number `index` of a table."""
+        at = self.b.offset(table, index, self.size)
+        for entry, (i, j) in enumerate(table_entries(self.layout)):
+            self.kind.put(self.kind.get(e, i * self.layout.size + j), at, entry)
+
+    def fill_table(self, nodes: ir.Value, spans: ir.Value, chained: ir.Value | None) -> None:
+        """Store the exponentials of all nodes, over their `spans`.
+
+        One that is `chained` is that of the node before times that of the width.
+        """
+        b, n = self.b, self.layout.size
+        e, hop, spare = (self.kind.room(n * n) for _ in range(3))
+        if chained is not None:
+            self.exponentiate(self.width, hop)
+        with b.loop(nodes, "nodes") as node:
+
+            def whole(at: ir.Value = node) -> None:
+                self.exponentiate(Vector(b, b.shared(spans, at)), e)
+
+            if chained is None:
+                whole()
+            else:
+                linked = b.icmp_signed("!=", b.single(chained, node), 0)
+                with b.if_else(linked) as (then, otherwise):
+                    with then:
+                        multiply_reached(b, spare, e, hop, self.layout, slopes=self.kind.slopes)
+                        b.copy(spare, e, n * n * self.kind.width)
+                    with otherwise:
+                        whole()
+            self.store(e, self.table, node)
+
+    def read(self, table: ir.Value, index: Integer) -> dict[tuple[int, int], Number]:
+        """Load exponential number `index` of a table."""
+        at = self.b.offset(table, index, self.size)
+        phi = {entry: self.kind.get(at, n) for n, entry in enumerate(table_entries(self.layout))}
+        # Nothing depends on an idle state: its entry is one, and known to be.
+        one = Vector(self.b, vector(1.0))
+        idle = self.layout.idle
+        return phi | {(i, i): one for i in range(self.layout.n_states) if idle[i]}
+
+    def apply(self, phi: dict[tuple[int, int], Number], state: State, drive: Drive) -> State:
+        """Return the state after a step of the transition matrix `phi`."""
+        x = self.layout.n_states
+        columns = dict(enumerate(state)) | dict(enumerate((*drive.inputs, *drive.slopes), x + 1))
+        zero = Vector(self.b, vector(0.0))
+        following = []
+        for i in range(x):
+            terms = [(phi[i, j], value) for j, value in columns.items() if (i, j) in phi]
+            following.append(sum_products(phi.get((i, x), zero), terms))
+        return following
+
+    # Spans that are not in the table.
+
+    def rate_entries(self) -> list[tuple[int, int]]:
+        """Return (row, column) of the entries of A, c and B that the rig has."""
+        entries = self.layout.entries([1.0] * self.layout.n_numbers)
+        return sorted({(row, column) for row, column, _ in entries if row < self.layout.n_states})
+
+    @cached_property
+    def _ladder(self) -> Ladder:
+        b = self.b
+        return Ladder(
+            rungs=b.room(MAX_RUNGS * self.size),
+            rates=self.kind.room(len(self.rate_entries())),
+            weights=b.room(MAX_SERIES_DEGREE + 1),
+            scale=b.slots(2),
+            halvings=b.room(1, INT_VEC),
+            counts=b.room(3, ir.IntType(64)),
+        )
+
+    def fill_ladder(self, high: ir.Value) -> None:
+        """Store rungs, `high` of them from the width on, and the coefficients of the series."""
+        b, ladder, x = self.b, self._ladder, self.layout.n_states
+        entries: dict[tuple[int, int], Number] = {}
+        for row, column, value in self.layout.matrix(b, self.constants, *self.parameters):
+            if row < x:
+                entries[row, column] = entries.get((row, column), 0.0) + value
+        norm = emit_balanced_norm(b, x, value_registers(entries))
+        least = (LEAST_NORM / self.width).value
+        fit = b.fcmp_ordered(">", norm, least)
+        fit = b.and_(fit, b.fcmp_ordered("<", norm, vector(MAX_NORM)))
+        norm = b.select(fit, norm, least)
+        over = Vector(b, b.fdiv(vector(1.0), norm))
+        for index, entry in enumerate(self.rate_entries()):
+            self.kind.put(entries[entry] * over, ladder.rates, index)
+        whole = b.fmul(norm, self.width.value)
+        halvings = emit_halvings(b, whole, MAX_SERIES_NORM)
+        deep = b.icmp_signed(">", halvings, MAX_HALVINGS)
+        halvings = b.select(deep, MAX_HALVINGS, halvings)
+        b.store(halvings, ladder.halvings)
+        b.write_slots([whole, over.value], ladder.scale)
+        size = b.fdiv(whole, emit_power(b, b.add(halvings, 1023)))
+        degree = self._store_weights(size, b.select(deep, 0, 1))
+        count = b.largest(b.select(b.icmp_signed(">", degree, 3), degree, 3))
+        rungs = b.add(high, b.largest(halvings))
+        for place, number in enumerate((count, high, rungs)):
+            b.store(number, b.offset(ladder.counts, place))
+        e = self.kind.room(self.layout.size**2)
+        with b.if_then(b.icmp_signed(">", rungs, 0)), b.loop(rungs, "rungs") as rung:
+            self.exponentiate(self.width * Vector(b, self._rung_share(rung)), e)
+            self.store(e, ladder.rungs, rung)
+
+    def _store_weights(self, size: ir.Value, degree: ir.Value) -> ir.Value:
+        """Store 1/k or, beyond the degree of a lane, 0; return the degrees, which are at least given.
+
+        A series in a number up to `size` leaves out what is about `SERIES_TAIL` of the state.
+        """
+        b = self.b
+        for k in range(1, MAX_SERIES_DEGREE):
+            enough = (SERIES_TAIL * math.factorial(k + 1)) ** (1 / (k + 1))
+            more = b.fcmp_ordered(">", size, vector(enough))
+            more = b.and_(more, b.icmp_signed("==", degree, k))
+            degree = b.add(degree, b.zext(more, INT_VEC))
+        for k in range(1, MAX_SERIES_DEGREE + 1):
+            wanted = b.icmp_signed(">=", degree, k)
+            b.write(b.select(wanted, vector(1 / k), vector(0.0)), self._ladder.weights, k)
+        return degree
+
+    def _rung_share(self, rung: ir.Value) -> ir.Value:
+        """Return the span of a rung, over the width: the half of that of the rung before."""
+        high = self.b.load(self.b.offset(self._ladder.counts, 1))
+        exponent = self.b.add(self.b.sub(high, rung), 1023 - 1)
+        return emit_power(self.b, self.b.splat(exponent))
+
+    def act(self, ratio: Number, state: State, drive: Drive) -> tuple[State, Drive]:
+        """Return the state, and what drives it, after a span of `ratio` times the width."""
+        b, kind, ladder, x = self.b, self.kind, self._ladder, self.layout.n_states
+        _, high, rungs = (b.load(b.offset(ladder.counts, place)) for place in range(3))
+        inputs, count = [*drive.inputs], len(drive.inputs)
+        slots = b.slots(len(kind.flat([*state, *inputs, ratio])))
+        b.write_slots(kind.flat([*state, *inputs, ratio]), slots)
+        with b.if_then(b.icmp_signed(">", rungs, 0)), b.loop(rungs, "climb") as rung:
+            *old, left = kind.shaped(b.read_slots(slots))
+            share = Vector(b, self._rung_share(rung))
+            taken = b.fcmp_ordered(">=", dual(left).value.value, share.value)
+            depth = b.load(ladder.halvings)
+            reached = b.icmp_signed("<", b.splat(b.sub(rung, high)), depth)
+            taken = b.and_(taken, reached)
+            with b.if_then(b.anywhere(taken)):
+                here = Drive(old[x:], drive.slopes)
+                phi = self.read(ladder.rungs, rung)
+                new = self.apply(phi, old[:x], here)
+                new += here.later(share * self.width).inputs
+                pairs = zip([*new, left - share], [*old, left], strict=True)
+                b.write_slots(kind.flat([where(Mask(b, taken), *pair) for pair in pairs]), slots)
+        *moved, left = kind.shaped(b.read_slots(slots))
+        state, drive = moved[:x], Drive(moved[x : x + count], drive.slopes)
+        return self._series(left, state, drive), drive.later(left * self.width)
+
+    def _series(self, ratio: Number, state: State, drive: Drive) -> State:
+        """Return the state after a span of `ratio` times the width, by a Taylor series.
+
+        Term k is the k-th derivative of the state over norm^k.
+        """
+        b, kind, ladder, x = self.b, self.kind, self._ladder, self.layout.n_states
+        whole, over = (Vector(b, value) for value in b.read_slots(ladder.scale))
+        scaled, one = ratio * whole, Vector(b, vector(1.0))
+
+        def add(k: Integer, term: State, power: Number, total: State) -> tuple[Number, State]:
+            weight = power * (scaled * Vector(b, b.read(ladder.weights, k)))
+            pairs = zip(term, total, strict=True)
+            return weight, [multiply_add(weight, rate, to) for rate, to in pairs]
+
+        columns = dict(enumerate(state)) | {x: one} | dict(enumerate(drive.inputs, x + 1))
+        term = self._rate(columns)
+        power, total = add(1, term, one, state)
+        slopes = {} if not drive.slopes else {
+            x + 1 + n: slope * over for n, slope in enumerate(drive.slopes)
+        }  # fmt: skip
+        term = self._rate(dict(enumerate(term)) | slopes)
+        power, total = add(2, term, power, total)
+        count = b.sub(b.load(ladder.counts), 2)
+        more = Loop(b, count, kind.flat([*term, power, *total]), "terms")
+        numbers = kind.shaped(more.carried)
+        term = self._rate(dict(enumerate(numbers[:x])))
+        power, total = add(b.add(more.index, 3), term, numbers[x], numbers[x + 1 :])
+        more.close(kind.flat([*term, power, *total]))
+        return total
+
+    def _rate(self, columns: dict[int, Number]) -> State:
+        """Return the rates of the states over norm."""
+        rates: list[Number] = []
+        zero = Vector(self.b, vector(0.0))
+        for row in range(self.layout.n_states):
+            terms = [
+                (self.kind.get(self._ladder.rates, n), columns[c])
+                for n, (r, c) in enumerate(self.rate_entries())
+                if r == row and c in columns
+            ]
+            rates.append(sum_products(zero, terms))
+        return rates

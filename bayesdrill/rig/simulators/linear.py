@@ -1,0 +1,278 @@
+"""The response of a linear rig to constant and sampled inputs, exact to rounding, as sensors show it.
+
+Matrix exponentials of the record's distinct steps, or the action of the exponential where these are
+many, then a recurrence over the samples.  A sampled input is constant between samples (zero-order
+hold) or interpolated linearly (first-order hold); for either the discrete system is exact (Van Loan
+1978).  Sensors may be late, scaled and shifted, and the start unknown (`sensors`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+
+from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.duals import Dual, dual, linear_map
+from bayesdrill.record.experiment import Experiment
+from bayesdrill.rig.kernels.compiling import Kernel, compile_kernel
+from bayesdrill.rig.kernels.exponential import OTHER_WEIGHT, present, weight_kinds
+from bayesdrill.rig.kernels.lanes import LANES
+from bayesdrill.rig.kernels.linear import (
+    EVEN,
+    INNOVATIONS,
+    NORMAL,
+    SIGNALS,
+    SUMS,
+    UNEVEN,
+    LinearShape,
+    write_linear,
+)
+from bayesdrill.rig.kernels.sums import ResidualSums
+from bayesdrill.rig.models.linear import Model
+from bayesdrill.rig.simulators.contract import in_groups, whitening_scales
+from bayesdrill.rig.simulators.long_record import LongRecord, input_layout, record_blocks
+from bayesdrill.rig.simulators.sensors import ObservationModel, ObservedWalkers, beside
+from bayesdrill.rig.simulators.stepped import Unstepped
+from bayesdrill.rig.simulators.time_grid import Grid, inputs_at_knots
+
+# Numbers of a record: of more, no memory is taken for eight walkers at once.
+MAX_GROUPED = 8_000_000
+NONE = np.zeros(0)
+PERFECT = ObservationModel()
+MAX_AHEAD = 4  # lengths of the record that a channel may be ahead of it
+
+
+@dataclass(frozen=True, eq=False)
+class Response(Unstepped):
+    """The response of `model` in `experiment`, as sensors with `sensing` show it."""
+
+    model: Model
+    experiment: Experiment
+    sensing: ObservationModel = PERFECT
+
+    exact: ClassVar[bool] = True
+
+    @property
+    def record(self) -> Mapping[str, int] | None:
+        """See `Simulator.record`."""
+        return self._record[1]
+
+    @cached_property
+    def _record(self) -> tuple[dict[str, Array], dict[str, int] | None]:
+        """Record and inputs of perfect sensors at even times, and their addresses."""
+        experiment, blocks = self.experiment, record_blocks(self.experiment)
+        plain = self.sensing.empty and experiment.uniform and bool(experiment.seen.all())
+        addresses = {name: block.ctypes.data for name, block in blocks.items()}
+        return blocks, addresses if plain else None
+
+    def signals(self, full: Array) -> Array:
+        """Return the channels: `(W, P) -> (W, T, K)`, SI."""
+        if self._padded.size > MAX_GROUPED and self.record is not None:
+            record = LongRecord(self.sensors, self.experiment.dt, len(self._padded))
+            return np.array([record.signals(point) for point in full])
+        return self._run(SIGNALS, full, (1, *self._padded.shape))[:, 0, self._samples]
+
+    def course(self, full: Array, along: Array) -> tuple[Array, Array]:
+        """Return signals `(W, T, K)` and their slopes `(W, q, T, K)` in the directions `along`."""
+        shape = (1 + along.shape[1], *self._padded.shape)
+        planes = self._run(SIGNALS, full, shape, along=along)[:, :, self._samples]
+        return planes[:, 0], planes[:, 1:]
+
+    def sums(self, full: Array, tally: ResidualSums, weights: Array | None = None) -> Array:
+        """See `Simulator.sums`."""
+        shape = (self._padded.shape[1], tally.count)
+        return self._run(SUMS, full, shape, tally=tally, weights=weights)
+
+    def normal(self, full: Array, along: Array, weights: Array) -> tuple[Array, Array, Array]:
+        """See `Simulator.normal`; q is at least 1."""
+        q, k = along.shape[1], self._padded.shape[1]
+        scales = whitening_scales(weights)
+        name = NORMAL if scales.shape[2] == 1 else INNOVATIONS
+        flat = scales.swapaxes(1, 2).reshape(len(scales), -1)
+        rows = self._run(name, full, (k + (1 + q) ** 2,), along=along, weights=flat)
+        products = rows[:, k:].reshape(-1, 1 + q, 1 + q)
+        lower = np.tril(products[:, 1:, 1:])
+        return rows[:, :k], -products[:, 1:, 0], lower + np.tril(lower, -1).swapaxes(1, 2)
+
+    # What the kernel is told of the record.
+
+    @property
+    def _grid(self) -> Grid:
+        return self.sensors.grid
+
+    @cached_property
+    def _padded(self) -> Array:
+        """The record at all knots, NaN where there is no sample: `(T, K)`."""
+        g, y = self._grid, np.asarray(self.sensors.padded)
+        padded = np.full((len(g.t) - 1, y.shape[1]), np.nan)
+        padded[g.at] = y
+        return padded
+
+    @cached_property
+    def _gaps(self) -> bool:
+        return bool(np.isnan(self._padded).any())
+
+    @cached_property
+    def _samples(self) -> Any:
+        """Where the samples are among the knots: a slice copies faster."""
+        at = self._grid.at[1:] if self.sensors.lead else self._grid.at
+        in_a_row = len(at) == 0 or len(at) == at[-1] - at[0] + 1
+        return slice(at[0], at[-1] + 1) if in_a_row else at
+
+    @cached_property
+    def _late(self) -> tuple[bool, ...]:
+        """Which channels are late."""
+        lags, delayed = self.sensing.lags, self.sensing.delay is not None
+        return tuple(delayed or channel.name in lags for channel in self.experiment.channels)
+
+    def _shape(self, output: str, tally: ResidualSums | None, *, slopes: bool) -> LinearShape:
+        g, own = self._grid, not self.sensing.empty
+        # Where some channel may have an offset, all have: one kernel for all sets of them.
+        rows = np.column_stack([self.sensors.weights, np.full(len(self._late), float(own))])
+        kinds = np.where(rows != 0.0, OTHER_WEIGHT, 0) if own else rows
+        return LinearShape(
+            layout=input_layout(self.sensors.observed_model, self.experiment),
+            rows=weight_kinds(kinds.astype(np.float64)),
+            own=own,
+            late=self._late,
+            times=UNEVEN if any(self._late) and not g.uniform else EVEN,
+            table=len(g.spans) > 1,
+            shares=g.width > 0.0,
+            gaps=self._gaps and output != SIGNALS,
+            output=output,
+            tally=tally,
+            slopes=slopes,
+        )
+
+    @cached_property
+    def _kernels(self) -> dict[Any, tuple[Kernel, LinearShape]]:
+        return {}
+
+    def _kernel(
+        self, output: str, tally: ResidualSums | None, *, slopes: bool
+    ) -> tuple[Kernel, LinearShape]:
+        wanted = (output, tally, slopes)
+        if wanted not in self._kernels:
+            shape = self._shape(output, tally, slopes=slopes)
+            self._kernels[wanted] = compile_kernel(write_linear, shape), shape
+        return self._kernels[wanted]
+
+    @cached_property
+    def _shared(self) -> dict[str, Array]:
+        """Numbers that all walkers share, the nodes of the grid, and the record."""
+        g, weights = self._grid, self.sensors.weights
+        constants = present(self.experiment.constant).values()
+        start = [self.experiment.start.get(name, 0.0) for name in self.model.states]
+        rows = np.column_stack([weights, np.zeros(len(weights))])
+        numbers = np.array([g.width or g.usual, *constants, *start, *rows.ravel()])
+        return {"numbers": numbers, "spans": g.spans, "chained": g.chained, "y": self._padded}
+
+    @cached_property
+    def _known_knots(self) -> dict[int, tuple[dict[str, Array], dict[str, int]]]:
+        return {}
+
+    @cached_property
+    def _scratch_sizes(self) -> dict[tuple[Any, ...], int]:
+        return {}
+
+    def _knots(self, ahead: int) -> dict[str, int]:
+        """Return addresses of blocks, of knots with others `ahead` of the last.
+
+        Asking an array for its own address takes as long as some samples of a group.
+        """
+        if ahead not in self._known_knots:
+            g, first_order = self._grid, self.experiment.first_order
+            u, slopes = inputs_at_knots(g, self.sensors.knots[1], first_order=first_order)
+            u = np.vstack([u, u[-1:].repeat(ahead, axis=0)])
+            if first_order:
+                u = np.hstack([u, np.vstack([slopes, np.zeros((ahead, slopes.shape[1]))])])
+            later = g.t[-2] + self._usual_step * np.arange(1, ahead + 1)
+            node = np.append(g.node[:-1], np.full(ahead + 1, self._usual_node))
+            blocks = self._shared | {
+                "node": node.astype(np.int64),
+                "share": np.append(g.share, np.full(ahead, -1.0)),
+                "t": np.concatenate([g.t[:-1], later, [np.inf]]),
+                "u": np.ascontiguousarray(u),
+            }
+            addresses = {name: block.ctypes.data for name, block in blocks.items()}
+            self._known_knots[ahead] = blocks, addresses
+        return self._known_knots[ahead][1]
+
+    @cached_property
+    def _usual_node(self) -> int:
+        """The node nearest to the usual step."""
+        return int(np.argmin(np.abs(self._grid.spans - self._grid.usual)))
+
+    @property
+    def _usual_step(self) -> float:
+        return float(self._grid.spans[self._usual_node])
+
+    @cached_property
+    def _high(self) -> int:
+        """Rungs of the ladder from its width on: they reach over the longest step."""
+        g = self._grid
+        longest = float(np.diff(g.t[:-1]).max(initial=0.0))
+        return int(longest / (g.width or g.usual)).bit_length() if any(self._late) else 0
+
+    # What it is told of walkers.
+
+    def _walkers(self, full: Array | Dual) -> tuple[Any, int]:
+        """Return the numbers of walkers `(W, n)`, and knots ahead of the last that they look at."""
+        walkers = ObservedWalkers(self.sensors, full)
+        if self.sensing.empty:
+            return walkers.parameters, 0
+        if not self.sensing.shifts:
+            return walkers.numbers, 0
+        delay = self.sensors.channel_delays(full)
+        value, step = dual(delay).value, self._usual_step
+        farthest = MAX_AHEAD * (float(self._grid.t[-2]) + step)
+        lost = ~(value > -farthest) | ~np.isfinite(value)
+        rows = linear_map(lambda part: np.where(lost[:, :, None], np.nan, part), walkers.rows)
+        delay = linear_map(lambda part: np.where(lost, 0.0, part), delay)
+        ahead = int(-dual(delay).value.min(initial=0.0) / step)
+        parts = (walkers.parameters, walkers.start, rows, walkers.before, delay)
+        return beside(*parts), 1 << (ahead + 1).bit_length() if ahead else 1
+
+    def _run(
+        self,
+        output: str,
+        full: Array,
+        out: tuple[int, ...],
+        *,
+        along: Array | None = None,
+        tally: ResidualSums | None = None,
+        weights: Array | None = None,
+    ) -> Array:
+        """Run the kernel of an output, and return what it stores `(W, *out)`."""
+        kernel, shape = self._kernel(output, tally, slopes=along is not None)
+        blocks, q = {"along": NONE}, 0
+        with np.errstate(all="ignore"):
+            numbers, ahead = self._walkers(full)
+            if along is not None:
+                n, q, p = along.shape
+                changed, _ = self._walkers(Dual(full.repeat(q, axis=0), along.reshape(n * q, p)))
+                blocks["along"] = in_groups(changed.slope.reshape(n, -1))
+        own = (numbers,) if weights is None else (numbers, weights)
+        samples = len(self._padded)
+        counts = {
+            "samples": samples, "knots": samples + ahead, "directions": q,
+            "nodes": len(self._grid.spans), "high": self._high,
+        }  # fmt: skip
+        wanted = (output, tally, along is not None, *counts.values())
+        if wanted not in self._scratch_sizes:
+            self._scratch_sizes[wanted] = sum(shape.scratch(counts).values())
+        scratch = np.empty((self._scratch_sizes[wanted] + 1, LANES))
+        return kernel.run(
+            "linear", len(full), out, own=in_groups(*own), **counts, **blocks,
+            scratch=aligned(scratch), **self._knots(ahead),
+        )  # fmt: skip
+
+
+def aligned(scratch: Array) -> int:
+    """Return an address in `scratch`: vectors that cross lines of the cache take twice as long."""
+    start = scratch.ctypes.data
+    return start + -start % 64
