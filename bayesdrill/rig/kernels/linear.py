@@ -44,7 +44,7 @@ from bayesdrill.rig.kernels.lanes import (
 )
 from bayesdrill.rig.kernels.numbers import Number, Numbers, sum_products
 from bayesdrill.rig.kernels.sums import ResidualSums, Sample
-from bayesdrill.rig.kernels.transitions import Drive, State, Transitions, table_entries
+from bayesdrill.rig.kernels.transitions import InputHold, State, Transitions, table_entries
 
 # G groups of LANES walkers; T samples, N knots (samples, and others behind the last); q directions;
 # nodes of the table; rungs of the ladder from its width on.
@@ -410,13 +410,13 @@ class _Walker:
 
     # From knot to knot.
 
-    def drive(self, knot: ir.Value) -> Drive:
+    def drive(self, knot: ir.Value) -> InputHold:
         """Load what drives the rig from a knot on."""
         layout = self.w.layout
         columns = layout.size - self.x - 1
         at = self.b.offset(self.w.a["u"], knot, columns) if columns else self.w.a["u"]
         values = [number(self.b, at, c) for c in range(columns)]
-        return Drive(values[: layout.n_series], values[layout.n_series :])
+        return InputHold(values[: layout.n_series], values[layout.n_series :])
 
     def advance(self, first: ir.Value, rows: ir.Value, totals: Values) -> Values:
         """Advance the state from the `first` knot on, and show the channels that are not late."""
@@ -449,7 +449,7 @@ class _Walker:
         kind.put_row(kind.shaped(new), self.state)
         return totals
 
-    def _share(self, share: ir.Value, state: State, drive: Drive) -> tuple[State, Drive]:
+    def _share(self, share: ir.Value, state: State, drive: InputHold) -> tuple[State, InputHold]:
         """Advance by a share of the width, where there is one."""
         b, kind, count = self.b, self.kind, len(drive.inputs)
         default = [*kind.flat(state), *(u.value for u in drive.inputs)]
@@ -460,7 +460,7 @@ class _Walker:
 
         registers = b.replace_if(b.fcmp_ordered(">=", share, F64(0.0)), default, moved)
         inputs = [Vector(b, u) for u in registers[len(registers) - count :]]
-        return kind.shaped(registers[: len(registers) - count]), Drive(inputs, drive.slopes)
+        return kind.shaped(registers[: len(registers) - count]), InputHold(inputs, drive.slopes)
 
     def _seen(self, k: int, state: State, *, offset: bool = True) -> Number:
         """Return what channel k shows of a state, with its offset or without."""
@@ -479,7 +479,7 @@ class _Walker:
 
     # Channels that are late.
 
-    def _trace(self, knot: ir.Value, state: State, drive: Drive) -> None:
+    def _trace(self, knot: ir.Value, state: State, drive: InputHold) -> None:
         """Keep what late channels show at even times, or the state from which they follow."""
         kept = state
         if self.shape.times == EVEN:
@@ -558,7 +558,7 @@ class _Walker:
         columns = layout.size - self.x - 1
         first = b.mul(place, columns)
         inputs = [Vector(b, b.gather(self.w.a["u"], b.add(first, c))) for c in range(columns)]
-        drive = Drive(inputs[: layout.n_series], inputs[layout.n_series :])
+        drive = InputHold(inputs[: layout.n_series], inputs[layout.n_series :])
         span = when - Vector(b, b.gather(self.w.a["t"], place))
         early = dual(span).value.below(0.0)
         nothing = Dual(Vector(b, vector(0.0)), dual(span).slope) if self.kind.slopes else 0.0

@@ -55,22 +55,22 @@ def table_entries(layout: Layout) -> list[tuple[int, int]]:
 
 
 @dataclass(frozen=True, slots=True)
-class Drive:
+class InputHold:
     """The sampled inputs at a moment and, with a first-order hold, their slopes from there on."""
 
     inputs: Sequence[Number]
     slopes: Sequence[Number]
 
-    def later(self, span: Number) -> Drive:
+    def later(self, span: Number) -> InputHold:
         """Return the drive a span later: inputs follow their slopes, or are constant without any."""
         if not self.slopes:
             return self
         pairs = zip(self.inputs, self.slopes, strict=True)
-        return Drive([multiply_add(slope, span, u) for u, slope in pairs], self.slopes)
+        return InputHold([multiply_add(slope, span, u) for u, slope in pairs], self.slopes)
 
 
 @dataclass(frozen=True, slots=True)
-class Ladder:
+class ExponentialLadder:
     """Memory of a ladder and its series, see `Transitions.act`.
 
     `rungs`: exponentials; `rates`: entries of A, c and B over the norm; `weights`: 1/k of each term;
@@ -156,7 +156,7 @@ class Transitions:
         idle = self.layout.idle
         return phi | {(i, i): one for i in range(self.layout.n_states) if idle[i]}
 
-    def apply(self, phi: dict[tuple[int, int], Number], state: State, drive: Drive) -> State:
+    def apply(self, phi: dict[tuple[int, int], Number], state: State, drive: InputHold) -> State:
         """Return the state after a step of the transition matrix `phi`."""
         x = self.layout.n_states
         columns = dict(enumerate(state)) | dict(enumerate((*drive.inputs, *drive.slopes), x + 1))
@@ -175,9 +175,9 @@ class Transitions:
         return sorted({(row, column) for row, column, _ in entries if row < self.layout.n_states})
 
     @cached_property
-    def _ladder(self) -> Ladder:
+    def _ladder(self) -> ExponentialLadder:
         b = self.b
-        return Ladder(
+        return ExponentialLadder(
             rungs=b.room(MAX_RUNGS * self.size),
             rates=self.kind.room(len(self.rate_entries())),
             weights=b.room(MAX_SERIES_DEGREE + 1),
@@ -240,14 +240,14 @@ class Transitions:
         exponent = self.b.add(self.b.sub(high, rung), 1023 - 1)
         return emit_power(self.b, self.b.splat(exponent))
 
-    def act(self, ratio: Number, state: State, drive: Drive) -> tuple[State, Drive]:
+    def act(self, ratio: Number, state: State, drive: InputHold) -> tuple[State, InputHold]:
         """Return the state, and what drives it, after a span of `ratio` times the width."""
         b, kind, ladder, x = self.b, self.kind, self._ladder, self.layout.n_states
         _, high, rungs = (b.load(b.offset(ladder.counts, place)) for place in range(3))
         inputs, count = [*drive.inputs], len(drive.inputs)
         slots = b.slots(len(kind.flat([*state, *inputs, ratio])))
         b.write_slots(kind.flat([*state, *inputs, ratio]), slots)
-        with b.if_then(b.icmp_signed(">", rungs, 0)), b.loop(rungs, "climb") as rung:
+        with b.if_then(b.icmp_signed(">", rungs, 0)), b.loop(rungs, "ladder") as rung:
             *old, left = kind.shaped(b.read_slots(slots))
             share = Vector(b, self._rung_share(rung))
             taken = b.fcmp_ordered(">=", dual(left).value.value, share.value)
@@ -255,17 +255,17 @@ class Transitions:
             reached = b.icmp_signed("<", b.splat(b.sub(rung, high)), depth)
             taken = b.and_(taken, reached)
             with b.if_then(b.anywhere(taken)):
-                here = Drive(old[x:], drive.slopes)
+                here = InputHold(old[x:], drive.slopes)
                 phi = self.read(ladder.rungs, rung)
                 new = self.apply(phi, old[:x], here)
                 new += here.later(share * self.width).inputs
                 pairs = zip([*new, left - share], [*old, left], strict=True)
                 b.write_slots(kind.flat([where(Mask(b, taken), *pair) for pair in pairs]), slots)
         *moved, left = kind.shaped(b.read_slots(slots))
-        state, drive = moved[:x], Drive(moved[x : x + count], drive.slopes)
+        state, drive = moved[:x], InputHold(moved[x : x + count], drive.slopes)
         return self._series(left, state, drive), drive.later(left * self.width)
 
-    def _series(self, ratio: Number, state: State, drive: Drive) -> State:
+    def _series(self, ratio: Number, state: State, drive: InputHold) -> State:
         """Return the state after a span of `ratio` times the width, by a Taylor series.
 
         Term k is the k-th derivative of the state over norm^k.
