@@ -16,7 +16,7 @@ SITE := build/docs
 # Contracts of the code and units that compile no new kernel.
 FAST := tests/basics tests/record \
   $(addprefix tests/contracts/test_,architecture.py contracts.py formats.py mutants.py pointers.py words.py) \
-  $(addprefix tests/config/test_,config.py inputs.py reading.py relations.py)
+  $(addprefix tests/config/,test_loading.py test_mistakes.py test_yaml_source.py records schema)
 
 .PHONY: help posterior paper docs test test-fast test-slow check format bench bench-growth zoo modes causes real baseline mutants attack rates pages results schema dist clean
 

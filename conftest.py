@@ -12,7 +12,7 @@ import pytest
 CACHE = Path(__file__).parent / ".pytest_cache"
 # Each structure of a rig takes 0.3 to 3 s to compile, so tests share rigs.  The cache keeps up to 1000
 # kernels, hence all of these from one run to the next.
-MOST_KERNELS = 350
+MOST_KERNELS = 2000
 BEGUN, KERNELS = pytest.StashKey[float](), pytest.StashKey[int]()
 
 # Kernels of all workers and their children are compiled once, and apart from those of the user.

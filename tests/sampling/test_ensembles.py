@@ -17,6 +17,9 @@ import bayesdrill as bd
 from bayesdrill.basics.progress import Silent
 from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.inference.posterior import Posterior
+from bayesdrill.rig.simulators.chains import ChainResponse
+from bayesdrill.rig.simulators.linear import Response
+from bayesdrill.rig.simulators.sensors import ObservationModel
 from bayesdrill.sampling.convergence import Targets
 from bayesdrill.sampling.ensembles import (
     MemoryBackend,
@@ -166,19 +169,25 @@ def test_walkers_start_on_all_maxima_alike() -> None:
 
 BOX = {"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}
 RIG = {**dict.fromkeys(("j_m", "c_m", "k_e", "k_T", "r_m", "l_m", "t_f"), "nominal"), "k_s": BOX}
-LAG = {"lag": {"prior": "uniform", "low": 0, "high": 0.1}}
 
 
 @run_cases(
-    "samples, sensor, expensive", [(40_000, {}, False), (1000, LAG, False), (40_000, LAG, True)]
+    "samples, response, expensive",
+    [(40_000, Response, False), (1000, ChainResponse, False), (40_000, ChainResponse, True)],
 )
 def test_slopes_are_expensive_of_long_records_that_sums_do_not_replace(
-    samples: int, sensor: dict[str, object], expensive: bool
+    samples: int, response: type[Response | ChainResponse], expensive: bool
 ) -> None:
+    """A chain of many states has slopes of every sample; all other linear rigs sum them up."""
     t = 0.01 * np.arange(samples)
-    speed = bd.Channel(np.sin(t), "rad/s", 0.1, **sensor)
+    speed = bd.Channel(np.sin(t), "rad/s", 0.1)
     case = bd.case(t, {"w_1": speed}, {"v": 8.0}, {**RIG, "j_1": BOX}, nominal="tables_2_3")
-    assert slopes_are_expensive(case.job.problem.posterior) == expensive
+    posterior = case.job.problem.posterior
+    observation = posterior.likelihood.only_observation
+    parts = observation.response.model, observation.experiment, ObservationModel()
+    observations = (replace(observation, response=response(*parts)),)
+    likelihood = replace(posterior.likelihood, observations=observations)
+    assert slopes_are_expensive(replace(posterior, likelihood=likelihood)) == expensive
 
 
 # --- runs that are given up, and cut ---------------------------------------------------------------

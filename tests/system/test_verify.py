@@ -308,7 +308,8 @@ def test_figures_and_tree_say_which_run_they_are_of(finished: Path) -> None:
         assert marks["run"].encode() in content
         assert marks["record"].split("(")[1].strip(")").encode() in content
         assert run["versions"]["emcee"].encode() in content
-    assert marks["burn-in"] == f"{run['burn_in']} of {run['steps']} steps"
+    convergence = run["analysis"]["convergence"]
+    assert marks["burn-in"] == f"{convergence['burn_in']} of {convergence['steps']} steps"
 
 
 def test_formats_of_figures_are_known_to_verify_and_force(rig: Path) -> None:

@@ -20,7 +20,7 @@ from typing import IO
 
 CACHE_VARIABLE = "BAYESDRILL_CACHE"  # in the environment: another folder, or ...
 CACHE_OFF = "off"  # ... no cache at all, as OFF and 0
-MAX_FILES, MAX_BYTES = 1000, 256 * 1024**2
+MAX_FILES, MAX_BYTES = 4000, 256 * 1024**2
 _DIGEST_BYTES = hashlib.sha256().digest_size
 _NAMES = re.compile(r"[0-9a-f]{64}(\.[0-9a-f]+\.tmp)?")  # of our own files; others are left alone
 _log = logging.getLogger(__name__)

@@ -9,7 +9,7 @@ import pytest
 from support import command_line
 from support.case_tables import run_cases
 from support.config_texts import write, write_composed
-from support.first_configs import both_ways, made, written
+from support.first_configs import draft_of, reversing_rig, write_table
 from support.scipy_oracles import NOMINAL, with_damping
 
 import bayesdrill as bd
@@ -90,9 +90,9 @@ def test_each_experiment_may_have_its_own_damping(tmp_path: Path) -> None:
 
 
 def test_lines_of_a_first_config_switch_physics_on(tmp_path: Path) -> None:
-    t, v, x = both_ways()
-    record = written(tmp_path / "both.csv", {"t": t, "v": v, "w_1": x[:, 2], "w_2": x[:, 3]})
-    draft = made(record)["text"]
+    t, v, x = reversing_rig()
+    record = write_table(tmp_path / "both.csv", {"t": t, "v": v, "w_1": x[:, 2], "w_2": x[:, 3]})
+    draft = draft_of(record)["text"]
     assert loading.load(write(tmp_path, draft)).model.parameters == MotorShaft.parameters
     offered = [line for line in draft.splitlines() if "half_normal" in line]
     lines = [line for line in offered if "# c_s" in line or "# t_cm" in line]
