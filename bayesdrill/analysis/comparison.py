@@ -117,7 +117,6 @@ def _marginal(symbol: Symbol, layer: PosteriorSummary) -> MarginalEstimate | Non
 def _distances(
     places: Sequence[MarginalEstimate | None],
 ) -> Iterator[tuple[float, tuple[int, int]]]:
-    """Of all pairs that have an sd, in sds."""
     free = [(k, each) for k, each in enumerate(places) if each is not None and each.sd > 0]
     for (k, first), (j, second) in itertools.combinations(free, 2):
         sd = math.sqrt(0.5 * (first.sd**2 + second.sd**2))
@@ -196,7 +195,6 @@ def decide(models: Sequence[RunSummary]) -> ModelDecision:
     top = models[best]
 
     def over(those: Callable[[RunSummary], bool]) -> float:
-        """Log odds of the best against the best of those that are not like it."""
         return top.log_z - max((model.log_z for model in models if those(model)), default=-math.inf)
 
     gain = {

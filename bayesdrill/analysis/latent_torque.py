@@ -202,7 +202,6 @@ def _nonlinear_error(
 def _courses(
     observation: Observation, residuals: Array, moved: Array, strayed: Array
 ) -> tuple[ChannelMotion, ...]:
-    """Means over the draws `(T, K)`."""
     return tuple(
         ChannelMotion(
             channel=observation.experiment.names[k],

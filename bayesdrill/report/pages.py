@@ -202,7 +202,6 @@ def contours(
 
 
 def _bandwidth(x: Array, ends: Ends) -> float:
-    """In bins."""
     return (
         float(BANDWIDTH_FACTOR * np.std(x) * len(x) ** (-1 / 6) / (ends[1] - ends[0]) * BINS) or 1.0
     )

@@ -280,7 +280,6 @@ def scale(low: float, high: float, *, log: bool = False, margin: float = 0.0) ->
 
 
 def _power(farthest: float) -> int:
-    """Of ten, by which numbers up to `farthest` are divided."""
     power = math.floor(math.log10(farthest))
     return 0 if -1 <= power <= 3 else power
 

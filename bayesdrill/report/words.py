@@ -79,7 +79,6 @@ def record_made(problem: Problem) -> tuple[str, ...]:
 
 
 def _of_experiment(observation: Observation, sentences: Sequence[str]) -> list[str]:
-    """With its name in front, where there are several."""
     return [f"{observation.label}, {each}" if observation.label else each for each in sentences]
 
 
@@ -166,7 +165,6 @@ def model(problem: Problem) -> str:
 
 
 def _parts(rig: Model) -> str:
-    """A rig that a config describes: its name, and its parts by theirs."""
     roles, added = rig.roles, ", ".join(rig.added)
     shafts = ", ".join(f"{shaft.name} ({' to '.join(shaft.ends)})" for shaft in roles.shafts)
     geared = ", ".join(
@@ -222,7 +220,6 @@ def predictive_draws(problem: Problem, config: Config) -> int:
 
 
 def _numbers(problem: Problem) -> int:
-    """That are predicted, of all channels."""
     return sum(observation.experiment.y.size for observation in problem.observations)
 
 

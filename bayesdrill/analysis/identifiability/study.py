@@ -154,7 +154,6 @@ def _more_channels(
 def _other_inputs(
     sensitivity: SensitivityStudy, theta: Array
 ) -> Iterator[tuple[str, DesignVariant]]:
-    """A change of each input half-way through the record."""
     rig = sensitivity.model
     for name in drives_of(rig):
         mean = sensitivity.mean_input(name)
@@ -355,7 +354,6 @@ def study_point(sensitivity: SensitivityStudy, posterior: Posterior, seed: int) 
 
 
 def _still_channels(sensitivity: SensitivityStudy, theta: Array) -> tuple[str, ...]:
-    """Return the channels that stand still at `theta (D,)`, of those that the record moves."""
     full, still = sensitivity.likelihood.space.full(theta[None]), []
     for observation in sensitivity.likelihood.observations:
         experiment = observation.experiment

@@ -87,7 +87,6 @@ def find_confounded(
     }
 
     def tried(k: int) -> Iterator[tuple[str, str, float]]:
-        """What could be done for the unknown `k`, and its sd then."""
         for j in (j for j in rig if j != k):
             others = [i for i in range(len(sds)) if i != j]
             covariance = np.linalg.inv(known[np.ix_(others, others)])
@@ -157,7 +156,6 @@ def _information(posterior: Posterior, theta: Array, before: Array, seeds: Count
 
 
 def _showing(posterior: Posterior, theta: Array, state: str) -> Posterior:
-    """With every record showing this state too."""
     full, rig = posterior.space.full(theta[None]), posterior.likelihood.observations[0].response
     name, unit = f"state {state}", rig.model.symbols[state].unit
     channel = Channel(name=name, weights={state: 1.0}, unit=unit, latex="", latex_unit="")

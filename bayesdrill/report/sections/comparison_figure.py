@@ -238,7 +238,6 @@ def _intervals(
 
 
 def _below_each_other(panel: Axes, n: int, names: Sequence[str] | None = None) -> None:
-    """Runs, from the top."""
     panel.set_ylim(-MARGIN, n - 1 + MARGIN)
     places = np.arange(n, dtype=np.float64)[::-1]
     style.set_ticks(panel.yaxis, places if names else np.array([]), names)
@@ -360,7 +359,6 @@ def _colour(k: int) -> str:
 
 
 def _model_handles(models: Sequence[RunSummary]) -> list[Line2D]:
-    """Of all channels of any model, and what a hollow mark says."""
     symbols = {}
     for model in models:
         for observation in model.layer.problem.observations:

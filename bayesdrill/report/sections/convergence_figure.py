@@ -150,7 +150,6 @@ def _ensembles(panel: Axes, steps: NDArray[np.intp], bands: Array) -> None:
 
 
 def _number(panel: Axes, ensemble: int, n: int, x: Array, y: Array) -> None:
-    """Of the ensemble, on its median, and beside those of the others."""
     each = max(1, MARKS // n)
     places = (np.arange(each) + (ensemble + 0.5) / n) / each * len(x)
     at = np.unique(places.astype(np.intp))
@@ -161,7 +160,6 @@ def _number(panel: Axes, ensemble: int, n: int, x: Array, y: Array) -> None:
 
 
 def _step_axis(panel: Axes, n: int, most: int = 3) -> None:
-    """Whole steps from 0 to `n - 1`."""
     panel.set_xlim(0, max(n - 1, 1))
     panel.xaxis.set_major_locator(MaxNLocator(most, integer=True, prune="upper"))
     panel.xaxis.set_major_formatter(lambda step, _: f"{step:.0f}")

@@ -66,7 +66,6 @@ TURNED = CornerLayout(across=2.6, left=0.085, right=0.075, bottom=0.17)
 
 
 def _below_the_diagonal(n: int) -> list[tuple[int, int]]:
-    """Return rows and columns of panels, with those on the diagonal."""
     return [(row, column) for row in range(n) for column in range(row + 1)]
 
 
@@ -182,7 +181,6 @@ Handles = list[Line2D | Patch]
 
 
 def _handles(columns: Sequence[CornerColumn]) -> Handles:
-    """Return handles of lines, shades and notes."""
     credible = f"{100 * HDI_PROBABILITY:.0f} %"
     lines: Handles = [
         Line2D([], [], color=style.BLACK, linewidth=0.8, label="posterior"),
@@ -264,7 +262,6 @@ def _column(x: Array, symbol: Symbol, shown: DisplayedUnknowns) -> CornerColumn:
 
 
 def _title(column: CornerColumn, interval: Array) -> str:
-    """Median and interval, in the numbers of the axis."""
     scale = column.scale
     name = ("" if scale.origin == 0 else r"\delta ") + column.symbol.latex
     middle, near, far = scale.number(np.array([float(np.median(column.draws)), *interval]))
@@ -321,7 +318,6 @@ def _marginal(panel: Axes, column: CornerColumn, page: CornerPage) -> None:
 
 
 def _marks(panel: Axes, column: CornerColumn, row: CornerColumn, page: CornerPage) -> None:
-    """Nominal values as lines and the mode as a cross."""
     look: dict[str, Any] = {"arrow": False, "fine": page.fine}
     style.mark_values(panel, column.scale, column.nominal, **look)
     style.mark_values(panel, row.scale, row.nominal, vertical=True, **look)

@@ -171,7 +171,6 @@ def _course(panel: Axes, course: Course, time: scales.Scale, t: Array) -> None:
 
 
 def _signals(panel: Axes, signal: Signal, time: scales.Scale, t: Array) -> None:
-    """With a band of what draws predict; where there are none, of the noise about the model."""
     y, model = signal.y, signal.model
     drawn = extremes(model, LINE_POINTS)
     if signal.predictive is None:
@@ -187,7 +186,6 @@ def _signals(panel: Axes, signal: Signal, time: scales.Scale, t: Array) -> None:
 
 
 def _residuals(panel: Axes, signal: Signal, time: scales.Scale, t: Array, *, beside: bool) -> None:
-    """Measured minus MAP, the band of the noise, and how much of the channel this is."""
     residual, sigma = signal.y - signal.model, signal.sigma
     label = Symbol("rest", "", r"\mathrm{residual}", signal.label.latex_unit, "")
     far = max(float(np.nanmax(np.abs(residual))), SIGMAS * sigma)
@@ -223,7 +221,6 @@ def _legends(
     *,
     beside: bool,
 ) -> None:
-    """Above each kind of panel, what is shown in it; what is constant, in a line."""
     dot = Line2D([], [], **{**DOT, "markersize": 3, "rasterized": False})
     line, band = Line2D([], [], **style.BLACK_LINE), Patch(**style.BAND)
     edged = Patch(facecolor=style.LIGHT, edgecolor=style.BLACK, linewidth=0.6, linestyle="--")
@@ -426,7 +423,6 @@ def frequency_figure(
 
 
 def _bode(panel: Axes, response: FrequencyResponse, *, phase: bool) -> None:
-    """The magnitude, or the phase in degrees, of what is measured next to the model's."""
     there, shown = np.isfinite(response.measured), response.channel.shown
     model, measured = (
         np.abs(values) * response.unit.factor / shown.factor

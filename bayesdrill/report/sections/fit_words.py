@@ -198,7 +198,6 @@ def prediction_csv(problem: Problem, theta: Array) -> dict[str, str]:
 
 
 def _prediction(observation: Observation, full: Array) -> str:
-    """Time, channels as measured and as predicted without noise, inputs; `w_1 measured [rpm]`."""
     experiment, signals = observation.experiment, observation.signals(full)[0]
     unit = experiment.written.time
     columns = {f"t [{unit.name}]": experiment.t / unit.factor}

@@ -79,7 +79,6 @@ def _panel(
 
 
 def _edge(values: np.ndarray, loss: np.ndarray, end: int) -> float:
-    """Where the curve leaves the panel, or its end."""
     inner = 1 if end == 0 else -2
     if len(values) < 2 or loss[end] <= HIGHEST:
         return float(values[end])
@@ -151,7 +150,6 @@ BLIND: dict[str, Any] = {**style.HATCHED, "facecolor": "white", "linewidth": 0.5
 
 
 def _label(names: Sequence[str], exponents: Sequence[float], latex: Mapping[str, str]) -> str:
-    """The product in LaTeX, exponents to one decimal, the small ones left out."""
     parts = []
     for name, exponent in zip(names, exponents, strict=True):
         if abs(exponent) >= LEAST_EXPONENT:

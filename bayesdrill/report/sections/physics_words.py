@@ -220,7 +220,6 @@ def _unseen(law: UnseenStiction, model: Model) -> str:
 
 
 def _did(deeds: Excitation, roles: Roles) -> str:
-    """What the rig did not do."""
     inertia, what, unit = roles.at_friction(deeds.against, deeds.where), "the current flows", "A"
     if inertia is not None:
         what, unit = f"{inertia.words} {roles.motion.moves}", f"{roles.motion.angle}/s"

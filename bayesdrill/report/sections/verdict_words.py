@@ -263,7 +263,6 @@ def _resting(verdict: Verdict, rests: Sequence[DependsOnFixed]) -> list[str]:
 
 
 def _undecided(verdict: Verdict, units: DisplayUnits) -> Iterator[str]:
-    """What is not judged, and why."""
     open_ones = verdict.saying("not determined")
     ends = [f"of {name} ends at {units.format_value(name, e)}" for name, e in verdict.ends.items()]
     reasons = {
