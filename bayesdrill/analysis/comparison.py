@@ -96,14 +96,13 @@ class OverlayRow:
 def overlay_rows(layers: Sequence[PosteriorSummary]) -> tuple[OverlayRow, ...]:
     """Return a row for each unknown of any run, in the order of the runs."""
     symbols = dict.fromkeys(symbol for layer in layers for symbol in layer.problem.symbols)
-    return tuple(_overlay_row(symbol, layers) for symbol in symbols)
-
-
-def _overlay_row(symbol: Symbol, layers: Sequence[PosteriorSummary]) -> OverlayRow:
-    places = tuple(_marginal(symbol, layer) for layer in layers)
-    nominal = tuple(layer.problem.nominal.get(symbol.name) for layer in layers)
-    distance, pair = max(_distances(places), default=(None, None))
-    return OverlayRow(symbol, places, nominal, distance, pair)
+    rows = []
+    for symbol in symbols:
+        places = tuple(_marginal(symbol, layer) for layer in layers)
+        nominal = tuple(layer.problem.nominal.get(symbol.name) for layer in layers)
+        distance, pair = max(_distances(places), default=(None, None))
+        rows.append(OverlayRow(symbol, places, nominal, distance, pair))
+    return tuple(rows)
 
 
 def _marginal(symbol: Symbol, layer: PosteriorSummary) -> MarginalEstimate | None:

@@ -409,11 +409,9 @@ def _spring(sheet: Canvas, left: float, right: float, y: float, *, damped: bool)
     sheet.wire((end, y), (right, y))
     if damped:
         low, middle = y - 0.08, (start + end) / 2
-        for x in (start, end):
-            sheet.wire((x, low), (x, height))
-        sheet.wire((start, low), (middle, low))
+        sheet.wire((start, height), (start, low), (middle, low))
         sheet.wire((middle, low - 0.045), (middle, low + 0.045))
-        sheet.wire((middle + 0.06, low), (end, low))
+        sheet.wire((middle + 0.06, low), (end, low), (end, height))
         cup = ((middle - 0.08, low + 0.06), (middle + 0.06, low + 0.06))
         sheet.wire(*cup, (middle + 0.06, low - 0.06), (middle - 0.08, low - 0.06))
 

@@ -83,10 +83,7 @@ def _of_experiment(observation: Observation, sentences: Sequence[str]) -> list[s
 
 
 def record_suspicions(problem: Problem, most: int = FEW) -> tuple[str, ...]:
-    """What a wrong column, unit, counter or sensor would look like, and this record does.
-
-    `most`: how many places of each are named.
-    """
+    """Say what looks wrong in columns and units; of what is odd, at most `most` places each."""
     sentences: list[str] = []
     for observation in problem.observations:
         odd = [each.in_words(most) for each in observation.experiment.odd]
@@ -249,10 +246,7 @@ def _misfit(problem: Problem) -> str:
 
 
 def maxima(mode: Mode, weights: NDArray[np.float64] | None, units: DisplayUnits) -> str:
-    """Say where the posterior has several maxima, and how much of it each holds; empty for one.
-
-    `weights (M,)`: shares of the maxima.
-    """
+    """Say where the maxima are, and that they hold the shares `weights (M,)`; empty for one."""
     if not mode.others or weights is None:
         return ""
     names = [

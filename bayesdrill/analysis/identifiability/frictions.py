@@ -70,11 +70,6 @@ class Excitation:
     fastest: float
 
     @property
-    def one_way(self) -> bool:
-        """Whether it never reverses."""
-        return self.reversals == 0
-
-    @property
     def one_speed(self) -> bool:
         """Whether its speed hardly changes."""
         return self.fastest - self.slowest < ONE_SPEED_SHARE * (self.fastest + self.slowest)

@@ -41,10 +41,7 @@ def explained(causes: Causes | None) -> str:
 
 
 def candidates(causes: Causes | None) -> tuple[Sentences | Table | Plain, ...]:
-    """Return what would explain what the fit leaves, for a page.
-
-    These are candidates, best first, the lines of a config that say the best, and what to do next.
-    """
+    """Return candidates for a page, the best first, its lines of a config, and what to do next."""
     if causes is None:
         return ()
     refitted = f"fit: {len(causes.ranked)} candidates were refitted"

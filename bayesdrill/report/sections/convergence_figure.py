@@ -63,10 +63,7 @@ BANDS = 0.24  # opacity of all bands together
 def trace_figure(
     theta: Array, shown: DisplayedUnknowns, burn_in: int, width: float = scales.DOUBLE
 ) -> Figure:
-    """Draw medians and 5 to 95 % bands over the walkers of chains `(E, S, W, D)`, by step.
-
-    In the units that are `shown`; an axis is logarithmic where the prior is flat in the log.
-    """
+    """Draw medians and 5 to 95 % bands over the walkers of chains `(E, S, W, D)`, by step."""
     symbols, (n_ensembles, n_steps) = shown.symbols, theta.shape[:2]
     n, small = len(symbols), width < scales.DOUBLE
     steps = style.thin(n_steps, STEPS)

@@ -32,10 +32,7 @@ def profile_figure(
     logs: Collection[str] = (),
     width: float = scales.DOUBLE,
 ) -> Figure:
-    """Draw the loss against the value of each parameter, and where it passes 95 %.
-
-    In the units of the symbols; the axes of the parameters in `logs` are logarithmic.
-    """
+    """Draw the loss of each parameter, and where it passes 95 %; axes in `logs` are logarithmic."""
     with style.styled(width):
         width = width if len(profiles) > 1 else scales.SINGLE
         figure, panels = build_page(len(profiles), 3, 1.75, width)
