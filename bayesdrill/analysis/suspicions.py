@@ -8,7 +8,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 
 from bayesdrill.analysis.edits import rig_parameters
 from bayesdrill.analysis.identifiability.information import SensitivityStudy, root_of
@@ -144,10 +143,10 @@ def _ratio(angle: Channel, speed: Channel, speeds: Mapping[str, str]) -> float |
 
 
 def _pair(angle: str, a: Array, speed: str, w: Array, t: Array, gear: float) -> Iterator[str]:
-    times, alike = _slope(scipy.integrate.cumulative_trapezoid(w, t, initial=0.0), a)
+    times, alike = _slope(_summed(w, t), a)
     if alike > MIN_R_SQUARED and 1 / MIN_UNIT_FACTOR < times < MIN_UNIT_FACTOR:
         return
-    back, backwards = _slope(scipy.integrate.cumulative_trapezoid(a, t, initial=0.0), w)
+    back, backwards = _slope(_summed(a, t), w)
     if backwards > MIN_R_SQUARED and abs(back - 1) < 2 * NEAR_FACTOR:
         yield (
             f"columns: {speed} grows as the sum of {angle} over time would, and not the other way "
@@ -158,6 +157,11 @@ def _pair(angle: str, a: Array, speed: str, w: Array, t: Array, gear: float) -> 
             f"unit: {angle} grows {times:.3g} times as fast as {speed} says; is one of them {named}? "
             "See their units, columns and `measures`"
         )
+
+
+def _summed(x: Array, t: Array) -> Array:
+    """The integral from the first of the times `t (T,)` on, `(T,)`."""
+    return np.concatenate([[0.0], np.cumsum((x[1:] + x[:-1]) * np.diff(t) / 2)])
 
 
 def _slope(x: Array, y: Array) -> tuple[float, float]:
