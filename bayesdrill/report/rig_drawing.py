@@ -244,16 +244,11 @@ class _RigDrawing:
         return [*first, *others]
 
     def _folded(self, path: list[str]) -> list[list[str]]:
-        pieces: list[list[str]] = [[]]
-        widths = [self._slot(name) + self._width(name) for name in path]
-        limit, width = sum(widths) / np.ceil(sum(widths) / FOLDED) + 0.01, 0.0
-        for name, more in zip(path, widths, strict=True):
-            if pieces[-1] and width + 0.5 * more > limit:
-                pieces.append([])
-                width = 0.0
-            pieces[-1].append(name)
-            width += more
-        return pieces
+        """Return a chain in pieces of about equal widths, as few as a page has room for."""
+        widths = np.array([self._slot(name) + self._width(name) for name in path])
+        n = int(np.ceil(widths.sum() / FOLDED))
+        pieces = (n * (np.cumsum(widths) - 0.5 * widths) / widths.sum()).astype(int)
+        return [[p for p, k in zip(path, pieces, strict=True) if k == row] for row in range(n)]
 
     def _measure(self, *lines: str) -> float:
         texts = [self.sheet.axes.text(0, 0, line) for line in lines if line]
