@@ -96,14 +96,13 @@ class OverlayRow:
 def overlay_rows(layers: Sequence[PosteriorSummary]) -> tuple[OverlayRow, ...]:
     """Return a row for each unknown of any run, in the order of the runs."""
     symbols = dict.fromkeys(symbol for layer in layers for symbol in layer.problem.symbols)
-    return tuple(_overlay_row(symbol, layers) for symbol in symbols)
-
-
-def _overlay_row(symbol: Symbol, layers: Sequence[PosteriorSummary]) -> OverlayRow:
-    places = tuple(_marginal(symbol, layer) for layer in layers)
-    nominal = tuple(layer.problem.nominal.get(symbol.name) for layer in layers)
-    distance, pair = max(_distances(places), default=(None, None))
-    return OverlayRow(symbol, places, nominal, distance, pair)
+    rows = []
+    for symbol in symbols:
+        places = tuple(_marginal(symbol, layer) for layer in layers)
+        nominal = tuple(layer.problem.nominal.get(symbol.name) for layer in layers)
+        distance, pair = max(_distances(places), default=(None, None))
+        rows.append(OverlayRow(symbol, places, nominal, distance, pair))
+    return tuple(rows)
 
 
 def _marginal(symbol: Symbol, layer: PosteriorSummary) -> MarginalEstimate | None:
@@ -117,7 +116,6 @@ def _marginal(symbol: Symbol, layer: PosteriorSummary) -> MarginalEstimate | Non
 def _distances(
     places: Sequence[MarginalEstimate | None],
 ) -> Iterator[tuple[float, tuple[int, int]]]:
-    """Of all pairs that have an sd, in sds."""
     free = [(k, each) for k, each in enumerate(places) if each is not None and each.sd > 0]
     for (k, first), (j, second) in itertools.combinations(free, 2):
         sd = math.sqrt(0.5 * (first.sd**2 + second.sd**2))
@@ -196,7 +194,6 @@ def decide(models: Sequence[RunSummary]) -> ModelDecision:
     top = models[best]
 
     def over(those: Callable[[RunSummary], bool]) -> float:
-        """Log odds of the best against the best of those that are not like it."""
         return top.log_z - max((model.log_z for model in models if those(model)), default=-math.inf)
 
     gain = {

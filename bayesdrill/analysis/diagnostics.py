@@ -172,7 +172,6 @@ def end_at_nominal(x: Array, prior: Prior, nominal: float) -> float | None:
 
 
 def _cuts_off_a_tail(end: float, x: Array, sign: float) -> bool:
-    """Return whether the end of a prior cuts off the tail of the draws `(N,)`."""
     logs = sign * np.log(x)
     far, less = np.quantile(logs, [THREE_SIGMA_TAIL, TWO_SIGMA_TAIL])
     return bool(far - sign * math.log(end) < less - far)

@@ -16,6 +16,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 
 from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.inference.derived import HDI_PROBABILITY
@@ -168,8 +169,8 @@ def _states(
             speed = augmented.roles.speeds.get(name)
             if speed in augmented.states:
                 change = more[:, augmented.states.index(speed)]
-                steps = 0.5 * (change[1:] + change[:-1]) * np.diff(t)
-                states[name] = states[name] + np.concatenate([[0.0], np.cumsum(steps)])
+                turned = scipy.integrate.cumulative_trapezoid(change, t, initial=0.0)
+                states[name] = states[name] + turned
     series, imposed = observation.experiment.series, {*augmented.roles.speeds.values()}
     return states | {name: np.asarray(u) for name, u in series.items() if name in imposed}
 
@@ -202,7 +203,6 @@ def _nonlinear_error(
 def _courses(
     observation: Observation, residuals: Array, moved: Array, strayed: Array
 ) -> tuple[ChannelMotion, ...]:
-    """Means over the draws `(T, K)`."""
     return tuple(
         ChannelMotion(
             channel=observation.experiment.names[k],

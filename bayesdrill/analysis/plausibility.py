@@ -141,7 +141,6 @@ def poles(model: Model, values: Mapping[str, Array]) -> NDArray[np.complex128]:
 
 
 def _constants(values: Collection[str], model: Model) -> list[tuple[str, str]]:
-    """Return both constants of each motor, where they are known."""
     pairs = [(motor.torque_constant, motor.back_emf) for motor in model.roles.motors]
     return [pair for pair in pairs if {*pair} <= {*values}]
 

@@ -165,7 +165,6 @@ def _summed(x: Array, t: Array) -> Array:
 
 
 def _slope(x: Array, y: Array) -> tuple[float, float]:
-    """Of a straight line through `y` over `x`, and its R^2."""
     x, y = x - x.mean(), y - y.mean()
     across, size = float(x @ y), float(x @ x) * float(y @ y)
     return (across / float(x @ x), across**2 / size) if size > 0 else (math.nan, 0.0)

@@ -275,10 +275,7 @@ def basis(study: IdentifiabilityStudy, among: Collection[str]) -> tuple[Exponent
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _TableComparison:
-    """Logs over the nominal values; `ends (m, 2)` of the tolerance.
-
-    `cut`: which unknowns have priors that end at their nominal values.
-    """
+    """Logs over nominal values, `ends (m, 2)` of tolerances, and which priors end there (`cut`)."""
 
     study: IdentifiabilityStudy
     logs: Array
@@ -409,10 +406,7 @@ def conclude(
     *,
     fits: bool,
 ) -> tuple[tuple[ParameterRow, ...], Judgement | None]:
-    """Return a row for each unknown, and the verdict where there is a table.
-
-    `fits`: whether the MAP leaves nothing but noise.
-    """
+    """Return a row for each unknown, and the verdict if there is a table; `fits`: only noise left."""
     posterior, space = problem.posterior, problem.posterior.space
     rows = summarise(problem, sampled.draws, mode, sampled.convergence)
     best = space.vector(mode.values)

@@ -84,10 +84,7 @@ LEGEND = style.fix_look(
 
 
 def legend_above(figure: Figure, handles: Sequence[Any], **look: Any) -> None:
-    """Put a legend above all panels, in as few rows as the page is wide enough for, and make room.
-
-    `look`: what is not as in `LEGEND`.
-    """
+    """Put a legend above all panels, in as few rows as the page is wide enough for, and make room."""
     for rows in range(1, len(handles) + 1):
         columns = math.ceil(len(handles) / rows)
         legend = figure.legend(handles=handles, ncols=columns, **{**LEGEND, **look})
@@ -108,6 +105,23 @@ def departures(band: RankBand, ranks: Counts) -> Array:
 HEAD_ROOM, FOOT_ROOM = 1.7, 1.12
 
 
+def ranks_panel(
+    panel: Axes,
+    band: RankBand,
+    away: Array,
+    most: float,
+    wrong: str,
+    numbers: int = 5,
+    look: Mapping[str, Any] = style.CHANCE,
+) -> None:
+    """Draw `away` of `departures` from a band, up to `most`; `wrong`: words for what leaves it."""
+    places, (low, high, ranks) = np.pad(band.shares, 1, constant_values=(0, 1)), away
+    difference_panel(panel, places, (low, high), most, numbers, look)
+    panel.plot(places, ranks, zorder=2, **(style.OUTSIDE if wrong else style.BLACK_LINE))
+    if wrong:
+        style.corner_text(panel, wrong, "right", fontsize=style.letters("legend.fontsize"))
+
+
 def difference_panel(
     panel: Axes,
     shares: Array,
@@ -116,10 +130,7 @@ def difference_panel(
     numbers: int = 5,
     look: Mapping[str, Any] = style.CHANCE,
 ) -> None:
-    """Draw the frame for differences of empirical distributions, up to `most`.
-
-    Zero, and the `band` that chance allows at `shares (S,)`.
-    """
+    """Draw zero and the `band` of chance at `shares (S,)`, for differences up to `most`."""
     panel.fill_between(shares, *band, zorder=0, **look)
     panel.axhline(0.0, color=style.MIDDLE, linewidth=0.5, zorder=1)
     panel.set_xlim(0, 1)
@@ -202,17 +213,13 @@ def contours(
 
 
 def _bandwidth(x: Array, ends: Ends) -> float:
-    """In bins."""
     return (
         float(BANDWIDTH_FACTOR * np.std(x) * len(x) ** (-1 / 6) / (ends[1] - ends[0]) * BINS) or 1.0
     )
 
 
 def _resolved_levels(counts: Array, smooth: Sequence[float]) -> tuple[float, ...]:
-    """Of `LEVELS`, those whose contour lies where the density falls by more than its noise.
-
-    `counts (BINS, BINS)`: of draws.
-    """
+    """Of `LEVELS`, those whose contour lies where the density falls by more than its noise."""
     density = gaussian_filter(counts, smooth)
     ordered = np.sort(density, axis=None)[::-1]
     cumulative = np.cumsum(ordered) / ordered.sum()

@@ -154,7 +154,6 @@ def _begin_figures(
     report: Reporter,
     sparing: ErrorCollector,
 ) -> dict[str, list[tuple[str, str, Future[None]]]]:
-    """Begin to draw figures in their formats; return of each the stems, captions and tasks."""
     output = view.config.output
     tasks: dict[str, list[tuple[str, str, Future[None]]]] = {name: [] for name in names}
     note = {"Title": view.config.name, "Creator": software.creator(), **view.marks}

@@ -195,7 +195,6 @@ class _RigDrawing:
         return [name for name in inputs if name in self.rig.inputs]
 
     def _series(self, motor: MotorRoles) -> list[str]:
-        """Return what the current of a circuit passes, beside the source and the motor."""
         names = (motor.resistance, motor.series, motor.inductance, motor.drop)
         return [name for name in names if name in self.rig.parameters]
 
@@ -245,20 +244,13 @@ class _RigDrawing:
         return [*first, *others]
 
     def _folded(self, path: list[str]) -> list[list[str]]:
-        """Return a chain in pieces that are no wider than a page."""
-        pieces: list[list[str]] = [[]]
-        widths = [self._slot(name) + self._width(name) for name in path]
-        limit, width = sum(widths) / np.ceil(sum(widths) / FOLDED) + 0.01, 0.0
-        for name, more in zip(path, widths, strict=True):
-            if pieces[-1] and width + 0.5 * more > limit:
-                pieces.append([])
-                width = 0.0
-            pieces[-1].append(name)
-            width += more
-        return pieces
+        """Return a chain in pieces of about equal widths, as few as a page has room for."""
+        widths = np.array([self._slot(name) + self._width(name) for name in path])
+        n = int(np.ceil(widths.sum() / FOLDED))
+        pieces = (n * (np.cumsum(widths) - 0.5 * widths) / widths.sum()).astype(int)
+        return [[p for p, k in zip(path, pieces, strict=True) if k == row] for row in range(n)]
 
     def _measure(self, *lines: str) -> float:
-        """Return the width of the widest of some texts."""
         texts = [self.sheet.axes.text(0, 0, line) for line in lines if line]
         widths = [text.get_window_extent().width / self.sheet.figure.dpi for text in texts]
         for text in texts:
@@ -271,19 +263,16 @@ class _RigDrawing:
         return max(self._measure(*part.above, *part.below), self.body, mesh) + 2 * PAD
 
     def _mesh(self, motor: MotorRoles) -> float:
-        """Return the width of a circuit between its two sides."""
         series, inside = self._series(motor), self._formula([motor.voltage, motor.current])
         each = max(0.42, self._measure(*map(self._latex, series)) + PAD)
         return max(1.2, len(series) * each, self._measure(inside) + 0.6)
 
     def _slot(self, name: str) -> float:
-        """Return the width of the links that lead to a part from the one before it."""
         links = self.between.get(name, [])
         texts = [text for link in links for text in (link.above, link.below, link.name)]
         return max(SPRING, self._measure(*texts) + 2 * PAD) if links else 0.0
 
     def _reach(self, row: _Row, side: str) -> float:
-        """Return how far a row reaches from its height."""
         parts = [self.parts[name] for name in row.parts]
         lines = [len(part.above if side == "above" else part.below) for part in parts]
         drives = side == "above" and any(part.pushed for part in parts)
@@ -295,7 +284,6 @@ class _RigDrawing:
         return max(DISC[1] / 2 + words, links)
 
     def _place(self, row: _Row) -> float:
-        """Place the parts of a row, and return where it ends."""
         x = 0.1
         if row.behind is not None and not row.folded:
             x = self.at[row.behind][0] + self._width(row.behind) / 2
@@ -326,7 +314,6 @@ class _RigDrawing:
             before = name
 
     def _join(self, before: str, row: _Row, end: Point) -> None:
-        """Draw the line from a part to the links that lead on from it."""
         x, y = self.at[before]
         out, turns = x + self._width(before) / 2, []
         if row.folded and y != end[1]:
@@ -381,7 +368,6 @@ class _RigDrawing:
             height -= LINE_HEIGHT
 
     def _draw_circuit(self, motor: MotorRoles, x: float, top: float) -> None:
-        """Draw source, resistances, inductance and motor in a mesh above what the motor turns."""
         sheet, series, width = self.sheet, self._series(motor), self._mesh(motor)
         left, right, low, high = x - width / 2, x + width / 2, top + MACHINE, top + MACHINE + MESH
         middle, radius = (low + high) / 2, 0.17
@@ -409,7 +395,6 @@ class _RigDrawing:
 
 
 def _spring(sheet: Canvas, left: float, right: float, y: float, *, damped: bool) -> None:
-    """Draw a spring, and beside it a damper where it has one."""
     height = y + 0.08 if damped else y
     start, end = left + 0.08, right - 0.08
     along = np.array([0, 2, 3, 5, 7, 9, 11, 12, 14]) / 14
@@ -419,11 +404,9 @@ def _spring(sheet: Canvas, left: float, right: float, y: float, *, damped: bool)
     sheet.wire((end, y), (right, y))
     if damped:
         low, middle = y - 0.08, (start + end) / 2
-        for x in (start, end):
-            sheet.wire((x, low), (x, height))
-        sheet.wire((start, low), (middle, low))
+        sheet.wire((start, height), (start, low), (middle, low))
         sheet.wire((middle, low - 0.045), (middle, low + 0.045))
-        sheet.wire((middle + 0.06, low), (end, low))
+        sheet.wire((middle + 0.06, low), (end, low), (end, height))
         cup = ((middle - 0.08, low + 0.06), (middle + 0.06, low + 0.06))
         sheet.wire(*cup, (middle + 0.06, low - 0.06), (middle - 0.08, low - 0.06))
 
@@ -442,7 +425,6 @@ def _wheels(sheet: Canvas, times: float, left: float, right: float, y: float) ->
 
 
 def _wall(sheet: Canvas, x: float, y: float, side: int) -> None:
-    """Draw what does not move: a line across, and strokes away from it."""
     sheet.wire((x, y - 0.2), (x, y + 0.2))
     for start in np.linspace(-0.2, 0.14, 6):
         sheet.wire((x, y + start), (x + side * 0.06, y + start + 0.06))

@@ -159,7 +159,7 @@ def _sections(run: ReportContext, pictures: Sequence[Picture]) -> Iterator[Secti
     yield build(
         "Fit",
         words.maxima(run.mode, sampled.mode_shares, run.units),
-        fit_words.residual_sentences(analysis.fit, run.clock),
+        fit_words.residual_sentences(analysis.fit, run.problem.clock),
         "\n".join(f"fit: {each}" for each in analysis.inputs),
         verdict_words.step_sentences(analysis.step_errors),
     )
@@ -171,8 +171,8 @@ def _sections(run: ReportContext, pictures: Sequence[Picture]) -> Iterator[Secti
         shown = _told(run, verdict_words.verdict_table(judged.verdict))
         read = Note(verdict_words.VERDICT_EXPLAINED)
         yield build("Against the nominal table", shown, rule, read)
-    if analysis.repeats:
-        names = run.names_of_rig
+    if judged is not None and analysis.repeats:
+        names = judged.study.names
         said = verdict_words.repeats_sentence(analysis.repeats, names)
         shown = verdict_words.repeats_table(analysis.repeats, names)
         read = Note(verdict_words.REPEATS_EXPLAINED)
@@ -215,7 +215,7 @@ def screen(run: ReportContext) -> str:
     parts = [
         words.sampling(run.sampled),
         "\n".join(shown),
-        "\n".join([fit_words.residual_sentences(run.analysis.fit, run.clock), *run.notes]),
+        "\n".join([fit_words.residual_sentences(run.analysis.fit, run.problem.clock), *run.notes]),
         words.unbelievable(run.reasons, converged=run.sampled.convergence.converged),
         _verdict(run),
     ]

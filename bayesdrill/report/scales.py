@@ -69,11 +69,6 @@ def in_ratios(low: float, high: float, most: int) -> tuple[list[float], list[str
     return values, texts
 
 
-def short_number(x: float) -> str:
-    """Return a number with three digits."""
-    return f"{x:.3g}".replace("-", "\N{MINUS SIGN}")
-
-
 def latex_number(x: float) -> str:
     """Return a number with all its digits, as LaTeX."""
     mantissa, exponent = f"{x:.15e}".split("e")
@@ -201,10 +196,7 @@ class Scale:
         return np.asarray(self.origin + numbers * 10.0**self.power, dtype=np.float64)
 
     def density(self, prior: Prior, u: Array) -> Array:
-        """Return the density of a prior of the values, along the axis.
-
-        It is flat where the prior is flat in what the axis shows.
-        """
+        """Return the density of a prior along the axis: flat where it is flat in what that shows."""
         x = self.value(u)
         stretch = x * math.log(10.0) if self.log else 10.0**self.power
         return np.asarray(np.exp(prior.logpdf(x)) * stretch)
@@ -280,7 +272,6 @@ def scale(low: float, high: float, *, log: bool = False, margin: float = 0.0) ->
 
 
 def _power(farthest: float) -> int:
-    """Of ten, by which numbers up to `farthest` are divided."""
     power = math.floor(math.log10(farthest))
     return 0 if -1 <= power <= 3 else power
 

@@ -11,7 +11,6 @@ import bayesdrill
 from bayesdrill.analysis.run_analysis import RunAnalysis, RunDraws
 from bayesdrill.basics import seeds
 from bayesdrill.basics.arrays import Array
-from bayesdrill.basics.units import Unit
 from bayesdrill.basics.values import Value
 from bayesdrill.config.schema.config import Config
 from bayesdrill.inference.derived import Derived
@@ -130,11 +129,6 @@ class ReportContext(Value):
         c = self.sampled.convergence
         return provenance.marks(self.config, self.problem, f"{c.burn_in} of {c.steps} steps")
 
-    @property
-    def names_of_rig(self) -> tuple[str, ...]:
-        """The names of which products are made."""
-        return () if self.analysis.judged is None else self.analysis.judged.study.names
-
     @cached_property
     def derived(self) -> Derived:
         """Draws of derived quantities."""
@@ -149,11 +143,6 @@ class ReportContext(Value):
     def units(self) -> DisplayUnits:
         """The units in which people are shown unknowns and derived quantities."""
         return self.problem.units
-
-    @property
-    def clock(self) -> Unit:
-        """The unit in which people are told times."""
-        return self.problem.clock
 
     def shown(self, names: Sequence[str] | None = None) -> DisplayedUnknowns:
         """Return what figures show of the unknowns of these names, or of all if none is among them."""

@@ -79,15 +79,11 @@ def record_made(problem: Problem) -> tuple[str, ...]:
 
 
 def _of_experiment(observation: Observation, sentences: Sequence[str]) -> list[str]:
-    """With its name in front, where there are several."""
     return [f"{observation.label}, {each}" if observation.label else each for each in sentences]
 
 
 def record_suspicions(problem: Problem, most: int = FEW) -> tuple[str, ...]:
-    """What a wrong column, unit, counter or sensor would look like, and this record does.
-
-    `most`: how many places of each are named.
-    """
+    """Say what looks wrong in columns and units; of what is odd, at most `most` places each."""
     sentences: list[str] = []
     for observation in problem.observations:
         odd = [each.in_words(most) for each in observation.experiment.odd]
@@ -166,7 +162,6 @@ def model(problem: Problem) -> str:
 
 
 def _parts(rig: Model) -> str:
-    """A rig that a config describes: its name, and its parts by theirs."""
     roles, added = rig.roles, ", ".join(rig.added)
     shafts = ", ".join(f"{shaft.name} ({' to '.join(shaft.ends)})" for shaft in roles.shafts)
     geared = ", ".join(
@@ -222,7 +217,6 @@ def predictive_draws(problem: Problem, config: Config) -> int:
 
 
 def _numbers(problem: Problem) -> int:
-    """That are predicted, of all channels."""
     return sum(observation.experiment.y.size for observation in problem.observations)
 
 
@@ -252,10 +246,7 @@ def _misfit(problem: Problem) -> str:
 
 
 def maxima(mode: Mode, weights: NDArray[np.float64] | None, units: DisplayUnits) -> str:
-    """Say where the posterior has several maxima, and how much of it each holds; empty for one.
-
-    `weights (M,)`: shares of the maxima.
-    """
+    """Say where the maxima are, and that they hold the shares `weights (M,)`; empty for one."""
     if not mode.others or weights is None:
         return ""
     names = [

@@ -70,11 +70,6 @@ class Excitation:
     fastest: float
 
     @property
-    def one_way(self) -> bool:
-        """Whether it never reverses."""
-        return self.reversals == 0
-
-    @property
     def one_speed(self) -> bool:
         """Whether its speed hardly changes."""
         return self.fastest - self.slowest < ONE_SPEED_SHARE * (self.fastest + self.slowest)
@@ -154,11 +149,9 @@ class _FrictionStudy:
         self.drives = drives_of(self.model)
 
     def _precision(self, rows: Array) -> Array:
-        """With the priors `(m + k, m + k)`."""
         return np.asarray(rows.T @ rows + np.diag(self.sensitivity.prior_spreads**-2.0))
 
     def _sd(self, name: str, precision: Array, known: Sequence[str] = ()) -> float:
-        """Of the log, where others are `known`."""
         unknown = [k for k, other in enumerate(self.names) if other not in known]
         inside = precision[np.ix_(unknown, unknown)]
         scale = 1.0 / np.sqrt(np.diag(inside))

@@ -97,7 +97,6 @@ class SensitivityStudy:
         return reduced[:m, :m], reduced[:m, m]
 
     def _with_priors(self, rows: Array, before: int) -> Array:
-        """Of nuisances, which stand in the columns from `before` on."""
         priors = np.hstack([np.zeros((len(self.known), before)), np.diag(self.known)])
         return np.vstack([rows, priors])
 

@@ -127,7 +127,6 @@ class Fitter:
         return ProfileFit(logs, float(0.5 * residuals @ residuals))
 
     def _step(self, reduced: Array, logs: Array, free: Indices, damping: float) -> Array:
-        """The damped linear least-squares step that stays inside the priors."""
         m = len(free)
         scale = np.linalg.norm(reduced[:, :m], axis=0)
         scale = np.maximum(scale, 1e-12 * max(float(scale.max()), 1e-300))
@@ -182,7 +181,6 @@ def profile(fitter: Fitter, names: tuple[str, ...], column: int) -> Profile:
     loss = costs - costs[lowest]
 
     def crossing(outward: range) -> float | None:
-        """Where the loss first passes the threshold on the way out."""
         for k in outward:
             following = k + outward.step
             if loss[k] < THRESHOLD <= loss[following]:

@@ -131,7 +131,6 @@ def scaled_by_two(theta: Array, exponents: Exponents) -> Array:
 
 
 def _complement(rows: Array, m: int) -> Array:
-    """All directions at right angles to `rows (n, m)`."""
     if len(rows) == 0:
         return np.eye(m)
     _, values, directions = np.linalg.svd(rows)
@@ -178,7 +177,6 @@ def structure_of(
     signals = likelihood.all_signals(points)
 
     def unchanged(exponents: Exponents) -> bool:
-        """Whether all signals agree to rounding."""
         there = likelihood.all_signals(scaled_by_two(points, exponents))
         return all(
             np.all(np.abs(x - y) <= SAME_RESPONSE * np.abs(x).max(axis=(0, 1)))

@@ -154,7 +154,6 @@ def _more_channels(
 def _other_inputs(
     sensitivity: SensitivityStudy, theta: Array
 ) -> Iterator[tuple[str, DesignVariant]]:
-    """A change of each input half-way through the record."""
     rig = sensitivity.model
     for name in drives_of(rig):
         mean = sensitivity.mean_input(name)
@@ -231,15 +230,23 @@ def products(
             break
         if np.linalg.matrix_rank(candidates[[*selected, index]]) > len(selected):
             selected.append(int(index))
+    chosen = candidates[selected]
+    return _known_products(information, chosen, sd[selected], before[selected], thresholds)
+
+
+def _known_products(
+    information: Information, exponents: Array, sds: Array, before: Array, thresholds: Thresholds
+) -> tuple[KnownProduct, ...]:
+    """Of products with `exponents (n, m)`, whose logs have these sds, with the priors and before."""
     return tuple(
         KnownProduct(
-            exponents=tuple(int(x) for x in candidates[k]),
-            sd=float(sd[k]),
-            prior_sd=float(before[k]),
-            bound=information.bound(candidates[k]),
-            word=thresholds.classify(float(sd[k]) / float(before[k])),
+            exponents=tuple(map(int, powers)),
+            sd=sd,
+            prior_sd=prior_sd,
+            bound=information.bound(powers),
+            word=thresholds.classify(sd / prior_sd),
         )
-        for k in selected
+        for powers, sd, prior_sd in zip(exponents, sds.tolist(), before.tolist(), strict=True)
     )
 
 
@@ -305,7 +312,13 @@ def study_of(
         at=at,
         of_interest=of_interest,
         structure=structure,
-        parameters=_parameters(known, prior_sd, thresholds),
+        parameters=_known_products(
+            known,
+            np.eye(len(names)),
+            known.with_priors(prior_sd).bounds(),
+            prior_sd,
+            thresholds,
+        ),
         products=products(known, prior_sd, simple_exponents(len(names)), thresholds),
         information=known,
         remedies=remedies(sensitivity, theta, structure.symmetries, prior_sd, of_interest)
@@ -355,7 +368,6 @@ def study_point(sensitivity: SensitivityStudy, posterior: Posterior, seed: int) 
 
 
 def _still_channels(sensitivity: SensitivityStudy, theta: Array) -> tuple[str, ...]:
-    """Return the channels that stand still at `theta (D,)`, of those that the record moves."""
     full, still = sensitivity.likelihood.space.full(theta[None]), []
     for observation in sensitivity.likelihood.observations:
         experiment = observation.experiment
@@ -403,20 +415,3 @@ def _nuisances(
 def prior_spreads(posterior: Posterior) -> Array:
     """Return standard deviations of the logs under the priors, `(D,)`."""
     return np.array([prior_log_sd(prior) for prior in posterior.space.priors.values()])
-
-
-def _parameters(
-    known: Information, prior_sd: Array, thresholds: Thresholds
-) -> tuple[KnownProduct, ...]:
-    units = np.eye(len(prior_sd), dtype=int).tolist()
-    each = known.with_priors(prior_sd).bounds().tolist(), prior_sd.tolist(), known.bounds().tolist()
-    return tuple(
-        KnownProduct(
-            exponents=tuple(unit),
-            sd=sd,
-            prior_sd=before,
-            bound=bound,
-            word=thresholds.classify(sd / before),
-        )
-        for unit, sd, before, bound in zip(units, *each, strict=True)
-    )

@@ -86,21 +86,18 @@ def find_confounded(
         for state in unseen
     }
 
-    def tried(k: int) -> Iterator[tuple[str, str, float]]:
-        """What could be done for the unknown `k`, and its sd then."""
+    def tried(k: int) -> Iterator[TorqueRemedy]:
         for j in (j for j in rig if j != k):
             others = [i for i in range(len(sds)) if i != j]
             covariance = np.linalg.inv(known[np.ix_(others, others)])
-            yield "hold", names[j], np.sqrt(covariance[others.index(k), others.index(k)])
+            sd = np.sqrt(covariance[others.index(k), others.index(k)])
+            yield TorqueRemedy(kind="hold", name=names[j], shrink=float(sds[k] / sd))
         for state, wider in more.items():
-            yield "measure", state, np.sqrt(np.linalg.inv(wider)[k, k])
+            sd = np.sqrt(np.linalg.inv(wider)[k, k])
+            yield TorqueRemedy(kind="measure", name=state, shrink=float(sds[k] / sd))
 
     def helps(k: int) -> tuple[TorqueRemedy, ...]:
-        remedies = [
-            TorqueRemedy(kind=kind, name=name, shrink=float(sds[k]) / float(sd))
-            for kind, name, sd in tried(k)
-        ]
-        good = [remedy for remedy in remedies if remedy.shrink > MIN_HELPFUL_FALL]
+        good = [remedy for remedy in tried(k) if remedy.shrink > MIN_HELPFUL_FALL]
         return tuple(sorted(good, key=lambda remedy: -remedy.shrink)[:MAX_REMEDIES])
 
     return tuple(
@@ -157,7 +154,6 @@ def _information(posterior: Posterior, theta: Array, before: Array, seeds: Count
 
 
 def _showing(posterior: Posterior, theta: Array, state: str) -> Posterior:
-    """With every record showing this state too."""
     full, rig = posterior.space.full(theta[None]), posterior.likelihood.observations[0].response
     name, unit = f"state {state}", rig.model.symbols[state].unit
     channel = Channel(name=name, weights={state: 1.0}, unit=unit, latex="", latex_unit="")

@@ -11,16 +11,15 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from bayesdrill.analysis.calibration import CalibrationVerdict, RankedQuantity
-from bayesdrill.basics.arrays import Array
+from bayesdrill.analysis.calibration import CalibrationVerdict
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.report import scales, style
 from bayesdrill.report.pages import (
     build_page,
     departures,
-    difference_panel,
     label_outside,
     legend_above,
+    ranks_panel,
 )
 
 MARKERS = ("o", "s", "^")  # of the levels
@@ -38,25 +37,17 @@ def calibration_figure(
     most = max(float(np.abs(each).max()) for each in away)
     with style.styled(width):
         figure, (*panels, covered) = build_page(len(labels), 4, 1.2, width, last=1.9)
-        for k, quantity in enumerate(verdict.quantities):
-            _difference(panels[k], labels[k], quantity, verdict.band.shares, away[k], most)
+        for panel, label, quantity, each in zip(
+            panels, labels, verdict.quantities, away, strict=True
+        ):
+            shape = (quantity.shape or "leaves the band").removeprefix("posterior ")
+            wrong = "" if quantity.holds else shape
+            ranks_panel(panel, verdict.band, each, most, wrong, 3, style.BAND)
+            style.corner_text(panel, f"${label}$")
         label_outside(panels, "normalised rank", "ECDF difference")
         _coverage(covered, verdict, labels[:-1])
         legend_above(figure, _handles(verdict))
     return figure
-
-
-def _difference(
-    panel: Axes, label: str, quantity: RankedQuantity, shares: Array, away: Array, most: float
-) -> None:
-    places, (low, high, ranks) = np.pad(shares, 1, constant_values=(0, 1)), away
-    difference_panel(panel, places, (low, high), most, 3, style.BAND)
-    panel.plot(places, ranks, zorder=3, **(style.BLACK_LINE if quantity.holds else style.OUTSIDE))
-    style.corner_text(panel, f"${label}$")
-    if not quantity.holds:
-        word = (quantity.shape or "leaves the band").removeprefix("posterior ")
-        letters = 0.94 * style.letters("legend.fontsize")
-        style.corner_text(panel, word, "right", fontsize=letters)
 
 
 def _mark(marker: str, holds: bool) -> dict[str, Any]:

@@ -41,10 +41,7 @@ def explained(causes: Causes | None) -> str:
 
 
 def candidates(causes: Causes | None) -> tuple[Sentences | Table | Plain, ...]:
-    """Return what would explain what the fit leaves, for a page.
-
-    These are candidates, best first, the lines of a config that say the best, and what to do next.
-    """
+    """Return candidates for a page, the best first, its lines of a config, and what to do next."""
     if causes is None:
         return ()
     refitted = f"fit: {len(causes.ranked)} candidates were refitted"
@@ -76,7 +73,6 @@ def candidates(causes: Causes | None) -> tuple[Sentences | Table | Plain, ...]:
 
 
 def _absorbing(good: Sequence[Cause], best: Cause | None) -> str:
-    """Say what absorbs a misfit, of the recommended candidate or of one that gains more."""
     if best is not None and best.absorbing:
         words = dict(zip(best.parts, best.words, strict=True))
         absorbing = _listed([words[part] for part in best.absorbing])
@@ -90,7 +86,6 @@ def _absorbing(good: Sequence[Cause], best: Cause | None) -> str:
 
 
 def _left(best: Cause) -> str:
-    """Say what the recommended candidate leaves."""
     if not best.absorbing:
         return f"That leaves {'what looks like the noise' if best.explains_all else 'more than noise'}."
     left = ", ".join(f"{percent(row.simulated)} of {row.name}" for row in best.fit)
@@ -163,7 +158,6 @@ def wandering(causes: Causes) -> str:
 
 
 def _new(cause: Cause) -> str:
-    """Values of its further unknowns, where they are few."""
     few = [new for new in cause.new if not new.name.startswith(("sigma_", "rho_"))][:SHOWN]
     said = [f"{new.name} = {new.value:.3g} {new.unit}".strip() for new in few]
     return f": {', '.join(said)}" if said else ""

@@ -93,8 +93,7 @@ def overlay_corner_figure(
 ) -> Figure:
     """Draw a corner of the unknowns that two runs or more have, `rows` in SI.
 
-    A run is left out of panels of what it has not.  Axes are logarithmic where the prior of the
-    first run is flat in the log.
+    A run is left out of panels of what it has not.
     """
     columns = [_column(row, layers, display_units) for row in rows if row.shared]
     with style.styled():
@@ -182,10 +181,7 @@ MARGIN = 1.1  # above and below the runs of a panel, in heights of one
 def intervals_figure(
     layers: Sequence[PosteriorSummary], rows: Sequence[OverlayRow], display_units: DisplayUnits
 ) -> Figure:
-    """Draw intervals of all unknowns, `rows` in SI; a run without one leaves a gap.
-
-    Axes are logarithmic where the prior of the first run is flat in the log.
-    """
+    """Draw intervals of all unknowns, `rows` in SI; a run without one leaves a gap."""
     scaled_rows = [_scaled(row, layers, display_units) for row in rows]
     n = len(layers)
     with style.styled():
@@ -200,10 +196,7 @@ def intervals_figure(
 def _scaled(
     si: OverlayRow, layers: Sequence[PosteriorSummary], display_units: DisplayUnits
 ) -> tuple[OverlayRow, scales.Scale]:
-    """Return a row as it is shown, and its axis.
-
-    The axis holds all intervals, what is held fixed, and the nominal value if it is not too far.
-    """
+    """Return a row as it is shown, and an axis that holds all its intervals."""
     row, log = overlay_shown(si, display_units), in_logs(si, layers)
     estimates = [estimate for estimate in row.places if estimate is not None]
     low, high = min(place.low for place in estimates), max(place.high for place in estimates)
@@ -238,7 +231,6 @@ def _intervals(
 
 
 def _below_each_other(panel: Axes, n: int, names: Sequence[str] | None = None) -> None:
-    """Runs, from the top."""
     panel.set_ylim(-MARGIN, n - 1 + MARGIN)
     places = np.arange(n, dtype=np.float64)[::-1]
     style.set_ticks(panel.yaxis, places if names else np.array([]), names)
@@ -360,7 +352,6 @@ def _colour(k: int) -> str:
 
 
 def _model_handles(models: Sequence[RunSummary]) -> list[Line2D]:
-    """Of all channels of any model, and what a hollow mark says."""
     symbols = {}
     for model in models:
         for observation in model.layer.problem.observations:

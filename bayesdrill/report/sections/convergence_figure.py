@@ -63,10 +63,7 @@ BANDS = 0.24  # opacity of all bands together
 def trace_figure(
     theta: Array, shown: DisplayedUnknowns, burn_in: int, width: float = scales.DOUBLE
 ) -> Figure:
-    """Draw medians and 5 to 95 % bands over the walkers of chains `(E, S, W, D)`, by step.
-
-    In the units that are `shown`; an axis is logarithmic where the prior is flat in the log.
-    """
+    """Draw medians and 5 to 95 % bands over the walkers of chains `(E, S, W, D)`, by step."""
     symbols, (n_ensembles, n_steps) = shown.symbols, theta.shape[:2]
     n, small = len(symbols), width < scales.DOUBLE
     steps = style.thin(n_steps, STEPS)
@@ -150,7 +147,6 @@ def _ensembles(panel: Axes, steps: NDArray[np.intp], bands: Array) -> None:
 
 
 def _number(panel: Axes, ensemble: int, n: int, x: Array, y: Array) -> None:
-    """Of the ensemble, on its median, and beside those of the others."""
     each = max(1, MARKS // n)
     places = (np.arange(each) + (ensemble + 0.5) / n) / each * len(x)
     at = np.unique(places.astype(np.intp))
@@ -161,7 +157,6 @@ def _number(panel: Axes, ensemble: int, n: int, x: Array, y: Array) -> None:
 
 
 def _step_axis(panel: Axes, n: int, most: int = 3) -> None:
-    """Whole steps from 0 to `n - 1`."""
     panel.set_xlim(0, max(n - 1, 1))
     panel.xaxis.set_major_locator(MaxNLocator(most, integer=True, prune="upper"))
     panel.xaxis.set_major_formatter(lambda step, _: f"{step:.0f}")

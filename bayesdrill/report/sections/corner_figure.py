@@ -65,11 +65,6 @@ NUMBERED = CornerLayout(across=7.8, left=0.088, right=0.012, bottom=0.088)
 TURNED = CornerLayout(across=2.6, left=0.085, right=0.075, bottom=0.17)
 
 
-def _below_the_diagonal(n: int) -> list[tuple[int, int]]:
-    """Return rows and columns of panels, with those on the diagonal."""
-    return [(row, column) for row in range(n) for column in range(row + 1)]
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CornerPage:
     """A figure with `panels (n, n)`, None above the diagonal; `shown`: its axes, at most `width` wide.
@@ -104,7 +99,7 @@ class CornerPage:
         grid = figure.add_gridspec(n, n, wspace=GAP, hspace=GAP, **ends)
         panels = np.full((n, n), None)
         fine = min(1.0, max(0.45, pitch / 1.11))
-        for i, j in _below_the_diagonal(n):
+        for i, j in np.argwhere(np.tri(n)):
             panel = panels[i, j] = figure.add_subplot(grid[i, j])
             panel.tick_params(size=3.0 * fine, width=0.6 * fine)
             for spine in panel.spines.values():
@@ -138,7 +133,7 @@ class CornerPage:
                 axis.labelpad = 0.2 * self.letters
 
         shown, panels, n = self.shown, self.panels, len(self.shown)
-        for i, j in _below_the_diagonal(n):
+        for i, j in np.argwhere(np.tri(n)):
             panels[i, j].set_xlim(shown[j][0].low, shown[j][0].high)
             number(panels[i, j].xaxis, j, not self.turned and i == n - 1)
             if i > j:
@@ -152,7 +147,7 @@ class CornerPage:
         look: dict[str, Any] = {"fontsize": self.letters, "labelpad": 2}
         for k, (scale, symbol) in enumerate(self.shown):
             ends = scale.number(scale.value(np.array([scale.low, scale.high])))
-            low, high = (scales.short_number(float(end)) for end in ends)
+            low, high = (f"{end:.3g}".replace("-", "\N{MINUS SIGN}") for end in ends)
             text = f"{scale.label(symbol)}\n{low} to {high}"
             self.panels[-1, k].set_xlabel(text, rotation=90, va="top", linespacing=1.0, **look)
             if k:
@@ -182,7 +177,6 @@ Handles = list[Line2D | Patch]
 
 
 def _handles(columns: Sequence[CornerColumn]) -> Handles:
-    """Return handles of lines, shades and notes."""
     credible = f"{100 * HDI_PROBABILITY:.0f} %"
     lines: Handles = [
         Line2D([], [], color=style.BLACK, linewidth=0.8, label="posterior"),
@@ -264,7 +258,6 @@ def _column(x: Array, symbol: Symbol, shown: DisplayedUnknowns) -> CornerColumn:
 
 
 def _title(column: CornerColumn, interval: Array) -> str:
-    """Median and interval, in the numbers of the axis."""
     scale = column.scale
     name = ("" if scale.origin == 0 else r"\delta ") + column.symbol.latex
     middle, near, far = scale.number(np.array([float(np.median(column.draws)), *interval]))
@@ -321,7 +314,6 @@ def _marginal(panel: Axes, column: CornerColumn, page: CornerPage) -> None:
 
 
 def _marks(panel: Axes, column: CornerColumn, row: CornerColumn, page: CornerPage) -> None:
-    """Nominal values as lines and the mode as a cross."""
     look: dict[str, Any] = {"arrow": False, "fine": page.fine}
     style.mark_values(panel, column.scale, column.nominal, **look)
     style.mark_values(panel, row.scale, row.nominal, vertical=True, **look)

@@ -44,9 +44,9 @@ from bayesdrill.report import scales, style, words
 from bayesdrill.report.pages import (
     build_page,
     departures,
-    difference_panel,
     label_outside,
     legend_above,
+    ranks_panel,
 )
 from bayesdrill.report.scales import WIDTHS
 from bayesdrill.report.sections import fit_words
@@ -95,10 +95,7 @@ SIGMAS = float(ndtri(TAILS[1]))  # 1.88: half the width of the band of the noise
 
 
 def fit_figure(fit: Fit, width: float = scales.DOUBLE, at: str = "the MAP") -> Figure:
-    """Draw inputs; and for each channel its signals, and beside or below them its residuals.
-
-    `at`: of what the fit is, in words.
-    """
+    """Draw inputs, and the signals and residuals of each channel of a fit `at` a point, in words."""
     t = fit.t
     time = scales.scale(float(t[0]), float(t[-1]), margin=0.01)
     with style.styled(width):
@@ -171,7 +168,6 @@ def _course(panel: Axes, course: Course, time: scales.Scale, t: Array) -> None:
 
 
 def _signals(panel: Axes, signal: Signal, time: scales.Scale, t: Array) -> None:
-    """With a band of what draws predict; where there are none, of the noise about the model."""
     y, model = signal.y, signal.model
     drawn = extremes(model, LINE_POINTS)
     if signal.predictive is None:
@@ -187,7 +183,6 @@ def _signals(panel: Axes, signal: Signal, time: scales.Scale, t: Array) -> None:
 
 
 def _residuals(panel: Axes, signal: Signal, time: scales.Scale, t: Array, *, beside: bool) -> None:
-    """Measured minus MAP, the band of the noise, and how much of the channel this is."""
     residual, sigma = signal.y - signal.model, signal.sigma
     label = Symbol("rest", "", r"\mathrm{residual}", signal.label.latex_unit, "")
     far = max(float(np.nanmax(np.abs(residual))), SIGMAS * sigma)
@@ -223,7 +218,6 @@ def _legends(
     *,
     beside: bool,
 ) -> None:
-    """Above each kind of panel, what is shown in it; what is constant, in a line."""
     dot = Line2D([], [], **{**DOT, "markersize": 3, "rasterized": False})
     line, band = Line2D([], [], **style.BLACK_LINE), Patch(**style.BAND)
     edged = Patch(facecolor=style.LIGHT, edgecolor=style.BLACK, linewidth=0.6, linestyle="--")
@@ -302,7 +296,8 @@ def predictive_figure(checks: Sequence[PredictionCheck], width: float = scales.D
         for k, check in enumerate(checks):
             left, right = panels[2 * k : 2 * k + 2]
             _densities(left, check)
-            _difference(right, check, away[k], most)
+            ranks_panel(right, check.band, away[k], most, check.says)
+            right.set_ylabel("ECDF difference [%]")
         label_outside(panels, "", "", share_y=False)
         panels[-2].set_xlabel("measured less predicted" + ", in sds of the prediction" * wide)
         panels[-1].set_xlabel("share of the prediction below (PIT)" if wide else "PIT")
@@ -326,15 +321,6 @@ def _densities(panel: Axes, check: PredictionCheck) -> None:
     style.corner_text(panel, f"${check.channel.latex}$")
 
 
-def _difference(panel: Axes, check: PredictionCheck, away: Array, most: float) -> None:
-    places, (low, high, record) = np.pad(check.band.shares, 1, constant_values=(0, 1)), away
-    difference_panel(panel, places, (low, high), most)
-    panel.plot(places, record, zorder=2, **(style.BLACK_LINE if check.holds else style.OUTSIDE))
-    panel.set_ylabel("ECDF difference [%]")
-    if check.says:
-        style.corner_text(panel, check.says, "right", fontsize=style.letters("legend.fontsize"))
-
-
 POINT: dict[str, Any] = {
     "color": style.DARK,
     "marker": "o",
@@ -351,10 +337,7 @@ def residuals_figure(
     *,
     latex: Mapping[str, str],
 ) -> Figure:
-    """Draw correlations of residuals with themselves and with each input, by channel.
-
-    `latex`: of inputs, by name.
-    """
+    """Draw correlations of residuals with themselves and inputs, whose `latex` is by name."""
     beside = [c for c in correlations if c.channel == correlations[0].channel]
     high = 1.1 * max(float(np.maximum(c.values, c.band).max()) for c in correlations)
     low = 1.1 * min(float(np.minimum(c.values, -c.band).min()) for c in correlations)
@@ -426,7 +409,6 @@ def frequency_figure(
 
 
 def _bode(panel: Axes, response: FrequencyResponse, *, phase: bool) -> None:
-    """The magnitude, or the phase in degrees, of what is measured next to the model's."""
     there, shown = np.isfinite(response.measured), response.channel.shown
     model, measured = (
         np.abs(values) * response.unit.factor / shown.factor

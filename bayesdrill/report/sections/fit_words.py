@@ -198,7 +198,6 @@ def prediction_csv(problem: Problem, theta: Array) -> dict[str, str]:
 
 
 def _prediction(observation: Observation, full: Array) -> str:
-    """Time, channels as measured and as predicted without noise, inputs; `w_1 measured [rpm]`."""
     experiment, signals = observation.experiment, observation.signals(full)[0]
     unit = experiment.written.time
     columns = {f"t [{unit.name}]": experiment.t / unit.factor}
@@ -220,10 +219,7 @@ MAX_SHARE = 10.0  # of a channel's spread: more is left only of one that hardly 
 
 
 def residual_sentences(summaries: Sequence[ResidualSummary], clock: Unit) -> str:
-    """How much is left; that it looks like the noise, or a line for each way in which it does not.
-
-    `clock`: in which times are said.
-    """
+    """Say how much is left, and how it differs from noise, with times in the unit of `clock`."""
     still = [summary for summary in summaries if summary.share > MAX_SHARE]
     shared = [summary for summary in summaries if summary.share <= MAX_SHARE]
     seen = ", ".join(f"{percent(summary.share)} of {summary.name}" for summary in shared)

@@ -32,10 +32,7 @@ def profile_figure(
     logs: Collection[str] = (),
     width: float = scales.DOUBLE,
 ) -> Figure:
-    """Draw the loss against the value of each parameter, and where it passes 95 %.
-
-    In the units of the symbols; the axes of the parameters in `logs` are logarithmic.
-    """
+    """Draw the loss of each parameter, and where it passes 95 %; axes in `logs` are logarithmic."""
     with style.styled(width):
         width = width if len(profiles) > 1 else scales.SINGLE
         figure, panels = build_page(len(profiles), 3, 1.75, width)
@@ -79,7 +76,6 @@ def _panel(
 
 
 def _edge(values: np.ndarray, loss: np.ndarray, end: int) -> float:
-    """Where the curve leaves the panel, or its end."""
     inner = 1 if end == 0 else -2
     if len(values) < 2 or loss[end] <= HIGHEST:
         return float(values[end])
@@ -151,7 +147,6 @@ BLIND: dict[str, Any] = {**style.HATCHED, "facecolor": "white", "linewidth": 0.5
 
 
 def _label(names: Sequence[str], exponents: Sequence[float], latex: Mapping[str, str]) -> str:
-    """The product in LaTeX, exponents to one decimal, the small ones left out."""
     parts = []
     for name, exponent in zip(names, exponents, strict=True):
         if abs(exponent) >= LEAST_EXPONENT:

@@ -94,7 +94,6 @@ def structure(study: IdentifiabilityStudy) -> str:
 
 
 def _symmetries(study: IdentifiabilityStudy) -> list[str]:
-    """A sentence for each, and one for those that are no common factor."""
     structure = study.structure
     lines = [symmetry(structure.names, e) for e in structure.symmetries]
     if structure.unexplained:

@@ -141,7 +141,7 @@ def ridge_figure(draws: Array, pair: CorrelatedPair, shown: DisplayedUnknowns) -
             style.mark_values(panel, scale, known, vertical=vertical, arrow=False, zorder=4)
         panel.plot(*cross, zorder=5, **style.CROSS)
         handles: list[Line2D | Patch] = [
-            Line2D([], [], label="same signals, exactly", **BAND),
+            Line2D([], [], label="exactly the same signals", **BAND),
             Line2D([], [], label="posterior draws", **{**DOTS, "markersize": 3}),
             Patch(fill=False, label="prior", **BOX),
             *(style.nominal_handles({0}) if marked else []),

@@ -127,6 +127,6 @@ def draw_friction(run: ReportContext) -> tuple[Drawing, ...]:
 def draw_torque(run: ReportContext) -> tuple[Drawing, ...]:
     """Return drawings of the torque that a rig's equations leave out."""
     shown = ((torque.label, torque) for torque in run.chain.torque_estimates)
-    figure = partial(torque_figure, clock=run.clock)
+    figure = partial(torque_figure, clock=run.problem.clock)
     says = "The missing torque over time, and against what the rig did: speeds, angle, inputs."
     return for_each_experiment(figure, shown, run.width, says)

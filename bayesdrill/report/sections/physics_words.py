@@ -83,7 +83,7 @@ def derived_shown(
     mode |= {name: float(x[0]) for name, x in at_map if np.isfinite(x[0])}
     wanted = problem.names if names is None else dict.fromkeys(names)
     columns = [order.index(name) for name in wanted if name in order]
-    columns = [k for k in columns if _varies(every[np.isfinite(every[:, k]), k])]
+    columns = [k for k in columns if len(np.unique(every[np.isfinite(every[:, k]), k])) > 1]
     if not columns:
         return derived_shown(problem, None, draws, derived, theta)
     nominal = {name: x for name, x in derived.nominal.items() if np.isfinite(x)}
@@ -97,10 +97,6 @@ def derived_shown(
     )
     picked = every[:, columns] / shown.factors
     return picked[np.isfinite(picked).all(axis=1)], shown
-
-
-def _varies(values: Array) -> bool:
-    return bool(len(values) and values.min() < values.max())
 
 
 def effort_symbol(friction: Friction) -> Symbol:
@@ -220,12 +216,11 @@ def _unseen(law: UnseenStiction, model: Model) -> str:
 
 
 def _did(deeds: Excitation, roles: Roles) -> str:
-    """What the rig did not do."""
     inertia, what, unit = roles.at_friction(deeds.against, deeds.where), "the current flows", "A"
     if inertia is not None:
         what, unit = f"{inertia.words} {roles.motion.moves}", f"{roles.motion.angle}/s"
     speeds = f"{deeds.slowest:.3g} to {deeds.fastest:.3g} {unit}"
-    if deeds.one_way:
+    if deeds.reversals == 0:
         return f"{what} one way only, at {speeds}"
     return f"{what} at about one speed, {speeds}" if deeds.one_speed else ""
 

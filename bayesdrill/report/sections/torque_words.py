@@ -173,7 +173,6 @@ def _line(summary: TorqueSummary, law: TorqueRegression, rig: Model) -> str:
 
 
 def _follows(summary: TorqueSummary, law: TorqueRegression, rig: Model) -> tuple[str, str]:
-    """What a torque follows by a law, and the unit of its size."""
     here, newtons = rig.roles.inertia(summary.at), rig.roles.motion.newtons
     angle = rig.roles.motion.angle
     inertia = here if here.speed == law.of else rig.roles.at_friction(law.of)

@@ -263,7 +263,6 @@ def _resting(verdict: Verdict, rests: Sequence[DependsOnFixed]) -> list[str]:
 
 
 def _undecided(verdict: Verdict, units: DisplayUnits) -> Iterator[str]:
-    """What is not judged, and why."""
     open_ones = verdict.saying("not determined")
     ends = [f"of {name} ends at {units.format_value(name, e)}" for name, e in verdict.ends.items()]
     reasons = {
@@ -323,10 +322,7 @@ def verdict_table(verdict: Verdict) -> Table:
 
 
 def verdict_csv(verdict: Verdict, symbols: Sequence[Symbol]) -> str:
-    """All digits, SI; deviation, tolerances and probabilities are fractions.
-
-    `symbols` of the unknowns.
-    """
+    """All digits, SI, units by `symbols`; deviation, tolerances, probabilities are fractions."""
     units = {symbol.name: symbol.unit for symbol in symbols}
     heads = ("quantity", "unit", "nominal", "tolerance_low", "tolerance_high", "mean", "sd")
     more = ("deviation", "tension_sigma", "beyond_tolerance", "sd_ratio", "bits", "verdict")
