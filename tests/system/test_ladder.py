@@ -77,7 +77,7 @@ class Stopping:
             raise KeyboardInterrupt
 
 
-def climb(config: Path, folder: Path, how: str, reporter: Reporter) -> None:
+def make_ladder(config: Path, folder: Path, how: str, reporter: Reporter) -> None:
     """Make a ladder in this process, without the command line."""
     with ThreadPoolExecutor(1) as pool:
         crew = remote.RefitExecutor(pool)
@@ -105,12 +105,12 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Ladder:
     given.write_text(CONFIG)
     (place / "turned.csv").write_text(turned())
     with pytest.raises(Interrupted, match="continue with --resume"):
-        climb(given, place / "out", "fresh", Stopping(1))
+        make_ladder(given, place / "out", "fresh", Stopping(1))
     assert json.loads((place / "out" / "run.json").read_text())["status"] == "interrupted"
     before = {p: p.stat().st_mtime_ns for p in (place / "out").glob("*/chain.h5")}
     assert len(before) == 1
     reporter = Stopping(-1)
-    climb(given, place / "out", "resume", reporter)
+    make_ladder(given, place / "out", "resume", reporter)
     assert "(1 of them done before)" in reporter.said[-1]
     assert all(path.stat().st_mtime_ns == time for path, time in before.items())
     return Ladder(given, place / "out")
@@ -222,7 +222,7 @@ def test_a_ladder_overwrites_nothing_unasked_and_resumes_only_itself(
     replace_text(config, "seed: 8", "seed: 7")
     assert command_line.listing(tmp_path).keys() == before.keys()
     # All rungs are there: nothing is sampled, and the comparison is the same.
-    climb(config, folder, "resume", Silent())
+    make_ladder(config, folder, "resume", Silent())
     table = (folder / "comparison.csv").read_bytes()
     assert table == (finished.folder / "comparison.csv").read_bytes()
 
