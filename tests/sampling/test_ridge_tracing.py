@@ -15,7 +15,6 @@ STILL = np.array([[1.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, -1.0]]).T / np.sqrt(2.0)
 
 
 def test_all_that_is_held_back_and_all_that_changes_nothing_is_loose() -> None:
-    """Mutant killed: more directions set apart than there are."""
 
     def check(flat: int, pressed: int) -> None:
         walls = Walled(np.zeros(D), np.linspace(1.0, 2.0, D), 1.0)
