@@ -55,7 +55,6 @@ def test_json_without_a_checksum_is_refused(content: bytes) -> None:
 
 
 def test_findings_are_written_into_any_folder_and_again(tmp_path: Path) -> None:
-    """Mutant killed: figures whose empty folder was just taken away."""
     config, out = small_config(tmp_path), tmp_path / "out"
     figure = out / "figures" / "spectrum.png"
     assert cli("identify", config, "-o", out).status == 0

@@ -40,7 +40,6 @@ def test_a_formula_has_values_at_numbers_and_at_arrays(text: str, value: float) 
 
 @run_cases("text", [text for text, _ in FORMULAS])
 def test_derivatives_are_those_of_differences(text: str) -> None:
-    """Mutant killed: the slope of a power forgotten."""
     formula = expression(text, VALUES)
     for name in formula.names:
         dual = formula.value({**VALUES, name: Dual(VALUES[name], 1.0)})

@@ -12,7 +12,6 @@ from bayesdrill.basics.progress import Lines
 
 
 def test_each_stage_has_a_line_and_more_come_now_and_then(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Mutants killed: a stage that begins without a word; a line for each update."""
     now, stream = [100.0], io.StringIO()
     monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
     lines = Lines(stream)
@@ -31,7 +30,6 @@ def test_each_stage_has_a_line_and_more_come_now_and_then(monkeypatch: pytest.Mo
 
 
 def test_a_bar_begins_anew_with_each_stage(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Mutant killed: the time left of one stage computed by that of another."""
     console = Console(file=io.StringIO(), force_terminal=True, width=120)
     terminal = type("Terminal", (io.StringIO,), {"isatty": lambda _: True})()
     monkeypatch.setattr(progress.sys, "stderr", terminal)

@@ -14,7 +14,6 @@ from bayesdrill.basics import units
     "unit", ['m"\\input{x}"', r"m #\input{x}", "m'&'", "m\n", '%"<b>"', "m,s", "m\u00b2\u00b2"]
 )
 def test_text_beside_a_unit_is_refused(unit: str) -> None:
-    """Mutant killed: what pint reads past, comments and quotes, handed on to tables and figures."""
     with pytest.raises(ValueError, match="unit"):
         units.display_unit(unit)
     with pytest.raises(ValueError, match="unit"):

@@ -78,7 +78,6 @@ def test_a_killed_worker_ends_in_a_message(tmp_path: Path, capsys: Capture) -> N
 
 
 def test_a_signal_while_a_library_is_loaded_stops_a_run(tmp_path: Path, capsys: Capture) -> None:
-    """Mutants killed: only a KeyboardInterrupt stops a run; a signal is a figure that failed."""
     errors = ErrorCollector()
 
     def run() -> None:
@@ -223,10 +222,7 @@ def test_a_number_of_threads_that_is_none_counts_as_unset(threads: str) -> None:
 
 
 def test_a_long_silence_says_that_it_is_at_work(capsys: Capture) -> None:
-    """And what speaks by itself is not interrupted.
-
-    Mutants killed: a line for each look; silence of one stream alone; streams that stay watched.
-    """
+    """And what speaks by itself is not interrupted."""
     streams = sys.stdout, sys.stderr
     with never_silent(0.5):
         time.sleep(1.2)

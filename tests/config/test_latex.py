@@ -34,7 +34,6 @@ def symbol(latex: str, unit: str = "") -> Symbol:
 
 @run_cases("latex", REFUSED)
 def test_latex_that_would_leave_its_formula_is_refused(latex: str) -> None:
-    """Mutant killed: mathtext alone asked, which takes `a&b`, and all that stands between dollars."""
     with pytest.raises(ValueError, match="figures and tables cannot write") as caught:
         config_latex.check(symbol(latex))
     assert latex in str(caught.value)
@@ -43,7 +42,6 @@ def test_latex_that_would_leave_its_formula_is_refused(latex: str) -> None:
 
 @run_cases("latex", TAKEN)
 def test_latex_can_stand_in_products_and_with_labels(latex: str) -> None:
-    """Mutant killed: a power after a power, at which mathtext raises while a figure is drawn."""
     config_latex.check(symbol(latex))
     parse = MathTextParser("path").parse
     parse(f"${product_latex((2, -3), [symbol(latex), symbol(latex)])}$")

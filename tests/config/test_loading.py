@@ -47,9 +47,6 @@ def test_the_bundled_config_says_what_the_documents_say() -> None:
     ids=["nominal_step", "steady", "free", "partly free", "ties", "train", "carts"],
 )
 def test_a_resolved_config_means_the_same(text: str, tmp_path: Path) -> None:
-    """Mutants killed: a default that is not written out; zeros written out as entries of a start that is
-    steady, or free.
-    """
     save_records(tmp_path)
     job = prepare(write(tmp_path, text))
     resolved = tmp_path / "resolved.yaml"

@@ -48,7 +48,7 @@ def carts(folder: Path, *changes: tuple[str, str]) -> None:
 
 LOAD: dict[str, Callable[..., object]] = {
     **dict.fromkeys(("sensors", "experiments", "held_numbers"), pair),
-    **dict.fromkeys(("missing_torque", "noises"), small),
+    **dict.fromkeys(("missing_torque", "noises", "held_out"), small),
     "composed": composed,
     "inputs": shaft,
     "records": config_texts.load_measured,

@@ -58,7 +58,6 @@ def test_a_record_that_was_saved_with_its_run_outlives_it(tmp_path: Path) -> Non
 
 @run_cases("kind", KINDS)
 def test_force_takes_what_such_a_run_writes_and_nothing_else(kind: Kind, tmp_path: Path) -> None:
-    """Mutants killed: names by pattern; a folder removed whole."""
     out = write_results(tmp_path / "out", kind)
     for name in FOREIGN_FILES:
         put(out, name)
@@ -78,7 +77,6 @@ def test_force_takes_what_such_a_run_writes_and_nothing_else(kind: Kind, tmp_pat
 
 
 def test_run_json_is_there_all_the_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Mutant killed: run.json removed while the folder is cleared, in which a kill may fall."""
     out = write_results(tmp_path / "out", POSTERIOR)
     listings, write = [], Folder.write_text
 
@@ -135,7 +133,6 @@ def test_results_of_another_command_are_left_alone(
 def test_what_no_run_can_have_written_is_named_first(
     mode: WriteMode, name: str, spoil: str, what: str, tmp_path: Path
 ) -> None:
-    """Mutants killed: links are followed; a chain is gone before the run fails."""
     out = write_results(tmp_path / "results" / "out", POSTERIOR)
     SPOIL[spoil](out / name)
     message = refused(out, mode)
@@ -162,7 +159,7 @@ def test_a_file_that_would_not_be_known_again_is_not_written(tmp_path: Path) -> 
 
 
 def test_a_replaced_file_keeps_its_mode_bits(tmp_path: Path) -> None:
-    """Also where --force takes it away first.  Mutants killed: a file as the umask has it."""
+    """Also where --force takes it away first."""
     out = write_results(tmp_path / "out", POSTERIOR)
     (out / RUN).chmod(0o640)
     (out / "summary.csv").chmod(0o600)

@@ -55,7 +55,6 @@ def unknowns(candidate: CandidateModel) -> set[str]:
 
 
 def test_each_candidate_frees_what_its_name_says(tmp_path: Path) -> None:
-    """Mutants killed: one channel of all; a thing that stays in the next rung; a gear that stays."""
     models = candidates(tmp_path)
     every = singles(models)
     assert {*every} == {"unknown_noise", "ar1", *PHYSICS, *TORQUES, *OF_SENSORS}
@@ -82,7 +81,7 @@ def test_each_candidate_frees_what_its_name_says(tmp_path: Path) -> None:
 
 
 def test_the_lines_of_a_candidate_make_it_of_the_config(tmp_path: Path) -> None:
-    """Pasted into the config as given, they are the rung.  Mutant killed: only what is new is said."""
+    """Pasted into the config as given, they are the rung."""
     models = candidates(tmp_path)
     for name, candidate in singles(models).items():
         pasted = merged(load_yaml(models.job.source.text), load_yaml(candidate.lines))
@@ -102,10 +101,7 @@ inputs:"""
 
 
 def test_parts_of_several_experiments_are_shared_or_own(tmp_path: Path) -> None:
-    """Sensors are the same, but for offsets of channels; noise is an experiment's own.
-
-    Mutants killed: a lag of its own in each; what an experiment says of a sensor is said again.
-    """
+    """Sensors are the same, but for offsets of channels; noise is an experiment's own."""
     every = singles(candidates(tmp_path, ("inputs:", EXPERIMENTS)))
     for name, freed in {
         "gain_w_1": {"gain_w_1"},
@@ -130,7 +126,6 @@ def test_physics_and_noise_of_a_config_are_not_tried_again(tmp_path: Path) -> No
 
 
 def test_windows_leave_an_experiment_that_is_held_out(tmp_path: Path) -> None:
-    """Mutant killed: experiments that are known by their place, so that one held out shifts them."""
     text = "experiments:\n  away: {held_out: true}\n  a: {}\ninputs:"
     halves = candidates(tmp_path, ("inputs:", text)).windows(2)
     experiments = [half.source.data["experiments"] for half in halves]
@@ -140,7 +135,6 @@ def test_windows_leave_an_experiment_that_is_held_out(tmp_path: Path) -> None:
 
 
 def test_a_memory_is_shared_as_the_size_of_its_noise(tmp_path: Path) -> None:
-    """Mutant killed: a memory of its own in each experiment, of noise that they share."""
     shared = ("inputs:", "experiments: {a: {}, b: {}}\nshared: [sigma_w_1]\ninputs:")
     free_speed = ("w_1, unit: rad/s, sigma: 0.05", f"w_1, unit: rad/s, {FREE}")
     every = singles(candidates(tmp_path, shared, FREE_ANGLE, free_speed))
@@ -148,14 +142,12 @@ def test_a_memory_is_shared_as_the_size_of_its_noise(tmp_path: Path) -> None:
 
 
 def test_angles_of_many_turns_widen_no_prior(tmp_path: Path) -> None:
-    """Mutant killed: springs as strong as both their angles."""
     sizes = candidates(tmp_path / "here").sizes
     start = ("inputs:", "initial: {theta_1: 1000, theta_2: 1000}\ninputs:")
     assert candidates(tmp_path / "far", start).sizes == pytest.approx(sizes, rel=1e-6)
 
 
 def test_only_parts_that_go_together_are_combined(tmp_path: Path) -> None:
-    """Mutants killed: friction at rest that nothing slides with; a second friction, noise or torque."""
     models = candidates(tmp_path)
     every = [*singles(models)]
 
@@ -178,7 +170,6 @@ def test_only_parts_that_go_together_are_combined(tmp_path: Path) -> None:
 
 @run_cases("name", ["as_given", "ar1", "damping_shaft"])
 def test_a_recommended_config_can_be_read_from_another_folder(name: str, tmp_path: Path) -> None:
-    """Mutant killed: a record that is looked for beside the new config."""
     output = ("output: {predictive_draws: 10, figures: []}", "output: {figures: [corner]}")
     models = candidates(tmp_path / "here", output)
     candidate = {**singles(models), "as_given": models.rungs([()])[0]}[name]

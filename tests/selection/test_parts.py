@@ -72,10 +72,7 @@ def changed(job: Job, name: str, **numbers: float) -> tuple[dict[str, Any], Job]
 
 
 def test_no_lag_is_tried_where_nothing_fixes_time(tmp_path: Path) -> None:
-    """An input that changes does, or one that is switched on at a known start, or another channel.
-
-    Mutants killed: a lag of the only channel of a free swing; one beside a delay of all inputs.
-    """
+    """An input that changes does, or one that is switched on at a known start, or another channel."""
     late = f"{DRIVEN[:-1]}, t_0: {{prior: uniform, low: -0.1, high: 0.1}}}}"
     both = {"theta_arm": "rad", "w_arm": "rad/s"}
     step, free = "inputs: {u_hub: 3.0}", "\ninitial: free"
@@ -100,7 +97,6 @@ def test_a_lag_is_sought_within_a_tenth_of_the_record(tmp_path: Path) -> None:
 
 
 def test_all_channels_are_not_late_together(tmp_path: Path) -> None:
-    """Mutant killed: lags of all channels beside one of the inputs."""
     models = models_of(motor(tmp_path, channels={**HUB, "theta_hub": "rad"}))
     assert models.possible(("lag_w_hub", "lag_theta_hub"))
     assert models.possible(("lag_w_hub", "t_0"))
@@ -139,7 +135,6 @@ def test_another_gear_is_sought_where_a_shaft_is_behind_it(
 
 
 def test_a_sign_is_turned_and_columns_are_exchanged(tmp_path: Path) -> None:
-    """Mutants killed: a gain of 1; the column of one alone; units that stay behind."""
     model = "model: {name: train, inertias: [hub, rim], shafts: {s: [hub, rim]}, drives: {hub: voltage}}"
     numbers = "{j_hub: J, j_rim: 0.1, k_s: 3.0, k_T_hub: 1.0, r_hub: 1.0}"
     of = job(tmp_path, {"w_hub": "rad/s", "w_rim": "rpm"}, f"{DRIVEN}\n{model}", numbers)
@@ -159,10 +154,7 @@ def test_a_sign_is_turned_and_columns_are_exchanged(tmp_path: Path) -> None:
 
 
 def test_a_clock_is_multiplied(tmp_path: Path) -> None:
-    """Of a column of times and of a rate; where all have one clock there is nothing to try.
-
-    Mutants killed: times that are divided; the clock of the input with that of the record.
-    """
+    """Of a column of times and of a rate; where all have one clock there is nothing to try."""
     own_clock = "V, file: record.csv, time: {column: t, unit: s}}"
     of = motor(tmp_path, DRIVEN.replace("V}", own_clock))
     assert models_of(of).clocks == ("clock",)
@@ -186,7 +178,6 @@ def test_a_record_begins_later_from_an_unknown_state(tmp_path: Path) -> None:
 
 
 def test_a_prior_is_widened_at_the_end_that_is_reached(tmp_path: Path) -> None:
-    """Mutants killed: the other end; an end beyond zero of what is positive."""
     inputs = f"{DRIVEN[:-1]}, t_0: {{prior: uniform, low: -0.02, high: 0.03}}}}"
     numbers = "{j_hub: J, k_T_hub: 1.0, r_hub: {prior: uniform, low: 0.0, high: 2.0}}"
     of = motor(tmp_path, inputs, numbers=numbers)
@@ -197,7 +188,7 @@ def test_a_prior_is_widened_at_the_end_that_is_reached(tmp_path: Path) -> None:
 
 
 def test_a_train_gets_one_more_inertia_at_each(tmp_path: Path) -> None:
-    """It begins as the inertia beside it does.  Mutant killed: a spring that is twisted."""
+    """It begins as the inertia beside it does."""
     lines, longer = changed(pendulum(tmp_path, "{theta_arm: 0.5}"), "inertia_arm")
     assert lines["model"]["inertias"] == ["arm", "arm_end"]
     assert lines["initial"] == {"theta_arm_end": 0.5}
@@ -205,10 +196,7 @@ def test_a_train_gets_one_more_inertia_at_each(tmp_path: Path) -> None:
 
 
 def test_neutral_physics_changes_no_likelihood(tmp_path: Path) -> None:
-    """Candidates of a kind share kernels: what each has beside its own does nothing.
-
-    Mutants killed: an efficiency of zero, friction that is not zero.
-    """
+    """Candidates of a kind share kernels: what each has beside its own does nothing."""
     model = (
         "model: {name: train, inertias: [hub, arm, rim], gears: {g: {between: [hub, arm], ratio: 0.2}}, "
         "shafts: {s: [arm, rim]}, drives: {hub: voltage}}"
@@ -227,10 +215,7 @@ def test_neutral_physics_changes_no_likelihood(tmp_path: Path) -> None:
 
 
 def test_another_gear_is_other_numbers_at_the_motor() -> None:
-    """The likelihood is that of a rig with that gear, friction and drag at the motor included.
-
-    Mutants killed: a constant of the motor that stays; a power of the wrong sign.
-    """
+    """The likelihood is that of a rig with that gear, friction and drag at the motor included."""
     nominal = bd.nominal() | {"t_cm": 0.02, "t_sm": 0.03, "w_sm": 5.0, "d_m": 1e-5}
     box = {"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}
     channels = {"w_1": bd.Channel(5.0 * SWING, "rad/s", 0.3)}

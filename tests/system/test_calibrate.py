@@ -9,7 +9,6 @@ import os
 import shutil
 import signal
 import subprocess
-import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -333,31 +332,3 @@ def test_a_killed_worker_of_a_cluster_costs_nothing(finished: Calibration, tmp_p
     assert (folder / "ranks.csv").read_bytes() == finished.ranks
     kept = calibrate.saved(finished.folder / ".refits", calibrate.study(job))
     assert list(result.refits) == kept
-
-
-@pytest.mark.slow
-def test_a_scheduler_that_is_not_there_is_named(finished: Calibration, tmp_path: Path) -> None:
-    now = time.monotonic()
-    for address, message in (
-        ("tcp://127.0.0.1:1", "no scheduler answers at tcp://127.0.0.1:1"),
-        ("nonsense://x:y", "'nonsense://x:y' is no address"),
-        ("tcp://no.such.host:8786", "no scheduler answers at tcp://no.such.host:8786"),
-    ):
-        arguments = ("calibrate", finished.config, "-o", "out", "--scheduler", address)
-        result = command_line.run_process(*arguments, cwd=tmp_path)
-        assert_refused(result, message)
-        assert len(result.err.splitlines()) == 1, result.err
-    assert time.monotonic() - now < 30
-    assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.slow
-def test_without_distributed_a_scheduler_is_refused(finished: Calibration, tmp_path: Path) -> None:
-    code = "import sys; sys.modules['distributed'] = None; from bayesdrill.cli import main; main()"
-    arguments = ["calibrate", str(finished.config), "--scheduler", "tcp://127.0.0.1:1"]
-    done = subprocess.run(
-        [sys.executable, "-c", code, *arguments], cwd=tmp_path, capture_output=True, text=True
-    )
-    assert done.returncode == 2
-    assert "bayesdrill[cluster]" in done.stderr
-    assert "Traceback" not in done.stderr

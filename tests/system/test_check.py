@@ -136,22 +136,6 @@ def test_the_size_of_the_results_is_estimated_and_long_records_get_fewer_draws(
     assert "not 125" in out
 
 
-@run_cases(
-    "interval, message",
-    [
-        ("[4, 3]", "4 s is not before 3 s"),
-        ("[7, 8]", "no sample lies in it"),
-        ("[0, 5]", "leaves nothing of a channel"),
-    ],
-)
-def test_stretches_that_cannot_be_held_out_are_refused(
-    interval: str, message: str, tmp_path: Path
-) -> None:
-    time = "  time: {column: t, unit: s}"
-    config = command_line.small_config(tmp_path, (time, f"{time}\n  held_out: {interval}"))
-    command_line.assert_refused(cli("check", config), message, "record.held_out")
-
-
 # --- nominal values ------------------------------------------------------------------------------
 
 # Another rig than that of the paper: values and priors of its own, and no word of a table.

@@ -149,20 +149,6 @@ def test_map_overwrites_nothing_unasked(rig: Path) -> None:
     assert (out / "prediction.csv").read_text().startswith("t [s],theta_1 measured [rad]")
 
 
-def test_verify_names_what_does_not_belong_to_a_maximum(rig: Path) -> None:
-    out = rig / "out"
-    assert "belong together" in cli("verify", out).out
-    text = (out / "prediction.csv").read_text()
-    first, second, rest = text.split("\n", 2)
-    (out / "prediction.csv").write_text("\n".join([first, second.replace("0,", "0.1,", 1), rest]))
-    assert_refused(cli("verify", out), "prediction.csv: was changed")
-    (out / "prediction.csv").write_text(text)
-    lines = (rig / "small.csv").read_text().splitlines()
-    lines[50] = lines[50].rsplit(",", 1)[0] + ",9.9"
-    (rig / "small.csv").write_text("\n".join(lines) + "\n")
-    assert_refused(cli("verify", out), "the record was 101 samples")
-
-
 # --- whether a fit is believed -------------------------------------------------------------------
 
 

@@ -35,7 +35,6 @@ def change(path: Path, old: str, new: str) -> None:
 
 
 def test_another_config_record_table_or_figure_is_found(tree: Path) -> None:
-    """Mutants killed: a comparison that looks at names alone, or at nothing."""
     config = tree / "configs" / "nominal_step.yaml"
     mine = results.published(tree) / "nominal_step"
     change(config, "seed: 2013", "seed: 2014")
@@ -75,7 +74,6 @@ def test_an_unfinished_run_is_not_published(tmp_path: Path) -> None:
 
 
 def test_the_figure_of_products_shows_what_is_published(tree: Path) -> None:
-    """Mutants killed: a product that is not divided, a MAP or an end of another quantity."""
     folder = results.published(ROOT) / "nominal_step"
     drawn = products.products(folder)
     assert [interval.name for interval in drawn] == [

@@ -250,14 +250,6 @@ def test_wrong_types_are_refused_though_the_checksum_fits(
     assert_refused(cli("verify", rig / "out"), message)
 
 
-@run_cases("content", [b"\xff\xfe\x80", b"[" * 100_000, b"[]", b'{"values": {"k_e": NaN}}', b"{}"])
-@run_cases("name", ["run.json", "map.json"])
-def test_a_report_refuses_a_damaged_file(content: bytes, name: str, tmp_path: Path) -> None:
-    (tmp_path / "run.json").write_text(json.dumps({"fingerprint": {}}))
-    (tmp_path / name).write_bytes(content)
-    assert_refused(cli("report", tmp_path))
-
-
 @run_cases(
     "dataset, shape",
     [("chain", (-1, 8, 1)), ("chain", (-1, 4, 2)), ("log_prob", (-1, 4))],

@@ -6,6 +6,7 @@ import asyncio
 import os
 import signal
 import socket
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -13,6 +14,7 @@ from concurrent.futures import Future
 from pathlib import Path
 
 import pytest
+from support.case_tables import run_cases
 
 from bayesdrill.basics import software
 from bayesdrill.basics.errors import InputError
@@ -69,9 +71,29 @@ def test_an_address_without_a_scheduler_is_refused(
     assert time.monotonic() - begun < 30
 
 
-@pytest.mark.parametrize("kind", ["tls", "wss"])
-def test_missing_certificates_are_asked_for(kind: str) -> None:
-    assert "no certificates" in refusal(f"{kind}://127.0.0.1:8786")
+@run_cases(
+    "address, message",
+    [
+        ("tls://127.0.0.1:8786", "no certificates"),
+        ("wss://127.0.0.1:8786", "no certificates"),
+        ("nonsense://x:y", "'nonsense://x:y' is no address of a scheduler"),
+        ("tcp://127.0.0.1:1", "no scheduler answers at tcp://127.0.0.1:1"),
+        ("tcp://no.such.host:8786", "no scheduler answers at tcp://no.such.host:8786"),
+    ],
+)
+def test_an_address_that_cannot_be_used_is_refused_in_one_line(address: str, message: str) -> None:
+    text = refusal(address)
+    assert message in text
+    assert "\n" not in text
+
+
+def test_without_distributed_a_scheduler_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with (
+        pytest.raises(InputError, match=r"bayesdrill\[cluster\]"),
+        remote.dask_executor("tcp://127.0.0.1:1"),
+    ):
+        pass
 
 
 class Client:
@@ -189,10 +211,7 @@ def slow(index: int) -> int:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP], ids=lambda one: one.name)
-def test_a_real_worker_that_dies_or_stops_costs_nothing(
-    number: signal.Signals, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_real_worker_that_stops_costs_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     distributed = pytest.importorskip("distributed")
     monkeypatch.setattr(remote, "WATCH", 2.0)
     monkeypatch.setattr(remote, "SILENT_SECONDS", 5.0)
@@ -205,7 +224,6 @@ def test_a_real_worker_that_dies_or_stops_costs_nothing(
             for _, index in remote.results(executor, futures, OUT, Silent()):
                 done.append(index)
                 if len(done) == 5:  # what the worker has done stays in its memory
-                    os.kill(pid, number)
+                    os.kill(pid, signal.SIGSTOP)
         assert sorted(done) == list(range(12))
-        if number == signal.SIGSTOP:
-            os.kill(pid, signal.SIGKILL)
+        os.kill(pid, signal.SIGKILL)

@@ -45,7 +45,6 @@ def test_glitches_are_listed_with_rows_and_times_and_kept(tmp_path: Path) -> Non
     ],
 )
 def test_a_mask_leaves_out_what_it_names(mask: str, gone: list[int], tmp_path: Path) -> None:
-    """Mutants killed: rows counted from another end; one end of a span left in."""
     save(tmp_path, "r.csv", t=T, w=SPIKED)
     experiment = read_measured(tmp_path, w_1=f"mask: {mask}")
     assert np.flatnonzero(~experiment.seen[:, 0]).tolist() == gone
@@ -120,7 +119,6 @@ def test_a_jump_of_half_a_turn_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_derived_channel_is_compared_and_not_counted(tmp_path: Path) -> None:
-    """Mutant killed: a derived channel as evidence."""
     speed = np.degrees(np.diff(ANGLE, prepend=ANGLE[0]) / 0.01)
     save(tmp_path, "r.csv", t=T, w=SPEED, phi=ANGLE, q=speed)
     channels = (

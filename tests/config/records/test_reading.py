@@ -145,7 +145,6 @@ GAPS = np.r_[0:50, 57:58, 60:200, 201:240]
 
 
 def test_times_with_gaps_are_put_on_their_grid(tmp_path: Path) -> None:
-    """Mutant killed: times with few digits taken as they stand."""
     third = (0.3 + np.arange(240) / 300)[GAPS]
     save(tmp_path, "r.csv", t=np.round(third, 6), w=SPEED[GAPS])
     experiment = read_measured(tmp_path)
@@ -192,7 +191,7 @@ def test_missing_samples_are_left_out_on_request(tmp_path: Path) -> None:
 def test_missing_samples_of_an_input_are_bridged_as_it_is_held(
     hold: str, bridged: list[float], first: int, last: int | None, tmp_path: Path
 ) -> None:
-    """Not at an end where nothing holds them.  Mutant killed: the hold of the other kind."""
+    """Not at an end where nothing holds them."""
     supply = SUPPLY.copy()
     supply[[30, 33]] = 5.0, 11.0
     save(tmp_path, "r.csv", t=T, w=SPEED, u=with_blanks(supply, 31, 32))
@@ -215,7 +214,7 @@ def test_missing_samples_of_an_input_are_bridged_as_it_is_held(
 
 
 def test_between_several_windows_the_rig_goes_on(tmp_path: Path) -> None:
-    """Times and inputs stay, samples do not.  Mutant killed: samples between windows used."""
+    """Times and inputs stay, samples do not."""
     supply = ("inputs: {v: 8}", "inputs: {v: {column: u, unit: V}}")
     windows = "  window: [[0.5, 0.7], [1.2, 1.25], [2.0, 2.4]]\n"
     experiment = load_measured(tmp_path, ("  file: r.csv\n", f"  file: r.csv\n{windows}"), supply)

@@ -91,7 +91,6 @@ def test_measured_inputs_are_converted_to_si(tmp_path: Path) -> None:
 def test_an_imposed_angle_is_its_speed_between_samples(
     column: str, wraps: str, tmp_path: Path
 ) -> None:
-    """Mutants killed: the angle for its speed, a start at zero."""
     entry = f"theta_2: {{column: {column}, unit: deg{wraps}}}"
     problem = prepare(write_shaft(tmp_path, (TOP, entry))).problem
     experiment, rates = problem.experiment, np.diff(TOP_ANGLE) / np.diff(DRILL_T)

@@ -82,7 +82,6 @@ def test_simulated_records_differ_by_seed_and_obey_the_truth(tmp_path: Path) -> 
 
 
 def test_added_physics_is_simulated(tmp_path: Path) -> None:
-    """Mutant killed: a rig that is simulated without what the config adds."""
     c_s = "c_s: {prior: log_uniform, low: 1.0e-4, high: 0.1}"
     truth = "{duration: 4.0, rate: 40, c_s: 0.02}"
     path = write_composed(tmp_path, c_s, "r_s: r_m/3", simulation=truth)

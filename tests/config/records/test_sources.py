@@ -117,7 +117,6 @@ def test_filtered_samples_stay_at_their_times(tmp_path: Path) -> None:
 
 
 def test_inputs_stay_at_every_time_when_channels_are_decimated(tmp_path: Path) -> None:
-    """Mutant killed: inputs thinned like channels, so that steps between samples are lost."""
     save(tmp_path, "r.csv", t=LONG, w=SLOW, u=STEP)
     experiment = read_measured(tmp_path, FILTERED, v="{column: u, unit: V}")
     assert experiment.series["v"].tolist() == STEP.tolist()
@@ -126,7 +125,6 @@ def test_inputs_stay_at_every_time_when_channels_are_decimated(tmp_path: Path) -
 
 
 def test_without_a_filter_samples_are_left_as_measured(tmp_path: Path) -> None:
-    """Mutants killed: a filter all the same, samples of a grid of their own beyond a gap."""
     noisy = SLOW + FAST
     save(tmp_path, "r.csv", t=LONG[GAP], w=noisy[GAP])
     experiment = read_measured(tmp_path, PLAIN)

@@ -1,8 +1,4 @@
-"""A described drive train becomes a posterior: its density is that of its equations, typed anew.
-
-Mutants killed: a gear upside down, the unit of a position taken for that of an angle, an imposed
-position without its start.
-"""
+"""A described drive train becomes a posterior: its density is that of its equations, typed anew."""
 
 from __future__ import annotations
 

@@ -201,7 +201,6 @@ def test_free_states_are_as_wide_as_the_channels(tmp_path: Path) -> None:
 
 
 def test_free_states_allow_for_the_gain_of_their_sensor(tmp_path: Path) -> None:
-    """Mutant killed: a start with the sign of its sensor."""
     turned = ("column: theta_1, unit: deg,", "column: theta_1, unit: deg, gain: -2.0,")
     before, after = (
         pair(

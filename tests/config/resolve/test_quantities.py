@@ -44,7 +44,6 @@ def differenced(space: ParameterSpace, theta: np.ndarray) -> np.ndarray:
 
 
 def test_tied_parameters_follow_from_parameters_and_quantities(space: ParameterSpace) -> None:
-    """Mutant killed: a relation ignored."""
     assert space.free == ("j_m", "c_m", "k_e", "r_m", "l_m", "j_1", "t_f", "G", "d")
     assert space.fixed == {"L": 2.4}
     theta = space.draw(5, np.random.default_rng(1))
@@ -59,11 +58,7 @@ def test_tied_parameters_follow_from_parameters_and_quantities(space: ParameterS
 
 
 def test_slopes_are_those_of_differences(space: ParameterSpace, tmp_path: Path) -> None:
-    """Of products of powers, and of a sum, which is none.
-
-    Mutants killed: only the parameters that are unknown themselves have a slope; all points of a
-    batch have that of the first.
-    """
+    """Of products of powers, and of a sum, which is none."""
     theta = space.draw(4, np.random.default_rng(2))
     assert space.slopes(theta) == pytest.approx(differenced(space, theta), rel=1e-8, abs=1e-15)
     of_sum = changed(tmp_path, SUM).problem.posterior.space

@@ -105,7 +105,7 @@ LAGGED = (LOAD, f"{LOAD}, lag: {{prior: uniform, low: -40, high: 60, unit: ms}}"
 
 
 def test_one_measured_input_has_the_delay_of_all(tmp_path: Path) -> None:
-    """Of several, each has its own lag.  Mutant killed: the lag of one input for the delay of all."""
+    """Of several, each has its own lag."""
     alone = ("w_2: {column: top, unit: rpm}", "w_2: 9.0")
     sensing = prepare(write_shaft(tmp_path, alone, LAGGED)).problem.observations[0].response.sensing
     assert (sensing.delay, sensing.input_lags) == ("lag_t_1", {})
@@ -119,7 +119,7 @@ def test_one_measured_input_has_the_delay_of_all(tmp_path: Path) -> None:
 
 def test_samples_that_a_late_input_leaves_undetermined_are_left_out(tmp_path: Path) -> None:
     """A moving rig's first 60 ms, which a torque from before the record may have moved, and the last 40,
-    whose torque may stand after its end.  Mutant killed: samples after the last that an input tells.
+    whose torque may stand after its end.
     """
     start, truth = (
         next(f"{line}\n" for line in write_shaft(tmp_path).read_text().splitlines() if key in line)
