@@ -16,7 +16,7 @@ from bayesdrill.inference import derived
 from bayesdrill.rig.models.linear import Linear, Model, dynamics
 from bayesdrill.rig.models.motor_shaft import MotorShaft, TwoRotors
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 
 
 def test_poles_of_a_rig_that_its_angles_hold_are_all_of_them() -> None:
