@@ -77,22 +77,18 @@ def test_a_voltage_drives_it_through_its_circuit() -> None:
 
 
 def test_it_is_the_papers_rig_without_shaft_and_rotor() -> None:
-    rig = with_named(Motor(1 / 8), {*NOMINAL} - {"k_s", "j_1"})
-    whole, alone = MotorShaft().linear(NOMINAL | {"k_s": 1e-300}), rig.linear(NOMINAL)
-    kept = [MotorShaft.states.index(name) for name in rig.states]
-    assert dynamics(alone, rig.states, 1)[0] == pytest.approx(
-        dynamics(whole, MotorShaft.states, 1)[0][np.ix_(kept, kept)]
-    )
-    assert alone.c == whole.c
-    assert dict(alone.B) == {key: x for key, x in whole.B.items() if key == ("i", "v")}
-
-
-def test_with_shaft_and_rotor_it_is_the_papers_rig() -> None:
-    """Mutants killed: a shaft at the wrong side of the gear; a rotor without the twist."""
-    rig, plain = with_named(Motor(1 / 8), NOMINAL), MotorShaft()
-    at = [rig.states.index(name) for name in plain.states]
-    found = dynamics(rig.linear(NOMINAL), rig.states, 1)[0][np.ix_(at, at)]
-    assert found == pytest.approx(dynamics(plain.linear(NOMINAL), plain.states, 1)[0], rel=1e-12)
+    """And with both it is that rig.  Mutants killed: a shaft at the wrong side of the gear; a rotor
+    without the twist.
+    """
+    alone, whole = with_named(Motor(1 / 8), {*NOMINAL} - {"k_s", "j_1"}), MotorShaft()
+    full = with_named(Motor(1 / 8), NOMINAL)
+    for rig, states, k_s in ((alone, alone.states, 1e-300), (full, whole.states, NOMINAL["k_s"])):
+        own, at = ([x.states.index(name) for name in states] for x in (rig, whole))
+        linear, paper = rig.linear(NOMINAL), whole.linear(NOMINAL | {"k_s": k_s})
+        expected = dynamics(paper, whole.states, 1)[0][np.ix_(at, at)]
+        assert dynamics(linear, rig.states, 1)[0][np.ix_(own, own)] == pytest.approx(expected)
+        assert linear.c == paper.c
+    assert dict(alone.linear(NOMINAL).B) == {("i", "v"): whole.linear(NOMINAL).B["i", "v"]}
 
 
 def test_dry_friction_lets_it_stand_until_the_torque_is_larger() -> None:
