@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -158,29 +159,6 @@ def test_rigs_under_other_inputs(seeds: range) -> None:
     assert max(wrong.values()) < 1e-9
 
 
-@pytest.mark.parametrize(
-    ("first_order", "start"), [(False, {"theta_1": 3.0, "w_2": 5.0, "i": 1.0}), (True, {})]
-)
-def test_inputs_and_starts_of_all_kinds(first_order: bool, start: dict[str, float]) -> None:
-    response = measured(801, first_order=first_order, start=start)
-    points = near(40, seed=8)
-    mine = made(response, points)
-    assert np.allclose(mine.squares(points), response.squares(points), rtol=1e-9, atol=0)
-    assert not mine.beyond(*mine.expanded(points)).any()
-
-
-def test_samples_that_are_missing_count_for_nothing() -> None:
-    response = measured(1201)
-    y = response.experiment.y.copy()
-    y[:, 0][np.random.default_rng(9).random(len(y)) < 0.4] = np.nan
-    y[100:300] = np.nan
-    gaps = dataclasses.replace(response.experiment, y=y)
-    points, exact = near(40, seed=10), simulator(MotorShaft(), gaps, ObservationModel())
-    assert np.allclose(
-        made(exact, points).squares(points), exact.squares(points), rtol=1e-9, atol=0
-    )
-
-
 def of_neighbours(response: Simulator, points: np.ndarray) -> CompressedSimulator:
     """Compressed with sums of steps and ends, as noise that remembers wants them."""
     k = response.experiment.y.shape[1]
@@ -220,27 +198,6 @@ def test_steps_and_ends_are_those_of_the_exact_simulator(thinned: bool) -> None:
             assert np.abs(computed - true).max() < 1e-7 * np.abs(true).max()
 
 
-def test_sensors_with_gains_and_offsets_and_a_steady_start() -> None:
-    sensing = ObservationModel(
-        gains={"w_1": "gain"}, offsets={"w_2": "offset"}, input_offsets={"v": "bias"}, steady=True
-    )
-    response = measured(901)
-    exact = simulator(MotorShaft(), response.experiment, sensing)
-    rng = np.random.default_rng(11)
-    more = np.array([1.1, 0.2, 0.3]) + 0.01 * rng.standard_normal((40, 3))
-    points = np.concatenate([near(40, seed=12), more], axis=1)
-    mine = made(exact, points)
-    assert np.allclose(mine.squares(points), exact.squares(points), rtol=1e-9, atol=0)
-    along = rng.standard_normal((40, 3, points.shape[1])) * points[:, None, :]
-    scales = np.full((40, 5), 1 / SIGMA)
-    for computed, true in zip(
-        mine.normal(points, along, scales[..., None] ** 2),
-        exact.normal(points, along, scales[..., None] ** 2),
-        strict=True,
-    ):
-        assert np.abs(computed - true).max() < 1e-7 * np.abs(true).max()
-
-
 def imposed(changes: np.ndarray, *, critical: bool = False) -> tuple[Response, np.ndarray]:
     """A shaft that is turned at its end, and rigs whose damping at the rotor has these changes."""
     n, rng = 1501, np.random.default_rng(13)
@@ -261,11 +218,62 @@ def imposed(changes: np.ndarray, *, critical: bool = False) -> tuple[Response, n
     return Response(model, dataclasses.replace(record, y=y)), points[order]
 
 
-def test_another_rig_whose_motor_is_imposed() -> None:
-    response, points = imposed(0.01 * np.random.default_rng(14).standard_normal(40))
+def with_gaps() -> Response:
+    """A record in which one channel misses many samples, and all channels some."""
+    response = measured(1201)
+    y = response.experiment.y.copy()
+    y[:, 0][np.random.default_rng(9).random(len(y)) < 0.4] = np.nan
+    y[100:300] = np.nan
+    return Response(MotorShaft(), dataclasses.replace(response.experiment, y=y))
+
+
+def sensed() -> tuple[Response, np.ndarray]:
+    """A rig with gains and offsets of its sensors and a steady start."""
+    sensing = ObservationModel(
+        gains={"w_1": "gain"}, offsets={"w_2": "offset"}, input_offsets={"v": "bias"}, steady=True
+    )
+    rng = np.random.default_rng(11)
+    more = np.array([1.1, 0.2, 0.3]) + 0.01 * rng.standard_normal((40, 3))
+    rig = Response(MotorShaft(), measured(901).experiment, sensing)
+    return rig, np.concatenate([near(40, seed=12), more], axis=1)
+
+
+def critical() -> tuple[Response, np.ndarray]:
+    """Rigs to both sides of critical damping, c_1 = 2 sqrt(k_s j_1); the reference is on the edge."""
+    response, points = imposed(np.linspace(-0.02, 0.02, 41), critical=True)
+    poles = np.linalg.eigvals(ObservedWalkers(response.sensors, points).system[0])
+    assert 0.3 < np.mean((poles.imag != 0).any(axis=1)) < 0.7
+    return response, points
+
+
+MOVING = {"theta_1": 3.0, "w_2": 5.0, "i": 1.0}
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: (measured(801, first_order=False, start=MOVING), near(40, seed=8)),
+        lambda: (measured(801, first_order=True, start={}), near(40, seed=8)),
+        lambda: (with_gaps(), near(40, seed=10)),
+        sensed,
+        lambda: imposed(0.01 * np.random.default_rng(14).standard_normal(40)),
+        critical,
+    ],
+    ids=["moving start", "straight inputs", "gaps", "sensors", "imposed speed", "critical"],
+)
+def test_sums_are_those_of_the_exact_simulator(
+    make: Callable[[], tuple[Response, np.ndarray]],
+) -> None:
+    response, points = make()
     mine = made(response, points)
     assert not mine.beyond(*mine.expanded(points)).any()
     assert np.allclose(mine.squares(points), response.squares(points), rtol=1e-9, atol=0)
+    rng, (n, p) = np.random.default_rng(15), points.shape
+    along = rng.standard_normal((n, 3, p)) * points[:, None, :]
+    weights = np.full((n, response.experiment.y.shape[1], 1), SIGMA**-2)
+    normal = (simulated.normal(points, along, weights) for simulated in (mine, response))
+    for computed, true in zip(*normal, strict=True):
+        assert np.abs(computed - true).max() < 1e-7 * np.abs(true).max()
 
 
 @settings(max_examples=60, deadline=None)
@@ -325,16 +333,6 @@ def test_what_is_no_density_needs_no_samples_of_rigs_far_away(one: CompressedSim
     some = one.normal(points, along[:8], weights[:8])
     for found, expected in zip(alone.normal(points, along[:8], weights[:8]), some, strict=True):
         assert np.array_equal(found, expected)
-
-
-def test_a_pair_of_poles_that_becomes_two_real_ones() -> None:
-    """Rigs to both sides of critical damping, c_1 = 2 sqrt(k_s j_1); the reference is on the edge."""
-    response, points = imposed(np.linspace(-0.02, 0.02, 41), critical=True)
-    poles = np.linalg.eigvals(ObservedWalkers(response.sensors, points).system[0])
-    assert 0.3 < np.mean((poles.imag != 0).any(axis=1)) < 0.7
-    mine = made(response, points)
-    assert not mine.beyond(*mine.expanded(points)).any()
-    assert np.allclose(mine.squares(points), response.squares(points), rtol=1e-9, atol=0)
 
 
 def test_what_cannot_be_compressed_says_why() -> None:

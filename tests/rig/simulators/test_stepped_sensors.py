@@ -12,7 +12,6 @@ from support.friction_cases import CASES, Case, moved, moved_of
 from support.friction_oracle import STATES, Moved, simulate
 from support.stepped_friction import experiment_of, model_of, parameters, stepped
 
-from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators.sensors import ObservationModel
 from bayesdrill.rig.simulators.stepped import Stepped
 
@@ -197,18 +196,3 @@ def test_slopes_are_those_of_its_own_signals(name: str) -> None:
         close = np.abs(exact[0, q] - rough[q]) < 1e-4 * size + 1e-7
         # A held voltage that jumps between the two sides leaves no slope there.
         assert close.mean() > (0.9 if "lag" in one else 0.97), one
-
-
-def test_an_input_with_a_lag_steps_a_rig_that_does_not_rub() -> None:
-    """Exactly, where the lag is whole steps."""
-    case = CASES["other"]
-    plain = dataclasses.replace(case.rig, p={n: x for n, x in case.rig.p.items() if n[:2] != "t_"})
-    p = {**plain.p, "t_f": 0.01, "v_d": 0.0, "eta": 1.0}
-    names = ("c_s", "j_2", "r_s", "c_1")
-    rig = dataclasses.replace(plain, p=p)
-    model = MotorShaft(i_m=rig.i_m, added=tuple(n for n in MotorShaft.offers if n in names))
-    record = experiment_of(case, MEASURES)
-    full = np.array([[*(p[name] for name in model.parameters), 0.016]])
-    found = Stepped(model, record, ObservationModel(input_lags={"v": "late"}), 1).signals(full)[0]
-    other = dataclasses.replace(case, rig=rig)
-    assert near(found, channels(_felt(other, case.v, 0.016)), 1e-8)
