@@ -79,7 +79,7 @@ def test_the_folder_is_that_of_the_variable_or_of_the_user() -> None:
     assert "bayesdrill" in str(user_cache({}).folder)
 
 
-def test_a_flipped_byte_anywhere_is_found(kept: CodeCache) -> None:
+def test_a_file_that_differs_in_any_byte_or_length_is_refused(kept: CodeCache) -> None:
     """And a file that is cut short anywhere, or has more at its end."""
     path = file_of(kept)
     whole = path.read_bytes()
@@ -127,7 +127,7 @@ def test_what_belongs_to_another_is_refused(kept: CodeCache, tmp_path: Path) -> 
     assert len(list(folder_of(kept).iterdir())) == 1
 
 
-def test_what_is_no_file_of_the_user_alone_is_not_read(kept: CodeCache, tmp_path: Path) -> None:
+def test_only_a_plain_file_of_the_user_alone_is_read(kept: CodeCache, tmp_path: Path) -> None:
     """One that others may read or write, a link, a folder, a pipe, at which a process would wait."""
     path, elsewhere = file_of(kept), tmp_path / "elsewhere"
     for mode in (0o644, 0o620, 0o602):

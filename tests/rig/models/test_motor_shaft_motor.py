@@ -37,7 +37,7 @@ def driven(rig: Motor, **inputs: float | np.ndarray) -> Experiment:
     return experiment(N, DT, constant=constant, series=series, start=start, measures=measures)
 
 
-def test_a_torque_brings_it_to_speed_as_an_exponential() -> None:
+def test_a_torque_brings_the_motor_to_speed_as_an_exponential() -> None:
     """Speeds and angles in closed form, before and after a step of the torque, behind a gear of 4:1.
 
     Mutants killed: the torque not seen through the gear, friction that helps.
@@ -59,7 +59,7 @@ def test_a_torque_brings_it_to_speed_as_an_exponential() -> None:
     assert found == pytest.approx(np.vstack([first, then]), rel=1e-10)
 
 
-def test_a_voltage_drives_it_through_its_circuit() -> None:
+def test_a_voltage_drives_the_motor_through_its_circuit() -> None:
     """Mutants killed: the gear twice in the current, the resistance in series left out."""
     i_m, r_s, j_2 = 0.2, 0.13, 3e-3
     rig, theta = motor(i_m, **P, **CIRCUIT, r_s=r_s, j_2=j_2)
@@ -76,7 +76,7 @@ def test_a_voltage_drives_it_through_its_circuit() -> None:
     assert found == pytest.approx(exact, rel=1e-9, abs=1e-9)
 
 
-def test_it_is_the_papers_rig_without_shaft_and_rotor() -> None:
+def test_the_motor_is_the_papers_rig_without_shaft_and_rotor() -> None:
     """And with both it is that rig.  Mutants killed: a shaft at the wrong side of the gear; a rotor
     without the twist.
     """
@@ -91,7 +91,7 @@ def test_it_is_the_papers_rig_without_shaft_and_rotor() -> None:
     assert dict(alone.linear(NOMINAL).B) == {("i", "v"): whole.linear(NOMINAL).B["i", "v"]}
 
 
-def test_dry_friction_lets_it_stand_until_the_torque_is_larger() -> None:
+def test_dry_friction_holds_the_motor_until_the_torque_is_larger() -> None:
     """It stands, breaks loose, and comes to rest again: SciPy between the events, which are known."""
     rig, theta = motor(j_m=1.4e-4, c_m=9.3e-5, t_cm=0.04)
     torque = np.where(T < 1.0, 0.03, np.where(T < 2.5, 0.06, 0.0))
@@ -113,7 +113,7 @@ def test_dry_friction_lets_it_stand_until_the_torque_is_larger() -> None:
     assert (found[(T > 2.5) & (2.5 + stop - DT > T), 1] > 0.0).all()
 
 
-def test_half_a_circuit_is_none() -> None:
+def test_a_motor_with_half_a_circuit_asks_for_the_rest() -> None:
     rig = with_named(Motor(), ("k_e", "r_m", "v_d"))
     assert rig.inputs == ("t_m",)
     assert missing_requirements(rig) == {

@@ -88,7 +88,7 @@ def test_log_likelihoods_are_those_of_80_bit_simulation(one: CompressedSimulator
     assert np.abs(one.squares(points) - truth).max() < exact
 
 
-def test_a_current_that_follows_at_once() -> None:
+def test_sums_are_exact_where_the_current_follows_at_once() -> None:
     """Of a rig whose fastest pole is beyond any number of terms that is not chosen by its size."""
     points = near(64)
     points[:, ORDER.index("l_m")] = 1e-10
@@ -140,7 +140,7 @@ def test_rigs_that_hardly_damp_beside_a_slow_pole_have_a_bound() -> None:
 @pytest.mark.parametrize(
     "seeds", [range(20, 36, 5), pytest.param(range(20, 40), marks=pytest.mark.slow)], ids=len
 )
-def test_rigs_under_other_inputs(seeds: range) -> None:
+def test_errors_of_sums_are_within_their_bounds_for_other_rigs_and_inputs(seeds: range) -> None:
     """Against 80-bit simulation at draws of the posterior."""
     wrong = {}
     for seed in seeds:
@@ -280,7 +280,7 @@ def test_sums_are_those_of_the_exact_simulator(
 @given(
     spread=st.floats(-4.0, -0.5), seed=st.integers(0, 2**31), column=st.integers(0, len(ORDER) - 1)
 )
-def test_nothing_is_beyond_its_bound(
+def test_errors_of_sums_are_within_their_bounds(
     one: CompressedSimulator, spread: float, seed: int, column: int
 ) -> None:
     points = near(8, 10.0**spread, seed)
@@ -310,7 +310,7 @@ def test_rigs_far_away_have_the_exact_simulator(one: CompressedSimulator) -> Non
         assert np.array_equal(mine[1:], exact[1:])
 
 
-def test_what_is_no_density_needs_no_samples_of_rigs_far_away(one: CompressedSimulator) -> None:
+def test_sums_without_a_bound_need_no_samples_of_rigs_far_away(one: CompressedSimulator) -> None:
     """However far, on the ridge of a symmetry too, where poles are the very same and states are not.
 
     Mutant killed: rigs far away ask for all samples where any sums will do.
@@ -389,7 +389,7 @@ def test_pairs_whose_turns_are_known_too_little_are_refused() -> None:
         basis_of(turning(0.3, 0.1, 0.5), np.zeros((2, 0)), 1e-12)
 
 
-def test_a_reference_does_not_know_how_far_it_has_turned() -> None:
+def test_speeds_of_a_free_train_do_not_depend_on_its_angle() -> None:
     """Nothing holds a train, so its speeds are the same at any angle.
 
     Mutant killed: entries of plain numbers, whose rounding is a spring to ground.
@@ -413,7 +413,7 @@ def test_a_reference_does_not_know_how_far_it_has_turned() -> None:
     assert np.abs(found[1] - found[0]).max() < 1e-9
 
 
-def test_states_in_stretches_are_those_of_single_steps() -> None:
+def test_states_in_blocks_are_those_of_single_steps() -> None:
     rng = np.random.default_rng(18)
     for n in (1, 7, 1024, 2500):
         fall = 0.1 * rng.standard_normal((3, 3)).astype(np.longdouble)

@@ -119,7 +119,7 @@ def test_the_likelihood_is_that_of_all_samples_together(
 
 
 @run_cases("at, smooth", EVERY)
-def test_gaps_uneven_times_and_a_start_before_the_first_sample(
+def test_the_likelihood_allows_gaps_uneven_times_and_an_early_start(
     at: TorqueLocation, smooth: Smoothness
 ) -> None:
     """What was not measured has no term, and every step has its own length."""
@@ -173,7 +173,7 @@ def assert_one_gain_is_enough(
         for time in [2e-3, 0.5, 60.0]
     ],
 )
-def test_one_gain_is_as_good_as_all_of_them(
+def test_one_gain_gives_the_likelihood_of_all_gains(
     measures: dict[str, dict[str, float]], size: float, time: float
 ) -> None:
     """However little a torque does and however long it stays; also where no angle is seen by itself."""
@@ -212,7 +212,7 @@ def test_slopes_are_those_of_differences(at: TorqueLocation, smooth: Smoothness)
 
 
 @run_cases("at, smooth", EVERY)
-def test_draws_are_of_the_covariance(at: TorqueLocation, smooth: Smoothness) -> None:
+def test_draws_have_the_covariance_of_the_samples(at: TorqueLocation, smooth: Smoothness) -> None:
     """20000 of them: a standard error of 1 % of each variance, and of 0.7 % of what they are apart."""
     one = experiment(12, 0.1, first=0.2, measures=MEASURES)
     found, of, rows = made(at, smooth, one)
@@ -224,7 +224,7 @@ def test_draws_are_of_the_covariance(at: TorqueLocation, smooth: Smoothness) -> 
 
 
 @run_cases("at, smooth", EVERY)
-def test_smoothing_is_what_is_expected_of_the_torque(
+def test_smoothing_gives_the_conditional_mean_of_the_torque(
     at: TorqueLocation, smooth: Smoothness
 ) -> None:
     """By covariances of torque and samples: that of a channel which shows the torque alone."""
@@ -246,7 +246,7 @@ def test_smoothing_is_what_is_expected_of_the_torque(
 
 
 @run_cases("measures", [MEASURES, {"w_2": {"w_2": 1.0}}])
-def test_a_rig_that_an_angle_holds_is_not_taken_for_one_that_turns(
+def test_one_gain_serves_a_rig_whose_angle_is_held(
     measures: dict[str, dict[str, float]],
 ) -> None:
     one = experiment(80, 0.02, measures=measures)
@@ -281,7 +281,7 @@ def test_times_of_too_many_steps_are_refused() -> None:
         step_lengths(dataclasses.replace(one, t=t))
 
 
-def test_it_goes_to_another_process_without_what_is_compiled() -> None:
+def test_a_pickled_filter_gives_the_same_density() -> None:
     one = experiment(20, measures=MEASURES)
     found, _, _ = made("motor", "1/2", one)
     left = drawn(one)

@@ -12,6 +12,7 @@ from support.friction_cases import CASES, Case, moved, moved_of
 from support.friction_oracle import STATES, Moved, simulate
 from support.stepped_friction import experiment_of, model_of, parameters, stepped
 
+from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators.sensors import ObservationModel
 from bayesdrill.rig.simulators.stepped import Stepped
 
@@ -54,7 +55,7 @@ def some(case: Case, *, jitter: float) -> np.ndarray:
 @pytest.mark.parametrize(
     "name", [pytest.param(n, marks=[pytest.mark.slow] * (n != "static")) for n in UNEVEN]
 )
-def test_samples_at_any_times(name: str, jitter: float) -> None:
+def test_signals_at_uneven_times_and_gaps_are_those_of_the_oracle(name: str, jitter: float) -> None:
     """Of a voltage that changes with them: what is held is held from sample to sample."""
     case = CASES[name]
     moves = some(case, jitter=jitter)
@@ -76,7 +77,7 @@ def test_samples_at_any_times(name: str, jitter: float) -> None:
     assert off[1] < 0.5 * off[0]
 
 
-def test_lag_gain_and_offset_of_each_channel() -> None:
+def test_each_channel_has_its_own_lag_gain_and_offset() -> None:
     """Mutants killed: a lag of the wrong sign, an offset that the gain multiplies."""
     case = CASES["static"]
     step = case.t[1] - case.t[0]
@@ -99,7 +100,7 @@ def test_lag_gain_and_offset_of_each_channel() -> None:
 
 @pytest.mark.parametrize("name", ["static", pytest.param("other", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("lag", [0.0123, pytest.param(0.02, marks=pytest.mark.slow), -0.0071])
-def test_an_input_that_is_felt_late(name: str, lag: float) -> None:
+def test_an_input_with_a_lag_acts_later(name: str, lag: float) -> None:
     """The rig feels now what the record has shown then; before it, and behind it, what is there first
     and last.  Mutant killed: a lag that goes the other way.
     """
@@ -131,7 +132,7 @@ def _felt(case: Case, v: np.ndarray, lag: float) -> Moved:
     )
 
 
-def test_what_the_supply_adds_and_where_it_starts() -> None:
+def test_gain_and_offset_of_the_voltage_and_unknown_starts_move_the_rig() -> None:
     """Gain and offset of the voltage, and states of the start that are parameters."""
     case = CASES["static"]
     starts = {"theta_2": 0.4, "w_1": -2.0, "i": 0.3}
@@ -149,7 +150,7 @@ def test_what_the_supply_adds_and_where_it_starts() -> None:
     assert near(found, channels(other.moved()), 2e-3)
 
 
-def test_a_start_before_the_first_sample() -> None:
+def test_the_rig_moves_from_a_start_before_the_first_sample() -> None:
     """Under the first voltage, from where the config says; here off the grid of the samples."""
     case = CASES["sine"]
     later = case.t[37:] - 0.0043
@@ -196,3 +197,18 @@ def test_slopes_are_those_of_its_own_signals(name: str) -> None:
         close = np.abs(exact[0, q] - rough[q]) < 1e-4 * size + 1e-7
         # A held voltage that jumps between the two sides leaves no slope there.
         assert close.mean() > (0.9 if "lag" in one else 0.97), one
+
+
+def test_a_lag_of_whole_steps_is_exact_for_a_rig_without_friction() -> None:
+    """Exactly, where the lag is whole steps."""
+    case = CASES["other"]
+    plain = dataclasses.replace(case.rig, p={n: x for n, x in case.rig.p.items() if n[:2] != "t_"})
+    p = {**plain.p, "t_f": 0.01, "v_d": 0.0, "eta": 1.0}
+    names = ("c_s", "j_2", "r_s", "c_1")
+    rig = dataclasses.replace(plain, p=p)
+    model = MotorShaft(i_m=rig.i_m, added=tuple(n for n in MotorShaft.offers if n in names))
+    record = experiment_of(case, MEASURES)
+    full = np.array([[*(p[name] for name in model.parameters), 0.016]])
+    found = Stepped(model, record, ObservationModel(input_lags={"v": "late"}), 1).signals(full)[0]
+    other = dataclasses.replace(case, rig=rig)
+    assert near(found, channels(_felt(other, case.v, 0.016)), 1e-8)
