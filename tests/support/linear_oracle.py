@@ -1,7 +1,7 @@
 """The oracle of all simulators of linear rigs: what sensors show, in 80-bit numbers, step by step.
 
-Of the package it takes the matrices of a rig alone; `rig/test_composed.py` and
-`rig/test_equations.py` hold these against the balances of the bodies.
+Of the package it takes the matrices of a rig alone; `rig/models/test_motor_shaft.py` and
+`rig/models/test_equations.py` hold these against the balances of the bodies.
 """
 
 from __future__ import annotations

@@ -1,30 +1,20 @@
-"""A rig that is composed: each added physics against the balances of motor, gear, shaft and rotor.
-
-Mutants killed: the gear once or not at all at j_2 and c_s; a damping on one side alone; Stribeck at the
-speed of the shaft; a column of friction with the wrong inertia; an operation more for what is not named.
-"""
+"""A rig that is composed: each added physics against the balances of motor, gear, shaft and rotor."""
 
 from __future__ import annotations
 
 import math
-import re
-from collections import Counter
-from dataclasses import dataclass
-from typing import Any, ClassVar
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from support.case_tables import run_cases
-from support.scipy_oracles import ORDER, skewed
-from support.small_problems import STATES, experiment
+from support.scipy_oracles import NOMINAL, ORDER, skewed
+from support.small_problems import STATES
 
-from bayesdrill.rig.kernels.lanes import Module
-from bayesdrill.rig.kernels.linear import SUMS, write_linear
-from bayesdrill.rig.kernels.sums import SQUARES
+import bayesdrill as bd
 from bayesdrill.rig.models import linear
-from bayesdrill.rig.models.linear import Linear, Model, dynamics
-from bayesdrill.rig.models.motor_shaft import OFFERS, MotorShaft, TwoRotors
-from bayesdrill.rig.simulators.linear import Response
+from bayesdrill.rig.models.linear import Model, dynamics
+from bayesdrill.rig.models.motor_shaft import OFFERS, DrivenShaft, Motor, MotorShaft, TwoRotors
 from bayesdrill.rig.simulators.sensors import ObservationModel, observed_model
 
 I_M = 0.2
@@ -84,7 +74,7 @@ def vector(rig: Model, p: dict[str, float]) -> np.ndarray:
 
 
 @run_cases("added", [*LINEAR, tuple(OFFERS)])
-def test_it_is_what_the_balances_of_its_bodies_give(added: tuple[str, ...]) -> None:
+def test_the_matrices_are_those_of_the_balances_of_the_bodies(added: tuple[str, ...]) -> None:
     p, rig = parameters(added), MotorShaft(I_M, added=added)
     linear = rig.linear(p)
     a, still, columns = by_hand(p)
@@ -98,82 +88,27 @@ def test_it_is_what_the_balances_of_its_bodies_give(added: tuple[str, ...]) -> N
 
 def test_an_inertia_and_a_resistance_more_are_those_of_the_motor() -> None:
     """Only the sums show: what one has more, the other has less."""
-    record = experiment(61, 0.03, start=START)
     rig, p = MotorShaft(I_M, added=("j_2", "r_s")), parameters(("j_2", "r_s"))
     moved = p | {"j_2": p["j_2"] - 2e-3, "j_m": p["j_m"] + I_M**2 * 2e-3}
     moved |= {"r_s": p["r_s"] - 0.13, "r_m": p["r_m"] + 0.13}
     lumped = p | {"j_m": p["j_m"] + I_M**2 * p["j_2"], "r_m": p["r_m"] + p["r_s"]}
-    whole = Response(rig, record).signals(vector(rig, p))[0]
-    scale = np.abs(whole).max(axis=0)
-    assert Response(rig, record).signals(vector(rig, moved))[0] / scale == pytest.approx(
-        whole / scale, abs=1e-11
-    )
-    plain = MotorShaft(I_M)
-    assert Response(plain, record).signals(vector(plain, lumped))[0] / scale == pytest.approx(
-        whole / scale, abs=1e-11
-    )
+    whole = dynamics(rig.linear(p), STATES, 1)[0]
+    assert dynamics(rig.linear(moved), STATES, 1)[0] == pytest.approx(whole, rel=1e-12)
+    assert dynamics(MotorShaft(I_M).linear(lumped), STATES, 1)[0] == pytest.approx(whole, rel=1e-12)
     held = TwoRotors(I_M, p["j_2"], p["r_s"])
-    assert Response(held, record).signals(vector(held, p)).tobytes() == whole.tobytes()
+    assert held.linear(skewed()) == rig.linear(p)
     assert held.whole(skewed()) == {name: lumped[name] for name in ORDER}
 
 
-@dataclass(frozen=True, slots=True)
-class Plain(Model):
-    """The nine-parameter rig, written out."""
-
-    i_m: float = 1 / 8
-
-    name: ClassVar[str] = "plain"
-    declares: ClassVar[tuple[Any, ...]] = ()
-    parameters: ClassVar[tuple[str, ...]] = ORDER
-    states: ClassVar[tuple[str, ...]] = STATES
-    inputs: ClassVar[tuple[str, ...]] = ("v", "t_1")
-
-    def linear(self, p: Any) -> Linear:
-        i_m = self.i_m
-        rotor, shaft = p["k_s"] / p["j_1"], i_m**2 * p["k_s"] / p["j_m"]
-        return Linear(
-            A={
-                ("theta_1", "w_1"): 1.0,
-                ("theta_2", "w_2"): 1.0,
-                ("w_1", "theta_1"): -rotor,
-                ("w_1", "theta_2"): rotor,
-                ("w_2", "theta_1"): shaft,
-                ("w_2", "theta_2"): -shaft,
-                ("w_2", "w_2"): -p["c_m"] / p["j_m"],
-                ("w_2", "i"): i_m * p["k_T"] / p["j_m"],
-                ("i", "w_2"): -p["k_e"] / (i_m * p["l_m"]),
-                ("i", "i"): -p["r_m"] / p["l_m"],
-            },
-            B={("w_1", "t_1"): -1.0 / p["j_1"], ("i", "v"): 1.0 / p["l_m"]},
-            c={"w_2": -i_m * p["t_f"] / p["j_m"]},
-        )
+def test_what_is_not_named_has_no_entry() -> None:
+    """The nine-parameter rig has ten entries, each of which costs operations at every step."""
+    plain = MotorShaft().linear(skewed())
+    assert (len(plain.A), len(plain.B), len(plain.c)) == (10, 2, 1)
+    assert MotorShaft(stribeck=2).linear(skewed()) == plain
+    assert MotorShaft(added=("r_s",)).linear(skewed() | {"r_s": 0.0}).A.keys() == plain.A.keys()
 
 
-def code(rig: Model, series: bool) -> Counter[str]:
-    """What is handed to the compiler: how often each operation, whatever its numbers are called."""
-    u = {"v": np.ones(20)} if series else {}
-    simulator, module = Response(rig, experiment(20, start=START, series=u)), Module("rig")
-    write_linear(module, simulator._shape(SUMS, SQUARES, slopes=False))
-    return Counter(re.sub(r'%"[^"]*"', "%", line) for line in str(module).splitlines())
-
-
-@run_cases("series", [False, True])
-def test_what_is_not_named_costs_not_an_operation(series: bool) -> None:
-    assert code(MotorShaft(), series) == code(Plain(), series)
-    assert code(MotorShaft(added=("r_s",)), series) != code(Plain(), series)
-    assert MotorShaft(stribeck=2).linear(skewed()) == Plain().linear(skewed())
-    theta, record = vector(Plain(), skewed()), experiment(30, start=START)
-    for of in (
-        Response,
-        lambda rig, one: Response(rig, one, ObservationModel(delay="t_0")),
-    ):
-        full = theta if of is Response else np.append(theta, [[0.004]], axis=1)
-        one, other = of(MotorShaft(), record), of(Plain(), record)
-        assert one.signals(full).tobytes() == other.signals(full).tobytes()
-
-
-def test_its_frictions_have_the_laws_of_what_is_named() -> None:
+def test_frictions_have_the_laws_of_their_parameters() -> None:
     """Sizes by hand, at a speed of the shaft of 0.3 rad/s; the motor turns five times as fast."""
     every = {one.name: one for one in MotorShaft(I_M, 2, tuple(OFFERS)).frictions}
     assert list(every) == ["friction_m", "friction_1", "drop"]
@@ -230,3 +165,79 @@ def test_names_of_a_rig_and_of_its_kind() -> None:
     assert linear.missing_requirements(rig) == {"w_s1": ("t_c1", "t_s1")}
     assert linear.constants(rig) == {"i_m": 0.1, "stribeck": 2, "added": rig.added}
     assert linear.constants(MotorShaft()) == {"i_m": 0.125}
+
+
+# Responses: quadratic drag, and one more inertia on a spring.
+
+DT, N = 0.01, 200
+T = DT * np.arange(N)
+V = 6.0 * np.sign(np.sin(3.0 * T))
+
+
+def test_quadratic_drag_is_that_of_an_integration_by_other_code() -> None:
+    """Mutants killed: a drag that drives, one that is linear, the speed behind the gear at the motor."""
+    i_m, p = 1 / 8, {**NOMINAL, "t_f": 0.0, "d_1": 0.02, "d_m": 2e-6}
+    moved = bd.respond("motor_shaft", p, T, {"v": V}, ["w_1", "w_2"])
+
+    def rates(_: float, x: np.ndarray, v: float) -> list[float]:
+        theta_1, theta_2, w_1, w_2, i = x
+        drag_1, drag_m = p["d_1"] * abs(w_1) * w_1, p["d_m"] * abs(w_2 / i_m) * w_2 / i_m
+        twist = theta_1 - theta_2
+        return [
+            w_1,
+            w_2,
+            (-p["k_s"] * twist - drag_1) / p["j_1"],
+            (i_m**2 * p["k_s"] * twist - p["c_m"] * w_2 + i_m * (p["k_T"] * i - drag_m)) / p["j_m"],
+            (v - p["r_m"] * i - p["k_e"] * w_2 / i_m) / p["l_m"],
+        ]
+
+    x, found = np.zeros(5), []
+    for v in V:
+        found.append(x[2:4])
+        step = solve_ivp(rates, (0.0, DT), x, args=(v,), rtol=1e-9, atol=1e-9, method="LSODA")
+        x = step.y[:, -1]
+    w_1, w_2 = np.array(found).T
+    plain = bd.respond("motor_shaft", {**NOMINAL, "t_f": 0.0}, T, {"v": V}, ["w_1"])["w_1"]
+    assert np.abs(moved["w_1"] - plain).max() > 0.5
+    np.testing.assert_allclose(moved["w_1"], w_1, atol=2e-5 * np.ptp(w_1))
+    np.testing.assert_allclose(moved["w_2"], w_2, atol=2e-5 * np.ptp(w_2))
+
+
+def test_a_rotor_beyond_rotor_1_is_that_of_a_train() -> None:
+    beyond = {"j_0": 0.005, "k_0": 0.3, "c_0": 1e-3}
+    moved = bd.respond("motor_shaft", NOMINAL | beyond, T, {"v": V}, ["w_1", "w_2", "w_0"])
+    train = bd.Train(
+        inertias=("m", "r", "e"),
+        shafts={"s": ["m", "r"], "x": ["r", "e"]},
+        drives={"m": "voltage"},
+        added=("c_m", "t_f_m", "k_e_m", "l_m", "c_x"),
+    )
+    i_m, p = 1 / 8, NOMINAL
+    behind = {  # all of it as it is behind the gear
+        "j_m": p["j_m"] / i_m**2,
+        "c_m": p["c_m"] / i_m**2,
+        "t_f_m": p["t_f"] / i_m,
+        "k_T_m": p["k_T"] / i_m,
+        "k_e_m": p["k_e"] / i_m,
+        "r_m": p["r_m"],
+        "l_m": p["l_m"],
+    }
+    far = {"j_r": p["j_1"], "k_s": p["k_s"], "j_e": 0.005, "k_x": 0.3, "c_x": 1e-3}
+    same = bd.respond(train, behind | far, T, {"u_m": V}, ["w_r", "w_m", "w_e"])
+    for ours, theirs in zip(("w_1", "w_2", "w_0"), same, strict=True):
+        np.testing.assert_allclose(moved[ours], same[theirs], atol=1e-7)
+
+
+def test_states_come_with_what_is_added() -> None:
+    plain = ("theta_1", "theta_2", "w_1", "w_2", "i")
+    assert MotorShaft.states == MotorShaft().states == plain
+    assert MotorShaft(added=("k_0", "j_0")).states == (*plain, "theta_0", "w_0")
+    assert MotorShaft(added=("k_0",)).states == plain
+    assert "theta_0" in DrivenShaft(added=("k_0", "j_0")).states
+    assert Motor().states == ("theta_2", "w_2")
+
+
+def test_a_drag_is_referred_through_the_gear() -> None:
+    """At the motor it is that at the load times the cube of the reduction."""
+    rig = MotorShaft(i_m=0.1, added=("d_m",))
+    assert linear.gear_factor(rig, rig.symbols["d_m"], "load") == pytest.approx(1e-3)

@@ -55,7 +55,7 @@ def some(case: Case, *, jitter: float) -> np.ndarray:
 @pytest.mark.parametrize(
     "name", [pytest.param(n, marks=[pytest.mark.slow] * (n != "static")) for n in UNEVEN]
 )
-def test_samples_at_any_times(name: str, jitter: float) -> None:
+def test_signals_at_uneven_times_and_gaps_are_those_of_the_oracle(name: str, jitter: float) -> None:
     """Of a voltage that changes with them: what is held is held from sample to sample."""
     case = CASES[name]
     moves = some(case, jitter=jitter)
@@ -77,7 +77,7 @@ def test_samples_at_any_times(name: str, jitter: float) -> None:
     assert off[1] < 0.5 * off[0]
 
 
-def test_lag_gain_and_offset_of_each_channel() -> None:
+def test_each_channel_has_its_own_lag_gain_and_offset() -> None:
     """Mutants killed: a lag of the wrong sign, an offset that the gain multiplies."""
     case = CASES["static"]
     step = case.t[1] - case.t[0]
@@ -100,7 +100,7 @@ def test_lag_gain_and_offset_of_each_channel() -> None:
 
 @pytest.mark.parametrize("name", ["static", pytest.param("other", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("lag", [0.0123, pytest.param(0.02, marks=pytest.mark.slow), -0.0071])
-def test_an_input_that_is_felt_late(name: str, lag: float) -> None:
+def test_an_input_with_a_lag_acts_later(name: str, lag: float) -> None:
     """The rig feels now what the record has shown then; before it, and behind it, what is there first
     and last.  Mutant killed: a lag that goes the other way.
     """
@@ -132,7 +132,7 @@ def _felt(case: Case, v: np.ndarray, lag: float) -> Moved:
     )
 
 
-def test_what_the_supply_adds_and_where_it_starts() -> None:
+def test_gain_and_offset_of_the_voltage_and_unknown_starts_move_the_rig() -> None:
     """Gain and offset of the voltage, and states of the start that are parameters."""
     case = CASES["static"]
     starts = {"theta_2": 0.4, "w_1": -2.0, "i": 0.3}
@@ -150,7 +150,7 @@ def test_what_the_supply_adds_and_where_it_starts() -> None:
     assert near(found, channels(other.moved()), 2e-3)
 
 
-def test_a_start_before_the_first_sample() -> None:
+def test_the_rig_moves_from_a_start_before_the_first_sample() -> None:
     """Under the first voltage, from where the config says; here off the grid of the samples."""
     case = CASES["sine"]
     later = case.t[37:] - 0.0043
@@ -199,7 +199,7 @@ def test_slopes_are_those_of_its_own_signals(name: str) -> None:
         assert close.mean() > (0.9 if "lag" in one else 0.97), one
 
 
-def test_an_input_with_a_lag_steps_a_rig_that_does_not_rub() -> None:
+def test_a_lag_of_whole_steps_is_exact_for_a_rig_without_friction() -> None:
     """Exactly, where the lag is whole steps."""
     case = CASES["other"]
     plain = dataclasses.replace(case.rig, p={n: x for n, x in case.rig.p.items() if n[:2] != "t_"})

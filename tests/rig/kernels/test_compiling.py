@@ -44,7 +44,7 @@ def doubling() -> ir.Module:
     return module
 
 
-def test_code_that_is_kept_takes_little() -> None:
+def test_compiled_code_takes_little_memory() -> None:
     """Without the compiler's own tables, 0.8 MB an engine and 2 to 5 of those of a rig."""
     code = machine_code(doubling())
     first = link_code(code)
@@ -59,7 +59,7 @@ def test_code_that_is_kept_takes_little() -> None:
 
 
 @run_cases("n", (1, 8, 9, 20))
-def test_walkers_of_long_records_keep_to_themselves(n: int) -> None:
+def test_each_walker_gets_the_row_of_its_own_lane(n: int) -> None:
     """Long rows are copied in pieces.  Mutant killed: each group takes the rows of the first."""
     rng, size = np.random.default_rng(3), 2 * PIECE + 77
     out = rng.random((-(-n // LANES), size, LANES))

@@ -115,21 +115,16 @@ def two_gears(**entries) -> tuple[Train, np.ndarray]:
     return train, ratios
 
 
-def test_gears():
-    train, ratios = two_gears(added=("c_motor", "c_first", "c_wheel", "c_load"))
+def test_friction_behind_gears_moves_the_train_as_in_the_oracle():
+    train, ratios = two_gears(added=("c_motor", "c_load", "t_c_motor", "t_c_load"))
     assert train.states[:3] == ("theta_pinion", "theta_drum", "theta_load")
     assert train.combinations["theta_wheel"] == {"theta_drum": -2.0}
-    assert compare(train, ratios) < 1e-8
-
-
-def test_friction_behind_gears():
-    train, ratios = two_gears(added=("c_motor", "c_load", "t_c_motor", "t_c_load"))
     errors = [compare(train, ratios, pieces=pieces, size=0.4) for pieces in (8, 32)]
     assert errors[1] < 2e-4
     assert errors[1] < errors[0]
 
 
-def test_friction_between_masses():
+def test_friction_of_masses_on_a_line_is_that_of_the_oracle():
     names = ("d_0", "d_1", "d_2")
     train = Train(
         inertias=names, shafts={"s_0": names[:2], "s_1": names[1:]}, drives={"d_0": "torque"},
@@ -138,14 +133,12 @@ def test_friction_between_masses():
     assert compare(train, np.eye(3), pieces=32, size=8.0) < 2e-4
 
 
-def test_pendulum_is_of_second_order():
+def test_the_error_of_a_pendulum_falls_as_the_square_of_the_step():
     train = Train(
         inertias=("motor", "arm"), shafts={"coupling": ("motor", "arm")},
         drives={"motor": "torque"}, gravity=("arm",), added=("a_arm", "c_arm", "c_coupling"),
     )  # fmt: skip
-    errors = []
-    for pieces in (4, 8, 16):
-        errors.append(compare(train, np.eye(2), pieces=pieces, size=0.05))
+    errors = [compare(train, np.eye(2), pieces=pieces, size=0.05) for pieces in (4, 8, 16)]
     assert errors[2] < 1e-4
     assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.2)
     assert errors[1] / errors[2] == pytest.approx(4.0, rel=0.2)
@@ -179,21 +172,7 @@ def test_a_gear_that_passes_nothing_on_has_no_efficiency():
     assert "eta_box" in Train(inertias=("motor", "arm"), gears=gears, gravity=("arm",)).offers
 
 
-def test_motor_without_inductance_is_the_limit_of_one_with():
-    entries = {"inertias": ("motor",), "drives": {"motor": "voltage"}}
-    short = Train(**entries, added=("k_e_motor", "c_motor"))
-    wired = Train(**entries, added=("k_e_motor", "c_motor", "l_motor"))
-    p = {"j_motor": 1e-3, "k_T_motor": 0.1, "r_motor": 0.7, "k_e_motor": 0.08, "c_motor": 2e-3}
-    u = square_wave(200, 25, 3.0, np.random.default_rng(1))
-    shown = []
-    for train in (short, wired):
-        full = np.array([[{**p, "l_motor": 1e-8}[name] for name in train.parameters]])
-        experiment = record(train, 200, 0.01, {"u_motor": u})
-        shown.append(simulator(train, experiment, ObservationModel()).signals(full)[0, :, :2])
-    assert np.abs(shown[0] - shown[1]).max() < 1e-5 * np.abs(shown[0]).max()
-
-
-def test_names():
+def test_names_and_units_follow_the_motion_and_the_drives():
     train = with_all(Train(inertias=("cart",), drives={"cart": "voltage"}, motion="linear"))
     assert train.parameters[:3] == ("m_cart", "k_F_cart", "r_cart")
     assert train.states == ("x_cart", "v_cart", "i_cart")
@@ -239,7 +218,7 @@ def test_names():
         ),
     ],
 )
-def test_what_does_not_go_together(entries, entry, said):
+def test_a_train_whose_entries_contradict_each_other_is_refused(entries, entry, said):
     with pytest.raises(InputError, match=r".") as error:
         Train(**{"inertias": ("motor", "load"), **entries})
     assert [said in issue.message for issue in error.value.problems if issue.place == entry] == [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -87,7 +88,7 @@ def test_log_likelihoods_are_those_of_80_bit_simulation(one: CompressedSimulator
     assert np.abs(one.squares(points) - truth).max() < exact
 
 
-def test_a_current_that_follows_at_once() -> None:
+def test_sums_are_exact_where_the_current_follows_at_once() -> None:
     """Of a rig whose fastest pole is beyond any number of terms that is not chosen by its size."""
     points = near(64)
     points[:, ORDER.index("l_m")] = 1e-10
@@ -139,7 +140,7 @@ def test_rigs_that_hardly_damp_beside_a_slow_pole_have_a_bound() -> None:
 @pytest.mark.parametrize(
     "seeds", [range(20, 36, 5), pytest.param(range(20, 40), marks=pytest.mark.slow)], ids=len
 )
-def test_rigs_under_other_inputs(seeds: range) -> None:
+def test_errors_of_sums_are_within_their_bounds_for_other_rigs_and_inputs(seeds: range) -> None:
     """Against 80-bit simulation at draws of the posterior."""
     wrong = {}
     for seed in seeds:
@@ -156,29 +157,6 @@ def test_rigs_under_other_inputs(seeds: range) -> None:
             assert (error <= bound + 1e-11 * left).all(), seed
             wrong[seed] = max(wrong.get(seed, 0.0), float(error.sum()) / (2.0 * SIGMA**2))
     assert max(wrong.values()) < 1e-9
-
-
-@pytest.mark.parametrize(
-    ("first_order", "start"), [(False, {"theta_1": 3.0, "w_2": 5.0, "i": 1.0}), (True, {})]
-)
-def test_inputs_and_starts_of_all_kinds(first_order: bool, start: dict[str, float]) -> None:
-    response = measured(801, first_order=first_order, start=start)
-    points = near(40, seed=8)
-    mine = made(response, points)
-    assert np.allclose(mine.squares(points), response.squares(points), rtol=1e-9, atol=0)
-    assert not mine.beyond(*mine.expanded(points)).any()
-
-
-def test_samples_that_are_missing_count_for_nothing() -> None:
-    response = measured(1201)
-    y = response.experiment.y.copy()
-    y[:, 0][np.random.default_rng(9).random(len(y)) < 0.4] = np.nan
-    y[100:300] = np.nan
-    gaps = dataclasses.replace(response.experiment, y=y)
-    points, exact = near(40, seed=10), simulator(MotorShaft(), gaps, ObservationModel())
-    assert np.allclose(
-        made(exact, points).squares(points), exact.squares(points), rtol=1e-9, atol=0
-    )
 
 
 def of_neighbours(response: Simulator, points: np.ndarray) -> CompressedSimulator:
@@ -220,27 +198,6 @@ def test_steps_and_ends_are_those_of_the_exact_simulator(thinned: bool) -> None:
             assert np.abs(computed - true).max() < 1e-7 * np.abs(true).max()
 
 
-def test_sensors_with_gains_and_offsets_and_a_steady_start() -> None:
-    sensing = ObservationModel(
-        gains={"w_1": "gain"}, offsets={"w_2": "offset"}, input_offsets={"v": "bias"}, steady=True
-    )
-    response = measured(901)
-    exact = simulator(MotorShaft(), response.experiment, sensing)
-    rng = np.random.default_rng(11)
-    more = np.array([1.1, 0.2, 0.3]) + 0.01 * rng.standard_normal((40, 3))
-    points = np.concatenate([near(40, seed=12), more], axis=1)
-    mine = made(exact, points)
-    assert np.allclose(mine.squares(points), exact.squares(points), rtol=1e-9, atol=0)
-    along = rng.standard_normal((40, 3, points.shape[1])) * points[:, None, :]
-    scales = np.full((40, 5), 1 / SIGMA)
-    for computed, true in zip(
-        mine.normal(points, along, scales[..., None] ** 2),
-        exact.normal(points, along, scales[..., None] ** 2),
-        strict=True,
-    ):
-        assert np.abs(computed - true).max() < 1e-7 * np.abs(true).max()
-
-
 def imposed(changes: np.ndarray, *, critical: bool = False) -> tuple[Response, np.ndarray]:
     """A shaft that is turned at its end, and rigs whose damping at the rotor has these changes."""
     n, rng = 1501, np.random.default_rng(13)
@@ -261,18 +218,69 @@ def imposed(changes: np.ndarray, *, critical: bool = False) -> tuple[Response, n
     return Response(model, dataclasses.replace(record, y=y)), points[order]
 
 
-def test_another_rig_whose_motor_is_imposed() -> None:
-    response, points = imposed(0.01 * np.random.default_rng(14).standard_normal(40))
+def with_gaps() -> Response:
+    """A record in which one channel misses many samples, and all channels some."""
+    response = measured(1201)
+    y = response.experiment.y.copy()
+    y[:, 0][np.random.default_rng(9).random(len(y)) < 0.4] = np.nan
+    y[100:300] = np.nan
+    return Response(MotorShaft(), dataclasses.replace(response.experiment, y=y))
+
+
+def sensed() -> tuple[Response, np.ndarray]:
+    """A rig with gains and offsets of its sensors and a steady start."""
+    sensing = ObservationModel(
+        gains={"w_1": "gain"}, offsets={"w_2": "offset"}, input_offsets={"v": "bias"}, steady=True
+    )
+    rng = np.random.default_rng(11)
+    more = np.array([1.1, 0.2, 0.3]) + 0.01 * rng.standard_normal((40, 3))
+    rig = Response(MotorShaft(), measured(901).experiment, sensing)
+    return rig, np.concatenate([near(40, seed=12), more], axis=1)
+
+
+def critical() -> tuple[Response, np.ndarray]:
+    """Rigs to both sides of critical damping, c_1 = 2 sqrt(k_s j_1); the reference is on the edge."""
+    response, points = imposed(np.linspace(-0.02, 0.02, 41), critical=True)
+    poles = np.linalg.eigvals(ObservedWalkers(response.sensors, points).system[0])
+    assert 0.3 < np.mean((poles.imag != 0).any(axis=1)) < 0.7
+    return response, points
+
+
+MOVING = {"theta_1": 3.0, "w_2": 5.0, "i": 1.0}
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: (measured(801, first_order=False, start=MOVING), near(40, seed=8)),
+        lambda: (measured(801, first_order=True, start={}), near(40, seed=8)),
+        lambda: (with_gaps(), near(40, seed=10)),
+        sensed,
+        lambda: imposed(0.01 * np.random.default_rng(14).standard_normal(40)),
+        critical,
+    ],
+    ids=["moving start", "straight inputs", "gaps", "sensors", "imposed speed", "critical"],
+)
+def test_sums_are_those_of_the_exact_simulator(
+    make: Callable[[], tuple[Response, np.ndarray]],
+) -> None:
+    response, points = make()
     mine = made(response, points)
     assert not mine.beyond(*mine.expanded(points)).any()
     assert np.allclose(mine.squares(points), response.squares(points), rtol=1e-9, atol=0)
+    rng, (n, p) = np.random.default_rng(15), points.shape
+    along = rng.standard_normal((n, 3, p)) * points[:, None, :]
+    weights = np.full((n, response.experiment.y.shape[1], 1), SIGMA**-2)
+    normal = (simulated.normal(points, along, weights) for simulated in (mine, response))
+    for computed, true in zip(*normal, strict=True):
+        assert np.abs(computed - true).max() < 1e-7 * np.abs(true).max()
 
 
 @settings(max_examples=60, deadline=None)
 @given(
     spread=st.floats(-4.0, -0.5), seed=st.integers(0, 2**31), column=st.integers(0, len(ORDER) - 1)
 )
-def test_nothing_is_beyond_its_bound(
+def test_errors_of_sums_are_within_their_bounds(
     one: CompressedSimulator, spread: float, seed: int, column: int
 ) -> None:
     points = near(8, 10.0**spread, seed)
@@ -302,7 +310,7 @@ def test_rigs_far_away_have_the_exact_simulator(one: CompressedSimulator) -> Non
         assert np.array_equal(mine[1:], exact[1:])
 
 
-def test_what_is_no_density_needs_no_samples_of_rigs_far_away(one: CompressedSimulator) -> None:
+def test_sums_without_a_bound_need_no_samples_of_rigs_far_away(one: CompressedSimulator) -> None:
     """However far, on the ridge of a symmetry too, where poles are the very same and states are not.
 
     Mutant killed: rigs far away ask for all samples where any sums will do.
@@ -325,16 +333,6 @@ def test_what_is_no_density_needs_no_samples_of_rigs_far_away(one: CompressedSim
     some = one.normal(points, along[:8], weights[:8])
     for found, expected in zip(alone.normal(points, along[:8], weights[:8]), some, strict=True):
         assert np.array_equal(found, expected)
-
-
-def test_a_pair_of_poles_that_becomes_two_real_ones() -> None:
-    """Rigs to both sides of critical damping, c_1 = 2 sqrt(k_s j_1); the reference is on the edge."""
-    response, points = imposed(np.linspace(-0.02, 0.02, 41), critical=True)
-    poles = np.linalg.eigvals(ObservedWalkers(response.sensors, points).system[0])
-    assert 0.3 < np.mean((poles.imag != 0).any(axis=1)) < 0.7
-    mine = made(response, points)
-    assert not mine.beyond(*mine.expanded(points)).any()
-    assert np.allclose(mine.squares(points), response.squares(points), rtol=1e-9, atol=0)
 
 
 def test_what_cannot_be_compressed_says_why() -> None:
@@ -391,7 +389,7 @@ def test_pairs_whose_turns_are_known_too_little_are_refused() -> None:
         basis_of(turning(0.3, 0.1, 0.5), np.zeros((2, 0)), 1e-12)
 
 
-def test_a_reference_does_not_know_how_far_it_has_turned() -> None:
+def test_speeds_of_a_free_train_do_not_depend_on_its_angle() -> None:
     """Nothing holds a train, so its speeds are the same at any angle.
 
     Mutant killed: entries of plain numbers, whose rounding is a spring to ground.
@@ -415,7 +413,7 @@ def test_a_reference_does_not_know_how_far_it_has_turned() -> None:
     assert np.abs(found[1] - found[0]).max() < 1e-9
 
 
-def test_states_in_stretches_are_those_of_single_steps() -> None:
+def test_states_in_blocks_are_those_of_single_steps() -> None:
     rng = np.random.default_rng(18)
     for n in (1, 7, 1024, 2500):
         fall = 0.1 * rng.standard_normal((3, 3)).astype(np.longdouble)

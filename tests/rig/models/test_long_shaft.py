@@ -51,7 +51,7 @@ def free(p: dict[str, float]) -> dict[str, float]:
     return p | {"c_m": 0.0, "k_T": 1e-30, "k_e": 1e-30}
 
 
-def test_the_shaft_of_the_paper_could_be_without_mass() -> None:
+def test_the_mass_of_the_papers_shaft_hardly_moves_its_first_mode() -> None:
     """The first mode moves by less than 1e-5, and the next is above 600 Hz; by the wave equation too.
 
     Mutant killed: the inertia of the shaft counted whole at each end.
@@ -68,7 +68,7 @@ def test_the_shaft_of_the_paper_could_be_without_mass() -> None:
     assert abs(slow / true[0] - 1) < 0.2 * (massless / true[0] - 1) < 1e-7
 
 
-def test_pieces_come_to_the_wave_equation_as_their_number_squared() -> None:
+def test_the_error_of_frequencies_falls_as_the_square_of_the_number_of_elements() -> None:
     """Of a shaft that is as heavy as its ends.  Mutants killed: a share of the ends at the wrong node, a
     spring of a piece as soft as the whole shaft.
     """
@@ -87,7 +87,7 @@ def test_pieces_come_to_the_wave_equation_as_their_number_squared() -> None:
             assert np.abs(found - root).min() < 1e-6 * abs(root)
 
 
-def test_it_moves_as_its_pieces_do() -> None:
+def test_all_nodes_move_as_discs_on_springs() -> None:
     """All nodes typed in as discs on springs; friction, damping, a load, and a start that is twisted."""
     n, p = 3, {**PAPER, "j_s": 0.012, "c_s": 0.004, "c_1": 0.003, "j_2": 2e-3, "t_f": 0.03}
     rig = with_named(LongShaft(elements=n), p)
@@ -124,7 +124,7 @@ def test_it_moves_as_its_pieces_do() -> None:
         assert found[f"phi_{node}"] == pytest.approx(solved[node] - straight, abs=1e-6)
 
 
-def test_of_one_piece_only_the_ends_are_heavier() -> None:
+def test_a_shaft_of_one_element_makes_only_its_ends_heavier() -> None:
     half = PAPER | {"j_1": PAPER["j_1"] + 0.006, "j_m": PAPER["j_m"] + I_M**2 * 0.006}
     rig = LongShaft(elements=1)
     assert rig.states == MotorShaft.states

@@ -64,7 +64,7 @@ class Braked(WrappedModel):
         return replace(plain, B={**plain.B, ("w_1", "brake"): -1.0 / p["j_1"]})
 
 
-def test_a_law_need_not_say_what_its_size_comes_down_to() -> None:
+def test_a_law_needs_no_limit_of_its_size_for_substeps() -> None:
     """There were several steps to a sample only where it did."""
     one = experiment(80, 0.01, constant={"t_1": 0.0}, series={"v": 6.0 * np.sin(np.arange(80) / 9)})
     full = np.array([[*vector(NOMINAL), 0.2, 3.0]])
@@ -73,7 +73,7 @@ def test_a_law_need_not_say_what_its_size_comes_down_to() -> None:
     assert np.abs(quarter - fine).max() < 0.5 * np.abs(half - fine).max() < 1e-2
 
 
-def test_a_step_that_turns_is_made_in_parts() -> None:
+def test_a_step_in_which_a_speed_reverses_is_divided() -> None:
     """Each driven by what is there then; mutants killed: no parts, or one drive for all."""
     truth, rig = moved("straight").states, stepped(CASES["straight"])
     full = parameters(CASES["straight"])
@@ -92,7 +92,7 @@ def test_friction_that_falls_with_the_speed_is_of_second_order() -> None:
 
 
 @pytest.mark.parametrize("names", GROUPS)
-def test_shorter_steps_come_to_the_oracle(names: tuple[str, ...]) -> None:
+def test_shorter_steps_converge_to_the_oracle(names: tuple[str, ...]) -> None:
     """128 times shorter: by more than first order, whatever happens in a step."""
 
     def check(name: str) -> None:
@@ -106,7 +106,7 @@ def test_shorter_steps_come_to_the_oracle(names: tuple[str, ...]) -> None:
 
 
 @pytest.mark.parametrize("names", GROUPS)
-def test_efforts_are_what_the_oracle_has_in_a_step(names: tuple[str, ...]) -> None:
+def test_efforts_are_the_means_of_the_oracle_over_a_step(names: tuple[str, ...]) -> None:
     """Its mean over a step: the same where nothing happens in it."""
 
     def check(name: str) -> None:
@@ -128,7 +128,7 @@ def test_efforts_are_what_the_oracle_has_in_a_step(names: tuple[str, ...]) -> No
 
 
 @pytest.mark.parametrize("names", GROUPS)
-def test_what_sticks_does_not_move_at_all(names: tuple[str, ...]) -> None:
+def test_a_sticking_inertia_does_not_move_at_all(names: tuple[str, ...]) -> None:
     """Mutants killed: a speed that is stopped to rounding only, an angle that creeps."""
 
     def check(name: str, pieces: int) -> None:

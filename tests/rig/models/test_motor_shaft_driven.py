@@ -74,7 +74,7 @@ def both(found: np.ndarray) -> np.ndarray:
     return np.column_stack([found, found[:, 0] - found[:, 1]])
 
 
-def test_measured_speed_and_torque_move_it_as_the_equations_do() -> None:
+def test_measured_speed_and_torque_move_the_shaft_as_the_equations_say() -> None:
     """Mutants killed: the damping of the shaft against rotor 1 alone, its damping taken for c_1."""
     rig, theta = shaft()
     straight = solved(lambda s, _: (np.interp(s, T, SPEED), np.interp(s, T, LOAD)))
@@ -160,7 +160,7 @@ def test_dry_friction_and_rock_add_up() -> None:
     assert one.law.size(values, 2.0, {"wob": 500.0}) == pytest.approx(at_2)
 
 
-def test_without_a_law_it_asks_for_no_weight() -> None:
+def test_a_driven_shaft_without_rock_has_no_input_of_weight() -> None:
     assert shaft()[0].inputs == ("w_2", "t_1")
     assert DrivenShaft().parameters == ("k_s", "j_1")
 

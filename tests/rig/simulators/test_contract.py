@@ -349,7 +349,7 @@ def test_slopes_are_differences_of_the_oracle(name: str) -> None:
 
 
 @run_cases("name", EVERY_CASE)
-def test_tallies_are_those_of_the_samples(name: str) -> None:
+def test_sums_are_those_of_the_samples(name: str) -> None:
     """Mutants killed: neighbours across a gap that count as none, the first sample taken for the last, a
     channel's weight exchanged, a power of two lost, walkers whose lanes see other samples.
     """
@@ -442,7 +442,7 @@ def test_a_walker_depends_on_no_other_and_pickles_answer_alike(name: str) -> Non
     assert np.array_equal(full, before)
 
 
-def test_lanes_of_other_sizes_do_not_meet() -> None:
+def test_lanes_of_very_different_sizes_do_not_affect_each_other() -> None:
     """Walkers over decades, some not shifted, so that lanes halve cells as often as each needs."""
     case, rng = made("gap, all sensors"), np.random.default_rng(10)
     full = np.repeat(case.full[:1], 64, axis=0)
@@ -465,7 +465,7 @@ def test_a_long_record_is_that_of_80_bit_numbers() -> None:
         assert far(response.signals(full[None])[0], true) < 1e-11
 
 
-def test_nothing_is_computed_of_what_lay_in_memory() -> None:
+def test_a_kernel_computes_nothing_of_uninitialised_memory() -> None:
     """Numbers below the normal range make each product a hundred times as slow.
 
     Mutant killed: panels are as wide as what they hold, and hold what was there.

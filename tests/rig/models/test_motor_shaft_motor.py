@@ -37,7 +37,7 @@ def driven(rig: Motor, **inputs: float | np.ndarray) -> Experiment:
     return experiment(N, DT, constant=constant, series=series, start=start, measures=measures)
 
 
-def test_a_torque_brings_it_to_speed_as_an_exponential() -> None:
+def test_a_torque_brings_the_motor_to_speed_as_an_exponential() -> None:
     """Speeds and angles in closed form, before and after a step of the torque, behind a gear of 4:1.
 
     Mutants killed: the torque not seen through the gear, friction that helps.
@@ -59,7 +59,7 @@ def test_a_torque_brings_it_to_speed_as_an_exponential() -> None:
     assert found == pytest.approx(np.vstack([first, then]), rel=1e-10)
 
 
-def test_a_voltage_drives_it_through_its_circuit() -> None:
+def test_a_voltage_drives_the_motor_through_its_circuit() -> None:
     """Mutants killed: the gear twice in the current, the resistance in series left out."""
     i_m, r_s, j_2 = 0.2, 0.13, 3e-3
     rig, theta = motor(i_m, **P, **CIRCUIT, r_s=r_s, j_2=j_2)
@@ -76,26 +76,22 @@ def test_a_voltage_drives_it_through_its_circuit() -> None:
     assert found == pytest.approx(exact, rel=1e-9, abs=1e-9)
 
 
-def test_it_is_the_papers_rig_without_shaft_and_rotor() -> None:
-    rig = with_named(Motor(1 / 8), {*NOMINAL} - {"k_s", "j_1"})
-    whole, alone = MotorShaft().linear(NOMINAL | {"k_s": 1e-300}), rig.linear(NOMINAL)
-    kept = [MotorShaft.states.index(name) for name in rig.states]
-    assert dynamics(alone, rig.states, 1)[0] == pytest.approx(
-        dynamics(whole, MotorShaft.states, 1)[0][np.ix_(kept, kept)]
-    )
-    assert alone.c == whole.c
-    assert dict(alone.B) == {key: x for key, x in whole.B.items() if key == ("i", "v")}
+def test_the_motor_is_the_papers_rig_without_shaft_and_rotor() -> None:
+    """And with both it is that rig.  Mutants killed: a shaft at the wrong side of the gear; a rotor
+    without the twist.
+    """
+    alone, whole = with_named(Motor(1 / 8), {*NOMINAL} - {"k_s", "j_1"}), MotorShaft()
+    full = with_named(Motor(1 / 8), NOMINAL)
+    for rig, states, k_s in ((alone, alone.states, 1e-300), (full, whole.states, NOMINAL["k_s"])):
+        own, at = ([x.states.index(name) for name in states] for x in (rig, whole))
+        linear, paper = rig.linear(NOMINAL), whole.linear(NOMINAL | {"k_s": k_s})
+        expected = dynamics(paper, whole.states, 1)[0][np.ix_(at, at)]
+        assert dynamics(linear, rig.states, 1)[0][np.ix_(own, own)] == pytest.approx(expected)
+        assert linear.c == paper.c
+    assert dict(alone.linear(NOMINAL).B) == {("i", "v"): whole.linear(NOMINAL).B["i", "v"]}
 
 
-def test_with_shaft_and_rotor_it_is_the_papers_rig() -> None:
-    """Mutants killed: a shaft at the wrong side of the gear; a rotor without the twist."""
-    rig, plain = with_named(Motor(1 / 8), NOMINAL), MotorShaft()
-    at = [rig.states.index(name) for name in plain.states]
-    found = dynamics(rig.linear(NOMINAL), rig.states, 1)[0][np.ix_(at, at)]
-    assert found == pytest.approx(dynamics(plain.linear(NOMINAL), plain.states, 1)[0], rel=1e-12)
-
-
-def test_dry_friction_lets_it_stand_until_the_torque_is_larger() -> None:
+def test_dry_friction_holds_the_motor_until_the_torque_is_larger() -> None:
     """It stands, breaks loose, and comes to rest again: SciPy between the events, which are known."""
     rig, theta = motor(j_m=1.4e-4, c_m=9.3e-5, t_cm=0.04)
     torque = np.where(T < 1.0, 0.03, np.where(T < 2.5, 0.06, 0.0))
@@ -117,7 +113,7 @@ def test_dry_friction_lets_it_stand_until_the_torque_is_larger() -> None:
     assert (found[(T > 2.5) & (2.5 + stop - DT > T), 1] > 0.0).all()
 
 
-def test_half_a_circuit_is_none() -> None:
+def test_a_motor_with_half_a_circuit_asks_for_the_rest() -> None:
     rig = with_named(Motor(), ("k_e", "r_m", "v_d"))
     assert rig.inputs == ("t_m",)
     assert missing_requirements(rig) == {

@@ -16,7 +16,7 @@ from bayesdrill.inference import derived
 from bayesdrill.rig.models.linear import Linear, Model, dynamics
 from bayesdrill.rig.models.motor_shaft import MotorShaft, TwoRotors
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 
 
 def test_poles_of_a_rig_that_its_angles_hold_are_all_of_them() -> None:
@@ -32,7 +32,7 @@ def test_poles_of_a_rig_that_its_angles_hold_are_all_of_them() -> None:
     assert np.isnan(found["tau_m"][0])  # the motor's speed has no pole of its own here
 
 
-def test_a_rig_without_an_end_has_no_end() -> None:
+def test_a_rig_that_never_settles_has_no_end_values() -> None:
     """Held by neither angle nor friction in one state: NaN, and no error."""
     a = {("theta_1", "w_1"): 1.0, ("w_1", "theta_1"): -1.0, ("theta_2", "w_2"): 1.0}
     linear = Linear(A={**a, ("i", "i"): -1.0}, B={}, c={"w_2": 1.0})
