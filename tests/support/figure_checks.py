@@ -96,48 +96,40 @@ def overlapping(boxes: list[Bbox]) -> Iterator[tuple[int, int]]:
 
 def clashes(figure: Figure) -> Iterator[str]:
     """Pairs of texts that overlap, texts that leave the page, and words of the page on a panel."""
-    page = figure.bbox.padded(0.5)
-    every: list[Text] = []
-    for panel in figure.axes:
-        if not panel.axison:
-            continue
-        own = [panel.xaxis.label, panel.yaxis.label]
-        titles = [panel.title, panel._left_title]
-        ticks = [*panel.get_xticklabels(), *panel.get_yticklabels()]
-        every += shown([*own, *titles, *ticks])
-    legends = [*figure.legends, *(panel.get_legend() for panel in figure.axes)]
-    every += [
-        text for legend in legends if legend is not None for text in shown(legend.get_texts())
+    panels = [panel for panel in figure.axes if panel.axison]
+    labels = [
+        text
+        for panel in panels
+        for text in (
+            *(panel.xaxis.label, panel.yaxis.label, panel.title, panel._left_title),
+            *(*panel.get_xticklabels(), *panel.get_yticklabels(), *panel.texts),
+        )
     ]
-    every += [text for panel in figure.axes for text in shown(panel.texts) if panel.axison]
-    every += shown(figure.texts)
-    boxes = [(text.get_text(), box(text)) for text in every]
-    words = [text for legend in figure.legends for text in shown(legend.get_texts())]
-    for text in (*words, *shown(figure.texts)):
-        for panel in figure.axes:
-            if panel.axison and overlap(box(text), panel.get_window_extent()):
-                yield f"{text.get_text()} on a panel"
+    own = [legend for panel in figure.axes if (legend := panel.get_legend()) is not None]
+    labels += [text for legend in own for text in legend.get_texts()]
+    words = shown([*(t for legend in figure.legends for t in legend.get_texts()), *figure.texts])
+    boxes = [(text.get_text(), box(text)) for text in (*shown(labels), *words)]
+    for text in words:
+        if any(overlap(box(text), panel.get_window_extent()) for panel in panels):
+            yield f"{text.get_text()} on a panel"
     for one, other in overlapping([a for _, a in boxes]):
         yield f"{boxes[one][0]} on {boxes[other][0]}"
+    page = figure.bbox.padded(0.5)
     for text, a in boxes:
         if not (page.contains(*a.p0) and page.contains(*a.p1)):
             yield f"{text} leaves the page"
+
+
+def legend_texts(figure: Figure) -> list[str]:
+    return [text.get_text() for text in figure.legends[0].get_texts()]
 
 
 def xy(line: Line2D) -> Array:
     return np.array(line.get_data(), dtype=float)
 
 
-def marked(panel: Axes, marker: str, *, filled: bool | None = None) -> list[Line2D]:
-    found = [line for line in panel.get_lines() if line.get_marker() == marker]
-    if filled is None:
-        return found
-    return [line for line in found if (line.get_markerfacecolor() != "none") is filled]
-
-
-def within(panel: Axes, y: Array) -> bool:
-    low, high = panel.get_ylim()
-    return bool(low <= y.min() and y.max() <= high)
+def marked(panel: Axes, marker: str) -> list[Line2D]:
+    return [line for line in panel.get_lines() if line.get_marker() == marker]
 
 
 def si(label: str, u: float) -> float:

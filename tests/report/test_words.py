@@ -18,8 +18,7 @@ WHITE = ResidualSummary(
 )
 
 
-def test_the_warning_names_what_is_wrong_with_what_is_left() -> None:
-    """Mutant killed: less than the noise, but coloured, called far more than the noise."""
+def test_the_warning_says_what_is_wrong_with_the_residuals() -> None:
     cases = [
         (WHITE, ""),
         (replace(WHITE, rms=0.2), ""),
@@ -34,8 +33,7 @@ def test_the_warning_names_what_is_wrong_with_what_is_left() -> None:
     for_each({str(case): case for case in cases}, check)
 
 
-def test_maxima_are_told_apart_by_their_places_or_said_to_be_close() -> None:
-    """Mutant killed: places without a name, where no unknown tells them apart."""
+def test_maxima_are_named_by_their_places_or_said_to_be_close() -> None:
     cases = [
         (2.5, "the one at k_s 2.5"),
         (2.001, "within 1% of each other in every unknown"),

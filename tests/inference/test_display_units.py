@@ -1,0 +1,487 @@
+"""Readers are shown results in the units of columns and entries; files for machines say SI."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+import re
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.mathtext import MathTextParser
+from support.figure_checks import clashes, drawn, marked, si
+from support.figure_contexts import refits
+from support.scipy_oracles import NOMINAL
+
+import bayesdrill as bd
+from bayesdrill import output_files
+from bayesdrill.analysis.calibration import LOG_LIKELIHOOD, judge_calibration
+from bayesdrill.analysis.identifiability.profile import Profile
+from bayesdrill.basics import units
+from bayesdrill.basics.symbols import latex_unit, unit_product
+from bayesdrill.inference.display_units import SI, DisplayUnits
+from bayesdrill.inference.priors import LogUniform, Uniform, flat_in_logs
+from bayesdrill.report import publish, section, words
+from bayesdrill.report.comparison_report import ComparisonReport
+from bayesdrill.report.publish import TABLES
+from bayesdrill.report.run_report import sections
+from bayesdrill.report.section import as_markdown
+from bayesdrill.report.sections import fit_words, physics_words
+from bayesdrill.report.sections.comparison_figure import intervals_figure, overlay_corner_figure
+from bayesdrill.report.view import ReportContext
+from bayesdrill.results.run_folder import Folder
+from bayesdrill.rig.models.motor_shaft import MotorShaft
+from bayesdrill.sampling.mode_search import LocalMaximum
+from bayesdrill.tasks import calibrate, comparison, conclusions, run_entries
+
+T = np.linspace(0.0, 6.0, 121)
+FACTORS = {  # of the case in users' units: how many SI each is
+    "sigma_theta_1": math.pi / 180,
+    "sigma_w_1": math.pi / 30,
+    "d": 1e-3,
+    "L": 1e-2,
+    "wide": 1e-3,
+}
+UNITS = {"sigma_theta_1": "deg", "sigma_w_1": "rpm", "d": "mm", "L": "cm", "wide": "mm"}
+ROUNDED = {"sd": 0.06}  # of two digits, relative; others have four
+
+
+def case(shown: dict[str, str], factors: dict[str, float]) -> bd.Case:
+    """One record and one belief, whatever the units."""
+
+    def over(name: str, *values: float) -> list[float]:
+        return [value / factors.get(name, 1.0) for value in values]
+
+    exact = bd.respond(MotorShaft(), NOMINAL, T, {"v": 8.0}, ["theta_1", "w_1"])
+    rng, given = np.random.default_rng(3), {}
+    for name, sigma, prior in (
+        ("theta_1", 0.04, ("log_uniform", "low", 0.002, "high", 0.2, "start", 0.03)),
+        ("w_1", 0.3, ("half_normal", "scale", 0.5)),
+    ):
+        key = f"sigma_{name}"
+        entries = dict(zip(prior[1::2], over(key, *map(float, prior[2::2])), strict=True))
+        values = (exact[name] + sigma * rng.standard_normal(len(T))) / factors.get(key, 1.0)
+        unit = shown.get(key, {"theta_1": "rad", "w_1": "rad/s"}[name])
+        given[name] = bd.Channel(values, unit, {"prior": prior[0], **entries})
+    (mean, sd), (length,) = over("d", 3e-3, 2e-5), over("L", 2.4)
+    d = {"prior": "normal", "mean": mean, "sd": sd, "unit": shown.get("d", "m")}
+    return bd.case(
+        T,
+        channels=given,
+        inputs={"v": 8.0},
+        parameters=dict.fromkeys(NOMINAL, "nominal")
+        | {"k_e": {"prior": "uniform", "low": 0.04, "high": 0.1}, "k_s": "pi*7.9e10*d**4/(32*L)"},
+        quantities={"d": d, "L": {"value": length, "unit": shown.get("L", "m")}},
+        derived={"wide": {"formula": "2*d", "unit": shown.get("wide", "m")}},
+        sampler={"walkers": 16, "r_hat": 1.2, "n_tau": 5, "ess": 100, "max_steps": 1000},
+        map={"starts": 1},
+        output={"predictive_draws": 10},
+    )
+
+
+@cache
+def users() -> bd.Case:
+    return case(UNITS, FACTORS)
+
+
+@cache
+def usual() -> bd.Case:
+    return case({}, {})
+
+
+@dataclass(frozen=True)
+class Pair:
+    """One chain, seen by a case in users' units and by the same case in SI."""
+
+    own: ReportContext
+    plain: ReportContext
+
+
+@cache
+def pair() -> Pair:
+    run = users().sample()
+    own, plain = (
+        conclusions.concluded(conclusions.SampledRun(case.job, run.mode, run.sampled))
+        for case in (users(), usual())
+    )
+    return Pair(own, plain)
+
+
+def numbers(text: str) -> list[float]:
+    return [float(x) for x in re.findall(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?", text)]
+
+
+# Beliefs
+
+
+def test_beliefs_in_users_units_are_those_in_si() -> None:
+    own, plain = (case.job.problem.posterior.space for case in (users(), usual()))
+    assert own.start == pytest.approx(dict(plain.start), rel=1e-9)
+    assert own.start["sigma_theta_1"] == pytest.approx(0.03)
+    assert own.fixed["L"] == pytest.approx(2.4)
+
+
+def test_every_prior_of_a_sigma_is_in_the_unit_of_its_column_and_says_so() -> None:
+    degree = math.radians(1.0)
+    exact = bd.respond(MotorShaft(), NOMINAL, T, {"v": 8.0}, ["theta_1"])["theta_1"]
+    record = exact + 0.03 * np.random.default_rng(1).standard_normal(len(T))
+
+    def with_sigma(factor: float, unit: str, sigma: dict[str, Any]) -> bd.Case:
+        scaled = {
+            key: x if key in ("prior", "sd_log") else x * degree / factor
+            for key, x in sigma.items()
+        }
+        parameters = dict.fromkeys(NOMINAL, "nominal") | {
+            "k_e": {"prior": "uniform", "low": 0.04, "high": 0.1}
+        }
+        channel = bd.Channel(record / factor, unit, scaled)
+        return bd.case(T, {"theta_1": channel}, {"v": 8.0}, parameters)
+
+    def check(**prior: Any) -> None:
+        degrees = with_sigma(degree, "deg", {**prior, "start": 1.9})
+        radians = with_sigma(1.0, "rad", prior)
+        name, u = "sigma_theta_1", np.array([0.03, 0.4, 0.96])
+        own, plain = (case.job.problem.posterior.space for case in (degrees, radians))
+        shown = degrees.job.problem.units.prior(name, own.priors[name])
+        assert own.priors[name].quantile(u) == pytest.approx(plain.priors[name].quantile(u))
+        assert shown.quantile(u) == pytest.approx(plain.priors[name].quantile(u) / degree)
+        assert own.start[name] == pytest.approx(1.9 * degree)
+        text = shown.describe()
+        entries = {x for key, x in prior.items() if key != "prior"}
+        assert entries <= set(numbers(text.replace(" 0 ", " ")))
+        assert f"  {name} [deg]: {text}\n" in degrees.preview()
+
+    for prior in (
+        {"prior": "log_normal", "median": 2.0, "sd_log": 0.4},
+        {"prior": "half_normal", "scale": 2.0},
+        {"prior": "normal", "mean": 2.0, "sd": 0.7},
+        {"prior": "truncated_normal", "mean": 2.0, "sd": 0.7, "low": 1.5, "high": 3.0},
+        {"prior": "uniform", "low": 0.7, "high": 3.0},
+        {"prior": "log_uniform", "low": 0.7, "high": 3.0},
+    ):
+        check(**prior)
+
+
+def test_a_prior_in_degrees_is_the_prior_in_radians() -> None:
+    degree, x, u = math.pi / 180, np.geomspace(0.2, 2.5, 7), np.array([0.3])
+    for prior in (LogUniform(1e-3, 1e2), Uniform(0.1, 3.0)):
+        scaled = prior.scaled(1 / degree)
+        density = np.exp(scaled.logpdf(x / degree)) / degree
+        np.testing.assert_allclose(density, np.exp(prior.logpdf(x)))
+        np.testing.assert_allclose(scaled.quantile(u) * degree, prior.quantile(u))
+        assert (scaled.low * degree, scaled.high * degree) == pytest.approx((prior.low, prior.high))
+        assert flat_in_logs(scaled) is flat_in_logs(prior) is isinstance(prior, LogUniform)
+
+
+def test_mistakes_in_the_prior_of_a_quantity_are_told_in_its_unit() -> None:
+    wrong = {"prior": "uniform", "low": 80.0, "high": 30.0, "unit": "mm"}
+    with pytest.raises(bd.InputError, match="low 80 is not below high 30"):
+        bd.case(
+            T,
+            {"w_1": bd.Channel(T, "rpm", 1.0)},
+            {"v": 8.0},
+            dict.fromkeys(NOMINAL, "nominal") | {"k_s": "d/L"},
+            quantities={"d": wrong, "L": 1.0},
+        )
+
+
+# Tables and sentences
+
+
+def tables(view: ReportContext) -> list[tuple[tuple[str, ...], list[list[str]]]]:
+    """Heads and lines of the tables of unknowns, of the mode and of derived quantities."""
+    unknowns = section.of_rows(view.units.rows(view.analysis.unknowns))
+    mode = section.of_mode(view.units.rows(section.mode_rows(view.problem, view.mode)))
+    derived = physics_words.derived_table(
+        view.units.rows(view.analysis.derived), view.analysis.meanings
+    )
+    return [
+        (section.HEADERS, unknowns.lines),
+        (("", "unit", "nominal", "MAP", "dev. %"), mode.lines),
+        (("", "unit", "nominal", "mean", "sd", "94 % HDI", "dev. %", "meaning"), derived.lines),
+    ]
+
+
+def test_tables_show_results_in_the_unit_of_the_user() -> None:
+    with_unit = {"nominal", "MAP", "mean", "sd"}
+    for (heads, own), (_, plain) in zip(tables(pair().own), tables(pair().plain), strict=True):
+        for line, line_in_si in zip(own, plain, strict=True):
+            name = line[0]
+            assert (name, line[1]) == (line_in_si[0], UNITS.get(name, line_in_si[1]))
+            for head, cell, in_si in list(zip(heads, line, line_in_si, strict=True))[2:]:
+                if head in with_unit or "HDI" in head:
+                    expected = [x / FACTORS.get(name, 1.0) for x in numbers(in_si)]
+                    assert numbers(cell) == pytest.approx(expected, rel=ROUNDED.get(head, 1e-3))
+                else:
+                    assert cell == in_si
+
+
+def test_the_table_for_papers_is_in_the_unit_of_the_user() -> None:
+    def cells(view: ReportContext) -> list[tuple[str, list[float]]]:
+        """Of each unknown its unit, and its mean and sd without the power of ten that they have."""
+        text = TABLES["table.tex"](view)
+        assert text is not None
+        assert text.isascii()
+        rows = [line.split(" & ") for line in text.splitlines()[5:-2]]
+        powers = [re.search(r"10\^\{?(-?\d+)", row[1]) for row in rows]
+        return [
+            (
+                row[1],
+                [
+                    x * 10.0 ** int(power[1] if power else 0)
+                    for k in (3, 4)
+                    for x in numbers(row[k])
+                ],
+            )
+            for row, power in zip(rows, powers, strict=True)
+        ]
+
+    names = [row.name for row in pair().own.analysis.unknowns]
+    for name, own, plain in zip(names, cells(pair().own), cells(pair().plain), strict=True):
+        assert rf"\mathrm{{{UNITS[name]}}}" in own[0] if name in UNITS else own[0] == plain[0]
+        expected = [x / FACTORS.get(name, 1.0) for x in plain[1]]
+        assert own[1] == pytest.approx(expected, rel=5e-2)
+
+
+def test_sentences_have_the_unit_of_the_user_and_parameters_stay_as_they_are() -> None:
+    view = pair().own
+    other = LocalMaximum(
+        values={**view.mode.values, "sigma_w_1": 2.0, "d": 4e-3}, log_posterior=-9.0
+    )
+    text = words.mode(replace(view.mode, others=(other,)), view.units)
+    assert "sigma_w_1 19.1 rpm" in text
+    assert "d 4 mm" in text
+    assert "L = 240 cm" in words.opening(view.problem)
+    assert "k_T = 0.12," in words.opening(view.problem)
+    pressed = [
+        replace(view.analysis.unknowns[0], name="sigma_theta_1", pressed_against=math.radians(0.25))
+    ]
+    assert "against the end 0.25 deg of its prior" in section.notes(pressed, view.units)[0]
+    everything = as_markdown("x", sections(view))
+    assert "| sigma_theta_1 | deg |" in everything
+    assert "| wide | mm |" in everything
+
+
+def test_times_are_in_the_unit_of_their_column() -> None:
+    summary = pair().own.analysis.fit[0]
+    limits = replace(summary.limits, most=2.0)
+    far = replace(summary, farthest=9.0, rms=1.0, time=0.75, limits=limits)
+    clock = units.display_unit("ms", "s")
+    assert "theta_1 9 at 750 ms" in fit_words.residual_sentences([far], clock)
+
+
+def test_figures_show_the_same_draws_in_the_units_of_the_user() -> None:
+    for name in ("trace", "prior_posterior"):
+        own, plain = (
+            publish.drawings(name, view)[name].arguments for view in (pair().own, pair().plain)
+        )
+        factors = [FACTORS.get(symbol.name, 1.0) for symbol in plain[1].symbols]
+        assert own[0] * np.array(factors) == pytest.approx(plain[0])
+        for symbol in own[1].symbols:
+            assert symbol.latex_unit == UNITS.get(symbol.name, symbol.latex_unit)
+    assert {symbol.name for symbol in own[1].symbols} >= {"d", "sigma_w_1"}
+
+
+# Several runs
+
+
+def overlaid(first: str, second: str) -> ComparisonReport:
+    views = {"own": pair().own, "plain": pair().plain}
+    jobs = {"own": users().job, "plain": usual().job}
+    shown = comparison.overlay_units([jobs[first], jobs[second]])
+    runs = {
+        name: conclusions.SampledRun(jobs[name], views[name].mode, views[name].sampled)
+        for name in (first, second)
+    }
+    layers = [comparison.overlay_layer(name, run, shown) for name, run in runs.items()]
+    return ComparisonReport(tuple(layers), shown)
+
+
+def test_runs_are_shown_in_the_units_of_the_first_and_saved_in_si() -> None:
+    """And two runs that differ in units alone are not said to differ."""
+    own_first, plain_first = overlaid("own", "plain"), overlaid("plain", "own")
+    for report, shown in ((own_first, UNITS), (plain_first, {})):
+        assert "in the unit of the first" in report.texts["overlay.md"]
+        lines = [line.split(" | ") for line in report.texts["overlay.md"].splitlines()]
+        table = {line[0].removeprefix("| "): line for line in lines if len(line) > 4}
+        for row in report.rows:
+            name, place = row.symbol.name, row.places[0]
+            assert place is not None
+            assert table[name][1] == shown.get(name, row.symbol.plain_unit)
+            factor = FACTORS[name] if name in shown else 1.0
+            for cell in table[name][3:5]:
+                assert numbers(cell)[0] == pytest.approx(place.mean / factor, rel=1e-3)
+                assert numbers(cell)[1] == pytest.approx(place.sd / factor, rel=5e-2)
+        assert "| the noise of" not in report.texts["overlay.md"]
+        assert "| sigma_w_1 |" not in report.texts["overlay.md"].split("What differs")[1]
+    saved, saved_in_si = (
+        {(row["name"], row["run"]): row for row in csv.DictReader(io.StringIO(text))}
+        for text in (own_first.texts["overlay.csv"], plain_first.texts["overlay.csv"])
+    )
+    assert saved == saved_in_si
+
+
+def test_axes_of_several_runs_have_the_unit_and_the_logs_of_the_first() -> None:
+    report = overlaid("own", "plain")
+    (row,) = (row for row in report.rows if row.symbol.name == "sigma_theta_1")
+    place = row.places[0]
+    assert place is not None
+    for draw in (intervals_figure, overlay_corner_figure):
+        figure = drawn(draw(report.layers, report.rows, report.units))
+        assert list(clashes(figure)) == []
+        labels = {p.get_xlabel(): p for p in figure.axes if p.get_xlabel()}
+        (label,) = (text for text in labels if "mathrm{deg}" in text)
+        assert any(r"mathrm{mm}" in text for text in labels)
+        for bar in marked(labels[label], "|")[:1]:
+            ends = [si(label, 10.0 ** float(u)) for u in bar.get_xdata()]
+            assert ends == pytest.approx(np.degrees([place.low, place.high]))
+    assert len(marked(intervals_figure(report.layers, report.rows, report.units).axes[0], "|")) == 2
+
+
+def test_a_name_that_is_a_length_in_one_run_and_an_angle_in_another_is_in_si() -> None:
+    symbols = [replace(s, unit="rad") if s.name == "d" else s for s in usual().job.problem.symbols]
+    other = replace(usual().job, problem=replace(usual().job.problem, symbols=tuple(symbols)))
+    assert comparison.overlay_units([users().job, usual().job]).factor("d") == 1e-3
+    assert comparison.overlay_units([users().job, other]).factor("d") == 1.0
+
+
+# Files for machines
+
+
+def test_files_for_machines_are_si_whatever_the_units_of_the_config() -> None:
+    own, plain = pair().own, pair().plain
+    for name in ("summary.csv", "derived.csv", "verdict.csv"):
+        one, other = (list(csv.DictReader(io.StringIO(TABLES[name](v)))) for v in (own, plain))
+        assert one
+        for mine, theirs in zip(one, other, strict=True):
+            assert mine["unit"] == theirs["unit"] != ""
+            assert mine.keys() == theirs.keys()
+            for key, text in mine.items():
+                if numbers(text) and key not in ("unit", "name", "quantity"):
+                    assert float(text) == pytest.approx(float(theirs[key]), rel=1e-6, abs=1e-6)
+    expected = {s.name: s.unit for s in own.problem.symbols}
+    assert run_entries.entries(own, "")["units"] == expected
+    assert expected["sigma_theta_1"] == "rad"
+
+
+def test_every_variable_of_the_tree_has_a_unit() -> None:
+    tree = pair().own.tree
+    for name, group in tree.children.items():
+        assert group.data_vars or name == "constant_data"
+        for key, values in group.data_vars.items():
+            assert values.attrs["units"], f"{name}/{key}"
+        if "time" in group.coords:
+            assert group.coords["time"].attrs["units"] == "s"
+    assert tree["constant_data"]["v"].attrs["units"] == "V"
+    assert tree["log_likelihood"]["w_1"].coords["time"].attrs["units"] == "s"
+    assert tree["posterior"]["sigma_w_1"].attrs["units"] == "rad/s"
+
+
+# Units
+
+
+def test_units_of_speeds_are_shown_as_they_are_written() -> None:
+    for name, latex, factor in (
+        ("rpm", "rpm", math.pi / 30),
+        ("revolution/s", "revolution/s", 2 * math.pi),
+        ("deg / ms", "deg/ms", math.radians(1e3)),
+        ("\u00b0/s", r"{{}^{\circ}}/s", math.radians(1.0)),
+    ):
+        unit = units.display_unit(name, "rad/s")
+        assert (unit.name, unit.latex) == (name, latex)
+        assert unit.factor == pytest.approx(factor)
+
+
+def test_every_unit_is_a_formula_that_fonts_have() -> None:
+    """In what LaTeX and matplotlib both read: ASCII, balanced, and parsed."""
+    written = (
+        "m mm \u00b5m \u03bcm k\u03a9 \u03a9 N\u00b7m m\u00b2 mN\u22c5m % kg*m**2/s m**(-2) 1/s"
+    )
+    written += " delta_degC ohm N*m*s/rad GPa"
+    for name in (*written.split(" "), "kg per second"):
+        unit = units.display_unit(name)
+        assert unit.name == name
+        assert unit.latex.isascii()
+        assert unit.latex.count("{") == unit.latex.count("}")
+        assert not re.search(r"(?<!\\)[%#&$_]", unit.latex)
+        MathTextParser("path").parse(rf"$\mathrm{{{unit.latex}}}$")
+
+
+def test_a_unit_that_formulas_do_not_have_is_shown_in_si() -> None:
+    for name, si_unit in (("\u00c5", "m"), ("\u2113", "m**3")):
+        unit = units.display_unit(name)
+        assert (unit.name, unit.factor, unit.latex) == (si_unit, 1.0, latex_unit(si_unit))
+        with pytest.raises(ValueError, match="letters"):
+            latex_unit(name)
+        shown = DisplayUnits({"d": unit})
+        assert shown.format_value("d", 3e-10) == f"3e-10 {si_unit.replace('**', '^')}"
+
+
+def test_what_has_no_unit_of_its_own_stays_as_it_is() -> None:
+    row = pair().own.analysis.unknowns[0]
+    assert row.name == "k_e"
+    assert pair().own.units.rows([row]) == (row,)
+    assert SI.format_value("k_s", 0.26) == "0.26"
+    assert DisplayUnits({"q": units.display_unit("1")}).format_value("q", 0.5) == "0.5"
+    assert unit_product(["ohm", "H", "V"], (1, -2, 0)) == "(ohm)*(H)**-2"
+    assert unit_product(["ohm", "H"], (0, 1)) == "H"
+
+
+# Figures as the config wants them
+
+
+def job_with(**output: Any) -> Any:
+    config = users().job.config.output.model_copy(update=output)
+    return users().job.with_settings(output=config)
+
+
+def width_of_svg(path: Path) -> float:
+    return float(re.findall(r'width="([\d.]+)pt"', path.read_text())[0]) / 72
+
+
+def test_a_profile_is_in_the_unit_of_the_user_and_as_large_as_the_config_wants(
+    tmp_path: Path,
+) -> None:
+    line = np.linspace(2.9e-3, 3.1e-3, 9)
+    loss = ((line - 3e-3) / 3e-5) ** 2
+    profile = Profile(
+        name="d", values=line, loss=loss, best=3e-3, low=2.94e-3, high=3.06e-3, shape="bounded"
+    )
+    study = replace(
+        users().identify(),
+        job=job_with(formats=["svg"], size="single", dpi=90),
+        profiles=(profile,),
+    )
+    assert study.text.splitlines()[-1].split()[:5] == ["d", "mm", "3", "2.94", "3.06"]
+    study.save(tmp_path)
+    figures = sorted((tmp_path / "figures").iterdir())
+    assert [path.name for path in figures] == ["profiles.svg", "spectrum.svg"]
+    assert "![profiles](figures/profiles.svg)" in (tmp_path / "identify.md").read_text()
+    assert [width_of_svg(path) for path in figures] == pytest.approx([3.4, 3.4])
+    assert "mathrm{mm}" in figures[0].read_text()
+
+
+def test_a_maximum_is_drawn_in_the_formats_that_the_config_wants(tmp_path: Path) -> None:
+    bd.Best(job_with(formats=["svg"]), pair().own.mode, users().columns).save(tmp_path / "map")
+    assert [p.name for p in (tmp_path / "map" / "figures").iterdir()] == ["fit.svg"]
+    assert "figures/fit.svg" in json.loads((tmp_path / "map" / "run.json").read_text())["files"]
+    assert "figures/fit.svg" in (tmp_path / "map" / "map.md").read_text()
+
+
+def test_a_calibration_is_drawn_as_the_config_wants_and_replaces_its_older_files(
+    tmp_path: Path,
+) -> None:
+    verdict = judge_calibration([*users().unknowns, LOG_LIKELIHOOD], refits(5, seed=2), 99)
+    for kind, size in (("png", "double"), ("svg", "single")):
+        with Folder(tmp_path, "force", {}, output_files.CALIBRATE) as folder:
+            folder.write_run(status="running")
+            calibrate._draw(job_with(formats=[kind], size=size), folder, verdict)
+        (file,) = (tmp_path / "figures").iterdir()
+        assert file.name == f"calibration.{kind}"
+    assert width_of_svg(file) == pytest.approx(3.4)

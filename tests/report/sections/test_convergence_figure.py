@@ -1,0 +1,95 @@
+"""Figures of convergence: traces, ranks, autocorrelation."""
+
+from __future__ import annotations
+
+import itertools
+
+import emcee
+import numpy as np
+import pytest
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from support.case_tables import for_each
+from support.figure_checks import SYMBOLS, TABLE, displayed, drawn, legend_texts, si, xy
+from support.figure_contexts import chains, ranks, trace, trace_of
+
+from bayesdrill.report.sections.convergence_figure import (
+    STRETCHES,
+    autocorrelation_figure,
+    trace_figure,
+)
+
+
+def medians(figure: Figure, panel: int) -> list[Line2D]:
+    lines = figure.axes[panel].get_lines()
+    return [c for c in lines if len(c.get_xdata()) > 2 and c.get_linestyle() != "None"]
+
+
+def test_the_trace_shows_the_medians_of_stretches_and_says_burn_in_once() -> None:
+    def check(logs: frozenset[str]) -> None:
+        figure, theta = trace(logs=logs), trace_of()
+        label = figure.axes[4].get_ylabel()
+        assert len(medians(figure, 4)) == 3
+        for ensemble, median in zip(theta, medians(figure, 4), strict=True):
+            places, shown = xy(median)
+            assert len(places) <= STRETCHES
+            assert places[0] < 10
+            assert places[-1] > 490
+            course = np.median(ensemble[:, :, 4], axis=1)
+            for place, u in zip(places, shown, strict=True):
+                near = course[np.abs(np.arange(500) - place) <= 6]
+                assert near.min() <= si(label, 10.0**u if logs else u) <= near.max()
+        assert legend_texts(figure).count("burn-in: 70 steps dropped") == 1
+
+    for_each({"log": (frozenset(("r_m",)),), "plain": (frozenset(),)}, check)
+
+
+def grey(line: Line2D) -> float:
+    return float(np.mean(to_rgb(line.get_color())))
+
+
+def dash(line: Line2D) -> tuple[float, ...]:
+    return tuple(line._unscaled_dash_pattern[1] or ())
+
+
+def test_four_ensembles_are_numbered_and_differ_in_print() -> None:
+    """By dashes, or by a clear grey; the numbers stand apart, each on its line."""
+    theta = np.concatenate([trace_of(), trace_of()[:1]])
+    figure = drawn(trace_figure(theta, displayed(SYMBOLS[:9], TABLE, {}, {}), 70))
+    for a, b in itertools.combinations(medians(figure, 0), 2):
+        assert dash(a) != dash(b) or abs(grey(a) - grey(b)) > 0.4
+    marks = {
+        c.get_marker(): c for c in figure.axes[0].get_lines() if str(c.get_marker()).startswith("$")
+    }
+    assert set(marks) == {"$1$", "$2$", "$3$", "$4$"}
+    places = [float(line.get_xdata()[0]) for line in marks.values()]
+    assert min(np.diff(sorted(places))) > 50
+    for (number, mark), median in zip(marks.items(), medians(figure, 0), strict=True):
+        at = np.argmin(np.abs(np.asarray(median.get_xdata()) - mark.get_xdata()[0]))
+        assert mark.get_ydata()[0] == median.get_ydata()[at], number
+
+
+def test_an_ensemble_that_leaves_the_band_of_ranks_is_drawn_so() -> None:
+    assert "leaves the band" not in legend_texts(ranks(4, 0.0))
+    assert "leaves the band" in legend_texts(ranks(4, 1.0))
+    thick = [
+        (k, xy(line)[1])
+        for k, panel in enumerate(ranks(4, 1.0).axes)
+        for line in panel.get_lines()
+        if line.get_linewidth() > 1.5
+    ]
+    assert {k for k, _ in thick} == {0}
+    assert any(per_cent.min() < -20 for _, per_cent in thick)  # the moved one
+
+
+def test_the_autocorrelation_time_is_that_of_emcee_and_stands_where_it_is_marked() -> None:
+    theta = chains(0.8)
+    figure = drawn(autocorrelation_figure(theta, SYMBOLS[:3]))
+    times = [float(panel.get_lines()[1].get_xdata()[0]) for panel in figure.axes]
+    own = np.mean([emcee.autocorr.integrated_time(chain, quiet=True) for chain in theta], axis=0)
+    assert times == pytest.approx(own, rel=0.03)
+    assert times == pytest.approx([9.0] * 3, rel=0.1)
+    for panel, tau in zip(figure.axes, times, strict=True):
+        assert rf"\tau = {tau:.3g}$ steps" in panel.texts[0].get_text()
+        assert panel.patches[0].get_width() == pytest.approx(5 * tau, abs=1)  # the window

@@ -1,0 +1,191 @@
+"""The corner plot: places of draws, contours, nominal values and the MAP; logarithmic axes."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.patches import StepPatch
+from support import figure_contexts as contexts
+from support.case_tables import for_each
+from support.figure_checks import (
+    SYMBOLS,
+    TABLE,
+    corner_panels,
+    displayed,
+    drawn,
+    legend_texts,
+    mode_of,
+    posterior,
+    si,
+)
+
+from bayesdrill.inference.priors import LogUniform, Prior, Uniform
+from bayesdrill.report import scales, style
+from bayesdrill.report.sections.corner_figure import corner_figure
+
+NINE = tuple(range(9))
+PAIR = (SYMBOLS[0], SYMBOLS[6])  # j_m and k_s
+PRIORS: dict[str, Prior] = {
+    "j_m": LogUniform(0.02 * TABLE["j_m"], 50 * TABLE["j_m"]),
+    "k_s": Uniform(0.5 * TABLE["k_s"], 1.5 * TABLE["k_s"]),
+}
+
+
+def draws_of_priors(n: int = 20_000) -> np.ndarray:
+    u = np.random.default_rng(4).random((n, 2))
+    return np.stack([PRIORS[s.name].quantile(u[:, k]) for k, s in enumerate(PAIR)], axis=-1)
+
+
+def histogram(panel: Axes) -> tuple[np.ndarray, np.ndarray]:
+    (steps,) = (p for p in panel.patches if isinstance(p, StepPatch))
+    counts, edges, _ = steps.get_data()
+    return counts, edges
+
+
+def line(panel: Axes, colour: object, *, upright: bool) -> float:
+    """Where the first dashed line of this colour crosses the panel."""
+    for candidate in panel.get_lines():
+        x, y = (np.asarray(data, dtype=float) for data in candidate.get_data())
+        along, across = (y, x) if upright else (x, y)
+        visible = candidate.get_linestyle() != "None" and candidate.is_dashed()
+        if visible and candidate.get_color() == colour and list(along) == [0, 1]:
+            return float(across[0])
+    raise AssertionError(f"no line of {colour}")
+
+
+def value(label: str, u: float, *, log: bool) -> float:
+    return si(label, 10.0**u if log else u)
+
+
+def test_nominal_values_and_the_map_are_at_their_places() -> None:
+    def check(columns: tuple[int, ...], width: float | None) -> None:
+        figure, symbols = contexts.corner(columns, width=width), [SYMBOLS[k] for k in columns]
+        mode = mode_of(posterior(1500, width)[:, columns], tuple(symbols))
+        labels = [panel.get_xlabel() for panel in figure.axes[-len(columns) :]]
+        for (i, j), panel in corner_panels(figure).items():
+            x, y = symbols[j].name, symbols[i].name
+            nominal = style.NOMINAL["color"]
+            places = [(j, line(panel, nominal, upright=True), TABLE[x])]
+            if i == j:
+                places += [(j, line(panel, style.MAP_COLOUR, upright=True), mode[x])]
+            else:
+                (cross,) = (c for c in panel.get_lines() if c.get_marker() == "+")
+                places += [
+                    (i, line(panel, nominal, upright=False), TABLE[y]),
+                    (j, cross.get_xdata()[0], mode[x]),
+                    (i, cross.get_ydata()[0], mode[y]),
+                ]
+            for k, place, expected in places:
+                assert si(labels[k], place) == pytest.approx(expected, rel=1e-9)
+
+    cases = {"1": ((1,), None), "2": ((0, 6), None), "9": (NINE, None), "narrow": (NINE, 1e-5)}
+    for_each(cases, check)
+
+
+def test_contours_of_nearly_perfect_correlation_are_narrow() -> None:
+    """They enclose draws, not bins: across the ridge they are as narrow as the draws."""
+    panel = corner_panels(contexts.corner((0, 6)))[1, 0]
+    j_m, k_s = posterior(1500)[:, [0, 6]].T
+    x, y = j_m / 1e-4, k_s
+    slope, start = np.polyfit(x, y, 1)
+    (contours,) = (c for c in panel.collections if not c.filled)
+    moved = contours.get_transform() - panel.transData
+    vertices = np.concatenate([moved.transform(p.vertices) for p in contours.get_paths()])
+    across = vertices[:, 1] - slope * vertices[:, 0] - start
+    assert np.abs(across).max() < 4 * np.std(y - slope * x - start)
+    assert np.ptp(vertices[:, 0]) > 2 * np.std(x)
+
+
+def test_a_flat_density_has_no_contour_and_a_histogram_ends_where_its_prior_does() -> None:
+    rng = np.random.default_rng(5)
+    n = 12_000
+    low, high = (np.array([TABLE[s.name] for s in PAIR]) * share for share in (0.5, 1.5))
+    priors = {s.name: Uniform(a, b) for s, a, b in zip(PAIR, low, high, strict=True)}
+    for flat in (True, False):
+        share = rng.uniform(size=(n, 2)) if flat else rng.beta(4, 4, (n, 2))
+        figure = corner_figure(low + (high - low) * share, displayed(PAIR, TABLE, {}, priors))
+        panels = corner_panels(figure)
+        lines = [c for c in panels[1, 0].collections if not c.filled and len(c.get_paths()) > 1]
+        assert bool(lines) != flat
+        counts, edges = histogram(panels[0, 0])
+        assert counts.sum() == n
+        first, last = (si(panels[1, 0].get_xlabel(), edge) for edge in edges[[0, -1]])
+        assert low[0] * (1 - 1e-9) <= first < last <= high[0] * (1 + 1e-9)
+        if flat:
+            assert counts[[0, -1]].min() > 0.7 * np.median(counts)
+
+
+def test_a_nominal_value_off_the_axis_is_pointed_at() -> None:
+    draws = posterior(500, 1e-5)[:, [0, 9]] * np.array([1.2, 1.0])
+    figure = drawn(corner_figure(draws, displayed((SYMBOLS[0], SYMBOLS[9]), TABLE, {}, {})))
+    first, _, last = figure.axes
+    assert [c.get_marker() for c in first.get_lines()] == ["<"]
+    assert len(last.get_lines()) == 0  # sigma_w_1 has no nominal value
+    texts = legend_texts(figure)
+    assert "nominal value, off the axis" in texts
+    assert not {"nominal value", "prior", "MAP"} & set(texts)
+
+
+def test_the_legend_names_contours_interval_and_lines() -> None:
+    texts = " ".join(legend_texts(contexts.corner(NINE)))
+    for part in ("39.3 %", "86.5 %", "94 % interval", "prior", "nominal value", "MAP"):
+        assert part in texts
+
+
+def test_each_axis_of_small_panels_says_its_ends() -> None:
+    """In numbers of the unknown, also on a logarithmic axis."""
+    figure = contexts.corner(NINE, scales.SINGLE, logs=frozenset(("c_m",)))
+    below = [panel.get_xlabel().split("\n") for panel in figure.axes[-9:]]
+    assert all(len(lines) == 2 and " to " in lines[1] for lines in below)
+    low, high = (float(end) for end in below[1][1].split(" to "))
+    draws = posterior(1500)[:, 1]
+    power = 10.0 ** round(np.log10(np.median(draws) / np.sqrt(low * high)))
+    assert 0 < low * power < np.quantile(draws, 0.01)
+    assert np.quantile(draws, 0.99) < high * power < 30 * np.median(draws)
+
+
+def test_a_log_uniform_prior_is_flat_on_a_logarithmic_axis_beside_a_plain_one() -> None:
+    draws, mode = draws_of_priors(), {"j_m": 1e-4, "k_s": 0.3}
+    panels = corner_panels(corner_figure(draws, displayed(PAIR, TABLE, mode, PRIORS)))
+    for k, (symbol, log) in enumerate(zip(PAIR, (True, False), strict=True)):
+        panel, label, prior = panels[k, k], panels[1, k].get_xlabel(), PRIORS[symbol.name]
+        counts, edges = histogram(panel)
+        assert counts.min() > 0.75 * np.median(counts)
+        density = next(c for c in panel.get_lines() if len(c.get_xdata()) > 100)
+        height = np.asarray(density.get_ydata())
+        assert np.ptp(height[height > 0]) < 1e-6 * height.max()
+        assert height.max() == pytest.approx(counts.mean(), rel=0.02)
+        ends = [value(label, float(edge), log=log) for edge in edges[[0, -1]]]
+        assert ends == pytest.approx([prior.low, prior.high], rel=1e-6)
+        lines = [c.get_xdata() for c in panel.get_lines() if len(c.get_xdata()) == 2]
+        places = sorted(value(label, float(x[0]), log=log) for x in lines)
+        assert places == pytest.approx(sorted([TABLE[symbol.name], mode[symbol.name]]))
+
+
+def test_ticks_of_a_logarithmic_axis_are_where_their_texts_say() -> None:
+    figure = drawn(corner_figure(draws_of_priors(), displayed(PAIR, TABLE, {}, PRIORS)))
+    panel = corner_panels(figure)[1, 0]
+    for text in panel.get_xticklabels():
+        place = value(panel.get_xlabel(), text.get_position()[0], log=True)
+        assert place == pytest.approx(si(panel.get_xlabel(), float(text.get_text())), rel=1e-6)
+    assert len(panel.get_xticklabels()) >= 2
+
+
+def test_contours_on_logarithmic_axes_are_those_of_the_logs() -> None:
+    """A bell in the logs is round there, however many decades it spans."""
+    z = np.random.default_rng(2).standard_normal((20_000, 2))
+    draws = np.array([TABLE["j_m"], TABLE["k_s"]]) * 10.0 ** (0.5 * z)
+    priors: dict[str, Prior] = {s.name: LogUniform(1e-9, 1e3) for s in PAIR}
+    panel = corner_panels(corner_figure(draws, displayed(PAIR, {}, {}, priors)))[1, 0]
+    (contours,) = (c for c in panel.collections if not c.filled)
+    outer = max((path.vertices for path in contours.get_paths()), key=lambda v: np.ptp(v[:, 0]))
+    middle = [
+        math.log10(si(label, 1.0) / TABLE[s.name])
+        for label, s in zip((panel.get_xlabel(), panel.get_ylabel()), PAIR, strict=True)
+    ]
+    radii = np.hypot(*(outer + middle).T)
+    assert radii.min() > 0.85
+    assert radii.max() < 1.2

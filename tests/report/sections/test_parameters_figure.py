@@ -1,0 +1,82 @@
+"""Figures of parameters: densities on one scale, ridges along symmetries, products in per cent."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from matplotlib.patches import Rectangle
+from support.case_tables import for_each
+from support.figure_checks import SYMBOLS, TABLE, drawn, mode_of, posterior
+from support.figure_contexts import prior_posterior, ridge
+from support.linear_study import NAMES, gaussian, verdict
+
+from bayesdrill.analysis.identifiability.structure import ScalingStructure
+from bayesdrill.basics.symbols import PARAMETERS
+from bayesdrill.report.sections.parameters_figure import (
+    CorrelatedPair,
+    invariants_figure,
+    strongest_pair,
+)
+
+
+def test_prior_and_posterior_are_densities_on_one_scale() -> None:
+    """The prior's line encloses what the posterior's area does, one: also over a logarithmic axis."""
+
+    def check(logs: frozenset[str]) -> None:
+        for panel in prior_posterior(9, logs=logs).axes:
+            (stairs, *_) = panel.patches
+            heights, edges, _ = stairs.get_data()  # type: ignore[attr-defined]
+            assert np.sum(heights * np.diff(edges)) == pytest.approx(1.0)
+            x, y = panel.lines[0].get_data()
+            assert np.trapezoid(y, x) == pytest.approx(1.0, abs=0.02)
+            inside = np.asarray(y)[np.asarray(y) > 0]
+            assert np.ptp(inside) < 1e-6 * inside.max()  # uniform, or log-uniform
+
+    every = frozenset(symbol.name for symbol in SYMBOLS)
+    for_each({"plain": (frozenset(),), "logarithmic": (every,)}, check)
+
+
+def symmetric(*symmetries: tuple[int, ...]) -> ScalingStructure:
+    names = tuple(symbol.name for symbol in SYMBOLS[:9])
+    return ScalingStructure(names=names, symmetries=symmetries, invariants=(), unexplained=0)
+
+
+def test_the_ridge_is_the_pair_that_follows_a_symmetry_most_closely() -> None:
+    """k_s and j_1 share nearly all of their spread; a strong correlation alone makes no ridge."""
+    draws = posterior(3000)
+    assert strongest_pair(draws, symmetric()) is None
+    both = symmetric((1, 0, 0, 0, 0, 0, 1, 1, 0), (0, 1, 0, 0, 0, 1, 0, 0, 0))
+    assert strongest_pair(draws, both) == CorrelatedPair((6, 7), (1, 1))
+    against = symmetric((0, 0, 0, 0, 0, 0, 1, -1, 0))
+    assert strongest_pair(draws, against) is None
+
+
+def test_the_exact_line_passes_through_the_map_with_the_slope_of_the_exponents() -> None:
+    (panel,) = ridge().axes
+    mode = mode_of(posterior(2000), SYMBOLS)
+    x, y = (
+        np.asarray(values) / mode[name]
+        for values, name in zip(panel.lines[0].get_data(), ("k_s", "j_1"), strict=True)
+    )
+    assert np.diff(np.log(y)) / np.diff(np.log(x)) == pytest.approx(2.0)
+
+
+def test_on_two_logarithmic_axes_a_symmetry_is_a_straight_line_in_the_box_of_the_priors() -> None:
+    (panel,) = ridge(frozenset(("k_s", "j_1"))).axes
+    x, y = (np.asarray(values, dtype=float) for values in panel.lines[0].get_data())
+    np.testing.assert_allclose(np.diff(y) / np.diff(x), 2.0)
+    (box,) = (p for p in panel.patches if isinstance(p, Rectangle))
+    assert (box.get_width(), box.get_height()) == pytest.approx((2 * np.log10(30),) * 2)
+
+
+def test_products_that_are_determined_are_shown_in_per_cent_of_nominal() -> None:
+    draws = gaussian({**TABLE, "r_m": 1.2 * TABLE["r_m"]}, np.random.default_rng(2))
+    symbols = [PARAMETERS[name] for name in NAMES]
+    figure = drawn(invariants_figure(verdict(draws), draws, np.median(draws, axis=0), symbols))
+    labels = [text for axes in figure.axes if (text := axes.get_xlabel())]
+    assert len(labels) == 2
+    assert all(r"\%\;of\;nominal" in label for label in labels)
+    assert any(r"k_s/j_1" in label for label in labels)
+    column = next(axes for axes in figure.axes if "r_m" in axes.get_xlabel())
+    low, high = column.get_xlim()
+    assert low < 100 * (np.median(draws[:, 2]) / TABLE["r_m"] - 1) < high

@@ -1,0 +1,167 @@
+"""Every figure, of contexts that are hard to picture, as it is rendered in either width.
+
+Figures of whole runs: `tests/contracts/test_figures.py`; drawings of rigs: `test_rig_drawing.py`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from functools import partial
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from support import figure_contexts as contexts
+from support.case_tables import for_each
+from support.compared_models import model
+from support.figure_checks import SYMBOLS, TABLE, clashes, drawn, overlap, shown
+from support.linear_study import NAMES, gaussian, verdict
+
+from bayesdrill.analysis.calibration import LOG_LIKELIHOOD, judge_calibration
+from bayesdrill.basics.symbols import PARAMETERS
+from bayesdrill.report.scales import WIDTHS
+from bayesdrill.report.sections.calibration_figure import calibration_figure
+from bayesdrill.report.sections.convergence_figure import autocorrelation_figure
+from bayesdrill.report.sections.fit_figure import fit_figure, record_figure
+from bayesdrill.report.sections.identify_figure import profile_figure
+from bayesdrill.report.sections.parameters_figure import invariants_figure
+
+LOGS = frozenset(("c_m", "l_m", "sigma_w_1", "sigma_i"))
+NARROW = 1e-5  # relative width of a posterior whose ticks need an origin
+
+
+def corner(columns: tuple[int, ...], width: float | None, inches: float) -> Figure:
+    return contexts.corner(columns, inches, width, frozenset() if width else LOGS)
+
+
+def unknowns(draw: Callable[..., Figure], n: int, width: float | None, inches: float) -> Figure:
+    return draw(n, inches, width, LOGS)
+
+
+def fit(n_channels: int, n_samples: int, courses: int, inches: float) -> Figure:
+    return fit_figure(contexts.fit_of(n_channels, n_samples, courses), inches)
+
+
+def profiles(n: int, inches: float) -> Figure:
+    symbols = {symbol.name: symbol for symbol in SYMBOLS[:n]}
+    lines = [contexts.profile(symbol) for symbol in symbols.values()]
+    return profile_figure(lines, symbols, TABLE, LOGS, inches)
+
+
+def calibration(n: int, inches: float) -> Figure:
+    names = [*(symbol.name for symbol in SYMBOLS[:n]), LOG_LIKELIHOOD]
+    judged = judge_calibration(names, contexts.refits(n + 1, seed=n), 99)
+    return calibration_figure(judged, SYMBOLS[:n], inches)
+
+
+def autocorrelation(n: int, inches: float) -> Figure:
+    return autocorrelation_figure(contexts.chains(0.9, n, 400), SYMBOLS[:n], inches)
+
+
+def invariants(inches: float) -> Figure:
+    draws = gaussian({**TABLE, "r_m": 1.2 * TABLE["r_m"]}, np.random.default_rng(2))
+    symbols = [PARAMETERS[name] for name in NAMES]
+    return invariants_figure(verdict(draws), draws, np.median(draws, axis=0), symbols, inches)
+
+
+LONG_NAMES = [
+    model(f"{'all_that_rubs-' * 4}{end}", -9.0 * k) for k, end in enumerate(("one", "two", "three"))
+]
+TWO_EXPERIMENTS = [
+    model(name, -3.0 * k, experiments=("up", "down the hill")) for k, name in enumerate("ab")
+]
+IN_EITHER_WIDTH: dict[str, Callable[[float], Figure]] = {
+    **{f"corner of {n}": partial(corner, tuple(range(n)), None) for n in (1, 2, 3, 4, 9, 10, 13)},
+    "narrow corner of 1": partial(corner, (4,), NARROW),
+    "narrow corner of 2": partial(corner, (0, 12), NARROW),
+    **{
+        f"{kind} of {n}, width {width}": partial(unknowns, draw, n, width)
+        for kind, draw in (("trace", contexts.trace), ("priors", contexts.prior_posterior))
+        for n, width in ((1, None), (3, None), (9, None), (9, NARROW), (13, None))
+    },
+    **{f"profiles of {n}": partial(profiles, n) for n in (1, 3, 9, 13)},
+    **{f"calibration of {n}": partial(calibration, n) for n in (1, 3, 9, 13)},
+    **{f"ranks of {n}": partial(contexts.ranks, n, 1.0) for n in (1, 4, 13)},
+    **{f"autocorrelation of {n}": partial(autocorrelation, n) for n in (1, 4, 13)},
+    **{f"residuals of {n}": partial(contexts.residual_correlations, n) for n in (1, 4)},
+    **{f"response of {n}": partial(contexts.frequency_response, n) for n in (1, 4)},
+    **{
+        f"fit of {n} channels, {samples} samples, {courses} inputs": partial(
+            fit, n, samples, courses
+        )
+        for n, samples in ((1, 20), (3, 700), (6, 100_000))
+        for courses in (0, 1, 2)
+    },
+    "predictive": contexts.predictive_checks,
+    "invariants": invariants,
+}
+IN_ONE_WIDTH: dict[str, Callable[[], Figure]] = {
+    "record": lambda: record_figure(contexts.fit_of(2, 200, 1)),
+    "narrow corner of 9": lambda: contexts.corner(tuple(range(9)), width=NARROW),
+    "ridge": contexts.ridge,
+    "ridge in logs": lambda: contexts.ridge(frozenset(("k_s", "j_1"))),
+    **{
+        f"{kind} of {runs} runs, {n} unknowns": partial(draw, runs, n)
+        for kind, draw in (
+            ("overlay", contexts.overlaid_corner),
+            ("intervals", contexts.overlaid_intervals),
+        )
+        for runs, n in ((2, 1), (2, 2), (6, 3), (3, 9))
+    },
+    **{
+        f"comparison of {n}, {some} unknowns": lambda n=n, some=some, wide=wide: contexts.compared(
+            contexts.models(n, some, wide)
+        )
+        for n, some, wide in ((2, 1, 0.5), (2, 3, 40.0), (8, 9, 3e5), (24, 5, 2e7))
+    },
+    "comparison of long names": lambda: contexts.compared(LONG_NAMES),
+    "comparison of two experiments": lambda: contexts.compared(TWO_EXPERIMENTS),
+}
+SLOW = re.compile(r"(corner|trace|priors|profiles|calibration) of (4|10|13)\b|100000 samples")
+WITHOUT_UNIT = re.compile(
+    r"(density|step|(auto|their )?correlation|loss of log|log odds|rank|normalised rank|ECDF|PIT)\b"
+    r"|.*\(PIT\)|rms of residuals over noise|measured less predicted"  # in sds
+)
+
+
+def faults(figure: Figure) -> Iterator[str]:
+    """What a reader would stumble over: see `clashes`; legends on panels; axes without units."""
+    yield from clashes(figure)
+    panels = [panel for panel in figure.axes if panel.axison]
+    for legend in figure.legends:
+        if any(overlap(legend.get_window_extent(), p.get_window_extent()) for p in panels):
+            yield "a legend on a panel"
+    texts = [text for p in panels for text in (p.get_xlabel(), p.get_ylabel()) if text]
+    labels = [text.replace("\n", " ") for text in texts]
+    if not labels:
+        yield "no axis has a label"
+    named = {label.partition(" [")[0] for label in labels if re.search(r" \[.+\]", label)}
+    for label in labels:
+        if label.partition(" [")[0] not in named and not WITHOUT_UNIT.match(label):
+            yield f"no unit: {label}"
+    sizes = [t.get_fontsize() for p in panels for t in shown([*p.get_xticklabels(), p.xaxis.label])]
+    if min(sizes) < 5.0:
+        yield f"letters of {min(sizes)} points"
+
+
+def in_names(name: str) -> pytest.ParameterSet:
+    return pytest.param(name, marks=[pytest.mark.slow] * bool(SLOW.search(name)))
+
+
+@pytest.mark.parametrize("name", [in_names(name) for name in IN_EITHER_WIDTH])
+def test_figures_are_readable_in_one_and_in_two_columns(name: str) -> None:
+    """No text is cut or lies on another, and every axis has a unit."""
+
+    def check(inches: float) -> None:
+        figure = drawn(IN_EITHER_WIDTH[name](inches))
+        assert [*faults(figure)] == []
+        assert figure.get_figwidth() <= inches + 1e-9
+        assert figure.get_figheight() < (1.45 * inches if "corner" in name else 12.0)
+
+    for_each({f"{name} in {size} width": (inches,) for size, inches in WIDTHS.items()}, check)
+
+
+@pytest.mark.parametrize("name", IN_ONE_WIDTH)
+def test_figures_of_one_size_are_readable(name: str) -> None:
+    assert [*faults(drawn(IN_ONE_WIDTH[name]()))] == []

@@ -1,0 +1,95 @@
+"""Axes: few, distinct and true ticks, labels with powers, origins and units; logarithmic axes."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+from support.figure_checks import si
+
+from bayesdrill.basics.symbols import PARAMETERS, Symbol
+from bayesdrill.report import scales
+from bayesdrill.report.scales import Typesetter, printed
+
+
+@given(
+    st.floats(-1e6, 1e6).filter(lambda x: abs(x) > 1e-7),
+    st.floats(-9, 1).map(lambda e: 10.0**e),
+)
+def test_ticks_are_few_distinct_and_true(middle: float, width: float) -> None:
+    low, high = middle - 0.5 * width * abs(middle), middle + 0.5 * width * abs(middle)
+    scale = scales.scale(low, high)
+    places, texts = scale.ticks()
+    assert 2 <= len(places) <= 3
+    assert len(set(texts)) == len(texts)
+    assert max(map(len, texts)) <= 8
+    label = scale.label(PARAMETERS["j_m"]).replace(" - -", " - ")
+    for place, text in zip(places, texts, strict=True):
+        assert float(text.replace("\N{MINUS SIGN}", "-")) == place
+        if middle > 0:
+            x = si(label, place)
+            assert low - 1e-12 * abs(low) <= x <= high + 1e-12 * abs(high)
+            np.testing.assert_allclose(float(scale(x)), place, atol=1e-4 * (scale.high - scale.low))
+
+
+@given(st.floats(-8, 4), st.floats(0.001, 6))
+def test_logarithmic_ticks_are_few_round_and_inside(start: float, decades: float) -> None:
+    low = 10.0**start
+    scale = scales.scale(low, low * 10.0**decades, log=True)
+    places, texts = scale.ticks(4)
+    assert 2 <= len(places) <= 4
+    assert len(set(texts)) == len(texts)
+    assert (scale.low <= places).all()
+    assert (places <= scale.high).all()
+    for place, text in zip(places, texts, strict=True):
+        if not text.startswith("$"):
+            expected = si(scale.label(PARAMETERS["r_m"]), float(text))
+            np.testing.assert_allclose(float(scale.value(place)), expected, rtol=1e-6)
+
+
+def test_a_plain_axis_of_large_numbers_has_no_small_ticks() -> None:
+    """Such as deviations of hundreds of per cent, which are no powers of ten."""
+    for size in (380.0, 3e5):
+        assert len(scales.scale(0.8 * size, size).between) == 0
+        assert len(scales.scale(0.8 * size, 4 * size, log=True).between) > 3
+
+
+def test_an_axis_too_short_for_a_logarithm_to_bend_it_is_plain() -> None:
+    assert scales.scale(1.0, 1.01, log=True).log
+    assert not scales.scale(1.0, 1.0 + 1e-5, log=True).log
+
+
+def test_labels_have_power_unit_and_origin() -> None:
+    j_m, r_m = PARAMETERS["j_m"], PARAMETERS["r_m"]
+    x = Symbol("x", "", "x", "", "")
+
+    def label(symbol: Symbol, power: int, origin: float = 0.0) -> str:
+        return scales.Scale(origin, power, 0.0, 1.0).label(symbol)
+
+    assert label(j_m, -4) == r"$j_m$ [$10^{-4}\,\mathrm{kg\,m^2}$]"
+    assert label(r_m, 0) == r"$r_m$ [$\mathrm{\Omega}$]"
+    assert label(j_m, -9, 4e-4).startswith(r"$j_m - 4{\cdot}10^{-4}$ [")
+    assert label(x, 0, -63.5) == "$x + 63.5$"
+    assert label(x, 0) == "$x$"
+
+
+def test_names_are_printed_with_their_index_and_kept_in_code() -> None:
+    own = (
+        Symbol("sigma_w_2", "rad/s", r"\sigma_{\dot\theta_2}", "rad/s", "noise"),
+        Symbol("sigma_twist", "rad", r"\sigma_{\mathrm{twist}}", "rad", "noise"),
+    )
+    typeset = Typesetter(printed(own)).prose
+    for text, html in {
+        "k_T/(r_m k_s)": "<var>k<sub>T</sub></var>/"
+        "(<var>r<sub>m</sub></var> <var>k<sub>s</sub></var>)",
+        "theta_1 in kg m^2": "<var>&theta;<sub>1</sub></var> in kg m<sup>2</sup>",
+        "sigma_twist": "<var>&sigma;<sub>twist</sub></var>",
+        "`k_s` is *weak*, **k_s**": "<code>k_s</code> is <em>weak</em>, "
+        "<strong><var>k<sub>s</sub></var></strong>",
+    }.items():
+        assert str(typeset(text)) == html
+    assert "<sub>&theta;&#775;<sub>2</sub></sub>" in str(typeset("sigma_w_2"))
+    for name in ("k_s_over_j_1", "tables_2_3", "mean_k_s", "k_s.csv", "k_s2"):
+        assert "<var>" not in str(typeset(name)), name
+    assert "em>" not in str(typeset("5 * k_s * 2"))
+    assert {parameter.name for parameter in PARAMETERS.values()} <= {*printed()}

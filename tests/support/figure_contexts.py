@@ -1,0 +1,293 @@
+"""Made contexts of figures, and figures of them as they are rendered."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Collection
+from functools import cache
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from support.compared_models import model, problem
+from support.figure_checks import (
+    SIGMAS,
+    SYMBOLS,
+    TABLE,
+    displayed,
+    drawn,
+    mode_of,
+    posterior,
+    prior_of,
+)
+
+from bayesdrill.analysis.calibration import Refit, ecdf_band
+from bayesdrill.analysis.comparison import PosteriorSummary, RunSummary, overlay_rows
+from bayesdrill.analysis.diagnostics import rank_histograms
+from bayesdrill.analysis.identifiability.profile import Profile
+from bayesdrill.analysis.prediction import FrequencyResponse, PredictionCheck
+from bayesdrill.basics.symbols import INPUTS, Symbol
+from bayesdrill.basics.units import Unit
+from bayesdrill.inference.display_units import SI, DisplayedUnknowns
+from bayesdrill.inference.priors import LogUniform
+from bayesdrill.inference.residual_checks import ResidualCorrelation
+from bayesdrill.record.experiment import Channel
+from bayesdrill.report.scales import DOUBLE
+from bayesdrill.report.sections.comparison_figure import (
+    comparison_figure,
+    intervals_figure,
+    overlay_corner_figure,
+)
+from bayesdrill.report.sections.convergence_figure import rank_figure, trace_figure
+from bayesdrill.report.sections.corner_figure import corner_figure
+from bayesdrill.report.sections.fit_figure import (
+    frequency_figure,
+    predictive_figure,
+    residuals_figure,
+)
+from bayesdrill.report.sections.fit_words import Course, Fit, Signal, measured
+from bayesdrill.report.sections.parameters_figure import (
+    CorrelatedPair,
+    prior_posterior_figure,
+    ridge_figure,
+)
+from bayesdrill.report.sections.physics_words import TIME
+
+Array = NDArray[np.float64]
+
+SIZES = {**TABLE, **{f"sigma_{name}": size for name, size in SIGMAS.items()}}
+CHANNELS = (
+    ("w_1", r"\dot\theta_1", "rad/s", 30.0),
+    ("i", r"\dot q", "A", 1.9),
+    ("s", r"\theta_1 - \theta_2", "rad", 2e-3),
+    ("theta_1", r"\theta_1", "rad", 4e3),
+    ("far", r"\dot\theta_2", "rad/s", 1e-5),
+    ("w_2", r"\dot\theta_2", "rpm", 1e5),
+)
+V = Symbol("v", "V", "v", "mV", "supply")
+
+
+# Unknowns
+
+
+def unknowns(
+    draws: Array, symbols: tuple[Symbol, ...], logs: Collection[str] = ()
+) -> DisplayedUnknowns:
+    """Return them with their nominal values; the priors of `logs` are log-uniform over three decades."""
+    priors = {symbol.name: prior_of(symbol) for symbol in symbols}
+    for name in logs & priors.keys():
+        middle = float(priors[name].quantile(np.array([0.5]))[0])
+        priors[name] = LogUniform(middle / 30, middle * 30)
+    return displayed(symbols, TABLE, mode_of(draws, symbols), priors)
+
+
+@cache
+def corner(
+    columns: tuple[int, ...],
+    inches: float = DOUBLE,
+    width: float | None = None,
+    logs: frozenset[str] = frozenset(),
+) -> Figure:
+    draws, symbols = posterior(1500, width)[:, columns], tuple(SYMBOLS[k] for k in columns)
+    return drawn(corner_figure(draws, unknowns(draws, symbols, logs), inches))
+
+
+def prior_posterior(
+    n: int, inches: float = DOUBLE, width: float | None = None, logs: Collection[str] = frozenset()
+) -> Figure:
+    draws = posterior(1500, width)[:, :n]
+    return drawn(prior_posterior_figure(draws, unknowns(draws, SYMBOLS[:n], logs), inches))
+
+
+def ridge(logs: Collection[str] = frozenset()) -> Figure:
+    """Return that of k_s and j_1, of which j_1/k_s^2 is said to be what the record determines."""
+    draws = posterior(2000)
+    shown = unknowns(draws, SYMBOLS, logs)
+    return drawn(ridge_figure(draws, CorrelatedPair((6, 7), (1, 2)), shown))
+
+
+def trace_of(n: int = 9, width: float | None = None) -> Array:
+    """Return three ensembles of 12 walkers, 500 steps long."""
+    return posterior(3 * 500 * 12, width)[:, :n].reshape(3, 500, 12, n)
+
+
+def trace(
+    n: int = 9,
+    inches: float = DOUBLE,
+    width: float | None = None,
+    logs: Collection[str] = frozenset(),
+) -> Figure:
+    theta = trace_of(n, width)
+    shown = unknowns(theta.reshape(-1, n), SYMBOLS[:n], logs)
+    return drawn(trace_figure(theta, shown, 70, inches))
+
+
+def profile(symbol: Symbol) -> Profile:
+    """Return one over a decade, skewed, with its nominal value somewhere on it."""
+    values = np.geomspace(0.4, 3.0, 15) * SIZES[symbol.name]
+    loss = 3.0 * np.log(values / (0.9 * SIZES[symbol.name])) ** 2
+    ends: dict[str, float] = {"best": float(values[6]), "low": float(values[2])}
+    return Profile(name=symbol.name, values=values, loss=loss, high=None, shape="one-sided", **ends)
+
+
+def refits(n: int, *, seed: int) -> list[Refit]:
+    """Return sixty refits of `n` quantities whose ranks among 99 draws are uniform."""
+    how: dict[str, Any] = {"r_hat": 1.0, "ess": 500.0, "steps": 800, "reasons": (), "seconds": 0.0}
+    ranks = np.random.default_rng(seed).integers(0, 100, (60, n)).tolist()
+    return [
+        Refit(index=k, truth=(0.0,) * n, ranks=tuple(row), **how) for k, row in enumerate(ranks)
+    ]
+
+
+# Chains
+
+
+def chains(rho: float, n: int = 3, steps: int = 3000) -> Array:
+    """First-order autoregressive, `(4, steps, 8, n)`; tau is `(1 + rho) / (1 - rho)`."""
+    x = np.random.default_rng(3).standard_normal((4, steps, 8, n))
+    for step in range(1, steps):
+        x[:, step] = rho * x[:, step - 1] + np.sqrt(1 - rho**2) * x[:, step]
+    return x
+
+
+@cache
+def ranks(n: int, moved: float, inches: float = DOUBLE) -> Figure:
+    """Return those of five chains; the fourth is moved in its first unknown."""
+    x = np.random.default_rng(1).standard_normal((5, 400, n))
+    x[3, :, 0] += moved
+    histograms = rank_histograms(x, np.random.default_rng(2))
+    return drawn(rank_figure(histograms, SYMBOLS[:n], inches))
+
+
+# Fits
+
+
+def course(n: int, *, straight: bool = False) -> Course:
+    """Return a voltage that goes both ways."""
+    return Course(label=V, values=8e3 * (-1.0) ** (np.arange(n) // 7), straight=straight)
+
+
+def fit_of(n_channels: int, n_samples: int, courses: int = 0) -> Fit:
+    rng = np.random.default_rng(7)
+    t = 0.1 + np.arange(n_samples) * 5.0 / n_samples
+    wave = 1 - np.exp(-t / 0.8) * np.cos(10 * t)
+    signals = []
+    for name, latex, unit, size in CHANNELS[:n_channels]:
+        response, sigma = size * wave + (250.0 if size == 1e-5 else 0.0), 0.03 * size
+        signals.append(
+            Signal(
+                label=Symbol(name, unit, latex, unit, ""),
+                y=response + sigma * rng.standard_normal(n_samples),
+                model=response,
+                predictive=response + sigma * rng.standard_normal((8, n_samples)),
+                sigma=sigma,
+                dots=measured(response),
+                share=0.0213,
+            )
+        )
+    driven = tuple(course(n_samples) for _ in range(courses))
+    return Fit(t=t, time=TIME, signals=tuple(signals), courses=driven, constant=((V, 8.0),))
+
+
+def channel(name: str = "w_1") -> Channel:
+    return Channel(name=name, weights={}, unit="rad/s", latex=r"\dot\theta_1", latex_unit="rad/s")
+
+
+def predictive_checks(inches: float = DOUBLE) -> Figure:
+    """Return those of a channel that is as predicted, and of one that lies below."""
+    u = np.random.default_rng(4).uniform(size=500)
+    band = ecdf_band(500, 99, 0.005)
+    checks = [
+        PredictionCheck(channel=channel(name), pit=pit, band=band)
+        for name, pit in (("w_1", u), ("w_2", u**2))
+    ]
+    return drawn(predictive_figure(checks, inches))
+
+
+def residual_correlations(n: int, inches: float = DOUBLE) -> Figure:
+    """Of n channels with themselves, and with two inputs; at one lag of one outside."""
+    correlations = []
+    for k in range(n):
+        for given in ("", "v", "t_1"):
+            lags = np.arange(-25 if given else 1, 26)
+            values = 0.05 * np.random.default_rng(k).uniform(-1, 1, len(lags))
+            values[-3] = -0.4 if given == "v" else values[-3]
+            common = {"channel": channel(f"w_{k}"), "step": 0.01, "sds": np.full(len(lags), 0.03)}
+            correlations.append(
+                ResidualCorrelation(input=given, lags=lags, values=values, **common)
+            )
+    return drawn(residuals_figure(correlations, inches, latex={}))
+
+
+def frequency_response(n: int, inches: float = DOUBLE) -> Figure:
+    """A lag; measured where the frequency is at most 10 Hz, 30 degrees and a tenth off."""
+    f = np.linspace(0.5, 50, 100)
+    modelled = 20.0 / (1.0 + 1j * f / 5.0)
+    response = FrequencyResponse(
+        channel=channel(),
+        input=INPUTS["v"],
+        unit=Unit("V", 1.0, "V"),
+        frequencies=f,
+        modelled=modelled,
+        measured=np.where(f <= 10, 1.1 * modelled * np.exp(-1j * np.pi / 6), np.nan),
+        error=np.full(100, 0.05),
+    )
+    return drawn(frequency_figure([response] * n, inches))
+
+
+# Several runs
+
+
+def models(n: int, n_unknowns: int, wide: float) -> list[RunSummary]:
+    """The last is the most probable, and by far."""
+    return [
+        model(
+            f"{'a_long_name_of_a_model_' * (k % 2)}{k}",
+            -wide * (n - 1 - k) / n,
+            rig=str(k),
+            unknowns=n_unknowns - (k == 0 and n_unknowns > 1),
+            rms=1.0 + 0.5 * (n - 1 - k) ** 2,
+            correlation=0.2 * (n - 1 - k) % 1.0,
+            moved=0.5 * k,
+        )
+        for k in range(n)
+    ]
+
+
+def compared(summaries: list[RunSummary]) -> Figure:
+    rows = overlay_rows([summary.layer for summary in summaries])
+    return drawn(comparison_figure(summaries, rows, SI))
+
+
+def layers(n_runs: int, n_unknowns: int) -> list[PosteriorSummary]:
+    """The runs lie beside each other, each narrower; the last has not the last unknown."""
+    summaries = []
+    for k in range(n_runs):
+        there = max(n_unknowns - (k == n_runs - 1), 1)
+        x = posterior(1500)[:, :there]
+        mean, sd = x.mean(axis=0), x.std(axis=0)
+        summaries.append(
+            PosteriorSummary(
+                name=f"run_with_a_name_{k}",
+                mark=str(k),
+                problem=dataclasses.replace(problem(), symbols=problem().symbols[:there]),
+                draws=mean + (x - mean) / (1 + 0.5 * k) + 0.8 * k * sd,
+                settings={"seed": str(k)},
+                warning="NOT CONVERGED" if k == 1 else "",
+                reasons=("the ensembles disagree",) if k == 1 else (),
+            )
+        )
+    return summaries
+
+
+@cache
+def overlaid_corner(n_runs: int, n_unknowns: int) -> Figure:
+    summaries = layers(n_runs, n_unknowns)
+    return drawn(overlay_corner_figure(summaries, overlay_rows(summaries), SI))
+
+
+@cache
+def overlaid_intervals(n_runs: int, n_unknowns: int) -> Figure:
+    summaries = layers(n_runs, n_unknowns)
+    return drawn(intervals_figure(summaries, overlay_rows(summaries), SI))
