@@ -86,7 +86,9 @@ def test_the_motor_is_the_papers_rig_without_shaft_and_rotor() -> None:
         own, at = ([x.states.index(name) for name in states] for x in (rig, whole))
         linear, paper = rig.linear(NOMINAL), whole.linear(NOMINAL | {"k_s": k_s})
         expected = dynamics(paper, whole.states, 1)[0][np.ix_(at, at)]
-        assert dynamics(linear, rig.states, 1)[0][np.ix_(own, own)] == pytest.approx(expected)
+        assert dynamics(linear, rig.states, 1)[0][np.ix_(own, own)] == pytest.approx(
+            expected, rel=1e-12
+        )
         assert linear.c == paper.c
     assert dict(alone.linear(NOMINAL).B) == {("i", "v"): whole.linear(NOMINAL).B["i", "v"]}
 
