@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 CACHE = Path(__file__).parent / ".pytest_cache"
-# Each structure of a rig takes 0.3 to 3 s to compile, so tests share rigs.  The cache keeps up to 1000
-# kernels, hence all of these from one run to the next.
-MOST_KERNELS = 2000
+# Each structure of a rig takes 0.3 to 3 s to compile, so tests share rigs.  A whole run uses
+# some 1230 kernels, and no more are wanted.
+MOST_KERNELS = 1300
 BEGUN, KERNELS = pytest.StashKey[float](), pytest.StashKey[int]()
 
 # Kernels of all workers and their children are compiled once, and apart from those of the user.

@@ -132,6 +132,12 @@ def marked(panel: Axes, marker: str) -> list[Line2D]:
     return [line for line in panel.get_lines() if line.get_marker() == marker]
 
 
+def within(panel: Axes, y: Array) -> bool:
+    """Return whether all of `y` is between the ends of the vertical axis."""
+    low, high = panel.get_ylim()
+    return bool(low <= y.min() and y.max() <= high)
+
+
 def si(label: str, u: float) -> float:
     """What a reader of the axis makes of the number u on it: only the label is known."""
     quantity, inside = label.replace("\n", " ").split(" [")
