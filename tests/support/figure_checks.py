@@ -128,8 +128,12 @@ def xy(line: Line2D) -> Array:
     return np.array(line.get_data(), dtype=float)
 
 
-def marked(panel: Axes, marker: str) -> list[Line2D]:
-    return [line for line in panel.get_lines() if line.get_marker() == marker]
+def marked(panel: Axes, marker: str, *, filled: bool | None = None) -> list[Line2D]:
+    """Return the lines with this marker; only those with filled or open ones if `filled` is given."""
+    lines = [line for line in panel.get_lines() if line.get_marker() == marker]
+    if filled is None:
+        return lines
+    return [line for line in lines if (line.get_markerfacecolor() != "none") is filled]
 
 
 def within(panel: Axes, y: Array) -> bool:
