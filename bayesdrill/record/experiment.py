@@ -108,6 +108,11 @@ class Experiment:
         return float(np.median(np.diff(self.t)))
 
     @property
+    def lead(self) -> float:
+        """The span from the start to the first sample, in s; zero where they coincide."""
+        return float(self.t[0] - self.t_start)
+
+    @property
     def uniform(self) -> bool:
         """Whether all steps are equal, to `STEP_TOLERANCE` of a step."""
         return is_even(self.t)

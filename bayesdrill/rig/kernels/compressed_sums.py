@@ -102,9 +102,9 @@ def write_sums(module: Module, shape: BasisShape) -> None:
 def _expand(expansion: BasisExpansion, bases: tuple[ir.Value, ...]) -> list[ir.Value]:
     """Store the coefficients of walkers; return bounds `(K,)`; `bases`: of numbers, and of slopes."""
     b, shape, layout = expansion.b, expansion.shape, expansion.shape.layout
-    numbers = map(Blocks(b, bases).get, range(shape.parameters, shape.walker_size))
-    start = [*islice(numbers, shape.states)]
-    rows = [[*islice(numbers, shape.states + 1)] for _ in range(shape.channels)]
+    numbers = map(Blocks(b, bases).get, range(layout.n_parameters, shape.walker_size))
+    start = [*islice(numbers, layout.n_states)]
+    rows = [[*islice(numbers, layout.n_states + 1)] for _ in range(shape.channels)]
     span, constants = b.shared(expansion.a["numbers"], 0), b.offset(expansion.a["numbers"], 1)
     e = expansion.entry.e
     values = [bases[0], span] + ([bases[1], vector(0.0)] if shape.slopes else [])

@@ -297,13 +297,6 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
         pairs = zip(default, others, strict=True)
         return [self._merged((old, before), (new, inside)) for old, new in pairs]
 
-    def scatter_lanes(self, value: ir.Value, numbers: ir.Value, places: ir.Value) -> None:
-        """Store lane l of `value` as number l of the vector at the place of the lane."""
-        for lane in range(LANES):
-            index = self.mul(self.extract_element(places, I32(lane)), LANES)
-            address = self.offset(numbers, self.add(index, lane))
-            self.store(self.extract_element(value, I32(lane)), address)
-
     def transpose(self, rows: list[ir.Value]) -> list[ir.Value]:
         """Transpose LANES vectors: exchange halves of pairs, then quarters, then eighths."""
         rows = list(rows)

@@ -125,7 +125,7 @@ class LinearShape:
         return self.shares or (any(self.late) and self.times == UNEVEN)
 
     @property
-    def whole(self) -> bool:
+    def single_chunk(self) -> bool:
         """Whether all samples are one chunk: each direction is done before the next begins."""
         normal = self.output in (NORMAL, INNOVATIONS)
         return not normal or any(self.late) or self.table
@@ -134,8 +134,8 @@ class LinearShape:
         """Return the vectors of scratch of a run with these `COUNTS`."""
         width, x, k = 2 if self.slopes else 1, self.layout.n_states, self.channels
         planes, directions = 1 + counts["directions"], max(1, counts["directions"])
-        copies = 1 if self.whole else directions
-        rows = counts["samples"] if self.whole else ROWS
+        copies = 1 if self.single_chunk else directions
+        rows = counts["samples"] if self.single_chunk else ROWS
         normal = self.output in (NORMAL, INNOVATIONS)
         late = x if self.times == UNEVEN else sum(self.late)
         return {
@@ -175,13 +175,13 @@ class _Writer:
         """Find where the parts of scratch begin, in the order of `LinearShape.scratch`."""
         b, a, shape = self.b, self.a, self.shape
         directions = a["directions"] if shape.slopes else integer(1)
-        copies = integer(1) if shape.whole else directions
+        copies = integer(1) if shape.single_chunk else directions
         width = self.kind.width
         self.table_size = b.mul(a["nodes"], len(table_entries(self.layout)) * width)
         self.table = a["scratch"]
         self.states = b.offset(self.table, copies, self.table_size)
         self.trace = b.offset(self.states, directions, self.x * width)
-        self.length = a["samples"] if shape.whole else integer(ROWS)
+        self.length = a["samples"] if shape.single_chunk else integer(ROWS)
         if shape.output == SIGNALS:
             size = b.mul(self.planes, b.mul(a["samples"], self.k))
             self.shown = b.offset(a["out"], self.group, size)
@@ -203,13 +203,13 @@ class _Writer:
         with self._directions() as direction:
             walker = _Walker(self, direction)
             walker.prepare()
-            if shape.whole:
+            if shape.single_chunk:
                 walker.advance(integer(0), a["samples"], [])
                 walker.show_late([])
         if shape.output == SIGNALS:
             return
         self._begin_products()
-        if shape.whole:
+        if shape.single_chunk:
             self._add_products(integer(0), a["samples"])
             return
         with b.loop(b.sdiv(b.add(a["samples"], ROWS - 1), ROWS), "chunks") as chunk:
@@ -327,7 +327,7 @@ class _Walker:
             row = b.add(b.mul(w.group, w.a["directions"]), direction)
             bases.append(b.offset(w.a["along"], row, sum(shape.parts.values())))
         self.bases = tuple(bases)
-        copy = integer(0) if shape.whole else direction
+        copy = integer(0) if shape.single_chunk else direction
         self.transitions = Transitions(
             b=b, layout=w.layout, kind=w.kind, parameters=self.bases,
             constants=b.offset(w.a["numbers"], 1), table=b.offset(w.table, copy, w.table_size),

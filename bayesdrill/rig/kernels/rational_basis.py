@@ -69,16 +69,6 @@ class BasisShape:
         return f"{self.poles} {sizes} {self.slopes} {self.layout.text}"
 
     @property
-    def states(self) -> int:
-        """States X of the rig."""
-        return self.layout.n_states
-
-    @property
-    def parameters(self) -> int:
-        """Parameters P of the rig."""
-        return self.layout.n_parameters
-
-    @property
     def blocks(self) -> list[list[int]]:
         """Coordinates of each pole, counted from the first that is no integrator."""
         ends = zip(self.poles, itertools.accumulate(self.poles), strict=True)
@@ -87,7 +77,7 @@ class BasisShape:
     @property
     def decaying(self) -> int:
         """Coordinates that are no integrators."""
-        return self.states - self.integrators
+        return self.layout.n_states - self.integrators
 
     @property
     def constant(self) -> bool:
@@ -95,7 +85,7 @@ class BasisShape:
         if self.layout.first_order:
             return True
         column = self.layout.n_states
-        return any(self.layout.reach[i][column] for i in range(self.states))
+        return any(self.layout.reach[i][column] for i in range(self.layout.n_states))
 
     @property
     def sources(self) -> list[str]:
@@ -115,8 +105,8 @@ class BasisShape:
     @property
     def walker_size(self) -> int:
         """Numbers of a walker: parameters, start, and rows of channels."""
-        rows = self.channels * (self.states + 1)
-        return self.parameters + self.states + rows
+        rows = self.channels * (self.layout.n_states + 1)
+        return self.layout.n_parameters + self.layout.n_states + rows
 
     def scratch_size(self, columns: int, q: int = 0) -> int:
         """Vectors of scratch."""
@@ -175,7 +165,7 @@ class ModalFrame:
     """
 
     def __init__(self, b: Builder, shape: BasisShape, block: ir.Value) -> None:
-        x, places = shape.states, itertools.count()
+        x, places = shape.layout.n_states, itertools.count()
         numbers = (number(b, block, place) for place in places)
         self.vectors, self.duals = (
             [[*islice(numbers, x)] for _ in range(x)] for _ in ("vectors", "duals")
@@ -228,7 +218,7 @@ class BasisExpansion:
 
         `start (X,)`; `rows (K, X + 1)`: weights of states, and offsets.
         """
-        shape, x = self.shape, self.shape.states
+        shape, x = self.shape, self.shape.layout.n_states
         rates = [[self.entry(i, j) for j in range(x)] for i in range(x)]
         self.begin(rates, [row[:x] for row in rows])
         column = 0
@@ -242,7 +232,7 @@ class BasisExpansion:
 
     def begin(self, rates: Matrix, rows: Matrix) -> None:
         """Begin with walkers of the rates F `(X, X)`, and rows `(K, X)` of channels over states."""
-        x, d = self.shape.states, self.shape.integrators
+        x, d = self.shape.layout.n_states, self.shape.integrators
         for base in self.coefficients.bases:
             self.b.clear(base, self.count)
         modal = product(self.frame.duals, product(rates, self.frame.vectors))
@@ -273,7 +263,7 @@ class BasisExpansion:
 
     def _drive(self, source: str, start: list[Number], rates: Matrix) -> list[Number]:
         """Return what a source does to the states from one sample to the next."""
-        x, layout = self.shape.states, self.shape.layout
+        x, layout = self.shape.layout.n_states, self.shape.layout
         if source == "impulse":
             return start
         if source == "constant":
@@ -295,7 +285,7 @@ class BasisExpansion:
         return [a + c for a, c in zip(held, moved, strict=True)]
 
     def _increment(self, s: int) -> list[Number]:
-        x, layout = self.shape.states, self.shape.layout
+        x, layout = self.shape.layout.n_states, self.shape.layout
         return [self.entry(i, x + 1 + layout.n_series + s) for i in range(x)]
 
     def _store_matrices(self, fall: Matrix) -> None:

@@ -57,6 +57,7 @@ from bayesdrill.rig.kernels.numbers import (
     multiply_symmetric,
     solve,
 )
+from bayesdrill.rig.kernels.transitions import table_entries
 
 MIN_DOUBLINGS, MAX_DOUBLINGS = 7, 44  # doublings
 COVARIANCE_TOLERANCE = 1e-14  # of the variance of a sample: what one more doubling may add to it
@@ -306,9 +307,7 @@ def write_steady_state(module: Module, system: StateSpace, layout: Layout) -> No
 
 def phi_entries(b: Builder, layout: Layout, e: ir.Value) -> Registers:
     """Return the entries of Phi and of the columns after it that can differ from zero."""
-    size, reach = layout.size, layout.reach
-    places = ((i, j) for i in range(layout.n_states) for j in range(size) if reach[i][j])
-    return {(i, j): b.read(e, i * size + j) for i, j in places}
+    return {(i, j): b.read(e, i * layout.size + j) for i, j in table_entries(layout)}
 
 
 def next_state(

@@ -132,11 +132,11 @@ class Transitions:
             self.exponentiate(self.width, hop)
         with b.loop(nodes, "nodes") as node:
 
-            def whole(at: ir.Value = node) -> None:
+            def exponentiate_span(at: ir.Value = node) -> None:
                 self.exponentiate(Vector(b, b.shared(spans, at)), e)
 
             if chained is None:
-                whole()
+                exponentiate_span()
             else:
                 linked = b.icmp_signed("!=", b.single(chained, node), 0)
                 with b.if_else(linked) as (then, otherwise):
@@ -144,7 +144,7 @@ class Transitions:
                         multiply_reached(b, spare, e, hop, self.layout, slopes=self.kind.slopes)
                         b.copy(spare, e, n * n * self.kind.width)
                     with otherwise:
-                        whole()
+                        exponentiate_span()
             self.store(e, self.table, node)
 
     def read(self, table: ir.Value, index: Integer) -> dict[tuple[int, int], Number]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -13,12 +12,11 @@ from bayesdrill.basics.duals import Dual
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.kernels.blocks import SLOPES, BlockShape, write_blocks
 from bayesdrill.rig.kernels.compiling import Kernel, compile_kernel
-from bayesdrill.rig.kernels.exponential import present
 from bayesdrill.rig.kernels.lanes import LANES
 from bayesdrill.rig.kernels.sums import SQUARES, ResidualSums
 from bayesdrill.rig.models.linear import Model
-from bayesdrill.rig.simulators.contract import in_groups
-from bayesdrill.rig.simulators.long_record import input_layout, record_blocks
+from bayesdrill.rig.simulators.contract import aligned, in_groups
+from bayesdrill.rig.simulators.long_record import constant_numbers, input_layout, record_blocks
 from bayesdrill.rig.simulators.sensors import ObservationModel, ObservedWalkers
 from bayesdrill.rig.simulators.stepped import Unstepped
 
@@ -59,10 +57,9 @@ class ChainResponse(Unstepped):
 
     def _run(self, name: str, shape: tuple[int, ...], *walkers: Array) -> Array:
         scratch = np.empty((self._shape.scratch(1 + (name == SLOPES)) + 1, LANES))
-        start = scratch.ctypes.data  # vectors that cross lines of the cache take twice as long
         return self._kernel(name).run(
             name, len(walkers[0]), shape, samples=len(self.experiment.t),
-            parameters=in_groups(*walkers), scratch=start + -start % 64, **self._blocks,
+            parameters=in_groups(*walkers), scratch=aligned(scratch), **self._blocks,
         )  # fmt: skip
 
     def _kernel(self, name: str) -> Kernel:
@@ -78,14 +75,11 @@ class ChainResponse(Unstepped):
 
     @cached_property
     def _shape(self) -> BlockShape:
-        layout = input_layout(self.sensors.observed_model, self.experiment)
-        layout = dataclasses.replace(layout, lead=self.sensors.lead)
+        layout = input_layout(self.sensors.observed_model, self.experiment, with_lead=True)
         return BlockShape(layout, self.experiment.y.shape[1])
 
     @cached_property
     def _blocks(self) -> dict[str, Array]:
         """Constants, record, inputs."""
-        experiment = self.experiment
-        spans = (experiment.dt, float(experiment.t[0] - experiment.t_start))
-        constants = np.array([*spans, *present(experiment.constant).values()])
-        return {"constants": constants, **record_blocks(experiment)}
+        constants = np.array(constant_numbers(self.experiment))
+        return {"constants": constants, **record_blocks(self.experiment)}

@@ -11,6 +11,7 @@ import dataclasses
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
@@ -227,6 +228,10 @@ class CompressedSimulator(Unstepped):
     def _shape(self) -> BasisShape:
         return self.compression.shape
 
+    @cached_property
+    def _slopes_shape(self) -> BasisShape:
+        return dataclasses.replace(self._shape, slopes=True)
+
     def _walkers(self, full: Array) -> Array:
         return np.asarray(ObservedWalkers(self.sensors, full).numbers)
 
@@ -234,7 +239,7 @@ class CompressedSimulator(Unstepped):
         """Run the kernel on blocks `(W, ...)`; returns its numbers `(W, n)`, and scratch."""
         known, n = self.compression, len(blocks["walkers"])
         _, alike, columns, _ = known.record.matrix.shape
-        shape, size = dataclasses.replace(self._shape, slopes=q > 0), columns**2
+        shape, size = self._slopes_shape if q else self._shape, columns**2
         grouped = {name: in_groups(block) for name, block in blocks.items()}
         scratch = np.empty((shape.scratch_size(columns, q), LANES))
         given = {

@@ -247,6 +247,12 @@ def log_sums(tally: Array) -> Array:
     return np.asarray(np.where(squares < MAX_SQUARES, logs, np.nan))
 
 
+def aligned(scratch: Array) -> int:
+    """Return an address in `scratch`: vectors that cross lines of the cache take twice as long."""
+    start = scratch.ctypes.data
+    return int(start + -start % 64)
+
+
 def in_groups(*parts: Array) -> Array:
     """Put blocks `(W, ...)` side by side: `(G, n, LANES)`; the last walker fills the last group."""
     count = len(parts[0])

@@ -19,14 +19,14 @@ from numpy.typing import NDArray
 from bayesdrill.basics.arrays import Array
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.kernels.compiling import HIGH_OPT_LEVEL, Kernel, compile_kernel
-from bayesdrill.rig.kernels.exponential import Layout, present, weight_kinds
+from bayesdrill.rig.kernels.exponential import Layout, weight_kinds
 from bayesdrill.rig.kernels.kalman_filter import StateSpace, smoother_size, write_filter
 from bayesdrill.rig.kernels.lanes import LANES
 from bayesdrill.rig.kernels.steady_state_kalman import BLOCK_SAMPLES, write_steady_state
 from bayesdrill.rig.models.latent_torque import AugmentedModel, MissingTorque, augment
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulators.contract import in_groups
-from bayesdrill.rig.simulators.long_record import input_layout
+from bayesdrill.rig.simulators.long_record import constant_numbers, input_layout
 
 CLOCK_TOLERANCE = 1e-9  # of the usual step: what steps may differ by and be one
 MAX_STEP_LENGTHS = 64  # lengths of steps, each with matrices of its own
@@ -64,7 +64,7 @@ def step_lengths(experiment: Experiment) -> StepLengths:
                 f"allows for {MAX_STEP_LENGTHS}; give `record.time: {{rate: ...}}` where only its clock "
                 "trembles, or put the record on a grid of times"
             )
-    ahead = float(t[0] - experiment.t_start)
+    ahead = experiment.lead
     if ahead > 0.0:
         spans = np.append(spans, ahead)
     return StepLengths(np.ascontiguousarray(spans), node, ahead > 0.0)
@@ -158,16 +158,13 @@ class KalmanFilter:
     @cached_property
     def layout(self) -> Layout:
         """The layout of rig and torque."""
-        lead = bool(self.experiment.t[0] > self.experiment.t_start)
-        return dataclasses.replace(input_layout(self.augmented, self.experiment), lead=lead)
+        return input_layout(self.augmented, self.experiment, with_lead=True)
 
     @cached_property
     def constants(self) -> tuple[Array, int]:
         """The kernel's block of constants of the experiment, and its address."""
-        experiment, start = self.experiment, self.augmented.initial_state(self.experiment.start)
-        spans = (experiment.dt, float(experiment.t[0] - experiment.t_start))
-        inputs = present(experiment.constant).values()
-        block = np.array([*spans, *inputs, *start, *self.output_matrix.ravel()])
+        start = self.augmented.initial_state(self.experiment.start)
+        block = np.array([*constant_numbers(self.experiment), *start, *self.output_matrix.ravel()])
         return block, block.ctypes.data
 
     def whiten(self, parameters: Array, sigmas: Array, residuals: Array) -> tuple[Array, Array]:

@@ -33,7 +33,7 @@ from bayesdrill.rig.kernels.linear import (
 )
 from bayesdrill.rig.kernels.sums import ResidualSums
 from bayesdrill.rig.models.linear import Model
-from bayesdrill.rig.simulators.contract import in_groups, whitening_scales
+from bayesdrill.rig.simulators.contract import aligned, in_groups, whitening_scales
 from bayesdrill.rig.simulators.long_record import LongRecord, input_layout, record_blocks
 from bayesdrill.rig.simulators.sensors import ObservationModel, ObservedWalkers, beside
 from bayesdrill.rig.simulators.stepped import Unstepped
@@ -190,8 +190,8 @@ class Response(Unstepped):
             u = np.vstack([u, u[-1:].repeat(ahead, axis=0)])
             if first_order:
                 u = np.hstack([u, np.vstack([slopes, np.zeros((ahead, slopes.shape[1]))])])
-            later = g.t[-2] + self._usual_step * np.arange(1, ahead + 1)
-            node = np.append(g.node[:-1], np.full(ahead + 1, self._usual_node))
+            later = g.t[-2] + self._median_step * np.arange(1, ahead + 1)
+            node = np.append(g.node[:-1], np.full(ahead + 1, self._median_node))
             blocks = self._shared | {
                 "node": node.astype(np.int64),
                 "share": np.append(g.share, np.full(ahead, -1.0)),
@@ -203,13 +203,13 @@ class Response(Unstepped):
         return self._known_knots[ahead][1]
 
     @cached_property
-    def _usual_node(self) -> int:
-        """The node nearest to the usual step."""
+    def _median_node(self) -> int:
+        """The node nearest to the median step."""
         return int(np.argmin(np.abs(self._grid.spans - self._grid.usual)))
 
     @property
-    def _usual_step(self) -> float:
-        return float(self._grid.spans[self._usual_node])
+    def _median_step(self) -> float:
+        return float(self._grid.spans[self._median_node])
 
     @cached_property
     def _high(self) -> int:
@@ -228,7 +228,7 @@ class Response(Unstepped):
         if not self.sensing.shifts:
             return walkers.numbers, 0
         delay = self.sensors.channel_delays(full)
-        value, step = dual(delay).value, self._usual_step
+        value, step = dual(delay).value, self._median_step
         farthest = MAX_AHEAD * (float(self._grid.t[-2]) + step)
         lost = ~(value > -farthest) | ~np.isfinite(value)
         rows = linear_map(lambda part: np.where(lost[:, :, None], np.nan, part), walkers.rows)
@@ -250,12 +250,15 @@ class Response(Unstepped):
         """Run the kernel of an output, and return what it stores `(W, *out)`."""
         kernel, shape = self._kernel(output, tally, slopes=along is not None)
         blocks, q = {"along": NONE}, 0
+        walkers: Array | Dual = full
+        if along is not None:
+            n, q, p = along.shape
+            walkers = Dual(full.repeat(q, axis=0), along.reshape(n * q, p))
         with np.errstate(all="ignore"):
-            numbers, ahead = self._walkers(full)
-            if along is not None:
-                n, q, p = along.shape
-                changed, _ = self._walkers(Dual(full.repeat(q, axis=0), along.reshape(n * q, p)))
-                blocks["along"] = in_groups(changed.slope.reshape(n, -1))
+            numbers, ahead = self._walkers(walkers)
+        if along is not None:
+            blocks["along"] = in_groups(numbers.slope.reshape(len(full), -1))
+            numbers = numbers.value[::q]  # those of a walker are the same in all directions
         own = (numbers,) if weights is None else (numbers, weights)
         samples = len(self._padded)
         counts = {
@@ -270,9 +273,3 @@ class Response(Unstepped):
             "linear", len(full), out, own=in_groups(*own), **counts, **blocks,
             scratch=aligned(scratch), **self._knots(ahead),
         )  # fmt: skip
-
-
-def aligned(scratch: Array) -> int:
-    """Return an address in `scratch`: vectors that cross lines of the cache take twice as long."""
-    start = scratch.ctypes.data
-    return start + -start % 64

@@ -6,6 +6,7 @@ where a kernel would take the memory of eight walkers for one.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -116,10 +117,19 @@ class LongRecord:
         return np.concatenate(parts)
 
 
-def input_layout(model: Model, experiment: Experiment) -> Layout:
-    """Return the layout of a rig under the inputs of an experiment."""
+def input_layout(model: Model, experiment: Experiment, *, with_lead: bool = False) -> Layout:
+    """Return the layout of a rig under the inputs of an experiment.
+
+    `with_lead`: it says whether the start is before the first sample.
+    """
     series, constant = tuple(experiment.series), tuple(present(experiment.constant))
-    return Layout.from_model(model, series, constant, first_order=experiment.first_order)
+    layout = Layout.from_model(model, series, constant, first_order=experiment.first_order)
+    return dataclasses.replace(layout, lead=with_lead and experiment.lead > 0.0)
+
+
+def constant_numbers(experiment: Experiment) -> list[float]:
+    """Return the first numbers of `kernels.exponential.Constants`: step, lead, constant inputs."""
+    return [experiment.dt, experiment.lead, *present(experiment.constant).values()]
 
 
 def record_blocks(experiment: Experiment) -> dict[str, Array]:

@@ -182,19 +182,19 @@ class SensorParameters:
         """Return the columns of names at `places` of an array `(W, count)`, zero elsewhere."""
         columns = [self.parameters.index(name) for name in places.values()]
 
-        def place(part: Array) -> Array:
+        def spread(part: Array) -> Array:
             out = np.zeros((len(part), count))
             out[:, [*places]] = part[:, columns]
             return out
 
-        return linear_map(place, full)
+        return linear_map(spread, full)
 
     # The record's own.
 
     @property
     def lead(self) -> bool:
         """Whether the start is before the first sample, and is a knot of its own."""
-        return bool(self.experiment.t_start < self.experiment.t[0])
+        return self.experiment.lead > 0.0
 
     @cached_property
     def knots(self) -> tuple[Array, dict[str, Array]]:
