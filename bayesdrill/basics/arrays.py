@@ -16,7 +16,7 @@ PART = 1 << 18  # numbers of a long series that are looked at together, lest all
 
 
 class _Stored:
-    """How pydantic reads an array of numbers that a record keeps, and describes it."""
+    """The schema by which pydantic reads and describes an array of numbers in a record."""
 
     @classmethod
     def __get_pydantic_core_schema__(cls, *_: Any) -> Any:

@@ -160,11 +160,9 @@ def _publish(job: Job, folder: Folder, refits: Sequence[Refit]) -> CalibrationVe
     verdict = calibration.judge_calibration(names, refits, config.calibration.draws)
     folder.write_text(RANKS, calibration_words.ranks_csv(names, refits))
     _draw(job, folder, verdict)
-    title, shape = (
-        f"Calibration of {config.name}",
-        output_files.shown_path(config.output.formats_or_default),
-    )
-    said = calibration_words.sections(verdict, refits, shape)
+    title = f"Calibration of {config.name}"
+    ending = output_files.shown_path(config.output.formats_or_default)
+    said = calibration_words.sections(verdict, refits, ending)
     folder.write_text("summary.md", as_markdown(title, said))
     seed, versions = str(config.seed), software.versions_text()
     lines = (("config", config.name), ("seed", seed), ("versions", versions))

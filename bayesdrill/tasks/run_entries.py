@@ -165,13 +165,13 @@ def run_schema() -> str:
     both = TypeAdapter(tuple[RunRecord, RunAnalysis])
     defs = both.json_schema(schema_generator=_RunSchema, mode="serialization")["$defs"]
     record = defs.pop(RunRecord.__name__)
-    said = {name: {"description": text} for name, text in ENTRIES.items()}
-    said[ANALYSIS] |= {"$ref": f"#/$defs/{RunAnalysis.__name__}"}
+    others = {name: {"description": text} for name, text in ENTRIES.items()}
+    others[ANALYSIS] |= {"$ref": f"#/$defs/{RunAnalysis.__name__}"}
     described = {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "run.json of bayesdrill posterior",
         "type": "object",
-        "properties": record["properties"] | said,
+        "properties": record["properties"] | others,
         "$defs": defs,
     }
     return json.dumps(described, indent=2) + "\n"

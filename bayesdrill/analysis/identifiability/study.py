@@ -237,7 +237,10 @@ def products(
 def _known_products(
     information: Information, exponents: Array, sds: Array, before: Array, thresholds: Thresholds
 ) -> tuple[KnownProduct, ...]:
-    """Of products with `exponents (n, m)`, whose logs have these sds, with the priors and before."""
+    """Return the products with `exponents (n, m)`.
+
+    `sds (n,)`: of their logs, by record and priors; `before (n,)`: by the priors alone.
+    """
     return tuple(
         KnownProduct(
             exponents=tuple(map(int, powers)),

@@ -254,14 +254,14 @@ def check_rig(
 
 
 def _removal_hint(name: str) -> str:
-    """For a parameter of another model."""
+    """Return what to do about a parameter that only other models have, or none."""
     rigs = {n: with_all(kind()) for n, kind in MODELS.usable().items()}
     having = [n for n, rig in rigs.items() if name in rig.parameters]
     return f"remove it, or take model.name: {' or '.join(having)}" if having else "remove it"
 
 
 def _check_added(errors: IssueCollector, config: Config, model: Model) -> None:
-    """What is named means something, and nothing is said of what is not named."""
+    """Check that parts of the rig that are named are complete, and that no entry is of other parts."""
     reported: set[str] = set()
     for name, missing in missing_requirements(model).items():
         if name not in reported:

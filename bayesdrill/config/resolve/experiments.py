@@ -297,9 +297,9 @@ def check_experiments(
     _check_held_out(errors, config, by_label)
     _check_names(errors, config, by_label)
     if not errors.issues:
-        whole = ResolvedCase(config=config, source=source, experiments=(*resolved.values(),))
-        space = whole.space()
-        _check_derived(errors, whole, space)
+        joint = ResolvedCase(config=config, source=source, experiments=(*resolved.values(),))
+        space = joint.space()
+        _check_derived(errors, joint, space)
         local = [joint_name(config, n, label) for label, x in by_label.items() for n in x.unknown]
         unknown = list(dict.fromkeys([*space.free, *local]))
         work.check_unknown(errors, config, unknown, space.relations)
@@ -331,12 +331,12 @@ def _check_held(
                 errors.add(("experiments", label, "parameters", name), message)
 
 
-def _check_derived(errors: IssueCollector, whole: ResolvedCase, space: ParameterSpace) -> None:
+def _check_derived(errors: IssueCollector, joint: ResolvedCase, space: ParameterSpace) -> None:
     """Check that formulas name what there is among all experiments."""
-    known = {*space.free, *space.fixed, *space.relations, *symbols.DERIVED, *whole.config.derived}
-    for formula in whole.experiments[0].rig_numbers.derived:
+    known = {*space.free, *space.fixed, *space.relations, *symbols.DERIVED, *joint.config.derived}
+    for formula in joint.experiments[0].rig_numbers.derived:
         for name in [name for name in formula.expression.names if name not in known]:
-            others = dict.fromkeys(called.get(name, "") for called in whole.called.values())
+            others = dict.fromkeys(called.get(name, "") for called in joint.called.values())
             way_out = f"name {' or '.join(others)}" if all(others) else "it is the same in all"
             message = f"there is no {name} among all experiments; {way_out}"
             errors.add(("derived", formula.symbol.name), message)
@@ -357,7 +357,7 @@ def check_truth(errors: IssueCollector, config: Config, by_label: NumbersByLabel
 
 
 def _truth_names(config: Config, by_label: NumbersByLabel) -> list[str]:
-    """What a true value can be given for beside the rig, in one experiment or in all."""
+    """Return the names of unknowns beside the rig to which `simulation.truth` may give a value."""
     pairs = [(label, name) for label in by_label for name in config.own]
     if config.missing_torque is not None:
         pairs += [(label, name) for label in by_label for name in sensors.TORQUE_ENTRIES]
@@ -383,7 +383,7 @@ def _check_local(
 def _check_shared(
     errors: IssueCollector, config: Config, model: Model, by_label: NumbersByLabel
 ) -> None:
-    """What is shared is unknown in several experiments, with one prior."""
+    """Check that what is shared is unknown in several experiments, with one prior."""
     known_names = dict.fromkeys(name for local in by_label.values() for name in local.numbers)
     for k, name in enumerate(config.shared):
         location = ("shared", k)
@@ -413,7 +413,7 @@ def _check_shared(
 
 
 def _check_held_out(errors: IssueCollector, config: Config, by_label: NumbersByLabel) -> None:
-    """What is predicted of an experiment that is no evidence, others have to tell."""
+    """Check that fitted experiments determine the unknowns of those that are held out."""
     held_out = [label for label, experiment in config.experiments.items() if experiment.held_out]
     if held_out and len(held_out) == len(by_label):
         message = "all are held out; leave one to be fitted"
@@ -431,7 +431,7 @@ def _check_held_out(errors: IssueCollector, config: Config, by_label: NumbersByL
 
 
 def _check_names(errors: IssueCollector, config: Config, by_label: NumbersByLabel) -> None:
-    """That no two unknowns, and no two columns of results, have one name."""
+    """Check that no two unknowns, and no two columns of results, have the same name."""
     words = config.vocabulary
     used_names = dict.fromkeys([*words.parameters, *config.quantities, *symbols.DERIVED], "")
     used_names |= dict.fromkeys(config.derived, "")
