@@ -1,4 +1,4 @@
-"""What an evaluation costs as a chain of inertias grows, beside kernels that are written out.
+"""What an evaluation costs as a chain of inertias grows.
 
 `BAYESDRILL_CACHE=off python -m benchmarks.chains` prints a table: 1001 samples of four channels under
 a sampled torque, batch of 64, one core.  Slopes are normal equations, by direction.
@@ -16,12 +16,10 @@ import scipy.linalg
 from bayesdrill.record.experiment import Channel, Experiment
 from bayesdrill.rig.models.linear import constant_forcing, dynamics
 from bayesdrill.rig.models.train import Train
-from bayesdrill.rig.simulators import simulator
 from bayesdrill.rig.simulators.linear import Response
-from bayesdrill.rig.simulators.sensors import ObservationModel
 
 BATCH, STEP, SAMPLES = 64, 0.002, 1001
-SIZES, MOST_WRITTEN_OUT = (2, 5, 6, 10, 20, 40), 6  # inertias
+SIZES = (2, 5, 6, 10, 20, 40)  # inertias
 USUAL = {"j": 0.01, "k": 30.0, "c": 0.02}
 
 
@@ -68,18 +66,16 @@ def processor_time(work: Callable[[], object], repeats: int = 1) -> float:
 
 
 def main() -> None:
-    print("| states | compile [s] | evaluation [us] | written out [us] | slope [us] | error |")
-    print("| ---: | ---: | ---: | ---: | ---: | ---: |")
+    print("| states | compile [s] | evaluation [us] | slope [us] | error |")
+    print("| ---: | ---: | ---: | ---: | ---: |")
     for count in SIZES:
         model, rng = chain(count), np.random.default_rng(count)
         experiment = record(model)
         usual = np.array([USUAL[name[0]] for name in model.parameters])
         full = usual * rng.uniform(0.5, 2.0, (BATCH, len(usual)))
-        response = simulator(model, experiment, ObservationModel())
+        response = Response(model, experiment)
         compiled = processor_time(lambda r=response, f=full: r.squares(f))
         taken = processor_time(lambda r=response, f=full: r.squares(f), 200)
-        apart = Response(model, experiment)
-        alone = "" if count > MOST_WRITTEN_OUT else f"{1e6 * _usual(apart, full) / BATCH:.1f}"
         some, q = full[:8], 8
         along = some[:, None] * rng.normal(0, 1, (8, q, len(usual)))
         ones = np.ones((8, 4, 1))
@@ -88,14 +84,9 @@ def main() -> None:
         true = reference(model, experiment, full[0])
         error = np.abs(response.signals(full[:1])[0] - true).max() / np.abs(true).max()
         print(
-            f"| {len(model.states)} | {compiled:.1f} | {1e6 * taken / BATCH:.1f} | {alone} "
+            f"| {len(model.states)} | {compiled:.1f} | {1e6 * taken / BATCH:.1f} "
             f"| {1e6 * slopes / 8 / q:.1f} | {error:.0e} |", flush=True,
         )  # fmt: skip
-
-
-def _usual(response: Response, full: np.ndarray) -> float:
-    response.squares(full)
-    return processor_time(lambda: response.squares(full), 200)
 
 
 if __name__ == "__main__":

@@ -2,11 +2,7 @@
 
 Kernels are specialised for the layout.  Numbers of an experiment are no part of it: its step, its
 start, its constant inputs and the weights of its channels are arguments of kernels, so that
-experiments of one layout share them.  Besides the whole exponential there is its action on a state
-by a Taylor series.
-
-The matrix is divided by a number of each lane, `norm`, near the spectral radius of its absolute
-values: then no power of it overflows, and few terms are enough.
+experiments of one layout share them.
 """
 
 from __future__ import annotations
@@ -33,7 +29,15 @@ from bayesdrill.rig.kernels.lanes import (
     routine,
     vector,
 )
-from bayesdrill.rig.kernels.numbers import Blocks, Number, Numbers, dot, multiply_add
+from bayesdrill.rig.kernels.numbers import (
+    Blocks,
+    Number,
+    Numbers,
+    dot,
+    multiply_add,
+    multiply_large,
+    sum_products,
+)
 from bayesdrill.rig.models.linear import Model
 
 Entries = Callable[[Sequence[Any]], Sequence[tuple[int, int, Any]]]
@@ -41,6 +45,7 @@ Pattern = tuple[tuple[bool, ...], ...]
 WeightKinds = tuple[tuple[int, ...], ...]
 Registers = dict[tuple[int, int], ir.Value]  # entries by place
 OTHER_WEIGHT = 2  # other numbers than 0, 1 and -1
+MOST_WRITTEN_OUT = 10  # states
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,6 +95,11 @@ class Layout:
     def size(self) -> int:
         """Rows and columns N."""
         return self.n_states + 1 + self.n_series * (2 if self.first_order else 1)
+
+    @property
+    def large(self) -> bool:
+        """Whether products of it are loops: written out, they would take minutes to compile."""
+        return self.n_states > MOST_WRITTEN_OUT
 
     @property
     def reach(self) -> Pattern:
@@ -249,68 +259,62 @@ def store_exponential(
     are those of the inputs' `increments` over the span, or else of their slopes.
     `beside_one=False` stores e - 1, which has more digits where a span is short.
 
-    By scaling and squaring (Moler and Van Loan 2003): a Taylor series of degree 16 in powers of the
-    fourth power, then squarings lane by lane.  Both are of e - 1: beside a one, what a slow state
-    does in the shortened span would be lost to rounding where another state is very fast.
+    By scaling and squaring (Moler and Van Loan 2003): a Taylor series of degree 16, then squarings
+    lane by lane.  Both are of e - 1: beside a one, what a slow state does in the shortened span would
+    be lost to rounding where another state is very fast.
     """
     parameters, span, *changes = numbers
-    memory, n, reach = Numbers(b, bool(changes)), layout.size, layout.reach
-    reached = [i * n + j for i in range(n) for j in range(n) if reach[i][j]]
-    a, second, third, fourth, spare = (memory.room(n * n) for _ in range(5))
-    matrix = layout.matrix(b, constants, parameters, *changes[:1])
+    memory, n = Numbers(b, bool(changes)), layout.size
     (length,) = memory.shaped([span, *changes[1:]])
-    values = timed_entries(layout, matrix, length, increments=increments)
+    values: dict[tuple[int, int], Number] = {}
+    for row, column, value in layout.matrix(b, constants, parameters, *changes[:1]):
+        # Rows below the states stand for increments per step, whatever the step is, or for slopes.
+        timed = value if increments and row >= layout.n_states else value * length
+        values[row, column] = values.get((row, column), 0.0) + timed
     # The size of the inputs' columns does not matter: the series in A alone converges.
-    states = range(layout.n_states)
-    plain = value_registers(values)
-    rows = ([plain[row, c] for c in states if (row, c) in plain] for row in states)
-    halvings, factor = emit_shortening(b, emit_norm(b, rows))
-    for entry in reached:
-        value = values.get(divmod(entry, n))
-        memory.put(memory.zero() if value is None else value * Vector(b, factor), a, entry)
-    for out, left, right in ((second, a, a), (third, second, a), (fourth, second, second)):
-        multiply_reached(b, out, left, right, layout, slopes=memory.slopes)
-
-    def add_terms(base: ir.Value | None, first: int) -> None:
-        """Store e = base + sum of A^k / (first + k)! for k = 0..3 (and 4 at the top)."""
-        for entry in reached:
-            powers = [a, second, third, *([fourth] if base is None else [])]
-            diagonal = first > 0 and entry % (n + 1) == 0
-            total: Number = Vector(b, vector(1.0 / math.factorial(first) if diagonal else 0.0))
-            if base is not None:
-                total = memory.get(base, entry) + total
-            for k, power in enumerate(powers, start=1):
-                weight = Vector(b, vector(1.0 / math.factorial(first + k)))
-                total = multiply_add(weight, memory.get(power, entry), total)
-            memory.put(total, e, entry)
-
-    add_terms(None, TAYLOR_DEGREE - 4)
-    for first in range(TAYLOR_DEGREE - 8, -1, -4):
-        multiply_reached(b, spare, e, fourth, layout, slopes=memory.slopes)
-        add_terms(spare, first)
-
-    with b.loop(b.add(b.largest(halvings), 1), "squarings") as squarings:
+    norm = emit_balanced_norm(b, layout.n_states, value_registers(values))
+    halvings = emit_halvings(b, norm, TAYLOR_NORM)
+    factor = Vector(b, emit_power(b, b.sub(_EXPONENT_BIAS, halvings)))
+    _sum_series(b, e, {place: value * factor for place, value in values.items()}, n, memory)
+    spare, most = memory.room(n * n), b.largest(halvings)
+    memory.clear(spare, n * n)
+    with b.if_then(b.icmp_signed(">", most, 0)), b.loop(most, "squarings") as squarings:
         wanted = b.sitofp(halvings, VEC)
         still = Mask(b, b.fcmp_ordered("<", b.splat(b.sitofp(squarings, F64)), wanted))
         multiply_reached(b, spare, e, e, layout, slopes=memory.slopes)
-        for entry in reached:
+        with b.loop(n * n, "entries") as entry:
             now = memory.get(e, entry)
             twice = multiply_add(Vector(b, vector(2.0)), now, memory.get(spare, entry))
             memory.put(where(still, twice, now), e, entry)  # (1 + e)^2 - 1
-    for entry in range(0, n * n, n + 1) if beside_one else ():
-        memory.put(memory.get(e, entry) + 1.0, e, entry)
+    if beside_one:
+        _add_unit(b, e, n, memory)
 
 
-def timed_entries(
-    layout: Layout, matrix: Sequence[tuple[int, int, Any]], span: Number, *, increments: bool
-) -> dict[tuple[int, int], Any]:
-    """Return the entries by place, times the span."""
-    entries: dict[tuple[int, int], Any] = {}
-    for row, column, value in matrix:
-        # Rows below the states stand for increments per step, whatever the step is, or for slopes.
-        timed = value if increments and row >= layout.n_states else value * span
-        entries[row, column] = entries.get((row, column), 0.0) + timed
-    return entries
+def _sum_series(
+    b: Builder, e: ir.Value, short: Mapping[tuple[int, int], Number], n: int, memory: Numbers
+) -> None:
+    """Store A (1 + A/2 (1 + A/3 (...))) of a matrix with the entries `short`, column by column.
+
+    Products with A take little time, as it has few entries.
+    """
+    memory.clear(e, n * n)
+    with b.loop(TAYLOR_DEGREE, "terms") as term:
+        order = b.sitofp(b.sub(TAYLOR_DEGREE, term), F64)
+        over = Vector(b, b.splat(b.fdiv(F64(1.0), order)))
+        _add_unit(b, e, n, memory)
+        with b.loop(n, "columns") as column:
+            at = memory.at(e, column)
+            old = [memory.get(at, row * n) for row in range(n)]
+            for row in range(n):
+                terms = [(value, old[c]) for (r, c), value in short.items() if r == row]
+                memory.put(sum_products(memory.zero(), terms) * over, at, row * n)
+
+
+def _add_unit(b: Builder, e: ir.Value, n: int, memory: Numbers) -> None:
+    """Add one to the diagonal."""
+    with b.loop(n, "unit") as row:
+        at = memory.at(e, b.mul(row, n + 1))
+        memory.put(memory.get(at, 0) + 1.0, at, 0)
 
 
 def emit_norm(b: Builder, rows: Iterable[Sequence[ir.Value]]) -> ir.Value:
@@ -322,12 +326,6 @@ def emit_norm(b: Builder, rows: Iterable[Sequence[ir.Value]]) -> ir.Value:
             total = b.fadd(total, b.absolute(value))
         norm = b.select(b.fcmp_unordered(">", total, norm), total, norm)
     return norm
-
-
-def emit_shortening(b: Builder, norm: ir.Value) -> tuple[ir.Value, ir.Value]:
-    """Return how often a matrix with a norm is halved until its series converges, and the factor."""
-    halvings = emit_halvings(b, norm, TAYLOR_NORM)
-    return halvings, emit_power(b, b.sub(_EXPONENT_BIAS, halvings))
 
 
 def emit_power(b: Builder, exponent: ir.Value) -> ir.Value:
@@ -364,6 +362,9 @@ def multiply_reached(
 ) -> None:
     """Store the product of two matrices `(N, N)`, of their entries in reach."""
     n, reach, memory = layout.size, layout.reach, Numbers(b, slopes)
+    if layout.large:
+        multiply_large(b, out, left, right, (n, n, n), slopes=slopes)
+        return
     for i in range(n):
         row = {k: memory.get(left, i * n + k) for k in range(n) if reach[i][k]}
         for j in (j for j in range(n) if reach[i][j]):

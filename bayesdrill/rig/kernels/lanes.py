@@ -106,7 +106,7 @@ def _of_lanes(name: str, result: ir.Type = VEC) -> Any:
 class Builder(ir.IRBuilder):  # type: ignore[misc]
     """Writes the instructions of a function: LLVM's own, and those that kernels need for vectors."""
 
-    add, sub, mul, sdiv, srem = map(_of_whole, ("add", "sub", "mul", "sdiv", "srem"))
+    add, sub, mul, sdiv = map(_of_whole, ("add", "sub", "mul", "sdiv"))
     shl, lshr, and_, or_ = map(_of_whole, ("shl", "lshr", "and_", "or_"))
     icmp_signed, select, store = map(_of_whole, ("icmp_signed", "select", "store"))
     floor, absolute, root = map(_of_lanes, ("floor", "fabs", "sqrt"))
@@ -296,19 +296,6 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
             others, inside = other(), self.block
         pairs = zip(default, others, strict=True)
         return [self._merged((old, before), (new, inside)) for old, new in pairs]
-
-    def transpose(self, rows: list[ir.Value]) -> list[ir.Value]:
-        """Transpose LANES vectors: exchange halves of pairs, then quarters, then eighths."""
-        rows = list(rows)
-        for size in (1, 2, 4):
-            for first_row in (i for i in range(LANES) if not i & size):
-                first, second = rows[first_row], rows[first_row + size]
-                low = [j if not j & size else LANES + j - size for j in range(LANES)]
-                high = [j + size if not j & size else LANES + j for j in range(LANES)]
-                for row, order in ((first_row, low), (first_row + size, high)):
-                    lanes = ir.Constant(ir.VectorType(I32, LANES), order)
-                    rows[row] = self.shuffle_vector(first, second, lanes)
-        return rows
 
 
 class Module(ir.Module):  # type: ignore[misc]

@@ -16,6 +16,8 @@ normal equations, a chunk of samples at a time that stays in the processor's cac
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -42,9 +44,15 @@ from bayesdrill.rig.kernels.lanes import (
     kernel,
     vector,
 )
-from bayesdrill.rig.kernels.numbers import Number, Numbers, sum_products
+from bayesdrill.rig.kernels.numbers import Number, Numbers, multiply_large, sum_products
 from bayesdrill.rig.kernels.sums import ResidualSums, Sample
-from bayesdrill.rig.kernels.transitions import InputHold, State, Transitions, table_entries
+from bayesdrill.rig.kernels.transitions import (
+    MAX_RUNGS,
+    InputHold,
+    State,
+    Transitions,
+    table_entries,
+)
 
 # G groups of LANES walkers; T samples, N knots (samples, and others behind the last); q directions;
 # nodes of the table; rungs of the ladder from its width on.
@@ -60,13 +68,16 @@ BLOCKS = {
     "t": NUMBERS,  # (N + 1,), the last infinity
     "u": NUMBERS,  # (N, S or 2 S): sampled inputs and, with a first-order hold, their slopes
     "y": NUMBERS,  # (T, K)
-    "scratch": VECTORS,  # see `LinearShape.scratch`
+    "places": WHOLE,  # where the parts of `SCRATCH` begin
+    "scratch": VECTORS,
     "out": VECTORS,  # (G, planes, T, K); (G, K, n) sums; or (G, K + (1 + q)^2), see `_add_products`
 }
+SCRATCH = ("table", "states", "rungs", "planes", "before", "trace")
 SIGNALS, SUMS, NORMAL, INNOVATIONS = "signals", "sums", "normal", "innovations"
 ROWS = 64  # of a chunk
 EVEN, UNEVEN = "even", "uneven"  # times of channels that are late
 FARTHEST = 2.0**40  # steps of a delay that count
+JOINED = 4  # samples of a step of large matrices; ROWS are whole steps
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -104,6 +115,25 @@ class LinearShape:
         return len(self.rows)
 
     @property
+    def joined(self) -> int:
+        """Samples of a step: of large matrices, products of several samples at once take less."""
+        plain = self.layout.large and not (self.table or self.shares or any(self.late))
+        return JOINED if plain else 1
+
+    @property
+    def joined_sizes(self) -> tuple[int, int]:
+        """Rows and columns of the matrix of such a step, see `_Walker.join_samples`."""
+        x = self.layout.n_states
+        drives = self.layout.size - x - 1
+        return x + self.joined * self.channels, x + 1 + self.joined * drives
+
+    @property
+    def table_numbers(self) -> int:
+        """Numbers of a node of the table."""
+        joined = math.prod(self.joined_sizes) if self.joined > 1 else 0
+        return len(table_entries(self.layout)) + joined
+
+    @property
     def parts(self) -> dict[str, int]:
         """Numbers of a walker that may have slopes."""
         x, k = self.layout.n_states, self.channels
@@ -130,21 +160,19 @@ class LinearShape:
         normal = self.output in (NORMAL, INNOVATIONS)
         return not normal or any(self.late) or self.table
 
-    def scratch(self, counts: Mapping[str, int]) -> dict[str, int]:
-        """Return the vectors of scratch of a run with these `COUNTS`."""
+    def scratch(self, counts: Mapping[str, int]) -> tuple[int, ...]:
+        """Return the vectors of each part of `SCRATCH`, of a run with these `COUNTS`."""
         width, x, k = 2 if self.slopes else 1, self.layout.n_states, self.channels
-        planes, directions = 1 + counts["directions"], max(1, counts["directions"])
+        count, directions = 1 + counts["directions"], max(1, counts["directions"])
         copies = 1 if self.single_chunk else directions
         rows = counts["samples"] if self.single_chunk else ROWS
         normal = self.output in (NORMAL, INNOVATIONS)
         late = x if self.times == UNEVEN else sum(self.late)
-        return {
-            "table": copies * counts["nodes"] * len(table_entries(self.layout)) * width,
-            "states": directions * x * width,
-            "planes": planes * rows * k * normal,
-            "before": planes * k * 2 * normal,
-            "trace": counts["knots"] * late * width if any(self.late) else 0,
-        }
+        rungs = MAX_RUNGS * len(table_entries(self.layout)) if self.ladder else 0
+        trace = counts["knots"] * late if any(self.late) else 0
+        table = copies * counts["nodes"] * self.table_numbers
+        planes = (count * rows * k * normal, count * k * 2 * normal)
+        return table * width, directions * x * width, rungs * width, *planes, trace * width
 
 
 def write_linear(module: Module, shape: LinearShape) -> None:
@@ -169,26 +197,13 @@ class _Writer:
         self.mine = b.offset(a["own"], group, sum(sizes))
         self.weights = b.offset(self.mine, sizes[0])
         self.planes = b.add(a["directions"], 1)
-        self._place_scratch()
-
-    def _place_scratch(self) -> None:
-        """Find where the parts of scratch begin, in the order of `LinearShape.scratch`."""
-        b, a, shape = self.b, self.a, self.shape
-        directions = a["directions"] if shape.slopes else integer(1)
-        copies = integer(1) if shape.single_chunk else directions
-        width = self.kind.width
-        self.table_size = b.mul(a["nodes"], len(table_entries(self.layout)) * width)
-        self.table = a["scratch"]
-        self.states = b.offset(self.table, copies, self.table_size)
-        self.trace = b.offset(self.states, directions, self.x * width)
+        parts = [b.offset(a["scratch"], b.single(a["places"], n)) for n in range(len(SCRATCH))]
+        self.table, self.states, self.rungs, self.shown, self.before, self.trace = parts
+        self.table_size = b.mul(a["nodes"], shape.table_numbers * self.kind.width)
         self.length = a["samples"] if shape.single_chunk else integer(ROWS)
         if shape.output == SIGNALS:
             size = b.mul(self.planes, b.mul(a["samples"], self.k))
-            self.shown = b.offset(a["out"], self.group, size)
-        elif shape.output != SUMS:
-            self.shown = self.trace
-            self.before = b.offset(self.shown, self.planes, b.mul(self.length, self.k))
-            self.trace = b.offset(self.before, self.planes, 2 * self.k)
+            self.shown = b.offset(a["out"], group, size)
 
     def write(self) -> None:
         """Write all that is done for a group of walkers."""
@@ -331,8 +346,9 @@ class _Walker:
         self.transitions = Transitions(
             b=b, layout=w.layout, kind=w.kind, parameters=self.bases,
             constants=b.offset(w.a["numbers"], 1), table=b.offset(w.table, copy, w.table_size),
-            width=number(b, w.a["numbers"], 0),
+            rungs=w.rungs, width=number(b, w.a["numbers"], 0),
         )  # fmt: skip
+        self.joined = b.offset(self.transitions.table, self.transitions.size)
         self.state = b.offset(w.states, direction, self.x * self.kind.width)
         self.late = [k for k, late in enumerate(shape.late) if late]
         self.rows = self._rows()
@@ -375,6 +391,8 @@ class _Walker:
         self.transitions.fill_table(a["nodes"], a["spans"], chained)
         start = self.numbers("start") if shape.own else self._shared(0, self.x)
         self.kind.put_row(start, self.state)
+        if shape.joined > 1:
+            self._join_samples()
         if not self.late:
             return
         delay = self.numbers("delay")
@@ -420,6 +438,8 @@ class _Walker:
 
     def advance(self, first: ir.Value, rows: ir.Value, totals: Values) -> Values:
         """Advance the state from the `first` knot on, and show the channels that are not late."""
+        if self.shape.joined > 1:
+            return self._advance_joined(first, rows, totals)
         totals = self._advance(first, rows, totals, shows=True)
         if self.late:
             more = self.b.sub(self.w.a["knots"], rows)
@@ -429,7 +449,7 @@ class _Walker:
 
     def _advance(self, first: ir.Value, rows: ir.Value, totals: Values, *, shows: bool) -> Values:
         b, a, kind, shape = self.b, self.w.a, self.kind, self.shape
-        phi = None if shape.table else self.transitions.read(self.transitions.table, 0)
+        step = None if shape.table else self.transitions.step(self.transitions.table, 0)
         begin = kind.flat(kind.row(self.state, self.x))
         steps = Loop(b, rows, [*begin, *totals], "steps")
         state, totals = kind.shaped(steps.carried[: len(begin)]), steps.carried[len(begin) :]
@@ -442,11 +462,60 @@ class _Walker:
             self._trace(knot, state, drive)
         if shape.shares:
             state, drive = self._share(b.single(a["share"], knot), state, drive)
-        if phi is None:
-            phi = self.transitions.read(self.transitions.table, b.single(a["node"], knot))
-        new = kind.flat(self.transitions.apply(phi, state, drive))
+        here = step or self.transitions.step(self.transitions.table, b.single(a["node"], knot))
+        new = kind.flat(here(state, drive))
         steps.close([*new, *totals])
         kind.put_row(kind.shaped(new), self.state)
+        return totals
+
+    # Several samples at once.
+
+    def _join_samples(self) -> None:
+        """Store what x and channels of several samples are, of z = (x, 1, inputs of all of them).
+
+        Columns are what becomes of the units of z, which all take one step after the other.
+        """
+        b, kind, x, n, k_count = self.b, self.kind, self.x, self.w.layout.size, self.w.k
+        columns, one = self.shape.joined_sizes[1], Vector(self.b, vector(1.0))
+        units, following = kind.room(n * columns), kind.room(x * columns)
+        kind.clear(units, n * columns)
+        with b.loop(x + 1, "units") as unit:
+            kind.put(one, units, b.mul(unit, columns + 1))
+        with b.loop(self.shape.joined, "samples") as sample:
+            shown = kind.at(self.joined, b.mul(b.add(b.mul(sample, k_count), x), columns))
+            with b.loop(columns, "columns") as column:
+                at, into = kind.at(units, column), kind.at(shown, column)
+                for k, weights in enumerate(self.rows):
+                    terms = [(weight, kind.get(at, i * columns)) for i, weight in weights.items()]
+                    kind.put(sum_products(kind.zero(), terms), into, k * columns)
+            first = b.add(b.mul(sample, n - x - 1), x + 1)
+            for drive in range(n - x - 1):
+                row = kind.at(units, (x + 1 + drive) * columns)
+                kind.clear(row, columns)
+                kind.put(one, row, b.add(first, drive))
+            step = self.transitions.table
+            multiply_large(b, following, step, units, (x, n, columns), slopes=kind.slopes)
+            b.copy(following, units, x * columns * kind.width)
+        b.copy(units, self.joined, x * columns * kind.width)
+
+    def _advance_joined(self, first: ir.Value, rows: ir.Value, totals: Values) -> Values:
+        """Advance from the `first` knot on by steps of several samples, and show channels."""
+        b, kind, x, k_count, m = self.b, self.kind, self.x, self.w.k, self.shape.joined
+        out, columns = self.shape.joined_sizes
+        z, following = kind.room(columns), kind.room(out)
+        kind.put_row([*kind.row(self.state, x), Vector(b, vector(1.0))], z)
+        steps = Loop(b, b.sdiv(rows, m), totals, "steps")
+        totals, row = steps.carried, b.mul(steps.index, m)
+        knot = b.add(first, row)
+        at = b.offset(self.w.a["u"], knot, self.w.layout.size - x - 1)
+        kind.put_row([number(b, at, c) for c in range(columns - x - 1)], z, x + 1)
+        multiply_large(b, following, self.joined, z, (out, columns, 1), slopes=kind.slopes)
+        for j, k in itertools.product(range(m), range(k_count)):
+            shown = kind.get(following, x + j * k_count + k)
+            totals = self.show(b.add(knot, j), b.add(row, j), k, shown, totals)
+        b.copy(following, z, x * kind.width)
+        steps.close(totals)
+        b.copy(z, self.state, x * kind.width)
         return totals
 
     def _share(self, share: ir.Value, state: State, drive: InputHold) -> tuple[State, InputHold]:

@@ -5,14 +5,24 @@ A number of a kind with slopes takes two vectors, its value and its slope.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import itertools
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from llvmlite import ir
 
 from bayesdrill.basics.duals import Dual, dual, where
-from bayesdrill.rig.kernels.lanes import Builder, Integer, Mask, Vector, register, routine, vector
+from bayesdrill.rig.kernels.lanes import (
+    Builder,
+    Integer,
+    Loop,
+    Mask,
+    Vector,
+    register,
+    routine,
+    vector,
+)
 
 Number = Any  # a Vector, or a Dual of them
 Column = Mapping[int, Number]
@@ -54,15 +64,13 @@ class Numbers:
         known = isinstance(index, int)
         return self.b.offset(base, index * self.width if known else self.b.mul(index, self.width))
 
-    def get(self, base: ir.Value, index: int) -> Number:
+    def get(self, base: ir.Value, index: Integer) -> Number:
         """Load number `index` of a block."""
-        parts = range(index * self.width, (index + 1) * self.width)
-        return self.shaped([self.b.read(base, part) for part in parts])[0]
+        return self.shaped(self.b.read_row(self.at(base, index), self.width))[0]
 
-    def put(self, number: Number, base: ir.Value, index: int) -> None:
+    def put(self, number: Number, base: ir.Value, index: Integer) -> None:
         """Store number `index` of a block."""
-        for part, value in enumerate(self.flat([number]), start=index * self.width):
-            self.b.write(value, base, part)
+        self.b.write_row(self.flat([number]), self.at(base, index))
 
     def row(self, base: ir.Value, count: int, first: int = 0) -> list[Number]:
         """Load so many numbers of a block, from the first on."""
@@ -248,21 +256,50 @@ def multiply(
 ) -> None:
     """Store the product of `a (m, inner)` and `other (inner, n)`; `sizes`: m, inner, n."""
     (m, inner, n), memory = sizes, Numbers(b, slopes)
-    together = next(size for size in (3, 2, 1) if m % size in (0, 1) and size <= m)
-
-    def some(first: Integer, count: int) -> None:
-        """`count` rows at once: what is read of the other matrix serves all of them."""
-        begin, into = (memory.at(base, b.mul(first, size)) for base, size in ((a, inner), (out, n)))
-        rows = [memory.row(memory.at(begin, r * inner), inner) for r in range(count)]
+    for i, count in strips(b, m, 3):  # what is read of the other matrix serves all rows of a strip
+        begin, into = (memory.at(base, b.mul(i, size)) for base, size in ((a, inner), (out, n)))
+        rows = [memory.row(begin, inner, r * inner) for r in range(count)]
         for j in range(n):
             column = [memory.get(other, k * n + j) for k in range(inner)]
             for r, entries in enumerate(rows):
                 memory.put(dot(entries, column), into, r * n + j)
 
-    with b.loop(m // together, "rows") as block:
-        some(b.mul(block, together), together)
-    if m % together:
-        some(m - 1, 1)
+
+@routine
+def multiply_large(
+    b: Builder,
+    out: ir.Value,
+    a: ir.Value,
+    other: ir.Value,
+    sizes: tuple[int, int, int],
+    *,
+    slopes: bool = False,
+) -> None:
+    """Do the same for matrices too large to be written out: by tiles, whose sums are registers."""
+    (m, inner, n), memory = sizes, Numbers(b, slopes)
+    tall, wide = (6, 1) if n == 1 else (2, 3)
+    for i, rows in strips(b, m, tall):
+        for j, columns in strips(b, n, wide):
+            each = Loop(b, inner, [vector(0.0)] * (rows * columns * memory.width), "inner")
+            k, totals = each.index, memory.shaped(each.carried)
+            first = memory.at(a, b.add(b.mul(i, inner), k))
+            left = [memory.get(first, r * inner) for r in range(rows)]
+            right = memory.row(memory.at(other, b.add(b.mul(k, n), j)), columns)
+            pairs = zip(itertools.product(left, right), totals, strict=True)
+            totals = [multiply_add(*factors, total) for factors, total in pairs]
+            each.close(memory.flat(totals))
+            into = memory.at(out, b.add(b.mul(i, n), j))
+            for place, total in enumerate(totals):
+                memory.put(total, into, place // columns * n + place % columns)
+
+
+def strips(b: Builder, count: int, size: int) -> Iterator[tuple[Integer, int]]:
+    """Give begin and size of strips of a count: code of those of the usual size stands in a loop."""
+    if count >= size:
+        with b.loop(count // size, "strips") as strip:
+            yield b.mul(strip, size), size
+    if count % size:
+        yield count - count % size, count % size
 
 
 @routine

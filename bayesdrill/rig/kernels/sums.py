@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from llvmlite import ir
@@ -25,16 +25,10 @@ class Sample:
 
     @classmethod
     def from_measured(
-        cls,
-        b: Builder,
-        residual: ir.Value,
-        measured: ir.Value,
-        weights: Sequence[ir.Value],
-        due: ir.Value | None = None,
+        cls, b: Builder, residual: ir.Value, measured: ir.Value, weights: Sequence[ir.Value]
     ) -> Sample:
-        """Return a sample that is observed where it was `measured`, and is `due` at all."""
+        """Return a sample that is observed where it was `measured`."""
         observed = b.fcmp_ordered("ord", measured, measured)
-        observed = observed if due is None else b.and_(due, observed)
         return cls(b.select(observed, residual, vector(0.0)), observed, weights)
 
 
@@ -43,10 +37,9 @@ class ResidualSums:
     """Sums of squares of residuals, and the base of other sums.
 
     `weights`: how many a walker has for each channel.  Registers carried from sample to sample
-    begin as `start`, one vector each.  `name`: of the function that adds them up.
+    begin as `start`, one vector each.
     """
 
-    name: str = "misfit"
     start: tuple[float, ...] = (0.0,)
     weights: int = 0
 
@@ -63,19 +56,11 @@ class ResidualSums:
         """Return the registers `totals` with one more sample."""
         return [b.fma(sample.residual, sample.residual, totals[0])]
 
-    def add_all(self, b: Builder, totals: Values, samples: Iterable[Sample]) -> Values:
-        """Return the registers of all channels with one more sample of each."""
-        added = Values()
-        for k, sample in enumerate(samples):
-            added += self.add(b, totals[k * self.count : (k + 1) * self.count], sample)
-        return added
-
 
 @dataclass(frozen=True, slots=True)
 class _Neighbours(ResidualSums):
     """Sums of squares of residuals and of steps between neighbours; with the last and the first."""
 
-    name: str = "neighbours"
     start: tuple[float, ...] = (0.0, 0.0, 0.0, math.nan)
 
     def add(self, b: Builder, totals: Sequence[ir.Value], sample: Sample) -> Values:
@@ -105,7 +90,6 @@ class _Logs(ResidualSums):
     no logarithm is taken but that of the whole.
     """
 
-    name: str = "logs"
     start: tuple[float, ...] = (0.0, 1.0, 0.0)
     weights: int = 1
 
@@ -169,7 +153,6 @@ class _Intervals(ResidualSums):
     Weights: one over the sd, half a width over it, at least 0.2.
     """
 
-    name: str = "intervals"
     start: tuple[float, ...] = (0.0, 1.0, 0.0, 0.0)
     weights: int = 2
 
@@ -214,4 +197,3 @@ SQUARES = ResidualSums()
 NEIGHBOURS = _Neighbours()
 LOGS = _Logs()
 INTERVALS = _Intervals()
-RESIDUAL_SUMS = {tally.name: tally for tally in (SQUARES, NEIGHBOURS, LOGS, INTERVALS)}

@@ -10,7 +10,7 @@ few terms.  How many rungs below the width a lane needs follows from the norm of
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -35,7 +35,13 @@ from bayesdrill.rig.kernels.lanes import (
     Vector,
     vector,
 )
-from bayesdrill.rig.kernels.numbers import Number, Numbers, multiply_add, sum_products
+from bayesdrill.rig.kernels.numbers import (
+    Number,
+    Numbers,
+    multiply_add,
+    multiply_large,
+    sum_products,
+)
 
 MAX_SERIES_DEGREE = 14
 MAX_SERIES_NORM = 0.3  # largest norm times span that a series is asked for
@@ -46,12 +52,16 @@ LEAST_NORM = 1e-3  # of a norm times the width: below, it does not matter
 MAX_NORM = 1e100  # of norms: a lane beyond has overflown
 
 State = list[Number]
+Step = Callable[[State, "InputHold"], State]
 
 
 def table_entries(layout: Layout) -> list[tuple[int, int]]:
-    """Return (row, column) of what tables keep of an exponential: rows of states, within reach."""
-    n, reach = layout.size, layout.reach
-    return [(i, j) for i in range(layout.n_states) for j in range(n) if reach[i][j]]
+    """Return (row, column) of what tables keep of an exponential: rows of states, within reach.
+
+    Of a large matrix, whole rows.
+    """
+    n, reach, large = layout.size, layout.reach, layout.large
+    return [(i, j) for i in range(layout.n_states) for j in range(n) if large or reach[i][j]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,12 +83,11 @@ class InputHold:
 class ExponentialLadder:
     """Memory of a ladder and its series, see `Transitions.act`.
 
-    `rungs`: exponentials; `rates`: entries of A, c and B over the norm; `weights`: 1/k of each term;
+    `rates`: entries of A, c and B over the norm; `weights`: 1/k of each term;
     `scale`: norm times width, and one over the norm; `halvings` of the width in each lane; `counts`:
     terms of the series, rungs from the width on, all rungs.
     """
 
-    rungs: ir.Value
     rates: ir.Value
     weights: ir.Value
     scale: list[ir.Value]
@@ -92,7 +101,7 @@ class Transitions:
 
     `kind`: of its numbers, with slopes or without; `parameters`: the addresses of their values and
     slopes; `constants`: that of the constant inputs; `table`: that of the exponentials of steps;
-    `width`: the span that ratios are of.
+    `width`: the span that ratios are of; `rungs`: the address of the ladder's exponentials.
     """
 
     b: Builder
@@ -101,6 +110,7 @@ class Transitions:
     parameters: tuple[ir.Value, ...]
     constants: ir.Value
     table: ir.Value
+    rungs: ir.Value
     width: Vector
 
     @property
@@ -118,6 +128,9 @@ class Transitions:
     def store(self, e: ir.Value, table: ir.Value, index: Integer) -> None:
         """Store the `table_entries` of an exponential as number `index` of a table."""
         at = self.b.offset(table, index, self.size)
+        if self.layout.large:
+            self.b.copy(e, at, self.size)
+            return
         for entry, (i, j) in enumerate(table_entries(self.layout)):
             self.kind.put(self.kind.get(e, i * self.layout.size + j), at, entry)
 
@@ -147,17 +160,21 @@ class Transitions:
                         exponentiate_span()
             self.store(e, self.table, node)
 
-    def read(self, table: ir.Value, index: Integer) -> dict[tuple[int, int], Number]:
-        """Load exponential number `index` of a table."""
+    def step(self, table: ir.Value, index: Integer) -> Step:
+        """Return what takes a state over the step of exponential number `index` of a table."""
         at = self.b.offset(table, index, self.size)
+        if self.layout.large:
+            return lambda state, drive: self._multiply_large(at, state, drive)
         phi = {entry: self.kind.get(at, n) for n, entry in enumerate(table_entries(self.layout))}
         # Nothing depends on an idle state: its entry is one, and known to be.
         one = Vector(self.b, vector(1.0))
         idle = self.layout.idle
-        return phi | {(i, i): one for i in range(self.layout.n_states) if idle[i]}
+        phi |= {(i, i): one for i in range(self.layout.n_states) if idle[i]}
+        return lambda state, drive: self._multiply(phi, state, drive)
 
-    def apply(self, phi: dict[tuple[int, int], Number], state: State, drive: InputHold) -> State:
-        """Return the state after a step of the transition matrix `phi`."""
+    def _multiply(
+        self, phi: dict[tuple[int, int], Number], state: State, drive: InputHold
+    ) -> State:
         x = self.layout.n_states
         columns = dict(enumerate(state)) | dict(enumerate((*drive.inputs, *drive.slopes), x + 1))
         zero = Vector(self.b, vector(0.0))
@@ -166,6 +183,13 @@ class Transitions:
             terms = [(phi[i, j], value) for j, value in columns.items() if (i, j) in phi]
             following.append(sum_products(phi.get((i, x), zero), terms))
         return following
+
+    def _multiply_large(self, phi: ir.Value, state: State, drive: InputHold) -> State:
+        x, n, kind = self.layout.n_states, self.layout.size, self.kind
+        z, following = kind.room(n), kind.room(x)
+        kind.put_row([*state, Vector(self.b, vector(1.0)), *drive.inputs, *drive.slopes], z)
+        multiply_large(self.b, following, phi, z, (x, n, 1), slopes=kind.slopes)
+        return kind.row(following, x)
 
     # Spans that are not in the table.
 
@@ -178,7 +202,6 @@ class Transitions:
     def _ladder(self) -> ExponentialLadder:
         b = self.b
         return ExponentialLadder(
-            rungs=b.room(MAX_RUNGS * self.size),
             rates=self.kind.room(len(self.rate_entries())),
             weights=b.room(MAX_SERIES_DEGREE + 1),
             scale=b.slots(2),
@@ -216,7 +239,7 @@ class Transitions:
         e = self.kind.room(self.layout.size**2)
         with b.if_then(b.icmp_signed(">", rungs, 0)), b.loop(rungs, "rungs") as rung:
             self.exponentiate(self.width * Vector(b, self._rung_share(rung)), e)
-            self.store(e, ladder.rungs, rung)
+            self.store(e, self.rungs, rung)
 
     def _store_weights(self, size: ir.Value, degree: ir.Value) -> ir.Value:
         """Store 1/k or, beyond the degree of a lane, 0; return the degrees, which are at least given.
@@ -247,7 +270,13 @@ class Transitions:
         inputs, count = [*drive.inputs], len(drive.inputs)
         slots = b.slots(len(kind.flat([*state, *inputs, ratio])))
         b.write_slots(kind.flat([*state, *inputs, ratio]), slots)
-        with b.if_then(b.icmp_signed(">", rungs, 0)), b.loop(rungs, "ladder") as rung:
+        # No lane takes the rungs above the bits of the largest whole ratio.
+        whole = b.largest(b.fptosi(dual(ratio).value.value, INT_VEC))
+        above = b.sub(high, b.sub(64, b.ctlz(whole, ir.IntType(1)(0))))
+        above = b.select(b.icmp_signed(">", above, 0), above, 0)
+        more = b.sub(rungs, above)
+        with b.if_then(b.icmp_signed(">", more, 0)), b.loop(more, "ladder") as step:
+            rung = b.add(above, step)
             *old, left = kind.shaped(b.read_slots(slots))
             share = Vector(b, self._rung_share(rung))
             taken = b.fcmp_ordered(">=", dual(left).value.value, share.value)
@@ -256,8 +285,7 @@ class Transitions:
             taken = b.and_(taken, reached)
             with b.if_then(b.anywhere(taken)):
                 here = InputHold(old[x:], drive.slopes)
-                phi = self.read(ladder.rungs, rung)
-                new = self.apply(phi, old[:x], here)
+                new = self.step(self.rungs, rung)(old[:x], here)
                 new += here.later(share * self.width).inputs
                 pairs = zip([*new, left - share], [*old, left], strict=True)
                 b.write_slots(kind.flat([where(Mask(b, taken), *pair) for pair in pairs]), slots)

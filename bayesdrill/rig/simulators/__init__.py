@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.models.linear import Model
-from bayesdrill.rig.simulators.chains import MOST_STATES, ChainResponse
 from bayesdrill.rig.simulators.contract import REVERSAL_SUBSTEPS, Simulator
 from bayesdrill.rig.simulators.linear import Response
 from bayesdrill.rig.simulators.sensors import ObservationModel
@@ -25,7 +24,4 @@ def simulator(
     """
     if not model.smooth or sensing.input_lags:
         return Stepped(model, experiment, sensing, substeps, reversal_substeps, adaptive)
-    even = experiment.uniform and not sensing.shifts
-    if even and len(model.states) > MOST_STATES:
-        return ChainResponse(model, experiment, sensing)
     return Response(model, experiment, sensing)

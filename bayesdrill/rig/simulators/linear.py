@@ -72,7 +72,7 @@ class Response(Unstepped):
     def signals(self, full: Array) -> Array:
         """Return the channels: `(W, P) -> (W, T, K)`, SI."""
         if self._padded.size > MAX_GROUPED and self.record is not None:
-            record = LongRecord(self.sensors, self.experiment.dt, len(self._padded))
+            record = LongRecord(self.sensors, self.experiment.dt, len(self._grid.t) - 1)
             return np.array([record.signals(point) for point in full])
         return self._run(SIGNALS, full, (1, *self._padded.shape))[:, 0, self._samples]
 
@@ -106,9 +106,10 @@ class Response(Unstepped):
 
     @cached_property
     def _padded(self) -> Array:
-        """The record at all knots, NaN where there is no sample: `(T, K)`."""
+        """The record at all knots of whole steps, NaN where there is no sample: `(T, K)`."""
         g, y = self._grid, np.asarray(self.sensors.padded)
-        padded = np.full((len(g.t) - 1, y.shape[1]), np.nan)
+        joined = self._shape(SIGNALS, None, slopes=False).joined
+        padded = np.full((-(-(len(g.t) - 1) // joined) * joined, y.shape[1]), np.nan)
         padded[g.at] = y
         return padded
 
@@ -142,7 +143,7 @@ class Response(Unstepped):
             times=UNEVEN if any(self._late) and not g.uniform else EVEN,
             table=len(g.spans) > 1,
             shares=g.width > 0.0,
-            gaps=self._gaps and output != SIGNALS,
+            gaps=output != SIGNALS and self._gaps,
             output=output,
             tally=tally,
             slopes=slopes,
@@ -176,7 +177,7 @@ class Response(Unstepped):
         return {}
 
     @cached_property
-    def _scratch_sizes(self) -> dict[tuple[Any, ...], int]:
+    def _known_places(self) -> dict[tuple[Any, ...], tuple[Array, int]]:
         return {}
 
     def _knots(self, ahead: int) -> dict[str, int]:
@@ -187,14 +188,15 @@ class Response(Unstepped):
         if ahead not in self._known_knots:
             g, first_order = self._grid, self.experiment.first_order
             u, slopes = inputs_at_knots(g, self.sensors.knots[1], first_order=first_order)
-            u = np.vstack([u, u[-1:].repeat(ahead, axis=0)])
+            more = ahead + len(self._padded) - len(u)
+            u = np.vstack([u, u[-1:].repeat(more, axis=0)])
             if first_order:
-                u = np.hstack([u, np.vstack([slopes, np.zeros((ahead, slopes.shape[1]))])])
-            later = g.t[-2] + self._median_step * np.arange(1, ahead + 1)
-            node = np.append(g.node[:-1], np.full(ahead + 1, self._median_node))
+                u = np.hstack([u, np.vstack([slopes, np.zeros((more, slopes.shape[1]))])])
+            later = g.t[-2] + self._median_step * np.arange(1, more + 1)
+            node = np.append(g.node[:-1], np.full(more + 1, self._median_node))
             blocks = self._shared | {
                 "node": node.astype(np.int64),
-                "share": np.append(g.share, np.full(ahead, -1.0)),
+                "share": np.append(g.share, np.full(more, -1.0)),
                 "t": np.concatenate([g.t[:-1], later, [np.inf]]),
                 "u": np.ascontiguousarray(u),
             }
@@ -266,10 +268,12 @@ class Response(Unstepped):
             "nodes": len(self._grid.spans), "high": self._high,
         }  # fmt: skip
         wanted = (output, tally, along is not None, *counts.values())
-        if wanted not in self._scratch_sizes:
-            self._scratch_sizes[wanted] = sum(shape.scratch(counts).values())
-        scratch = np.empty((self._scratch_sizes[wanted] + 1, LANES))
+        if wanted not in self._known_places:
+            places = np.cumsum([0, *shape.scratch(counts)])
+            self._known_places[wanted] = places, places.ctypes.data
+        places, address = self._known_places[wanted]
+        scratch = np.empty((places[-1] + 1, LANES))
         return kernel.run(
             "linear", len(full), out, own=in_groups(*own), **counts, **blocks,
-            scratch=aligned(scratch), **self._knots(ahead),
+            places=address, scratch=aligned(scratch), **self._knots(ahead),
         )  # fmt: skip
