@@ -282,6 +282,22 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
             result.add_incoming(*case)
         return result
 
+    def last_until(self, numbers: ir.Value, place: ir.Value, bound: ir.Value) -> ir.Value:
+        """Return where the last of increasing numbers up to a bound is, from a place before it on."""
+        entry, check = self.block, self.append_basic_block("search")
+        self.branch(check)
+        self.position_at_end(check)
+        here = self.phi(INT_VEC)
+        here.add_incoming(place, entry)
+        following = self.add(here, 1)
+        due = self.fcmp_ordered("<=", self.gather(numbers, following), bound)
+        new = self.select(due, following, here)
+        here.add_incoming(new, self.block)
+        after = self.append_basic_block("reached")
+        self.cbranch(self.anywhere(due), check, after)
+        self.position_at_end(after)
+        return here
+
     def replace_if(
         self,
         flag: ir.Value,

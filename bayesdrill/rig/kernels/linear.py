@@ -9,6 +9,9 @@ steps less a share of one, and its row is one times the exponential over that sh
 the state at the knot before t - s is advanced by what is left.  Before the start states change
 straight.
 
+Rigs of more than ten states have loops for products (`multiply_large`), and on even times four samples
+are one product (`Transitions.join_steps`).
+
 Sums of residuals are added up as channels are computed.  Otherwise channels are stored in planes
 `(rows, K)`: the values, then the slopes in each direction.  Planes are the output, or they become
 normal equations, a chunk of samples at a time that stays in the processor's cache.
@@ -58,7 +61,7 @@ from bayesdrill.rig.kernels.transitions import (
 # nodes of the table; rungs of the ladder from its width on.
 COUNTS = ("groups", "samples", "knots", "directions", "nodes", "high")
 BLOCKS = {
-    "own": VECTORS,  # (G, numbers of `LinearShape.parts`, then of `LinearShape.plain`)
+    "own": VECTORS,  # (G, numbers of `LinearShape.parts`, then `LinearShape.weights`)
     "along": VECTORS,  # (G, q, numbers of `LinearShape.parts`): slopes
     "numbers": NUMBERS,  # width of the ladder; constant inputs; start and rows, where all share them
     "spans": NUMBERS,  # of nodes
@@ -122,7 +125,7 @@ class LinearShape:
 
     @property
     def joined_sizes(self) -> tuple[int, int]:
-        """Rows and columns of the matrix of such a step, see `_Walker.join_samples`."""
+        """Rows and columns of the matrix of such a step, see `Transitions.join_steps`."""
         x = self.layout.n_states
         drives = self.layout.size - x - 1
         return x + self.joined * self.channels, x + 1 + self.joined * drives
@@ -143,11 +146,10 @@ class LinearShape:
         return parts | ({"before": x, "delay": k} if any(self.late) else {})
 
     @property
-    def plain(self) -> dict[str, int]:
+    def weights(self) -> int:
         """Numbers of a walker that have none: weights of a tally, or scales of residuals."""
         each = self.tally.weights if self.tally is not None else 0
-        each = {NORMAL: 1, INNOVATIONS: 3}.get(self.output, each)
-        return {"weights": each * self.channels}
+        return self.channels * {NORMAL: 1, INNOVATIONS: 3}.get(self.output, each)
 
     @property
     def ladder(self) -> bool:
@@ -193,9 +195,9 @@ class _Writer:
         self.b, self.a, self.shape, self.group = b, a, shape, group
         self.layout, self.kind = shape.layout, Numbers(b, shape.slopes)
         self.x, self.k = shape.layout.n_states, shape.channels
-        sizes = (sum(shape.parts.values()), sum(shape.plain.values()))
-        self.mine = b.offset(a["own"], group, sum(sizes))
-        self.weights = b.offset(self.mine, sizes[0])
+        size = sum(shape.parts.values())
+        self.mine = b.offset(a["own"], group, size + shape.weights)
+        self.weights = b.offset(self.mine, size)
         self.planes = b.add(a["directions"], 1)
         parts = [b.offset(a["scratch"], b.single(a["places"], n)) for n in range(len(SCRATCH))]
         self.table, self.states, self.rungs, self.shown, self.before, self.trace = parts
@@ -392,7 +394,7 @@ class _Walker:
         start = self.numbers("start") if shape.own else self._shared(0, self.x)
         self.kind.put_row(start, self.state)
         if shape.joined > 1:
-            self._join_samples()
+            self.transitions.join_steps(self.joined, self.rows, shape.joined)
         if not self.late:
             return
         delay = self.numbers("delay")
@@ -467,36 +469,6 @@ class _Walker:
         steps.close([*new, *totals])
         kind.put_row(kind.shaped(new), self.state)
         return totals
-
-    # Several samples at once.
-
-    def _join_samples(self) -> None:
-        """Store what x and channels of several samples are, of z = (x, 1, inputs of all of them).
-
-        Columns are what becomes of the units of z, which all take one step after the other.
-        """
-        b, kind, x, n, k_count = self.b, self.kind, self.x, self.w.layout.size, self.w.k
-        columns, one = self.shape.joined_sizes[1], Vector(self.b, vector(1.0))
-        units, following = kind.room(n * columns), kind.room(x * columns)
-        kind.clear(units, n * columns)
-        with b.loop(x + 1, "units") as unit:
-            kind.put(one, units, b.mul(unit, columns + 1))
-        with b.loop(self.shape.joined, "samples") as sample:
-            shown = kind.at(self.joined, b.mul(b.add(b.mul(sample, k_count), x), columns))
-            with b.loop(columns, "columns") as column:
-                at, into = kind.at(units, column), kind.at(shown, column)
-                for k, weights in enumerate(self.rows):
-                    terms = [(weight, kind.get(at, i * columns)) for i, weight in weights.items()]
-                    kind.put(sum_products(kind.zero(), terms), into, k * columns)
-            first = b.add(b.mul(sample, n - x - 1), x + 1)
-            for drive in range(n - x - 1):
-                row = kind.at(units, (x + 1 + drive) * columns)
-                kind.clear(row, columns)
-                kind.put(one, row, b.add(first, drive))
-            step = self.transitions.table
-            multiply_large(b, following, step, units, (x, n, columns), slopes=kind.slopes)
-            b.copy(following, units, x * columns * kind.width)
-        b.copy(units, self.joined, x * columns * kind.width)
 
     def _advance_joined(self, first: ir.Value, rows: ir.Value, totals: Values) -> Values:
         """Advance from the `first` knot on by steps of several samples, and show channels."""
@@ -579,10 +551,13 @@ class _Walker:
             straight = begins[k] + when * rates[k]
             if shape.times == EVEN:
                 place = b.sub(b.splat(samples.index), self.offsets[k])
-                value = self._kept(self._inside(place), len(self.late), n)
+                last = b.splat(b.sub(w.a["knots"], 1))
+                inside = b.select(b.icmp_signed("<", place, last), place, last)
+                inside = b.select(b.icmp_signed(">", inside, 0), inside, 0)
+                value = self._kept(inside, len(self.late), n)
                 early = Mask(b, b.icmp_signed("<", place, 0))  # whatever t has been rounded to
             else:
-                place = self._knot_before(samples.carried[n], dual(when).value.value)
+                place = b.last_until(w.a["t"], samples.carried[n], dual(when).value.value)
                 places.append(place)
                 value = self._between(k, place, when)
             shown = where(early, straight, value)
@@ -590,35 +565,12 @@ class _Walker:
         samples.close([*places, *totals])
         return totals
 
-    def _inside(self, place: ir.Value) -> ir.Value:
-        b = self.b
-        last = b.splat(b.sub(self.w.a["knots"], 1))
-        place = b.select(b.icmp_signed("<", place, last), place, last)
-        return b.select(b.icmp_signed(">", place, 0), place, 0)
-
     def _kept(self, place: ir.Value, count: int, n: int) -> Number:
         """Load number n of the `count` that were kept at the knot of each lane."""
         width = self.kind.width
         first = self.b.mul(place, count * width)
         places = [self.b.add(first, n * width + part) for part in range(width)]
         return self.kind.shaped([self.b.gather_lanes(self.w.trace, at) for at in places])[0]
-
-    def _knot_before(self, place: ir.Value, when: ir.Value) -> ir.Value:
-        """Return the last knot of each lane that is not after a time, from a `place` before it on."""
-        b, t = self.b, self.w.a["t"]
-        entry, check = b.block, b.append_basic_block("search")
-        b.branch(check)
-        b.position_at_end(check)
-        here = b.phi(INT_VEC)
-        here.add_incoming(place, entry)
-        following = b.add(here, 1)
-        due = b.fcmp_ordered("<=", b.gather(t, following), when)
-        new = b.select(due, following, here)
-        here.add_incoming(new, b.block)
-        after = b.append_basic_block("reached")
-        b.cbranch(b.anywhere(due), check, after)
-        b.position_at_end(after)
-        return here
 
     def _between(self, k: int, place: ir.Value, when: Number) -> Number:
         """Return what channel k shows at a time after the knot of each lane."""

@@ -10,7 +10,7 @@ few terms.  How many rungs below the width a lane needs follows from the norm of
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -190,6 +190,37 @@ class Transitions:
         kind.put_row([*state, Vector(self.b, vector(1.0)), *drive.inputs, *drive.slopes], z)
         multiply_large(self.b, following, phi, z, (x, n, 1), slopes=kind.slopes)
         return kind.row(following, x)
+
+    def join_steps(
+        self, joined: ir.Value, rows: Sequence[Mapping[int, Number]], count: int
+    ) -> None:
+        """Store what x after so many steps of the table's first, and channels of these, are of z.
+
+        It is z = (x, 1, inputs of all steps).  Columns are what becomes of its units, which all take
+        one step after the other.  Channels are `rows` of x and 1.
+        """
+        b, kind, x, n = self.b, self.kind, self.layout.n_states, self.layout.size
+        columns, one = x + 1 + count * (n - x - 1), Vector(b, vector(1.0))
+        units, following = kind.room(n * columns), kind.room(x * columns)
+        kind.clear(units, n * columns)
+        with b.loop(x + 1, "units") as unit:
+            kind.put(one, units, b.mul(unit, columns + 1))
+        with b.loop(count, "steps") as step:
+            shown = kind.at(joined, b.mul(b.add(b.mul(step, len(rows)), x), columns))
+            with b.loop(columns, "columns") as column:
+                at, into = kind.at(units, column), kind.at(shown, column)
+                for k, row in enumerate(rows):
+                    terms = [(weight, kind.get(at, i * columns)) for i, weight in row.items()]
+                    kind.put(sum_products(kind.zero(), terms), into, k * columns)
+            first = b.add(b.mul(step, n - x - 1), x + 1)
+            for drive in range(n - x - 1):
+                unit = kind.at(units, (x + 1 + drive) * columns)
+                kind.clear(unit, columns)
+                kind.put(one, unit, b.add(first, drive))
+            sizes = (x, n, columns)
+            multiply_large(b, following, self.table, units, sizes, slopes=kind.slopes)
+            b.copy(following, units, x * columns * kind.width)
+        b.copy(units, joined, x * columns * kind.width)
 
     # Spans that are not in the table.
 
