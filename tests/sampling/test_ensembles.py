@@ -17,9 +17,9 @@ import bayesdrill as bd
 from bayesdrill.basics.progress import Silent
 from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.rig.simulators.chains import ChainResponse
 from bayesdrill.rig.simulators.linear import Response
 from bayesdrill.rig.simulators.sensors import ObservationModel
+from bayesdrill.rig.simulators.stepped import Stepped
 from bayesdrill.sampling.convergence import Targets
 from bayesdrill.sampling.ensembles import (
     MemoryBackend,
@@ -173,12 +173,12 @@ RIG = {**dict.fromkeys(("j_m", "c_m", "k_e", "k_T", "r_m", "l_m", "t_f"), "nomin
 
 @run_cases(
     "samples, response, expensive",
-    [(40_000, Response, False), (1000, ChainResponse, False), (40_000, ChainResponse, True)],
+    [(40_000, Response, False), (1000, Stepped, False), (40_000, Stepped, True)],
 )
 def test_slopes_are_expensive_of_long_records_that_sums_do_not_replace(
-    samples: int, response: type[Response | ChainResponse], expensive: bool
+    samples: int, response: type[Response | Stepped], expensive: bool
 ) -> None:
-    """A chain of many states has slopes of every sample; all other linear rigs sum them up."""
+    """What goes in steps has slopes of every sample; other linear rigs sum them up."""
     t = 0.01 * np.arange(samples)
     speed = bd.Channel(np.sin(t), "rad/s", 0.1)
     case = bd.case(t, {"w_1": speed}, {"v": 8.0}, {**RIG, "j_1": BOX}, nominal="tables_2_3")

@@ -103,9 +103,15 @@ class ExactMotion:
 
     def on(self, x: np.ndarray, j: int, step: Any) -> np.ndarray:
         """Return the states a `step` after knot `j`, where they are `x`."""
+        z, m = np.concatenate([x, [LONG(1)], self.u[j], self.slopes[j]]), self.m * LONG(step)
+        if step not in self.powers and np.abs(np.linalg.eigvals(m.astype(float))).max() < 4:
+            term = total = z
+            for k in range(1, 60):
+                term = m @ term / k
+                total = total + term
+            return total[: len(x)]
         if step not in self.powers:
-            self.powers[step] = exponential(self.m * LONG(step))
-        z = np.concatenate([x, [LONG(1)], self.u[j], self.slopes[j]])
+            self.powers[step] = exponential(m)
         return (z + self.powers[step] @ z)[: len(x)]
 
     def states(self) -> np.ndarray:

@@ -17,12 +17,14 @@ from llvmlite import ir
 from bayesdrill.basics.duals import Choice, Number
 
 LANES = 8
+MOST_ON_STACK = 1024  # vectors of a room
 Values = list[ir.Value]
 type Integer = ir.Value | int  # a 64-bit integer of a kernel, or one that is known
 
 F64 = ir.DoubleType()
 I64 = ir.IntType(64)
 I32 = ir.IntType(32)
+BYTES = ir.IntType(8).as_pointer()
 VEC = ir.VectorType(F64, LANES)
 INT_VEC = ir.VectorType(I64, LANES)
 NOWHERE = ir.Constant(ir.VectorType(ir.IntType(1), LANES), [0] * LANES)  # a mask
@@ -115,9 +117,16 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
     largest = _of_lanes("vector.reduce.smax", I64)  # lane of integers
 
     def room(self, count: int, kind: ir.Type = VEC) -> ir.Value:
-        """Reserve so many vectors on the stack, once, even where the code stands in a loop."""
+        """Reserve vectors, once, even where the code stands in a loop: on the stack, many by malloc."""
         with self.goto_entry_block():
-            return self.alloca(kind, I64(count))
+            if count <= MOST_ON_STACK:
+                return self.alloca(kind, I64(count))
+            found = self.module.globals.get("malloc")
+            malloc = found or ir.Function(self.module, ir.FunctionType(BYTES, [I64]), "malloc")
+            self.taken.append(self.call(malloc, [I64((count + 1) * 8 * LANES)]))
+            start = self.ptrtoint(self.taken[-1], I64)  # of lines of the cache: see `aligned`
+            begin = self.and_(self.add(start, 8 * LANES - 1), -8 * LANES)
+            return self.inttoptr(begin, kind.as_pointer())
 
     def read(self, base: ir.Value, index: Integer) -> ir.Value:
         """Load vector number `index` of a block."""
@@ -336,7 +345,11 @@ def function(
         if isinstance(argument.type, ir.PointerType):
             argument.add_attribute("noalias")
     b = Builder(written.append_basic_block())
+    b.taken = Values()  # what it gives back to the C library
     yield written, b
+    for place in b.taken:
+        kind = ir.FunctionType(ir.VoidType(), [BYTES])
+        b.call(module.globals.get("free") or ir.Function(module, kind, "free"), [place])
     b.ret_void()
 
 

@@ -150,17 +150,19 @@ class Response(Unstepped):
         )
 
     @cached_property
-    def _kernels(self) -> dict[Any, tuple[Kernel, LinearShape]]:
+    def _known(self) -> dict[tuple[Any, ...], Any]:
+        """What has been made already: kernels, and blocks and their addresses."""
         return {}
 
     def _kernel(
         self, output: str, tally: ResidualSums | None, *, slopes: bool
     ) -> tuple[Kernel, LinearShape]:
         wanted = (output, tally, slopes)
-        if wanted not in self._kernels:
+        if wanted not in self._known:
             shape = self._shape(output, tally, slopes=slopes)
-            self._kernels[wanted] = compile_kernel(write_linear, shape), shape
-        return self._kernels[wanted]
+            self._known[wanted] = compile_kernel(write_linear, shape), shape
+        kernel, shape = self._known[wanted]
+        return kernel, shape
 
     @cached_property
     def _shared(self) -> dict[str, Array]:
@@ -172,20 +174,12 @@ class Response(Unstepped):
         numbers = np.array([g.width or g.usual, *constants, *start, *rows.ravel()])
         return {"numbers": numbers, "spans": g.spans, "chained": g.chained, "y": self._padded}
 
-    @cached_property
-    def _known_knots(self) -> dict[int, tuple[dict[str, Array], dict[str, int]]]:
-        return {}
-
-    @cached_property
-    def _known_places(self) -> dict[tuple[Any, ...], tuple[Array, int]]:
-        return {}
-
     def _knots(self, ahead: int) -> dict[str, int]:
         """Return addresses of blocks, of knots with others `ahead` of the last.
 
         Asking an array for its own address takes as long as some samples of a group.
         """
-        if ahead not in self._known_knots:
+        if (ahead,) not in self._known:
             g, first_order = self._grid, self.experiment.first_order
             u, slopes = inputs_at_knots(g, self.sensors.knots[1], first_order=first_order)
             more = ahead + len(self._padded) - len(u)
@@ -201,8 +195,9 @@ class Response(Unstepped):
                 "u": np.ascontiguousarray(u),
             }
             addresses = {name: block.ctypes.data for name, block in blocks.items()}
-            self._known_knots[ahead] = blocks, addresses
-        return self._known_knots[ahead][1]
+            self._known[ahead,] = blocks, addresses
+        found: dict[str, int] = self._known[ahead,][1]
+        return found
 
     @cached_property
     def _median_node(self) -> int:
@@ -268,10 +263,10 @@ class Response(Unstepped):
             "nodes": len(self._grid.spans), "high": self._high,
         }  # fmt: skip
         wanted = (output, tally, along is not None, *counts.values())
-        if wanted not in self._known_places:
+        if wanted not in self._known:
             places = np.cumsum([0, *shape.scratch(counts)])
-            self._known_places[wanted] = places, places.ctypes.data
-        places, address = self._known_places[wanted]
+            self._known[wanted] = places, places.ctypes.data
+        places, address = self._known[wanted]
         scratch = np.empty((places[-1] + 1, LANES))
         return kernel.run(
             "linear", len(full), out, own=in_groups(*own), **counts, **blocks,
