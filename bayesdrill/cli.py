@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import sys
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -13,7 +14,7 @@ from typer.core import TyperGroup
 
 import bayesdrill as bd
 from bayesdrill.basics.errors import InputError
-from bayesdrill.basics.progress import reporter
+from bayesdrill.basics.progress import SILENT, reporter
 from bayesdrill.guard import INPUT_WRONG, NOT_CONVERGED, finish, guarded, saved_in, say
 
 
@@ -76,8 +77,9 @@ def _tell_version(wanted: bool) -> None:
 
 
 def _read(config: Path, read: str = "load", **more: Any) -> Any:
-    """Read a config by a function of the package, and say so first: libraries load for a second."""
-    with reporter() as report:
+    """Read a config by a function of the package; a terminal says so first, for libraries load."""
+    watched = sys.stderr is not None and sys.stderr.isatty()
+    with reporter() if watched else nullcontext(SILENT) as report:
         report.update(0.0, f"reading {config}")
         return getattr(bd, read)(config, **more)
 
