@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import sys
 from collections.abc import Callable
-from functools import partial
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -14,7 +14,7 @@ from typer.core import TyperGroup
 
 import bayesdrill as bd
 from bayesdrill.basics.errors import InputError
-from bayesdrill.basics.progress import reporter
+from bayesdrill.basics.progress import SILENT, reporter
 from bayesdrill.guard import INPUT_WRONG, NOT_CONVERGED, finish, guarded, saved_in, say
 
 
@@ -76,12 +76,23 @@ def _tell_version(wanted: bool) -> None:
         raise typer.Exit
 
 
-def _run(read: Callable[[Path], Any], config: Path, output: Path | None, **options: Any) -> Any:
-    """A case, a calibration or a ladder, from its config on; where it fails, how it goes on."""
-    from bayesdrill.api.arguments import mode
+def _read(config: Path, read: str = "load", **more: Any) -> Any:
+    """Read a config by a function of the package; a terminal says so first, for libraries load."""
+    watched = sys.stderr is not None and sys.stderr.isatty()
+    with reporter() if watched else nullcontext(SILENT) as report:
+        report.update(0.0, f"reading {config}")
+        return getattr(bd, read)(config, **more)
 
-    mode(resume=options["resume"], force=options["force"])  # before the record is read
-    case = read(config)
+
+def _run(
+    read: str, config: Path, output: Path | None, /, sample: Any = None, **options: Any
+) -> Any:
+    """A case, a calibration or a ladder, from its config on; where it fails, how it goes on."""
+    if options["resume"] and options["force"]:
+        from bayesdrill.api.arguments import mode
+
+        mode(resume=True, force=True)  # refuses, before the record is read
+    case = _read(config, read, **({} if sample is None else {"sample": sample}))
     with saved_in(case.place(output)), reporter() as report:
         return case.run(output, report=report, **options)
 
@@ -166,7 +177,7 @@ def check(
     ] = None,
 ) -> None:
     """Validate config and record and say what would run; samples nothing."""
-    case = bd.load(config)
+    case = _read(config)
     say(case.preview())
     for draw, file in ((case.draw_rig, figure), (case.draw_record, figure_record)):
         if file is not None:
@@ -192,7 +203,7 @@ def identify(
     processes: Processes = None,
 ) -> None:
     """Say what this record can and cannot determine, and what would help; samples nothing."""
-    case = bd.load(config)
+    case = _read(config)
     if output is not None:
         case.check_place(output, force=force)
     with reporter() as report:
@@ -224,7 +235,7 @@ def map_(
     """Search the maximum of the posterior (MAP), print it, and rank what would explain a bad fit."""
     if quick and apply is not None:
         raise InputError.at("--apply", "needs the candidates that --quick leaves out")
-    case = bd.load(config)
+    case = _read(config)
     if output is not None:
         bd.Best.check_place(output, force=force)
     if apply is not None:
@@ -261,7 +272,7 @@ def posterior(
 ) -> None:
     """MAP, sampling, diagnostics, tables and figures: the main job."""
     options = {"resume": resume, "force": force, "processes": processes, "verbose": verbose}
-    finish(_run(bd.load, config, output, **options), verbose=verbose)
+    finish(_run("load", config, output, **options), verbose=verbose)
 
 
 @command("calibrate configs/nominal_step.yaml")
@@ -277,7 +288,7 @@ def calibrate(
 ) -> None:
     """Test the posterior of a config: refit simulated records, and see where the truth ranks."""
     options = {"resume": resume, "force": force, "processes": processes, "scheduler": scheduler}
-    done = _run(bd.calibration, config, output, **options)
+    done = _run("calibration", config, output, **options)
     files = "report.html, summary.md, figures/, ranks.csv"
     _end(done.said, done.folder, files, good=done.verdict.calibrated)
 
@@ -333,7 +344,7 @@ def ladder(
 ) -> None:
     """Rank what a config may be missing, sample the best candidates, compare, and recommend a config."""
     options = {"resume": resume, "force": force, "processes": processes, "scheduler": scheduler}
-    done = _run(partial(bd.ladder, sample=sample), config, output, **options)
+    done = _run("ladder", config, output, sample=sample, **options)
     files = "report.html, comparison.md, recommended.yaml, ..."
     _end(done.said, done.folder, files, good=not done.report.reasons)
 

@@ -262,6 +262,8 @@ def _start_worker(prepare: Callable[..., None], *arguments: Any) -> None:
     signal.signal(signal.SIGTERM, _exit_soon)
     threading.Thread(target=_exit_with_parent, daemon=True).start()
     ONE_THREAD.__enter__()
+    # corner works without ArviZ, which takes longer to load than everything else together.
+    sys.modules.setdefault("arviz", None)  # type: ignore[arg-type]
     atexit.register(os._exit, 0)  # nothing is left to be saved: no need to take all apart
     prepare(*arguments)
 

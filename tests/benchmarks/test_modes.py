@@ -95,7 +95,7 @@ def test_a_grid_has_the_masses_of_normal_densities() -> None:
     assert modes.shares(z) == pytest.approx(np.bincount(bell) / 20_000, abs=1e-3)
 
 
-def test_a_number_may_part_a_mode() -> None:
+def test_a_held_number_may_split_a_mode_in_two() -> None:
     assert THREE.modes(("b", 0.3)).masses == pytest.approx([0.3, 0.3, 0.3, 0.1], rel=3e-2)
 
 

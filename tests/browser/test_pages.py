@@ -127,7 +127,7 @@ def test_all_can_read_it(browser: Browser, path: Path, size: str, scheme: str) -
     assert found.violations_count == 0, found.generate_report()
 
 
-def test_dark_is_dark(browser: Browser, path: Path) -> None:
+def test_a_dark_scheme_has_light_text_on_dark_paper(browser: Browser, path: Path) -> None:
     paper = "getComputedStyle(document.body).backgroundColor.match(/\\d+/g).slice(0, 3).map(Number)"
     light, dark = (
         sum(opened(browser, path, "desktop", scheme)[0].evaluate(paper))

@@ -66,7 +66,7 @@ def entry(draft: dict[str, Any], place: str) -> object:
 
 
 @pytest.mark.parametrize("case", CASES, ids=[case["name"] for case in CASES])
-def test_drafts(case: dict[str, Any], tmp_path: Path) -> None:
+def test_a_draft_says_what_its_record_shows(case: dict[str, Any], tmp_path: Path) -> None:
     records = records_of(case, tmp_path)
     assert records
     for record in records:
@@ -187,7 +187,7 @@ def test_a_matlab_file_of_structs_and_a_nameless_matrix(tmp_path: Path) -> None:
 
 
 @run_cases("ending", ["npz", "h5"])
-def test_files_of_arrays(ending: str, tmp_path: Path) -> None:
+def test_a_record_is_drafted_from_a_file_of_arrays(ending: str, tmp_path: Path) -> None:
     t, v, x = reversing_rig()
     y = x + np.random.default_rng(4).normal(0, 0.02, x.shape)
     columns = {"t": t, "u": v, "theta_2": y[:, 1] * DEG, "n_motor": y[:, 3] * 5 * RPM}

@@ -106,3 +106,16 @@ def off_by(study: IdentifiabilityStudy, named: Collection[str], off: float) -> d
                     name = study.names[column]
                     sigmas[name] = max(sigmas[name], abs(power) * math.log1p(off) / sd)
     return sigmas
+
+
+K_S, J_1, R_M, RATIO = (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, -1, 0)  # exponents of k_s, j_1, r_m
+
+
+def words(result: Verdict) -> dict[tuple[int, ...], str]:
+    return {q.exponents: q.says for q in (*result.products, *result.parameters)}
+
+
+def draws_of(seed: int, **factors: float) -> np.ndarray:
+    """Return draws of the posterior of a rig whose values are `factors` times those of the table."""
+    truth = {name: value * factors.get(name, 1.0) for name, value in TABLE.items()}
+    return gaussian(truth, np.random.default_rng(seed))

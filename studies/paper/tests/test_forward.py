@@ -311,6 +311,8 @@ def test_one_time_is_the_start_and_a_rig_at_rest_stays() -> None:
     "t, rtol, says",
     [([0.0, 0.0], 1e-3, "times"), ([], 1e-3, "times"), ([0.0, 1.0], 0.0, "tolerances")],
 )
-def test_nonsense_is_refused(t: list[float], rtol: float, says: str) -> None:
+def test_integration_over_no_time_or_without_tolerance_is_refused(
+    t: list[float], rtol: float, says: str
+) -> None:
     with pytest.raises(ValueError, match=says):
         integrate(CHAIN, np.zeros(4), np.zeros(4), np.array(t), rtol)

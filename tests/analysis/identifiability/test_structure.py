@@ -81,7 +81,7 @@ def test_a_sparse_basis_has_small_whole_exponents_under_any_mixing() -> None:
     assert set(sparse_basis(mixed)) == {(0, 0, 2, 1, -1, 0), (1, 1, 0, 0, 0, 3)}
 
 
-def test_doubling_rounds_nothing() -> None:
+def test_scaling_by_powers_of_two_rounds_nothing() -> None:
     theta = np.array([[0.1, 0.3, 1e-7]])
     twice = scaled_by_two(theta, (1, -2, 0))
     assert np.array_equal(scaled_by_two(twice, (-1, 2, 0)), theta)

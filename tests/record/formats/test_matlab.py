@@ -180,7 +180,7 @@ def shared(name: str) -> RecordTable:
     return read(path)
 
 
-def test_drill_string_rig() -> None:
+def test_a_drillstring_rig_of_a_laboratory_is_read() -> None:
     table = shared("ufrj_drillstring_rig/175_completo_1.mat")
     time = table.pick("Time_Sample_175_complete")
     assert time.shape == (59000,)
@@ -191,7 +191,7 @@ def test_drill_string_rig() -> None:
     assert np.sum(table.pick("Top_Speed_Sample_175_complete") < 0) == 1790
 
 
-def test_servo_pair() -> None:
+def test_a_pair_of_servos_is_read_by_the_columns_of_a_matrix() -> None:
     table = shared("hsm150_servo/idf_pos_0.06_1.mat")
     time, current = table.pick(1, "data"), table.pick(7, "data")
     assert time.shape == current.shape == (20000,)
