@@ -1,4 +1,4 @@
-"""Every figure, of contexts that are hard to picture, as it is rendered in either width.
+"""Every figure in both widths, of contexts that are hard to draw: nothing is cut, nothing overlaps.
 
 Figures of whole runs: `tests/contracts/test_figures.py`; drawings of rigs: `test_rig_drawing.py`.
 """
@@ -21,11 +21,11 @@ from support.linear_study import NAMES, gaussian, verdict
 from bayesdrill.analysis.calibration import LOG_LIKELIHOOD, judge_calibration
 from bayesdrill.basics.symbols import PARAMETERS
 from bayesdrill.report.scales import WIDTHS
-from bayesdrill.report.sections.calibration_figure import calibration_figure
-from bayesdrill.report.sections.convergence_figure import autocorrelation_figure
-from bayesdrill.report.sections.fit_figure import fit_figure, record_figure
-from bayesdrill.report.sections.identify_figure import profile_figure
-from bayesdrill.report.sections.parameters_figure import invariants_figure
+from bayesdrill.report.sections.calibration import calibration_figure
+from bayesdrill.report.sections.convergence import autocorrelation_figure
+from bayesdrill.report.sections.fit import fit_figure, record_figure
+from bayesdrill.report.sections.identifiability import profile_figure
+from bayesdrill.report.sections.nominal import invariants_figure
 
 LOGS = frozenset(("c_m", "l_m", "sigma_w_1", "sigma_i"))
 NARROW = 1e-5  # relative width of a posterior whose ticks need an origin

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain
 
 import numpy as np
 
 from bayesdrill.analysis.causes import Cause, Causes, EquivalentExplanation, FittedValue
 from bayesdrill.analysis.edits import lacks
-from bayesdrill.report.section import Plain, Sentences, Table, aligned
-from bayesdrill.report.sections.fit_words import percent
+from bayesdrill.report.doubts import percent
+from bayesdrill.report.section import Picture, Plain, Section, Sentences, Table, aligned, build
+from bayesdrill.report.view import ReportContext, ReportPart
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.models.roles import Roles
 
@@ -32,7 +33,7 @@ LOOK = (
 )
 
 
-def explained(causes: Causes | None) -> str:
+def describe_causes(causes: Causes | None) -> str:
     """What would explain what the fit leaves, for a terminal: best first, and what to do."""
     return "\n".join(
         aligned([part.heads, *part.lines], left={0}) if isinstance(part, Table) else part.text
@@ -186,3 +187,11 @@ def instead(explanation: EquivalentExplanation | None, rig: Model) -> Iterable[s
 def _lacked(name: str, roles: Roles) -> str:
     words = {inertia.efficiency: "friction of the gear" for inertia in roles.inertias}
     return {**words, **{lack.parameter: lack.words for lack in lacks(roles)}}[name]
+
+
+def _sections(run: ReportContext, _: Sequence[Picture]) -> Iterator[Section]:
+    if run.analysis.causes is not None:
+        yield build("What would explain it", *candidates(run.analysis.causes), brief=False)
+
+
+PART = ReportPart(sections=_sections)
