@@ -37,6 +37,7 @@ LARGEST = 2.2 * (1 + GAP)  # inches from one panel to the next
 LEAST = 13.0 / 72  # a page grows rather than have less
 READABLE = 5.7  # points: below, labels are turned by a right angle, and say the ends of their axes
 SMALLEST = 5.2  # numbers at an axis, points
+BELOW = 0.11  # inches that a turned label stands below its panel, and its margin
 CLEAR = 0.1  # of an axis, without numbers at its ends
 
 
@@ -98,7 +99,8 @@ class CornerPage:
         left, right, bottom = layout.left * letters, layout.right * letters, layout.left * letters
         if layout is TURNED:
             texts = [Figure().text(0, 0, _label_with_ends(*each), size=letters) for each in shown]
-            bottom = max(text.get_window_extent().width / text.figure.dpi for text in texts) + 0.06
+            longest = max(text.get_window_extent().width / text.figure.dpi for text in texts)
+            bottom = longest + BELOW
         figure = Figure(figsize=(left + inside + right, bottom + inside + title))
         across, up = figure.get_size_inches()
         ends = {"left": left / across, "right": (left + inside) / across}
