@@ -82,10 +82,10 @@ LEGEND = style.fix_look(
 )
 
 
-def legend_above(figure: Figure, looks: Mapping[str, style.Look], **options: Any) -> None:
+def legend_above(figure: Figure, looks: Mapping[str, style.Look], **options: Any) -> Figure:
     """Put a legend above all panels, in as few rows as the page is wide enough for, and make room.
 
-    `looks`: of its entries, by their labels.
+    `looks`: of its entries, by their labels.  Returns the figure.
     """
     handles = style.legend_handles(looks)
     for rows in range(1, len(handles) + 1):
@@ -96,6 +96,7 @@ def legend_above(figure: Figure, looks: Mapping[str, style.Look], **options: Any
             break
         legend.remove()
     figure.set_figheight(figure.get_figheight() + box.height / figure.dpi)
+    return figure
 
 
 def departures(band: RankBand, ranks: Counts) -> Array:

@@ -154,8 +154,7 @@ def calibration_figure(
             style.corner_text(panel, f"${label}$")
         label_outside(panels, "normalised rank", "ECDF difference")
         _coverage(covered, verdict, labels[:-1])
-        legend_above(figure, _looks(verdict))
-    return figure
+        return legend_above(figure, _looks(verdict))
 
 
 def _mark(marker: str, *, holds: bool) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from itertools import chain
 
 import numpy as np
@@ -10,8 +10,8 @@ import numpy as np
 from bayesdrill.analysis.causes import Cause, Causes, EquivalentExplanation, FittedValue
 from bayesdrill.analysis.edits import lacks
 from bayesdrill.report.doubts import percent
-from bayesdrill.report.section import Picture, Plain, Section, Sentences, Table, aligned, build
-from bayesdrill.report.view import ReportContext, ReportPart
+from bayesdrill.report.section import Plain, Sentences, Table, aligned, build
+from bayesdrill.report.view import ReportPart
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.models.roles import Roles
 
@@ -189,9 +189,8 @@ def _lacked(name: str, roles: Roles) -> str:
     return {**words, **{lack.parameter: lack.words for lack in lacks(roles)}}[name]
 
 
-def _sections(run: ReportContext, _: Sequence[Picture]) -> Iterator[Section]:
-    if run.analysis.causes is not None:
-        yield build("What would explain it", *candidates(run.analysis.causes), brief=False)
-
-
-PART = ReportPart(sections=_sections)
+PART = ReportPart(
+    sections=lambda run, _: [
+        build("What would explain it", *candidates(run.analysis.causes), brief=False)
+    ]
+)

@@ -265,8 +265,7 @@ def comparison_figure(
             overlay.stack_runs(panel, len(models), names if side else None)
             panel.tick_params(axis="y", length=0)
         figure.supxlabel(READ, fontsize=8.0, color=style.DARK)
-        legend_above(figure, _model_looks(models))
-    return figure
+        return legend_above(figure, _model_looks(models))
 
 
 def _name(model: RunSummary) -> str:

@@ -232,8 +232,7 @@ def trace_figure(
             _step_axis(panel, n_steps)
             style.scale_axis(panel.yaxis, vertical[d], vertical[d].label(symbol, "\n"))
         label_outside(panels, "step", "", share_y=False)
-        legend_above(figure, looks, handlelength=2.8)
-    return figure
+        return legend_above(figure, looks, handlelength=2.8)
 
 
 def _scale(
@@ -322,8 +321,7 @@ def autocorrelation_figure(
             text = rf"${symbol.latex}$: $\tau = {result.tau[d]:.3g}$" + " steps" * wide
             style.corner_text(panel, text, "right")
         label_outside(panels, "lag [steps]", "autocorrelation")
-        legend_above(figure, looks)
-    return figure
+        return legend_above(figure, looks)
 
 
 def rank_figure(
@@ -348,8 +346,7 @@ def rank_figure(
                 panel.plot(places, line, zorder=2 if holds else 3, **look)
             style.corner_text(panel, f"${symbol.latex}$")
         label_outside(panels, "rank, as a share", "ECDF difference [%]")
-        legend_above(figure, looks)
-    return figure
+        return legend_above(figure, looks)
 
 
 def _draw_trace(run: ReportContext) -> Drawing:

@@ -277,8 +277,7 @@ def fit_figure(fit: Fit, width: float = scales.DOUBLE, at: str = "the MAP") -> F
             style.set_ticks(panel.xaxis, *time.ticks(4))
             if panel.xaxis.get_tick_params()["labelbottom"]:
                 panel.set_xlabel(time.label(fit.time))
-        legend_above(figure, _looks(fit, at))
-    return figure
+        return legend_above(figure, _looks(fit, at))
 
 
 def record_figure(fit: Fit) -> Figure:

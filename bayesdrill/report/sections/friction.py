@@ -193,8 +193,7 @@ def friction_figure(laws: Sequence[LawShown], width: float = scales.DOUBLE) -> F
         looks = {"MAP": BEST, f"{CREDIBLE} posterior": style.BAND}
         if any(law.nominal is not None for law in laws):
             looks["nominal values"] = style.NOMINAL
-        legend_above(figure, looks | {"speeds of the record": SEEN})
-    return figure
+        return legend_above(figure, looks | {"speeds of the record": SEEN})
 
 
 def _law(panel: Axes, law: LawShown) -> None:

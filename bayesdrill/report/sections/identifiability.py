@@ -308,8 +308,7 @@ def profile_figure(
             side = is_first_column(panel)
             panel.tick_params(labelleft=side)
             panel.set_ylabel("loss of log likelihood" if side else "")
-        legend_above(figure, {"within 95 %": style.FAINT_BAND, **style.nominal_looks(sides)})
-    return figure
+        return legend_above(figure, {"within 95 %": style.FAINT_BAND, **style.nominal_looks(sides)})
 
 
 def _panel(
@@ -376,8 +375,7 @@ def spectrum_figure(
             across = panel.get_yaxis_transform()
             for position, label in enumerate(labels):
                 panel.text(0.01, position - 0.24, label, transform=across, va="bottom")
-        legend_above(figure, looks)
-    return figure
+        return legend_above(figure, looks)
 
 
 def _bars(panel: Axes, study: IdentifiabilityStudy, thick: float) -> None:

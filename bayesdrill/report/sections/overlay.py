@@ -296,8 +296,7 @@ def intervals_figure(
         for panel, (row, scale) in zip(panels, scaled_rows, strict=True):
             draw_intervals(panel, row, scale, range(n), RUN_STYLES)
             stack_runs(panel, n)
-        legend_above(figure, _looks(layers, scaled_rows), handlelength=2.6)
-    return figure
+        return legend_above(figure, _looks(layers, scaled_rows), handlelength=2.6)
 
 
 def scaled_row(

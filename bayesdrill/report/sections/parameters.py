@@ -268,8 +268,7 @@ def prior_posterior_figure(
             if known is not None:
                 sides.add(scale.side(known))
         looks = {"prior": DARK_PRIOR, "posterior": style.FILLED, **style.nominal_looks(sides)}
-        legend_above(figure, looks | {"MAP": style.MAP_LINE})
-    return figure
+        return legend_above(figure, looks | {"MAP": style.MAP_LINE})
 
 
 def _densities(panel: Axes, scale: scales.Scale, x: Array, prior: Prior) -> None:
@@ -387,8 +386,7 @@ def ridge_figure(draws: Array, pair: CorrelatedPair, shown: DisplayedUnknowns) -
             **style.nominal_looks({0} if marked else ()),
             "MAP": style.CROSS,
         }
-        legend_above(figure, looks)
-    return figure
+        return legend_above(figure, looks)
 
 
 def _draw_ridge(run: ReportContext) -> Drawing | None:

@@ -55,8 +55,7 @@ def predictive_figure(checks: Sequence[PredictionCheck], width: float = scales.D
         label_outside(panels, "", "", share_y=False)
         panels[-2].set_xlabel("measured less predicted" + ", in sds of the prediction" * wide)
         panels[-1].set_xlabel("share of the prediction below (PIT)" if wide else "PIT")
-        legend_above(figure, looks)
-    return figure
+        return legend_above(figure, looks)
 
 
 def _densities(panel: Axes, check: PredictionCheck) -> None:
@@ -115,8 +114,7 @@ def residuals_figure(
             other = f"with ${driver}$" if driver else "with itself"
             style.corner_text(panel, other, "right", fontsize=style.letters("legend.fontsize"))
         label_outside(panels, "lag [samples]", "correlation")
-        legend_above(figure, looks)
-    return figure
+        return legend_above(figure, looks)
 
 
 RESIDUALS = "Whether residuals are white, and whether they follow an input (positive lags)."
@@ -150,8 +148,7 @@ def frequency_figure(
         for k, panel in enumerate(panels):
             _bode(panel, responses[k // 2], phase=bool(k % 2))
         label_outside(panels, "frequency [Hz]", "", share_y=False)
-        legend_above(figure, {"model at the MAP": style.BLACK_LINE, measured: POINT})
-    return figure
+        return legend_above(figure, {"model at the MAP": style.BLACK_LINE, measured: POINT})
 
 
 def _bode(panel: Axes, response: FrequencyResponse, *, phase: bool) -> None:

@@ -268,8 +268,7 @@ def torque_figure(torque: TorqueEstimate, width: float = scales.DOUBLE, *, clock
                 panel.tick_params(labelleft=False)
         samples = {**style.DOTS, "markersize": 3, "rasterized": False}
         looks = {"mean": style.BLACK_LINE, f"{CREDIBLE} posterior": style.BAND}
-        legend_above(figure, looks | {"samples": samples})
-    return figure
+        return legend_above(figure, looks | {"samples": samples})
 
 
 def _finish(panel: Axes, x: scales.Scale, y: scales.Scale, across: Symbol) -> None:
