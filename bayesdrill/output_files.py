@@ -99,33 +99,21 @@ UNFINISHED = Kind("posterior", (f"{PIECES}/ensemble_#_#.npz",))
 GROUND = Kind("posterior", ("chain.h5", "map.json", CONFIG_FILE, *UNFINISHED.files))
 
 
-# Figures of a run, by name, and the module of `report` whose `draw_<name>` draws each.  Those on
-# request are drawn where a config names them.
-USUALLY_DRAWN = {
-    "rig": "rig_drawing",  # where the config describes it
-    "corner": "sections.corner_figure",
-    "invariants": "sections.parameters_figure",
-    "ridge": "sections.parameters_figure",
-    "trace": "sections.convergence_figure",
-    "prior_posterior": "sections.parameters_figure",
-    "friction": "sections.physics_figure",
-    "torque": "sections.physics_figure",
-    "residuals": "sections.fit_figure",  # where more than noise is left, or by name
-    "fit": "sections.fit_figure",  # last: its draws take a while
-}
-ON_REQUEST = {
-    "rank": "sections.convergence_figure",
-    "autocorrelation": "sections.convergence_figure",
-    "predictive_check": "sections.fit_figure",
-    "frequency_response": "sections.fit_figure",
-}
-OWN_FIGURES = USUALLY_DRAWN | ON_REQUEST
+# Figures of a run; those on request are drawn where a config names them.
+USUALLY_DRAWN = (
+    "rig",  # where the config describes it
+    *("corner", "invariants", "ridge", "trace", "prior_posterior", "friction", "torque"),
+    "residuals",  # where more than noise is left, or by name
+    "fit",  # last: its draws take a while
+)
+ON_REQUEST = ("rank", "autocorrelation", "predictive_check", "frequency_response")
+OWN_FIGURES = USUALLY_DRAWN + ON_REQUEST
 CORNER_PLOTS = ("corner", "invariants")
 # Those of draws alone, which are drawn while the analysis of a run looks at its draws.
 OF_DRAWS = ("rig", "corner", "trace", "prior_posterior")
 # Those of which each of several experiments has one.
 EACH = ("fit", "friction", "torque", "residuals", "frequency_response")
-RUN_FIGURES: Registry[str] = Registry("figure", OWN_FIGURES)
+RUN_FIGURES: Registry[str] = Registry("figure", dict.fromkeys(OWN_FIGURES, ""))
 # Files of older versions, which a report or --force takes away.
 OUTDATED = ("opened.npz", *figure_files("energy", "energy_#", formats=FORMATS))
 

@@ -23,6 +23,7 @@ from bayesdrill.config.records import sources
 from bayesdrill.output_files import FORMATS, refuse_replacing
 from bayesdrill.record.experiment import raise_if_any
 from bayesdrill.report import words
+from bayesdrill.report.sections.fit import save_record
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.tasks import identify
 
@@ -164,8 +165,6 @@ class Case(Value):
 
     def draw_record(self, path: str | Path) -> str:
         """Draw channels and inputs over time, of each experiment; says and raises as `draw_rig`."""
-        from bayesdrill.report.sections.fit_figure import save_record  # late: it loads what draws
-
         to = _figure_file(self.job, "--figure-record", path)
         written = save_record(self.job.problem, to)
         return f"figure: {', '.join(map(str, written))}"

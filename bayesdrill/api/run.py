@@ -20,12 +20,13 @@ from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.basics.values import Value, check_arguments
 from bayesdrill.config import job
 from bayesdrill.config.job import Job
-from bayesdrill.report import section, words
 from bayesdrill.report.map_report import MapReport
 from bayesdrill.report.publish import FIGURES, drawings
 from bayesdrill.report.run_report import sections
 from bayesdrill.report.section import as_markdown, as_text
-from bayesdrill.report.sections import causes_words
+from bayesdrill.report.sections.causes import describe_causes
+from bayesdrill.report.sections.convergence import describe_map
+from bayesdrill.report.sections.parameters import as_record
 from bayesdrill.report.view import Drawing, ReportContext
 from bayesdrill.sampling.ensembles import SamplingResult
 from bayesdrill.sampling.evidence import Evidence
@@ -108,7 +109,7 @@ class Best(Value):
             left, submit = conclusions.residuals(job, self.mode), pool.submit_function
             causes = conclusions.causes(job, self.mode, left, submit, progress)
         ranked, best = ((), None) if causes is None else (causes.ranked, causes.best)
-        return Candidates(ranked, causes_words.explained(causes), best, self.job)
+        return Candidates(ranked, describe_causes(causes), best, self.job)
 
     def plot(self, part: int = 1) -> Figure:
         """Draw the record, the model at the maximum, and what is left.
@@ -134,7 +135,7 @@ class Best(Value):
         return path
 
     def __str__(self) -> str:
-        return f"{self.table}\n\n{words.mode(self.mode, self.job.problem.units)}"
+        return f"{self.table}\n\n{describe_map(self.mode, self.job.problem.units)}"
 
     __repr__ = __str__
 
@@ -280,7 +281,7 @@ class RunReport(Value):
     @property
     def rows(self) -> list[dict[str, Any]]:
         """A record for each unknown, for a table of any kind."""
-        return [section.as_record(row) for row in self.view.analysis.unknowns]
+        return [as_record(row) for row in self.view.analysis.unknowns]
 
     @property
     def reasons(self) -> tuple[str, ...]:

@@ -1,7 +1,7 @@
 """Show results: tables, sentences and figures of runs that are finished.
 
-`section` and `render` are the page, `style`, `scales` and `pages` what figures share, `sections/`
-one pair of modules for each section. Nothing here computes what a result is.
+`section` and `render` are the page, `style`, `scales` and `pages` what figures share. `sections/` has
+a module for each section: its words, its tables and its figures. Nothing here computes a result.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from bayesdrill.report.render import as_html as as_html
     from bayesdrill.report.rig_drawing import rig_figure as rig_figure
     from bayesdrill.report.run_report import made_of as made_of
+    from bayesdrill.report.scales import TIME as TIME
     from bayesdrill.report.section import Note as Note
     from bayesdrill.report.section import Picture as Picture
     from bayesdrill.report.section import Section as Section
@@ -29,11 +30,10 @@ if TYPE_CHECKING:
     from bayesdrill.report.section import as_markdown as as_markdown
     from bayesdrill.report.section import lines_as_csv as lines_as_csv
     from bayesdrill.report.section import markdown as markdown
-    from bayesdrill.report.sections.fit_figure import fit_figure as fit_figure
-    from bayesdrill.report.sections.fit_words import Fit as Fit
-    from bayesdrill.report.sections.fit_words import every_fit as every_fit
-    from bayesdrill.report.sections.identify_words import product as product
-    from bayesdrill.report.sections.physics_words import TIME as TIME
+    from bayesdrill.report.sections.fit import Fit as Fit
+    from bayesdrill.report.sections.fit import every_fit as every_fit
+    from bayesdrill.report.sections.fit import fit_figure as fit_figure
+    from bayesdrill.report.sections.identifiability import product as product
     from bayesdrill.report.view import Drawing as Drawing
     from bayesdrill.report.view import ReportContext as ReportContext
 

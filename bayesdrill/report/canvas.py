@@ -5,9 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
-from matplotlib.patches import Circle, FancyArrowPatch, Rectangle
-from matplotlib.path import Path as Route
 
 from bayesdrill.report import style
 from bayesdrill.report.scales import DOUBLE
@@ -23,6 +20,8 @@ class Canvas:
     """A page as wide as two columns, to draw on in inches from its lower left corner."""
 
     def __init__(self, height: float) -> None:
+        from matplotlib.figure import Figure
+
         self.figure = Figure(figsize=(DOUBLE, height))
         self.axes = self.figure.add_axes((0, 0, 1, 1), xlim=(0, DOUBLE), ylim=(0, height))
         self.axes.set_axis_off()
@@ -33,10 +32,14 @@ class Canvas:
 
     def box(self, x: float, y: float, wide: float, high: float, **look: Any) -> None:
         """Draw a rectangle around its middle."""
+        from matplotlib.patches import Rectangle
+
         self.axes.add_patch(Rectangle((x - wide / 2, y - high / 2), wide, high, **look))
 
     def circle(self, x: float, y: float, radius: float, **look: Any) -> None:
         """Draw a circle around its middle."""
+        from matplotlib.patches import Circle
+
         self.axes.add_patch(Circle((x, y), radius, **look))
 
     def wire(self, *points: Point) -> None:
@@ -46,10 +49,13 @@ class Canvas:
 
     def arrow(self, *points: Point) -> None:
         """Draw a line with a filled head at its end."""
+        from matplotlib.patches import FancyArrowPatch
+        from matplotlib.path import Path
+
         look: dict[str, Any] = {"facecolor": style.BLACK, "linewidth": LINE, "joinstyle": "miter"}
         head = "-|>,head_length=0.45,head_width=0.17"
         line = FancyArrowPatch(
-            path=Route(points), arrowstyle=head, mutation_scale=10, zorder=2, **look
+            path=Path(points), arrowstyle=head, mutation_scale=10, zorder=2, **look
         )
         self.axes.add_patch(line)
 

@@ -18,8 +18,15 @@ from bayesdrill.analysis.comparison import (
 )
 from bayesdrill.inference.display_units import DisplayUnits
 from bayesdrill.output_files import COMPARE, OVERLAY, Kind
+from bayesdrill.report.render import as_html
 from bayesdrill.report.section import Picture, Section, as_markdown, as_text
-from bayesdrill.report.sections import comparison_words
+from bayesdrill.report.sections.comparison import (
+    comparison_csv,
+    comparison_figure,
+    comparison_sections,
+    comparison_verdict,
+)
+from bayesdrill.report.sections.overlay import intervals_figure, overlay_corner_figure, overlay_csv
 from bayesdrill.report.view import Drawing
 from bayesdrill.selection.candidates import CandidateModel
 
@@ -127,32 +134,27 @@ class ComparisonReport:
     def sections(self) -> tuple[Section, ...]:
         """The sections, with the figures, which a page shows and a terminal does not."""
         pictures = [Picture(name, drawing.says) for name, drawing in self.figures.items()]
-        return comparison_words.comparison_sections(
-            self.layers, self.models, self.rows, self.units, pictures
-        )
+        return comparison_sections(self.layers, self.models, self.rows, self.units, pictures)
 
     @cached_property
     def figures(self) -> Mapping[str, Drawing]:
         """The figures by name; no corner where no two runs share an unknown."""
-        # Late: matplotlib takes a second to load.
-        from bayesdrill.report.sections import comparison_figure as drawn_by
-
         if self.models:
             given = (self.models, self.rows, self.units)
-            return {COMPARED.figure: Drawing(drawn_by.comparison_figure, given, says=MODELS)}
+            return {COMPARED.figure: Drawing(comparison_figure, given, says=MODELS)}
         drawn, drawings = (self.layers, self.rows, self.units), {}
         if self.rows:
-            drawings["intervals"] = Drawing(drawn_by.intervals_figure, drawn, says=INTERVALS)
+            drawings["intervals"] = Drawing(intervals_figure, drawn, says=INTERVALS)
         if any(row.shared for row in self.rows):
-            drawings[OVERLAID.figure] = Drawing(drawn_by.overlay_corner_figure, drawn, says=CORNER)
+            drawings[OVERLAID.figure] = Drawing(overlay_corner_figure, drawn, says=CORNER)
         return drawings
 
     @property
     def table(self) -> str:
         """The table as CSV."""
         if self.models:
-            return comparison_words.comparison_csv(self.models, self.rows)
-        return comparison_words.overlay_csv(self.layers, self.rows)
+            return comparison_csv(self.models, self.rows)
+        return overlay_csv(self.layers, self.rows)
 
     @property
     def texts(self) -> Mapping[str, str]:
@@ -162,9 +164,6 @@ class ComparisonReport:
 
     def page(self, figures: Path) -> str:
         """Return the page as HTML, with the pictures that stand in `figures`."""
-        # Late: templates are for this page alone.
-        from bayesdrill.report.render import as_html
-
         symbols = [row.symbol for row in self.rows]
         return as_html(self.title, self.form.name, self.sections, figures, symbols)
 
@@ -203,6 +202,6 @@ def ladder_conclusion(candidate: CandidateModel, left_out: Mapping[str, str], co
 
 def about_config(candidate: CandidateModel, name: str, report: ComparisonReport) -> str:
     """Return the head of the recommended config."""
-    verdict = next(iter(comparison_words.comparison_verdict(report.models)))
+    verdict = next(iter(comparison_verdict(report.models)))
     simplest = "the simplest of the models that are about as probable as the best"
     return f"{name}: {candidate.about}, {simplest}.\n{verdict}"

@@ -14,11 +14,25 @@ from bayesdrill.inference import residual_checks
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.residual_checks import ResidualCorrelation, ResidualSummary
 from bayesdrill.inference.step_error import step_errors
+from bayesdrill.output_files import numbered
 from bayesdrill.report import section, words
+from bayesdrill.report.doubts import (
+    map_notes,
+    misfit,
+    residual_reasons,
+    residual_sentences,
+    step_sentences,
+    unbelievable,
+)
+from bayesdrill.report.render import as_html
 from bayesdrill.report.run_report import made_of, provenance_of_records
-from bayesdrill.report.section import ModeRow, Note, Picture, Section, as_markdown, as_text, build
-from bayesdrill.report.sections import fit_words, verdict_words
-from bayesdrill.report.view import Drawing
+from bayesdrill.report.scales import WIDTHS
+from bayesdrill.report.section import Note, Picture, Section, as_markdown, as_text, build
+from bayesdrill.report.sections.convergence import describe_map
+from bayesdrill.report.sections.fit import FIT_ALONE, every_fit, fit_figure, prediction_csv
+from bayesdrill.report.sections.parameters import ModeRow, mode_rows, of_mode
+from bayesdrill.report.sections.residuals import residual_drawings
+from bayesdrill.report.view import Drawing, for_each_experiment
 from bayesdrill.results import provenance
 from bayesdrill.sampling.mode_search import Mode
 
@@ -53,33 +67,31 @@ class MapReport:
     @property
     def warning(self) -> str:
         """What the figure carries; empty where there is nothing to warn of."""
-        return words.misfit(self.left)
+        return misfit(self.left)
 
     @property
     def reasons(self) -> tuple[str, ...]:
         """Why it must not be believed: it does not fit; empty where it may be."""
-        return fit_words.residual_reasons(self.left)
+        return residual_reasons(self.left)
 
     def _sections(self, figures: Mapping[str, Drawing]) -> tuple[Section, ...]:
         table = self.problem.compared_with
         read = Note(f"`dev. %` is the deviation of the MAP from the nominal value ({table}).")
         units, clock = self.problem.units, self.problem.clock
-        steps = verdict_words.step_sentences(
-            step_errors(self.problem.posterior.likelihood, self.best)
-        )
-        said = fit_words.residual_sentences(self.left, clock)
-        shown = section.of_mode(units.rows(section.mode_rows(self.problem, self.mode)))
-        doubts = words.unbelievable(self.reasons, converged=False)
+        steps = step_sentences(step_errors(self.problem.posterior.likelihood, self.best))
+        said = residual_sentences(self.left, clock)
+        shown = of_mode(units.rows(mode_rows(self.problem, self.mode)))
+        doubts = unbelievable(self.reasons, converged=False)
         shape = output_files.shown_path(self.config.output.formats_or_default)
         pictures = [Picture(stem, drawing.says, shape) for stem, drawing in figures.items()]
         inputs = residual_checks.input_sentences(self.correlations)
-        notes = fit_words.map_notes(self.problem, self.mode)
+        notes = map_notes(self.problem, self.mode)
         fit = "\n".join(filter(None, [*notes, said, *(f"fit: {line}" for line in inputs), steps]))
         return (
             *([build("", doubts)] if doubts else []),
-            build("", shown, read if "nominal" in shown.heads else None, fit),
-            build("Figures", *pictures, brief=False),
-            build("Maximum of the posterior (MAP)", words.mode(self.mode, units), brief=False),
+            build("Fit", fit, *pictures),
+            build("Parameters", shown, read if "nominal" in shown.heads else None),
+            build("Maximum of the posterior (MAP)", describe_map(self.mode, units), brief=False),
         )
 
     @cached_property
@@ -96,16 +108,13 @@ class MapReport:
     def texts(self) -> Mapping[str, str]:
         """Files by name."""
         return {
-            TABLE: section.records_as_csv(ModeRow, section.mode_rows(self.problem, self.mode)),
-            **fit_words.prediction_csv(self.problem, self.best),
+            TABLE: section.records_as_csv(ModeRow, mode_rows(self.problem, self.mode)),
+            **prediction_csv(self.problem, self.best),
             PAGE: as_markdown(self.config.name, self.sections),
         }
 
     def page(self, folder: Path) -> str:
         """HTML, with the picture and the config that stand in `folder`."""
-        # Late: templates are for this page alone.
-        from bayesdrill.report.render import as_html
-
         config = self.config
         marks = provenance.marks(config, self.problem)
         lines = (
@@ -122,7 +131,8 @@ class MapReport:
     @cached_property
     def figures(self) -> Mapping[str, Drawing]:
         """By stem."""
-        # Late: matplotlib takes a second to load.
-        from bayesdrill.report.sections.fit_figure import fits_alone
-
-        return fits_alone(self.problem, self.config, self.best, self.left, self.correlations)
+        problem, width = self.problem, WIDTHS[self.config.output.size]
+        shown = ((fit.label, fit) for fit in every_fit(problem, self.best, self.left))
+        fits = numbered("fit", for_each_experiment(fit_figure, shown, width, FIT_ALONE))
+        rest = residual_drawings(self.correlations, width, problem.model)
+        return fits | numbered("residuals", rest)

@@ -7,15 +7,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.transforms import Affine2D
-from scipy.ndimage import gaussian_filter
 
 from bayesdrill.analysis.calibration import RankBand
 from bayesdrill.basics.arrays import Array, Counts
 from bayesdrill.report import style
 from bayesdrill.report.scales import DOUBLE, Scale
+from bayesdrill.report.style import Axes, Figure
 
 NARROW_ROW = 0.85  # of the height of a row, in a figure as wide as one column of text
 
@@ -36,6 +33,8 @@ def build_page(
     is no wider than one of text; `first` and `last`: heights of a panel as wide as the page, above or
     below the others, which then is the first or the last of the list.
     """
+    from matplotlib.figure import Figure
+
     if width < DOUBLE:
         columns, row = min(columns, narrow), NARROW_ROW * row
     columns = min(n, columns)
@@ -83,16 +82,21 @@ LEGEND = style.fix_look(
 )
 
 
-def legend_above(figure: Figure, handles: Sequence[Any], **look: Any) -> None:
-    """Put a legend above all panels, in as few rows as the page is wide enough for, and make room."""
+def legend_above(figure: Figure, looks: Mapping[str, style.Look], **options: Any) -> Figure:
+    """Put a legend above all panels, in as few rows as the page is wide enough for, and make room.
+
+    `looks`: of its entries, by their labels.  Returns the figure.
+    """
+    handles = style.legend_handles(looks)
     for rows in range(1, len(handles) + 1):
         columns = math.ceil(len(handles) / rows)
-        legend = figure.legend(handles=handles, ncols=columns, **{**LEGEND, **look})
+        legend = figure.legend(handles=handles, ncols=columns, **{**LEGEND, **options})
         box = legend.get_window_extent()
         if box.width <= figure.bbox.width or columns == 1:
             break
         legend.remove()
     figure.set_figheight(figure.get_figheight() + box.height / figure.dpi)
+    return figure
 
 
 def departures(band: RankBand, ranks: Counts) -> Array:
@@ -112,7 +116,7 @@ def ranks_panel(
     most: float,
     wrong: str,
     numbers: int = 5,
-    look: Mapping[str, Any] = style.CHANCE,
+    look: style.Look = style.CHANCE,
 ) -> None:
     """Draw `away` of `departures` from a band, up to `most`; `wrong`: words for what leaves it."""
     places, (low, high, ranks) = np.pad(band.shares, 1, constant_values=(0, 1)), away
@@ -128,21 +132,19 @@ def difference_panel(
     band: tuple[Array, Array],
     most: float,
     numbers: int = 5,
-    look: Mapping[str, Any] = style.CHANCE,
+    look: style.Look = style.CHANCE,
 ) -> None:
     """Draw zero and the `band` of chance at `shares (S,)`, for differences up to `most`."""
     panel.fill_between(shares, *band, zorder=0, **look)
     panel.axhline(0.0, color=style.MIDDLE, linewidth=0.5, zorder=1)
     panel.set_xlim(0, 1)
     panel.set_ylim(-FOOT_ROOM * most, HEAD_ROOM * most)
-    style.set_ticks(panel.xaxis, np.array([0.0, 0.5, 1.0]), ["0", "0.5", "1"])
+    style.set_ticks(panel.xaxis, (0.0, 0.5, 1.0), ["0", "0.5", "1"])
     style.set_ticks(panel.yaxis, *Scale(0.0, 0, -FOOT_ROOM * most, FOOT_ROOM * most).ticks(numbers))
 
 
 Ends = tuple[float, float]
-
 LEVELS = tuple(1.0 - math.exp(-0.5 * sigma**2) for sigma in (1.0, 2.0))  # 39.3 %, 86.5 %
-
 BINS = 52  # across the draws of one unknown and a margin for the smoothing
 CENTRAL_SHARE = 0.999  # share of the draws inside an axis
 # correlation from which on bins are sheared, and reflect at ends no more
@@ -150,7 +152,6 @@ MIN_SHEARED_CORRELATION = 0.9
 BANDWIDTH_FACTOR = 1.3  # than Scott's rule, which is for bells: a box has no top
 # sds of its noise that a density falls across a bandwidth at a contour; 0.8 of noise alone
 MIN_SLOPE_SDS = 2.0
-
 CONTOUR = {"colors": style.BLACK}
 INNER_GREY, OUTER_GREY = "0.68", "0.85"  # greys between the contours
 
@@ -160,7 +161,7 @@ def contours(
     xy: tuple[Array, Array],
     ends: tuple[Ends, Ends],
     fine: float = 1.0,
-    lines: Mapping[str, Any] | None = None,
+    lines: style.Look | None = None,
 ) -> None:
     """Draw filled contours by `corner`, of a smoothed density that is reflected at priors' ends.
 
@@ -169,7 +170,8 @@ def contours(
     density is flat there, is left out.  `xy`: draws `(N,)` each; `ends`: of their priors; `fine`:
     of lines; `lines`: how contours look that are not filled.
     """
-    import corner  # late: it loads pyplot and ArviZ
+    import corner
+    from matplotlib.transforms import Affine2D
 
     x, y = xy
     correlation = float(np.corrcoef(x, y)[0, 1]) if np.ptp(x) > 0 and np.ptp(y) > 0 else 0.0
@@ -220,6 +222,8 @@ def _bandwidth(x: Array, ends: Ends) -> float:
 
 def _resolved_levels(counts: Array, smooth: Sequence[float]) -> tuple[float, ...]:
     """Of `LEVELS`, those whose contour lies where the density falls by more than its noise."""
+    from scipy.ndimage import gaussian_filter
+
     density = gaussian_filter(counts, smooth)
     ordered = np.sort(density, axis=None)[::-1]
     cumulative = np.cumsum(ordered) / ordered.sum()

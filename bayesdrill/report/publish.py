@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import importlib
 import io
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from concurrent.futures import Future
 from itertools import chain
 from pathlib import Path
 from types import MappingProxyType
 
 from bayesdrill import output_files
-from bayesdrill.analysis.diagnostics import ParameterRow
 from bayesdrill.basics import software
 from bayesdrill.basics.errors import ErrorCollector
 from bayesdrill.basics.progress import Reporter
@@ -20,16 +18,13 @@ from bayesdrill.config.schema.records import MAX_NAMED
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.output_files import EACH, ON_REQUEST, OWN_FIGURES, numbered
 from bayesdrill.output_files import FIGURES as FOLDER
-from bayesdrill.report import render, run_report, section
-from bayesdrill.report.run_report import sections
+from bayesdrill.report import render, run_report
+from bayesdrill.report.run_report import PARTS, sections
 from bayesdrill.report.scales import DPI
 from bayesdrill.report.section import Picture, as_markdown
-from bayesdrill.report.sections import physics_words, torque_words, verdict_words
-from bayesdrill.report.view import Drawing, ReportContext
+from bayesdrill.report.view import Drawing, Recipe, ReportContext
 from bayesdrill.results.run_folder import Folder
 from bayesdrill.sampling.workers import WorkerPool
-
-Recipe = Callable[[ReportContext], Drawing | tuple[Drawing, ...] | None]
 
 
 def drawings(name: str, run: ReportContext) -> dict[str, Drawing]:
@@ -45,20 +40,9 @@ def drawings(name: str, run: ReportContext) -> dict[str, Drawing]:
     return numbered(name, figures)
 
 
-def _recipe(name: str, module: str) -> Recipe:
-    """`draw_<name>` of a module of this folder, which is loaded when something is to be drawn."""
-
-    def draw(run: ReportContext) -> Drawing | tuple[Drawing, ...] | None:
-        recipe: Recipe = getattr(importlib.import_module(f"{__package__}.{module}"), f"draw_{name}")
-        return recipe(run)
-
-    return draw
-
-
+_DRAWN_BY = {name: draw for part in PARTS for name, draw in part.figures.items()}
 FIGURES: Registry[Recipe] = Registry(
-    "figure",
-    {name: _recipe(name, module) for name, module in OWN_FIGURES.items()},
-    judge=check_callable,
+    "figure", {name: _DRAWN_BY[name] for name in OWN_FIGURES}, judge=check_callable
 )
 
 
@@ -70,25 +54,7 @@ def wanted_figures(wanted: Collection[str] | None) -> list[str]:
 
 
 # What follows from a chain alone; None where a run has no such table.
-TABLES: Mapping[str, Callable[[ReportContext], str | None]] = MappingProxyType(
-    {
-        "summary.csv": lambda view: section.records_as_csv(ParameterRow, view.analysis.unknowns),
-        "derived.csv": lambda view: physics_words.derived_csv(view.analysis.derived),
-        "verdict.csv": lambda view: (
-            verdict_words.verdict_csv(view.analysis.judged.verdict, view.problem.symbols)
-            if view.analysis.judged is not None
-            else None
-        ),
-        "torque.csv": lambda view: torque_words.torque_csv(view.chain.torque_estimates),
-        "table.tex": lambda view: render.latex_table(
-            view.units.rows(view.analysis.unknowns),
-            view.units.symbols(view.problem.symbols),
-            believed=not view.reasons,
-        ),
-    }
-)
-
-
+TABLES = MappingProxyType({name: text for part in PARTS for name, text in part.files.items()})
 _SEVERAL = tuple(f"{stem}_{k}" for stem in EACH for k in range(1, MAX_NAMED + 1))
 
 
@@ -128,12 +94,15 @@ def write_results(
         image = io.BytesIO()
         view.tree.to_netcdf(image, engine="h5netcdf")
         output_files.write(folder.path_of("posterior.nc"), image.getvalue())
-    pictures, every = [], [(name, *task) for name in wanted for task in tasks[name]]
+    every = [(name, *task) for name in wanted for task in tasks[name]]
+    pictures: dict[str, list[Picture]] = {name: [] for name in wanted}
     for k, (name, stem, says, task) in enumerate(every):
         report.update(0.6 + 0.4 * k / len(every), f"figure {stem}")
         with sparing.making(f"figures/{stem}"):
             task.result()
-            pictures.append(Picture(stem, says or stem, output_files.shown_path(formats[name])))
+            pictures[name].append(
+                Picture(stem, says or stem, output_files.shown_path(formats[name]))
+            )
     with sparing.making("summary.md"):
         folder.write_text("summary.md", as_markdown(view.config.name, sections(view, pictures)))
     with sparing.making("report.html"):

@@ -4,22 +4,18 @@ from __future__ import annotations
 
 import base64
 import hashlib
-import math
 import re
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import compress
 from pathlib import Path
 from typing import Any
 
 from markupsafe import Markup
 
 import bayesdrill
-from bayesdrill.analysis.diagnostics import ParameterRow
 from bayesdrill.basics.symbols import Symbol
-from bayesdrill.inference.derived import HDI_PROBABILITY
-from bayesdrill.report.scales import DPI, Typesetter, printed, unit_of
+from bayesdrill.report.scales import DPI, Typesetter, printed
 from bayesdrill.report.section import WORDS, Picture, Section, items
 
 _PNG_SIZE = slice(16, 24)  # of a file: width and height, big endian
@@ -113,61 +109,3 @@ def after(text: str, known: str) -> str:
 def slug(text: str) -> str:
     """Return a name for a place in the page."""
     return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")
-
-
-_HEADS = (
-    *("", "unit", "nominal", "MAP", "mean (sd)"),
-    rf"{100 * HDI_PROBABILITY:.0f}\,\% HDI",
-    "the record says",
-)
-_NOMINAL = _HEADS.index("nominal")
-_USUAL = range(-1, 3)  # powers of ten that are written out
-
-_BEYOND = re.compile(r"[^\x00-\x7f]+")  # ASCII; in names, and in LaTeX outside of formulas alone
-
-
-def latex_table(
-    rows: Sequence[ParameterRow], symbols: Sequence[Symbol], *, believed: bool = True
-) -> str:
-    """Return a `tabular` for a table of one's own, with two digits of each sd.
-
-    Without what the record says, where that must not be `believed`.
-    """
-    named = {symbol.name: symbol for symbol in symbols}
-    shown = [True] * len(_HEADS)
-    shown[_NOMINAL] = any(row.nominal is not None for row in rows)
-    shown[-1] = believed
-    lines_of_cells = (_HEADS, *(_cells(row, named[row.name]) for row in rows))
-    lines = [" & ".join(compress(line, shown)) + r" \\" for line in lines_of_cells]
-    columns = "".join(compress("llrrrrl", shown))
-    table = (
-        r"% needs \usepackage{booktabs,siunitx}",
-        rf"\begin{{tabular}}{{@{{}}{columns}@{{}}}}",
-        *(r"\toprule", lines[0], r"\midrule", *lines[1:]),
-        *(r"\bottomrule", r"\end{tabular}"),
-    )
-    return "\n".join(table) + "\n"
-
-
-def _cells(row: ParameterRow, symbol: Symbol) -> tuple[str, ...]:
-    power = _exponent(max(abs(row.hdi_low), abs(row.hdi_high)))
-    power = 0 if power in _USUAL else power
-    sd = row.sd / 10.0**power
-    places = max(0, 1 - _exponent(sd)) if sd > 0 else 3
-
-    def number(x: float) -> str:
-        return f"{x / 10.0**power:.{places}f}"
-
-    return (
-        f"${_BEYOND.sub(lambda beyond: rf'\text{{{beyond[0]}}}', symbol.latex)}$",
-        unit_of(power, symbol.latex_unit),
-        "--" if row.nominal is None else rf"\num{{{number(row.nominal)}}}",
-        rf"\num{{{number(row.map)}}}",
-        rf"\num{{{number(row.mean)} \pm {number(row.sd)}}}",
-        rf"\numrange{{{number(row.hdi_low)}}}{{{number(row.hdi_high)}}}",
-        row.word,
-    )
-
-
-def _exponent(x: float) -> int:
-    return math.floor(math.log10(x)) if x > 0 else 0

@@ -12,12 +12,13 @@ from itertools import batched, count, pairwise
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from bayesdrill.basics import software
 from bayesdrill.report import scales, style
 from bayesdrill.report.canvas import HOLLOW, SMALL, SOLID, Canvas, Point
-from bayesdrill.report.view import Drawing, ReportContext
+from bayesdrill.report.section import build
+from bayesdrill.report.style import Figure
+from bayesdrill.report.view import Drawing, ReportContext, ReportPart
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.models.roles import GROUND, ROTARY, InertiaRoles, MotorRoles
 
@@ -79,8 +80,7 @@ def save_rig(rig: Model, path: Path) -> Path:
     return written
 
 
-def draw_rig(run: ReportContext) -> Drawing | None:
-    """Return the drawing of a rig that a config describes."""
+def _draw_rig(run: ReportContext) -> Drawing | None:
     says = "The rig: its inertias, with shafts, gears and drives."
     rig = run.problem.model
     return Drawing(rig_figure, (rig,), says) if rig.has_private_names else None
@@ -428,3 +428,9 @@ def _wall(sheet: Canvas, x: float, y: float, side: int) -> None:
     sheet.wire((x, y - 0.2), (x, y + 0.2))
     for start in np.linspace(-0.2, 0.14, 6):
         sheet.wire((x, y + start), (x + side * 0.06, y + start + 0.06))
+
+
+PART = ReportPart(
+    sections=lambda _, pictures: [build("The rig", *pictures, brief=False)],
+    figures={"rig": _draw_rig},
+)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping
@@ -15,15 +16,21 @@ from markupsafe import Markup
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import INPUTS, PARAMETERS, STATES, Symbol
+from bayesdrill.basics.units import Unit
 from bayesdrill.inference.priors import Prior
 from bayesdrill.record.experiment import Channel
 
+TIME = Symbol("t", "s", "t", "s", "time")
+
+
+def time_symbol(clock: Unit) -> Symbol:
+    """Return the symbol of times in the unit of a clock."""
+    return dataclasses.replace(TIME, latex_unit=clock.latex)
+
+
 SINGLE, DOUBLE = 3.4, 7.0  # inches: of one column and of two
 DPI = 220  # of pixels in them
-
 WIDTHS: Mapping[str, float] = MappingProxyType({"single": SINGLE, "double": DOUBLE})
-
-
 # Of each decade of a logarithmic axis, from many numbers to few.
 SERIES: tuple[tuple[float, ...], ...] = ((1.0, 2.0, 5.0), (1.0, 3.0), (1.0,))
 CURVED_RATIO = 4.0  # the ratio of its ends from which on a logarithmic axis has numbers of a series
@@ -87,7 +94,6 @@ def with_spread(x: float, low: float, high: float) -> str:
 
 _DOT, _ABOVE = r"\dot", Markup("&#775;")
 _INDEXED = re.compile(r"\\?(?P<letter>[A-Za-z]+)(_(\{(?P<inside>.+)\}|(?P<index>[A-Za-z0-9])))?")
-
 _WORD = r"(?<![\w\\.])({})(?![\w(])(?!\.\w)"
 _POWER = re.compile(r"\^(-?\d+)")
 _CODE = re.compile(r"`([^`]+)`")

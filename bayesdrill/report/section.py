@@ -11,18 +11,18 @@ import dataclasses
 import io
 import itertools
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Literal
 
-from bayesdrill.analysis.causes import FittedValue
-from bayesdrill.analysis.diagnostics import MEANING, ParameterRow
 from bayesdrill.basics.errors import printable
-from bayesdrill.basics.symbols import plain
 from bayesdrill.inference.derived import HDI_PROBABILITY
-from bayesdrill.inference.display_units import DisplayUnits
-from bayesdrill.inference.posterior import Problem
-from bayesdrill.sampling.mode_search import Mode
+
+
+def listed(names: Sequence[str]) -> str:
+    """Join names with commas, and the last with *and*."""
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
 
 _TAG = re.compile(r"<(?=[A-Za-z/!?])")
 
@@ -62,7 +62,6 @@ class Plain:
 
 # Heads of columns that say in a word what is known, which a page colours.
 WORDS = frozenset(("verdict", "the record says"))
-
 Tone = Literal["good", "plain", "doubt", "bad"]
 
 
@@ -131,6 +130,15 @@ class Table:
     def _of(self, columns: Sequence[int]) -> Table:
         lines = tuple(tuple(line[k] for k in columns) for line in self.lines)
         return replace(self, heads=tuple(self.heads[k] for k in columns), lines=lines)
+
+
+def table_of(
+    lines: Iterable[Mapping[str, str]], *left: str, brief: tuple[str, ...] | None = None
+) -> Table:
+    """Build a table of one or more lines, each with its cells by head; `left`, `brief`: see `Table`."""
+    every = [*lines]
+    cells = tuple(tuple(line.values()) for line in every)
+    return Table(tuple(every[0]), cells, frozenset(left), brief)
 
 
 Block = Sentences | Note | Plain | Badges | Picture | Table
@@ -238,26 +246,8 @@ def aligned(table: Sequence[tuple[str, ...]], left: set[int]) -> str:
     )
 
 
-HDI = f"{100 * HDI_PROBABILITY:.0f} % HDI"
-
-# Of a table of unknowns, the heads of all columns, and what each shows of a row.
-COLUMNS: Mapping[str, Callable[[ParameterRow], str]] = {
-    "": lambda row: row.name,
-    "unit": lambda row: plain(row.unit),
-    "nominal": lambda row: "" if row.nominal is None else f"{row.nominal:.4g}",
-    "MAP": lambda row: f"{row.map:.4g}",
-    "mean": lambda row: f"{row.mean:.4g}",
-    "sd": lambda row: f"{row.sd:.2g}",
-    HDI: lambda row: f"{row.hdi_low:.4g} to {row.hdi_high:.4g}",
-    "dev. %": lambda row: "" if row.deviation is None else f"{100 * row.deviation:+.2f}",
-    "R-hat": lambda row: f"{row.r_hat:.4f}",
-    "ESS bulk": lambda row: f"{row.ess_bulk:.0f}",
-    "ESS tail": lambda row: f"{row.ess_tail:.0f}",
-    "shrinkage": lambda row: f"{round(100 * row.shrinkage)} %",
-    "the record says": lambda row: row.word,
-}
-HEADERS = tuple(COLUMNS)
-
+CREDIBLE = f"{100 * HDI_PROBABILITY:.0f} %"
+HDI = f"{CREDIBLE} HDI"
 HDI_ENDS = tuple(f"hdi{100 * HDI_PROBABILITY:.0f}_{end}" for end in ("low", "high"))
 # Of fields of records, the heads of their columns in files.
 CSV_HEADS = {"hdi_low": HDI_ENDS[0], "hdi_high": HDI_ENDS[1], "word": "the_record_says"}
@@ -276,90 +266,3 @@ def lines_as_csv(lines: Iterable[Sequence[object]]) -> str:
     writer = csv.writer(out, lineterminator="\n")
     writer.writerows(["" if value is None else value for value in line] for line in lines)
     return out.getvalue()
-
-
-def as_record(row: ParameterRow) -> dict[str, Any]:
-    """Return a row as a line of `summary.csv`."""
-    return {CSV_HEADS.get(name, name): value for name, value in dataclasses.asdict(row).items()}
-
-
-def of_rows(rows: Sequence[ParameterRow], bars: tuple[IntervalBar, ...] = ()) -> Table:
-    """Return the summary table of `rows`."""
-    left = frozenset((HEADERS[0], HEADERS[1], HEADERS[-1]))
-    lines = tuple(tuple(cell(row) for cell in COLUMNS.values()) for row in rows)
-    return Table(HEADERS, lines, left, bars=bars).filled()
-
-
-SANDWICH_EXPLAINED = (
-    "Correlated residuals tell less than as many independent ones. The sandwich sds count that. They "
-    "say how far the MAP would scatter from record to record, if only the noise of the model were wrong."
-)
-
-
-def sandwich_table(
-    rows: Sequence[ParameterRow],
-    sds: Mapping[str, float],
-    windows: Sequence[Sequence[FittedValue]],
-    display_units: DisplayUnits,
-) -> Table:
-    """Return the posterior's sds beside `sds`, SI, and the ends of refits on `windows`."""
-    refits = (f"MAP of {len(windows)} windows",) if any(windows) else ()
-    heads = ("", "unit", "sd", "sd if residuals remember (sandwich)", "over sd", *refits)
-    lines = []
-    for row, shown in zip(rows, display_units.rows(rows), strict=True):
-        sd, factor = sds[row.name], display_units.factor(row.name)
-        cells = [f"{sd / factor:.2g}", f"{sd / row.sd:.3g}" if row.sd else ""]
-        if refits:
-            values = [x.value for window in windows for x in window if x.name == row.name]
-            cells.append(
-                f"{min(values) / factor:.3g} to {max(values) / factor:.3g}" if values else ""
-            )
-        lines.append((row.name, plain(shown.unit), f"{shown.sd:.2g}", *cells))
-    return Table(heads, tuple(lines), frozenset(heads[:2]))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ModeRow:
-    """A line of `map.csv`."""
-
-    name: str
-    unit: str
-    nominal: float | None
-    map: float
-
-
-def mode_rows(problem: Problem, mode: Mode) -> tuple[ModeRow, ...]:
-    """Return the lines of `map.csv`, SI."""
-    nominal, best = problem.nominal, mode.values
-    return tuple(
-        ModeRow(name=s.name, unit=s.unit, nominal=nominal.get(s.name), map=best[s.name])
-        for s in problem.symbols
-    )
-
-
-def of_mode(rows: Sequence[ModeRow]) -> Table:
-    """Return a table of the MAP beside the nominal values."""
-    heads, lines = ("", "unit", "nominal", "MAP", "dev. %"), []
-    for row in rows:
-        nominal = off = ""
-        if row.nominal is not None:
-            nominal, off = f"{row.nominal:.4g}", f"{100 * (row.map / row.nominal - 1):+.2f}"
-        lines.append((row.name, plain(row.unit), nominal, f"{row.map:.6g}", off))
-    return Table(heads, tuple(lines), frozenset(heads[:2])).filled()
-
-
-def in_words(rows: Sequence[ParameterRow]) -> list[str]:
-    """Say which unknowns the record determines, and which it cannot."""
-    named = {word: [row.name for row in rows if row.word == word] for word in MEANING}
-    return [f"{word}: {', '.join(named[word])} ({MEANING[word]})" for word in named if named[word]]
-
-
-def notes(rows: Sequence[ParameterRow], display_units: DisplayUnits) -> list[str]:
-    """Return notes that doubt the prior or the model, but not the draws; `rows` in SI."""
-    return [
-        f"note: {row.name} is pressed against the end "
-        f"{display_units.format_value(row.name, row.pressed_against)} of its prior, which ends "
-        "where the record pulls. Widen it, or doubt the model, the units and what is held."
-        for row in rows
-        if row.pressed_against is not None
-    ]

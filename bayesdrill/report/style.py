@@ -1,23 +1,20 @@
-"""Share the style of figures: fonts and greys, ticks and axes, warnings, and saving."""
+"""Share the style of figures: fonts and greys, ticks and axes, warnings, and saving.
+
+Matplotlib takes a second to load, so it is imported where something is drawn.
+"""
 
 from __future__ import annotations
 
 import io
 import textwrap
 import threading
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-import matplotlib
 import numpy as np
-from matplotlib.axis import Axis
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.ticker import FixedFormatter, FixedLocator, NullFormatter
-from matplotlib.transforms import Affine2D
 from numpy.typing import NDArray
 
 from bayesdrill import output_files
@@ -25,14 +22,19 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.report.scales import DOUBLE, DPI, SINGLE, Scale
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+    from matplotlib.axes import Axes as Axes
+    from matplotlib.axis import Axis as Axis
+    from matplotlib.figure import Figure as Figure
+else:  # for annotations, which nothing evaluates
+    Axes = Axis = Figure = Any
 
-
+Look = Mapping[str, Any]  # how something is drawn, as matplotlib takes it
+NONE = np.empty(0)
 SMALL = 0.83  # of the letters of a figure in one column, in those of one in two
 
 
-def fix_look(**entries: Any) -> Mapping[str, Any]:
-    """Return how something is drawn, as matplotlib takes it; nobody changes it."""
+def fix_look(**entries: Any) -> Look:
+    """Return a look that nobody changes."""
     return MappingProxyType(entries)
 
 
@@ -66,26 +68,25 @@ RC: Mapping[str, Any] = MappingProxyType(
         "figure.autolayout": False,
     }
 )
-
 BLACK, DARK, MIDDLE, LIGHT, FAINT = "0.0", "0.3", "0.55", "0.8", "0.91"
 # Two colours that print as different greys and differ in line style and marker as well.
 NOMINAL = fix_look(color="#2b6cb0", linestyle=(0, (4, 2)), linewidth=1.0)
 MAP_COLOUR = "#b3261e"
 MAP_LINE = fix_look(color=MAP_COLOUR, linestyle=(0, (1, 1.5)), linewidth=1.0)
-
 BLACK_LINE = fix_look(color=BLACK, linewidth=0.9)
-BAND = fix_look(color=LIGHT, linewidth=0)
+BAND = fix_look(facecolor=LIGHT, linewidth=0)
+FAINT_BAND = fix_look(facecolor=FAINT, linewidth=0)
 CROSS = fix_look(color=MAP_COLOUR, marker="+", markersize=8, markeredgewidth=1.2, linestyle="none")
 AWAY = fix_look(color=NOMINAL["color"], markersize=5, linestyle="none")  # a value beyond the axis
 # The band that chance allows, and what left it.
 CHANCE = fix_look(facecolor=FAINT, edgecolor=MIDDLE, linewidth=0.5)
 OUTSIDE = fix_look(color=MAP_COLOUR, linewidth=1.8)
+FILLED = fix_look(facecolor=LIGHT, edgecolor=BLACK, linewidth=0.7)
 HATCHED = fix_look(facecolor="none", edgecolor=MIDDLE, linewidth=0)
 PRIOR_LINE = fix_look(color=MIDDLE, linestyle=(0, (6, 1, 1, 1)), linewidth=0.8)
 _DOT = fix_look(marker="o", markersize=1.2, markeredgewidth=0, linestyle="none")
 DOTS = fix_look(color=DARK, alpha=0.35, zorder=-1, rasterized=True, **_DOT)
-
-
+WORDS = fix_look(linestyle="none")  # of an entry of a legend that is words alone
 # Matplotlib has one style for the whole process, and one parser of formulas.
 _ONE_AT_A_TIME = threading.RLock()
 
@@ -93,6 +94,8 @@ _ONE_AT_A_TIME = threading.RLock()
 @contextmanager
 def styled(width: float = DOUBLE) -> Iterator[None]:
     """Build and save figures inside, of one thread; what the caller had set comes back after it."""
+    import matplotlib
+
     rc: Any = dict(RC)
     if width <= SINGLE:
         rc |= {name: SMALL * size for name, size in _LETTERS.items()}
@@ -102,15 +105,15 @@ def styled(width: float = DOUBLE) -> Iterator[None]:
 
 def letters(size: str) -> float:
     """Return a font size in points, in the figure that is being built."""
+    import matplotlib
+
     now: Any = matplotlib.rcParams
     return float(now[size])
 
 
 def set_numbers(axis: Axis, scale: Scale, most: int, **room: float) -> None:
     """Set at most `most` ticks with texts; a logarithmic axis shows small ones too."""
-    set_ticks(axis, *scale.ticks(most, **room))
-    axis.set_minor_locator(FixedLocator(scale.between.tolist()))
-    axis.set_minor_formatter(NullFormatter())
+    set_ticks(axis, *scale.ticks(most, **room), scale.between)
 
 
 def scale_axis(axis: Axis, scale: Scale, label: str, most: int = 4) -> None:
@@ -125,10 +128,16 @@ def scale_axis(axis: Axis, scale: Scale, label: str, most: int = 4) -> None:
     set_numbers(axis, scale, most)
 
 
-def set_ticks(axis: Axis, places: Array, texts: Sequence[str] | None) -> None:
-    """Set fixed ticks with fixed texts, or with none: no offset text appears on this axis."""
-    axis.set_major_locator(FixedLocator(places.tolist()))
+def set_ticks(
+    axis: Axis, places: Iterable[float], texts: Sequence[str] | None = None, between: Array = NONE
+) -> None:
+    """Set ticks with fixed texts or with none, and small ones `between`; no offset text appears."""
+    from matplotlib.ticker import FixedFormatter, FixedLocator, NullFormatter
+
+    axis.set_major_locator(FixedLocator([*places]))
     axis.set_major_formatter(NullFormatter() if texts is None else FixedFormatter(texts))
+    axis.set_minor_locator(FixedLocator(between.tolist()))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def finer(look: Mapping[str, Any], share: float) -> dict[str, Any]:
@@ -169,14 +178,22 @@ def corner_text(panel: Axes, text: str, side: str = "left", **look: Any) -> None
     panel.text(x, 0.93, text, transform=panel.transAxes, ha=side, va="top", **look)
 
 
-def nominal_handles(sides: Collection[int], *, marker: str = ">") -> list[Line2D]:
-    """Return legend handles of nominal values on the axes (side 0) and beyond them."""
-    handles = []
-    if 0 in sides:
-        handles.append(Line2D([], [], label="nominal value", **NOMINAL))
-    if set(sides) - {0}:
-        handles.append(Line2D([], [], marker=marker, label="nominal value, off the axis", **AWAY))
-    return handles
+def nominal_looks(sides: Collection[int], marker: str = ">") -> dict[str, Look]:
+    """Return entries of a legend for nominal values on the axes (side 0) and beyond them."""
+    looks: dict[str, Look] = {"nominal value": NOMINAL} if 0 in sides else {}
+    beyond = {"nominal value, off the axis": {"marker": marker, **AWAY}}
+    return looks | (beyond if {*sides} - {0} else {})
+
+
+def legend_handles(looks: Mapping[str, Look]) -> list[Any]:
+    """Return handles of a legend by their labels: patches for looks with a face, or else lines."""
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    return [
+        Patch(label=label, **look) if "facecolor" in look else Line2D([], [], label=label, **look)
+        for label, look in looks.items()
+    ]
 
 
 def thin(n: int, most: int) -> NDArray[np.intp]:
@@ -242,6 +259,8 @@ def warned(figure: Figure, warning: str) -> Figure:
 
 def shrink(figure: Figure, across: float, up: float) -> None:
     """Move all that is there to the lower left of the page, to these shares of its width and height."""
+    from matplotlib.transforms import Affine2D
+
     smaller = Affine2D().scale(across, up) + figure.transFigure
     engine = figure.get_layout_engine()
     if engine is not None:

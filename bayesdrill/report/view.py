@@ -16,9 +16,10 @@ from bayesdrill.config.schema.config import Config
 from bayesdrill.inference.derived import Derived
 from bayesdrill.inference.display_units import DisplayedUnknowns, DisplayUnits
 from bayesdrill.inference.posterior import Problem
-from bayesdrill.report import section, words
+from bayesdrill.report import words
+from bayesdrill.report.doubts import describe_timing, figure_warning, prior_notes, run_doubts
 from bayesdrill.report.scales import WIDTHS
-from bayesdrill.report.sections import fit_words
+from bayesdrill.report.section import Picture, Section
 from bayesdrill.results import provenance
 from bayesdrill.sampling.ensembles import MOST_MISSED, SamplingResult
 from bayesdrill.sampling.mode_search import Mode
@@ -42,6 +43,22 @@ class Drawing:
     def drawn(self) -> Figure:
         """Draw the figure."""
         return self.figure(*self.arguments)
+
+
+type Recipe = Callable[[ReportContext], Drawing | tuple[Drawing, ...] | None]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReportPart:
+    """A part of the report of a run.
+
+    `sections`: what it says, with the pictures of its figures; `figures`: what draws each of them,
+    by name; `files`: its tables as texts, None where a run has no such table.
+    """
+
+    sections: Callable[[ReportContext, Sequence[Picture]], Iterable[Section]]
+    figures: Mapping[str, Recipe] = field(default_factory=dict)
+    files: Mapping[str, Callable[[ReportContext], str | None]] = field(default_factory=dict)
 
 
 def for_each_experiment(
@@ -98,12 +115,12 @@ class ReportContext(Value):
     @property
     def warning(self) -> str:
         """The warning that every figure must carry; empty where there is none."""
-        return words.warning(self.sampled, self.chain.fit)
+        return figure_warning(self.sampled, self.chain.fit)
 
     @property
     def reasons(self) -> tuple[str, ...]:
         """Reasons why the result must not be believed: it did not converge, or does not fit."""
-        return words.reasons(self.sampled, self.analysis.fit, self.analysis.unsupported)
+        return run_doubts(self.sampled, self.analysis.fit, self.analysis.unsupported)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -111,14 +128,14 @@ class ReportContext(Value):
         analysis = self.analysis
         missed = self.sampled.coverage("the ends of intervals are rough")
         others = (
-            *fit_words.moment(analysis.moment),
+            *describe_timing(analysis.moment),
             *analysis.course,
             *analysis.rig,
             *(f"record: {sentence}" for sentence in words.record_made(self.problem)),
             *(f"record, {sentence}" for sentence in analysis.suspicions),
         )
         return (
-            *section.notes(analysis.unknowns, self.units),
+            *prior_notes(analysis.unknowns, self.units),
             *([f"note: {missed}"] if missed and self.sampled.missed <= MOST_MISSED else ()),
             *(f"note: {sentence}" for sentence in others),
         )

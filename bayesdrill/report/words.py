@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayesdrill import output_files
 from bayesdrill.analysis import plausibility
@@ -17,19 +16,13 @@ from bayesdrill.config.resolve.case import ResolvedCase
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.schema.records import ColumnSpec, TimeColumn
 from bayesdrill.inference.compression import LONG
-from bayesdrill.inference.display_units import DisplayUnits
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Problem
-from bayesdrill.inference.residual_checks import ResidualSummary, like_noise
 from bayesdrill.record import clocks
 from bayesdrill.report.section import aligned
-from bayesdrill.report.sections import fit_words
 from bayesdrill.rig.models.linear import Model, constants
-from bayesdrill.sampling.ensembles import SamplingResult
-from bayesdrill.sampling.mode_search import SAME_POINT, Mode
 
 FEW, ALL = 3, 50  # places of what is odd that a report names, and `check`
-
 HEADERS = ("", "measures", "column", "unit", "first", "from", "to")
 
 
@@ -243,193 +236,3 @@ def _misfit(problem: Problem) -> str:
         return ""
     mean_square = likelihood.mean_square(space.vector(space.start)[None])[0]
     return f"; misfit per number there {mean_square:.4g}, and 1 where only noise is left"
-
-
-def maxima(mode: Mode, weights: NDArray[np.float64] | None, units: DisplayUnits) -> str:
-    """Say where the maxima are, and that they hold the shares `weights (M,)`; empty for one."""
-    if not mode.others or weights is None:
-        return ""
-    names = [
-        name
-        for name, x in mode.values.items()
-        if any(_apart(other.values[name], x) for other in mode.others)
-    ][:MOST_NAMED]
-    if not names:
-        shares = ", ".join(f"{weight:.1%}" for weight in weights)
-        return (
-            f"{len(weights)} maxima of the posterior, within {SAME_POINT:.0%} of each other in every "
-            f"unknown, between which the walkers pass: {shares} of the draws belong to them"
-        )
-    lines = [f"{len(weights)} maxima of the posterior, between which the walkers pass:"]
-    order = np.argsort(-weights, kind="stable")
-    for k in order[:MOST_LISTED]:
-        values = mode.maxima[k].values
-        places = ", ".join(f"{name} {units.format_value(name, values[name])}" for name in names)
-        lines.append(f"  {weights[k]:.1%} of the draws belong to the one at {places}")
-    if len(rest := order[MOST_LISTED:]):
-        lines.append(f"  {weights[rest].sum():.1%} of the draws belong to the other {len(rest)}")
-    return "\n".join(lines)
-
-
-def reasons(
-    sampled: SamplingResult, left: Sequence[ResidualSummary], unsupported: Mapping[str, float]
-) -> tuple[str, ...]:
-    """Why a run must not be believed: it did not converge, or does not fit; empty where it may be."""
-    fit = (*fit_words.residual_reasons(left), *fit_words.sandwich_reasons(unsupported))
-    return (*sampled.convergence.reasons, *fit)
-
-
-def warning(sampled: SamplingResult, left: Sequence[ResidualSummary]) -> str:
-    """What every figure must carry; empty where there is nothing to warn of."""
-    return misfit(left) if sampled.convergence.converged else "NOT CONVERGED"
-
-
-def misfit(left: Sequence[ResidualSummary]) -> str:
-    """The same of a fit alone."""
-    if any(summary.far_too_large for summary in left):
-        return "DOES NOT FIT: far more than the noise is left"
-    if any(summary.unbelievable for summary in left):
-        return "DOES NOT FIT: what is left is far from white"
-    return "" if like_noise(left) else "MORE THAN NOISE IS LEFT by the fit"
-
-
-def unbelievable(reasons: Sequence[str], *, converged: bool) -> str:
-    """Why a posterior must not be believed, converged or not; empty where it may be."""
-    if not reasons:
-        return ""
-    though = ", though the ensembles converged" if converged else ""
-    listed = (f"  - {reason}" for reason in reasons)
-    return "\n".join([f"DO NOT BELIEVE these numbers{though}:", *listed])
-
-
-DIAGNOSTICS = (
-    "R-hat compares the independent ensembles with each other: it is 1 where they have forgotten where "
-    "they started. An autocorrelation time is the number of steps that one fresh draw costs. Effective "
-    "draws are the number of fresh ones: a mean is known to the sd over their square root. Acceptance "
-    "is the share of proposed steps that were taken."
-)
-
-
-def leaning(priors_of: Mapping[str, tuple[str, ...]]) -> str:
-    """What is known only with the priors of others; empty where nothing is."""
-    groups: dict[tuple[str, ...], list[str]] = {}
-    for name, others in priors_of.items():
-        groups.setdefault(others, []).append(name)
-    return "\n".join(
-        f"leaning: {', '.join(names)} on the prior of {', '.join(others)}. The record says nothing of "
-        "that, and they are known only as far as it is."
-        for others, names in groups.items()
-    )
-
-
-MOST_NAMED, MOST_LISTED = 4, 6  # unknowns of a maximum elsewhere, and maxima
-
-
-def _apart(value: float, other: float) -> bool:
-    return abs(value - other) > SAME_POINT * abs(other)
-
-
-def mode(mode: Mode, units: DisplayUnits) -> str:
-    """How the searches for the MAP went."""
-    n, same = len(mode.searches), len(mode.highest)
-    lines = [
-        f"MAP: log posterior {mode.log_posterior:.2f}; {same} of {n} searches reached it within "
-        f"{mode.tolerance:.0e}"
-    ]
-    if mode.wandering:
-        lines.append(
-            f"     they ended more than {100 * SAME_POINT:g} % apart in {', '.join(mode.wandering)}: "
-            "the posterior is flat there"
-        )
-    elif same == 0:
-        lines.append(
-            "     it was reached from a point of the prior, or from around another maximum; give "
-            "map.starts or map.evaluations more"
-        )
-    elif same < 2 and n > 1:
-        lines.append("     no second search confirms it; give map.starts or map.evaluations more")
-    for other in mode.others[:MOST_LISTED]:
-        moved = {n: abs(x - other.values[n]) / max(abs(x), 1e-300) for n, x in mode.values.items()}
-        apart = [name for name, x in other.values.items() if _apart(x, mode.values[name])]
-        apart = apart or [max(moved, key=moved.__getitem__)]
-        places = ", ".join(
-            f"{name} {units.format_value(name, other.values[name])}" for name in apart[:MOST_NAMED]
-        )
-        lower = mode.log_posterior - other.log_posterior
-        height = f"{lower:.3g} lower" if lower > mode.tolerance else "as high"
-        lines.append(
-            f"     another maximum, {height}: {places}"
-            + (", ..." if len(apart) > MOST_NAMED else "")
-        )
-    if rest := mode.others[MOST_LISTED:]:
-        lowest = mode.log_posterior - rest[-1].log_posterior
-        lines.append(f"     and {len(rest)} more, at most {lowest:.3g} lower")
-    lines.append(
-        f"     gradient: a Newton step would raise the log posterior by {mode.gain:.1g}"
-        + (f"; at the bound of its prior: {', '.join(mode.at_bound)}" if mode.at_bound else "")
-    )
-    return "\n".join(lines)
-
-
-def search(mode: Mode) -> str:
-    """Return how the searches for the MAP went, in one line, and what is to be known of it."""
-    n, same = len(mode.searches), len(mode.highest)
-    said = f"MAP: {same} of {n} searches reached the same maximum"
-    if not same:
-        said = "MAP: draws from the priors led higher than the searches from the starts"
-    if same < 2 and n > 1:
-        said += "; no second one confirms it (more: map.starts, map.evaluations)"
-    if mode.others:
-        said += f"; {len(mode.others)} other maxima were found"
-    if mode.at_bound:
-        said += f"; at an end of their priors: {', '.join(mode.at_bound)}"
-    return said
-
-
-def sampling(sampled: SamplingResult) -> str:
-    """Return in one line whether the ensembles converged; more where they did not."""
-    c = sampled.convergence
-    if not c.converged:
-        return convergence(sampled)
-    n_ensembles, _, n_walkers, _ = sampled.theta.shape
-    return (
-        f"sampling: converged after {c.steps} steps of {n_ensembles} x {n_walkers} walkers (R-hat at "
-        f"most {c.r_hat.max():.4f}, at least {c.ess_bulk.min():.0f} effective draws)"
-    )
-
-
-def convergence(sampled: SamplingResult) -> str:
-    """Whether the ensembles may be believed."""
-    c = sampled.convergence
-    n_ensembles, _, n_walkers, _ = sampled.theta.shape
-    lines = [
-        f"{n_ensembles} ensembles of {n_walkers} walkers, {c.steps} steps, of which the first "
-        f"{c.burn_in} are dropped ({c.burn_in_rule})",
-        f"R-hat at most {c.r_hat.max():.4f}, {c.n_tau:.0f} autocorrelation times of "
-        f"{c.tau.max():.0f} steps, at least {c.ess_bulk.min():.0f} effective draws, "
-        f"acceptance {sampled.acceptance.mean():.2f}",
-    ]
-    if sampled.failures:
-        lines.append(f"{sampled.failures} proposals had no finite response and were refused")
-    if (check := sampled.compression) is not None:
-        exact = f" {check.exact} of these draws needed all samples." if check.exact else ""
-        lines.append(
-            f"The record of {check.samples} samples was compressed into {check.functions} functions. "
-            f"For {check.draws} draws the log likelihood differs from the exact one by at most "
-            f"{check.difference:.1g}.{exact}"
-        )
-    if c.converged:
-        lines.append("converged: all targets are met")
-    else:
-        lines.append("NOT CONVERGED, do not use these numbers:")
-        lines += [f"  - {reason}" for reason in c.reasons]
-        if c.enough is not None:
-            lines.append(
-                f"  only length is missing: about {c.enough} steps should do. Raise sampler.max_steps "
-                "to that in the config, and go on with --resume."
-            )
-        lines.append(
-            f"  {c.slowest} moves slowest. Fewer steps do if you hold it, give its prior nearer ends, "
-            "or add what `bayesdrill identify` proposes. figures/trace shows the walkers."
-        )
-    return "\n".join(lines)

@@ -24,9 +24,18 @@ from bayesdrill.config.resolve import assembly
 from bayesdrill.output_files import FIGURES, REFITS, dumps_checksummed, loads_checksummed
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.report import run_report
+from bayesdrill.report.render import as_html
 from bayesdrill.report.scales import WIDTHS
 from bayesdrill.report.section import as_markdown, markdown
-from bayesdrill.report.sections import calibration_words
+from bayesdrill.report.sections.calibration import (
+    calibration_figure,
+    calibration_opening,
+    calibration_sections,
+    describe_calibration,
+    describe_refits,
+    ranks_csv,
+    ranks_table,
+)
 from bayesdrill.results import provenance, run_folder
 from bayesdrill.results.provenance import begin, interruptions
 from bayesdrill.results.run_folder import COMPUTED_AGAIN, Folder
@@ -48,9 +57,12 @@ class CalibrationOutcome:
     @property
     def said(self) -> str:
         """For the terminal."""
-        words, verdict = calibration_words, self.verdict
-        table = markdown(words.table(verdict))
-        return f"{words.refits(verdict, self.refits)}\n\n{table}\n{words.verdict(verdict)}"
+        parts = (
+            describe_refits(self.verdict, self.refits),
+            "",
+            markdown(ranks_table(self.verdict)),
+        )
+        return "\n".join((*parts, describe_calibration(self.verdict)))
 
 
 def prepare(path: Path) -> Job:
@@ -98,7 +110,7 @@ def calibrate(
     with Folder(output, how, marks, output_files.CALIBRATE) as folder:
         if how == "resume":
             saved(place, refitting)  # what is damaged, before anything is written
-        report.say(calibration_words.opening(job.problem, job.config))
+        report.say(calibration_opening(job.problem, job.config))
         begin(job, folder, refits=settings.refits)
         with interruptions(folder, progress, (InputError,)):
             refits = run(refitting, settings.refits, place, crew, report)
@@ -154,15 +166,13 @@ def _read(path: Path, study: CalibrationStudy) -> Refit:
 
 
 def _publish(job: Job, folder: Folder, refits: Sequence[Refit]) -> CalibrationVerdict:
-    from bayesdrill.report.render import as_html  # late: templates are for this page alone
-
     config, symbols, names = job.config, job.problem.symbols, study(job).names
     verdict = calibration.judge_calibration(names, refits, config.calibration.draws)
-    folder.write_text(RANKS, calibration_words.ranks_csv(names, refits))
+    folder.write_text(RANKS, ranks_csv(names, refits))
     _draw(job, folder, verdict)
     title = f"Calibration of {config.name}"
     ending = output_files.shown_path(config.output.formats_or_default)
-    said = calibration_words.sections(verdict, refits, ending)
+    said = calibration_sections(verdict, refits, ending)
     folder.write_text("summary.md", as_markdown(title, said))
     seed, versions = str(config.seed), software.versions_text()
     lines = (("config", config.name), ("seed", seed), ("versions", versions))
@@ -173,7 +183,7 @@ def _publish(job: Job, folder: Folder, refits: Sequence[Refit]) -> CalibrationVe
         status="finished",
         units={symbol.name: symbol.unit for symbol in symbols},
         calibrated=verdict.calibrated,
-        verdict=calibration_words.verdict(verdict),
+        verdict=describe_calibration(verdict),
         not_converged=list(verdict.not_converged),
         seconds_of_a_refit=round(float(np.mean([refit.seconds for refit in refits])), 3),
     )
@@ -183,7 +193,6 @@ def _publish(job: Job, folder: Folder, refits: Sequence[Refit]) -> CalibrationVe
 def _draw(job: Job, folder: Folder, verdict: CalibrationVerdict) -> None:
     # Late: matplotlib takes a second to load.
     from bayesdrill.report import style
-    from bayesdrill.report.sections.calibration_figure import calibration_figure
 
     figures, output = folder.path / FIGURES, job.config.output
     formats = output.formats_or_default

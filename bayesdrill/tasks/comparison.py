@@ -20,8 +20,8 @@ from bayesdrill.inference.display_units import DisplayUnits
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.residual_checks import ResidualSummary
 from bayesdrill.inference.unknowns import SIMULATOR_ROLES
-from bayesdrill.report import words
 from bayesdrill.report.comparison_report import COMPARED, OVERLAID, ComparisonReport, Form
+from bayesdrill.report.doubts import figure_warning, run_doubts
 from bayesdrill.results import provenance
 from bayesdrill.results.run_folder import Folder
 from bayesdrill.tasks import conclusions
@@ -104,8 +104,8 @@ def overlay_layer(
         problem=job.problem,
         draws=sampled.draws.reshape(-1, sampled.draws.shape[-1]),
         settings=provenance.settings(job.config, job.problem, units),
-        warning=words.warning(sampled, fit),
-        reasons=words.reasons(sampled, fit, run.kept.unsupported if run.kept else {}),
+        warning=figure_warning(sampled, fit),
+        reasons=run_doubts(sampled, fit, run.kept.unsupported if run.kept else {}),
     )
 
 

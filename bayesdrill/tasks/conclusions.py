@@ -27,7 +27,7 @@ from bayesdrill.inference import residual_checks
 from bayesdrill.inference.derived import product_name
 from bayesdrill.inference.residual_checks import ResidualSummary
 from bayesdrill.report import words
-from bayesdrill.report.sections import fit_words
+from bayesdrill.report.doubts import residual_reasons, sandwich_reasons
 from bayesdrill.report.view import ReportContext
 from bayesdrill.results import provenance
 from bayesdrill.results.run_folder import chain_mark
@@ -124,7 +124,7 @@ def doubts(job: Job, mode: Mode, study: IdentifiabilityStudy) -> tuple[str, ...]
         name, powers = product_name(study.names, x.exponents), np.array(x.exponents, dtype=float)
         sd = sds[name] / float(np.prod(best[: len(powers)] ** powers))
         times |= {name: sd / x.sd} if sd >= limit * x.prior_sd else {}
-    return (*fit_words.residual_reasons(left), *fit_words.sandwich_reasons(times))
+    return (*residual_reasons(left), *sandwich_reasons(times))
 
 
 def settings(case: ResolvedCase) -> dict[str, Any]:

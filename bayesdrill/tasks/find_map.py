@@ -22,9 +22,10 @@ from bayesdrill.inference.compression import LONG
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.residual_checks import ResidualSummary
 from bayesdrill.output_files import MAP, dumps_checksummed, loads_checksummed
-from bayesdrill.report import publish, words
+from bayesdrill.report import publish
+from bayesdrill.report.doubts import residual_reasons, residual_sentences
 from bayesdrill.report.map_report import MapReport
-from bayesdrill.report.sections import fit_words
+from bayesdrill.report.sections.convergence import describe_searches
 from bayesdrill.results import provenance
 from bayesdrill.results.provenance import begin, check_record
 from bayesdrill.results.run_folder import COMPUTED_AGAIN, Folder
@@ -104,13 +105,13 @@ def fit_plan(job: Job) -> FitPlan:
 def end_search(pool: WorkerPool, under_way: PendingSearches, report: Reporter) -> Mode:
     """The maximum, and in words how good the fit is there."""
     mode = end_searches(pool, under_way, report)
-    report.say(words.search(mode))
+    report.say(describe_searches(mode))
     return mode
 
 
 def misfit(left: Sequence[ResidualSummary], clock: Unit) -> str:
     """What a maximum has `left`, where no posterior about it can be believed; empty elsewhere."""
-    return fit_words.residual_sentences(left, clock) if fit_words.residual_reasons(left) else ""
+    return residual_sentences(left, clock) if residual_reasons(left) else ""
 
 
 def check_new_config(job: Job, path: Path, *, force: bool) -> None:

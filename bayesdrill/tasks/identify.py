@@ -26,9 +26,18 @@ from bayesdrill.config.job import Job
 from bayesdrill.config.records import sources
 from bayesdrill.inference.priors import flat_in_logs
 from bayesdrill.output_files import FIGURES, IDENTIFY
+from bayesdrill.report.doubts import describe_timing
 from bayesdrill.report.scales import WIDTHS
-from bayesdrill.report.sections import fit_words, physics_words, torque_words
-from bayesdrill.report.sections import identify_words as words
+from bayesdrill.report.sections.friction import friction_sentences
+from bayesdrill.report.sections.identifiability import (
+    describe_profiles,
+    describe_study,
+    describe_study_point,
+    profile_figure,
+    spectrum_figure,
+    summarise_study,
+)
+from bayesdrill.report.sections.torque import beside, stand_ins
 from bayesdrill.sampling.mode_search import Mode
 from bayesdrill.tasks import conclusions
 
@@ -51,12 +60,12 @@ class Findings(Value):
     @property
     def text(self) -> str:
         """All that it says, for the terminal."""
-        parts = [words.study_point(self.point, self.job.problem)]
+        parts = [describe_study_point(self.point, self.job.problem)]
         if self.point.at:
-            parts += [words.full(self.study, self.job.problem.model, self.reasons)]
-            parts += fit_words.moment(self.moment)
+            parts += [describe_study(self.study, self.job.problem.model, self.reasons)]
+            parts += describe_timing(self.moment)
         if self.profiles:
-            parts.append(words.profiles(self.shown, self.study, self.symbols))
+            parts.append(describe_profiles(self.shown, self.study, self.symbols))
         return "\n\n".join(filter(None, parts))
 
     @property
@@ -76,7 +85,6 @@ class Findings(Value):
         Raises `InputError` where something is in the way, or text and figures of before and not `force`.
         """
         from bayesdrill.report import style  # late: matplotlib takes a second to load
-        from bayesdrill.report.sections.identify_figure import profile_figure, spectrum_figure
 
         place, problem, output = Path(folder).expanduser(), self.job.problem, self.job.config.output
         check_place(place, force=force)
@@ -139,14 +147,14 @@ def preflight(job: Job, scenery: SensitivityStudy) -> str:
         return "no parameter of the rig is unknown: only sensors, starts or noise are looked for"
     posterior = job.problem.posterior
     point, rig = study_point(scenery, posterior, job.config.seed), job.problem.model
-    at_rest = words.study_point(point, job.problem)
+    at_rest = describe_study_point(point, job.problem)
     if not point.at:
         return at_rest
     study = study_of(scenery, posterior, point.theta, job.asked, point.at)
-    said = [at_rest, words.brief(study), physics_words.friction_sentences(study.frictions, rig)]
-    said += [torque_words.stand_ins(study, rig)]
-    said += [torque_words.beside(rig)] if is_approximate(posterior) else []
-    late = fit_words.moment(half_sample_shift(scenery, point.theta))
+    said = [at_rest, summarise_study(study), friction_sentences(study.frictions, rig)]
+    said += [stand_ins(study, rig)]
+    said += [beside(rig)] if is_approximate(posterior) else []
+    late = describe_timing(half_sample_shift(scenery, point.theta))
     usual = plausibility.plausibility_of_course(scenery, point.theta)
     return "\n".join([*filter(None, said), *late, *usual])
 

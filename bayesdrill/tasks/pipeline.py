@@ -20,9 +20,8 @@ from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.config.job import Job, prepare
 from bayesdrill.output_files import POSTERIOR, RESOLVED_FILE
 from bayesdrill.report import publish, words
-from bayesdrill.report.run_report import screen, sections
-from bayesdrill.report.section import as_text
-from bayesdrill.report.sections import causes_words
+from bayesdrill.report.run_report import details, screen
+from bayesdrill.report.sections.causes import describe_causes
 from bayesdrill.report.view import ReportContext
 from bayesdrill.results import provenance, run_folder
 from bayesdrill.results.provenance import begin, check_record, interruptions
@@ -51,11 +50,10 @@ LOADED_LATE = (
     "scipy.stats",
     "arviz_stats.base",
     "bayesdrill.results.arviz_tree",
-    "bayesdrill.report.pages",
 )
 # What workers walk with, and draw with.
 WALKED_WITH = ("emcee",)
-DRAWN_WITH = ("corner", "bayesdrill.report.sections.corner_figure")
+DRAWN_WITH = ("corner", "bayesdrill.report.sections.corner")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -144,7 +142,7 @@ def _run(
             report.say(misfit)
         explained = causes(job, mode, left, pool.submit_function, report)
         if explained is not None:
-            report.say(causes_words.explained(explained))
+            report.say(describe_causes(explained))
         pool.set_steps(mode.pieces)
         if mode.pieces:
             study = SensitivityStudy(job.problem.posterior.likelihood)
@@ -313,7 +311,7 @@ def _publish(
         rows=view.analysis.unknowns,
         verdict=None if judged is None else judged.verdict,
         summary=screen(view),
-        details="\n\n".join((words.convergence(view.sampled), *as_text(sections(view)))),
+        details=details(view),
         reasons=view.reasons,
         missing=missing,
         seconds=seconds,

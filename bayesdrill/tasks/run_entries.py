@@ -18,7 +18,12 @@ from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.values import as_data, field_descriptions, from_data
 from bayesdrill.inference.compression import CompressionCheck
 from bayesdrill.output_files import RUN
-from bayesdrill.report.sections import verdict_words
+from bayesdrill.report.sections.nominal import (
+    no_verdict,
+    quantity_name,
+    verdict_rows,
+    verdict_sentence,
+)
 from bayesdrill.report.view import ReportContext
 from bayesdrill.sampling.evidence import Evidence
 from bayesdrill.sampling.proposal.learning import LearnedProposal
@@ -181,18 +186,18 @@ def verdict_data(
     verdict: Verdict, table: str, *, converged: bool = True, believed: bool = True
 ) -> dict[str, Any]:
     """`agrees` is None where the run is not believed, the fit is not noise, or no end lets it judge."""
-    whole = verdict_words.verdict_sentence(verdict, table)
+    whole = verdict_sentence(verdict, table)
     unjudged = verdict.saying("cannot judge") and not verdict.judged
     return {
         "table": table,
         "agrees": verdict.agrees if believed and verdict.fits and not unjudged else None,
         "fits": verdict.fits,
-        "sentence": whole if believed else verdict_words.no_verdict(converged=converged),
+        "sentence": whole if believed else no_verdict(converged=converged),
         "joint_sigma": None if verdict.joint is None else round(verdict.joint, 3),
         "limit_sigma": round(verdict.limit, 3),
         "ends": dict(verdict.ends),
         "quantities": {
-            verdict_words.quantity_name(verdict, q): {"says": q.says, "sigma": round(q.tension, 3)}
-            for q in verdict_words.verdict_rows(verdict)
+            quantity_name(verdict, q): {"says": q.says, "sigma": round(q.tension, 3)}
+            for q in verdict_rows(verdict)
         },
     }

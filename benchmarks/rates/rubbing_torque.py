@@ -17,7 +17,7 @@ from scipy.stats import binom
 from bayesdrill.analysis.latent_torque import torque_estimates
 from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.report.sections.torque_words import HARMLESS
+from bayesdrill.report.sections.torque import HARMLESS
 from bayesdrill.rig.models.latent_torque import TORQUE as LOAD
 from bayesdrill.rig.models.latent_torque import LoadedModel, MissingTorque
 from bayesdrill.rig.simulators.stepped import Stepped

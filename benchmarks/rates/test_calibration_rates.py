@@ -9,7 +9,7 @@ from support import command_line
 
 from bayesdrill.analysis.calibration import CalibrationStudy, Refit, judge_calibration
 from bayesdrill.basics.progress import Silent
-from bayesdrill.report.sections import calibration_words as words
+from bayesdrill.report.sections.calibration import describe_calibration
 from bayesdrill.tasks import calibrate, remote
 from benchmarks.rates.calibrations import with_misfit
 
@@ -32,7 +32,7 @@ def pair(tmp_path_factory: pytest.TempPathFactory) -> CalibrationStudy:
 def test_the_right_likelihood_is_calibrated(pair: CalibrationStudy, tmp_path: Path) -> None:
     """200 refits; kills a walker's move, a prior, a Jacobian or a noise that is not what it says."""
     found = judge_calibration(pair.names, refits(pair, 200, tmp_path / "right"), pair.draws)
-    assert found.calibrated, words.verdict(found)
+    assert found.calibrated, describe_calibration(found)
 
 
 @pytest.mark.slow
@@ -46,4 +46,4 @@ def test_a_wrong_likelihood_is_not(
     broken = with_misfit(pair, factor)
     found = judge_calibration(pair.names, refits(broken, 200, tmp_path / "wrong"), pair.draws)
     assert not found.calibrated
-    assert f"({shape})" in words.verdict(found)
+    assert f"({shape})" in describe_calibration(found)

@@ -18,7 +18,7 @@ import numpy as np
 
 import bayesdrill as bd
 from bayesdrill.inference import residual_checks
-from bayesdrill.report.sections import verdict_words
+from bayesdrill.report.sections.nominal import quantity_name, verdict_sentence
 from benchmarks.real.benches import BENCHES, HERE, Bench, File
 
 SECONDS = 60.0  # that a server may take
@@ -103,9 +103,9 @@ def judged(case: bd.Case, best: bd.Best) -> tuple[set[str], str]:
     verdict = outcome.verdict
     if verdict is None or outcome.reasons:
         return set(), f"no verdict: {' '.join(outcome.reasons)}"
-    wrong = {verdict_words.quantity_name(verdict, each) for each in verdict.saying("disagrees")}
+    wrong = {quantity_name(verdict, each) for each in verdict.saying("disagrees")}
     records = len(case.job.problem.observations)
-    return wrong, verdict_words.verdict_sentence(verdict, "what was published", records)
+    return wrong, verdict_sentence(verdict, "what was published", records)
 
 
 def run_each(benches: Sequence[Bench], *, fetch: bool, figures: bool) -> int:

@@ -26,7 +26,7 @@ from bayesdrill.analysis.identifiability.torque_confounding import scaled_with_t
 from bayesdrill.analysis.latent_torque import regress_torque, torque_estimates
 from bayesdrill.basics import seeds
 from bayesdrill.config.job import prepare
-from bayesdrill.report.sections import torque_words
+from bayesdrill.report.sections.torque import stand_ins
 
 SHARED = ROOT.parent / "shared" / "data"
 STRING = SHARED / "ufrj_drillstring_rig" / "175_completo_1.mat"
@@ -182,7 +182,7 @@ def test_a_free_spring_and_a_missing_torque_cannot_be_distinguished(tmp_path: Pa
     assert study.scaled == (("k_s", "j_1", "s_d"),)
     symmetries = study.structure.symmetries
     assert scaled_with_torque(case.job.problem.posterior, symmetries) == study.scaled
-    sentences = torque_words.stand_ins(study, case.job.problem.model)
+    sentences = stand_ins(study, case.job.problem.model)
     assert "k_s and j_1 and s_d can be changed together" in sentences
     assert "Hold one of k_s and j_1" in sentences
 

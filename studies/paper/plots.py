@@ -9,7 +9,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.ticker import NullLocator
 
 from bayesdrill.basics import PARAMETERS, STATES, Array, own_symbol
@@ -36,7 +35,7 @@ def _mark(color: str, marker: str, size: float, edge: float | None, **more: Any)
 
 def _legend(figure: Figure, looks: Mapping[str, LineStyle]) -> None:
     """Put a legend above all panels, by label."""
-    legend_above(figure, [Line2D([], [], label=label, **look) for label, look in looks.items()])
+    legend_above(figure, looks)
 
 
 MOST_TICKS = 8  # of a logarithmic axis

@@ -19,7 +19,7 @@ from bayesdrill.analysis.calibration import (
     judge_calibration,
     rank,
 )
-from bayesdrill.report.sections import calibration_words as words
+from bayesdrill.report.sections.calibration import describe_calibration, describe_refits
 
 N, L = 200, 99
 
@@ -117,8 +117,8 @@ def conjugate(
 
 def test_exact_posteriors_are_calibrated() -> None:
     result = verdict(conjugate())
-    assert result.calibrated, words.verdict(result)
-    assert "calibrated: over 200 refits" in words.verdict(result)
+    assert result.calibrated, describe_calibration(result)
+    assert "calibrated: over 200 refits" in describe_calibration(result)
     assert verdict(conjugate(correlation=0.98, every=150)).calibrated  # of nearly independent draws
 
 
@@ -137,7 +137,7 @@ def test_a_wrong_posterior_is_not_calibrated(fault: dict[str, float], shape: str
     assert not result.calibrated
     assert shape in {quantity.shape for quantity in result.quantities[:2]}
     assert result.faults[0].startswith("ranks of ")
-    assert shape in words.verdict(result)
+    assert shape in describe_calibration(result)
 
 
 def test_a_posterior_that_ignores_the_record_is_noticed_by_its_log_likelihood() -> None:
@@ -174,14 +174,14 @@ def test_refits_that_did_not_converge_stay_in_the_ranks_and_forbid_the_verdict()
     assert few.calibrated
     assert not many.calibrated
     assert many.band.n == N
-    assert words.verdict(many).startswith("no verdict: 11 of 200 refits did not converge")
-    assert "0, 1, 2, 3" in words.refits(many, refits(UNIFORM, 11))
+    assert describe_calibration(many).startswith("no verdict: 11 of 200 refits did not converge")
+    assert "0, 1, 2, 3" in describe_refits(many, refits(UNIFORM, 11))
 
 
 def test_a_refit_without_draws_forbids_the_verdict() -> None:
     result = verdict(UNIFORM, strayed=1, lost=1)
     assert (result.lost, result.band.n, result.calibrated) == ((0,), N - 1, False)
-    assert "1 of 200 refits gave no draws" in words.verdict(result)
+    assert "1 of 200 refits gave no draws" in describe_calibration(result)
 
 
 def test_intervals_cover_as_many_refits_as_their_share() -> None:

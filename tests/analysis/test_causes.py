@@ -18,7 +18,7 @@ import bayesdrill as bd
 from bayesdrill.analysis.causes import Cause, Causes
 from bayesdrill.analysis.refits import refit_candidate
 from bayesdrill.basics.progress import SILENT
-from bayesdrill.report.sections import causes_words
+from bayesdrill.report.sections.causes import describe_causes, lacking, wandering
 from bayesdrill.rig.models.roles import usual_roles
 from bayesdrill.sampling.workers import WorkerPool
 from bayesdrill.tasks.ranking import WINDOWS, Ranking
@@ -78,12 +78,12 @@ def causes_that_mend(path: Path) -> tuple[Causes, Cause]:
 
 
 def check_words(causes: Causes, first: Cause) -> None:
-    text = causes_words.explained(causes)
+    text = describe_causes(causes)
     assert f"fit: A is the config with {first.words[0]}" in text
     assert "next: add these lines to the config (A" in text
     assert "That leaves what looks like the noise." in text
     assert f"\n{first.lines}\n" in text
-    assert bool(causes_words.lacking(causes, usual_roles())) == bool(first.lacks)
+    assert bool(lacking(causes, usual_roles())) == bool(first.lacks)
 
 
 # What is wrong, the part that says so, its unknown and the truth.
@@ -166,11 +166,11 @@ def test_no_cause_is_recommended_for_one_bad_sample(tmp_path: Path) -> None:
     assert causes is not None
     assert causes.best is None
     assert causes.good == ()
-    text = causes_words.explained(causes)
+    text = describe_causes(causes)
     assert text.startswith(f"fit: {len(causes.ranked)} candidates were refitted, and none explains")
     assert "add these lines" not in text
     assert len(causes.windows) == WINDOWS
-    assert "No unknown changes by more than" in causes_words.wandering(causes)
+    assert "No unknown changes by more than" in wandering(causes)
 
 
 def test_a_rig_that_changes_shows_from_window_to_window(tmp_path: Path) -> None:
@@ -187,7 +187,7 @@ def test_a_rig_that_changes_shows_from_window_to_window(tmp_path: Path) -> None:
     assert values == sorted(values)  # as much voltage for less speed
     assert values == pytest.approx(expected, rel=0.05)
     causes = Causes(given=given.fit, ranked=(), windows=windows)
-    assert "k_e from " in causes_words.wandering(causes)
+    assert "k_e from " in wandering(causes)
 
 
 # --- a torque that is late, of a shaft whose upper end is turned -------------------------------------
@@ -235,7 +235,7 @@ def test_a_torque_that_is_late_is_named(late: int, tmp_path: Path) -> None:
 
 def test_inputs_that_are_in_time_leave_nothing_to_explain(tmp_path: Path) -> None:
     assert causes_of(bd.load(shaft(tmp_path, 0))) is None
-    assert causes_words.explained(None) == ""
+    assert describe_causes(None) == ""
 
 
 def test_friction_shows_once_a_rig_moves_from_its_start() -> None:

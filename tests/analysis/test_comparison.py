@@ -32,7 +32,9 @@ from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Uniform
 from bayesdrill.inference.unknowns import ParameterSpace
-from bayesdrill.report.sections import comparison_words, verdict_words
+from bayesdrill.report.sections.comparison import comparison_table, comparison_verdict, odds
+from bayesdrill.report.sections.nominal import repeats_sentence, repeats_table
+from bayesdrill.report.sections.overlay import overlay_table
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators.linear import Response
 
@@ -67,7 +69,7 @@ WORDS: dict[str, tuple[list[RunSummary], Word, str]] = {
 def test_the_word_follows_from_the_odds(models: list[RunSummary], word: Word, best: str) -> None:
     result = decide(models)
     assert (result.word, models[result.best].name) == (word, best)
-    sentence = next(iter(comparison_words.comparison_verdict(models)))
+    sentence = next(iter(comparison_verdict(models)))
     shown = {"both": "MODEL AND NOISE", "either": "MODEL OR NOISE"}.get(word, word.upper())
     assert sentence.startswith(f"verdict: {shown}")
 
@@ -75,7 +77,7 @@ def test_the_word_follows_from_the_odds(models: list[RunSummary], word: Word, be
 def test_odds_are_those_of_the_evidence() -> None:
     shares = probabilities([model("a", -3000.0), model("b", -3000.0 + math.log(3.0))])
     assert shares == pytest.approx((0.25, 0.75))
-    texts = [comparison_words.odds(x) for x in (0.0, math.log(7.5), math.log(120.4), 35.2)]
+    texts = [odds(x) for x in (0.0, math.log(7.5), math.log(120.4), 35.2)]
     assert texts == ["1", "7.5", "120", "e^35"]
 
 
@@ -97,15 +99,15 @@ def test_vague_priors_are_named_where_they_may_have_decided(
 
 def test_models_that_must_not_be_believed_are_named_with_the_reasons() -> None:
     stopped = [GIVEN, model("stopped", 30.0, **FRICTION, rms=2.0)]
-    text = "\n".join(comparison_words.comparison_verdict(stopped))
+    text = "\n".join(comparison_verdict(stopped))
     assert "more than noise: none of these models explains the whole record" in text
     assert "stopped did not converge" in text
-    table = comparison_words.comparison_table(stopped)
+    table = comparison_table(stopped)
     assert [line[0] for line in table.lines] == ["stopped (NOT CONVERGED)", "given"]
     reasons = ("w_1 is off", "and coloured")
     layer = replace(GIVEN.layer, warning="DOES NOT FIT: much", reasons=reasons)
     doubted = [replace(GIVEN, layer=layer), model("best", 30.0, **FRICTION)]
-    text = "\n".join(comparison_words.comparison_verdict(doubted))
+    text = "\n".join(comparison_verdict(doubted))
     warning = "  DO NOT BELIEVE given: DOES NOT FIT: much\n    - w_1 is off\n    - and coloured"
     assert warning in text
     assert "BELIEVE best" not in text
@@ -181,7 +183,7 @@ def test_a_table_of_runs_without_nominal_values_has_no_column_of_them() -> None:
     symbols = problem().symbols
     problems = [replace(problem(), nominal={}, symbols=own) for own in (symbols[:3], symbols[3:6])]
     layers = [replace(GIVEN.layer, name=n, problem=p) for n, p in zip("ab", problems, strict=True)]
-    heads = comparison_words.overlay_table(layers, overlay_rows(layers)).heads
+    heads = overlay_table(layers, overlay_rows(layers)).heads
     assert heads == ("", "unit", "a", "b")
 
 
@@ -234,12 +236,12 @@ def test_a_shaft_that_changes_between_experiments_is_noticed_with_its_size() -> 
     apart = np.array(ratio.apart)
     assert apart[2] - apart[:2].mean() == pytest.approx(np.log(1.04), abs=4 * max(ratio.sds))
     assert ratio.spread == pytest.approx(np.log(1.04) / np.sqrt(3), rel=0.4)
-    text = verdict_words.repeats_sentence(products, FREE)
+    text = repeats_sentence(products, FREE)
     assert "do not show the same rig" in text
     assert "k_s/j_1" in text.replace(" ", "")
-    assert len(verdict_words.repeats_table(products, FREE).lines) == 3
+    assert len(repeats_table(products, FREE).lines) == 3
 
 
 def test_one_experiment_has_none_to_compare() -> None:
     assert compared(1.0, volts=(8.0,)) == ()
-    assert verdict_words.repeats_sentence((), FREE) == ""
+    assert repeats_sentence((), FREE) == ""

@@ -36,7 +36,7 @@ from bayesdrill.inference.priors import (
     TruncatedNormal,
     Uniform,
 )
-from bayesdrill.report import words
+from bayesdrill.report.sections.parameters import describe_dependence
 
 Array = NDArray[np.float64]
 
@@ -186,11 +186,11 @@ def test_only_what_is_called_determined_depends_on_a_prior(partner: Word, word: 
 
 
 def test_unknowns_that_depend_on_the_same_priors_are_named_together() -> None:
-    text = words.leaning({"k_s": ("j_1",), "k_e": ("c_m",), "j_m": ("j_1",)})
+    text = describe_dependence({"k_s": ("j_1",), "k_e": ("c_m",), "j_m": ("j_1",)})
     first, second = text.splitlines()
     assert first.startswith("leaning: k_s, j_m on the prior of j_1. ")
     assert second.startswith("leaning: k_e on the prior of c_m. ")
-    assert words.leaning({}) == ""
+    assert describe_dependence({}) == ""
 
 
 # --- sandwich sds ------------------------------------------------------------------------------------

@@ -11,8 +11,8 @@ from support.missing_physics import T, against_the_table, believed, best, record
 from bayesdrill.analysis.causes import equivalent_explanation
 from bayesdrill.analysis.edits import lacks, with_candidates
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.report.sections.causes_words import instead
-from bayesdrill.report.sections.verdict_words import verdict_sentences
+from bayesdrill.report.sections.causes import instead
+from bayesdrill.report.sections.nominal import verdict_sentences
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.models.roles import usual_roles
 from benchmarks.rates.records import TORQUE, observed

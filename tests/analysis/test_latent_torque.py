@@ -16,8 +16,12 @@ from support.missing_torque_cases import SIZE, posterior_with_torque
 from bayesdrill.analysis.latent_torque import TorqueEstimate, regress_torque, torque_estimates
 from bayesdrill.analysis.run_analysis import torque_summary
 from bayesdrill.basics.units import Unit
-from bayesdrill.report.sections import torque_words
-from bayesdrill.report.sections.physics_figure import torque_figure
+from bayesdrill.report.sections.torque import (
+    law_sentences,
+    torque_csv,
+    torque_figure,
+    torque_sentence,
+)
 from bayesdrill.rig import MotorShaft
 
 Array = NDArray[np.float64]
@@ -76,13 +80,13 @@ def test_the_torque_is_drawn_described_and_written() -> None:
     assert labels[-1].startswith("time")
     assert any("speed of the motor" in label for label in labels)
     assert any("voltage" in label for label in labels)
-    assert "at the motor" in torque_words.torque_sentence(torque_summary(result), result.rig)
-    text = torque_words.torque_csv([result])
+    assert "at the motor" in torque_sentence(torque_summary(result), result.rig)
+    text = torque_csv([result])
     assert text is not None
     rows = list(csv.DictReader(io.StringIO(text)))
     assert len(rows) == 301
     assert float(rows[7]["torque"]) == result.expected[7]
-    assert torque_words.torque_csv([]) is None
+    assert torque_csv([]) is None
 
 
 # --- the law that it follows -------------------------------------------------------------------------
@@ -131,7 +135,7 @@ def test_the_law_that_made_a_torque_is_recognised_with_its_size(kind: str) -> No
     assert laws[0].share == pytest.approx(1.0, abs=1e-6)
     assert all(law.share < 0.99 for law in laws[1:])
     if kind == "speed":
-        text = torque_words.law_sentences(torque_summary(known(torque, at)), RIG)
+        text = law_sentences(torque_summary(known(torque, at)), RIG)
         assert "viscous damping at the motor of 0.03 N m s/rad" in text
         assert "c_m: {prior: log_uniform, low: 0.01, high: 0.09}" in text
 
@@ -154,7 +158,7 @@ def test_what_friction_does_at_rest_does_not_count_against_it() -> None:
     assert first.size == pytest.approx(-0.2, rel=0.01)
     assert first.share > 0.99
     assert not second.taken
-    text = torque_words.law_sentences(torque_summary(resting), RIG)
+    text = law_sentences(torque_summary(resting), RIG)
     assert f"the {100 * resting.turning.mean():.0f} % of the samples in which it turns" in text
     assert resting.turning.mean() == pytest.approx(np.mean(~rests), abs=0.05)
 
@@ -162,6 +166,6 @@ def test_what_friction_does_at_rest_does_not_count_against_it() -> None:
 def test_a_torque_that_follows_no_law_is_said_to() -> None:
     estimate = known(0.1 * np.sin(40.0 * T))
     assert not any(law.taken for law in regress_torque(estimate))
-    text = torque_words.law_sentences(torque_summary(estimate), RIG)
+    text = law_sentences(torque_summary(estimate), RIG)
     assert "follows no speed" in text
     assert regress_torque(dataclasses.replace(estimate, expected=np.zeros(len(T)))) == ()

@@ -14,7 +14,7 @@ import bayesdrill as bd
 from bayesdrill.analysis.latent_torque import regress_torque, torque_estimates
 from bayesdrill.analysis.run_analysis import torque_summary
 from bayesdrill.basics import seeds
-from bayesdrill.report.sections import torque_words
+from bayesdrill.report.sections.torque import law_sentences, stand_ins
 
 FRICTION = 0.15  # N m, at rotor 1
 TRUTH = {"j_m": 4.0e-4, "k_e": 601.6e-4, "k_s": 0.26, "j_1": 28.3e-3}
@@ -80,7 +80,7 @@ def test_the_missing_torque_of_a_rubbing_rig_is_its_friction(seed: int, tmp_path
     first = regress_torque(estimate)[0]
     assert (first.kind, first.of, first.taken) == ("sign", "w_1", True)
     assert -first.size == pytest.approx(FRICTION, rel=0.15)
-    sentences = torque_words.law_sentences(torque_summary(estimate), estimate.rig)
+    sentences = law_sentences(torque_summary(estimate), estimate.rig)
     assert "dry friction at rotor 1" in sentences
     assert "t_c1: {prior: log_uniform" in sentences
 
@@ -102,6 +102,6 @@ def test_identify_says_what_a_missing_torque_can_replace_and_what_would_help(
     assert first.alone < 0.02
     helps = {(way.kind, way.name) for way in first.helps}
     assert helps >= {("measure", "w_1"), ("hold", "j_1")}
-    sentences = torque_words.stand_ins(study, identified.job.problem.model)
+    sentences = stand_ins(study, identified.job.problem.model)
     assert "at rotor 1 it can stand in for k_s" in sentences
     assert "a sensor of w_1" in sentences

@@ -29,7 +29,7 @@ from bayesdrill.inference.priors import (
     TruncatedNormal,
     Uniform,
 )
-from bayesdrill.report.sections.verdict_words import evidence_sentences
+from bayesdrill.report.sections.comparison import evidence_sentences
 from bayesdrill.rig.models.linear import Linear
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.sampling.evidence import Evidence

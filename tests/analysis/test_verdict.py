@@ -42,7 +42,7 @@ from bayesdrill.basics.symbols import PARAMETERS
 from bayesdrill.config.resolve.quantities import nominal_table
 from bayesdrill.config.schema.config import HOUSE_CONFIG, Thresholds
 from bayesdrill.config.schema.vocabulary import HOUSE
-from bayesdrill.report.sections.verdict_words import verdict_sentences
+from bayesdrill.report.sections.nominal import verdict_sentences
 from bayesdrill.tasks.run_entries import verdict_data
 
 N = 4000

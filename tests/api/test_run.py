@@ -101,7 +101,7 @@ def test_a_figure_that_fails_is_named_when_a_run_is_saved(
         raise ValueError("cannot do this")
 
     with monkeypatch.context() as patch:
-        patch.setattr("bayesdrill.report.sections.physics_words.derived_shown", fail)
+        patch.setattr("bayesdrill.report.sections.corner.derived_shown", fail)
         reason = r"figures/corner \(ValueError: cannot do this\)"
         with pytest.warns(UserWarning, match=reason) as warnings:
             folder = run().save(tmp_path / "mine")

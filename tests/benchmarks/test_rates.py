@@ -7,7 +7,7 @@ import pytest
 from support.case_tables import run_cases
 
 from bayesdrill.analysis.latent_torque import torque_estimates
-from bayesdrill.report.sections.torque_words import HARMLESS
+from bayesdrill.report.sections.torque import HARMLESS
 from bayesdrill.rig.simulators.stepped import Stepped
 from benchmarks.rates import noise, rubbing_torque, torque
 from benchmarks.rates.records import TORQUE, observed, of

@@ -25,7 +25,13 @@ CHROMIUM = next(
     filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), ""
 )
 QUIET = ("--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-sync")
-SIZES = {"desktop": (1280, 900), "phone": (390, 844), "narrow": (320, 640)}
+SIZES = {
+    "desktop": (1280, 900),
+    "laptop": (1200, 800),
+    "tablet": (800, 1100),
+    "phone": (390, 844),
+    "narrow": (320, 640),
+}
 
 DRAWN = ("output: {predictive_draws: 10, figures: []}", "output: {predictive_draws: 10}")
 WORSE = (
@@ -115,6 +121,9 @@ def test_nothing_fails_and_nothing_is_cut(browser: Browser, path: Path, size: st
     beyond = """[...document.querySelectorAll('h1, h2, p, li, figure')].filter(
         e => e.offsetParent && e.getBoundingClientRect().right > innerWidth + 1).length"""
     assert page.evaluate(beyond) == 0
+    wide = """[...document.querySelectorAll('.scroll')].filter(
+        e => e.scrollWidth > e.clientWidth + 1).map(e => e.getAttribute('aria-label'))"""
+    assert page.evaluate(wide) == []
 
 
 @run_cases("scheme", ["light", "dark"])

@@ -32,9 +32,9 @@ from bayesdrill.basics.progress import SILENT
 from bayesdrill.config import loading
 from bayesdrill.inference import derived
 from bayesdrill.report import words
-from bayesdrill.report.sections import causes_words, torque_words
-from bayesdrill.report.sections.physics_words import effort_symbol, speed_symbol
-from bayesdrill.report.sections.torque_words import regressors
+from bayesdrill.report.sections.causes import describe_causes, instead, lacking
+from bayesdrill.report.sections.friction import effort_symbol, speed_symbol
+from bayesdrill.report.sections.torque import law_sentences, regressors
 from bayesdrill.rig import MotorShaft
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.linear import Model
@@ -105,7 +105,7 @@ def analyses_of_record(of: bd.Case) -> Iterator[Any]:
     explanations = [
         EquivalentExplanation(parameter=lack.parameter, value=0.1, lost=1.0) for lack in lacks
     ]
-    yield [[*causes_words.instead(each, problem.model)] for each in explanations]
+    yield [[*instead(each, problem.model)] for each in explanations]
     models = CandidateModels.from_job(of.job, {})
     rungs = [*models.singles(), *models.singles(absorbing=True)]
     rungs += models.beyond(("friction_both",), ())
@@ -149,8 +149,8 @@ def analyses_of_causes(rig: Model, names: dict[str, str]) -> Iterator[Any]:
         ranking_.refit_all(rungs, start)
     causes = Causes(given=given.fit, ranked=ranking_._ranked())
     yield repr(causes)
-    yield causes_words.explained(causes)
-    yield causes_words.lacking(causes, of.job.problem.model.roles)
+    yield describe_causes(causes)
+    yield lacking(causes, of.job.problem.model.roles)
 
 
 def analyses_of_torque(of: bd.Case) -> Iterator[Any]:
@@ -159,7 +159,7 @@ def analyses_of_torque(of: bd.Case) -> Iterator[Any]:
     theta = posterior.space.vector(posterior.space.start)
     (torque,) = torque_estimates(posterior, theta[None], np.random.default_rng(1))
     yield [torque.expected, torque.angle, torque.inertia.reduction, repr(regress_torque(torque))]
-    yield torque_words.law_sentences(torque_summary(torque), torque.rig)
+    yield law_sentences(torque_summary(torque), torque.rig)
     yield [(each.label.latex, each.means) for each in regressors(torque)]
 
 
@@ -220,7 +220,7 @@ def print_chain() -> None:
     (torque,) = torque_estimates(posterior, theta[None], rng)
     speed = motion["speed_middle"]
     off = (torque.expected + dry * np.sign(speed))[np.abs(speed) > 0.3]
-    sentences = torque_words.law_sentences(torque_summary(torque), torque.rig)
+    sentences = law_sentences(torque_summary(torque), torque.rig)
     print(json.dumps([unknowns, float(np.sqrt(np.mean(off**2))) / dry, sentences]))
 
 

@@ -17,7 +17,8 @@ from bayesdrill import output_files
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import Silent
 from bayesdrill.inference import compression, likelihood
-from bayesdrill.report.sections import fit_figure, fit_words
+from bayesdrill.report.sections import fit as fit_section
+from bayesdrill.report.sections.fit import draw_fit, every_fit, measured
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators.compressed import CompressedSimulator
 from bayesdrill.rig.simulators.rational_basis import CompressionError
@@ -125,21 +126,21 @@ def test_a_record_that_is_too_long_is_not_predicted_sample_by_sample(
     """Figures are given the extremes of stretches: no peak is lost, and files stay small."""
     monkeypatch.setattr(output_files, "MOST_PREDICTED", 4 * 2 * len(T) - 1)
     run = case("auto").sample(processes=1)
-    (whole,) = fit_words.every_fit(run.job.problem, run.sampled.draws[0, -1], run.analysis.fit)
+    (whole,) = every_fit(run.job.problem, run.sampled.draws[0, -1], run.analysis.fit)
     assert len(whole.t) == len(T)
-    monkeypatch.setattr(fit_words, "SHOWN_STRETCHES", 500)
+    monkeypatch.setattr(fit_section, "SHOWN_STRETCHES", 500)
     tree = run.to_arviz()
     assert not {"posterior_predictive", "log_likelihood"} & {*tree.children}
     assert tree["observed_data"]["w_1"].shape == T.shape
     best = run.sampled.draws[0, -1]
-    (fit,) = fit_words.every_fit(run.job.problem, best, run.analysis.fit)
+    (fit,) = every_fit(run.job.problem, best, run.analysis.fit)
     assert len(fit.t) < len(T) / 2
     y = run.job.problem.observations[0].experiment.y
     for signal, column in zip(fit.signals, y.T, strict=True):
         # Dots are samples, not extremes, which would lie outside of the band of the noise.
-        assert np.array_equal(signal.y[signal.dots], column[fit_words.measured(column)])
+        assert np.array_equal(signal.y[signal.dots], column[measured(column)])
         assert (signal.y.min(), signal.y.max()) == (column.min(), column.max())
-    (drawing,) = fit_figure.draw_fit(run._view)
+    (drawing,) = draw_fit(run._view)
     assert "predictive" not in drawing.says
     run.save(tmp_path / "long")
     assert (tmp_path / "long/figures/fit.png").exists()

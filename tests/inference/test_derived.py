@@ -15,7 +15,7 @@ from bayesdrill.config import job
 from bayesdrill.inference import derived
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.record.experiment import typical_inputs
-from bayesdrill.report.sections import physics_words
+from bayesdrill.report.sections.products import derived_csv, derived_shown
 from bayesdrill.rig.models.linear import Model, with_named
 from bayesdrill.rig.models.long_shaft import LongShaft
 from bayesdrill.rig.models.motor_shaft import DrivenShaft, Motor, MotorShaft
@@ -149,7 +149,7 @@ def test_formulas_and_quantities_are_evaluated_at_every_draw_and_at_nominal_valu
     assert [row.name for row in rows] == names
     assert rows[-1].mean == pytest.approx(values["omega_1"].mean())
     assert rows[-1].hdi_low < rows[-1].mean < rows[-1].hdi_high
-    head = physics_words.derived_csv(rows).splitlines()[0]
+    head = derived_csv(rows).splitlines()[0]
     assert head.startswith("name,unit,nominal,mean,sd,hdi94_low")
 
 
@@ -158,11 +158,11 @@ def test_a_corner_shows_the_quantities_that_are_asked_for() -> None:
     space = problem.posterior.space
     theta = space.vector(space.start)[None]
     names = ["omega_n", "k_e", "k_s"]
-    columns, shown = physics_words.derived_shown(problem, names, draws, result, theta)
+    columns, shown = derived_shown(problem, names, draws, result, theta)
     assert [symbol.name for symbol in shown.symbols] == names
     assert np.array_equal(columns[:, 1], draws[..., 2].ravel())
     assert shown.mode["k_s"] == pytest.approx(0.2628, rel=1e-3)
-    _, usual = physics_words.derived_shown(problem, None, draws, result, theta)
+    _, usual = derived_shown(problem, None, draws, result, theta)
     assert [symbol.name for symbol in usual.symbols] == list(space.free)
 
 

@@ -27,13 +27,16 @@ from bayesdrill.basics import units
 from bayesdrill.basics.symbols import latex_unit, unit_product
 from bayesdrill.inference.display_units import SI, DisplayUnits
 from bayesdrill.inference.priors import LogUniform, Uniform, flat_in_logs
-from bayesdrill.report import publish, section, words
+from bayesdrill.report import publish, words
 from bayesdrill.report.comparison_report import ComparisonReport
+from bayesdrill.report.doubts import prior_notes, residual_sentences
 from bayesdrill.report.publish import TABLES
 from bayesdrill.report.run_report import sections
 from bayesdrill.report.section import as_markdown
-from bayesdrill.report.sections import fit_words, physics_words
-from bayesdrill.report.sections.comparison_figure import intervals_figure, overlay_corner_figure
+from bayesdrill.report.sections.convergence import describe_map
+from bayesdrill.report.sections.overlay import intervals_figure, overlay_corner_figure
+from bayesdrill.report.sections.parameters import HEADERS, mode_rows, of_mode, of_rows
+from bayesdrill.report.sections.products import derived_table
 from bayesdrill.report.view import ReportContext
 from bayesdrill.results.run_folder import Folder
 from bayesdrill.rig.models.motor_shaft import MotorShaft
@@ -196,13 +199,11 @@ def test_mistakes_in_the_prior_of_a_quantity_are_told_in_its_unit() -> None:
 
 def tables(view: ReportContext) -> list[tuple[tuple[str, ...], list[list[str]]]]:
     """Heads and lines of the tables of unknowns, of the mode and of derived quantities."""
-    unknowns = section.of_rows(view.units.rows(view.analysis.unknowns))
-    mode = section.of_mode(view.units.rows(section.mode_rows(view.problem, view.mode)))
-    derived = physics_words.derived_table(
-        view.units.rows(view.analysis.derived), view.analysis.meanings
-    )
+    unknowns = of_rows(view.units.rows(view.analysis.unknowns))
+    mode = of_mode(view.units.rows(mode_rows(view.problem, view.mode)))
+    derived = derived_table(view.units.rows(view.analysis.derived), view.analysis.meanings)
     return [
-        (section.HEADERS, unknowns.lines),
+        (HEADERS, unknowns.lines),
         (("", "unit", "nominal", "MAP", "dev. %"), mode.lines),
         (("", "unit", "nominal", "mean", "sd", "94 % HDI", "dev. %", "meaning"), derived.lines),
     ]
@@ -254,7 +255,7 @@ def test_sentences_have_the_unit_of_the_user_and_parameters_stay_as_they_are() -
     other = LocalMaximum(
         values={**view.mode.values, "sigma_w_1": 2.0, "d": 4e-3}, log_posterior=-9.0
     )
-    text = words.mode(replace(view.mode, others=(other,)), view.units)
+    text = describe_map(replace(view.mode, others=(other,)), view.units)
     assert "sigma_w_1 19.1 rpm" in text
     assert "d 4 mm" in text
     assert "L = 240 cm" in words.opening(view.problem)
@@ -262,7 +263,7 @@ def test_sentences_have_the_unit_of_the_user_and_parameters_stay_as_they_are() -
     pressed = [
         replace(view.analysis.unknowns[0], name="sigma_theta_1", pressed_against=math.radians(0.25))
     ]
-    assert "against the end 0.25 deg of its prior" in section.notes(pressed, view.units)[0]
+    assert "against the end 0.25 deg of its prior" in prior_notes(pressed, view.units)[0]
     everything = as_markdown("x", sections(view))
     assert "| sigma_theta_1 | deg |" in everything
     assert "| wide | mm |" in everything
@@ -273,7 +274,7 @@ def test_times_are_in_the_unit_of_their_column() -> None:
     limits = replace(summary.limits, most=2.0)
     far = replace(summary, farthest=9.0, rms=1.0, time=0.75, limits=limits)
     clock = units.display_unit("ms", "s")
-    assert "theta_1 9 at 750 ms" in fit_words.residual_sentences([far], clock)
+    assert "theta_1 9 at 750 ms" in residual_sentences([far], clock)
 
 
 def test_figures_show_the_same_draws_in_the_units_of_the_user() -> None:

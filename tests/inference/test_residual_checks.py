@@ -26,7 +26,7 @@ from bayesdrill.inference.residual_checks import (
     input_sentences,
     residual_summaries,
 )
-from bayesdrill.report.sections.fit_words import residual_reasons, residual_sentences
+from bayesdrill.report.doubts import residual_reasons, residual_sentences
 
 Array = NDArray[np.float64]
 

@@ -14,7 +14,7 @@ from support.html_pages import Page, page
 from bayesdrill import output_files
 from bayesdrill.analysis.diagnostics import ParameterRow
 from bayesdrill.basics.symbols import PARAMETERS, Symbol
-from bayesdrill.report import render, style
+from bayesdrill.report import style
 from bayesdrill.report.render import as_html
 from bayesdrill.report.section import (
     Badge,
@@ -28,6 +28,7 @@ from bayesdrill.report.section import (
     as_markdown,
     as_text,
 )
+from bayesdrill.report.sections.parameters import latex_table
 
 
 def written(text: str, folder: Path) -> tuple[str, str]:
@@ -149,7 +150,7 @@ def test_the_latex_table_has_the_numbers_to_two_digits_of_the_sd() -> None:
         values = {name: getattr(ROW, name) * scale for name in names} | {"sd": sd * abs(scale)}
         if scale < 0:
             values["hdi_low"], values["hdi_high"] = values["hdi_high"], values["hdi_low"]
-        text = render.latex_table([dataclasses.replace(ROW, **values)], [PARAMETERS["k_s"]])
+        text = latex_table([dataclasses.replace(ROW, **values)], [PARAMETERS["k_s"]])
         (line,) = (line for line in text.splitlines() if line.startswith("$k_s$"))
         power = re.search(r"10\^\{(-?\d+)\}", line)
         ten = 10.0 ** int(power[1]) if power else 1.0

@@ -24,16 +24,10 @@ from bayesdrill.api.run import RunReport
 from bayesdrill.inference.priors import LogUniform, Uniform
 from bayesdrill.report import publish, run_report
 from bayesdrill.report.map_report import MapReport
-from bayesdrill.report.run_report import interval_bar, sections
-from bayesdrill.report.section import (
-    Badges,
-    IntervalBar,
-    Note,
-    Plain,
-    Table,
-    as_markdown,
-    as_text,
-)
+from bayesdrill.report.run_report import sections
+from bayesdrill.report.section import Badges, IntervalBar, Note, Plain, Table, as_markdown, as_text
+from bayesdrill.report.sections.nominal import run_marks
+from bayesdrill.report.sections.parameters import interval_bar
 from bayesdrill.report.view import ReportContext
 
 T = np.linspace(0.0, 4.0, 161)
@@ -94,8 +88,10 @@ def test_a_run_leaves_a_page_that_needs_nothing_beside_it(saved: Path) -> None:
 def test_what_matters_most_comes_first_and_ends_a_terminal(saved: Path) -> None:
     html = (saved / "report.html").read_text(encoding="utf-8")
     titles = re.findall(r"<h2>(.*?)</h2>", html)
-    first = ["Verdict", "Fit", "Parameters", "Against the nominal table", "Figures"]
+    first = ["Verdict", "Fit", "Parameters", "Against the nominal table"]
     assert titles[: len(first)] == first
+    assert html.index('id="figure-fit"') < html.index("<table")
+    assert html.index('id="figure-corner"') < html.index(">Against the nominal table</h2>")
     assert titles[-2:] == ["Provenance", "How to cite"]
     said = run().judge().text
     assert said.splitlines()[-1].startswith(("verdict:", "Not determined"))
@@ -150,7 +146,7 @@ def test_a_nominal_table_is_in_doubt_where_the_model_does_not_fit() -> None:
     for fits in (True, False):
         verdict = dataclasses.replace(agreeing, fits=fits)
         judged = dataclasses.replace(view.analysis.judged, verdict=verdict)
-        mark = run_report.run_marks(analysed(view, judged=judged))[-1]
+        mark = run_marks(analysed(view, judged=judged))[-1]
         said[fits] = (mark.text, mark.tone)
     assert said == {True: ("agrees with tables_2_3", "good"), False: ("verdict in doubt", "doubt")}
 
@@ -197,7 +193,7 @@ def test_nothing_is_good_about_a_run_that_must_not_be_believed(
     made: Callable[[], ReportContext], shown: list[str]
 ) -> None:
     view = made()
-    assert [(one.text, one.tone) for one in run_report.run_marks(view)] == [
+    assert [(one.text, one.tone) for one in run_marks(view)] == [
         (shown[0], "bad"),
         (shown[1], "plain"),
     ]

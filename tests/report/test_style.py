@@ -15,8 +15,8 @@ from support.figure_contexts import corner, ridge
 
 from bayesdrill.output_files import FORMATS, formats_of
 from bayesdrill.report import publish, scales, style
-from bayesdrill.report.sections.convergence_figure import trace_figure
-from bayesdrill.report.sections.corner_figure import corner_figure
+from bayesdrill.report.sections.convergence import trace_figure
+from bayesdrill.report.sections.corner import corner_figure
 from bayesdrill.report.style import warned
 
 WARNING = "DOES NOT FIT: far more than the noise is left"

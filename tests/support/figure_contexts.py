@@ -33,26 +33,22 @@ from bayesdrill.inference.display_units import SI, DisplayedUnknowns
 from bayesdrill.inference.priors import LogUniform
 from bayesdrill.inference.residual_checks import ResidualCorrelation
 from bayesdrill.record.experiment import Channel
-from bayesdrill.report.scales import DOUBLE
-from bayesdrill.report.sections.comparison_figure import (
-    comparison_figure,
-    intervals_figure,
-    overlay_corner_figure,
-)
-from bayesdrill.report.sections.convergence_figure import rank_figure, trace_figure
-from bayesdrill.report.sections.corner_figure import corner_figure
-from bayesdrill.report.sections.fit_figure import (
-    frequency_figure,
-    predictive_figure,
-    residuals_figure,
-)
-from bayesdrill.report.sections.fit_words import Course, Fit, Signal, measured
-from bayesdrill.report.sections.parameters_figure import (
+from bayesdrill.report.scales import DOUBLE, TIME
+from bayesdrill.report.sections.comparison import comparison_figure
+from bayesdrill.report.sections.convergence import rank_figure, trace_figure
+from bayesdrill.report.sections.corner import corner_figure
+from bayesdrill.report.sections.fit import Course, Fit, Signal, measured
+from bayesdrill.report.sections.overlay import intervals_figure, overlay_corner_figure
+from bayesdrill.report.sections.parameters import (
     CorrelatedPair,
     prior_posterior_figure,
     ridge_figure,
 )
-from bayesdrill.report.sections.physics_words import TIME
+from bayesdrill.report.sections.residuals import (
+    frequency_figure,
+    predictive_figure,
+    residuals_figure,
+)
 
 Array = NDArray[np.float64]
 

@@ -7,9 +7,7 @@ from pathlib import Path
 
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.report.render import as_html
-from bayesdrill.report.section import (
-    Section,
-)
+from bayesdrill.report.section import Section
 
 ALONE = frozenset(("meta", "img", "rect", "line", "br"))  # elements without an end
 

@@ -18,7 +18,7 @@ from bayesdrill.basics import seeds
 from bayesdrill.config import job
 from bayesdrill.config.job import Job
 from bayesdrill.inference.residual_checks import like_noise, residual_summaries
-from bayesdrill.report.sections import fit_words
+from bayesdrill.report.doubts import residual_reasons
 from bayesdrill.sampling.fit import fit
 from bayesdrill.tasks import calibrate
 from benchmarks.zoo import entries as e
@@ -53,7 +53,7 @@ class Trial:
         fits = like_noise(left)
         _, judged = conclude(own.problem, own.asked, found, sampled, scenery, fits=fits)
         assert judged is not None
-        return judged.verdict, [*sampled.convergence.reasons, *fit_words.residual_reasons(left)]
+        return judged.verdict, [*sampled.convergence.reasons, *residual_reasons(left)]
 
 
 @dataclass(frozen=True)

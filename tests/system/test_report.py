@@ -40,10 +40,10 @@ def report(*arguments: str | Path) -> command_line.CommandResult:
 # --- tables and figures that fail ----------------------------------------------------------------
 
 BROKEN = {
-    "figures/corner": "report.sections.physics_words.derived_shown",
-    "figures/trace": "report.sections.convergence_figure.trace_figure",
-    "derived.csv": "report.sections.physics_words.derived_csv",
-    "verdict.csv": "report.sections.verdict_words.verdict_csv",
+    "figures/corner": "report.sections.corner.derived_shown",
+    "figures/trace": "report.sections.convergence.trace_figure",
+    "derived.csv": "report.sections.products.derived_csv",
+    "verdict.csv": "report.sections.nominal.verdict_csv",
     "posterior.nc": "results.arviz_tree.make_tree",
     "figures/fit": "results.arviz_tree.make_tree",
 }

@@ -1,4 +1,1 @@
-"""Words and figures of each section of a report.
-
-One pair of modules each: `<section>_words` (sentences, tables, data) and `<section>_figure`.
-"""
+"""The sections of reports, a module each: its sentences, tables and figures, and its `PART` of a run."""

@@ -21,7 +21,7 @@ from support.scipy_oracles import ORDER
 from bayesdrill import output_files
 from bayesdrill.analysis.verdict import Quantity, Verdict
 from bayesdrill.basics.symbols import PARAMETERS, STATES
-from bayesdrill.report.sections.fit_words import Fit
+from bayesdrill.report.sections.fit import Fit
 from studies.paper import printed, reproduction
 from studies.paper import study_tables as pages
 from studies.paper.findings import NineParameterStudy, PaperFindings

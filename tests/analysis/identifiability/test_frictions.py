@@ -22,8 +22,8 @@ from bayesdrill.analysis.identifiability.study import prior_spreads, study_of
 from bayesdrill.config.schema.config import Asked
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Uniform
-from bayesdrill.report.sections import identify_words
-from bayesdrill.report.sections.physics_words import friction_sentences
+from bayesdrill.report.sections.friction import friction_sentences
+from bayesdrill.report.sections.identifiability import describe_study
 from bayesdrill.rig.models.linear import with_named
 from bayesdrill.rig.models.motor_shaft import DrivenShaft, MotorShaft
 from bayesdrill.rig.simulators import simulator
@@ -127,7 +127,7 @@ def test_the_best_proposal_shrinks_the_sd_as_much_as_is_said() -> None:
         theta = target.space.vector(target.space.start)
         study = study_of(SensitivityStudy(target.likelihood), target, theta, Asked())
         sds.append(study.parameters[0].sd)
-        text = identify_words.full(study, RIG)
+        text = describe_study(study, RIG)
         assert ("friction: t_cm can hardly be told from t_f" in text) == (len(sds) == 1)
     (alike,) = confounding(posteriors[0]).alike
     proposal = max(alike.proposals, key=lambda one: one.shrink)

@@ -35,7 +35,12 @@ from bayesdrill.analysis.identifiability.study import (
 )
 from bayesdrill.config.schema.config import Asked
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.report.sections import identify_words, verdict_words
+from bayesdrill.report.sections.identifiability import (
+    dependence_sentences,
+    describe_study,
+    summarise_study,
+)
+from bayesdrill.report.sections.nominal import verdict_sentences
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators.linear import Response
 
@@ -181,23 +186,20 @@ def study(target: Posterior) -> IdentifiabilityStudy:
 def test_a_record_too_noisy_for_the_inductance_depends_on_the_prior_of_the_resistance() -> None:
     sigma = 100.0 * SIGMA
     target = posterior(noisy_step(sigma), sigma, free=("j_m", "k_e", "k_T", "r_m"))
-    text = identify_words.dependence_sentences(study(target))
+    text = dependence_sentences(study(target))
     assert "depend on the prior" in text
     assert "more than on the record, which hardly shows l_m." in text
 
 
 def test_dependences_are_named_before_sampling_and_in_the_verdict() -> None:
     result = study(target_with("l_m"))
-    for text in (identify_words.full(result, MotorShaft()), identify_words.brief(result)):
+    for text in (describe_study(result, MotorShaft()), summarise_study(result)):
         assert "k_T and r_m depend on l_m, which the config holds, and can be right only" in text
     judged = verdict(gaussian({**TABLE, "r_m": 1.2 * TABLE["r_m"]}, np.random.default_rng(2)))
     (own,) = result.resting
     on_prior = dataclasses.replace(own, following=np.eye(len(result.names)))
     unrelated = dataclasses.replace(own, names=("k_s", "j_1", "l_m", "r_m"), exponents=(1, 1, 1, 0))
-    texts = [
-        verdict_words.verdict_sentences(judged, "table", rests=(one,))
-        for one in (own, on_prior, unrelated)
-    ]
+    texts = [verdict_sentences(judged, "table", rests=(one,)) for one in (own, on_prior, unrelated)]
     assert "\nr_m depends on l_m, which the config holds fixed" in texts[0]
     assert "depends on the prior of r_m, as the record by itself tells little" in texts[1]
     assert " depend" not in texts[2]

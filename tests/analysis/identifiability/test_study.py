@@ -18,7 +18,15 @@ from bayesdrill.basics.symbols import PARAMETERS
 from bayesdrill.config import job, loading
 from bayesdrill.config.schema.config import Asked
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.report.sections import identify_words as words
+from bayesdrill.report.sections.identifiability import (
+    SHAPES,
+    THROUGH_OTHERS,
+    describe_profiles,
+    describe_study,
+    percent,
+    product,
+    summarise_study,
+)
 from bayesdrill.rig.models.motor_shaft import MotorShaft, TwoRotors
 from bayesdrill.rig.simulators.linear import Response
 
@@ -58,7 +66,7 @@ def test_the_rig_has_two_symmetries_and_seven_invariants() -> None:
     assert invariants.shape == (7, 9)
     assert np.linalg.matrix_rank(invariants) == 7
     assert not np.any(invariants @ np.array([ELECTRICAL, MECHANICAL]).T)
-    text = words.full(nominal, MotorShaft())
+    text = describe_study(nominal, MotorShaft())
     assert (
         "j_m, c_m, k_T, k_s, j_1 and t_f can all be multiplied by the same factor without changing "
         "any measured signal"
@@ -120,26 +128,26 @@ def test_a_known_inertia_at_the_motor_only_bends_the_symmetries() -> None:
     assert np.linalg.matrix_rank(shown) == len(shown) == 5
     assert np.linalg.matrix_rank(np.vstack([shown, exponents(k_s=1, j_1=-1)])) == 5
     assert not shown[:, [ORDER.index("j_m"), ORDER.index("r_m")]].any()
-    text = words.brief(result)
+    text = summarise_study(result)
     assert "2 changes of several of j_m, c_m" in text
     assert "leave every signal as it is" in text
 
 
 def test_badly_known_unknowns_are_named_with_their_bounds() -> None:
     result = study_with(*without("r_m", "j_1"))
-    first, second, *_ = words.brief(result).split("; ")
+    first, second, *_ = summarise_study(result).split("; ")
     assert first == "no symmetry hides an unknown from this record"
     known = dict(zip(result.names, result.parameters, strict=True))
     assert 0 < sum(parameter.bound > 0.5 for parameter in known.values()) < len(known)
     for name, parameter in known.items():
-        bound = f"{name} to {words.percent(parameter.bound)}"
+        bound = f"{name} to {percent(parameter.bound)}"
         assert (bound in second) == (parameter.bound > 0.5)
-    assert words.brief(study_with("k_s", "k_e")) == "the record determines every unknown"
+    assert summarise_study(study_with("k_s", "k_e")) == "the record determines every unknown"
 
 
 def test_the_best_known_product_is_the_frequency_of_the_rotor() -> None:
     result = study_with(*ORDER).products
-    assert words.product(ORDER, result[0].exponents) == "k_s/j_1"
+    assert product(ORDER, result[0].exponents) == "k_s/j_1"
     assert result[0].sd < 1e-3
     assert [product.word for product in result].count("determined") == 5
     assert np.linalg.matrix_rank(np.array([product.exponents for product in result])) == 9
@@ -175,6 +183,6 @@ def test_a_profile_that_the_priors_of_others_bound_is_no_limit_of_the_record() -
         for name, low, shape in (("r_m", None, "one-sided"), ("k_e", 1.2, "bounded"))
     ]
     symbols = [PARAMETERS[name] for name in names]
-    _, _, r_m, k_e = words.profiles(profiles, study_with(*names), symbols).splitlines()
-    assert r_m.endswith(f"one-sided: {words.THROUGH_OTHERS}")
-    assert k_e.endswith(f"bounded: {words.SHAPES['bounded']}")
+    _, _, r_m, k_e = describe_profiles(profiles, study_with(*names), symbols).splitlines()
+    assert r_m.endswith(f"one-sided: {THROUGH_OTHERS}")
+    assert k_e.endswith(f"bounded: {SHAPES['bounded']}")

@@ -18,13 +18,13 @@ import bayesdrill as bd
 from bayesdrill.inference.step_error import StepError
 from bayesdrill.output_files import POSTERIOR
 from bayesdrill.report import style
+from bayesdrill.report.doubts import step_sentences, steps_wanted
 from bayesdrill.report.publish import drawings
 from bayesdrill.report.run_report import sections
 from bayesdrill.report.scales import DOUBLE, WIDTHS
 from bayesdrill.report.section import as_markdown
-from bayesdrill.report.sections import verdict_words
-from bayesdrill.report.sections.fit_figure import fit_figure
-from bayesdrill.report.sections.physics_figure import friction_figure
+from bayesdrill.report.sections.fit import fit_figure
+from bayesdrill.report.sections.friction import friction_figure
 from bayesdrill.report.view import ReportContext
 
 T = 0.04 * np.arange(250)
@@ -141,16 +141,16 @@ def test_a_law_without_nominal_values_is_a_line_with_its_band() -> None:
 
 def test_numbers_of_steps_are_said_to_be_enough_or_too_few() -> None:
     fine = StepError(label="", channels=("w_1", "alpha"), pieces=2, errors=(0.03, 0.004))
-    assert verdict_words.step_sentences([fine]) == (
+    assert step_sentences([fine]) == (
         "steps: 2 steps to a sample; 16 times as many would move samples by at most 0.03 of the noise "
         "(w_1 0.03, alpha 0.004). That does no harm."
     )
     few = StepError(label="slow", channels=("w_1",), pieces=1, errors=(0.45,))
-    sentences = verdict_words.step_sentences([few])
+    sentences = step_sentences([few])
     assert sentences.startswith("steps: TOO FEW: one step to a sample in slow; ")
     assert sentences.endswith("Say `model: {pieces: 8}`.")
-    assert verdict_words.steps_wanted(dataclasses.replace(few, pieces=3, errors=(0.11,))) == 6
-    assert verdict_words.step_sentences(()) == ""
+    assert steps_wanted(dataclasses.replace(few, pieces=3, errors=(0.11,))) == 6
+    assert step_sentences(()) == ""
     assert "steps: " in as_markdown("x", sections(view()))
     assert "steps: " in str(case().find_map(processes=1))
 

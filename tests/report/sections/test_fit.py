@@ -1,26 +1,33 @@
-"""Figures of the fit: record, model, inputs and residuals in units of users; predictive checks."""
+"""The figure of a fit: record, model, inputs and residuals in units of users; long records."""
 
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
 from support.case_tables import for_each
 from support.figure_checks import drawn, legend_texts, si, xy
 from support.figure_contexts import (
     course,
     fit_of,
-    frequency_response,
-    predictive_checks,
-    residual_correlations,
 )
 
-from bayesdrill.report import scales
-from bayesdrill.report.sections.fit_figure import fit_figure, record_figure
-from bayesdrill.report.sections.fit_words import Fit, measured
+import bayesdrill as bd
+from bayesdrill.inference import residual_checks
+from bayesdrill.report.sections.fit import (
+    Fit,
+    corners,
+    every_fit,
+    extremes,
+    fit_figure,
+    measured,
+    record_figure,
+)
 
 
 def read(label: str, values: object) -> list[float]:
@@ -107,38 +114,44 @@ def test_inputs_are_drawn_held_or_straight_as_the_model_takes_them() -> None:
         between = np.interp(fit.t[:-1] + 0.5 * np.diff(fit.t), t, u)
         middle = 0.5 * (voltage.values[1:] + voltage.values[:-1])
         np.testing.assert_allclose(between, middle if straight else voltage.values[:-1], atol=1e-6)
-        (text,) = (text.get_text() for text in panel.get_legend().get_texts())
+        legend = legend_texts(figure)
+        (text,) = (text for text in legend if "inputs, " in text)
         assert ("straight" in text, "held" in text) == (straight, not straight)
-        assert any("8" in text.get_text() and "mV" in text.get_text() for text in figure.texts)
+        assert any("8" in text and "mV" in text for text in legend)
 
     for_each({str(straight): (straight,) for straight in [True, False]}, check)
 
 
-def test_a_correlation_of_residuals_outside_of_its_band_is_drawn_so() -> None:
-    figure = residual_correlations(2, scales.DOUBLE)
-    thick = {
-        k: [tuple(segment[1]) for segment in lines.get_segments()]
-        for k, panel in enumerate(figure.axes)
-        for lines in panel.collections
-        if isinstance(lines, LineCollection) and lines.get_linewidth()[0] > 1.5
-    }
-    outside = {k: ends for k, ends in thick.items() if ends}
-    assert outside == {1: [(23.0, -0.4)], 4: [(23.0, -0.4)]}
-    assert legend_texts(figure) == ["99 % of chance, each lag", "inside", "outside"]
+ROOT = Path(__file__).parents[3]
 
 
-def test_a_frequency_response_is_shown_in_its_units_and_where_it_is_measured() -> None:
-    magnitude, phase = frequency_response(1).axes
-    assert "rad/s/V" in magnitude.get_ylabel()
-    (x, modelled), (_, measured_phase) = (xy(line) for line in phase.get_lines())
-    assert 10 ** x[0] == pytest.approx(0.5)
-    assert modelled[9] == pytest.approx(-45.0, abs=0.5)  # at 5 Hz
-    assert measured_phase == pytest.approx(modelled[:20] - 30.0, abs=1e-6)
+@given(st.integers(3, 5000), st.integers(10, 300))
+def test_extremes_keep_ends_and_peaks(n: int, most: int) -> None:
+    y = np.random.default_rng(n).standard_normal(n)
+    kept = extremes(y, most)
+    assert len(kept) <= most
+    assert len(np.unique(kept)) == len(kept)
+    assert {0, n - 1, int(y.argmin()), int(y.argmax())} <= set(kept.tolist())
 
 
-def test_a_channel_that_is_not_as_predicted_is_named() -> None:
-    figure = predictive_checks()
-    remarks = [[text.get_text() for text in panel.texts] for panel in figure.axes[1::2]]
-    assert remarks == [[], ["measured lies below"]]
-    areas = [np.sum(p.patches[0].get_data().values) * 0.25 for p in figure.axes[::2]]
-    assert areas == pytest.approx([1.0, 1.0])  # all samples are shown
+@given(st.integers(2, 3000), st.integers(1, 40))
+def test_corners_of_stairs_are_where_they_rise(n: int, length: int) -> None:
+    u = (np.arange(n) // length % 3).astype(float)
+    kept = corners(u, 500)
+    assert len(kept) <= 500
+    if len(kept) < 500 and n // length < 400:
+        at = np.searchsorted(kept, np.arange(n), side="right") - 1
+        np.testing.assert_array_equal(u[kept[at]], u)
+
+
+@pytest.mark.parametrize(("many", "unit", "end"), [(1e4, "ms", 8000.0), (5e3, "s", 8.0)])
+def test_times_of_very_many_units_are_in_seconds(
+    many: float, unit: str, end: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("bayesdrill.config.resolve.assembly.MAX_SHOWN_TIME", many)
+    problem = bd.load(ROOT / "configs" / "example_rig.yaml").job.problem
+    space, likelihood = problem.posterior.space, problem.posterior.likelihood
+    at = space.vector(space.start)
+    (fit,) = every_fit(problem, at, residual_checks.residual_summaries(likelihood, at))
+    assert fit.time.latex_unit == unit
+    assert fit.t[-1] == pytest.approx(end)

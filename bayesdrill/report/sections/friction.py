@@ -1,12 +1,12 @@
-"""Write what follows from the unknowns: derived quantities and friction."""
+"""Friction: its laws over speed, and what it can hardly be told from."""
 
 from __future__ import annotations
 
 import dataclasses
 import itertools
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -21,82 +21,19 @@ from bayesdrill.analysis.identifiability.frictions import (
     drives_of,
 )
 from bayesdrill.analysis.latent_torque import TAILS
+from bayesdrill.analysis.run_analysis import BAND_DRAWS
 from bayesdrill.basics.arrays import Array
-from bayesdrill.basics.symbols import Symbol, own_symbol, plain
-from bayesdrill.basics.units import Unit
-from bayesdrill.inference.derived import Derived, DerivedRow, values_at
-from bayesdrill.inference.display_units import DisplayedUnknowns
+from bayesdrill.basics.symbols import Symbol, own_symbol
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Problem
-from bayesdrill.report.section import HDI, Table, records_as_csv
+from bayesdrill.report import scales, style
+from bayesdrill.report.pages import build_page, legend_above
+from bayesdrill.report.section import CREDIBLE, build, listed
+from bayesdrill.report.style import Axes, Figure
+from bayesdrill.report.view import Drawing, ReportContext, ReportPart, for_each_experiment
 from bayesdrill.rig.models.friction import Friction
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.models.roles import InertiaRoles, Roles
-
-TIME = Symbol("t", "s", "t", "s", "time")
-
-
-def time_symbol(clock: Unit) -> Symbol:
-    """Return the symbol of times in the unit of a clock."""
-    return dataclasses.replace(TIME, latex_unit=clock.latex)
-
-
-def derived_csv(rows: Sequence[DerivedRow]) -> str:
-    """All digits, SI; `share` of the draws have the quantity, `deviation` is a fraction."""
-    return records_as_csv(DerivedRow, rows)
-
-
-def derived_table(rows: Sequence[DerivedRow], meanings: Mapping[str, str]) -> Table:
-    """Of what follows, with its meanings."""
-    lines = []
-    for row in rows:
-        part = "" if row.share == 1.0 else f"; {100 * (1 - row.share):.2g} % of the draws have none"
-        ratio = abs(row.mean) / row.sd if row.sd > 0 else 1.0
-        digits = max(4, min(12, 2 + math.ceil(math.log10(max(ratio, 1.0)))))  # down to the sd's
-        cells = {
-            "": row.name,
-            "unit": plain(row.unit),
-            "nominal": "" if row.nominal is None else f"{row.nominal:.4g}",
-            "mean": f"{row.mean:.{digits}g}",
-            "sd": f"{row.sd:.2g}",
-            HDI: f"{row.hdi_low:.{digits}g} to {row.hdi_high:.{digits}g}",
-            "dev. %": "" if row.deviation is None else f"{100 * row.deviation:+.2f}",
-            "meaning": meanings[row.name] + part,
-        }
-        lines.append(tuple(cells.values()))
-    return Table(tuple(cells), tuple(lines), frozenset(("", "unit", "meaning"))).filled()
-
-
-def derived_shown(
-    problem: Problem, names: Sequence[str] | None, draws: Array, derived: Derived, theta: Array
-) -> tuple[Array, DisplayedUnknowns]:
-    """Of the unknowns `draws (E, N, D)` and what is derived, those of `names`; None: all unknowns.
-
-    `theta (1, D)` is the MAP.  Draws without a value, and columns of one value alone, are left out
-    of those that are returned, `(N, D)` in the units that are shown.
-    """
-    symbols, units = (*problem.symbols, *derived.symbols), problem.units
-    order = [symbol.name for symbol in symbols]
-    every = np.concatenate([draws, derived.values], axis=-1).reshape(-1, len(order))
-    mode = {name: float(x) for name, x in zip(problem.names, theta[0], strict=True)}
-    at_map = values_at(problem, theta).items()
-    mode |= {name: float(x[0]) for name, x in at_map if np.isfinite(x[0])}
-    wanted = problem.names if names is None else dict.fromkeys(names)
-    columns = [order.index(name) for name in wanted if name in order]
-    columns = [k for k in columns if len(np.unique(every[np.isfinite(every[:, k]), k])) > 1]
-    if not columns:
-        return derived_shown(problem, None, draws, derived, theta)
-    nominal = {name: x for name, x in derived.nominal.items() if np.isfinite(x)}
-    shown = DisplayedUnknowns(
-        columns=tuple(columns),
-        factors=units.factors(symbols[k] for k in columns),
-        symbols=units.symbols(symbols[k] for k in columns),
-        priors=units.priors(problem.posterior.space.priors),
-        nominal=units.values({**nominal, **problem.nominal}),
-        mode=units.values(mode),
-    )
-    picked = every[:, columns] / shown.factors
-    return picked[np.isfinite(picked).all(axis=1)], shown
 
 
 def effort_symbol(friction: Friction) -> Symbol:
@@ -240,6 +177,57 @@ def _about(times: float) -> str:
     return f"{float(f'{times:.2g}'):g}"
 
 
-def listed(names: Sequence[str]) -> str:
-    """Join names with commas, and the last with *and*."""
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+BINS = 60
+FOOT = 0.2  # of a panel: for the speeds of the record
+HEAD = 1.12  # of the largest effort
+BEST: dict[str, Any] = {"color": style.BLACK, "linewidth": 1.0}
+SEEN: dict[str, Any] = {"facecolor": style.MIDDLE, "linewidth": 0}
+
+
+def friction_figure(laws: Sequence[LawShown], width: float = scales.DOUBLE) -> Figure:
+    """Draw a panel for each friction law."""
+    with style.styled(width):
+        figure, panels = build_page(len(laws), 3, 2.1, width, narrow=1)
+        for panel, law in zip(panels, laws, strict=True):
+            _law(panel, law)
+        looks = {"MAP": BEST, f"{CREDIBLE} posterior": style.BAND}
+        if any(law.nominal is not None for law in laws):
+            looks["nominal values"] = style.NOMINAL
+        return legend_above(figure, looks | {"speeds of the record": SEEN})
+
+
+def _law(panel: Axes, law: LawShown) -> None:
+    curves = [law.best, *law.band, *([] if law.nominal is None else [law.nominal])]
+    far = HEAD * max(float(np.abs(curve).max()) for curve in curves) or 1.0
+    x = scales.scale(float(law.speeds[0]), float(law.speeds[-1]))
+    y = scales.scale(-far, far)
+    room = FOOT / (1.0 - FOOT) * (y.high - y.low)
+    for side, outside, beside in ((law.speeds <= 0, -1, -2), (law.speeds >= 0, 0, 1)):
+        band = law.band[:, side]
+        band[:, outside] = band[:, beside]  # where a law has both signs
+        panel.fill_between(x(law.speeds[side]), *y(band), zorder=1, **style.BAND)
+    if law.nominal is not None:
+        panel.plot(x(law.speeds), y(law.nominal), zorder=2, **style.NOMINAL)
+    panel.plot(x(law.speeds), y(law.best), zorder=3, **BEST)
+    counts, edges = np.histogram(x(law.seen), np.linspace(x.low, x.high, BINS + 1))
+    heights = y.low - room + 0.85 * room * counts / max(int(counts.max()), 1)
+    panel.stairs(heights, edges, baseline=y.low - room, fill=True, zorder=1, **SEEN)
+    style.scale_axis(panel.xaxis, x, f"{law.speed.meaning}, {x.label(law.speed)}")
+    style.scale_axis(panel.yaxis, y, y.label(law.effort, "\n"))
+    panel.set_ylim(y.low - room, y.high)
+    panel.axhline(y.low, color=style.MIDDLE, linewidth=0.5)
+
+
+def _draw_friction(run: ReportContext) -> tuple[Drawing, ...]:
+    chain, problem = run.chain, run.problem
+    each = zip(problem.observations, chain.friction_motions, strict=False)
+    at = (problem, chain.best, chain.some(BAND_DRAWS))
+    shown = ((rig.label, tuple(laws(rig, rubs, *at))) for rig, rubs in each)
+    says = "Each friction against its speed: its law, where the record saw it, and nominal values."
+    return for_each_experiment(friction_figure, shown, run.width, says)
+
+
+PART = ReportPart(
+    sections=lambda _, pictures: [build("Friction", *pictures, brief=False)],
+    figures={"friction": _draw_friction},
+)

@@ -1,37 +1,142 @@
-"""Draw several runs in one corner, as rows of intervals, and as models of one record.
-
-Log odds, what each leaves of each channel, and where it has each unknown.
-"""
+"""Runs over each other: a table, a corner plot, and rows of intervals."""
 
 from __future__ import annotations
 
-import itertools
+import dataclasses
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.ticker import NullLocator
 
-from bayesdrill.analysis.comparison import SURE_LOG_ODDS, OverlayRow, PosteriorSummary, RunSummary
+from bayesdrill.analysis.comparison import MarginalEstimate, OverlayRow, PosteriorSummary
 from bayesdrill.basics.arrays import Array
-from bayesdrill.inference.derived import HDI_PROBABILITY
 from bayesdrill.inference.display_units import DisplayUnits
-from bayesdrill.inference.residual_checks import ResidualSummary
+from bayesdrill.inference.priors import flat_in_logs
 from bayesdrill.report import scales, style
-from bayesdrill.report.pages import (
-    LEVELS,
-    build_page,
-    contours,
-    is_first_column,
-    legend_above,
+from bayesdrill.report.pages import LEVELS, build_page, contours, legend_above
+from bayesdrill.report.section import CREDIBLE, HDI_ENDS, Table, lines_as_csv
+from bayesdrill.report.sections.corner import CornerPage
+from bayesdrill.report.style import Axes, Figure
+
+
+def overlay_shown(row: OverlayRow, units: DisplayUnits) -> OverlayRow:
+    """In the unit that its symbol then has."""
+    factor = units.factor(row.symbol.name)
+    return dataclasses.replace(
+        row,
+        symbol=units.symbol(row.symbol),
+        places=tuple(
+            place
+            and MarginalEstimate(**{k: x / factor for k, x in dataclasses.asdict(place).items()})
+            for place in row.places
+        ),
+        nominal=tuple(None if value is None else value / factor for value in row.nominal),
+    )
+
+
+def in_logs(row: OverlayRow, layers: Sequence[PosteriorSummary]) -> bool:
+    """Whether the prior of the first run that has this unknown is flat in its log."""
+    priors = (
+        layer.problem.posterior.space.priors.get(row.symbol.name)
+        for layer in layers
+        if row.symbol in layer.problem.symbols
+    )
+    return flat_in_logs(next(priors, None))
+
+
+LONGEST = 60  # letters of a setting
+SAID = 3  # unknowns that are farthest apart
+FAR = 0.5  # sds, below which nothing is said of it
+APART = "apart [sd]"
+OVERLAY_READ = (
+    "Mean and sd of each run, in the unit of the first. "
+    f"`{APART}` is the largest difference of two means over the root mean square of their sds. Two "
+    "independent records of one rig are more than 2.8 apart once in twenty times by chance. Runs of one "
+    "record differ by their priors, held values and models."
 )
-from bayesdrill.report.sections.comparison_words import elided, in_logs, overlay_shown
-from bayesdrill.report.sections.corner_figure import CornerPage
+COLUMNS = ("name", "unit", "run", "nominal", "mean", "sd", *HDI_ENDS, "held", "apart")
+
+
+def overlay_csv(layers: Sequence[PosteriorSummary], rows: Sequence[OverlayRow]) -> str:
+    """A line for each unknown and run that has it, SI, all digits; `apart` is of all runs."""
+    lines: list[Sequence[object]] = [COLUMNS]
+    for row in rows:
+        for layer, place, nominal in zip(layers, row.places, row.nominal, strict=True):
+            if place is not None:
+                sd = (place.sd, place.low, place.high)
+                numbers = (nominal, place.mean, *((None,) * 3 if place.fixed else sd))
+                last = ("yes" if place.fixed else "no", row.distance)
+                lines.append((row.symbol.name, row.symbol.unit, layer.name, *numbers, *last))
+    return lines_as_csv(lines)
+
+
+def doubt(layer: PosteriorSummary) -> str:
+    """What its figures carry, and why it must not be believed."""
+    because = "".join(f"\n  - {reason}" for reason in layer.reasons)
+    return f"{layer.name}: {layer.warning}{because}"
+
+
+def overlay_table(layers: Sequence[PosteriorSummary], rows: Sequence[OverlayRow]) -> Table:
+    """Return the table of unknowns, a column for each run."""
+    heads = ("", "unit", "nominal", *(layer.name for layer in layers), APART)
+    lines = []
+    for row in rows:
+        known = [value for value in row.nominal if value is not None]
+        nominal = "" if not known else "differs" if row.agreed is None else f"{row.agreed:.4g}"
+        apart = "" if row.distance is None else f"{row.distance:.2f}"
+        if row.pair is not None and len(layers) > 2:
+            apart += f" ({', '.join(layers[k].name for k in row.pair)})"
+        cells = []
+        for place in row.places:
+            sure = f"\N{PLUS-MINUS SIGN} {place.sd:.2g}" if place and not place.fixed else "held"
+            cells.append("" if place is None else f"{place.mean:.4g} {sure}")
+        lines.append((row.symbol.name, row.symbol.plain_unit, nominal, *cells, apart))
+    return Table(heads, tuple(lines), frozenset(heads[:2])).filled("nominal", APART)
+
+
+def farthest(layers: Sequence[PosteriorSummary], rows: Sequence[OverlayRow]) -> Iterator[str]:
+    """Say which unknowns of two runs are farthest apart."""
+    pairs = [(row.distance, row) for row in rows if row.distance is not None]
+    ordered = sorted(pairs, key=lambda pair: -pair[0])
+    if not ordered:
+        yield "no unknown is shared by two of the runs"
+        return
+    far = [(apart, row) for apart, row in ordered if apart >= FAR]
+    if not far:
+        yield f"nowhere are two of them more than {ordered[0][0]:.2g} sd apart"
+    for apart, row in far[:SAID]:
+        assert row.pair is not None
+        first, other = (layers[k].name for k in row.pair)
+        yield f"{row.symbol.name}: {first} and {other} are {apart:.2g} sd apart"
+
+
+def what_differs(
+    layers: Sequence[PosteriorSummary], differs: dict[str, tuple[str | None, ...]]
+) -> str:
+    """Say in which settings and beliefs the runs differ."""
+    spaces = [layer.problem.posterior.space for layer in layers]
+    unknown = {name for s in spaces for name in (*s.free, *s.fixed, *s.relations)}
+    believed = [name for name in differs if name in unknown]
+    # All channels, and the noise of all of them, in one word.
+    kinds = {"the channel ": "the channels", "the noise of ": "the noise"}
+    others = dict.fromkeys(
+        next((kind for start, kind in kinds.items() if name.startswith(start)), name)
+        for name in differs
+        if name not in unknown
+    )
+    listed = [*([f"what is believed of {', '.join(believed)}"] if believed else []), *others]
+    if not listed:
+        return "record, noise, priors and seed are the same"
+    return f"not the same: {'; '.join(listed)}"
+
+
+def elided(text: str, most: int) -> str:
+    """Without letters of its middle, where it has more than so many: names differ at their ends."""
+    left = most - 3
+    return text if len(text) <= most else f"{text[: left // 2]}...{text[-(left - left // 2) :]}"
+
 
 MAX_NAME_LETTERS = 48  # letters of a name in a legend
 
@@ -63,13 +168,14 @@ RUN_STYLES = (
 )
 
 
-def run_handles(layers: Sequence[PosteriorSummary]) -> list[Line2D]:
-    """Return legend handles: the name of each run, with its warning."""
-    names = [f"{run.name} ({run.warning})" if run.warning else run.name for run in layers]
-    return [
-        Line2D([], [], label=elided(name, MAX_NAME_LETTERS).replace("$", r"\$"), **look.line)
-        for name, look in zip(names, RUN_STYLES, strict=False)
-    ]
+def run_looks(layers: Sequence[PosteriorSummary], *, marked: bool = False) -> dict[str, style.Look]:
+    """Return entries of a legend: the name of each run, with its warning, perhaps with its marker."""
+    looks: dict[str, style.Look] = {}
+    for run, look in zip(layers, RUN_STYLES, strict=False):
+        name = f"{run.name} ({run.warning})" if run.warning else run.name
+        mark = {"marker": look.marker, "markersize": 4, "linestyle": "-"} if marked else {}
+        looks[elided(name, MAX_NAME_LETTERS).replace("$", r"\$")] = look.line | mark
+    return looks
 
 
 CENTRAL_SHARE = 0.998  # of the draws of each run, inside an axis
@@ -104,7 +210,7 @@ def overlay_corner_figure(
             _histograms(page.panels[i, i], row, page.fine)
             for j, column in enumerate(columns[:i]):
                 _contours(page.panels[i, j], column, row, page.fine)
-        page.finish(_corner_handles(layers, columns))
+        page.finish(_corner_looks(layers, columns))
     return page.figure
 
 
@@ -158,22 +264,23 @@ def _contours(panel: Axes, column: _Column, row: _Column, fine: float) -> None:
     style.mark_values(panel, row.scale, row.row.agreed, vertical=True, **marks)
 
 
-def _corner_handles(layers: Sequence[PosteriorSummary], columns: Sequence[_Column]) -> list[Line2D]:
-    handles = run_handles(layers)
+def _corner_looks(
+    layers: Sequence[PosteriorSummary], columns: Sequence[_Column]
+) -> dict[str, style.Look]:
     sides = {c.scale.side(c.row.agreed) for c in columns if c.row.agreed is not None}
-    handles += style.nominal_handles(sides & {0})
     notes = ["histograms: each as high as its panel"]
     if len(columns) > 1:
         inner, outer = (f"{100 * level:.1f} %" for level in LEVELS)
         levels = f"contours: {inner} and {outer} of the draws of a run;"
         notes = [levels, "none where the density is flat", *notes]
-    return handles + [Line2D([], [], linestyle="none", label=note) for note in notes]
+    nominal = style.nominal_looks(sides & {0})
+    return run_looks(layers) | nominal | dict.fromkeys(notes, style.WORDS)
 
 
 INTERVALS_REACH = 1.0  # how far an axis may grow for the nominal value, in widths
 INTERVAL_BAR: dict[str, Any] = {"linewidth": 1.2, "marker": "|", "markersize": 5}
 FIXED_MARKER: dict[str, Any] = {"marker": "x", "markersize": 5, "markeredgewidth": 1.2}
-CREDIBLE = f"narrowest {100 * HDI_PROBABILITY:.0f} % interval"
+NARROWEST = f"narrowest {CREDIBLE} interval"
 RUN_HEIGHT, AXIS_HEIGHT = 0.18, 0.65  # inches: of a run in a panel, and of its axis and margins
 MARGIN = 1.1  # above and below the runs of a panel, in heights of one
 
@@ -182,18 +289,17 @@ def intervals_figure(
     layers: Sequence[PosteriorSummary], rows: Sequence[OverlayRow], display_units: DisplayUnits
 ) -> Figure:
     """Draw intervals of all unknowns, `rows` in SI; a run without one leaves a gap."""
-    scaled_rows = [_scaled(row, layers, display_units) for row in rows]
+    scaled_rows = [scaled_row(row, layers, display_units) for row in rows]
     n = len(layers)
     with style.styled():
         figure, panels = build_page(len(rows), 3, AXIS_HEIGHT + n * RUN_HEIGHT)
         for panel, (row, scale) in zip(panels, scaled_rows, strict=True):
-            _intervals(panel, row, scale, range(n), RUN_STYLES)
-            _below_each_other(panel, n)
-        legend_above(figure, _handles(layers, scaled_rows), handlelength=2.6)
-    return figure
+            draw_intervals(panel, row, scale, range(n), RUN_STYLES)
+            stack_runs(panel, n)
+        return legend_above(figure, _looks(layers, scaled_rows), handlelength=2.6)
 
 
-def _scaled(
+def scaled_row(
     si: OverlayRow, layers: Sequence[PosteriorSummary], display_units: DisplayUnits
 ) -> tuple[OverlayRow, scales.Scale]:
     """Return a row as it is shown, and an axis that holds all its intervals."""
@@ -204,7 +310,7 @@ def _scaled(
     return row, scales.scale(low, high, log=log, margin=0.08)
 
 
-def _intervals(
+def draw_intervals(
     panel: Axes,
     row: OverlayRow,
     scale: scales.Scale,
@@ -230,138 +336,21 @@ def _intervals(
     style.scale_axis(panel.xaxis, scale, scale.label(row.symbol))
 
 
-def _below_each_other(panel: Axes, n: int, names: Sequence[str] | None = None) -> None:
+def stack_runs(panel: Axes, n: int, names: Sequence[str] | None = None) -> None:
+    """Place the runs of a panel below each other, perhaps with their names."""
     panel.set_ylim(-MARGIN, n - 1 + MARGIN)
-    places = np.arange(n, dtype=np.float64)[::-1]
-    style.set_ticks(panel.yaxis, places if names else np.array([]), names)
+    places = range(n - 1, -1, -1)
+    style.set_ticks(panel.yaxis, places if names else (), names)
 
 
-def _handles(
+def _looks(
     layers: Sequence[PosteriorSummary], scaled_rows: Sequence[tuple[OverlayRow, scales.Scale]]
-) -> list[Line2D]:
-    handles = run_handles(layers)
-    for handle, look in zip(handles, RUN_STYLES, strict=False):
-        handle.set(marker=look.marker, markersize=4, linestyle="-")
+) -> dict[str, style.Look]:
     rows = [row for row, _ in scaled_rows]
     sides = {scale.side(row.agreed) for row, scale in scaled_rows if row.agreed is not None}
     if any(row.agreed is None and any(v is not None for v in row.nominal) for row in rows):
         sides.add(0)
-    handles += style.nominal_handles(sides)
+    looks = run_looks(layers, marked=True) | style.nominal_looks(sides)
     if any(estimate is not None and estimate.fixed for row in rows for estimate in row.places):
-        held = {"color": style.DARK, "linestyle": "none", **FIXED_MARKER}
-        handles.append(Line2D([], [], label="held there", **held))
-    return [*handles, Line2D([], [], linestyle="none", label=f"mean and {CREDIBLE}")]
-
-
-FEW_MODELS, MAX_UNKNOWNS = 4, 12  # models of which all is shown, and unknowns
-SCORE_PANELS = 3  # panels that are not of unknowns
-MAX_MODEL_LETTERS = 42  # letters of a name
-MARKS = ("o", "s", "^", "D", "v", "P", "X", "*")  # of channels
-MARK: dict[str, Any] = {"markersize": 4.2, "linestyle": "none"}
-LIMIT: dict[str, Any] = {"color": style.MIDDLE, "linewidth": 0.7, "linestyle": (0, (1, 1.5))}
-READ = (
-    f"the most probable model on top; shaded: odds of 20 to 1 or less; bars: means and {CREDIBLE}s"
-)
-
-
-def comparison_figure(
-    models: Sequence[RunSummary], rows: Sequence[OverlayRow], display_units: DisplayUnits
-) -> Figure:
-    """Draw models, the most probable on top and black; `rows` of unknowns in SI."""
-    order = sorted(range(len(models)), key=lambda k: -models[k].log_z)
-    layers = [model.layer for model in models]
-    # Unknowns that two models share, and of many models half of them; the table has all.
-    least = max(2, len(models) / 2) if len(models) > FEW_MODELS else 2
-    common = [row for row in rows if sum(p is not None and p.sd > 0 for p in row.places) >= least]
-    shared = [_scaled(row, layers, display_units) for row in common[:MAX_UNKNOWNS]]
-    names = [_name(models[k]) for k in order]
-    channels = dict.fromkeys(row.name for model in models for row in model.residuals)
-    marks = dict(zip(channels, itertools.cycle(MARKS), strict=False))
-    with style.styled():
-        height = AXIS_HEIGHT + len(models) * RUN_HEIGHT
-        figure, panels = build_page(SCORE_PANELS + len(shared), 3, height)
-        ordered = [models[k] for k in order]
-        _odds(panels[0], ordered)
-        rms, correlation = "rms of residuals over noise", "their correlation"
-        _residual_panel(panels[1], ordered, marks, lambda row: row.rms, 1.0, rms)
-        _residual_panel(panels[2], ordered, marks, lambda row: row.correlation, 0.0, correlation)
-        looks = [RunStyle(_colour(k), "-", "o", size=3.6) for k in range(len(order))]
-        for panel, (row, scale) in zip(panels[SCORE_PANELS:], shared, strict=True):
-            _intervals(panel, row, scale, order, looks, arrow=False)
-        for panel in panels:
-            side = is_first_column(panel)
-            _below_each_other(panel, len(models), names if side else None)
-            panel.tick_params(axis="y", length=0)
-        figure.supxlabel(READ, fontsize=8.0, color=style.DARK)
-        legend_above(figure, _model_handles(models))
-    return figure
-
-
-def _name(model: RunSummary) -> str:
-    name = elided(model.name, MAX_MODEL_LETTERS)
-    return (name if model.converged else f"{name} *").replace("$", r"\$")
-
-
-def _odds(panel: Axes, models: Sequence[RunSummary]) -> None:
-    """Against the most probable, on an axis that is straight as long as they are not sure."""
-    off = np.array([models[0].log_z - model.log_z for model in models])
-    panel.set_xscale("symlog", linthresh=SURE_LOG_ODDS, linscale=0.8)
-    panel.axvspan(0.0, SURE_LOG_ODDS, **style.CHANCE)
-    for k, (model, x) in enumerate(zip(models, off, strict=True)):
-        y, colour = len(models) - 1 - k, _colour(k)
-        panel.plot([0.0, x], [y, y], color=colour, linewidth=1.4, solid_capstyle="butt")
-        panel.plot([x], [y], marker="o", markersize=4, color=colour, linestyle="none")
-        panel.plot([x - model.evidence.error, x + model.evidence.error], [y, y], color=colour)
-    most = max(1.6 * float(off.max()), 2.0 * SURE_LOG_ODDS)
-    panel.set_xlim(-0.3, most)
-    # Two of three decades at most, so that numbers keep apart.
-    far = [k for k in range(1, 9) if 10.0**k < most][:: 1 + int(np.log10(most) > 3.5)]
-    ticks = np.array([0.0, SURE_LOG_ODDS, *(10.0**k for k in far)])
-    texts = ["0", f"{SURE_LOG_ODDS:.0f}"]
-    texts += [f"{10**k}" if k < 4 else rf"$10^{{{k}}}$" for k in far]
-    style.set_ticks(panel.xaxis, ticks, texts)
-    panel.xaxis.set_minor_locator(NullLocator())
-    panel.set_xlabel("log odds against the best", labelpad=2)
-
-
-def _residual_panel(
-    panel: Axes,
-    models: Sequence[RunSummary],
-    marks: Mapping[str, str],
-    value_of: Callable[[ResidualSummary], float],
-    wanted: float,
-    label: str,
-) -> None:
-    """Of each channel a mark for each model; `wanted`: where noise alone would be."""
-    log = wanted == 1.0
-    least, most = (0.8, 1.25) if log else (-0.1, 0.1)
-    values = [value_of(row) for model in models for row in model.residuals]
-    scale = scales.scale(min(*values, least), max(*values, most), log=log, margin=0.08)
-    panel.axvline(float(scale(wanted)), zorder=1, **LIMIT)
-    for k, model in enumerate(models):
-        for row in model.residuals:
-            look = {**MARK, "marker": marks[row.name], "color": _colour(k)}
-            face = _colour(k) if row.like_noise else "white"
-            x, y = float(scale(value_of(row))), len(models) - 1 - k
-            panel.plot([x], [y], markerfacecolor=face, **look)
-    style.scale_axis(panel.xaxis, scale, label)
-
-
-def _colour(k: int) -> str:
-    return style.BLACK if k == 0 else style.MIDDLE
-
-
-def _model_handles(models: Sequence[RunSummary]) -> list[Line2D]:
-    symbols = {}
-    for model in models:
-        for observation in model.layer.problem.observations:
-            where = " in " + observation.label.replace("$", r"\$") if observation.label else ""
-            for channel in observation.experiment.channels:
-                symbols[channel.name, observation.label] = f"${channel.latex}${where}"
-    look = {**MARK, "color": style.DARK}
-    marks = zip(symbols.values(), itertools.cycle(MARKS), strict=False)
-    return [
-        *(Line2D([], [], marker=mark, label=symbol, **look) for symbol, mark in marks),
-        Line2D([], [], marker="o", markerfacecolor="white", label="not like noise", **look),
-        Line2D([], [], label="nominal value", **style.NOMINAL),
-    ]
+        looks["held there"] = {"color": style.DARK, "linestyle": "none", **FIXED_MARKER}
+    return looks | {f"mean and {NARROWEST}": style.WORDS}

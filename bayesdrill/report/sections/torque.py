@@ -1,25 +1,28 @@
-"""The missing torque in words, as a table, and as data, in the units of the user."""
+"""The missing torque: sentences, a table, a file, and its figure over time."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from functools import partial
 
 import numpy as np
 
 from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy
 from bayesdrill.analysis.latent_torque import TAILS, TorqueEstimate, TorqueRegression
+from bayesdrill.analysis.run_analysis import TorqueSummary
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol
-from bayesdrill.report import section
-from bayesdrill.report.section import Table
-from bayesdrill.report.sections.physics_words import listed, speed_symbol
+from bayesdrill.basics.units import Unit
+from bayesdrill.report import scales, section, style
+from bayesdrill.report.pages import build_page, is_first_column, legend_above
+from bayesdrill.report.scales import time_symbol
+from bayesdrill.report.section import CREDIBLE, Note, Picture, Section, Table, build, listed
+from bayesdrill.report.sections.friction import speed_symbol
+from bayesdrill.report.style import Axes, Figure
+from bayesdrill.report.view import Drawing, ReportContext, ReportPart, for_each_experiment
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.models.roles import ROTARY
-
-if TYPE_CHECKING:
-    from bayesdrill.analysis.run_analysis import TorqueSummary
 
 BINS = 24  # of a panel; each needs some samples
 FEWEST = 5
@@ -234,3 +237,67 @@ def torque_csv(every: Sequence[TorqueEstimate]) -> str | None:
             row = [course.label, t, course.expected[k], sds[k], low[k], high[k]]
             lines.append([*row, *(None if c is None else c[k] for c in columns)])
     return section.lines_as_csv(lines)
+
+
+TORQUE_POINTS = 1200  # of a line over time, and dots of a panel
+
+
+def torque_figure(torque: TorqueEstimate, width: float = scales.DOUBLE, *, clock: Unit) -> Figure:
+    """Draw a missing torque over time, and against each thing that it may follow."""
+    band, against = torque.band, list(regressors(torque))
+    y = scales.scale(float(band[0].min()), float(band[1].max()), margin=0.04)
+    with style.styled(width):
+        figure, (panel, *panels) = build_page(len(against), 2, 2.0, width, narrow=1, first=2.0)
+        x = scales.scale(float(torque.t[0] / clock.factor), float(torque.t[-1] / clock.factor))
+        some = style.thin(len(torque.t), TORQUE_POINTS)
+        t = x(torque.t[some] / clock.factor)
+        panel.fill_between(t, *y(band[:, some]), **style.BAND)
+        panel.plot(t, y(torque.expected[some]), **style.BLACK_LINE)
+        _finish(panel, x, y, time_symbol(clock))
+        for panel, regressor in zip(panels, against, strict=True):
+            x = scales.scale(
+                float(regressor.values.min()), float(regressor.values.max()), margin=0.02
+            )
+            some = style.thin(len(regressor.values), TORQUE_POINTS)
+            panel.plot(x(regressor.values[some]), y(torque.expected[some]), **style.DOTS)
+            panel.fill_between(x(regressor.centres), *y(regressor.band), zorder=1, **style.BAND)
+            panel.plot(x(regressor.centres), y(regressor.means), zorder=3, **style.BLACK_LINE)
+            _finish(panel, x, y, regressor.label)
+            if not is_first_column(panel):
+                panel.set_ylabel("")
+                panel.tick_params(labelleft=False)
+        samples = {**style.DOTS, "markersize": 3, "rasterized": False}
+        looks = {"mean": style.BLACK_LINE, f"{CREDIBLE} posterior": style.BAND}
+        return legend_above(figure, looks | {"samples": samples})
+
+
+def _finish(panel: Axes, x: scales.Scale, y: scales.Scale, across: Symbol) -> None:
+    style.scale_axis(panel.xaxis, x, f"{across.meaning}, {x.label(across)}", 5)
+    style.scale_axis(panel.yaxis, y, y.label(TORQUE, "\n"))
+    if y.low < 0.0 < y.high:
+        panel.axhline(float(y(0.0)), color=style.MIDDLE, linewidth=0.5, zorder=0)
+    if x.low < 0.0 < x.high:
+        panel.axvline(float(x(0.0)), color=style.MIDDLE, linewidth=0.5, zorder=0)
+
+
+def _draw_torque(run: ReportContext) -> tuple[Drawing, ...]:
+    shown = ((torque.label, torque) for torque in run.chain.torque_estimates)
+    figure = partial(torque_figure, clock=run.problem.clock)
+    says = "The missing torque over time, and against what the rig did: speeds, angle, inputs."
+    return for_each_experiment(figure, shown, run.width, says)
+
+
+def _sections(run: ReportContext, pictures: Sequence[Picture]) -> Iterator[Section]:
+    for k, torque in enumerate(run.analysis.torques):
+        where = f" of {torque.label}" if torque.label else ""
+        parts = (torque_sentence, law_sentences, strayed)
+        said = "\n".join(filter(None, (words_of(torque, run.problem.model) for words_of in parts)))
+        picture = pictures[k : k + 1]
+        yield build(f"The missing torque{where}", said, torque_table(torque), Note(READ), *picture)
+
+
+PART = ReportPart(
+    sections=_sections,
+    figures={"torque": _draw_torque},
+    files={"torque.csv": lambda run: torque_csv(run.chain.torque_estimates)},
+)

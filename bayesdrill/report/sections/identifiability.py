@@ -1,36 +1,36 @@
-"""What a record can and cannot say, in sentences and tables."""
+"""What a record can show: sentences, tables, profiles, and the spectrum of what is known."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from typing import Any
 
-from bayesdrill.analysis.identifiability.profile import Profile
+import numpy as np
+
+from bayesdrill.analysis.identifiability.profile import THRESHOLD, Profile
 from bayesdrill.analysis.identifiability.structure import Exponents
-from bayesdrill.analysis.identifiability.study import (
-    IdentifiabilityStudy,
-    KnownProduct,
-    StudyPoint,
-)
+from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy, KnownProduct, StudyPoint
 from bayesdrill.basics.symbols import Symbol, fraction
 from bayesdrill.inference.posterior import Problem
-from bayesdrill.report.section import aligned
-from bayesdrill.report.sections import physics_words, torque_words
-from bayesdrill.report.sections.physics_words import listed
-from bayesdrill.report.words import unbelievable
+from bayesdrill.report import scales, style
+from bayesdrill.report.doubts import unbelievable
+from bayesdrill.report.pages import build_page, is_first_column, legend_above
+from bayesdrill.report.section import Picture, Plain, Section, aligned, build, listed
+from bayesdrill.report.sections.friction import friction_sentences
+from bayesdrill.report.sections.torque import stand_ins
+from bayesdrill.report.style import Axes, Figure
+from bayesdrill.report.view import ReportContext, ReportPart
 from bayesdrill.rig.models.linear import Model
 
 MOST_REMEDIES = 8
 WELL = 0.5  # sd of the log, from the record alone, above which an unknown is not known well
-
 SHAPES = {
     "bounded": "the record bounds it on both sides",
     "one-sided": "the record bounds it on one side only; the prior does the rest",
     "flat": "any value of its prior fits as well: the record does not determine it",
     "at the bound": "the best fit lies at the end of its prior",
 }
-
-
 # Of a parameter without a trace of its own: beyond such a limit the others would leave their priors.
 THROUGH_OTHERS = "by the ends of the others' priors; the record alone does not determine it"
 
@@ -42,7 +42,7 @@ def product(names: Sequence[str], exponents: Sequence[float]) -> str:
     return fraction(above, below, " ")
 
 
-def study_point(point: StudyPoint, problem: Problem) -> str:
+def describe_study_point(point: StudyPoint, problem: Problem) -> str:
     """Return why a record is not studied at the start; empty where the rig moves there."""
     if not point.still:
         return ""
@@ -61,12 +61,12 @@ def study_point(point: StudyPoint, problem: Problem) -> str:
     )
 
 
-def full(study: IdentifiabilityStudy, rig: Model, reasons: Sequence[str] = ()) -> str:
+def describe_study(study: IdentifiabilityStudy, rig: Model, reasons: Sequence[str] = ()) -> str:
     """All that `identify` prints; `reasons`: why a fit, where it is at one, must not be believed."""
     parts = [unbelievable(reasons, converged=False), structure(study), dependence_sentences(study)]
     parts += [] if reasons else [knowledge(study), nuisances(study)]
-    parts += [physics_words.friction_sentences(study.frictions, rig)]
-    parts += [torque_words.stand_ins(study, rig), remedies(study)]
+    parts += [friction_sentences(study.frictions, rig)]
+    parts += [stand_ins(study, rig), remedies(study)]
     return "\n\n".join(part for part in parts if part).rstrip()
 
 
@@ -202,7 +202,7 @@ def remedies(study: IdentifiabilityStudy) -> str:
     return "\n".join(lines)
 
 
-def brief(study: IdentifiabilityStudy) -> str:
+def summarise_study(study: IdentifiabilityStudy) -> str:
     """For the start of a run: the symmetries, or that there are none, and where to read on."""
     symmetries, rests = _symmetries(study), dependence_sentences(study).splitlines()
     if not symmetries:
@@ -236,7 +236,7 @@ def _of_each(study: IdentifiabilityStudy) -> str:
     return "; ".join(parts)
 
 
-def profiles(
+def describe_profiles(
     profiles: Sequence[Profile], study: IdentifiabilityStudy, shown: Sequence[Symbol]
 ) -> str:
     """One line each, in the units of the symbols `shown`."""
@@ -283,3 +283,159 @@ def _power(name: str, exponent: float) -> str:
 
 def _count(n: int, text: str, many: str) -> str:
     return f"{n} {text if n == 1 else many}"
+
+
+LETTER = 0.04  # of a number at an axis, in widths of a panel
+HIGHEST = 8.0  # of the loss that is shown
+MARGIN = 0.04  # of the width of a panel, so that walls can be seen
+
+
+def profile_figure(
+    profiles: Sequence[Profile],
+    symbols: Mapping[str, Symbol],
+    nominal: Mapping[str, float],
+    logs: Collection[str] = (),
+    width: float = scales.DOUBLE,
+) -> Figure:
+    """Draw the loss of each parameter, and where it passes 95 %; axes in `logs` are logarithmic."""
+    with style.styled(width):
+        width = width if len(profiles) > 1 else scales.SINGLE
+        figure, panels = build_page(len(profiles), 3, 1.75, width)
+        sides = set()
+        for panel, profile in zip(panels, profiles, strict=True):
+            known, log = nominal.get(profile.name), profile.name in logs
+            sides.add(_panel(panel, profile, symbols[profile.name], known, log=log))
+            side = is_first_column(panel)
+            panel.tick_params(labelleft=side)
+            panel.set_ylabel("loss of log likelihood" if side else "")
+        return legend_above(figure, {"within 95 %": style.FAINT_BAND, **style.nominal_looks(sides)})
+
+
+def _panel(
+    panel: Axes, profile: Profile, symbol: Symbol, nominal: float | None, *, log: bool
+) -> int:
+    """The side on which the nominal value is off the axis: -1, 0 or 1."""
+    near = profile.loss <= HIGHEST
+    first, last = (int(k) for k in np.flatnonzero(near)[[0, -1]])
+    shown = slice(max(first - 1, 0), min(last + 2, len(near)))
+    values, loss = profile.values[shown], profile.loss[shown]
+    scale = scales.scale(_edge(values, loss, 0), _edge(values, loss, -1), log=log, margin=MARGIN)
+    fine = np.geomspace(values[0], values[-1], 400)
+    from scipy.interpolate import PchipInterpolator  # late: `identify` alone draws it
+
+    line = PchipInterpolator(np.log(values), loss)(np.log(fine))
+    panel.plot(scale(fine), line, color=style.BLACK)
+    panel.plot(scale(values), loss, color=style.BLACK, marker="o", markersize=2, linestyle="none")
+    panel.axhline(THRESHOLD, color=style.MIDDLE, linewidth=0.7, linestyle=(0, (1, 1)))
+    left = values[0] if profile.low is None else profile.low
+    right = values[-1] if profile.high is None else profile.high
+    panel.axvspan(float(scale(left)), float(scale(right)), color=style.FAINT, zorder=-2)
+    side = style.mark_values(panel, scale, nominal, arrow=False)
+    panel.set_xlim(scale.low, scale.high)
+    panel.set_ylim(-0.03 * HIGHEST, HIGHEST)
+    style.set_ticks(panel.yaxis, (0.0, 2.0, 4.0, 6.0), ["0", "2", "4", "6"])
+    panel.set_xlabel(scale.label(symbol), labelpad=1)
+    style.set_numbers(panel.xaxis, scale, 3, clear=0.08, letter=LETTER)
+    style.corner_text(panel, profile.shape, "right", fontsize=style.letters("legend.fontsize"))
+    return side
+
+
+def _edge(values: np.ndarray, loss: np.ndarray, end: int) -> float:
+    inner = 1 if end == 0 else -2
+    if len(values) < 2 or loss[end] <= HIGHEST:
+        return float(values[end])
+    share = (HIGHEST - loss[inner]) / (loss[end] - loss[inner])
+    return float(values[inner] + np.sqrt(max(share, 0.0)) * (values[end] - values[inner]))
+
+
+BAR, NARROW_BAR = 0.27, 0.42  # inches; in one column of a page labels stand above their bars
+LEAST_EXPONENT = 0.15  # smaller ones are left out of a label
+BEYOND = 30.0  # how far the axis reaches past the largest finite sd
+
+
+def spectrum_figure(
+    study: IdentifiabilityStudy, latex: Mapping[str, str], width: float = scales.DOUBLE
+) -> Figure:
+    """Draw a bar for each direction, its length the Cramer-Rao bound on a logarithmic axis."""
+    directions = study.information.directions
+    wide, n = width >= scales.DOUBLE, len(directions)
+    bar = BAR if wide else NARROW_BAR
+    labels = [_label(study.names, d.exponents, latex) for d in directions]
+    blind = {"leaves no trace in the record": BLIND}
+    looks = {"prior": style.PRIOR_LINE} | (
+        blind if np.isinf([d.sd for d in directions]).any() else {}
+    )
+    with style.styled(width):
+        figure, (panel,) = build_page(1, 1, 0.5 + n * bar, width)
+        _bars(panel, study, 0.62 * BAR / bar)
+        panel.set_yticks(np.arange(n), labels if wide else [""] * n)
+        panel.tick_params(axis="y", length=0)
+        panel.set_ylim(n - 0.4, -0.6 if wide else -0.8)
+        if not wide:
+            across = panel.get_yaxis_transform()
+            for position, label in enumerate(labels):
+                panel.text(0.01, position - 0.24, label, transform=across, va="bottom")
+        return legend_above(figure, looks)
+
+
+def _bars(panel: Axes, study: IdentifiabilityStudy, thick: float) -> None:
+    bounds = [direction.sd for direction in study.information.directions]
+    sd = 100.0 * np.array(bounds)
+    finite = np.isfinite(sd)
+    prior = 100.0 * float(np.median([known.prior_sd for known in study.parameters]))
+    largest = max(sd[finite].max(initial=prior), prior) * BEYOND
+    smallest = min(sd[finite].min(initial=prior), prior) / BEYOND
+    x = scales.Scale(0.0, 0, math.log10(smallest), math.log10(largest), log=True)
+    places = np.arange(len(sd))
+    inside = finite & (sd < prior)
+    ends = np.where(finite, x(sd), x.high)
+    for mask, look in ((inside, KNOWN), (finite & ~inside, UNKNOWN), (~finite, BLIND)):
+        panel.barh(places[mask], ends[mask] - x.low, height=thick, left=x.low, **look)
+    panel.axvline(float(x(prior)), **style.PRIOR_LINE)
+    box = {"facecolor": "white", "edgecolor": "none", "pad": 0.6}
+    size = 0.94 * style.letters("legend.fontsize")
+    text: dict[str, Any] = {"va": "center", "fontsize": size, "bbox": box}
+    for k in places[finite]:
+        at = (ends[k], k)
+        panel.annotate(percent(bounds[k]), at, (3, 0), textcoords="offset points", **text)
+    label = "relative standard deviation of the product, record alone [%]"
+    style.scale_axis(panel.xaxis, x, label, 8)
+
+
+KNOWN: dict[str, Any] = {"facecolor": style.DARK}
+UNKNOWN: dict[str, Any] = {"facecolor": style.LIGHT, "edgecolor": style.DARK, "linewidth": 0.5}
+BLIND: dict[str, Any] = {**style.HATCHED, "facecolor": "white", "linewidth": 0.5, "hatch": "//////"}
+
+
+def _label(names: Sequence[str], exponents: Sequence[float], latex: Mapping[str, str]) -> str:
+    parts = []
+    for name, exponent in zip(names, exponents, strict=True):
+        if abs(exponent) >= LEAST_EXPONENT:
+            rounded = f"{exponent:.1f}".removesuffix(".0")
+            power = "" if rounded == "1" else f"^{{{rounded}}}"
+            parts.append(f"{{{latex[name]}}}{power}")
+    return "$" + r"\,".join(parts) + "$"
+
+
+NO_FINDING = "nothing found: energy, poles and sampling are as in a real rig"
+
+
+def _sections(run: ReportContext, _: Sequence[Picture]) -> Iterator[Section]:
+    judged = run.analysis.judged
+    if judged is None:
+        return
+    study, records = judged.study, len(run.problem.observations)
+    known = () if run.reasons else (knowledge,)
+    parts = (words_of(study) for words_of in (structure, dependence_sentences, *known))
+    yield build(
+        f"What {'this record' if records == 1 else 'these records'} can show, at the MAP",
+        Plain("\n\n".join(filter(None, parts))),
+        friction_sentences(study.frictions, run.problem.model),
+        stand_ins(study, run.problem.model),
+        brief=False,
+    )
+    physical = "\n".join(judged.findings) or NO_FINDING
+    yield build("Physical consistency of the posterior", physical, brief=False)
+
+
+PART = ReportPart(sections=_sections)

@@ -24,7 +24,7 @@ from support.figure_checks import (
 
 from bayesdrill.inference.priors import LogUniform, Prior, Uniform
 from bayesdrill.report import scales, style
-from bayesdrill.report.sections.corner_figure import corner_figure
+from bayesdrill.report.sections.corner import corner_figure
 
 NINE = tuple(range(9))
 PAIR = (SYMBOLS[0], SYMBOLS[6])  # j_m and k_s

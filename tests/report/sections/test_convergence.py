@@ -14,11 +14,7 @@ from support.case_tables import for_each
 from support.figure_checks import SYMBOLS, TABLE, displayed, drawn, legend_texts, si, xy
 from support.figure_contexts import chains, ranks, trace, trace_of
 
-from bayesdrill.report.sections.convergence_figure import (
-    STRETCHES,
-    autocorrelation_figure,
-    trace_figure,
-)
+from bayesdrill.report.sections.convergence import STRETCHES, autocorrelation_figure, trace_figure
 
 
 def medians(figure: Figure, panel: int) -> list[Line2D]:

@@ -1,17 +1,12 @@
-"""Draw the walkers: step by step, their autocorrelation, and the ensembles' ranks."""
+"""How the searches for the MAP and the walkers went."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
-from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from bayesdrill.analysis.diagnostics import (
@@ -24,18 +19,167 @@ from bayesdrill.analysis.diagnostics import (
 from bayesdrill.basics import seeds
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol
-from bayesdrill.inference.display_units import DisplayedUnknowns
+from bayesdrill.inference.display_units import DisplayedUnknowns, DisplayUnits
 from bayesdrill.inference.priors import Prior, flat_in_logs
 from bayesdrill.report import scales, style
 from bayesdrill.report.pages import build_page, difference_panel, label_outside, legend_above
-from bayesdrill.report.view import Drawing, ReportContext
+from bayesdrill.report.section import Note, Picture, Section, build
+from bayesdrill.report.style import Axes, Figure
+from bayesdrill.report.view import Drawing, ReportContext, ReportPart
 from bayesdrill.sampling.convergence import SOKAL_WINDOW, autocorrelation
+from bayesdrill.sampling.ensembles import SamplingResult
+from bayesdrill.sampling.mode_search import SAME_POINT, Mode
+
+
+def maxima(mode: Mode, weights: NDArray[np.float64] | None, units: DisplayUnits) -> str:
+    """Say where the maxima are, and that they hold the shares `weights (M,)`; empty for one."""
+    if not mode.others or weights is None:
+        return ""
+    names = [
+        name
+        for name, x in mode.values.items()
+        if any(_apart(other.values[name], x) for other in mode.others)
+    ][:MOST_NAMED]
+    if not names:
+        shares = ", ".join(f"{weight:.1%}" for weight in weights)
+        return (
+            f"{len(weights)} maxima of the posterior, within {SAME_POINT:.0%} of each other in every "
+            f"unknown, between which the walkers pass: {shares} of the draws belong to them"
+        )
+    lines = [f"{len(weights)} maxima of the posterior, between which the walkers pass:"]
+    order = np.argsort(-weights, kind="stable")
+    for k in order[:MOST_LISTED]:
+        values = mode.maxima[k].values
+        places = ", ".join(f"{name} {units.format_value(name, values[name])}" for name in names)
+        lines.append(f"  {weights[k]:.1%} of the draws belong to the one at {places}")
+    if len(rest := order[MOST_LISTED:]):
+        lines.append(f"  {weights[rest].sum():.1%} of the draws belong to the other {len(rest)}")
+    return "\n".join(lines)
+
+
+DIAGNOSTICS = (
+    "R-hat compares the independent ensembles with each other: it is 1 where they have forgotten where "
+    "they started. An autocorrelation time is the number of steps that one fresh draw costs. Effective "
+    "draws are the number of fresh ones: a mean is known to the sd over their square root. Acceptance "
+    "is the share of proposed steps that were taken."
+)
+MOST_NAMED, MOST_LISTED = 4, 6  # unknowns of a maximum elsewhere, and maxima
+
+
+def _apart(value: float, other: float) -> bool:
+    return abs(value - other) > SAME_POINT * abs(other)
+
+
+def describe_map(mode: Mode, units: DisplayUnits) -> str:
+    """How the searches for the MAP went."""
+    n, same = len(mode.searches), len(mode.highest)
+    lines = [
+        f"MAP: log posterior {mode.log_posterior:.2f}; {same} of {n} searches reached it within "
+        f"{mode.tolerance:.0e}"
+    ]
+    if mode.wandering:
+        lines.append(
+            f"     they ended more than {100 * SAME_POINT:g} % apart in {', '.join(mode.wandering)}: "
+            "the posterior is flat there"
+        )
+    elif same == 0:
+        lines.append(
+            "     it was reached from a point of the prior, or from around another maximum; give "
+            "map.starts or map.evaluations more"
+        )
+    elif same < 2 and n > 1:
+        lines.append("     no second search confirms it; give map.starts or map.evaluations more")
+    for other in mode.others[:MOST_LISTED]:
+        moved = {n: abs(x - other.values[n]) / max(abs(x), 1e-300) for n, x in mode.values.items()}
+        apart = [name for name, x in other.values.items() if _apart(x, mode.values[name])]
+        apart = apart or [max(moved, key=moved.__getitem__)]
+        places = ", ".join(
+            f"{name} {units.format_value(name, other.values[name])}" for name in apart[:MOST_NAMED]
+        )
+        lower = mode.log_posterior - other.log_posterior
+        height = f"{lower:.3g} lower" if lower > mode.tolerance else "as high"
+        lines.append(
+            f"     another maximum, {height}: {places}"
+            + (", ..." if len(apart) > MOST_NAMED else "")
+        )
+    if rest := mode.others[MOST_LISTED:]:
+        lowest = mode.log_posterior - rest[-1].log_posterior
+        lines.append(f"     and {len(rest)} more, at most {lowest:.3g} lower")
+    lines.append(
+        f"     gradient: a Newton step would raise the log posterior by {mode.gain:.1g}"
+        + (f"; at the bound of its prior: {', '.join(mode.at_bound)}" if mode.at_bound else "")
+    )
+    return "\n".join(lines)
+
+
+def describe_searches(mode: Mode) -> str:
+    """Return how the searches for the MAP went, in one line, and what is to be known of it."""
+    n, same = len(mode.searches), len(mode.highest)
+    said = f"MAP: {same} of {n} searches reached the same maximum"
+    if not same:
+        said = "MAP: draws from the priors led higher than the searches from the starts"
+    if same < 2 and n > 1:
+        said += "; no second one confirms it (more: map.starts, map.evaluations)"
+    if mode.others:
+        said += f"; {len(mode.others)} other maxima were found"
+    if mode.at_bound:
+        said += f"; at an end of their priors: {', '.join(mode.at_bound)}"
+    return said
+
+
+def describe_sampling(sampled: SamplingResult) -> str:
+    """Return in one line whether the ensembles converged; more where they did not."""
+    c = sampled.convergence
+    if not c.converged:
+        return describe_convergence(sampled)
+    n_ensembles, _, n_walkers, _ = sampled.theta.shape
+    return (
+        f"sampling: converged after {c.steps} steps of {n_ensembles} x {n_walkers} walkers (R-hat at "
+        f"most {c.r_hat.max():.4f}, at least {c.ess_bulk.min():.0f} effective draws)"
+    )
+
+
+def describe_convergence(sampled: SamplingResult) -> str:
+    """Whether the ensembles may be believed."""
+    c = sampled.convergence
+    n_ensembles, _, n_walkers, _ = sampled.theta.shape
+    lines = [
+        f"{n_ensembles} ensembles of {n_walkers} walkers, {c.steps} steps, of which the first "
+        f"{c.burn_in} are dropped ({c.burn_in_rule})",
+        f"R-hat at most {c.r_hat.max():.4f}, {c.n_tau:.0f} autocorrelation times of "
+        f"{c.tau.max():.0f} steps, at least {c.ess_bulk.min():.0f} effective draws, "
+        f"acceptance {sampled.acceptance.mean():.2f}",
+    ]
+    if sampled.failures:
+        lines.append(f"{sampled.failures} proposals had no finite response and were refused")
+    if (check := sampled.compression) is not None:
+        exact = f" {check.exact} of these draws needed all samples." if check.exact else ""
+        lines.append(
+            f"The record of {check.samples} samples was compressed into {check.functions} functions. "
+            f"For {check.draws} draws the log likelihood differs from the exact one by at most "
+            f"{check.difference:.1g}.{exact}"
+        )
+    if c.converged:
+        lines.append("converged: all targets are met")
+    else:
+        lines.append("NOT CONVERGED, do not use these numbers:")
+        lines += [f"  - {reason}" for reason in c.reasons]
+        if c.enough is not None:
+            lines.append(
+                f"  only length is missing: about {c.enough} steps should do. Raise sampler.max_steps "
+                "to that in the config, and go on with --resume."
+            )
+        lines.append(
+            f"  {c.slowest} moves slowest. Fewer steps do if you hold it, give its prior nearer ends, "
+            "or add what `bayesdrill identify` proposes. figures/trace shows the walkers."
+        )
+    return "\n".join(lines)
+
 
 STEPS = 300  # drawn at most
 QUANTILES = (0.05, 0.5, 0.95)  # of the walkers
 EXCURSION = 1.0  # how far burn-in may stretch an axis, in widths of what comes after it
 REACH = 0.5  # and how far the nominal value may
-
 # Of the ensembles: greys, widths and dashes, each apart from the next in print.
 LOOKS: tuple[tuple[str, float, Any], ...] = (
     ("0.0", 0.9, "-"),
@@ -48,14 +192,7 @@ LOOKS: tuple[tuple[str, float, Any], ...] = (
 THIN = 0.8  # lines of all ensembles in a small panel
 STRETCHES = 45  # over which a median is averaged: in a jagged line no dashes are seen
 MARKS = 4  # numbers in a panel, of the ensembles on their medians
-MARK: dict[str, Any] = {
-    "linestyle": "none",
-    "marker": "o",
-    "markersize": 6.5,
-    "markeredgewidth": 0.5,
-}
-
-
+MARK = style.fix_look(linestyle="none", marker="o", markersize=6.5, markeredgewidth=0.5)
 BURN_IN: dict[str, Any] = {**style.HATCHED, "hatch": "////"}
 BANDS = 0.24  # opacity of all bands together
 
@@ -76,16 +213,13 @@ def trace_figure(
     ]
     sides = {s.side(value) for s, value in zip(vertical, known, strict=True) if value is not None}
     with style.styled(width):
-        handles = [
-            *(
-                Line2D([], [], label=f"ensemble {k + 1}, median", **ensemble_line(k))
-                for k in range(n_ensembles)
-            ),
-            Patch(color=style.LIGHT, linewidth=0, label="5 % to 95 % of the walkers"),
-            Patch(label=f"burn-in: {burn_in} steps dropped", **BURN_IN),
-            *style.nominal_handles(sides, marker="^"),
-            Line2D([], [], label="MAP", **style.MAP_LINE),
-        ]
+        looks = {
+            **{f"ensemble {k + 1}, median": ensemble_line(k) for k in range(n_ensembles)},
+            "5 % to 95 % of the walkers": style.BAND,
+            f"burn-in: {burn_in} steps dropped": BURN_IN,
+            **style.nominal_looks(sides, "^"),
+            "MAP": style.MAP_LINE,
+        }
         columns = 2 if n in (2, 4) else 3
         page_width = width if n > 1 or small else 1.3 * scales.SINGLE
         figure, panels = build_page(n, columns, 1.4, page_width)
@@ -98,8 +232,7 @@ def trace_figure(
             _step_axis(panel, n_steps)
             style.scale_axis(panel.yaxis, vertical[d], vertical[d].label(symbol, "\n"))
         label_outside(panels, "step", "", share_y=False)
-        legend_above(figure, handles, handlelength=2.8)
-    return figure
+        return legend_above(figure, looks, handlelength=2.8)
 
 
 def _scale(
@@ -123,11 +256,8 @@ def ensemble_line(ensemble: int, width: float | None = None) -> dict[str, Any]:
     return {"color": colour, "linestyle": dashes, "linewidth": width or line_width}
 
 
-def _thin_handles(n_ensembles: int) -> list[Any]:
-    return [
-        Line2D([], [], label=f"ensemble {k + 1}", **ensemble_line(k, THIN))
-        for k in range(n_ensembles)
-    ]
+def _thin_looks(n_ensembles: int) -> dict[str, style.Look]:
+    return {f"ensemble {k + 1}": ensemble_line(k, THIN) for k in range(n_ensembles)}
 
 
 def _ensembles(panel: Axes, steps: NDArray[np.intp], bands: Array) -> None:
@@ -158,13 +288,12 @@ def _number(panel: Axes, ensemble: int, n: int, x: Array, y: Array) -> None:
 
 def _step_axis(panel: Axes, n: int, most: int = 3) -> None:
     panel.set_xlim(0, max(n - 1, 1))
-    panel.xaxis.set_major_locator(MaxNLocator(most, integer=True, prune="upper"))
+    panel.locator_params("x", nbins=most, integer=True, prune="upper")
     panel.xaxis.set_major_formatter(lambda step, _: f"{step:.0f}")
 
 
 BEYOND = 2.0  # windows, the longest of which are shown
 TAU: dict[str, Any] = {"color": style.BLACK, "linestyle": (0, (4, 2)), "linewidth": 0.8}
-SUMMED: dict[str, Any] = {"color": style.FAINT, "linewidth": 0}
 
 
 def autocorrelation_figure(
@@ -177,26 +306,22 @@ def autocorrelation_figure(
     low = min(0.0, float(min(rho.min() for rho in each)))
     wide = width >= scales.DOUBLE
     with style.styled(width):
-        handles = [
-            *_thin_handles(len(each)),
-            Line2D([], [], label=r"time $\tau$", **TAU),
-            Patch(label=rf"lags summed up for $\tau$ ({SOKAL_WINDOW:g} $\tau$)", **SUMMED),
-        ]
+        summed = rf"lags summed up for $\tau$ ({SOKAL_WINDOW:g} $\tau$)"
+        looks = {**_thin_looks(len(each)), r"time $\tau$": TAU, summed: style.FAINT_BAND}
         figure, panels = build_page(len(symbols), 3, 1.25, width)
         for d, (panel, symbol) in enumerate(zip(panels, symbols, strict=True)):
-            panel.axvspan(0, float(result.window[d]), zorder=0, **SUMMED)
+            panel.axvspan(0, float(result.window[d]), zorder=0, **style.FAINT_BAND)
             panel.axhline(0.0, color=style.MIDDLE, linewidth=0.5, zorder=1)
             panel.axvline(float(result.tau[d]), zorder=2, **TAU)
             for k, rho in enumerate(each):
                 panel.plot(np.arange(len(rho)), rho[:, d], zorder=3, **ensemble_line(k, THIN))
             _step_axis(panel, lags, 4)
             panel.set_ylim(1.15 * low - 0.06, 1.3)
-            style.set_ticks(panel.yaxis, np.array([0.0, 0.5, 1.0]), ["0", "0.5", "1"])
+            style.set_ticks(panel.yaxis, (0.0, 0.5, 1.0), ["0", "0.5", "1"])
             text = rf"${symbol.latex}$: $\tau = {result.tau[d]:.3g}$" + " steps" * wide
             style.corner_text(panel, text, "right")
         label_outside(panels, "lag [steps]", "autocorrelation")
-        legend_above(figure, handles)
-    return figure
+        return legend_above(figure, looks)
 
 
 def rank_figure(
@@ -207,9 +332,9 @@ def rank_figure(
     places = np.pad(SHARES, 1, constant_values=(0, 1))
     with style.styled(width):
         chance = f"{100 * (1 - FALSE_ALARM):g} % of chance, together"
-        handles = [*_thin_handles(len(ranks[0].holds)), Patch(label=chance, **style.CHANCE)]
+        looks = {**_thin_looks(len(ranks[0].holds)), chance: style.CHANCE}
         if not all(np.all(histogram.holds) for histogram in ranks):
-            handles.append(Line2D([], [], label="leaves the band", **style.OUTSIDE))
+            looks["leaves the band"] = style.OUTSIDE
         figure, panels = build_page(len(ranks), 3, 1.35, width)
         for panel, histogram, symbol in zip(panels, ranks, symbols, strict=True):
             room = np.pad(100 * histogram.room / histogram.draws, 1)
@@ -221,19 +346,16 @@ def rank_figure(
                 panel.plot(places, line, zorder=2 if holds else 3, **look)
             style.corner_text(panel, f"${symbol.latex}$")
         label_outside(panels, "rank, as a share", "ECDF difference [%]")
-        legend_above(figure, handles)
-    return figure
+        return legend_above(figure, looks)
 
 
-def draw_trace(run: ReportContext) -> Drawing:
-    """Return the drawing of traces."""
+def _draw_trace(run: ReportContext) -> Drawing:
     shown, theta = run.shown(run.config.output.parameters), run.sampled.theta
     given = (shown.select(theta), shown, run.sampled.convergence.burn_in, run.width)
     return Drawing(trace_figure, given, "What the walkers of each ensemble did, step by step.")
 
 
-def draw_rank(run: ReportContext) -> Drawing:
-    """Return the drawing of ranks, of two or more ensembles."""
+def _draw_rank(run: ReportContext) -> Drawing:
     c = run.sampled.convergence
     draws = independent_draws(run.sampled.theta, c.burn_in, float(c.tau.max()))
     histograms = rank_histograms(draws, seeds.stream(run.config.seed, "rank"))
@@ -241,8 +363,19 @@ def draw_rank(run: ReportContext) -> Drawing:
     return Drawing(rank_figure, (histograms, run.problem.symbols, run.width), says)
 
 
-def draw_autocorrelation(run: ReportContext) -> Drawing:
-    """Return the drawing of autocorrelations."""
+def _draw_autocorrelation(run: ReportContext) -> Drawing:
     after_burn_in = run.sampled.theta[:, run.sampled.convergence.burn_in :]
     says = "How long the walkers remember: autocorrelation, its time and its window."
     return Drawing(autocorrelation_figure, (after_burn_in, run.problem.symbols, run.width), says)
+
+
+def _sections(run: ReportContext, pictures: Sequence[Picture]) -> Iterator[Section]:
+    yield build("Maximum of the posterior (MAP)", describe_map(run.mode, run.units), brief=False)
+    said = describe_convergence(run.sampled)
+    yield build("Convergence", said, Note(DIAGNOSTICS), *pictures, brief=False)
+
+
+PART = ReportPart(
+    sections=_sections,
+    figures={"trace": _draw_trace, "rank": _draw_rank, "autocorrelation": _draw_autocorrelation},
+)

@@ -8,7 +8,7 @@ import dataclasses
 from support.linear_study import R_M, draws_of, verdict, words
 
 from bayesdrill.basics.symbols import PARAMETERS
-from bayesdrill.report.sections.verdict_words import verdict_csv, verdict_sentences
+from bayesdrill.report.sections.nominal import verdict_csv, verdict_sentences
 from bayesdrill.tasks.run_entries import verdict_data
 
 

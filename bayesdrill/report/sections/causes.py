@@ -9,8 +9,9 @@ import numpy as np
 
 from bayesdrill.analysis.causes import Cause, Causes, EquivalentExplanation, FittedValue
 from bayesdrill.analysis.edits import lacks
-from bayesdrill.report.section import Plain, Sentences, Table, aligned
-from bayesdrill.report.sections.fit_words import percent
+from bayesdrill.report.doubts import percent
+from bayesdrill.report.section import Plain, Sentences, Table, aligned, build
+from bayesdrill.report.view import ReportPart
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.models.roles import Roles
 
@@ -32,7 +33,7 @@ LOOK = (
 )
 
 
-def explained(causes: Causes | None) -> str:
+def describe_causes(causes: Causes | None) -> str:
     """What would explain what the fit leaves, for a terminal: best first, and what to do."""
     return "\n".join(
         aligned([part.heads, *part.lines], left={0}) if isinstance(part, Table) else part.text
@@ -186,3 +187,10 @@ def instead(explanation: EquivalentExplanation | None, rig: Model) -> Iterable[s
 def _lacked(name: str, roles: Roles) -> str:
     words = {inertia.efficiency: "friction of the gear" for inertia in roles.inertias}
     return {**words, **{lack.parameter: lack.words for lack in lacks(roles)}}[name]
+
+
+PART = ReportPart(
+    sections=lambda run, _: [
+        build("What would explain it", *candidates(run.analysis.causes), brief=False)
+    ]
+)

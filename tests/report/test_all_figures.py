@@ -1,4 +1,4 @@
-"""Every figure, of contexts that are hard to picture, as it is rendered in either width.
+"""Every figure in both widths, of contexts that are hard to draw: nothing is cut, nothing overlaps.
 
 Figures of whole runs: `tests/contracts/test_figures.py`; drawings of rigs: `test_rig_drawing.py`.
 """
@@ -16,16 +16,16 @@ from support import figure_contexts as contexts
 from support.case_tables import for_each
 from support.compared_models import model
 from support.figure_checks import SYMBOLS, TABLE, clashes, drawn, overlap, shown
-from support.linear_study import NAMES, gaussian, verdict
+from support.linear_study import NAMES, PRIOR_SD, gaussian, linear_study, verdict
 
 from bayesdrill.analysis.calibration import LOG_LIKELIHOOD, judge_calibration
 from bayesdrill.basics.symbols import PARAMETERS
 from bayesdrill.report.scales import WIDTHS
-from bayesdrill.report.sections.calibration_figure import calibration_figure
-from bayesdrill.report.sections.convergence_figure import autocorrelation_figure
-from bayesdrill.report.sections.fit_figure import fit_figure, record_figure
-from bayesdrill.report.sections.identify_figure import profile_figure
-from bayesdrill.report.sections.parameters_figure import invariants_figure
+from bayesdrill.report.sections.calibration import calibration_figure
+from bayesdrill.report.sections.convergence import autocorrelation_figure
+from bayesdrill.report.sections.fit import fit_figure, record_figure
+from bayesdrill.report.sections.identifiability import profile_figure, spectrum_figure
+from bayesdrill.report.sections.nominal import invariants_figure
 
 LOGS = frozenset(("c_m", "l_m", "sigma_w_1", "sigma_i"))
 NARROW = 1e-5  # relative width of a posterior whose ticks need an origin
@@ -57,6 +57,11 @@ def calibration(n: int, inches: float) -> Figure:
 
 def autocorrelation(n: int, inches: float) -> Figure:
     return autocorrelation_figure(contexts.chains(0.9, n, 400), SYMBOLS[:n], inches)
+
+
+def spectrum(inches: float) -> Figure:
+    study = linear_study(np.full(3, PRIOR_SD))
+    return spectrum_figure(study, {name: PARAMETERS[name].latex for name in study.names}, inches)
 
 
 def invariants(inches: float) -> Figure:
@@ -95,6 +100,7 @@ IN_EITHER_WIDTH: dict[str, Callable[[float], Figure]] = {
     },
     "predictive": contexts.predictive_checks,
     "invariants": invariants,
+    "spectrum": spectrum,
 }
 IN_ONE_WIDTH: dict[str, Callable[[], Figure]] = {
     "record": lambda: record_figure(contexts.fit_of(2, 200, 1)),

@@ -20,8 +20,8 @@ from bayesdrill.inference.display_units import SI
 from bayesdrill.report import style
 from bayesdrill.report.comparison_report import OVERLAID
 from bayesdrill.report.section import as_markdown, as_text
-from bayesdrill.report.sections import comparison_words
-from bayesdrill.report.sections.comparison_figure import RUN_STYLES
+from bayesdrill.report.sections.comparison import comparison_sections
+from bayesdrill.report.sections.overlay import RUN_STYLES
 
 
 def test_of_many_models_those_unknowns_are_shown_that_most_have() -> None:
@@ -95,7 +95,7 @@ def test_a_run_that_did_not_converge_says_so_in_legend_and_words() -> None:
             "run_with_a_name_1 (NOT CONVERGED)",
         ]
     summaries = layers(2, 3)
-    sections = comparison_words.comparison_sections(summaries, (), overlay_rows(summaries), SI)
+    sections = comparison_sections(summaries, (), overlay_rows(summaries), SI)
     for text in ("\n".join(as_text(sections)), as_markdown("overlay", sections)):
         assert "run_with_a_name_1: NOT CONVERGED" in text
         assert "the ensembles disagree" in text

@@ -10,7 +10,7 @@ from support.linear_study import PRIOR_SD, linear_study
 
 from bayesdrill.basics.symbols import PARAMETERS
 from bayesdrill.report.scales import WIDTHS
-from bayesdrill.report.sections.identify_figure import profile_figure, spectrum_figure
+from bayesdrill.report.sections.identifiability import profile_figure, spectrum_figure
 
 
 def test_values_of_profiles_stand_at_their_places_on_plain_and_logarithmic_axes() -> None:

@@ -1,25 +1,19 @@
-"""Draw the joint posterior: all marginals of one and of two unknowns, with a legend."""
+"""The joint posterior: all marginals of one and of two unknowns, with a legend."""
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.axis import Axis
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
-from matplotlib.ticker import FixedLocator, NullFormatter
 from numpy.typing import NDArray
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol
-from bayesdrill.inference.derived import HDI_PROBABILITY, hdi
+from bayesdrill.inference.derived import hdi
 from bayesdrill.inference.display_units import DisplayedUnknowns
 from bayesdrill.inference.priors import Prior, flat_in_logs
 from bayesdrill.report import scales, style
@@ -33,7 +27,9 @@ from bayesdrill.report.pages import (
     contours,
 )
 from bayesdrill.report.scales import DOUBLE, Scale
-from bayesdrill.report.sections import physics_words
+from bayesdrill.report.section import CREDIBLE
+from bayesdrill.report.sections.products import derived_shown
+from bayesdrill.report.style import Axes, Axis, Figure
 from bayesdrill.report.view import Drawing, ReportContext
 
 GAP = 0.06  # between panels, in panels
@@ -41,6 +37,7 @@ LARGEST = 2.2 * (1 + GAP)  # inches from one panel to the next
 LEAST = 13.0 / 72  # a page grows rather than have less
 READABLE = 5.7  # points: below, labels are turned by a right angle, and say the ends of their axes
 SMALLEST = 5.2  # numbers at an axis, points
+BELOW = 0.11  # inches that a turned label stands below its panel, and its margin
 CLEAR = 0.1  # of an axis, without numbers at its ends
 
 
@@ -51,7 +48,6 @@ class CornerLayout:
     across: float
     left: float
     right: float
-    bottom: float
 
     def sizes(self, n: int, width: float) -> tuple[float, float]:
         """Return letters in points, and inches from panel to panel, of `n` unknowns in a `width`."""
@@ -61,8 +57,15 @@ class CornerLayout:
         return min(most, 72 * pitch / self.across), pitch
 
 
-NUMBERED = CornerLayout(across=7.8, left=0.088, right=0.012, bottom=0.088)
-TURNED = CornerLayout(across=2.6, left=0.085, right=0.075, bottom=0.17)
+NUMBERED = CornerLayout(across=7.8, left=0.088, right=0.012)
+TURNED = CornerLayout(across=2.6, left=0.085, right=0.075)
+
+
+def _label_with_ends(scale: Scale, symbol: Symbol) -> str:
+    """Return what an axis says that is too short for numbers: its label, and its ends below it."""
+    ends = scale.number(scale.value(np.array([scale.low, scale.high])))
+    low, high = (f"{end:.3g}".replace("-", "\N{MINUS SIGN}") for end in ends)
+    return f"{scale.label(symbol)}\n{low} to {high}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,13 +88,19 @@ class CornerPage:
     @classmethod
     def build(cls, shown: Sequence[tuple[Scale, Symbol]], width: float) -> CornerPage:
         """Lay out these axes in at most `width`, or as little more as they need."""
+        from matplotlib.figure import Figure
+
         n, layout = len(shown), NUMBERED
         letters, pitch = layout.sizes(n, width)
         if letters < READABLE:
             layout = TURNED
             letters, pitch = layout.sizes(n, width)
         inside, title = pitch * (n - GAP / (1 + GAP)), 0.02 + 0.028 * letters
-        left, right, bottom = (x * letters for x in (layout.left, layout.right, layout.bottom))
+        left, right, bottom = layout.left * letters, layout.right * letters, layout.left * letters
+        if layout is TURNED:
+            texts = [Figure().text(0, 0, _label_with_ends(*each), size=letters) for each in shown]
+            longest = max(text.get_window_extent().width / text.figure.dpi for text in texts)
+            bottom = longest + BELOW
         figure = Figure(figsize=(left + inside + right, bottom + inside + title))
         across, up = figure.get_size_inches()
         ends = {"left": left / across, "right": (left + inside) / across}
@@ -108,12 +117,12 @@ class CornerPage:
         turned = layout is TURNED
         return cls(figure=figure, panels=panels, shown=shown, turned=turned, **sizes)
 
-    def finish(self, handles: Sequence[Any]) -> None:
+    def finish(self, looks: Mapping[str, style.Look]) -> None:
         """Set limits, numbers and labels of panels that are drawn, and add the legend."""
         self._number()
         if self.turned:
             self._label_ends()
-        self._add_legend(handles)
+        self._add_legend(style.legend_handles(looks))
 
     def _number(self) -> None:
         letter = 0.43 * self.letters / (72 * self.pitch)  # of a number, in panels
@@ -121,9 +130,8 @@ class CornerPage:
         def number(axis: Axis, k: int, outer: bool) -> None:
             scale, symbol = self.shown[k]
             places, values = scale.ticks(clear=CLEAR, letter=letter)
-            style.set_ticks(axis, places, values if outer else None)
-            axis.set_minor_locator(FixedLocator(scale.between.tolist() if self.fine == 1 else []))
-            axis.set_minor_formatter(NullFormatter())
+            between = scale.between if self.fine == 1 else style.NONE
+            style.set_ticks(axis, places, values if outer else None, between)
             if outer:
                 size = max(0.85 * self.letters, SMALLEST)
                 axis.set_tick_params(labelsize=size, pad=0.4 * self.letters)
@@ -146,9 +154,7 @@ class CornerPage:
         """Write the ends of each axis under its label, where panels are too small for numbers."""
         look: dict[str, Any] = {"fontsize": self.letters, "labelpad": 2}
         for k, (scale, symbol) in enumerate(self.shown):
-            ends = scale.number(scale.value(np.array([scale.low, scale.high])))
-            low, high = (f"{end:.3g}".replace("-", "\N{MINUS SIGN}") for end in ends)
-            text = f"{scale.label(symbol)}\n{low} to {high}"
+            text = _label_with_ends(scale, symbol)
             self.panels[-1, k].set_xlabel(text, rotation=90, va="top", linespacing=1.0, **look)
             if k:
                 name = f"${symbol.latex}$"
@@ -173,33 +179,26 @@ class CornerPage:
         figure.legend(handles=handles, **look)
 
 
-Handles = list[Line2D | Patch]
-
-
-def _handles(columns: Sequence[CornerColumn]) -> Handles:
-    credible = f"{100 * HDI_PROBABILITY:.0f} %"
-    lines: Handles = [
-        Line2D([], [], color=style.BLACK, linewidth=0.8, label="posterior"),
-        Patch(color=style.FAINT, label=f"narrowest {credible} interval"),
-    ]
+def _looks(columns: Sequence[CornerColumn]) -> dict[str, style.Look]:
+    looks: dict[str, style.Look] = {
+        "posterior": {"color": style.BLACK, "linewidth": 0.8},
+        f"narrowest {CREDIBLE} interval": style.FAINT_BAND,
+    }
     if any(column.prior is not None for column in columns):
-        lines.append(Line2D([], [], label="prior", **style.PRIOR_LINE))
-    lines += style.nominal_handles(
-        {column.scale.side(column.nominal) for column in columns if column.nominal is not None}
-    )
+        looks["prior"] = style.PRIOR_LINE
+    known = [column for column in columns if column.nominal is not None]
+    looks |= style.nominal_looks({column.scale.side(column.nominal) for column in known})
     if any(column.mode is not None for column in columns):
-        both = {**style.CROSS, "linestyle": style.MAP_LINE["linestyle"]}
-        lines.append(Line2D([], [], label="MAP", **both))
-    shades: Handles = []
-    notes = [f"titles: median and {credible} interval, as on the axes"]
+        looks["MAP"] = {**style.CROSS, "linestyle": style.MAP_LINE["linestyle"]}
+    notes = [f"titles: median and {CREDIBLE} interval, as on the axes"]
     if len(columns) > 1:
         for grey, level, sds in zip((INNER_GREY, OUTER_GREY), LEVELS, (1, 2), strict=True):
             text = rf"{100 * level:.1f} % of the draws (${sds}\sigma$ in two dimensions)"
-            shades.append(Patch(facecolor=grey, edgecolor="black", linewidth=0.7, label=text))
+            looks[text] = {"facecolor": grey, "edgecolor": "black", "linewidth": 0.7}
         notes.append("no contour where the density is flat")
     if any(column.scale.origin for column in columns):
         notes.append(r"$\delta$: the difference that the axis shows")
-    return [*lines, *shades, *(Line2D([], [], linestyle="none", label=note) for note in notes)]
+    return looks | dict.fromkeys(notes, style.WORDS)
 
 
 POINTS = 2000  # drawn in a panel; contours and histograms count all draws
@@ -239,7 +238,7 @@ def corner_figure(draws: Array, shown: DisplayedUnknowns, width: float = scales.
                 _marks(page.panels[i, j], column, row, page)
         if len(columns) == 1:
             page.panels[0, 0].set_ylabel("density", fontsize=page.letters)
-        page.finish(_handles(columns))
+        page.finish(_looks(columns))
         _points(columns, page)
     return page.figure
 
@@ -270,6 +269,8 @@ def _title(column: CornerColumn, interval: Array) -> str:
 
 def _points(columns: Sequence[CornerColumn], page: CornerPage) -> None:
     """Some draws below all panels, as one artist: each rasterised one costs a page of pixels."""
+    from matplotlib.lines import Line2D
+
     shown = style.thin(len(columns[0].x), round(POINTS * page.fine**2))
     places = []
     for i, j in itertools.combinations(range(len(columns)), 2):
@@ -328,6 +329,6 @@ def draw_corner(run: ReportContext) -> Drawing:
     # Where it shows unknowns alone, it does not wait for what follows from them.
     derived = run.chain.nothing_derived if {*(names or ())} <= {*run.problem.names} else run.derived
     at = (run.sampled.draws, derived, run.chain.best[None])
-    draws, shown = physics_words.derived_shown(run.problem, names, *at)
+    draws, shown = derived_shown(run.problem, names, *at)
     says = "The posterior of each parameter and each pair (corner plot), beside nominal values and MAP."
     return Drawing(corner_figure, (draws, shown, run.width), says)

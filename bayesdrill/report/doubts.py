@@ -1,0 +1,237 @@
+"""Say what a fit leaves, and why a result must not be believed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+from bayesdrill.analysis.diagnostics import ParameterRow
+from bayesdrill.analysis.suspicions import InputTiming
+from bayesdrill.basics.units import Unit
+from bayesdrill.inference.display_units import DisplayUnits
+from bayesdrill.inference.posterior import Problem
+from bayesdrill.inference.residual_checks import ResidualSummary, like_noise
+from bayesdrill.inference.step_error import MAX_ERROR_OVER_NOISE, TRUTH_REFINEMENT, StepError
+from bayesdrill.record.clocks import median_step
+from bayesdrill.sampling.ensembles import SamplingResult
+from bayesdrill.sampling.mode_search import Mode
+
+
+def run_doubts(
+    sampled: SamplingResult, left: Sequence[ResidualSummary], unsupported: Mapping[str, float]
+) -> tuple[str, ...]:
+    """Why a run must not be believed: it did not converge, or does not fit; empty where it may be."""
+    fit = (*residual_reasons(left), *sandwich_reasons(unsupported))
+    return (*sampled.convergence.reasons, *fit)
+
+
+def figure_warning(sampled: SamplingResult, left: Sequence[ResidualSummary]) -> str:
+    """What every figure must carry; empty where there is nothing to warn of."""
+    return misfit(left) if sampled.convergence.converged else "NOT CONVERGED"
+
+
+def misfit(left: Sequence[ResidualSummary]) -> str:
+    """The same of a fit alone."""
+    if any(summary.far_too_large for summary in left):
+        return "DOES NOT FIT: far more than the noise is left"
+    if any(summary.unbelievable for summary in left):
+        return "DOES NOT FIT: what is left is far from white"
+    return "" if like_noise(left) else "MORE THAN NOISE IS LEFT by the fit"
+
+
+def unbelievable(reasons: Sequence[str], *, converged: bool) -> str:
+    """Why a posterior must not be believed, converged or not; empty where it may be."""
+    if not reasons:
+        return ""
+    though = ", though the ensembles converged" if converged else ""
+    listed = (f"  - {reason}" for reason in reasons)
+    return "\n".join([f"DO NOT BELIEVE these numbers{though}:", *listed])
+
+
+SHOWN = 5  # unknowns that a sentence names
+MAX_SHARE = 10.0  # of a channel's spread: more is left only of one that hardly changes
+
+
+def residual_sentences(summaries: Sequence[ResidualSummary], clock: Unit) -> str:
+    """Say how much is left, and how it differs from noise, with times in the unit of `clock`."""
+    still = [summary for summary in summaries if summary.share > MAX_SHARE]
+    shared = [summary for summary in summaries if summary.share <= MAX_SHARE]
+    seen = ", ".join(f"{percent(summary.share)} of {summary.name}" for summary in shared)
+    lines = [f"fit: the MAP leaves unexplained {seen or 'nothing to speak of'}."]
+    lines += [
+        f"fit: {summary.name} hardly changes in the record, and the model moves it far more. Is its "
+        "column the right one?"
+        for summary in still
+    ]
+    # Where noise remembers, or a torque is missing; elsewhere both are what was said above.
+    # NRMSE fits, the complements of what is left: below zero where a mean would do better.
+    each = ", ".join(
+        f"{summary.name} {100 * (1 - summary.simulated):.4g} % and {100 * (1 - summary.ahead):.4g} %"
+        for summary in shared
+        if summary.ahead != summary.simulated
+    )
+    if each:
+        lines.append(
+            "fit: explained by the simulation alone, and by predictions one step ahead, which know all "
+            f"samples before: {each}."
+        )
+    if large := _worst(summaries, "large", "rms"):
+        lines.append(
+            f"fit: {_larger(large)} (noise gives at most {large[0].limits.most:.3g}). A unit, an input, "
+            "a sigma, the end of a prior or the model is wrong. Every sd and verdict here is too sure."
+        )
+    if far := _worst(summaries, "far", "farthest"):
+        each = ", ".join(
+            f"{summary.name} {summary.farthest:.3g} at {summary.time / clock.factor:.4g} {clock.name}"
+            for summary in far
+        )
+        lines.append(
+            f"fit: single samples are too far off, in sigmas: {each} (noise gives at most "
+            f"{far[0].limits.farthest:.2g}). They are outliers, or the model misses something short."
+        )
+    if correlated := _worst(summaries, "correlated", "correlation"):
+        lines.append(
+            f"fit: {_correlated(correlated)} (white noise gives at most "
+            f"{correlated[0].limits.correlation:.2g} either way). The model misses something, or the "
+            "column was filtered or differenced. Sandwich sds, in the report of a posterior, count that."
+        )
+    if small := _worst(summaries, "small", "rms"):
+        lines.append(
+            f"fit: the residuals are smaller than the noise: {_each_channel(small, 'rms')} times sigma "
+            f"(noise gives at least {small[0].limits.least:.3g}). These sigmas are too large, or the "
+            "column was filtered."
+        )
+    if like_noise(summaries) and not small:
+        sizes = [summary.rms for summary in summaries]
+        sigmas = f"rms {min(sizes):.3f} to {max(sizes):.3f} sigma"
+        lines.append(f"fit: the residuals look like the noise ({sigmas}).")
+    return "\n".join(lines)
+
+
+def residual_reasons(summaries: Sequence[ResidualSummary]) -> tuple[str, ...]:
+    """Why nothing here must be believed, though the ensembles converge; empty where it may be."""
+    doubtful = [summary for summary in summaries if summary.unbelievable]
+    large = _worst(doubtful, "large", "rms")
+    correlated = _worst(doubtful, "correlated", "correlation")
+    return (
+        *([_larger(large)] if large else []),
+        *([_correlated(correlated)] if correlated else []),
+    )
+
+
+def sandwich_reasons(unsupported: Mapping[str, float]) -> tuple[str, ...]:
+    """Why a fit must not be believed that leaves only a little more than noise."""
+    worst = sorted(unsupported.items(), key=lambda pair: -pair[1])
+    each = ", ".join(f"{name} ({times:.3g} times as large)" for name, times in worst[:SHOWN])
+    more = ", ..." if len(worst) > SHOWN else ""
+    allowed = "with the sds that allow for what the fit leaves (sandwich), the record"
+    return (f"{allowed} does not determine {each}{more}",) if worst else ()
+
+
+def _larger(large: Sequence[ResidualSummary]) -> str:
+    return f"the residuals are larger than the noise: {_each_channel(large, 'rms')} times sigma"
+
+
+def _correlated(correlated: Sequence[ResidualSummary]) -> str:
+    each = _each_channel(correlated, "correlation")
+    return f"the residuals are correlated from one sample to the next: {each}"
+
+
+def _worst(summaries: Sequence[ResidualSummary], which: str, by: str) -> list[ResidualSummary]:
+    """Those of which it is true, the worst first."""
+    chosen = [summary for summary in summaries if getattr(summary, which)]
+    return sorted(chosen, key=lambda summary: abs(getattr(summary, by)), reverse=which != "small")
+
+
+def _each_channel(summaries: Sequence[ResidualSummary], what: str) -> str:
+    return ", ".join(f"{summary.name} {getattr(summary, what):.3g}" for summary in summaries)
+
+
+def percent(share: float) -> str:
+    """Of a channel's spread about its mean; of one that hardly changes it says nothing."""
+    if share > MAX_SHARE:
+        return f"> {100 * MAX_SHARE:.0f} %"
+    return f"{100 * share:.2g} %" if not share >= 0.995 else f"{100 * share:.0f} %"
+
+
+EARLY = 0.1  # of a sample: inputs that act so much before they are recorded are worth a word
+
+
+def map_notes(problem: Problem, mode: Mode) -> Iterator[str]:
+    """Yield unknowns at ends of their priors, and inputs that would act before they are recorded."""
+    units, priors = problem.units, problem.posterior.space.priors
+    si = {symbol.name: symbol for symbol in problem.symbols}
+    for name in mode.at_bound:
+        value, prior = mode.values[name], priors[name]
+        if abs(value - prior.low) < abs(value - prior.high) and prior.low == 0:
+            yield f"prior: {name} is at zero, where its prior ends: the record shows none of it."
+        else:
+            symbol = units.symbol(si[name])
+            shown = f"{value / units.factor(name):.4g} {symbol.plain_unit}".removesuffix(" 1")
+            yield f"prior: {name} is at an end of its prior, {shown}. Widen it before anything else."
+    for observation in problem.observations:
+        sensing, step = observation.response.sensing, median_step(observation.experiment.t)
+        lags = [name for name in (sensing.delay, *sensing.input_lags.values()) if name]
+        called = observation.named(observation.response.parameters)
+        for name in dict.fromkeys(called[lag] for lag in lags):
+            if (early := mode.values.get(name, 0.0)) < -EARLY * step:
+                yield (
+                    f"timing: by {name} the inputs act {-1e3 * early:.3g} ms before they are recorded. "
+                    "Their column is late, as one that was filtered, or the clocks do not agree."
+                )
+
+
+def describe_timing(moment: InputTiming | None) -> Iterable[str]:
+    """How much half a sample of it matters; nothing where it hardly does."""
+    if moment is None or not moment.matters:
+        return
+    moved = sorted(moment.shifts, key=lambda shift: -abs(shift[1]))
+    far = [(name, abs(shift)) for name, shift in moved[:3] if abs(shift) > 0.1]
+    named = ", ".join(f"{name} by {shift:.2g}" for name, shift in far)
+    width = 2 * moment.seconds
+    yield (
+        f"timing: if the inputs act half a sample ({1e3 * moment.seconds:.3g} ms) later than recorded, "
+        f"the fit is as good, and values move: {named} sds. If that is possible, add `inputs: {{t_0: "
+        f"{{prior: uniform, low: -{width:.3g}, high: {width:.3g}}}}}`."
+    )
+
+
+def step_sentences(errors: Sequence[StepError]) -> str:
+    """A line for the worst of all steps that do no harm, and one for each of the others."""
+    lines = []
+    fine = sorted((error for error in errors if error.fine), key=lambda error: -error.worst)
+    for error in (*fine[:1], *(error for error in errors if not error.fine)):
+        where = f" in {error.label}" if error.label else ""
+        if error.fine and len(fine) > 1:
+            where += f", the worst of {len(fine)} experiments"
+        steps = "one step" if error.pieces == 1 else f"{error.pieces} steps"
+        named = zip(error.channels, error.errors, strict=True)
+        each = ", ".join(f"{name} {size:.2g}" for name, size in named)
+        moved = (
+            f"{steps} to a sample{where}; {TRUTH_REFINEMENT} times as many would move samples by"
+        )
+        worst = f"{error.worst:.2g} of the noise ({each})"
+        said = f"{moved} at most {worst}. That does no harm."
+        if not error.fine:
+            said = (
+                f"TOO FEW: {moved} up to {worst}. At most a tenth of the noise does no harm. Say "
+                f"`model: {{pieces: {steps_wanted(error)}}}`."
+            )
+        lines.append(f"steps: {said}")
+    return "\n".join(lines)
+
+
+def steps_wanted(error: StepError) -> int:
+    """Pieces that are enough, of an error that falls as steps get shorter, the next power of two."""
+    return error.pieces << max(1, math.ceil(math.log2(error.worst / MAX_ERROR_OVER_NOISE)))
+
+
+def prior_notes(rows: Sequence[ParameterRow], display_units: DisplayUnits) -> list[str]:
+    """Return notes that doubt the prior or the model, but not the draws; `rows` in SI."""
+    return [
+        f"note: {row.name} is pressed against the end "
+        f"{display_units.format_value(row.name, row.pressed_against)} of its prior, which ends "
+        "where the record pulls. Widen it, or doubt the model, the units and what is held."
+        for row in rows
+        if row.pressed_against is not None
+    ]

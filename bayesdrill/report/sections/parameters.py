@@ -1,0 +1,412 @@
+"""The unknowns: their tables, and their priors beside their posteriors."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import compress
+from typing import Any
+
+import numpy as np
+
+from bayesdrill.analysis.causes import FittedValue
+from bayesdrill.analysis.diagnostics import MEANING, ParameterRow
+from bayesdrill.analysis.identifiability.structure import ScalingStructure
+from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.symbols import Symbol, plain
+from bayesdrill.inference.derived import HDI_PROBABILITY
+from bayesdrill.inference.display_units import DisplayedUnknowns, DisplayUnits
+from bayesdrill.inference.posterior import Problem
+from bayesdrill.inference.priors import Prior, flat_in_logs
+from bayesdrill.report import scales, style
+from bayesdrill.report.pages import NARROW_ROW, build_page, legend_above
+from bayesdrill.report.scales import unit_of
+from bayesdrill.report.section import (
+    CSV_HEADS,
+    HDI,
+    WORDS,
+    Block,
+    IntervalBar,
+    Note,
+    Picture,
+    Section,
+    Sentences,
+    Table,
+    build,
+    records_as_csv,
+    table_of,
+)
+from bayesdrill.report.sections.corner import draw_corner
+from bayesdrill.report.style import Axes, Figure
+from bayesdrill.report.view import Drawing, ReportContext, ReportPart
+from bayesdrill.sampling.mode_search import Mode
+
+# Of a table of unknowns, the heads of all columns, and what each shows of a row.
+COLUMNS: Mapping[str, Callable[[ParameterRow], str]] = {
+    "": lambda row: row.name,
+    "unit": lambda row: plain(row.unit),
+    "nominal": lambda row: "" if row.nominal is None else f"{row.nominal:.4g}",
+    "MAP": lambda row: f"{row.map:.4g}",
+    "mean": lambda row: f"{row.mean:.4g}",
+    "sd": lambda row: f"{row.sd:.2g}",
+    HDI: lambda row: f"{row.hdi_low:.4g} to {row.hdi_high:.4g}",
+    "dev. %": lambda row: "" if row.deviation is None else f"{100 * row.deviation:+.2f}",
+    "R-hat": lambda row: f"{row.r_hat:.4f}",
+    "ESS bulk": lambda row: f"{row.ess_bulk:.0f}",
+    "ESS tail": lambda row: f"{row.ess_tail:.0f}",
+    "shrinkage": lambda row: f"{round(100 * row.shrinkage)} %",
+    "the record says": lambda row: row.word,
+}
+HEADERS = tuple(COLUMNS)
+
+
+def as_record(row: ParameterRow) -> dict[str, Any]:
+    """Return a row as a line of `summary.csv`."""
+    return {CSV_HEADS.get(name, name): value for name, value in dataclasses.asdict(row).items()}
+
+
+def of_rows(rows: Sequence[ParameterRow], bars: tuple[IntervalBar, ...] = ()) -> Table:
+    """Return the summary table of `rows`."""
+    left = frozenset((HEADERS[0], HEADERS[1], HEADERS[-1]))
+    lines = tuple(tuple(cell(row) for cell in COLUMNS.values()) for row in rows)
+    return Table(HEADERS, lines, left, bars=bars).filled()
+
+
+SANDWICH_EXPLAINED = (
+    "Correlated residuals tell less than as many independent ones. The sandwich sds count that. They "
+    "say how far the MAP would scatter from record to record, if only the noise of the model were wrong."
+)
+
+
+def sandwich_table(
+    rows: Sequence[ParameterRow],
+    sds: Mapping[str, float],
+    windows: Sequence[Sequence[FittedValue]],
+    display_units: DisplayUnits,
+) -> Table:
+    """Return the posterior's sds beside `sds`, SI, and the ends of refits on `windows`."""
+    refits = (f"MAP of {len(windows)} windows",) if any(windows) else ()
+    heads = ("", "unit", "sd", "sd if residuals remember (sandwich)", "over sd", *refits)
+    lines = []
+    for row, shown in zip(rows, display_units.rows(rows), strict=True):
+        sd, factor = sds[row.name], display_units.factor(row.name)
+        cells = [f"{sd / factor:.2g}", f"{sd / row.sd:.3g}" if row.sd else ""]
+        if refits:
+            values = [x.value for window in windows for x in window if x.name == row.name]
+            cells.append(
+                f"{min(values) / factor:.3g} to {max(values) / factor:.3g}" if values else ""
+            )
+        lines.append((row.name, plain(shown.unit), f"{shown.sd:.2g}", *cells))
+    return Table(heads, tuple(lines), frozenset(heads[:2]))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModeRow:
+    """A line of `map.csv`."""
+
+    name: str
+    unit: str
+    nominal: float | None
+    map: float
+
+
+def mode_rows(problem: Problem, mode: Mode) -> tuple[ModeRow, ...]:
+    """Return the lines of `map.csv`, SI."""
+    nominal, best = problem.nominal, mode.values
+    return tuple(
+        ModeRow(name=s.name, unit=s.unit, nominal=nominal.get(s.name), map=best[s.name])
+        for s in problem.symbols
+    )
+
+
+def of_mode(rows: Sequence[ModeRow]) -> Table:
+    """Return a table of the MAP beside the nominal values."""
+    columns: dict[str, Callable[[ModeRow], str]] = {
+        "": lambda row: row.name,
+        "unit": lambda row: plain(row.unit),
+        "nominal": lambda row: "" if row.nominal is None else f"{row.nominal:.4g}",
+        "MAP": lambda row: f"{row.map:.6g}",
+        "dev. %": lambda row: f"{100 * (row.map / row.nominal - 1):+.2f}" if row.nominal else "",
+    }
+    lines = ({head: cell(row) for head, cell in columns.items()} for row in rows)
+    return table_of(lines, "", "unit").filled()
+
+
+def in_words(rows: Sequence[ParameterRow]) -> list[str]:
+    """Say which unknowns the record determines, and which it cannot."""
+    named = {word: [row.name for row in rows if row.word == word] for word in MEANING}
+    return [f"{word}: {', '.join(named[word])} ({MEANING[word]})" for word in named if named[word]]
+
+
+def describe_dependence(priors_of: Mapping[str, tuple[str, ...]]) -> str:
+    """What is known only with the priors of others; empty where nothing is."""
+    groups: dict[tuple[str, ...], list[str]] = {}
+    for name, others in priors_of.items():
+        groups.setdefault(others, []).append(name)
+    return "\n".join(
+        f"leaning: {', '.join(names)} on the prior of {', '.join(others)}. The record says nothing of "
+        "that, and they are known only as far as it is."
+        for others, names in groups.items()
+    )
+
+
+def believed_columns(run: ReportContext, table: Table) -> Table:
+    """Without words for what is known, where it must not be believed."""
+    return table.only([head for head in table.heads if not (run.reasons and head in WORDS)])
+
+
+TAIL = 0.001  # of a prior, outside of the range
+DECADES = 1.5  # from which on a range that is flat in logs is drawn so
+
+
+def interval_bar(row: ParameterRow, prior: Prior) -> IntervalBar:
+    """Return what a page draws of an unknown beside its prior."""
+    shown = [row.hdi_low, row.hdi_high, row.map]
+    ends = [float(x) for x in prior.quantile(np.array([TAIL, 1 - TAIL]))]
+    every = [*shown, *ends, *([] if row.nominal is None else [row.nominal])]
+    low, high = min(every), max(every)
+    logs = flat_in_logs(prior) and low > 0 and math.log10(high / low) > DECADES
+
+    def share(x: float) -> float:
+        if logs:
+            return math.log(x / low) / math.log(high / low)
+        return (x - low) / (high - low) if high > low else 0.5
+
+    nominal = None if row.nominal is None else share(row.nominal)
+    return IntervalBar(share(row.hdi_low), share(row.hdi_high), nominal, share(row.map))
+
+
+_HEADS = (
+    *("", "unit", "nominal", "MAP", "mean (sd)"),
+    rf"{100 * HDI_PROBABILITY:.0f}\,\% HDI",
+    "the record says",
+)
+_NOMINAL = _HEADS.index("nominal")
+_USUAL = range(-1, 3)  # powers of ten that are written out
+_BEYOND = re.compile(r"[^\x00-\x7f]+")  # ASCII; in names, and in LaTeX outside of formulas alone
+
+
+def latex_table(
+    rows: Sequence[ParameterRow], symbols: Sequence[Symbol], *, believed: bool = True
+) -> str:
+    """Return a `tabular` for a table of one's own, with two digits of each sd.
+
+    Without what the record says, where that must not be `believed`.
+    """
+    named = {symbol.name: symbol for symbol in symbols}
+    shown = [True] * len(_HEADS)
+    shown[_NOMINAL] = any(row.nominal is not None for row in rows)
+    shown[-1] = believed
+    lines_of_cells = (_HEADS, *(_cells(row, named[row.name]) for row in rows))
+    lines = [" & ".join(compress(line, shown)) + r" \\" for line in lines_of_cells]
+    columns = "".join(compress("llrrrrl", shown))
+    table = (
+        r"% needs \usepackage{booktabs,siunitx}",
+        rf"\begin{{tabular}}{{@{{}}{columns}@{{}}}}",
+        *(r"\toprule", lines[0], r"\midrule", *lines[1:]),
+        *(r"\bottomrule", r"\end{tabular}"),
+    )
+    return "\n".join(table) + "\n"
+
+
+def _cells(row: ParameterRow, symbol: Symbol) -> tuple[str, ...]:
+    power = _exponent(max(abs(row.hdi_low), abs(row.hdi_high)))
+    power = 0 if power in _USUAL else power
+    sd = row.sd / 10.0**power
+    places = max(0, 1 - _exponent(sd)) if sd > 0 else 3
+
+    def number(x: float) -> str:
+        return f"{x / 10.0**power:.{places}f}"
+
+    return (
+        f"${_BEYOND.sub(lambda beyond: rf'\text{{{beyond[0]}}}', symbol.latex)}$",
+        unit_of(power, symbol.latex_unit),
+        "--" if row.nominal is None else rf"\num{{{number(row.nominal)}}}",
+        rf"\num{{{number(row.map)}}}",
+        rf"\num{{{number(row.mean)} \pm {number(row.sd)}}}",
+        rf"\numrange{{{number(row.hdi_low)}}}{{{number(row.hdi_high)}}}",
+        row.word,
+    )
+
+
+def _exponent(x: float) -> int:
+    return math.floor(math.log10(x)) if x > 0 else 0
+
+
+TAIL = 0.001  # of a prior without an end: where its axis ends
+BINS = 60
+HEAD = 1.12  # of the highest density: where a panel ends
+DARK_PRIOR: dict[str, Any] = {**style.PRIOR_LINE, "color": style.DARK}
+BOX = style.fix_look(
+    facecolor="none",
+    edgecolor=style.MIDDLE,
+    linewidth=0.8,
+    linestyle=style.PRIOR_LINE["linestyle"],
+)
+
+
+def prior_posterior_figure(
+    draws: Array, shown: DisplayedUnknowns, width: float = scales.DOUBLE
+) -> Figure:
+    """Draw priors and draws `(N, D)` of what is `shown`, over the range of each prior."""
+    symbols = shown.symbols
+    width = width if len(symbols) > 1 else scales.SINGLE
+    with style.styled(width):
+        figure, panels = build_page(len(symbols), 3, 1.45, width)
+        sides = set()
+        for panel, x, symbol in zip(panels, draws.T, symbols, strict=True):
+            prior, known = shown.priors[symbol.name], shown.nominal.get(symbol.name)
+            scale = scales.scale(*prior_ends(prior, x), log=flat_in_logs(prior), margin=0.04)
+            _densities(panel, scale, x, prior)
+            style.mark_values(panel, scale, known, shown.mode.get(symbol.name), zorder=4)
+            style.scale_axis(panel.xaxis, scale, scale.label(symbol))
+            style.set_ticks(panel.yaxis, ())
+            if known is not None:
+                sides.add(scale.side(known))
+        looks = {"prior": DARK_PRIOR, "posterior": style.FILLED, **style.nominal_looks(sides)}
+        return legend_above(figure, looks | {"MAP": style.MAP_LINE})
+
+
+def _densities(panel: Axes, scale: scales.Scale, x: Array, prior: Prior) -> None:
+    """The posterior fills its panel; of a prior that it dwarfs the line lies low."""
+    u = scale(x)
+    across = min(float(BINS), 2.2 * math.cbrt(len(x)))
+    edges = np.linspace(float(u.min()), float(u.max()), max(2, round(across)))
+    heights, edges = np.histogram(u, edges, density=True)
+    panel.stairs(heights, edges, fill=True, zorder=1, **style.FILLED)
+    places = np.linspace(scale.low, scale.high, 801)
+    density = scale.density(prior, places)
+    panel.plot(places, density, zorder=3, **DARK_PRIOR)
+    sure = density[np.isfinite(density)]
+    # A density may grow without bound towards zero; the panel ends at what nearly all of it is below.
+    top = max(float(heights.max()), float(np.quantile(sure, 0.99)))
+    panel.set_ylim(0, HEAD * top)
+
+
+def prior_ends(prior: Prior, x: Array) -> tuple[float, float]:
+    """All of a prior that has ends; nearly all of one that has none, and of the draws."""
+    low, high = (float(q) for q in prior.quantile(np.array([TAIL, 1 - TAIL])))
+    low = prior.low if prior.low > 0 else min(low, float(x.min()))
+    high = prior.high if np.isfinite(prior.high) else max(high, float(x.max()))
+    return low, high
+
+
+def _draw_prior_posterior(run: ReportContext) -> Drawing:
+    shown = run.shown(run.config.output.parameters)
+    says = "Prior against posterior of each parameter: what the record has added."
+    return Drawing(prior_posterior_figure, (shown.select(run.draws), shown, run.width), says)
+
+
+def _sections(run: ReportContext, pictures: Sequence[Picture]) -> Iterator[Section]:
+    unknowns, causes = run.analysis.unknowns, run.analysis.causes
+    read = (
+        "`shrinkage` is one minus the ratio of the posterior's to the prior's standard deviation."
+    )
+    if any(row.nominal is not None for row in unknowns):
+        nominal = f"the nominal value ({run.problem.compared_with})"
+        read = f"`dev. %` is the deviation of the posterior mean from {nominal}; {read}"
+    priors = run.problem.posterior.space.priors
+    bars = tuple(interval_bar(row, priors[row.name]) for row in unknowns)
+    table = believed_columns(run, of_rows(run.units.rows(unknowns), bars))
+    depending = describe_dependence(run.analysis.leaning).splitlines()
+    known = [] if run.reasons else [*in_words(unknowns), *depending]
+    # Also where there is nothing to say: a terminal then shows an empty line.
+    blocks: list[Block] = [table, Note(read), Sentences("\n".join([*known, *run.notes]))]
+    if sds := run.analysis.sandwich:
+        windows = causes.windows if causes else ()
+        blocks += [sandwich_table(unknowns, sds, windows, run.units), Note(SANDWICH_EXPLAINED)]
+    yield build("Parameters", *blocks, *pictures)
+
+
+SIZE = 3.4  # of a ridge with its labels, inches
+POINTS = 3000
+REACH, CORNERS = 1e4, 4001  # the line is drawn over this factor, and cut by the axes
+BAND: dict[str, Any] = {"color": style.LIGHT, "linewidth": 6.0, "solid_capstyle": "butt"}
+DOTS: dict[str, Any] = {**style.DOTS, "markersize": 1.8, "alpha": 0.6, "zorder": 3}
+MIN_CORRELATION = 0.5  # of a pair worth showing
+
+
+@dataclass(frozen=True, slots=True)
+class CorrelatedPair:
+    """Columns of two unknowns and their exponents in one symmetry."""
+
+    columns: tuple[int, int]
+    exponents: tuple[int, int]
+
+
+def strongest_pair(draws: Array, structure: ScalingStructure) -> CorrelatedPair | None:
+    """Return the two unknowns of draws `(N, D)` that follow one symmetry most closely."""
+    spread = np.cov(np.log(draws[:, : len(structure.names)]).T)
+    best, strongest = MIN_CORRELATION, None
+    for symmetry in structure.symmetries:
+        used = [k for k, exponent in enumerate(symmetry) if exponent]
+        for i, j in itertools.combinations(used, 2):
+            p, q = symmetry[i], symmetry[j]
+            # 1 where draws differ along the symmetry alone, 0 where without regard to it.
+            along = 2 * p * q * spread[i, j] / (q**2 * spread[i, i] + p**2 * spread[j, j])
+            if along > best:
+                best, strongest = float(along), CorrelatedPair((i, j), (p, q))
+    return strongest
+
+
+def ridge_figure(draws: Array, pair: CorrelatedPair, shown: DisplayedUnknowns) -> Figure:
+    """Draw the ridge of draws `(N, D)` of what is `shown`; the exact line passes through the MAP."""
+    factor, some = np.geomspace(1 / REACH, REACH, CORNERS), style.thin(len(draws), POINTS)
+    box, line, dots, cross, marks = [], [], [], [], []
+    with style.styled():
+        figure, (panel,) = build_page(1, 1, SIZE / NARROW_ROW, SIZE)
+        marked = all(shown.symbols[k].name in shown.nominal for k in pair.columns)
+        axes = (panel.xaxis, panel.yaxis)
+        for column, power, axis in zip(pair.columns, pair.exponents, axes, strict=True):
+            symbol, x = shown.symbols[column], draws[:, column]
+            prior, best = shown.priors[symbol.name], shown.mode[symbol.name]
+            ends = prior_ends(prior, x)
+            scale = scales.scale(*ends, log=flat_in_logs(prior), margin=0.12)
+            box.append(scale(np.array(ends)))
+            line.append(scale(best * factor**power))
+            dots.append(scale(x[some]))
+            cross.append([float(scale(best))])
+            marks.append((scale, shown.nominal[symbol.name] if marked else None))
+            style.scale_axis(axis, scale, scale.label(symbol))
+        (x0, x1), (y0, y1) = box
+        panel.fill([x0, x1, x1, x0], [y0, y0, y1, y1], zorder=1, **BOX)
+        panel.plot(*line, zorder=2, **BAND)
+        panel.plot(*dots, **DOTS)
+        for (scale, known), vertical in zip(marks, (False, True), strict=True):
+            style.mark_values(panel, scale, known, vertical=vertical, arrow=False, zorder=4)
+        panel.plot(*cross, zorder=5, **style.CROSS)
+        looks = {
+            "exactly the same signals": BAND,
+            "posterior draws": {**DOTS, "markersize": 3},
+            "prior": BOX,
+            **style.nominal_looks({0} if marked else ()),
+            "MAP": style.CROSS,
+        }
+        return legend_above(figure, looks)
+
+
+def _draw_ridge(run: ReportContext) -> Drawing | None:
+    judged, shown = run.analysis.judged, run.shown()
+    pair = None if judged is None else strongest_pair(run.draws, judged.study.structure)
+    if pair is None:
+        return None
+    says = "The ridge: parameters that no such record can tell apart, and the line along which they go."
+    return Drawing(ridge_figure, (shown.select(run.draws), pair, shown), says)
+
+
+PART = ReportPart(
+    sections=_sections,
+    figures={"corner": draw_corner, "ridge": _draw_ridge, "prior_posterior": _draw_prior_posterior},
+    files={
+        "summary.csv": lambda run: records_as_csv(ParameterRow, run.analysis.unknowns),
+        "table.tex": lambda run: latex_table(
+            run.units.rows(run.analysis.unknowns),
+            run.units.symbols(run.problem.symbols),
+            believed=not run.reasons,
+        ),
+    },
+)
