@@ -30,6 +30,7 @@ from bayesdrill.analysis.run_analysis import torque_summary
 from bayesdrill.basics import symbols
 from bayesdrill.basics.progress import SILENT
 from bayesdrill.config import loading
+from bayesdrill.config.yaml_source import Source
 from bayesdrill.inference import derived
 from bayesdrill.report import words
 from bayesdrill.report.sections import causes_words, torque_words
@@ -109,7 +110,7 @@ def analyses_of_record(of: bd.Case) -> Iterator[Any]:
     models = CandidateModels.from_job(of.job, {})
     rungs = [*models.singles(), *models.singles(absorbing=True)]
     rungs += models.beyond(("friction_both",), ())
-    yield [(rung.name, rung.about, rung.source.data) for rung in rungs]
+    yield [(rung.names, [each.words for each in rung.changes], rung.data) for rung in rungs]
 
 
 def analyses_of_friction(of: bd.Case) -> Iterator[Any]:
@@ -214,7 +215,8 @@ def print_chain() -> None:
 
     models = CandidateModels.from_job(case_of().job, {})
     singles = [*models.singles(), *models.singles(absorbing=True)]
-    unknowns = {rung.name: loading.validate(rung.source).space().free for rung in singles}
+    sources = {rung.names[0]: Source(Path(), "", rung.data, {}, ()) for rung in singles}
+    unknowns = {name: loading.validate(x).space().free for name, x in sources.items()}
     posterior = case_of(missing_torque={**TORQUE, "at": "middle"}).job.problem.posterior
     theta = posterior.space.vector({**posterior.space.start, "s_d": dry, "tau_d": 1.0})
     (torque,) = torque_estimates(posterior, theta[None], rng)
