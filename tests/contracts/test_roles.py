@@ -142,7 +142,7 @@ def analyses_of_causes(rig: Model, names: dict[str, str]) -> Iterator[Any]:
     posterior = of.job.problem.posterior
     start = posterior.space.start
     few = {"friction_rotor_1", "voltage_drop"}  # all take a minute
-    rungs = [r for r in CandidateModels.from_job(of.job, {}).singles() if r.name in few]
+    rungs = [r for r in CandidateModels.from_job(of.job, {}).singles() if r.names[0] in few]
     given = refit_candidate(posterior, start, -math.inf)
     assert given is not None
     with WorkerPool(posterior, 1) as pool:
@@ -266,7 +266,7 @@ def test_a_rig_in_other_words_has_every_analysis() -> None:
         *("tie k_T = k_e", "missing torque: it follows"),
     ):
         assert part in text
-    rungs = {rung[0] for rung in usual["record"][-1]}
+    rungs = {name for rung in usual["record"][-1] for name in rung[0]}
     assert {"friction_both", "missing_torque_motor"} <= rungs
 
 
