@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 import scipy
@@ -39,6 +40,19 @@ class FittedValue:
     unit: str
 
 
+@dataclass(frozen=True, slots=True)
+class Doubt:
+    """Why the evidence of a candidate cannot be trusted, and of which unknowns or changes that is said.
+
+    `end`: one is at an end of its prior; `maxima`: there is another one, about as high; `alike`: they
+    stand for each other; `hidden`: a `share` of the samples is, and others leave more than noise.
+    """
+
+    kind: Literal["end", "maxima", "alike", "hidden"]
+    said_of: tuple[str, ...] = ()
+    share: float = 0.0
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cause:
     """A candidate model: the config as given, and `parts` beside it.
@@ -56,7 +70,12 @@ class Cause:
     gain: float
     bayes: float
     fit: tuple[ResidualSummary, ...]
-    doubts: tuple[str, ...]
+    doubts: tuple[Doubt, ...]
+
+    @property
+    def name(self) -> str:
+        """Its name: parts with dashes between."""
+        return "-".join(self.parts)
 
     @property
     def about(self) -> str:

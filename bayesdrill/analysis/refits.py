@@ -26,6 +26,7 @@ START_QUANTILES = (0.58, 0.05, 0.42, 0.2, 0.8, 0.65)
 ROTATION = 2  # quantiles, by which those of one unknown are turned against those of the next
 FIRST_STEPS, LAST_STEPS, CLIMBED_STARTS = 4, 30, 8  # uphill: of all starts, and of the best
 NEAR_END = 1e-3  # of the spread of a prior
+MERGED = 1e-3  # of the spreads: points that are as near lead to one maximum
 # another maximum: so little lower, and so far, in spreads of the priors and in sds
 OTHER_MAXIMUM_DEPTH, SAME_MAXIMUM, SAME_MAXIMUM_SDS = 3.0, 0.1, 5.0
 ROUNDING = 1e-14  # of the largest eigenvalue of a curvature: what is smaller is rounding
@@ -92,20 +93,20 @@ def refit_candidate(
     unseen, _ = _hidden(posterior.likelihood, records)
     physical = _starts(posterior, near, alone, starts)
     rows = np.clip(coordinates.from_physical(physical), surface.low, surface.high)
-    first = gauss_newton(surface, rows, FIRST_STEPS)
+    first = gauss_newton(surface, rows, FIRST_STEPS, merged=MERGED)
     if not np.isfinite(first.value).any():
         return None
     begun = time.perf_counter()  # its code is compiled by now
     surface.value(rows)
     seconds = (time.perf_counter() - begun) / len(rows)
     best = np.argsort(-first.value, kind="stable")[:CLIMBED_STARTS]
-    u, value, gain = first.u[best], first.value[best], first.gain[best]
-    finite = np.isfinite(value)  # elsewhere the gain may be infinite too
-    promising = (value[finite] + gain[finite]).max() + unseen > least
+    best = best[np.isfinite(first.value[best])]  # elsewhere the gain may be infinite too
+    u = first.u[best]
+    promising = (first.value[best] + first.gain[best]).max() + unseen > least
     if promising and step_error.chosen_steps(posterior):
         posterior = step_error.choose_steps(posterior, coordinates.to_physical(u)[0])
         surface = LogDensity(posterior, physical=True)
-    top = gauss_newton(surface, u, LAST_STEPS if promising else 0)
+    top = gauss_newton(surface, u, LAST_STEPS if promising else 0, merged=MERGED)
     order = np.argsort(-top.value, kind="stable")
     u, heights = top.u[order], top.value[order]
     if not np.isfinite(heights[0]):
@@ -166,7 +167,7 @@ def _starts(
 def _laplace(posterior: Posterior, u: Array) -> tuple[float, Array]:
     """Return the log evidence, and the covariance `(D, D)` about the maximum `u (1, D)`."""
     surface = LogDensity(posterior)
-    here = surface.quadratic_model(u, np.eye(u.shape[1]))
+    here = surface.curvature_model(u, np.eye(u.shape[1]))
     # What a prior bends by itself is in the curvature already: of a box it is nothing.
     flat = np.maximum(1.0 / surface.spread**2 - surface.prior_derivatives(u)[1][0], 0.0)
     matrix = here.curvature[0] + np.diag(flat)

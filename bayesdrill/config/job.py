@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from bayesdrill.basics.entries import entries_of
 from bayesdrill.basics.errors import InputError, Issue, collect_each
 from bayesdrill.config import loading
 from bayesdrill.config.records import reading
+from bayesdrill.config.records.sources import Files
 from bayesdrill.config.resolve import assembly
 from bayesdrill.config.resolve.case import ResolvedCase
 from bayesdrill.config.schema.config import Asked, Config, Thresholds
@@ -33,11 +34,11 @@ MAX_START_DISTANCE = 1e10
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Job:
-    """A resolved case with its posterior; `table` is the record where it is in no file."""
+    """A resolved case with its posterior; `files`: what was read for it."""
 
     case: ResolvedCase
     problem: Problem
-    table: RecordTable | None = None
+    files: Files = field(default_factory=Files, compare=False, repr=False)
 
     @property
     def config(self) -> Config:
@@ -53,6 +54,14 @@ class Job:
         """Return the job with other sections of the config that decide no posterior."""
         config = self.config.model_copy(update=changed)
         return replace(self, case=replace(self.case, config=config))
+
+    def with_data(self, data: Mapping[str, Any], text: str = "") -> Job:
+        """Return the job of other entries of the config, of the same files; raises `InputError`.
+
+        No file is read again, and experiments keep the record that is made of the same entries.
+        """
+        source = Source(self.source.path, text, data, {}, ())
+        return assemble(loading.validate(source), self.files)
 
     def with_steps_at(self, mode: Mode) -> Job:
         """Return the job with the steps that `mode` needs, of a rig that is stepped."""
@@ -75,10 +84,10 @@ def prepare(path: Path) -> Job:
     return assemble(loading.load(path))
 
 
-def assemble(case: ResolvedCase, table: RecordTable | None = None) -> Job:
-    """Read the records of a case and build the job; `table` is the record where it is in no file."""
-    source = case.source
-    records = collect_each(lambda resolved: reading.read(resolved, table), case.experiments)
+def assemble(case: ResolvedCase, files: Files | None = None) -> Job:
+    """Read the records of a case, as far as they are not in `files`, and build the job."""
+    source, files = case.source, Files() if files is None else files
+    records = collect_each(lambda resolved: reading.read(resolved, files), case.experiments)
     problem = assembly.build_problem(case, records)
     posterior = problem.posterior
     start = posterior.space.vector(posterior.space.start)
@@ -96,7 +105,7 @@ def assemble(case: ResolvedCase, table: RecordTable | None = None) -> Job:
         raise_if_any([source.issue(("sampler", "likelihood"), message.format(r)) for r in reasons])
     impossible = derived.impossible_formulas(problem).items()
     raise_if_any([source.issue(("derived", name), text) for name, text in impossible])
-    return Job(case=case, problem=problem, table=table)
+    return Job(case=case, problem=problem, files=files)
 
 
 def _unsteady(case: ResolvedCase, problem: Problem, start: Array) -> list[Issue]:
@@ -129,7 +138,7 @@ def job_in_memory(columns: Mapping[str, Array], entries: Mapping[str, Any]) -> J
     raise_if_any(wrong)
     source = parse(ARRAYS_PATH, as_yaml(plain))
     source = replace(source, lines={})  # of a text that nobody has seen
-    return assemble(loading.validate(source), table)
+    return assemble(loading.validate(source), Files(table))
 
 
 def arrays_as_csv(columns: Mapping[str, Array]) -> str:

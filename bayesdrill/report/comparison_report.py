@@ -20,6 +20,7 @@ from bayesdrill.inference.display_units import DisplayUnits
 from bayesdrill.output_files import COMPARE, OVERLAY, Kind
 from bayesdrill.report.render import as_html
 from bayesdrill.report.section import Picture, Section, as_markdown, as_text
+from bayesdrill.report.sections.causes import doubt
 from bayesdrill.report.sections.comparison import (
     comparison_csv,
     comparison_figure,
@@ -28,7 +29,6 @@ from bayesdrill.report.sections.comparison import (
 )
 from bayesdrill.report.sections.overlay import intervals_figure, overlay_corner_figure, overlay_csv
 from bayesdrill.report.view import Drawing
-from bayesdrill.selection.candidates import CandidateModel
 
 RANKED = 10  # candidates that are shown
 MODELS = (
@@ -180,28 +180,29 @@ def ranking(causes: Causes, seconds: Mapping[tuple[str, ...], float]) -> str:
         "given, by Laplace's approximation, and the processor time that sampling would take"
     ]
     for cause in causes.ranked[:RANKED]:
-        doubts = f" [not to be trusted: {'; '.join(cause.doubts)}]" if cause.doubts else ""
+        why = "; ".join(map(doubt, cause.doubts))
+        doubts = f" [not to be trusted: {why}]" if why else ""
         minutes = seconds[cause.parts] / 60.0
         lines.append(f"  {cause.bayes:+10.1f}  {minutes:6.1f} min  {cause.about}{doubts}")
     return "\n".join(lines)
 
 
-def ladder_opening(candidates: Sequence[CandidateModel], missing: int) -> str:
-    """Say what is to be sampled."""
-    done = len(candidates) - missing
+def ladder_opening(models: Mapping[str, str], missing: int) -> str:
+    """Say which models, by their names in words, are to be sampled."""
+    done = len(models) - missing
     before = f" ({done} of them done before)" if done else ""
-    lines = [f"  {candidate.name}: {candidate.about}" for candidate in candidates]
+    lines = [f"  {name}: {about}" for name, about in models.items()]
     return "\n".join([f"to sample{before}:", *lines])
 
 
-def ladder_conclusion(candidate: CandidateModel, left_out: Mapping[str, str], config: Path) -> str:
+def ladder_conclusion(about: str, left_out: Mapping[str, str], config: Path) -> str:
     """Say what was not tried, and what to go on with."""
     missing = [f"left out: {name}: {reason}" for name, reason in left_out.items()]
-    return "\n".join([*missing, f"recommended: {candidate.about}: {config}"])
+    return "\n".join([*missing, f"recommended: {about}: {config}"])
 
 
-def about_config(candidate: CandidateModel, name: str, report: ComparisonReport) -> str:
+def about_config(about: str, name: str, report: ComparisonReport) -> str:
     """Return the head of the recommended config."""
     verdict = next(iter(comparison_verdict(report.models)))
     simplest = "the simplest of the models that are about as probable as the best"
-    return f"{name}: {candidate.about}, {simplest}.\n{verdict}"
+    return f"{name}: {about}, {simplest}.\n{verdict}"

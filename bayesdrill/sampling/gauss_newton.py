@@ -38,11 +38,12 @@ class GaussNewtonResult:
 
 
 def gauss_newton(
-    surface: LogDensity, start: Array, steps: int, *, exact: bool = False
+    surface: LogDensity, start: Array, steps: int, *, exact: bool = False, merged: float = 0.0
 ) -> GaussNewtonResult:
     """Climb from `start (W, D)`, each point by itself, in at most `steps` steps.
 
-    `exact`: with the second derivatives themselves, for the last steps to a maximum.
+    `exact`: with the second derivatives themselves, for the last steps to a maximum.  `merged`: a point
+    that comes as near to a higher one, in the priors' spreads, is left out, and its value is -inf.
     """
     u = np.clip(start, surface.low, surface.high)
     value = surface.value(u)
@@ -59,11 +60,15 @@ def gauss_newton(
         moved = _best_step(surface, u[now], value[now], damping[now], here)
         u[now], value[now], damping[now], advanced = moved
         under_way[now] = (gain[now] > MIN_GAIN) & (advanced | (damping[now] < MAX_DAMPING))
+        if merged:
+            beside = (np.abs(u[:, None] - u) <= merged * surface.spread).all(axis=2)
+            value[(beside & (value > value[:, None])).any(axis=1)] = -np.inf
+            under_way &= np.isfinite(value)
     return GaussNewtonResult(u, value, np.where(np.isfinite(value), gain, np.inf))
 
 
 def _gauss_newton_model(surface: LogDensity, u: Array) -> QuadraticModel:
-    return surface.quadratic_model(u, np.eye(u.shape[1]))
+    return surface.curvature_model(u, np.eye(u.shape[1]))
 
 
 def _second_order_model(surface: LogDensity, u: Array) -> QuadraticModel:
@@ -120,7 +125,7 @@ def _back_to_ridge(
         off = np.flatnonzero((value < wanted) & np.isfinite(value))
         if len(off) == 0:
             break
-        here = surface.quadratic_model(u[off], np.eye(u.shape[1]))
+        here = _gauss_newton_model(surface, u[off])
         there = _damped_step(surface, u[off], here, np.full(len(off), TIGHT_DAMPING))
         u[off], value[off] = there, surface.value(there)
     return u, value

@@ -1,5 +1,5 @@
-"""Candidate models of a record: configs that differ from one in a thing each, or in several.
+"""Candidate models of a record: a job with one change of its config, or with several.
 
-`parts` says what may be tried of a job, `config_edits` how the entries of a config say it, and
-`candidates` puts parts together.
+`changes` says what may be tried of a job, `config_edits` how the entries of a config say it, and
+`candidates` puts changes together.
 """

@@ -1,4 +1,4 @@
-"""Candidate models of a record: configs that differ from one in a thing each, or in several."""
+"""Candidate models of a record: a job with one change of its config, or with several."""
 
 from __future__ import annotations
 
@@ -7,128 +7,114 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from bayesdrill.analysis.causes import TORQUE
-from bayesdrill.config import loading
-from bayesdrill.config.job import Job, assemble
-from bayesdrill.config.yaml_source import Source, as_yaml
-from bayesdrill.record.formats.table import RecordTable
-from bayesdrill.selection import config_edits
-from bayesdrill.selection.parts import AR1, BOTH, LINEAR, NOTHING, START, Part, Setting
+from bayesdrill.config.job import Job
+from bayesdrill.config.yaml_source import as_yaml
+from bayesdrill.selection.changes import AR1, BOTH, LINEAR, NOTHING, START, Change, Setting
+from bayesdrill.selection.config_edits import SHARED, Entries, merged
 
-GIVEN, AS_GIVEN = "as_given", "the config as it is"
-MOST_PHYSICS = 8  # unknowns
 MOST_PARTS = 8
-LONGEST_NAME = 100  # letters, of a config
+NOT_OF_MODEL = ("map", "sampler", "output", "simulation")  # sections that decide no posterior
 
 
 @dataclass(frozen=True, slots=True)
 class CandidateModel:
-    """A candidate model, as the config that has it.
+    """The model of the job that is `given`, with changes; none of them: as it is.
 
-    `parts` that it has beside the config as given; `lines` of a config that say so; `table`: a record
-    that is in no file; `neutral`: further parameters of the rig that do nothing, which it is refitted
-    with, so that it shares kernels with others.
+    `neutral`: further parameters of the rig that do nothing, which it is refitted with, so that it
+    shares kernels with others.
     """
 
-    parts: tuple[Part, ...]
-    source: Source
-    table: RecordTable | None
-    lines: str = ""
+    given: Job
+    changes: tuple[Change, ...]
     neutral: Mapping[str, float] = NOTHING
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names of its parts."""
-        return tuple(part.name for part in self.parts)
+        """The names of its changes."""
+        return tuple(change.name for change in self.changes)
 
     @property
-    def name(self) -> str:
-        """Its name: parts with dashes between."""
-        return "-".join(self.names) or GIVEN
+    def entries(self) -> Entries:
+        """The entries that go over those of the config."""
+        said = merged({}, *(change.entries for change in self.changes))
+        before = self.given.source.data.get(SHARED, ())
+        return said | (
+            {SHARED: [*dict.fromkeys((*before, *said[SHARED]))]} if SHARED in said else {}
+        )
 
     @property
-    def about(self) -> str:
-        """What it has beside the config as given, in words."""
-        return " and ".join(part.words for part in self.parts) or AS_GIVEN
+    def config_lines(self) -> str:
+        """The lines that a user adds to the config."""
+        lines = as_yaml(self.entries).strip()
+        return lines[1:-1] if lines.startswith("{") else lines
+
+    @property
+    def data(self) -> Entries:
+        """All entries of its config but those that decide no posterior."""
+        given = self.given.source.data.items()
+        return merged({k: x for k, x in given if k not in NOT_OF_MODEL}, self.entries)
 
     def owner(self, unknown: str) -> str:
-        """Return the part that an unknown belongs to, the start where it is of none."""
-        owners = (p.name for p in self.parts if unknown in p.lacks or unknown.startswith(p.name))
+        """Return the change that an unknown belongs to, the start where it is of none."""
+        owners = (c.name for c in self.changes if unknown in c.lacks or unknown.startswith(c.name))
         return next(owners, START)
 
     def job(self, *, shared: bool = False) -> Job:
         """Return its job, `shared`: with what is neutral; raise `InputError` where there is none."""
         neutral = {"parameters": self.neutral} if shared and self.neutral else {}
-        data = config_edits.merged(neutral, self.source.data)
-        source = config_edits.with_data(self.source, data) if neutral else self.source
-        return assemble(loading.validate(source), self.table)
+        return self.given.with_data(merged(neutral, self.data))
 
 
 class CandidateModels(Setting):
     """Candidate models of the job of a setting."""
 
     def rungs(self, every: Iterable[tuple[str, ...]]) -> list[CandidateModel]:
-        """Return those with parts of these names, where there is such a thing to try."""
-        return [self._rung(names) for names in every if {*names} <= {*self.parts}]
+        """Return those with changes of these names, where there is such a thing to try."""
+        return [self._rung(names) for names in every if {*names} <= {*self.changes}]
 
     def singles(self, *, absorbing: bool = False) -> list[CandidateModel]:
-        """Return those with one thing each: a cause or, `absorbing`, what absorbs any misfit."""
-        parts = [part for part in self.parts.values() if part.absorbs == absorbing]
-        return self.rungs((part.name,) for part in parts if not part.needs)
+        """Return those with one change each: a cause or, `absorbing`, what absorbs any misfit."""
+        every = [change for change in self.changes.values() if change.absorbs == absorbing]
+        return self.rungs((change.name,) for change in every if not change.needs)
 
     def beyond(self, names: tuple[str, ...], more: Iterable[str]) -> list[CandidateModel]:
-        """Return those with these parts and each of `more` that can go with them."""
+        """Return those with these changes and each of `more` that can go with them."""
         if len(names) >= MOST_PARTS:
             return []
-        resting = [part.name for part in self.parts.values() if part.needs]
+        resting = [change.name for change in self.changes.values() if change.needs]
         wanted = ((*names, n) for n in dict.fromkeys((*more, *resting)) if n not in names)
         return self.rungs(filter(self.possible, wanted))
 
     def without_each(self, names: tuple[str, ...]) -> list[CandidateModel]:
-        """Return those without each of their parts, in turn."""
+        """Return those without each of their changes, in turn."""
         every = reversed([*itertools.combinations(names, len(names) - 1)])
         return self.rungs(fewer for fewer in every if fewer and self.possible(fewer))
 
     def possible(self, names: Sequence[str]) -> bool:
-        """Tell whether parts go together, and together mean something that one alone does not."""
-        parts = [self.parts[name] for name in names if name in self.parts]
-        decided = [place for part in parts for place in part.decides]
-        needed = {part.needs for part in parts} - {""}
-        freed = {parameter for part in parts for parameter in part.lacks}
-        if len(parts) < len(names) or len({*decided}) < len(decided) or not needed <= freed:
+        """Tell whether changes go together, and together mean something that one alone does not."""
+        every = [self.changes[name] for name in names if name in self.changes]
+        decided = [place for change in every for place in change.decides]
+        needed = {change.needs for change in every} - {""}
+        freed = {parameter for change in every for parameter in change.lacks}
+        if len(every) < len(names) or len({*decided}) < len(decided) or not needed <= freed:
             return False
         if self.time_references <= {*names}:
             return False
         # A missing torque wants white noise, and beside friction it is an approximation.
-        torque = any(part.name.startswith(TORQUE) for part in parts)
-        apart = torque and (AR1 in names or any(part.kind > LINEAR for part in parts))
+        torque = any(name.startswith(TORQUE) for name in names)
+        apart = torque and (AR1 in names or any(change.kind > LINEAR for change in every))
         rubs = [name for name in names if name.startswith("friction_")]
-        return not apart and (len(rubs) < 2 or BOTH not in self.parts)
+        return not apart and (len(rubs) < 2 or BOTH not in self.changes)
 
     def windows(self, count: int) -> list[CandidateModel]:
         """Return the config as given, on each of `count` windows of the record, from a free start."""
-        given, table = self.job.source, self.job.table
         every = (self.window(k / count, (k + 1) / count) for k in range(count))
-        changed = (config_edits.merged(given.data, lines) for lines in every)
-        return [CandidateModel((), config_edits.with_data(given, x), table) for x in changed]
+        changes = (Change(f"window_{k}", "", entries) for k, entries in enumerate(every, 1))
+        return [CandidateModel(self.job, (change,)) for change in changes]
 
     def _rung(self, names: tuple[str, ...]) -> CandidateModel:
-        given, table = self.job.source, self.job.table
-        if not names:
-            return CandidateModel((), given, table)
-        parts = tuple(self.parts[name] for name in names)
-        said = config_edits.merged({}, *(part.lines for part in parts))
-        data = config_edits.merged(given.data, said)
-        said |= {key: data[key] for key in said if key == config_edits.SHARED}
-        lines = as_yaml(said).strip()
-        lines = lines[1:-1] if lines.startswith("{") else lines
-        data["output"] = {**data.get("output", {}), "figures": ["fit"]}
-        data.pop("simulation", None)
-        problem = self.job.problem
-        channels = sum(len(each.experiment.channels) for each in problem.observations)
-        config_edits.raise_walkers(data, len(problem.names) + 2 * channels + MOST_PHYSICS)
-        kind = max(part.kind for part in parts)
-        others = [part for part in self.parts.values() if LINEAR <= part.kind <= kind]
-        neutral = {
-            n: x for p in others for n, x in p.neutral.items() if n not in data["parameters"]
-        }
-        return CandidateModel(parts, config_edits.with_data(given, data), table, lines, neutral)
+        changes = tuple(self.changes[name] for name in names)
+        kind = max((change.kind for change in changes), default=0)
+        others = [change for change in self.changes.values() if LINEAR <= change.kind <= kind]
+        neutral = {name: x for change in others for name, x in change.neutral.items()}
+        return CandidateModel(self.job, changes, neutral)

@@ -7,9 +7,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from bayesdrill.analysis.causes import Cause
+from bayesdrill.config.job import Job
 from bayesdrill.config.records import sources
 from bayesdrill.config.resolve import experiments
-from bayesdrill.config.yaml_source import Source, as_yaml
+from bayesdrill.config.yaml_source import Source, as_yaml, parse
 
 Entries = dict[str, Any]
 Place = tuple[str, ...]
@@ -82,16 +84,14 @@ def columns(data: Mapping[str, Any], name: str) -> Iterator[tuple[Place, Entries
                 yield (*place, *inner, name), entry
 
 
-def with_data(given: Source, data: Entries) -> Source:
-    """Return the source of a config with other data."""
-    return Source(given.path, as_yaml(data), data, {}, ())
-
-
-def raise_walkers(data: Entries, unknowns: int) -> None:
-    """Give as many walkers as so many unknowns want, where the config says how many there are."""
-    given = (data.get("sampler") or {}).get("walkers")
-    if isinstance(given, int) and given < 2 * unknowns:
-        data["sampler"] = {**data["sampler"], "walkers": 2 * unknowns}
+def amended(job: Job, cause: Cause) -> Entries:
+    """Return the entries of a config with the lines of a cause, and as many walkers as unknowns want."""
+    data = merged(job.source.data, parse(job.source.path, cause.lines).data)
+    walkers, unknowns = (data.get("sampler") or {}).get("walkers"), len(job.problem.names)
+    if isinstance(walkers, int):
+        wanted = max(walkers, 2 * (unknowns + len(cause.new)))
+        data["sampler"] = {**data["sampler"], "walkers": wanted}
+    return data
 
 
 def as_file(

@@ -17,7 +17,6 @@ from bayesdrill.basics.units import Unit
 from bayesdrill.basics.values import as_data, from_data
 from bayesdrill.config.job import Job, prepare
 from bayesdrill.config.resolve import work
-from bayesdrill.config.yaml_source import parse
 from bayesdrill.inference.compression import LONG
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.residual_checks import ResidualSummary
@@ -117,7 +116,7 @@ def misfit(left: Sequence[ResidualSummary], clock: Unit) -> str:
 def check_new_config(job: Job, path: Path, *, force: bool) -> None:
     """Raises `InputError` where `write_config` would, before minutes of searches."""
     place = str(path)
-    if job.table is not None:
+    if job.files.given is not None:
         raise InputError.at(
             place, "the record is in no file yet; save the case, then map its config"
         )
@@ -132,11 +131,9 @@ def check_new_config(job: Job, path: Path, *, force: bool) -> None:
 def write_config(job: Job, cause: Cause, path: Path, *, force: bool) -> None:
     """Write the config of a job with the lines of a candidate."""
     check_new_config(job, path, force=force)
-    lines = parse(path, cause.lines).data
     about = [f"{job.source.path.name} with {cause.about}, as `bayesdrill map` recommends it."]
-    data = config_edits.merged(job.source.data, lines)
-    config_edits.raise_walkers(data, len(job.problem.names) + len(cause.new))
-    output_files.write_text(path, config_edits.as_file(data, job.source, path.parent, about))
+    text = config_edits.as_file(config_edits.amended(job, cause), job.source, path.parent, about)
+    output_files.write_text(path, text)
 
 
 MAP_FILE = "map.json"

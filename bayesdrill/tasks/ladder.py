@@ -7,11 +7,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from bayesdrill.analysis.causes import Cause, Causes
 from bayesdrill.analysis.comparison import SURE_LOG_ODDS, RunSummary
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.basics.values import as_data, from_data
 from bayesdrill.config.job import Job
+from bayesdrill.config.yaml_source import as_yaml
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.output_files import LADDER, POSTERIOR, RECOMMENDED
 from bayesdrill.report import comparison_report
@@ -25,15 +27,34 @@ from bayesdrill.sampling.mode_search import Mode
 from bayesdrill.sampling.proposal.learning import NoSupportError
 from bayesdrill.sampling.workers import WorkerPool
 from bayesdrill.selection import config_edits
-from bayesdrill.selection.candidates import LONGEST_NAME, CandidateModel, CandidateModels
 from bayesdrill.tasks import comparison, pipeline, ranking
 from bayesdrill.tasks.conclusions import SampledRun, concluded
 from bayesdrill.tasks.find_map import fit_plan
 from bayesdrill.tasks.remote import RefitExecutor, packed, run_jobs
 
-RANKED = "candidates"  # in `run.json`: their parts, the most probable first, and what makes them
-KEPT = 20  # in `run.json`
+RANKED = "candidates"  # in `run.json`: what the ranking has found
+KEPT = 20  # candidates in `run.json`
 STEPS = 400  # of a walker, as a posterior of one maximum usually takes
+GIVEN, AS_GIVEN = "as_given", "the config as it is"
+LONGEST_NAME = 100  # letters, of a config
+
+
+@dataclass(frozen=True, slots=True)
+class LadderModel:
+    """A model of a ladder: its `parts` beside the config as given, what it is in words, and its job."""
+
+    name: str
+    about: str
+    parts: tuple[str, ...]
+    job: Job
+
+
+def _with_lines(given: Job, cause: Cause) -> Job:
+    """Return the job of a config with the lines of a cause; raises `InputError` where there is none."""
+    data = config_edits.amended(given, cause)
+    data["output"] = {**data.get("output", {}), "figures": ["fit"]}
+    data.pop("simulation", None)
+    return given.with_data(data, as_yaml(data))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,15 +67,16 @@ class LadderOutcome:
 
     folder: Path
     report: ComparisonReport
-    rungs: tuple[CandidateModel, ...]
+    rungs: tuple[LadderModel, ...]
     left_out: Mapping[str, str]
-    recommended: CandidateModel
+    recommended: LadderModel
     config: Path
 
     @property
     def said(self) -> str:
         """For the terminal."""
-        told = comparison_report.ladder_conclusion(self.recommended, self.left_out, self.config)
+        about = self.recommended.about
+        told = comparison_report.ladder_conclusion(about, self.left_out, self.config)
         return f"{self.report.text}\n{told}"
 
 
@@ -87,17 +109,6 @@ def ladder(
         return _published(job, folder, work)
 
 
-@dataclass(frozen=True, slots=True)
-class _Ranking:
-    """Parts of candidates, the most probable first, and what makes them; no parts: as given."""
-
-    parts: tuple[tuple[str, ...], ...]
-    sizes: Mapping[str, float]
-    speeds: Mapping[str, float]
-    weights: Mapping[str, float]
-    numbers: Mapping[str, float]
-
-
 class _Sampling:
     """Models under way: `done` has what each that was sampled says, `left_out` why others were not."""
 
@@ -106,79 +117,82 @@ class _Sampling:
     ) -> None:
         self.job, self.folder, self.again = job, folder, again
         self.pool, self.report = pool, report
-        self.done: dict[str, tuple[CandidateModel, RunSummary]] = {}
+        self.done: dict[str, tuple[LadderModel, RunSummary]] = {}
         self.left_out: dict[str, str] = {}
 
     def run(self, sample: int) -> None:
         """Rank all candidates, and sample the most probable; the config as given counts as one."""
-        known = (self._ranked_before() if self.again else None) or self._ranked()
-        self.folder.write_run(**{RANKED: as_data(known)})
-        ladder = CandidateModels(self.job, known.sizes, known.speeds, known.weights, known.numbers)
-        rungs = ladder.rungs(known.parts)[:sample]
-        jobs: dict[str, tuple[CandidateModel, Job]] = {}
-        for k, rung in enumerate(rungs, start=1):
+        causes = (self._ranked_before() if self.again else None) or self._ranked()
+        self.folder.write_run(**{RANKED: as_data(causes)})
+        better = [cause for cause in causes.ranked if cause.bayes > 0.0]
+        models = dict[str, LadderModel]()
+        for k, cause in enumerate([*better, None, *causes.ranked[len(better) :]][:sample], start=1):
+            if cause is None:
+                models[f"model_{k}"] = LadderModel(GIVEN, AS_GIVEN, (), self.job)
+                continue
             try:
-                jobs[f"model_{k}"] = rung, rung.job() if rung.parts else self.job
+                made = _with_lines(self.job, cause)
             except InputError as error:
-                self.left_out[rung.name] = error.problems[0].message
-        missing = {place: pair for place, pair in jobs.items() if not self._taken_up(place, *pair)}
-        candidates = [rung for rung, _ in jobs.values()]
-        self.report.say(comparison_report.ladder_opening(candidates, len(missing)))
+                self.left_out[cause.name] = error.problems[0].message
+            else:
+                models[f"model_{k}"] = LadderModel(cause.name, cause.about, cause.parts, made)
+        missing = {place: x for place, x in models.items() if not self._taken_up(place, x)}
+        abouts = {model.name: model.about for model in models.values()}
+        self.report.say(comparison_report.ladder_opening(abouts, len(missing)))
 
         def finish(place: str, modes: tuple[Mode, SamplingResult] | str) -> str:
-            self._finish(modes, place, *missing[place])
+            self._finish(modes, place, missing[place])
             return f"{len(self.done)} models"
 
-        jobs_left = {place: made for place, (_, made) in missing.items()}
-        tasks = {p: (packed(j.problem.posterior, fit_plan(j)),) for p, j in jobs_left.items()}
+        tasks = {
+            place: (packed(model.job.problem.posterior, fit_plan(model.job)),)
+            for place, model in missing.items()
+        }
         run_jobs(self.pool, _fit, tasks, finish, self.folder.path, self.report)
 
-    def _ranked_before(self) -> _Ranking | None:
+    def _ranked_before(self) -> Causes | None:
         run = run_folder.read_run(self.folder.path) or {}
         try:
-            return from_data(_Ranking, run[RANKED])
+            return from_data(Causes, run[RANKED])
         except (KeyError, ValueError):
             return None
 
-    def _ranked(self) -> _Ranking:
+    def _ranked(self) -> Causes:
         job = self.job
         mode = self.pool.submit(search, job.problem.posterior, fit_plan(job)).result()
-        there = job.with_steps_at(mode)
-        causes, ranked = ranking.rank(there, mode.values, self.pool.submit, self.report)
-        models, sampler = ranked.models, job.config.sampler
+        there, sampler = job.with_steps_at(mode), job.config.sampler
+        causes, maxima = ranking.rank(there, mode.values, self.pool.submit, self.report)
         evaluations = sampler.ensembles * sampler.walkers * STEPS
-        times = {parts: evaluations * each.seconds for parts, each in ranked.maxima.items()}
+        times = {parts: evaluations * each.seconds for parts, each in maxima.items()}
         self.report.say(comparison_report.ranking(causes, times))
-        better = [cause.parts for cause in causes.ranked if cause.bayes > 0.0]
-        parts = [*better, (), *(cause.parts for cause in causes.ranked[len(better) :])][:KEPT]
-        return _Ranking(tuple(parts), models.sizes, models.speeds, models.weights, models.numbers)
+        return dataclasses.replace(causes, ranked=causes.ranked[:KEPT])
 
-    def _taken_up(self, place: str, rung: CandidateModel, job: Job) -> bool:
+    def _taken_up(self, place: str, model: LadderModel) -> bool:
         """Whether it was run before."""
         folder = self.folder.path / place
         run = (run_folder.read_run(folder) if self.again else None) or {}
-        marks = provenance.fingerprint(job.config, job.problem)
+        marks = provenance.fingerprint(model.job.config, model.job.problem)
         if run.get("fingerprint") != marks or run.get("status") != "finished":
             return False
-        return self._known(place, rung, pipeline.read_result(folder))
+        return self._known(place, model, pipeline.read_result(folder))
 
     def _finish(
-        self, made: tuple[Mode, SamplingResult] | str, place: str, rung: CandidateModel, job: Job
+        self, made: tuple[Mode, SamplingResult] | str, place: str, model: LadderModel
     ) -> None:
         if isinstance(made, str):
-            self.left_out[rung.name] = made
+            self.left_out[model.name] = made
             return
         mode, sampled = made
-        run = SampledRun(job.with_steps_at(mode), mode, sampled)
+        run = SampledRun(model.job.with_steps_at(mode), mode, sampled)
         view = concluded(run, alone=False)  # what may be missing the ranking says
         pipeline.write_result(run.job, view, self.folder.path / place, None, force=True)
-        if not self._known(place, rung, dataclasses.replace(run, kept=view.analysis)):
-            self.left_out[rung.name] = "its evidence could not be computed"
+        if not self._known(place, model, dataclasses.replace(run, kept=view.analysis)):
+            self.left_out[model.name] = "its evidence could not be computed"
 
-    def _known(self, place: str, rung: CandidateModel, run: SampledRun) -> bool:
+    def _known(self, place: str, model: LadderModel, run: SampledRun) -> bool:
         if run.sampled.evidence is not None:
-            named = comparison.NamedRun(rung.name, self.folder.path / place, run)
-            self.done[place] = rung, comparison.contender(named, self.job.problem.units)
+            named = comparison.NamedRun(model.name, self.folder.path / place, run)
+            self.done[place] = model, comparison.contender(named, self.job.problem.units)
         return place in self.done
 
 
@@ -204,10 +218,10 @@ def _published(job: Job, folder: Folder, work: _Sampling) -> LadderOutcome:
     every = [work.done[place] for place in places]
     report = ComparisonReport.of_models([summary for _, summary in every], job.problem.units)
     report = dataclasses.replace(report, heading=f"Ladder of {job.config.name}")
-    chosen = recommended([rung for rung, _ in every], report)
-    about = comparison_report.about_config(chosen, job.config.name, report)
+    chosen = recommended([model for model, _ in every], report)
+    about = comparison_report.about_config(chosen.about, job.config.name, report)
     name = f"{job.config.name}_{chosen.name}"[:LONGEST_NAME]
-    given = chosen.source.data, job.source, folder.path
+    given = chosen.job.source.data, job.source, folder.path
     text = config_edits.as_file(*given, about.splitlines(), name)
     folder.write_text(RECOMMENDED, text)
     comparison.write(report, folder)
@@ -220,14 +234,14 @@ def _published(job: Job, folder: Folder, work: _Sampling) -> LadderOutcome:
     return LadderOutcome(
         folder=folder.path,
         report=report,
-        rungs=tuple(rung for rung, _ in every),
+        rungs=tuple(model for model, _ in every),
         left_out=work.left_out,
         recommended=chosen,
         config=folder.path / RECOMMENDED,
     )
 
 
-def recommended(every: Sequence[CandidateModel], report: ComparisonReport) -> CandidateModel:
+def recommended(every: Sequence[LadderModel], report: ComparisonReport) -> LadderModel:
     """The simplest of those that are about as probable as the best."""
     models = report.models
     least = max(model.log_z for model in models) - SURE_LOG_ODDS

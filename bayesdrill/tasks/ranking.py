@@ -13,7 +13,14 @@ from typing import Any
 
 import numpy as np
 
-from bayesdrill.analysis.causes import SURE_LOG_ODDS, Cause, Causes, FittedValue, recommended
+from bayesdrill.analysis.causes import (
+    SURE_LOG_ODDS,
+    Cause,
+    Causes,
+    Doubt,
+    FittedValue,
+    recommended,
+)
 from bayesdrill.analysis.edits import with_gear
 from bayesdrill.analysis.refits import RefitMaximum, measured_samples, refit_candidate
 from bayesdrill.analysis.suspicions import find_reference
@@ -23,7 +30,7 @@ from bayesdrill.basics.symbols import Symbol
 from bayesdrill.config.job import Job
 from bayesdrill.inference.residual_checks import like_noise
 from bayesdrill.selection.candidates import CandidateModel, CandidateModels
-from bayesdrill.selection.parts import GEAR, LATER, START, WIDENED
+from bayesdrill.selection.changes import GEAR, LATER, START, WIDENED
 
 Submit = Callable[..., Future[Any]]  # of a function and its arguments
 FEW, PAIRED = 8, 4  # candidates that are tried beside others; in all pairs of these
@@ -43,8 +50,8 @@ WINDOWS = 4  # of the record, where nothing explains all
 
 def rank(
     job: Job, maximum: Mapping[str, float], submit: Submit, report: Reporter
-) -> tuple[Causes, Ranking]:
-    """Refit all candidate models of `job` from its maximum.
+) -> tuple[Causes, Mapping[tuple[str, ...], RefitMaximum]]:
+    """Refit all candidate models of `job` from its maximum; return also where these ended, by parts.
 
     First each part by itself and pairs of the best; then, as long as it gets better, what else gained
     beside the best.  `submit` does `refits.refit_candidate` in this process or another.
@@ -52,7 +59,7 @@ def rank(
     posterior = job.problem.posterior
     given = submit(refit_candidate, posterior, maximum, -math.inf).result()
     ranking = Ranking(job, maximum, given, submit, report)
-    return ranking.causes(), ranking
+    return ranking.causes(), ranking.maxima
 
 
 @dataclass
@@ -122,14 +129,14 @@ class Ranking:
         if first:
             self._climb(first)
         if (best := self._best()) is not None and not best.explains_all:
-            absorbing = [part.name for part in self.models.parts.values() if part.absorbs]
+            absorbing = [change.name for change in self.models.changes.values() if change.absorbs]
             self._beside(best.parts, absorbing)
 
     def _climb(self, first: Sequence[str]) -> None:
         """Try what gained by itself beside the best, then all else; at last try without each part."""
-        parts = self.models.parts.values()
-        physics = [part.name for part in parts if part.kind]
-        singles = [part.name for part in parts if not part.absorbs and not part.needs]
+        changes = self.models.changes.values()
+        physics = [change.name for change in changes if change.kind]
+        singles = [change.name for change in changes if not change.absorbs and not change.needs]
         for more in ((*first[:FEW], *physics), singles):
             before = 0.0
             while (best := self._best()) is not None:
@@ -220,12 +227,12 @@ class Ranking:
                 try:
                     job = rung.job(shared=True)
                 except InputError as error:
-                    self.left_out[rung.name] = error.problems[0].message
+                    self.left_out["-".join(rung.names)] = error.problems[0].message
                     continue
                 least = self.given.log_posterior + PROMISE
                 single = self.maxima.get(rung.names[-1:]) if len(rung.names) > 1 else None
                 alone = {} if single is None else single.values
-                sought = (part.starts for part in rung.parts if part.starts)
+                sought = (change.starts for change in rung.changes if change.starts)
                 starts = next((each for each in sought if not {*each[0]} <= {*near}), ())
                 arguments = job.problem.posterior, near, least, alone, self.records, starts
                 under_way.append((rung, job, self.submit(refit_candidate, *arguments)))
@@ -236,14 +243,15 @@ class Ranking:
 
     def _keep(self, rung: CandidateModel, job: Job, top: RefitMaximum | None) -> None:
         if top is None:
-            self.left_out[rung.name] = "has no finite response near the maximum"
+            self.left_out["-".join(rung.names)] = "has no finite response near the maximum"
             return
         tries = math.prod(self.tried.get(name, 1) for name in rung.names)
+        lacks = dict.fromkeys(name for change in rung.changes for name in change.lacks)
         self.causes_by_parts[rung.names] = Cause(
             parts=rung.names,
-            words=tuple(part.words for part in rung.parts),
-            lines=rung.lines,
-            lacks=tuple(dict.fromkeys(name for part in rung.parts for name in part.lacks)),
+            words=tuple(change.words for change in rung.changes),
+            lines=rung.config_lines,
+            lacks=tuple(lacks),
             new=_fitted([s for s in job.problem.symbols if s.name not in self.maximum], top),
             gain=top.log_posterior - self.given.log_posterior,
             bayes=float(top.log_z - self.given.log_z) - math.log(tries),
@@ -252,15 +260,15 @@ class Ranking:
         )
         self.maxima[rung.names] = top
 
-    def _redundant(self, top: RefitMaximum, rung: CandidateModel) -> Iterator[str]:
+    def _redundant(self, top: RefitMaximum, rung: CandidateModel) -> Iterator[Doubt]:
         """Yield parts of which each does nearly all that both do, and more than noise is left."""
         least = REDUNDANT * float(top.log_z - self.given.log_z)
-        for pair in [] if like_noise(top.fit) else itertools.combinations(rung.parts, 2):
-            alone = [tuple(n for n in rung.names if n != part.name) for part in pair]
+        for pair in [] if like_noise(top.fit) else itertools.combinations(rung.changes, 2):
+            alone = [tuple(n for n in rung.names if n != change.name) for change in pair]
             if all(
                 n in self.causes_by_parts and self.causes_by_parts[n].bayes > least for n in alone
             ):
-                yield f"{' and '.join(part.words for part in pair)} stand for each other"
+                yield Doubt("alike", tuple(change.words for change in pair))
 
     def _windows(self) -> tuple[tuple[FittedValue, ...], ...]:
         """Refit the config as given on each window; nothing where one of them cannot be.
@@ -305,21 +313,20 @@ def _finer(heights: Mapping[float, float], finest: float) -> list[float]:
     return [*halfway, float(top)] if near[0] < top < near[2] and top not in heights else halfway
 
 
-def _doubts(top: RefitMaximum, known: set[str], rung: CandidateModel) -> Iterator[str]:
+def _doubts(top: RefitMaximum, known: set[str], rung: CandidateModel) -> Iterator[Doubt]:
     """Yield why the evidence of a candidate cannot be trusted."""
     widened = {name.removeprefix(WIDENED) for name in rung.names if name.startswith(WIDENED)}
-    optional = {part.optional for part in rung.parts}
+    optional = {change.optional for change in rung.changes}
     for name, way in top.at_ends.items():
         if (name not in known or name in widened) and not (name in optional and way < 0):
-            yield f"{name} is at an end of its prior"
+            yield Doubt("end", (name,))
     if top.several:
-        yield "there is another maximum, about as high"
+        yield Doubt("maxima")
     for pair in top.alike:
         if len({rung.owner(name) for name in pair}) > 1:
-            yield f"{' and '.join(pair)} stand for each other"
+            yield Doubt("alike", pair)
     if top.hidden > MAX_HIDDEN and not like_noise(top.fit):
-        share = f"{100 * top.hidden:.2g} %"
-        yield f"it hides {share} of the samples, and leaves more than noise of the others"
+        yield Doubt("hidden", share=top.hidden)
 
 
 def _fitted(symbols: Iterable[Symbol], top: RefitMaximum) -> tuple[FittedValue, ...]:

@@ -30,6 +30,7 @@ from bayesdrill.analysis.run_analysis import torque_summary
 from bayesdrill.basics import symbols
 from bayesdrill.basics.progress import SILENT
 from bayesdrill.config import loading
+from bayesdrill.config.yaml_source import Source
 from bayesdrill.inference import derived
 from bayesdrill.report import words
 from bayesdrill.report.sections.causes import describe_causes, instead, lacking
@@ -109,7 +110,7 @@ def analyses_of_record(of: bd.Case) -> Iterator[Any]:
     models = CandidateModels.from_job(of.job, {})
     rungs = [*models.singles(), *models.singles(absorbing=True)]
     rungs += models.beyond(("friction_both",), ())
-    yield [(rung.name, rung.about, rung.source.data) for rung in rungs]
+    yield [(rung.names, [each.words for each in rung.changes], rung.data) for rung in rungs]
 
 
 def analyses_of_friction(of: bd.Case) -> Iterator[Any]:
@@ -141,7 +142,7 @@ def analyses_of_causes(rig: Model, names: dict[str, str]) -> Iterator[Any]:
     posterior = of.job.problem.posterior
     start = posterior.space.start
     few = {"friction_rotor_1", "voltage_drop"}  # all take a minute
-    rungs = [r for r in CandidateModels.from_job(of.job, {}).singles() if r.name in few]
+    rungs = [r for r in CandidateModels.from_job(of.job, {}).singles() if r.names[0] in few]
     given = refit_candidate(posterior, start, -math.inf)
     assert given is not None
     with WorkerPool(posterior, 1) as pool:
@@ -214,7 +215,8 @@ def print_chain() -> None:
 
     models = CandidateModels.from_job(case_of().job, {})
     singles = [*models.singles(), *models.singles(absorbing=True)]
-    unknowns = {rung.name: loading.validate(rung.source).space().free for rung in singles}
+    sources = {rung.names[0]: Source(Path(), "", rung.data, {}, ()) for rung in singles}
+    unknowns = {name: loading.validate(x).space().free for name, x in sources.items()}
     posterior = case_of(missing_torque={**TORQUE, "at": "middle"}).job.problem.posterior
     theta = posterior.space.vector({**posterior.space.start, "s_d": dry, "tau_d": 1.0})
     (torque,) = torque_estimates(posterior, theta[None], rng)
@@ -264,7 +266,7 @@ def test_a_rig_in_other_words_has_every_analysis() -> None:
         *("tie k_T = k_e", "missing torque: it follows"),
     ):
         assert part in text
-    rungs = {rung[0] for rung in usual["record"][-1]}
+    rungs = {name for rung in usual["record"][-1] for name in rung[0]}
     assert {"friction_both", "missing_torque_motor"} <= rungs
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 from ruamel.yaml import YAML
@@ -10,8 +11,11 @@ from support import command_line
 from support.case_tables import run_cases
 from support.unexplained_records import merged
 
-from bayesdrill.config import loading
+from bayesdrill.config import loading, yaml_source
 from bayesdrill.config.job import prepare
+from bayesdrill.config.yaml_source import as_yaml
+from bayesdrill.record.formats import csv
+from bayesdrill.results.provenance import fingerprint
 from bayesdrill.selection import config_edits
 from bayesdrill.selection.candidates import MOST_PARTS, CandidateModel, CandidateModels
 
@@ -33,7 +37,6 @@ UNKNOWN_OF_SENSORS = {"t_0"} | {
     f"{kind}_{c}" for c in CHANNELS for kind in ("lag", "gain", "offset")
 }
 OF_SENSORS = {*UNKNOWN_OF_SENSORS, "sign_theta_1", "sign_w_1", "free_start"}
-NOT_OF_MODEL = ("output", "simulation", "sampler")
 FREE = "sigma: {prior: log_uniform, low: 0.01, high: 1}"
 FREE_ANGLE = ("theta_1, unit: rad, sigma: 0.05", f"theta_1, unit: rad, {FREE}")
 load_yaml = YAML(typ="safe").load
@@ -47,7 +50,7 @@ def candidates(folder: Path, *changes: tuple[str, str]) -> CandidateModels:
 def singles(models: CandidateModels) -> dict[str, CandidateModel]:
     """Candidates with one part, by name: causes, and what absorbs any misfit."""
     both = (*models.singles(), *models.singles(absorbing=True))
-    return {candidate.name: candidate for candidate in both}
+    return {name: candidate for candidate in both for name in candidate.names}
 
 
 def unknowns(candidate: CandidateModel) -> set[str]:
@@ -76,21 +79,73 @@ def test_each_candidate_frees_what_its_name_says(tmp_path: Path) -> None:
             assert names == expected, name
     (geared,) = models.with_numbers(gear=2.0).rungs([("gear",)])
     assert geared.job().problem.model.i_m == 2.0 * models.job.problem.model.i_m
-    assert geared.lines == "model: {i_m: 0.25}"
-    assert every["sign_w_1"].lines == "record:\n  channels:\n    w_1: {gain: -1.0}"
+    assert geared.config_lines == "model: {i_m: 0.25}"
+    assert every["sign_w_1"].config_lines == "record:\n  channels:\n    w_1: {gain: -1.0}"
 
 
-def test_the_lines_of_a_candidate_make_it_of_the_config(tmp_path: Path) -> None:
-    """Pasted into the config as given, they are the rung."""
-    models = candidates(tmp_path)
-    for name, candidate in singles(models).items():
-        pasted = merged(load_yaml(models.job.source.text), load_yaml(candidate.lines))
-        whole = load_yaml(candidate.source.text)
-        of_model, expected = (
-            {key: x for key, x in data.items() if key not in NOT_OF_MODEL}
-            for data in (pasted, whole)
+TRAIN = """\
+name: train
+seed: 7
+record:
+  file: small.csv
+  time: {column: t, unit: s}
+  channels:
+    w_arm: {column: w_1, unit: rad/s, sigma: 0.05}
+    theta_arm: {column: theta_1, unit: rad, sigma: {prior: log_uniform, low: 0.01, high: 1}}
+inputs: {t_arm: {column: w_1, unit: N*m, file: small.csv, time: {column: t, unit: s}}}
+initial: {theta_arm: 0.1}
+model: {name: train, inertias: [arm], drives: {arm: torque}, gravity: [arm]}
+parameters: {j_arm: {prior: log_uniform, low: 1.0e-3, high: 1.0}, g_arm: 1.0, c_arm: 0.01}
+"""
+CONSTANTS = {
+    "shaft": {"gear": 2.0, "later": 0.1},
+    "train": {"clock": 0.98, "later": 0.1, "prior_j_arm": 1.0},
+    "experiments": {},
+}
+
+
+def calls_of(monkeypatch: pytest.MonkeyPatch, owner: Any, name: str) -> list[Any]:
+    """Return a list that gets the arguments of each call from now on."""
+    calls, original = list[Any](), getattr(owner, name)
+
+    def counted(*arguments: Any) -> Any:
+        calls.append(arguments)
+        return original(*arguments)
+
+    monkeypatch.setattr(owner, name, counted)
+    return calls
+
+
+@pytest.mark.parametrize("rig", CONSTANTS)
+def test_pasted_lines_make_the_posterior_of_a_candidate_which_reads_nothing_again(
+    rig: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    several = ("inputs:", EXPERIMENTS.replace(", lag: 0.01", ""))
+    changes = [several] if rig == "experiments" else []
+    config = command_line.small_config(tmp_path, ("walkers: 8", "walkers: 40"), *changes)
+    if rig == "train":
+        config.write_text(TRAIN)
+    tables, texts = calls_of(monkeypatch, csv, "read"), calls_of(monkeypatch, yaml_source, "parse")
+    job = prepare(config)
+    before = len(tables), len(texts)
+    models = CandidateModels.from_job(job, {}).with_numbers(**CONSTANTS[rig])
+    both = (*models.singles(), *models.singles(absorbing=True))
+    jobs = {candidate.names: candidate.job() for candidate in both}
+    assert len(jobs) > 10
+    assert (len(tables), len(texts)) == before
+    pasted = tmp_path / "pasted.yaml"
+    for candidate in both:
+        lines = merged(load_yaml(config.read_text()), load_yaml(candidate.config_lines))
+        pasted.write_text(as_yaml(lines))
+        given, changed = (
+            {
+                name: text
+                for name, text in fingerprint(job.config, job.problem).items()
+                if not name.startswith(("map.", "sampler."))
+            }
+            for job in (prepare(pasted), jobs[candidate.names])
         )
-        assert of_model == expected, name
+        assert changed == given, candidate.names
 
 
 EXPERIMENTS = """\
@@ -128,7 +183,7 @@ def test_physics_and_noise_of_a_config_are_not_tried_again(tmp_path: Path) -> No
 def test_windows_leave_an_experiment_that_is_held_out(tmp_path: Path) -> None:
     text = "experiments:\n  away: {held_out: true}\n  a: {}\ninputs:"
     halves = candidates(tmp_path, ("inputs:", text)).windows(2)
-    experiments = [half.source.data["experiments"] for half in halves]
+    experiments = [half.data["experiments"] for half in halves]
     assert [each["away"] for each in experiments] == [{"held_out": True}] * 2
     first, second = (each["a"]["record"]["window"] for each in experiments)
     assert first[1] == second[0] > first[0]
@@ -152,19 +207,19 @@ def test_only_parts_that_go_together_are_combined(tmp_path: Path) -> None:
     every = [*singles(models)]
 
     def beyond(*parts: str) -> set[str]:
-        prefix = "-".join(parts)
-        return {x.name.removeprefix(f"{prefix}-") for x in models.beyond(parts, every)}
+        return {x.names[-1] for x in models.beyond(parts, every)}
 
     smooth = {"damping_rotor_1", "damping_shaft", "inertia_rotor_1", *OF_SENSORS}
     rubbing = {"voltage_drop", "drag_motor", "drag_rotor_1", "load_friction_motor"}
     assert beyond("friction_rotor_1", "ar1") == {*smooth, *rubbing, "static_rotor_1"}
     assert beyond("missing_torque_motor") == {"unknown_noise", *smooth}
-    rests = {x.name: x for x in models.beyond(("friction_both",), ())}
-    assert {*rests} == {"friction_both-static_motor", "friction_both-static_rotor_1"}
-    names = unknowns(rests["friction_both-static_rotor_1"])
+    rests = {x.names[-1]: x for x in models.beyond(("friction_both",), ())}
+    assert {*rests} == {"static_motor", "static_rotor_1"}
+    names = unknowns(rests["static_rotor_1"])
     assert {"t_cm", "t_c1", "t_s1", "w_s1"} <= names
     fewer = models.without_each(("friction_both", "static_motor", "ar1"))
-    assert [x.name for x in fewer] == ["friction_both-ar1", "friction_both-static_motor"]
+    without = [("friction_both", "ar1"), ("friction_both", "static_motor")]
+    assert [x.names for x in fewer] == without
     assert models.beyond(tuple(f"x{k}" for k in range(MOST_PARTS)), every) == []
 
 
@@ -175,7 +230,7 @@ def test_a_recommended_config_can_be_read_from_another_folder(name: str, tmp_pat
     candidate = {**singles(models), "as_given": models.rungs([()])[0]}[name]
     path = tmp_path / "far" / "away" / "recommended.yaml"
     path.parent.mkdir(parents=True)
-    given = candidate.source.data, models.job.source, path.parent
+    given = candidate.data, models.job.source, path.parent
     path.write_text(config_edits.as_file(*given, ["first", "second"], "mine"))
     assert path.read_text().startswith("# first\n# second\nname: mine\n")
     case, problem = loading.load(path), candidate.job().problem

@@ -48,7 +48,7 @@ class Walled:
             self.value(u), along, np.einsum("dp,wde,eq->wpq", directions, curvature, directions)
         )
 
-    approximate_model = quadratic_model
+    curvature_model = approximate_model = quadratic_model
 
 
 @dataclass(frozen=True)

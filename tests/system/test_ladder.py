@@ -133,7 +133,7 @@ def test_a_cause_that_explains_nothing_alone_is_tried_with_the_best(tmp_path: Pa
             self, candidates: Sequence[CandidateModel], near: Mapping[str, float]
         ) -> None:
             for rung in candidates:
-                parts = {part.name for part in rung.parts}
+                parts = {*rung.names}
                 log_z = sum(worth.get(part, -1.0) for part in parts)
                 log_z += 30.0 * ({"friction_both", "damping_shaft"} <= parts)
                 log_z += 20.0 * ({"friction_both", "lag_w_1"} <= parts)
@@ -163,8 +163,8 @@ def test_the_missing_friction_is_named_and_recommended(finished: Ladder) -> None
     run = finished.run
     assert run["status"] == "finished"
     assert (run["verdict"], run["recommended"]) == ("model", "friction_motor")
-    assert run["candidates"]["parts"][0] == ["friction_motor"]
-    assert [] in run["candidates"]["parts"]
+    assert run["candidates"]["ranked"][0]["parts"] == ["friction_motor"]
+    assert {*run["log_evidence"]} == {"friction_motor", "as_given"}
     page = (finished.folder / "comparison.md").read_text(encoding="utf-8")
     assert "# Ladder of turned" in page
     assert "verdict: MODEL: friction_motor is e^" in page

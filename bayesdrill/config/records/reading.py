@@ -13,10 +13,11 @@ from bayesdrill.basics.entries import build_member
 from bayesdrill.basics.units import Unit
 from bayesdrill.config.records import column_cleaning, sources
 from bayesdrill.config.records.column_cleaning import RecordColumn
-from bayesdrill.config.records.sources import Sources, column_location
+from bayesdrill.config.records.sources import Files, Sources, column_location
 from bayesdrill.config.resolve import quantities
 from bayesdrill.config.resolve.case import ResolvedExperiment, initial_state
 from bayesdrill.config.schema.config import Config
+from bayesdrill.config.schema.numbers import SensorFields
 from bayesdrill.config.schema.records import (
     AngleColumn,
     InputColumn,
@@ -41,7 +42,6 @@ from bayesdrill.record.experiment import (
     raise_if_any,
 )
 from bayesdrill.record.formats.csv import CsvOptions
-from bayesdrill.record.formats.table import RecordTable
 
 MAX_LEAD = 1000  # times its own length after the initial state, and a record has times of a clock
 
@@ -51,17 +51,43 @@ def csv_options(record: RecordSpec) -> CsvOptions:
     return build_member(CsvOptions, record)
 
 
-def read(resolved: ResolvedExperiment, table: RecordTable | None = None) -> Experiment:
-    """Read the record of one experiment, or `table` in its place; raises `InputError`."""
-    return _Reader(resolved, table).experiment()
+def read(resolved: ResolvedExperiment, files: Files | None = None) -> Experiment:
+    """Read the record of one experiment; raises `InputError`.
+
+    What stands in `files` already is taken from there: tables, and a record made of the same entries.
+    """
+    files = Files() if files is None else files
+    first, known = files.records.get(resolved.label, (resolved, None))
+    if known is not None and _origin(first) == _origin(resolved):
+        return known
+    experiment = _Reader(resolved, files).experiment()
+    files.records.setdefault(resolved.label, (resolved, experiment))
+    return experiment
+
+
+def _origin(resolved: ResolvedExperiment) -> tuple[object, ...]:
+    """Return all that decides the record of an experiment: nothing of noise and sensors does."""
+    config, model = resolved.config, resolved.model
+    measured = dict.fromkeys((*SensorFields.model_fields, "sigma", "noise"))
+    columns = {
+        place: {**dict(spec), **measured} for place, spec in sources.file_entries(config).items()
+    }
+    return (
+        config.record.model_copy(update={"channels": {}}),
+        columns,
+        tuple(entry.channel for entry in resolved.channels),
+        quantities.constant_inputs(config, model),
+        initial_state(config, model),
+        config.initial.time,
+    )
 
 
 class _Reader:
     """One pass over a record: columns are picked and judged one by one, problems collected."""
 
-    def __init__(self, resolved: ResolvedExperiment, table: RecordTable | None) -> None:
+    def __init__(self, resolved: ResolvedExperiment, files: Files) -> None:
         self._resolved, self._config, self._source = resolved, resolved.config, resolved.source
-        self._sources = Sources(resolved, table)
+        self._sources = Sources(resolved, files)
 
     def experiment(self) -> Experiment:
         config = self._config

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -114,14 +114,45 @@ class Clock:
         return np.asarray(self.table.numbers[self.rows], dtype=np.int64)
 
 
+MAX_KEPT = (
+    4_000_000  # numbers of a table that is kept: one that is larger takes memory of the sampler
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Files:
+    """What was read of files, for all who ask for the same again.
+
+    `tables`: by all that decides what a file is read as, if they are small; `records`: the first that
+    was made of each experiment, by its label.  `given`: the table of a record that is in no file.
+    """
+
+    given: RecordTable | None = None
+    tables: dict[tuple[Any, ...], RecordTable] = field(default_factory=dict)
+    records: dict[str, tuple[ResolvedExperiment, Experiment]] = field(default_factory=dict)
+
+    def table(
+        self, path: Path, form: str, options: Any, wanted: frozenset[str] | None
+    ) -> RecordTable:
+        """Return the table of a file, with all variables or those `wanted`; raises as formats do."""
+        key = (path, form, options, wanted)
+        if key in self.tables:
+            return self.tables[key]
+        output_files.check_file(path)
+        table = FORMATS[form].read(path, options, wanted)
+        if sum(column.size for column in table.variables.values()) <= MAX_KEPT:
+            self.tables[key] = table
+        return table
+
+
 class Sources:
     """Tables and clocks of all columns; issues, notes and anomalies are collected."""
 
-    def __init__(self, resolved: ResolvedExperiment, given: RecordTable | None) -> None:
+    def __init__(self, resolved: ResolvedExperiment, files: Files) -> None:
         self.issues: list[Issue] = []
         self.notes: list[str] = []
         self.anomalies: list[Anomaly] = []
-        self._resolved, self._config, self._given = resolved, resolved.config, given
+        self._resolved, self._config, self._files = resolved, resolved.config, files
         self._tables: dict[FileSpec | None, RecordTable | None] = {}
         self._clocks: dict[object, Clock | None] = {}
         self._spans = window_spans(self._config.record.window)
@@ -211,16 +242,16 @@ class Sources:
 
     def _read(self, location: Location, file: FileSpec | None) -> RecordTable | None:
         at_file: Location = ("record", "file") if file is None else (*location, "file")
-        if self._given is not None:
+        if self._files.given is not None:
             if file is None:
-                return self._given
+                return self._files.given
             self.add(at_file, "the record is given as arrays; give this column as one of them")
             return None
         path, written = path_of(self._resolved, file), file or self._config.record
         try:
-            output_files.check_file(path)
-            kind = FORMATS[written.format or format_of(path)]
-            table = kind.read(path, build_member(kind.options, written), self._wanted(file))
+            form = written.format or format_of(path)
+            options: object = build_member(FORMATS[form].options, written)
+            table = self._files.table(path, form, options, self._wanted(file))
             return table.between(self._config.record.rows) if file is None else table
         except ValueError as error:
             self.add(at_file, str(error))
@@ -228,13 +259,13 @@ class Sources:
             self.issues += [Issue(self.label(at_file), str(p)) for p in error.problems]
         return None
 
-    def _wanted(self, file: FileSpec | None) -> set[str] | None:
+    def _wanted(self, file: FileSpec | None) -> frozenset[str] | None:
         """Variables that the config names in a file; None where it leaves one to be found out."""
         specs = [s for s in file_entries(self._config).values() if file_of(s) == file]
         times = [spec.time or self._config.record.time for spec in specs]
         columns = [*specs, *(time for time in times if isinstance(time, TimeColumn))]
         names = {variable_name(spec.column, spec.variable) for spec in columns}
-        return None if None in names else {name for name in names if name is not None}
+        return None if None in names else frozenset(name for name in names if name is not None)
 
 
 def column_location(location: Location, spec: ColumnSpec) -> Location:

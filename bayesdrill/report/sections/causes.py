@@ -7,7 +7,13 @@ from itertools import chain
 
 import numpy as np
 
-from bayesdrill.analysis.causes import Cause, Causes, EquivalentExplanation, FittedValue
+from bayesdrill.analysis.causes import (
+    Cause,
+    Causes,
+    Doubt,
+    EquivalentExplanation,
+    FittedValue,
+)
 from bayesdrill.analysis.edits import lacks
 from bayesdrill.report.doubts import percent
 from bayesdrill.report.section import Plain, Sentences, Table, aligned, build
@@ -55,7 +61,7 @@ def candidates(causes: Causes | None) -> tuple[Sentences | Table | Plain, ...]:
         return (Sentences("\n".join(filter(None, [tried, notes, LOOK]))),)
     best = causes.best
     doubtful = [cause for cause in causes.good[:SHOWN] if cause.doubts]
-    doubts = "; ".join(f"{_beside(cause, best)}: {', '.join(cause.doubts)}" for cause in doubtful)
+    doubts = "; ".join(f"{_beside(c, best)}: {', '.join(map(doubt, c.doubts))}" for c in doubtful)
     caution = _absorbing(causes.good, best)
     said = (
         f"{refitted} from the MAP, each with all unknowns free. The best are listed: log Bayes factor "
@@ -71,6 +77,17 @@ def candidates(causes: Causes | None) -> tuple[Sentences | Table | Plain, ...]:
         return (*table, Sentences(NONE_TRUSTED + LOOK))
     new = f"next: add these lines to the config (A{_new(best)}). {_left(best)}"
     return (*table, Sentences(new), Plain(best.lines), Sentences(STEPS))
+
+
+def doubt(doubt: Doubt) -> str:
+    """Say why the evidence of a candidate cannot be trusted."""
+    sentence = {
+        "end": "{names} is at an end of its prior",
+        "maxima": "there is another maximum, about as high",
+        "alike": "{names} stand for each other",
+        "hidden": "it hides {share:.2g} % of the samples, and leaves more than noise of the others",
+    }[doubt.kind]
+    return sentence.format(names=" and ".join(doubt.said_of), share=100 * doubt.share)
 
 
 def _absorbing(good: Sequence[Cause], best: Cause | None) -> str:

@@ -1,4 +1,4 @@
-"""Parts of candidates: what may be tried of a job, and what its config says then."""
+"""Changes of a config: what may be tried of a job, and what its config says then."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def models_of(job: Job) -> CandidateModels:
 def changed(job: Job, name: str, **numbers: float) -> tuple[dict[str, Any], Job]:
     """Return the lines of a candidate, and its job."""
     (candidate,) = models_of(job).with_numbers(**numbers).rungs([(name,)])
-    return YAML(typ="safe").load(candidate.lines), candidate.job()
+    return YAML(typ="safe").load(candidate.config_lines), candidate.job()
 
 
 def test_no_lag_is_tried_where_nothing_fixes_time(tmp_path: Path) -> None:
@@ -86,7 +86,7 @@ def test_no_lag_is_tried_where_nothing_fixes_time(tmp_path: Path) -> None:
         (motor(tmp_path, step + free), set()),
         (motor(tmp_path, late), set()),
     ):
-        names = {candidate.name for candidate in models_of(of).singles()}
+        names = {name for candidate in models_of(of).singles() for name in candidate.names}
         assert {name for name in names if name.startswith("lag")} == lags, of.source.text
 
 
@@ -211,7 +211,7 @@ def test_neutral_physics_changes_no_likelihood(tmp_path: Path) -> None:
         alone, shared = (with_steps(each.problem.posterior, {"": (64, 4)}) for each in jobs)
         start = alone.space.vector(alone.space.start)[None]
         expected = pytest.approx(float(alone.likelihood(start)[0]), abs=1e-3)
-        assert float(shared.likelihood(start)[0]) == expected, candidate.name
+        assert float(shared.likelihood(start)[0]) == expected, candidate.names
 
 
 def test_another_gear_is_other_numbers_at_the_motor() -> None:

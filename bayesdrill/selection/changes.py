@@ -1,4 +1,4 @@
-"""Parts that a candidate model may have beside the config as given, each a cause of a bad fit."""
+"""Changes of a config that may explain a bad fit: of columns, times, the rig, and the noise."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ from bayesdrill.selection.config_edits import (
 UNKNOWN, AR1 = NOISE
 BOTH = "friction_both"
 MISSING = "missing_torque"
-# Parts whose constant is sought, or that stand for all of a rig or a record.
+# Changes whose constant is sought, or that stand for all of a rig or a record.
 START, MOMENT, GEAR, CLOCK, LATER = "free_start", "t_0", "gear", "clock", "later"
-WIDENED = "prior_"  # begins the names of parts that widen the prior of an unknown
+WIDENED = "prior_"  # begins the names of changes that widen the prior of an unknown
 # What of the entry of a column says where its numbers stand, what they are, and how it is measured.
 OF_SENSOR = ("gain", "offset", "lag")
 OF_COLUMN = ("file", "time", "column", "variable", "unit", "mask", "wraps", "noise", *OF_SENSOR)
@@ -68,17 +68,17 @@ NOTHING: Mapping[str, float] = MappingProxyType({})
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
-    """A thing that a candidate has: `lines` go over those of the config.
+class Change:
+    """A change of a model, in `words`: `entries` go over those of its config.
 
-    `lacks`: parameters of the rig that it switches on; `needs`: a parameter that another part has to
+    `lacks`: parameters of the rig that it switches on; `needs`: a parameter that another change has to
     have freed; `optional`: an unknown that may be zero.  `kind`, `neutral`: of physics, see `LINEAR`,
     with the numbers at which it does nothing.  `starts`: values from which it is sought.
     """
 
     name: str
     words: str
-    lines: Entries
+    entries: Entries
     lacks: tuple[str, ...] = ()
     needs: str = ""
     optional: str = ""
@@ -93,16 +93,16 @@ class Part:
 
     @property
     def decides(self) -> frozenset[Place]:
-        """What of a config it decides: parts that decide the same do not go together."""
-        return frozenset(leaves(self.lines))
+        """What of a config it decides: changes that decide the same do not go together."""
+        return frozenset(leaves(self.entries))
 
 
 @dataclass(frozen=True)
 class Setting:
-    """What is known where parts of candidates of `job` are chosen.
+    """What is known where changes of `job` are chosen.
 
     `sizes`: what parameters would be if they did as much as all else; `speeds`: the largest of inertias;
-    `weights`: what these are at the maximum; `numbers`: constants that some parts have, by their names.
+    `weights`: what these are at the maximum; `numbers`: constants that changes have, by their names.
     """
 
     job: Job
@@ -125,7 +125,7 @@ class Setting:
         return replace(setting, weights={i.name: p[i.inertia] for i in inertias if i.inertia in p})
 
     def with_numbers(self, **numbers: float) -> Self:
-        """Return it with these constants of parts."""
+        """Return it with these constants of changes."""
         return replace(self, numbers={**self.numbers, **numbers})
 
     def at_least(self, sizes: Mapping[str, float], speeds: Mapping[str, float]) -> Self:
@@ -135,11 +135,11 @@ class Setting:
         )
 
     @cached_property
-    def parts(self) -> dict[str, Part]:
-        """All parts by name, in the order in which they are tried."""
+    def changes(self) -> dict[str, Change]:
+        """All changes by name, in the order in which they are tried."""
         of_columns = (*self._widened(), *self._columns(), *self._times())
         every = (*of_columns, *self._physics(), *self._inertias(), *self._absorbing())
-        return {part.name: part for part in every if part.lines}
+        return {change.name: change for change in every if change.entries}
 
     # What the job has.
 
@@ -177,7 +177,7 @@ class Setting:
 
     # Priors that end too early.
 
-    def _widened(self) -> Iterator[Part]:
+    def _widened(self) -> Iterator[Change]:
         parameters, symbols = self.job.problem.model.parameters, self.job.problem.model.symbols
         for part in [name for name in self.numbers if name.startswith(WIDENED)]:
             name, way = part.removeprefix(WIDENED), int(self.numbers[part])
@@ -191,7 +191,7 @@ class Setting:
                 end = min(max(end, 0.0), symbols[name].at_most)
             if end != float(prior[key]):
                 lines = nested((*place, key), rounded(end, 4))
-                yield Part(part, f"a wider prior of {name}", lines)
+                yield Change(part, f"a wider prior of {name}", lines)
 
     def _prior(self, name: str) -> tuple[Place, Entries] | None:
         """Return the entry with the prior of an unknown, and its place; None where it is not found."""
@@ -208,15 +208,15 @@ class Setting:
 
     # Columns.
 
-    def _columns(self) -> Iterator[Part]:
+    def _columns(self) -> Iterator[Change]:
         units = self._units | {n: self.job.problem.model.symbols[n].unit for n in self._inputs}
         for pair in itertools.combinations(units, 2):
             if units[pair[0]] == units[pair[1]] and {*pair} & {*self._units}:
                 words = f"the columns of {pair[0]} and {pair[1]} exchanged"
-                yield Part(f"exchange_{'_'.join(pair)}", words, self._exchanged(*pair))
+                yield Change(f"exchange_{'_'.join(pair)}", words, self._exchanged(*pair))
         for name in units:
             if name in self._units or len(self._units) > 1:  # of one channel it is that of this
-                yield Part(f"sign_{name}", f"the sign of {name} turned", self._turned(name))
+                yield Change(f"sign_{name}", f"the sign of {name} turned", self._turned(name))
         for name in units:
             gain = {"prior": "log_normal", "median": 1.0, "sd_log": GAIN_SD}
             yield self._sensor("gain", name, gain)
@@ -243,7 +243,7 @@ class Setting:
         each = (nested(place, {"gain": -float(x.get("gain", 1.0))}) for place, x in entries)
         return merged({}, *each)
 
-    def _sensor(self, kind: str, name: str, prior: Entries) -> Part:
+    def _sensor(self, kind: str, name: str, prior: Entries) -> Change:
         entries = [*columns(self._data, name)]
         new = [place for place, x in entries if kind not in x and {"column", "variable"} & {*x}]
         lines = merged({}, *(nested((*place, kind), prior) for place in new))
@@ -251,7 +251,7 @@ class Setting:
         if new and not scales_channel and not any(kind in entry for _, entry in entries):
             lines = merged(lines, self._shared(f"{kind}_{name}"))
         article = "an" if kind == "offset" else "a"
-        return Part(f"{kind}_{name}", f"{article} {kind} of {name}", lines)
+        return Change(f"{kind}_{name}", f"{article} {kind} of {name}", lines)
 
     def _offset_size(self, name: str) -> float:
         sizes = [0.0]
@@ -272,7 +272,7 @@ class Setting:
 
     @cached_property
     def time_references(self) -> frozenset[str]:
-        """Parts that shift a channel, or all inputs, in time: one of what they shift has to stay.
+        """Changes that shift a channel, or all inputs, in time: one of what they shift has to stay.
 
         Inputs tell the time where they change, or are switched on where the start is known.
         """
@@ -284,12 +284,12 @@ class Setting:
 
     @property
     def clocks(self) -> tuple[str, ...]:
-        """Parts that change a clock, that of the record or of a channel, if there are several."""
+        """Changes of a clock, that of the record or of a channel, if there are several."""
         names = (*self._units, *self._inputs)
         timed = {n for n in names for _, entry in columns(self._data, n) if "time" in entry}
         return (CLOCK, *(f"{CLOCK}_{n}" for n in self._units if n in timed)) if timed else ()
 
-    def _times(self) -> Iterator[Part]:
+    def _times(self) -> Iterator[Change]:
         sensing = [observation.response.sensing for observation in self._observations]
         shifted = {f"lag_{name}" for each in sensing for name in each.lags}
         shifted |= {MOMENT for each in sensing if each.delay}
@@ -303,21 +303,21 @@ class Setting:
             yield self._sensor("lag", name, lag)
         if len(fixed) > 1 and MOMENT in fixed and len(self._units) > 1:
             lines = merged(nested(("inputs", MOMENT), lag), self._shared(MOMENT))
-            yield Part(MOMENT, "inputs that act later than recorded", lines)
+            yield Change(MOMENT, "inputs that act later than recorded", lines)
         for part in self.clocks:
             if (factor := self.numbers.get(part)) is not None:
                 yield self._clock(part, part.removeprefix(CLOCK).removeprefix("_"), factor)
         starts = [(p, x.get("initial", None if p else "rest")) for p, x in sections(self._data)]
         held = [place for place, x in starts if isinstance(x, str) and x != "free"]
         free = merged({}, *(nested((*place, "initial"), "free") for place in held))
-        yield Part(START, "another state at the start", free)
+        yield Change(START, "another state at the start", free)
         if (later := self.numbers.get(LATER)) is not None:
             words = f"a record that begins {later:.3g} s later, from an unknown state"
-            yield Part(LATER, words, self.window(0.0, 1.0, later))
+            yield Change(LATER, words, self.window(0.0, 1.0, later))
         if GEAR in self.numbers:
             model = self.job.problem.model
             ratio = rounded(self.numbers[GEAR] * model.gear_ratio)
-            yield Part(GEAR, "another gear", self._model({model.roles.gear: ratio}))
+            yield Change(GEAR, "another gear", self._model({model.roles.gear: ratio}))
 
     def window(self, begin: float, end: float, later: float = 0.0) -> Entries:
         """Return lines by which all experiments have these shares of their times, from a free start."""
@@ -330,7 +330,7 @@ class Setting:
             lines.append(nested(place, {"record": {"window": window}, "initial": "free"}))
         return merged({}, *lines)
 
-    def _clock(self, part: str, name: str, factor: float) -> Part:
+    def _clock(self, part: str, name: str, factor: float) -> Change:
         records = (((*p, "record"), x.get("record") or {}) for p, x in sections(self._data))
         lines: Entries = {}
         for place, owner in columns(self._data, name) if name else records:
@@ -340,7 +340,7 @@ class Setting:
                 lines = merged(lines, new)
         whose = f"of {name}" if name else "of the record"
         words = f"a clock {whose} whose times are {factor:.6g} times what it shows"
-        return Part(part, words, lines)
+        return Change(part, words, lines)
 
     def _model(self, entries: Entries) -> Entries:
         given = self._data.get("model", {})
@@ -348,7 +348,7 @@ class Setting:
 
     # The rig.
 
-    def _physics(self) -> Iterator[Part]:
+    def _physics(self) -> Iterator[Change]:
         sizes, roles = self.sizes, self.job.problem.model.roles
         each = [lack for lack in edits.lacks(roles) if lack.parameter in sizes]
         for lack in sorted(each, key=lambda lack: not lack.name.startswith("friction")):
@@ -389,7 +389,7 @@ class Setting:
         behind = any(i.name in ends or i.weight in has for i in alike)
         return behind and not any({i.sliding, i.efficiency} & has for i in alike)
 
-    def _inertias(self) -> Iterator[Part]:
+    def _inertias(self) -> Iterator[Change]:
         """Yield one more inertia on a spring at each: one that the rig offers, or that a train takes."""
         model = self.job.problem.model
         pairs = itertools.permutations(model.roles.inertias, 2)
@@ -417,7 +417,7 @@ class Setting:
                         lines = merged(lines, nested(entry, value))
                 yield self._inertia(at, names, lines)
 
-    def _inertia(self, at: InertiaRoles, names: tuple[str, str, str], lines: Entries) -> Part:
+    def _inertia(self, at: InertiaRoles, names: tuple[str, str, str], lines: Entries) -> Change:
         """Return an inertia on a damped spring, sought where both are the one that was found.
 
         It swings by itself at least once, and at most as fast as samples show.
@@ -444,13 +444,13 @@ class Setting:
         )
         words = f"one more inertia on a spring {at.at}"
         lines = merged(lines, {"parameters": dict(zip(names, priors, strict=True))})
-        return Part(f"inertia_{at.name}", words, lines, optional=names[2], starts=starts)
+        return Change(f"inertia_{at.name}", words, lines, optional=names[2], starts=starts)
 
     # What absorbs anything.
 
-    def _absorbing(self) -> Iterator[Part]:
-        yield Part(UNKNOWN, "noise of unknown size", self._noise(remembers=False))
-        yield Part(AR1, "noise that remembers", self._noise(remembers=True))
+    def _absorbing(self) -> Iterator[Change]:
+        yield Change(UNKNOWN, "noise of unknown size", self._noise(remembers=False))
+        yield Change(AR1, "noise that remembers", self._noise(remembers=True))
         (step, longest), roles = self._span, self.job.problem.model.roles
         rubs = {lack.name for lack in edits.lacks(roles)}
         for i in roles.inertias if MISSING not in self._data else ():
@@ -461,7 +461,7 @@ class Setting:
                 time = log_uniform(shortest, max(longest / TIME_PARTS, 2 * shortest))
                 torque = {"at": i.name, "smoothness": "1/2", "size": size, "time": time}
                 lines = merged({MISSING: torque}, self._shared("s_d", "tau_d"))  # one rig
-                yield Part(f"{TORQUE}{i.name}", f"a missing {roles.motion.torque} {i.at}", lines)
+                yield Change(f"{TORQUE}{i.name}", f"a missing {roles.motion.torque} {i.at}", lines)
 
     def _noise(self, *, remembers: bool) -> Entries:
         """Free the noise of each channel; one number of all experiments becomes one unknown."""
@@ -488,10 +488,10 @@ class Setting:
         return lines
 
 
-def _physics(name: str, words: str, priors: Entries, kind: int = COULOMB) -> Part:
+def _physics(name: str, words: str, priors: Entries, kind: int = COULOMB) -> Change:
     names = (*priors,)
     neutral = dict.fromkeys(names, 0.0)
-    return Part(name, words, {"parameters": priors}, names, kind=kind, neutral=neutral)
+    return Change(name, words, {"parameters": priors}, names, kind=kind, neutral=neutral)
 
 
 def _largest(first: Mapping[str, float], other: Mapping[str, float]) -> dict[str, float]:
