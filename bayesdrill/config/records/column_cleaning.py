@@ -182,7 +182,7 @@ def _span_label(clock: Clock, spans: Spans, rows: NDArray[np.intp], k: int) -> s
 
 
 def bridge_gaps(sources: Sources, column: RecordColumn) -> Array:
-    """Return an input's values with gaps filled as its `hold` says; adds an issue if there is no value."""
+    """Return an input's values with gaps filled as its `hold` says; adds an issue if it cannot."""
     spec, missing = column.spec, np.isnan(column.values)
     if not missing.any():
         return column.values

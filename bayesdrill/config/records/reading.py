@@ -159,7 +159,7 @@ class _Reader:
         return y
 
     def _held_out(self, t: Array, y: Array) -> Array | None:
-        """Move held-out samples from `y` to the array that is returned, NaN elsewhere; None without any."""
+        """Move held-out samples from `y` to the array that is returned; None if there are none."""
         spans = window_spans(self._config.record.held_out)
         if not spans:
             return None

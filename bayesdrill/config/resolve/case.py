@@ -39,7 +39,7 @@ from bayesdrill.rig.simulators.sensors import ObservationModel
 
 
 def build_model(config: Config, extra_names: Collection[str] = ()) -> Model:
-    """Return the rig of a config, with the optional physics that its parameters or `extra_names` name."""
+    """Return the rig of a config, with the optional physics in its parameters or `extra_names`."""
     rig = build_member(lookup(MODELS, config.model.name, "model"), config.model)
     named = {name for name, spec in config.parameters.items() if spec is not None}
     return with_named(rig, {*named, *extra_names})
@@ -172,7 +172,7 @@ class ResolvedCase:
     def joint_names(self) -> dict[str, dict[str, str]]:
         """Return, by label, the joint name of each parameter of an experiment.
 
-        A parameter has the label if it is `own`, held by this experiment alone, or follows from such ones.
+        A parameter that is `own`, held by this experiment alone, or follows from such ones has the label.
         """
         names = {}
         for each in self.experiments:
@@ -186,7 +186,7 @@ class ResolvedCase:
     def space(
         self, sensors: Sequence[ParsedNumber] = (), noise: Sequence[Unknown] = ()
     ) -> ParameterSpace:
-        """Return the unknowns: free parameters, quantities, numbers of `sensors` and starts, then `noise`.
+        """Return the unknowns: parameters, quantities, numbers of `sensors` and starts, then `noise`.
 
         Raises `RelationError`.
         """

@@ -160,7 +160,7 @@ def nominal_value(config: Config, model: Model, name: str) -> float:
 
 
 def nominal_table(config: Config, config_values: Mapping[str, float]) -> NominalValues:
-    """Return the named table with the config's own values, in SI; raises `ValueError` if it is unknown."""
+    """Return the named table with the config's own values, in SI; raises `ValueError` if unknown."""
     given: Any = config.nominal
     table = given.table or symbols.DEFAULT_NOMINAL
     published_values = lookup(symbols.NOMINAL, table, "nominal table")

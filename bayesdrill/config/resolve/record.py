@@ -42,7 +42,7 @@ SensorNumbers = Mapping[SensorEntry, ParsedNumber | None]  # None for a number w
 def check_sensors(
     errors: IssueCollector, config: Config, model: Model, free: Sequence[str]
 ) -> tuple[SensorNumbers, ObservationModel | None]:
-    """Return all numbers of sensors and the initial state, and the observation model with `free` states."""
+    """Return the numbers of sensors and initial state, and the observation model with `free` states."""
     for name in model.outer:
         start, unit = getattr(config.initial, name), model.symbols[name].unit
         check_quantity(errors, ("initial", name), start, unit)

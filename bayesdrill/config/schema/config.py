@@ -203,7 +203,7 @@ class SamplerSpec(Strict):
 
 
 class CalibrationSpec(Strict):
-    """The calibration section sets how many simulated records are refitted and how long each is sampled."""
+    """The calibration section sets how many simulated records are refitted, and how."""
 
     refits: Annotated[int, Field(ge=10, le=100_000)] = 200
     """Simulated records, each refitted."""
@@ -294,7 +294,7 @@ HOUSE_CONFIG = config_kind(HOUSE)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Thresholds:
-    """Thresholds limit the ratio of the sd with the record to the sd of the prior, both of logarithms."""
+    """Thresholds limit the ratio of posterior to prior sd, both of logarithms."""
 
     determined: float = 0.5
     left_to_prior: float = 0.9
@@ -308,7 +308,7 @@ class Thresholds:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Asked:
-    """A study is asked about the unknowns `of_interest`, with thresholds and the seed of its random points."""
+    """A study asks about the unknowns `of_interest`, with thresholds and the seed of its points."""
 
     of_interest: tuple[str, ...] = ()
     thresholds: Thresholds = Thresholds()

@@ -170,7 +170,7 @@ class AngleColumn(InputColumn):
 
 
 class DecimateSpec(Strict):
-    """Decimation keeps one sample of `factor`, after an anti-aliasing filter unless `filter` is false."""
+    """Decimation keeps one sample of `factor`, by default after an anti-aliasing filter."""
 
     factor: Annotated[int, Field(ge=2, le=1000)]
     filter: bool = Field(
