@@ -172,7 +172,7 @@ class ResolvedCase:
     def joint_names(self) -> dict[str, dict[str, str]]:
         """Return, by label, the joint name of each parameter of an experiment.
 
-        A parameter that is `own`, held by this experiment alone, or follows from such ones has the label.
+        A parameter has the label if it is `own`, held by this experiment, or follows from such ones.
         """
         names = {}
         for each in self.experiments:

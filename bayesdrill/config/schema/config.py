@@ -294,7 +294,7 @@ HOUSE_CONFIG = config_kind(HOUSE)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Thresholds:
-    """Thresholds limit the ratio of posterior to prior sd, both of logarithms."""
+    """Thresholds are limits on the ratio of posterior to prior sd, both of logarithms."""
 
     determined: float = 0.5
     left_to_prior: float = 0.9

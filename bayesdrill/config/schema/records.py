@@ -86,7 +86,7 @@ FileEntry = Annotated[
 
 
 class MaskSpec(Strict):
-    """A mask excludes samples of one column."""
+    """A mask lists the samples of one column that are not used."""
 
     glitches: bool = Field(False, description="Spikes, as `check` lists them.")
     rows: Annotated[list[Rows], Field(max_length=MAX_SPANS)] = Field(default_factory=list)
