@@ -157,8 +157,7 @@ def never_silent(silence: float = SILENCE) -> Iterator[None]:
 def _interruptible() -> Iterator[None]:
     """Raise `KeyboardInterrupt` at the first Ctrl-C, SIGTERM or SIGHUP; ignore further ones.
 
-    A second signal would stop the process from cleaning up. Signals that were ignored before (nohup, a
-    job in the background) still are.
+    A second one would stop the clean-up. Signals that were ignored before (nohup) still are.
     """
     numbers = [getattr(signal, name) for name in STOPPING if hasattr(signal, name)]
     before = {number: signal.getsignal(number) for number in numbers}

@@ -41,8 +41,8 @@ MADE_ANEW = "make them anew with --force, or give another --output"
 class Kind:
     """A kind lists the files that `bayesdrill <job>` writes into its folder; `#` stands for a number.
 
-    `mark` is the file that identifies the folder and is never removed. `nested` are folders of further
-    runs. `continue_hint` is the advice if results exist. No later run removes `kept_files`.
+    `mark` identifies the folder and is never removed; `nested` are folders of further runs;
+    `continue_hint` is the advice if results exist. No later run removes `kept_files`.
     """
 
     job: str
@@ -84,10 +84,7 @@ def preferred_format(formats: Iterable[str]) -> str:
 
 
 def formats_of(stem: str, asked: Sequence[str] | None, *, pdf: bool) -> tuple[str, ...]:
-    """Return the formats of a run's figure: those `asked` for, or PNG, and PDF for corner plots.
-
-    With `pdf`, every figure is written as PDF too.
-    """
+    """Return a figure's formats: those `asked` for, or PNG, and PDF of corner plots; `pdf` adds PDF."""
     formats = asked or (DEFAULT_FORMATS if stem in CORNER_PLOTS else ("png",))
     return tuple(dict.fromkeys([*formats, *(["pdf"] if pdf else [])]))
 

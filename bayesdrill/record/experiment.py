@@ -52,10 +52,7 @@ class Written:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Anomaly:
-    """An anomaly is a kind of samples that a sensor may have made, not the rig.
-
-    `text` describes them, `where` lists the place of each run, and `do` gives the advice.
-    """
+    """An anomaly is described by `text`; `where` lists the place of each run, and `do` is the advice."""
 
     text: str
     where: tuple[str, ...]

@@ -149,9 +149,8 @@ class _Reader:
             column = columns["record", "channels", entry.channel.name]
             in_window = column.clock.in_window
             times = column.clock.t[in_window]
-            rows = (
-                clocks.indices_in(t, times) if self._sources.several_clocks else np.arange(len(t))
-            )
+            one_clock = not self._sources.several_clocks
+            rows = np.arange(len(t)) if one_clock else clocks.indices_in(t, times)
             y[rows, k] = column.values[in_window] * entry.channel.factor
         spans = window_spans(self._config.record.window)
         if len(spans) > 1:

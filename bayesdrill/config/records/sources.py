@@ -96,14 +96,11 @@ def relative_name(folder: Path, file: Path) -> str:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Clock:
-    """A clock has times `t (n,)` [s] at `rows (n,)` of a table of `n_rows`; `in_window` marks used ones.
-
-    With several clocks, a row on either side of the windows is kept, for inputs at the ends.
-    """
+    """A clock has times `t (n,)` [s] at `rows (n,)` of a table; `in_window (n,)` marks used ones."""
 
     table: RecordTable
     t: Array
-    rows: NDArray[np.intp]
+    rows: NDArray[np.intp]  # with several clocks also one on either side of the windows
     in_window: NDArray[np.bool_]
     n_rows: int
 

@@ -59,10 +59,7 @@ def initial_state(config: Config, model: Model) -> dict[str, float]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RigNumbers:
-    """The rig's numbers are its parameters, in its order, quantities and derived formulas.
-
-    A parameter that follows from others is an expression.
-    """
+    """The rig's numbers are parameters, or the expressions they follow from, quantities and formulas."""
 
     parameters: Mapping[str, ParsedNumber | Expression]
     quantities: Mapping[str, ParsedNumber]

@@ -147,10 +147,7 @@ def _channels_of_unit(experiment: Experiment, unit: str) -> list[tuple[Mapping[s
 
 
 def _measured_start(state: Symbol, experiment: Experiment) -> tuple[float, float | None]:
-    """Return the first value and the span of the channel that measures this state alone.
-
-    If there is none, the first value is that of another angle or speed, and the span is None.
-    """
+    """Return first value and span of the state's channel; without it, another's first value and None."""
     middle, name = 0.0, state.name
     for weights, y in _channels_of_unit(experiment, state.unit):
         if set(weights) == {name}:

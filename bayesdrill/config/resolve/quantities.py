@@ -1,7 +1,4 @@
-"""Turn numbers and inputs of a config into objects.
-
-The steps raise `ValueError` with a message for the user.
-"""
+"""Turn numbers and inputs of a config into objects; raise `ValueError` with a message for users."""
 
 from __future__ import annotations
 
