@@ -1,4 +1,4 @@
-"""The command line: parse, call, print; nothing else. `guard` says what the exit status means."""
+"""Parse the command line, call the API and print; `guard` sets the exit status."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from bayesdrill.guard import INPUT_WRONG, NOT_CONVERGED, finish, guarded, saved_
 
 
 class _Guarded(TyperGroup):
-    """All commands, whose mistakes, as those of help and version, end in a message and a status."""
+    """Run all commands, and end mistakes, also those of help and version, in a message and a status."""
 
     def make_context(self, *arguments: Any, **named: Any) -> Any:
         with guarded():
@@ -40,7 +40,7 @@ app = typer.Typer(
 
 
 def option(text: str, *names: str, **more: Any) -> Any:
-    """Return an option with a help text; its name is that of its argument where none is given."""
+    """Return an option with a help text; without names it is called after its argument."""
     return typer.Option(*names, help=text, **more)
 
 
@@ -50,7 +50,7 @@ def folder_argument(text: str, metavar: str = "FOLDER") -> Any:
 
 
 def output_option(text: str) -> Any:
-    """Return the option that says where results go, with a help text."""
+    """Return the option for the place of results, with a help text."""
     return option(text, "--output", "-o")
 
 
@@ -65,12 +65,12 @@ Processes = Annotated[
 
 
 def command[F: Callable[..., None]](example: str, name: str | None = None) -> Callable[[F], F]:
-    """A command; `example`: of its use."""
+    """Register a command, with an `example` of its use."""
     return app.command(name, epilog=f"Example: bayesdrill {example}")
 
 
 def _tell_version(wanted: bool) -> None:
-    """Eager, so that `--version` needs no command."""
+    """Print the version and stop; as the option is eager, it needs no command."""
     if wanted:
         typer.echo(f"bayesdrill {bd.__version__}")
         raise typer.Exit
@@ -87,7 +87,7 @@ def _read(config: Path, read: str = "load", **more: Any) -> Any:
 def _run(
     read: str, config: Path, output: Path | None, /, sample: Any = None, **options: Any
 ) -> Any:
-    """A case, a calibration or a ladder, from its config on; where it fails, how it goes on."""
+    """Run a case, a calibration or a ladder; if that fails, say how to continue."""
     if options["resume"] and options["force"]:
         from bayesdrill.api.arguments import mode
 
@@ -98,7 +98,7 @@ def _run(
 
 
 def _compare(form: str, folders: list[Path], output: Path | None, *, force: bool) -> None:
-    """Runs beside each other or as models, by the name of table and page."""
+    """Compare runs, as an overlay or as models; `form` names table and page."""
     from bayesdrill.api import comparison
 
     path = comparison.check_folder(form, folders, output, force=force)
@@ -109,7 +109,7 @@ def _compare(form: str, folders: list[Path], output: Path | None, *, force: bool
 
 
 def _end(text: str, folder: Path, files: str, *, good: bool) -> None:
-    """What was found, where it is, and the status."""
+    """Print what was found and where it is, and set the exit status."""
     say(text)
     say(f"results: {folder}/ ({files})")
     if not good:
@@ -411,7 +411,7 @@ def cache(clear: Annotated[bool, option("Remove all of them.", "--clear")] = Fal
 def main() -> None:
     """Run the command that the arguments of the process name."""
     for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):  # names of files need not be text
+        if isinstance(stream, io.TextIOWrapper):  # names of files may not be valid text
             stream.reconfigure(errors="backslashreplace")
     command = typer.main.get_command(app)
     for option in command.params:

@@ -1,7 +1,7 @@
-"""Where mistakes end: in a message and a status, whatever command they happen in.
+"""Turn mistakes of any command into a message and an exit status.
 
-Exit status: 0 done (and converged), 2 the input is wrong, disk or memory ran out or a table or figure
-could not be made, 3 finished but not to be believed or not calibrated, 130 interrupted.
+Exit status: 0 done (and converged); 2 wrong input, a full disk or memory, or a missing output; 3 not
+converged, not to be believed or not calibrated; 130 interrupted.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ from bayesdrill.basics.registry import blamed_package
 INPUT_WRONG = 2
 NOT_CONVERGED = 3
 INTERRUPTED = 130
-MOST_PROBLEMS = 15  # that are told
-LONGEST_LINE = 400
-LEAST_MEMORY = 512 * 1024**2  # bytes, which the libraries alone take up
+MOST_PROBLEMS = 15  # mistakes that are listed
+LONGEST_LINE = 400  # characters of a message
+LEAST_MEMORY = 512 * 1024**2  # bytes that the libraries alone occupy
 STOPPING = ("SIGINT", "SIGTERM", "SIGHUP")
 KILLED = "a worker process was killed (out of memory?); fewer --processes need less"
 
 
 @contextmanager
 def guarded() -> Iterator[None]:
-    """Mistakes, a full disk, a killed worker and Ctrl-C end in a message and a status."""
+    """End a command after a mistake, a full disk, a killed worker or Ctrl-C with message and status."""
     try:
-        # Some libraries end the process, without a word of why, where they cannot be loaded.
+        # Some libraries end the process without a message if they cannot be loaded.
         mmap.mmap(-1, LEAST_MEMORY).close()
         if sys.flags.optimize > 1:
             message = "python -OO takes the docstrings away that ArviZ works on; leave -OO out"
@@ -57,7 +57,7 @@ def guarded() -> Iterator[None]:
     except typer.Exit:
         raise
     except (Exception, SystemExit) as error:
-        # Nobody reads on, which the writer of helps makes an end of the process.
+        # The reader of stdout has gone; typer's help ends the process then.
         if BrokenPipeError in (type(error), type(error.__context__)):
             _drop_unwritten()
             raise typer.Exit(0) from None
@@ -80,24 +80,24 @@ def guarded() -> Iterator[None]:
 
 
 def _drop_unwritten() -> None:
-    """Drop what stdout does not take any more: Python would try once more at the end, and fail."""
+    """Redirect a closed stdout to null, as Python would otherwise fail at exit when it flushes."""
     try:
         sys.stdout.flush()
-    except (OSError, AttributeError):  # there is none where it was closed from the beginning
+    except (OSError, AttributeError):  # stdout is None if it was closed from the beginning
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
 
 
 def say(text: str, *, err: bool = False) -> None:
-    """Lines on stdout, or on stderr: names of files and columns among them are those of others."""
+    """Print lines on stdout, or on stderr, with unprintable characters of file names escaped."""
     typer.echo(errors.printable(text), err=err)
 
 
 def finish(outcome: Any, *, verbose: bool = False) -> None:
-    """Of a run: what it says, where it is, and the status; `outcome` as `tasks.pipeline` has it."""
+    """Print the `outcome` of a run by `tasks.pipeline` and its folder, and set the exit status."""
     say(outcome.details if verbose else outcome.summary)
     say(f"results: {outcome.folder}/ (report.html, summary.md, figures/, posterior.nc, chain.h5)")
-    for what in outcome.missing:
-        say(f"could not be made: {what}", err=True)
+    for file in outcome.missing:
+        say(f"could not be made: {file}", err=True)
     if outcome.missing:
         command = f"`bayesdrill report {outcome.folder}`"
         say(f"all else is written; once this is mended, {command} makes it", err=True)
@@ -107,13 +107,13 @@ def finish(outcome: Any, *, verbose: bool = False) -> None:
         raise typer.Exit(INPUT_WRONG)
 
 
-# After this time in seconds without a line one is printed.  A watcher looks every second, so that
-# no command is silent for 10 s.
+# Seconds without output after which a line is printed. It is checked every second, so that no command
+# is silent for 10 s.
 SILENCE = 8.0
 
 
 class _Watched:
-    """A stream that knows when something was last written to it."""
+    """The stream records when something was last written to it."""
 
     def __init__(self, stream: TextIO) -> None:
         self.stream, self.written = stream, time.monotonic()
@@ -128,7 +128,7 @@ class _Watched:
 
 @contextmanager
 def never_silent(silence: float = SILENCE) -> Iterator[None]:
-    """Print a line on stderr whenever nothing was written for so many seconds."""
+    """Print a line on stderr whenever nothing was written for `silence` seconds."""
     before = sys.stdout, sys.stderr
     if None in before:
         yield
@@ -155,10 +155,9 @@ def never_silent(silence: float = SILENCE) -> Iterator[None]:
 
 @contextmanager
 def _interruptible() -> Iterator[None]:
-    """The first Ctrl-C, SIGTERM or SIGHUP raises `KeyboardInterrupt`; more of them change nothing.
+    """Raise `KeyboardInterrupt` at the first Ctrl-C, SIGTERM or SIGHUP; ignore further ones.
 
-    The process is to end then, and a second one would stop it from cleaning up.  A signal that was
-    to be ignored (nohup, a job in the background) still is.
+    A second one would stop the clean-up. Signals that were ignored before (nohup) still are.
     """
     numbers = [getattr(signal, name) for name in STOPPING if hasattr(signal, name)]
     before = {number: signal.getsignal(number) for number in numbers}
@@ -181,7 +180,7 @@ def _interruptible() -> Iterator[None]:
 
 @contextmanager
 def saved_in(folder: Path, way_out: str = "go on with --resume") -> Iterator[None]:
-    """A disk or a worker that fails during a run: where, and how the run goes on from there."""
+    """Report where a disk or a worker failed during a run, and how to continue it."""
     try:
         yield
     except BrokenPipeError:
@@ -201,6 +200,6 @@ def _reason(error: OSError) -> str:
 
 
 def _tell(text: str) -> None:
-    """One line on stderr, which may be full or closed: the status tells what is left to tell."""
+    """Print one line on stderr; if it is full or closed, the exit status has to do."""
     with suppress(OSError):
         say(errors.shortened(text.replace("\n", " "), LONGEST_LINE), err=True)

@@ -1,7 +1,7 @@
-"""The files that bayesdrill writes: exact names, atomic writes, checksummed JSON, limits of size.
+"""Write bayesdrill's files: exact names, atomic writes, JSON with checksums, and limits of size.
 
-Everything that replaces or removes a file goes through here, and touches nothing else: no file of
-another name, nothing through a link, no folder that holds something of others.
+Everything that replaces or removes a file is here. It touches no file of another name, nothing behind a
+link, and no folder that contains other files.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from typing import Any
 from bayesdrill.basics.errors import InputError, Issue, encodable
 from bayesdrill.basics.registry import Registry
 
-RUN = "run.json"  # says whose a folder is
+RUN = "run.json"  # names the job that the folder belongs to
 LOCK = ".lock"
 FIGURES = "figures"
 PIECES = ".pieces"
 REFITS = ".refits"
 RECOMMENDED = "recommended.yaml"  # of a ladder
-RECORD = "record.csv"  # of a case that was made without any file
+RECORD = "record.csv"  # the record of a case that was built from arrays
 CONFIG_FILE, RESOLVED_FILE = "config.yaml", "config.resolved.yaml"
 CONFIGS = (CONFIG_FILE, RESOLVED_FILE)
 
@@ -39,11 +39,10 @@ MADE_ANEW = "make them anew with --force, or give another --output"
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """What `bayesdrill <job>` writes into its folder; `#` stands for a number.
+    """A kind lists the files that `bayesdrill <job>` writes into its folder; `#` stands for a number.
 
-    `mark`: by this file, which is never taken away, the folder is known; `nested`: folders of runs
-    of their own; `continue_hint`: what can be done where results exist; `kept_files`: what it writes
-    once and no later run takes away.
+    `mark` identifies the folder and is never removed; `nested` are folders of further runs;
+    `continue_hint` is the advice if results exist. No later run removes `kept_files`.
     """
 
     job: str
@@ -55,16 +54,16 @@ class Kind:
 
     @property
     def folders(self) -> tuple[str, ...]:
-        """The folders below the one of the run."""
+        """Return the folders inside the run's folder."""
         return (*{name.split("/")[0]: None for name in self.files if "/" in name}, *self.nested)
 
     def is_output(self, name: str) -> bool:
-        """Whether such a run writes a file of this name."""
+        """Return whether such a run writes a file of this name."""
         return _matches(name, (self.mark, *self.files, *self.kept_files))
 
 
 def numbered[T](stem: str, items: Sequence[T]) -> dict[str, T]:
-    """By the stems of files: one keeps the name, several have numbers, as `#` in a `Kind` has it."""
+    """Return items by file stem: a single one has the plain stem, several are numbered."""
     if len(items) == 1:
         return {stem: items[0]}
     return {f"{stem}_{k}": item for k, item in enumerate(items, start=1)}
@@ -79,42 +78,39 @@ def figure_files(*stems: str, formats: Iterable[str] = DEFAULT_FORMATS) -> tuple
     return tuple(f"{FIGURES}/{stem}.{end}" for stem in stems for end in formats)
 
 
-def shown_path(formats: Iterable[str]) -> str:
-    """Of these, the one that a page can show best."""
+def preferred_format(formats: Iterable[str]) -> str:
+    """Return the format that a page shows best."""
     return min(formats, key=("png", "svg", "pdf").index)
 
 
 def formats_of(stem: str, asked: Sequence[str] | None, *, pdf: bool) -> tuple[str, ...]:
-    """Return the formats of a figure of a run: those `asked` for, or PNG, and PDF of corner plots.
-
-    `pdf`: whether all figures are written as PDF too.
-    """
+    """Return a figure's formats: those `asked` for, or PNG, and PDF of corner plots; `pdf` adds PDF."""
     formats = asked or (DEFAULT_FORMATS if stem in CORNER_PLOTS else ("png",))
     return tuple(dict.fromkeys([*formats, *(["pdf"] if pdf else [])]))
 
 
 UNFINISHED = Kind("posterior", (f"{PIECES}/ensemble_#_#.npz",))
 
-# What a report is made from, beside the config with all defaults.
-GROUND = Kind("posterior", ("chain.h5", "map.json", CONFIG_FILE, *UNFINISHED.files))
+# The files from which a report is made, beside the config with all defaults.
+REPORT_SOURCES = Kind("posterior", ("chain.h5", "map.json", CONFIG_FILE, *UNFINISHED.files))
 
 
-# Figures of a run; those on request are drawn where a config names them.
+# Figures of a run; those on request are drawn only if a config names them.
 USUALLY_DRAWN = (
-    "rig",  # where the config describes it
+    "rig",  # if the config describes the rig
     *("corner", "invariants", "ridge", "trace", "prior_posterior", "friction", "torque"),
-    "residuals",  # where more than noise is left, or by name
-    "fit",  # last: its draws take a while
+    "residuals",  # if more than noise remains, or by name
+    "fit",  # last, as its draws take a while
 )
 ON_REQUEST = ("rank", "autocorrelation", "predictive_check", "frequency_response")
 OWN_FIGURES = USUALLY_DRAWN + ON_REQUEST
 CORNER_PLOTS = ("corner", "invariants")
-# Those of draws alone, which are drawn while the analysis of a run looks at its draws.
-OF_DRAWS = ("rig", "corner", "trace", "prior_posterior")
-# Those of which each of several experiments has one.
-EACH = ("fit", "friction", "torque", "residuals", "frequency_response")
+# Figures of draws alone, which are drawn while a run is analysed.
+FROM_DRAWS = ("rig", "corner", "trace", "prior_posterior")
+# Figures that are drawn for each of several experiments.
+PER_EXPERIMENT = ("fit", "friction", "torque", "residuals", "frequency_response")
 RUN_FIGURES: Registry[str] = Registry("figure", dict.fromkeys(OWN_FIGURES, ""))
-# Files of older versions, which a report or --force takes away.
+# Files of older versions, which a report or --force removes.
 OUTDATED = ("opened.npz", *figure_files("energy", "energy_#", formats=FORMATS))
 
 
@@ -123,10 +119,10 @@ POSTERIOR = Kind(
     (
         *("chain.h5", "map.json", *CONFIGS, "posterior.nc", "summary.csv", "summary.md", *OUTDATED),
         *("derived.csv", "verdict.csv", "torque.csv", "table.tex", "report.html"),
-        *figure_files(*RUN_FIGURES, *(f"{stem}_#" for stem in EACH), formats=FORMATS),
+        *figure_files(*RUN_FIGURES, *(f"{stem}_#" for stem in PER_EXPERIMENT), formats=FORMATS),
         *UNFINISHED.files,
     ),
-    kept_files=(RECORD,),  # its config may be started over from this very folder
+    kept_files=(RECORD,),  # a run may start over from the config in this folder
 )
 CALIBRATE = Kind(
     "calibrate",
@@ -159,77 +155,81 @@ MAP = Kind(
 IDENTIFY = Kind("identify", figure_files("spectrum", "profiles", formats=FORMATS), "identify.md")
 
 
-LADDER = Kind(  # models of one record, each of which has a posterior in a folder of its own
+LADDER = Kind(  # models of one record, each with a posterior in its own folder
     "ladder",
     (*COMPARE.files, *CONFIGS, RECOMMENDED),
     nested=tuple(f"model_{k}" for k in range(1, 10)),
 )
 
 
-def present(folder: Path, kind: Kind) -> list[str]:
-    """Files and folders in `folder` that bear a name of this kind, whatever they are."""
+def output_names(folder: Path, kind: Kind) -> list[str]:
+    """Return the names in `folder` that belong to this kind, whatever is stored under them."""
     names = _names(folder, ("", *kind.folders))
     return [name for name in names if kind.is_output(name) and not _matches(name, kind.kept_files)]
 
 
-def existing_outputs(folder: Path, kind: Kind) -> list[Issue]:
-    """Links, folders, devices and pipes where a run has its files, and files where its folders."""
-    files = dict.fromkeys((LOCK, *present(folder, kind)), ("a file", "which no run writes"))
+def misplaced_paths(folder: Path, kind: Kind) -> list[Issue]:
+    """Return an issue for anything else in the place of a run's file or folder."""
+    files = dict.fromkeys((LOCK, *output_names(folder, kind)), ("a file", "which no run writes"))
     folders = dict.fromkeys(kind.folders, ("a folder", "where a run has a folder of its own"))
     return [
-        Issue(str(folder / name), f"{there}, {why}; move it, or give another --output")
+        Issue(str(folder / name), f"{actual}, {why}; move it, or give another --output")
         for name, (wanted, why) in (files | folders).items()
-        if (there := what(folder / name)) not in ("", wanted)
+        if (actual := path_kind(folder / name)) not in ("", wanted)
     ]
 
 
 def _files(folder: Path, kind: Kind) -> list[str]:
-    """As `present`, but no folders, links, devices and pipes."""
-    return [name for name in present(folder, kind) if what(folder / name) == "a file"]
+    """Return those `output_names` that are plain files."""
+    return [name for name in output_names(folder, kind) if path_kind(folder / name) == "a file"]
 
 
 def remove_outputs(folder: Path, kind: Kind) -> None:
-    """What such a run has written, all but its mark; then its folders, where nothing is left."""
+    """Remove a run's files, all but its mark; then its folders, if they are empty."""
     for name in {*_files(folder, kind)} - {kind.mark}:
         (folder / name).unlink()
     for name in kind.folders:
-        if what(folder / name) == "a folder":
-            with suppress(OSError):  # something of others is in it
+        if path_kind(folder / name) == "a folder":
+            with suppress(OSError):  # it contains other files
                 (folder / name).rmdir()
 
 
 @contextmanager
 def renewed(folder: Path, kind: Kind) -> Iterator[None]:
-    """Takes away what such a run has written; what the block writes anew has the mode bits of before."""
+    """Remove a run's files; those that the block writes again get their former mode bits."""
     before = {name: (folder / name).lstat().st_mode for name in _files(folder, kind)}
     remove_outputs(folder, kind)
     try:
         yield
     finally:
         for name, mode in before.items():
-            if what(folder / name) == "a file":
+            if path_kind(folder / name) == "a file":
                 (folder / name).chmod(stat.S_IMODE(mode))
 
 
 def clean_up(folder: Path, kind: Kind) -> None:
-    """What a run that was killed had begun to write; the folder must be locked."""
+    """Remove temporary files of a killed run; the folder must be locked."""
     for name in _names(folder, ("", *kind.folders)):
         aside = re.fullmatch(r"((?:.*/)?)\.(.*)\.\d+\.aside(\.[^./]*)", name)  # see `atomic_write`
-        if aside and kind.is_output("".join(aside.groups())) and what(folder / name) == "a file":
+        if (
+            aside
+            and kind.is_output("".join(aside.groups()))
+            and path_kind(folder / name) == "a file"
+        ):
             (folder / name).unlink()
 
 
 def digest(path: Path) -> str:
-    """Of what a file holds."""
+    """Return a digest of a file's content."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()[:16]
 
 
 @contextmanager
 def atomic_write(path: Path) -> Iterator[Path]:
-    """A path that replaces `path`, with its mode bits, when the block ends well; else it is removed."""
+    """Yield a temporary path that replaces `path`, with its mode bits, if the block succeeds."""
     refuse_other_than_file(path)
-    # Of this thread, and so of this process too.
+    # The name is unique to this thread, and so to this process.
     aside = path.with_name(f".{path.stem}.{threading.get_native_id()}.aside{path.suffix}")
     try:
         yield aside
@@ -246,34 +246,34 @@ def atomic_write(path: Path) -> Iterator[Path]:
 
 
 def write(path: Path, content: bytes) -> None:
-    """A whole file, made in memory: libraries that write themselves fall over where a disk fills up."""
+    """Write a whole file from memory, as libraries that write themselves fail badly on a full disk."""
     with atomic_write(path) as aside:
         aside.write_bytes(content)
 
 
 def write_text(path: Path, text: str) -> None:
-    """A whole file in UTF-8."""
+    """Write a text file in UTF-8."""
     write(path, encodable(text).encode())
 
 
 def refuse_other_than_file(path: Path) -> None:
-    """Raises `InputError` for links, folders, devices and pipes."""
-    if (kind := what(path)) not in ("", "a file"):
+    """Raise `InputError` for links, folders, devices and pipes."""
+    if (kind := path_kind(path)) not in ("", "a file"):
         message = f"{kind}, which is never replaced; give another --output"
         raise InputError.at(str(path), message)
 
 
 def refuse_replacing(read: Iterable[Path], written: Iterable[Path]) -> None:
-    """Raises `InputError` where a command would replace a file that it reads, by whatever name."""
-    there = [path for path in read if path.is_file()]
+    """Raise `InputError` if a command would replace a file that it reads, under any name."""
+    files = [path for path in read if path.is_file()]
     for path in written:
-        if path.exists() and any(path.samefile(other) for other in there):
+        if path.exists() and any(path.samefile(other) for other in files):
             message = "is read by this command, or named by its config, and never replaced"
             raise InputError.at(str(path), f"{message}; give another --output")
 
 
 def refuse_existing(path: Path, read: Iterable[Path] = (), *, force: bool) -> None:
-    """Raises `InputError` where a file is, unless by `force`, and of those `read` anyway."""
+    """Raise `InputError` if a file exists, unless `force` is given, or if it is one of those `read`."""
     refuse_replacing(read, [path])
     if path.exists() and not force:
         raise InputError.at(str(path), "exists already; give --force or another --output")
@@ -283,9 +283,9 @@ def refuse_existing(path: Path, read: Iterable[Path] = (), *, force: bool) -> No
 
 
 def refuse_unwritable(folder: Path, below: Iterable[str] = ()) -> None:
-    """Raises `InputError` where no file can be made in `folder`, or in those `below` that are there.
+    """Raise `InputError` if no file can be made in `folder`, or in existing folders `below` it.
 
-    It is tried, as mode bits do not know of read-only disks; nothing is left behind, and no folder made.
+    This is tried, as mode bits do not show read-only disks. Nothing is left behind.
     """
     parents = (folder, *folder.absolute().parents)
     nearest = next(parent for parent in parents if os.path.lexists(parent))
@@ -301,17 +301,17 @@ def refuse_unwritable(folder: Path, below: Iterable[str] = ()) -> None:
 
 
 def refuse_endless(path: Path) -> None:
-    """Raises `InputError` for devices and pipes, also behind links: opening may never end."""
+    """Raise `InputError` for devices and pipes, also behind links, as opening them may never end."""
     try:
         mode = path.stat().st_mode
-    except (OSError, ValueError):  # it is not there, or has a NUL in its path, as its reader says
+    except (OSError, ValueError):  # its reader reports a missing file or a NUL in the path
         return
     if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
         raise InputError.at(str(path), "is a device or a pipe, which may have no end; give a file")
 
 
-def what(path: Path) -> str:
-    """`a file`, `a folder`, ...; empty where there is nothing.  Links are not followed."""
+def path_kind(path: Path) -> str:
+    """Return `a file`, `a folder` and so on; empty if nothing exists. Links are not followed."""
     try:
         mode = path.lstat().st_mode
     except (FileNotFoundError, NotADirectoryError, ValueError):  # ValueError: a NUL in the name
@@ -324,34 +324,34 @@ def what(path: Path) -> str:
 
 
 def _names(folder: Path, below: Iterable[str]) -> list[str]:
-    """What lies in `folder` and those `below` that are no links, as relative names."""
+    """Return relative names of all entries of `folder` and of the folders `below` that are no links."""
     names = []
     for name in below:
-        if what(folder / name) == "a folder" or (not name and folder.is_dir()):
+        if path_kind(folder / name) == "a folder" or (not name and folder.is_dir()):
             names += [f"{name}/{entry}" if name else entry for entry in os.listdir(folder / name)]
     return sorted(names)
 
 
 def _matches(name: str, patterns: Iterable[str]) -> bool:
-    """Whether it is one of these, in which `#` stands for a number."""
+    """Return whether a name matches one of the patterns, in which `#` stands for a number."""
     forms = (re.escape(pattern).replace(r"\#", r"\d+") for pattern in patterns)
     return any(re.fullmatch(form, name, re.ASCII) for form in forms)
 
 
-LARGEST_FILE = 1_000_000_000  # bytes of a record: fifty million numbers as text are about as many
-LARGEST_GUESSED = 100_000_000  # bytes of one that `init` looks at, for up to half a minute
-MOST_COLUMNS = 300  # each of which `init` may hold against each other
+LARGEST_FILE = 1_000_000_000  # bytes of a record, about fifty million numbers as text
+LARGEST_GUESSED = 100_000_000  # bytes of a record that `init` reads, for up to half a minute
+MOST_COLUMNS = 300  # columns that `init` compares with each other
 MOST_SAMPLES = 20_000_000
 MOST_MEASURED = 50_000_000  # numbers of a record: samples times channels
-MOST_GUESSED = 1_000_000  # samples that `init` looks at
+MOST_GUESSED = 1_000_000  # samples that `init` reads
 MOST_OF_CHAIN = 64_000_000  # numbers of a chain, half a gigabyte
-LEAST_STEPS = 200  # that a chain must have room for
-MOST_PREDICTED = 20_000_000  # numbers, 80 MB; as many log likelihoods go with them
-LEAST_PREDICTED = 25  # draws of each ensemble: of tails, fewer tell their extremes alone
+LEAST_STEPS = 200  # steps that have to fit into a chain
+MOST_PREDICTED = 20_000_000  # numbers, 80 MB, and the same number of log likelihoods
+LEAST_PREDICTED = 25  # draws of each ensemble; fewer do not resolve the tails
 
 
 def check_file(path: Path, largest: int = LARGEST_FILE) -> None:
-    """Raises `InputError` beyond `largest` bytes or without an end; a missing one is for its reader."""
+    """Raise `InputError` for files beyond `largest` bytes or without end, not for missing ones."""
     refuse_endless(path)
     try:
         size = path.stat().st_size
@@ -389,29 +389,29 @@ def check_chain(ensembles: int, walkers: int, unknowns: int) -> None:
 
 
 def steps_of_chain(ensembles: int, walkers: int, unknowns: int) -> int:
-    """As many as a chain may have."""
+    """Return the largest number of steps of a chain."""
     return MOST_OF_CHAIN // (ensembles * walkers * unknowns)
 
 
 def predictive_draws(wanted: int, ensembles: int, numbers: int) -> int:
-    """Of each ensemble: `wanted`, or as many as there is room for; none where those would be few."""
+    """Return the predicted draws per ensemble: `wanted`, or fewer for lack of space; 0 if too few."""
     room = MOST_PREDICTED // (ensembles * numbers)
     return wanted if wanted <= room else room if room >= LEAST_PREDICTED else 0
 
 
-SEAL = "checksum"
+CHECKSUM = "checksum"
 
 
 def dumps_checksummed(data: Mapping[str, Any]) -> str:
-    """As text, with a checksum of all entries as the last of them."""
-    return json.dumps({**data, SEAL: _checksum(data)}, indent=2) + "\n"
+    """Return entries as JSON text, with their checksum as the last entry."""
+    return json.dumps({**data, CHECKSUM: _checksum(data)}, indent=2) + "\n"
 
 
 def loads_checksummed(content: bytes) -> dict[str, Any]:
-    """The entries of what `sealed` gave; raises `ValueError` where they are not the same."""
+    """Return the entries of such a text; raises `ValueError` if they do not match their checksum."""
     try:
         data = json.loads(content.decode("utf-8"))
-        seal = data.pop(SEAL, None) if isinstance(data, dict) else None
+        seal = data.pop(CHECKSUM, None) if isinstance(data, dict) else None
         if seal is None or seal != _checksum(data):
             raise ValueError("the checksum does not fit")
     except RecursionError:
@@ -420,6 +420,6 @@ def loads_checksummed(content: bytes) -> dict[str, Any]:
 
 
 def _checksum(data: Mapping[str, Any]) -> str:
-    # Over the text that reading and writing again gives: tuples have become lists by then.
+    # The data is read back first, so that tuples have become lists.
     text = json.dumps(json.loads(json.dumps(data)), sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:16]

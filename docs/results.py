@@ -43,7 +43,7 @@ def configs(root: Path) -> Mapping[str, bd.Case]:
 
 def files(folder: Path, kind: output_files.Kind) -> Iterator[str]:
     """What is published of a finished run."""
-    for name in output_files.present(folder, kind):
+    for name in output_files.output_names(folder, kind):
         if name.endswith(ENDS) and name not in OWN:
             yield name
 

@@ -45,12 +45,12 @@ def _bundled() -> Path:
 def _in_the_way(folder: Path, wanted: Iterable[Path]) -> list[Issue]:
     """Files where the examples need folders, and whatever has the name of one of them."""
     records = folder / "records"
-    wrong = [] if output_files.what(records) in ("", "a folder") else [records]
+    wrong = [] if output_files.path_kind(records) in ("", "a folder") else [records]
     if folder.exists() and not folder.is_dir():
         wrong = [folder]
     no_folder = "is no folder, where the examples need one"
     obstacles = [(path, no_folder) for path in wrong]
-    obstacles += [(path, "is there already") for path in wanted if output_files.what(path)]
+    obstacles += [(path, "is there already") for path in wanted if output_files.path_kind(path)]
     return [Issue(str(path), f"{why}; move it, or give another FOLDER") for path, why in obstacles]
 
 
@@ -277,7 +277,7 @@ def export(
     place = Path(folder).expanduser()
     if target is not None:
         output_files.refuse_other_than_file(target)
-        read = (place / name for name in output_files.present(place, output_files.POSTERIOR))
+        read = (place / name for name in output_files.output_names(place, output_files.POSTERIOR))
         output_files.refuse_existing(target, read, force=force)
     run = pipeline.read_result(place)
     rng = np.random.default_rng(seed)

@@ -1,8 +1,7 @@
-"""A config becomes objects, or every mistake of it at once.
+"""Turn a config into objects, or report all of its mistakes at once.
 
-`schema/` says what may be written, `loading` reads it, `resolve/` builds objects of it and finds
-what contradicts itself, `records/` reads the files that are named, and `job` puts all together.
-Nothing here samples.
+`schema/` defines what may be written and `loading` reads it. `resolve/` builds objects from it and
+finds contradictions; `records/` reads the files that are named; `job` joins them. Nothing here samples.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A job: a config from a file or from memory, checked against its record, and built."""
+"""Build a job: a config from a file or from memory, checked against its record."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ from bayesdrill.record.formats.table import RecordTable
 from bayesdrill.rig.models.linear import Model, constants
 from bayesdrill.sampling.mode_search import Mode
 
-# Of a start from the record, in sigmas: rounding would hide any way to it.
+# Largest distance of the start from the record, in sigmas: beyond it rounding hides the descent.
 MAX_START_DISTANCE = 1e10
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Job:
-    """A resolved case with its posterior; `files`: what was read for it."""
+    """A job is a resolved case with its posterior; `files` holds what was read for it."""
 
     case: ResolvedCase
     problem: Problem
@@ -51,7 +51,7 @@ class Job:
         return self.case.source
 
     def with_settings(self, **changed: Any) -> Job:
-        """Return the job with other sections of the config that decide no posterior."""
+        """Return the job with other sections of the config, none of which affects the posterior."""
         config = self.config.model_copy(update=changed)
         return replace(self, case=replace(self.case, config=config))
 
@@ -64,7 +64,7 @@ class Job:
         return assemble(loading.validate(source), self.files)
 
     def with_steps_at(self, mode: Mode) -> Job:
-        """Return the job with the steps that `mode` needs, of a rig that is stepped."""
+        """Return the job with the integration steps that `mode` needs; only a stepped rig has any."""
         if not mode.pieces:
             return self
         posterior = step_error.with_steps(self.problem.posterior, mode.pieces)
@@ -72,7 +72,7 @@ class Job:
 
     @property
     def asked(self) -> Asked:
-        """Return what is asked of a study."""
+        """Return what an identifiability study is asked for."""
         settings = self.config.identify
         thresholds = Thresholds(**settings.model_dump(exclude={"of_interest"}))
         of_interest = tuple(settings.of_interest)
@@ -80,19 +80,19 @@ class Job:
 
 
 def prepare(path: Path) -> Job:
-    """Load a config and its records, and build the job; raises `InputError` of all mistakes."""
+    """Load a config and its records, and build the job; raises `InputError` with all mistakes."""
     return assemble(loading.load(path))
 
 
 def assemble(case: ResolvedCase, files: Files | None = None) -> Job:
-    """Read the records of a case, as far as they are not in `files`, and build the job."""
+    """Read the records of a case, unless they are in `files`, and build the job."""
     source, files = case.source, Files() if files is None else files
     records = collect_each(lambda resolved: reading.read(resolved, files), case.experiments)
     problem = assembly.build_problem(case, records)
     posterior = problem.posterior
     start = posterior.space.vector(posterior.space.start)
     if not np.isfinite(posterior.density(start[None])[0]):
-        unsteady = _unsteady(case, problem, start)
+        unsteady = _steady_start_issues(case, problem, start)
         message = "the model has no finite response at the start; check values and units"
         raise InputError(unsteady or [source.issue(("parameters",), message)])
     rms = float(posterior.likelihood.mean_square(start[None])[0]) ** 0.5
@@ -108,8 +108,8 @@ def assemble(case: ResolvedCase, files: Files | None = None) -> Job:
     return Job(case=case, problem=problem, files=files)
 
 
-def _unsteady(case: ResolvedCase, problem: Problem, start: Array) -> list[Issue]:
-    """Experiments that are said to begin steadily, of a rig that has no steady state."""
+def _steady_start_issues(case: ResolvedCase, problem: Problem, start: Array) -> list[Issue]:
+    """Return an issue for each experiment with a steady start if the rig has no steady state."""
     full = problem.posterior.space.full(start[None])
     pairs = [(case.experiment(each.label), each) for each in problem.observations]
     unsteady = "the rig has no steady state at the start values under the first inputs"
@@ -122,10 +122,10 @@ def _unsteady(case: ResolvedCase, problem: Problem, start: Array) -> list[Issue]
     ]
 
 
-ARRAYS_PATH = Path("arrays")  # begins the places of mistakes
+ARRAYS_PATH = Path("arrays")  # stands in messages where a config from a file has its path
 TIME_COLUMN = "t"
-MAX_DEPTH = 20  # of entries within entries
-MAX_INTEGER_BITS = 1000  # bits of a whole number
+MAX_DEPTH = 20  # levels of nested entries
+MAX_INTEGER_BITS = 1000  # larger integers take long to write as text
 
 
 def job_in_memory(columns: Mapping[str, Array], entries: Mapping[str, Any]) -> Job:
@@ -137,18 +137,18 @@ def job_in_memory(columns: Mapping[str, Array], entries: Mapping[str, Any]) -> J
     plain = _plain({**entries, "record": record}, (), wrong)
     raise_if_any(wrong)
     source = parse(ARRAYS_PATH, as_yaml(plain))
-    source = replace(source, lines={})  # of a text that nobody has seen
+    source = replace(source, lines={})  # the user has not seen this text
     return assemble(loading.validate(source), Files(table))
 
 
 def arrays_as_csv(columns: Mapping[str, Array]) -> str:
-    """Return the columns as text with all digits, so that it reads back the same."""
+    """Return the columns as CSV text with all digits, so that reading it gives the same numbers."""
     lines = zip(*(values.tolist() for values in columns.values()), strict=True)
     return "\n".join([",".join(columns), *(",".join(map(repr, line)) for line in lines)]) + "\n"
 
 
 def model_entry(rig: Model) -> dict[str, Any]:
-    """Return a rig as `model:` of a config has it."""
+    """Return the `model:` entry of a config that describes this rig."""
     entries, given = entries_of(type(rig)), constants(rig)
     plain = {
         name: TypeAdapter(kind).dump_python(given[name], warnings=False)
@@ -159,7 +159,7 @@ def model_entry(rig: Model) -> dict[str, Any]:
 
 
 def _plain(value: Any, location: tuple[str, ...], issues: list[Issue]) -> Any:
-    """As YAML can have it, numbers of NumPy as Python has them; of the rest a problem is `issues`."""
+    """Return a value as plain YAML data, NumPy scalars as Python ones; add an issue for any other."""
     if len(location) > MAX_DEPTH:
         issues.append(Issue(".".join(location[:4]), "is nested too deep; see docs/config.md"))
         return None

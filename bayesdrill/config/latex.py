@@ -1,4 +1,4 @@
-"""Check LaTeX of users: it is known to matplotlib and LaTeX, and stays in its cell of a table."""
+"""Check a user's LaTeX: matplotlib and LaTeX must know it, and it must stay in its table cell."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import re
 
 from bayesdrill.basics.symbols import Symbol, superscript
 
-MAX_BRACE_DEPTH = 8  # braces inside each other
+MAX_BRACE_DEPTH = 8  # nested braces
 
-# What matplotlib's mathtext and LaTeX both know, and nothing that reads, writes, defines or leaves a
-# formula: `table.tex` is made of it.
+# Commands that matplotlib's mathtext and LaTeX both know. As `table.tex` contains the text, none of
+# them reads, writes or defines anything, or ends the formula.
 _ACCENTS = "hat|bar|dot|ddot|tilde|vec|check|breve|acute|grave|widehat|widetilde|overline"
 _LETTERS = (
     "alpha|beta|gamma|delta|epsilon|zeta|eta|theta|iota|kappa|lambda|mu|nu|xi|pi|rho|sigma|tau|upsilon|"
@@ -24,22 +24,22 @@ _OTHERS = (
 )
 _KNOWN = re.compile(rf"{_ACCENTS}|{_LETTERS}|{_OTHERS}|[,:;! %#_{{}}]")
 _COMMAND = re.compile(r"\\([A-Za-z]+|.?)", re.DOTALL)
-_BARE = re.compile(  # an index or an accent, and what LaTeX takes for its letter only in braces
+_BARE = re.compile(  # an index or an accent whose argument LaTeX accepts only in braces
     rf"(?:[_^]|\\(?:{_ACCENTS})(?![A-Za-z]))"
     rf"(?! *(?:[{{A-Za-z0-9*+-]|\\(?:{_LETTERS})(?![A-Za-z])))"
 )
 
 
 def check(symbol: Symbol) -> None:
-    """Raise `ValueError`, with a message for the user, for what figures and tables cannot write."""
-    from matplotlib.mathtext import MathTextParser  # late: it takes half a second to load
+    """Raise `ValueError`, with a message for the user, if figures or tables cannot show the symbol."""
+    from matplotlib.mathtext import MathTextParser  # imported late: loading takes half a second
 
     for text in (symbol.latex, rf"\mathrm{{{symbol.latex_unit}}}" if symbol.latex_unit else "1"):
         try:
             _check_latex(text)
             formulas = (text, superscript(text, "2"), f"{{{text}}}^{{2}}")  # alone, and in products
             MathTextParser("path").parse(" ".join(f"${formula}$" for formula in formulas), 72)
-        except Exception as error:  # a parser of formulas meets bad ones with many kinds
+        except Exception as error:  # the parser raises many kinds of exceptions
             reason = str(error).splitlines()[-1].partition(": ")[2] or str(error)
             raise ValueError(
                 f"figures and tables cannot write '{text}' ({reason}); use what LaTeX and "
@@ -49,7 +49,7 @@ def check(symbol: Symbol) -> None:
 
 
 def _check_latex(text: str) -> None:
-    """Raises `ValueError` for what would not stay in its formula, its cell of a table or its line."""
+    """Raise `ValueError` for text that would leave its formula, its table cell or its line."""
     if not text.isprintable():
         raise ValueError("a character that cannot be printed")
     for name in _COMMAND.findall(text):
@@ -66,5 +66,5 @@ def _check_latex(text: str) -> None:
         raise ValueError("braces that do not match, or too many")
     if bare := _BARE.search(text.replace(r"\_", " ")):
         raise ValueError(f"what stands after {bare[0]} needs braces")
-    if "'" in text.partition("^")[2]:  # which LaTeX may take for another power of the same letter
+    if "'" in text.partition("^")[2]:  # LaTeX may read the prime as a second power
         raise ValueError("a ' after a ^")

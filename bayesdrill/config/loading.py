@@ -29,7 +29,7 @@ _FILE = "x.csv"
 
 
 def _stand_ins(kind: type[Config]) -> dict[Location, Any]:
-    """What stands in for entries that are missing or spoilt, to judge the others; sections first."""
+    """Return substitutes for missing or invalid entries, so that the others can be checked."""
     state = next(iter(kind.vocabulary.states.values()))
     return {
         ("name",): "x",
@@ -44,7 +44,7 @@ def _stand_ins(kind: type[Config]) -> dict[Location, Any]:
 
 
 FRICTION_WALKERS = 96
-WALKERS_PER_EXPERIMENT = 16  # more: it may bring unknowns of its own
+WALKERS_PER_EXPERIMENT = 16  # additional ones, as each experiment may have unknowns of its own
 NO_EXPERIMENT = (
     "no experiment stands here; name each, such as `slow: {record: {file: slow.csv}}`, or remove "
     "this entry"
@@ -54,7 +54,7 @@ NO_RECORD = "this experiment has no record; give `record: {file: ...}` in it"
 
 
 def load(path: Path) -> ResolvedCase:
-    """Load a config; raises `InputError` with every issue, in the order of the lines."""
+    """Load a config; raises `InputError` with every issue, in the order of their lines."""
     return validate(read(path))
 
 
@@ -72,9 +72,9 @@ def validate(source: Source) -> ResolvedCase:
 
 
 def load_kind(source: Source) -> type[Config]:
-    """Return the config with the names of its rig; raises `InputError` where there is no such rig.
+    """Return the config class with the names of its rig; raises `InputError` if there is no such rig.
 
-    What is wrong with a rig whose names all share is told later, with all else.
+    Mistakes in a rig of fixed symbols are reported later, together with all others.
     """
     data, kinds = source.data, MODELS.usable()
     entry = data.get("model") if isinstance(data, Mapping) else None
@@ -102,7 +102,7 @@ def load_kind(source: Source) -> type[Config]:
 
 
 def _with_walkers(config: Config, model: Model) -> Config:
-    """Give a rig that rubs fewer walkers by default: its steps are expensive, and 256 too many."""
+    """Give a rig with friction fewer walkers by default, as its steps are expensive."""
     sampler = config.sampler
     if "walkers" in sampler.model_fields_set or model.smooth:
         return config
@@ -114,7 +114,7 @@ def _with_walkers(config: Config, model: Model) -> Config:
 def _load_several(
     source: Source, kind: type[Config]
 ) -> tuple[Config, dict[str, ResolvedExperiment]]:
-    """All experiments, and the config of the first, which names them."""
+    """Return the config of the first experiment, which lists them all, and all experiments by label."""
     alone, resolved = experiments.split_experiments(source), dict[str, ResolvedExperiment]()
     problems = [*source.repeated]
     local_sources = alone or {"": experiments.experiment_source(source, "", {})}
@@ -133,7 +133,7 @@ def _load_several(
     if alone or source.data[experiments.EXPERIMENTS]:
         try:
             config = kind.model_validate(whole)
-        except ValidationError as error:  # each of them tells the rest
+        except ValidationError as error:  # other mistakes are reported by the experiments
             problems += [
                 source.issue(location, _message(item, location, kind))
                 for location, item in _by_location(error, source).items()
@@ -149,7 +149,7 @@ def _load_several(
 
 
 def _by_location(error: ValidationError, source: Source) -> dict[Location, dict[str, Any]]:
-    """One mistake a place, the last: the members of a union each complain of the same entry."""
+    """Keep the last error of each entry, as every member of a union reports the same entry."""
     return {_location(item["loc"], source.data): dict(item) for item in error.errors()}
 
 
@@ -178,7 +178,7 @@ def _load_single(source: Source, kind: type[Config], label: str = "") -> Resolve
 def _check_remaining(
     data: Any, spoilt: list[Location], source: Source, kind: type[Config]
 ) -> list[Issue]:
-    """Checks across entries, for what is left after the spoilt entries are taken out."""
+    """Check the remaining entries against each other, after the invalid ones are taken out."""
     for location in spoilt:
         _remove(data, location)
     for location, stand_in in _stand_ins(kind).items():
@@ -193,7 +193,7 @@ def _check_remaining(
 
 
 def _intended_location(error: dict[str, Any], location: Location, hint: str) -> Location | None:
-    """The entry that a misspelt key was to be: that it is missing is no mistake of its own."""
+    """Return the location that a misspelt key was meant for, so that it is not reported as missing."""
     suggestion = hint.rpartition("did you mean ")[2].rstrip("?")
     misspelt = error["type"] == "extra_forbidden" and suggestion != hint
     return (*location[:-1], suggestion) if misspelt else None
@@ -202,9 +202,9 @@ def _intended_location(error: dict[str, Any], location: Location, hint: str) -> 
 def _resolve(
     config: Config, source: Source, spoilt: frozenset[Location], label: str = ""
 ) -> tuple[list[Issue], ResolvedExperiment | None]:
-    """Build an experiment of a config whose entries are each valid, and return what is wrong with it.
+    """Build an experiment of a config with valid entries; return the issues and the experiment.
 
-    Mistakes in `spoilt` places were reported already.
+    Mistakes at `spoilt` locations were reported already.
     """
     errors, alone = IssueCollector(source, spoilt), not source.labels
     names = config.vocabulary.parameters
@@ -258,19 +258,19 @@ def _resolve(
 
 
 def _check_own_names(errors: IssueCollector, config: Config, local: LocalNumbers) -> None:
-    """Check that no quantity or formula has the name of an unknown beside the rig.
+    """Check that no quantity or formula has the name of an unknown of sensors, noise or torque.
 
-    Of several experiments these names have a label, and formulas are checked against them later.
+    With several experiments these names have a label, and formulas are checked against them later.
     """
     for section in ("quantities",) if errors.source.labels else ("quantities", "derived"):
         for name in getattr(config, section):
-            if name in local.numbers and not name.startswith("sigma_"):  # which is refused for any
+            if name in local.numbers and not name.startswith("sigma_"):  # refused for any quantity
                 message = "a sensor's number, or one of noise or torque, has this name"
                 errors.add((section, name), f"{message}; choose another one")
 
 
 def _remove(data: Any, location: Location) -> None:
-    """Take out the entry that holds `location`: a channel, or what stands directly in a section."""
+    """Remove the channel, or the entry of a section, that contains `location`."""
     entry = location[:3] if location[:2] == ("record", "channels") else location[:2]
     parent = data
     for part in entry[:-1]:
@@ -280,7 +280,7 @@ def _remove(data: Any, location: Location) -> None:
 
 
 def _location(loc: tuple[str | int, ...], data: Any) -> Location:
-    """The path as the user wrote it: pydantic's union tags are left out."""
+    """Return the path as the user wrote it, without the tags of pydantic's unions."""
     location: list[str | int] = []
     node = data
     for index, part in enumerate(loc):
@@ -386,7 +386,7 @@ def _hint(value: Any) -> str:
 
 
 def _keys_at(loc: tuple[str | int, ...], config: type[Config]) -> list[str]:
-    """The keys that may stand where the unknown key `loc[-1]` stands."""
+    """Return the keys that are allowed where the unknown key `loc[-1]` stands."""
     sections: list[Mapping[str, Any]] = [_entries(config)]
     for part in loc[:-1]:
         annotations = [section[str(part)] for section in sections if str(part) in section]
@@ -398,7 +398,7 @@ def _keys_at(loc: tuple[str | int, ...], config: type[Config]) -> list[str]:
 
 
 def _sections(annotation: Any) -> list[Mapping[str, Any]]:
-    """Annotations by key of each mapping that may stand there."""
+    """Return the annotations, by key, of each mapping that the annotation allows."""
     record = isinstance(annotation, type) and issubclass(annotation, BaseModel)
     if record or typing.is_typeddict(annotation):
         return [_entries(annotation)]

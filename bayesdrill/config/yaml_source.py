@@ -1,4 +1,4 @@
-"""YAML 1.2 text as plain data with the line of every entry, and errors with their locations."""
+"""Read YAML 1.2 as plain data with the line of every entry, and locate errors in it."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from bayesdrill.basics.errors import InputError, Issue, did_you_mean
 
 Location = tuple[str | int, ...]
 
-# More than any config of a rig needs: beyond them stands a mistake, or what would take for ever.
+# Limits that no config of a rig needs to exceed: more is a mistake, or would take too long.
 MAX_BYTES = 100_000
-MAX_ENTRIES = 5000  # an alias counts as all that it stands for
+MAX_ENTRIES = 5000  # an alias counts as the entries that it repeats
 MAX_KEY_LENGTH = 100  # letters
 MAX_VALUE_LENGTH = 2000
 MAX_NUMBER_LENGTH = 40
@@ -24,18 +24,18 @@ MAX_NUMBER_LENGTH = 40
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """The text of a config, its data, and where each entry stands."""
+    """A source holds the text of a config, its data, and the line of each entry."""
 
     path: Path
     text: str
     data: Any
-    lines: Mapping[Location, int]  # of the key (or list item) at each location, from 1
-    repeated: tuple[Issue, ...]  # keys that stand twice
-    moved: Mapping[Location, Location] = field(default_factory=dict)  # from where they are read
-    labels: tuple[str, ...] = ()  # of all experiments, where it is what one of them reads
+    lines: Mapping[Location, int]  # line of the key (or list item) at each location, from 1
+    repeated: tuple[Issue, ...]  # one for each key that stands twice
+    moved: Mapping[Location, Location] = field(default_factory=dict)  # original locations
+    labels: tuple[str, ...] = ()  # those of all experiments, in the source of one of several
 
     def issue(self, location: Location, message: str) -> Issue:
-        """Return an issue labelled `file:line: a.b.c`; the line is that of the nearest entry."""
+        """Return an issue labelled `file:line: a.b.c`, with the line of the nearest existing entry."""
         nearest = location
         while nearest not in self.lines and nearest:
             nearest = nearest[:-1]
@@ -45,12 +45,12 @@ class Source:
         return Issue(f"{label}: {dotted}" if dotted else label, message)
 
     def error(self, location: Location, message: str) -> InputError:
-        """Return an error with this issue alone."""
+        """Return an error with this single issue."""
         return InputError([self.issue(location, message)])
 
 
 def read(path: Path) -> Source:
-    """Read a YAML file; raises `InputError` where it cannot be read or is not YAML."""
+    """Read a YAML file; raises `InputError` if it cannot be read or is not YAML."""
     output_files.refuse_endless(path)
     try:
         with path.open("rb") as file:
@@ -74,7 +74,7 @@ def read(path: Path) -> Source:
 
 
 def parse(path: Path, text: str) -> Source:
-    """Parse YAML text; raises `InputError` where it is not a mapping."""
+    """Parse YAML text; raises `InputError` if it is not a mapping."""
     from ruamel.yaml import YAML
     from ruamel.yaml.error import MarkedYAMLError, ReusedAnchorWarning, YAMLError
     from ruamel.yaml.reader import ReaderError
@@ -84,7 +84,7 @@ def parse(path: Path, text: str) -> Source:
     walk = _NodeVisitor(path, yaml.constructor)
     try:
         with warnings.catch_warnings():
-            # Of an anchor given twice, the later one counts from there on.
+            # An anchor may be defined twice: each alias takes the last definition before it.
             warnings.simplefilter("ignore", ReusedAnchorWarning)
             root = YAML(typ="safe", pure=True).compose(text)
         if root is not None:
@@ -110,7 +110,7 @@ def parse(path: Path, text: str) -> Source:
 
 
 def as_yaml(data: Mapping[str, Any]) -> str:
-    """Return the data as YAML that people can read."""
+    """Return the data as readable YAML."""
     from ruamel.yaml import YAML
 
     yaml, out = YAML(), io.StringIO()
@@ -122,10 +122,10 @@ def as_yaml(data: Mapping[str, Any]) -> str:
 
 @dataclass(slots=True)
 class _NodeVisitor:
-    """Through all nodes: notes lines and repeated keys, refuses what no config needs."""
+    """The visitor records the lines and repeated keys of all nodes, and refuses excessive ones."""
 
     path: Path
-    constructor: Any  # of the document: every plain value is tried with it, so its line is known
+    constructor: Any  # the document's: values are constructed one by one, to locate errors
     lines: dict[Location, int] = field(default_factory=dict)
     repeated: list[Issue] = field(default_factory=list)
     entries: int = 0
@@ -152,7 +152,7 @@ class _NodeVisitor:
             raise InputError.at(str(self.path), f"{message}; no config needs as many")
 
     def _key(self, key: Any, location: Location) -> Location:
-        """Every key is made text, as `5:` or `~:` is no number or null."""
+        """Tag a key as text, so that `5:` or `~:` is no number or null, and return its location."""
         from ruamel.yaml.nodes import ScalarNode
 
         if not isinstance(key, ScalarNode):
@@ -161,7 +161,7 @@ class _NodeVisitor:
         if len(key.value) > MAX_KEY_LENGTH:
             message = f"this key has {len(key.value)} letters; write at most {MAX_KEY_LENGTH}"
             raise self._refusal(key, message)
-        self._readable(key)
+        self._check_characters(key)
         if key.tag != "tag:yaml.org,2002:merge":
             key.tag = "tag:yaml.org,2002:str"
         key_location = (*location, key.value)
@@ -182,17 +182,17 @@ class _NodeVisitor:
             what, signs = ("a number", "digits") if kind == "int" else ("a value", "letters")
             message = f"{what} of {len(text)} {signs}; write at most {max_length}"
             raise self._refusal(node, message)
-        self._readable(node)
+        self._check_characters(node)
         try:
             self.constructor.construct_object(node)
         except YAMLError:
             raise
-        except Exception:  # text that does not suit its tag comes up as anything
+        except Exception:  # constructors raise many kinds for text that does not fit its tag
             message = f"'{text[:MAX_NUMBER_LENGTH]}' cannot be read as {kind}; put text in quotes"
             raise self._refusal(node, message) from None
 
-    def _readable(self, node: Any) -> None:
-        """Letters that no path, unit or formula can hold, and no file can be written with."""
+    def _check_characters(self, node: Any) -> None:
+        """Refuse characters that no path, unit, formula or file can contain."""
         if "\0" in node.value or any("\ud800" <= letter <= "\udfff" for letter in node.value):
             raise self._refusal(node, "a NUL or half a character stands here; remove it")
 
@@ -212,7 +212,7 @@ def _explain(error: Any, text: str, line: int) -> str:
 
 
 class IssueCollector:
-    """Run steps that raise `ValueError` for the user, and file their messages under a location."""
+    """Run steps that raise `ValueError` for the user, and collect their messages by location."""
 
     def __init__(self, source: Source, spoilt: frozenset[Location]) -> None:
         self.issues: list[Issue] = []
@@ -220,24 +220,24 @@ class IssueCollector:
         self._reported = spoilt
 
     def add(self, location: Location, message: str) -> None:
-        """Add an issue, unless one was reported of this entry before."""
+        """Add an issue, unless one was reported for this entry before."""
         if not self.is_reported(location):
             self.issues.append(self.source.issue(location, message))
 
     def add_all(self, location: Location, messages: Mapping[str, str]) -> None:
-        """Add issues of entries at `location`, by their names."""
+        """Add the messages of entries at `location`, by the entries' names."""
         for entry, message in messages.items():
             self.add((*location, entry), message)
 
     def is_reported(self, location: Location) -> bool:
-        """Whether an issue was reported of this entry, of one in it, or of one around it."""
+        """Return whether an issue was reported for this entry, one inside it, or one around it."""
         pairs = (zip(location, other, strict=False) for other in self._reported)
         return any(all(part == other for part, other in pair) for pair in pairs)
 
     def run[T](self, location: Location, step: Callable[..., T], *arguments: Any) -> T | None:
-        """Return the result of a step; None, with an issue, where it raises `ValueError`.
+        """Return the result of a step; None, with an issue, if it raises `ValueError`.
 
-        Parts of a rig that do not go together are other entries of `model:`.
+        A rig whose parts do not fit together names the entries of `model:` that are at fault.
         """
         try:
             return step(*arguments)
@@ -251,6 +251,6 @@ class IssueCollector:
         return None
 
     def expect(self, location: Location, name: str, known: Collection[str], message: str) -> None:
-        """Add an issue unless `name`, at `location`, is one of `known`; the nearest is proposed."""
+        """Add an issue unless `name`, at `location`, is one of `known`; it proposes the nearest name."""
         if name not in known:
             self.add(location, f"{message}{did_you_mean(name, known)}")

@@ -1,5 +1,5 @@
-"""A first config of a record that nobody has described yet: what its names and sizes say.
+"""Draft a first config for a record that nobody has described, from its names and sizes.
 
-`columns` reads heads, `signals` finds the clock, `sensors` and `roles` say what each column is,
-`draft` writes the config. Each guess has its reason. Nothing here is used once a config is there.
+`columns` reads heads, `signals` finds the clock, `sensors` and `roles` identify each column, and `draft`
+writes the config. Each guess has its reason. Nothing here is used once a config exists.
 """

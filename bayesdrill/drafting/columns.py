@@ -1,4 +1,4 @@
-"""The columns of a file, and what their heads say in some languages: kind, location and unit."""
+"""Read the columns of a file and the kind, location and unit in their heads, in several languages."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from bayesdrill.basics.errors import InputError, Issue
 from bayesdrill.output_files import MOST_GUESSED
 from bayesdrill.record.formats.table import RecordTable
 
-MAX_LETTERS = 200  # of a head, or of a unit, that is read
+MAX_LETTERS = 200  # longer heads and units are not read
 ROTOR, GEARBOX, MOTOR, TWIST = "rotor 1", "gearbox", "motor", "twist"
 
-# By kind and unit, as heads write it without blanks and in small letters; the first unit is the SI one.
+# Spellings in heads, without blanks and in lower case, by kind and unit; the first unit is in SI.
 _UNITS_OF_KIND = {
     "angle": {
         "rad": "rad radian radians",
@@ -44,7 +44,7 @@ _UNITS_OF_KIND = {
     },
     "torque": {"N*m": "nm n*m n·m n.m n-m", "mN*m": "mnm"},
     "force": {"N": "n newton"},
-    "position": {"m": "m meter", "mm": "mm", "cm": "cm"},  # of what moves along a line
+    "position": {"m": "m meter", "mm": "mm", "cm": "cm"},  # linear motion
     "velocity": {"m/s": "m/s", "mm/s": "mm/s"},
 }
 
@@ -86,17 +86,17 @@ _GREEK = str.maketrans({"θ": "theta ", "φ": "phi ", "ϕ": "phi ", "ω": "omega
 
 @dataclass(frozen=True, slots=True)
 class Meaning:
-    """What the head of a column says: `kind`, `location` and `unit` are empty where it is silent."""
+    """The meaning of a column is what its head says; entries are empty if the head says nothing."""
 
     kind: str = ""
     location: str = ""
     unit: str = ""
-    reference: bool = False  # a controller asked for it, it did not happen
-    unknown_unit: str = ""  # what stands where a unit would
+    is_setpoint: bool = False  # a controller's set point, not a measurement
+    unknown_unit: str = ""  # text in the place of a unit
     symbol: str = ""  # of a state
-    word: str = ""  # that says the kind
-    backwards: bool = False  # against the state
-    typed: bool = False  # the user has said it, and not the head
+    kind_word: str = ""  # the word that shows the kind
+    is_reversed: bool = False  # positive values are negative ones of the state
+    is_given: bool = False  # by the user, not by the head
 
 
 STATES = {
@@ -109,7 +109,7 @@ STATES = {
 
 
 def parse_head(head: str, unit_below: str = "") -> Meaning:
-    """Read the head of a column and what a row of units has below it; a long one says nothing."""
+    """Return the meaning of a column's head and the unit in a row below it; a long head has none."""
     if max(len(head), len(unit_below)) > MAX_LETTERS:
         return Meaning()
     base, unit, unknown_unit = _split_unit(head)
@@ -120,7 +120,7 @@ def parse_head(head: str, unit_below: str = "") -> Meaning:
     if base in STATES and not unknown_unit:
         kind, location = STATES[base]
         if not unit or kind_of(unit) == kind:
-            return Meaning(kind, location, unit, symbol=base, word=base)
+            return Meaning(kind, location, unit, symbol=base, kind_word=base)
     if not unit and not unknown_unit:
         tokens, unit = _split_last_unit(tokens)
     kind, word = _kind(tokens)
@@ -130,12 +130,12 @@ def parse_head(head: str, unit_below: str = "") -> Meaning:
     location = TWIST if TWIST in locations else next(iter(locations), "")
     if location == TWIST:
         kind = kind or "angle"
-    reference = any(token in _REFERENCE_WORDS.split() for token in tokens)
-    return Meaning(kind, location, unit, reference, unknown_unit, word=word)
+    is_setpoint = any(token in _REFERENCE_WORDS.split() for token in tokens)
+    return Meaning(kind, location, unit, is_setpoint, unknown_unit, kind_word=word)
 
 
 def parse_unit(text: str) -> str:
-    """Return the unit as configs write it; empty where no rig has it."""
+    """Return the unit as configs write it; empty if no rig has it."""
     if counts := _COUNTS_PER.fullmatch(text.strip()):
         turn = _UNIT_OF.get(counts[2]) == "revolution"
         text = f"count/{counts[1]}" if turn else f"count/({counts[1]}/{counts[2]})"
@@ -146,7 +146,7 @@ def parse_unit(text: str) -> str:
 
 
 def kind_of(unit: str) -> str:
-    """Return the kind of quantity that has this unit; empty for a unit of none of them."""
+    """Return the kind of quantity that has this unit; empty for other units."""
     if unit in _KIND_OF:
         return _KIND_OF[unit]
     for kind, si in SI.items():
@@ -157,7 +157,7 @@ def kind_of(unit: str) -> str:
 
 
 def _split_unit(head: str) -> tuple[str, str, str]:
-    """Name, unit and what stands where a unit would: `n [rpm]`, `w (rad/s)`, `n / rpm`, `n in rpm`."""
+    """Return name, unit and unknown unit of heads like `n [rpm]`, `w (rad/s)`, `n / rpm`, `n in rpm`."""
     text = head.strip()
     match = re.fullmatch(r"(.*?)\s*[\[(]\s*([^\])]*?)\s*[\])]", text)
     match = match or re.fullmatch(r"(.*?\S)(?:\s+/\s+|\s+in\s+)(\S+)", text)
@@ -178,7 +178,7 @@ def _tokens(text: str) -> list[str]:
 
 
 def _split_last_unit(tokens: list[str]) -> tuple[list[str], str]:
-    """`phi_deg`, `w_rad_s`, `U_V`: a letter alone only if it is of the kind that the others name."""
+    """Split a unit from `phi_deg`, `w_rad_s` or `U_V`; a single letter must fit the others' kind."""
     if len(tokens) < 2:
         return tokens, ""
     *others, last = tokens
@@ -193,64 +193,64 @@ def _split_last_unit(tokens: list[str]) -> tuple[list[str], str]:
 
 
 def _kind(tokens: list[str]) -> tuple[str, str]:
-    """The kind, and the word that says it; a letter alone says it at the beginning only."""
+    """Return the kind and the word that shows it; a single letter counts at the beginning only."""
     named = [(_KIND_WORDS[token], token) for token in tokens if token in _KIND_WORDS]
     turns = any(kind == "angle" for kind, _ in named)
     if turns and (tokens[0] == "d" or {"dot", "dt", "rate"} & {*tokens}):
         return "speed", f"{named[0][1]} dot"
-    if named:  # `angular speed`, `Position velocity`: the later kind is what is measured
+    if named:  # in `angular speed` or `Position velocity` the last kind is measured
         return named[-1]
     letter = tokens[0] if tokens and tokens[0] in _LETTERS else ""
     return _LETTERS.get(letter, ""), letter
 
 
-MIN_SAMPLES = 20  # with fewer nothing is guessed
-MAX_NUMBER = 1e12  # of a size that is believed
-EVEN_STEPS = 1.02  # times the least step, of a column that may be a time
+MIN_SAMPLES = 20  # shorter columns are not used
+MAX_NUMBER = 1e12  # larger numbers are not plausible
+EVEN_STEPS = 1.02  # largest over smallest step of a column that may be a time
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FileColumn:
-    """One column `values (T,)` of a file; `address`: the entries of a config that name it."""
+    """A file column has `values (T,)`; `address` holds the entries that name it in a config."""
 
     name: str
     address: Mapping[str, str | int]
     values: Array
     meaning: Meaning
-    file: int = 0  # among the files that make one record, 0 for that of the channels
+    file: int = 0  # index among the files of one record; 0 is that of the channels
 
     @property
     def key(self) -> tuple[object, ...]:
-        """What the same column has in common in all records of one kind."""
+        """Return a key that the column has in all records of one kind."""
         return self.file, *self.address.items()
 
     @property
     def command(self) -> str:
-        """The text that stands for the column in `--columns`, before the `=`."""
+        """Return the text that names the column in `--columns`, before the `=`."""
         return ":".join(map(str, self.address.values()))
 
     @property
     def steps(self) -> Array:
-        """From each row to the next, `(T - 1,)`; NaN where that is no number."""
+        """Return the steps `(T - 1,)` from each row to the next; NaN if one is no number."""
         with np.errstate(all="ignore"):
             return np.diff(self.values)
 
     @property
     def counts_rows(self) -> bool:
-        """Whether the column grows by one a row and is called neither a time nor a motion."""
-        unsaid = not self.meaning.unit and self.meaning.kind not in ("time", "angle", "position")
-        return unsaid and bool(np.all(self.steps == 1))
+        """Return whether the column grows by one per row without being a time or a motion."""
+        unnamed = not self.meaning.unit and self.meaning.kind not in ("time", "angle", "position")
+        return unnamed and bool(np.all(self.steps == 1))
 
     @property
     def is_even(self) -> bool:
-        """Whether the column grows in equal steps, as a time does, and is no row number."""
+        """Return whether the column grows in equal steps, as a time does, and is no row number."""
         least, most = self.steps.min(initial=np.inf), self.steps.max(initial=0.0)
         even = 1 / MAX_NUMBER < least <= most < min(MAX_NUMBER, EVEN_STEPS * least)
         return bool(even) and not self.counts_rows
 
     @property
     def range_text(self) -> str:
-        """From which least value to which largest the column goes."""
+        """Return the range of the column in words."""
         numbers = self.values[np.isfinite(self.values)]
         return f"{numbers.min():.4g} to {numbers.max():.4g}" if len(numbers) else "no numbers"
 
@@ -263,7 +263,7 @@ _NAMES = {**STATES, "v": ("voltage", ""), "t_1": ("torque", ROTOR), "t_m": ("tor
 }
 
 
-# Of a train, by what is measured, and of which part.
+# A symbol of a train has a letter for the quantity and the name of a part.
 _TRAIN_SYMBOL = re.compile(r"(theta|w|x|v|i|u|t|f)_([A-Za-z][A-Za-z0-9_]{0,29})")
 KIND_OF_LETTER = {
     "theta": "angle",
@@ -278,13 +278,13 @@ KIND_OF_LETTER = {
 
 
 def train_symbol(text: str) -> re.Match[str] | None:
-    """Match a symbol of a train: its letter, and its part; None for one of the other rigs."""
+    """Match a symbol of a train: its letter and its part; None for a symbol of other rigs."""
     return None if text in _NAMES else _TRAIN_SYMBOL.fullmatch(text)
 
 
 @dataclass(frozen=True, slots=True)
 class NamedColumn:
-    """What a user says of a column: `variable` or head, and of a matrix the `column` from 1."""
+    """A named column is described by the user: a `variable` or head, and a matrix `column` from 1."""
 
     text: str
     file: str
@@ -294,16 +294,16 @@ class NamedColumn:
 
 
 def named_column(text: str, files: Collection[str]) -> NamedColumn:
-    """Read `data:3=theta_2 [deg]`, perhaps behind one of `files` and a colon; raises `InputError`."""
-    where, _, what = text.rpartition("=")
-    file = next((name for name in files if where.startswith(f"{name}:")), "")
-    match = re.fullmatch(r"(.+?)(?::(\d+))?", where.removeprefix(f"{file}:").strip())
-    said = _QUANTITY.fullmatch(what.strip())
-    sign, symbol, *units_said = said.groups("") if said else ("", "")
-    meaning, written = parse_head(symbol), "".join(units_said)
+    """Parse `data:3=theta_2 [deg]`, perhaps after one of `files` and a colon; raises `InputError`."""
+    place, _, description = text.rpartition("=")
+    file = next((name for name in files if place.startswith(f"{name}:")), "")
+    match = re.fullmatch(r"(.+?)(?::(\d+))?", place.removeprefix(f"{file}:").strip())
+    quantity = _QUANTITY.fullmatch(description.strip())
+    sign, symbol, *given_units = quantity.groups("") if quantity else ("", "")
+    meaning, written = parse_head(symbol), "".join(given_units)
     if (train := train_symbol(symbol)) or symbol in _NAMES:
         kind, location = (KIND_OF_LETTER[train[1]], "") if train else _NAMES[symbol]
-        meaning = Meaning(kind, location, symbol=symbol, word=symbol)
+        meaning = Meaning(kind, location, symbol=symbol, kind_word=symbol)
     unit = parse_unit(written) if written else meaning.unit
     understood = meaning.symbol or {*_tokens(symbol)} <= _WORDS
     fits = understood and meaning.kind and (not (unit or written) or kind_of(unit) == meaning.kind)
@@ -312,24 +312,24 @@ def named_column(text: str, files: Collection[str]) -> NamedColumn:
         known = f"`data:3=theta_2 [deg]`. Known quantities are {', '.join(_NAMES)}, of trains such "
         known += "as theta_load, i_motor, x_cart. Encoders count in count/2800 or count/(560/cm)"
         raise InputError.at("--columns", f"'{text}' {why}. Write for example {known}")
-    meaning = dataclasses.replace(meaning, unit=unit, backwards=bool(sign), typed=True)
+    meaning = dataclasses.replace(meaning, unit=unit, is_reversed=bool(sign), is_given=True)
     return NamedColumn(text, file, match[1], int(match[2]) if match[2] else None, meaning)
 
 
 def read_columns(
     table: RecordTable, named: Sequence[NamedColumn] = ()
 ) -> tuple[list[FileColumn], dict[str, str]]:
-    """Return the columns of the length that most have, and why others are left out.
+    """Return the columns of the most frequent length, and the reasons why others are not used.
 
-    Of `named` ones these alone, as they are said to be, and the time.  Raises `InputError` where one
-    is not there, or where there are several records.
+    With `named` columns, only these and the time are returned, with the given meanings. Raises
+    `InputError` if one does not exist, or if the file holds several records.
     """
-    columns, left_out = _all_columns(table), dict(table.ignored)
+    columns, unused = _all_columns(table), dict(table.ignored)
     if named:
         picked = _pick(table, columns, named)
         names = {column.name for column in picked}
         others = [c for c in columns if c.name not in names and len(c.values) >= MIN_SAMPLES]
-        left_out = {column.name: "is not named in --columns" for column in others}
+        unused = {column.name: "is not named in --columns" for column in others}
         columns = picked
     _refuse_stillness(table, columns)
     if not named:
@@ -341,12 +341,12 @@ def read_columns(
         if (n := len(column.values)) != length:
             count = "one value" if n == 1 else f"{n} values"
             other = f"but the others have {length}" if lengths else f"and {length} are wanted"
-            left_out[column.name] = f"has {count}, {other}"
-    return [column for column in columns if len(column.values) == length], left_out
+            unused[column.name] = f"has {count}, {other}"
+    return [column for column in columns if len(column.values) == length], unused
 
 
 def _all_columns(table: RecordTable) -> list[FileColumn]:
-    """Every column of the file; of a matrix of two of which the first grows, that is the time."""
+    """Return every column of the file; in a matrix of two, an increasing first column is the time."""
     columns = []
     for position, (name, values) in enumerate(table.variables.items(), start=1):
         if values.ndim == 1:
@@ -357,8 +357,8 @@ def _all_columns(table: RecordTable) -> list[FileColumn]:
             columns.append(FileColumn(name, address, values, meaning))
             continue
         pair = values.shape[1] == 2 and bool(np.all(np.diff(values[:, 0]) > 0))
-        says = [Meaning("time"), _meaning(name, "")] if pair else [Meaning()] * values.shape[1]
-        for k, (x, meaning) in enumerate(zip(values.T, says, strict=True), start=1):
+        meanings = [Meaning("time"), _meaning(name, "")] if pair else [Meaning()] * values.shape[1]
+        for k, (x, meaning) in enumerate(zip(values.T, meanings, strict=True), start=1):
             address = {"variable": name, "column": k}
             columns.append(FileColumn(f"{name}, column {k}", address, x, meaning))
     return columns
@@ -367,7 +367,7 @@ def _all_columns(table: RecordTable) -> list[FileColumn]:
 def _pick(
     table: RecordTable, columns: Sequence[FileColumn], named: Sequence[NamedColumn]
 ) -> list[FileColumn]:
-    """Those that are named, with what is said of them, and the time that stands beside them."""
+    """Return the named columns with their given meanings, after the time that belongs to them."""
     picked = []
     for name in named:
         number = table.lines is not None and name.variable.isdecimal()
@@ -388,13 +388,13 @@ def _pick(
 
 
 def _structure(column: FileColumn) -> str:
-    """The name of the structure in which a signal stands."""
+    """Return the name of the structure that contains a signal."""
     return column.name.rpartition(".")[0].partition(".signals")[0]
 
 
 def _refuse_stillness(table: RecordTable, columns: Sequence[FileColumn]) -> None:
-    """A record in which no angle and no speed changes is none of a rig that moved."""
-    moving = [c for c in columns if c.meaning.kind in MOTIONS and not c.meaning.reference]
+    """Raise `InputError` if no angle and no speed changes."""
+    moving = [c for c in columns if c.meaning.kind in MOTIONS and not c.meaning.is_setpoint]
     moving = [c for c in moving if MIN_SAMPLES <= np.isfinite(c.values).sum() <= MOST_GUESSED]
     if moving and not any((np.abs(c.steps) > 1 / MAX_NUMBER).any() for c in moving):
         names = ", ".join([column.name for column in moving[:4]] + ["..."] * (len(moving) > 4))
@@ -403,7 +403,7 @@ def _refuse_stillness(table: RecordTable, columns: Sequence[FileColumn]) -> None
 
 
 def _refuse_several_records(table: RecordTable, columns: Sequence[FileColumn]) -> None:
-    """Structures that each have a time of their own, and are not called after a signal, are records."""
+    """Raise `InputError` if several structures with a time, not named after a signal, hold records."""
     columns = [column for column in columns if len(column.values) >= MIN_SAMPLES]
     times = dict.fromkeys(_structure(c) for c in columns if c.meaning.kind == "time")
     records = [name for name in times if name and parse_head(name).kind in ("", "time")]
@@ -418,7 +418,7 @@ def _refuse_several_records(table: RecordTable, columns: Sequence[FileColumn]) -
 
 
 def _named_by_file(table: RecordTable, columns: list[FileColumn]) -> list[FileColumn]:
-    """Where a single column beside the time says nothing, it is what the file is called."""
+    """Return the columns; a single one without a kind gets its meaning from the file's name."""
     signals = [c for c in columns if c.meaning.kind != "time" and len(c.values) >= MIN_SAMPLES]
     if len(signals) == 2 == len(columns) and not signals[0].meaning.kind:  # a time without a head
         signals = [column for column in signals if not column.is_even]
@@ -430,7 +430,7 @@ def _named_by_file(table: RecordTable, columns: list[FileColumn]) -> list[FileCo
 
 
 def _columns_option(columns: Sequence[FileColumn]) -> str:
-    """Say what to type for columns of unknown meaning: a time, if one increases, and an angle."""
+    """Return an example of `--columns` for columns of unknown meaning: a time and an angle or speed."""
     times = [column for column in columns if column.is_even][:1]
     others = [column for column in columns if column not in times][:1]
     typed = [(column, "t [s]") for column in times]
@@ -438,39 +438,39 @@ def _columns_option(columns: Sequence[FileColumn]) -> str:
     return " ".join(f'--columns "{column.command}={what}"' for column, what in typed)
 
 
-def grouped(left_out: Mapping[str, str]) -> list[tuple[str, str]]:
-    """Return names of columns that are not used, and why, those with most in common last."""
-    whys = dict.fromkeys(left_out.values())
-    pairs = [([name for name, reason in left_out.items() if reason == why], why) for why in whys]
+def grouped(unused: Mapping[str, str]) -> list[tuple[str, str]]:
+    """Return names of unused columns by reason, the reasons of most columns last."""
+    whys = dict.fromkeys(unused.values())
+    pairs = [([name for name, reason in unused.items() if reason == why], why) for why in whys]
     return [("; ".join(names), why) for names, why in sorted(pairs, key=lambda pair: len(pair[0]))]
 
 
 def unusable(
-    record: Path, left_out: dict[str, str], why: str, columns: Sequence[FileColumn] = ()
+    record: Path, unused: dict[str, str], why: str, columns: Sequence[FileColumn] = ()
 ) -> InputError:
-    """Say why nothing can be made of a file, and what to type for `columns` of unknown meaning."""
-    reasons = [Issue(str(record), f"column {names} {text}") for names, text in grouped(left_out)]
+    """Return the error for a file without usable columns, with an example of what to type."""
+    reasons = [Issue(str(record), f"column {names} {text}") for names, text in grouped(unused)]
     typed = _columns_option(columns) or '--columns "speed=w_2 [rpm]"'
     message = f"{why}. Say what the columns are, for example {typed}, or write a config by hand"
     return InputError([Issue(str(record), message), *reasons])
 
 
 def _meaning(name: str, unit_below: str) -> Meaning:
-    """Of `rig.rotor.w`, the last part first; what that leaves open the whole may say."""
+    """Return the meaning of a dotted name: that of its last part, completed by the whole name."""
     last = re.split(r"\.(?=[^\W\d])", name)[-1]
     meaning, whole = parse_head(last, unit_below), parse_head(name, unit_below)
     if last == name or meaning.unknown_unit:
         return meaning
     return dataclasses.replace(
         meaning,
-        kind=meaning.kind or (whole.kind if len(whole.word) > 1 else ""),  # `T1.x` is no time
+        kind=meaning.kind or (whole.kind if len(whole.kind_word) > 1 else ""),  # `T1.x` is no time
         location=meaning.location or whole.location,
-        word=meaning.word or whole.word,
+        kind_word=meaning.kind_word or whole.kind_word,
     )
 
 
 def _number(table: RecordTable, name: str, position: int) -> int | None:
-    """Of a column of a text without a header, or with an empty or repeated head."""
+    """Return the number of a text column without a unique head; None if its name addresses it."""
     if table.lines is None:
         return None
     if match := re.fullmatch(r"\(column (\d+)\)", name):

@@ -1,4 +1,4 @@
-"""From the files of records to a config that runs, or to why none can be made."""
+"""Draft a config from the files of records, or report why none can be made."""
 
 from __future__ import annotations
 
@@ -28,19 +28,19 @@ from bayesdrill.rig.models.linear import Model, with_named
 from bayesdrill.rig.models.roles import GEAR_POWERS
 from bayesdrill.rig.models.train import LINEAR
 
-SHEET_SD = 1.0  # of the logarithm of a parameter of a data sheet
-MAX_UNUSED = 20  # reasons for columns that are not used, on a terminal
+SHEET_SD = 1.0  # prior sd of the logarithm of a parameter in a data sheet
+MAX_UNUSED = 20  # unused columns that a terminal lists
 
 
 def config_text(context: DraftContext, name: str, sheet: Mapping[str, Any]) -> str:
-    """Write the whole config, called `name`; `sheet`: the data sheet, the entries of `nominal:`."""
+    """Write the whole config, called `name`; `sheet` has the entries of `nominal:` in a data sheet."""
     assigned, start, nominal = context.lead.roles, context.starts[context.lead.label], []
-    files = [file for record in context.records for file in (record, *record.beside)]
+    files = [file for record in context.records for file in (record, *record.companions)]
     names = ", ".join(context.file_name(file.path) for file in files)
     if assigned.train is not None:
         model = [*review([assigned.gear_doubt], 0), *trains.model_lines(assigned.train)]
     elif assigned.rig.geared:
-        why = f"gear {assigned.gear:.6g}:1, {assigned.gear_why}" if assigned.gear_why else ""
+        why = f"gear {assigned.gear:.6g}:1, {assigned.gear_reason}" if assigned.gear_reason else ""
         model = [*review([assigned.gear_doubt], 0), *comment(why)]
         model.append(f"model: {{name: {assigned.rig.name}, i_m: {1 / assigned.gear:.6g}}}")
     else:
@@ -62,7 +62,7 @@ def config_text(context: DraftContext, name: str, sheet: Mapping[str, Any]) -> s
         "",
         *entries.input_lines(context),
         "",
-        *(_experiments(context) if context.several else _initial(start)),
+        *(_experiments(context) if context.several_records else _initial(start)),
         "",
         *model,
         "",
@@ -73,11 +73,12 @@ def config_text(context: DraftContext, name: str, sheet: Mapping[str, Any]) -> s
 
 
 def _initial(start: StartGuess) -> list[str]:
-    rest = [] if math.isnan(start.rest) else comment(f"Nothing moves before {start.rest:.6g} s.")
+    end = start.rest_end
+    rest = [] if math.isnan(end) else comment(f"Nothing moves before {end:.6g} s.")
     if start.initial:
         return [*rest, *review(start.doubts, 0), f"initial: {start.initial}"]
     where = " where the window begins" if start.window else ""
-    what = "At rest" if start.zeros else "At rest, at angle zero"
+    what = "At rest" if start.zero_sds else "At rest, at angle zero"
     return [*rest, *comment(f"{what}{where}: nothing to say in `initial:`")]
 
 
@@ -88,8 +89,8 @@ def _experiments(context: DraftContext) -> list[str]:
         lines += _experiment(context, record)
     doubt = "the same sensors in each: one noise, one offset, one lag"
     doubt += "; take out what differs, and it is an unknown of each experiment"
-    # Unknowns of the sensors; moments of steps that are given by hand are not.
-    shared = ["t_0"] if context.measured else []
+    # Unknowns of the sensors are shared; times of steps made by hand differ.
+    shared = ["t_0"] if context.has_measured_input else []
     if context.voltage is None and context.lead.roles.v and not entries.constant_voltages(context):
         shared.append("offset_v")
     if context.lag is not None:
@@ -126,7 +127,7 @@ def _flow(section: str, items: Mapping[str, str]) -> str:
 
 
 def _parameters(context: DraftContext, sheet: Mapping[str, Any]) -> list[str]:
-    """Factors of the data sheet's values; without one, what the record's own scale leaves possible."""
+    """Write priors: factors of the data sheet's values, else bounds from the record's own scales."""
     both_ways = any(roles.turns_both_ways(record.roles) for record in context.records)
     (scales, why), gear = _prior_scales(context), context.lead.roles.gear
     rig = with_named(context.lead.roles.rig, sheet)
@@ -168,15 +169,15 @@ def _parameters(context: DraftContext, sheet: Mapping[str, Any]) -> list[str]:
 
 PriorEnds = Mapping[str, tuple[float, float]]
 DEFAULT_VOLTAGE, DEFAULT_SPEED, DEFAULT_RESISTANCE = 12.0, 100.0, 2.0  # V, rad/s at the motor, ohm
-UNSURE = 10.0  # times wider either way, where no torque, or no voltage and current, is measured
+WIDENING = 10.0  # factor at both ends of priors whose scale was not measured
 
 
 def _prior_scales(context: DraftContext) -> tuple[PriorEnds, str]:
-    """By unit, the ends of priors at the motor [SI], and by what they are so.
+    """Return the ends of priors at the motor [SI] by unit, and the reason in words.
 
-    No-load speed and stalled current bound a motor: k_e is about voltage over speed, the resistance
-    voltage over current, and torques are up to k_e times the stalled current.  Inertias follow from
-    torque, speed and times between a step and the whole record.
+    No-load speed and stall current bound a motor: k_e is about voltage over speed, the resistance
+    voltage over current, and torques reach k_e times the stall current. Inertias follow from torque,
+    speed and times between one step and the whole record.
     """
     gear, train = context.lead.roles.gear, context.lead.roles.train
     dt, duration = context.lead.segment.dt, float(np.ptp(context.lead.segment.t))
@@ -197,8 +198,8 @@ def _prior_scales(context: DraftContext) -> tuple[PriorEnds, str]:
     known = ", ".join(f"{value:.3g} {unit}" for unit, value in sizes.items() if value)
     v, w = voltage or DEFAULT_VOLTAGE, speed or DEFAULT_SPEED
     r, k = v / current if current else DEFAULT_RESISTANCE, v / w
-    far = 1.0 if train is None and (torque or (voltage and current)) else UNSURE
-    more = "" if far == 1 else f"; resistances, torques and inertias {UNSURE:g} times further"
+    far = 1.0 if train is None and (torque or (voltage and current)) else WIDENING
+    more = "" if far == 1 else f"; resistances, torques and inertias {WIDENING:g} times further"
     torque = torque or k * v / r
     j = torque / w
     ends = {
@@ -223,45 +224,45 @@ def _prior_scales(context: DraftContext) -> tuple[PriorEnds, str]:
 
 
 def _prior_ends(ends: PriorEnds, rig: Model, symbol: Symbol, gear: float) -> tuple[float, float]:
-    """Of the prior of a parameter, SI, at its own side of the gear."""
+    """Return the ends of a parameter's prior, in SI, at its own side of the gear."""
     low, high = ends.get(symbol.unit, (1e-3, 1.0))
-    behind = symbol.unit in GEAR_POWERS and rig.roles.side(symbol.name) == "load"
-    times = gear ** GEAR_POWERS[symbol.unit] if behind else 1.0
-    return times * low, min(times * high, symbol.at_most)
+    at_load = symbol.unit in GEAR_POWERS and rig.roles.side(symbol.name) == "load"
+    factor = gear ** GEAR_POWERS[symbol.unit] if at_load else 1.0
+    return factor * low, min(factor * high, symbol.at_most)
 
 
 def _largest_speed(record: RecordFile, gear: float) -> float:
-    """At the motor, rad/s."""
+    """Return the largest speed at the motor [rad/s]."""
     speeds, dt = [0.0], record.segment.dt
     for sensor in record.sensors:
         if sensor.kind in MOTIONS and sensor.location != TWIST:
             x = sensor.si * (1.0 if sensor.location == MOTOR else gear)
             if sensor.kind in ("angle", "position"):
-                apart = max(1, len(x) // 200)
-                x = (x[apart:] - x[:-apart]) / (apart * dt)
+                stride = max(1, len(x) // 200)
+                x = (x[stride:] - x[:-stride]) / (stride * dt)
             speeds.append(float(np.quantile(np.abs(x), 0.99)))
     return max(speeds)
 
 
 def _with_meaning(entry: str, width: int, symbol: Symbol) -> str:
-    """An entry for a parameter, and what that is."""
+    """Return the entry of a parameter with its unit and meaning as a comment."""
     return f"{entry:<{width - 1}} # {symbol.plain_unit}, {symbol.meaning}"
 
 
 @dataclass(frozen=True, slots=True)
 class Guess:
-    """The `text` of a config for `path`, how `columns` were read, what is still to say (`asks`)."""
+    """A guess is a config `text` for `path`; `open_issues` are mistakes that only the user can mend."""
 
     path: Path
     text: str
     channels: tuple[str, ...]
     experiments: tuple[str, ...]
     columns: tuple[str, ...]
-    asks: tuple[Issue, ...]
+    open_issues: tuple[Issue, ...]
 
     @property
     def reviews(self) -> int:
-        """How many guesses are marked for review."""
+        """Return the number of guesses that are marked for review."""
         return self.text.count(f"# {REVIEW}")
 
     def __str__(self) -> str:
@@ -270,7 +271,7 @@ class Guess:
         lines = [
             f"{self.path}: {labels}channels {', '.join(self.channels)}; {marks} REVIEW to look at",
             *(f"  {line}" for line in self.columns),
-            *(f"still to do: {issue}" for issue in self.asks),
+            *(f"still to do: {issue}" for issue in self.open_issues),
         ]
         return "\n".join([*lines, f"then: bayesdrill check {self.path}"])
 
@@ -280,7 +281,7 @@ class Guess:
 def guess(
     paths: Sequence[Path], target: Path, given: GivenFacts, sheet: Source | None = None
 ) -> Guess:
-    """Guess a config at `target` for files, and `sheet`, its `nominal:`; raises `InputError`."""
+    """Guess a config at `target` for files; `sheet` is a data sheet. Raises `InputError`."""
     records, lead = record_files.read_records(paths, given)
     pairs = [(record.roles, record.segment.dt) for record in records]
     hints = [hint for pair in pairs for hint in roles.find_lags(*pair)]
@@ -302,13 +303,13 @@ def _how_read(record: RecordFile) -> Iterator[str]:
     yield f"{name}: the time [{time.unit}]{mark}"
     named = [*((c.name, c.sensor) for c in record.roles.channels), *record.roles.inputs.items()]
     yield from (f"{s.name}: {n} [{s.unit}]{', REVIEW' if s.doubts else ''}" for n, s in named)
-    unused = [f"not used: {names}: {why}" for names, why in grouped(record.left_out)]
+    unused = [f"not used: {names}: {why}" for names, why in grouped(record.unused)]
     yield from unused[:MAX_UNUSED]
     yield from ["not used: others, see the config"] if len(unused) > MAX_UNUSED else []
 
 
 def check_draft_path(path: Path, read: Sequence[Path], *, force: bool) -> None:
-    """Refuse to write over a file that is read, without `force` over any; raises `InputError`."""
+    """Refuse to replace a file that is read, or without `force` any file; raises `InputError`."""
     output_files.refuse_other_than_file(path)
     output_files.refuse_replacing(read, [path])
     if path.suffix.lower() not in (".yaml", ".yml"):
@@ -320,13 +321,13 @@ def check_draft_path(path: Path, read: Sequence[Path], *, force: bool) -> None:
 def _start(record: RecordFile, voltage: float | None) -> StartGuess:
     v = None if voltage is not None else record.roles.v
     inputs = [s for name, s in record.roles.inputs.items() if name != "v" or s is v]
-    known = max((s.raw.t[0] for s in inputs if len(s.raw.t)), default=None)
+    begin = max((s.raw.t[0] for s in inputs if len(s.raw.t)), default=None)
     measured = any(sensor is not v or sensor.varies for sensor in inputs)
-    return roles.guess_start(record.roles, record.segment, measured=measured, known=known)
+    return roles.guess_start(record.roles, record.segment, measured=measured, inputs_begin=begin)
 
 
 def _asks(text: str, target: Path, record: Path, sheet: Source | None) -> tuple[Issue, ...]:
-    """Ask for a voltage that nobody has told; raises `InputError` where that is not all."""
+    """Return the missing voltage as an issue, if it is one; raises `InputError` for all others."""
     asked = entries.ASKED_VOLTAGE
     whole = parse(target, text.replace(asked, asked.replace("# ", "")))
     try:

@@ -1,4 +1,4 @@
-"""Lines of a draft's `record:` and `inputs:`, with their comments and reasons."""
+"""Write the lines of a draft's `record:` and `inputs:`, with comments and reasons."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ from bayesdrill.record import clocks
 REVIEW = "REVIEW: "
 LINE_LENGTH = 110
 _PLAIN = re.compile(r"(?![-\d%/]|\.(?!\.?/))[\w./%°-]+(?: [\w./%°-]+)*", re.ASCII)
-_FIXED_BLANK = "\x1f"  # a blank in code, at which no line is broken
+_FIXED_BLANK = "\x1f"  # stands for a blank in code, at which no line may break
 _YAML_WORDS = {"yes", "no", "on", "off", "true", "false", "null", "y", "n"}
-NOISE_PRIOR_FACTOR = 10.0  # how far its prior goes below and above what differs between samples
-SUPPLY_SD = 0.02  # of its largest value, that a measured voltage may be off by
+NOISE_PRIOR_FACTOR = 10.0  # ends of sigma's prior, over the differences between samples
+SUPPLY_SD = 0.02  # prior sd of a voltage's offset, over its largest value
 MAX_NAMED_GLITCHES = 8
 HOUSE_INPUTS = ("v", "t_m", "w_2", "t_1")
-ASKED_VOLTAGE = "  # v: 8.0"  # to be written by the user
+ASKED_VOLTAGE = "  # v: 8.0"  # the user replaces this line
 
 
 def scalar(value: str | int) -> str:
-    """Write a text or a number as YAML, with quotes only where they are needed."""
+    """Write a text or a number as YAML, with quotes only if they are needed."""
     text = str(value)
     if isinstance(value, int) or (_PLAIN.fullmatch(text) and text.lower() not in _YAML_WORDS):
         return text
@@ -52,34 +52,34 @@ def comment(text: str, indent: int = 0) -> list[str]:
 
 
 def review(doubts: Iterable[str], indent: int) -> list[str]:
-    """Write each doubt as a comment that asks for a review; empty ones are passed over."""
+    """Write each doubt, unless it is empty, as a comment that asks for a review."""
     return [line for doubt in doubts if doubt for line in comment(REVIEW + doubt, indent)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DraftContext:
-    """All that a config in `folder` says of `records`, each understood as `lead` is."""
+    """The context of a draft holds all `records`, and the `lead` after which they are identified."""
 
     records: tuple[RecordFile, ...]
     lead: RecordFile
     starts: Mapping[str, StartGuess]  # by label
     lag: LagHint | None
-    voltage: float | None  # V, a constant one that is known
-    folder: Path
+    voltage: float | None  # V, if it is constant and given
+    folder: Path  # of the config
 
     @property
-    def several(self) -> bool:
-        """Whether there are several experiments."""
+    def several_records(self) -> bool:
+        """Return whether there are several experiments."""
         return len(self.records) > 1
 
     @property
     def channels(self) -> Sequence[DraftChannel]:
-        """The channels, with the sensors of the lead."""
+        """Return the channels, with the sensors of the lead."""
         return self.lead.roles.channels
 
     @property
-    def measured(self) -> bool:
-        """Whether an input varies: a column, and not a number."""
+    def has_measured_input(self) -> bool:
+        """Return whether an input is a column, not a constant number."""
         inputs = [pair for record in self.records for pair in record.roles.inputs.items()]
         return any(name != "v" or (self.voltage is None and v.varies) for name, v in inputs)
 
@@ -89,7 +89,7 @@ class DraftContext:
         return [(label, c.sensor) for label, c in pairs if c.name == channel]
 
     def file_name(self, path: Path) -> str:
-        """Return the name of a file as the config has it."""
+        """Return the name of a file in the config."""
         return sources.relative_name(self.folder, path)
 
     def file_entry(self, path: Path) -> str:
@@ -100,7 +100,7 @@ class DraftContext:
 def record_lines(context: DraftContext) -> list[str]:
     """Write the section `record:`."""
     lead, lines = context.lead, ["record:"]
-    if context.several:
+    if context.several_records:
         lines += _time(context)
     else:
         start = context.starts[lead.label]
@@ -109,16 +109,16 @@ def record_lines(context: DraftContext) -> list[str]:
         if start.window:
             lines += [*review([start.window_doubt], 2), f"  window: {start.window}    # s"]
     sensors = [s for channel in context.channels for _, s in context.sensors(channel.name)]
-    if missing := dict.fromkeys(sensor.name for sensor in sensors if sensor.raw.missing):
+    if missing := dict.fromkeys(sensor.name for sensor in sensors if sensor.raw.n_missing):
         names = ", ".join(missing)
         doubt = f"samples without a number, of {names}, are left out, each of its own channel alone"
         lines += [*review([doubt], 2), "  missing: drop"]
     lines.append("  channels:")
     for channel in context.channels:
         lines += _channel(context, channel)
-    if lead.left_out:
+    if lead.unused:
         lines.append("  # Not used:")
-    for names, why in grouped(lead.left_out):
+    for names, why in grouped(lead.unused):
         lines += comment(f"- {names}: {why}", 2)
     return lines
 
@@ -128,8 +128,8 @@ def address(column: FileColumn) -> str:
     return ", ".join(f"{key}: {scalar(value)}" for key, value in column.address.items())
 
 
-def reasons(sensor: Sensor, indent: int) -> list[str]:
-    """Write the comments above its entry: what is known of it, and what is to be reviewed."""
+def sensor_comments(sensor: Sensor, indent: int) -> list[str]:
+    """Write the comments above a sensor's entry: its reasons and its doubts."""
     known = [line for why in sensor.why for line in comment(why, indent)]
     return [*known, *review(sensor.doubts, indent)]
 
@@ -160,7 +160,7 @@ def _channel(context: DraftContext, channel: DraftChannel) -> list[str]:
     if channel.measures:
         entries.append(f"measures: {channel.measures}")
     doubts = [] if channel.derived else [_glitches(label, s) for label, s in sensors]
-    if period := max(s.raw.wraps for _, s in sensors):
+    if period := max(s.raw.wrap_period for _, s in sensors):
         doubts.append(f"it begins again after {period:.6g}, and is unwrapped")
         entries.append(f"wraps: {period:.10g}")
     if channel.derived:
@@ -175,13 +175,14 @@ def _channel(context: DraftContext, channel: DraftChannel) -> list[str]:
             doubts.append(
                 f"it seems to be {ms:.2g} ms late. With this delay the equation of rotor 1 leaves "
                 f"{100 * hint.residual:.2g} % of the twist unexplained; without it, "
-                f"{100 * hint.before:.2g} %. The delay is an unknown (damping in the shaft looks alike)"
+                f"{100 * hint.baseline:.2g} %. The delay is an unknown (damping in the shaft looks "
+                "alike)"
             )
             details.append(f"lag: {_lag_prior(context, hint.samples)}")
         elif sensor.location == TWIST:
             text = "nothing hints at a delay; if its electronics is slower than that of the others, add"
             slow = [*comment(text, 4), f"    #   lag: {_lag_prior(context, 0.0)}"]
-        if zero := max(start.zeros.get(name, 0.0) for start in context.starts.values()):
+        if zero := max(start.zero_sds.get(name, 0.0) for start in context.starts.values()):
             doubts.append("at rest, but not at zero: where it counts from is an unknown")
             details.append(f"offset: {{prior: normal, mean: 0, sd: {zero:.2g}}}")
         noise = [s.noise for _, s in sensors]
@@ -197,7 +198,7 @@ def _channel(context: DraftContext, channel: DraftChannel) -> list[str]:
         low, high = least / NOISE_PRIOR_FACTOR, max(most * NOISE_PRIOR_FACTOR, spread)
         sigma = f"{{prior: log_uniform, low: {low:.3g}, high: {high:.3g}}}}}"
     return [
-        *reasons(sensor, 4),
+        *sensor_comments(sensor, 4),
         *review(doubts, 4),
         *slow,
         f"    {name}: {{{', '.join(entries)},",
@@ -207,7 +208,7 @@ def _channel(context: DraftContext, channel: DraftChannel) -> list[str]:
 
 
 def _glitches(label: str, sensor: Sensor) -> str:
-    """Where they are, and how they are masked; nothing is by itself."""
+    """Return where glitches are and how to mask them; empty if there are none."""
     times = sensor.raw.glitches
     if not times:
         return ""
@@ -223,7 +224,7 @@ def _glitches(label: str, sensor: Sensor) -> str:
 
 
 def _lag_prior(context: DraftContext, samples: float) -> str:
-    """Around a hint of so many samples; its end has two digits."""
+    """Return the prior of a lag that may be this many `samples`; its end has two digits."""
     most = max(5.0, 2 * samples + 3) * context.lead.segment.dt
     scale = 10.0 ** (1 - math.floor(math.log10(most)))
     most = 1e3 * (math.ceil(most * scale) / scale)
@@ -236,25 +237,26 @@ def input_lines(context: DraftContext) -> list[str]:
     house = [name for name in HOUSE_INPUTS if name in context.lead.roles.rig.inputs]
     for name in house if context.lead.roles.train is None else context.lead.roles.rig.inputs:
         lines += _voltage(context) if name == "v" else _input(context, name)
-    if len(lines) == 1:  # nothing drives it
+    if len(lines) == 1:  # the rig has no inputs
         return ["inputs: {}"]
     starts = context.starts.values()
-    if not context.measured and any(start.moving for start in starts):
-        return lines  # a constant voltage was there before, and there is no moment of a step
-    # The longest step: of measured inputs, or where there are none of channels.
+    if not context.has_measured_input and any(start.is_moving for start in starts):
+        return lines  # a constant voltage acted before the record, so there is no step to time
+    # The longest sampling step of measured inputs, or without any, of channels.
     pairs = [(record, s) for record in context.records for s in record.roles.inputs.values()]
     files = [record.file_of(sensor) for record, sensor in pairs] or context.records
     step = max(file.segment.dt for file in files)
-    after = max(start.late for start in starts) * step
+    after = max(start.max_delay for start in starts) * step
     doubt = "when it acts is known to one sample at best, and an error of half a one shifts "
-    late = ". The motion seems to follow late" if context.measured and after > step else ""
-    doubt += f"inertias by many standard deviations: an unknown{late}"
+    doubt += "inertias by many standard deviations: an unknown"
+    if context.has_measured_input and after > step:
+        doubt += ". The motion seems to follow late"
     entry = f"  t_0: {{prior: uniform, low: {-step:.4g}, high: {after:.4g}}}    # s"
     return [*lines, *review([doubt], 2), entry]
 
 
 def constant_voltages(context: DraftContext) -> dict[str, str]:
-    """Return, by label, entries of the voltage where each experiment has a constant one."""
+    """Return entries of the voltage by label, if each experiment has a constant one."""
     pairs = [(record.label, record.roles.v) for record in context.records]
     if context.voltage is not None or any(v is None or v.varies for _, v in pairs):
         return {}
@@ -285,16 +287,16 @@ def _voltage(context: DraftContext) -> list[str]:
         ]
         offset = f"      offset: {{prior: normal, mean: 0, sd: {SUPPLY_SD * largest:.2g}}}}}"
         entry = [f"{_opened_input(context, 'v', v)},", offset]
-    return [*reasons(v, 2), *review(doubts, 2), *entry]
+    return [*sensor_comments(v, 2), *review(doubts, 2), *entry]
 
 
 def _input(context: DraftContext, name: str) -> list[str]:
-    """A torque, or a motion that is imposed: its column, or zero."""
+    """Write the entry of a torque or an imposed motion: its column, or zero."""
     inputs = context.lead.roles.inputs
     for entry in roles.IMPOSED if name == "w_2" else (name,):
         if entry in inputs:
             sensor = inputs[entry]
-            return [*reasons(sensor, 2), f"{_opened_input(context, entry, sensor)}}}"]
+            return [*sensor_comments(sensor, 2), f"{_opened_input(context, entry, sensor)}}}"]
     if name == "t_1":
         return ["  t_1: 0.0    # N m, load on rotor 1: no column is one"]
     if context.lead.roles.train is not None:
@@ -306,23 +308,23 @@ def _input(context: DraftContext, name: str) -> list[str]:
 
 
 def _opened_input(context: DraftContext, name: str, sensor: Sensor) -> str:
-    """The entry of a measured input, without its end."""
+    """Return the entry of a measured input, without the closing brace."""
     entries = _column_entries(context, sensor)
     if sensor.kind != "angle":
         entries.append("hold: zero")
-    if sensor.raw.wraps:
-        entries.append(f"wraps: {sensor.raw.wraps:.10g}")
-    if any(record.roles.inputs[name].raw.missing for record in context.records):
+    if sensor.raw.wrap_period:
+        entries.append(f"wraps: {sensor.raw.wrap_period:.10g}")
+    if any(record.roles.inputs[name].raw.n_missing for record in context.records):
         entries.append("missing: hold")
     return f"  {name}: {{{', '.join(entries)}"
 
 
 def _column_entries(context: DraftContext, sensor: Sensor) -> list[str]:
-    """Column and unit; of another file than that of the channels its name and time, too."""
+    """Return the entries for column and unit; for a column in another file, its name and time too."""
     lead, entries = context.lead, [address(sensor.column), f"unit: {scalar(sensor.unit)}"]
     if not sensor.column.file:
         return entries
     file = lead.file_of(sensor)
     if (time := time_entry(file.time)) != time_entry(lead.time):
         entries.insert(0, time)
-    return entries if context.several else [context.file_entry(file.path), *entries]
+    return entries if context.several_records else [context.file_entry(file.path), *entries]

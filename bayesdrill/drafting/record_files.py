@@ -1,4 +1,4 @@
-"""Files of records as they are understood: time, rows and columns, and which files belong together."""
+"""Identify the time, rows and columns of each file, and which files form a record."""
 
 from __future__ import annotations
 
@@ -26,56 +26,56 @@ from bayesdrill.rig.models.linear import Model
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GivenFacts:
-    """What the user says beside the files: `gear` as of 8:1, a constant `voltage` [V], `rate` [Hz]."""
+    """The user may give `gear` (8 for 8:1), a constant `voltage` [V], a `rate` [Hz] and columns."""
 
     rig: Model
     gear: float | None = None
     voltage: float | None = None
     rate: float = 0.0
     columns: tuple[NamedColumn, ...] = ()
-    split: bool = False  # where times go back, another record begins
+    split: bool = False  # another record begins where times go back
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordFile:
-    """A file as it is understood, or several that make one record: `beside` are the others."""
+    """A record file is a file with identified columns; its `companions` complete the record."""
 
     path: Path
     columns: Sequence[FileColumn]
     time: Timing
     segment: Segment
     roles: SensorRoles
-    left_out: dict[str, str]
-    beside: tuple[RecordFile, ...] = ()
+    unused: dict[str, str]
+    companions: tuple[RecordFile, ...] = ()
     label: str = ""
-    rows: Sequence[int] = ()  # the first and the last, where it is a part of the file
+    rows: Sequence[int] = ()  # the first and the last, if the record is a part of the file
 
     @property
     def sensors(self) -> list[Sensor]:
-        """The sensors of its channels, then those of its inputs."""
+        """Return the sensors of the channels, then those of the inputs."""
         return [*(c.sensor for c in self.roles.channels), *self.roles.inputs.values()]
 
     @property
     def uncertainty(self) -> tuple[int, ...]:
-        """A rank: less the more channels and inputs it has, then guessed units, then doubts."""
+        """Return a rank that is lower with more channels and inputs, fewer guessed units and doubts."""
         guessed = sum(sensor.guessed for sensor in self.sensors)
         doubts = sum(len(sensor.doubts) for sensor in self.sensors)
         return -len(self.roles.channels), -len(self.roles.inputs), guessed, doubts
 
     def file_of(self, sensor: Sensor) -> RecordFile:
-        """Return the file in which a column of the record stands."""
-        return self.beside[sensor.column.file - 1] if sensor.column.file else self
+        """Return the file that contains a sensor's column."""
+        return self.companions[sensor.column.file - 1] if sensor.column.file else self
 
 
 def examine(path: Path, given: GivenFacts) -> list[RecordFile]:
-    """Understand the records of one file; raises `InputError` where nothing can be made of it."""
+    """Identify the records of one file; raises `InputError` if it has no usable columns."""
     output_files.check_file(path, output_files.LARGEST_GUESSED)
     reader = FORMATS[format_of(path)]
     named = [column for column in given.columns if column.file in ("", path.name)]
     table = reader.read(path, reader.options(), None)
-    columns, left_out = read_columns(table, named)
+    columns, unused = read_columns(table, named)
     if not columns:
-        raise unusable(path, left_out, f"no column has {MIN_SAMPLES} numbers or more")
+        raise unusable(path, unused, f"no column has {MIN_SAMPLES} numbers or more")
     try:
         output_files.check_guessed(len(columns[0].values), len(columns))
     except ValueError as error:
@@ -84,22 +84,22 @@ def examine(path: Path, given: GivenFacts) -> list[RecordFile]:
     parts, records = _parts(time.t), list[RecordFile]()
     if not given.split or not parts:
         for (first, last), (begin, _) in itertools.pairwise(parts):
-            if time.t[begin] < time.t[(first + last) // 2]:  # it begins anew
+            if time.t[begin] < time.t[(first + last) // 2]:  # the time starts again
                 back = f"{table.where(begin)} ({time.t[last - 1]:.6g} s to {time.t[begin]:.6g} s)"
                 message = f"time goes back at {back}: {len(parts)} records in one file? "
                 raise InputError.at(str(path), message + "Say --split for an experiment of each")
-        return [_understand(path, columns, time, left_out, given)]
+        return [_understand(path, columns, time, unused, given)]
     for begin, end in parts:
         cut = [dataclasses.replace(column, values=column.values[begin:end]) for column in columns]
         clock = None if time.column is None else cut[columns.index(time.column)]
         timing = dataclasses.replace(time, t=time.t[begin:end], column=clock)
-        record = _understand(path, cut, timing, left_out, given)
+        record = _understand(path, cut, timing, unused, given)
         records.append(dataclasses.replace(record, rows=table.numbers[[begin, end - 1]].tolist()))
     return records
 
 
 def _parts(t: Array) -> list[tuple[int, int]]:
-    """Return begin and end of each part of times that is no shorter than a record, and increases."""
+    """Return begin and end of each part of increasing times with at least `MIN_SAMPLES`."""
     edges = [0, *(np.flatnonzero(np.diff(t) <= 0) + 1).tolist(), len(t)]
     return [pair for pair in itertools.pairwise(edges) if pair[1] - pair[0] >= MIN_SAMPLES]
 
@@ -108,11 +108,11 @@ def _understand(
     path: Path,
     columns: Sequence[FileColumn],
     time: Timing,
-    left_out: dict[str, str],
+    unused: dict[str, str],
     given: GivenFacts,
 ) -> RecordFile:
     others = [column for column in columns if column is not time.column]
-    segment = _segment(path, time, [c for c in others if c.meaning.kind], left_out)
+    segment = _segment(path, time, [c for c in others if c.meaning.kind], unused)
     known, unusable_columns = sensors.identify_sensors(others, segment)
     if trains.is_train(known, given.rig):
         try:
@@ -123,21 +123,21 @@ def _understand(
     else:
         voltage = given.voltage is not None
         assigned = roles.assign_roles(known, segment.dt, given.rig, given.gear, voltage=voltage)
-    left_out = left_out | unusable_columns | assigned.left_out
-    return RecordFile(path, columns, time, segment, assigned, left_out)
+    unused = unused | unusable_columns | assigned.unused
+    return RecordFile(path, columns, time, segment, assigned, unused)
 
 
 def _segment(
-    path: Path, time: Timing, columns: Sequence[FileColumn], left_out: dict[str, str]
+    path: Path, time: Timing, columns: Sequence[FileColumn], unused: dict[str, str]
 ) -> Segment:
     segment = signals.longest_segment(time, columns)
     if segment is None:
-        raise unusable(path, left_out, f"no {MIN_SAMPLES} rows in a row have increasing times")
+        raise unusable(path, unused, f"no {MIN_SAMPLES} rows in a row have increasing times")
     return segment
 
 
 def with_roles_of(lead: RecordFile, file: RecordFile) -> RecordFile:
-    """Understand the columns of `file` as those of `lead`; raises `InputError` where one is missing."""
+    """Identify the columns of `file` as those of `lead`; raises `InputError` if one is missing."""
     wanted = [sensor.column for sensor in lead.sensors]
     by_key = {column.key: column for column in file.columns}
     timed = wanted if lead.time.column is None else [*wanted, lead.time.column]
@@ -147,7 +147,7 @@ def with_roles_of(lead: RecordFile, file: RecordFile) -> RecordFile:
             f"has no column {', '.join(missing)}, but {lead.path} has. Several files must have the same "
             "columns, or complete each other at the same times. Otherwise write a config for each",
         )
-    if lead.time.column is None:  # as many samples a second
+    if lead.time.column is None:  # the lead's sampling rate
         clock, t = None, lead.time.dt * np.arange(len(file.time.t), dtype=np.float64)
     else:
         clock = by_key[lead.time.column.key]
@@ -157,7 +157,7 @@ def with_roles_of(lead: RecordFile, file: RecordFile) -> RecordFile:
     segment = _segment(file.path, time, used, {})
     jumped = signals.input_jumps(used, segment)
 
-    def alike(sensor: Sensor) -> Sensor:
+    def as_in_lead(sensor: Sensor) -> Sensor:
         column = by_key[sensor.column.key]
         if np.isfinite(column.values[segment.rows]).sum() < MIN_SAMPLES:
             reason = f"column {sensor.name} has fewer than {MIN_SAMPLES} numbers"
@@ -169,15 +169,15 @@ def with_roles_of(lead: RecordFile, file: RecordFile) -> RecordFile:
         why, doubts = sensor.why, sensor.doubts
         return dataclasses.replace(new, location=sensor.location, why=why, doubts=doubts)
 
-    same = lead.roles.with_sensors(alike)
-    changes: dict[str, Any] = {"segment": segment, "roles": same, "left_out": lead.left_out}
+    assigned = lead.roles.with_sensors(as_in_lead)
+    changes: dict[str, Any] = {"segment": segment, "roles": assigned, "unused": lead.unused}
     return _on_own_clocks(dataclasses.replace(file, time=time, **changes))
 
 
 def read_records(
     paths: Sequence[Path], given: GivenFacts
 ) -> tuple[tuple[RecordFile, ...], RecordFile]:
-    """Return the records of files, and the one as which all are understood; raises `InputError`."""
+    """Return the records of files, and the lead, after which all are identified; raises `InputError`."""
     for k, path in enumerate(paths):
         if path.resolve() in [other.resolve() for other in paths[:k]]:
             raise InputError.at(str(path), "is given twice. Give each file once")
@@ -186,23 +186,23 @@ def read_records(
     records = _join_kinds(kinds, given) if len(kinds) > 1 else kinds[0]
     collect_each(_refuse_without_channels, records)
     lead = min(records, key=lambda record: record.uncertainty)
-    alike = collect_each(lambda r: r if r is lead else with_roles_of(lead, r), records)
-    labels = experiment_labels([r.path for r in alike]) if len(alike) > 1 else [""]
-    pairs = zip(alike, labels, strict=True)
+    identified = collect_each(lambda r: r if r is lead else with_roles_of(lead, r), records)
+    labels = experiment_labels([r.path for r in identified]) if len(identified) > 1 else [""]
+    pairs = zip(identified, labels, strict=True)
     named = tuple(dataclasses.replace(record, label=label) for record, label in pairs)
-    return named, named[alike.index(lead)]
+    return named, named[identified.index(lead)]
 
 
 def _refuse_without_channels(file: RecordFile) -> None:
     if not file.roles.channels:
         why = "no column is an angle, a speed or a current of the rig"
         columns = [column for column in file.columns if column is not file.time.column]
-        unknown = [c for c in columns if not c.meaning.kind or c.name in file.left_out]
-        raise unusable(file.path, file.left_out, why, unknown or columns)
+        unknown = [c for c in columns if not c.meaning.kind or c.name in file.unused]
+        raise unusable(file.path, file.unused, why, unknown or columns)
 
 
 def _by_kind(files: Sequence[RecordFile]) -> list[list[RecordFile]]:
-    """Files with the columns that are used of the one that tells most, and those without, in turn."""
+    """Group files by the columns that they share with the most certain file of the group."""
     remaining, kinds = [*files], []
     while remaining:
         lead = min(remaining, key=lambda record: record.uncertainty)
@@ -213,16 +213,16 @@ def _by_kind(files: Sequence[RecordFile]) -> list[list[RecordFile]]:
 
 
 def _join_kinds(kinds: Sequence[Sequence[RecordFile]], given: GivenFacts) -> list[RecordFile]:
-    """Records of which each is a file of every kind."""
+    """Return records that each join one file of every kind."""
     firsts, *others = kinds
     leads = [kind[0].roles for kind in kinds]
     names = [name for lead in leads for name in (*(c.name for c in lead.channels), *lead.inputs)]
     if len({*names}) < len(names) or not all(kind[0].sensors for kind in kinds):
         for file in others[0]:
-            with_roles_of(firsts[0], file)  # says what is missing
+            with_roles_of(firsts[0], file)  # raises for missing columns
         collect_each(_refuse_without_channels, others[0])
     pairs = [(first, [_nearest(first, kind) for kind in others]) for first in firsts]
-    used = {id(file) for _, beside in pairs for file in beside}
+    used = {id(file) for _, companions in pairs for file in companions}
     if {len(kind) for kind in others} != {len(firsts)} or len(used) < len(firsts) * len(others):
         message = (
             "cannot be matched with the files that complete it: "
@@ -230,17 +230,17 @@ def _join_kinds(kinds: Sequence[Sequence[RecordFile]], given: GivenFacts) -> lis
             "record, with names that begin alike (slow.csv, slow_v.csv). Or write a config for each"
         )
         raise InputError.at(str(firsts[0].path), message)
-    return [_join(first, beside, given) for first, beside in pairs]
+    return [_join(first, companions, given) for first, companions in pairs]
 
 
 def _nearest(file: RecordFile, kind: Sequence[RecordFile]) -> RecordFile:
-    return max(kind, key=lambda other: _alike([file.path.stem, other.path.stem]))
+    return max(kind, key=lambda other: _common_length([file.path.stem, other.path.stem]))
 
 
-def _join(first: RecordFile, beside: Sequence[RecordFile], given: GivenFacts) -> RecordFile:
-    """A record of several files, whose columns are understood together, at the times of the first."""
+def _join(first: RecordFile, companions: Sequence[RecordFile], given: GivenFacts) -> RecordFile:
+    """Return the record of several files, with all columns at the times of the first."""
     columns, t = [*first.columns], first.time.t
-    for k, other in enumerate(beside, start=1):
+    for k, other in enumerate(companions, start=1):
         for file in (first, other):
             if file.time.column is None and not np.array_equal(t, other.time.t):
                 message = "has no column of times, so it cannot be joined with another file"
@@ -257,11 +257,11 @@ def _join(first: RecordFile, beside: Sequence[RecordFile], given: GivenFacts) ->
                 name, x = f"{column.name} of {other.path.name}", _at(t, other, column)
                 columns.append(dataclasses.replace(column, name=name, file=k, values=x))
     record = _understand(first.path, columns, first.time, {}, given)
-    return _on_own_clocks(dataclasses.replace(record, beside=tuple(beside)))
+    return _on_own_clocks(dataclasses.replace(record, companions=tuple(companions)))
 
 
 def _on_own_clocks(record: RecordFile) -> RecordFile:
-    """With what each sensor measured on its own clock, where that is not the record's."""
+    """Return the record with each sensor's raw samples on the clock of its file."""
 
     def on_own_clock(sensor: Sensor) -> Sensor:
         file = record.file_of(sensor)
@@ -276,7 +276,7 @@ def _on_own_clocks(record: RecordFile) -> RecordFile:
 
 
 def _at(t: Array, file: RecordFile, column: FileColumn) -> Array:
-    """A column of another file at times `t (T,)`, NaN where it has none."""
+    """Return a column of another file at times `t (T,)`, NaN outside its own times."""
     if np.array_equal(t, file.time.t):
         return column.values
     values = column.values[file.segment.rows]
@@ -286,35 +286,35 @@ def _at(t: Array, file: RecordFile, column: FileColumn) -> Array:
 
 
 MAX_LABEL_LETTERS = 40
-NUMBERED = "run"
+LABEL_PREFIX = "run"
 
 
 def experiment_labels(paths: Sequence[Path]) -> list[str]:
-    """Return of each the shortest part of its name that tells it from the others, as an identifier."""
+    """Return a label for each path: the shortest part of its name that is unique, as an identifier."""
     tokens = [[*filter(None, _split(path.with_suffix("").as_posix()))] for path in paths]
-    first = _alike(tokens)
+    first = _common_length(tokens)
     shortest, ends = min(map(len, tokens)), [words[::-1] for words in tokens]
-    last = min(shortest - first, _alike(ends))
-    if any(len(words) == first + last for words in tokens):  # one has nothing that the others lack
+    last = min(shortest - first, _common_length(ends))
+    if any(len(words) == first + last for words in tokens):  # no word is left of one of them
         first, last = max(first - 1, 0), 0
     parts = ["_".join(words[first : len(words) - last])[-MAX_LABEL_LETTERS:] for words in tokens]
-    labels = [part if part.isidentifier() else f"{NUMBERED}_{part}" for part in parts]
+    labels = [part if part.isidentifier() else f"{LABEL_PREFIX}_{part}" for part in parts]
     if len({*labels}) == len(labels) and all(label.isidentifier() for label in labels):
         return labels
-    return [f"{NUMBERED}_{k}" for k in range(1, len(labels) + 1)]
+    return [f"{LABEL_PREFIX}_{k}" for k in range(1, len(labels) + 1)]
 
 
 def common_stem(paths: Sequence[Path]) -> str:
-    """Return what the names of several files have in common."""
+    """Return the common beginning of the names of several files."""
     stems = [_split(path.stem) for path in paths]
-    return "_".join(filter(None, stems[0][: _alike(stems)])) or "experiments"
+    return "_".join(filter(None, stems[0][: _common_length(stems)])) or "experiments"
 
 
 def _split(name: str) -> list[str]:
     return re.split(r"[\W_]+", name)
 
 
-def _alike(names: Sequence[Sequence[str]]) -> int:
-    """How many letters, or words, all have in common before they differ."""
+def _common_length(names: Sequence[Sequence[str]]) -> int:
+    """Return the number of letters, or words, with which all names begin."""
     columns = zip(*names, strict=False)
     return sum(1 for _ in itertools.takewhile(lambda column: len({*column}) == 1, columns))

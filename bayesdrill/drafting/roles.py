@@ -1,7 +1,7 @@
-"""Which channel or input of the rig each sensor is, the gear, lags, and how a record begins.
+"""Assign each sensor a channel or input of the rig; find the gear, lags, and how a record begins.
 
-How late one end of the shaft is told follows from the law of rotor 1: the twist is what accelerates
-it.  Damping in the shaft, c_s, shifts that by c_s/k_s: what is found is a hint and no value.
+The lag between the ends of the shaft follows from the equation of rotor 1, which the twist accelerates.
+As damping in the shaft, c_s, shifts it by c_s/k_s, the result is a hint, not a value.
 """
 
 from __future__ import annotations
@@ -25,44 +25,44 @@ from bayesdrill.rig.models.train import Train
 
 _STATE = {meaning: state for state, meaning in STATES.items()}
 _NAMED_STATES = re.compile(r"\b(?:theta_[12]|w_[12]|i)\b")
-# By kind of a sensor of the twist: name of its channel, and what it measures, forwards or backwards.
+# For a sensor of the twist, by kind: name of its channel, and what it measures, forwards or backwards.
 _TWISTS = {
     "angle": ("twist", "theta_1 - theta_2", "theta_2 - theta_1"),
     "speed": ("twist_rate", "w_1 - w_2", "w_2 - w_1"),
 }
-IMPOSED = ("theta_2", "w_2")  # the angle first: it is what is measured
+IMPOSED = ("theta_2", "w_2")  # in order of preference: the angle is the one that is measured
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DraftChannel:
-    """A sensor under the name that the config gives it; `measures` is empty for a state itself."""
+    """A draft channel is a sensor with its name in the config; `measures` is empty for a state."""
 
     name: str
     measures: str
     sensor: Sensor
-    derived: str = ""  # the channel of which it is differences
+    derived: str = ""  # name of the channel whose differences it contains
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorRoles:
-    """`inputs`: measured ones, by their entries; `gear`: turns of the motor for one of the shaft."""
+    """The roles of sensors are channels or `inputs`, by entry; `gear` is turns of the motor per turn."""
 
     channels: tuple[DraftChannel, ...]
     inputs: Mapping[str, Sensor]
     rig: Model
     gear: float
-    gear_why: str
+    gear_reason: str
     gear_doubt: str
-    left_out: dict[str, str]
-    train: Train | None = None  # without what is added, where columns describe the rig
+    unused: dict[str, str]
+    train: Train | None = None  # without optional physics, if the columns describe the rig
 
     @property
     def v(self) -> Sensor | None:
-        """The voltage, if it is measured."""
+        """Return the sensor of the voltage; None if it is not measured."""
         return self.inputs.get("v")
 
     def with_sensors(self, change: Callable[[Sensor], Sensor]) -> SensorRoles:
-        """Return the same roles of the sensors that `change` makes of these."""
+        """Return the same roles for the sensors that `change` returns."""
         channels = (dataclasses.replace(c, sensor=change(c.sensor)) for c in self.channels)
         inputs = {name: change(sensor) for name, sensor in self.inputs.items()}
         return dataclasses.replace(self, channels=tuple(channels), inputs=inputs)
@@ -71,15 +71,15 @@ class SensorRoles:
 def assign_roles(
     sensors: Sequence[Sensor], dt: float, rig: Model, gear: float | None, *, voltage: bool
 ) -> SensorRoles:
-    """Assign sensors, a value each `dt` s, to a rig; `voltage`: whether a constant one is known."""
-    left_out: dict[str, str] = {}
+    """Assign sensors, sampled every `dt` [s], to a rig; `voltage`: whether a constant one is known."""
+    unused: dict[str, str] = {}
     turning = _with_locations([sensor for sensor in sensors if sensor.kind in TURNS])
     ratio, sources = _gear_ratio(turning, dt)
     turning = [_behind_gear(sensor, turning, dt) for sensor in turning]
     value, why, doubt = gear or 1.0, "", ""
     if gear is not None:
         why = "as it was given"
-        if abs(abs(ratio) / gear - 1) > 0.05:  # not where it is NaN
+        if abs(abs(ratio) / gear - 1) > 0.05:  # false for NaN
             doubt = f"{sources} turn as {abs(ratio):.4g}:1 by their units; check them, or the gear"
     elif math.isnan(ratio):
         doubt = "no two columns tell the gear; it is taken as 1:1"
@@ -91,25 +91,25 @@ def assign_roles(
     for sensor in [*turning, *(sensor for sensor in sensors if sensor.kind == "current")]:
         name, measures = _channel_name(sensor, -value if ratio < 0 else value)
         if name:
-            add_channel(channels, DraftChannel(name, measures, sensor), left_out)
+            add_channel(channels, DraftChannel(name, measures, sensor), unused)
         else:
-            left_out[sensor.name] = "does not say at which end of the shaft it is"
+            unused[sensor.name] = "does not say at which end of the shaft it is"
     mark_differenced(channels, dt)
-    inputs, rig = _inputs(sensors, channels, rig, left_out, voltage=voltage)
+    inputs, rig = _inputs(sensors, channels, rig, unused, voltage=voltage)
     for name, channel in [*channels.items()]:
         if not {*_NAMED_STATES.findall(channel.measures or name)} <= {*rig.states}:
-            left_out[channel.sensor.name] = f"is {name}, which the rig {rig.name} does not have"
+            unused[channel.sensor.name] = f"is {name}, which the rig {rig.name} does not have"
             del channels[name]
     checked = tuple(_check_sign(channel, inputs.get("v")) for channel in channels.values())
-    return SensorRoles(checked, inputs, rig, value, why, doubt, left_out)
+    return SensorRoles(checked, inputs, rig, value, why, doubt, unused)
 
 
 def add_channel(
-    channels: dict[str, DraftChannel], new: DraftChannel, left_out: dict[str, str]
+    channels: dict[str, DraftChannel], new: DraftChannel, unused: dict[str, str]
 ) -> None:
-    """Add a channel, unless there is one of its name."""
+    """Add a channel, unless there is one with its name."""
     if known := channels.get(new.name):
-        left_out[new.sensor.name] = f"is not needed: {new.name} is taken from {known.sensor.name}"
+        unused[new.sensor.name] = f"is not needed: {new.name} is taken from {known.sensor.name}"
     else:
         channels[new.name] = new
 
@@ -118,11 +118,11 @@ def _inputs(
     sensors: Sequence[Sensor],
     channels: dict[str, DraftChannel],
     rig: Model,
-    left_out: dict[str, str],
+    unused: dict[str, str],
     *,
     voltage: bool,
 ) -> tuple[dict[str, Sensor], Model]:
-    """What moves the rig, and the rig with the circuit that a voltage or a current needs."""
+    """Return the measured inputs, and the rig with the circuit that a voltage or a current needs."""
     inputs: dict[str, Sensor] = {}
     voltages, torques = ([s for s in sensors if s.kind == kind] for kind in ("voltage", "torque"))
     motor = [torque for torque in torques if torque.location in (MOTOR, "")]
@@ -133,51 +133,51 @@ def _inputs(
             rig = with_named(rig, (m.back_emf, m.torque_constant, m.resistance, m.inductance))
     if "v" in rig.inputs and voltages:
         voltages.sort(key=_voltage_rank)
-        inputs["v"] = _first(voltages, "voltage", left_out)
-        if others := ", ".join(s.name for s in voltages[1:] if not s.column.meaning.reference):
+        inputs["v"] = _first(voltages, "voltage", unused)
+        if others := ", ".join(s.name for s in voltages[1:] if not s.column.meaning.is_setpoint):
             doubt = f"{others} may be the voltage as well: this one is called most like it"
             inputs["v"] = inputs["v"].revised(doubt=doubt)
     if "t_1" in rig.inputs:
-        unsaid = [torque.name for torque in torques if torque.location == ""]
+        unlocated = [torque.name for torque in torques if torque.location == ""]
         why = "is a torque, but does not say whether it acts on rotor 1"
-        left_out |= dict.fromkeys(unsaid, why)
+        unused |= dict.fromkeys(unlocated, why)
         if loads := [torque for torque in torques if torque.location == ROTOR]:
             doubt = "taken as the load on rotor 1, against positive speed; check its sign"
-            inputs["t_1"] = _first(loads, "load", left_out).revised(doubt=doubt)
+            inputs["t_1"] = _first(loads, "load", unused).revised(doubt=doubt)
     if "w_2" in rig.inputs:
         imposed = [channels.pop(name) for name in IMPOSED if name in channels]
         for channel in imposed[1:]:
             why = f"is not needed: {imposed[0].sensor.name} gives the imposed motion"
-            left_out[channel.sensor.name] = why
+            unused[channel.sensor.name] = why
         inputs |= {channel.name: channel.sensor for channel in imposed[:1]}
     used = [sensor.column for sensor in inputs.values()]
     for sensor in [*voltages, *torques]:
         if sensor.column not in used:
-            left_out.setdefault(sensor.name, f"is no input of the rig {rig.name}")
+            unused.setdefault(sensor.name, f"is no input of the rig {rig.name}")
     doubt = "it counts backwards, which an input cannot say: turn its sign in the file"
-    backwards = {name: s for name, s in inputs.items() if s.column.meaning.backwards}
+    backwards = {name: s for name, s in inputs.items() if s.column.meaning.is_reversed}
     return inputs | {name: s.revised(doubt=doubt) for name, s in backwards.items()}, rig
 
 
 def _voltage_rank(voltage: Sensor) -> tuple[bool, bool, int]:
-    """Measured before asked for, the motor's before others; `v` [V] and words before `u` and `v1`."""
+    """Return a sort key: measurements first, then the motor, then names like `v` or words."""
     meaning, name = voltage.column.meaning, voltage.name.lower()
-    by_name = (bool(meaning.unit), len(meaning.word) > 1, name == "v", name == "u", True)
-    return meaning.reference, voltage.location != MOTOR, by_name.index(True)
+    by_name = (bool(meaning.unit), len(meaning.kind_word) > 1, name == "v", name == "u", True)
+    return meaning.is_setpoint, voltage.location != MOTOR, by_name.index(True)
 
 
-def _first(sensors: Sequence[Sensor], what: str, left_out: dict[str, str]) -> Sensor:
+def _first(sensors: Sequence[Sensor], what: str, unused: dict[str, str]) -> Sensor:
     for sensor in sensors[1:]:
         why = f"is not needed: the {what} is taken from {sensors[0].name}"
-        if what == "voltage" and len(sensor.column.meaning.word) == 1:
+        if what == "voltage" and len(sensor.column.meaning.kind_word) == 1:
             why = f"looks like a voltage by its name, and {sensors[0].name} is taken as the voltage; if "
             why += f'it is a speed say --columns "{sensor.column.command}=w_1 [rad/s]" or v_cart [mm/s]'
-        left_out[sensor.name] = why
+        unused[sensor.name] = why
     return sensors[0]
 
 
 def _with_locations(turning: Sequence[Sensor]) -> list[Sensor]:
-    """One without a location is where no other is; with a twist, at the gearbox."""
+    """Return sensors with locations: a missing one is the end without a sensor, or the gearbox."""
     located = {sensor.location for sensor in turning}
     rotor, upper, twist = ROTOR in located, bool(located & {GEARBOX, MOTOR}), TWIST in located
     if rotor and upper:
@@ -195,7 +195,7 @@ def _with_locations(turning: Sequence[Sensor]) -> list[Sensor]:
 
 
 def _gear_ratio(turning: Sequence[Sensor], dt: float) -> tuple[float, str]:
-    """Turns of the motor for one of the shaft, NaN where it cannot be told, and of which columns."""
+    """Return turns of the motor per turn of the shaft (NaN if unknown), and the columns that show it."""
     ends = [sensor for sensor in turning if sensor.location in (GEARBOX, ROTOR)]
     for motor in (sensor for sensor in turning if sensor.location == MOTOR):
         for end in sorted(ends, key=lambda end: end.kind != motor.kind):
@@ -208,14 +208,14 @@ def _gear_ratio(turning: Sequence[Sensor], dt: float) -> tuple[float, str]:
 
 
 def _ratio(motor: Sensor, end: Sensor, dt: float) -> float:
-    """How many times as far the one turns as the other."""
+    """Return how many times as far the motor's sensor turns as the other one."""
     if end.location == ROTOR:
         return signals.ratio_through_shaft(motor.angle(dt), end.angle(dt), dt)
     return signals.ratio(motor.angle(dt), end.angle(dt))
 
 
 def _behind_gear(sensor: Sensor, turning: Sequence[Sensor], dt: float) -> Sensor:
-    """What is called the motor's, but turns as the shaft does, is behind the gear."""
+    """Return a motor's sensor; if it turns as the shaft does, it is moved behind the gear."""
     ends = [other for other in turning if other.location in (GEARBOX, ROTOR)]
     if sensor.location != MOTOR or not ends:
         return sensor
@@ -230,8 +230,8 @@ def _behind_gear(sensor: Sensor, turning: Sequence[Sensor], dt: float) -> Sensor
 
 
 def _channel_name(sensor: Sensor, gear: float) -> tuple[str, str]:
-    """Name and `measures` of its channel."""
-    backwards = sensor.column.meaning.backwards
+    """Return the name and the `measures:` of a sensor's channel; the name is empty if unknown."""
+    backwards = sensor.column.meaning.is_reversed
     if sensor.location == TWIST and sensor.kind in _TWISTS:
         name, forwards, reverse = _TWISTS[sensor.kind]
         return name, reverse if backwards else forwards
@@ -248,7 +248,7 @@ PAIRS = (("theta_1", "w_1"), ("theta_2", "w_2"), ("motor_angle", "motor"))
 def mark_differenced(
     channels: dict[str, DraftChannel], dt: float, pairs: Iterable[tuple[str, str]] = PAIRS
 ) -> None:
-    """Mark each speed that was made of an angle: it measures nothing by itself."""
+    """Mark each speed that was derived from an angle, and so measures nothing by itself."""
     for angle, speed in pairs:
         if angle in channels and speed in channels:
             first, second = channels[angle].sensor, channels[speed].sensor
@@ -260,7 +260,7 @@ def mark_differenced(
 
 
 def _check_sign(channel: DraftChannel, v: Sensor | None) -> DraftChannel:
-    """The channel with a doubt where what turns goes against the voltage."""
+    """Return the channel, with a doubt if its speed goes against the voltage."""
     sensor = channel.sensor
     if v is None or np.ptp(v.values) == 0 or sensor.kind != "speed" or sensor.location == TWIST:
         return channel
@@ -273,45 +273,45 @@ def _check_sign(channel: DraftChannel, v: Sensor | None) -> DraftChannel:
 
 
 def turns_both_ways(roles: SensorRoles) -> bool:
-    """Whether the rig is driven, or turns, in both directions."""
+    """Return whether the rig is driven, or turns, in both directions."""
     driving = [sensor for name, sensor in roles.inputs.items() if name != "t_1"]
     moving = [c.sensor for c in roles.channels if c.sensor.kind != "current"]
     speeds = [sensor for sensor in moving if sensor.kind == "speed"]
     return any(map(signals.reverses, driving or speeds or moving))
 
 
-FILTER_WIDTHS = (2, 4, 8, 16)  # samples, sds of Gaussians, one of which suits the rig's swing
-FILTER_REACH = 4  # widths of a filter that see an end of the record
-MAX_SHIFT = 8  # samples late
+FILTER_WIDTHS = (2, 4, 8, 16)  # sds of Gaussian filters in samples; one suits the rig's swing
+FILTER_REACH = 4  # filters are cut off at this many sds
+MAX_SHIFT = 8  # largest lag that is tried, in samples
 SHIFTS_PER_SAMPLE = 2
-MAX_LAG_SAMPLES = 10_000  # samples looked at
-MIN_EXPLAINED = 0.9  # of the variance of the twist, by its law
-MIN_IMPROVEMENT = 1.5  # times what is left without a lag, over what is left with it
+MAX_LAG_SAMPLES = 10_000  # samples from which a lag is found
+MIN_EXPLAINED = 0.9  # share of the twist's variance that the equation has to explain
+MIN_IMPROVEMENT = 1.5  # residual variance without a lag over that with it
 
 
 @dataclass(frozen=True, slots=True)
 class LagHint:
-    """How late a `channel` seems to be, in samples."""
+    """A lag hint says by how many samples a `channel` seems to be late."""
 
     channel: str
     samples: float
-    residual: float  # the share of the twist's variance that its law leaves with this lag
-    before: float  # and without it
+    residual: float  # share of the twist's variance that the equation leaves with this lag
+    baseline: float  # the same share without a lag
 
     @property
     def improvement(self) -> float:
-        """How many times less the law leaves with the lag."""
-        return self.before / self.residual if self.residual > 0 else math.inf
+        """Return the ratio of the residuals without and with the lag."""
+        return self.baseline / self.residual if self.residual > 0 else math.inf
 
 
 def find_lags(roles: SensorRoles, dt: float) -> list[LagHint]:
-    """Find lags of channels against each other."""
+    """Return hints at lags between channels."""
     pairs = [_lag_of_pair(*pair, roles.gear, dt) for pair in _lag_pairs(roles.channels)]
     return [hint for hint in pairs if hint is not None]
 
 
 def _lag_pairs(channels: Sequence[DraftChannel]) -> list[tuple[DraftChannel, DraftChannel]]:
-    """Twist or rotor 1 first, each with an independent one."""
+    """Return pairs of channels: the twist or rotor 1, and an independent channel."""
     turning = [c for c in channels if c.sensor.kind in TURNS and not c.derived]
 
     def at(*locations: str) -> list[DraftChannel]:
@@ -338,16 +338,16 @@ def _lag_of_pair(
         return None
     after, samples, before = min(trials, key=lambda trial: trial[0])
     clear = 1 - after > MIN_EXPLAINED and before > MIN_IMPROVEMENT * after
-    late = first if samples > 0 else second
-    hint = LagHint(late.name, abs(samples), after, before)
+    delayed = first if samples > 0 else second
+    hint = LagHint(delayed.name, abs(samples), after, before)
     return hint if clear and abs(samples) < MAX_SHIFT else None
 
 
 def _twist_law(
     first: Sensor, second: Sensor, width: int, gear: float, dt: float
 ) -> Callable[[float], float]:
-    """By the samples that `first` is made earlier: what rotor 1's law leaves of the twist's variance."""
-    smoothed = []  # by one filter for all derivatives: the law holds of what it leaves
+    """Return the unexplained share of the twist's variance, as a function of the shift of `first`."""
+    smoothed = []  # by one filter for all derivatives, so that the equation holds after it too
     for sensor in (first, second):
         angle = sensor.angle(dt)[:MAX_LAG_SAMPLES] / (gear if sensor.location == MOTOR else 1.0)
         orders = [
@@ -366,58 +366,58 @@ def _twist_law(
         _, speed, acceleration = rotor
         causes = [acceleration, speed, np.sign(speed), k[inner]]
         factors, share = signals.explained(twist, *causes)
-        return 1 - share if factors[0] < 0 else 1.0  # else it is no spring
+        return 1 - share if factors[0] < 0 else 1.0  # a spring has a negative factor
 
     return unexplained
 
 
-FIRST_SAMPLES = 9  # that tell the first value
-MIN_AFTER_ZERO = 100  # samples after 0 s, for which those before it are given up
-CLEAR_OF_NOISE = 6.0  # times the noise, that is no noise
-IMMEDIATE_SHARE = 0.4  # of the first samples' mean speed, above which it was there from the first
-STEADY_SAMPLES = 40  # that stay as they are, and the rig turns steadily
-STEADY_NOISE = 1.3  # times the noise, that a steady channel differs by
-ZERO_PRIOR_FACTOR = 2.0  # times where an angle begins: sd of the prior of where it counts from
+FIRST_SAMPLES = 9  # samples from which the first value is fitted
+MIN_AFTER_ZERO = 100  # samples after 0 s, with which earlier ones are cut off
+CLEAR_OF_NOISE = 6.0  # smallest clear value, in sds of the noise
+IMMEDIATE_SHARE = 0.4  # initial over mean speed, above which a rig moved before the record
+STEADY_SAMPLES = 40  # samples that have to be steady
+STEADY_NOISE = 1.3  # largest sd of a steady channel, over its noise
+ZERO_PRIOR_FACTOR = 2.0  # prior sd of an angle's offset, over its first value
 
 
 @dataclass(frozen=True, slots=True)
 class StartGuess:
-    """How a record begins: the entries `initial` and `window` of a config, empty for the default."""
+    """A start guess holds the entries `initial` and `window` of a config, empty for the default."""
 
     initial: str
-    moving: bool  # not at rest
+    is_moving: bool
     window: str
-    zeros: Mapping[str, float]  # of angles at rest, but not at zero: sd of where they count from
-    late: float  # samples after which an input may act at most
-    rest: float  # s, before which nothing moves; NaN where something does
+    zero_sds: Mapping[str, float]  # prior sds of offsets, for angles at rest but not at zero
+    max_delay: float  # samples after which an input acts at the latest
+    rest_end: float  # s, nothing moves before; NaN if something moves at the start
     window_doubt: str
     doubts: tuple[str, ...]
 
 
 def guess_start(
-    roles: SensorRoles, segment: Segment, *, measured: bool, known: float | None = None
+    roles: SensorRoles, segment: Segment, *, measured: bool, inputs_begin: float | None = None
 ) -> StartGuess:
-    """Guess how used rows begin; `measured`: the drive is, from the time `known` [s] on."""
+    """Guess how the segment begins; a `measured` drive is known from `inputs_begin` [s] on."""
     t, dt = segment.t, segment.dt
     time, late = None, 1.0
     begin = float(t[0]) if segment.is_cut else None
     why = "the longest part in which times increase and none is infinite" if segment.is_cut else ""
-    if measured and known is not None and known > t[0]:
-        t = t[t >= known]
+    if measured and inputs_begin is not None and inputs_begin > t[0]:
+        t = t[t >= inputs_begin]
         begin, why = float(t[0]), "from where the inputs are known"
-    moving = any(_moves(channel) for channel in _telling(roles))
+    moving = any(_moves(channel) for channel in _motion_channels(roles))
     rest = _onset(roles)
     onset = math.nan if measured or moving else rest
     sensors = [channel.sensor for channel in roles.channels], [*roles.inputs.values()]
     if measured and (dead := signals.dead_samples(*sensors)):
         late = dead + 2.0
-    driven = measured or "v" in roles.rig.inputs  # by a constant voltage
+    driven = measured or "v" in roles.rig.inputs  # a voltage without a column is constant
     if roles.train is not None:
         window = "" if begin is None else f"[{begin:.12g}, {float(t[-1]):.12g}]"
         cut, why = why, "the record need not begin at rest: the start is unknown"
         seen = any(sensor.kind in ("angle", "position") for sensor in sensors[0])
         twists = ", ".join(f"{name}: free" for name in roles.rig.states[1:])
-        free = "free" if seen else f"{{{twists}}}"  # without the first angle
+        free = "free" if seen else f"{{{twists}}}"  # the first angle stays zero
         return StartGuess(free, True, window, {}, late, rest, cut, (why,))
     if not math.isnan(onset):
         begin, late = max(float(t[0]), onset - 2 * dt if driven else onset), 3.0
@@ -432,7 +432,7 @@ def guess_start(
             why = "times before 0 s: a constant voltage is taken to be there from 0 s on"
         elif not -1e-9 * dt <= t[0] <= 2 * dt:
             time = float(t[0])
-    undriven = not (moving or driven)  # it can move from its start alone
+    undriven = not (moving or driven)  # then only the initial state moves the rig
     moving = moving or undriven
     doubts = [] if time is None else [f"the record begins at {t[0]:.6g} s, and so does the start"]
     if not measured and moving and time is None and begin is None and t[0] != 0:
@@ -455,7 +455,7 @@ def guess_start(
 
 
 def _begins_steadily(roles: SensorRoles) -> bool:
-    """Whether the voltage, speeds, twists and currents stay at first, and angles grow evenly."""
+    """Return whether voltage, speeds, twists and currents are constant at first, and angles linear."""
     v = roles.v
     if v is None or not np.ptp(v.values[:STEADY_SAMPLES]) <= 0.01 * np.ptp(v.values):
         return False
@@ -469,16 +469,16 @@ def _begins_steadily(roles: SensorRoles) -> bool:
 
 
 def _start_angle(roles: SensorRoles, state: str) -> str:
-    """An angle that has to be named: free where one is measured and the steady state gives others."""
+    """Return the entry of the angle that the start has to name; empty if there is none."""
     measured = {c.sensor.location for c in roles.channels if c.sensor.kind == "angle"}
     upper, rotor = bool(measured & {GEARBOX, MOTOR}), ROTOR in measured
     if state == "steady":
         return "theta_2: free" if upper else "theta_1: free" if rotor else ""
-    return "" if upper or rotor else "theta_2: 0"  # only the twist matters
+    return "" if upper or rotor else "theta_2: 0"  # any angle will do: only the twist matters
 
 
-def _telling(roles: SensorRoles) -> list[DraftChannel]:
-    """Speeds if there are any: angles tell of a quick start less than of a motion."""
+def _motion_channels(roles: SensorRoles) -> list[DraftChannel]:
+    """Return the channels that show an initial motion: speeds if there are any, else angles."""
     independent = [c for c in roles.channels if c.sensor.kind in TURNS and not c.derived]
     speeds = [channel for channel in independent if channel.sensor.kind == "speed"]
     turning = [channel for channel in independent if channel.sensor.location != TWIST]
@@ -486,7 +486,7 @@ def _telling(roles: SensorRoles) -> list[DraftChannel]:
 
 
 def _moves(channel: DraftChannel) -> bool:
-    """A speed that is there from the first sample on, or an angle that grows from it on."""
+    """Return whether a speed is clear at the first sample, or an angle grows from it on."""
     sensor = channel.sensor
     if sensor.kind == "speed":
         return _first_value(sensor)[1]
@@ -502,7 +502,7 @@ def _moves(channel: DraftChannel) -> bool:
 
 
 def _zeros(roles: SensorRoles) -> dict[str, float]:
-    """Of a rig at rest, whose angles may be counted from there."""
+    """Return prior sds of offsets for angles that are not zero at rest."""
     angles = [channel for channel in roles.channels if channel.sensor.kind == "angle"]
     firsts = {channel.name: _first_value(channel.sensor) for channel in angles}
     return {
@@ -513,7 +513,7 @@ def _zeros(roles: SensorRoles) -> dict[str, float]:
 
 
 def _first_value(sensor: Sensor) -> tuple[float, bool]:
-    """In the column's unit, and whether it is clearly not zero."""
+    """Return the first value, in the column's unit, and whether it is clearly not zero."""
     t, x = sensor.raw.t[:FIRST_SAMPLES], sensor.raw.x[:FIRST_SAMPLES]
     fitted = float(x[0])
     if len(x) == FIRST_SAMPLES:
@@ -523,7 +523,7 @@ def _first_value(sensor: Sensor) -> tuple[float, bool]:
 
 
 def _onset(roles: SensorRoles) -> float:
-    """When anything first moves, s; NaN where that is within the first few samples."""
+    """Return when anything first moves [s]; NaN if that is within the first few samples."""
     begins: list[tuple[float, int]] = []
     for sensor in (channel.sensor for channel in roles.channels):
         away = np.abs(sensor.raw.x - np.median(sensor.raw.x[:FIRST_SAMPLES])) > 8 * sensor.noise

@@ -1,4 +1,4 @@
-"""What each column measures, and in which unit: by its head, then by what columns say of each other."""
+"""Identify what each column measures and its unit, by its head, then by relations between columns."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from bayesdrill.drafting import signals
 from bayesdrill.drafting.columns import DRIVES, GEARBOX, MOTOR, ROTOR, SI, TWIST, FileColumn
 from bayesdrill.drafting.signals import TURNS, RawSamples, Segment, Sensor
 
-FAST = 60.0  # speeds of a rig above it are hardly in rad/s, nor angles a second in rad
-MIN_GEAR = 0.8  # turns of a motor for one of the shaft: less is a wrong unit
-SUPPLY_RIPPLE = 0.1  # of a voltage, within which it is nearly constant
-SPEED_SAMPLES = 10  # over which the speed of an angle is taken, fewer than any record has
-NAMELESS_SHARE = 0.999  # of an angle, that the integral of a nameless column has to explain
+FAST_SPEED = 60.0  # larger speeds are hardly in rad/s, nor changes of an angle in rad per second
+MIN_GEAR = 0.8  # turns of a motor per turn of the shaft; fewer show a wrong unit
+SUPPLY_RIPPLE = 0.1  # relative range within which a voltage is a nearly constant supply
+SPEED_SAMPLES = 10  # samples over which the speed of an angle is computed
+NAMELESS_SHARE = 0.999  # share of an angle's variance that a nameless speed has to explain
 RPM_WORDS = ("n", "rpm", "drehzahl", "rotacao", "upm")
 RADIAN_WORDS = ("w", "omega", "w1", "w2", "wm")
 
@@ -24,32 +24,32 @@ RADIAN_WORDS = ("w", "omega", "w1", "w2", "wm")
 def identify_sensors(
     columns: Sequence[FileColumn], segment: Segment
 ) -> tuple[list[Sensor], dict[str, str]]:
-    """Return columns beside the time as sensors with units; and why others are left out."""
-    drafts, left_out = signals.read_sensors(columns, segment)
+    """Return all columns but the time as sensors with units, and the reasons why others are not used."""
+    drafts, unused = signals.read_sensors(columns, segment)
     dt = segment.dt
     sensors = _by_twist(_by_derivative(drafts, dt), dt)
     known: list[Sensor] = []
-    for sensor in sorted(sensors, key=lambda s: s.location == MOTOR):  # whose size a gear makes
+    for sensor in sorted(sensors, key=lambda s: s.location == MOTOR):  # a gear scales the last
         if sensor.kind:
             known.append(_with_unit(sensor, [*sensors, *known], dt))
         else:
             why = f"{'its name does not say' if sensor.name else 'nothing says'} what it measures"
             why += ", and it is no derivative of another column"
-            left_out[sensor.name] = f"({sensor.column.range_text}): {why}"
+            unused[sensor.name] = f"({sensor.column.range_text}): {why}"
     moving = [s for s in known if s.kind not in DRIVES and s.location != TWIST]
-    both_ways = any(signals.reverses(sensor, signals.CLEARLY_BOTH_WAYS) for sensor in moving)
+    both_ways = any(signals.reverses(sensor, signals.CLEAR_REVERSAL_RATIO) for sensor in moving)
     kept = list[Sensor]()
     for sensor in known:
         doubt = _doubt_of_drive(sensor) if both_ways else ""
-        if doubt and sensor.kind == "voltage" and not sensor.column.meaning.typed:
-            left_out[sensor.name] = doubt
+        if doubt and sensor.kind == "voltage" and not sensor.column.meaning.is_given:
+            unused[sensor.name] = doubt
         else:
             kept.append(sensor.revised(doubt=doubt and f"it {doubt}"))
-    return kept, left_out
+    return kept, unused
 
 
 def _doubt_of_drive(sensor: Sensor) -> str:
-    """Say why this cannot be what drives a rig that turns both ways; empty where it can."""
+    """Return why a sensor cannot measure the drive of a rig that turns both ways; empty if it can."""
     low, middle, high = np.quantile(sensor.raw.x, (0.05, 0.5, 0.95))
     if sensor.kind == "voltage" and high - low < SUPPLY_RIPPLE * abs(middle):
         return "hardly changes while the rig turns both ways: a supply, not what the motor gets"
@@ -60,7 +60,7 @@ def _doubt_of_drive(sensor: Sensor) -> str:
 
 
 def infer_rate(columns: Sequence[FileColumn]) -> float:
-    """Infer the rate [Hz] of a record without times by an angle and its speed; 0 where none tell."""
+    """Return the rate [Hz] of a record without times, from an angle and its speed; 0 if unknown."""
     raw, known = RawSamples(np.zeros(0), np.zeros(0)), []
     for column in columns:
         meaning, x = column.meaning, column.values
@@ -80,11 +80,11 @@ def _same_location(angle: Sensor, speed: Sensor) -> bool:
 def _derivatives(
     sensors: Sequence[Sensor], values: Sequence[Array], dt: float
 ) -> Iterator[tuple[Sensor, Sensor, float, float]]:
-    """Angles and speeds, like names first, by which factor and how far one is the other's rate."""
-    angles, turned = dict[int, Array](), dict[int, Array]()
+    """Yield pairs of angle and speed, the factor between them, and the explained share of variance."""
+    angles, integrals = dict[int, Array](), dict[int, Array]()
     for sensor, x in zip(sensors, values, strict=True):
         angles[id(sensor)] = signals.centred(x)
-        turned[id(sensor)] = signals.centred(signals.integral(x, dt))
+        integrals[id(sensor)] = signals.centred(signals.integral(x, dt))
     pairs = [
         (angle, speed)
         for angle, speed in itertools.permutations(sensors, 2)
@@ -93,11 +93,11 @@ def _derivatives(
         if angle.location == speed.location or "" in (angle.location, speed.location)
     ]
     for angle, speed in sorted(pairs, key=lambda pair: not _same_location(*pair)):
-        yield angle, speed, *signals.explained_by(angles[id(angle)], turned[id(speed)])
+        yield angle, speed, *signals.explained_by(angles[id(angle)], integrals[id(speed)])
 
 
 def _by_derivative(sensors: Sequence[Sensor], dt: float) -> list[Sensor]:
-    """Where a speed is the derivative of an angle, the factor between them says both units."""
+    """Return the sensors, with units where a speed is the derivative of an angle."""
     revised = {id(sensor): sensor for sensor in sensors}
     trials = []
     for angle, speed, factor, share in _derivatives(sensors, [s.values for s in sensors], dt):
@@ -112,7 +112,7 @@ def _by_derivative(sensors: Sequence[Sensor], dt: float) -> list[Sensor]:
 
 
 def _resolve(angle: Sensor, speed: Sensor, factor: float) -> tuple[Sensor, Sensor] | None:
-    """Both with units, kinds and locations as far as such a factor tells them."""
+    """Return angle and speed with kinds, units and locations by the factor; None if it shows none."""
     fitting = signals.units_by_factor(factor, angle.unit, speed.unit)
     known = angle.unit != "" and speed.unit != ""
     if known and 0.85 < abs(factor) / signals.derivative_factor(angle.unit, speed.unit) < 1.18:
@@ -141,24 +141,24 @@ def _resolve(angle: Sensor, speed: Sensor, factor: float) -> tuple[Sensor, Senso
         if location and not sensor.location:
             revised = revised.revised(doubt=f"taken to be where {other.name} is")
         pair.append(revised)
-    if factor < 0 and angle.column.meaning.backwards == speed.column.meaning.backwards:
+    if factor < 0 and angle.column.meaning.is_reversed == speed.column.meaning.is_reversed:
         doubt = f"{relation}: one of them counts backwards; write `measures: -...`"
         pair[1] = pair[1].revised(doubt=doubt)
     return pair[0], pair[1]
 
 
 def _in_degrees(angle: Sensor, speed: Sensor) -> bool:
-    """Where a factor of 1 leaves both possible: by the steps of an encoder, by names, by size."""
+    """Return whether an ambiguous pair is in degrees: by encoder steps, by names, or by size."""
     if counted := signals.counted_unit(angle.values):
         return counted == "deg"
     meanings = (angle.column.meaning, speed.column.meaning)
-    if any(meaning.symbol or meaning.word in RADIAN_WORDS for meaning in meanings):
+    if any(meaning.symbol or meaning.kind_word in RADIAN_WORDS for meaning in meanings):
         return False
-    return float(np.abs(speed.values).max()) > FAST
+    return float(np.abs(speed.values).max()) > FAST_SPEED
 
 
 def _by_twist(sensors: Sequence[Sensor], dt: float) -> list[Sensor]:
-    """A twist is the integral of the difference of two speeds, one of them perhaps before a gear."""
+    """Return the sensors, with units where a twist is the integral of a difference of two speeds."""
     twists = [sensor for sensor in sensors if sensor.location == TWIST and sensor.kind == "angle"]
     speeds = [sensor for sensor in sensors if sensor.kind == "speed"]
     rotors = [speed for speed in speeds if speed.location == ROTOR]
@@ -181,11 +181,11 @@ def _by_twist(sensors: Sequence[Sensor], dt: float) -> list[Sensor]:
 
 
 def _with_unit(sensor: Sensor, sensors: Sequence[Sensor], dt: float) -> Sensor:
-    """What no header and no relation says is taken from columns of the same kind, words or sizes."""
+    """Return the sensor with a unit: its own, that of a similar column, or a guess."""
     meaning = sensor.column.meaning
     if sensor.unit:
-        by = signals.SAID if meaning.typed else "by its head"
-        return sensor.revised(why=f"unit {sensor.unit}, {by}" if meaning.unit else "")
+        source = signals.GIVEN_REASON if meaning.is_given else "by its head"
+        return sensor.revised(why=f"unit {sensor.unit}, {source}" if meaning.unit else "")
     if sensor.kind in TURNS:
         for other in sensors:
             if other.kind == sensor.kind and other.unit:
@@ -196,8 +196,8 @@ def _with_unit(sensor: Sensor, sensors: Sequence[Sensor], dt: float) -> Sensor:
 
 
 def _guess_unit(sensor: Sensor, sensors: Sequence[Sensor], dt: float) -> tuple[str, str]:
-    """A unit by the word of the head, by steps or by size, and by which."""
-    size, word = float(np.abs(sensor.values).max()), sensor.column.meaning.word
+    """Return a unit guessed by a word of the head, by steps or by size, and the reason."""
+    size, word = float(np.abs(sensor.values).max()), sensor.column.meaning.kind_word
     by_word = f"in which {word!r} is mostly counted"
     by_size = f"by its size alone, up to {size:.3g}"
     match sensor.kind:
@@ -206,14 +206,14 @@ def _guess_unit(sensor: Sensor, sensors: Sequence[Sensor], dt: float) -> tuple[s
         case "speed" if sensor.column.meaning.symbol or word in RADIAN_WORDS:
             return "rad/s", by_word
         case "speed":
-            return "rpm" if size > FAST else "rad/s", by_size
+            return "rpm" if size > FAST_SPEED else "rad/s", by_size
         case "angle" if counted := signals.counted_unit(sensor.values):
             return counted, "in which its steps make a round number for one turn"
         case "angle" if _outruns_motor(sensor, sensors, dt):
             return "deg", "as in rad it would turn further than the motor before the gear"
         case "angle":
             steps = np.abs(sensor.values[SPEED_SAMPLES:] - sensor.values[:-SPEED_SAMPLES])
-            fast = float(np.percentile(steps / (SPEED_SAMPLES * dt), 95)) > FAST
+            fast = float(np.percentile(steps / (SPEED_SAMPLES * dt), 95)) > FAST_SPEED
             return "deg" if (size > 2 if sensor.location == TWIST else fast) else "rad", by_size
         case "current":
             return "mA" if size > 100 else "A", by_size
@@ -223,11 +223,11 @@ def _guess_unit(sensor: Sensor, sensors: Sequence[Sensor], dt: float) -> tuple[s
 
 
 def _outruns_motor(sensor: Sensor, sensors: Sequence[Sensor], dt: float) -> bool:
-    """Whether an angle behind the gear, taken as in rad, turns further than a motor before it."""
+    """Return whether an angle behind the gear, if it were in rad, would turn further than the motor."""
     motors = [motor for motor in sensors if motor.location == MOTOR and motor.kind == "speed"]
     if not motors or sensor.location in (MOTOR, TWIST):
         return False
     motor = motors[0]
-    unit = motor.unit or ("rpm" if motor.column.meaning.word in RPM_WORDS else "rad/s")
-    turned = motor.revised(unit=unit).angle(dt)
-    return abs(signals.ratio(turned, sensor.values)) < MIN_GEAR
+    unit = motor.unit or ("rpm" if motor.column.meaning.kind_word in RPM_WORDS else "rad/s")
+    motor_angle = motor.revised(unit=unit).angle(dt)
+    return abs(signals.ratio(motor_angle, sensor.values)) < MIN_GEAR

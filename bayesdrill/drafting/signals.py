@@ -1,4 +1,4 @@
-"""Columns as signals: the time, the rows that are used, sensors, and what signals say of each other."""
+"""Treat columns as signals: find the time, the used rows and sensors, and relations between signals."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.drafting.columns import DRIVES, MAX_NUMBER, MIN_SAMPLES, SI, TWIST, FileColumn
 from bayesdrill.record import anomalies
 
-TYPICAL_RATE = 300.0  # Hz; rates of rigs lie around it, by their logarithm
-SAID = "as `--columns` says"
-BOTH_WAYS, CLEARLY_BOTH_WAYS = 0.1, 0.3  # of what goes one way, that goes the other way
-MAX_DEAD, PAST, LOOKED_AT = 5, 3, 20_000  # samples late, of the past, and of a record
-CLEARER = 0.64  # of what the past leaves of a speed, that it leaves with an input that is late
+TYPICAL_RATE = 300.0  # Hz; the geometric centre of usual sampling rates
+GIVEN_REASON = "as `--columns` says"
+REVERSAL_RATIO, CLEAR_REVERSAL_RATIO = 0.1, 0.3  # smaller over larger extent of a signal
+MAX_DEAD_SAMPLES, N_PAST, MAX_ROWS = 5, 3, 20_000  # largest delay, past samples, used rows
+MAX_RESIDUAL_RATIO = 0.64  # residual of a speed with the delayed input over that without delay
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Timing:
-    """Times `t (T,)` [s] of all rows; `column` is None where a rate has to do."""
+    """The timing holds times `t (T,)` [s] of all rows; `column` is None if only a rate is known."""
 
     t: Array
     column: FileColumn | None
@@ -35,23 +35,23 @@ class Timing:
 
     @property
     def dt(self) -> float:
-        """The median step, s."""
+        """Return the median step [s]."""
         return float(np.nanmedian(np.diff(self.t)))
 
     @property
     def rate(self) -> float:
-        """Samples a second."""
+        """Return the sampling rate [Hz]."""
         return 1 / self.dt
 
 
 def find_time(columns: Sequence[FileColumn], rate: float = 0.0, given: float = 0.0) -> Timing:
-    """Return the `given` rate [Hz]; else the time among the columns; else `rate` [Hz], or 100."""
+    """Return the timing of the `given` rate [Hz], of a time column, of `rate` [Hz], or of 100 Hz."""
     indices = np.arange(len(columns[0].values))
     if given:
         return Timing(indices / given, None, "s", "as it was given")
     for column in columns:
         if column.meaning.kind == "time" and _mostly_increases(column.values):
-            return _timing(column, SAID if column.meaning.typed else "by its name")
+            return _timing(column, GIVEN_REASON if column.meaning.is_given else "by its name")
     for column in columns:
         if not column.meaning.kind and column.is_even:
             doubt = "no column is named as a time; this one grows in equal steps"
@@ -75,38 +75,38 @@ def _timing(column: FileColumn, why: str, doubt: str = "") -> Timing:
 
 
 def _mostly_increases(values: Array) -> bool:
-    """Whether most of it increases; what breaks off is cut later."""
+    """Return whether at least nine of ten steps are positive; other rows are cut off later."""
     steps = np.diff(values[np.isfinite(values)])
     return len(steps) > 0 and float(np.mean(_are_time_steps(steps))) > 0.9
 
 
 def _are_time_steps(steps: Array) -> Flags:
-    """Which steps can be those of a time, in any unit."""
+    """Return which steps can be those of a time, in any unit."""
     return np.asarray((steps > 1 / MAX_NUMBER) & (steps < MAX_NUMBER))
 
 
-LONG_GAP = 10.0  # median steps: over a longer gap nothing is told
-EVEN_GRID_TOLERANCE = 0.01  # of the median step
-WINDOW_SLACK = 1e-9  # of its times, by which a window is wider than it says
+LONG_GAP = 10.0  # median steps; nothing is interpolated over a longer gap
+EVEN_GRID_TOLERANCE = 0.01  # relative deviation from the median step
+WINDOW_SLACK = 1e-9  # relative excess of a window over its times
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Segment:
-    """The `rows` that are used, their times `t (T,)` [s], and whether others `is_cut` off."""
+    """A segment is the used `rows` and their times `t (T,)` [s]; `is_cut` if others are cut off."""
 
     rows: slice
     t: Array
-    grid: Array  # (n,), s: even and without long gaps; on it signals are compared
+    grid: Array  # (n,), s; even and without long gaps, for the comparison of signals
     is_cut: bool
 
     @property
     def dt(self) -> float:
-        """The step of the grid, s."""
+        """Return the step of the grid [s]."""
         return float(self.grid[1] - self.grid[0])
 
 
 def longest_segment(time: Timing, columns: Sequence[FileColumn]) -> Segment | None:
-    """Return the longest part in which times increase and no number is infinite; None: too short."""
+    """Return the longest part with increasing times and no infinite number; None if it is too short."""
     sound = np.isfinite(time.t)
     for column in columns:
         sound &= ~np.isinf(column.values)
@@ -124,7 +124,7 @@ def longest_segment(time: Timing, columns: Sequence[FileColumn]) -> Segment | No
 
 
 def _unambiguous_rows(t: Array, rows: slice) -> slice:
-    """Of `rows` the longest stretch among whose times no other row is: a window tells them apart."""
+    """Return the longest part of `rows` whose times a window can separate from all other rows."""
     inner, others = t[rows], np.sort(np.delete(t, np.arange(len(t))[rows]))
     slack = WINDOW_SLACK * float(np.abs(inner).max(initial=0.0))
     before = np.searchsorted(others, inner - slack)
@@ -135,7 +135,7 @@ def _unambiguous_rows(t: Array, rows: slice) -> slice:
 
 
 def _longest_run(joined: Flags) -> slice:
-    """The longest run of rows, each `joined (T - 1,)` to the next."""
+    """Return the longest run of rows, where `joined (T - 1,)` links each row to the next."""
     runs = anomalies.spans(joined)
     if not len(runs):
         return slice(0, 0)
@@ -143,17 +143,17 @@ def _longest_run(joined: Flags) -> slice:
     return slice(int(runs.first[best]), int(runs.last[best]) + 2)
 
 
-FACTOR_TOLERANCE = 0.15  # of the logarithm, around one that a derivative can have
-EXPLAINED_SHARE = 0.98  # of the variance of an angle, that its speed has to explain
+FACTOR_TOLERANCE = 0.15  # error of the logarithm of a derivative's factor
+EXPLAINED_SHARE = 0.98  # share of an angle's variance that its speed has to explain
 
 
 def integral(speed: Array, dt: float) -> Array:
-    """Integrate `speed (T,)` by the trapezoidal rule: `(T,)`, zero at the first sample."""
+    """Integrate `speed (T,)` by the trapezoidal rule; the result `(T,)` begins at zero."""
     return np.concatenate([[0.0], np.cumsum((speed[1:] + speed[:-1]) * (0.5 * dt))])
 
 
 def explained(y: Array, *causes: Array) -> tuple[list[float], float]:
-    """Fit `y (T,)` by causes `(T,)` and a constant: their factors, and the explained variance."""
+    """Fit `y (T,)` by causes `(T,)` and a constant; return their factors and the explained variance."""
     design = np.stack([*causes, np.ones(len(y))], axis=-1)
     scale = np.maximum(np.abs(design).max(axis=0), 1e-300)
     factors = np.linalg.lstsq(design / scale, y, rcond=None)[0] / scale
@@ -167,8 +167,8 @@ def centred(values: Array) -> Array:
 
 
 def explained_by(y: Array, cause: Array) -> tuple[float, float]:
-    """Do as `explained` with one cause, for many pairs: both `(T,)` are `centred` already."""
-    # Not `y @ cause`: BLAS shares vectors out to threads, which costs far more than the sum.
+    """Return what `explained` does, faster, for one cause; both `(T,)` are `centred` already."""
+    # In `y @ cause` BLAS would start threads, which cost far more than the sum.
     pairs = ((y, y), (cause, cause), (y, cause))
     total, square, both = (float(np.einsum("i,i", *pair)) for pair in pairs)
     if total == 0 or square == 0:
@@ -177,30 +177,29 @@ def explained_by(y: Array, cause: Array) -> tuple[float, float]:
 
 
 def units_by_factor(factor: float, angle: str, speed: str) -> list[tuple[str, str]]:
-    """Return the units of angle and speed that a factor can mean; empty ones are not known yet."""
+    """Return the pairs of units of angle and speed that a factor can mean; "" is an unknown unit."""
     pairs = itertools.product(("rad", "deg"), ("rad/s", "deg/s", "rpm"))
     known = [p for p in pairs if factor and angle in ("", p[0]) and speed in ("", p[1])]
-    off = [abs(math.log(abs(factor) / derivative_factor(*pair))) for pair in known]
-    return [pair for pair, far in zip(known, off, strict=True) if far < FACTOR_TOLERANCE]
+    errors = [abs(math.log(abs(factor) / derivative_factor(*pair))) for pair in known]
+    return [p for p, error in zip(known, errors, strict=True) if error < FACTOR_TOLERANCE]
 
 
 def derivative_factor(angle: str, speed: str) -> float:
-    """Return how many of the unit of an angle make one of a speed, times s."""
+    """Return the number in the angle's unit per second that is one of the speed's unit."""
     return units.factor(speed, "rad/s") / units.factor(angle, "rad")
 
 
 def ratio(over: Array, under: Array) -> float:
-    """Return the ratio of two angles `(T,)` that go together; NaN where one does not move."""
+    """Return the ratio of two proportional angles `(T,)`; NaN if `under` does not move."""
     first, second = over - over[0], under - under[0]
     square = float(second @ second)
     return float(first @ second) / square if square > 0 else math.nan
 
 
 def ratio_through_shaft(over: Array, rotor: Array, dt: float) -> float:
-    """Do as `ratio` for an angle before the shaft and that of rotor 1 behind it, which swings.
+    """Return the ratio of an angle before the shaft to that of rotor 1, which swings behind it.
 
-    The angle at the gearbox is `rotor` and a multiple of its acceleration; twice integrated, so that
-    noise is not differentiated.
+    The former is `rotor` plus a multiple of its acceleration; both are integrated twice to avoid noise.
     """
     upper, lower = (integral(integral(x - x[0], dt), dt) for x in (over, rotor))
     factors, _ = explained(upper, lower, rotor, integral(np.ones(len(rotor)), dt))
@@ -208,7 +207,7 @@ def ratio_through_shaft(over: Array, rotor: Array, dt: float) -> float:
 
 
 def differenced(angle: Array, speed: Array, t: Array) -> bool:
-    """Whether the speed is no measurement, but differences of the angle; all `(T,)`."""
+    """Return whether the speed is no measurement, but differences of the angle; all are `(T,)`."""
     rough = np.diff(speed[1:-1], 2)
     if len(rough) < 3 or not np.any(rough):
         return False
@@ -217,14 +216,14 @@ def differenced(angle: Array, speed: Array, t: Array) -> bool:
 
 
 def step(values: Array) -> float:
-    """Return the step between levels of what is counted or rounded; 0 where it has none."""
-    apart = np.diff(np.unique(values))
-    apart = apart[apart > 1e-9 * float(np.ptp(values))]
-    return float(np.mean(apart[apart < 1.5 * apart.min()])) if len(apart) else 0.0
+    """Return the step between levels of a counted or rounded signal; 0 if it has none."""
+    gaps = np.diff(np.unique(values))
+    gaps = gaps[gaps > 1e-9 * float(np.ptp(values))]
+    return float(np.mean(gaps[gaps < 1.5 * gaps.min()])) if len(gaps) else 0.0
 
 
 def counted_unit(angle: Array) -> str:
-    """Return the unit in which the steps of an encoder divide a turn evenly; empty for none."""
+    """Return the unit in which the steps of an encoder divide a turn evenly; empty if there is none."""
     count = step(angle)
     if count == 0 or abs(math.log10(count) - round(math.log10(count))) < 1e-6:  # rounded numbers
         return ""
@@ -233,22 +232,22 @@ def counted_unit(angle: Array) -> str:
     for unit in ("rad", "deg"):
         counts = TURN[unit] / count
         whole = round(counts)
-        near = whole > 0 and abs(counts / whole - 1) < 2e-4
-        if near and 100 <= whole <= 65536 and (whole % 100 == 0 or whole & (whole - 1) == 0):
+        is_whole = whole > 0 and abs(counts / whole - 1) < 2e-4
+        if is_whole and 100 <= whole <= 65536 and (whole % 100 == 0 or whole & (whole - 1) == 0):
             return unit
     return ""
 
 
 def coarse_step(values: Array) -> float:
-    """Return the step between levels that few samples are each; 0 where half of all differ."""
+    """Return the step of a signal with few levels; 0 if at least half of its samples differ."""
     return step(values) if len(np.unique(values)) < 0.5 * len(values) else 0.0
 
 
 def noise(values: Array) -> float:
     """Estimate the standard deviation of the noise of `values (T,)` by their differences.
 
-    It is at least that of rounding to the last digit.  Differences of higher order leave less of the
-    signal, so the smallest estimate counts.
+    It is at least that of rounding to the last digit. Differences of higher order contain less of the
+    signal, so the smallest estimate is taken.
     """
     estimates = []
     for order in (2, 3, 4, 5):
@@ -263,24 +262,24 @@ def noise(values: Array) -> float:
 TURNS = ("angle", "speed")  # kinds
 TURN = {"deg": 360.0, "rad": 2 * math.pi, "revolution": 1.0}
 COUNTER_BITS = (12, 14, 16, 24, 32)
-WRAPPED_SHARE = 0.9  # of a turn, that an angle which begins again has to cover
-WRAPPED_STEP = 4.0  # times the usual step, at most, is left where it begins again
+WRAPPED_SHARE = 0.9  # smallest range of a wrapped angle, in periods
+WRAPPED_STEP = 4.0  # largest step where a wrapped angle begins again, over the typical step
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RawSamples:
-    """What was measured, `x (m,)` at times `t (m,)` [s], without what looks like a glitch."""
+    """Raw samples are finite measurements `x (m,)` at times `t (m,)` [s], without likely glitches."""
 
     t: Array
     x: Array
-    missing: int = 0  # samples that are no number
-    glitches: tuple[tuple[float, float], ...] = ()  # first and last times, s
-    wraps: float = 0.0  # a period, or 0
+    n_missing: int = 0
+    glitches: tuple[tuple[float, float], ...] = ()  # first and last time of each, s
+    wrap_period: float = 0.0  # 0 if the signal does not wrap
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sensor:
-    """A column with what is believed of it: `why` is known of it, `doubts` are to be reviewed."""
+    """A sensor is a column with its presumed kind, location and unit; `doubts` are to be reviewed."""
 
     column: FileColumn
     values: Array  # (n,), on the grid of its segment
@@ -290,36 +289,36 @@ class Sensor:
     raw: RawSamples
     why: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
-    guessed: bool = False  # its unit is told by size or words alone
+    guessed: bool = False  # the unit follows from size or words alone
 
     @property
     def name(self) -> str:
-        """The name of its column."""
+        """Return the name of the column."""
         return self.column.name
 
     @property
     def si(self) -> Array:
-        """The values `(n,)` in SI, positive as the state that they measure."""
-        sign = -1.0 if self.column.meaning.backwards else 1.0
+        """Return the values `(n,)` in SI, with the sign of the state that they measure."""
+        sign = -1.0 if self.column.meaning.is_reversed else 1.0
         return sign * self.values * units.factor(self.unit, SI[self.kind])
 
     @property
     def noise(self) -> float:
-        """The standard deviation of its noise, in the column's unit; a coarse speed is a difference."""
+        """Return the sd of the noise, in the column's unit; a coarse speed has that of a difference."""
         steps = coarse_step(self.raw.x) / math.sqrt(6) if self.kind == "speed" else 0.0
         return max(noise(self.raw.x), steps)
 
     @property
     def varies(self) -> bool:
-        """Whether any two samples differ."""
+        """Return whether any two samples differ."""
         return bool(np.ptp(self.raw.x) > 0)
 
     def angle(self, dt: float) -> Array:
-        """How far it has turned, in rad, `(n,)`."""
+        """Return the angle `(n,)` [rad], integrated from a speed if necessary."""
         return self.si if self.kind == "angle" else integral(self.si, dt)
 
     def revised(self, *, why: str = "", doubt: str = "", **changes: Any) -> Sensor:
-        """Return a copy with one more reason or doubt, and with other changes."""
+        """Return a copy with another reason or doubt, and with other changes."""
         return dataclasses.replace(
             self,
             why=(*self.why, why) if why else self.why,
@@ -331,32 +330,32 @@ class Sensor:
 def read_sensors(
     columns: Sequence[FileColumn], segment: Segment
 ) -> tuple[list[Sensor], dict[str, str]]:
-    """Return columns beside the time as their heads say what they are; and why others are left out."""
-    left_out = {c.name: why for c in columns if (why := _why_unusable(c, segment.rows))}
-    usable = [column for column in columns if column.name not in left_out]
+    """Return the usable columns but the time as their heads describe them, and why others are unused."""
+    unused = {c.name: why for c in columns if (why := _why_unusable(c, segment.rows))}
+    usable = [column for column in columns if column.name not in unused]
     jumped = input_jumps(usable, segment)
     sensors = [read_sensor(column, segment, jumped) for column in usable]
-    return [_without_swings(sensor, sensors, segment) for sensor in sensors], left_out
+    return [_without_swings(sensor, sensors, segment) for sensor in sensors], unused
 
 
-CALM = 1.5  # times what it usually leaves its chord by, that another may in a glitch of this
+MAX_DEPARTURE = 1.5  # departure of other channels during a glitch, over the typical one
 
 
 def _without_swings(sensor: Sensor, others: Sequence[Sensor], segment: Segment) -> Sensor:
-    """Long departures are glitches only where no other channel leaves its course with it."""
-    beside = [o.values for o in others if o is not sensor and o.kind in (*TURNS, "current")]
+    """Return the sensor with those long glitches alone during which no other channel departs."""
+    channels = [o.values for o in others if o is not sensor and o.kind in (*TURNS, "current")]
 
     def alone(begin: float, end: float) -> bool:
         first, last = np.searchsorted(segment.grid, (begin - 1e-9, end + 1e-9)) - (0, 1)
-        away = (anomalies.leaves_chord(x, int(first), int(last)) for x in beside)
-        return last - first < anomalies.MAX_SHORT_SPIKE or all(x < CALM for x in away)
+        away = (anomalies.leaves_chord(x, int(first), int(last)) for x in channels)
+        return last - first < anomalies.MAX_SHORT_SPIKE or all(x < MAX_DEPARTURE for x in away)
 
     glitches = tuple(pair for pair in sensor.raw.glitches if alone(*pair))
     return sensor.revised(raw=dataclasses.replace(sensor.raw, glitches=glitches))
 
 
 def input_jumps(columns: Sequence[FileColumn], segment: Segment) -> Flags:
-    """Mark the rows `(T,)` at which a voltage among the columns has just jumped."""
+    """Return a mask `(T,)` of the rows at which a voltage among the columns has just jumped."""
     jumped = np.zeros(len(segment.t), dtype=np.bool_)
     for column in columns:
         if column.meaning.kind == "voltage":
@@ -369,7 +368,7 @@ def read_sensor(
 ) -> Sensor:
     """Return a column as a sensor, without glitches and unwrapped.
 
-    `jumped (T,)`: rows at which a voltage jumps; `kind`, `unit`: where more than the head is known.
+    `jumped (T,)` marks rows at which a voltage jumps; `kind` and `unit` replace those of the head.
     """
     kind, unit = kind or column.meaning.kind, unit or column.meaning.unit
     values = column.values[segment.rows]
@@ -377,10 +376,10 @@ def read_sensor(
     t, x = segment.t[known], values[known]
     doubt, period, spikes = "", 0.0, anomalies.spans(np.zeros(len(x), dtype=np.bool_))
     if kind == "angle" and column.meaning.location != TWIST:
-        period, turned = _wraps(x, unit)
+        period, period_unit = _wrap_period(x, unit)
         if period and not unit:
-            unit = turned
-            doubt = f"no unit is said; {turned}, as it begins again after {period:.6g}"
+            unit = period_unit
+            doubt = f"no unit is said; {unit}, as it begins again after {period:.6g}"
         x = anomalies.unwrap(x, period)[0] if period else x
     if kind in (*TURNS, "current"):
         spikes = anomalies.spikes(x, jumped[known], inert=kind in TURNS)
@@ -393,8 +392,8 @@ def read_sensor(
     return sensor.revised(doubt=doubt)
 
 
-def _wraps(x: Array, unit: str) -> tuple[float, str]:
-    """After how much an angle begins again, 0: it does not; and of which unit that is a turn."""
+def _wrap_period(x: Array, unit: str) -> tuple[float, str]:
+    """Return the period after which an angle begins again, and the unit of a turn; 0 if it does not."""
     periods = [(turn, name) for name, turn in TURN.items() if unit in ("", name)]
     if unit.startswith("count"):
         counts = [2 * math.pi / units.factor(unit, "rad"), *(2.0**bits for bits in COUNTER_BITS)]
@@ -404,9 +403,9 @@ def _wraps(x: Array, unit: str) -> tuple[float, str]:
         far = steps > 0.5 * period
         if not far.any() or not WRAPPED_SHARE * period < np.ptp(x) < 1.001 * period:
             continue
-        taken_back = np.abs(np.diff(anomalies.unwrap(x, period)[0]))
-        typical = float(np.quantile(taken_back[~far], 0.99)) if (~far).any() else math.inf
-        smooth = np.all(taken_back[far] <= WRAPPED_STEP * typical)
+        unwrapped = np.abs(np.diff(anomalies.unwrap(x, period)[0]))
+        typical = float(np.quantile(unwrapped[~far], 0.99)) if (~far).any() else math.inf
+        smooth = np.all(unwrapped[far] <= WRAPPED_STEP * typical)
         if smooth and not len(anomalies.ambiguous(x, period)):
             return period, name
     return 0.0, ""
@@ -433,36 +432,36 @@ def _why_unusable(column: FileColumn, rows: slice) -> str:
         (not is_plausible(numbers), f"has numbers up to {largest:.3g}, which no rig has"),
         (kind == "time", f"is a time, but {second}"),
         (kind == "force" and not meaning.symbol, "is a force, which the rig does not have"),
-        (meaning.reference and kind != "voltage", "is a set point, not a measurement"),
+        (meaning.is_setpoint and kind != "voltage", "is a set point, not a measurement"),
         (same and kind != "voltage", f"is {next(iter(numbers), 0.0):g} in every row"),
     )
     return next((why for wrong, why in checks if wrong), "")
 
 
-def reverses(sensor: Sensor, share: float = BOTH_WAYS) -> bool:
-    """Return whether a drive or a motion reverses by at least this share of its larger side."""
-    x, apart = sensor.raw.x, max(1, len(sensor.raw.x) // 200)
+def reverses(sensor: Sensor, share: float = REVERSAL_RATIO) -> bool:
+    """Return whether a drive or motion reverses, by at least the `share` of its larger side."""
+    x, stride = sensor.raw.x, max(1, len(sensor.raw.x) // 200)
     if sensor.kind in ("angle", "position"):
-        x = x[apart:] - x[:-apart]
+        x = x[stride:] - x[:-stride]
     low, high = np.percentile(x, [2, 98])
     return bool(min(-low, high) > share * max(-low, high))
 
 
 def dead_samples(channels: Sequence[Sensor], inputs: Sequence[Sensor]) -> int:
-    """Return how many samples late the first speed follows the first input; 0 where it is not clear."""
+    """Return by how many samples the first speed follows the first input; 0 if it is not clear."""
     speeds = [sensor for sensor in channels if sensor.kind in ("speed", "velocity")]
     driving = [sensor for sensor in inputs if sensor.kind in DRIVES and sensor.varies]
     if not speeds or not driving:
         return 0
     x, u = speeds[0].values, driving[0].values
-    k = np.arange(PAST + MAX_DEAD, min(len(x), LOOKED_AT))
-    past = [x[k - j] for j in range(1, PAST + 1)]
-    left = [1 - explained(x[k], *past, u[k - d - 1])[1] for d in range(MAX_DEAD + 1)]
-    best = int(np.argmin(left))
-    return best if left[best] < CLEARER * left[0] else 0
+    k = np.arange(N_PAST + MAX_DEAD_SAMPLES, min(len(x), MAX_ROWS))
+    past = [x[k - j] for j in range(1, N_PAST + 1)]
+    residuals = [1 - explained(x[k], *past, u[k - d - 1])[1] for d in range(MAX_DEAD_SAMPLES + 1)]
+    best = int(np.argmin(residuals))
+    return best if residuals[best] < MAX_RESIDUAL_RATIO * residuals[0] else 0
 
 
 def is_plausible(values: Array) -> bool:
-    """Whether numbers are of a size whose squares can be computed with."""
+    """Return whether numbers are of a size whose squares can be computed."""
     largest = float(np.abs(values).max(initial=0.0))
     return largest == 0 or 1 / MAX_NUMBER < largest < MAX_NUMBER

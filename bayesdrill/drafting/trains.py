@@ -1,8 +1,8 @@
-"""A train as its columns describe it: an inertia for each angle, shafts between them, drives.
+"""Describe a train by its columns: an inertia for each angle, shafts between them, drives.
 
-Columns are named by the symbols that the train will have: `theta_motor`, `w_load`, `x_cart`,
-`v_cart`, and of inputs `i_motor`, `u_motor`, `t_motor`, `f_cart`.  Where nobody names them, a record
-with several angles and a current is one of a train too.
+Columns have the symbols of the train: `theta_motor`, `w_load`, `x_cart`, `v_cart`, and for inputs
+`i_motor`, `u_motor`, `t_motor`, `f_cart`. A record with several angles and a current is one of a train
+even if nobody names its columns.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ LOCATIONS = {MOTOR: "motor", GEARBOX: "gearbox", ROTOR: "load"}
 
 
 def is_train(sensors: Sequence[Sensor], rig: Model) -> bool:
-    """Tell whether a train is asked for, or several angles and a current show one."""
+    """Return whether a train is asked for, or several angles and a current suggest one."""
     if rig.has_private_names or any(map(_symbol, sensors)):
         return True
     kinds = [sensor.kind for sensor in sensors]
@@ -41,13 +41,13 @@ def assign_train(sensors: Sequence[Sensor], dt: float) -> SensorRoles:
     moving = [sensor for sensor in sensors if sensor.kind in MOTIONS]
     names = _names(moving)
     inertias = [*dict.fromkeys(names[id(sensor)] for sensor in moving)]
-    left_out: dict[str, str] = {}
+    unused: dict[str, str] = {}
     channels: dict[str, DraftChannel] = {}
     for sensor in moving:
         name = f"{LETTERS[sensor.kind]}_{names[id(sensor)]}"
-        measures = f"-{name}" if sensor.column.meaning.backwards else ""
-        add_channel(channels, DraftChannel(name, measures, sensor), left_out)
-    inputs, drives = _inputs(sensors, inertias, channels, left_out)
+        measures = f"-{name}" if sensor.column.meaning.is_reversed else ""
+        add_channel(channels, DraftChannel(name, measures, sensor), unused)
+    inputs, drives = _inputs(sensors, inertias, channels, unused)
     inertias = [*dict.fromkeys((*inertias, *drives))]
     letters = (("theta", "w"), ("x", "v"))
     mark_differenced(channels, dt, [(f"{a}_{n}", f"{w}_{n}") for n in inertias for a, w in letters])
@@ -67,15 +67,15 @@ def assign_train(sensors: Sequence[Sensor], dt: float) -> SensorRoles:
         rig=with_named(plain, damped),
         train=plain,
         gear=1.0,
-        gear_why="",
+        gear_reason="",
         gear_doubt="inertias stand in the order of their columns, each joined to the next; mend what is "
         "otherwise (a gear is `gears: {box: {between: [motor, load], ratio: 0.1}}`)",
-        left_out=left_out,
+        unused=unused,
     )
 
 
 def _names(moving: Sequence[Sensor]) -> dict[int, str]:
-    """Return the inertia of each sensor, by its identity: as it is named, or by its place."""
+    """Return the name of each sensor's inertia, by the sensor's id: as given, or by its location."""
     names, counts = dict[int, str](), Counter[str]()
     for sensor in moving:
         match = _symbol(sensor)
@@ -89,9 +89,9 @@ def _inputs(
     sensors: Sequence[Sensor],
     inertias: Sequence[str],
     channels: dict[str, DraftChannel],
-    left_out: dict[str, str],
+    unused: dict[str, str],
 ) -> tuple[dict[str, Sensor], dict[str, str]]:
-    """Return measured inputs, and the drive of each inertia; beside a voltage a current is a channel."""
+    """Return measured inputs, and the drive of each inertia; a current is a channel beside a voltage."""
     inputs: dict[str, Sensor] = {}
     drives: dict[str, str] = {}
     order = [*DRIVES]
@@ -100,14 +100,14 @@ def _inputs(
         letter, kind = LETTERS[sensor.kind], DRIVES[sensor.kind]
         match = _symbol(sensor)
         at = match[2] if match else inertias[0] if inertias else "inertia_1"
-        if match is None and sensor.column.meaning.reference:
-            left_out[sensor.name] = "was asked for, and need not have happened"
+        if match is None and sensor.column.meaning.is_setpoint:
+            unused[sensor.name] = "was asked for, and need not have happened"
         elif at not in drives:
             drives[at], inputs[f"{letter}_{at}"] = kind, sensor
         elif sensor.kind == "current" and drives[at] == "voltage":
             channels[f"i_{at}"] = DraftChannel(f"i_{at}", "", sensor)
         else:
-            left_out[sensor.name] = f"is not needed: {at} is driven by {next(iter(inputs))}"
+            unused[sensor.name] = f"is not needed: {at} is driven by {next(iter(inputs))}"
     return inputs, drives
 
 
@@ -130,7 +130,7 @@ HELD_SCALE = (
 
 
 def held_scales(rig: Model, sensors: Sequence[Sensor]) -> set[str]:
-    """Return parameters that only scale all others, of which each is held at one."""
+    """Return the parameters that only scale all others; each is held at one."""
     held = {motor.torque_constant for motor in rig.roles.motors}
     if not any(sensor.kind == "current" for sensor in sensors):
         held |= {motor.resistance for motor in rig.roles.motors}

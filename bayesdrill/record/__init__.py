@@ -1,6 +1,6 @@
-"""What was measured: files of every format (`formats/`) become one `Experiment` in SI.
+"""Read what was measured: files of every format (`formats/`) become one `Experiment` in SI.
 
-Times are in `clocks`, what sensors made of samples in `anomalies`. Nothing here knows a rig, an
+`clocks` handles times, and `anomalies` finds samples that the sensor made. Nothing here knows a rig, an
 unknown or a config.
 """
 

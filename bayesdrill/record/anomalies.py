@@ -1,10 +1,10 @@
-"""Samples that the sensor made, not the rig: spikes, stuck or clipped values, wraps, differences.
+"""Find samples that the sensor made, not the rig: spikes, stuck or clipped values, wraps, differences.
 
-A spike leaves the signal and comes back to it within a few samples, about as fast as it left.  Up to
-three samples are judged against the chord between their neighbours, longer ones against a running
-median, which keeps steps and follows ramps.  The yardstick is what the signal itself leaves of these,
-around the spike: the peaks of a swing are alike, and so are trains of pulses and quantised speeds.  What
-only follows a jump of an input is the rig's.
+A spike leaves the signal and returns within a few samples, about as fast as it left. Up to three
+samples are compared with the chord between their neighbours. Longer spikes are compared with a running
+median, which keeps steps and follows ramps. The scale is the size of other departures around the
+spike: peaks of a swing resemble each other, as do pulses and quantised speeds. A departure right after
+a jump of an input belongs to the rig.
 """
 
 from __future__ import annotations
@@ -17,38 +17,38 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from bayesdrill.basics.arrays import Array, Flags, Indices
 
-MAX_SHORT_SPIKE = 3  # samples of a spike that is judged against the chord between its neighbours
-MAX_LONG_SPIKES = (6, 20)  # samples of a spike, by the width of the median it is judged against
+MAX_SHORT_SPIKE = 3  # samples of a spike that is compared with the chord between its neighbours
+MAX_LONG_SPIKES = (6, 20)  # samples of a longer spike; each has a running median of its own width
 
-# From what size on a peculiarity of a record counts.
-MIN_SPIKE_SDS = 2.0  # sds of the channel that a short spike leaves its chord by, at least
-SWING_WINDOW = 6  # times the length of a long spike, in which a swing would go to the other side
-MIN_DEPARTURE = 5.0  # times what the signal does around it
-AROUND_SPIKE = 60  # samples on either side, that are its yardstick
-AROUND_QUANTILE = 0.95  # quantile of these: other spikes may be among them
-MIN_LONG_DEPARTURE = 6.0  # times the usual departure
-TYPICAL_QUANTILE = 0.9  # quantile of departures that is usual
-MAX_SLOPE_RATIO = 3.0  # times: the way back against the way there
-MAX_SWING = 0.3  # of the height, to the other side: an oscillation, not a spike
-MAX_RETURN_ERROR = 0.35  # of the height: how near the signal is afterwards to where it was
-INPUT_JUMP = 0.2  # of an input's range within one step
-MAX_JUMP_SHARE = 0.1  # of all samples: an input that jumps so often is no cause of a single spike
-MIN_SAMPLES = 60  # samples, to judge anything
-MIN_STUCK_RUN = 10  # samples of a run of one value, at least
+# Thresholds from which on a departure counts.
+MIN_SPIKE_SDS = 2.0  # height of a short spike, in sds of the channel
+SWING_WINDOW = 6  # lengths of a long spike, within which a swing would go to the other side
+MIN_DEPARTURE = 5.0  # height of a short spike over the departures around it
+AROUND_SPIKE = 60  # samples on either side whose departures are the scale
+AROUND_QUANTILE = 0.95  # their quantile that counts, as other spikes may be among them
+MIN_LONG_DEPARTURE = 6.0  # height of a long spike over the typical departure
+TYPICAL_QUANTILE = 0.9  # quantile of departures that counts as typical
+MAX_SLOPE_RATIO = 3.0  # ratio of the slopes on the way out and back
+MAX_SWING = 0.3  # relative height on the other side, beyond which it is an oscillation
+MAX_RETURN_ERROR = 0.35  # relative height by which the signal may miss its former value
+INPUT_JUMP = 0.2  # change within one step, relative to the input's range
+MAX_JUMP_SHARE = 0.1  # share of samples with jumps, beyond which jumps explain no single spike
+MIN_SAMPLES = 60  # fewer samples are not searched for spikes
+MIN_STUCK_RUN = 10  # samples of equal value
 MAX_ZERO_STEPS = 0.05  # share of steps that may be zero in a channel that has noise
-MIN_CLIPPED_RUN = 3  # samples of a run at an end of the range, at least
-MIN_CLIPPED_SAMPLES = 10  # of all such samples, at least
-MIN_CLIPPED_STEP = 2.5  # last digits in a step: so fast no signal turns round
-WRAP_MARGIN = 0.1  # of a period: so near half of it a jump may be one way or the other
+MIN_CLIPPED_RUN = 3  # samples of a run at an end of the range
+MIN_CLIPPED_SAMPLES = 10  # samples of all such runs
+MIN_CLIPPED_STEP = 2.5  # last step before a run, in digits: no signal reverses from such a speed
+WRAP_MARGIN = 0.1  # in periods: a jump this near to half a period may go either way
 FILTER_REACH = 3  # samples on either side that a filter may use
-STRETCH = 1 << 20  # samples that are looked at together, ...
-OVERLAP = 4096  # ... and others to both sides of them
-MAX_NUMPY_MEDIAN = 10_000  # samples whose medians take less than loading what has a quicker one
+STRETCH = 1 << 20  # samples that are searched at once
+OVERLAP = 4096  # additional samples on either side of them
+MAX_NUMPY_MEDIAN = 10_000  # for fewer samples NumPy is faster than importing SciPy's median
 
 
 @dataclass(frozen=True, slots=True)
 class Spans:
-    """Samples `first[j]` to `last[j]`, both ends, of a column."""
+    """The spans are runs of samples of a column, from `first[j]` to `last[j]` inclusive."""
 
     first: Indices
     last: Indices
@@ -58,11 +58,11 @@ class Spans:
 
     @property
     def count(self) -> int:
-        """The number of samples in all runs."""
+        """Return the number of samples in all runs."""
         return int(np.sum(self.last - self.first + 1))
 
     def mask(self, n: int) -> Flags:
-        """Return which of `n` samples are in a run: `(n,)`."""
+        """Return a mask `(n,)` of the samples that are in a run."""
         edges = np.zeros(n + 1, dtype=np.intp)
         np.add.at(edges, self.first, 1)
         np.add.at(edges, self.last + 1, -1)
@@ -70,7 +70,7 @@ class Spans:
 
 
 def spans(mask: Flags) -> Spans:
-    """Return the runs of what is true in `mask (T,)`."""
+    """Return the runs of true values in `mask (T,)`."""
     padded = np.concatenate([[False], mask, [False]])
     edges = np.flatnonzero(padded[1:] != padded[:-1])
     return Spans(edges[::2], edges[1::2] - 1)
@@ -79,10 +79,10 @@ def spans(mask: Flags) -> Spans:
 def spikes(
     x: Array, caused: Flags | None = None, *, wide: bool = True, inert: bool = False
 ) -> Spans:
-    """Find spikes in `x (T,)`, numbers all; `caused (T,)`: samples at which an input has just jumped.
+    """Find spikes in finite `x (T,)`; `caused (T,)` marks samples at which an input has just jumped.
 
-    `wide`: also spikes of more than two samples, which in an input may be meant; `inert`: an angle or a
-    speed, which no input moves there and back within `MAX_SHORT_SPIKE` samples.
+    With `wide`, spikes of more than two samples count, which in an input may be intended. With `inert`,
+    `x` is an angle or speed, which no input moves there and back within `MAX_SHORT_SPIKE` samples.
     """
     mask = np.zeros(len(x), dtype=np.bool_)
     if len(x) < MIN_SAMPLES:
@@ -98,7 +98,7 @@ def spikes(
 
 
 def _spike_mask(x: Array, caused: Flags, *, wide: bool, inert: bool) -> Flags:
-    """Return which samples of a stretch `x (T,)` are in spikes: `(T,)`."""
+    """Return a mask `(T,)` of the samples of a stretch `x (T,)` that are in spikes."""
     mask = np.zeros(len(x), dtype=np.bool_)
     for width in range(1, MAX_SHORT_SPIKE + 1 if wide else MAX_SHORT_SPIKE):
         mask |= _short_spikes(x, width, caused & (not inert))
@@ -108,16 +108,16 @@ def _spike_mask(x: Array, caused: Flags, *, wide: bool, inert: bool) -> Flags:
 
 
 def jumps(x: Array) -> Indices:
-    """Return the samples of an input `x (T,)` at which it has just jumped; gaps are passed over."""
+    """Return the samples of an input `x (T,)` at which it has just jumped; gaps are skipped."""
     known = np.flatnonzero(np.isfinite(x))
     steps = np.abs(np.diff(x[known]))
     return known[1:][steps > INPUT_JUMP * np.ptp(x[known])]
 
 
 def stuck(x: Array) -> Spans:
-    """Find the longest run of one value in `x (T,)`, where noise makes no two samples the same.
+    """Find the longest run of one value in `x (T,)`, if noise makes other samples differ.
 
-    Not where the record begins: there a rig may stand still, switched off.
+    A run at the beginning does not count, as a rig that is switched off stands still.
     """
     same = np.diff(x) == 0
     runs = spans(same)
@@ -134,7 +134,7 @@ def stuck(x: Array) -> Spans:
 
 
 def saturated(x: Array) -> Spans:
-    """Find runs of `x (T,)` at its largest or least value, which it ran into without turning."""
+    """Find runs of `x (T,)` at its largest or smallest value that begin with a steep step."""
     mask = np.zeros(len(x), dtype=np.bool_)
     steps = np.abs(np.diff(x))
     if not np.any(steps):
@@ -153,7 +153,7 @@ def saturated(x: Array) -> Spans:
 
 
 def _running_median(x: Array, size: int) -> Array:
-    """The median `(T,)` of the `size` samples around each, the ends of `x (T,)` repeated."""
+    """Return the median `(T,)` of `size` samples around each; the ends of `x (T,)` are repeated."""
     if len(x) > MAX_NUMPY_MEDIAN:
         return np.asarray(scipy.ndimage.median_filter(x, size, mode="nearest"))
     around = sliding_window_view(np.pad(x, size // 2, mode="edge"), size)
@@ -161,13 +161,13 @@ def _running_median(x: Array, size: int) -> Array:
 
 
 def _short_spikes(x: Array, width: int, caused: Flags) -> Flags:
-    """Runs of `width` samples that all leave the chord between their neighbours to one side."""
-    off = _off_chord(x, width)
-    height = np.maximum(np.maximum(off.min(axis=0), -off.max(axis=0)), 0.0)
-    least = max(MIN_SPIKE_SDS * float(np.std(x)), MIN_DEPARTURE * _usual_step(x))
-    back = np.abs(x[width + 1 :] - x[: -width - 1]) < MAX_RETURN_ERROR * height
+    """Mark runs `(T,)` of `width` samples that all leave their chord to the same side."""
+    departure = _chord_departure(x, width)
+    height = np.maximum(np.maximum(departure.min(axis=0), -departure.max(axis=0)), 0.0)
+    min_height = max(MIN_SPIKE_SDS * float(np.std(x)), MIN_DEPARTURE * _median_step(x))
+    returns = np.abs(x[width + 1 :] - x[: -width - 1]) < MAX_RETURN_ERROR * height
     mask = np.zeros(len(x), dtype=np.bool_)
-    for at in np.flatnonzero(back & (height > least)).tolist():
+    for at in np.flatnonzero(returns & (height > min_height)).tolist():
         first = at + 1
         high = height[at] > MIN_DEPARTURE * _typical_around(height, at, at + 1, width)
         if high and not caused[first - 1 : first + 1].any():
@@ -175,30 +175,30 @@ def _short_spikes(x: Array, width: int, caused: Flags) -> Flags:
     return mask
 
 
-def _usual_step(x: Array) -> float:
-    """The median of steps that are not zero; 0 where there are none."""
+def _median_step(x: Array) -> float:
+    """Return the median size of non-zero steps; 0 if there are none."""
     steps = np.abs(np.diff(x))
     return float(np.median(steps[steps > 0])) if steps.any() else 0.0
 
 
-def _off_chord(x: Array, width: int) -> Array:
-    """`(width, T - width - 1)`: samples less the chord between their neighbours."""
-    share = np.arange(1, width + 1)[:, None] / (width + 1)
+def _chord_departure(x: Array, width: int) -> Array:
+    """Return the departures `(width, T - width - 1)` of samples from the chord of their neighbours."""
+    fraction = np.arange(1, width + 1)[:, None] / (width + 1)
     window = sliding_window_view(x, width + 2).T
-    return np.asarray(window[1:-1] - window[:1] * (1 - share) - window[-1:] * share)
+    return np.asarray(window[1:-1] - window[:1] * (1 - fraction) - window[-1:] * fraction)
 
 
 def leaves_chord(x: Array, first: int, last: int) -> float:
-    """Return how far `x (T,)` is from the chord over samples `first` to `last`, over the typical."""
+    """Return the distance of samples `first` to `last` from their chord, over the typical distance."""
     if first < 1 or last > len(x) - 2:
         return 0.0
-    off = np.abs(_off_chord(x, last - first + 1)).max(axis=0)
-    typical = float(np.quantile(off, TYPICAL_QUANTILE))
-    return float(off[first - 1]) / typical if typical > 0 else 0.0
+    departure = np.abs(_chord_departure(x, last - first + 1)).max(axis=0)
+    typical = float(np.quantile(departure, TYPICAL_QUANTILE))
+    return float(departure[first - 1]) / typical if typical > 0 else 0.0
 
 
 def _typical_around(height: Array, begin: int, end: int, margin: int) -> float:
-    """What is usual of `height` before and after the samples from `begin` to `end`."""
+    """Return the typical `height` before and after the samples from `begin` to `end`."""
     before = height[max(0, begin - AROUND_SPIKE) : max(0, begin - margin)]
     after = height[end + margin : end + AROUND_SPIKE]
     return float(np.quantile(np.r_[before, after], AROUND_QUANTILE))
@@ -207,7 +207,7 @@ def _typical_around(height: Array, begin: int, end: int, margin: int) -> float:
 def _spikes(x: Array, longest: int, caused: Flags) -> Flags:
     away = x - _running_median(x, 4 * longest + 1)
     typical = float(np.quantile(np.abs(away), TYPICAL_QUANTILE))
-    typical = max(typical, _usual_step(x))
+    typical = max(typical, _median_step(x))
     mask = np.zeros(len(x), dtype=np.bool_)
     if typical == 0.0:
         return mask
@@ -224,7 +224,7 @@ def _spikes(x: Array, longest: int, caused: Flags) -> Flags:
 
 
 def _foot(away: Array, peak: int, typical: float, longest: int) -> tuple[int, int]:
-    """The samples around `peak` that are unusually far out."""
+    """Return the first and the last sample around `peak` with an untypical departure."""
     begin = end = peak
     while begin > 0 and away[begin - 1] > typical and peak - begin <= 2 * longest:
         begin -= 1
@@ -252,59 +252,57 @@ def _is_spike(x: Array, away: Array, at: tuple[int, int, int], longest: int) -> 
     )
 
 
-# Of what a speed's own past leaves, at most, and its noise is that of the angle.
-MAX_NOISE_RATIO = 0.02
-MIN_DIFFERENCED_SAMPLES = 50  # samples
-# Of the last value that a filter keeps; with all of it, sums are no differences.
-MAX_FILTER_POLE = 0.95
+MAX_NOISE_RATIO = 0.02  # residual of a speed given the angle's steps, over that given its own past
+MIN_DIFFERENCED_SAMPLES = 50
+MAX_FILTER_POLE = 0.95  # weight of the filter's last value; at 1 it would sum, not difference
 
 
 def ambiguous(x: Array, period: float) -> Indices:
-    """Return the samples before which the jump is of half a period, so that its way is unknown."""
+    """Return the samples after jumps of nearly half a period, whose direction is unknown."""
     jumps = np.abs(np.diff(x)) / period
     return np.flatnonzero(np.abs(jumps - np.round(jumps)) > 0.5 - WRAP_MARGIN) + 1
 
 
 def unwrap(x: Array, period: float) -> tuple[Array, int]:
-    """Unwrap `x (T,)`: each jump of more than half a period is taken back; and count the jumps."""
+    """Unwrap `x (T,)`: undo each jump of more than half a period, and count the jumps."""
     turns = np.round(np.diff(x) / period)
     return x - period * np.concatenate([[0.0], np.cumsum(turns)]), int(np.sum(turns != 0))
 
 
 def held_speeds(x: Array, t: Array) -> Array:
-    """Return speeds `(T,)` after samples of an angle, straight between them; the last comes again."""
+    """Return the speeds `(T,)` of an angle that is linear between samples; the last one is repeated."""
     speeds = np.diff(x) / np.diff(t)
     return np.append(speeds, speeds[-1:] if len(speeds) else 0.0)
 
 
 def integrate_speeds(w: Array, t: Array, begin: float) -> Array:
-    """Return the angle `(T,)` again, of speeds `w (T,)` that are held after each sample."""
+    """Return the angle `(T,)` of speeds `w (T,)` that are held after each sample."""
     return np.concatenate([[begin], begin + np.cumsum(w[:-1] * np.diff(t))])
 
 
 def quotients(x: Array, t: Array) -> dict[str, Array]:
-    """Return difference quotients of `x (T,)`, `(T - 2,)`, at all samples but the first and the last."""
+    """Return difference quotients `(T - 2,)` of `x (T,)`, at all samples but the first and the last."""
     slopes = np.diff(x) / np.diff(t)
     central = (x[2:] - x[:-2]) / (t[2:] - t[:-2])
     return {"backward": slopes[:-1], "forward": slopes[1:], "central": central}
 
 
 def nearest_quotient(x: Array, w: Array, t: Array) -> tuple[str, float]:
-    """Return the difference quotient of `x` that `w (T,)` is like, and its relative rms distance."""
+    """Return which difference quotient of `x` is nearest to `w (T,)`, and its relative rms distance."""
     middle = w[1:-1]
     size = float(np.sqrt(np.mean(middle**2))) or 1.0
-    off = {
+    mismatch = {
         kind: float(np.sqrt(np.mean((middle - quotient) ** 2))) / size
         for kind, quotient in quotients(x, t).items()
     }
-    kind = min(off, key=lambda name: off[name])
-    return kind, off[kind]
+    kind = min(mismatch, key=lambda name: mismatch[name])
+    return kind, mismatch[kind]
 
 
 def differenced(x: Array, w: Array, dt: float) -> bool:
-    """Whether `w (T,)` is no measurement of its own, but differences of `x`, perhaps filtered.
+    """Return whether `w (T,)` is no measurement, but (filtered) differences of `x`.
 
-    What the past of `w` does not foretell is its own noise, unless the newest steps of `x` foretell it.
+    The residual of predicting `w` from its past is its own noise, unless recent steps of `x` explain it.
     """
     if len(x) < MIN_DIFFERENCED_SAMPLES or not np.any(np.diff(w)):
         return False
@@ -322,7 +320,7 @@ def differenced(x: Array, w: Array, dt: float) -> bool:
 
 
 def _residual_sd(y: Array, causes: list[Array]) -> tuple[float, Array]:
-    """Standard deviation of what no sum of the causes and a constant explains, and their factors."""
+    """Return the residual sd of a linear fit of `y` by `causes` and a constant, and the coefficients."""
     design = np.stack([*causes, np.ones(len(y))], axis=-1)
     factors = np.linalg.lstsq(design, y, rcond=None)[0]
     return float(np.std(y - design @ factors)), factors

@@ -1,4 +1,4 @@
-"""Times of records: even and uneven, several clocks as one, and zero-phase decimation."""
+"""Handle times of records: even and uneven grids, several clocks as one, and zero-phase decimation."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ import numpy as np
 from bayesdrill.basics.arrays import Array, Counts, Indices
 from bayesdrill.record.experiment import STEP_TOLERANCE, is_even
 
-SAME_TIME = 1e-9  # of a step: times nearer than this are one
-MAX_SPARSITY = 10  # times as many places as samples, and a grid explains nothing
+SAME_TIME = 1e-9  # in steps: times nearer than this are the same
+MAX_SPARSITY = 10  # grid points per sample; a finer grid fits any times
 
 
 @dataclass(frozen=True, slots=True)
 class SampleGrid:
-    """Times `begin + step * place`; `place (T,)` are whole numbers from 0 that increase."""
+    """A sample grid has times `begin + step * indices`; `indices (T,)` increase from 0."""
 
     begin: float
     step: float
@@ -25,18 +25,18 @@ class SampleGrid:
 
     @property
     def times(self) -> Array:
-        """The times `(T,)`, in the unit of `step`."""
+        """Return the times `(T,)`, in the unit of `step`."""
         return np.asarray(self.begin + self.step * self.indices, dtype=np.float64)
 
 
 def grid(t: Array) -> SampleGrid | None:
-    """The even grid on which each of `t (T,)` lies to `STEP_TOLERANCE` of its step, if there is one."""
+    """Return the even grid of times `t (T,)`, if each is within `STEP_TOLERANCE` steps of one."""
     if len(t) < 3:
         return None
     steps, centre = np.diff(t), t.mean()
     for step in (float(np.median(steps)), float(steps.min())):
-        near = steps[np.abs(steps - step) < step / 4]  # a mean, as times may have few digits
-        indices = np.concatenate([[0.0], np.cumsum(np.round(steps / near.mean()))])
+        similar = steps[np.abs(steps - step) < step / 4]  # a mean, as times may be rounded
+        indices = np.concatenate([[0.0], np.cumsum(np.round(steps / similar.mean()))])
         if not np.all(np.diff(indices) > 0) or indices[-1] > MAX_SPARSITY * len(t):
             continue
         middle = indices.mean()
@@ -49,7 +49,7 @@ def grid(t: Array) -> SampleGrid | None:
 
 
 def on_grid(t: Array) -> Array:
-    """Return `t (T,)` itself where its steps are equal or have no grid, else the times of the grid."""
+    """Return `t (T,)` if its steps are equal or fit no grid, else the times of the grid."""
     nearest = None if is_even(t) else grid(t)
     return t if nearest is None else nearest.times
 
@@ -84,21 +84,21 @@ def _gaps(t: Array, grid: SampleGrid) -> str:
 
 
 def union(clocks: Sequence[Array]) -> Array:
-    """Merge the times of all `clocks`, each increasing; a time that several share stands once."""
+    """Merge the times of all `clocks`, each increasing; a time that several share occurs once."""
     t = np.sort(np.concatenate(clocks))
     step = min(map(median_step, clocks))
-    near = max(SAME_TIME * step if step < math.inf else 0.0, _rounding(t))
-    return np.asarray(t[np.r_[True, np.diff(t) > near]], dtype=np.float64)
+    tolerance = max(SAME_TIME * step if step < math.inf else 0.0, _rounding(t))
+    return np.asarray(t[np.r_[True, np.diff(t) > tolerance]], dtype=np.float64)
 
 
 def crowded_time(t: Array, clocks: Sequence[Array]) -> float:
-    """Return a time of the `union` `t` that another follows after far less than a step, or NaN."""
+    """Return a time of the `union` `t` that another follows within far less than a step, or NaN."""
     close = np.flatnonzero(np.diff(t) < STEP_TOLERANCE * min(map(median_step, clocks)))
     return float(t[close[0]]) if len(close) else math.nan
 
 
 def median_step(clock: Array) -> float:
-    """Return the median step; infinite for a single time, which is as good as any."""
+    """Return the median step of a clock; infinite for a single time."""
     return float(np.median(np.diff(clock))) if len(clock) > 1 else math.inf
 
 
@@ -107,7 +107,7 @@ def _rounding(t: Array) -> float:
 
 
 def indices_in(t: Array, clock: Array) -> Indices:
-    """Return the index of each time of `clock`, one of those of the `union` `t`, in it."""
+    """Return the index in the `union` `t` of each time of `clock`, which is part of it."""
     if len(t) < 2:
         return np.zeros(len(clock), dtype=np.intp)
     after = np.clip(np.searchsorted(t, clock), 1, len(t) - 1)
@@ -115,7 +115,7 @@ def indices_in(t: Array, clock: Array) -> Indices:
 
 
 def hold_input(t: Array, clock: Array, values: Array, *, first_order: bool) -> Array:
-    """Hold an input known at `clock (n,)` at times `t (T,)`, first or zero order; ends go on beyond."""
+    """Return an input, known at `clock (n,)`, at times `t (T,)` by a first- or zero-order hold."""
     if first_order:
         return np.interp(t, clock, values)
     step = median_step(clock)
@@ -124,15 +124,14 @@ def hold_input(t: Array, clock: Array, values: Array, *, first_order: bool) -> A
     return np.asarray(values[np.maximum(last, 0)], dtype=np.float64)
 
 
-TAPS_PER_FACTOR = 20  # times the factor, and one: the length of the filter
-CUTOFF_SHARE = 0.8  # of the new Nyquist frequency: half of the amplitude passes there
-# Of the window: 1 to 1e-5 up to half the new Nyquist frequency, below 1e-4 from 1.2 on.
-KAISER_BETA = 8.0
+TAPS_PER_FACTOR = 20  # the filter has this many samples per unit of the factor, and one more
+CUTOFF_SHARE = 0.8  # cutoff, where half of the amplitude passes, over the new Nyquist frequency
+KAISER_BETA = 8.0  # gain is 1 to 1e-5 up to half the new Nyquist frequency, below 1e-4 from 1.2 on
 
 
 @dataclass(frozen=True, slots=True)
 class DecimatedSignals:
-    """`y (n, K)` at samples `kept (n,)` of the record; `taken (K,)`: sd of what the filter took away."""
+    """Decimated signals are `y (n, K)` at `samples (n,)`; `removed (K,)` is the sd of the rest."""
 
     y: Array
     samples: Indices
@@ -140,19 +139,19 @@ class DecimatedSignals:
 
 
 def filter_length(factor: int) -> int:
-    """Return how many samples the filter has, an odd number."""
+    """Return the length of the filter in samples, an odd number."""
     return TAPS_PER_FACTOR * factor + 1
 
 
 def cutoff(factor: int, dt: float) -> float:
-    """Return the cutoff frequency [Hz], where half of the amplitude passes."""
+    """Return the cutoff frequency [Hz], at which half of the amplitude passes."""
     return CUTOFF_SHARE / (2 * factor * dt)
 
 
 def decimated(y: Array, factor: int) -> DecimatedSignals:
-    """Filter `y (T, K)`, at equal steps and without NaN, by a Kaiser-window FIR, and decimate it.
+    """Filter `y (T, K)`, without NaN at equal steps, by a Kaiser-window FIR, and decimate it.
 
-    Within half the filter of an end nothing is left.
+    No sample within half the filter length of an end remains.
     """
     from scipy.signal import firwin, oaconvolve
 

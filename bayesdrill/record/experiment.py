@@ -1,4 +1,4 @@
-"""An experiment: one record, its inputs and its start, in SI, checked once and then trusted."""
+"""Define an experiment: one record, its inputs and its start, in SI, checked once and then trusted."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from bayesdrill.basics.errors import InputError, Issue
 from bayesdrill.basics.symbols import INPUTS, Symbol
 from bayesdrill.basics.units import SECOND, Unit
 
-EARLIEST_DAY, LATEST_DAY = 20_000, 800_000  # of the calendars of Excel and MATLAB, in our time
-MAX_REPEATED_TIMES = 0.1  # of all steps: more that are zero are no mistake of single rows
-MAX_VALUE = 1e40  # of a column; 9.91e37, which SCPI writes for NaN, may be masked as a glitch
-STEP_TOLERANCE = 1e-3  # how far a time step may be from the usual one, relative
+EARLIEST_DAY, LATEST_DAY = 20_000, 800_000  # day numbers of Excel and MATLAB in our time
+MAX_REPEATED_TIMES = 0.1  # share of zero steps beyond which times have too few digits
+MAX_VALUE = 1e40  # 9.91e37, which SCPI writes for NaN, is below it, and may be masked as a glitch
+STEP_TOLERANCE = 1e-3  # relative deviation of a time step from the median one
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Channel:
-    """A measured linear combination of states; `unit` is SI, `latex` without dollars.
+    """A channel is a measured linear combination of states; `unit` is SI, `latex` without dollars.
 
-    `column`: the unit of its column, as far as it can be shown; `factor`: how many SI one of it is.
+    Its `column` in the file has a unit that can be displayed, if known; one of it is `factor` SI units.
     """
 
     name: str
@@ -36,14 +36,14 @@ class Channel:
     factor: float = field(default=1.0, repr=False)
 
     @property
-    def shown(self) -> Unit:
-        """In which people are shown it."""
+    def display_unit(self) -> Unit:
+        """Return the unit in which the channel is displayed."""
         return self.column or Unit(self.unit, 1.0, self.latex_unit)
 
 
 @dataclass(frozen=True, slots=True)
 class Written:
-    """How a record is written: its files, and in which units people are shown times and inputs."""
+    """A record is written in `files`; its times and inputs are displayed in these units."""
 
     files: tuple[str, ...] = ()
     time: Unit = SECOND
@@ -52,18 +52,18 @@ class Written:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Anomaly:
-    """Samples that a sensor may have made: `text` of them, `where` each run is, what to `do`."""
+    """An anomaly is described by `text`; `where` lists the place of each run, and `do` is the advice."""
 
     text: str
     where: tuple[str, ...]
     do: str = ""
 
     def __repr__(self) -> str:
-        """Return the text by which runs know the record of a latent torque."""
+        """Return the text by which older runs identify the record of a latent torque."""
         return f"Odd(said={self.text!r}, where={self.where!r}, do={self.do!r})"
 
     def in_words(self, most: int) -> str:
-        """Describe them with the first `most` places."""
+        """Return a description with at most `most` places."""
         if not self.where:
             return f"{self.text}{self.do}"
         more_places = len(self.where) - most
@@ -73,15 +73,13 @@ class Anomaly:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Experiment:
-    """A record in SI.
+    """An experiment holds a record in SI, its inputs and its start.
 
-    t : (T,) increasing, of every clock; y : (T, K) one column per channel, NaN where it was not
-    measured; `constant`: inputs that do not change; `series`: measured inputs, each (T,), held by
-    `first_order` or zero-order hold; `start`: the state at time `t_start` <= t[0] (states not named are
-    zero).  `told`: what was done to the numbers of the files, in sentences; `odd`: what they look like
-    that a sensor made, not the rig.  `held_out (T, K)`: samples that are no evidence though they were
-    measured, NaN elsewhere; None where there are none.  `input_steps`: the usual step [s] of the clock
-    of each of `series`; `dt` where it is not named.  `input_symbols`: of all of them, by name.
+    Times `t (T,)` of all clocks increase. Signals `y (T, K)` have a column for each channel, with NaN
+    where it was not measured. Inputs are `constant`, or a measured `series (T,)` with a first- or
+    zero-order hold. States at `t_start <= t[0]` are in `start`; others are zero. `told` lists how the
+    files' numbers were changed, and `odd` their anomalies. Samples in `held_out (T, K)`, which is NaN
+    elsewhere, are no evidence. `input_steps` has the median step [s] of each series, by default `dt`.
     """
 
     t: Array
@@ -95,30 +93,30 @@ class Experiment:
     told: tuple[str, ...] = ()
     odd: tuple[Anomaly, ...] = ()
     held_out: Array | None = None
-    # Not in the `repr`, by which results know the noise of a missing torque: it decides no density.
+    # Not in the `repr`, by which results identify the noise of a missing torque: no density needs them.
     input_steps: Mapping[str, float] = field(default_factory=dict, repr=False)
     written: Written = field(default_factory=Written, repr=False)
     input_symbols: Mapping[str, Symbol] = field(default_factory=lambda: dict(INPUTS), repr=False)
 
     @property
     def dt(self) -> float:
-        """The step, or where steps differ the usual one."""
+        """Return the time step [s]; the median one if steps differ."""
         if self.uniform:
             return float((self.t[-1] - self.t[0]) / (len(self.t) - 1))
         return float(np.median(np.diff(self.t)))
 
     @property
     def lead(self) -> float:
-        """The span from the start to the first sample, in s; zero where they coincide."""
+        """Return the time [s] from the initial state to the first sample."""
         return float(self.t[0] - self.t_start)
 
     @property
     def uniform(self) -> bool:
-        """Whether all steps are equal, to `STEP_TOLERANCE` of a step."""
+        """Return whether all steps are equal, to `STEP_TOLERANCE` of a step."""
         return is_even(self.t)
 
     def first(self, samples: int) -> Experiment:
-        """Return the experiment of its first samples."""
+        """Return the experiment with its first samples alone."""
         here = slice(0, samples)
         return dataclasses.replace(
             self,
@@ -130,7 +128,7 @@ class Experiment:
 
     @property
     def seen(self) -> Flags:
-        """`(T, K)`: what was measured."""
+        """Return a mask `(T, K)` of the samples that were measured."""
         return ~np.isnan(self.y)
 
     def weights(self, states: Sequence[str]) -> Array:
@@ -140,27 +138,27 @@ class Experiment:
 
     @property
     def counts(self) -> tuple[int, ...]:
-        """How many samples each channel has."""
+        """Return the number of samples of each channel."""
         return tuple(int(n) for n in self.seen.sum(axis=0))
 
     def unit_of_input(self, name: str) -> Unit:
-        """Return the unit in which people are shown an input."""
+        """Return the unit in which an input is displayed."""
         known, symbol = self.written.inputs.get(name), self.input_symbols[name]
         return known or Unit(symbol.unit, 1.0, symbol.latex_unit)
 
     @property
     def drives(self) -> frozenset[str]:
-        """The names of inputs without which a rig would stand still."""
+        """Return the names of inputs without which a rig would stand still."""
         return frozenset(name for name, symbol in self.input_symbols.items() if symbol.drives)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names of the channels."""
+        """Return the names of the channels."""
         return tuple(channel.name for channel in self.channels)
 
 
 def is_even(t: Array) -> bool:
-    """Whether steps of `t (T,)` are equal, to `STEP_TOLERANCE` of one, and stay with their grid."""
+    """Return whether steps of `t (T,)`, or distances from an even grid, agree to `STEP_TOLERANCE`."""
     if len(t) < 3:
         return True
     step = (t[-1] - t[0]) / (len(t) - 1)
@@ -177,7 +175,7 @@ def is_even(t: Array) -> bool:
 def with_states(
     experiment: Experiment, states: Sequence[str], *, alone: bool = False
 ) -> Experiment:
-    """Return it with a channel for each state behind those it has, or `alone`; signals are zero."""
+    """Return the experiment with a zero channel for each state after its channels, or `alone`."""
     shown = tuple(
         Channel(name=f"state {name}", weights={name: 1.0}, unit="", latex="", latex_unit="")
         for name in states
@@ -189,14 +187,14 @@ def with_states(
 
 
 def frozen(values: Array) -> Array:
-    """Return a contiguous copy that nobody can write to."""
+    """Return a contiguous read-only copy."""
     copy = np.array(values, dtype=np.float64, order="C")
     copy.setflags(write=False)
     return copy
 
 
 def times(duration: float, rate: float) -> Array:
-    """Return times from 0 to `duration` [s], both ends, at `rate` [Hz]."""
+    """Return times from 0 to `duration` [s], including both ends, at `rate` [Hz]."""
     return np.arange(round(duration * rate) + 1) / rate
 
 
@@ -212,8 +210,8 @@ def check_series(
 ) -> list[Issue]:
     """Check that numbers are present, of a computable size, and vary where they have to.
 
-    Some may be `missing`; of the size fourth powers have to be numbers, too; those that a model
-    explains have to be `varying`; `instead`: a way out beside mending.
+    NaN is allowed if `missing`; measured channels have to be `varying`. Fourth powers must stay finite.
+    Messages begin with `what` and may end with another way out, `instead`.
     """
     bad = np.flatnonzero(np.isinf(values) if missing else ~np.isfinite(values))
     beyond = np.flatnonzero(np.abs(values) > MAX_VALUE)
@@ -270,7 +268,7 @@ def _why_back(t: Array, steps: Array) -> str:
 
 
 def calendar_hint(t: Array) -> str:
-    """Return a suspicion of times that are days of a calendar; empty where there is none."""
+    """Return a hint that times may be days of a calendar; empty if they are not."""
     if EARLIEST_DAY < t[0] < LATEST_DAY and t[-1] - t[0] < 1:
         days = f"numbers like {t[0]:.6g} may be days of a calendar (Excel, MATLAB's datenum)"
         return f"; {days}: save seconds since the start, or give time: {{rate: ...}}"
@@ -278,11 +276,11 @@ def calendar_hint(t: Array) -> str:
 
 
 def check_length(location: str, counts: Sequence[int], n_unknown: int) -> list[Issue]:
-    """Check that `counts`, of channels, are more than unknowns, and two samples, to have a step."""
+    """Check that channels with `counts` samples outnumber the unknowns, and that one has a time step."""
     if max(counts) >= 2 and sum(counts) > n_unknown:
         return []
-    there = f"{count_noun(max(counts), 'sample')} of {count_noun(len(counts), 'channel')}"
-    message = f"{there} cannot determine {count_noun(n_unknown, 'unknown')}"
+    length = f"{count_noun(max(counts), 'sample')} of {count_noun(len(counts), 'channel')}"
+    message = f"{length} cannot determine {count_noun(n_unknown, 'unknown')}"
     return [Issue(location, f"{message}; use a longer record or fix parameters")]
 
 
@@ -293,7 +291,7 @@ def raise_if_any(problems: list[Issue]) -> None:
 
 
 def count_noun(n: int, what: str) -> str:
-    """Count things in words: `1 sample`, `2 samples`."""
+    """Return a count with its noun: `1 sample`, `2 samples`."""
     return f"{n} {what}" if n == 1 else f"{n} {what}s"
 
 
@@ -304,7 +302,7 @@ def _rows(indices: Indices, where: Callable[[int], str]) -> str:
 
 
 def typical_inputs(experiment: Experiment) -> dict[str, float]:
-    """Return typical inputs, SI: the root mean square of what drives a rig, else the mean."""
+    """Return typical inputs in SI: the root mean square of driving inputs, the mean of others."""
     sizes, drives = dict(experiment.constant), experiment.drives
     for name, series in experiment.series.items():
         size = np.sqrt(np.mean(series**2)) if name in drives else np.mean(series)

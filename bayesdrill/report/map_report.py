@@ -82,7 +82,7 @@ class MapReport:
         said = residual_sentences(self.left, clock)
         shown = of_mode(units.rows(mode_rows(self.problem, self.mode)))
         doubts = unbelievable(self.reasons, converged=False)
-        shape = output_files.shown_path(self.config.output.formats_or_default)
+        shape = output_files.preferred_format(self.config.output.formats_or_default)
         pictures = [Picture(stem, drawing.says, shape) for stem, drawing in figures.items()]
         inputs = residual_checks.input_sentences(self.correlations)
         notes = map_notes(self.problem, self.mode)

@@ -16,8 +16,8 @@ from bayesdrill.basics.progress import Reporter
 from bayesdrill.basics.registry import Registry, check_callable
 from bayesdrill.config.schema.records import MAX_NAMED
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.output_files import EACH, ON_REQUEST, OWN_FIGURES, numbered
 from bayesdrill.output_files import FIGURES as FOLDER
+from bayesdrill.output_files import ON_REQUEST, OWN_FIGURES, PER_EXPERIMENT, numbered
 from bayesdrill.report import render, run_report
 from bayesdrill.report.run_report import PARTS, sections
 from bayesdrill.report.scales import DPI
@@ -55,7 +55,7 @@ def wanted_figures(wanted: Collection[str] | None) -> list[str]:
 
 # What follows from a chain alone; None where a run has no such table.
 TABLES = MappingProxyType({name: text for part in PARTS for name, text in part.files.items()})
-_SEVERAL = tuple(f"{stem}_{k}" for stem in EACH for k in range(1, MAX_NAMED + 1))
+_SEVERAL = tuple(f"{stem}_{k}" for stem in PER_EXPERIMENT for k in range(1, MAX_NAMED + 1))
 
 
 def write_results(
@@ -77,7 +77,7 @@ def write_results(
         - {*chain.from_iterable(written)}
         | {*output_files.OUTDATED}
     )
-    of_draws = {name: formats[name] for name in wanted if name in output_files.OF_DRAWS}
+    of_draws = {name: formats[name] for name in wanted if name in output_files.FROM_DRAWS}
     others = {name: formats[name] for name in wanted if name not in of_draws}
     tasks = _begin_figures(of_draws, view, figures, pool, report, sparing)
     report.update(0.0, "looking at what the draws say")
@@ -101,7 +101,7 @@ def write_results(
         with sparing.making(f"figures/{stem}"):
             task.result()
             pictures[name].append(
-                Picture(stem, says or stem, output_files.shown_path(formats[name]))
+                Picture(stem, says or stem, output_files.preferred_format(formats[name]))
             )
     with sparing.making("summary.md"):
         folder.write_text("summary.md", as_markdown(view.config.name, sections(view, pictures)))

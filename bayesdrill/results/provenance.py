@@ -231,7 +231,7 @@ def check_record(job: Job, output: Path, record: str | None = None) -> None:
 def begin(job: Job, folder: Folder, record: str | None = None, **more: Any) -> None:
     """Write the config, as given and with all defaults; `record`: its text, where it has no file."""
     if record is None:
-        outputs = output_files.present(folder.path, folder.kind)
+        outputs = output_files.output_names(folder.path, folder.kind)
         replaced = [folder.path / name for name in outputs]
         output_files.refuse_replacing(sources.files(job.case)[1:], replaced)
     versions = software.installed_versions()

@@ -238,13 +238,13 @@ class Folder:
         """
         if self.mode != "read":
             output_files.refuse_unwritable(self.path, self.kind.folders)
-        if obstacles := output_files.existing_outputs(self.path, self.kind):
+        if obstacles := output_files.misplaced_paths(self.path, self.kind):
             raise InputError(obstacles)
         run = read_run(self.path)
         if run is None:
             items = sorted(self.path.iterdir()) if self.path.is_dir() else []
             others = [item.name for item in items if not item.name.startswith(".")]
-            others += output_files.present(self.path, self.kind)
+            others += output_files.output_names(self.path, self.kind)
             if RUN in others:  # another run has begun since it was looked for
                 self.check()
             elif others:
@@ -313,12 +313,12 @@ class Folder:
 
     def digests(self) -> dict[str, str]:
         """Of files of this run that nothing changes any more, until it is reported again."""
-        names = output_files.present(self.path, self.kind)
+        names = output_files.output_names(self.path, self.kind)
         return {n: output_files.digest(self.path / n) for n in names if n != self.kind.mark}
 
     def remove_stale(self, names: Collection[str]) -> None:
         """What an earlier report of this run has written, and this one will not."""
-        for name in {*output_files.present(self.path, self.kind)} & {*names}:
+        for name in {*output_files.output_names(self.path, self.kind)} & {*names}:
             self.path_of(name).unlink()
 
     def write_text(self, name: str, text: str) -> None:
@@ -348,7 +348,9 @@ class Folder:
 
     def _unfinished(self) -> list[str]:
         """Pieces that are not in the chain yet."""
-        return [n for n in output_files.present(self.path, output_files.UNFINISHED) if n != RUN]
+        return [
+            n for n in output_files.output_names(self.path, output_files.UNFINISHED) if n != RUN
+        ]
 
     def save(self, ensemble: int, first_step: int, piece: ChainSegment) -> None:
         """One file a piece: an interrupted run loses at most the pieces under way."""
@@ -427,7 +429,7 @@ def mark(fingerprint: Mapping[str, Any]) -> str:
 def read_run(folder: Path) -> dict[str, Any] | None:
     """`run.json`, or None where there is none; raises `InputError` where no run of ours wrote it."""
     path = folder / RUN
-    if not output_files.what(path):
+    if not output_files.path_kind(path):
         return None
     output_files.refuse_endless(path)
     try:

@@ -258,7 +258,7 @@ class Setting:
         for experiment in self._experiments:
             for channel, y in zip(experiment.channels, experiment.y.T, strict=True):
                 if channel.name == name:
-                    sizes.append(float(np.nanstd(y)) / channel.shown.factor)
+                    sizes.append(float(np.nanstd(y)) / channel.display_unit.factor)
             if name in experiment.series:
                 usual = SUPPLY_SD * typical_inputs(experiment)[name]
                 sizes.append(usual / experiment.unit_of_input(name).factor)

@@ -171,7 +171,7 @@ def _publish(job: Job, folder: Folder, refits: Sequence[Refit]) -> CalibrationVe
     folder.write_text(RANKS, ranks_csv(names, refits))
     _draw(job, folder, verdict)
     title = f"Calibration of {config.name}"
-    ending = output_files.shown_path(config.output.formats_or_default)
+    ending = output_files.preferred_format(config.output.formats_or_default)
     said = calibration_sections(verdict, refits, ending)
     folder.write_text("summary.md", as_markdown(title, said))
     seed, versions = str(config.seed), software.versions_text()

@@ -88,7 +88,7 @@ class Findings(Value):
 
         place, problem, output = Path(folder).expanduser(), self.job.problem, self.job.config.output
         check_place(place, force=force)
-        replaced = [place / name for name in output_files.present(place, IDENTIFY)]
+        replaced = [place / name for name in output_files.output_names(place, IDENTIFY)]
         output_files.refuse_replacing(sources.files(self.job.case), replaced)
         figures, width = place / FIGURES, WIDTHS[output.size]
         symbols = {symbol.name: symbol for symbol in self.symbols}
@@ -162,9 +162,9 @@ def preflight(job: Job, scenery: SensitivityStudy) -> str:
 def check_place(folder: Path, *, force: bool) -> None:
     """Raises `InputError` where something is in the way that `Findings.save` must not replace."""
     output_files.refuse_unwritable(folder, IDENTIFY.folders)
-    if obstacles := output_files.existing_outputs(folder, IDENTIFY):
+    if obstacles := output_files.misplaced_paths(folder, IDENTIFY):
         raise InputError(obstacles)
-    there = output_files.present(folder, IDENTIFY)
+    there = output_files.output_names(folder, IDENTIFY)
     if there and not force:
         message = "exists already; give --force or another --output"
         raise InputError.at(str(folder / there[0]), message)
@@ -186,7 +186,7 @@ def _columns(unknowns: tuple[str, ...], wanted: Sequence[str]) -> list[int]:
 
 def _markdown(findings: Findings, figures: Iterable[str]) -> str:
     config = findings.job.config
-    ending = output_files.shown_path(config.output.formats_or_default)
+    ending = output_files.preferred_format(config.output.formats_or_default)
     mark = "" if ending == "pdf" else "!"  # which no page shows
     pictures = "\n\n".join(f"{mark}[{name}](figures/{name}.{ending})" for name in figures)
     title = f"# What {config.name} can say"

@@ -185,7 +185,7 @@ def copy_result(source: Path, output: Path, *, force: bool) -> None:
     with Folder(output, how, run["fingerprint"], POSTERIOR) as folder:
         folder.begin(**run | {"status": "running"})
         folder.write_text(RESOLVED_FILE, provenance.resolved(job.case, output))
-        for name in output_files.present(source, output_files.GROUND):
+        for name in output_files.output_names(source, output_files.REPORT_SOURCES):
             if name != output_files.RUN:
                 folder.take_over(name, source)
 

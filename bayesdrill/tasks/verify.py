@@ -61,7 +61,7 @@ def verify(folder: Path) -> Verified:
         message = "no results of `bayesdrill posterior`, `map`, `compare`, `ladder` or an overlay"
         raise InputError.at(str(folder), message)
     kind, problems_of, what = way
-    if obstacles := output_files.existing_outputs(folder, kind):
+    if obstacles := output_files.misplaced_paths(folder, kind):
         raise InputError(obstacles)
     files = run.get("files")
     if run.get("status") != "finished" or not isinstance(files, dict):
@@ -141,7 +141,7 @@ _WAYS: tuple[tuple[Kind, Callable[[Path, Mapping[str, Any]], Iterator[Issue]], s
 
 
 def _changed(folder: Path, kind: Kind, files: Mapping[str, str]) -> Iterator[Issue]:
-    there = output_files.present(folder, kind)
+    there = output_files.output_names(folder, kind)
     for name, digest in files.items():
         place = str(folder / name)
         if name not in there:
@@ -157,7 +157,7 @@ def _way_back(kind: Kind, name: str) -> str:
     """How a file of a run comes back: of a posterior, what a report is made from is not made by one."""
     if kind is not POSTERIOR:
         return f"`bayesdrill {kind.job} --force` makes it again"
-    if output_files.GROUND.is_output(name) or name in output_files.CONFIGS:
+    if output_files.REPORT_SOURCES.is_output(name) or name in output_files.CONFIGS:
         return "put it back, or `bayesdrill posterior CONFIG --resume` makes it again"
     return "`bayesdrill report` makes tables and figures again"
 
@@ -181,7 +181,7 @@ def _settings(path: Path) -> dict[str, Any] | None:
 
 def _figures(folder: Path, kind: Kind, mark: str, name: str) -> Iterator[Issue]:
     """Each says inside which run it is of, and what it shows."""
-    names = output_files.present(folder, kind)
+    names = output_files.output_names(folder, kind)
     for path in (folder / each for each in names if each.startswith(f"{output_files.FIGURES}/")):
         content = path.read_bytes()
         if mark.encode() not in content:

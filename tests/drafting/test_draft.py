@@ -261,7 +261,7 @@ def test_every_config_that_is_written_is_valid(batches: tuple[int, ...], tmp_pat
         write_table(path, spoilt_record(np.random.default_rng(seed)))
         config = tmp_path / f"{seed}.yaml"
         try:
-            asks = bd.init(path, config, voltage=6.0 if seed % 2 else None).asks
+            asks = bd.init(path, config, voltage=6.0 if seed % 2 else None).open_issues
         except bd.InputError:
             assert not config.exists()
             continue

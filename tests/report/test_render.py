@@ -101,7 +101,7 @@ def test_a_page_embeds_png_or_svg_and_markdown_links_pdf(
     def check(formats: tuple[str, ...]) -> None:
         tmp_path = tmp_path_factory.mktemp("case")
         style.save(Figure(figsize=(3.4, 1.7)), tmp_path, "fit", {}, formats=formats)
-        one = Picture("fit", "a fit", output_files.shown_path(formats))
+        one = Picture("fit", "a fit", output_files.preferred_format(formats))
         (text,) = as_markdown("t", [Section("", (one,))]).splitlines()[-1:]
         html = page(Section("s", (one,)), figures=tmp_path)
         if formats == ("pdf",):

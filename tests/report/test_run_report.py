@@ -165,7 +165,7 @@ def test_figures_of_draws_wait_for_no_analysis() -> None:
 
     view = dataclasses.replace(run()._view, analyse=fail)
     assert not view.warning
-    drawn = [stem for name in output_files.OF_DRAWS for stem in publish.drawings(name, view)]
+    drawn = [stem for name in output_files.FROM_DRAWS for stem in publish.drawings(name, view)]
     assert drawn == ["corner", "trace", "prior_posterior"]
 
 

@@ -46,7 +46,7 @@ def draft_of(
     config = config or first.with_suffix(".yaml")
     draft = bd.init(records, config, columns=columns, force=True, **known)
     text = config.read_text()
-    if not draft.asks:
+    if not draft.open_issues:
         read_records(config)
     words = " ".join(text.replace("#", " ").split())
     return {**parse(first, text).data, "text": text, "words": words, "said": str(draft)}

@@ -1,4 +1,4 @@
-"""The files of a record: read, cleaned, thinned, and simulated anew.
+"""Read, clean, decimate and simulate the files of a record.
 
-What a file format is, is in `record.formats`; here are the rules of a config about them.
+`record.formats` reads each file format; the rules of a config about files are here.
 """

@@ -1,4 +1,4 @@
-"""Clean one column: what is masked or missing, anomalies of its sensor, derived channels."""
+"""Clean one column: masks, missing samples, angles that wrap, glitches and derived channels."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordColumn:
-    """A column `values (n,)` on the rows of its clock, in the file's unit; NaN where unused."""
+    """A record column has `values (n,)` at the rows of its clock, in the file's unit; NaN if unused."""
 
     location: Location
     spec: Series
@@ -46,31 +46,31 @@ class RecordColumn:
 
     @property
     def is_input(self) -> bool:
-        """Whether it is an input of the rig."""
+        """Return whether the column is an input of the rig."""
         return isinstance(self.spec, InputColumn)
 
 
 def row_mask(sources: Sources, location: Location, spec: Series, clock: Clock) -> Mask:
-    """Return which rows `(n,)` of a clock the config masks; a span without a row is an issue."""
+    """Return which rows `(n,)` of a clock the config masks; a span without a row adds an issue."""
     masked_rows, mask_spec = np.zeros(len(clock.t), dtype=np.bool_), as_mask_spec(spec.mask)
     spans: list[tuple[str, int, Sequence[float], NDArray[Any], str]]
     spans = [("rows", *span, clock.numbers, "") for span in enumerate(mask_spec.rows)]
     spans += [("times", *span, clock.t, " s") for span in enumerate(mask_spec.times)]
     for entry, k, (first, last), values, unit in spans:
         slack = 1e-9 * max(abs(first), abs(last))
-        inside = (values >= first - slack) & (values <= last + slack)
-        if not inside.any():
+        in_span = (values >= first - slack) & (values <= last + slack)
+        if not in_span.any():
             message = (
                 f"no sample lies from {first:g} to {last:g}{unit}: those that are used go from "
                 f"{values[0]:g} to {values[-1]:g}{unit}; mend the two, the smaller first, or remove them"
             )
             sources.add((*location, "mask", entry, k), message)
-        masked_rows |= inside
+        masked_rows |= in_span
     return masked_rows
 
 
 def rows_after_jumps(clock: Clock, inputs: list[RecordColumn]) -> Mask:
-    """Return `(n,)`: rows at which a measured input has just jumped."""
+    """Return the rows, as a mask `(n,)`, at which a measured input has just jumped."""
     rows = np.zeros(len(clock.t), dtype=np.bool_)
     for column in inputs:
         jumped = column.clock.t[anomalies.jumps(column.values)]
@@ -80,13 +80,13 @@ def rows_after_jumps(clock: Clock, inputs: list[RecordColumn]) -> Mask:
 
 
 def unwrap(sources: Sources, column: RecordColumn) -> RecordColumn:
-    """Return an angle unwrapped, and any other column as it is; an issue where it cannot be."""
+    """Return an angle unwrapped, any other column unchanged; adds an issue if it cannot be unwrapped."""
     wraps = column.spec.wraps if isinstance(column.spec, ChannelSpec | AngleColumn) else None
     if not wraps:
         return column
     period = 0.0 if wraps is True else float(wraps)
     if wraps is True:
-        with suppress(ValueError):  # of another unit
+        with suppress(ValueError):  # the unit is no angle
             period = 2 * math.pi / units.factor(column.spec.unit, "rad")
     if not period > 0:
         way_out = "say after how much it begins again, for example `wraps: 360`"
@@ -115,7 +115,7 @@ def unwrap(sources: Sources, column: RecordColumn) -> RecordColumn:
 def mask_glitches(
     sources: Sources, column: RecordColumn, inputs: list[RecordColumn]
 ) -> RecordColumn:
-    """Return the column without the glitches that are masked; jumps of `inputs` are none."""
+    """Return the column without masked glitches; a change after a jump of `inputs` is no glitch."""
     rows = np.flatnonzero(~np.isnan(column.values))
     x = column.values[rows]
     cause = None if column.is_input else rows_after_jumps(column.clock, inputs)[rows]
@@ -167,13 +167,13 @@ def _saturated_or_stuck(
 def _anomaly(
     column: RecordColumn, spans: Spans, rows: NDArray[np.intp], text: str, do: str
 ) -> Anomaly:
-    """Of some `spans` of a column; the braces in `do` stand for its entry."""
+    """Return an anomaly with the places of `spans`; braces in `do` stand for the column's entry."""
     where = tuple(_span_label(column.clock, spans, rows, k) for k in range(len(spans)))
     return Anomaly(text=text, where=where, do=do.format(".".join(map(str, column.location))))
 
 
 def _span_label(clock: Clock, spans: Spans, rows: NDArray[np.intp], k: int) -> str:
-    """Rows and times of the span `k`, of samples that are `rows` rows."""
+    """Return rows and times of the span `k` in words; `rows` are the rows of the samples."""
     first, last = int(rows[spans.first[k]]), int(rows[spans.last[k]])
     if first == last:
         return f"{clock.where(first)} ({clock.t[first]:.6g} s)"
@@ -182,7 +182,7 @@ def _span_label(clock: Clock, spans: Spans, rows: NDArray[np.intp], k: int) -> s
 
 
 def bridge_gaps(sources: Sources, column: RecordColumn) -> Array:
-    """Return an input's values, with missing ones as its hold has it; an issue where it cannot be."""
+    """Return an input's values with gaps filled as its `hold` says; adds an issue if it cannot."""
     spec, missing = column.spec, np.isnan(column.values)
     if not missing.any():
         return column.values
@@ -202,11 +202,11 @@ def bridge_gaps(sources: Sources, column: RecordColumn) -> Array:
     return column.values[rows[np.searchsorted(rows, np.arange(len(missing)), side="right") - 1]]
 
 
-MAX_DERIVATIVE_MISMATCH = 0.3  # of its rms: farther off, a channel is hardly what it is said to be
+MAX_DERIVATIVE_MISMATCH = 0.3  # relative rms beyond which a channel is hardly the stated derivative
 
 
-def find_derivatives(sources: Sources, columns: Mapping[Location, RecordColumn]) -> None:
-    """Note of each derived channel that it is not counted, and how well it fits its origin."""
+def report_derivatives(sources: Sources, columns: Mapping[Location, RecordColumn]) -> None:
+    """Report each derived channel as no evidence, and how well it fits its origin."""
     for column in columns.values():
         origin = column.spec.derived_from if isinstance(column.spec, ChannelSpec) else None
         if origin is None:
@@ -229,7 +229,7 @@ def find_derivatives(sources: Sources, columns: Mapping[Location, RecordColumn])
 
 
 def _kinematic_factors(angle: str, speed: str) -> tuple[float, float] | None:
-    """Return how many SI a unit of an angle or position is, and that of its speed; None of others."""
+    """Return the SI factors of the units of an angle (or position) and its speed; None for others."""
     for si, rate in SPEED_UNITS.items():
         try:
             return units.factor(angle, si), units.factor(speed, rate)
@@ -241,7 +241,7 @@ def _kinematic_factors(angle: str, speed: str) -> tuple[float, float] | None:
 def _compare_with_quotients(
     column: RecordColumn, origin: RecordColumn
 ) -> tuple[str, float, float] | None:
-    """Which quotient, how far off (of the rms), and how many times it, in SI."""
+    """Return the nearest difference quotient, its relative rms mismatch, and the factor to it, in SI."""
     if column.clock is not origin.clock:
         return None
     in_both = ~np.isnan(column.values) & ~np.isnan(origin.values)

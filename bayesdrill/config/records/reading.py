@@ -1,4 +1,4 @@
-"""Read the files of a record into an `Experiment` in SI, or raise all that is wrong at once."""
+"""Read the files of a record into an `Experiment` in SI, or raise all mistakes at once."""
 
 from __future__ import annotations
 
@@ -43,11 +43,11 @@ from bayesdrill.record.experiment import (
 )
 from bayesdrill.record.formats.csv import CsvOptions
 
-MAX_LEAD = 1000  # times its own length after the initial state, and a record has times of a clock
+MAX_LEAD = 1000  # lengths of the record: a longer one after the start hints at times of a clock
 
 
 def csv_options(record: RecordSpec) -> CsvOptions:
-    """Return how a text file is written, as far as the config says so."""
+    """Return the options of a text file that the config gives."""
     return build_member(CsvOptions, record)
 
 
@@ -83,7 +83,7 @@ def _origin(resolved: ResolvedExperiment) -> tuple[object, ...]:
 
 
 class _Reader:
-    """One pass over a record: columns are picked and judged one by one, problems collected."""
+    """The reader passes once over a record, and collects the mistakes of all columns."""
 
     def __init__(self, resolved: ResolvedExperiment, files: Files) -> None:
         self._resolved, self._config, self._source = resolved, resolved.config, resolved.source
@@ -138,21 +138,22 @@ class _Reader:
         return decimated(experiment, factor)
 
     def _columns(self) -> dict[Location, RecordColumn]:
-        """All that are named, with NaN where no number is used."""
+        """Return all columns that the config names, by location, with NaN where no number is used."""
         entries = sources.file_entries(self._config)
         picked_columns = [self._column(location, spec) for location, spec in entries.items()]
         raise_if_any(list(dict.fromkeys(self._sources.issues)))
         columns = {column.location: column for column in picked_columns if column is not None}
         inputs = [column for column in columns.values() if column.is_input]
-        column_cleaning.find_derivatives(self._sources, columns)
+        column_cleaning.report_derivatives(self._sources, columns)
         return {
             location: column_cleaning.mask_glitches(self._sources, column, inputs)
             for location, column in columns.items()
         }
 
     def _times(self) -> Array:
-        """Of all clocks."""
-        times = [clock.t[clock.inside] for clock in self._sources.clocks if clock.inside.any()]
+        """Return the times `(T,)` [s] of all clocks, merged."""
+        clocks_ = self._sources.clocks
+        times = [clock.t[clock.in_window] for clock in clocks_ if clock.in_window.any()]
         if len(times) == 1:
             return times[0]
         t = clocks.union(times)
@@ -167,22 +168,23 @@ class _Reader:
         return t
 
     def _signals(self, t: Array, columns: dict[Location, RecordColumn]) -> Array:
-        """`(T, K)` SI, NaN where a channel has no sample."""
+        """Return the channels `(T, K)` in SI, with NaN where a channel has no sample."""
         measured = self._resolved.channels
         y = np.full((len(t), len(measured)), np.nan)
         for k, entry in enumerate(measured):
             column = columns["record", "channels", entry.channel.name]
-            inside = column.clock.inside
-            times = column.clock.t[inside]
-            rows = clocks.indices_in(t, times) if self._sources.several else np.arange(len(t))
-            y[rows, k] = column.values[inside] * entry.channel.factor
+            in_window = column.clock.in_window
+            times = column.clock.t[in_window]
+            one_clock = not self._sources.several_clocks
+            rows = np.arange(len(t)) if one_clock else clocks.indices_in(t, times)
+            y[rows, k] = column.values[in_window] * entry.channel.factor
         spans = window_spans(self._config.record.window)
         if len(spans) > 1:
             y[~inside_spans(t, spans)] = np.nan
         return y
 
     def _held_out(self, t: Array, y: Array) -> Array | None:
-        """Samples that are taken out of `y`, which is changed: NaN where none is."""
+        """Move held-out samples from `y` to the array that is returned; None if there are none."""
         spans = window_spans(self._config.record.held_out)
         if not spans:
             return None
@@ -201,7 +203,7 @@ class _Reader:
     def _inputs(
         self, t: Array, inputs: dict[str, RecordColumn]
     ) -> tuple[dict[str, Array], dict[str, float]]:
-        """SI, at every time; and the angles at which those begin that are imposed as angles."""
+        """Return the inputs in SI at every time, and the initial values of imposed angles."""
         series, start_angles = dict[str, Array](), dict[str, float]()
         for name, spec in quantities.measured_inputs(self._config).items():
             column, entry = inputs[name], inputs[name].name
@@ -215,13 +217,13 @@ class _Reader:
                 clock = column.clock.t
                 start_angles[entry] = float(np.interp(t[0], clock, values))
                 values = anomalies.held_speeds(values, clock)
-            if self._sources.several:
+            if self._sources.several_clocks:
                 values = self._on_record_times(t, column, values)
             series[name] = values
         return series, start_angles
 
     def _on_record_times(self, t: Array, column: RecordColumn, values: Array) -> Array:
-        """Of an input on a clock of its own: exact, as its own times are among those of the record."""
+        """Return an input with its own clock at the record's times, which contain those of the clock."""
         clock, slack = column.clock.t, 1e-9 * float(np.ptp(t)) / len(t)
         straight = isinstance(column.spec, InputColumn) and column.spec.hold == "first"
         rule = "" if isinstance(column.spec, AngleColumn) else ", or `hold: zero`"
@@ -273,7 +275,7 @@ class _Reader:
         return column_cleaning.unwrap(self._sources, column)
 
     def _t_start(self, time: Array, *, has_series: bool) -> float:
-        """With measured inputs nothing is known before the first sample: the state is given there."""
+        """Return the time of the initial state; with measured inputs it is that of the first sample."""
         if has_series:
             return float(time[0])
         t_start = self._config.initial.time
@@ -297,13 +299,13 @@ class _Reader:
 
 
 def _unit_of_input(config: Config, name: str) -> Unit:
-    """SI of a speed that was given as an angle."""
+    """Return the unit of an input; a speed that was given as an angle has its SI unit."""
     spec, symbol = getattr(config.inputs, name), config.vocabulary.inputs[name]
     unit = spec.unit if isinstance(spec, InputColumn | InputQuantity) else symbol.unit
     return units.display_unit(unit, symbol.unit, symbol.latex_unit)
 
 
 def _is_first_order(spec: Series) -> bool:
-    """Whether an input goes from one sample straight to the next; of an angle, its speed does not."""
+    """Return whether an input is linear between samples; the speed of an imposed angle is held."""
     angle = isinstance(spec, AngleColumn)
     return isinstance(spec, InputColumn) and spec.hold == "first" and not angle

@@ -1,4 +1,4 @@
-"""Simulate records from a config: the response at given parameters, with noise, as text."""
+"""Simulate records from a config: the response at given parameters, with noise, as CSV text."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ READ_BACK_TOLERANCE = 1e-8  # of the largest number in a column
 
 
 def _check_format(resolved: ResolvedExperiment, target: Path | None) -> None:
-    """Raise `InputError` unless the config can read its record, when written to `target`."""
+    """Raise `InputError` unless the config could read its record, when written to `target`."""
     record, source, location = resolved.config.record, resolved.source, ("record", "file")
     try:
         kind = record.format or format_of(target or sources.path_of(resolved))
@@ -61,7 +61,7 @@ def _check_format(resolved: ResolvedExperiment, target: Path | None) -> None:
 
 
 def record_text(resolved: ResolvedExperiment, grid: Experiment, y: Array) -> str:
-    """Return channels `y (T, K)` and what else a config reads as text, in units of columns."""
+    """Return channels `y (T, K)`, times and inputs as CSV text, in the units of their columns."""
     columns = _columns(resolved, grid, y)
     record = reading.csv_options(resolved.config.record)
     mark = record.delimiter or (";" if record.decimal == "," else ",")
@@ -77,7 +77,7 @@ def record_text(resolved: ResolvedExperiment, grid: Experiment, y: Array) -> str
 
 
 def _columns(resolved: ResolvedExperiment, grid: Experiment, y: Array) -> list[tuple[str, Array]]:
-    """Names and numbers, in the units of the config."""
+    """Return names and values `(T,)` of all columns, in the units of the config."""
     entries: list[tuple[Location, ColumnSpec, Array]] = []
     config, time = resolved.config, resolved.config.record.time
     if isinstance(time, TimeColumn):
@@ -98,7 +98,7 @@ def _columns(resolved: ResolvedExperiment, grid: Experiment, y: Array) -> list[t
 def _check_read_back(
     resolved: ResolvedExperiment, text: str, columns: list[tuple[str, Array]]
 ) -> None:
-    """Names and marks that a reader takes for something else."""
+    """Raise `InputError` if the text would be read otherwise, because of names or delimiters."""
     options = reading.csv_options(resolved.config.record)
     try:
         table = text_table(sources.path_of(resolved), text, options)
@@ -121,8 +121,8 @@ def simulate(case: ResolvedCase, seed: int, target: Path | None = None) -> str:
 def simulate_all(case: ResolvedCase, seed: int, output: Path | None = None) -> dict[Path, str]:
     """Return the simulated records of all experiments, by the file that each is for.
 
-    These are the files that the config names, or `output`; of several experiments, files of those
-    names in the folder `output`.  Raises `InputError` with all that is wrong.
+    The files are those that the config names, or `output`. With several experiments, `output` is the
+    folder of files with these names. Raises `InputError` with all mistakes.
     """
     texts, problems = dict[Path, str](), list[Issue]()
     for index, resolved in enumerate(case.experiments):
@@ -146,9 +146,9 @@ def simulate_one(
 ) -> str:
     """Return a record as text that the config itself reads, from `target` or its own record.
 
-    Times and measured inputs are those of the config's `simulation:` grid, or else of its record.
-    True values are nominal, or the config's fixed ones, unless `simulation:` names them; what is
-    tied follows from them, and sensors are where their priors start.
+    Times and measured inputs are those of the config's `simulation:` grid, or else of its record. True
+    values are nominal, or the config's fixed ones, unless `simulation:` names them. Tied parameters
+    follow from them, and numbers of sensors are where their priors start.
     """
     _check_format(resolved, target)
     experiment = simulation_grid(resolved)
@@ -169,7 +169,7 @@ def simulate_one(
 
 
 def check_target(text: str, target: Path, read: Sequence[Path], *, force: bool) -> None:
-    """Raise `InputError` where a text must not be written to `target`, above all over files `read`."""
+    """Raise `InputError` if a text must not be written to `target`, above all over files `read`."""
     output_files.refuse_other_than_file(target)
     output_files.refuse_unwritable(target.parent)
     output_files.refuse_replacing(read, [target])
@@ -184,7 +184,7 @@ def check_target(text: str, target: Path, read: Sequence[Path], *, force: bool) 
 
 
 def simulation_grid(resolved: ResolvedExperiment) -> Experiment:
-    """Return times and inputs of `simulation:`, or the record, whose channels do not matter."""
+    """Return times and inputs of `simulation:` or of the record; the channels' values do not matter."""
     config = resolved.config
     simulation: Any = config.simulation
     series = list(quantities.measured_inputs(config))
@@ -210,7 +210,7 @@ def simulation_grid(resolved: ResolvedExperiment) -> Experiment:
 
 
 def truth(resolved: ResolvedExperiment) -> dict[str, float]:
-    """Return the parameters of the rig, SI, that a simulated record is made with."""
+    """Return the parameters of the rig, in SI, for a simulated record."""
     rig, space = resolved.model, resolved.rig_numbers.space()
     simulation: Any = resolved.config.simulation
     named = {name: getattr(simulation, name, None) for name in rig.parameters}
@@ -226,7 +226,7 @@ def truth(resolved: ResolvedExperiment) -> dict[str, float]:
 
 
 def _sensor_truth(resolved: ResolvedExperiment) -> dict[str, float]:
-    """What is true of sensors and the start, SI; of a free start zero, unless it is given."""
+    """Return true values of sensors and the start, in SI; free states are zero unless they are given."""
     values = {sensors.state_name(name): 0.0 for name in resolved.free_states}
     factors = dict.fromkeys(values, 1.0)
     for number in resolved.sensor_numbers.values():
@@ -236,7 +236,7 @@ def _sensor_truth(resolved: ResolvedExperiment) -> dict[str, float]:
 
 
 def _noise_truth(resolved: ResolvedExperiment, unknown: Unknown) -> float:
-    """As `simulation.truth` has it, or where its search would start."""
+    """Return the true value of a noise unknown from `simulation.truth`, else where its search starts."""
     value = _given_truth(resolved, unknown.name)
     low, high = unknown.between or (unknown.prior.low, unknown.prior.high)
     if value is None or low < value < high:
@@ -246,14 +246,14 @@ def _noise_truth(resolved: ResolvedExperiment, unknown: Unknown) -> float:
 
 
 def _given_truth(resolved: ResolvedExperiment, name: str) -> float | None:
-    """The true value of the experiment, or of all of them, in `simulation.truth`."""
+    """Return the value in `simulation.truth` of this experiment, else that of all experiments."""
     simulation: Any = resolved.config.simulation
     values = simulation.truth if simulation else {}
     return values.get(labelled_name(name, resolved.label), values.get(name))
 
 
 def _with_known_sigma(resolved: ResolvedExperiment, entry: NoisyChannel) -> NoisyChannel:
-    """With the sigma of `simulation:`, where the noise is unknown."""
+    """Return the channel with the sigma of `simulation:`, if its own is unknown."""
     if isinstance(entry.sigma, float):
         return entry
     simulation: Any = resolved.config.simulation

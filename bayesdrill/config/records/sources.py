@@ -1,4 +1,4 @@
-"""The files of a record: each is read once, its times become a clock, samples are thinned."""
+"""Read each file of a record once, make clocks of their times, and decimate records."""
 
 from __future__ import annotations
 
@@ -39,19 +39,19 @@ OTHER_TIMES_HINT = "; if the times of this file stand elsewhere, give this entry
 
 
 def file_entries(config: Config) -> dict[Location, Series]:
-    """Return channels, then measured inputs, by their locations."""
+    """Return the entries of channels, then of measured inputs, by location."""
     channels = {("record", "channels", name): s for name, s in config.record.channels.items()}
     inputs = quantities.measured_inputs(config).items()
     return channels | {("inputs", quantities.input_entry(config, name)): s for name, s in inputs}
 
 
 def file_of(spec: Series) -> FileSpec | None:
-    """Return the column's own file, if it has one; None stands for the record's."""
+    """Return the column's own file; None stands for that of the record."""
     return FileSpec(path=spec.file) if isinstance(spec.file, str) else spec.file
 
 
 def path_of(resolved: ResolvedExperiment, file: FileSpec | None = None) -> Path:
-    """Return the path of a record's file; relative ones start at the folder of the config."""
+    """Return the path of a record's file; relative paths start at the folder of the config."""
     name = resolved.config.record.file if file is None else file.path
     return resolved.source.path.parent / name
 
@@ -68,7 +68,7 @@ def files(case: ResolvedCase) -> list[Path]:
 
 
 def named_files(data: Mapping[str, Any]) -> list[tuple[dict[str, Any], str]]:
-    """Return each mapping of a plain config that names a file, and the key that does."""
+    """Return each mapping of a plain config that names a file, and the key of the name."""
     record, inputs = data.get("record", {}), data.get("inputs", {})
     entries = [record, *record.get("channels", {}).values(), *inputs.values()]
     having = [entry for entry in entries if isinstance(entry, dict) and "file" in entry]
@@ -77,16 +77,16 @@ def named_files(data: Mapping[str, Any]) -> list[tuple[dict[str, Any], str]]:
 
 
 def rebase(data: Mapping[str, Any], old: Path, new: Path) -> None:
-    """Rewrite names of files from the folder `old` to `new`.
+    """Rewrite names of files that are relative to the folder `old`, relative to `new`.
 
-    Links are resolved first: `..` in a path goes up from where a link leads to.
+    Links are resolved first, as `..` in a path goes up from the target of a link.
     """
     for section, key in named_files(data):
         section[key] = relative_name(new.resolve(), (old / section[key]).resolve())
 
 
 def relative_name(folder: Path, file: Path) -> str:
-    """Return how a config in `folder` names `file`; raises `InputError` where YAML cannot."""
+    """Return the name of `file` in a config in `folder`; raises `InputError` if it is not UTF-8."""
     name = Path(os.path.relpath(file, folder)).as_posix()
     if encodable(name) != name:
         message = "is not UTF-8, and no config can name it; rename the file or the folder"
@@ -96,12 +96,12 @@ def relative_name(folder: Path, file: Path) -> str:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Clock:
-    """Times `t (n,)` s of the `rows (n,)` of a table with `n_rows`; `inside`: in the windows' span."""
+    """A clock has times `t (n,)` [s] at `rows (n,)` of a table; `in_window (n,)` marks used ones."""
 
     table: RecordTable
     t: Array
-    rows: NDArray[np.intp]  # of several clocks also one on either side, for inputs at the ends
-    inside: NDArray[np.bool_]
+    rows: NDArray[np.intp]  # with several clocks also one on either side of the windows
+    in_window: NDArray[np.bool_]
     n_rows: int
 
     def where(self, index: int) -> str:
@@ -110,7 +110,7 @@ class Clock:
 
     @property
     def numbers(self) -> NDArray[np.int64]:
-        """Return the numbers of the rows, as messages give them."""
+        """Return the row numbers that messages give."""
         return np.asarray(self.table.numbers[self.rows], dtype=np.int64)
 
 
@@ -146,7 +146,7 @@ class Files:
 
 
 class Sources:
-    """Tables and clocks of all columns; issues, notes and anomalies are collected."""
+    """The sources hold tables and clocks of all columns; they collect issues, notes and anomalies."""
 
     def __init__(self, resolved: ResolvedExperiment, files: Files) -> None:
         self.issues: list[Issue] = []
@@ -157,7 +157,7 @@ class Sources:
         self._clocks: dict[object, Clock | None] = {}
         self._spans = window_spans(self._config.record.window)
         entries = file_entries(self._config)
-        self.several = len({(file_of(spec), spec.time) for spec in entries.values()}) > 1
+        self.several_clocks = len({(file_of(spec), spec.time) for spec in entries.values()}) > 1
         for location, spec in entries.items():
             if (file_of(spec), spec.time) not in self._clocks:
                 self._clocks[file_of(spec), spec.time] = self._clock(location, spec)
@@ -171,7 +171,7 @@ class Sources:
         self.issues.append(self._resolved.source.issue(location, message))
 
     def clock(self, spec: Series) -> Clock | None:
-        """Return the clock of a column; None where it could not be read."""
+        """Return the clock of a column; None if it could not be read."""
         return self._clocks[file_of(spec), spec.time]
 
     @property
@@ -180,7 +180,7 @@ class Sources:
         return [clock for clock in self._clocks.values() if clock is not None]
 
     def column(self, location: Location, spec: Series) -> Array | None:
-        """Return all rows of a channel or an input, as they stand in the file."""
+        """Return all rows of a channel or an input, unscaled as in the file."""
         table = self._tables.get(file_of(spec))
         return None if table is None else self._pick(location, spec, table)
 
@@ -222,22 +222,22 @@ class Sources:
     def _windowed(
         self, location: Location, time_place: Location, table: RecordTable, raw: Array
     ) -> Clock | None:
-        rows, inside = np.arange(len(raw)), np.ones(len(raw), dtype=np.bool_)
+        rows, in_window = np.arange(len(raw)), np.ones(len(raw), dtype=np.bool_)
         if self._spans:
             begin, end = min(a for a, _ in self._spans), max(b for _, b in self._spans)
             slack = 1e-9 * max(abs(begin), abs(end))
-            inside = (raw >= begin - slack) & (raw <= end + slack)
-            if not inside.any() and location[0] == "record":
+            in_window = (raw >= begin - slack) & (raw <= end + slack)
+            if not in_window.any() and location[0] == "record":
                 message = f"no sample lies in it: the record goes from {raw[0]:g} to {raw[-1]:g} s"
                 self.add(("record", "window"), message)
                 return None
             before, after = rows[raw < begin - slack][-1:], rows[raw > end + slack][:1]
-            within = rows[inside]
-            rows = np.concatenate([before, within, after]) if self.several else within
-        clock = Clock(table, raw[rows], rows, inside[rows], len(raw))
+            within = rows[in_window]
+            rows = np.concatenate([before, within, after]) if self.several_clocks else within
+        clock = Clock(table, raw[rows], rows, in_window[rows], len(raw))
         issues = check_time(self.label(time_place), clock.t, clock.where)
         self.issues += issues
-        # With wrong times a column can still be judged, and all that is wrong is told at once.
+        # Wrong times are kept, so that mistakes in the columns are reported together with them.
         return clock if issues else dataclasses.replace(clock, t=on_grid(clock.t))
 
     def _read(self, location: Location, file: FileSpec | None) -> RecordTable | None:
@@ -260,7 +260,7 @@ class Sources:
         return None
 
     def _wanted(self, file: FileSpec | None) -> frozenset[str] | None:
-        """Variables that the config names in a file; None where it leaves one to be found out."""
+        """Return the variables that the config names in a file; None if one has to be found there."""
         specs = [s for s in file_entries(self._config).values() if file_of(s) == file]
         times = [spec.time or self._config.record.time for spec in specs]
         columns = [*specs, *(time for time in times if isinstance(time, TimeColumn))]
@@ -269,7 +269,7 @@ class Sources:
 
 
 def column_location(location: Location, spec: ColumnSpec) -> Location:
-    """Return the location of the entry that says which numbers are meant."""
+    """Return the location of the entry that addresses the column."""
     return (*location, "column" if spec.column is not None else "variable")
 
 
@@ -277,7 +277,7 @@ MIN_SAMPLES = 10
 
 
 def refuse_decimation(experiment: Experiment, factor: int, *, filtered: bool) -> str:
-    """Return why a record cannot be decimated, and what to do; empty where it can."""
+    """Return why a record cannot be decimated, with a way out; empty if it can."""
     rows = len(experiment.t)
     if filtered and not experiment.uniform:
         way_out = "remove it, say `filter: false`, or cut the record at gaps"
@@ -289,17 +289,17 @@ def refuse_decimation(experiment: Experiment, factor: int, *, filtered: bool) ->
             "are missing, masked or outside the windows; remove it, say `filter: false`, or name one "
             "window without them"
         )
-    there = rows if filtered else min(experiment.counts)
+    available = rows if filtered else min(experiment.counts)
     need = (clocks.filter_length(factor) if filtered else 1) + (MIN_SAMPLES - 1) * factor
-    few = f"{there} samples are too few: {need} leave {MIN_SAMPLES}; take a smaller factor"
-    return few if there < need else ""
+    few = f"{available} samples are too few: {need} leave {MIN_SAMPLES}; take a smaller factor"
+    return few if available < need else ""
 
 
 def decimate_filtered(experiment: Experiment, factor: int) -> Experiment:
-    """Return the experiment with filtered channels, one sample of `factor` left.
+    """Return the experiment with filtered channels, of which one sample of `factor` is kept.
 
-    Inputs that are measured stay as they are at every time, as the rig follows each of their steps:
-    between samples that are left, channels are not measured.
+    Measured inputs keep every sample, as the rig follows each of their steps. Between the kept samples
+    the channels are then NaN.
     """
     decimation = clocks.decimated(experiment.y, factor)
     if experiment.series:
@@ -323,7 +323,7 @@ def decimate_filtered(experiment: Experiment, factor: int) -> Experiment:
 
 
 def decimate_unfiltered(experiment: Experiment, factor: int) -> Experiment:
-    """Return the experiment with one sample of `factor` of each channel, from its first on."""
+    """Return the experiment with one sample of `factor` of each channel, beginning with its first."""
     measured = experiment.seen
     selected = measured & ((np.cumsum(measured, axis=0) - 1) % factor == 0)
     t, y = experiment.t, np.where(selected, experiment.y, np.nan)

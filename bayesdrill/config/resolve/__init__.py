@@ -1,4 +1,4 @@
 """Resolve entries of a config into objects: numbers, sensors, experiments, and the `Problem`.
 
-Nothing here reads a file. What contradicts itself is found as it is built, and filed at its entry.
+No file is read here. Contradictions are found while objects are built, and reported at their entries.
 """

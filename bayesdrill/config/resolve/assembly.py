@@ -1,4 +1,4 @@
-"""A resolved case and its records become a `Problem`: simulators, noises, unknowns, units."""
+"""Build the `Problem` of a resolved case and its records: simulators, noises, unknowns, units."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ from bayesdrill.record.experiment import Experiment, raise_if_any
 from bayesdrill.rig.simulators import simulator
 from bayesdrill.rig.simulators.contract import Simulator
 
-MAX_SHOWN_TIME = 1e4  # of the units of a record: nobody reads so many milliseconds
-SEARCH_STEPS = 4  # steps to a sample, for the search of the maximum: there they are chosen anew
+MAX_SHOWN_TIME = 1e4  # in the record's unit of time; longer times are shown in seconds
+SEARCH_STEPS = 4  # steps per sample during the MAP search; they are chosen anew at the maximum
 
 
 def build_problem(case: ResolvedCase, records: Sequence[Experiment]) -> Problem:
-    """Build the problem of a case and its records; raises `InputError` where they do not suit."""
+    """Build the problem of a case and its records; raises `InputError` if they do not fit together."""
     config, rig, nominal = case.config, case.model, case.experiments[0].nominal
-    labels, called = [experiment.label for experiment in case.experiments], case.called
+    labels, names_of = [experiment.label for experiment in case.experiments], case.joint_names
     parts, sensor_numbers, noise_unknowns = [], dict[str, ParsedNumber](), dict[str, Unknown]()
     pairs = zip(case.experiments, records, strict=True)
     built = collect_each(lambda pair: _sensors_and_observation(*pair), pairs)
@@ -43,9 +43,9 @@ def build_problem(case: ResolvedCase, records: Sequence[Experiment]) -> Problem:
         for unknown in observed.unknowns:
             level = unknown if unknown.name in config.shared else unknown.for_experiment(label)
             noise_unknowns.setdefault(level.name, level)
-        parameters = [called[label][name] for name in rig.parameters]
-        of_sensors = observed.parameters[len(parameters) :]
-        parameters += [joint_name(config, name, label) for name in of_sensors]
+        parameters = [names_of[label][name] for name in rig.parameters]
+        sensor_names = observed.parameters[len(parameters) :]
+        parameters += [joint_name(config, name, label) for name in sensor_names]
         names = [joint_name(config, unknown.name, label) for unknown in observed.unknowns]
         parts.append(replace(observed, parameters=parameters, noise_names=names))
     unknowns = case.space([*sensor_numbers.values()], [*noise_unknowns.values()])
@@ -82,13 +82,13 @@ def build_problem(case: ResolvedCase, records: Sequence[Experiment]) -> Problem:
 
 
 def _display_units(case: ResolvedCase) -> DisplayUnits:
-    """The unit of each number's entry; noise and offsets have that of their column."""
+    """Return the display units of numbers; noise and offsets are shown in the unit of their column."""
     config, shown_units = case.config, dict[str, Unit]()
     for resolved in case.experiments:
         if resolved.label in case.held_out:
             continue
         channels = [measured.channel for measured in resolved.channels]
-        local = {symbols.noise_name(channel.name): channel.shown for channel in channels}
+        local = {symbols.noise_name(channel.name): channel.display_unit for channel in channels}
         for number in resolved.sensor_numbers.values():
             if number.unit != number.symbol.unit:
                 local[number.name] = units.display_unit(number.unit, number.symbol.unit)
@@ -147,7 +147,7 @@ def build_simulator(
 def _check_hidden(
     errors: IssueCollector, experiment: Experiment, delays: Sequence[Location]
 ) -> None:
-    """Channels of which the lags leave nothing."""
+    """Add an issue for each channel of which the lags leave fewer than two samples."""
     hidden: dict[Location, list[str]] = {}
     for name, count in zip(experiment.names, experiment.counts, strict=True):
         if count < 2:
@@ -160,7 +160,7 @@ def _check_hidden(
 
 
 def _at_start(resolved: ResolvedExperiment) -> dict[str, float]:
-    """The rig's parameters where searches begin."""
+    """Return the parameters of the rig, in SI, at which searches begin."""
     space = resolved.rig_numbers.space()
     values = {**space.fixed, **space.start}
     values |= {name: float(r.value(values)) for name, r in space.relations.items()}

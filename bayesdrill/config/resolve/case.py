@@ -1,7 +1,7 @@
-"""A config, resolved once: the rig, each experiment with channels and sensors, nominal values.
+"""Hold a resolved config: the rig, and each experiment with channels, sensors and nominal values.
 
-Loading gives it, and nobody asks the YAML again. The numbers of the rig are built here; what is
-wrong with one is filed at its entry.
+After loading, nothing reads the YAML again. The numbers of the rig are built here, and mistakes in
+them are reported at their entries.
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ from bayesdrill.rig.simulators.sensors import ObservationModel
 
 
 def build_model(config: Config, extra_names: Collection[str] = ()) -> Model:
-    """Return the rig of a config, with what it offers of names there or of `extra_names`."""
+    """Return the rig of a config, with the optional physics in its parameters or `extra_names`."""
     rig = build_member(lookup(MODELS, config.model.name, "model"), config.model)
     named = {name for name, spec in config.parameters.items() if spec is not None}
     return with_named(rig, {*named, *extra_names})
 
 
 def initial_state(config: Config, model: Model) -> dict[str, float]:
-    """Return what is fixed of the initial state, SI; of a steady start only what is named."""
+    """Return the fixed initial states, in SI; with a steady start only those that are named."""
     initial = config.initial
     entries = {name: getattr(initial, name) for name in model.outer}
     return {
@@ -59,7 +59,7 @@ def initial_state(config: Config, model: Model) -> dict[str, float]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RigNumbers:
-    """Numbers of the rig: parameters in the model's order, expressions where others give them."""
+    """The rig's numbers are parameters, or the expressions they follow from, quantities and formulas."""
 
     parameters: Mapping[str, ParsedNumber | Expression]
     quantities: Mapping[str, ParsedNumber]
@@ -67,7 +67,7 @@ class RigNumbers:
 
     @property
     def related(self) -> Mapping[str, Expression]:
-        """Return what parameters follow from, in names of others; raises `RelationError`."""
+        """Return the expressions of related parameters in terms of others; raises `RelationError`."""
         related = {n: x for n, x in self.parameters.items() if isinstance(x, Expression)}
         return resolve_relations(related)
 
@@ -77,11 +77,11 @@ class RigNumbers:
 
 
 def _space(
-    each: Sequence[tuple[str, RigNumbers, Mapping[str, str]]],
+    experiments: Sequence[tuple[str, RigNumbers, Mapping[str, str]]],
     sensors: Sequence[ParsedNumber] = (),
     noise: Sequence[Unknown] = (),
 ) -> ParameterSpace:
-    """`each`: label, numbers and what its parameters are called among all."""
+    """Return the joint space of `experiments`: for each its label, numbers and names among all."""
     unknowns: list[Unknown] = []
     fixed: dict[str, float] = {}
     relations: dict[str, Expression] = {}
@@ -95,17 +95,17 @@ def _space(
             Unknown(symbol=number.symbol, role=number.role, prior=number.value, start=number.start)
         )
 
-    for name in each[0][1].parameters:
-        for label, numbers_, called in each:
-            if (joint := called[name]) in names:
+    for name in experiments[0][1].parameters:
+        for label, numbers_, joint_names in experiments:
+            if (joint := joint_names[name]) in names:
                 continue
             names.append(joint)
             number = numbers_.parameters[name]
             if isinstance(number, ParsedNumber):
                 add(number if joint == name else number.for_experiment(label))
             else:
-                relations[joint] = numbers_.related[name].renamed(called)
-    for number in each[0][1].quantities.values():
+                relations[joint] = numbers_.related[name].renamed(joint_names)
+    for number in experiments[0][1].quantities.values():
         add(number)
     free = {unknown.name for unknown in unknowns}
     for name in [n for n, r in relations.items() if not set(r.names) & free]:
@@ -122,42 +122,42 @@ def _space(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LocalNumbers:
-    """What an experiment has beside the rig, by the names that it gives; None with a mistake."""
+    """The local numbers of an experiment are those of sensors, start, noise and torque, by name."""
 
-    # Of sensors and the start, None also of what records give; then unknowns of noise and torque.
+    # None stands for a prior that the record gives, and for a number with a mistake.
     numbers: Mapping[str, float | Prior | Unknown | None]
     channels: tuple[str, ...]
 
     @property
     def unknown(self) -> list[str]:
-        """Return the names of those that are not fixed."""
+        """Return the names of the numbers that are not fixed."""
         return [name for name, number in self.numbers.items() if not isinstance(number, float)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResolvedExperiment:
-    """One experiment; `label` is its name, empty where there is only one."""
+    """A resolved experiment has a `label`, which is empty if it is the only one."""
 
     label: str
-    config: Config  # what it reads as if it were alone
-    source: Source  # at which its paths start
+    config: Config  # its own, as if it were the only one
+    source: Source  # its entries, and the path from which relative paths start
     model: Model
     nominal: NominalValues
     rig_numbers: RigNumbers
     channels: tuple[NoisyChannel, ...]  # those that are evidence
-    sensor_numbers: Mapping[SensorEntry, ParsedNumber]  # of sensors and start
+    sensor_numbers: Mapping[SensorEntry, ParsedNumber]  # those of the start too
     sensing: ObservationModel
-    free_states: tuple[str, ...]  # of the start, whose priors the record gives
-    torque: Mapping[str, float | Unknown]  # size and time of the missing one, where there is one
+    free_states: tuple[str, ...]  # their initial values have priors from the record
+    torque: Mapping[str, float | Unknown]  # size and time of a missing torque
     local_numbers: LocalNumbers
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResolvedCase:
-    """A config that is right: all that it says of the rig and of each experiment."""
+    """A resolved case is a valid config, with its rig and all its experiments."""
 
-    config: Config  # that of the first experiment, which names them all
-    source: Source  # the file as it is written
+    config: Config  # that of the first experiment, with the names of all
+    source: Source  # the whole file
     experiments: tuple[ResolvedExperiment, ...]
 
     @property
@@ -166,30 +166,30 @@ class ResolvedCase:
         return self.experiments[0].model
 
     @property
-    def called(self) -> dict[str, dict[str, str]]:
-        """Return by label what parameters of an experiment are called among those of all.
+    def joint_names(self) -> dict[str, dict[str, str]]:
+        """Return, by label, the joint name of each parameter of an experiment.
 
-        What is its own, or held by it alone, and what follows from that, has its label.
+        A parameter has the label if it is `own`, held by this experiment, or follows from such ones.
         """
-        called = {}
+        names = {}
         for each in self.experiments:
             label, numbers_, spec = each.label, each.rig_numbers, self.config.experiments
             local = {*self.config.own, *(spec[label].parameters if label else ())}
             local |= {name for name, x in numbers_.related.items() if local & {*x.names}}
-            names = {n: labelled_name(n, label if n in local else "") for n in numbers_.parameters}
-            called[label] = names
-        return called
+            parameters = numbers_.parameters
+            names[label] = {n: labelled_name(n, label if n in local else "") for n in parameters}
+        return names
 
     def space(
         self, sensors: Sequence[ParsedNumber] = (), noise: Sequence[Unknown] = ()
     ) -> ParameterSpace:
-        """Return the unknowns: free parameters, quantities, those of `sensors` and starts, then `noise`.
+        """Return the unknowns: parameters, quantities, numbers of `sensors` and starts, then `noise`.
 
         Raises `RelationError`.
         """
-        called = self.called
-        each = [(x.label, x.rig_numbers, called[x.label]) for x in self.experiments]
-        return _space(each, sensors, noise)
+        names = self.joint_names
+        experiments = [(x.label, x.rig_numbers, names[x.label]) for x in self.experiments]
+        return _space(experiments, sensors, noise)
 
     @property
     def held_out(self) -> list[str]:
@@ -201,13 +201,11 @@ class ResolvedCase:
         return next(experiment for experiment in self.experiments if experiment.label == label)
 
 
-# The numbers of the rig are built, and every mistake in them is filed at its entry.
-
-TRIED_DRAWS = 4096  # from the priors, at which formulas are tried
+TRIED_DRAWS = 4096  # draws from the priors at which formulas are evaluated
 
 
 def check_nominal(errors: IssueCollector, config: Config, model: Model) -> dict[str, float]:
-    """Return the values of the config's own table, SI, at their own sides of the gear."""
+    """Return the nominal values in the config, in SI and at their own sides of the gear."""
     values = {
         name: errors.run(("nominal", name), quantities.nominal_value, config, model, name)
         for name in config.vocabulary.parameters
@@ -219,7 +217,7 @@ def check_nominal(errors: IssueCollector, config: Config, model: Model) -> dict[
 def check_torque(
     errors: IssueCollector, config: Config, model: Model, sensing: ObservationModel | None
 ) -> dict[str, float | Unknown | None]:
-    """Return size and time of the missing torque; it needs an inertia to act on."""
+    """Return size and time of the missing torque; the inertia on which it acts must exist."""
     acts = sensors.latent_torque(config)
     if acts is None:
         return {}
@@ -234,7 +232,7 @@ def check_torque(
 def check_rig(
     errors: IssueCollector, config: Config, model: Model, table: NominalValues
 ) -> RigNumbers | None:
-    """Return parameters, quantities and formulas; None with a mistake."""
+    """Return parameters, quantities and formulas; None if one has a mistake."""
     parsed_parameters = dict[str, ParsedNumber | Expression | None]()
     for name in config.vocabulary.parameters:
         location: Location = ("parameters", name)
@@ -254,14 +252,14 @@ def check_rig(
 
 
 def _removal_hint(name: str) -> str:
-    """Return what to do about a parameter that only other models have, or none."""
+    """Return the advice for a parameter that the rig lacks: remove it, or take a rig that has it."""
     rigs = {n: with_all(kind()) for n, kind in MODELS.usable().items()}
     having = [n for n, rig in rigs.items() if name in rig.parameters]
     return f"remove it, or take model.name: {' or '.join(having)}" if having else "remove it"
 
 
 def _check_added(errors: IssueCollector, config: Config, model: Model) -> None:
-    """Check that parts of the rig that are named are complete, and that no entry is of other parts."""
+    """Check that optional parts of the rig are complete, and that no entry names parts it lacks."""
     reported: set[str] = set()
     for name, missing in missing_requirements(model).items():
         if name not in reported:
@@ -304,7 +302,7 @@ def _check_relations(
     if wrong or not {*model.parameters} <= {*parsed_parameters}:
         return None
     parameters = {n: x for n in model.parameters if (x := parsed_parameters[n]) is not None}
-    if len(parameters) < len(model.parameters):  # a prior or a start, said already
+    if len(parameters) < len(model.parameters):  # a mistake that was reported already
         return None
     rig = RigNumbers(parameters=parameters, quantities=quantities_, derived=tuple(derived))
     try:
@@ -320,7 +318,7 @@ def _check_relations(
 
 
 def check_used(errors: IssueCollector, config: Config, each: Iterable[RigNumbers]) -> set[str]:
-    """Check that a formula names each quantity; return what formulas of parameters name."""
+    """Check that a formula uses each quantity; return the names in formulas of parameters."""
     every = [*each]
     used = {name for rig in every for x in rig.related.values() for name in x.names}
     others = {name for rig in every for formula in rig.derived for name in formula.expression.names}

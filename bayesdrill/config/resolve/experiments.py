@@ -1,4 +1,4 @@
-"""Several experiments in one config: each as a config of its own, and how each begins."""
+"""Resolve several experiments in one config: each as its own config, and how each begins."""
 
 from __future__ import annotations
 
@@ -32,26 +32,26 @@ from bayesdrill.rig.models.friction import Named
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulators.sensors import ObservationModel
 
-SECTIONS = ("record", "inputs", "initial")  # which an experiment may have of its own
-PARAMETERS = "parameters"  # of which it may hold numbers of its own
+SECTIONS = ("record", "inputs", "initial")  # those that an experiment may have for itself
+PARAMETERS = "parameters"  # an experiment may fix some of them
 EXPERIMENTS = "experiments"
-SHARING_KEYS = ("shared", "own")  # of what the experiments have in common, or each for itself
+SHARING_KEYS = ("shared", "own")  # unknowns that experiments have in common, or each for itself
 
 
 def split_experiments(source: Source) -> dict[str, Source]:
-    """Return, by name, what each experiment of a config reads as if it were alone."""
+    """Return, by name, the source of each experiment as if it were alone."""
     named = source.data.get(EXPERIMENTS)
     if not isinstance(named, Mapping):
         return {}
     return {
         label: experiment_source(source, label, entries)
         for label, entries in named.items()
-        if isinstance(entries, Mapping)  # what is none is told of by its own entry
+        if isinstance(entries, Mapping)  # other entries are reported by the validation
     }
 
 
 def join_experiments(source: Source, sources: Mapping[str, Source]) -> dict[str, Any]:
-    """Return the config of all: the first experiment at its top, local entries under each name."""
+    """Return the joint config: the first experiment at its top, local entries below each name."""
     named = source.data[EXPERIMENTS]
     named = dict(named) if isinstance(named, Mapping) else named
     first = next(iter(sources.values()), source)
@@ -63,12 +63,12 @@ def join_experiments(source: Source, sources: Mapping[str, Source]) -> dict[str,
 
 
 def joint_name(config: Config, name: str, label: str) -> str:
-    """Return the name that an unknown of one experiment has among those of all."""
+    """Return the name of an experiment's unknown among those of all experiments."""
     return name if name in config.shared else labelled_name(name, label)
 
 
 def experiment_source(source: Source, label: str, local: Mapping[str, Any]) -> Source:
-    """Return the config of one experiment, with its `local` entries."""
+    """Return the source of one experiment, with its `local` entries in place of the common ones."""
     data = {k: v for k, v in source.data.items() if k not in (EXPERIMENTS, *SHARING_KEYS)}
     data = copy.deepcopy(data)
     for section in [name for name in (*SECTIONS, PARAMETERS) if name in local]:
@@ -84,34 +84,34 @@ def experiment_source(source: Source, label: str, local: Mapping[str, Any]) -> S
 
 
 def _merged(common: Any, local: Any) -> Any:
-    """`local` entries in the place of common ones, mapping by mapping."""
+    """Return the common entries, recursively replaced by the `local` ones."""
     if not (isinstance(common, Mapping) and isinstance(local, Mapping)):
         return copy.deepcopy(local)
     if _entry_kind(local) and _entry_kind(common) != _entry_kind(local):
-        return copy.deepcopy(local)  # another kind of entry: nothing of the common one fits
+        return copy.deepcopy(local)  # keys of another kind of entry do not fit
     merged = {key: value for key, value in common.items() if key not in local}
     return {**merged, **{key: _merged(common.get(key), value) for key, value in local.items()}}
 
 
 def _entry_kind(entry: Mapping[str, Any]) -> str:
-    """Which kind a number or column is, where it says so."""
+    """Return the key that tells which kind of entry this is; empty if there is none."""
     return next((key for key in ("prior", "value", "rate") if key in entry), "")
 
 
-FREE_START_WIDTH = 2.0  # times what a channel of its kind spans: sd of the prior of a free state
-LAG_TAIL = 1e-6  # of the prior of a lag lies beyond what is left out of the start
-N_FIRST_SAMPLES = 5  # samples that show whether a record begins in motion
-MIN_MOTION_OVER_NOISE = 12.0  # times the noise
-MIN_MOTION_SHARE = 0.2  # of what the channel does later
-LAG_TAIL_BEYOND_RECORD = 0.025  # of the prior of a lag, on either side, may lie beyond the record
-SPEED_QUANTILE = 0.99  # of the steps of an angle are no faster than the speed that is taken of it
+FREE_START_WIDTH = 2.0  # prior sd of a free state, over the span of channels of its kind
+LAG_TAIL = 1e-6  # prior probability that a lag is longer than the samples that are left out
+N_FIRST_SAMPLES = 5  # they show whether a record begins in motion
+MIN_MOTION_OVER_NOISE = 12.0  # initial motion over its standard error
+MIN_MOTION_SHARE = 0.2  # initial motion over the range of the channel
+LAG_TAIL_BEYOND_RECORD = 0.025  # prior probability, at either end, of a lag beyond the record
+SPEED_QUANTILE = 0.99  # quantile of an angle's difference quotients that counts as its speed
 
 
 def free_start(name: str, experiment: Experiment, model: Model, values: Named) -> ParsedNumber:
-    """Return a normal prior of a state around the first samples, as wide as the channels go.
+    """Return a normal prior of a state around the first samples, as wide as the channels' span.
 
-    Where no channel measures it, it is as wide as the inputs would drive it at parameters `values`.
-    Raises `ValueError` where neither tells a width.
+    If no channel measures the state, the width is how far the inputs would drive it at the parameters
+    `values`. Raises `ValueError` if neither gives a width.
     """
     symbol = model.symbols[name]
     middle, width = _measured_start(symbol, experiment)
@@ -131,7 +131,7 @@ def free_start(name: str, experiment: Experiment, model: Model, values: Named) -
 def without_sensors(
     experiment: Experiment, sensing: ObservationModel, numbers: Iterable[ParsedNumber]
 ) -> Experiment:
-    """Return the experiment as a rig shows it: without gains and offsets, known or where they start."""
+    """Return the experiment with known or initial gains and offsets of its sensors removed."""
     values = {n.name: n.value if isinstance(n.value, float) else n.start for n in numbers}
     y = experiment.y.copy()
     for k, channel in enumerate(experiment.channels):
@@ -147,7 +147,7 @@ def _channels_of_unit(experiment: Experiment, unit: str) -> list[tuple[Mapping[s
 
 
 def _measured_start(state: Symbol, experiment: Experiment) -> tuple[float, float | None]:
-    """First value and span of a channel of this state alone, or the first of an angle beside it."""
+    """Return first value and span of the state's channel; without it, another's first value and None."""
     middle, name = 0.0, state.name
     for weights, y in _channels_of_unit(experiment, state.unit):
         if set(weights) == {name}:
@@ -158,7 +158,7 @@ def _measured_start(state: Symbol, experiment: Experiment) -> tuple[float, float
 
 
 def _span_of_unit(experiment: Experiment, unit: str) -> float:
-    """How far states of this unit go, as channels tell; angles and speeds tell of each other."""
+    """Return the span of states with this unit; angles and speeds are derived from each other."""
     if unit in SPEED_UNITS:
         if spans := [float(np.ptp(y)) for _, y in _channels_of_unit(experiment, unit)]:
             return max(spans)
@@ -175,7 +175,7 @@ def _span_of_unit(experiment: Experiment, unit: str) -> float:
 
 
 def _driven_width(name: str, experiment: Experiment, model: Model, values: Named) -> float:
-    """Where the inputs would hold it, if nothing else moved; where there are none, what turns would."""
+    """Return the equilibrium to which the inputs, or else turning parts, would drive a state."""
     linear = model.linear(values)
     decay = abs(float(linear.A.get((name, name), 0.0)))
     largest = {n: abs(x) for n, x in experiment.constant.items()}
@@ -204,8 +204,8 @@ def start_beyond_lags(
 ) -> Experiment:
     """Return the experiment without the samples that lags leave undetermined.
 
-    Of a rig that moves at the start these show what was before it; of an input that the record
-    shows late, what came after its end.
+    If the rig moves at the start, the first samples show motion before it. If the record shows an input
+    late, the last samples depend on the input after its end.
     """
     y, notes = np.array(experiment.y), list(experiment.told)
     late = sensing.shifts or bool(sensing.input_lags)
@@ -236,7 +236,7 @@ def start_beyond_lags(
 
 
 def check_lag(lag: ParsedNumber, experiment: Experiment) -> None:
-    """Raise `ValueError` for a lag, or a delay, that the record is too short for."""
+    """Raise `ValueError` for a lag, or a delay, for which the record is too short."""
     duration = float(experiment.t[-1] - experiment.t_start)
     low, high = quantities.ends_of(lag.value, LAG_TAIL_BEYOND_RECORD)
     if not max(abs(low), abs(high)) < duration:
@@ -248,7 +248,7 @@ def check_lag(lag: ParsedNumber, experiment: Experiment) -> None:
 
 
 def check_at_rest(experiment: Experiment, sigmas: Sequence[float]) -> None:
-    """Raise `ValueError` where a channel begins in motion, by its noise of the sd `sigmas (K,)`."""
+    """Raise `ValueError` if a channel begins in motion, given its noise sds `sigmas (K,)`."""
     channels = zip(experiment.channels, experiment.y.T, sigmas, strict=True)
     for channel, y, sigma in channels:
         measured = ~np.isnan(y)
@@ -274,14 +274,14 @@ def check_at_rest(experiment: Experiment, sigmas: Sequence[float]) -> None:
             )
 
 
-# Each experiment by its name, which is empty where there is only one.
+# The key is an experiment's name, which is empty if there is only one.
 NumbersByLabel = Mapping[str, LocalNumbers]
 
 
 def check_experiments(
     config: Config, source: Source, resolved: Mapping[str, ResolvedExperiment]
 ) -> list[Issue]:
-    """Return the issues of a config whose experiments are each valid."""
+    """Return the issues between experiments that are each valid."""
     errors = IssueCollector(source, frozenset())
     for label in config.experiments:
         if not label.isidentifier():
@@ -309,7 +309,7 @@ def check_experiments(
 
 
 def unknown_names(config: Config, model: Model, local: LocalNumbers) -> list[str]:
-    """Return the names of all unknowns of an experiment alone."""
+    """Return the names of all unknowns of a single experiment."""
     every = case.free_parameters(config, model.parameters)
     every += [n for n, q in config.quantities.items() if isinstance(q, numbers.QuantityPrior)]
     return list(dict.fromkeys([*every, *local.unknown]))
@@ -318,7 +318,7 @@ def unknown_names(config: Config, model: Model, local: LocalNumbers) -> list[str
 def _check_held(
     errors: IssueCollector, config: Config, resolved: Mapping[str, ResolvedExperiment]
 ) -> None:
-    """Check that what an experiment holds by itself is a number or a formula, of a rig that all have."""
+    """Check that an experiment fixes only numbers and formulas, for parameters that all rigs have."""
     for label, experiment in resolved.items():
         for name in config.experiments[label].parameters:
             free = isinstance(experiment.config.parameters.get(name), numbers.ParameterPrior)
@@ -332,18 +332,18 @@ def _check_held(
 
 
 def _check_derived(errors: IssueCollector, joint: ResolvedCase, space: ParameterSpace) -> None:
-    """Check that formulas name what there is among all experiments."""
+    """Check that derived formulas name existing parameters of the joint problem."""
     known = {*space.free, *space.fixed, *space.relations, *symbols.DERIVED, *joint.config.derived}
     for formula in joint.experiments[0].rig_numbers.derived:
         for name in [name for name in formula.expression.names if name not in known]:
-            others = dict.fromkeys(called.get(name, "") for called in joint.called.values())
+            others = dict.fromkeys(names.get(name, "") for names in joint.joint_names.values())
             way_out = f"name {' or '.join(others)}" if all(others) else "it is the same in all"
             message = f"there is no {name} among all experiments; {way_out}"
             errors.add(("derived", formula.symbol.name), message)
 
 
 def check_truth(errors: IssueCollector, config: Config, by_label: NumbersByLabel) -> None:
-    """Check true values by channel, and by names of the other unknowns."""
+    """Check the names of channels and unknowns to which `simulation:` gives true values."""
     simulation: Any = config.simulation
     channels = dict.fromkeys(name for local in by_label.values() for name in local.channels)
     for name in simulation.sigma if simulation else ():
@@ -357,12 +357,12 @@ def check_truth(errors: IssueCollector, config: Config, by_label: NumbersByLabel
 
 
 def _truth_names(config: Config, by_label: NumbersByLabel) -> list[str]:
-    """Return the names of unknowns beside the rig to which `simulation.truth` may give a value."""
+    """Return the names of unknowns, beside those of the rig, that `simulation.truth` may contain."""
     pairs = [(label, name) for label in by_label for name in config.own]
     if config.missing_torque is not None:
         pairs += [(label, name) for label in by_label for name in sensors.TORQUE_ENTRIES]
     for label, local in by_label.items():
-        sizes = {symbols.noise_name(name) for name in local.channels}  # `simulation.sigma`
+        sizes = {symbols.noise_name(name) for name in local.channels}  # given by `simulation.sigma`
         pairs += [(label, name) for name in local.numbers if name not in sizes]
     local_names = [labelled_name(name, label) for label, name in pairs if name not in config.shared]
     return list(dict.fromkeys([*(name for _, name in pairs), *local_names]))
@@ -383,7 +383,7 @@ def _check_local(
 def _check_shared(
     errors: IssueCollector, config: Config, model: Model, by_label: NumbersByLabel
 ) -> None:
-    """Check that what is shared is unknown in several experiments, with one prior."""
+    """Check that shared unknowns belong to several experiments, with the same prior."""
     known_names = dict.fromkeys(name for local in by_label.values() for name in local.numbers)
     for k, name in enumerate(config.shared):
         location = ("shared", k)

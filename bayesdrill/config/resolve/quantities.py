@@ -1,4 +1,4 @@
-"""Numbers and inputs of a config as objects; steps raise `ValueError` with words for the user."""
+"""Turn numbers and inputs of a config into objects; raise `ValueError` with a message for users."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from bayesdrill.rig.models.linear import Model, gear_factor
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ParsedNumber:
-    """A number, SI: fixed, or unknown with a `start`; `factor`: how many SI its `unit` is."""
+    """A parsed number is fixed, or unknown with a `start`, in SI; one `unit` has `factor` SI units."""
 
     symbol: Symbol
     role: Role
@@ -43,7 +43,7 @@ class ParsedNumber:
 
     @property
     def name(self) -> str:
-        """Return its name."""
+        """Return the name of the number's symbol."""
         return self.symbol.name
 
     def for_experiment(self, label: str) -> ParsedNumber:
@@ -51,12 +51,12 @@ class ParsedNumber:
         return dataclasses.replace(self, symbol=labelled_symbol(self.symbol, label))
 
 
-_MAX_TRUNCATION = 5  # sd of a normal between its mean and zero, where it is cut
-MIN_RELATIVE_WIDTH = 1e-9  # of a prior, relative: below it, numbers hold no more than one value
+_MAX_TRUNCATION = 5  # sds by which the mean of a normal, cut at zero, may lie below zero
+MIN_RELATIVE_WIDTH = 1e-9  # a narrower prior holds hardly more than one floating-point number
 
 
 def build_prior(spec: PriorSpec, nominal_value: float | None = None) -> Prior:
-    """Return the prior in its entry's unit; one that is `relative`, times `nominal_value`."""
+    """Return the prior in its entry's unit; a `relative` one is scaled by `nominal_value`."""
     values, positive = spec.numbers, spec.families is PRIORS
     if "low" in values and not values["low"] < values["high"]:
         ends = f"low {values['low']:g} is not below high {values['high']:g}"
@@ -77,17 +77,17 @@ def build_prior(spec: PriorSpec, nominal_value: float | None = None) -> Prior:
 
 
 def is_relative(spec: object) -> bool:
-    """Whether a prior is relative to the nominal value."""
+    """Return whether a prior is relative to the nominal value."""
     return isinstance(spec, ParameterPrior) and spec.relative
 
 
 def is_tied(spec: object) -> bool:
-    """Whether a parameter follows from others."""
+    """Return whether a parameter follows from others."""
     return isinstance(spec, numbers.Tie) or (isinstance(spec, str) and spec != "nominal")
 
 
 def search_start(spec: PriorSpec, built: Prior, nominal_value: float | None = None) -> float:
-    """Return where the MAP search begins; raises `ValueError` where the prior excludes it."""
+    """Return where the MAP search begins; raises `ValueError` if the prior excludes it."""
     default = nominal_value or float(built.quantile(np.array([0.5]))[0])
     value = default if spec.start is None else spec.start
     if not np.isfinite(built.logpdf(np.array([value]))[0]):
@@ -99,23 +99,23 @@ def search_start(spec: PriorSpec, built: Prior, nominal_value: float | None = No
 
 
 def number_in_si(
-    spec: float | numbers.Quantity | PriorSpec, factor: float, what: str = "it", unit: str = ""
+    spec: float | numbers.Quantity | PriorSpec, factor: float, label: str = "it", unit: str = ""
 ) -> tuple[float | Prior, float]:
-    """Return a value or a prior, and its start, SI; mistakes are told in its own unit, `factor` SI.
+    """Return a value or a prior, and its start, in SI; one unit of the entry has `factor` SI units.
 
-    Of a thing that has no nominal value: `what` it is called, and in which `unit` to write it.
+    The number has no nominal value; messages call it `label` and ask for a prior in `unit`.
     """
     if not isinstance(spec, PriorSpec):
         value = (spec.value if isinstance(spec, numbers.Quantity) else float(spec)) * factor
         return value, value
     if is_relative(spec):
-        raise ValueError(f"{what} has no nominal value; write its prior in {unit}")
+        raise ValueError(f"{label} has no nominal value; write its prior in {unit}")
     built = build_prior(spec)
     return built.scaled(factor), search_start(spec, built) * factor
 
 
 def ends_of(value: float | Prior, tail: float) -> tuple[float, float]:
-    """Return between which a number is, but for `tail` of its prior on either side."""
+    """Return lower and upper ends of a number, with the prior probability `tail` beyond each."""
     if isinstance(value, float):
         return value, value
     low, high = value.quantile(np.array([tail, 1 - tail]))
@@ -123,7 +123,7 @@ def ends_of(value: float | Prior, tail: float) -> tuple[float, float]:
 
 
 def to_si(value: float | numbers.Quantity, unit: str) -> float:
-    """Return a value in SI; a plain number is in SI already."""
+    """Return a value in SI, in which a plain number is given already."""
     if isinstance(value, numbers.Quantity):
         return value.value * units.factor(value.unit, unit)
     return value
@@ -131,21 +131,21 @@ def to_si(value: float | numbers.Quantity, unit: str) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NominalValues:
-    """Nominal `values` of parameters: those of a table, unless the config says otherwise.
+    """Nominal values come from a table, unless the config gives them.
 
-    Those are `compared` that are this rig's, all of a table that the config names or relies on; where
-    it has values of its own, or no use for a table, the table speaks of another rig.
+    The verdict compares parameters with `compared`, which are values of this rig. A table's other values
+    belong to another rig if the config gives its own values or uses no table.
     """
 
     values: Mapping[str, float]
     compared: Mapping[str, float]
-    published: tuple[str, ...]  # of those that are compared, with the value of a table
-    tolerance: Mapping[str, float]  # relative, of all parameters
-    name: str  # in sentences
+    published: tuple[str, ...]  # names of compared parameters with the value of a table
+    tolerance: Mapping[str, float]  # relative tolerances of all parameters
+    name: str  # the table's name in sentences
 
 
 def nominal_value(config: Config, model: Model, name: str) -> float:
-    """The nominal value of a parameter that the config gives, in SI and at its own side of the gear."""
+    """Return the config's nominal value of a parameter, in SI and at its own side of the gear."""
     entry, symbol = getattr(config.nominal, name), model.symbols[name]
     if not isinstance(entry, numbers.NominalValue):
         return float(entry)
@@ -157,15 +157,15 @@ def nominal_value(config: Config, model: Model, name: str) -> float:
 
 
 def nominal_table(config: Config, config_values: Mapping[str, float]) -> NominalValues:
-    """Return the named table with the config's own values, SI; raises `ValueError` without one."""
+    """Return the named table with the config's own values, in SI; raises `ValueError` if unknown."""
     given: Any = config.nominal
     table = given.table or symbols.DEFAULT_NOMINAL
     published_values = lookup(symbols.NOMINAL, table, "nominal table")
     known = config.vocabulary.parameters
-    alike = {n: x for n, x in published_values.items() if known.get(n) == symbols.PARAMETERS[n]}
-    if given.table is not None and not alike:
+    shared = {n: x for n, x in published_values.items() if known.get(n) == symbols.PARAMETERS[n]}
+    if given.table is not None and not shared:
         raise ValueError(f"{table} is a table of another rig; remove this entry")
-    values = {**alike, **config_values}
+    values = {**shared, **config_values}
     given_parameters = config.parameters
     used = {n for n in values if (s := given_parameters.get(n)) == "nominal" or is_relative(s)}
     compared = values
@@ -176,22 +176,22 @@ def nominal_table(config: Config, config_values: Mapping[str, float]) -> Nominal
     if isinstance(tolerance, float):
         tolerances = dict.fromkeys(known, tolerance)
     else:
-        each = {name: getattr(tolerance, name) for name in known}
-        tolerances = {name: tolerance.default if x is None else x for name, x in each.items()}
-    called = f"{table} ({', '.join(n for n in compared if n in config_values)} as in the config)"
+        single = {name: getattr(tolerance, name) for name in known}
+        tolerances = {name: tolerance.default if x is None else x for name, x in single.items()}
+    amended = f"{table} ({', '.join(n for n in compared if n in config_values)} as in the config)"
     return NominalValues(
         values=values,
         compared=compared,
         published=published,
         tolerance=tolerances,
-        name=(called if published else "the config's nominal values") if config_values else table,
+        name=(amended if published else "the config's nominal values") if config_values else table,
     )
 
 
 def parse_parameter(
     config: Config, model: Model, table: NominalValues, name: str
 ) -> ParsedNumber | Expression:
-    """Return a parameter of the rig: its number, or the expression that it follows from."""
+    """Return the number of a parameter of the rig, or the expression from which it follows."""
     if (related := parse_relation(config, model, name)) is not None:
         return related
     spec, symbol, value = config.parameters[name], model.symbols[name], table.values.get(name)
@@ -230,7 +230,7 @@ def parse_quantity(
 
 
 def _check_name(config: Config, name: str) -> None:
-    """Whether a config may give this name to a thing of its own."""
+    """Raise `ValueError` unless a quantity or derived formula may have this name."""
     if not name.isidentifier() or keyword.iskeyword(name):
         raise ValueError(f"'{name}' cannot be a name; use letters, digits and `_`")
     words = config.vocabulary
@@ -244,7 +244,7 @@ def _names(config: Config, model: Model) -> tuple[str, ...]:
 
 
 def parse_relation(config: Config, model: Model, name: str) -> Expression | None:
-    """Return the expression that parameter `name` follows from; None for a value or a prior."""
+    """Return the expression from which parameter `name` follows; None for a value or a prior."""
     entry, known_names = config.parameters.get(name), _names(config, model)
     if isinstance(entry, numbers.Tie):
         spec = entry.tie
@@ -266,7 +266,7 @@ def parse_relation(config: Config, model: Model, name: str) -> Expression | None
 
 
 def parse_formula(config: Config, model: Model, name: str, labels: Iterable[str] = ()) -> Formula:
-    """Return a derived quantity; it may name those before it, and parameters of experiments `labels`."""
+    """Return a derived formula, which may name earlier ones and parameters of experiments `labels`."""
     _check_name(config, name)
     if name in config.quantities:
         raise ValueError(f"{name} is a quantity already; choose another name")
@@ -280,7 +280,7 @@ def parse_formula(config: Config, model: Model, name: str, labels: Iterable[str]
 
 
 def input_entry(config: Config, name: str) -> str:
-    """Return the entry of `inputs:` that gives the input `name`: itself, or an angle."""
+    """Return the entry of `inputs:` that gives the input `name`: itself, or an imposed angle."""
     angle = config.vocabulary.imposed.get(name, name)
     return name if getattr(config.inputs, angle) is None else angle
 
@@ -305,7 +305,7 @@ def constant_inputs(config: Config, model: Model) -> dict[str, float]:
 def inputs_as_given(
     config: Config, experiment: Experiment
 ) -> Iterator[tuple[str, InputColumn, Array]]:
-    """Yield entry, column and values `(T,)` in its unit of each input, or of its imposed angle."""
+    """Yield entry, column and values `(T,)`, in the column's unit, of each input or imposed angle."""
     for name, spec in measured_inputs(config).items():
         entry, values = input_entry(config, name), experiment.series[name]
         if entry != name:

@@ -1,4 +1,4 @@
-"""Check the record and the experiment, and their units: channels, time, inputs, sensors, start."""
+"""Check an experiment's channels, time, inputs, sensors and start, with their units."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ from bayesdrill.record.formats import FORMATS
 from bayesdrill.rig.models.linear import Model, missing_requirements, with_named
 from bayesdrill.rig.simulators.sensors import ObservationModel, signal_names
 
-SensorNumbers = Mapping[SensorEntry, ParsedNumber | None]  # None where there is a mistake
+SensorNumbers = Mapping[SensorEntry, ParsedNumber | None]  # None for a number with a mistake
 
 
 def check_sensors(
     errors: IssueCollector, config: Config, model: Model, free: Sequence[str]
 ) -> tuple[SensorNumbers, ObservationModel | None]:
-    """Return all numbers of sensors and of the initial state, and of `free` states what they make."""
+    """Return the numbers of sensors and initial state, and the observation model with `free` states."""
     for name in model.outer:
         start, unit = getattr(config.initial, name), model.symbols[name].unit
         check_quantity(errors, ("initial", name), start, unit)
@@ -61,10 +61,9 @@ def local_numbers(
     free: Sequence[str],
     torque: Mapping[str, float | Unknown | None],
 ) -> LocalNumbers:
-    """Return what the experiment has beside the rig, by name.
+    """Return the numbers that the experiment has beside those of the rig.
 
-    Of a channel with a mistake, which is reported elsewhere, only what is given is there, as None:
-    what a kind of noise has by default may be what its entry was to hold.
+    A channel with a mistake, which is reported elsewhere, has only the unknowns that its entry names.
     """
     numbers_: dict[str, float | Prior | Unknown | None]
     numbers_ = {e.symbol.name: None if x is None else x.value for e, x in sensor_numbers.items()}
@@ -81,7 +80,7 @@ def local_numbers(
 
 
 def _sensor_number(errors: IssueCollector, entry: SensorEntry) -> ParsedNumber | None:
-    """An offset without a unit of its own has that of its column, of which a mistake is told there."""
+    """Return the number of an entry; None if it, or the column whose unit it takes, has a mistake."""
     if entry.kind == "offset" and not getattr(entry.spec, "unit", None):
         try:
             units.factor(entry.unit, entry.symbol.unit)
@@ -91,7 +90,7 @@ def _sensor_number(errors: IssueCollector, entry: SensorEntry) -> ParsedNumber |
 
 
 def _check_ineffective(errors: IssueCollector, config: Config) -> None:
-    """Numbers of sensors that change nothing."""
+    """Add an issue for each number of a sensor that has no effect."""
     for name, spec in config.record.channels.items():
         for kind in numbers.SensorFields.model_fields if spec.derived_from is not None else ():
             if getattr(spec, kind) is not None:
@@ -99,14 +98,14 @@ def _check_ineffective(errors: IssueCollector, config: Config) -> None:
                 errors.add(("record", "channels", name, kind), f"{evidence}; remove this")
     for name in config.vocabulary.inputs:
         input_spec = getattr(config.inputs, name)
-        of_nothing = isinstance(input_spec, InputQuantity) and input_spec.value == 0
-        if of_nothing and input_spec.gain is not None:
+        is_zero = isinstance(input_spec, InputQuantity) and input_spec.value == 0
+        if is_zero and input_spec.gain is not None:
             message = "a gain of nothing changes nothing; give `offset:`, or another value"
             errors.add(("inputs", name, "gain"), message)
 
 
 def _check_steady(errors: IssueCollector, config: Config, model: Model) -> None:
-    """The inputs give all but where the angles begin."""
+    """Check a steady start: inputs determine it, but for a single angle that may be named."""
     if not model.smooth:
         how = "rubs turns steadily, or sticks" if model.frictions else "swings comes to rest"
         where = f"where a rig that {how}, is not worked out"
@@ -126,7 +125,7 @@ def _check_steady(errors: IssueCollector, config: Config, model: Model) -> None:
 def check_channels(
     errors: IssueCollector, config: Config, model: Model
 ) -> dict[str, NoisyChannel | None]:
-    """Return channels that are evidence, not derived from others; None for each with a mistake."""
+    """Return channels that are evidence and not derived from others; None for each with a mistake."""
     measured, channels = dict[str, NoisyChannel | None](), config.record.channels
     for name, spec in channels.items():
         location: Location = ("record", "channels", name)
@@ -146,13 +145,13 @@ def check_channels(
 def _check_measured(
     errors: IssueCollector, location: Location, spec: ChannelSpec, model: Model
 ) -> NoisyChannel | None:
-    """Entry by entry, so that each mistake has the line where it stands."""
+    """Check the entries of a channel one by one, so that each mistake is reported at its line."""
     before, name = len(errors.issues), str(location[-1])
-    combines = {name: 1.0}
+    weights = {name: 1.0}
     if spec.measures is not None:
         text, at = spec.measures, (*location, "measures")
-        combines = errors.run(at, linear_combination, text, signal_names(model)) or {}
-    signals = [model.symbols[signal] for signal in combines if signal in signal_names(model)]
+        weights = errors.run(at, linear_combination, text, signal_names(model)) or {}
+    signals = [model.symbols[signal] for signal in weights if signal in signal_names(model)]
     if signals:
         errors.run((*location, "unit"), units.factor, spec.unit, signals[0].unit)
     if errors.run((*location, "noise"), lookup, NOISES, spec.noise.name, "noise") is not None:
@@ -169,7 +168,7 @@ def _check_measured(
 
 
 def check_series(errors: IssueCollector, location: Location, spec: Series) -> None:
-    """Check where the numbers of a column stand, its time and its file."""
+    """Check the address, the time and the file of a column."""
     _check_address(errors, location, spec)
     _check_time(errors, (*location, "time"), spec.time)
     if isinstance(spec.file, FileSpec) and spec.file.format is not None:
@@ -204,13 +203,13 @@ def check_record(errors: IssueCollector, config: Config) -> None:
 
 
 def check_quantity(errors: IssueCollector, location: Location, value: object, unit: str) -> None:
-    """Check the unit of a value that has one."""
+    """Check the unit of a value, if it has one."""
     if isinstance(value, numbers.Quantity):
         errors.run((*location, "unit"), units.factor, value.unit, unit)
 
 
 def check_inputs(errors: IssueCollector, config: Config, model: Model | None) -> None:
-    """Check the inputs: their units, and that they are those of the model."""
+    """Check the inputs: their units, and that the model has them."""
     for entry, symbol in config.vocabulary.entries.items():
         spec = getattr(config.inputs, entry)
         location: Location = ("inputs", entry)
@@ -229,7 +228,7 @@ def check_inputs(errors: IssueCollector, config: Config, model: Model | None) ->
 
 
 def _check_required(errors: IssueCollector, config: Config, model: Model) -> None:
-    """The model's own, and no other."""
+    """Check that the inputs are those of the model."""
     words, inputs = config.vocabulary, config.inputs
     given_entries = {n for n in inputs.model_fields_set if getattr(inputs, n) is not None}
     entries = [e for name in model.inputs for e in (name, words.imposed.get(name, name))]
@@ -261,7 +260,7 @@ def _missing_message(config: Config, name: str) -> str:
 
 
 def _check_angles(errors: IssueCollector, config: Config) -> None:
-    """An angle that is imposed says all of its speed and of where it begins."""
+    """Check that no entry contradicts an imposed angle, which gives its speed and its start."""
     for name, entry in config.vocabulary.imposed.items():
         spec = getattr(config.inputs, entry)
         if spec is None:

@@ -1,6 +1,6 @@
-"""Channels and sensors of a config: what each measures, its noise, and sensor numbers in SI.
+"""Resolve channels and sensors: what each channel measures, its noise, and sensor numbers in SI.
 
-The start and a latent torque have numbers of the same kind.  The steps raise `ValueError` with a
+The start and a latent torque have numbers of the same kind. The steps raise `ValueError` with a
 message for the user.
 """
 
@@ -42,19 +42,19 @@ TORQUE_ENTRIES: Mapping[str, str] = {SIZE: "size", TIME: "time"}
 
 
 def latent_torque(config: Config) -> MissingTorque | None:
-    """Return the missing torque of a config, if it has one."""
+    """Return the missing torque of a config; None without one."""
     spec = config.missing_torque
     return None if spec is None else MissingTorque(at=spec.at, smoothness=spec.smoothness)
 
 
 def latent_torque_number(config: Config, name: str) -> float | Unknown:
-    """Return the torque's size or time, which has this `name` among unknowns; on a line, a force's."""
-    turns = all(symbol.unit != "m" for symbol in config.vocabulary.states.values())
-    what, unit = ("torque", "N*m") if turns else ("force", "N")
-    about = f"size of the missing {what}: its standard deviation"
+    """Return size or time, by its `name`, of the missing torque; a linear rig misses a force."""
+    rotary = all(symbol.unit != "m" for symbol in config.vocabulary.states.values())
+    noun, unit = ("torque", "N*m") if rotary else ("force", "N")
+    about = f"size of the missing {noun}: its standard deviation"
     symbol = Symbol(SIZE, unit, "s_d", symbols.latex_unit(unit), about)
     if name == TIME:
-        about = f"time after which the missing {what} is forgotten"
+        about = f"time after which the missing {noun} is forgotten"
         symbol = Symbol(TIME, "s", r"\tau_d", "s", about)
     spec = getattr(config.missing_torque, TORQUE_ENTRIES[name])
     value, begin = number_in_si(spec, 1.0, unit=symbol.plain_unit)
@@ -70,10 +70,10 @@ def build_observation(
     noise: Noise,
     label: str = "",
 ) -> Observation:
-    """Return an observation, with a missing torque and the numbers of its process or without.
+    """Return an observation; with a missing torque, `process` holds size and time of the torque.
 
-    Parameters and unknowns are named as in an experiment that has no others beside it.  Raises
-    `ValueError` where torque and noise, or times, do not go together.
+    Parameters and unknowns have the names that they have in a single experiment. Raises `ValueError` if
+    the torque does not fit the noise or the times.
     """
     acts, noise_names = latent_torque(config), [unknown.name for unknown in noise.unknowns]
     if acts is None:
@@ -101,7 +101,7 @@ def build_observation(
 
 
 def check_latent_torque(model: Model, acts: MissingTorque, sensing: ObservationModel) -> None:
-    """Raise `ValueError` where a rig can have no missing torque."""
+    """Raise `ValueError` if a rig with these sensors can have no missing torque."""
     if unsupported := ", ".join([*sensing.gains, *sensing.lags]):
         refusal = f"a missing torque allows for no gain and no lag of a sensor ({unsupported})"
         raise ValueError(f"{refusal}; mend the column, or remove this entry")
@@ -115,10 +115,10 @@ SensorNumber = float | Quantity | SensorPrior
 
 @dataclass(frozen=True, slots=True)
 class SensorEntry:
-    """One entry of the config, of the channel, input or state `target`, in a `unit` of its own."""
+    """A sensor entry gives one number of the channel, input or state `target`, in `unit`."""
 
     location: Location
-    kind: SensorKind  # a delay is that of all inputs, a lag of an input its own
+    kind: SensorKind  # all inputs have one delay, or each its own lag
     target: str
     symbol: Symbol
     spec: SensorNumber
@@ -126,14 +126,14 @@ class SensorEntry:
 
 
 def sensor_entries(config: Config, model: Model) -> Iterator[SensorEntry]:
-    """Yield the entries in the order in which they are unknown: channels, inputs, the start."""
+    """Yield the entries in the order of their unknowns: channels, inputs, the start."""
     for name, spec in config.record.channels.items():
         if spec.derived_from is not None:
             continue
         location: Location = ("record", "channels", name)
         signals = (*model.states, *model.combinations)
-        meant = (s for s in signals if s == name or s in (spec.measures or ""))
-        si = next((model.symbols[signal].unit for signal in meant), "1")  # none, if it is misspelt
+        measured = (s for s in signals if s == name or s in (spec.measures or ""))
+        si = next((model.symbols[signal].unit for signal in measured), "1")  # "1" if misspelt
         signal = config.vocabulary.signals.get(name) or symbols.own_symbol(name, "1", None, "")
         yield from _column_entries(location, "lag", spec, si, signal.latex)
     for name, symbol in config.vocabulary.inputs.items():
@@ -147,15 +147,15 @@ def sensor_entries(config: Config, model: Model) -> Iterator[SensorEntry]:
         yield SensorEntry(("inputs", "t_0"), "delay", "", delay, config.inputs.t_0, "s")
     for name in model.outer:
         start = getattr(config.initial, name)
-        if isinstance(start, SensorPrior):  # what is held or `free` is said elsewhere
-            of_state = symbol_of_state(model, name)
-            yield SensorEntry(("initial", name), "state", name, of_state, start, of_state.unit)
+        if isinstance(start, SensorPrior):  # fixed and `free` states have no entry
+            symbol = symbol_of_state(model, name)
+            yield SensorEntry(("initial", name), "state", name, symbol, start, symbol.unit)
 
 
 def _column_entries(
     location: Location, late: SensorKind, spec: Any, si: str, latex: str
 ) -> Iterator[SensorEntry]:
-    """`late`: whether the lag of a column is its own, or a delay of all inputs."""
+    """Yield the entries of a column, whose lag is its own or, by `late`, the delay of all inputs."""
     name = str(location[-1])
     lag = f"lag of the sensor of {name}" if late == "lag" else f"delay of {name}"
     kinds: tuple[tuple[str, SensorKind, str, str, str, str], ...] = (
@@ -172,12 +172,12 @@ def _column_entries(
 
 
 def state_name(state: str) -> str:
-    """Return the name of a state's initial value."""
+    """Return the name of the initial value of a state."""
     return f"{state}_0"
 
 
 def free_states(config: Config, model: Model) -> tuple[str, ...]:
-    """Return states of the start whose priors the record gives; an imposed angle has none."""
+    """Return the states whose initial values have priors from the record; imposed angles have none."""
     initial, angles = config.initial, config.vocabulary.imposed.values()
     imposed = [angle for angle in angles if getattr(config.inputs, angle) is not None]
     silent = {*model.outer} - initial.model_fields_set if initial.state == "free" else set()
@@ -207,7 +207,7 @@ def parse_sensor_number(entry: SensorEntry) -> ParsedNumber:
 def build_sensing(
     config: Config, entries: Sequence[SensorEntry], free: Sequence[str]
 ) -> ObservationModel:
-    """Return the sensors of an experiment as simulators take them: `entries`, `free` states."""
+    """Return the observation model of an experiment: its sensor `entries` and `free` states."""
     names: dict[tuple[SensorKind, bool], dict[str, str]] = defaultdict(dict)
     for entry in entries:
         names[entry.kind, entry.location[0] == "inputs"][entry.target] = entry.symbol.name
@@ -231,14 +231,14 @@ def build_sensing(
 
 
 def symbol_of_state(model: Model, name: str) -> Symbol:
-    """Return the symbol of a state at the start."""
+    """Return the symbol of the initial value of a state."""
     state = model.symbols[name]
     latex, about = rf"{state.latex}(0)", f"{name} at the start"
     return Symbol(state_name(name), state.unit, latex, state.latex_unit, about)
 
 
 def build_channel(name: str, spec: ChannelSpec, model: Model) -> Channel:
-    """Return what a channel of a rig measures, and the unit of its column."""
+    """Return a channel: which signals of the rig it measures, and the unit of its column."""
     signals, words = signal_names(model), vocabulary_of(model)
     if not name.isidentifier():
         raise ValueError(f"'{name}' cannot name a channel; use letters, digits and `_`")
@@ -272,7 +272,7 @@ def build_channel(name: str, spec: ChannelSpec, model: Model) -> Channel:
 
 
 def noisy_channel(channel: Channel, spec: ChannelSpec) -> NoisyChannel:
-    """Return a channel with its noise, SI, and where a search for it begins."""
+    """Return a channel with its noise, in SI, and where the search for sigma begins."""
     factor = channel.factor
     sigma, begin = number_in_si(spec.sigma, factor, "sigma", "the unit of the column")
     return NoisyChannel(
@@ -292,7 +292,7 @@ def build_noise(channels: Sequence[NoisyChannel], n_samples: int) -> Noise:
         kinds.setdefault(channel.kind, []).append(k)
     parts: list[ChannelNoise] = []
     for kind, columns in kinds.items():
-        alike = [channels[k] for k in columns]
-        noise = lookup(NOISES, kind, "noise").from_channels(alike, n_samples)
+        same_kind = [channels[k] for k in columns]
+        noise = lookup(NOISES, kind, "noise").from_channels(same_kind, n_samples)
         parts.append(ChannelNoise(noise, (*columns,)))
     return parts[0].noise if len(parts) == 1 else Mixed(tuple(parts))

@@ -1,4 +1,4 @@
-"""Check what is to be done: search, sampling, calibration, simulation, output."""
+"""Check the settings of the job: search, sampling, calibration, simulation, output."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ def optimiser(config: Config) -> Optimiser:
 
 
 def check_settings(errors: IssueCollector, config: Config) -> None:
-    """Check names of the optimiser, of moves and of figures, and what is said of them."""
+    """Check the names of optimiser, moves and figures, and the optimiser's entries."""
     kind = errors.run(("map", "method"), lookup, OPTIMISERS, config.map.method, "method")
     if kind is not None:
         vain = unknown_keys(("method", "method"), OPTIMISERS.usable(), kind, config.map)
         errors.add_all(("map",), vain)
-    shares = config.sampler.moves
-    for name in shares:
+    weights = config.sampler.moves
+    for name in weights:
         errors.run(("sampler", "moves", name), lookup, MOVES, name, "move")
-    known_moves = {name: weight for name, weight in shares.items() if name in MOVES}
+    known_moves = {name: weight for name, weight in weights.items() if name in MOVES}
     if not moves_with_weights(known_moves, None, always_inside):
         alone = [(n, moves_with_weights({n: 1.0}, None, always_inside)) for n in MOVES.usable()]
         waiting = [name for name, moves in alone if not moves]
@@ -45,7 +45,7 @@ def check_settings(errors: IssueCollector, config: Config) -> None:
 def check_unknown(
     errors: IssueCollector, config: Config, unknown: Sequence[str], related: Iterable[str]
 ) -> None:
-    """Check search, walkers and names in figures against the unknowns, and what is `related` to them."""
+    """Check search, walkers and names in figures against the unknowns and their `related` parameters."""
     if kind := OPTIMISERS.usable().get(config.map.method):
         given_entries = [e for e in entries_of(kind) if getattr(config.map, e) is not None]
         location = ("map", *(given_entries or ["method"])[:1])
@@ -68,7 +68,7 @@ def check_unknown(
 
 
 def check_calibration(errors: IssueCollector, config: Config) -> None:
-    """Check that the ranks have enough effective draws."""
+    """Check that a refit has enough effective draws for its ranks."""
     settings = config.calibration
     if settings.ess < settings.draws:
         few = f"{settings.ess:g} effective draws do not hold {settings.draws} independent ones"
@@ -95,7 +95,7 @@ def check_simulation(errors: IssueCollector, config: Config) -> None:
 
 
 def check_identify(errors: IssueCollector, config: Config, unknown: Sequence[str]) -> None:
-    """Check what `identify` is asked for against the `unknown` parameters."""
+    """Check the settings of `identify` against the `unknown` parameters."""
     settings = config.identify
     for k, name in enumerate(settings.of_interest):
         message = f"{name} is no unknown parameter"

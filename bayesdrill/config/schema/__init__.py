@@ -1,4 +1,4 @@
-"""What may stand in a YAML config, as validated records with bounds, descriptions and defaults.
+"""Define the entries of a YAML config, as validated records with bounds, descriptions and defaults.
 
-Only single entries are judged here. What must hold between them is in `resolve`.
+Only single entries are checked here. Conditions between entries are checked in `resolve`.
 """

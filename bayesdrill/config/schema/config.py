@@ -1,7 +1,7 @@
-"""The experiment config as validated records, its defaults, and its JSON schema.
+"""Define the experiment config as validated records with defaults; its JSON schema follows.
 
-Strict: unknown keys, wrong types and values out of range are errors.  What needs more than one
-entry to be judged (a start inside its prior, symbols of the model, units) is in `resolve`.
+Unknown keys, wrong types and values out of range are errors. What needs more than one entry to be
+checked (a start inside its prior, symbols of the model, units) is checked in `resolve`.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ Identification = Literal["determined", "weak", "left to the prior"]
 
 
 class MissingTorqueSpec(Strict):
-    """A torque that the rig's equations are without, as a Gaussian process."""
+    """A missing torque is a torque that the rig's equations lack, modelled as a Gaussian process."""
 
     at: Literal["motor", "rotor_1"]
     """The inertia on which it acts; at the motor, on its own side of the gear."""
@@ -64,11 +64,11 @@ class MissingTorqueSpec(Strict):
 
 
 Searches = Annotated[int, Field(ge=1, le=1000)]
-MAX_PIECES = 1000  # a sample; 64 is the most that is taken by itself
+MAX_PIECES = 1000  # per sample; by default at most 64 are taken
 
 
 class DerivedSpec(Strict):
-    """A formula of parameters and quantities that is computed for every draw."""
+    """A derived quantity is a formula of parameters and quantities, computed for every draw."""
 
     formula: str = Field(description="Of parameters and quantities, such as sqrt(k_s/j_1).")
     unit: str = "1"
@@ -76,7 +76,7 @@ class DerivedSpec(Strict):
 
 
 class ModelBase(Strict):
-    """A rig and its constants; each model has some of them, with its own defaults."""
+    """The model names a rig and sets its constants; each rig has its own, with defaults."""
 
     name: str = Field("motor_shaft", description="The model.")
     pieces: Annotated[int, Field(ge=1, le=MAX_PIECES)] | None = Field(
@@ -89,7 +89,7 @@ class ModelBase(Strict):
 def _per_symbol(
     name: str, base: type[Strict], kind: Callable[[symbols.Symbol], Any], vocabulary: Vocabulary
 ) -> type[Strict]:
-    """`kind` of a symbol: what may stand there."""
+    """Return the model `base` with an optional entry of type `kind(symbol)` for each parameter."""
     fields: dict[str, Any] = {}
     for symbol in vocabulary.parameters.values():
         about = Field(None, description=f"{symbol.meaning} [{symbol.unit}]")
@@ -106,13 +106,13 @@ Tolerance = Annotated[float, Field(ge=0, lt=1)]
 
 
 class _TolerancesBase(Strict):
-    """Of single nominal values, and of all others."""
+    """Tolerances are given for single nominal values, and as `default` for all others."""
 
     default: Tolerance = 0.0
 
 
 class _NominalBase(Strict):
-    """A table and what differs from it."""
+    """Nominal values come from a table, unless single ones are given here."""
 
     table: str | None = Field(
         None, description=f"Default: {symbols.DEFAULT_NOMINAL}, where the config relies on a table."
@@ -120,7 +120,7 @@ class _NominalBase(Strict):
 
 
 class _SimulationBase(Strict):
-    """Grid and true values of `bayesdrill simulate`."""
+    """The simulation section sets the time grid and the true values of `bayesdrill simulate`."""
 
     duration: Positive | None = Field(None, description="[s]; default: the times of the record.")
     rate: Positive | None = Field(None, description="[Hz]")
@@ -136,7 +136,7 @@ class _SimulationBase(Strict):
 
 
 def _sections(vocabulary: Vocabulary) -> tuple[Any, ...]:
-    """Parameters, in the order of the vocabulary, tolerances, nominal values, and true ones."""
+    """Return the sections with names of parameters: priors, tolerances, nominal and true values."""
     fields = {
         symbol.name: Annotated[
             parameter_spec(fixed_spec(symbol)) | None,
@@ -144,7 +144,7 @@ def _sections(vocabulary: Vocabulary) -> tuple[Any, ...]:
         ]
         for symbol in vocabulary.parameters.values()
     }
-    make: Any = TypedDict  # of names that only run time knows
+    make: Any = TypedDict  # untyped, as the names are known at run time only
     parameters = make("Parameters", fields, total=False)
     parameters.__pydantic_config__ = Strict.model_config
     parameters.__doc__ = (
@@ -165,7 +165,7 @@ def _sections(vocabulary: Vocabulary) -> tuple[Any, ...]:
 
 
 class MapBase(Strict):
-    """How the maximum of the posterior is searched."""
+    """The map section sets how the maximum of the posterior is searched."""
 
     method: str = Field("nelder_mead", description="The optimiser.")
     starts: Searches = 4
@@ -176,13 +176,13 @@ class MapBase(Strict):
 if TYPE_CHECKING:
     ModelSpec = ModelBase
     MapSpec = MapBase
-else:  # with what the members of the registries bring
+else:  # with the entries of all members of the registries
     ModelSpec = member_section("ModelSpec", ModelBase, "name", MODELS.usable())
     MapSpec = member_section("MapSpec", MapBase, "method", OPTIMISERS.usable())
 
 
 class SamplerSpec(Strict):
-    """How the posterior is sampled, and when that is enough."""
+    """The sampler section sets how the posterior is sampled, and when sampling stops."""
 
     ensembles: Annotated[int, Field(ge=4, le=MAX_COUNT)] = 4
     walkers: Annotated[int, Field(ge=4, le=MAX_COUNT)] = 256
@@ -203,7 +203,7 @@ class SamplerSpec(Strict):
 
 
 class CalibrationSpec(Strict):
-    """How many simulated records are refitted, and how long each is sampled."""
+    """The calibration section sets how many simulated records are refitted, and how."""
 
     refits: Annotated[int, Field(ge=10, le=100_000)] = 200
     """Simulated records, each refitted."""
@@ -217,7 +217,7 @@ class CalibrationSpec(Strict):
 
 
 class IdentifySpec(Strict):
-    """What `identify` ranks remedies by, and its thresholds."""
+    """The identify section sets what `identify` ranks remedies by, and its thresholds."""
 
     of_interest: list[str] = Field(default_factory=list)
     """Parameters by whose uncertainty remedies are ranked; default: all unknown ones."""
@@ -228,9 +228,9 @@ class IdentifySpec(Strict):
 
 
 class Config(Strict):
-    """An experiment: a record, a rig, what is believed of it, and how to find out more."""
+    """A config describes a record, a rig, the prior knowledge of it, and how to infer more."""
 
-    # Whose names the sections have of which only a base stands here; see `config_kind`.
+    # The names in the sections that have only a base class here; see `config_kind`.
     vocabulary: ClassVar[Vocabulary]
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=100)]
@@ -270,7 +270,7 @@ def _restored(vocabulary: Vocabulary, data: dict[str, Any]) -> Config:
 
 @cache
 def config_kind(vocabulary: Vocabulary) -> type[Config]:
-    """Return the config whose sections have the names of this vocabulary."""
+    """Return the config class whose sections have the names of this vocabulary."""
     inputs, initial = records.inputs_section(vocabulary), records.initial_section(vocabulary)
     parameters, _, nominal, simulation = _sections(vocabulary)
     at: Any = Literal[vocabulary.inertias], MissingTorqueSpec.model_fields["at"]
@@ -294,7 +294,7 @@ HOUSE_CONFIG = config_kind(HOUSE)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Thresholds:
-    """Limits on the ratio of an sd with the record to the prior's, both of logs."""
+    """Thresholds are limits on the ratio of posterior to prior sd, both of logarithms."""
 
     determined: float = 0.5
     left_to_prior: float = 0.9
@@ -308,7 +308,7 @@ class Thresholds:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Asked:
-    """What is asked of a study: `of_interest` of all unknowns, its words, and its random points."""
+    """A study asks about the unknowns `of_interest`, with thresholds and the seed of its points."""
 
     of_interest: tuple[str, ...] = ()
     thresholds: Thresholds = Thresholds()

@@ -1,7 +1,7 @@
-"""The JSON schema of a config, by which editors help to write one.
+"""Write the JSON schema of a config, with which editors complete and check configs.
 
-Names that only a described rig has, such as `j_load`, are known by their form alone, and only beside
-such a `model:`; of all others the schema knows each name.
+Names that only a described rig has, such as `j_load`, are checked by their form alone, and only beside
+such a `model:`. The schema lists all other names.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from bayesdrill.config.schema.config import HOUSE_CONFIG
 from bayesdrill.config.schema.vocabulary import HOUSE, described_rigs
 
 ABOUT = ("description", "default", "title")
-NAME_OF_PART = "^[A-Za-z]+(_[A-Za-z0-9]+)+$"  # a letter of a kind, and the name of a part
+NAME_OF_PART = "^[A-Za-z]+(_[A-Za-z0-9]+)+$"  # a letter for the quantity, and the name of a part
 
-# Sections with names of the rig, by what describes them.
+# Path of each section that has names of the rig, by its definition in the schema.
 SECTIONS: Mapping[str, tuple[str, ...]] = {
     "Parameters": ("parameters",),
     "Nominal": ("nominal",),
@@ -32,7 +32,7 @@ def json_schema() -> str:
     schema = HOUSE_CONFIG.model_json_schema()
     defs = schema["$defs"]
     known: dict[str, Any] = {}
-    # Names whose entries are as free as any: of numbers that may be negative, of what drives.
+    # Names with the least restricted entries: numbers that may be negative, and driving inputs.
     free_names = {name for name, symbol in HOUSE.parameters.items() if symbol.held == "any"}
     free_names |= {*HOUSE.inputs, *HOUSE.starts} - {*HOUSE.idle}
     for kind, place in SECTIONS.items():
@@ -52,7 +52,7 @@ def json_schema() -> str:
 
 
 def _nested(schema: dict[str, Any], place: tuple[str, ...]) -> dict[str, Any]:
-    """Return what the schema says of a place, which is made where nothing is."""
+    """Return the subschema at `place`, which is created where it is missing."""
     for name in place:
         schema = schema.setdefault("properties", {}).setdefault(name, {})
     return schema

@@ -1,4 +1,4 @@
-"""What a config may say of a number: a value, a tie, a prior (of sensors below zero too)."""
+"""Define how a config gives a number: as a value, a tie, a formula or a prior."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from bayesdrill.inference.priors import PRIORS, SIGNED_PRIORS, Prior
 
 
 def entry_shape(value: Any) -> str:
-    """Return which member of a union an entry is meant to be, validated or not."""
+    """Return the tag of the union member that an entry is meant to be, before or after validation."""
     if isinstance(value, dict | BaseModel):
         return "<mapping>"
     return "<word>" if isinstance(value, str) else "<number>"
 
 
 def shorthand(entry: str) -> BeforeValidator:
-    """Return a validator that takes a text for a mapping with this `entry` alone."""
+    """Return a validator that reads a text as a mapping with this `entry` alone."""
     return BeforeValidator(lambda value: {entry: value} if isinstance(value, str) else value)
 
 
@@ -38,22 +38,22 @@ def _fixed_shape(value: Any) -> str:
 
 
 class PriorSpec(Strict):
-    """A prior as a config has it: the numbers of its family, and what may stand beside them."""
+    """A prior is given by its family and the numbers of the family."""
 
     families: ClassVar[Mapping[str, Callable[..., Prior]]] = PRIORS
 
-    if TYPE_CHECKING:  # each kind says what it may be, in its own order
+    if TYPE_CHECKING:  # each family defines these, in its own order
         prior: str
         start: float | None
 
     @property
     def numbers(self) -> dict[str, float]:
-        """Return the numbers of its family."""
+        """Return the parameters of the prior's family."""
         return {name: getattr(self, name) for name in _entries(self.families[self.prior])}
 
 
 class ParameterPrior(PriorSpec):
-    """The prior of a parameter, which may be relative to the nominal value."""
+    """The prior of a parameter may be relative to the nominal value."""
 
     relative: bool = False
     """Bounds and scales are multiples of the nominal value."""
@@ -66,7 +66,7 @@ class ParameterPrior(PriorSpec):
 
 
 class QuantityPrior(ParameterPrior):
-    """The prior of a quantity, in a unit of its own."""
+    """The prior of a quantity has a unit of its own."""
 
     unit: str
     """Of the prior's numbers, such as Pa or mm; 1 where there is none."""
@@ -74,7 +74,7 @@ class QuantityPrior(ParameterPrior):
 
 
 class SensorPrior(PriorSpec):
-    """The prior of a sensor or a start, which may be negative."""
+    """The prior of a sensor or a start may include negative values."""
 
     families = SIGNED_PRIORS
 
@@ -85,7 +85,7 @@ class SensorPrior(PriorSpec):
 
 
 def _entries(family: Callable[..., Prior]) -> dict[str, Any]:
-    """Numbers of a family that a config gives, as pydantic takes them."""
+    """Return the annotations, for pydantic, of the numbers that define a prior of this family."""
     signature = family if inspect.isroutine(family) else family.__init__
     hints = typing.get_type_hints(signature, include_extras=True)
     return {name: hint for name, hint in hints.items() if name != "return"}
@@ -99,10 +99,10 @@ _SIGNED: Mapping[str, Any] = {
 
 
 def _spec(base: type[PriorSpec], name: str) -> type[PriorSpec]:
-    """Of a family of priors, with what such a `base` adds; each number has to be given."""
-    family, other = base.families[name], _SIGNED if base is SensorPrior else {}
+    """Return the entries of the prior family `name`, all required, with those that `base` adds."""
+    family, overrides = base.families[name], _SIGNED if base is SensorPrior else {}
     fields: dict[str, Any] = {"prior": (Literal[name], ...)}
-    fields |= {entry: (other.get(entry, hint), ...) for entry, hint in _entries(family).items()}
+    fields |= {entry: (overrides.get(entry, hint), ...) for entry, hint in _entries(family).items()}
     title = f"{name.title().replace('_', '')}{base.__name__}"
     return create_model(title, __base__=base, __doc__=family.__doc__, __module__=__name__, **fields)
 
@@ -115,41 +115,41 @@ _SPECS: Mapping[str, type[PriorSpec]] = {
 
 
 def __getattr__(name: str) -> type[PriorSpec]:
-    """By which records of them are pickled."""
+    """Return the generated class of this name, under which pickle finds it."""
     if name not in _SPECS:
         raise AttributeError(name)
     return _SPECS[name]
 
 
 def _any_of(base: type[PriorSpec]) -> Any:
-    """Of the families that such a prior may be of, the one that `prior:` names."""
+    """Return the union of all families of this kind of prior, discriminated by `prior:`."""
     models = tuple(model for model in _SPECS.values() if model.__base__ is base)
     return Annotated[Union[models], Field(discriminator="prior")]  # noqa: UP007
 
 
 if TYPE_CHECKING:
-    _OfParameter = ParameterPrior
-    _OfQuantity = QuantityPrior
-    _OfSensor = SensorPrior
+    _ParameterPrior = ParameterPrior
+    _QuantityPrior = QuantityPrior
+    _SensorPrior = SensorPrior
 else:
-    _OfParameter = _any_of(ParameterPrior)
-    _OfQuantity = _any_of(QuantityPrior)
-    _OfSensor = _any_of(SensorPrior)
+    _ParameterPrior = _any_of(ParameterPrior)
+    _QuantityPrior = _any_of(QuantityPrior)
+    _SensorPrior = _any_of(SensorPrior)
 
 
 class Tie(Strict):
-    """A parameter that is equal to another one."""
+    """A tie makes a parameter equal to another one."""
 
     tie: str = Field(description="The parameter, or quantity, that this one is equal to.")
 
 
 def parameter_spec(number: Any) -> Any:
-    """Of a parameter that may be held at any such `number`."""
+    """Return the type of a parameter's entry, which may hold it at any such `number`."""
     return Annotated[
         Annotated[number, Tag("<number>")]
         | Annotated[str, Tag("<word>")]
         | Annotated[Tie, Tag("<tie>")]
-        | Annotated[_OfParameter, Tag("<mapping>")],
+        | Annotated[_ParameterPrior, Tag("<mapping>")],
         Discriminator(_parameter_shape),
     ]
 
@@ -159,32 +159,32 @@ _FIXED: Mapping[str, Any] = {"positive": Positive, "not negative": NonNegative, 
 
 
 def fixed_spec(symbol: Symbol) -> Any:
-    """Return what a parameter may be fixed at."""
+    """Return the type of a number at which the parameter may be fixed."""
     return bounded_spec(symbol, _FIXED[symbol.held])
 
 
 def bounded_spec(symbol: Symbol, number: Any) -> Any:
-    """Return such a `number` of a parameter, with the end that the parameter has."""
+    """Return the type `number`, limited to the largest value of the parameter."""
     if math.isinf(symbol.at_most):
         return number
     return Annotated[number, Field(le=symbol.at_most)]
 
 
 SigmaSpec = Annotated[
-    Annotated[Positive, Tag("<number>")] | Annotated[_OfParameter, Tag("<mapping>")],
+    Annotated[Positive, Tag("<number>")] | Annotated[_ParameterPrior, Tag("<mapping>")],
     Discriminator(entry_shape),
 ]
 
 
 class Quantity(Strict):
-    """A value with a unit."""
+    """A quantity is a value with a unit."""
 
     value: Number
     unit: str
 
 
 class NominalValue(Strict):
-    """A line of a data sheet."""
+    """A nominal value may be given with the unit and the side of the gear of its data sheet."""
 
     value: Positive
     unit: str | None = Field(None, description="Default: SI.")
@@ -193,7 +193,7 @@ class NominalValue(Strict):
 
 
 def nominal_spec(symbol: Symbol) -> Any:
-    """Return what a nominal value may be given as."""
+    """Return the type of the entry of a nominal value."""
     return Annotated[
         Annotated[bounded_spec(symbol, Positive), Tag("<number>")]
         | Annotated[NominalValue, Tag("<mapping>")],
@@ -204,7 +204,7 @@ def nominal_spec(symbol: Symbol) -> Any:
 QuantitySpec = Annotated[
     Annotated[Positive, Tag("<number>")]
     | Annotated[Quantity, Tag("<held>")]
-    | Annotated[_OfQuantity, Tag("<mapping>")],
+    | Annotated[_QuantityPrior, Tag("<mapping>")],
     Discriminator(_fixed_shape),
 ]
 
@@ -212,20 +212,20 @@ QuantitySpec = Annotated[
 SensorSpec = Annotated[
     Annotated[Number, Tag("<number>")]
     | Annotated[Quantity, Tag("<held>")]
-    | Annotated[_OfSensor, Tag("<mapping>")],
+    | Annotated[_SensorPrior, Tag("<mapping>")],
     Discriminator(_fixed_shape),
 ]
 StateSpec = Annotated[
     Annotated[Number, Tag("<number>")]
     | Annotated[Literal["free"], Tag("<word>")]
     | Annotated[Quantity, Tag("<held>")]
-    | Annotated[_OfSensor, Tag("<mapping>")],
+    | Annotated[_SensorPrior, Tag("<mapping>")],
     Discriminator(_fixed_shape),
 ]
 
 
 class SensorFields(Strict):
-    """Entries of a column that a sensor measured."""
+    """A column that a sensor measured may have a gain, an offset and a lag."""
 
     gain: SensorSpec | None = None
     """What the sensor multiplies with: a number or a prior."""

@@ -1,4 +1,4 @@
-"""What a config may say of one experiment: files, columns, inputs, start, figures."""
+"""Define the entries of one experiment: files, columns, inputs, start and output."""
 
 from __future__ import annotations
 
@@ -58,14 +58,14 @@ Windows = Annotated[
 
 
 class FileBase(Strict):
-    """A file beside that of the record, and how it is written."""
+    """A column may stand in another file than the record's, which is described here."""
 
     path: str = Field(description="Relative to the folder of the config.")
     format: str | None = Field(None, description="Default: by the file's ending.")
 
 
 class NoiseBase(Strict):
-    """How what the rig does not explain is distributed."""
+    """The noise section sets the distribution of what the rig does not explain."""
 
     name: str = Field("white", description="The kind.")
 
@@ -86,7 +86,7 @@ FileEntry = Annotated[
 
 
 class MaskSpec(Strict):
-    """Samples of one column that are not used."""
+    """A mask lists the samples of one column that are not used."""
 
     glitches: bool = Field(False, description="Spikes, as `check` lists them.")
     rows: Annotated[list[Rows], Field(max_length=MAX_SPANS)] = Field(default_factory=list)
@@ -102,13 +102,13 @@ MaskEntry = Annotated[
 
 
 def _time_shape(value: Any) -> str:
-    """A time entry without `rate` is a column, however its keys are misspelt."""
+    """Return the tag of a time entry; one without `rate` is a column, however its keys are misspelt."""
     rate = "rate" in value if isinstance(value, dict) else isinstance(value, TimeRate)
     return "<mapping>" if rate else "<column>"
 
 
 class ColumnSpec(Strict):
-    """Where numbers stand: a column or variable by name, or a column number from 1."""
+    """A column is addressed by its name, its number from 1, or a variable."""
 
     column: str | Count | None = None
     variable: str | None = None
@@ -117,7 +117,7 @@ class ColumnSpec(Strict):
 
 
 class TimeColumn(ColumnSpec):
-    """A column of times."""
+    """The time may be a column."""
 
     scale: Positive | None = Field(
         None, description="Multiplies all times: below 1 for a clock that runs fast; default: 1."
@@ -126,7 +126,7 @@ class TimeColumn(ColumnSpec):
 
 
 class TimeRate(Strict):
-    """Evenly spaced times."""
+    """The time may be evenly spaced."""
 
     rate: Positive = Field(description="Samples per second, for records without a time column.")
     offset: Number | None = Field(None, description="Time of the first sample [s].")
@@ -139,7 +139,7 @@ TimeSpec = Annotated[
 
 
 class Series(ColumnSpec, SensorFields):
-    """A column of the record's file, or of another one with times of its own."""
+    """A series is a column of the record's file, or of another one with its own times."""
 
     file: FileEntry | None = Field(None, description="Default: that of the record.")
     time: TimeSpec | None = Field(None, description="Default: as for the record.")
@@ -153,7 +153,7 @@ WrapsEntry = Annotated[
 
 
 class InputColumn(Series):
-    """A measured input."""
+    """An input may be a measured column."""
 
     hold: Literal["zero", "first"] = "zero"
     """Between samples: constant (zero) or linear (first order)."""
@@ -162,7 +162,7 @@ class InputColumn(Series):
 
 
 class AngleColumn(InputColumn):
-    """An angle that is imposed."""
+    """An imposed angle is a measured input."""
 
     hold: Literal["first"] = Field("first", description="It is straight between samples.")
     wraps: WrapsEntry | None = None
@@ -170,7 +170,7 @@ class AngleColumn(InputColumn):
 
 
 class DecimateSpec(Strict):
-    """One sample of `factor`, after a filter that lets nothing alias, or as it is."""
+    """Decimation keeps one sample of `factor`, by default after an anti-aliasing filter."""
 
     factor: Annotated[int, Field(ge=2, le=1000)]
     filter: bool = Field(
@@ -183,14 +183,14 @@ class DecimateSpec(Strict):
 def inside_spans(t: Array, spans: list[tuple[float, float]]) -> NDArray[np.bool_]:
     """Return which times `(T,)` lie in one of the spans, both ends included."""
     slack = 1e-9 * max((abs(x) for span in spans for x in span), default=0.0)
-    inside = np.zeros(len(t), dtype=bool)
+    is_inside = np.zeros(len(t), dtype=bool)
     for begin, end in spans:
-        inside |= (t >= begin - slack) & (t <= end + slack)
-    return inside
+        is_inside |= (t >= begin - slack) & (t <= end + slack)
+    return is_inside
 
 
 def window_spans(given: list[float] | list[list[float]] | None) -> list[tuple[float, float]]:
-    """Return from and to of each window [s]; none where the whole record is used."""
+    """Return begin and end of each window [s]; an empty list stands for the whole record."""
     if not given:
         return []
     pairs: Any = given if isinstance(given[0], list) else [given]
@@ -198,18 +198,18 @@ def window_spans(given: list[float] | list[list[float]] | None) -> list[tuple[fl
 
 
 def as_mask_spec(given: MaskSpec | str | None) -> MaskSpec:
-    """Return the mask of a column; without an entry it is empty."""
+    """Return the mask of a column, which is empty without an entry."""
     if isinstance(given, str):
         return MaskSpec(glitches=True)
     return given or MaskSpec()
 
 
-MAX_NAMED = 50  # channels, quantities, formulas; names in a figure
+MAX_NAMED = 50  # channels, quantities or formulas of a config; names in a figure
 Format = Literal["pdf", "png", "svg"]
 
 
 class OutputSpec(Strict):
-    """What is drawn and kept of the posterior."""
+    """The output section sets which figures are drawn and how many draws are predicted."""
 
     predictive_draws: Annotated[int, Field(ge=10, le=MAX_COUNT)] = 125
     """Per ensemble, with pointwise log likelihood and predictive samples."""
@@ -233,14 +233,14 @@ class OutputSpec(Strict):
 
 
 def _shape(value: Any) -> str:
-    """Which member of a union an entry is meant to be, before and after it is validated."""
+    """Return the tag of the union member that an entry is meant to be, before or after validation."""
     if isinstance(value, dict):
         return "<column>" if "column" in value or "variable" in value else "<mapping>"
     return "<column>" if isinstance(value, ColumnSpec) else entry_shape(value)
 
 
 class InputQuantity(Quantity):
-    """A constant input, and how far it may be from what it is said to be."""
+    """A constant input has a value, and may have a gain and an offset."""
 
     gain: SensorSpec | None = None
     offset: SensorSpec | None = Field(None, description="In its unit: a number or a prior.")
@@ -255,7 +255,7 @@ InputSpec = Annotated[
 
 
 class ChannelSpec(Series):
-    """A measured channel."""
+    """A channel is a measured column."""
 
     measures: str | None = None
     """Linear combination of theta_1, theta_2, w_1, w_2, i; default: the channel's name."""
@@ -269,7 +269,7 @@ class ChannelSpec(Series):
 
 
 class RecordBase(Strict):
-    """Where the numbers are, and what they are."""
+    """The record section names the file, its times and its channels."""
 
     file: str = Field(description="Relative to the folder of the config.")
     format: str | None = Field(None, description="Default: by the file's ending.")
@@ -290,9 +290,9 @@ class RecordBase(Strict):
 
 
 class InputsBase(Strict):
-    """Those of the rig: which it has, and wants, is for its model to say."""
+    """The inputs depend on the rig: its model defines which ones it has and needs."""
 
-    if TYPE_CHECKING:  # behind the inputs, in each of `inputs_section`
+    if TYPE_CHECKING:  # each class of `inputs_section` adds it behind the inputs
         t_0: Any
 
 
@@ -303,7 +303,7 @@ _DELAY = (
 
 
 def inputs_section(vocabulary: Vocabulary) -> type[InputsBase]:
-    """Return the section of the inputs of a vocabulary, and of angles in their places."""
+    """Return the section of a vocabulary's inputs, and of the angles that may replace them."""
     fields: dict[str, Any] = {}
     angles = dict(vocabulary.angles)
     for name, symbol in vocabulary.inputs.items():
@@ -320,7 +320,7 @@ def inputs_section(vocabulary: Vocabulary) -> type[InputsBase]:
 
 
 class InitialBase(Strict):
-    """The state at `time`: of each state a number, a prior or `free`."""
+    """The initial section gives the state at `time`: for each state a number, a prior or `free`."""
 
     time: Number | None = None
     """[s] default: 0 with constant inputs, the first sample with measured ones."""
@@ -332,7 +332,7 @@ class InitialBase(Strict):
 
 
 def initial_section(vocabulary: Vocabulary) -> type[InitialBase]:
-    """Return the section of the start, with the states of a vocabulary."""
+    """Return the section of the initial state, with the states of a vocabulary."""
     return extended("Initial", InitialBase, dict.fromkeys(vocabulary.starts, (StateSpec, 0.0)))
 
 
@@ -343,7 +343,7 @@ else:
 
 
 class ExperimentSpec(Strict):
-    """What is its own of one experiment of several; the rest is as at the top of the config."""
+    """An experiment of several has entries of its own; all others stand at the top of the config."""
 
     record: dict[str, Any] = Field(default_factory=dict, description="Entries as in `record:`.")
     inputs: dict[str, Any] = Field(default_factory=dict, description="Entries as in `inputs:`.")

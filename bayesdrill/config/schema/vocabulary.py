@@ -1,4 +1,4 @@
-"""What names a config may have: symbols of its rig's parameters, states and inputs."""
+"""Define which names a config may use: symbols of its rig's parameters, states and inputs."""
 
 from __future__ import annotations
 
@@ -17,50 +17,50 @@ from bayesdrill.rig.models.linear import Model, with_all, with_named
 
 @dataclass(frozen=True, kw_only=True)
 class Vocabulary:
-    """The symbols of a rig with all that it offers, each kind in its order."""
+    """A vocabulary lists the symbols of a rig, with all optional physics, each kind in its order."""
 
     parameter_symbols: tuple[Symbol, ...]
     state_symbols: tuple[Symbol, ...]
     input_symbols: tuple[Symbol, ...]
-    combined: tuple[Symbol, ...]  # what channels may be called beside states
-    inner: frozenset[str]  # states of no start
-    angles: tuple[tuple[str, Symbol], ...]  # each with the speed in whose place it can be given
+    combined: tuple[Symbol, ...]  # combinations of states after which channels may be named
+    inner: frozenset[str]  # states without an initial value in the config
+    angles: tuple[tuple[str, Symbol], ...]  # pairs of a speed and the angle that may replace it
     idle: frozenset[str]  # inputs that are zero unless they are named
-    inertias: tuple[str, ...]  # names of parts
+    inertias: tuple[str, ...]
 
     @cached_property
     def parameters(self) -> Mapping[str, Symbol]:
-        """The symbols of parameters, by name."""
+        """Return the symbols of parameters, by name."""
         return _by_name(self.parameter_symbols)
 
     @cached_property
     def states(self) -> Mapping[str, Symbol]:
-        """The symbols of states, by name."""
+        """Return the symbols of states, by name."""
         return _by_name(self.state_symbols)
 
     @cached_property
     def starts(self) -> Mapping[str, Symbol]:
-        """The symbols of states that `initial:` may name."""
+        """Return the symbols of states that `initial:` may name."""
         return {name: symbol for name, symbol in self.states.items() if name not in self.inner}
 
     @cached_property
     def signals(self) -> Mapping[str, Symbol]:
-        """The symbols of all that a channel may be called without `measures:`."""
+        """Return the symbols after which a channel may be named without `measures:`."""
         return {**self.states, **_by_name(self.combined)}
 
     @cached_property
     def inputs(self) -> Mapping[str, Symbol]:
-        """The symbols of inputs, by name."""
+        """Return the symbols of inputs, by name."""
         return _by_name(self.input_symbols)
 
     @cached_property
     def imposed(self) -> Mapping[str, str]:
-        """The entry that gives the angle, by the input that is its speed."""
+        """Return the entry of the angle that may replace an input, by the input's name."""
         return {speed: angle.name for speed, angle in self.angles}
 
     @cached_property
     def entries(self) -> Mapping[str, Symbol]:
-        """The symbols of inputs, and of angles in their places."""
+        """Return the symbols of inputs and of the angles that may replace them, by entry."""
         return {**self.inputs, **_by_name(angle for _, angle in self.angles)}
 
 
@@ -69,13 +69,13 @@ def _by_name(given: Iterable[Symbol]) -> dict[str, Symbol]:
 
 
 def idle_inputs(rig: Model) -> set[str]:
-    """Return the loads of a rig: what pushes an inertia, and without which it moves all the same."""
+    """Return the loads of a rig, without which it moves all the same; they are zero by default."""
     pushes = {name for inertia in rig.roles.inertias for name in (inertia.load, inertia.torque)}
     return {name for name in pushes & {*rig.inputs} if not rig.symbols[name].drives}
 
 
 def described_rigs() -> list[str]:
-    """Return the rigs that a config describes."""
+    """Return the names of the rigs whose parts a config describes."""
     return [name for name, kind in MODELS.usable().items() if kind().has_private_names]
 
 
@@ -100,13 +100,13 @@ HOUSE = _house()
 
 
 def vocabulary_of(rig: Model) -> Vocabulary:
-    """Return the names of a rig: `HOUSE`, where it shares them with others."""
+    """Return the vocabulary of a rig, which is `HOUSE` if it has no names of its own."""
     if not rig.has_private_names:
         return HOUSE
     plain: Any = rig
     bare: Model = dataclasses.replace(plain, added=())
     offered = [with_named(bare, (name, *needs)) for name, needs in bare.offers.items()]
-    variants, known = [bare, *offered], rig.symbols  # not all that is offered goes together
+    variants, known = [bare, *offered], rig.symbols  # optional physics may exclude each other
 
     def symbols_of(names: str) -> tuple[Symbol, ...]:
         every = [name for variant in variants for name in getattr(variant, names)]

@@ -1,4 +1,4 @@
-"""Formats of measured records: one file and one line here, or an entry point `bayesdrill.format`."""
+"""Register formats of record files; others come from the entry point `bayesdrill.format`."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from bayesdrill.record.formats import arrays, csv, json, matlab
 from bayesdrill.record.formats.csv import CsvOptions
 from bayesdrill.record.formats.table import RecordTable
 
-Wanted = Collection[str] | None  # variables that will be picked, by name; None: any of them
+Wanted = Collection[str] | None  # names of the variables that will be picked; None: all
 
 
 @dataclass(frozen=True, slots=True)
 class Format:
-    """A format of records: how its files end, and how they are read.
+    """A format says how its files end, and how they are read.
 
-    `suffixes`: endings of its files, in small letters; `options`: a dataclass, whose annotated fields
-    are entries of `record:`; `read(path, options, wanted)` raises `InputError`.
+    `suffixes` are endings in lower case. `options` is a dataclass whose annotated fields are entries of
+    `record:`. `read(path, options, wanted)` raises `InputError`.
     """
 
     suffixes: tuple[str, ...]
@@ -63,7 +63,7 @@ _OTHERS = {
 
 
 def format_of(path: Path) -> str:
-    """Return the key of FORMATS for a file, by its ending; raises InputError for an unknown ending."""
+    """Return the key of FORMATS for a file by its ending; raises InputError for an unknown ending."""
     endings = {ending: name for name, kind in FORMATS.usable().items() for ending in kind.suffixes}
     suffix = path.suffix.lower()
     if suffix in endings:

@@ -1,4 +1,4 @@
-"""Files of named arrays: HDF5, `numpy.savez` and Parquet. What is pickled in one is never opened."""
+"""Read files of named arrays: HDF5, `numpy.savez` and Parquet. Pickled objects are never opened."""
 
 from __future__ import annotations
 
@@ -15,15 +15,12 @@ from bayesdrill.basics.errors import InputError, report_damage
 from bayesdrill.output_files import LARGEST_FILE
 from bayesdrill.record.formats.table import RecordTable, keys_of, read_bytes
 
-_NUMERIC = "fiub"
-"""numpy dtype kinds of real numbers and logicals."""
-
-
+_NUMERIC = "fiub"  # numpy dtype kinds of real numbers and logicals
 ITSELF = "save the numbers themselves in this file"
 
 
 def _add(table: RecordTable, name: str, values: np.ndarray[Any, Any]) -> None:
-    """Keep a real array up to 2-D, `(T, 1)` and `(1, T)` as `(T,)`; note others as ignored."""
+    """Add a real array up to 2-D, with `(T, 1)` and `(1, T)` as `(T,)`; others are noted as ignored."""
     if values.dtype.kind == "c":
         table.ignored[name] = "is complex; save its real part"
     elif values.dtype.kind not in _NUMERIC:
@@ -39,7 +36,7 @@ def _add(table: RecordTable, name: str, values: np.ndarray[Any, Any]) -> None:
 
 
 def add_fields(table: RecordTable, name: str, values: np.ndarray[Any, Any]) -> None:
-    """Add an array, records by fields, the longer side as time: writers differ in what a row is."""
+    """Add an array, or the fields of its records; the longer side is time, as writers differ."""
     if values.dtype.names:
         for field_name in values.dtype.names:
             add_fields(table, f"{name}.{field_name}", values[field_name])
@@ -53,7 +50,7 @@ CUT_SHORT = "is damaged or cut short ({}); copy or save it again"
 
 
 def too_large(shape: tuple[int, ...], itemsize: int) -> str:
-    """Say why an array is not read, foreseen before it takes up memory; empty where it may be."""
+    """Return why an array is too large to be read; empty if it is not. Nothing is allocated."""
     size = itemsize * float(np.prod(np.array(shape, dtype=np.float64)))
     if size <= LARGEST_FILE:
         return ""
@@ -62,7 +59,7 @@ def too_large(shape: tuple[int, ...], itemsize: int) -> str:
 
 
 def read_hdf5(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
-    """Read the `wanted` datasets (records: dotted names; None: all); no attributes, also no `unit`."""
+    """Read the `wanted` datasets, with dotted names for fields; None stands for all."""
     import h5py
 
     head = read_bytes(path, 16)
@@ -70,7 +67,7 @@ def read_hdf5(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
         message = "is a MATLAB file; give it the ending .mat, or say the format: mat"
         raise InputError.at(str(path), message)
     table = RecordTable(path=path)
-    # `table.speed` is a field of `table`, or has a point in its own name.
+    # `table.speed` is a field of `table`, or a name with a point in it.
     paths = [accumulate(name.lstrip("/").split("."), "{}.{}".format) for name in wanted or ()]
     used = None if wanted is None else {*chain.from_iterable(paths)}
     broken = "is not an HDF5 file; save it with h5py, or give it the ending of what it is"
@@ -96,14 +93,14 @@ def datasets(
     unfit: Callable[[str, Any], str] = lambda name, item: "",
     hidden: str = "/",
 ) -> Iterator[tuple[str, Any]]:
-    """Yield names and items of HDF5, whose groups are `called` so.
+    """Yield names and items of an HDF5 file, whose groups are `called` by that noun in messages.
 
-    Why others are left out is added to `table`.
-    `unfit(name, item)`: why nothing of it is read; `hidden`: how names begin that are the writer's own.
+    Items that are left out are added to `table` with the reason, for which `unfit(name, item)` is asked.
+    Names that begin with `hidden` belong to the writer of the file.
     """
     import h5py
 
-    groups = set[int]()  # where they stand in the file: a walk might have no end
+    groups = set[int]()  # their addresses: hard links may form cycles
 
     def below(group: Any, prefix: str) -> Iterator[tuple[str, Any]]:
         for member in group:
@@ -128,7 +125,7 @@ def datasets(
 
 
 def _unfit_dataset(item: Any) -> str:
-    """Why an item holds no plain numbers of its own, if so."""
+    """Return why an item holds no plain numbers of its own; empty if it does."""
     import h5py
 
     if not isinstance(item, h5py.Dataset):
@@ -163,7 +160,7 @@ _HEADERS = {
 
 
 def read_npz(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
-    """Read the `wanted` arrays (fields of records under dotted names; None: all of numbers)."""
+    """Read the `wanted` arrays, with dotted names for fields of records; None stands for all."""
     head = read_bytes(path, 8)
     if not head.startswith(b"PK\x03\x04"):
         alone = head.startswith(b"\x93NUMPY")
@@ -192,7 +189,7 @@ def read_npz(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
 
 
 def _unfit_array(name: str, file: zipfile.ZipFile, member: str) -> str:
-    """Why an array holds no plain numbers, if so: its head says that, before any of it is opened."""
+    """Return why an array, by its header alone, holds no plain numbers; empty if it does."""
     with file.open(member) as stream:
         version: Any = np.lib.format.read_magic(stream)
         if version not in _HEADERS:
@@ -216,7 +213,7 @@ _MISSING = (
 
 
 def read_parquet(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
-    """Read the `wanted` columns (None: all), which needs `pyarrow`; empty cells become NaN."""
+    """Read the `wanted` columns with `pyarrow`; None stands for all, and empty cells become NaN."""
     if read_bytes(path, 4) != b"PAR1":
         message = "is not a Parquet file; save it as one, or give it the ending of what it is"
         raise InputError.at(str(path), message)
@@ -232,7 +229,7 @@ def read_parquet(path: Path, wanted: Collection[str] | None = None) -> RecordTab
         kinds = zip(keys, schema.types, strict=True)
         unfit = {name: why for name, kind in kinds if (why := _unfit_column(name, kind, rows))}
         fit = [name for name in keys if name not in unfit and (wanted is None or name in wanted)]
-        # By their names, one at a time; but all together where two have the same one.
+        # Columns are read one by one, by name; or together if two have the same name.
         whole = file.read(use_threads=False) if ignored else None
         variables = dict[str, Array]()
         for name in fit:
@@ -252,7 +249,7 @@ def read_parquet(path: Path, wanted: Collection[str] | None = None) -> RecordTab
 
 
 def _unfit_column(name: str, kind: Any, rows: int) -> str:
-    """Why a column holds no numbers, if so."""
+    """Return why a column holds no numbers; empty if it does."""
     from pyarrow import types
 
     if types.is_temporal(kind):

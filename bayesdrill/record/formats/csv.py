@@ -1,4 +1,4 @@
-"""Text tables: find delimiter and decimal sign, then read numbers, or say exactly what is wrong."""
+"""Read text tables: find delimiter and decimal sign, then parse numbers, or report each mistake."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from bayesdrill.record.formats.table import RecordTable, decode, keys_of
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CsvOptions:
-    """How a text table is written; None means find out.
+    """The options describe how a text table is written; None means that it is found out.
 
-    `delimiter` is one character, a blank meaning runs of white space; `decimal` is "." or ",";
-    `skip_rows` counts lines of the file, blank ones and comments too.
+    `delimiter` is one character; a blank stands for runs of white space. `decimal` is "." or ",".
+    `skip_rows` counts all lines of the file, also blank ones and comments.
     """
 
     delimiter: Annotated[str, Field(description="Default: found out")] | None = None
@@ -37,13 +37,13 @@ class CsvOptions:
 
 @dataclass(frozen=True, slots=True)
 class Dialect:
-    """How cells are told apart (None: runs of white space) and how numbers are written."""
+    """A dialect is how cells are separated (None: by runs of white space) and numbers are written."""
 
     separator: str | None
     decimal: str
 
 
-# In order of preference among dialects that explain a file equally well.
+# In order of preference among dialects with an equal score.
 _DIALECTS = [
     Dialect(separator, decimal)
     for separator in ("\t", ";", "|", ",", None)
@@ -81,23 +81,23 @@ _KINDS: tuple[tuple[str, str], ...] = (
 
 
 def advice_of_cells(cells: Iterable[str]) -> list[str]:
-    """Return one sentence for each kind of cell that is met."""
+    """Return one sentence of advice for each kind of cell that occurs."""
     kinds = [
         next((advice for form, advice in _KINDS if re.fullmatch(form, cell)), "") for cell in cells
     ]
     return list(dict.fromkeys(advice for advice in kinds if advice))
 
 
-LONGEST_LINE = 200_000  # letters: ten thousand columns
-_LONGEST_NUMBER = 400  # letters; Python takes minutes for a million digits
+LONGEST_LINE = 200_000  # characters, enough for ten thousand columns
+_LONGEST_NUMBER = 400  # characters; Python takes minutes for a million digits
 
 _MISSING = frozenset({"na", "n/a", "#n/a", "null", "none", "--", "#div/0!", "1.#qnan", "1.#ind"})
-_POWER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[dD][-+]?\d+")  # of Fortran
+_POWER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[dD][-+]?\d+")  # as Fortran writes it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TextLines:
-    """The lines that hold something, their numbers (from 1), and the last `comment` before them."""
+    """The text lines are those with content, their numbers from 1, and the `comment` before them."""
 
     path: Path
     texts: list[str]
@@ -105,17 +105,17 @@ class TextLines:
     comment: str = ""
 
     def part(self, rows: slice) -> TextLines:
-        """Return some of the lines."""
+        """Return the lines of a slice."""
         return dataclasses.replace(self, texts=self.texts[rows], numbers=self.numbers[rows])
 
     def location(self, index: int) -> str:
-        """Return the file and line of one of them, as messages have it."""
+        """Return the file and line number of a line, as messages give it."""
         return f"{self.path} line {self.numbers[index]}"
 
 
 def read_lines(path: Path, text: str, skip: int) -> TextLines:
-    """Return the lines after the first `skip` that hold something; raises InputError without any."""
-    # Not str.splitlines: it also breaks at form feeds and other characters a cell may hold.
+    """Return the lines with content after the first `skip`; raises InputError if there are none."""
+    # str.splitlines would also split at form feeds and other characters that a cell may contain.
     everything = text.replace("\r\n", "\n").replace("\r", "\n").rstrip("\x1a").split("\n")
     for number, line in enumerate(everything, start=1):
         if len(line) > LONGEST_LINE:
@@ -143,19 +143,19 @@ def read_lines(path: Path, text: str, skip: int) -> TextLines:
 
 
 def split(line: str, separator: str | None) -> list[str]:
-    """Split a line into cells, at runs of white space where the separator is None."""
+    """Split a line into cells, at runs of white space if the separator is None."""
     if '"' not in line:
         return line.split(separator)
     if separator is None:
         return [cell.strip('"') for cell in re.findall(r'"[^"]*"|\S+', line)]
     try:
         return next(csv.reader([line], delimiter=separator, skipinitialspace=separator != "\t"))
-    except csv.Error:  # a cell of more than 128 kB: a quote that nobody closed
+    except csv.Error:  # a cell of more than 128 kB, after a quote that is not closed
         return line.split(separator)
 
 
 def to_number(cell: str, decimal: str) -> float | None:
-    """Return the number in a cell, NaN for an empty one or a word for that, None for anything else."""
+    """Return the number in a cell, NaN for an empty cell or a word that means missing, else None."""
     cell = cell.strip().replace("\u2212", "-")
     if len(cell) > _LONGEST_NUMBER:
         return None
@@ -165,7 +165,7 @@ def to_number(cell: str, decimal: str) -> float | None:
         cell = cell.replace("D", "e").replace("d", "e")
     if decimal == ",":
         if "." in cell:
-            return None  # 1.234,5 or 1.5: which of the two marks is the decimal one?
+            return None  # ambiguous: in 1.234,5 or 1.5 the point may separate thousands
         cell = cell.replace(",", ".")
     try:
         return None if "_" in cell else float(cell)
@@ -174,7 +174,7 @@ def to_number(cell: str, decimal: str) -> float | None:
 
 
 def short(text: str) -> str:
-    """Quote a text of a file in few letters."""
+    """Return a quoted and shortened text of a file."""
     return repr(shortened(text.strip(), 40))
 
 
@@ -187,7 +187,7 @@ def without_empty_tail(lines: TextLines, dialect: Dialect) -> TextLines:
 
 
 def without_line_marks(lines: TextLines, options: CsvOptions) -> TextLines:
-    """Strip a mark that ends lines, as in `1, 2;`, where more cells are numbers without it."""
+    """Strip a mark that ends lines, as in `1, 2;`, if more cells are numbers without it."""
     before = _score(lines.texts, find_dialect(lines.texts, options))
     for mark in ";,|":
         if lines.texts[-1].rstrip().endswith(mark):
@@ -198,7 +198,7 @@ def without_line_marks(lines: TextLines, options: CsvOptions) -> TextLines:
 
 
 def find_dialect(texts: Sequence[str], options: CsvOptions) -> Dialect:
-    """Find the dialect under which most cells of a sample are numbers in rows of equal width."""
+    """Find the dialect in which most cells of a sample are numbers in rows of equal width."""
     sample = [*texts[:50], *texts[50:][-50:]]
     candidates = [*_DIALECTS, *([Dialect(",", ",")] if _quoted_commas(sample) else [])]
     if options.delimiter is not None:
@@ -211,7 +211,7 @@ def find_dialect(texts: Sequence[str], options: CsvOptions) -> Dialect:
 
 
 def _quoted_commas(sample: Sequence[str]) -> bool:
-    """Whether `"0,05","1,25"` stands there, unlike `"1,234"`, which may be a thousand."""
+    """Return whether quoted decimal commas occur, as in `"0,05"`; `"1,234"` may be a thousand."""
     cells = re.findall(r'"([-+]?\d+,\d+)(?:[eE][-+]?\d+)?"', "\n".join(sample))
     return not all(re.fullmatch(r"[-+]?[1-9]\d{0,2},\d{3}", cell) for cell in cells)
 
@@ -220,7 +220,7 @@ def _score(texts: Sequence[str], dialect: Dialect) -> tuple[float, bool]:
     sample = [*texts[:50], *texts[50:][-50:]]
     rows = [split(line, dialect.separator) for line in sample]
     width = max(1, Counter(map(len, rows)).most_common(1)[0][0])
-    shares = [
+    number_shares = [
         sum(to_number(cell, dialect.decimal) is not None for cell in row) / width
         if len(row) == width
         else 0.0
@@ -229,17 +229,17 @@ def _score(texts: Sequence[str], dialect: Dialect) -> tuple[float, bool]:
     # A header of the right width speaks for a dialect nearly as much as a row of numbers does,
     # unless it is a single cell that looks like several.
     whole = width > 1 or not re.search(r"[,;|\t]", sample[0])
-    if whole and len(rows[0]) == width and not shares[0]:
-        shares[0] = 0.9
-    score = sum(shares)
-    # Anything can be read as a single column, so that reading has to be without a fault.
-    if width == 1 and min(shares) < 0.9:
+    if whole and len(rows[0]) == width and not number_shares[0]:
+        number_shares[0] = 0.9
+    score = sum(number_shares)
+    # Any text can be read as a single column, so this needs nearly all cells to be numbers.
+    if width == 1 and min(number_shares) < 0.9:
         score /= 2
     return round(score, 9), width > 1
 
 
 def typical_width(texts: Sequence[str], dialect: Dialect) -> int:
-    """Return how many cells most lines have."""
+    """Return the number of cells that most lines have."""
     sample = [*texts[:500], *texts[500:][-500:]]
     widths = Counter(len(split(line, dialect.separator)) for line in sample)
     return widths.most_common(1)[0][0]
@@ -255,20 +255,19 @@ def without_trailing_delimiter(body: TextLines, header: str | None, dialect: Dia
     return body if named else dataclasses.replace(body, texts=[line[:-1] for line in texts])
 
 
-_CHUNK = 20_000
-"""Rows parsed at once: bounds the memory of the cells, and the slow path to the chunk in fault."""
-_SHOWN = 5
-_LONG = 10_000  # letters of a line, from which on each cell is looked at before it is read
+_CHUNK = 20_000  # rows parsed at once, to bound memory and to limit the slow path to faulty chunks
+_SHOWN = 5  # faults of each kind that are listed
+_LONG = 10_000  # characters of a line beyond which each cell is checked before it is read
 
 
 class _Faults:
-    """Counts what is wrong and keeps the first few, so that a wholly wrong file stays cheap."""
+    """Faults of one kind are counted, and the first few kept, so that a wrong file stays cheap."""
 
     def __init__(self, what: str) -> None:
         self.what = what
         self.count = 0
         self.first: list[Issue] = []
-        self.cells: list[str] = []  # of these
+        self.cells: list[str] = []  # those of the first faults
 
     def add(self, location: str, message: str, cell: str = "") -> None:
         self.count += 1
@@ -285,7 +284,7 @@ class _Faults:
 
 
 def parse(body: TextLines, dialect: Dialect, names: Sequence[str]) -> Array:
-    """Parse all rows as `(T, n)`; raises InputError with every kind of fault found."""
+    """Parse all rows as `(T, n)`; raises InputError with every kind of fault."""
     ragged = _Faults("rows with a wrong number of cells")
     bad = _Faults("cells without a number")
     parts = []
@@ -309,7 +308,7 @@ def parse(body: TextLines, dialect: Dialect, names: Sequence[str]) -> Array:
 
 
 def _parse_fast(texts: list[str], dialect: Dialect, width: int) -> Array | None:
-    """Rows without any fault and without empty cells; None sends the chunk the slow way."""
+    """Return rows without faults and empty cells as `(T, n)`, quickly; None if there are any."""
     mark = dialect.separator
     if dialect.decimal == ",":
         if mark == "," or any("." in text for text in texts):
@@ -325,7 +324,7 @@ def _parse_fast(texts: list[str], dialect: Dialect, width: int) -> Array | None:
 def _parse_carefully(
     lines: TextLines, dialect: Dialect, names: Sequence[str], ragged: _Faults, bad: _Faults
 ) -> Array:
-    """`(T, n)` of the cells of `lines`; what is wrong with them is counted."""
+    """Return the cells of `lines` as `(T, n)`, and add their faults to `ragged` and `bad`."""
     values = np.full((len(lines.texts), len(names)), np.nan)
     for i, line in enumerate(lines.texts):
         row = split(line, dialect.separator)
@@ -353,13 +352,13 @@ def _cell_advice(bad: _Faults, dialect: Dialect) -> str:
     return f"{advice}; to pass over text above the numbers set skip_rows and header: false"
 
 
-_SAMPLE = 500  # rows at each end of a file
-_ROWS_OF_WORDS = 3  # below the header: units, kinds, descriptions
-_LONGEST_HEAD = 200  # lines above the header: settings of a recorder
+_SAMPLE = 500  # rows at each end of a file in which numbers are looked for
+_ROWS_OF_WORDS = 3  # rows of units, kinds or descriptions below the header
+_LONGEST_HEAD = 200  # lines above the header, with settings of a recorder
 
 
 def read(path: Path, options: CsvOptions) -> RecordTable:
-    """Read a text table; empty and NaN cells become NaN, and errors name lines and columns."""
+    """Read a text table; empty cells become NaN, and errors name lines and columns."""
     text = decode(path)
     if kind := {"<": "a web page or XML", "{": "JSON"}.get(text.lstrip()[:1]):
         message = f"is {kind}, not a table; export it as CSV, or give JSON the ending .json"
@@ -368,10 +367,10 @@ def read(path: Path, options: CsvOptions) -> RecordTable:
 
 
 def table(path: Path, text: str, options: CsvOptions) -> RecordTable:
-    """Read the table of a text that stands, or is to stand, in the file `path`."""
+    """Read the table in a text that is, or will be, the content of the file `path`."""
     check_options(path, options)
     lines = read_lines(path, text, options.skip_rows)
-    del text  # as large as a file may be
+    del text  # it may be as large as a file
     lines = without_line_marks(lines, options)
     dialect = find_dialect(lines.texts, options)
     lines = without_empty_tail(lines, dialect)
@@ -383,7 +382,7 @@ def table(path: Path, text: str, options: CsvOptions) -> RecordTable:
         message = f"has a header but no data: nothing follows line {last}"
         raise InputError.at(str(path), f"{message}; record again, or set header: false")
     if options.decimal is None and dialect.separator != ",":
-        # A comma that the sample did not show, because the rig stood still there.
+        # The sample may lack the decimal comma, if the rig stood still there.
         commas = any("," in line for line in body.texts)
         commas = commas and not any("." in line for line in body.texts)
         dialect = Dialect(dialect.separator, "," if commas else dialect.decimal)
@@ -404,7 +403,7 @@ def table(path: Path, text: str, options: CsvOptions) -> RecordTable:
 
 
 def check_options(path: Path, options: CsvOptions) -> None:
-    """Raise InputError for marks that no table can be written with."""
+    """Raise InputError for a delimiter or decimal sign with which no table can be written."""
     mark, problems = options.delimiter, []
     if mark is not None and len(mark) != 1:
         problems.append(f"delimiter {mark!r} is not one character; use , ; | or a tab")
@@ -417,7 +416,7 @@ def check_options(path: Path, options: CsvOptions) -> None:
 
 
 def _table_start(lines: TextLines, dialect: Dialect) -> int:
-    """Return the line of the columns' names below a head of other lines; 0 where nothing is above."""
+    """Return the index of the line of column names below a recorder's head; 0 without a head."""
     width, names = typical_width(lines.texts, dialect), -1
     for at, line in enumerate(lines.texts[:_LONGEST_HEAD]):
         (numbers, words), row = _census(line, dialect), split(line, dialect.separator)
@@ -432,7 +431,7 @@ def _table_start(lines: TextLines, dialect: Dialect) -> int:
 def _split_header(
     lines: TextLines, dialect: Dialect, wanted: bool | None
 ) -> tuple[str | None, TextLines]:
-    """The header line, if there is one, and the rows after it and after rows of units."""
+    """Return the header line, or None, and the rows below it and below rows of units."""
     if wanted is False:
         return None, lines
     numeric, words = _census(lines.texts[0], dialect)
@@ -452,19 +451,19 @@ def _split_header(
 
 
 def _census(line: str, dialect: Dialect) -> tuple[int, list[str]]:
-    """How many cells of a line are numbers, and those that are words; empty ones are neither."""
+    """Return the number of numeric cells of a line, and its cells with words."""
     cells = [cell for cell in split(line, dialect.separator) if cell.strip()]
     words = [cell for cell in cells if to_number(cell, dialect.decimal) is None]
     return len(cells) - len(words), words
 
 
 def _are_words(cells: list[str]) -> bool:
-    """Some, and none that would be a number with the other decimal sign."""
+    """Return whether there are cells, and none is a number with either decimal sign."""
     return bool(cells) and all(to_number(cell, sign) is None for cell in cells for sign in ".,")
 
 
 def _check_numbers(body: TextLines, dialect: Dialect) -> None:
-    """A file without any is no record: what stands in it is not for messages."""
+    """Raise InputError if no cell is a number; the message quotes nothing of such a file."""
     sample = [*body.texts[:_SAMPLE], *body.texts[-_SAMPLE:]]
     cells = (cell.strip() for line in sample for cell in split(line, dialect.separator))
     if not any(re.fullmatch(r"[-+.,\deE_]*\d[-+.,\deE_]*|[nN]a[nN]", cell) for cell in cells):
@@ -475,7 +474,7 @@ def _check_numbers(body: TextLines, dialect: Dialect) -> None:
 def _names(
     header: str | None, lines: TextLines, dialect: Dialect, width: int
 ) -> tuple[list[str], dict[str, str]]:
-    """A unique name per column, and why the names that stand twice cannot be picked."""
+    """Return a unique name per column, and why repeated names cannot be picked."""
     if header is None:
         return [str(number) for number in range(1, width + 1)], {}
     names = _header_cells(header, dialect, width)
@@ -493,7 +492,7 @@ def _names(
 
 
 def _in_comment(lines: TextLines, dialect: Dialect, width: int) -> dict[str, str]:
-    """Why names cannot be picked that stand in the comment before the data."""
+    """Return why names that stand in the comment before the data cannot be picked."""
     names = _header_cells(lines.comment[1:], dialect, width)
     if len(names) != width:
         return {}
@@ -505,7 +504,7 @@ def _header_cells(header: str, dialect: Dialect, width: int) -> list[str]:
     names = [re.sub("^'(.+)'$", r"\1", name.strip()) for name in split(header, dialect.separator)]
     if dialect.separator is not None:
         return names[:width] if len(names) == width + 1 and not names[-1] else names
-    # `t [s]  w_1 [rpm]`: a blank inside a name is told from one between names by trial.
+    # In `t [s]  w_1 [rpm]` a blank may separate names or be part of one, which is found by trial.
     with_units = re.findall(r'"[^"]*"|[^\s\[(]+(?:\s*(?:\[[^\[\]]*\]|\([^()]*\)))?', header)
     columns = re.split(r"\s{2,}|\t", header.strip())
     for guess in (names, with_units, columns):

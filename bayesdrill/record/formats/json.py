@@ -1,4 +1,4 @@
-"""JSON: columns of numbers, lists of records and tables of rows, at any depth of names."""
+"""Read JSON: columns of numbers, lists of records and tables of rows, at any depth of names."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from bayesdrill.record.formats.arrays import add_fields
 from bayesdrill.record.formats.table import RecordTable, decode
 
 _BLANK = re.compile(r"[\s,]*")
-MAX_KEYS = 1000  # of the records of one list, each of which becomes a column
-FRC_TEST = re.compile("(slow|fast)-(forward|backward)")  # of frc-characterization, without names
+MAX_KEYS = 1000  # names of the records in a list, each of which becomes a column
+FRC_TEST = re.compile("(slow|fast)-(forward|backward)")  # frc-characterization writes no names
 FRC_COLUMNS = (
     *("time [s]", "battery voltage [V]", "autospeed", "left voltage [V]", "right voltage [V]"),
     *("left position", "right position", "left speed", "right speed", "gyro angle"),
@@ -31,7 +31,7 @@ def read(path: Path) -> RecordTable:
 
 
 def _parse(text: str) -> Any:
-    """Return what stands there: of several values after each other, as loggers append them, a list."""
+    """Return the value of a JSON text; several values in sequence, as loggers write them, are a list."""
     values, at = list[Any](), _BLANK.match(text, 0).end()  # type: ignore[union-attr]
     while at < len(text):
         value, at = json.JSONDecoder().raw_decode(text, at)
@@ -41,7 +41,7 @@ def _parse(text: str) -> Any:
 
 
 def _walk(name: str, value: Any, table: RecordTable) -> None:
-    """Add what is below `name`: names of their own, a column, a matrix of rows; `null` is missing."""
+    """Add all columns below `name`, recursively: mappings, lists of records, rows; `null` is NaN."""
     if isinstance(value, dict) and [*value] == [*map(str, range(len(value)))]:  # as pandas writes
         value = [*value.values()]
     if isinstance(value, list) and {*map(type, value)} == {list} and value[0]:

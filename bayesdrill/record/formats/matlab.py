@@ -1,9 +1,9 @@
-"""MATLAB files: v5 to v7 through SciPy, v7.3 through h5py.
+"""Read MATLAB files: v5 to v7 by SciPy, v7.3 by h5py.
 
-How deep cells and structs of a file of v5 to v7 lie in each other is looked at first, without recursion:
-SciPy reads each inside the one that holds it, and some thousands end the process.  Elements are a flat
-stream of tags, which is followed here as SciPy follows it: how many a cell holds is known from its
-dimensions, never from the length in its tag.
+The depth of cells and structs in a file of v5 to v7 is checked first, without recursion: SciPy reads
+nested ones recursively, and some thousands end the process. Elements are a flat stream of tags, which
+is followed here as SciPy follows it. The number of elements in a cell is known from its dimensions,
+never from the length in its tag.
 """
 
 from __future__ import annotations
@@ -23,23 +23,23 @@ from bayesdrill.output_files import LARGEST_FILE
 from bayesdrill.record.formats.arrays import CUT_SHORT, ITSELF, add_fields, datasets
 from bayesdrill.record.formats.table import RecordTable, read_bytes
 
-TITLES, UNITS = ("label", "title", "Name"), ("unit", "Unit")  # of a signal, the best first
-MAX_DEPTH = 100  # ten times what anyone nests, and a tenth of what SciPy stands
+TITLES, UNITS = ("label", "title", "Name"), ("unit", "Unit")  # fields of a signal, best first
+MAX_DEPTH = 100  # files hardly nest ten levels, and SciPy fails at a thousand
 
 _MATRIX, _COMPRESSED = 14, 15  # kinds of elements
-# Classes of matrices that hold others.
+# Classes of matrices that contain others.
 _CELL, _STRUCT, _OBJECT, _FUNCTION, _OPAQUE = 1, 2, 3, 16, 17
-_HOLDING = {_CELL, _STRUCT, _OBJECT, _FUNCTION, _OPAQUE}
+_CONTAINERS = {_CELL, _STRUCT, _OBJECT, _FUNCTION, _OPAQUE}
 _CLASS = 16  # bytes from the tag of a matrix to its class
-_DIMENSIONS = 32  # at most
+_MAX_DIMENSIONS = 32
 
 
 def too_deep(file: bytes) -> bool:
-    """Whether something lies deeper than `MAX_DEPTH`; of compressed numbers only the beginning is read.
+    """Return whether a file nests deeper than `MAX_DEPTH`; compressed numbers are not decompressed.
 
-    Raises `zlib.error` or `struct.error` where the file is damaged.
+    Raises `zlib.error` or `struct.error` if the file is damaged.
     """
-    if 0 in file[:4]:  # v4, which has no cells
+    if 0 in file[:4]:  # v4 has no cells
         return False
     order = "<" if file[126:128] == b"IM" else ">"
     at, view = 128, memoryview(file)
@@ -49,9 +49,9 @@ def too_deep(file: bytes) -> bool:
         if kind == _COMPRESSED:
             packed = view[at + 8 : at + 8 + size]
             matrix = zlib.decompressobj().decompress(packed, _CLASS + 4)
-            if _class(matrix, 0, order) in _HOLDING:
+            if _class(matrix, 0, order) in _CONTAINERS:
                 matrix = zlib.decompressobj().decompress(packed, LARGEST_FILE)
-        if _class(matrix, 0, order) in _HOLDING and _Walk(matrix, order).too_deep():
+        if _class(matrix, 0, order) in _CONTAINERS and _Walk(matrix, order).too_deep():
             return True
         at += 8 + size
     return False
@@ -62,7 +62,7 @@ def _class(matrix: Buffer, at: int, order: str) -> int:
 
 
 class _Walk:
-    """Through one variable, element by element."""
+    """The walk passes through one variable, element by element."""
 
     def __init__(self, data: Buffer, order: str) -> None:
         self._data, self._order, self._at = memoryview(data), order, 0
@@ -77,12 +77,12 @@ class _Walk:
                 remaining[-1] -= 1
                 if count := self._enter():
                     remaining.append(count)
-        except struct.error:  # the end, or cut short
+        except struct.error:  # the end of the data, or a file that is cut short
             return False
         return bool(remaining)
 
     def _enter(self) -> int:
-        """From the tag of a matrix to that of the next: how many it holds."""
+        """Advance from the tag of a matrix to the next, and return how many matrices it contains."""
         (size,) = self._words(self._at + 4, 1)
         if size == 0:
             self._at += 8
@@ -93,21 +93,21 @@ class _Walk:
             count = 1
         if kind != _OPAQUE:
             begin, size = self._element()
-            count = count or math.prod(self._words(begin, min(size // 4, _DIMENSIONS)))
+            count = count or math.prod(self._words(begin, min(size // 4, _MAX_DIMENSIONS)))
             self._element()  # its name
         if kind == _OBJECT:
-            self._element()  # that of its class
+            self._element()  # the name of its class
         if kind in (_STRUCT, _OBJECT):
             letters = self._words(self._element()[0], 1)[0]
             count *= self._element()[1] // max(letters, 1)
         while self._words(self._at, 1)[0] != _MATRIX:
             self._element()
-        return count if kind in _HOLDING else 0
+        return count if kind in _CONTAINERS else 0
 
     def _element(self) -> tuple[int, int]:
-        """Past one that is no matrix: where what it holds begins, and how many bytes that is."""
+        """Advance past an element that is no matrix; return the offset and size of its data [bytes]."""
         at, (kind, size) = self._at, self._words(self._at, 2)
-        if kind >> 16:  # a small one, all in its tag
+        if kind >> 16:  # a small element has its data in the tag
             self._at += 8
             return at + 4, kind >> 16
         self._at += 8 + size + -size % 8
@@ -118,7 +118,7 @@ class _Walk:
 
 
 def read(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
-    """Read the `wanted` variables of a .mat file (dotted names; None: all numeric ones)."""
+    """Read the `wanted` variables of a .mat file, with dotted names for fields; None stands for all."""
     import h5py
 
     head = read_bytes(path, 128)
@@ -137,13 +137,13 @@ def _read_v5(path: Path, wanted: Collection[str] | None) -> RecordTable:
     table = RecordTable(path=path)
     used = None if wanted is None else {name.split(".")[0] for name in wanted}
     with warnings.catch_warnings():
-        # scipy warns of objects it cannot name; they are reported below when asked for.
+        # SciPy warns of objects that it cannot name; they are reported below if they are asked for.
         warnings.simplefilter("ignore")
         if too_deep(path.read_bytes()):
             message = f"holds cells or structs more than {MAX_DEPTH} deep; save plain arrays"
             raise InputError.at(str(path), message)
         content: Mapping[str, Any] = loadmat(path, mat_dtype=False, variable_names=used)
-        if used is not None and not used <= content.keys():  # for what is said of the mistake
+        if used is not None and not used <= content.keys():  # the message lists all names
             content = loadmat(path, mat_dtype=False)
     for name, value in content.items():
         if not name.startswith("__"):
@@ -167,14 +167,14 @@ def _walk_v5(name: str, value: Any, table: RecordTable) -> None:
     elif value.dtype.names is not None:
         for number, element in enumerate(value.flat, start=1):
             place = f"{name}({number})" if value.size > 1 else name
-            fields = value.dtype.names  # of signals the samples, which the others describe
+            fields = value.dtype.names  # fields of a signal describe its samples
             samples = [f for f in fields if f == "values" or (f == "Data" and value.size > 1)]
             for field in samples or fields:
                 _walk_v5(f"{place}.{field}", element[field], table)
-            for said, names in ((table.labels, TITLES), (table.units, UNITS)):
+            for label_of, names in ((table.labels, TITLES), (table.units, UNITS)):
                 texts = [element[field] for field in names if field in fields]
                 if texts := [text for text in texts if text.dtype.kind == "U" and text.size]:
-                    said |= {f"{place}.{f}": str(texts[0].flat[0]) for f in ("values", "Data")}
+                    label_of |= {f"{place}.{f}": str(texts[0].flat[0]) for f in ("values", "Data")}
     elif value.dtype.kind in "US":
         table.ignored[name] = "is text, not numbers"
     elif value.dtype.kind == "O":
@@ -187,7 +187,7 @@ def _read_v73(path: Path, wanted: Collection[str] | None) -> RecordTable:
     import h5py
 
     table = RecordTable(path=path)
-    layout = {"separator": ".", "called": "struct", "hidden": "#"}  # #refs#: MATLAB's own
+    layout = {"separator": ".", "called": "struct", "hidden": "#"}  # MATLAB's own group is #refs#
     with h5py.File(path, "r") as file:
         for name, item in datasets(file, table, unfit=_unfit, **layout):
             if wanted is None or name in wanted:
@@ -199,7 +199,7 @@ def _read_v73(path: Path, wanted: Collection[str] | None) -> RecordTable:
 
 
 def _unfit(name: str, item: Any) -> str:
-    """Why an item of a v7.3 file holds no plain numbers of its own, if so."""
+    """Return why an item of a v7.3 file holds no plain numbers of its own; empty if it does."""
     import h5py
 
     kind = _text(item.attrs.get("MATLAB_class", b""))
@@ -225,7 +225,7 @@ def _unfit(name: str, item: Any) -> str:
 
 
 def _opaque(name: str, kind: str) -> str:
-    """Why an object of a MATLAB class cannot be read, and what to type instead."""
+    """Return why an object of a MATLAB class cannot be read, and what to type instead."""
     what = f"is a MATLAB object ({kind})" if kind else "is a MATLAB object"
     ways = {
         "timeseries": f"t = {name}.Time; y = {name}.Data; save('run.mat', 't', 'y')",

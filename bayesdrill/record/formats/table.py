@@ -1,4 +1,4 @@
-"""The record every reader returns: named columns of numbers, and how to ask for one."""
+"""Define the table that every reader returns: named columns of numbers, and how to pick one."""
 
 from __future__ import annotations
 
@@ -18,41 +18,40 @@ from bayesdrill.basics.errors import InputError, did_you_mean
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RecordTable:
-    """The numbers of one file.
+    """A record table holds the numbers of one file.
 
-    A table of columns (text, Parquet) is a set of `(T,)` variables, one per column, in file order;
-    a file of arrays (MATLAB, HDF5, NumPy) is a set of `(T,)` or `(T, n)` variables, fields under
-    dotted names (`rig.theta`). All may hold NaN and infinities: `where` names the row of one.
-    `ignored` says why a name that stands in the file cannot be picked; `unread` are names that were
-    not asked for.
+    Columns of a table (text, Parquet) are variables `(T,)` in file order. A file of arrays (MATLAB,
+    HDF5, NumPy) has variables `(T,)` or `(T, n)`, with dotted names for fields (`rig.theta`). All may
+    contain NaN and infinities; `where` names the row of one. `ignored` says why a name in the file
+    cannot be picked, and `unread` lists names that were not asked for.
     """
 
     path: Path
     variables: dict[str, Array] = field(default_factory=dict)
     lines: Counts | None = None
-    """`(T,)` numbers of the rows of a table, as `called`; None for a file of arrays."""
+    """Numbers `(T,)` of a table's rows, which messages call `called`; None for a file of arrays."""
     called: str = "line"
     columns: tuple[str, ...] = ()
-    """Of a table some of whose columns are no numbers: all of them, in order; else `variables`."""
+    """All columns in order, if some are not numbers; empty if all are `variables`."""
     ignored: dict[str, str] = field(default_factory=dict)
     unread: list[str] = field(default_factory=list)
     labels: dict[str, str] = field(default_factory=dict)
-    """What the file calls a variable, where that is not its name."""
+    """Title that the file gives a variable, if that is not its name."""
     units: dict[str, str] = field(default_factory=dict)
-    """What a row between header and numbers says of each column."""
+    """Content of a row between header and numbers, by column."""
 
     def where(self, index: int) -> str:
-        """The place of the sample `index` (0-based): `line 18` of a text, `row`, or `sample`."""
+        """Return the place of a sample, by its index from 0: `line 18`, `row 18` or `sample 18`."""
         return f"sample {index + 1}" if self.lines is None else f"{self.called} {self.lines[index]}"
 
     @property
     def numbers(self) -> Counts:
-        """The numbers of its rows, as messages give them: `(T,)`."""
+        """Return the numbers `(T,)` of the rows, as messages give them."""
         longest = max(map(len, self.variables.values()), default=0)
         return np.arange(1, longest + 1) if self.lines is None else self.lines
 
     def between(self, rows: Sequence[int] | None) -> RecordTable:
-        """Return the rows from the first to the last of two `numbers`, or all."""
+        """Return the table from the first to the last of two row `numbers`, or all of it."""
         if rows is None:
             return self
         part = slice(*np.searchsorted(self.numbers, (rows[0], rows[1] + 1)).tolist())
@@ -69,7 +68,7 @@ class RecordTable:
         *,
         location: str | None = None,
     ) -> Array:
-        """One column `(T,)` by name or number from 1, of a variable; raises InputError at `location`."""
+        """Return one column `(T,)`, by name or number from 1; raises InputError at `location`."""
         try:
             if self.lines is not None:
                 return self._pick_from_table(column, variable)
@@ -134,7 +133,7 @@ class RecordTable:
         raise LookupError(f"{file} has no {kind} {name!r}{self._known(name)}")
 
     def _known(self, name: str) -> str:
-        """The nearest name, then all of them, so that one look at the error is enough."""
+        """Return the nearest name and all names, so that one look at the error is enough."""
         if not self._names:
             return "; the file holds no numeric array"
         near, names = did_you_mean(name, self._names), ", ".join(self._names)
@@ -146,7 +145,7 @@ class RecordTable:
 
 
 def keys_of(names: Sequence[str]) -> tuple[list[str], dict[str, str]]:
-    """A unique name per column, and why the names that stand twice cannot be picked."""
+    """Return a unique name per column, and why repeated names cannot be picked."""
     ignored = {}
     for name, count in Counter(names).items():
         if count > 1 and name:
@@ -160,14 +159,14 @@ def keys_of(names: Sequence[str]) -> tuple[list[str], dict[str, str]]:
 
 
 def variable_name(column: str | int | None, variable: str | None) -> str | None:
-    """Of a file of arrays: a column of an array has no name, so a name can only be a (sub)variable."""
+    """Return the variable in a file of arrays, whose columns have no names of their own."""
     if not isinstance(column, str):
         return variable
     return column if variable is None else f"{variable}.{column}"
 
 
 def read_bytes(path: Path, count: int = -1) -> bytes:
-    """The first `count` bytes of a file (-1: all). Raises InputError when there are none."""
+    """Return the first `count` bytes of a file, all by default; raises InputError if there are none."""
     location = str(path)
     try:
         with path.open("rb") as file:
@@ -185,7 +184,7 @@ def read_bytes(path: Path, count: int = -1) -> bytes:
 
 
 def _neighbour(path: Path) -> str:
-    """A file of the same folder with nearly the same name, or what is wrong with the folder."""
+    """Return a similar file name in the folder, or what is wrong with the folder."""
     if not path.parent.is_dir():
         return f": the folder {path.parent} does not exist"
     near = did_you_mean(path.name, (other.name for other in path.parent.iterdir()))
@@ -202,11 +201,11 @@ _MAGIC = {
     b"version https://git-lfs": "is a pointer of Git LFS, not the file; run git lfs pull",
     b"\x1f\x8b": "is compressed (gzip); unpack it first: gunzip, or 7-Zip",
 }
-_LINES_OF_TEXT = 2  # after which a file is a text, whatever follows
+_LINES_OF_TEXT = 2  # a file that begins with this many lines of text is no binary file
 
 
 def decode(path: Path) -> str:
-    """Read a text in UTF-8, UTF-16 or Latin-1; raises InputError for what is no table."""
+    """Return the text of a file in UTF-8, UTF-16 or Latin-1; raises InputError for other files."""
     raw = read_bytes(path)
     for magic, message in _MAGIC.items():
         if raw.startswith(magic):
@@ -214,7 +213,7 @@ def decode(path: Path) -> str:
     try:
         if raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
             return raw.decode("utf-16")
-        if len(raw) > 2 and not raw[1:400:2].strip(b"\0"):  # without its mark
+        if len(raw) > 2 and not raw[1:400:2].strip(b"\0"):  # UTF-16 without a byte order mark
             return raw.decode("utf-16-le")
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError:

@@ -113,7 +113,7 @@ def every_fit(
         sigmas, signals = observation.scales(best[None])[0], []
         shares = {row.channel: row.share for row in left if row.experiment == observation.label}
         for k, channel in enumerate(experiment.channels):
-            unit, name = channel.shown, labelled_name(channel.name, observation.label)
+            unit, name = channel.display_unit, labelled_name(channel.name, observation.label)
             if (draws := predicted.get(name)) is not None:
                 draws = draws.reshape(-1, draws.shape[-1])[:, shown].astype(float) / unit.factor
             signals.append(
@@ -208,7 +208,7 @@ def _prediction(observation: Observation, full: Array) -> str:
     unit = experiment.written.time
     columns = {f"t [{unit.name}]": experiment.t / unit.factor}
     for k, channel in enumerate(experiment.channels):
-        name, unit = channel.name, channel.shown
+        name, unit = channel.name, channel.display_unit
         columns[f"{name} measured [{unit.name}]"] = experiment.y[:, k] / unit.factor
         columns[f"{name} predicted [{unit.name}]"] = signals[:, k] / unit.factor
     constant = {name: np.full(len(experiment.t), x) for name, x in experiment.constant.items()}

@@ -152,7 +152,7 @@ def frequency_figure(
 
 
 def _bode(panel: Axes, response: FrequencyResponse, *, phase: bool) -> None:
-    there, shown = np.isfinite(response.measured), response.channel.shown
+    there, shown = np.isfinite(response.measured), response.channel.display_unit
     model, measured = (
         np.abs(values) * response.unit.factor / shown.factor
         for values in (response.modelled, response.measured)

@@ -60,7 +60,7 @@ def test_the_density_of_masses_along_a_line_is_that_of_their_equations(tmp_path:
     x = integrated(cart_rates, p, FORCE, [0.0, 0.0, 2e-3, 0.0])
     assert found == pytest.approx(carts_density(y, x), rel=1e-8)
     channels = given.problem.observations[0].experiment.channels
-    assert [(c.unit, c.shown.name) for c in channels] == [("m", "mm"), ("m/s", "mm/s")]
+    assert [(c.unit, c.display_unit.name) for c in channels] == [("m", "mm"), ("m/s", "mm/s")]
     symbols = {symbol.name: symbol.unit for symbol in derived.derived_symbols(given.problem)}
     assert symbols["w_end"] == "m/s"
     steady = ("{state: given, x_second: {value: 2, unit: mm}}", "steady")
