@@ -17,9 +17,11 @@ from typing import Any, Self
 import numpy as np
 
 from bayesdrill.basics.arrays import Array, Flags
+from bayesdrill.basics.duals import Dual, affine_map, linear_map
 from bayesdrill.inference.noise.contract import Noise, SimulatorResiduals
 from bayesdrill.inference.noise.mixed import noise_for_record
 from bayesdrill.inference.unknowns import (
+    SIMULATOR_ROLES,
     Directions,
     ParameterSpace,
     Unknown,
@@ -109,6 +111,39 @@ class Observation:
         samples = self.whiten(self.residuals(full).samples, theta)
         return np.asarray(np.nansum(samples**2, axis=1))
 
+    def natural_directions(self, theta: Array) -> tuple[Dual, Dual]:
+        """Return unknowns `(D, D)` and parameters of the simulator `(D, P)` at `theta (D,)`.
+
+        Slopes of row d are those by unknown d on its natural scale.
+        """
+        assert self.space is not None
+        count, moving = len(theta), self.space.columns(*SIMULATOR_ROLES)
+        full, along = self.space.full(theta[None]), np.zeros((count, len(self.space.model)))
+        along[moving] = self.space.slopes(theta[None])[0]
+        natural = self.space.coordinates.natural(theta[None])[0]
+        unknowns = Dual(np.tile(theta, (count, 1)), np.diag(natural))
+        parameters = self.simulator_parameters(full).repeat(count, axis=0)
+        return unknowns, Dual(parameters, self.simulator_parameters(along))
+
+    def signal_slopes(self, theta: Array) -> Array:
+        """Return slopes `(D, T, K)` of the signals by each unknown on its natural scale."""
+        _, parameters = self.natural_directions(theta)
+        slopes = np.zeros((len(theta), *self.experiment.y.shape))
+        if (moves := parameters.slope.any(axis=1)).any():
+            along = parameters.slope[None, moves]
+            slopes[moves] = self.response.sensitivities(parameters.value[:1], along)[0]
+        return slopes
+
+    def scores(self, theta: Array, slopes: Array) -> Array:
+        """Return slopes `(D, T, K)` of `pointwise` by each unknown on its natural scale.
+
+        `slopes`: those of the signals, see `signal_slopes`.
+        """
+        unknowns, parameters = self.natural_directions(theta)
+        samples = SimulatorResiduals(self.response, parameters.value[:1]).samples
+        residuals = Dual(samples.repeat(len(theta), axis=0), -slopes)
+        return np.asarray(self.pointwise(residuals, unknowns).slope)
+
     def whitened_jacobian_at(self, shifts: Array, theta: Array) -> Array:
         """Return `shifts (n, T, K)` of the signals over the noise at `theta (D,)`.
 
@@ -174,7 +209,7 @@ class Observation:
         """Return the log likelihood `(W, K)`."""
         return self.noise.log_likelihood(self.residuals(full), theta[:, self.noise_columns])
 
-    def pointwise(self, samples: Array, theta: Array) -> Array:
+    def pointwise(self, samples: Any, theta: Any) -> Any:
         """Return the log density `(W, T, K)` of each residual given those before it."""
         return self.noise.pointwise(samples, theta[:, self.noise_columns])
 
@@ -406,7 +441,7 @@ class LatentTorqueObservation(Observation):
         terms = self.pointwise(self.residuals(full).samples, theta)
         return np.asarray(np.nansum(terms, axis=1))
 
-    def pointwise(self, samples: Array, theta: Array) -> Array:
+    def pointwise(self, samples: Any, theta: Any) -> Any:
         """Return the log density `(W, T, K)` of each residual given those before it."""
         white, variances = self._whitened(samples, theta)
         return np.asarray(-0.5 * (math.log(2 * math.pi) + np.log(variances) + white**2))
@@ -486,27 +521,47 @@ class LatentTorqueObservation(Observation):
 
         `residuals (W, T, K)` change by `slopes (W, q, T, K)`, arguments by `along (W, q, n + P)`.
         """
-        scales, (n, q) = self.noise.scales, along.shape[:2]
+        n, q = along.shape[:2]
         slope, curvature = np.empty((n, q)), np.empty((n, q, q))
         chunk = max(1, int(MAX_SLOPE_BYTES / (64 * q * max(residuals[0].size, 1))))
         for rows in (slice(k, k + chunk) for k in range(0, n, chunk)):
-            repeated = np.repeat(kernel_arguments[rows], q, axis=0)
-            moved = along[rows].reshape(-1, along.shape[2])
-            shifts = slopes[rows].reshape(-1, *residuals.shape[1:])
-            still = np.zeros_like(moved)  # what is held does not move
-            with np.errstate(all="ignore"):
-                results = self.kalman_filter.slopes(
-                    (self._of_process(repeated), self._of_process(moved) - self._of_process(still)),
-                    (scales(repeated), scales(moved) - scales(still)),
-                    (np.repeat(residuals[rows], q, axis=0), shifts),
-                )
+            results = self._filtered(
+                Dual(
+                    residuals[rows].repeat(q, axis=0), slopes[rows].reshape(-1, *slopes.shape[2:])
+                ),
+                Dual(
+                    kernel_arguments[rows].repeat(q, axis=0),
+                    along[rows].reshape(-1, along.shape[2]),
+                ),
+            )
             white, change, variance, wider = (
-                part.reshape(len(repeated) // q, q, -1) for part in results
+                part.reshape(len(slope[rows]), q, -1) for part in results
             )
             ratio = 0.5 * wider / variance
             slope[rows] = -(white * change).sum(axis=-1) - ratio.sum(axis=-1)
             curvature[rows] = change @ change.swapaxes(1, 2) + ratio @ ratio.swapaxes(1, 2)
         return slope, curvature
+
+    def _filtered(self, residuals: Dual, kernel_arguments: Dual) -> tuple[Array, ...]:
+        """Return whitened residuals and variances of innovations, each before its slopes."""
+        arguments = (self._of_process, self.noise.scales)
+        process, scales = (affine_map(each, kernel_arguments) for each in arguments)
+        with np.errstate(all="ignore"):
+            return self.kalman_filter.slopes(
+                (process.value, process.slope),
+                (scales.value, scales.slope),
+                (residuals.value, residuals.slope),
+            )
+
+    def scores(self, theta: Array, slopes: Array) -> Array:
+        """Return slopes `(D, T, K)` of `pointwise`, see `Observation.scores`."""
+        unknowns, parameters = self.natural_directions(theta)
+        samples = SimulatorResiduals(self.response, parameters.value[:1]).samples
+        residuals = Dual(np.nan_to_num(samples).repeat(len(theta), axis=0), -slopes)
+        own = unknowns[:, self.noise_columns]
+        arguments = linear_map(lambda *parts: np.concatenate(parts, axis=1), own, parameters)
+        white, change, variance, wider = self._filtered(residuals, arguments)
+        return np.asarray(-white * change - 0.5 * wider / variance)
 
     def expected(self, theta: Array) -> Array:
         """Return the expected curvature by the unknowns of noise and torque."""

@@ -16,6 +16,7 @@ from support.case_tables import run_cases
 from support.scipy_oracles import NOMINAL
 from support.small_problems import experiment, likelihood_of, unknown
 
+from bayesdrill.basics.duals import Dual
 from bayesdrill.inference import laplace
 from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.inference.noise import NOISES
@@ -168,6 +169,25 @@ def test_slopes_are_those_of_the_density(name: str) -> None:
         assert slope[:, column] == pytest.approx((up - down) / 2e-5, rel=1e-5, abs=1e-5)
         assert (as_matrix(curvature, at)[:, column, column] > 0).all()
     assert (np.linalg.eigvalsh(as_matrix(curvature, at)) > 0).all()
+
+
+@run_cases("name", MAKERS)
+def test_slopes_of_terms_sum_to_those_of_the_density(name: str) -> None:
+    """The terms of single samples take numbers with slopes, of signals and of unknowns."""
+    noise = MAKERS[name](12)
+    at = values(noise, 3)
+    samples = 1.3 * draw(noise, at, 12)
+    shift = np.random.default_rng(1).standard_normal(samples.shape) * noise.scales(at)[:, None]
+    terms = noise.pointwise(Dual(samples, -shift), Dual(at, np.zeros_like(at)))
+    assert terms.value == pytest.approx(noise.pointwise(samples, at), rel=1e-14)
+    along = (noise.score(samples, at) * shift).sum(axis=(1, 2))
+    assert terms.slope.sum(axis=(1, 2)) == pytest.approx(along, rel=1e-10)
+    slope, _ = noise.noise_score(residuals(samples), at)
+    for column, each in enumerate(noise.unknowns):
+        step = np.zeros_like(at)
+        step[:, column] = at[:, column] if each.between is None else 1.0
+        terms = noise.pointwise(Dual(samples, np.zeros_like(samples)), Dual(at, step))
+        assert terms.slope.sum(axis=(1, 2)) == pytest.approx(slope[:, column], rel=1e-9, abs=1e-9)
 
 
 @run_cases("name", MAKERS)

@@ -131,8 +131,11 @@ class Noise(Protocol):
     def log_likelihood(self, residuals: Residuals, theta: Array) -> Array:
         """Return the normalised log likelihood of each channel: `(W, K)`."""
 
-    def pointwise(self, samples: Array, theta: Array) -> Array:
-        """Return the terms `(W, T, K)` of `log_likelihood`: of each sample given those before it."""
+    def pointwise(self, samples: Any, theta: Any) -> Any:
+        """Return the terms `(W, T, K)` of `log_likelihood`: of each sample given those before it.
+
+        Samples and unknowns are arrays, or both `duals.Dual`: then so are the terms.
+        """
 
     def scales(self, theta: Array) -> Array:
         """Return the standard deviation of a single sample `(W, K)`, SI."""
