@@ -18,6 +18,7 @@ from functools import cached_property
 import numpy as np
 
 from bayesdrill.basics.arrays import Array, Flags
+from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Prior, prior_log_sd, prior_sd
 from bayesdrill.inference.unknowns import (
@@ -201,7 +202,11 @@ class LogDensity:
 
     @cached_property
     def _unbounded(self) -> LogDensity:
-        return LogDensity(self.posterior.edit(each=lambda observation: observation.unbounded))
+
+        def unbounded(observation: Observation) -> Observation:
+            return dataclasses.replace(observation, response=observation.response.unbounded)
+
+        return LogDensity(self.posterior.edit(each=unbounded))
 
     def approximate_model(self, u: Array, directions: Array) -> QuadraticModel:
         """Return the curvature model by what compressed records say, however far from where they hold.

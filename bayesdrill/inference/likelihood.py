@@ -16,7 +16,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from bayesdrill.basics.arrays import Array, Flags
+from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.duals import Dual, affine_map, linear_map
 from bayesdrill.inference.noise.contract import Noise, SimulatorResiduals
 from bayesdrill.inference.noise.mixed import noise_for_record
@@ -29,12 +29,11 @@ from bayesdrill.inference.unknowns import (
     directional_slope,
 )
 from bayesdrill.record.experiment import Experiment
-from bayesdrill.rig.models.latent_torque import SIZE, TIME
+from bayesdrill.rig.models.latent_torque import SIZE, TIME, MissingTorque
 from bayesdrill.rig.models.linear import Model
-from bayesdrill.rig.simulators import simulator
-from bayesdrill.rig.simulators.compressed import compress, obstacle
+from bayesdrill.rig.simulators import exact_reason, simulator
 from bayesdrill.rig.simulators.contract import Simulator
-from bayesdrill.rig.simulators.kalman import KalmanFilter
+from bayesdrill.rig.simulators.kalman import KalmanFilter, step_lengths
 from bayesdrill.rig.simulators.sensors import ObservationModel
 
 MAX_SLOPE_BYTES = 6e7  # of slopes at a time
@@ -221,44 +220,12 @@ class Observation:
         """Return weights of sums of squares `(W, K, n)`; see `Noise.square_weights`."""
         return self.noise.square_weights(theta[:, self.noise_columns])
 
-    # Long records, see `inference.compression`.
-
     @property
     def exact_reason(self) -> str:
         """Say why its record cannot be compressed whatever its parameters; empty where it can."""
-        if self.noise.square_weights(np.empty((0, len(self.noise.unknowns)))) is None:
-            return "its noise is not Gaussian and even in time"
-        return obstacle(self.response)
-
-    @property
-    def functions(self) -> int:
-        """How many functions its record has become; zero where it is not compressed."""
-        return self.response.functions
-
-    def exceeds_bound(self, full: Array, theta: Array) -> Flags:
-        """Tell which unknowns `(W,)` of a compressed record have all samples."""
-        return self.response.exceeds_bound(self.simulator_parameters(full))
-
-    @property
-    def unbounded(self) -> Self:
-        """See `Simulator.unbounded`."""
-        return dataclasses.replace(self, response=self.response.unbounded)
-
-    def compress(self, full: Array, theta: Array) -> Any:
-        """Compress its record for these unknowns, the first of which are the reference.
-
-        What results is for `with_compression`.  Raises `CompressionError` where it cannot be done.
-        """
-        variances, weights = self.scales(theta).min(axis=0) ** 2, self.square_weights(theta)
-        assert weights is not None
-        limits = np.abs(weights).max(axis=0)
-        return compress(self.response, self.simulator_parameters(full), variances, limits)
-
-    def with_compression(self, compression: Any) -> Self:
-        """Return it with its record compressed; with all samples where `compression` is None."""
-        exact = self.response.by_samples
-        response = exact if compression is None else compression.applied(exact)
-        return dataclasses.replace(self, response=response)
+        weights = self.noise.square_weights(np.empty((0, len(self.noise.unknowns))))
+        torque = self.torque is not None
+        return exact_reason(self.response, gaussian=weights is not None, torque=torque)
 
     def whiten(self, samples: Array, theta: Array) -> Array:
         """Return whitened residuals `(W, T, K)`, independent and standard normal."""
@@ -362,11 +329,6 @@ class LatentTorqueObservation(Observation):
     def white(self) -> bool:
         """Whether samples are independent: never."""
         return False
-
-    @property
-    def exact_reason(self) -> str:
-        """Say why its record cannot be compressed."""
-        return "a torque is missing"
 
     @property
     def kind(self) -> str:
@@ -576,6 +538,37 @@ class LatentTorqueObservation(Observation):
     def fitted(self, samples: Array, theta: Array) -> Array:
         """Return the unknowns as they are: of one record the levels cannot be told in a sum."""
         return theta[self.noise_columns]
+
+
+def observe(
+    response: Simulator,
+    noise: Noise,
+    label: str = "",
+    torque: MissingTorque | None = None,
+    process: Mapping[str, float | Unknown] | None = None,
+) -> Observation:
+    """Return the observation of a record, with a missing `torque` and the numbers of its `process`.
+
+    Parameters and unknowns are named as in an experiment that has no others beside it.  Raises
+    `ValueError` where torque and noise, or times, do not go together.
+    """
+    names = [unknown.name for unknown in noise.unknowns]
+    alike: dict[str, Any] = {
+        "response": response, "noise": noise, "parameters": response.parameters, "label": label,
+    }  # fmt: skip
+    if torque is None or process is None:
+        return Observation(noise_names=names, **alike)
+    if not noise.white:
+        why = "they could hardly be told apart; remove `noise:` of the channels, or this entry"
+        white = "beside a missing torque the noise of every channel has to be white"
+        raise ValueError(f"{white}: {why}")
+    step_lengths(response.experiment)
+    return LatentTorqueObservation(
+        kalman_filter=KalmanFilter(response.model, torque, response.experiment),
+        process=process,
+        noise_names=[*names, *(n for n, x in process.items() if isinstance(x, Unknown))],
+        **alike,
+    )
 
 
 def _column_index(columns: list[int], last: int) -> slice | list[int]:

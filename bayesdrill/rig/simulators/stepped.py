@@ -223,13 +223,17 @@ class Stepped(Simulator):
 
         Each is `(W, ...)`, or `(1, ...)` where walkers have the same.
         """
+        walkers = ObservedWalkers(self.sensors, full if along is None else Dual(full, along))
+        known = self._shared_parts or self._walker_parts(walkers)
+        parts = {"parameters": walkers.parameters, **known}
         if along is None:
-            walkers = ObservedWalkers(self.sensors, full)
-            known = self._shared_parts or self._walker_parts(walkers)
-            return {"parameters": [walkers.parameters], **{name: [known[name]] for name in known}}
-        walkers = ObservedWalkers(self.sensors, Dual(full, along))
-        duals = {"parameters": walkers.parameters, **self._walker_parts(walkers)}
-        return {name: [part.value, part.slope] for name, part in duals.items()}
+            return {name: [part] for name, part in parts.items()}
+        return {
+            name: [part.value, part.slope]
+            if isinstance(part, Dual)
+            else [part, np.zeros_like(part)]
+            for name, part in parts.items()
+        }
 
     def _walker_parts(self, walkers: ObservedWalkers) -> dict[str, Any]:
         """Return the parts of each walker, as its sensors and its start are."""
