@@ -38,8 +38,9 @@ def information_root(posterior: Posterior, theta: Array) -> Array:
     taken to be as large as the residuals there.
     """
     prior_sd = np.array([natural_sd(unknown) for unknown in posterior.space.unknowns])
-    record = _record_rows(posterior, theta, _signal_slopes(posterior, theta))
-    record /= np.sqrt(residual_excess(posterior, theta))
+    at = natural_directions(posterior, theta)
+    slopes = [each.signal_slopes(at) for each in posterior.likelihood.observations]
+    record = _record_rows(posterior, theta, slopes) / np.sqrt(residual_excess(posterior, theta))
     return np.asarray(np.linalg.qr(np.vstack([record, np.diag(1.0 / prior_sd)]), mode="r"))
 
 
@@ -58,12 +59,13 @@ def sandwich(posterior: Posterior, theta: Array) -> Array:
     priors, J the sum over all pairs of samples of the slopes of their log densities, which is what
     H has of the record where residuals are as the noise says.
     """
-    slopes = _signal_slopes(posterior, theta)
+    at = natural_directions(posterior, theta)
+    slopes = [each.signal_slopes(at) for each in posterior.likelihood.observations]
     rows = _record_rows(posterior, theta, slopes)
     prior = np.diag([natural_sd(unknown) ** -2.0 for unknown in posterior.space.unknowns])
     middle = prior.copy()
     for observation, shifts in zip(posterior.likelihood.observations, slopes, strict=True):
-        scores = np.where(observation.experiment.seen, observation.scores(theta, shifts), 0.0)
+        scores = np.where(observation.experiment.seen, observation.scores(at, shifts), 0.0)
         middle += long_run_variance(scores.sum(axis=2).T)
     bread = np.linalg.inv(rows.T @ rows + prior)
     return np.asarray(bread @ middle @ bread)
@@ -106,9 +108,30 @@ def natural_sd(unknown: Unknown) -> float:
     return prior_log_sd(unknown.prior)
 
 
-def _signal_slopes(posterior: Posterior, theta: Array) -> list[Array]:
-    """Return the slopes `(D, T, K)` of each observation's signals, see `Observation.signal_slopes`."""
-    return [each.signal_slopes(theta) for each in posterior.likelihood.observations]
+def natural_directions(posterior: Posterior, theta: Array) -> Directions:
+    """Return the directions at `theta (D,)` that move one unknown each by its natural scale."""
+    steps = posterior.coordinates.slopes_by_natural(theta[None])[0]
+    return directions_at(posterior, theta[None], np.diag(steps))
+
+
+def directions_at(posterior: Posterior, theta: Array, columns: Array) -> Directions:
+    """Return what moves at `theta (W, D)` along `columns (D, q)`, directions of coordinates."""
+    space, coordinates = posterior.space, posterior.coordinates
+    # d log unknown / d coordinate, or d unknown / d coordinate where it need not be positive
+    steps = coordinates.slopes(theta)
+    by_log = steps / coordinates.natural(theta)
+    m, moved = len(space.columns(*SIMULATOR_ROLES)), None
+    if m:
+        turned = space.slopes(theta).swapaxes(1, 2) @ (by_log[:, :m, None] * columns[:m])
+        moved = turned.swapaxes(1, 2)
+    return Directions(
+        theta=theta,
+        full=space.full(theta),
+        columns=columns,
+        parameter_directions=moved,
+        slopes=steps,
+        by_log=by_log,
+    )
 
 
 def _record_rows(posterior: Posterior, theta: Array, slopes: Sequence[Array]) -> Array:
@@ -229,23 +252,7 @@ class LogDensity:
 
     def record_slopes(self, theta: Array, directions: Array) -> tuple[Array, Array]:
         """Return slope `(W, q)` and curvature `(W, q, q)` of the log likelihood."""
-        space, coordinates = self.posterior.space, self.posterior.coordinates
-        # d log unknown / d coordinate, or d unknown / d coordinate where it need not be positive
-        steps = coordinates.slopes(theta)
-        by_log = steps / coordinates.natural(theta)
-        m = len(space.columns(*SIMULATOR_ROLES))
-        full, moved = space.full(theta), None
-        if m:
-            turned = space.slopes(theta).swapaxes(1, 2) @ (by_log[:, :m, None] * directions[:m])
-            moved = turned.swapaxes(1, 2)
-        at = Directions(
-            theta=theta,
-            full=full,
-            columns=directions,
-            parameter_directions=moved,
-            slopes=steps,
-            by_log=by_log,
-        )
+        at = directions_at(self.posterior, theta, directions)
         n, q = len(theta), directions.shape[1]
         slope, curvature = np.zeros((n, q)), np.zeros((n, q, q))
         for observation in self.posterior.likelihood.observations:

@@ -17,11 +17,10 @@ from typing import Any, Self
 import numpy as np
 
 from bayesdrill.basics.arrays import Array
-from bayesdrill.basics.duals import Dual, affine_map, linear_map
+from bayesdrill.basics.duals import Dual, affine_map
 from bayesdrill.inference.noise.contract import Noise, SimulatorResiduals
 from bayesdrill.inference.noise.mixed import noise_for_record
 from bayesdrill.inference.unknowns import (
-    SIMULATOR_ROLES,
     Directions,
     ParameterSpace,
     Unknown,
@@ -110,37 +109,21 @@ class Observation:
         samples = self.whiten(self.residuals(full).samples, theta)
         return np.asarray(np.nansum(samples**2, axis=1))
 
-    def natural_directions(self, theta: Array) -> tuple[Dual, Dual]:
-        """Return unknowns `(D, D)` and parameters of the simulator `(D, P)` at `theta (D,)`.
+    def signal_slopes(self, at: Directions) -> Array:
+        """Return slopes `(q, T, K)` of the signals along the directions, at one point."""
+        if at.parameter_directions is None:
+            return np.zeros((at.columns.shape[1], *self.experiment.y.shape))
+        along = self.simulator_parameters(at.parameter_directions)
+        return self.response.sensitivities(self.simulator_parameters(at.full), along)[0]
 
-        Slopes of row d are those by unknown d on its natural scale.
+    def scores(self, at: Directions, slopes: Array) -> Array:
+        """Return slopes `(q, T, K)` of `pointwise` along the directions, at one point.
+
+        `slopes`: those of the signals.
         """
-        assert self.space is not None
-        count, moving = len(theta), self.space.columns(*SIMULATOR_ROLES)
-        full, along = self.space.full(theta[None]), np.zeros((count, len(self.space.model)))
-        along[moving] = self.space.slopes(theta[None])[0]
-        natural = self.space.coordinates.natural(theta[None])[0]
-        unknowns = Dual(np.tile(theta, (count, 1)), np.diag(natural))
-        parameters = self.simulator_parameters(full).repeat(count, axis=0)
-        return unknowns, Dual(parameters, self.simulator_parameters(along))
-
-    def signal_slopes(self, theta: Array) -> Array:
-        """Return slopes `(D, T, K)` of the signals by each unknown on its natural scale."""
-        _, parameters = self.natural_directions(theta)
-        slopes = np.zeros((len(theta), *self.experiment.y.shape))
-        if (moves := parameters.slope.any(axis=1)).any():
-            along = parameters.slope[None, moves]
-            slopes[moves] = self.response.sensitivities(parameters.value[:1], along)[0]
-        return slopes
-
-    def scores(self, theta: Array, slopes: Array) -> Array:
-        """Return slopes `(D, T, K)` of `pointwise` by each unknown on its natural scale.
-
-        `slopes`: those of the signals, see `signal_slopes`.
-        """
-        unknowns, parameters = self.natural_directions(theta)
-        samples = SimulatorResiduals(self.response, parameters.value[:1]).samples
-        residuals = Dual(samples.repeat(len(theta), axis=0), -slopes)
+        count = len(slopes)
+        unknowns = Dual(at.theta.repeat(count, axis=0), at.slopes * at.columns.T)
+        residuals = Dual(self.residuals(at.full).samples.repeat(count, axis=0), -slopes)
         return np.asarray(self.pointwise(residuals, unknowns).slope)
 
     def whitened_jacobian_at(self, shifts: Array, theta: Array) -> Array:
@@ -465,16 +448,20 @@ class LatentTorqueObservation(Observation):
 
     def quadratic_terms(self, at: Directions) -> Iterator[tuple[Array, Array]]:
         """Yield slope and curvature of all unknowns together: the rig is in the covariance, too."""
+        moved, kernel_arguments = self._moved(at), self._kernel_arguments(at.theta, at.full)
+        turned = moved[..., len(self.unknowns) :]
+        signals, shifts = self.response.course(self.simulator_parameters(at.full), turned)
+        yield self._slopes(
+            np.nan_to_num(self.experiment.y - signals), -shifts, kernel_arguments, moved
+        )
+
+    def _moved(self, at: Directions) -> Array:
+        """Return slopes of the kernels' arguments `(W, q, n + P)` along the directions."""
         levels = (at.slopes[:, None, :] * at.columns.T)[..., self.noise_columns]
         along = at.parameter_directions
         if along is None:
             along = np.zeros((*levels.shape[:2], at.full.shape[1]))
-        turned = self.simulator_parameters(along)
-        signals, shifts = self.response.course(self.simulator_parameters(at.full), turned)
-        residuals = np.nan_to_num(self.experiment.y - signals)
-        kernel_arguments = self._kernel_arguments(at.theta, at.full)
-        moved = np.concatenate([levels, turned], axis=-1)
-        yield self._slopes(residuals, -shifts, kernel_arguments, moved)
+        return np.concatenate([levels, self.simulator_parameters(along)], axis=-1)
 
     def _slopes(
         self, residuals: Array, slopes: Array, kernel_arguments: Array, along: Array
@@ -515,14 +502,14 @@ class LatentTorqueObservation(Observation):
                 (residuals.value, residuals.slope),
             )
 
-    def scores(self, theta: Array, slopes: Array) -> Array:
-        """Return slopes `(D, T, K)` of `pointwise`, see `Observation.scores`."""
-        unknowns, parameters = self.natural_directions(theta)
-        samples = SimulatorResiduals(self.response, parameters.value[:1]).samples
-        residuals = Dual(np.nan_to_num(samples).repeat(len(theta), axis=0), -slopes)
-        own = unknowns[:, self.noise_columns]
-        arguments = linear_map(lambda *parts: np.concatenate(parts, axis=1), own, parameters)
-        white, change, variance, wider = self._filtered(residuals, arguments)
+    def scores(self, at: Directions, slopes: Array) -> Array:
+        """Return slopes `(q, T, K)` of `pointwise`, see `Observation.scores`."""
+        count = len(slopes)
+        samples = np.nan_to_num(self.residuals(at.full).samples).repeat(count, axis=0)
+        arguments = self._kernel_arguments(at.theta, at.full).repeat(count, axis=0)
+        white, change, variance, wider = self._filtered(
+            Dual(samples, -slopes), Dual(arguments, self._moved(at)[0])
+        )
         return np.asarray(-white * change - 0.5 * wider / variance)
 
     def expected(self, theta: Array) -> Array:

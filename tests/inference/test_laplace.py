@@ -205,8 +205,9 @@ def test_slopes_of_signals_and_of_single_samples_are_exact(name: str) -> None:
         def terms(at: np.ndarray, observation: Observation = observation) -> np.ndarray:
             return observation.pointwise(observation.experiment.y - signals(at), at)
 
-        slopes = observation.signal_slopes(theta[0])
-        for function, exact in ((signals, slopes), (terms, observation.scores(theta[0], slopes))):
+        at = laplace.natural_directions(target, theta[0])
+        slopes = observation.signal_slopes(at)
+        for function, exact in ((signals, slopes), (terms, observation.scores(at, slopes))):
             numeric = differences(function, theta, 1e-3 * natural)[:, 0]
             numeric = (numeric * natural[:, None, None])[:, seen]
             rounding = 1e-8 * np.abs(numeric).max()

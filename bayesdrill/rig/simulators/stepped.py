@@ -1,8 +1,8 @@
 """The response in steps of one length: rigs with friction, and inputs with lags of their own.
 
-While every friction slips or sticks a step is exact; one in which a speed changes its sign has an
-error of the order of the step, so that it is made in parts, and `pieces` steps make the interval
-between two samples.  Channels whose times are others are read between steps.
+While every friction slips or sticks a step is exact; an event in it, such as a zero crossing of a
+speed, leaves an error of second order in its length (`kernels.reversals`).  So a step with an event is
+made in parts, and `pieces` steps make the interval between two samples.  Channels whose times are others are read between steps.
 """
 
 from __future__ import annotations
