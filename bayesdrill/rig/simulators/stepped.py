@@ -1,8 +1,9 @@
 """The response in steps of one length: rigs with friction, and inputs with lags of their own.
 
-While every friction slips or sticks a step is exact; an event in it, such as a zero crossing of a
-speed, leaves an error of second order in its length (`kernels.reversals`).  So a step with an event is
-made in parts, and `pieces` steps make the interval between two samples.  Channels whose times are others are read between steps.
+While every friction slips or sticks a step is exact.  An event in it, such as a zero crossing of a
+speed, leaves an error of second order in its length (`kernels.reversals`): a step with an event is made
+in parts, and `pieces` steps make the interval between two samples.  Channels whose times are others are
+read between steps.
 """
 
 from __future__ import annotations
@@ -155,16 +156,13 @@ class Stepped(Simulator):
 
     @cached_property
     def _grid(self) -> UniformGrid:
-        return self._steps()
+        return UniformGrid(*self.sensors.knots, self.experiment.first_order, self.pieces)
 
     @cached_property
     def _nodes(self) -> UniformGrid:
-        return self._steps(every_node=True)
-
-    def _steps(self, *, every_node: bool = False) -> UniformGrid:
-        t, series = self.sensors.knots
-        first_order = self.experiment.first_order
-        return UniformGrid(t, series, first_order, self.pieces, every_node=every_node)
+        """The grid with a sample at each node."""
+        knots, first_order = self.sensors.knots, self.experiment.first_order
+        return UniformGrid(*knots, first_order, self.pieces, every_node=True)
 
     @cached_property
     def _bound_kernels(self) -> dict[Any, BoundKernel]:
