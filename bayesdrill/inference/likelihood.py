@@ -132,8 +132,6 @@ class Observation:
         They are zero where nothing was measured; their squares sum to what the record knows of them.
         """
         measured_shifts = np.where(self.experiment.seen, shifts, 0.0)
-        if self.white:
-            return np.asarray(measured_shifts / self.scales(theta[None]))
         return self.whitened_jacobian(measured_shifts, np.repeat(theta[None], len(shifts), axis=0))
 
     def with_simulator(self, response: Simulator, parameters: Sequence[str]) -> Self:

@@ -45,7 +45,7 @@ TOLERANCE = 1e-7  # of the log likelihood
 MAX_BEYOND = 0.02  # of points: walkers whose bound is larger have the exact simulator
 NONE = np.zeros(0)
 LEAST = 1e-300  # weight of a sum that does not count
-DIGITS = (12, 26, 2)  # of a response that functions are to have: first, last, and steps between
+RESPONSE_DIGITS = range(12, 26, 2)  # digits of a mode's response that functions keep, fewest first
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -277,7 +277,7 @@ def compress(simulator: Simulator, points: Array, variances: Array, weights: Arr
     n = np.array(simulator.experiment.counts, dtype=float)
     usual = np.stack([n, 4.0 * n, np.full(len(n), 2.0)], axis=1)[:, :sums]
     tolerance = 2.0 * TOLERANCE / np.maximum(np.abs(weights), LEAST) / weights.size
-    for digits in range(*DIGITS):  # until the bound is small enough at nearly all points
+    for digits in RESPONSE_DIGITS:  # until the bound is small enough at nearly all points
         basis = choose_basis(rates, record.step, 10.0**-digits)
         nothing = Compression.of_nothing(
             basis, record, sizes, tolerance, layout=record.layout, channels=k_count,
