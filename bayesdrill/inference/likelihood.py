@@ -114,7 +114,7 @@ class Observation:
         if at.parameter_directions is None:
             return np.zeros((at.columns.shape[1], *self.experiment.y.shape))
         along = self.simulator_parameters(at.parameter_directions)
-        return self.response.sensitivities(self.simulator_parameters(at.full), along)[0]
+        return np.asarray(self.response.sensitivities(self.simulator_parameters(at.full), along)[0])
 
     def scores(self, at: Directions, slopes: Array) -> Array:
         """Return slopes `(q, T, K)` of `pointwise` along the directions, at one point.

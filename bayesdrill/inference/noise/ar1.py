@@ -61,7 +61,7 @@ class ChannelSpacing:
 
     def predicted(self, samples: Array, rho: Array) -> Array:
         """Return what is left of each sample, less what those before it say of it."""
-        return _without_memory(samples, self.conditional(rho)[0])
+        return np.asarray(_without_memory(samples, self.conditional(rho)[0]))
 
     def innovations(self, samples: Array, rho: Array) -> Array:
         """Return what is new in each sample, all of one sd: that of the samples."""
@@ -77,7 +77,7 @@ class ChannelSpacing:
         """Return half the slopes of the sum of squared innovations by each sample."""
         weight, sd = self.conditional(rho)
         over = _without_memory(samples, weight) / sd**2
-        out = over.copy()
+        out = np.array(over)
         out[:, :-1] -= weight[:, 1:] * over[:, 1:]
         return out
 
@@ -264,9 +264,9 @@ class AR1:
         by_scaled = self._by_channel(ChannelSpacing.score, samples, theta)
         return by_scaled / self.scales(theta)[:, None]
 
-    def _by_channel(
-        self, function: Callable[[ChannelSpacing, Any, Any], Any], samples: Any, theta: Any
-    ) -> Any:
+    def _by_channel[N](
+        self, function: Callable[[ChannelSpacing, Any, Any], N], samples: Any, theta: Any
+    ) -> N:
         """Return what `function` makes of samples over sigma, with rho: `(W, T, K)`, NaN if not seen."""
         sigma, rho = (affine_map(f, theta) for f in (self.scales, self.memory.values))
         values = dual(samples).value
@@ -282,7 +282,8 @@ class AR1:
                 out[:, channel.rows, k] = columns[k]
             return out
 
-        return linear_map(place, *results)
+        placed: N = linear_map(place, *results)
+        return placed
 
     def noise_score(self, residuals: Residuals, theta: Array) -> tuple[Array, Array]:
         """Return slopes, and the expected curvature, larger where residuals are."""

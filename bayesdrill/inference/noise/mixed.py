@@ -203,7 +203,7 @@ class Mixed:
             yield part, theta[..., first : first + n]
             first += n
 
-    def _each(self, evaluate: Callable[[ChannelNoise, Any], Any], theta: Any) -> Any:
+    def _each[N](self, evaluate: Callable[[ChannelNoise, Any], N], theta: Any) -> N:
         """Return what is evaluated of every part, its channels in their places."""
 
         def place(*results: Array) -> Array:
@@ -212,4 +212,5 @@ class Mixed:
                 out[..., part.columns] = values
             return out
 
-        return linear_map(place, *(evaluate(part, at) for part, at in self._split(theta)))
+        placed: N = linear_map(place, *(evaluate(part, at) for part, at in self._split(theta)))
+        return placed
