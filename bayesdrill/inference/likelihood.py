@@ -18,7 +18,7 @@ import numpy as np
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.duals import Dual, affine_map
-from bayesdrill.inference.noise.contract import Noise, SimulatorResiduals
+from bayesdrill.inference.noise.contract import Noise, SimulatorResiduals, fit_noise
 from bayesdrill.inference.noise.mixed import noise_for_record
 from bayesdrill.inference.unknowns import (
     Directions,
@@ -259,9 +259,9 @@ class Observation:
         """Return the expected curvature of the noise; see `Noise.expected`; `theta (D,)`."""
         return self.noise.expected(theta[self.noise_columns])
 
-    def fitted(self, samples: Array, theta: Array) -> Array:
-        """Return noise unknowns fitted to `samples (T, K)`; see `Noise.fitted`."""
-        return self.noise.fitted(samples, theta[self.noise_columns])
+    def fitted(self, full: Array, theta: Array) -> Array:
+        """Return noise unknowns fitted to the residuals at `full (1, P)`, from `theta (D,)` on."""
+        return fit_noise(self.noise, self.residuals(full), theta[self.noise_columns])
 
     def predict(self, full: Array, theta: Array) -> Array:
         """Return the noise-free channels `(W, T, K)`, with the motion by a latent torque."""
@@ -520,7 +520,7 @@ class LatentTorqueObservation(Observation):
         curvature = self._slopes(residuals, slopes, kernel_arguments, along)[1]
         return np.asarray(2.0 * np.diagonal(curvature[0]))
 
-    def fitted(self, samples: Array, theta: Array) -> Array:
+    def fitted(self, full: Array, theta: Array) -> Array:
         """Return the unknowns as they are: of one record the levels cannot be told in a sum."""
         return theta[self.noise_columns]
 

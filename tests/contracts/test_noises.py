@@ -20,7 +20,7 @@ from bayesdrill.basics.duals import Dual
 from bayesdrill.inference import laplace
 from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.inference.noise import NOISES
-from bayesdrill.inference.noise.contract import Noise, NoisyChannel, as_matrix
+from bayesdrill.inference.noise.contract import Noise, NoisyChannel, as_matrix, fit_noise
 from bayesdrill.inference.noise.mixed import ChannelNoise, Mixed
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Uniform
@@ -226,7 +226,8 @@ def test_whitened_draws_are_white_and_a_fit_returns_their_size(name: str) -> Non
         assert abs(np.corrcoef(white[1:, k], white[:-1, k])[0, 1]) < 5 / np.sqrt(n)
     assert samples[0].std(axis=0) == pytest.approx(noise.scales(at)[0], rel=0.15)
     if noise.unknowns:
-        fitted = noise.fitted(samples[0], np.array([u.start for u in noise.unknowns]))
+        start = np.array([u.start for u in noise.unknowns])
+        fitted = fit_noise(noise, residuals(samples), start)
         sd = np.sqrt(np.diag(np.linalg.inv(as_matrix(noise.expected(at[0]), at[0]))))
         plain = np.array([u.between is not None for u in noise.unknowns])
         error = np.where(plain, fitted - at[0], np.log(np.abs(fitted / at[0])))

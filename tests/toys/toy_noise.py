@@ -125,11 +125,6 @@ class Memory:
             [[np.diag(np.full(len(levels), 2.0 * n)), both], [both.T, np.diag(curved[free])]]
         )
 
-    def fitted(self, samples: Array, own: Array) -> Array:
-        free = [k for k, value in enumerate(self.held_) if value is None]
-        rho = (samples[1:] * samples[:-1]).sum(axis=0) / (samples**2).sum(axis=0)
-        return np.append(self.levels.fitted(samples, own), np.clip(rho, -MOST, MOST)[free])
-
     def draw(self, signals: Array, own: Array, rng: np.random.Generator) -> Array:
         sigma, rho = self.scales(own), self._correlations(own)
         fresh = rng.standard_normal(signals.shape)

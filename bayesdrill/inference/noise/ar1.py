@@ -96,13 +96,6 @@ class ChannelSpacing:
         out[:, 1, 1] = (turn**2 * (1.0 + weight**2) / sd**4).sum(axis=1)
         return out
 
-    def estimate_rho(self, samples: Array) -> float:
-        """Estimate rho from samples `(n,)` about an interval apart."""
-        adjacent = np.abs(self._intervals - 1.0) < 0.5
-        before, after = samples[:-1] * adjacent, samples[1:] * adjacent
-        squares = 0.5 * float(before @ before + after @ after)
-        return float(before @ after) / squares if squares > 0 else 0.0
-
     def correlate(self, noise: Array, rho: Array) -> None:
         """Turn `noise (W, T)`, independent and of sd 1, into noise that remembers, in place."""
         from scipy.signal import lfilter  # takes a while to load
@@ -169,7 +162,6 @@ def _sum_weights(rho: Any) -> Any:
 
 
 START_RHO = 0.3  # of a search
-MAX_RHO = 0.9999  # that what is left may tell: the end of the prior is no place to go on from
 _DESCRIPTION = "Correlation of samples one usual interval apart; default: unknown"
 
 
@@ -310,13 +302,6 @@ class AR1:
     def expected(self, theta: Array) -> Array:
         """Return the expected curvature."""
         return np.asarray(pair_matrix(self._pairs(self.memory.values(theta[None])), self._free)[0])
-
-    def fitted(self, samples: Array, theta: Array) -> Array:
-        """Return the unknowns fitted to residuals `samples (T, K)`."""
-        each = enumerate(self._spacing(samples[None]).channels)
-        estimates = [channel.estimate_rho(samples[channel.rows, k]) for k, channel in each]
-        rho = np.clip(estimates, 1.0 - MAX_RHO, MAX_RHO)
-        return np.append(self.levels.fitted(samples, theta), rho[self.memory.free])
 
     def draw(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
         """Draw signals `(W, T, K)` with fresh noise."""

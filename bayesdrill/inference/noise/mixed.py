@@ -188,11 +188,6 @@ class Mixed:
             first = block.stop
         return out
 
-    def fitted(self, samples: Array, theta: Array) -> Array:
-        """Return the unknowns fitted to residuals `samples (T, K)`."""
-        parts = self._split(theta)
-        return np.concatenate([p.noise.fitted(samples[:, p.columns], at) for p, at in parts])
-
     def _residuals(self, residuals: Residuals, part: ChannelNoise) -> _ChannelResiduals:
         return _ChannelResiduals(residuals, part.columns, self.n_channels)
 

@@ -26,7 +26,6 @@ from bayesdrill.inference.unknowns import Unknown
 MIN_KERNEL_HALF_STEP = 0.2  # half a step over sigma, from which on kernels have the digits
 MAX_DISTANCE = 9.0  # sigma from the end of an interval: beyond, nothing is left to be known
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(160)
-SIGMA_GRID = (0.01, 2.0, 96)  # of sigma over what is left, when it is sought
 _LOG_SQRT_2PI = 0.5 * math.log(2 * math.pi)
 _DESCRIPTION = "What was rounded to [unit of the column]"
 
@@ -122,10 +121,6 @@ class Quantised(IndependentNoise):
         _, size = _information(np.array(self.steps) / self.levels.scales(theta[None])[0])
         return np.asarray(self.levels.sizes * size)[list(self.levels.unknown)]
 
-    def fitted(self, samples: Array, theta: Array) -> Array:
-        """Return the unknowns fitted to residuals `samples (T, K)`."""
-        return np.array([self._likeliest(samples[:, k], k) for k in self.levels.unknown])
-
     def draw(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
         """Draw signals with fresh noise, rounded to whole steps."""
         sigma, steps = self.levels.scales(theta)[:, None], np.array(self.steps)
@@ -142,13 +137,6 @@ class Quantised(IndependentNoise):
             return log_mass
         at_low, at_high = interval.densities(log_mass)
         return Dual(log_mass, at_high * high.slope - at_low * low.slope)
-
-    def _likeliest(self, residuals: Array, k: int) -> float:
-        residuals, half = residuals[~np.isnan(residuals)], 0.5 * self.steps[k]
-        low, high = residuals - half, residuals + half
-        sizes = np.geomspace(*SIGMA_GRID) * math.hypot(float(np.sqrt(np.mean(residuals**2))), half)
-        sums = [_Interval(low / s, high / s).log_mass.sum() for s in sizes]
-        return float(sizes[int(np.argmax(sums))])
 
 
 @dataclass(frozen=True, slots=True)

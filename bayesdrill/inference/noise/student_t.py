@@ -26,8 +26,6 @@ from bayesdrill.inference.unknowns import Unknown
 # Degrees of freedom: below 2 there is no sd, and far above it is Gauss's.
 MIN_DEGREES, MAX_DEGREES = 2.1, 100.0
 START_DEGREES = 5.0  # of a search
-# Of degrees that are tried on what is left, and to find the scale of each.
-N_DEGREES, N_ITERATIONS = 64, 200
 _DESCRIPTION = "Degrees of freedom; default: unknown"
 
 
@@ -110,15 +108,6 @@ class StudentT(IndependentNoise):
         """Return the expected curvature."""
         return np.asarray(pair_matrix(self._pairs(self.degrees.values(theta[None])), self._free)[0])
 
-    def fitted(self, samples: Array, theta: Array) -> Array:
-        """Return the unknowns fitted to residuals `samples (T, K)`."""
-        each = [
-            _most_likely(samples[~np.isnan(samples[:, k]), k], self.levels.known.get(k), fixed)
-            for k, fixed in enumerate(self.degrees.fixed)
-        ]
-        scale, nu = np.array(each).T
-        return np.append(scale[self._free[0]], nu[self._free[1]])
-
     def draw(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
         """Draw signals `(W, T, K)` with fresh noise."""
         scale, nu = self._each(theta)
@@ -158,19 +147,3 @@ def _constant(scale: Any, nu: Any) -> Any:
     gammaln, digamma = scipy.special.gammaln, scipy.special.digamma
     above, below = (elementwise(gammaln, digamma, 0.5 * each) for each in (nu + 1.0, nu))
     return above - below - 0.5 * log(math.pi * nu) - log(scale)
-
-
-def _most_likely(
-    residuals: Array, scale: float | None, degrees: float | None
-) -> tuple[float, float]:
-    """Scale and degrees of what is `left (n,)`, of each what is not given."""
-    nu = np.geomspace(MIN_DEGREES, MAX_DEGREES, N_DEGREES)
-    if degrees is not None:
-        nu = np.array([degrees])
-    scales = np.full(len(nu), math.sqrt(float(np.median(residuals**2))) if scale is None else scale)
-    for _ in range(N_ITERATIONS if scale is None else 0):  # those that are far off count for less
-        weights = (nu + 1.0) / (nu + residuals[:, None] ** 2 / scales**2)
-        scales = np.sqrt((weights * residuals[:, None] ** 2).mean(axis=0))
-    logs = np.log1p(residuals[:, None] ** 2 / (nu * scales**2)).mean(axis=0)
-    best = int(np.argmax(_constant(scales, nu) - 0.5 * (nu + 1.0) * logs))
-    return float(scales[best]), float(nu[best])

@@ -127,10 +127,6 @@ class White:
         """Return the expected curvature."""
         return 2.0 * self.sizes[list(self.unknown)]
 
-    def fitted(self, samples: Array, theta: Array) -> Array:
-        """Return the unknown sigmas fitted to residuals `samples (T, K)`."""
-        return np.sqrt(np.nanmean(samples**2, axis=0))[list(self.unknown)]
-
     def draw(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
         """Draw signals `(W, T, K)` with fresh noise."""
         return signals + self.scales(theta)[:, None, :] * rng.standard_normal(signals.shape)
