@@ -250,8 +250,8 @@ def fit_noise(noise: Noise, residuals: Residuals, theta: Array) -> Array:
             new = np.where(plain, fitted + step, fitted * np.exp(step))
         return np.clip(new, ends[0] + inset, ends[1] - inset)
 
-    def value(own: Array) -> float:
-        return float(noise.log_likelihood(residuals, own[None]).sum())
+    def value(unknowns: Array) -> float:
+        return float(noise.log_likelihood(residuals, unknowns[None]).sum())
 
     fitted = theta
     for _ in range(SCORING_STEPS if len(theta) else 0):
