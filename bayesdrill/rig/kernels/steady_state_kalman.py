@@ -26,7 +26,7 @@ from dataclasses import dataclass
 
 from llvmlite import ir
 
-from bayesdrill.rig.kernels.exponential import Constants, Layout, emit_drive
+from bayesdrill.rig.kernels.exponential import Constants, Layout, Registers, emit_drive
 from bayesdrill.rig.kernels.kalman_filter import (
     Gains,
     StateSpace,
@@ -56,7 +56,7 @@ from bayesdrill.rig.kernels.numbers import (
     multiply_symmetric,
     solve,
 )
-from bayesdrill.rig.kernels.transitions import apply_transition, table_entries
+from bayesdrill.rig.kernels.transitions import table_entries
 
 MIN_DOUBLINGS, MAX_DOUBLINGS = 7, 44  # doublings
 COVARIANCE_TOLERANCE = 1e-14  # of the variance of a sample: what one more doubling may add to it
@@ -288,14 +288,12 @@ def write_steady_state(module: Module, system: StateSpace, layout: Layout) -> No
                 predict_covariance(m, n, start, at["phi"], at["q"])
                 constants.exponential(parameters, e, lead=True)
                 until = emit_drive(b, layout, a["u"], None)
-                state = m.flat(
-                    apply_transition(phi_entries(m, layout, e), m.shaped(state), m.shaped(until))
-                )
+                state = next_state(b, phi_entries(b, layout, e), state, until)
             span = constants.span(lead=False)
             store_transition(b, parameters, span, at["phi"], at["q"], system, slopes=False)
             _solve_riccati(m, system, at, a["samples"], first)
             constants.exponential(parameters, e, lead=False)
-            phi = phi_entries(m, layout, e)
+            phi = phi_entries(b, layout, e)
             steady = SteadyFilter(m, system, layout, a, phi, at, first)
             squares = _emit_sums(steady, state, shown)
             gained = _correct_start(m, n, at, start, shown, out[2 * k_count])
@@ -306,9 +304,21 @@ def write_steady_state(module: Module, system: StateSpace, layout: Layout) -> No
                 m.put(1.0 / root, out[k_count + k], 0)
 
 
-def phi_entries(m: Numbers, layout: Layout, e: ir.Value) -> dict[tuple[int, int], Number]:
+def phi_entries(b: Builder, layout: Layout, e: ir.Value) -> Registers:
     """Return the entries of Phi and of the columns after it that can differ from zero."""
-    return {(i, j): m.get(e, i * layout.size + j) for i, j in table_entries(layout)}
+    return {(i, j): b.read(e, i * layout.size + j) for i, j in table_entries(layout)}
+
+
+def next_state(
+    b: Builder, phi: Registers, state: list[ir.Value], drive: list[ir.Value]
+) -> list[ir.Value]:
+    """Return the state after a step."""
+    x, following = len(state), []
+    columns = [*enumerate(state), *enumerate(drive, start=x + 1)]
+    for i in range(x):
+        terms = [(phi[i, j], value) for j, value in columns if (i, j) in phi]
+        following.append(b.add_products(terms, phi.get((i, x))))
+    return following
 
 
 @dataclass(frozen=True, slots=True)
@@ -319,7 +329,7 @@ class SteadyFilter:
     system: StateSpace
     layout: Layout
     a: dict[str, ir.Value]
-    phi: dict[tuple[int, int], Number]
+    phi: dict[tuple[int, int], ir.Value]
     at: Addresses
     first: ir.Value
 
@@ -344,8 +354,8 @@ class SteadyFilter:
             if pulls is not None:
                 pairs = zip(self.m.row(pulls, n, k * n), shown, strict=True)
                 shown = [multiply_add(pull, innovation, x) for pull, x in pairs]
-        following = apply_transition(self.phi, state, self.m.shaped(drive))
-        return self.m.flat([*following, *sums, *shown])
+        following = next_state(b, self.phi, [x.value for x in state], drive)
+        return [*following, *(total.value for total in (*sums, *shown))]
 
 
 def _emit_sums(w: SteadyFilter, state: list[ir.Value], shown: ir.Value) -> list[Number]:

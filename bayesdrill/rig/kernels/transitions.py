@@ -10,7 +10,7 @@ few terms.  How many rungs below the width a lane needs follows from the norm of
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -52,18 +52,6 @@ def table_entries(layout: Layout) -> list[tuple[int, int]]:
     """Return (row, column) of what tables keep of an exponential: rows of states, within reach."""
     n, reach = layout.size, layout.reach
     return [(i, j) for i in range(layout.n_states) for j in range(n) if reach[i][j]]
-
-
-def apply_transition(
-    phi: Mapping[tuple[int, int], Number], state: Sequence[Number], drive: Sequence[Number]
-) -> State:
-    """Return the state after a step of `phi`; `drive`: inputs, and their increments or slopes."""
-    x, following = len(state), []
-    columns = dict(enumerate(state)) | dict(enumerate(drive, x + 1))
-    for i in range(x):
-        terms = [(phi[i, j], value) for j, value in columns.items() if (i, j) in phi]
-        following.append(sum_products(phi.get((i, x)), terms))
-    return following
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,7 +158,14 @@ class Transitions:
 
     def apply(self, phi: dict[tuple[int, int], Number], state: State, drive: InputHold) -> State:
         """Return the state after a step of the transition matrix `phi`."""
-        return apply_transition(phi, state, (*drive.inputs, *drive.slopes))
+        x = self.layout.n_states
+        columns = dict(enumerate(state)) | dict(enumerate((*drive.inputs, *drive.slopes), x + 1))
+        zero = Vector(self.b, vector(0.0))
+        following = []
+        for i in range(x):
+            terms = [(phi[i, j], value) for j, value in columns.items() if (i, j) in phi]
+            following.append(sum_products(phi.get((i, x), zero), terms))
+        return following
 
     # Spans that are not in the table.
 
