@@ -22,8 +22,8 @@ import bayesdrill as bd
 from bayesdrill.inference import compression
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Posterior
+from bayesdrill.rig.compression.simulator import even_record
 from bayesdrill.rig.kernels.sums import SQUARES
-from bayesdrill.rig.simulators.compressed import even_record
 from benchmarks.zoo import folder, rows
 
 MOST, DRAWS = 200_000, 20
@@ -58,7 +58,7 @@ def errors(posterior: Posterior, draws: Array) -> Iterator[Array]:
     for theta in draws[:: max(1, len(draws) // DRAWS)]:
         total = np.zeros(4)
         for observation in short:
-            if not observation.functions:
+            if not observation.response.functions:
                 continue
             full = observation.simulator_parameters(posterior.space.full(theta[None]))
             simulator: Any = observation.response

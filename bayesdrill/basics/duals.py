@@ -24,6 +24,9 @@ class Dual:
 
     __array_ufunc__: ClassVar[None] = None  # NumPy's numbers leave arithmetic with it to it
 
+    def __getitem__(self, index: Any) -> Dual:
+        return Dual(self.value[index], self.slope[index])
+
     def __add__(self, other: Any) -> Dual:
         right = dual(other)
         return Dual(self.value + right.value, self.slope + right.slope)
@@ -77,7 +80,7 @@ class Dual:
 
     def log(self) -> Dual:
         """Return the natural logarithm."""
-        return Dual(np.log(self.value), self.slope / self.value)
+        return Dual(log(self.value), self.slope / self.value)
 
 
 def dual(number: Any) -> Dual:
@@ -91,6 +94,23 @@ def linear_map(function: Callable[..., Any], *numbers: Any) -> Any:
         return function(*numbers)
     values, slopes = zip(*((number.value, number.slope) for number in numbers), strict=True)
     return Dual(function(*values), function(*slopes))
+
+
+def affine_map(function: Callable[[Any], Any], number: Any) -> Any:
+    """Return an affine function of an array, or of one that has slopes, with its slope."""
+    if not isinstance(number, Dual):
+        return function(number)
+    still = function(np.zeros_like(number.slope))
+    return Dual(function(number.value), function(number.slope) - still)
+
+
+def elementwise(
+    function: Callable[[Any], Any], derivative: Callable[[Any], Any], number: Any
+) -> Any:
+    """Return a function of an array of numbers, or of one that has slopes, with its slope."""
+    if not isinstance(number, Dual):
+        return function(number)
+    return Dual(function(number.value), derivative(number.value) * number.slope)
 
 
 class Number(ABC):
@@ -136,6 +156,11 @@ class Choice(ABC):
 def exp(number: Any) -> Any:
     """Return the exponential of a number of any kind."""
     return number.exp() if isinstance(number, Dual | Number) else np.exp(number)
+
+
+def log(number: Any) -> Any:
+    """Return the natural logarithm of an array, or of a number with a slope."""
+    return number.log() if isinstance(number, Dual) else np.log(number)
 
 
 def sin(number: Any) -> Any:

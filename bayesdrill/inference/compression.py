@@ -8,8 +8,7 @@ operations alone: the same config does the same on every machine.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,9 +16,10 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.inference import laplace
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Likelihood, Posterior
-from bayesdrill.rig.simulators.rational_basis import CompressionError
+from bayesdrill.rig.compression.basis import CompressionError
+from bayesdrill.rig.compression.simulator import Compression, compress
+from bayesdrill.rig.simulators import COMPRESSED_FROM
 
-LONG = 4096  # samples: below, an exact evaluation takes hardly longer
 EXCERPT = 16384  # samples of which a search sees at first
 GROWTH = 4  # times as many, where these say too little
 POINTS = 256  # for which functions are chosen
@@ -28,10 +28,10 @@ SHARES = (8.0, 3.0, 1.0)  # standard deviations, times normal numbers
 MAX_SPREAD = 0.05
 DEPTH = 40.0  # of the log posterior: maxima further below are nowhere
 
-Compressions = Mapping[str, Any]  # by label, see `Observation.compress`
+Compressions = Mapping[str, Compression]  # by label of the observation
 
 
-def is_long(observation: Observation, shortest: int = LONG) -> bool:
+def is_long(observation: Observation, shortest: int = COMPRESSED_FROM) -> bool:
     """Tell whether its record can be compressed, and is longer than the `shortest` for which it pays."""
     return len(observation.experiment.t) > shortest and not observation.exact_reason
 
@@ -57,9 +57,10 @@ def check_draws(compressed: Posterior, theta: Array) -> CompressionCheck | None:
     full, beyond = compressed.space.full(theta), np.zeros(len(theta), dtype=bool)
     sizes = []
     for observation in compressed.likelihood.observations:
-        if observation.functions:
-            beyond |= observation.exceeds_bound(full, theta)
-            sizes.append((len(observation.experiment.t), observation.functions))
+        response = observation.response
+        if response.functions:
+            beyond |= response.exceeds_bound(observation.simulator_parameters(full))
+            sizes.append((len(observation.experiment.t), response.functions))
     if not sizes:
         return None
     parts = np.array_split(theta, max(1, len(theta) // 50))
@@ -125,8 +126,8 @@ def _about(posterior: Posterior, theta: Array) -> Array:
 
 
 def compressions(
-    posterior: Posterior, points: Array, shortest: int = LONG, *, strict: bool = False
-) -> dict[str, Any]:
+    posterior: Posterior, points: Array, shortest: int = COMPRESSED_FROM, *, strict: bool = False
+) -> dict[str, Compression]:
     """Compress long records for rigs at `points (n, D)`, by label; the first is the reference.
 
     Records that cannot be compressed are left out, or raise `CompressionError` if `strict`.
@@ -134,8 +135,12 @@ def compressions(
     full, made = posterior.space.full(points), {}
     for observation in posterior.likelihood.observations:
         if is_long(observation, shortest):
+            variances = observation.scales(points).min(axis=0) ** 2
+            weights = observation.square_weights(points)
+            assert weights is not None  # or its record would not be compressed
+            rigs, limits = observation.simulator_parameters(full), np.abs(weights).max(axis=0)
             try:
-                made[observation.label] = observation.compress(full, points)
+                made[observation.label] = compress(observation.response, rigs, variances, limits)
             except CompressionError as error:
                 if strict:
                     message = f"{observation.entitled('the record')}: {error}"
@@ -145,7 +150,7 @@ def compressions(
 
 def uncompressed(posterior: Posterior) -> Posterior:
     """Return the posterior with all samples of all records."""
-    return posterior.edit(each=lambda observation: observation.with_compression(None))
+    return posterior.edit(each=lambda each: replace(each, response=each.response.by_samples))
 
 
 def compressed(posterior: Posterior, known: Compressions) -> Posterior:
@@ -155,6 +160,8 @@ def compressed(posterior: Posterior, known: Compressions) -> Posterior:
 
     def each(observation: Observation) -> Observation:
         compression = known.get(observation.label)
-        return observation if compression is None else observation.with_compression(compression)
+        if compression is None:
+            return observation
+        return replace(observation, response=compression.applied(observation.response))
 
     return posterior.edit(each=each)

@@ -18,18 +18,16 @@ from functools import cached_property
 import numpy as np
 
 from bayesdrill.basics.arrays import Array, Flags
+from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Prior, prior_log_sd, prior_sd
 from bayesdrill.inference.unknowns import (
     SIMULATOR_ROLES,
-    Coordinates,
     Directions,
     Unknown,
     directional_curvature,
     directional_slope,
 )
-
-_STEP = 1e-5  # of a log: central differences then err by about 1e-10
 
 
 def information_root(posterior: Posterior, theta: Array) -> Array:
@@ -40,14 +38,16 @@ def information_root(posterior: Posterior, theta: Array) -> Array:
     taken to be as large as the residuals there.
     """
     prior_sd = np.array([natural_sd(unknown) for unknown in posterior.space.unknowns])
-    record = _record_rows(posterior, theta) / np.sqrt(residual_excess(posterior, theta))
+    at = natural_directions(posterior, theta)
+    slopes = [each.signal_slopes(at) for each in posterior.likelihood.observations]
+    record = _record_rows(posterior, theta, slopes) / np.sqrt(residual_excess(posterior, theta))
     return np.asarray(np.linalg.qr(np.vstack([record, np.diag(1.0 / prior_sd)]), mode="r"))
 
 
 def covariance(posterior: Posterior, theta: Array) -> Array:
     """Return the covariance `(D, D)` in the sampler's coordinates, at physical `theta (D,)`."""
-    root = information_root(posterior, theta)
-    scaled_root = slopes_by_logs(posterior.coordinates, theta) @ np.linalg.inv(root)
+    steps = posterior.coordinates.slopes_by_natural(theta[None])[0]
+    scaled_root = steps[:, None] * np.linalg.inv(information_root(posterior, theta))
     return np.asarray(scaled_root @ scaled_root.T)
 
 
@@ -59,16 +59,14 @@ def sandwich(posterior: Posterior, theta: Array) -> Array:
     priors, J the sum over all pairs of samples of the slopes of their log densities, which is what
     H has of the record where residuals are as the noise says.
     """
-    up, down, steps = _neighbours(posterior.coordinates, theta)
-    shifted = np.concatenate([up, down])
-    full, rows = posterior.space.full(shifted), _record_rows(posterior, theta)
+    at = natural_directions(posterior, theta)
+    slopes = [each.signal_slopes(at) for each in posterior.likelihood.observations]
+    rows = _record_rows(posterior, theta, slopes)
     prior = np.diag([natural_sd(unknown) ** -2.0 for unknown in posterior.space.unknowns])
     middle = prior.copy()
-    for observation in posterior.likelihood.observations:
-        terms = observation.pointwise(observation.residuals(full).samples, shifted)
-        density = np.nansum(np.where(observation.experiment.seen, terms, 0.0), axis=2).T  # (T, 2 D)
-        scores = (density[:, : len(theta)] - density[:, len(theta) :]) / (2 * steps)
-        middle += long_run_variance(scores)
+    for observation, shifts in zip(posterior.likelihood.observations, slopes, strict=True):
+        scores = np.where(observation.experiment.seen, observation.scores(at, shifts), 0.0)
+        middle += long_run_variance(scores.sum(axis=2).T)
     bread = np.linalg.inv(rows.T @ rows + prior)
     return np.asarray(bread @ middle @ bread)
 
@@ -103,26 +101,6 @@ def _autocorrelation(x: Array) -> Array:
     return np.clip(correlation, -MAX_AUTOCORRELATION, MAX_AUTOCORRELATION)
 
 
-def slopes_by_logs(coordinates: Coordinates, theta: Array) -> Array:
-    """Return d coordinate / d log unknown `(D, D)` at physical `theta (D,)`, a column for each."""
-    up, down, steps = _neighbours(coordinates, theta)
-    return (coordinates.from_physical(up) - coordinates.from_physical(down)).T / (2 * steps)
-
-
-def _neighbours(coordinates: Coordinates, theta: Array) -> tuple[Array, Array, Array]:
-    """Return points a step up and down of each unknown, and the steps `(D,)` on natural scales."""
-    shifts, steps = np.exp(_STEP * np.eye(len(theta))), np.full(len(theta), _STEP)
-    up, down = theta * shifts, theta / shifts
-    ends = {column: (low, high) for column, low, high in coordinates.between}
-    for column, scale in coordinates.signed:
-        low, high = ends.get(column, (-np.inf, np.inf))
-        room = 0.5 * min(high - theta[column], theta[column] - low)  # of a correlation near one
-        steps[column] = min(_STEP, room / scale) or _STEP
-        up[column, column] = theta[column] + steps[column] * scale
-        down[column, column] = theta[column] - steps[column] * scale
-    return up, down, steps
-
-
 def natural_sd(unknown: Unknown) -> float:
     """Return the sd of an unknown's prior on its natural scale."""
     if unknown.signed:
@@ -130,19 +108,38 @@ def natural_sd(unknown: Unknown) -> float:
     return prior_log_sd(unknown.prior)
 
 
-def _record_rows(posterior: Posterior, theta: Array) -> Array:
-    """Slopes `(n, D)` of measured numbers over their noise, and a row for each unknown of a noise."""
-    space = posterior.space
-    full, along = space.full(theta[None]), space.slopes(theta[None])
-    moving = space.columns(*SIMULATOR_ROLES)
+def natural_directions(posterior: Posterior, theta: Array) -> Directions:
+    """Return the directions at `theta (D,)` that move one unknown each by its natural scale."""
+    steps = posterior.coordinates.slopes_by_natural(theta[None])[0]
+    return directions_at(posterior, theta[None], np.diag(steps))
+
+
+def directions_at(posterior: Posterior, theta: Array, columns: Array) -> Directions:
+    """Return what moves at `theta (W, D)` along `columns (D, q)`, directions of coordinates."""
+    space, coordinates = posterior.space, posterior.coordinates
+    # d log unknown / d coordinate, or d unknown / d coordinate where it need not be positive
+    steps = coordinates.slopes(theta)
+    by_log = steps / coordinates.natural(theta)
+    m, moved = len(space.columns(*SIMULATOR_ROLES)), None
+    if m:
+        turned = space.slopes(theta).swapaxes(1, 2) @ (by_log[:, :m, None] * columns[:m])
+        moved = turned.swapaxes(1, 2)
+    return Directions(
+        theta=theta,
+        full=space.full(theta),
+        columns=columns,
+        parameter_directions=moved,
+        slopes=steps,
+        by_log=by_log,
+    )
+
+
+def _record_rows(posterior: Posterior, theta: Array, slopes: Sequence[Array]) -> Array:
+    """Return slopes `(n, D)` of measured numbers over their noise, and a row for each noise unknown."""
     rows, levels = [], []
-    for observation in posterior.likelihood.observations:
-        shifts = np.zeros((len(theta), *observation.experiment.y.shape))
-        if len(moving):
-            arguments = map(observation.simulator_parameters, (full, along))
-            shifts[moving] = observation.response.sensitivities(*arguments)[0]
-        slopes = observation.whitened_jacobian_at(shifts, theta)
-        rows.append(np.nan_to_num(slopes.reshape(len(theta), -1), posinf=0.0, neginf=0.0).T)
+    for observation, shifts in zip(posterior.likelihood.observations, slopes, strict=True):
+        whitened = observation.whitened_jacobian_at(shifts, theta)
+        rows.append(np.nan_to_num(whitened.reshape(len(theta), -1), posinf=0.0, neginf=0.0).T)
         information = observation.expected(theta)
         diagonal = information.ndim == 1
         root_ = np.diag(np.sqrt(information)) if diagonal else np.linalg.cholesky(information).T
@@ -165,7 +162,6 @@ def matrix_root(matrix: Array) -> Array:
 
 N_QUANTILES = 200  # of equal mass, which the spread of a prior is taken from
 END_MARGIN = 1e-9  # of a prior's spread
-PRIOR_STEP = 1e-4  # of its spread, over which a prior is differentiated
 TAIL_MASS = 1e-9  # of a prior that has no end lies beyond where one searches
 
 
@@ -229,7 +225,11 @@ class LogDensity:
 
     @cached_property
     def _unbounded(self) -> LogDensity:
-        return LogDensity(self.posterior.edit(each=lambda observation: observation.unbounded))
+
+        def unbounded(observation: Observation) -> Observation:
+            return dataclasses.replace(observation, response=observation.response.unbounded)
+
+        return LogDensity(self.posterior.edit(each=unbounded))
 
     def approximate_model(self, u: Array, directions: Array) -> QuadraticModel:
         """Return the curvature model by what compressed records say, however far from where they hold.
@@ -252,23 +252,7 @@ class LogDensity:
 
     def record_slopes(self, theta: Array, directions: Array) -> tuple[Array, Array]:
         """Return slope `(W, q)` and curvature `(W, q, q)` of the log likelihood."""
-        space, coordinates = self.posterior.space, self.posterior.coordinates
-        # d log unknown / d coordinate, or d unknown / d coordinate where it need not be positive
-        steps = coordinates.slopes(theta)
-        by_log = steps / coordinates.natural(theta)
-        m = len(space.columns(*SIMULATOR_ROLES))
-        full, moved = space.full(theta), None
-        if m:
-            turned = space.slopes(theta).swapaxes(1, 2) @ (by_log[:, :m, None] * directions[:m])
-            moved = turned.swapaxes(1, 2)
-        at = Directions(
-            theta=theta,
-            full=full,
-            columns=directions,
-            parameter_directions=moved,
-            slopes=steps,
-            by_log=by_log,
-        )
+        at = directions_at(self.posterior, theta, directions)
         n, q = len(theta), directions.shape[1]
         slope, curvature = np.zeros((n, q)), np.zeros((n, q, q))
         for observation in self.posterior.likelihood.observations:
@@ -278,17 +262,14 @@ class LogDensity:
 
     def prior_derivatives(self, u: Array) -> tuple[Array, Array]:
         """Return slopes of the log prior, and minus its second derivatives, `(W, D)` each."""
-        step = PRIOR_STEP * self.spread
-        middle = np.clip(u, self.low + 2 * step, self.high - 2 * step)
-        around = np.concatenate([middle + k * step for k in (-1, 0, 1)])
-        theta = self.posterior.coordinates.to_physical(around)
-        values = np.stack([p.logpdf(theta[:, d]) for d, p in enumerate(self._priors)], axis=-1)
-        down, centre, up = np.split(values, 3)
-        with np.errstate(invalid="ignore"):
-            slope = np.nan_to_num((up - down) / (2 * step))
-            curvature = np.maximum(np.nan_to_num(-(up - 2 * centre + down) / step**2), 0.0)
+        theta, coordinates = self.posterior.coordinates.to_physical(u), self.posterior.coordinates
+        steps, (tilt, bend) = coordinates.slopes(theta), coordinates.jacobian_derivatives(u)
+        derivatives = [p.derivatives(theta[:, d]) for d, p in enumerate(self._priors)]
+        first, second = np.stack(derivatives, axis=-1)
+        with np.errstate(all="ignore"):
+            slope = np.nan_to_num(first * steps)
+            curvature = np.maximum(np.nan_to_num(-second * steps**2 - slope * tilt), 0.0)
         if not self.physical:
-            tilt, bend = self.posterior.coordinates.jacobian_derivatives(u)
             slope, curvature = slope + tilt, curvature + bend
         return slope, curvature
 

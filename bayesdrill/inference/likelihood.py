@@ -16,8 +16,9 @@ from typing import Any, Self
 
 import numpy as np
 
-from bayesdrill.basics.arrays import Array, Flags
-from bayesdrill.inference.noise.contract import Noise, SimulatorResiduals
+from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.duals import Dual, affine_map
+from bayesdrill.inference.noise.contract import Noise, SimulatorResiduals, fit_noise
 from bayesdrill.inference.noise.mixed import noise_for_record
 from bayesdrill.inference.unknowns import (
     Directions,
@@ -27,12 +28,11 @@ from bayesdrill.inference.unknowns import (
     directional_slope,
 )
 from bayesdrill.record.experiment import Experiment
-from bayesdrill.rig.models.latent_torque import SIZE, TIME
+from bayesdrill.rig.models.latent_torque import SIZE, TIME, MissingTorque
 from bayesdrill.rig.models.linear import Model
-from bayesdrill.rig.simulators import simulator
-from bayesdrill.rig.simulators.compressed import compress, obstacle
+from bayesdrill.rig.simulators import exact_reason, simulator
 from bayesdrill.rig.simulators.contract import Simulator
-from bayesdrill.rig.simulators.kalman import KalmanFilter
+from bayesdrill.rig.simulators.kalman import KalmanFilter, step_lengths
 from bayesdrill.rig.simulators.sensors import ObservationModel
 
 MAX_SLOPE_BYTES = 6e7  # of slopes at a time
@@ -109,14 +109,29 @@ class Observation:
         samples = self.whiten(self.residuals(full).samples, theta)
         return np.asarray(np.nansum(samples**2, axis=1))
 
+    def signal_slopes(self, at: Directions) -> Array:
+        """Return slopes `(q, T, K)` of the signals along the directions, at one point."""
+        if at.parameter_directions is None:
+            return np.zeros((at.columns.shape[1], *self.experiment.y.shape))
+        along = self.simulator_parameters(at.parameter_directions)
+        return np.asarray(self.response.sensitivities(self.simulator_parameters(at.full), along)[0])
+
+    def scores(self, at: Directions, slopes: Array) -> Array:
+        """Return slopes `(q, T, K)` of `pointwise` along the directions, at one point.
+
+        `slopes`: those of the signals.
+        """
+        count = len(slopes)
+        unknowns = Dual(at.theta.repeat(count, axis=0), at.slopes * at.columns.T)
+        residuals = Dual(self.residuals(at.full).samples.repeat(count, axis=0), -slopes)
+        return np.asarray(self.pointwise(residuals, unknowns).slope)
+
     def whitened_jacobian_at(self, shifts: Array, theta: Array) -> Array:
         """Return `shifts (n, T, K)` of the signals over the noise at `theta (D,)`.
 
         They are zero where nothing was measured; their squares sum to what the record knows of them.
         """
         measured_shifts = np.where(self.experiment.seen, shifts, 0.0)
-        if self.white:
-            return np.asarray(measured_shifts / self.scales(theta[None]))
         return self.whitened_jacobian(measured_shifts, np.repeat(theta[None], len(shifts), axis=0))
 
     def with_simulator(self, response: Simulator, parameters: Sequence[str]) -> Self:
@@ -174,7 +189,7 @@ class Observation:
         """Return the log likelihood `(W, K)`."""
         return self.noise.log_likelihood(self.residuals(full), theta[:, self.noise_columns])
 
-    def pointwise(self, samples: Array, theta: Array) -> Array:
+    def pointwise(self, samples: Any, theta: Any) -> Any:
         """Return the log density `(W, T, K)` of each residual given those before it."""
         return self.noise.pointwise(samples, theta[:, self.noise_columns])
 
@@ -186,44 +201,12 @@ class Observation:
         """Return weights of sums of squares `(W, K, n)`; see `Noise.square_weights`."""
         return self.noise.square_weights(theta[:, self.noise_columns])
 
-    # Long records, see `inference.compression`.
-
     @property
     def exact_reason(self) -> str:
         """Say why its record cannot be compressed whatever its parameters; empty where it can."""
-        if self.noise.square_weights(np.empty((0, len(self.noise.unknowns)))) is None:
-            return "its noise is not Gaussian and even in time"
-        return obstacle(self.response)
-
-    @property
-    def functions(self) -> int:
-        """How many functions its record has become; zero where it is not compressed."""
-        return self.response.functions
-
-    def exceeds_bound(self, full: Array, theta: Array) -> Flags:
-        """Tell which unknowns `(W,)` of a compressed record have all samples."""
-        return self.response.exceeds_bound(self.simulator_parameters(full))
-
-    @property
-    def unbounded(self) -> Self:
-        """See `Simulator.unbounded`."""
-        return dataclasses.replace(self, response=self.response.unbounded)
-
-    def compress(self, full: Array, theta: Array) -> Any:
-        """Compress its record for these unknowns, the first of which are the reference.
-
-        What results is for `with_compression`.  Raises `CompressionError` where it cannot be done.
-        """
-        variances, weights = self.scales(theta).min(axis=0) ** 2, self.square_weights(theta)
-        assert weights is not None
-        limits = np.abs(weights).max(axis=0)
-        return compress(self.response, self.simulator_parameters(full), variances, limits)
-
-    def with_compression(self, compression: Any) -> Self:
-        """Return it with its record compressed; with all samples where `compression` is None."""
-        exact = self.response.by_samples
-        response = exact if compression is None else compression.applied(exact)
-        return dataclasses.replace(self, response=response)
+        weights = self.noise.square_weights(np.empty((0, len(self.noise.unknowns))))
+        torque = self.torque is not None
+        return exact_reason(self.response, gaussian=weights is not None, torque=torque)
 
     def whiten(self, samples: Array, theta: Array) -> Array:
         """Return whitened residuals `(W, T, K)`, independent and standard normal."""
@@ -276,9 +259,9 @@ class Observation:
         """Return the expected curvature of the noise; see `Noise.expected`; `theta (D,)`."""
         return self.noise.expected(theta[self.noise_columns])
 
-    def fitted(self, samples: Array, theta: Array) -> Array:
-        """Return noise unknowns fitted to `samples (T, K)`; see `Noise.fitted`."""
-        return self.noise.fitted(samples, theta[self.noise_columns])
+    def fitted(self, full: Array, theta: Array) -> Array:
+        """Return noise unknowns fitted to the residuals at `full (1, P)`, from `theta (D,)` on."""
+        return fit_noise(self.noise, self.residuals(full), theta[self.noise_columns])
 
     def predict(self, full: Array, theta: Array) -> Array:
         """Return the noise-free channels `(W, T, K)`, with the motion by a latent torque."""
@@ -327,11 +310,6 @@ class LatentTorqueObservation(Observation):
     def white(self) -> bool:
         """Whether samples are independent: never."""
         return False
-
-    @property
-    def exact_reason(self) -> str:
-        """Say why its record cannot be compressed."""
-        return "a torque is missing"
 
     @property
     def kind(self) -> str:
@@ -406,7 +384,7 @@ class LatentTorqueObservation(Observation):
         terms = self.pointwise(self.residuals(full).samples, theta)
         return np.asarray(np.nansum(terms, axis=1))
 
-    def pointwise(self, samples: Array, theta: Array) -> Array:
+    def pointwise(self, samples: Any, theta: Any) -> Any:
         """Return the log density `(W, T, K)` of each residual given those before it."""
         white, variances = self._whitened(samples, theta)
         return np.asarray(-0.5 * (math.log(2 * math.pi) + np.log(variances) + white**2))
@@ -468,16 +446,20 @@ class LatentTorqueObservation(Observation):
 
     def quadratic_terms(self, at: Directions) -> Iterator[tuple[Array, Array]]:
         """Yield slope and curvature of all unknowns together: the rig is in the covariance, too."""
+        moved, kernel_arguments = self._moved(at), self._kernel_arguments(at.theta, at.full)
+        turned = moved[..., len(self.unknowns) :]
+        signals, shifts = self.response.course(self.simulator_parameters(at.full), turned)
+        yield self._slopes(
+            np.nan_to_num(self.experiment.y - signals), -shifts, kernel_arguments, moved
+        )
+
+    def _moved(self, at: Directions) -> Array:
+        """Return slopes of the kernels' arguments `(W, q, n + P)` along the directions."""
         levels = (at.slopes[:, None, :] * at.columns.T)[..., self.noise_columns]
         along = at.parameter_directions
         if along is None:
             along = np.zeros((*levels.shape[:2], at.full.shape[1]))
-        turned = self.simulator_parameters(along)
-        signals, shifts = self.response.course(self.simulator_parameters(at.full), turned)
-        residuals = np.nan_to_num(self.experiment.y - signals)
-        kernel_arguments = self._kernel_arguments(at.theta, at.full)
-        moved = np.concatenate([levels, turned], axis=-1)
-        yield self._slopes(residuals, -shifts, kernel_arguments, moved)
+        return np.concatenate([levels, self.simulator_parameters(along)], axis=-1)
 
     def _slopes(
         self, residuals: Array, slopes: Array, kernel_arguments: Array, along: Array
@@ -486,27 +468,47 @@ class LatentTorqueObservation(Observation):
 
         `residuals (W, T, K)` change by `slopes (W, q, T, K)`, arguments by `along (W, q, n + P)`.
         """
-        scales, (n, q) = self.noise.scales, along.shape[:2]
+        n, q = along.shape[:2]
         slope, curvature = np.empty((n, q)), np.empty((n, q, q))
         chunk = max(1, int(MAX_SLOPE_BYTES / (64 * q * max(residuals[0].size, 1))))
         for rows in (slice(k, k + chunk) for k in range(0, n, chunk)):
-            repeated = np.repeat(kernel_arguments[rows], q, axis=0)
-            moved = along[rows].reshape(-1, along.shape[2])
-            shifts = slopes[rows].reshape(-1, *residuals.shape[1:])
-            still = np.zeros_like(moved)  # what is held does not move
-            with np.errstate(all="ignore"):
-                results = self.kalman_filter.slopes(
-                    (self._of_process(repeated), self._of_process(moved) - self._of_process(still)),
-                    (scales(repeated), scales(moved) - scales(still)),
-                    (np.repeat(residuals[rows], q, axis=0), shifts),
-                )
+            results = self._filtered(
+                Dual(
+                    residuals[rows].repeat(q, axis=0), slopes[rows].reshape(-1, *slopes.shape[2:])
+                ),
+                Dual(
+                    kernel_arguments[rows].repeat(q, axis=0),
+                    along[rows].reshape(-1, along.shape[2]),
+                ),
+            )
             white, change, variance, wider = (
-                part.reshape(len(repeated) // q, q, -1) for part in results
+                part.reshape(len(slope[rows]), q, -1) for part in results
             )
             ratio = 0.5 * wider / variance
             slope[rows] = -(white * change).sum(axis=-1) - ratio.sum(axis=-1)
             curvature[rows] = change @ change.swapaxes(1, 2) + ratio @ ratio.swapaxes(1, 2)
         return slope, curvature
+
+    def _filtered(self, residuals: Dual, kernel_arguments: Dual) -> tuple[Array, ...]:
+        """Return whitened residuals and variances of innovations, each before its slopes."""
+        arguments = (self._of_process, self.noise.scales)
+        process, scales = (affine_map(each, kernel_arguments) for each in arguments)
+        with np.errstate(all="ignore"):
+            return self.kalman_filter.slopes(
+                (process.value, process.slope),
+                (scales.value, scales.slope),
+                (residuals.value, residuals.slope),
+            )
+
+    def scores(self, at: Directions, slopes: Array) -> Array:
+        """Return slopes `(q, T, K)` of `pointwise`, see `Observation.scores`."""
+        count = len(slopes)
+        samples = np.nan_to_num(self.residuals(at.full).samples).repeat(count, axis=0)
+        arguments = self._kernel_arguments(at.theta, at.full).repeat(count, axis=0)
+        white, change, variance, wider = self._filtered(
+            Dual(samples, -slopes), Dual(arguments, self._moved(at)[0])
+        )
+        return np.asarray(-white * change - 0.5 * wider / variance)
 
     def expected(self, theta: Array) -> Array:
         """Return the expected curvature by the unknowns of noise and torque."""
@@ -518,9 +520,40 @@ class LatentTorqueObservation(Observation):
         curvature = self._slopes(residuals, slopes, kernel_arguments, along)[1]
         return np.asarray(2.0 * np.diagonal(curvature[0]))
 
-    def fitted(self, samples: Array, theta: Array) -> Array:
+    def fitted(self, full: Array, theta: Array) -> Array:
         """Return the unknowns as they are: of one record the levels cannot be told in a sum."""
         return theta[self.noise_columns]
+
+
+def observe(
+    response: Simulator,
+    noise: Noise,
+    label: str = "",
+    torque: MissingTorque | None = None,
+    process: Mapping[str, float | Unknown] | None = None,
+) -> Observation:
+    """Return the observation of a record, with a missing `torque` and the numbers of its `process`.
+
+    Parameters and unknowns are named as in an experiment that has no others beside it.  Raises
+    `ValueError` where torque and noise, or times, do not go together.
+    """
+    names = [unknown.name for unknown in noise.unknowns]
+    alike: dict[str, Any] = {
+        "response": response, "noise": noise, "parameters": response.parameters, "label": label,
+    }  # fmt: skip
+    if torque is None or process is None:
+        return Observation(noise_names=names, **alike)
+    if not noise.white:
+        why = "they could hardly be told apart; remove `noise:` of the channels, or this entry"
+        white = "beside a missing torque the noise of every channel has to be white"
+        raise ValueError(f"{white}: {why}")
+    step_lengths(response.experiment)
+    return LatentTorqueObservation(
+        kalman_filter=KalmanFilter(response.model, torque, response.experiment),
+        process=process,
+        noise_names=[*names, *(n for n, x in process.items() if isinstance(x, Unknown))],
+        **alike,
+    )
 
 
 def _column_index(columns: list[int], last: int) -> slice | list[int]:

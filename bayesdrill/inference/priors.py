@@ -19,6 +19,7 @@ import scipy
 from pydantic import Field
 
 from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.duals import Dual, dual, log
 from bayesdrill.basics.entries import SMALLEST, NonNegative, Number, Positive
 
 _LOG_SQRT_2PI = 0.5 * math.log(2 * math.pi)
@@ -55,8 +56,15 @@ class Prior:
         above = x >= self.low if self.low else x > 0  # zero itself has no log
         return np.where(above & (x <= self.high), self._log_density(x), -np.inf)
 
-    def _log_density(self, x: Array) -> Array | float:
-        """Of what is inside the support."""
+    def derivatives(self, x: Array) -> tuple[Array, Array]:
+        """Return first and second derivatives of the log density inside the support, `(N,)` each."""
+        density = dual(self._log_density(Dual(Dual(x, 1.0), Dual(1.0, 0.0))))
+        first = dual(density.slope)
+        still = np.zeros_like(x)
+        return first.value + still, first.slope + still
+
+    def _log_density(self, x: Any) -> Any:
+        """Return the log density inside the support, of an array or of numbers with slopes."""
         raise NotImplementedError
 
     def quantile(self, u: Array) -> Array:
@@ -93,7 +101,7 @@ class Uniform(Prior):
     low: NonNegative
     high: Positive
 
-    def _log_density(self, x: Array) -> float:
+    def _log_density(self, x: Any) -> float:
         return -math.log(self.high - self.low)
 
     def quantile(self, u: Array) -> Array:
@@ -111,8 +119,8 @@ class LogUniform(Prior):
     low: Positive
     high: Positive
 
-    def _log_density(self, x: Array) -> Array:
-        return np.asarray(-np.log(x) - math.log(math.log(self.high / self.low)))
+    def _log_density(self, x: Any) -> Any:
+        return -log(x) - math.log(math.log(self.high / self.low))
 
     def quantile(self, u: Array) -> Array:
         """Return the inverse of the distribution at `u (N,)`."""
@@ -128,7 +136,7 @@ class TruncatedNormal(Prior):
     low: NonNegative = 0.0
     high: Positive = math.inf
 
-    def _log_density(self, x: Array) -> Array:
+    def _log_density(self, x: Any) -> Any:
         z = (x - self.mean) / self.sd
         return -0.5 * z**2 - _LOG_SQRT_2PI - math.log(self.sd) - self._log_mass()
 
@@ -172,10 +180,10 @@ class LogNormal(_Positive):
     median: Positive
     sd_log: Annotated[float, Field(ge=SMALLEST, le=20, description=_SD_LOG)]
 
-    def _log_density(self, x: Array) -> Array:
-        log_x = np.log(x)
+    def _log_density(self, x: Any) -> Any:
+        log_x = log(x)
         z = (log_x - math.log(self.median)) / self.sd_log
-        return np.asarray(-0.5 * z**2 - _LOG_SQRT_2PI - math.log(self.sd_log) - log_x)
+        return -0.5 * z**2 - _LOG_SQRT_2PI - math.log(self.sd_log) - log_x
 
     def quantile(self, u: Array) -> Array:
         """Return the inverse of the distribution at `u (N,)`."""
@@ -190,7 +198,7 @@ class HalfNormal(_Positive):
 
     scale: Positive
 
-    def _log_density(self, x: Array) -> Array:
+    def _log_density(self, x: Any) -> Any:
         constant = math.log(2.0) - _LOG_SQRT_2PI - math.log(self.scale)
         return constant - 0.5 * (x / self.scale) ** 2
 

@@ -91,6 +91,10 @@ class Coordinates:
             out[:, column] = step
         return out
 
+    def slopes_by_natural(self, theta: Array) -> Array:
+        """Return d coordinate / d the natural scale of its unknown, `(W, D)`."""
+        return self.natural(theta) / self.slopes(theta)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Directions:

@@ -15,12 +15,12 @@ from bayesdrill.config.resolve import quantities
 from bayesdrill.config.resolve.case import ResolvedCase
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.schema.records import ColumnSpec, TimeColumn
-from bayesdrill.inference.compression import LONG
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.record import clocks
 from bayesdrill.report.section import aligned
 from bayesdrill.rig.models.linear import Model, constants
+from bayesdrill.rig.simulators import COMPRESSED_FROM
 
 FEW, ALL = 3, 50  # places of what is odd that a report names, and `check`
 HEADERS = ("", "measures", "column", "unit", "first", "from", "to")
@@ -134,7 +134,7 @@ def records(problem: Problem) -> str:
         length = experiment.t[-1] - experiment.t[0]
         channels = ", ".join(experiment.names)
         lines.append(f"record{ending}: {len(experiment.t)} samples of {channels} over {length:g} s")
-        if len(experiment.t) > LONG:
+        if len(experiment.t) > COMPRESSED_FROM:
             reason = observation.exact_reason
             said = f"by all samples, as {reason}" if reason else "compressed to sample it"
             lines.append(f"likelihood{ending}: {said}")

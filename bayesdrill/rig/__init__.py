@@ -1,7 +1,8 @@
 """What moves: models of rigs, kernels compiled from them, and simulators of an experiment.
 
 `models/` has the equations, `kernels/` the machine code, `simulators/` what the channels do at
-given parameters. Nothing here is uncertain: priors, noise and densities are in `inference`.
+given parameters, `compression/` that of a long record in a few hundred numbers. Nothing here is
+uncertain: priors, noise and densities are in `inference`.
 """
 
 from __future__ import annotations

@@ -18,6 +18,7 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.inference import compression, laplace
 from bayesdrill.inference.posterior import Posterior
+from bayesdrill.rig.simulators import COMPRESSED_FROM
 from bayesdrill.sampling import mode_search
 from bayesdrill.sampling.ensembles import (
     Backend,
@@ -50,7 +51,7 @@ class FitPlan:
     evaluations: int
     chains: Plan
     brief: bool = False
-    shortest: int | None = compression.LONG
+    shortest: int | None = COMPRESSED_FROM
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,6 @@ from bayesdrill.basics.units import Unit
 from bayesdrill.basics.values import as_data, from_data
 from bayesdrill.config.job import Job, prepare
 from bayesdrill.config.resolve import work
-from bayesdrill.inference.compression import LONG
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.residual_checks import ResidualSummary
 from bayesdrill.output_files import MAP, dumps_checksummed, loads_checksummed
@@ -28,6 +27,7 @@ from bayesdrill.report.sections.convergence import describe_searches
 from bayesdrill.results import provenance
 from bayesdrill.results.provenance import begin, check_record
 from bayesdrill.results.run_folder import COMPUTED_AGAIN, Folder
+from bayesdrill.rig.simulators import COMPRESSED_FROM
 from bayesdrill.sampling.fit import FitPlan, PendingSearches, begin_searches, end_searches
 from bayesdrill.sampling.mode_search import Mode
 from bayesdrill.sampling.workers import WorkerPool
@@ -89,6 +89,13 @@ def find_mode(job: Job, processes: int, report: Reporter, *, quick: bool = False
         return end_search(pool, begin_searches(pool, fit_plan(job), report), report)
 
 
+SHORTEST = {
+    "auto": COMPRESSED_FROM,
+    "exact": None,
+    "compressed": 0,
+}  # samples of what is compressed
+
+
 def fit_plan(job: Job) -> FitPlan:
     """Return how a job fits its posterior, as its config says it."""
     settings = job.config.map
@@ -97,7 +104,7 @@ def fit_plan(job: Job) -> FitPlan:
         starts=settings.starts,
         evaluations=settings.evaluations,
         chains=plan(job.config),
-        shortest={"auto": LONG, "exact": None, "compressed": 0}[job.config.sampler.likelihood],
+        shortest=SHORTEST[job.config.sampler.likelihood],
     )
 
 

@@ -26,7 +26,7 @@ from bayesdrill.report.view import ReportContext
 from bayesdrill.results import provenance, run_folder
 from bayesdrill.results.provenance import begin, check_record, interruptions
 from bayesdrill.results.run_folder import Folder
-from bayesdrill.rig.simulators.rational_basis import CompressionError
+from bayesdrill.rig.compression.basis import CompressionError
 from bayesdrill.sampling import ensembles
 from bayesdrill.sampling.ensembles import Backend, MemoryBackend, SamplingResult
 from bayesdrill.sampling.fit import begin_searches, sample_maxima

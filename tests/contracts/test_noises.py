@@ -16,10 +16,11 @@ from support.case_tables import run_cases
 from support.scipy_oracles import NOMINAL
 from support.small_problems import experiment, likelihood_of, unknown
 
+from bayesdrill.basics.duals import Dual
 from bayesdrill.inference import laplace
 from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.inference.noise import NOISES
-from bayesdrill.inference.noise.contract import Noise, NoisyChannel, as_matrix
+from bayesdrill.inference.noise.contract import Noise, NoisyChannel, as_matrix, fit_noise
 from bayesdrill.inference.noise.mixed import ChannelNoise, Mixed
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Uniform
@@ -171,6 +172,25 @@ def test_slopes_are_those_of_the_density(name: str) -> None:
 
 
 @run_cases("name", MAKERS)
+def test_slopes_of_terms_sum_to_those_of_the_density(name: str) -> None:
+    """The terms of single samples take numbers with slopes, of signals and of unknowns."""
+    noise = MAKERS[name](12)
+    at = values(noise, 3)
+    samples = 1.3 * draw(noise, at, 12)
+    shift = np.random.default_rng(1).standard_normal(samples.shape) * noise.scales(at)[:, None]
+    terms = noise.pointwise(Dual(samples, -shift), Dual(at, np.zeros_like(at)))
+    assert terms.value == pytest.approx(noise.pointwise(samples, at), rel=1e-14)
+    along = (noise.score(samples, at) * shift).sum(axis=(1, 2))
+    assert terms.slope.sum(axis=(1, 2)) == pytest.approx(along, rel=1e-10)
+    slope, _ = noise.noise_score(residuals(samples), at)
+    for column, each in enumerate(noise.unknowns):
+        step = np.zeros_like(at)
+        step[:, column] = at[:, column] if each.between is None else 1.0
+        terms = noise.pointwise(Dual(samples, np.zeros_like(samples)), Dual(at, step))
+        assert terms.slope.sum(axis=(1, 2)) == pytest.approx(slope[:, column], rel=1e-9, abs=1e-9)
+
+
+@run_cases("name", MAKERS)
 def test_information_is_the_covariance_of_slopes_over_draws(name: str) -> None:
     """At the truth slopes are zero on average, and their squares are the information."""
     n = 25
@@ -206,7 +226,8 @@ def test_whitened_draws_are_white_and_a_fit_returns_their_size(name: str) -> Non
         assert abs(np.corrcoef(white[1:, k], white[:-1, k])[0, 1]) < 5 / np.sqrt(n)
     assert samples[0].std(axis=0) == pytest.approx(noise.scales(at)[0], rel=0.15)
     if noise.unknowns:
-        fitted = noise.fitted(samples[0], np.array([u.start for u in noise.unknowns]))
+        start = np.array([u.start for u in noise.unknowns])
+        fitted = fit_noise(noise, residuals(samples), start)
         sd = np.sqrt(np.diag(np.linalg.inv(as_matrix(noise.expected(at[0]), at[0]))))
         plain = np.array([u.between is not None for u in noise.unknowns])
         error = np.where(plain, fitted - at[0], np.log(np.abs(fitted / at[0])))

@@ -16,12 +16,12 @@ import bayesdrill as bd
 from bayesdrill import output_files
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import Silent
-from bayesdrill.inference import compression, likelihood
+from bayesdrill.inference import compression
 from bayesdrill.report.sections import fit as fit_section
 from bayesdrill.report.sections.fit import draw_fit, every_fit, measured
+from bayesdrill.rig.compression.basis import CompressionError
+from bayesdrill.rig.compression.simulator import CompressedSimulator
 from bayesdrill.rig.models.motor_shaft import MotorShaft
-from bayesdrill.rig.simulators.compressed import CompressedSimulator
-from bayesdrill.rig.simulators.rational_basis import CompressionError
 from bayesdrill.sampling import fit as fits
 from bayesdrill.sampling.workers import WorkerPool
 from bayesdrill.tasks import find_map, pipeline
@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 
 T = np.arange(24_001) / 500.0
 BOX = {"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}
-SAMPLED = 6001  # samples of records that are sampled exactly too: enough to be compressed
+SAMPLED = 6001  # samples of records that are sampled exactly too
 RHO = 0.8
 LEVEL = {"prior": "log_uniform", "low": 0.01, "high": 1.0}
 
@@ -90,7 +90,7 @@ def difference(one: bd.Run, other: bd.Run) -> float:
 
 
 def test_the_posterior_is_that_of_all_samples() -> None:
-    compressed, exact = sampled("auto"), sampled("exact")
+    compressed, exact = sampled("compressed"), sampled("exact")
     assert compressed.converged
     assert exact.converged
     assert difference(compressed, exact) < 0.15
@@ -100,7 +100,7 @@ def test_the_posterior_is_that_of_all_samples() -> None:
 
 
 def test_autoregressive_noise_is_compressed_too() -> None:
-    compressed, exact = coloured("auto"), coloured("exact")
+    compressed, exact = coloured("compressed"), coloured("exact")
     assert difference(compressed, exact) < 0.15
     rows = {row.name: row for row in compressed.analysis.unknowns}
     for name, true in (("rho_w_2", RHO), ("k_s", NOMINAL["k_s"])):
@@ -112,7 +112,7 @@ def test_autoregressive_noise_is_compressed_too() -> None:
 
 
 def test_draws_are_checked_against_the_exact_likelihood() -> None:
-    check = sampled("auto").sampled.compression
+    check = sampled("compressed").sampled.compression
     assert check is not None
     assert check.samples == SAMPLED
     assert check.draws == 500
@@ -173,8 +173,8 @@ def test_an_excerpt_without_information_grows(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(compression, "EXCERPT", 2048)
     asked = compression.excerpt
     monkeypatch.setattr(compression, "excerpt", lambda p, n=2048: asked(p, n))
-    t, rng = T[:9_001], np.random.default_rng(8)
-    v = np.where(rng.random(91) < 0.5, 4.0, 12.0).repeat(100)[: len(t)]
+    t, rng = T[:20_401], np.random.default_rng(8)
+    v = np.where(rng.random(205) < 0.5, 4.0, 12.0).repeat(100)[: len(t)]
     v[:2500] = 0.0
     exact = bd.respond(MotorShaft(), {**NOMINAL, "t_f": 0.0}, t, {"v": v}, ["w_1", "w_2"])
     resting = bd.case(
@@ -218,8 +218,8 @@ def test_a_record_that_cannot_be_compressed_is_refused_or_exact() -> None:
         def problematic(likelihood: str, *entries: dict[str, Any]) -> bd.Case:
             rig, channel, more = entries
             return bd.case(
-                T[:5000],
-                {"w_1": bd.Channel(np.sin(T[:5000]), "rad/s", 0.1, **channel)},
+                T,
+                {"w_1": bd.Channel(np.sin(T), "rad/s", 0.1, **channel)},
                 {"v": 8.0},
                 parameters={**dict.fromkeys(NOMINAL, "nominal"), **rig, "k_e": BOX},
                 sampler={"likelihood": likelihood},
@@ -242,7 +242,7 @@ def test_a_compression_that_fails_after_the_search_is_refused(
     def refuse(*_: object) -> None:
         raise CompressionError("poles of the rig are known too little")
 
-    monkeypatch.setattr(likelihood, "compress", refuse)
+    monkeypatch.setattr(compression, "compress", refuse)
     with pytest.raises(InputError, match="cannot be compressed: the record: poles of the rig"):
         pipeline.sample_in_memory(job, mode, 1, Silent())
 

@@ -7,7 +7,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from scipy.stats import norm
 from support import two_experiments
 from support.case_tables import run_cases
 from support.compiled_responses import SIGMA, seen
@@ -20,9 +19,10 @@ from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.basics.formulas import expression
 from bayesdrill.inference import laplace
 from bayesdrill.inference.laplace import LogDensity, QuadraticModel, concatenate_models
+from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import HalfNormal, LogNormal, Prior, TruncatedNormal, Uniform
-from bayesdrill.inference.unknowns import Coordinates, ParameterSpace
+from bayesdrill.inference.unknowns import ParameterSpace
 
 FAMILIES: dict[str, Prior] = {
     "c_m": HalfNormal(2 * NOMINAL["c_m"]),  # not in logs
@@ -190,14 +190,28 @@ def test_ends_and_spreads_are_those_of_the_priors() -> None:
     assert surface.middle == pytest.approx(u.mean(axis=0), abs=0.05 * surface.spread.max())
 
 
-def test_steps_stay_between_two_ends() -> None:
-    """For a correlation of 1 - 1e-8 there is no density 1e-5 further."""
-    between = Coordinates((False,), between=((0, 0.0, 1.0),), signed=((0, 1.0),))
-    for rho in (1.0 - 1e-8, 0.5, 1e-7):
-        slope = laplace.slopes_by_logs(between, np.array([rho]))[0, 0]
-        # Near an end the step is half the way to it, over which the slope changes.
-        exact = 1.0 / norm.pdf(norm.ppf(rho))
-        assert slope == pytest.approx(exact, rel=1e-3 if rho == 0.5 else 0.2)
+@run_cases("name", ALL)
+def test_slopes_of_signals_and_of_single_samples_are_exact(name: str) -> None:
+    """Differences of the fourth order over 1e-3 of an unknown err by some 1e-10 of the largest."""
+    target = ALL[name]()
+    theta = target.coordinates.to_physical(points(target, 1))
+    natural = target.coordinates.natural(theta)[0]
+    for observation in target.likelihood.observations:
+        seen = observation.experiment.seen
+
+        def signals(at: np.ndarray, observation: Observation = observation) -> np.ndarray:
+            return observation.signals(target.space.full(at))
+
+        def terms(at: np.ndarray, observation: Observation = observation) -> np.ndarray:
+            return observation.pointwise(observation.experiment.y - signals(at), at)
+
+        at = laplace.natural_directions(target, theta[0])
+        slopes = observation.signal_slopes(at)
+        for function, exact in ((signals, slopes), (terms, observation.scores(at, slopes))):
+            numeric = differences(function, theta, 1e-3 * natural)[:, 0]
+            numeric = (numeric * natural[:, None, None])[:, seen]
+            rounding = 1e-8 * np.abs(numeric).max()
+            assert exact[:, seen] == pytest.approx(numeric, rel=1e-7, abs=rounding)
 
 
 # --- information -----------------------------------------------------------------------------------

@@ -14,7 +14,7 @@ from scipy.integrate import quad
 from support.case_tables import run_cases
 
 from bayesdrill.inference.noise.ar1 import AR1
-from bayesdrill.inference.noise.contract import Noise, NoisyChannel
+from bayesdrill.inference.noise.contract import Noise, NoisyChannel, fit_noise
 from bayesdrill.inference.noise.mixed import ChannelNoise, Mixed, noise_for_record
 from bayesdrill.inference.noise.quantised import Quantised, _information
 from bayesdrill.inference.noise.student_t import StudentT
@@ -229,7 +229,8 @@ def test_rounded_records_of_a_moving_signal_scatter_by_their_information(ratio: 
     white = noise.whiten(residuals, own)[0, :5000, 0]
     assert scipy.stats.kstest(white, "norm").pvalue > 1e-3
     assert abs(np.corrcoef(white[1:], white[:-1])[0, 1]) < 5 / math.sqrt(5000)
-    fitted = noise.fitted(residuals[0, :20_000], own[0])[0]
+    some = residuals_of(residuals[:, :20_000])
+    fitted = fit_noise(rounded(ratio * STEP, 20_000), some, 1.5 * own[0])[0]
     assert fitted == pytest.approx(own[0, 0], rel=0.15)
 
 

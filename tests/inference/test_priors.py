@@ -51,6 +51,23 @@ def test_spreads_are_standard_deviations(prior: Prior, true: Any) -> None:
     assert prior_log_sd(prior) == pytest.approx(logs.std(), rel=0.02)
 
 
+def test_derivatives_are_those_of_closed_forms() -> None:
+    x = np.array([0.6, 1.1, 1.6])
+    still, log_x = np.zeros(3), np.log(x / 0.7)
+    expected = {
+        "uniform": (still, still),
+        "log_uniform": (-1 / x, 1 / x**2),
+        "normal": ((0.4 - x) / 0.25, still - 4.0),
+        "truncated_normal": ((1.0 - x) / 0.09, still - 1 / 0.09),
+        "log_normal": (-(1 + log_x / 0.16) / x, (1 + (log_x - 1) / 0.16) / x**2),
+        "half_normal": (-x / 0.36, still - 1 / 0.36),
+    }
+    for name, (prior, _) in FAMILIES.items():
+        first, second = prior.derivatives(x)
+        assert first == pytest.approx(expected[name][0], rel=1e-12), name
+        assert second == pytest.approx(expected[name][1], rel=1e-12), name
+
+
 def test_a_far_tail_keeps_its_digits() -> None:
     """Ten sigma from its mean a normal is an exponential of the rate 10 / sd."""
     prior = PRIORS["truncated_normal"](mean=1.0, sd=0.1, low=2.0, high=9.0)

@@ -78,6 +78,13 @@ def test_slopes_and_jacobian_are_differences(coordinates: Coordinates, theta: np
         assert curvature[:, column] == pytest.approx(-(up - 2 * here + down) / 1e-8, abs=1e-4)
 
 
+def test_slopes_by_natural_scales_are_exact_near_both_ends() -> None:
+    between = Coordinates((False,), between=((0, 0.0, 1.0),), signed=((0, 1.0),))
+    rho = np.array([1.0 - 1e-8, 0.5, 1e-7])
+    slopes = between.slopes_by_natural(rho[:, None])[:, 0]
+    assert slopes == pytest.approx(1.0 / norm.pdf(norm.ppf(rho)), rel=1e-9)
+
+
 def test_an_unknown_between_two_ends_is_walked_by_its_probit() -> None:
     theta = bounded(30)
     z = BETWEEN.from_physical(theta)

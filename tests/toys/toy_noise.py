@@ -6,13 +6,14 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
 from bayesdrill.basics import Symbol
+from bayesdrill.basics.duals import affine_map, linear_map, log
 from bayesdrill.inference import NoisyChannel, Residuals, Uniform, Unknown, White
 
 Array = NDArray[np.float64]
@@ -62,11 +63,14 @@ class Memory:
             column += value is None
         return out
 
-    def pointwise(self, samples: Array, own: Array) -> Array:
-        sigma, rho = self.scales(own)[:, None], self._correlations(own)[:, None]
-        sd = sigma * np.ones_like(samples)
-        sd[:, 1:] *= np.sqrt(1.0 - rho**2)
-        return -0.5 * math.log(2 * math.pi) - np.log(sd) - 0.5 * self.whiten(samples, own) ** 2
+    def pointwise(self, samples: Any, own: Any) -> Any:
+        """Numbers may have slopes here: all is written with what `bayesdrill.basics.duals` has."""
+        sigma, rho = (affine_map(f, own)[:, None] for f in (self.scales, self._correlations))
+        weight = rho * (np.arange(self.levels.n_samples) > 0)[:, None]  # of the sample before
+        before = linear_map(lambda x: np.roll(x, 1, axis=1), samples)
+        sd = sigma * (1.0 - weight**2) ** 0.5
+        left = (samples - weight * before) / sd
+        return -0.5 * math.log(2 * math.pi) - log(sd) - 0.5 * left**2
 
     def square_weights(self, own: Array) -> None:
         """What it is asked for are samples."""
@@ -120,11 +124,6 @@ class Memory:
         return np.block(
             [[np.diag(np.full(len(levels), 2.0 * n)), both], [both.T, np.diag(curved[free])]]
         )
-
-    def fitted(self, samples: Array, own: Array) -> Array:
-        free = [k for k, value in enumerate(self.held_) if value is None]
-        rho = (samples[1:] * samples[:-1]).sum(axis=0) / (samples**2).sum(axis=0)
-        return np.append(self.levels.fitted(samples, own), np.clip(rho, -MOST, MOST)[free])
 
     def draw(self, signals: Array, own: Array, rng: np.random.Generator) -> Array:
         sigma, rho = self.scales(own), self._correlations(own)

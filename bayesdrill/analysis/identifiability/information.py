@@ -170,7 +170,8 @@ class _ExtendedExperiment:
             for name, u in self.base.items():
                 more = (scene.times.get(name, 1.0) - 1.0) * (u + self.constant.get(name, 0.0))
                 pushed[name] = np.asarray(u + more + scene.late.get(name, 0.0) * self._late)
-            signals, slopes = self._response.with_series(pushed).course(*at)
+            scene_record = dataclasses.replace(self._response.experiment, series=pushed)
+            signals, slopes = self._response.of(scene_record).course(*at)
             return signals[0], slopes[0]
         point = b"".join(each.tobytes() for each in at)
         if self._recorded is None or self._recorded[0] != point:

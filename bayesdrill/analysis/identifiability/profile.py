@@ -78,8 +78,7 @@ class Fitter:
             theta = self._theta(self.best.logs)
             full, fitted = self._likelihood.space.full(theta[None]), theta.copy()
             for observation in self._likelihood.observations:
-                left = observation.residuals(full).samples[0]
-                fitted[observation.noise_columns] = observation.fitted(left, theta)
+                fitted[observation.noise_columns] = observation.fitted(full, theta)
             self._noise = fitted[self._m :]
             self.best = self._fit(self.best.logs, None)
 

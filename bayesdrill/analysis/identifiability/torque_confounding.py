@@ -139,8 +139,7 @@ def scaled_with_torque(
 def _information(posterior: Posterior, theta: Array, before: Array, seeds: Counts) -> Array:
     """Information in logs `(D, D)`, priors included."""
     full, total = posterior.space.full(theta[None]), np.diag(1.0 / before**2)
-    coordinates = posterior.coordinates
-    steps = coordinates.natural(theta[None])[0] / coordinates.slopes(theta[None])[0]
+    steps = posterior.coordinates.slopes_by_natural(theta[None])[0]
     for seed in seeds:
         rng = np.random.default_rng(seed)
         drawn = [

@@ -21,6 +21,7 @@ from bayesdrill.config.resolve.case import ResolvedCase, ResolvedExperiment, ini
 from bayesdrill.config.schema.records import ChannelSpec, ColumnSpec, TimeColumn
 from bayesdrill.config.yaml_source import Location
 from bayesdrill.inference import step_error
+from bayesdrill.inference.likelihood import observe
 from bayesdrill.inference.noise.contract import NoisyChannel
 from bayesdrill.inference.noise.mixed import noise_for_record
 from bayesdrill.inference.unknowns import ParameterSpace, Unknown, labelled_name
@@ -159,7 +160,8 @@ def simulate_one(
     noisy_channels = [_with_known_sigma(resolved, entry) for entry in resolved.channels]
     noise = sensors.build_noise(noisy_channels, len(signals))
     noise = noise_for_record(noise, experiment.t, experiment.seen)
-    observed = sensors.build_observation(resolved.config, resolved.torque, response, noise)
+    acts = sensors.latent_torque(resolved.config)
+    observed = observe(response, noise, torque=acts, process=resolved.torque)
     noise_values = [_noise_truth(resolved, unknown) for unknown in observed.unknowns]
     rng = seeds.stream(seed, "record", index)
     space = ParameterSpace(model=response.parameters, unknowns=observed.unknowns, fixed=values)

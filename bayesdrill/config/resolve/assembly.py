@@ -17,7 +17,7 @@ from bayesdrill.config.resolve.sensors import build_noise
 from bayesdrill.config.yaml_source import IssueCollector, Location
 from bayesdrill.inference import step_error
 from bayesdrill.inference.display_units import DisplayUnits
-from bayesdrill.inference.likelihood import Observation
+from bayesdrill.inference.likelihood import Observation, observe
 from bayesdrill.inference.noise.mixed import noise_for_record
 from bayesdrill.inference.posterior import Likelihood, Posterior, Problem
 from bayesdrill.inference.unknowns import Unknown, labelled_name
@@ -108,9 +108,9 @@ def _sensors_and_observation(
     try:
         noise_model = noise_for_record(noise_model, experiment.t, experiment.seen)
         section = "missing_torque"
-        return sensor_numbers, sensors.build_observation(
-            resolved.config, resolved.torque, response, noise_model, resolved.label
-        )
+        acts = sensors.latent_torque(resolved.config)
+        observed = observe(response, noise_model, resolved.label, acts, resolved.torque)
+        return sensor_numbers, observed
     except ValueError as error:
         raise resolved.source.error((section,), str(error)) from None
 

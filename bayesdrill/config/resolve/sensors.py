@@ -25,7 +25,6 @@ from bayesdrill.config.schema.numbers import Quantity, SensorPrior
 from bayesdrill.config.schema.records import ChannelSpec, InputColumn, InputQuantity
 from bayesdrill.config.schema.vocabulary import vocabulary_of
 from bayesdrill.config.yaml_source import Location
-from bayesdrill.inference.likelihood import LatentTorqueObservation, Observation
 from bayesdrill.inference.noise import NOISES
 from bayesdrill.inference.noise.contract import Noise, NoisyChannel
 from bayesdrill.inference.noise.mixed import ChannelNoise as ChannelNoise
@@ -34,8 +33,6 @@ from bayesdrill.inference.unknowns import Role, Unknown
 from bayesdrill.record.experiment import Channel
 from bayesdrill.rig.models.latent_torque import SIZE, TIME, MissingTorque, torque_gain
 from bayesdrill.rig.models.linear import Model, with_named
-from bayesdrill.rig.simulators.contract import Simulator
-from bayesdrill.rig.simulators.kalman import KalmanFilter, step_lengths
 from bayesdrill.rig.simulators.sensors import ObservationModel, signal_names, state_weights
 
 TORQUE_ENTRIES: Mapping[str, str] = {SIZE: "size", TIME: "time"}
@@ -61,43 +58,6 @@ def latent_torque_number(config: Config, name: str) -> float | Unknown:
     if isinstance(value, float):
         return value
     return Unknown(symbol=symbol, role="noise", prior=value, start=begin)
-
-
-def build_observation(
-    config: Config,
-    process: Mapping[str, float | Unknown],
-    response: Simulator,
-    noise: Noise,
-    label: str = "",
-) -> Observation:
-    """Return an observation; with a missing torque, `process` holds size and time of the torque.
-
-    Parameters and unknowns have the names that they have in a single experiment. Raises `ValueError` if
-    the torque does not fit the noise or the times.
-    """
-    acts, noise_names = latent_torque(config), [unknown.name for unknown in noise.unknowns]
-    if acts is None:
-        return Observation(
-            response=response,
-            noise=noise,
-            parameters=response.parameters,
-            noise_names=noise_names,
-            label=label,
-        )
-    if not noise.white:
-        why = "they could hardly be told apart; remove `noise:` of the channels, or this entry"
-        white = "beside a missing torque the noise of every channel has to be white"
-        raise ValueError(f"{white}: {why}")
-    step_lengths(response.experiment)
-    return LatentTorqueObservation(
-        response=response,
-        noise=noise,
-        kalman_filter=KalmanFilter(response.model, acts, response.experiment),
-        process=process,
-        parameters=response.parameters,
-        noise_names=[*noise_names, *(n for n, x in process.items() if isinstance(x, Unknown))],
-        label=label,
-    )
 
 
 def check_latent_torque(model: Model, acts: MissingTorque, sensing: ObservationModel) -> None:

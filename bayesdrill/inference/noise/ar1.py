@@ -12,12 +12,13 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from pydantic import Field
 
 from bayesdrill.basics.arrays import Array, Flags, Indices
+from bayesdrill.basics.duals import Dual, affine_map, dual, linear_map, log
 from bayesdrill.inference.noise.contract import ChannelNumbers, NoisyChannel, Residuals, pair_matrix
 from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.priors import Uniform
@@ -44,41 +45,41 @@ class ChannelSpacing:
     def _intervals(self) -> Array:
         return np.ones(1) if self.gaps is None else self.gaps
 
-    def conditional(self, rho: Array) -> tuple[Array, Array]:
+    def conditional(self, rho: Any) -> tuple[Any, Any]:
         """Return the weight of the sample before in the conditional mean, and the conditional sd.
 
         Both are `(W, n)`, the sd over sigma; of the first sample they are zero and one.
         """
-        weight, sd = np.zeros((len(rho), self.count)), np.ones((len(rho), self.count))
-        with np.errstate(divide="ignore"):
-            logs = np.log(rho)[:, None] * self._intervals
-        weight[:, 1:], sd[:, 1:] = np.exp(logs), np.sqrt(-np.expm1(2.0 * logs))
-        return weight, sd
+
+        def with_first(weights: Array) -> Array:
+            out = np.zeros((len(weights), self.count))
+            out[:, 1:] = weights
+            return out
+
+        weight = linear_map(with_first, rho[:, None] ** self._intervals)
+        return weight, ((1.0 - weight) * (1.0 + weight)) ** 0.5
 
     def predicted(self, samples: Array, rho: Array) -> Array:
         """Return what is left of each sample, less what those before it say of it."""
-        return _without_memory(samples, self.conditional(rho)[0])
+        return np.asarray(_without_memory(samples, self.conditional(rho)[0]))
 
     def innovations(self, samples: Array, rho: Array) -> Array:
         """Return what is new in each sample, all of one sd: that of the samples."""
         weight, sd = self.conditional(rho)
-        return _without_memory(samples, weight) / sd
+        return np.asarray(_without_memory(samples, weight) / sd)
+
+    def log_density(self, samples: Any, rho: Any) -> Any:
+        """Return the log density of samples over sigma, but for a constant and that of sigma."""
+        weight, sd = self.conditional(rho)
+        return -0.5 * (_without_memory(samples, weight) / sd) ** 2 - log(sd)
 
     def score(self, samples: Array, rho: Array) -> Array:
         """Return half the slopes of the sum of squared innovations by each sample."""
         weight, sd = self.conditional(rho)
         over = _without_memory(samples, weight) / sd**2
-        out = over.copy()
+        out = np.array(over)
         out[:, :-1] -= weight[:, 1:] * over[:, 1:]
         return out
-
-    def rho_score(self, samples: Array, rho: Array) -> Array:
-        """Return the slope of the log density `(W,)` by rho, of samples over sigma."""
-        weight, sd = self.conditional(rho)
-        innovations = _without_memory(samples, weight) / sd
-        by_left = weight * (1.0 - innovations**2) / sd**2
-        by_left[:, 1:] += innovations[:, 1:] * samples[:, :-1] / sd[:, 1:]
-        return np.asarray((by_left * self._by_rho(weight, rho)).sum(axis=1))
 
     def information(self, rho: Array) -> Array:
         """Return the expected information `(W, 2, 2)` on the log of sigma and rho."""
@@ -89,24 +90,11 @@ class ChannelSpacing:
             out[:, 0, 1] = out[:, 1, 0] = -2.0 * pairs * rho / inner
             out[:, 1, 1] = pairs * (1.0 + rho**2) / inner**2
             return out
-        weight, sd = self.conditional(rho)
-        turn = self._by_rho(weight, rho)
+        weights, sds = self.conditional(Dual(rho, np.ones_like(rho)))
+        weight, turn, sd = weights.value, weights.slope, sds.value
         out[:, 0, 1] = out[:, 1, 0] = -2.0 * (weight * turn / sd**2).sum(axis=1)
         out[:, 1, 1] = (turn**2 * (1.0 + weight**2) / sd**4).sum(axis=1)
         return out
-
-    def _by_rho(self, weight: Array, rho: Array) -> Array:
-        """Return d weight / d rho; of the first sample zero."""
-        out = np.zeros_like(weight)
-        out[:, 1:] = self._intervals * rho[:, None] ** (self._intervals - 1.0)
-        return out
-
-    def estimate_rho(self, samples: Array) -> float:
-        """Estimate rho from samples `(n,)` about an interval apart."""
-        adjacent = np.abs(self._intervals - 1.0) < 0.5
-        before, after = samples[:-1] * adjacent, samples[1:] * adjacent
-        squares = 0.5 * float(before @ before + after @ after)
-        return float(before @ after) / squares if squares > 0 else 0.0
 
     def correlate(self, noise: Array, rho: Array) -> None:
         """Turn `noise (W, T)`, independent and of sd 1, into noise that remembers, in place."""
@@ -153,30 +141,27 @@ def _gaps(gaps: Array) -> Array | None:
     return None if (rounded == 1.0).all() else rounded
 
 
-def _without_memory(samples: Array, weight: Array) -> Array:
-    out = samples.copy()
-    out[:, 1:] -= weight[:, 1:] * samples[:, :-1]
-    return out
+def _without_memory(samples: Any, weight: Any) -> Any:
+    return samples - weight * linear_map(_delayed, samples)
 
 
-def _sum_weights(rho: Array) -> Array:
+def _delayed(samples: Array) -> Array:
+    """Return the sample before each, zero before the first."""
+    return np.concatenate([np.zeros_like(samples[:, :1]), samples[:, :-1]], axis=1)
+
+
+def _sum_weights(rho: Any) -> Any:
     """Return of even samples the weights `(..., 3)` of `Residuals.neighbours`, for sigma 1.
 
     With S, D and E for sums of squares, of steps and of ends, squared innovations over their variance
     sum to ((1 - rho)^2 S + rho D + rho (1 - rho) E) / (1 - rho^2): no difference where rho is near 1.
     """
     over = 1.0 / (1.0 + rho)
-    return np.stack([(1.0 - rho) * over, rho * over / (1.0 - rho), rho * over], axis=-1)
-
-
-def _sum_weight_slopes(rho: Array) -> Array:
-    """Return the slopes of `_sum_weights` by rho."""
-    over = 1.0 / (1.0 + rho) ** 2
-    return np.stack([-2.0 * over, (1.0 + rho**2) * over / (1.0 - rho) ** 2, over], axis=-1)
+    weights = [(1.0 - rho) * over, rho * over / (1.0 - rho), rho * over]
+    return linear_map(lambda *parts: np.stack(parts, axis=-1), *weights)
 
 
 START_RHO = 0.3  # of a search
-MAX_RHO = 0.9999  # that what is left may tell: the end of the prior is no place to go on from
 _DESCRIPTION = "Correlation of samples one usual interval apart; default: unknown"
 
 
@@ -248,15 +233,10 @@ class AR1:
         weights = _sum_weights(self.memory.values(theta))
         return np.asarray(weights / self.scales(theta)[..., None] ** 2)
 
-    def pointwise(self, samples: Array, theta: Array) -> Array:
+    def pointwise(self, samples: Any, theta: Any) -> Any:
         """Return the log density `(W, T, K)` of each sample given those before it."""
-
-        def density(channel: ChannelSpacing, scaled: Array, rho: Array) -> Array:
-            sd = channel.conditional(rho)[1]
-            return np.asarray(-0.5 * channel.innovations(scaled, rho) ** 2 - np.log(sd))
-
-        sizes = np.log(self.scales(theta))[:, None] + 0.5 * math.log(2 * math.pi)
-        return self._by_channel(density, samples, theta) - sizes
+        sizes = log(affine_map(self.scales, theta))[:, None] + 0.5 * math.log(2 * math.pi)
+        return self._by_channel(ChannelSpacing.log_density, samples, theta) - sizes
 
     def whiten(self, samples: Array, theta: Array) -> Array:
         """Return whitened residuals `(W, T, K)`."""
@@ -276,19 +256,26 @@ class AR1:
         by_scaled = self._by_channel(ChannelSpacing.score, samples, theta)
         return by_scaled / self.scales(theta)[:, None]
 
-    def _by_channel(
-        self,
-        function: Callable[[ChannelSpacing, Array, Array], Array],
-        samples: Array,
-        theta: Array,
-    ) -> Array:
+    def _by_channel[N](
+        self, function: Callable[[ChannelSpacing, Any, Any], N], samples: Any, theta: Any
+    ) -> N:
         """Return what `function` makes of samples over sigma, with rho: `(W, T, K)`, NaN if not seen."""
-        sigma, rho = self.scales(theta), self.memory.values(theta)
-        out = np.full(samples.shape, np.nan)
-        for k, channel in enumerate(self._spacing(samples).channels):
-            scaled = samples[:, channel.rows, k] / sigma[:, k, None]
-            out[:, channel.rows, k] = function(channel, scaled, rho[:, k])
-        return out
+        sigma, rho = (affine_map(f, theta) for f in (self.scales, self.memory.values))
+        values = dual(samples).value
+        channels = [*enumerate(self._spacing(values).channels)]
+        results = [
+            function(channel, samples[:, channel.rows, k] / sigma[:, k, None], rho[:, k])
+            for k, channel in channels
+        ]
+
+        def place(*columns: Array) -> Array:
+            out = np.full(values.shape, np.nan)
+            for k, channel in channels:
+                out[:, channel.rows, k] = columns[k]
+            return out
+
+        placed: N = linear_map(place, *results)
+        return placed
 
     def noise_score(self, residuals: Residuals, theta: Array) -> tuple[Array, Array]:
         """Return slopes, and the expected curvature, larger where residuals are."""
@@ -298,13 +285,15 @@ class AR1:
             sums = residuals.neighbours / sigma[..., None] ** 2
             slopes[0] = (_sum_weights(rho) * sums).sum(axis=-1) - n
             over = (n - 1.0) * rho / ((1.0 - rho) * (1.0 + rho))
-            slopes[1] = over - 0.5 * (_sum_weight_slopes(rho) * sums).sum(axis=-1)
+            turn = _sum_weights(Dual(rho, np.ones_like(rho))).slope
+            slopes[1] = over - 0.5 * (turn * sums).sum(axis=-1)
         else:
             for k, channel in enumerate(self._uneven.channels):
                 scaled = residuals.samples[:, channel.rows, k] / sigma[:, k, None]
                 innovations = channel.innovations(scaled, rho[:, k])
                 slopes[0, :, k] = (innovations**2).sum(axis=1) - channel.count
-                slopes[1, :, k] = channel.rho_score(scaled, rho[:, k])
+                moved = channel.log_density(scaled, Dual(rho[:, k], np.ones(len(rho))))
+                slopes[1, :, k] = moved.slope.sum(axis=1)
         inflation = np.maximum(1.0, 1.0 + slopes[0] / n)
         pairs = self._pairs(rho) * inflation[..., None, None]
         slope = np.hstack([slopes[0][:, self._free[0]], slopes[1][:, self._free[1]]])
@@ -313,13 +302,6 @@ class AR1:
     def expected(self, theta: Array) -> Array:
         """Return the expected curvature."""
         return np.asarray(pair_matrix(self._pairs(self.memory.values(theta[None])), self._free)[0])
-
-    def fitted(self, samples: Array, theta: Array) -> Array:
-        """Return the unknowns fitted to residuals `samples (T, K)`."""
-        each = enumerate(self._spacing(samples[None]).channels)
-        estimates = [channel.estimate_rho(samples[channel.rows, k]) for k, channel in each]
-        rho = np.clip(estimates, 1.0 - MAX_RHO, MAX_RHO)
-        return np.append(self.levels.fitted(samples, theta), rho[self.memory.free])
 
     def draw(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
         """Draw signals `(W, T, K)` with fresh noise."""

@@ -131,8 +131,11 @@ class Noise(Protocol):
     def log_likelihood(self, residuals: Residuals, theta: Array) -> Array:
         """Return the normalised log likelihood of each channel: `(W, K)`."""
 
-    def pointwise(self, samples: Array, theta: Array) -> Array:
-        """Return the terms `(W, T, K)` of `log_likelihood`: of each sample given those before it."""
+    def pointwise(self, samples: Any, theta: Any) -> Any:
+        """Return the terms `(W, T, K)` of `log_likelihood`: of each sample given those before it.
+
+        Samples and unknowns are arrays, or both `duals.Dual`: then so are the terms.
+        """
 
     def scales(self, theta: Array) -> Array:
         """Return the standard deviation of a single sample `(W, K)`, SI."""
@@ -169,12 +172,6 @@ class Noise(Protocol):
 
     def expected(self, theta: Array) -> Array:
         """Return the expected curvature, `(n,)` or `(n, n)`, at `theta (n,)`."""
-
-    def fitted(self, samples: Array, theta: Array) -> Array:
-        """Return its unknowns `(n,)` fitted to residuals `samples (T, K)`.
-
-        They are as good as `theta (n,)` to begin with.
-        """
 
     def draw(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
         """Draw signals `(W, T, K)` with fresh noise."""
@@ -231,6 +228,42 @@ class ChannelNumbers:
     def with_sizes(self, sizes: Mapping[int, float]) -> dict[int, object]:
         """Return what is fixed of each channel, with the sizes that are known."""
         return {k: (sizes.get(k), value) for k, value in enumerate(self.fixed)}
+
+
+SCORING_STEPS, SMALL_STEP = 100, 1e-4  # of a fit: at most, and one after which it has arrived
+LARGEST_STEP = 1.0  # of a log, or of a number between two ends
+END_MARGIN = 1e-4  # of the distance of two ends: nearer to an end nothing is to be told
+
+
+def fit_noise(noise: Noise, residuals: Residuals, theta: Array) -> Array:
+    """Return the unknowns of a noise `(n,)` fitted to residuals of one walker.
+
+    By scoring of each unknown by itself from `theta (n,)` on, with steps that are halved until the
+    likelihood rises; within priors and between ends.
+    """
+    plain = np.array([unknown.between is not None for unknown in noise.unknowns], dtype=bool)
+    ends = np.array([(u.prior.low, u.prior.high) for u in noise.unknowns]).reshape(-1, 2).T
+    inset = np.where(plain, END_MARGIN * (ends[1] - ends[0]), 0.0)
+
+    def moved(step: Array) -> Array:
+        with np.errstate(all="ignore"):
+            new = np.where(plain, fitted + step, fitted * np.exp(step))
+        return np.clip(new, ends[0] + inset, ends[1] - inset)
+
+    def value(unknowns: Array) -> float:
+        return float(noise.log_likelihood(residuals, unknowns[None]).sum())
+
+    fitted = theta
+    for _ in range(SCORING_STEPS if len(theta) else 0):
+        slope, curvature = noise.noise_score(residuals, fitted[None])
+        step = slope[0] / np.diagonal(as_matrix(curvature, fitted[None])[0])
+        step, before = np.clip(step, -LARGEST_STEP, LARGEST_STEP), value(fitted)
+        while not value(moved(step)) >= before and np.abs(step).max() > SMALL_STEP:
+            step *= 0.5
+        if np.abs(step).max() <= SMALL_STEP:
+            break
+        fitted = moved(step)
+    return fitted
 
 
 def as_matrix(curvature: Array, theta: Array) -> Array:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 from bayesdrill.basics.arrays import Array, Flags
+from bayesdrill.basics.duals import linear_map
 from bayesdrill.inference.noise.contract import Noise, Residuals, as_matrix
 from bayesdrill.inference.unknowns import Unknown
 
@@ -134,7 +135,7 @@ class Mixed:
             lambda p, at: p.noise.log_likelihood(self._residuals(residuals, p), at), theta
         )
 
-    def pointwise(self, samples: Array, theta: Array) -> Array:
+    def pointwise(self, samples: Any, theta: Any) -> Any:
         """Return the log density `(W, T, K)` of each sample given those before it."""
         return self._each(lambda p, at: p.noise.pointwise(samples[..., p.columns], at), theta)
 
@@ -187,25 +188,24 @@ class Mixed:
             first = block.stop
         return out
 
-    def fitted(self, samples: Array, theta: Array) -> Array:
-        """Return the unknowns fitted to residuals `samples (T, K)`."""
-        parts = self._split(theta)
-        return np.concatenate([p.noise.fitted(samples[:, p.columns], at) for p, at in parts])
-
     def _residuals(self, residuals: Residuals, part: ChannelNoise) -> _ChannelResiduals:
         return _ChannelResiduals(residuals, part.columns, self.n_channels)
 
-    def _split(self, theta: Array) -> Iterator[tuple[ChannelNoise, Array]]:
+    def _split(self, theta: Any) -> Iterator[tuple[ChannelNoise, Any]]:
         first = 0
         for part in self.parts:
             n = len(part.noise.unknowns)
             yield part, theta[..., first : first + n]
             first += n
 
-    def _each(self, evaluate: Callable[[ChannelNoise, Array], Array], theta: Array) -> Array:
-        """Of every part, its channels in their places."""
-        results = [(part.columns, evaluate(part, at)) for part, at in self._split(theta)]
-        out = np.empty((*results[0][1].shape[:-1], self.n_channels))
-        for columns, values in results:
-            out[..., columns] = values
-        return out
+    def _each[N](self, evaluate: Callable[[ChannelNoise, Any], N], theta: Any) -> N:
+        """Return what is evaluated of every part, its channels in their places."""
+
+        def place(*results: Array) -> Array:
+            out = np.empty((*results[0].shape[:-1], self.n_channels))
+            for part, values in zip(self.parts, results, strict=True):
+                out[..., part.columns] = values
+            return out
+
+        placed: N = linear_map(place, *(evaluate(part, at) for part, at in self._split(theta)))
+        return placed

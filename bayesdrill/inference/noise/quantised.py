@@ -10,13 +10,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import scipy
 from pydantic import Field
 
 from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.duals import Dual, affine_map, dual
 from bayesdrill.basics.entries import LARGEST, SMALLEST
 from bayesdrill.inference.noise.contract import NoisyChannel, Residuals
 from bayesdrill.inference.noise.white import IndependentNoise, White
@@ -25,7 +26,6 @@ from bayesdrill.inference.unknowns import Unknown
 MIN_KERNEL_HALF_STEP = 0.2  # half a step over sigma, from which on kernels have the digits
 MAX_DISTANCE = 9.0  # sigma from the end of an interval: beyond, nothing is left to be known
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(160)
-SIGMA_GRID = (0.01, 2.0, 96)  # of sigma over what is left, when it is sought
 _LOG_SQRT_2PI = 0.5 * math.log(2 * math.pi)
 _DESCRIPTION = "What was rounded to [unit of the column]"
 
@@ -90,14 +90,16 @@ class Quantised(IndependentNoise):
             log_mass[fine] = np.where(half[fine] < MIN_KERNEL_HALF_STEP, exact, log_mass[fine])
         return np.asarray(log_mass)
 
-    def pointwise(self, samples: Array, theta: Array) -> Array:
+    def pointwise(self, samples: Any, theta: Any) -> Any:
         """Return the log density `(W, T, K)` of each sample."""
-        return np.asarray(self._interval(samples, theta).log_mass - np.log(self.steps))
+        scales = affine_map(self.levels.scales, theta)
+        return self._log_mass(samples, scales) - np.log(self.steps)
 
     def whiten(self, samples: Array, theta: Array) -> Array:
         """Return numbers drawn in the samples' intervals, once: alike for all walkers at any time."""
         share = np.random.default_rng(0).random(samples.shape[1:])
-        return self._interval(samples, theta).within(share)
+        sigma, half = self.levels.scales(theta)[:, None], 0.5 * np.array(self.steps)
+        return _Interval((samples - half) / sigma, (samples + half) / sigma).within(share)
 
     def whitened_jacobian(self, shifts: Array, theta: Array) -> Array:
         """Return whitened shifts, averaged over where in its interval a signal is."""
@@ -105,17 +107,11 @@ class Quantised(IndependentNoise):
         by_signal, _ = _information(np.array(self.steps) / sigma)
         return np.asarray(shifts * (np.sqrt(by_signal) / sigma)[:, None])
 
-    def score(self, samples: Array, theta: Array) -> Array:
-        """Return d log likelihood / d model signal: `(W, T, K)`."""
-        low, high = self._interval(samples, theta).densities
-        return np.asarray((low - high) / self.levels.scales(theta)[:, None])
-
     def noise_score(self, residuals: Residuals, theta: Array) -> tuple[Array, Array]:
         """Return slopes, and the expected curvature, larger where residuals are."""
-        interval = self._interval(residuals.samples, theta)
-        low, high = interval.densities
-        slope = np.nansum(interval.low * low - interval.high * high, axis=1)
-        _, size = _information(np.array(self.steps) / self.levels.scales(theta))
+        sigma = self.levels.scales(theta)
+        slope = np.nansum(self._log_mass(residuals.samples, Dual(sigma, sigma)).slope, axis=1)
+        _, size = _information(np.array(self.steps) / sigma)
         curvature = self.levels.sizes * size * np.maximum(1.0, 1.0 + slope / self.levels.sizes)
         free = list(self.levels.unknown)
         return slope[:, free], curvature[:, free]
@@ -125,27 +121,22 @@ class Quantised(IndependentNoise):
         _, size = _information(np.array(self.steps) / self.levels.scales(theta[None])[0])
         return np.asarray(self.levels.sizes * size)[list(self.levels.unknown)]
 
-    def fitted(self, samples: Array, theta: Array) -> Array:
-        """Return the unknowns fitted to residuals `samples (T, K)`."""
-        return np.array([self._likeliest(samples[:, k], k) for k in self.levels.unknown])
-
     def draw(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
         """Draw signals with fresh noise, rounded to whole steps."""
         sigma, steps = self.levels.scales(theta)[:, None], np.array(self.steps)
         noisy = signals + sigma * rng.standard_normal(signals.shape)
         return np.asarray(steps * np.round(noisy / steps))
 
-    def _interval(self, samples: Array, theta: Array) -> _Interval:
-        sigma = self.levels.scales(theta)[:, None]
+    def _log_mass(self, samples: Any, sigma: Any) -> Any:
+        """Return the log probabilities of intervals about `samples (W, T, K)`, of sigma `(W, K)`."""
         half = 0.5 * np.array(self.steps)
-        return _Interval((samples - half) / sigma, (samples + half) / sigma)
-
-    def _likeliest(self, residuals: Array, k: int) -> float:
-        residuals, half = residuals[~np.isnan(residuals)], 0.5 * self.steps[k]
-        low, high = residuals - half, residuals + half
-        sizes = np.geomspace(*SIGMA_GRID) * math.hypot(float(np.sqrt(np.mean(residuals**2))), half)
-        sums = [_Interval(low / s, high / s).log_mass.sum() for s in sizes]
-        return float(sizes[int(np.argmax(sums))])
+        low, high = (dual((samples + end) / sigma[:, None]) for end in (-half, half))
+        interval = _Interval(low.value, high.value)
+        log_mass = interval.log_mass
+        if not isinstance(samples, Dual) and not isinstance(sigma, Dual):
+            return log_mass
+        at_low, at_high = interval.densities(log_mass)
+        return Dual(log_mass, at_high * high.slope - at_low * low.slope)
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,11 +159,9 @@ class _Interval:
         with np.errstate(divide="ignore"):
             return np.asarray(below + _log_one_minus_exp(scipy.special.log_ndtr(far) - below))
 
-    @property
-    def densities(self) -> tuple[Array, Array]:
-        """At the two ends, over the probability between them."""
-        mass = self.log_mass
-        low, high = (np.exp(-0.5 * x**2 - _LOG_SQRT_2PI - mass) for x in (self.low, self.high))
+    def densities(self, log_mass: Array) -> tuple[Array, Array]:
+        """Return the densities at both ends, over the probability between them."""
+        low, high = (np.exp(-0.5 * x**2 - _LOG_SQRT_2PI - log_mass) for x in (self.low, self.high))
         return low, high
 
     def within(self, share: Array) -> Array:
@@ -207,8 +196,8 @@ def _information(ratio: Array) -> tuple[Array, Array]:
     reach = half + MAX_DISTANCE - first
     x = first + 0.5 * reach * (NODES + 1.0)
     interval = _Interval(x - half, x + half)
-    low, high = interval.densities
-    weight = reach * WEIGHTS * np.exp(interval.log_mass) / ratio[..., None]
+    low, high = interval.densities(log_mass := interval.log_mass)
+    weight = reach * WEIGHTS * np.exp(log_mass) / ratio[..., None]
     by_signal = (weight * (low - high) ** 2).sum(axis=-1)
     size = (weight * (interval.low * low - interval.high * high) ** 2).sum(axis=-1)
     return np.asarray(by_signal), np.asarray(size)

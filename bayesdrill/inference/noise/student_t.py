@@ -9,13 +9,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import scipy
 from pydantic import Field
 
 from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.duals import Dual, affine_map, elementwise, log
 from bayesdrill.basics.entries import LARGEST
 from bayesdrill.inference.noise.contract import ChannelNumbers, NoisyChannel, Residuals, pair_matrix
 from bayesdrill.inference.noise.white import IndependentNoise, White
@@ -25,8 +26,6 @@ from bayesdrill.inference.unknowns import Unknown
 # Degrees of freedom: below 2 there is no sd, and far above it is Gauss's.
 MIN_DEGREES, MAX_DEGREES = 2.1, 100.0
 START_DEGREES = 5.0  # of a search
-# Of degrees that are tried on what is left, and to find the scale of each.
-N_DEGREES, N_ITERATIONS = 64, 200
 _DESCRIPTION = "Degrees of freedom; default: unknown"
 
 
@@ -77,11 +76,9 @@ class StudentT(IndependentNoise):
         logs = residuals.logs(1.0 / (nu * scale**2))
         return np.asarray(self.levels.sizes * _constant(scale, nu) - 0.5 * (nu + 1.0) * logs)
 
-    def pointwise(self, samples: Array, theta: Array) -> Array:
+    def pointwise(self, samples: Any, theta: Any) -> Any:
         """Return the log density `(W, T, K)` of each sample."""
-        scale, nu = self._each(theta)
-        logs = np.log1p(samples**2 / (nu * scale**2))
-        return np.asarray(_constant(scale, nu) - 0.5 * (nu + 1.0) * logs)
+        return _log_density(samples, *self._each(theta))
 
     def whiten(self, samples: Array, theta: Array) -> Array:
         """Return whitened residuals by their quantiles, in the tail that is nearer."""
@@ -94,35 +91,22 @@ class StudentT(IndependentNoise):
         scale, nu = self._each(theta)
         return np.asarray(shifts / scale * np.sqrt((nu + 1.0) / (nu + 3.0)))
 
-    def score(self, samples: Array, theta: Array) -> Array:
-        """Return d log likelihood / d model signal: `(W, T, K)`."""
-        scale, nu = self._each(theta)
-        return np.asarray((nu + 1.0) * samples / (nu * scale**2 + samples**2))
-
     def noise_score(self, residuals: Residuals, theta: Array) -> tuple[Array, Array]:
         """Return slopes, and the expected curvature, larger where residuals are."""
         scale, nu = self._each(theta)
-        ratio = residuals.samples**2 / (nu * scale**2)
-        nu, n = nu[:, 0], self.levels.sizes
-        weighted = np.nansum((nu[:, None] + 1.0) * ratio / (1.0 + ratio), axis=1)
-        by_nu = scipy.special.digamma(0.5 * (nu + 1.0)) - scipy.special.digamma(0.5 * nu) - 1.0 / nu
-        by_nu = 0.5 * nu * (n * by_nu - np.nansum(np.log1p(ratio), axis=1)) + 0.5 * weighted
-        pairs = self._pairs(nu) * np.maximum(1.0, weighted / n)[..., None, None]
-        slope = np.hstack([(weighted - n)[:, self._free[0]], by_nu[:, self._free[1]]])
+        samples, n = residuals.samples, self.levels.sizes
+        by_scale, by_nu = (
+            np.nansum(_log_density(samples, *pair).slope, axis=1)
+            for pair in ((Dual(scale, scale), nu), (scale, Dual(nu, nu)))
+        )
+        inflation = np.maximum(1.0, 1.0 + by_scale / n)
+        pairs = self._pairs(nu[:, 0]) * inflation[..., None, None]
+        slope = np.hstack([by_scale[:, self._free[0]], by_nu[:, self._free[1]]])
         return slope, pair_matrix(pairs, self._free)
 
     def expected(self, theta: Array) -> Array:
         """Return the expected curvature."""
         return np.asarray(pair_matrix(self._pairs(self.degrees.values(theta[None])), self._free)[0])
-
-    def fitted(self, samples: Array, theta: Array) -> Array:
-        """Return the unknowns fitted to residuals `samples (T, K)`."""
-        each = [
-            _most_likely(samples[~np.isnan(samples[:, k]), k], self.levels.known.get(k), fixed)
-            for k, fixed in enumerate(self.degrees.fixed)
-        ]
-        scale, nu = np.array(each).T
-        return np.append(scale[self._free[0]], nu[self._free[1]])
 
     def draw(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
         """Draw signals `(W, T, K)` with fresh noise."""
@@ -133,9 +117,12 @@ class StudentT(IndependentNoise):
     def _free(self) -> tuple[list[int], list[int]]:
         return list(self.levels.unknown), self.degrees.free
 
-    def _each(self, theta: Array) -> tuple[Array, Array]:
+    def _each(self, theta: Any) -> tuple[Any, Any]:
         """Scales and degrees `(W, 1, K)`."""
-        return self.levels.scales(theta)[:, None], self.degrees.values(theta)[:, None]
+        scale, nu = (
+            affine_map(f, theta)[:, None] for f in (self.levels.scales, self.degrees.values)
+        )
+        return scale, nu
 
     def _pairs(self, nu: Array) -> Array:
         """Information `(W, K, 2, 2)` about the logs of scale and degrees (Lange and others 1989)."""
@@ -148,23 +135,15 @@ class StudentT(IndependentNoise):
         return np.asarray(out * self.levels.sizes[:, None, None])
 
 
-def _constant(scale: Array, nu: Array) -> Array:
-    """Log density of what is not off at all."""
-    gammas = scipy.special.gammaln(0.5 * (nu + 1.0)) - scipy.special.gammaln(0.5 * nu)
-    return np.asarray(gammas - 0.5 * np.log(math.pi * nu) - np.log(scale))
+def _log_density(samples: Any, scale: Any, nu: Any) -> Any:
+    """Return the log density of samples, of arrays or of numbers with slopes."""
+    ratio = samples**2 / (nu * scale**2)
+    logs = elementwise(np.log1p, lambda x: 1.0 / (1.0 + x), ratio)
+    return _constant(scale, nu) - 0.5 * (nu + 1.0) * logs
 
 
-def _most_likely(
-    residuals: Array, scale: float | None, degrees: float | None
-) -> tuple[float, float]:
-    """Scale and degrees of what is `left (n,)`, of each what is not given."""
-    nu = np.geomspace(MIN_DEGREES, MAX_DEGREES, N_DEGREES)
-    if degrees is not None:
-        nu = np.array([degrees])
-    scales = np.full(len(nu), math.sqrt(float(np.median(residuals**2))) if scale is None else scale)
-    for _ in range(N_ITERATIONS if scale is None else 0):  # those that are far off count for less
-        weights = (nu + 1.0) / (nu + residuals[:, None] ** 2 / scales**2)
-        scales = np.sqrt((weights * residuals[:, None] ** 2).mean(axis=0))
-    logs = np.log1p(residuals[:, None] ** 2 / (nu * scales**2)).mean(axis=0)
-    best = int(np.argmax(_constant(scales, nu) - 0.5 * (nu + 1.0) * logs))
-    return float(scales[best]), float(nu[best])
+def _constant(scale: Any, nu: Any) -> Any:
+    """Return the log density of what is not off at all."""
+    gammaln, digamma = scipy.special.gammaln, scipy.special.digamma
+    above, below = (elementwise(gammaln, digamma, 0.5 * each) for each in (nu + 1.0, nu))
+    return above - below - 0.5 * log(math.pi * nu) - log(scale)

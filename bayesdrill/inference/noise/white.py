@@ -6,11 +6,12 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.duals import Dual, affine_map, log
 from bayesdrill.basics.entries import NoEntries
 from bayesdrill.basics.symbols import noise_symbol
 from bayesdrill.inference.noise.contract import NoisyChannel, Residuals
@@ -90,10 +91,10 @@ class White:
         constant = -0.5 * self.sizes * math.log(2 * math.pi)
         return constant - self.sizes * np.log(sigma) - 0.5 * residuals.squares / sigma**2
 
-    def pointwise(self, samples: Array, theta: Array) -> Array:
+    def pointwise(self, samples: Any, theta: Any) -> Any:
         """Return the log density `(W, T, K)` of each sample."""
-        sigma = self.scales(theta)[:, None, :]
-        return -0.5 * math.log(2 * math.pi) - np.log(sigma) - 0.5 * (samples / sigma) ** 2
+        sigma = affine_map(self.scales, theta)[:, None]
+        return -0.5 * math.log(2 * math.pi) - log(sigma) - 0.5 * (samples / sigma) ** 2
 
     def whiten(self, samples: Array, theta: Array) -> Array:
         """Return whitened residuals `(W, T, K)`."""
@@ -126,10 +127,6 @@ class White:
         """Return the expected curvature."""
         return 2.0 * self.sizes[list(self.unknown)]
 
-    def fitted(self, samples: Array, theta: Array) -> Array:
-        """Return the unknown sigmas fitted to residuals `samples (T, K)`."""
-        return np.sqrt(np.nanmean(samples**2, axis=0))[list(self.unknown)]
-
     def draw(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
         """Draw signals `(W, T, K)` with fresh noise."""
         return signals + self.scales(theta)[:, None, :] * rng.standard_normal(signals.shape)
@@ -152,6 +149,15 @@ class IndependentNoise:
 
     def _with(self, levels: White) -> Self:
         return dataclasses.replace(self, levels=levels)  # type: ignore[type-var]  # each is one
+
+    def pointwise(self, samples: Any, theta: Any) -> Any:
+        """Return the log density `(W, T, K)` of each sample."""
+        raise NotImplementedError
+
+    def score(self, samples: Array, theta: Array) -> Array:
+        """Return d log likelihood / d model signal: `(W, T, K)`."""
+        moved = Dual(samples, -np.ones_like(samples))
+        return np.asarray(self.pointwise(moved, Dual(theta, np.zeros_like(theta))).slope)
 
     def square_weights(self, theta: Array) -> None:
         """Return None: sums of squares are not all; see `Noise.square_weights`."""

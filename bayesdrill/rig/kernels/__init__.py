@@ -1,6 +1,5 @@
 """Compiled kernels, eight walkers side by side: what every simulator computes in the end.
 
-`recurrence` is for even times, `irregular` for uneven ones, `time_stepping` for friction,
-`kalman_filter` for a latent torque. Nothing here knows an experiment: shapes and constants come
-as arguments.
+`linear` is for linear rigs, `time_stepping` for friction, `kalman_filter` for a latent torque. Nothing
+here knows an experiment: shapes and constants come as arguments.
 """

@@ -111,13 +111,15 @@ def _toolchain(effort: int) -> list[str]:
 
 @cache
 def _sources() -> str:
-    """The digest of what writes kernels: this folder, and the arithmetic of numbers with slopes.
+    """The digest of what writes kernels: `rig/kernels`, `rig/compression`, and numbers with slopes.
 
     Empty where they cannot be read, as in a package that is not unpacked.
     """
     digest = hashlib.sha256()
     try:
-        for path in (*sorted(Path(__file__).parent.glob("*.py*")), Path(duals.__file__)):
+        rig = Path(__file__).parents[1]
+        writers = [*rig.glob("kernels/*.py*"), *rig.glob("compression/*.py*")]
+        for path in (*sorted(writers), Path(duals.__file__)):
             digest.update(path.name.encode() + path.read_bytes())
     except OSError:
         return ""

@@ -9,8 +9,8 @@ angle.  All of it stands in memory, as it changes rarely.
 
     x+ = Phi x + g + Gamma u + Gamma_f f
 
-A size that changes with the speed is taken at the mean of the speeds at both ends.  Where a speed
-changes its sign, or what stuck lets go, see `ReversalStep`.
+A size that changes with the speed is taken at the mean of the speeds at both ends.  For events, zero
+crossings of a speed and the passage from stick to slip, see `ReversalStep`.
 """
 
 from __future__ import annotations

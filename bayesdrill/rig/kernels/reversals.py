@@ -1,8 +1,22 @@
-"""Steps in which a speed changes its sign or what stuck lets go, and long steps where nothing does.
+"""Events of dry friction within a time step: zero crossings of sliding speeds, stick and slip.
 
-While a speed keeps its sign its effort f is the friction's size, against it.  Where the sign
-changes, f is the mean over the step: of both signs, each for as long as a straight course of the
-speed has it, or, where the speed stays at zero once it is there, what stops it.
+Between events each friction slips one way or sticks, the rig is linear, and a step is exact
+(`friction`).  An event is the zero crossing of a sliding speed, after which the friction sticks or
+slips the other way, or the moment from which what sticks would have to hold more than friction at rest
+can, and slips.
+
+Events are not located in time: no root is sought, and no step ends at one.  A step with an event is
+made in parts, and in each part a mean effort stands for the friction:
+
+- a zero crossing: the mean of the efforts of both signs, each for as long as it acts if the speed
+  falls to zero along a straight line;
+- slip to stick: what brings the speed to zero at the end of the part;
+- stick to slip: what is held until it is as much as friction at rest can hold, and the sliding friction
+  from then on; what has to be held runs along two straight lines.
+
+Over a part of length h the impulse of the mean effort differs from the true one by O(h^2), and so does
+what the effort moves within the part.  So an event leaves an error of O(h^2) in the state, and a record
+with finitely many events has one of second order in the step (`docs/rigs.md`, dry friction).
 
 Steps are as short as friction asks for whose size falls with the speed.  Where every speed is so
 high that nothing of that is left, and stays far from zero, a long step goes to the next sample at
@@ -41,8 +55,7 @@ def advance_step(
 ) -> list[Number]:
     """Return new state, efforts (where the mode shows them), sizes that vary, and their trends.
 
-    Where a speed changes its sign or what stuck lets go, the mode is another from then on:
-    `turn(state)`.
+    After an event, a zero crossing or what stuck begins to slip, the mode is another: `turn(state)`.
     """
     kind, x, directions = mode.step.kind, len(now.state), mode.directions()
     smooth = mode.advance(now, directions)
@@ -72,7 +85,7 @@ class RestState:
 
 @dataclass(frozen=True, slots=True)
 class ReversalStep:
-    """A step in which speeds may change their signs, and frictions stick or let go.
+    """A step with events: speeds may cross zero, and frictions stick or slip.
 
     It is in `count` parts, each of them one `step`: what else happens in it, such as a current that
     follows fast, need not be as straight as a speed.
@@ -159,25 +172,25 @@ class ReversalStep:
             ]
             stop = sum_products(free[friction.row], others) * friction.stop_gain
             speed = state[friction.row]
-            slipping = self._of_moving(stop, speed, friction.stop_gain, sizes[e], at_rest[e])
+            slipping = self._effort_from_slip(stop, speed, friction.stop_gain, sizes[e], at_rest[e])
             stopped = [stop if k == e else effort for k, effort in enumerate(known)]
             there = self._moved(free, stopped, [k for k in friction.holding_row if k < len(free)])
             later = friction.holding_effort(there, drive)
-            still = self._of_still(stop, later, sizes[e], at_rest[e])
+            still = self._effort_from_stick(stop, later, sizes[e], at_rest[e])
             moves = is_moving(speed)
             known[e] = where(moves, slipping[0], still[0])
             slips[e] = slipping[1].both(moves).either(still[1].without(moves))
         return known, [slips[e] for e in range(len(self.step.frictions))]
 
-    def _of_moving(
+    def _effort_from_slip(
         self, stop: Number, speed: Number, over: Number, most: Number, at_rest: RestState
     ) -> tuple[Number, Mask]:
-        """Return the mean effort over a step that begins with a `speed`, and where it slips.
+        """Return the mean effort over a step that begins in slip, and where it ends in slip.
 
         `stop` is the effort that would make the speed zero.  With signs turned so that the speed is
         not negative, and in units of the effort: as long as stop > most, the speed stays positive.
-        Else it is zero after a share of the step, and remains so if what drives it there, stop -
-        speed, is no more than friction can hold; if not, it goes on backwards.
+        Else it crosses zero after a share of the step.  It sticks if what drives it there, stop -
+        speed, is no more than friction can hold; if not, it slips on backwards.
         """
         back = below(speed, 0.0)
         ahead, rate = where(back, -stop, stop), size(speed) * over
@@ -189,10 +202,10 @@ class ReversalStep:
         )
         return where(back, -turned, turned), keeps.either(passes)
 
-    def _of_still(
+    def _effort_from_stick(
         self, stop: Number, later: Number, most: Number, at_rest: RestState
     ) -> tuple[Number, Mask]:
-        """Return the mean effort over a step from rest, and where it slips at the end.
+        """Return the mean effort over a step that begins in stick, and where it slips at the end.
 
         What has to be held goes from `at_rest.effort` to `later`, in the mean `stop`.  Once it is
         more than friction at rest can hold, the speed slips under `most`.
@@ -296,7 +309,7 @@ def _spent(step: Step, state: Sequence[Number]) -> Iterator[tuple[Number, Number
 def _near_zero(
     step: Step, state: Sequence[Number], new: Sequence[Number], directions: Sequence[Vector]
 ) -> Iterator[Mask]:
-    """Tell where speeds may have crossed zero: they change by more than is left of them."""
+    """Tell where a zero crossing is possible: speeds change by more than is left of them."""
     for friction, direction in zip(step.frictions, directions, strict=True):
         change = size(new[friction.row] - state[friction.row])
         for end in (state, new):

@@ -2,17 +2,16 @@
 
 The Riccati equation is solved by doubling (Anderson 1978), and the start is exact.
 
-2^j steps have the covariance H that they leave of a known state, a transition B, and the
-information G of their samples on the state before them.  Two such stretches make one of twice the
-length:
+A block of 2^j samples has a transition B, the covariance H of the state after it where that before
+it is known, and the information G of its samples on the state before it.  Two equal blocks make one
+of twice the length:
 
     B <- B E        E = (1 + H G)^-1 B
     G <- G + B' G E
     H <- H + B (1 + H G)^-1 H B'
 
-until H is the steady-state covariance P.  One that goes before a stretch of information G' has,
-with it, G + B' G' (1 + H G')^-1 B: the record is put together of stretches as its length is written
-in twos.
+until H is the steady-state covariance P.  Blocks are combined by the binary digits of the record's
+length: one before a block of the information G' has, with it, G + B' G' (1 + H G')^-1 B.
 
 With the gain of P the filter is the recurrence of the response, channel after channel of a sample e
 = y - c x, x <- x + k e, then x <- Phi x + g + G u.  That the start has another covariance than P is
@@ -61,7 +60,7 @@ from bayesdrill.rig.kernels.transitions import table_entries
 
 MIN_DOUBLINGS, MAX_DOUBLINGS = 7, 44  # doublings
 COVARIANCE_TOLERANCE = 1e-14  # of the variance of a sample: what one more doubling may add to it
-# Of a sum; after a stretch that adds no more to it, one as long as both tells nothing.
+# Of a sum: after a block that adds no more to it, one as long as both adds nothing.
 INFORMATION_TOLERANCE = 1e-15
 
 
@@ -133,7 +132,7 @@ def _double(
 ) -> tuple[ir.Value, ir.Value]:
     """Store the `following` B, and G (`information`) and H (`p`) of twice as many steps.
 
-    Return whether G has grown by more than rounding, and twice the stretch may grow more; and whether
+    Return whether G has grown by more than rounding, and twice the block may grow more; and whether
     any channel would see the next addition to H, which is smaller by at least as much as this one is
     than the one before, `grown (K,)`.
     """
@@ -186,7 +185,7 @@ def _add_one(m: Numbers, n: int, x: ir.Value) -> None:
 
 
 def _prepend(m: Numbers, n: int, at: Addresses, transition: ir.Value) -> None:
-    """Put the stretch B, G, H before one of the information `g`, which becomes that of both."""
+    """Put the block B, G, H before one of the information `g`, which becomes that of both."""
     b, end = m.b, at["g"]
     lu, x, e = (m.room(n * n) for _ in range(3))
     _decompose_sum(m, n, at["p"], end, x, lu, m.room(1))

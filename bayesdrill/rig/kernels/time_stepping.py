@@ -1,5 +1,10 @@
 """Advance states step by step through a record, and observe channels at samples.
 
+A step is exact as long as each friction slips one way or sticks.  Where a step has an event, a zero
+crossing of a sliding speed or the passage from stick to slip, it is made in parts, whose efforts are
+means (`reversals`): an event leaves an error of second order in the length of a part, and is not
+located in time.
+
 Of channels with times of their own values and rates are stored at all nodes, and read between them.
 Between two nodes a channel is the cubic that has its values and its rates at both (Hermite): the
 rate after the first, with the efforts of this step, and the one before the second.

@@ -196,16 +196,6 @@ class Simulator(ABC):
         record = frozen(np.where(self.experiment.seen, y, np.nan))
         return self.of(dataclasses.replace(self.experiment, y=record))
 
-    def with_series(self, series: Mapping[str, Array]) -> Simulator:
-        """Return the simulator of the same experiment under other measured inputs.
-
-        Raises `ValueError` where other inputs are given than it has.
-        """
-        if set(series) != set(self.experiment.series):
-            raise ValueError(f"series of {sorted(self.experiment.series)} are wanted")
-        ordered = {name: series[name] for name in self.experiment.series}
-        return self.of(dataclasses.replace(self.experiment, series=ordered))
-
 
 MAX_SENSITIVITY_BYTES = 6e7  # of sensitivities at a time
 MAX_SQUARES = 1e200  # beyond which a product of their logs may have overflown

@@ -1,8 +1,9 @@
 """The response in steps of one length: rigs with friction, and inputs with lags of their own.
 
-While every friction slips or sticks a step is exact; one in which a speed changes its sign has an
-error of the order of the step, so that it is made in parts, and `pieces` steps make the interval
-between two samples.  Channels whose times are others are read between steps.
+While every friction slips or sticks a step is exact.  An event in it, such as a zero crossing of a
+speed, leaves an error of second order in its length (`kernels.reversals`): a step with an event is made
+in parts, and `pieces` steps make the interval between two samples.  Channels whose times are others are
+read between steps.
 """
 
 from __future__ import annotations
@@ -155,16 +156,13 @@ class Stepped(Simulator):
 
     @cached_property
     def _grid(self) -> UniformGrid:
-        return self._steps()
+        return UniformGrid(*self.sensors.knots, self.experiment.first_order, self.pieces)
 
     @cached_property
     def _nodes(self) -> UniformGrid:
-        return self._steps(every_node=True)
-
-    def _steps(self, *, every_node: bool = False) -> UniformGrid:
-        t, series = self.sensors.knots
-        first_order = self.experiment.first_order
-        return UniformGrid(t, series, first_order, self.pieces, every_node=every_node)
+        """The grid with a sample at each node."""
+        knots, first_order = self.sensors.knots, self.experiment.first_order
+        return UniformGrid(*knots, first_order, self.pieces, every_node=True)
 
     @cached_property
     def _bound_kernels(self) -> dict[Any, BoundKernel]:
@@ -223,13 +221,17 @@ class Stepped(Simulator):
 
         Each is `(W, ...)`, or `(1, ...)` where walkers have the same.
         """
+        walkers = ObservedWalkers(self.sensors, full if along is None else Dual(full, along))
+        known = self._shared_parts or self._walker_parts(walkers)
+        parts = {"parameters": walkers.parameters, **known}
         if along is None:
-            walkers = ObservedWalkers(self.sensors, full)
-            known = self._shared_parts or self._walker_parts(walkers)
-            return {"parameters": [walkers.parameters], **{name: [known[name]] for name in known}}
-        walkers = ObservedWalkers(self.sensors, Dual(full, along))
-        duals = {"parameters": walkers.parameters, **self._walker_parts(walkers)}
-        return {name: [part.value, part.slope] for name, part in duals.items()}
+            return {name: [part] for name, part in parts.items()}
+        return {
+            name: [part.value, part.slope]
+            if isinstance(part, Dual)
+            else [part, np.zeros_like(part)]
+            for name, part in parts.items()
+        }
 
     def _walker_parts(self, walkers: ObservedWalkers) -> dict[str, Any]:
         """Return the parts of each walker, as its sensors and its start are."""

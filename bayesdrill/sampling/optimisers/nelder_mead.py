@@ -184,7 +184,7 @@ def _placed(z: Array, root: Array, x: Array) -> Array:
 def _steps(task: Task, theta: Array, *, far: bool) -> Array:
     """Columns: first steps of the simplex, in the coordinates of the search."""
     if far:
-        return LOG_STEP * laplace.slopes_by_logs(task.coordinates, theta)
+        return np.diag(LOG_STEP * task.coordinates.slopes_by_natural(theta[None])[0])
     columns = laplace.matrix_root(task.covariance(theta))
     longest = np.abs(columns).max(axis=0)
     return np.asarray(columns * np.minimum(1.0, MAX_STEP / longest))

@@ -13,19 +13,19 @@ from support.linear_oracle import ExactMotion
 from support.scipy_oracles import ORDER, skewed
 from support.small_problems import experiment, vector
 
-from bayesdrill.rig.models.motor_shaft import DrivenShaft, MotorShaft
-from bayesdrill.rig.models.train import Train
-from bayesdrill.rig.simulators import simulator
-from bayesdrill.rig.simulators.compressed import CompressedSimulator, compress, even_record
-from bayesdrill.rig.simulators.contract import Simulator
-from bayesdrill.rig.simulators.linear import Response
-from bayesdrill.rig.simulators.long_record import long_states as fast
-from bayesdrill.rig.simulators.rational_basis import (
+from bayesdrill.rig.compression.basis import (
     BLOCK,
     CompressionError,
     basis_of,
     choose_basis,
 )
+from bayesdrill.rig.compression.simulator import CompressedSimulator, compress, even_record
+from bayesdrill.rig.models.motor_shaft import DrivenShaft, MotorShaft
+from bayesdrill.rig.models.train import Train
+from bayesdrill.rig.simulators import simulator
+from bayesdrill.rig.simulators.contract import Simulator
+from bayesdrill.rig.simulators.linear import Response
+from bayesdrill.rig.simulators.long_record import long_states as fast
 from bayesdrill.rig.simulators.sensors import ObservationModel, ObservedWalkers
 
 SIGMA = 0.1

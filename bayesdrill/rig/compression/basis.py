@@ -1,6 +1,6 @@
 """Rational functions for the response of a rig near a reference, and a record along them.
 
-See `kernels.rational_basis` for what they are.  Poles are chosen for the rigs at given points; then
+See `basis_kernel` for what they are.  Poles are chosen for the rigs at given points; then
 the record, block by block, becomes a triangle: of the functions as columns B = Q R, and of what the
 reference leaves of the record Q' r.  Its size does not depend on the length of the record.
 """
@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from bayesdrill.basics.arrays import Array
-from bayesdrill.rig.kernels.rational_basis import PAIR, REAL, ROUNDS, ROWS, PoleNumbers
+from bayesdrill.rig.compression.basis_kernel import PAIR, REAL, ROUNDS, ROWS, PoleNumbers
 
 BLOCK = 1 << 14  # samples at a time
 ROWS_AT_ONCE = 16  # times the columns: so many a triangle takes in while they are near at hand

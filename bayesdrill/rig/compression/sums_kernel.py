@@ -1,6 +1,6 @@
 """Sums of squares of a long record, and their normal equations, from its triangle.
 
-See `rational_basis` for the functions that are the triangle's columns.
+See `basis_kernel` for the functions that are the triangle's columns.
 """
 
 from __future__ import annotations
@@ -11,6 +11,11 @@ from itertools import islice
 import numpy as np
 from llvmlite import ir
 
+from bayesdrill.rig.compression.basis_kernel import (
+    ROWS,
+    BasisExpansion,
+    BasisShape,
+)
 from bayesdrill.rig.kernels.exponential import store_exponential
 from bayesdrill.rig.kernels.lanes import (
     NUMBERS,
@@ -22,11 +27,6 @@ from bayesdrill.rig.kernels.lanes import (
     vector,
 )
 from bayesdrill.rig.kernels.numbers import Blocks
-from bayesdrill.rig.kernels.rational_basis import (
-    ROWS,
-    BasisExpansion,
-    BasisShape,
-)
 
 COUNTS = ("groups", "columns", "channel", "sum", "q")
 BLOCKS = (

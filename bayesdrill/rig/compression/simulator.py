@@ -1,7 +1,7 @@
 """A linear rig's record in a few hundred numbers: sums of squares that do not know its length.
 
 The second implementation of a simulator.  Sums of squares and their normal equations come from the
-record's triangle (`rational_basis`) wherever the bound of what is left is small enough, walker by
+record's triangle (`basis`) wherever the bound of what is left is small enough, walker by
 walker; everything else, and all other walkers, from the exact simulator.
 """
 
@@ -19,16 +19,7 @@ import numpy as np
 from bayesdrill.basics.arrays import Array, Counts, Flags
 from bayesdrill.basics.duals import Dual
 from bayesdrill.record.experiment import Experiment
-from bayesdrill.rig.kernels.compiling import compile_kernel
-from bayesdrill.rig.kernels.compressed_sums import write_sums
-from bayesdrill.rig.kernels.exponential import present
-from bayesdrill.rig.kernels.lanes import LANES
-from bayesdrill.rig.kernels.rational_basis import BasisShape
-from bayesdrill.rig.kernels.sums import SQUARES, ResidualSums
-from bayesdrill.rig.models.linear import Model
-from bayesdrill.rig.simulators.contract import Simulator, in_groups
-from bayesdrill.rig.simulators.long_record import LongRecord
-from bayesdrill.rig.simulators.rational_basis import (
+from bayesdrill.rig.compression.basis import (
     BLOCK,
     Basis,
     Columns,
@@ -37,6 +28,16 @@ from bayesdrill.rig.simulators.rational_basis import (
     choose_basis,
     triangle,
 )
+from bayesdrill.rig.compression.basis_kernel import BasisShape
+from bayesdrill.rig.compression.sums_kernel import write_sums
+from bayesdrill.rig.kernels.compiling import compile_kernel
+from bayesdrill.rig.kernels.exponential import present
+from bayesdrill.rig.kernels.lanes import LANES
+from bayesdrill.rig.kernels.sums import SQUARES, ResidualSums
+from bayesdrill.rig.models.linear import Model
+from bayesdrill.rig.simulators import exact_reason
+from bayesdrill.rig.simulators.contract import Simulator, in_groups
+from bayesdrill.rig.simulators.long_record import LongRecord
 from bayesdrill.rig.simulators.sensors import ObservationModel, ObservedWalkers
 from bayesdrill.rig.simulators.stepped import Unstepped
 
@@ -44,7 +45,7 @@ TOLERANCE = 1e-7  # of the log likelihood
 MAX_BEYOND = 0.02  # of points: walkers whose bound is larger have the exact simulator
 NONE = np.zeros(0)
 LEAST = 1e-300  # weight of a sum that does not count
-DIGITS = (12, 26, 2)  # of a response that functions are to have: first, last, and steps between
+RESPONSE_DIGITS = range(12, 26, 2)  # digits of a mode's response that functions keep, fewest first
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -250,24 +251,12 @@ class CompressedSimulator(Unstepped):
         return compile_kernel(write_sums, shape).run("sums", n, (width,), **given), scratch
 
 
-def even_record(simulator: Simulator) -> LongRecord | None:
-    """Return the record of a linear rig that has one step, and no channel that is late; or None."""
-    late = simulator.sensing.shifts or simulator.stepping is not None
+def even_record(simulator: Simulator) -> LongRecord:
+    """Return the record of a linear rig that has one step, and no channel that is late."""
     grid = simulator.sensors.grid
-    if late or not grid.uniform:
-        return None
     count = len(grid.t) - 1
     at = grid.at if len(grid.at) < count else None
     return LongRecord(simulator.sensors, float(grid.spans[0]), count, at)
-
-
-def obstacle(simulator: Simulator) -> str:
-    """Say in words why a record cannot be compressed whatever the parameters; empty where it can."""
-    if simulator.stepping is not None:
-        return "the rig has dry friction or inputs with lags, and is stepped"
-    if simulator.sensing.shifts:
-        return "its channels are late, or its inputs"
-    return "its samples are not evenly spaced" if even_record(simulator) is None else ""
 
 
 def compress(simulator: Simulator, points: Array, variances: Array, weights: Array) -> Compression:
@@ -275,12 +264,12 @@ def compress(simulator: Simulator, points: Array, variances: Array, weights: Arr
 
     `variances (K,)`: of the noise.  `weights (K, sums)`: of sums of squares in minus twice the log
     likelihood, which may be wrong by `TOLERANCE`; see `Noise.square_weights`.  Raises
-    `CompressionError` where it cannot be done: see `obstacle`, and where modes do not decay, or poles
-    are too far apart.
+    `CompressionError` where it cannot be done: see `exact_reason`, and where modes do not decay, or
+    poles are too far apart.
     """
+    if reason := exact_reason(simulator):
+        raise CompressionError(reason)
     record = even_record(simulator)
-    if record is None:
-        raise CompressionError(obstacle(simulator))
     sensors, (k_count, sums) = record.sensors, weights.shape
     with np.errstate(all="ignore"):
         rates = ObservedWalkers(sensors, points).system[0]
@@ -288,7 +277,7 @@ def compress(simulator: Simulator, points: Array, variances: Array, weights: Arr
     n = np.array(simulator.experiment.counts, dtype=float)
     usual = np.stack([n, 4.0 * n, np.full(len(n), 2.0)], axis=1)[:, :sums]
     tolerance = 2.0 * TOLERANCE / np.maximum(np.abs(weights), LEAST) / weights.size
-    for digits in range(*DIGITS):  # until the bound is small enough at nearly all points
+    for digits in RESPONSE_DIGITS:  # until the bound is small enough at nearly all points
         basis = choose_basis(rates, record.step, 10.0**-digits)
         nothing = Compression.of_nothing(
             basis, record, sizes, tolerance, layout=record.layout, channels=k_count,
