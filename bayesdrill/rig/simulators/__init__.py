@@ -21,7 +21,7 @@ from bayesdrill.rig.simulators.linear import Response
 from bayesdrill.rig.simulators.sensors import ObservationModel
 from bayesdrill.rig.simulators.stepped import Stepped
 
-COMPRESSED_FROM = 20_000  # samples: of fewer an exact run takes hardly longer than a compressed one
+COMPRESSED_FROM = 20_000  # samples: of fewer a run takes at most some minutes without it
 
 
 def simulator(
