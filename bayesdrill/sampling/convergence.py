@@ -325,7 +325,6 @@ def assess(
     by_walkers = draws.shape[0] * draws.shape[1] / autocorrelation_time(post_burn_in[:, ::thin])
     ess_bulk = np.minimum(arviz.ess(draws, **axes, method="bulk"), by_walkers)
     ess_tail = np.minimum(arviz.ess(draws, **axes, method="tail", prob=0.9), by_walkers)
-    disagreeing = not (r_hat <= targets.r_hat).all()
     missing = list(_reasons(names, targets, measured, r_hat, ess_bulk))
     troubles: tuple[str, ...] = ()
     if post_burn_in.shape[1] >= MIN_STEPS_FOR_WALKERS:
@@ -334,6 +333,7 @@ def assess(
             theta=post_burn_in, log_p=density, names=names, tau=tau, n_tau=targets.n_tau
         )
         troubles = walker_troubles(chain)
+    unsound = bool(troubles) or not (r_hat <= targets.r_hat).all()
     if capped and not troubles:
         missing.append(
             f"the run is too short to judge its burn-in: {BURN_IN_TAUS} autocorrelation times are "
@@ -353,9 +353,7 @@ def assess(
         n_tau=n_tau,
         reasons=(*troubles, *missing),
         slowest=names[int(np.argmax(tau))],
-        enough=None
-        if troubles or disagreeing
-        else _steps_needed(n_steps, targets, n_tau, ess_bulk),
+        enough=None if unsound else _steps_needed(n_steps, targets, n_tau, ess_bulk),
     )
 
 

@@ -149,9 +149,8 @@ def begin_walkers(
     """Place `n` walkers around all maxima, as many at each, in a wider spread than the proposal's.
 
     No walker starts where p/q is so large that the independence move would hardly ever move it.  Draws
-    are first taken wider than the proposal, then from the proposal itself.  At last, if hardly any is
-    inside the prior, draws are mirrored at its ends and drawn in towards the first maximum.  Raises
-    `NoSupportError` if that fails as well.
+    are taken wider than the proposal, then from the proposal itself, and at last mirrored at the ends
+    of the priors and drawn in towards the first maximum.  Raises `NoSupportError` if all fail.
     """
     random = np.random.RandomState(seeds.bits(seed, "start", ensemble))
     mixture = proposal.mixture

@@ -85,8 +85,8 @@ def bridge(on_chain: Array, drawn: Array, tried: int) -> Evidence | None:
     """Solve the bridge equation for the evidence (Meng and Wong 1996).
 
     `on_chain (E, S, W)` and `drawn (n,)` are log (p/q) at the walkers' steps and at draws of q; the rest
-    of the `tried` draws have p = 0.  With s and t the shares of chain and draws, and w = p/q, Z solves
-    Z = E_q[w / (s w + t Z)] / E_p[1 / (s w + t Z)].  Both means are of bounded terms, however large w.
+    of the `tried` draws have p = 0.  With s, t the shares of chain and draws, and w = p/q, Z solves
+    `Z = E_q[w / (s w + t Z)] / E_p[1 / (s w + t Z)]`.  Both means are of bounded terms, however large w.
     """
     drawn = drawn[np.isfinite(drawn)]
     if len(drawn) == 0:

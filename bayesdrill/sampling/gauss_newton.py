@@ -67,10 +67,7 @@ def _gauss_newton_model(surface: LogDensity, u: Array) -> QuadraticModel:
 
 
 def _second_order_model(surface: LogDensity, u: Array) -> QuadraticModel:
-    """Return a model with the second derivatives, by differences of slopes.
-
-    Directions in which the density curves upwards get the negative of their curvature.
-    """
+    """Return a model with second derivatives by differences; upward curvature changes its sign."""
     n, d = u.shape
     here = _gauss_newton_model(surface, u)
     steps = DIFFERENCE_STEP * np.diag(surface.spread)
@@ -88,10 +85,7 @@ def _second_order_model(surface: LogDensity, u: Array) -> QuadraticModel:
 def _best_step(
     surface: LogDensity, u: Array, value: Array, damping: Array, here: QuadraticModel
 ) -> tuple[Array, Array, Array, Flags]:
-    """Try steps of several dampings from `u (W, D)`, and keep the best if it is an improvement.
-
-    Returns points, log densities, the damping for the next step, and whether a point has advanced.
-    """
+    """Take the best of steps with several dampings; return points, values, dampings and success."""
     trials = [_damped_step(surface, u, here, damping * factor) for factor in DAMPING_FACTORS]
     values = surface.value(np.concatenate(trials)).reshape(len(trials), -1)
     for k in range(CORRECTED_TRIALS):

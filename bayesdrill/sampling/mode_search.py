@@ -21,10 +21,8 @@ from bayesdrill.sampling import multiple_modes
 from bayesdrill.sampling.gauss_newton import GaussNewtonResult, gauss_newton, newton_gain
 from bayesdrill.sampling.optimisers.contract import Optimiser, Optimum, Task
 
-SAME_LOG_DENSITY = (
-    1e-2  # two searches reached the same height if they differ by less than this, ...
-)
-SAME_POINT = 0.01  # ... and the same point if no unknown differs by more than this share of it
+SAME_LOG_DENSITY = 1e-2  # two searches have the same height if they differ by less than this
+SAME_POINT = 0.01  # they have the same end if no unknown differs by more than this share of it
 RELATIVE_ROUNDING = 1e-12  # of the log posterior: two heights cannot agree better than its digits
 CANDIDATES_PER_START = 4096  # prior draws, of which a search starts at the best
 LOWEST_LOG_DENSITY = -1e300  # log density of a search that ended where there is none
