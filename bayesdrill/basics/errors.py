@@ -34,9 +34,11 @@ class InputError(Exception):
 
     Examples
     --------
-    >>> bd.load("none.yaml")
-    Traceback (most recent call last):
-    bayesdrill.basics.errors.InputError: none.yaml: ...
+    >>> try:
+    ...     bd.nominal("table_9")
+    ... except bd.InputError as error:
+    ...     print(error.problems[0].place)
+    nominal
     """
 
     def __init__(self, problems: Sequence[Issue]) -> None:
