@@ -59,7 +59,7 @@ def evidence(
     z, log_p = z[:, ::thin], log_p[:, ::thin]
     log_q = log_density(mixture, z.reshape(-1, z.shape[-1]))
     on_chain = log_p - log_q.reshape(log_p.shape)
-    tried = math.ceil(min(log_p.size / proposal.share, MAX_TRIES_PER_DRAW * log_p.size))
+    tried = math.ceil(min(log_p.size / proposal.share_inside, MAX_TRIES_PER_DRAW * log_p.size))
     drawn = _draw(posterior, mixture, tried, random)
     return bridge(on_chain, drawn, tried)
 

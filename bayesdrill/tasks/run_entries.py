@@ -134,7 +134,7 @@ def _weighted_means(view: ReportContext, learnt: LearnedProposal) -> dict[str, A
     error = np.sqrt(draws.weights**2 @ (theta - mean) ** 2)
     return {
         "draws": len(theta),
-        "share": round(draws.share, 4),
+        "share": round(draws.effective_share, 4),
         "acceptance": round(draws.acceptance, 4),
         "mean": dict(zip(free, mean.tolist(), strict=True)),
         "error": dict(zip(free, error.tolist(), strict=True)),

@@ -162,8 +162,8 @@ def _best_mixture(
     rounds: list[_Round] = []
     for _ in range(MAX_ROUNDS if max_added_ridges else MAX_ROUNDS // 3):
         round_ = _draw(mixture, origin, surface, random)
-        share = round_.draws.share
-        settled = bool(rounds) and share < MIN_IMPROVEMENT * rounds[-1].draws.share
+        share = round_.draws.effective_share
+        settled = bool(rounds) and share < MIN_IMPROVEMENT * rounds[-1].draws.effective_share
         rounds.append(round_)
         text = f"learning the proposal, round {len(rounds)}: {share:.0%} of its draws count"
         report.update(len(rounds) / (MAX_ROUNDS + 1), text)
@@ -272,7 +272,7 @@ class _Round:
     @property
     def good(self) -> bool:
         return (
-            self.draws.share > GOOD_EFFECTIVE_SHARE
+            self.draws.effective_share > GOOD_EFFECTIVE_SHARE
             and self.strays < MAX_STRAY_MASS
             and self.trapped < 2.0 * MAX_TRAPPED_MASS
         )
@@ -280,8 +280,8 @@ class _Round:
     @property
     def efficiency(self) -> float:
         """The effective share of the draws over their cost, with a penalty for trapped mass."""
-        cost = 1.0 + REDRAW_COST / self.proposal.share
-        return self.draws.share / (cost * (1.0 + TRAPPING_PENALTY * self.trapped))
+        cost = 1.0 + REDRAW_COST / self.proposal.share_inside
+        return self.draws.effective_share / (cost * (1.0 + TRAPPING_PENALTY * self.trapped))
 
 
 def _draw(mixture: Mixture, origin: tuple[int, ...], surface: LogDensity, random: Random) -> _Round:

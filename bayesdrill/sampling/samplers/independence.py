@@ -50,7 +50,7 @@ class WeightedDraws:
         return effective_count(self.weights)
 
     @property
-    def share(self) -> float:
+    def effective_share(self) -> float:
         """The share of draws from q alone that would be effective for p."""
         ratio, q = np.exp(self.log_w - self.log_w.max()), normalised(self.log_q)
         return float((q @ ratio) ** 2 / (q @ ratio**2))
@@ -308,12 +308,12 @@ MAX_DRAWS_PER_WANTED = 10  # draws in a round for each that is wanted, since few
 class Proposal:
     """A mixture from which steps are drawn inside the prior.
 
-    `share` is the approximate share of the mixture's draws that are inside the prior, and
+    `share_inside` is the approximate share of the mixture's draws that are inside the prior, and
     `typical_log_ratio` the median of log (p/q) over p.
     """
 
     mixture: Mixture
-    share: float
+    share_inside: float
     typical_log_ratio: float
 
     def high(self, log_q: Array) -> Array:
@@ -329,7 +329,7 @@ class Proposal:
         have = 0
         batches: list[tuple[Array, Array]] = []
         for attempt in range(MAX_REDRAWS):
-            wanted = min(1.2 * (n - have) / self.share, MAX_DRAWS_PER_WANTED * n)
+            wanted = min(1.2 * (n - have) / self.share_inside, MAX_DRAWS_PER_WANTED * n)
             drawn = self.mixture.draw(int(wanted) + 8, random)
             if attempt < MAX_REDRAWS - 1:
                 drawn = drawn.select(np.flatnonzero(inside(drawn.u))[: n - have])

@@ -80,7 +80,7 @@ def test_humps_thousands_of_their_widths_apart_are_learnt(d: int) -> None:
     """As aliases are."""
     surface = humps(d, (0.7, 0.3), (0.01, 0.005), 2000.0)
     draws = learned(surface, surface.means).draws
-    assert draws.share > 0.9
+    assert draws.effective_share > 0.9
     assert draws.acceptance > 0.9
 
 
