@@ -42,9 +42,7 @@ POINTS_AT_ONCE = 50  # points of a log density, since some noises keep all sampl
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Channel(Value):
-    """A measured channel of a case of arrays.
-
-    Its mistakes are reported by `case`, together with all others.
+    """A measured channel of a case of arrays, whose mistakes are reported by `case`.
 
     Parameters
     ----------
@@ -80,9 +78,7 @@ class Channel(Value):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Input(Value):
-    """A measured input of a case of arrays.
-
-    Its mistakes are reported by `case`, together with all others.
+    """A measured input of a case of arrays, whose mistakes are reported by `case`.
 
     Parameters
     ----------
@@ -152,8 +148,7 @@ class Case(Value):
     ... )
     >>> case.unknowns
     ('k_s',)
-    >>> best = case.find_map(quick=True)
-    >>> bool(abs(best.values["k_s"] / bd.nominal()["k_s"] - 1) < 0.01)
+    >>> bool(abs(case.find_map(quick=True).values["k_s"] / bd.nominal()["k_s"] - 1) < 0.01)
     True
     """
 
@@ -171,13 +166,7 @@ class Case(Value):
     __repr__ = __str__
 
     def preview(self) -> str:
-        """Describe what would run: columns, priors, start, sizes, and what the record can show.
-
-        Returns
-        -------
-        str
-            The text that `bayesdrill check` prints.
-        """
+        """Return the text of `bayesdrill check`: columns, priors, sizes, and what the record shows."""
         problem, config = self.job.problem, self.job.config
         first = identify.preflight(self.job, SensitivityStudy(problem.posterior.likelihood))
         columns = [] if self.columns is not None else [words.record_columns(problem, self.job.case)]
@@ -247,10 +236,7 @@ class Case(Value):
         return f"figure: {save_rig(problem.model, to)}"
 
     def draw_record(self, path: str | Path) -> str:
-        """Draw channels and inputs over time, a figure for each experiment.
-
-        Parameters, return value and errors are those of `draw_rig`.
-        """
+        """Draw channels and inputs over time, a figure for each experiment; see `draw_rig`."""
         from bayesdrill.report.sections.fit_figure import save_record  # late: it loads what draws
 
         to = _figure_file(self.job, "--figure-record", path)
@@ -319,11 +305,6 @@ class Case(Value):
         -------
         Best
             The maximum; its `reasons` tell why it must not be believed.
-
-        Examples
-        --------
-        >>> sorted(case.find_map(quick=True).values)
-        ['k_s', 't_f']
         """
         from bayesdrill.api.run import Best  # late: it loads all that sampling needs
         from bayesdrill.tasks import find_map
