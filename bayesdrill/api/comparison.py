@@ -219,7 +219,7 @@ def overlay(
 
     Examples
     --------
-    >>> [row.name for row in bd.overlay([run, run], ["a", "b"]).rows]
+    >>> [row.symbol.name for row in bd.overlay([run, run], ["a", "b"]).rows]
     ['k_s', 't_f']
     """
     return _compared("overlay", runs, names)
@@ -247,11 +247,6 @@ def compare(
     ------
     InputError
         If there are fewer than two runs, one cannot be opened, or their records differ.
-
-    Examples
-    --------
-    >>> sorted(bd.compare([run, run], ["a", "b"]).log_evidence)
-    ['a', 'b']
     """
     return _compared("comparison", runs, names)
 

@@ -209,11 +209,6 @@ class Candidates(Value):
         The simplest model that can be trusted.
     job : Job
         The config with its record.
-
-    Examples
-    --------
-    >>> case.candidates().ranked
-    ()
     """
 
     ranked: tuple[Cause, ...]
