@@ -1,19 +1,19 @@
-"""bayesdrill: what a record says about the nine parameters of a torsional drilling rig.
+"""bayesdrill: Bayesian identification of the parameters of a torsional rig from records.
 
     import bayesdrill as bd
 
-    case = bd.load("configs/nominal_step.yaml")     # or bd.case(...), of arrays
+    case = bd.load("configs/nominal_step.yaml")     # or bd.case(...), from arrays
     case.identify()                                 # what this record can show
     run = case.sample(case.find_map(), seed=1)
     run.judge(); run.plot_corner(); run.to_arviz()
     run.save("results/mine"); bd.open("results/mine")
     bd.overlay(["results/mine", run])               # several runs side by side
-    bd.compare(["results/mine", run])               # which model of one record is the more probable
+    bd.compare(["results/mine", run])               # the more probable of two models of one record
 
-With files and folders, as the command line: `bd.init`, `bd.example`, `bd.simulate`, `case.run`,
-`bd.publish`, `bd.calibration`, `bd.ladder`, `bd.citation`.
-All that is returned is a frozen record and prints itself in words; nothing else writes than these and
-`save`.
+The commands on files and folders are functions too: `bd.init`, `bd.example`, `bd.simulate`,
+`case.run`, `bd.publish`, `bd.calibration`, `bd.ladder`, `bd.citation`.  Only these and the `save`
+methods write files.  Results are frozen records, and `print` shows them.  `help(bd.Case)` explains
+the usual order of work.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ if TYPE_CHECKING:
     from bayesdrill.rig.models.train import Train as Train
     from bayesdrill.tasks.identify import Findings as Findings
 
-# Transforms of SciPy raise an error at anything else; what is no number of threads counts as unset.
+# SciPy's transforms fail if one of these is no number of threads, so such a value is removed.
 for _name in ("OMP_NUM_THREADS", "DUCC0_NUM_THREADS"):
     if not re.fullmatch(r"\s*\+?\d{1,9}\s*", os.environ.get(_name, "1")):
         del os.environ[_name]
@@ -70,7 +70,7 @@ __version__ = "0.1.0"
 
 __all__ = ["__version__", *public_names(__name__)]
 
-__getattr__ = lazy_attributes(__name__)  # the command line has to answer before NumPy is loaded
+__getattr__ = lazy_attributes(__name__)  # so that the command line answers before NumPy is loaded
 
 
 def __dir__() -> list[str]:

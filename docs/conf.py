@@ -20,7 +20,7 @@ project = "bayesdrill"
 version = release = __version__
 project_copyright = "the authors of bayesdrill"
 
-extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx_copybutton"]
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_copybutton"]
 exclude_patterns = ["paper", "paper.template.md"]
 
 # Anchors as a forge makes them, so that one link serves both.

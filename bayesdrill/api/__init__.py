@@ -1,5 +1,5 @@
-"""For notebooks and scripts: what the commands do, in memory, with results that show themselves.
+"""The Python API for notebooks and scripts: all commands, with results that print themselves.
 
-What is given is checked by annotations and by name (`arguments`). The work itself is in
+Arguments are checked by their annotations and by name (`arguments`). The work itself is done in
 `tasks`.
 """

@@ -1,4 +1,4 @@
-"""Arguments of the API, checked before they go on, each mistake by its name; and jobs of many fits."""
+"""Checks of the API's arguments, and a base of jobs with many fits."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ if TYPE_CHECKING:
     from bayesdrill.tasks.remote import RefitExecutor
 
 
-MOST_PROCESSES = 256  # of which each takes the memory of an interpreter with all libraries
+MOST_PROCESSES = 256  # each takes the memory of an interpreter with all libraries
 
 
 def series(location: str, values: Any, issues: list[Issue]) -> Array:
-    """`(T,)` numbers; what a mask hides is NaN.  Of anything else a problem is `issues`."""
+    """Return numbers `(T,)`, with NaN where masked; a mistake is added to `issues`."""
     try:
         masked = np.ma.getmaskarray(values) if isinstance(values, np.ma.MaskedArray) else None
         raw = np.asarray(values)
-    except Exception:  # lists of different lengths, and whatever arrays of others raise
+    except Exception:  # lists of different lengths; arrays of other libraries may raise anything
         raw, masked = np.array(None), None
     if raw.ndim == 2 and 1 in raw.shape:
         raw = raw.reshape(-1)
@@ -57,7 +57,7 @@ def series(location: str, values: Any, issues: list[Issue]) -> Array:
 
 
 def rig(value: Any) -> Model:
-    """A model, or that of its name as it is by default."""
+    """Return a model as it is, or the default model of a name; raises `InputError`."""
     kinds = tuple(MODELS.usable().values())
     if isinstance(value, kinds):
         return value
@@ -68,7 +68,7 @@ def rig(value: Any) -> Model:
 
 
 def known[T](registry: Mapping[str, T], name: Any, location: str, what: str) -> T:
-    """Look up a name; raises `InputError` at `location` with the nearest known one."""
+    """Look up a name; raises `InputError` at `location` with the most similar known name."""
     try:
         return lookup(registry, str(name), what)
     except ValueError as error:
@@ -84,19 +84,19 @@ def whole(location: str, value: int, least: int) -> int:
 
 
 def mode(*, resume: bool, force: bool) -> WriteMode:
-    """Say how a folder with results is treated; raises `InputError` where both are given."""
+    """Return how a folder with results is treated; raises `InputError` if both are given."""
     if resume and force:
         raise InputError.at("", "--resume and --force exclude each other; give one of them")
     return "resume" if resume else "force" if force else "fresh"
 
 
 def results_folder(folder: str | Path | None, default: Path) -> Path:
-    """Return the given folder, or the `default` one where none is given."""
+    """Return `folder` with its `~` expanded, or the `default` for None."""
     return default if folder is None else Path(folder).expanduser()
 
 
 def workers(processes: int | None) -> int:
-    """Return how many processes to use; None means as many as there are processors."""
+    """Return the number of processes; None means one for each processor. Raises `InputError`."""
     if processes is None:
         return available_processors()
     count = whole("processes", processes, 1)
@@ -106,7 +106,7 @@ def workers(processes: int | None) -> int:
 
 
 def crew(processes: Any, scheduler: str | None) -> AbstractContextManager[RefitExecutor]:
-    """Return processes of this machine, see `workers`, or those of the Dask cluster of a scheduler."""
+    """Return an executor on this machine (see `workers`), or on the Dask cluster of a scheduler."""
     from bayesdrill.tasks import remote
 
     if scheduler is not None:
@@ -115,14 +115,14 @@ def crew(processes: Any, scheduler: str | None) -> AbstractContextManager[RefitE
 
 
 def is_series(value: Any) -> bool:
-    """Whether these are several numbers, or none at all."""
+    """Return whether a value is a sequence or array, and no single number or text."""
     if isinstance(value, np.ndarray):
         return value.ndim > 0
     return hasattr(value, "__len__") and not isinstance(value, str)
 
 
 def number(location: str, value: Any, issues: list[Issue], *, positive: bool = False) -> float:
-    """Read a number; a mistake is added to `issues`, and NaN comes back."""
+    """Return a finite number; for a mistake, which is added to `issues`, return NaN."""
     try:
         read = float(value) if not isinstance(value, str | bool | np.bool) else float("nan")
     except (TypeError, ValueError, OverflowError):
@@ -134,7 +134,7 @@ def number(location: str, value: Any, issues: list[Issue], *, positive: bool = F
 
 
 def number_or_series(location: str, value: Any, issues: list[Issue]) -> Array:
-    """Read one number, of shape `()`, or several, `(T,)`; a mistake is added to `issues`."""
+    """Return a number as array of shape `()`, or several `(T,)`; mistakes are added to `issues`."""
     if is_series(value):
         return series(location, value, issues)
     return np.array(number(location, value, issues))
@@ -143,7 +143,7 @@ def number_or_series(location: str, value: Any, issues: list[Issue]) -> Array:
 def check_names(
     names: Collection[str], given: Collection[str], location: str, owner: str, issues: list[Issue]
 ) -> None:
-    """Add a mistake to `issues` for each given name that the `owner` lacks, and each missing one."""
+    """Add a mistake to `issues` for each unknown name of `given`, and for each missing one."""
     for name in given:
         if name not in names:
             hint = did_you_mean(name, names)
@@ -152,7 +152,7 @@ def check_names(
 
 
 def times(t: Any, issues: list[Issue]) -> Array:
-    """Read times `(T,)` in s, which increase; mistakes are added to `issues`."""
+    """Return increasing times `(T,)` in s; mistakes are added to `issues`."""
     values = series("t", t, issues)
     if not issues and len(values) < 2:
         issues.append(Issue("t", f"{len(values)} times; give at least two"))
@@ -164,9 +164,9 @@ def times(t: Any, issues: list[Issue]) -> Array:
 @check_arguments
 @dataclass(frozen=True, slots=True, eq=False)
 class ManyFits[T](Value):
-    """A job of many fits of one config, which may be shared out among processes or machines.
+    """A job of many fits of one config, which can run in several processes or on a cluster.
 
-    `kind` ends the name of its folder.
+    `kind` is the end of the name of its folder.
     """
 
     job: Job
@@ -174,7 +174,7 @@ class ManyFits[T](Value):
     kind: ClassVar[str]
 
     def place(self, folder: str | Path | None = None) -> Path:
-        """Return where `run` leaves its results, by default `results/<name>-<kind>`."""
+        """Return the folder of the results of `run`, by default `results/<name>-<kind>`."""
         default = Path("results") / f"{self.job.config.name}-{self.kind}"
         return results_folder(folder, default)
 
@@ -188,11 +188,25 @@ class ManyFits[T](Value):
         scheduler: str | None = None,
         report: Reporter | None = None,
     ) -> T:
-        """Run all fits and save their results in `folder` (see `place`).
+        """Run all fits and save their results, each as soon as it is done.
 
-        `resume`: go on where an earlier run stopped; `force`: start over; `scheduler`: address of a Dask
-        cluster; `processes`, `report`: see `Case.sample`.  Raises `InputError`, and `Interrupted` when
-        asked to stop; what is done is kept.
+        Parameters
+        ----------
+        folder : str or path, optional
+            The folder of the results, see `place`.
+        resume, force : bool
+            Whether to continue an interrupted job in `folder`, or to replace it.
+        processes, report
+            See `Case.sample`.
+        scheduler : str, optional
+            The address of the scheduler of a Dask cluster, which is used in place of processes.
+
+        Raises
+        ------
+        InputError
+            If an argument is wrong or the folder cannot be used.
+        Interrupted
+            When asked to stop.
         """
         how, path = mode(resume=resume, force=force), self.place(folder)
         with crew(processes, scheduler) as executor:
@@ -200,4 +214,4 @@ class ManyFits[T](Value):
 
     @abstractmethod
     def _run(self, path: Path, how: WriteMode, executor: RefitExecutor, report: Reporter) -> T:
-        """Do the job."""
+        """Run all fits with checked arguments."""

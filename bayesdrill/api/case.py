@@ -1,4 +1,4 @@
-"""A case: a record, a rig and what is believed of it; and what can be asked of it."""
+"""Cases: a record, a rig and priors, with methods to check, fit and sample them."""
 
 from __future__ import annotations
 
@@ -38,24 +38,33 @@ INPUTS = "a number in SI or a bd.Input(values, unit) for each name"
 VALUES = "a number in SI, or several, for each unknown"
 PRIORS = "a prior, a number or 'nominal' for each name"
 
-POINTS_AT_ONCE = 50  # of a log density: some kinds of noise keep all samples of each point
+POINTS_AT_ONCE = 50  # points of a log density, since some noises keep all samples of each point
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Channel(Value):
-    """A measured channel: `values (T,)` in `unit`, at the times of its case.
+    """A measured channel of a case of arrays, whose mistakes are reported by `case`.
 
-    For example::
+    Parameters
+    ----------
+    values : array_like, shape (T,)
+        The samples in `unit`, at the times of the case; NaN where there is none.
+    unit : str
+        The unit, such as `"rpm"`.
+    sigma : float or mapping
+        The standard deviation of its noise in `unit`, or its prior as in a config.
+    measures : str, optional
+        A state or a sum of states, such as `"theta_1 - theta_2"`; by default the channel's name.
+    noise : str or mapping, optional
+        The kind of its noise with entries as in a config; by default white.
+    gain, offset, lag : float or mapping, optional
+        Errors of its sensor: a factor, an offset in `unit` and a lag in s, as numbers or priors.
 
-        bd.Channel(w_1, "rpm", sigma=2.0)
-        bd.Channel(twist, "deg", sigma={"prior": "half_normal", "scale": 0.5},
-                   measures="theta_1 - theta_2")
-
-    `sigma`: standard deviation of its noise in that unit, or its prior as in a config.
-    `measures`: a sum of states, such as `theta_1 - theta_2`, where the name is not that of one;
-    `noise`: its kind and entries, as in a config, where it is not white.  `gain`, `offset` (in
-    that unit) and `lag` (s) of its sensor: numbers or priors, as in a config.  What is wrong with
-    it `case` says.
+    Examples
+    --------
+    >>> channel = bd.Channel([0.0, 1.5, 2.9], "deg", sigma=0.5, measures="theta_1 - theta_2")
+    >>> channel.unit
+    'deg'
     """
 
     values: ArrayLike
@@ -70,14 +79,24 @@ class Channel(Value):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Input(Value):
-    """A measured input: `values (T,)` in `unit`.
+    """A measured input of a case of arrays, whose mistakes are reported by `case`.
 
-        bd.Input(v, "V")
+    Parameters
+    ----------
+    values : array_like, shape (T,)
+        The samples in `unit`, at the times of the case.
+    unit : str
+        The unit, such as `"V"`.
+    hold : {"zero", "first"}, optional
+        Whether it is constant between samples or linear; by default angles are linear and other inputs
+        constant.
+    gain, offset, lag : float or mapping, optional
+        Errors of its sensor, see `Channel`.
 
-    Between samples it is held (`hold="zero"`) or straight (`first`); by default an angle is straight,
-    and all else is held.
-
-    `gain`, `offset`, `lag`: as of a `Channel`.  What is wrong with it `case` says.
+    Examples
+    --------
+    >>> bd.Input([0.0, 8.0, 8.0], "V").hold is None
+    True
     """
 
     values: ArrayLike
@@ -99,12 +118,39 @@ def _figure_file(job: Job, option: str, path: str | Path) -> Path:
 @check_arguments
 @dataclass(frozen=True, eq=False, repr=False)
 class Case(Value):
-    """A record, a rig and what is believed of its parameters; made by `bd.load` or `bd.case`.
+    """A record, a rig and priors of its unknowns, which together define a posterior.
 
-        case = bd.load("configs/nominal_step.yaml")
-        run = case.sample(case.find_map(), seed=1)
+    Make one with `bd.load`, from a config, or with `bd.case`, from arrays; `print(case)` shows its
+    unknowns and their priors.  The usual order of work is:
 
-    `print(case)` shows it.  `columns`: the record, `(T,)` each, where it is in no file.
+    1. `identify` tells what the record can show of each unknown, before any fit.
+    2. `find_map` finds the maximum of the posterior, a `bd.Best`; look at its `plot()`.
+    3. `sample` samples the posterior, a `bd.Run`; its `judge()` compares it with the nominal values.
+
+    `run` does all of this for a config and saves the results in a folder.  All values are in SI.
+
+    Parameters
+    ----------
+    job : Job
+        The checked config with its record.
+    columns : mapping of str to array, shape (T,), optional
+        The record, if it is in no file.
+
+    Examples
+    --------
+    >>> t = np.linspace(0.0, 4.0, 81)
+    >>> w_1 = bd.respond("motor_shaft", bd.nominal(), t, {"v": 8.0}, "w_1")["w_1"]
+    >>> stiffness = {"prior": "uniform", "low": 0.1, "high": 1.0}  # N m/rad
+    >>> case = bd.case(
+    ...     t,
+    ...     channels={"w_1": bd.Channel(w_1, "rad/s", sigma=0.1)},
+    ...     inputs={"v": 8.0, "t_1": 0.0},
+    ...     parameters=dict.fromkeys(bd.nominal(), "nominal") | {"k_s": stiffness},
+    ... )
+    >>> case.unknowns
+    ('k_s',)
+    >>> bool(abs(case.find_map(quick=True).values["k_s"] / bd.nominal()["k_s"] - 1) < 0.01)
+    True
     """
 
     job: Job
@@ -121,20 +167,34 @@ class Case(Value):
     __repr__ = __str__
 
     def preview(self) -> str:
-        """Describe what would run: columns, priors, start, sizes, and what the record can show."""
+        """Return the text of `bayesdrill check`: columns, priors, sizes, and what the record shows."""
         problem, config = self.job.problem, self.job.config
         first = identify.preflight(self.job, SensitivityStudy(problem.posterior.likelihood))
         columns = [] if self.columns is not None else [words.record_columns(problem, self.job.case)]
         return "\n".join([str(self), *columns, words.preview(problem, config), first])
 
     def log_density(self, values: Annotated[Mapping[str, ArrayLike], VALUES]) -> Array:
-        """Compute the unnormalised log posterior density over the unknowns: `(N,)`.
+        """Compute the log of likelihood times prior over the unknowns.
 
-            case.log_density(case.find_map().values)
+        Parameters
+        ----------
+        values : mapping of str to array_like, shape () or (N,)
+            A number or N numbers for each unknown, in SI.
 
-        It is the log likelihood plus the log prior, both normalised, and -inf outside the priors.
-        `values`: for each unknown a number or `(N,)` numbers, SI.  Raises `InputError` with all that is
-        wrong.
+        Returns
+        -------
+        array, shape (N,)
+            The log likelihood plus the log prior, each normalised; -inf outside the priors.
+
+        Raises
+        ------
+        InputError
+            With all mistakes of `values`.
+
+        Examples
+        --------
+        >>> case.log_density({"k_s": [0.3, -1.0], "t_f": 0.09}) > -np.inf
+        array([ True, False])
         """
         issues, names = list[Issue](), self.unknowns
         arguments.check_names(names, values, "values", "the case", issues)
@@ -154,9 +214,22 @@ class Case(Value):
         return np.concatenate([self.job.problem.posterior.density(part) for part in parts])
 
     def draw_rig(self, path: str | Path) -> str:
-        """Draw inertias, shafts, gears and drives of the rig; says what is written.
+        """Draw the inertias, shafts, gears and drives of the rig.
 
-        Raises `InputError` for a file that is no .pdf, .png or .svg.
+        Parameters
+        ----------
+        path : str or path
+            The file, a .pdf, .png or .svg.
+
+        Returns
+        -------
+        str
+            A line that names the file.
+
+        Raises
+        ------
+        InputError
+            If the file is of another kind, or is one of the record.
         """
         from bayesdrill.report.rig_drawing import save_rig  # late: it loads what draws
 
@@ -164,7 +237,7 @@ class Case(Value):
         return f"figure: {save_rig(problem.model, to)}"
 
     def draw_record(self, path: str | Path) -> str:
-        """Draw channels and inputs over time, of each experiment; says and raises as `draw_rig`."""
+        """Draw channels and inputs over time, a figure for each experiment; see `draw_rig`."""
         to = _figure_file(self.job, "--figure-record", path)
         written = save_record(self.job.problem, to)
         return f"figure: {', '.join(map(str, written))}"
@@ -178,11 +251,30 @@ class Case(Value):
     ) -> identify.Findings:
         """Compute what the record can show of each unknown, before any sampling.
 
-            case.identify("all", at=case.find_map())
+        Parameters
+        ----------
+        profiles : str or sequence of str
+            The parameters whose profile likelihoods are computed, or `"all"`.
+        at : Best, optional
+            The maximum at which the sensitivities are evaluated; by default the start values or, if
+            the rig stands still there, a draw from the priors.
+        report : Reporter, optional
+            It is told the progress, see `sample`.
 
-        `profiles`: names of parameters whose profile likelihoods are computed, or `all`; `at`: the
-        maximum at which this is evaluated, else the start values or, where the rig stands still
-        there, a draw from the priors.  Raises `InputError` where no parameter is unknown.
+        Returns
+        -------
+        Findings
+            The expected posterior standard deviations, correlations and warnings; `print` shows them.
+
+        Raises
+        ------
+        InputError
+            If no parameter is unknown, or a name of `profiles` is none.
+
+        Examples
+        --------
+        >>> "k_s" in str(case.identify())
+        True
         """
         mode = None if at is None else self._mode(at)
         job = self.job if mode is None else self.job.with_steps_at(mode)
@@ -191,17 +283,27 @@ class Case(Value):
 
     @staticmethod
     def check_place(folder: str | Path, *, force: bool = False) -> None:
-        """Raise `InputError` where findings could not be saved, before minutes of profiles."""
+        """Raise `InputError` if findings could not be saved in `folder`, before minutes of profiles."""
         identify.check_place(Path(folder).expanduser(), force=force)
 
     def find_map(
         self, *, quick: bool = False, processes: int | None = 1, report: Reporter | None = None
     ) -> Best:
-        """Find the maximum of the posterior (MAP), by several searches or, `quick`, by one.
+        """Find the maximum of the posterior (MAP).
 
-            case.find_map().plot()
+        Searches by a simplex (Nelder and Mead 1965) and Gauss-Newton start at several points.
 
-        `processes`, `report`: see `sample`.
+        Parameters
+        ----------
+        quick : bool
+            Whether one search is enough, which may miss the highest of several maxima.
+        processes, report
+            See `sample`.
+
+        Returns
+        -------
+        Best
+            The maximum; its `reasons` tell why it must not be believed.
         """
         from bayesdrill.api.run import Best  # late: it loads all that sampling needs
         from bayesdrill.tasks import find_map
@@ -211,7 +313,7 @@ class Case(Value):
         return Best(self.job, mode, self.columns)
 
     def check_new_config(self, path: str | Path, *, force: bool = False) -> None:
-        """Raise `InputError` where `Candidates.apply` would, before minutes of searches."""
+        """Raise `InputError` if `Candidates.apply` could not write `path`, before the searches."""
         from bayesdrill.tasks import find_map
 
         find_map.check_new_config(self.job, Path(path).expanduser(), force=force)
@@ -219,7 +321,7 @@ class Case(Value):
     def candidates(
         self, *, processes: int | None = 1, report: Reporter | None = None
     ) -> Candidates:
-        """Find the maximum, and rank models that explain what it leaves: see `Best.candidates`."""
+        """Find the maximum, and rank models that would explain its residuals; see `Best.candidates`."""
         best = self.find_map(processes=processes, report=report)
         return best.candidates(processes=processes, report=report)
 
@@ -233,13 +335,33 @@ class Case(Value):
         report: Reporter | None = None,
         verbose: bool = False,
     ) -> Outcome:
-        """Do the whole job of a case that was loaded from a file, as `bayesdrill posterior` does.
+        """Identify, fit, sample and judge a case that was loaded from a config, and save the results.
 
-        What is sampled is saved as it is made, so that a run that is stopped can be resumed.
+        This is `bayesdrill posterior`.  The chain is saved as it grows, so an interrupted run can be
+        resumed.
 
-        `folder`: `results/<name>` by default.  `processes`, `report`: see `sample`; `verbose`:
-        whether `report` is told the details too.  Raises `InputError`, and `Interrupted` when asked to
-        stop.
+        Parameters
+        ----------
+        folder : str or path, optional
+            The folder of the results, by default `results/<name>`.
+        resume, force : bool
+            Whether to continue the run in `folder`, or to replace it.
+        processes, report
+            See `sample`.
+        verbose : bool
+            Whether `report` also gets the details.
+
+        Returns
+        -------
+        Outcome
+            The folder, whether the run can be believed, and what could not be made.
+
+        Raises
+        ------
+        InputError
+            If the folder cannot be used, or the case is one of arrays.
+        Interrupted
+            When asked to stop.
         """
         from bayesdrill.tasks import pipeline
 
@@ -248,12 +370,12 @@ class Case(Value):
             raise InputError.at("run", f"arrays are in no file yet; {way_out}")
         how = arguments.mode(resume=resume, force=force)
         path, workers = self.place(folder), arguments.workers(processes)
-        told = report or SILENT
-        details = told if verbose else SILENT
-        return pipeline.run_posterior(self.job, path, how, workers, told, details)
+        progress = report or SILENT
+        details = progress if verbose else SILENT
+        return pipeline.run_posterior(self.job, path, how, workers, progress, details)
 
     def place(self, folder: str | Path | None = None) -> Path:
-        """Return where `run` leaves its results: `results/<name>` by default."""
+        """Return the folder of the results of `run`, by default `results/<name>`."""
         return arguments.results_folder(folder, Path("results") / self.job.config.name)
 
     def sample(
@@ -264,15 +386,39 @@ class Case(Value):
         processes: int | None = 1,
         report: Reporter | None = None,
     ) -> Run:
-        """Sample the posterior by ensembles of walkers until they converge, or have no steps left.
+        """Sample the posterior by ensembles of walkers until they converge.
 
-            run = case.sample(seed=1, processes=None)
+        Affine invariant ensembles (Goodman and Weare 2010; emcee) draw from a learnt independence
+        proposal.  They stop at the targets of R-hat, effective sample size and length in
+        autocorrelation times, or at `sampler.max_steps` of the config.
 
-        `best`: the maximum where they begin, searched for where it is not given.  `seed` instead of the
-        config's; the same draws for the same seed, however many processes.
-        More than one process (None: all there are) wants `if __name__ == "__main__":` in a script.
-        `report`: has `say(text)` and `update(fraction, text)`, which are told how far it is.  Raises
-        `InputError`.
+        Parameters
+        ----------
+        best : Best, optional
+            The maximum of this case at which the ensembles start; by default it is searched for.
+        seed : int, optional
+            The seed in place of the config's.  The draws do not depend on the number of processes.
+        processes : int or None
+            The number of processes; None means one for each processor.  With more than one, a script
+            needs `if __name__ == "__main__":`.
+        report : Reporter, optional
+            An object with `say(text)` and `update(fraction, text)`, which are told the progress.
+
+        Returns
+        -------
+        Run
+            The draws; its `converged` tells whether the targets were met.
+
+        Raises
+        ------
+        InputError
+            If `best` is of another case, or an argument is wrong.
+
+        Examples
+        --------
+        >>> run = case.sample(seed=4)
+        >>> run.converged
+        True
         """
         from bayesdrill.api.run import Run
         from bayesdrill.tasks import find_map, pipeline
@@ -299,11 +445,28 @@ class Case(Value):
 
 @check_arguments
 def load(path: str | Path) -> Case:
-    """Load the case of a YAML config; raises `InputError` with all that is wrong with it.
+    """Load the case of a YAML config, with its record.
 
-        case = bd.load("configs/nominal_step.yaml")
+    Parameters
+    ----------
+    path : str or path
+        The config; `docs/config.md` explains its entries.
 
-    `print(case)` shows its unknowns and their priors.
+    Returns
+    -------
+    Case
+        The case; `print` shows its unknowns and their priors.
+
+    Raises
+    ------
+    InputError
+        With all mistakes of the config and its record.
+
+    Examples
+    --------
+    >>> case = bd.load("configs/nominal_step.yaml")
+    >>> case.unknowns[:2]
+    ('j_m', 'c_m')
     """
     return Case(prepare(Path(path).expanduser()))
 
@@ -321,21 +484,45 @@ def case(
     name: str = "case",
     **entries: Any,
 ) -> Case:
-    """Make a case of arrays, without any file.
+    """Make a case from arrays, without any file.
 
-        bd.case(t, {"w_1": bd.Channel(w, "rad/s", sigma=0.1)}, {"v": 8.0, "t_1": 0.0},
-                {"k_s": {"prior": "uniform", "low": 0.1, "high": 1.0}, ...})
+    The rig is at rest at 0 s, or with measured inputs at the first sample, unless the section
+    `initial={"w_1": ...}` gives other values.
 
-    `t (T,)`: times in s, increasing; the other entries are as in a config (docs/config.md).
-    `inputs`: a number in SI or a measured `Input` for each; `parameters`: for each a number,
-    `"nominal"` or a prior, such as `{"prior": "uniform", "low": 0.5, "high": 1.5, "relative":
-    True}` (one that the rig only offers, such as `c_s`, is switched on so); `nominal`: a table or
-    values of your own (`{"k_s": 0.27}`); without it a parameter that relies on a table takes
-    `tables_2_3`, and is compared with it; `rig`: a name, or a model such as `MotorShaft(i_m=1 /
-    8)`; `entries`: further sections, such as `sampler={"ess": 1000}`, and what `record` says
-    beside arrays, such as `record={"missing": "drop"}`.  The rig is at rest at 0 s, with measured
-    inputs at the first sample, unless `initial={"w_1": ...}` says otherwise.  Raises `InputError`
-    with all that is wrong.
+    Parameters
+    ----------
+    t : array_like, shape (T,)
+        Increasing times in s.
+    channels : mapping of str to Channel
+        The measured channels.
+    inputs : mapping of str to Input or float
+        For each input of the rig a measured one, or a constant in SI.
+    parameters : mapping of str to prior, float or "nominal"
+        For each parameter of the rig a prior, such as `{"prior": "uniform", "low": 0.1, "high": 1.0}`,
+        a fixed value in SI, or `"nominal"` for its nominal value.  An optional parameter of the rig,
+        such as `c_s`, is part of the model if it is named.
+    rig : str or Model
+        The name of a rig, or a model such as `bd.MotorShaft(i_m=1 / 8)`.
+    nominal : str or mapping of str to float, optional
+        The nominal values: the name of a table, or values in SI.  By default parameters that need a
+        table have the values of `"tables_2_3"`.
+    seed : int
+        The seed of all random numbers.
+    name : str
+        The name of the case in reports.
+    **entries
+        Further sections of a config (`docs/config.md`), such as `sampler={"ess": 1000}` or
+        `record={"missing": "drop"}`.
+
+    Returns
+    -------
+    Case
+        The case; see `bd.Case` for an example.
+
+    Raises
+    ------
+    InputError
+        With all mistakes of the arguments.
     """
     columns, measured = _columns(t, channels, inputs)
     record = entries.pop("record", {})
@@ -343,14 +530,14 @@ def case(
         message = f"give entries, such as a window, not {type(record).__name__}"
         raise InputError.at("record", message)
     refused = ["model"] if "model" in entries else []
-    said = ("file", "format", "time", "channels")
-    refused += [f"record.{name}" for name in said if name in record]
+    given_by_arrays = ("file", "format", "time", "channels")
+    refused += [f"record.{name}" for name in given_by_arrays if name in record]
     if refused:
         raise InputError.at(refused[0], "arrays and `rig` say this already; leave it out")
     model = arguments.rig(rig)
-    believed = dict(parameters)
-    unsaid = [name for name in model.added if name not in believed]
-    raise_if_any([Issue(f"parameters.{n}", f"the rig has it; give {PRIORS}") for n in unsaid])
+    priors = dict(parameters)
+    missing = [name for name in model.added if name not in priors]
+    raise_if_any([Issue(f"parameters.{n}", f"the rig has it; give {PRIORS}") for n in missing])
     given = {
         "name": name,
         "seed": seed,
@@ -360,7 +547,7 @@ def case(
         },
         "inputs": {**inputs, **{key: _entry(key, column) for key, column in measured.items()}},
         "model": job.model_entry(model),
-        "parameters": believed,
+        "parameters": priors,
         **({} if nominal is None else {"nominal": nominal}),
         **entries,
     }
@@ -370,7 +557,7 @@ def case(
 def _columns(
     t: ArrayLike, channels: Mapping[str, Channel], inputs: Mapping[str, Input | float]
 ) -> tuple[dict[str, Array], dict[str, Input]]:
-    """All `(T,)` columns, and the inputs that are measured."""
+    """Return the columns `(T,)` of times, channels and inputs, and the inputs that are measured."""
     issues: list[Issue] = []
     columns: dict[str, Array] = {job.TIME_COLUMN: arguments.series("t", t, issues)}
     for name, channel in channels.items():
@@ -404,6 +591,6 @@ def _columns(
 
 
 def _entry(column: str, spec: Channel | Input) -> dict[str, Any]:
-    """As a config has it, but for the numbers, which stand in `column`."""
+    """Return the entry of a config for a channel or an input whose samples stand in `column`."""
     fields = {f.name: getattr(spec, f.name) for f in dataclasses.fields(spec) if f.name != "values"}
     return {"column": column, **{key: value for key, value in fields.items() if value is not None}}

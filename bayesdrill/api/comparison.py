@@ -1,4 +1,4 @@
-"""Several runs: side by side, as models of one record, and as a ladder of models."""
+"""Several runs: overlays, comparisons of models of one record, and ladders of models."""
 
 from __future__ import annotations
 
@@ -29,17 +29,23 @@ if TYPE_CHECKING:
     from bayesdrill.tasks.remote import RefitExecutor
 
 
-MOST = 9  # models that a ladder samples
+MOST = 9  # models that a ladder may sample
 
 
 @check_arguments
 @dataclass(frozen=True, slots=True, eq=False)
 class Ladder(ManyFits["LadderOutcome"]):
-    """The model of a config, and candidates with more physics, of which the likeliest are sampled.
+    """A ladder of models: that of a config, and candidates with more physics; made by `bd.ladder`.
 
-    Candidates are ranked at their maxima; the first `sample` are sampled and compared.  What `run`
-    returns has the `decision` in its `report`, and its `config` is what to go on with; rungs that
-    are done are kept where it is stopped.
+    Candidates are ranked by their maxima, and the best ones are sampled and compared.  The result of
+    `run` has the `decision` in its `report`, and its `config` is that of the recommended model.
+
+    Parameters
+    ----------
+    job : Job
+        The config with its record.
+    sample : int
+        The number of models that are sampled.
     """
 
     job: Job
@@ -57,11 +63,29 @@ class Ladder(ManyFits["LadderOutcome"]):
 
 @check_arguments
 def ladder(config: str | Path, *, sample: int = 2) -> Ladder:
-    """Prepare a ladder of models of a config; raises `InputError` with all that is wrong with it.
+    """Prepare a ladder of models of a config; its `run` does the work.
 
-        bd.ladder("my_rig.yaml").run()
+    Parameters
+    ----------
+    config : str or path
+        The config.
+    sample : int
+        The number of models that are sampled, from 2 to 9.
 
-    `sample`: how many models are sampled, 2 to 9.
+    Returns
+    -------
+    Ladder
+        The job.
+
+    Raises
+    ------
+    InputError
+        With all mistakes of the config and its record.
+
+    Examples
+    --------
+    >>> bd.ladder("configs/nominal_step.yaml", sample=3).sample
+    3
     """
     if not 2 <= sample <= MOST:
         raise InputError.at("sample", f"{short_repr(sample)} is no whole number from 2 to {MOST}")
@@ -71,10 +95,14 @@ def ladder(config: str | Path, *, sample: int = 2) -> Ladder:
 @check_arguments
 @dataclass(frozen=True, eq=False, repr=False)
 class Comparison(Value):
-    """Several runs side by side; of models of one record, which is the more probable.
+    """Several runs side by side, made by `bd.overlay` or `bd.compare`; `print` shows it.
 
-    Made by `bd.overlay` or `bd.compare`; `print` shows it.  `runs`: where each is, None where it
-    is in no folder.
+    Parameters
+    ----------
+    report : ComparisonReport
+        The compared numbers, tables and figures.
+    runs : tuple of path or None
+        The folder of each run; None for one in memory.
     """
 
     report: ComparisonReport
@@ -82,51 +110,64 @@ class Comparison(Value):
 
     @property
     def rows(self) -> tuple[OverlayRow, ...]:
-        """A row for each unknown: where each run has it, SI, and how far apart they are, in sds."""
+        """A row for each unknown: its posterior in each run, in SI, and their distance in sds."""
         return self.report.rows
 
     @property
     def models(self) -> tuple[RunSummary, ...]:
-        """For each run `evidence`, `left` (by its fit), `held_out` and `loo`; empty of an overlay."""
+        """The `evidence`, residuals `left`, `held_out` and `loo` of each run; empty for an overlay."""
         return self.report.models
 
     @property
     def decision(self) -> ModelDecision | None:
-        """The decision: a `word` (model, noise, both, either, priors, neither) and the `best` model."""
+        """The decision with its `word` (model, noise, both, either, priors, neither), and the `best`."""
         return self.report.decision
 
     @property
     def best(self) -> str | None:
-        """The name of the most probable model."""
+        """The name of the most probable model, or None."""
         return None if self.report.best is None else self.report.best.name
 
     @property
     def log_evidence(self) -> dict[str, float]:
-        """The log evidence by the names of models, without a unit."""
+        """The natural log of the evidence of each model, by its name."""
         return {model.name: model.log_z for model in self.models}
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Why a run of an overlay, or the best model, must not be believed; empty where all may be."""
+        """The reasons why a run of an overlay, or the best model, must not be believed."""
         return self.report.reasons
 
     @property
     def text(self) -> str:
-        """The whole comparison in words and tables."""
+        """The whole comparison as text, with its tables."""
         return self.report.text
 
     def plot(self, name: str | None = None) -> Figure:
-        """Draw a figure: of an overlay `corner` or `intervals`, of models `comparison`.
+        """Draw a figure of these runs.
 
-        The last shows log odds, what each model leaves of each channel, and where it has each unknown.
-        Raises `InputError` where there is no such figure.
+        Parameters
+        ----------
+        name : str, optional
+            `corner` or `intervals` of an overlay, `comparison` of models: log odds, residuals of each
+            channel, and posteriors of each unknown.
+
+        Returns
+        -------
+        Figure
+            A Matplotlib figure, in no window: save it, or make it the last line of a cell.
+
+        Raises
+        ------
+        InputError
+            If there is no such figure.
         """
         wanted = self.report.form.figure if name is None else name
         figure = arguments.known(self.report.figures, wanted, "plot", "figure of these runs")
         return for_notebooks(figure.drawn())
 
     def place(self, folder: str | Path | None = None) -> Path:
-        """Return where `save` leaves its results, by default a folder in `results/` with all names."""
+        """Return the folder of `save`, by default one in `results/` with all names."""
         names = [layer.name for layer in self.report.layers]
         default = comparison.default_folder(self.report.form, names)
         return arguments.results_folder(folder, default)
@@ -134,7 +175,7 @@ class Comparison(Value):
     def save(self, folder: str | Path | None = None, *, force: bool = False) -> Path:
         """Save table, page and figures, and return their folder.
 
-        Raises `InputError` where something else is there, or a comparison and not `force`.
+        Raises `InputError` if the folder has other contents, or a comparison without `force`.
         """
         path = self.place(folder)
         comparison.publish(self.report, self.runs, path, force=force)
@@ -157,12 +198,29 @@ Overlay = Comparison
 def overlay(
     runs: Sequence[single.Run | str | Path], names: Sequence[str] | None = None
 ) -> Comparison:
-    """Lay two runs or more side by side, of any records, priors and rigs.
+    """Show two or more runs side by side, with any records, priors and rigs.
 
-        bd.overlay(["results/slow", run]).plot()
+    Parameters
+    ----------
+    runs : sequence of Run, str or path
+        The runs, or their folders.
+    names : sequence of str, optional
+        Their names; by default those of the folders and cases.
 
-    `runs`: in memory, or their folders.
-    `names`: by default those of the folders and cases.  Raises `InputError`.
+    Returns
+    -------
+    Comparison
+        The rows of all unknowns, and figures.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than two runs, or one cannot be opened.
+
+    Examples
+    --------
+    >>> [row.symbol.name for row in bd.overlay([run, run], ["a", "b"]).rows]
+    ['k_s', 't_f']
     """
     return _compared("overlay", runs, names)
 
@@ -171,13 +229,24 @@ def overlay(
 def compare(
     runs: Sequence[single.Run | str | Path], names: Sequence[str] | None = None
 ) -> Comparison:
-    """Compare two runs or more of one record: which model is the more probable.
+    """Compare models of one record by their evidence (bridge sampling, Meng and Wong 1996).
 
-        bd.compare(["results/rigid", "results/elastic"]).decision
+    Parameters
+    ----------
+    runs : sequence of Run, str or path
+        The runs, or their folders; the first is the reference of the others.
+    names : sequence of str, optional
+        Their names; by default those of the folders and cases.
 
-    `runs`: in memory, or their folders; the first is what the others are held against.  `names`:
-    by default those of the folders and cases. Raises `InputError`, also where records are not the
-    same.
+    Returns
+    -------
+    Comparison
+        The evidence of each model and a decision.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than two runs, one cannot be opened, or their records differ.
     """
     return _compared("comparison", runs, names)
 
@@ -208,9 +277,9 @@ def check_folder(
     *,
     force: bool = False,
 ) -> Path:
-    """Return where the `overlay` or `comparison` of these would be saved.
+    """Return the folder in which the `overlay` or `comparison` of `folders` would be saved.
 
-    Raises `InputError` where it cannot be.
+    Raises `InputError` if that cannot be used.
     """
     places = [Path(folder).expanduser() for folder in folders]
     comparison.check_runs(comparison.FORMS[form], places)

@@ -1,4 +1,4 @@
-"""Jobs on configs and folders as a whole: examples, drafts, simulation, calibration, reports."""
+"""Functions on files and folders: examples, drafts, simulation, calibration, reports."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ FILES = (
 
 
 def _bundled() -> Path:
-    """Of a wheel, `examples` in the package; of a checkout, `configs`, which wheels have there."""
+    """Return the folder of the examples: `examples` of a wheel, or `configs` of a checkout."""
     for path in (PACKAGE / "examples", PACKAGE.parent / "configs"):
         if (path / FILES[0]).is_file():
             return path
@@ -43,7 +43,7 @@ def _bundled() -> Path:
 
 
 def _in_the_way(folder: Path, wanted: Iterable[Path]) -> list[Issue]:
-    """Files where the examples need folders, and whatever has the name of one of them."""
+    """Return an issue for each file in place of a folder, and for each existing example."""
     records = folder / "records"
     wrong = [] if output_files.path_kind(records) in ("", "a folder") else [records]
     if folder.exists() and not folder.is_dir():
@@ -56,7 +56,7 @@ def _in_the_way(folder: Path, wanted: Iterable[Path]) -> list[Issue]:
 
 @dataclass(frozen=True, slots=True)
 class Example:
-    """What `example` wrote, and what to try with it."""
+    """The files that `example` has written; `print` shows a command to try."""
 
     folder: Path
     files: tuple[Path, ...]
@@ -72,11 +72,27 @@ class Example:
 
 @check_arguments
 def example(folder: str | Path = "configs") -> Example:
-    """Write the bundled configs and records into a folder, and overwrite nothing.
+    """Write the bundled configs and records into a folder; nothing is overwritten.
 
-        bd.example("configs")
+    Parameters
+    ----------
+    folder : str or path
+        The folder, which is made if needed.
 
-    Raises `InputError` with each of them that is there already.
+    Returns
+    -------
+    Example
+        The folder and its files.
+
+    Raises
+    ------
+    InputError
+        With each file that exists already.
+
+    Examples
+    --------
+    >>> bd.example("examples").files[0].name
+    'nominal_step.yaml'
     """
     target, bundled = Path(folder).expanduser(), _bundled()
     contents = {target / name: (bundled / name).read_bytes() for name in FILES}
@@ -89,7 +105,13 @@ def example(folder: str | Path = "configs") -> Example:
 
 
 def citation() -> str:
-    """Return BibTeX entries of bayesdrill and of the works that its results stand on."""
+    """Return BibTeX entries of bayesdrill and of the works on which its results are based.
+
+    Examples
+    --------
+    >>> bd.citation().count("@") > 1
+    True
+    """
     return citing.citation()
 
 
@@ -107,17 +129,48 @@ def init(
     split: bool = False,
     force: bool = False,
 ) -> Guess:
-    """Write a config for a record, with every guess marked REVIEW and its reason.
+    """Draft a config for a record, with every guess marked REVIEW and its reason.
 
-        bd.init("slow.csv", gear=14, voltage=8.0)
-        bd.init("data.mat", columns=["data:1=t [ms]", "data:3=theta_2 [deg]"])
+    Several files of one kind become experiments of one config; files that complete each other become
+    one record.
 
-    Several files of one kind become several experiments of one config; files that complete each other
-    become one record.  `output`: beside the (first) record by default; `voltage` [V]: constant, where no
-    column has it; `gear`: turns of the motor for one of the shaft; `rig`: its name; `columns`: what they
-    are, such as `data:3=theta_2 [deg]`; `rate` [Hz]: where no column is a time; `sheet`: a YAML file of
-    nominal values; `split`: a record begins where times go back.  Raises `InputError` where nothing can
-    be made of a file, or not of all together.
+    Parameters
+    ----------
+    record : str, path or sequence of them
+        The files of the record.
+    output : str or path, optional
+        The config, by default next to the first file.
+    voltage : float, optional
+        A constant voltage in V, if no column has it.
+    gear : float, optional
+        The turns of the motor for each turn of the shaft.
+    rig : str
+        The name of the rig.
+    columns : sequence of str
+        Columns with their quantities, such as `data:3=theta_2 [deg]`.
+    rate : float, optional
+        The sampling rate in Hz, if no column is a time.
+    sheet : str or path, optional
+        A YAML file of nominal values.
+    split : bool
+        Whether a new record begins where the time decreases.
+    force : bool
+        Whether to replace an existing config.
+
+    Returns
+    -------
+    Guess
+        The draft, its questions and its text.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read, or the files do not belong together.
+
+    Examples
+    --------
+    >>> "REVIEW" in bd.init("configs/records/nominal_step.csv", "draft.yaml", voltage=8.0).text
+    True
     """
     from bayesdrill.config import yaml_source
     from bayesdrill.drafting import draft, record_files
@@ -157,7 +210,7 @@ def init(
 
 @dataclass(frozen=True, slots=True)
 class Simulated:
-    """What `simulate` wrote; `files`: how many samples each has."""
+    """The files that `simulate` has written, each with its number of samples."""
 
     files: Mapping[Path, int]
 
@@ -180,12 +233,33 @@ def simulate(
     seed: int | None = None,
     force: bool = False,
 ) -> Simulated:
-    """Write a record of the rig of a config, as CSV: exact response, and noise with a seed.
+    """Simulate the record of a config and write it as CSV: the response with noise.
 
-        bd.simulate("configs/nominal_step.yaml", "mine.csv", seed=7)
+    Parameters
+    ----------
+    config : str or path
+        The config, whose section `simulation:` has the values.
+    output : str or path, optional
+        The file, or the folder for several experiments; by default the record that the config names.
+    seed : int, optional
+        The seed of the noise, by default the config's.
+    force : bool
+        Whether to replace existing files.
 
-    `output`: the record that the config names, by default; of several experiments a folder, for a file
-    of each.  `seed`: the config's.  Raises `InputError`, before anything is written.
+    Returns
+    -------
+    Simulated
+        The files with their numbers of samples.
+
+    Raises
+    ------
+    InputError
+        If the config is wrong or a file exists; then nothing is written.
+
+    Examples
+    --------
+    >>> bd.simulate("configs/nominal_step.yaml", "mine.csv", seed=7).path.name
+    'mine.csv'
     """
     from bayesdrill.config import loading
     from bayesdrill.config.records import reading, simulation, sources
@@ -219,10 +293,30 @@ def publish(
     pdf: bool = False,
     report: Reporter | None = None,
 ) -> Outcome:
-    """Make tables and figures again from the chain in a folder; raises `InputError` without one.
+    """Make the tables and figures of a run again from its chain, as `bayesdrill report` does.
 
-    `output`: a folder that gets a copy of the run with them, where the first may only be read.
-    `pdf`: every figure is written as PDF too.
+    Parameters
+    ----------
+    folder : str or path
+        The folder of the run.
+    output : str or path, optional
+        A folder for a copy of the run with its results, if `folder` must not change.
+    force : bool
+        Whether to replace results in `output`.
+    processes, report
+        See `Case.sample`.
+    pdf : bool
+        Whether figures are also written as PDF.
+
+    Returns
+    -------
+    Outcome
+        The folder, whether the run can be believed, and what could not be made.
+
+    Raises
+    ------
+    InputError
+        If there is no run.
     """
     from bayesdrill.tasks import pipeline
 
@@ -238,9 +332,22 @@ def publish(
 
 @check_arguments
 def verify(folder: str | Path) -> Verified:
-    """Check whether config, record, tables and figures of a run still belong together.
+    """Check by digests whether config, record, tables and figures of a run are unchanged.
 
-    By digests: no number is computed again.  Raises `InputError` where there is no finished run.
+    Parameters
+    ----------
+    folder : str or path
+        The folder of the run.
+
+    Returns
+    -------
+    Verified
+        The files that differ; `print` shows it.
+
+    Raises
+    ------
+    InputError
+        If there is no finished run.
     """
     from bayesdrill.tasks import verify as verifying
 
@@ -257,13 +364,39 @@ def export(
     seed: int = 0,
     force: bool = False,
 ) -> str:
-    """Return a run's rig as simulators take it: `mjcf` or `json`; `output`: also a file.
+    """Export the rig of a run for a simulator, at posterior means.
 
-        bd.export("results/mine", "mjcf", "rig.xml")
+    It has armature, damping and dry friction of each joint, springs and motors, each with its
+    standard deviation.  JSON also has correlations and draws for randomisation.
 
-    Armature, damping and dry friction of each joint, springs and motors, at posterior means; the
-    spread stands beside them, and `json` has correlations and `draws` for randomisation.  Raises
-    `InputError` where there is no finished run, or another file.
+    Parameters
+    ----------
+    folder : str or path
+        The folder of the run.
+    to : {"json", "mjcf"}
+        The format; MJCF is that of MuJoCo.
+    output : str or path, optional
+        A file to which the text is written too.
+    draws, seed : int
+        The number of draws in JSON, and the seed that selects them.
+    force : bool
+        Whether to replace an existing file.
+
+    Returns
+    -------
+    str
+        The text in that format.
+
+    Raises
+    ------
+    InputError
+        If there is no finished run, or `output` cannot be written.
+
+    Examples
+    --------
+    >>> folder = run.save("results/mine")
+    >>> bd.export(folder, "mjcf").startswith("<")
+    True
     """
     import numpy as np
 
@@ -290,7 +423,16 @@ def export(
 
 @check_arguments
 class Calibration(ManyFits["Calibrated"]):
-    """Refits of simulated records, which say whether a posterior is as wide as it claims."""
+    """A calibration test: refits of records simulated from the prior; made by `bd.calibration`.
+
+    If the posterior is computed correctly, the ranks of the true values are uniform
+    (simulation-based calibration, Talts et al. 2018).
+
+    Parameters
+    ----------
+    job : Job
+        The config.
+    """
 
     kind: ClassVar[str] = "calibration"
 
@@ -302,12 +444,27 @@ class Calibration(ManyFits["Calibrated"]):
 
 @check_arguments
 def calibration(config: str | Path) -> Calibration:
-    """Prepare the calibration of a config: refits of records that are simulated from its prior.
+    """Prepare the calibration test of a config; its `run` does the work.
 
-        bd.calibration("configs/nominal_step.yaml").run(processes=None)
+    Parameters
+    ----------
+    config : str or path
+        The config.  Its record need not exist if `simulation:` gives the times.
 
-    Its record need not be there yet where `simulation:` gives its times.  Raises `InputError` with
-    all that is wrong with it.
+    Returns
+    -------
+    Calibration
+        The job.
+
+    Raises
+    ------
+    InputError
+        With all mistakes of the config.
+
+    Examples
+    --------
+    >>> bd.calibration("configs/nominal_step.yaml").place().name
+    'nominal_step-calibration'
     """
     from bayesdrill.tasks.calibrate import prepare
 
@@ -316,7 +473,28 @@ def calibration(config: str | Path) -> Calibration:
 
 @check_arguments
 def schema(of: str = "config") -> str:
-    """Return the JSON schema of configs or, `of` a `run`, of the `run.json` that a posterior leaves."""
+    """Return a JSON schema.
+
+    Parameters
+    ----------
+    of : {"config", "run"}
+        Whether the schema is that of configs, or of the `run.json` of a run.
+
+    Returns
+    -------
+    str
+        The schema as JSON.
+
+    Raises
+    ------
+    InputError
+        If `of` is neither.
+
+    Examples
+    --------
+    >>> bd.schema().startswith("{")
+    True
+    """
     from bayesdrill.config.schema.json_schema import json_schema
     from bayesdrill.tasks.run_entries import run_schema
 
@@ -326,9 +504,9 @@ def schema(of: str = "config") -> str:
 
 @check_arguments
 def cache(*, clear: bool = False) -> str:
-    """Say where compiled kernels are kept, and how large they are; `clear` removes them first.
+    """Describe the cache of compiled kernels: its folder and size; `clear` removes them first.
 
-    Raises `InputError` where the folder is refused, or cannot be cleared.
+    Raises `InputError` if the folder is refused or cannot be cleared.
     """
     from bayesdrill.rig.kernels.cache import CACHE_OFF, CACHE_VARIABLE, user_cache
 

@@ -1,4 +1,4 @@
-"""A rig by itself: nominal values of its parameters, and how it moves."""
+"""A rig without a record: nominal values of its parameters, and its response."""
 
 from __future__ import annotations
 
@@ -32,11 +32,27 @@ NUMBERS = "a number for each name"
 
 @check_arguments
 def nominal(table: str = symbols.DEFAULT_NOMINAL) -> dict[str, float]:
-    """Return the paper's values of all parameters, SI; raises `InputError` for an unknown table.
+    """Return the nominal values of all parameters of the paper's rig, in SI.
 
-        bd.nominal()["k_s"]    # N m/rad
+    Parameters
+    ----------
+    table : str
+        The table of the paper (Sandoval, Cunha Jr and Sampaio, ENIEF 2013).
 
-    `table`: the name of a table of the paper.
+    Returns
+    -------
+    dict of str to float
+        The value of each parameter.
+
+    Raises
+    ------
+    InputError
+        If there is no such table.
+
+    Examples
+    --------
+    >>> bd.nominal()["k_s"]  # N m/rad
+    0.26
     """
     return dict(arguments.known(symbols.NOMINAL, table, "nominal", "nominal table"))
 
@@ -52,16 +68,43 @@ def respond(
     initial: Annotated[Mapping[str, float] | None, "a number for each state"] = None,
     hold: str = "zero",
 ) -> dict[str, Array]:
-    """Simulate a rig exactly: its `signals` at times `t (T,)`, each `(T,)`, all in SI.
+    """Simulate the response of a rig; a linear rig exactly, by matrix exponentials.
 
-        t = np.linspace(0, 2, 401)
-        bd.respond(bd.MotorShaft(i_m=1 / 8), bd.nominal(), t, {"v": 8.0}, ["w_1", "theta_1 - theta_2"])
+    Parameters
+    ----------
+    rig : str or Model
+        The name of a rig, or a model such as `bd.MotorShaft(i_m=1 / 8)`.
+    parameters : mapping of str to float
+        The value of each parameter in SI.  An optional one, such as `c_s`, is part of the model if it
+        is named.
+    t : array_like, shape (T,)
+        Increasing times in s, with any steps.
+    inputs : mapping of str to array_like, shape () or (T,)
+        Constants or samples of the inputs in SI; loads that are not named are zero.
+    signals : str or sequence of str
+        States, or sums of them such as `"theta_1 - theta_2"`.
+    initial : mapping of str to float, optional
+        The state at 0 s, or at the first time if an input has samples; states not named are zero.
+    hold : {"zero", "first"}
+        Whether inputs are constant between samples, or linear.
 
-    `signals`: states, or sums of them.  Times increase, in any steps.  `inputs`: a number, or
-    `(T,)` values between which they are held (`zero`) or straight (`first`); loads that are not
-    named are zero.  The state is `initial` (else zero) at 0 s; with measured inputs at the first
-    time.  To name a parameter that the rig only offers, such as `c_s`, is to switch it on.  Raises
-    `InputError` with all that is wrong.
+    Returns
+    -------
+    dict of str to array, shape (T,)
+        Each signal in SI.
+
+    Raises
+    ------
+    InputError
+        With all mistakes of the arguments.
+
+    Examples
+    --------
+    >>> t = np.linspace(0.0, 2.0, 401)
+    >>> rig = bd.MotorShaft(i_m=1 / 8)
+    >>> response = bd.respond(rig, bd.nominal(), t, {"v": 8.0}, ["w_1", "theta_1 - theta_2"])
+    >>> response["w_1"].shape
+    (401,)
     """
     model, issues = with_named(arguments.rig(rig), parameters), list[Issue]()
     missing = missing_requirements(model).items()
@@ -104,7 +147,7 @@ def respond(
 
 
 def _parameters(rig: Model, values: Mapping[str, float], issues: list[Issue]) -> dict[str, float]:
-    """One for each parameter, as it may be held."""
+    """Check the value of each parameter of a rig; mistakes are added to `issues`."""
     arguments.check_names(rig.parameters, values, "parameters", "the rig", issues)
     read = {}
     for name in (name for name in rig.parameters if name in values):

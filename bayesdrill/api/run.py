@@ -1,4 +1,4 @@
-"""What comes out of a case: a maximum, a sampled posterior, a verdict, and figures for notebooks."""
+"""Results of a case: the maximum, the sampled posterior, its report, and figures for notebooks."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ if TYPE_CHECKING:
     from xarray import DataTree
 
 
-DPI = 200  # sharp on a screen
+DPI = 200  # resolution of figures in notebooks, which is sharp on most screens
 
 
 def for_notebooks(figure: Figure) -> Figure:
-    """Let a figure show itself as the last line of a cell."""
-    # A notebook asks a figure for its picture only once pyplot is loaded, which nothing here does.
+    """Return the figure with a picture of its own for the last line of a cell."""
+    # A notebook shows figures without this only after pyplot was loaded, which the package never does.
     figure._repr_png_ = partial(_as_png, figure)  # type: ignore[attr-defined]
     return figure
 
@@ -57,7 +57,7 @@ def _as_png(figure: Figure) -> bytes:
 
 
 def _drawn(drawings: Sequence[Drawing], part: int, count: str, warning: str) -> Figure:
-    """The one of this number, from 1; raises `InputError`, with the `count`, where there is none."""
+    """Return the drawing with the number `part`, from 1; the `count` is for the message without it."""
     from bayesdrill.report.style import warned  # late: matplotlib takes a second
 
     if not 1 <= part <= len(drawings):
@@ -68,9 +68,26 @@ def _drawn(drawings: Sequence[Drawing], part: int, count: str, warning: str) -> 
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class Best(Value):
-    """The maximum of the posterior (MAP); made by `case.find_map()`, and shown by `print`.
+    """The maximum of the posterior (MAP), which `case.find_map()` returns and `print` shows.
 
-    `columns`: the record `(T,)` each, where it is in no file.
+    Look at `reasons` and `plot()` before sampling: a model that does not fit has no useful posterior.
+
+    Parameters
+    ----------
+    job : Job
+        The config with its record.
+    mode : Mode
+        The highest maximum, the other maxima, and the searches that led there.
+    columns : mapping of str to array, shape (T,), optional
+        The record, if it is in no file.
+
+    Examples
+    --------
+    >>> best = case.find_map(quick=True)
+    >>> bool(0.25 < best.values["k_s"] < 0.35)
+    True
+    >>> best.reasons
+    ()
     """
 
     job: Job
@@ -79,17 +96,17 @@ class Best(Value):
 
     @property
     def values(self) -> Mapping[str, float]:
-        """The value of each unknown at the maximum, SI."""
+        """The value of each unknown at the maximum, in SI."""
         return self.mode.values
 
     @property
     def table(self) -> str:
-        """The values beside the nominal ones, and what the fit leaves, as text."""
+        """The text of a table: values, nominal values, and the residuals of each channel."""
         return self._report.text
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Why it must not be believed: it does not fit; empty where it may be."""
+        """The reasons why the maximum must not be believed, such as a bad fit; empty without any."""
         return self._report.reasons
 
     @cached_property
@@ -99,22 +116,43 @@ class Best(Value):
     def candidates(
         self, *, processes: int | None = 1, report: Reporter | None = None
     ) -> Candidates:
-        """Rank models that would explain what the fit leaves, each refitted from this maximum.
+        """Rank models that would explain the residuals, each refitted from this maximum.
 
-        `processes`, `report`: see `Case.sample`.
+        Parameters
+        ----------
+        processes, report
+            See `Case.sample`.
+
+        Returns
+        -------
+        Candidates
+            The models, the recommended one first; empty if the residuals look like the noise.
         """
         with WorkerPool(self.job.problem.posterior, arguments.workers(processes)) as pool:
             progress = report or SILENT
             job = self.job.with_steps_at(self.mode)
-            left, submit = conclusions.residuals(job, self.mode), pool.submit_function
-            causes = conclusions.causes(job, self.mode, left, submit, progress)
+            residuals, submit = conclusions.residuals(job, self.mode), pool.submit_function
+            causes = conclusions.causes(job, self.mode, residuals, submit, progress)
         ranked, best = ((), None) if causes is None else (causes.ranked, causes.best)
         return Candidates(ranked, describe_causes(causes), best, self.job)
 
     def plot(self, part: int = 1) -> Figure:
-        """Draw the record, the model at the maximum, and what is left.
+        """Draw the record, the model at the maximum, and the residuals.
 
-        `part`: which experiment, from 1; raises `InputError` where there is no such one.
+        Parameters
+        ----------
+        part : int
+            The number of the experiment, from 1.
+
+        Returns
+        -------
+        Figure
+            A Matplotlib figure, in no window: save it, or make it the last line of a cell.
+
+        Raises
+        ------
+        InputError
+            If there is no such experiment.
         """
         drawings = list(self._report.figures.values())
         count = f"there are {len(drawings)} experiments"
@@ -122,13 +160,28 @@ class Best(Value):
 
     @staticmethod
     def check_place(folder: str | Path, *, force: bool = False) -> None:
-        """Raise `InputError` where a maximum could not be saved, before minutes of searches."""
+        """Raise `InputError` if a maximum could not be saved in `folder`, before minutes of searches."""
         find_map.check_place(Path(folder).expanduser(), force=force)
 
     def save(self, folder: str | Path, *, force: bool = False) -> Path:
         """Save values, prediction, fit and config, as `bayesdrill map --output` does.
 
-        Raises `InputError` where something else is there, or a maximum and not `force`.
+        Parameters
+        ----------
+        folder : str or path
+            The folder, which is made if needed.
+        force : bool
+            Whether to replace a maximum that is there.
+
+        Returns
+        -------
+        path
+            The folder.
+
+        Raises
+        ------
+        InputError
+            If the folder has other contents, or a maximum without `force`.
         """
         path = Path(folder).expanduser()
         find_map.save(self.job, self.mode, path, _as_record(self.columns), force=force)
@@ -143,11 +196,20 @@ class Best(Value):
 @check_arguments
 @dataclass(frozen=True, eq=False, repr=False)
 class Candidates(Value):
-    """Models of a record beside the config as given, the recommended first; none where it fits.
+    """Models that explain the residuals of a config, which `case.candidates()` returns.
 
-    Of each: `parts`, `about`, the `lines` of a config that say so, `gain` of the log posterior, `bayes`,
-    the log Bayes factor by Laplace's approximation, and the `fit` of each channel.  `table`: in words.
-    `recommended`: the simplest that can be trusted; None where there is none.
+    Parameters
+    ----------
+    ranked : tuple of Cause
+        The models, the recommended one first; empty if the config fits.  Each has its `parts`, a
+        sentence `about` it, and the `lines` that a config needs.  Numbers are the `gain` of the log
+        posterior, the log Bayes factor `bayes` by Laplace's method, and the `fit` of each channel.
+    table : str
+        The text of a table of the models.
+    recommended : Cause or None
+        The simplest model that can be trusted.
+    job : Job
+        The config with its record.
     """
 
     ranked: tuple[Cause, ...]
@@ -156,11 +218,24 @@ class Candidates(Value):
     job: Job
 
     def apply(self, path: str | Path, *, force: bool = False) -> Path | None:
-        """Write the config with the lines of the recommended candidate; None where there is none.
+        """Write the config with the lines of the recommended model.
 
-            case.candidates().apply("mine_2.yaml")
+        Parameters
+        ----------
+        path : str or path
+            The file of the new config.
+        force : bool
+            Whether to replace a file that is there.
 
-        Raises `InputError` where a file is there, unless by `force`, or the record is in no file.
+        Returns
+        -------
+        path or None
+            The file; None without a recommended model.
+
+        Raises
+        ------
+        InputError
+            If a file is there without `force`, or the record is in no file.
         """
         target = Path(path).expanduser()
         if self.recommended is None:
@@ -177,13 +252,31 @@ class Candidates(Value):
 @check_arguments
 @dataclass(frozen=True, eq=False, repr=False)
 class Run(SampledRun):
-    """A sampled posterior: draws, what they say, and figures of them.
+    """A sampled posterior, which `case.sample` and `bd.open` return and `print` reports.
 
-        run = bd.open("results/mine")
-        run.draws["k_s"].mean(), run.plot_corner(), run.to_arviz()
+    Look at `converged` and `judge()` before using `draws`.
 
-    Made by `case.sample` or `bd.open`.  `columns`: the record `(T,)` each, where it is in no file;
-    `kept`: its analysis, where its folder has it.
+    Parameters
+    ----------
+    job : Job
+        The config with its record.
+    mode : Mode
+        The maxima at which the ensembles started.
+    sampled : SamplingResult
+        The chains and their convergence.
+    columns : mapping of str to array, shape (T,), optional
+        The record, if it is in no file.
+    kept : RunAnalysis, optional
+        The analysis, if the folder of the run has it.
+
+    Examples
+    --------
+    >>> run.converged
+    True
+    >>> sorted(run.draws)
+    ['k_s', 't_f']
+    >>> bool(0.29 < run.draws["k_s"].mean() < 0.33)
+    True
     """
 
     sampled: SamplingResult
@@ -191,29 +284,37 @@ class Run(SampledRun):
 
     @property
     def converged(self) -> bool:
-        """Whether the ensembles agree, and there are as many effective draws as were asked for."""
+        """Whether R-hat, effective sample size and length of the chain met their targets."""
         return self.sampled.convergence.converged
 
     @property
     def draws(self) -> dict[str, Array]:
-        """Nearly independent draws of each unknown, `(ensembles, draws)`, SI."""
+        """The nearly independent draws of each unknown in SI, with the shape `(ensembles, draws)`."""
         return {name: self.sampled.draws[..., d] for d, name in enumerate(self.job.problem.names)}
 
     @property
     def evidence(self) -> Evidence | None:
-        """How probable the record is under the model: `log_z` and its standard `error`."""
+        """The evidence of the model: its natural log `log_z`, with the standard `error`, or None."""
         return self.sampled.evidence
 
     @property
     def analysis(self) -> RunAnalysis:
-        """Every number of the report by name; `describe` of `RunAnalysis` gives the unit of each.
-
-        It is evaluated once, and read where the folder of the run has it.
-        """
+        """All numbers of the report; `RunAnalysis.describe` gives the unit of each."""
         return self._view.analysis
 
     def judge(self) -> RunReport:
-        """Judge what fit and draws say of the nominal table; `print` shows the whole report."""
+        """Compare the posterior with the nominal values.
+
+        Returns
+        -------
+        RunReport
+            The verdict, its reasons and the whole report, which `print` shows.
+
+        Examples
+        --------
+        >>> run.judge().verdict.agrees
+        False
+        """
         return RunReport(self._view)
 
     @cached_property
@@ -221,16 +322,39 @@ class Run(SampledRun):
         return conclusions.concluded(self)
 
     def to_arviz(self) -> DataTree:
-        """Return the groups of the ArviZ schema, such as for `arviz.summary`; a chain is an ensemble."""
+        """Return the draws for ArviZ.
+
+        Returns
+        -------
+        DataTree
+            The groups of the ArviZ schema, with an ensemble as a chain.
+
+        Examples
+        --------
+        >>> run.to_arviz()["posterior"]["k_s"].dims
+        ('chain', 'draw')
+        """
         return self._view.tree
 
     def plot(self, name: str, part: int = 1) -> Figure:
-        """Draw `corner`, `trace`, `prior_posterior`, `fit`, or with a verdict `invariants`, `ridge`.
+        """Draw a figure of this run.
 
-            run.plot("fit", part=2).savefig("fit.png")
+        Parameters
+        ----------
+        name : str
+            `corner`, `trace`, `prior_posterior` or `fit`; with a verdict also `invariants` or `ridge`.
+        part : int
+            The number of the experiment, from 1.
 
-        In no window: `figure.savefig(...)`, or the last line of a cell.  `part`: of which experiment,
-        where there are several.  Raises `InputError` where this run has no such figure.
+        Returns
+        -------
+        Figure
+            A Matplotlib figure, in no window: save it, or make it the last line of a cell.
+
+        Raises
+        ------
+        InputError
+            If this run has no such figure.
         """
         arguments.known(FIGURES, name, "plot", "figure")
         drawn = list(drawings(name, self._view).values())
@@ -239,14 +363,30 @@ class Run(SampledRun):
         return _drawn(drawn, part, f"the figure {name} has {len(drawn)}", self._view.warning)
 
     def plot_corner(self) -> Figure:
-        """Draw the corner plot: each unknown, and each pair of them."""
+        """Draw the corner plot: the draws of each unknown and of each pair; see `plot`."""
         return self.plot("corner")
 
     def save(self, folder: str | Path, *, force: bool = False) -> Path:
         """Save tables, figures, chain and config, as `bayesdrill posterior` does.
 
-        Raises `InputError` where something else is there, or results and not `force`; warns of what
-        could not be made.
+        A warning names what could not be made.
+
+        Parameters
+        ----------
+        folder : str or path
+            The folder, which is made if needed.
+        force : bool
+            Whether to replace results that are there.
+
+        Returns
+        -------
+        path
+            The folder.
+
+        Raises
+        ------
+        InputError
+            If the folder has other contents, or results without `force`.
         """
         path = Path(folder).expanduser()
         record = _as_record(self.columns)
@@ -268,29 +408,42 @@ class Run(SampledRun):
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class RunReport(Value):
-    """The report of a run: what its fit and draws say of the nominal values."""
+    """The report of a run, which `run.judge()` returns and `print` shows.
+
+    Parameters
+    ----------
+    view : ReportContext
+        The analysis, the draws and the config of the run.
+
+    Examples
+    --------
+    >>> [row["name"] for row in run.judge().rows]
+    ['k_s', 't_f']
+    >>> run.judge().reasons
+    ()
+    """
 
     view: ReportContext
 
     @property
     def verdict(self) -> Verdict | None:
-        """The verdict; None where no unknown has a nominal value to be compared with."""
+        """The verdict on the nominal values; None if no unknown has one."""
         judgement = self.view.analysis.judged
         return None if judgement is None else judgement.verdict
 
     @property
     def rows(self) -> list[dict[str, Any]]:
-        """A record for each unknown, for a table of any kind."""
+        """The summary of each unknown as a mapping, such as for a data frame."""
         return [as_record(row) for row in self.view.analysis.unknowns]
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Why nothing of it must be believed: no convergence, or no fit; empty where it may be."""
+        """The reasons why the run must not be believed: no convergence or a bad fit."""
         return self.view.reasons
 
     @property
     def text(self) -> str:
-        """The whole report in words and tables."""
+        """The whole report as text, with its tables."""
         return "\n\n".join(as_text(sections(self.view)))
 
     def __str__(self) -> str:
@@ -309,11 +462,28 @@ def _as_record(columns: Mapping[str, Array] | None) -> str | None:
 
 @check_arguments
 def open(folder: str | Path) -> Run:
-    """Open the run that `save` or `bayesdrill posterior` left; raises `InputError` without one.
+    """Open a run that `Run.save` or `bayesdrill posterior` has saved; nothing is sampled again.
 
-        run = bd.open("results/mine")
+    Parameters
+    ----------
+    folder : str or path
+        The folder of the run.
 
-    Nothing is sampled again, and `print(run)` shows its report.
+    Returns
+    -------
+    Run
+        The run; `print` shows its report.
+
+    Raises
+    ------
+    InputError
+        If there is no finished run.
+
+    Examples
+    --------
+    >>> folder = run.save("results/mine")
+    >>> sorted(bd.open(folder).draws)
+    ['k_s', 't_f']
     """
     result = pipeline.read_result(Path(folder).expanduser())
     return Run(result.job, result.mode, result.sampled, kept=result.kept)

@@ -1,4 +1,4 @@
-"""Names for types of arrays: of numbers, of yes and no, of indices, of counts."""
+"""Types of arrays by their numbers: floats, flags, indices and counts."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Flags = NDArray[np.bool_]
 Indices = NDArray[np.intp]
 Counts = NDArray[np.int64]
 
-PART = 1 << 18  # numbers of a long series that are looked at together, lest all of it is copied
+PART = 1 << 18  # numbers of a long series that are checked at a time, which limits the memory
 
 
 class _Stored:
@@ -27,4 +27,4 @@ class _Stored:
         return core_schema.no_info_after_validator_function(np.array, table)
 
 
-StoredArray = Annotated[Array, _Stored]  # of a field of a record that is written as JSON
+StoredArray = Annotated[Array, _Stored]  # an array as a field of a record that is written as JSON

@@ -1,8 +1,8 @@
-"""Dual numbers, which carry exact derivatives along, and functions for numbers of any kind.
+"""Dual numbers, which carry exact derivatives, and functions for numbers of any kind.
 
-Formulas use these functions beside + - * /: for arrays, duals, and registers of a kernel.  A kind
-of number that computes them by itself is a `Number`, and its masks are `Choice`s; all others are
-NumPy's.
+Formulas use these functions with + - * / for arrays, dual numbers and registers of a kernel.  A kind
+of number with its own implementation is a `Number`, and a comparison of two returns a `Choice`;
+for others NumPy's functions are used.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ import numpy as np
 
 @dataclass(frozen=True, slots=True)
 class Dual:
-    """A value and its derivative; the numbers may be of any kind that knows arithmetic."""
+    """A value and its derivative, of any kind of number that supports arithmetic."""
 
     value: Any
     slope: Any
 
-    __array_ufunc__: ClassVar[None] = None  # NumPy's numbers leave arithmetic with it to it
+    __array_ufunc__: ClassVar[None] = None  # so that `array * dual` calls `Dual.__rmul__`
 
     def __getitem__(self, index: Any) -> Dual:
         return Dual(self.value[index], self.slope[index])
@@ -57,7 +57,7 @@ class Dual:
         return dual(other) / self
 
     def __pow__(self, power: float) -> Dual:
-        if not isinstance(power, int) or power < 1:  # of numbers only
+        if not isinstance(power, int) or power < 1:  # only numbers and arrays have such powers
             slope = power * self.value ** (power - 1) * self.slope
             return Dual(self.value**power, slope)
         result = self
@@ -84,12 +84,12 @@ class Dual:
 
 
 def dual(number: Any) -> Dual:
-    """Return a number as a `Dual`; a plain one has no slope."""
+    """Return a number as a `Dual`, with slope zero if it has none."""
     return number if isinstance(number, Dual) else Dual(number, 0.0)
 
 
 def linear_map(function: Callable[..., Any], *numbers: Any) -> Any:
-    """Return a linear function of arrays, or of arrays that all have slopes, with its slope."""
+    """Apply a linear function to plain numbers, or to duals, whose slopes it maps in the same way."""
     if not all(isinstance(number, Dual) for number in numbers):
         return function(*numbers)
     values, slopes = zip(*((number.value, number.slope) for number in numbers), strict=True)
@@ -114,7 +114,7 @@ def elementwise(
 
 
 class Number(ABC):
-    """A number of a kind that computes these functions by itself."""
+    """A kind of number with its own implementation of the functions of this module."""
 
     __slots__ = ()
 
@@ -132,25 +132,25 @@ class Number(ABC):
 
     @abstractmethod
     def signed(self, like: Any) -> Any:
-        """Return it with the sign of `like`."""
+        """Return the number with the sign of `like`."""
 
     @abstractmethod
     def below(self, other: Any) -> Choice:
-        """Tell where it is less than `other`."""
+        """Return whether the number is less than `other`."""
 
     @abstractmethod
     def above(self, other: Any) -> Choice:
-        """Tell where it is greater than `other`."""
+        """Return whether the number is greater than `other`."""
 
 
 class Choice(ABC):
-    """What a comparison of such numbers returns."""
+    """The result of a comparison of two `Number`s."""
 
     __slots__ = ()
 
     @abstractmethod
     def chosen(self, yes: Any, no: Any) -> Any:
-        """Select `yes` where it is true, `no` elsewhere."""
+        """Return `yes` where the comparison is true, and `no` elsewhere."""
 
 
 def exp(number: Any) -> Any:
@@ -169,7 +169,7 @@ def sin(number: Any) -> Any:
 
 
 def below(lower: Any, upper: Any) -> Any:
-    """Tell where `lower < upper`, by values, in a form that `where` takes."""
+    """Compare values: return the mask `lower < upper`, which `where` accepts."""
     if isinstance(lower, Dual) or isinstance(upper, Dual):
         return below(dual(lower).value, dual(upper).value)
     if isinstance(lower, Number):
@@ -178,7 +178,7 @@ def below(lower: Any, upper: Any) -> Any:
 
 
 def where(mask: Any, yes: Any, no: Any) -> Any:
-    """Select `yes` or `no`, each with its slope."""
+    """Return `yes` where the mask is true and `no` elsewhere, with their slopes."""
     if isinstance(yes, Dual) or isinstance(no, Dual):
         first, second = dual(yes), dual(no)
         return Dual(where(mask, first.value, second.value), where(mask, first.slope, second.slope))
@@ -186,14 +186,14 @@ def where(mask: Any, yes: Any, no: Any) -> Any:
 
 
 def size(number: Any) -> Any:
-    """Return the absolute value; its slope at zero is that from above."""
+    """Return the absolute value; at zero its slope is that of positive numbers."""
     if isinstance(number, Number):
         return number.size()
     return where(below(number, 0.0), -number, number)
 
 
 def signed(number: Any, like: Any) -> Any:
-    """Return a number that is not negative, with the sign of another."""
+    """Return a nonnegative number with the sign of `like`."""
     if isinstance(number, Number) and not isinstance(like, Dual):
         return number.signed(like)
     return where(below(like, 0.0), -number, number)

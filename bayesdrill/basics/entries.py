@@ -1,7 +1,7 @@
-"""What may stand in a config: numbers with their bounds, and the entries that a member brings.
+"""Entries of a config: numbers with bounds, and the entries that members of registries declare.
 
-A member of a registry (a rig, a noise, a way to search) is a dataclass, and each of its fields that
-is `Annotated` is an entry of the config: `i_m: Positive = 0.125`.
+A member (a rig, a noise, an optimiser) is a dataclass, and each of its `Annotated` fields is an entry
+of the config, such as `i_m: Positive = 0.125`.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from bayesdrill.basics.errors import InputError, Issue, short_repr
 
 
 class Strict(BaseModel):
-    """A part of a config: unknown keys, and values of other types, are errors.
+    """A section of a config, in which unknown keys and values of other types are errors.
 
-    What an entry is stands in its `Field`, or as a text below it.
+    An entry is described by its `Field`, or by a string below it.
     """
 
     model_config = ConfigDict(
@@ -34,15 +34,15 @@ class Strict(BaseModel):
     )
 
 
-# Of any number in a config.  No rig has others, and their squares and ratios stay finite.
+# Bounds of every number in a config, which no rig exceeds; squares and ratios stay finite.
 SMALLEST, LARGEST = 1e-30, 1e30
-MAX_COUNT = 1_000_000  # of anything that is counted
+MAX_COUNT = 1_000_000  # largest count in a config
 
 Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 Positive = Annotated[float, Field(ge=SMALLEST, le=LARGEST)]
 NonNegative = Annotated[float, Field(ge=0, le=LARGEST)]
 Count = Annotated[int, Field(ge=1, le=MAX_COUNT)]
-Latex = Annotated[str, Field(max_length=200)]  # longer, and matplotlib takes for ever
+Latex = Annotated[str, Field(max_length=200)]  # Matplotlib takes very long to draw longer texts
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -51,7 +51,7 @@ class NoEntries:
 
 
 def entries_of(kind: type) -> dict[str, Any]:
-    """Return each entry of a member as pydantic takes it; raises `ValueError` for no dataclass."""
+    """Return the annotation of each entry of a member; raises `ValueError` if it is no dataclass."""
     if not dataclasses.is_dataclass(kind):
         raise ValueError(f"{getattr(kind, '__name__', kind)} is no dataclass")
     hints = typing.get_type_hints(kind, include_extras=True)
@@ -61,13 +61,13 @@ def entries_of(kind: type) -> dict[str, Any]:
 
 @functools.cache
 def entries_model(kind: Any) -> type[Strict]:
-    """Return the section with all entries of a member; raises where they can stand in no config."""
+    """Return the pydantic model of all entries of a member; raises if one cannot be an entry."""
     fields: dict[str, Any] = {name: (hint, ...) for name, hint in entries_of(kind).items()}
     return create_model("Entries", __base__=Strict, **fields)
 
 
 def set_constants(member: Any) -> None:
-    """Give a frozen member its entries as a config reads them; raises `InputError` with all mistakes."""
+    """Validate and convert the entries of a frozen member; raises `InputError` with all mistakes."""
     section = entries_model(cast("Hashable", type(member)))
     given = {name: getattr(member, name) for name in section.model_fields}
     try:
@@ -76,14 +76,14 @@ def set_constants(member: Any) -> None:
         )
     except ValidationError as error:
         reasons = {str(e["loc"][0]): e["msg"].removeprefix("Value error, ") for e in error.errors()}
-        said = {n: f"{short_repr(given[n])} cannot be this: {why}" for n, why in reasons.items()}
-        raise InputError([Issue(*each) for each in said.items()]) from None
+        texts = {n: f"{short_repr(given[n])} cannot be this: {why}" for n, why in reasons.items()}
+        raise InputError([Issue(*issue) for issue in texts.items()]) from None
     for name in given:
         object.__setattr__(member, name, getattr(read, name))
 
 
 def _annotated(hint: Any) -> bool:
-    """Tell whether a type is annotated, or is where None is left out."""
+    """Return whether a type, or a member of a union, is `Annotated`."""
     return typing.get_origin(hint) is Annotated or any(map(_annotated, _choices(hint)))
 
 
@@ -102,14 +102,14 @@ def _about(hint: Any) -> str:
 def member_section[B: Strict](
     name: str, base: type[B], key: str, members: Mapping[str, type]
 ) -> type[B]:
-    """Return `base` with the entries of all members, each optional; its entry `key` names a member."""
+    """Return `base` with the optional entries of all members; its entry `key` names a member."""
     key_field = base.model_fields[key]
     named = Field(
         key_field.default, description=key_field.description, json_schema_extra={"enum": [*members]}
     )
     fields: dict[str, Any] = {key: (key_field.annotation, named)}
     for entry, having in members_by_entry(members).items():
-        if entry in base.model_fields:  # of a package of others, and taken
+        if entry in base.model_fields:  # an entry of another package must not replace one of ours
             continue
         kind = members[having[0]]
         hint = entries_of(kind)[entry]
@@ -122,9 +122,9 @@ def member_section[B: Strict](
 
 
 def extended[B: Strict](name: str, base: type[B], fields: dict[str, Any]) -> type[B]:
-    """Return `base` with further fields, as pydantic takes them."""
-    where = base.__module__  # which has it by this name, so that its records can be pickled
-    return create_model(name, __base__=base, __doc__=base.__doc__, __module__=where, **fields)
+    """Return `base` with further fields, given as for `pydantic.create_model`."""
+    module = base.__module__  # it must define the model by this name, for pickles of its records
+    return create_model(name, __base__=base, __doc__=base.__doc__, __module__=module, **fields)
 
 
 def members_by_entry(members: Mapping[str, type]) -> dict[str, list[str]]:
@@ -137,7 +137,7 @@ def members_by_entry(members: Mapping[str, type]) -> dict[str, list[str]]:
 
 
 def build_member[T](kind: type[T], section: Strict) -> T:
-    """Build the member from what its section gives, and else from its defaults."""
+    """Build a member from the entries of its section, with its defaults for the others."""
     given = {entry: getattr(section, entry) for entry in entries_of(kind)}
     return kind(**{entry: value for entry, value in given.items() if value is not None})
 
@@ -145,9 +145,9 @@ def build_member[T](kind: type[T], section: Strict) -> T:
 def unknown_keys(
     choice: tuple[str, str], members: Mapping[str, type], kind: type, section: Strict
 ) -> dict[str, str]:
-    """Return entries that are given and mean nothing to `kind`, and what to do about each.
+    """Return the entries of a section that `kind` does not have, each with a message for the user.
 
-    `choice`: the entry that names a member, and what a member is called.
+    `choice` has the entry that names a member, and a word for such members.
     """
     (key, what), known = choice, entries_of(kind)
     name = getattr(section, key)

@@ -1,4 +1,4 @@
-"""Errors at the border, with messages from which a user can mend the input."""
+"""Errors of the user's input, with messages that say how to correct it."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
-MAX_VALUE_LETTERS = 60  # letters of a value in a message
-MAX_REASON_LETTERS = 120  # of a reader's own words: some quote half of the file
+MAX_VALUE_LETTERS = 60  # most letters of a value in a message
+MAX_REASON_LETTERS = 120  # most letters of a library's message, which may quote half of a file
 
 
 @dataclass(frozen=True, slots=True)
 class Issue:
-    """One mistake: `place` is where it stands (file, line, path), `message` the value and way out."""
+    """A mistake: its `place` (file, line, entry), and a `message` with the value and the way out."""
 
     place: str
     message: str
@@ -25,11 +25,25 @@ class Issue:
 
 
 class InputError(Exception):
-    """The input is wrong: every problem, at once. The command line exits with status 2."""
+    """Raised for wrong input, with all mistakes at once; the command line exits with status 2.
+
+    Parameters
+    ----------
+    problems : sequence of Issue
+        The mistakes, each with its place and a message that says how to correct it.
+
+    Examples
+    --------
+    >>> try:
+    ...     bd.nominal("table_9")
+    ... except bd.InputError as error:
+    ...     print(error.problems[0].place)
+    nominal
+    """
 
     def __init__(self, problems: Sequence[Issue]) -> None:
         self.problems = tuple(problems)
-        super().__init__(self.problems)  # by which it is made again in another process
+        super().__init__(self.problems)  # the argument with which it is unpickled in a process
 
     def __str__(self) -> str:
         return "\n".join(str(problem) for problem in self.problems)
@@ -42,13 +56,13 @@ class InputError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class ErrorCollector:
-    """Collects what could not be made, and why, in `missing`, and goes on."""
+    """Collects failures in `missing`, so that the remaining results are still made."""
 
     missing: list[str] = field(default_factory=list)
 
     @contextmanager
     def making(self, what: str) -> Iterator[None]:
-        """Note what goes wrong inside, but raise a full disk or a killed worker: no matter of `what`."""
+        """Record an error inside as a failure of `what`; a full disk or a killed worker is raised."""
         try:
             yield
         except (OSError, MemoryError, BrokenExecutor):
@@ -62,7 +76,7 @@ class ErrorCollector:
 
 @contextmanager
 def report_damage(place: str, message: str) -> Iterator[None]:
-    """Turn what readers raise at damaged bytes into an `InputError`, with the reason for a `{}`."""
+    """Turn any error of a reader into an `InputError`; its reason replaces `{}` in `message`."""
     try:
         yield
     except InputError:
@@ -73,13 +87,13 @@ def report_damage(place: str, message: str) -> Iterator[None]:
         raise InputError.at(place, text) from error
 
 
-def collect_each[T, S](do: Callable[[T], S], those: Iterable[T]) -> list[S]:
-    """Return what `do` makes of each; raises `InputError` with all that is wrong, each mistake once."""
+def collect_each[T, S](function: Callable[[T], S], items: Iterable[T]) -> list[S]:
+    """Apply a function to each item; raises `InputError` with the mistakes of all, each once."""
     results: list[S] = []
     problems: list[Issue] = []
-    for item in those:
+    for item in items:
         try:
-            results.append(do(item))
+            results.append(function(item))
         except InputError as error:
             problems += error.problems
     if problems:
@@ -88,34 +102,34 @@ def collect_each[T, S](do: Callable[[T], S], those: Iterable[T]) -> list[S]:
 
 
 def short_repr(value: object) -> str:
-    """Return a value as a message shows it: in one short line, whatever it is."""
+    """Return the `repr` of any value for a message, shortened to one line."""
     try:
         text = " ".join(repr(value).split())
-    except Exception:  # whole numbers of thousands of digits, and objects of others
+    except Exception:  # integers of thousands of digits, and objects with a faulty `repr`
         return f"what is given, of type {type(value).__name__},"
     return shortened(text)
 
 
 def shortened(text: str, most: int = MAX_VALUE_LETTERS) -> str:
-    """Return a text, or its first letters where it has more than `most`."""
+    """Return a text, cut off with dots if it has more than `most` letters."""
     return text if len(text) <= most else f"{text[: most - 3]}..."
 
 
 class Stopped(KeyboardInterrupt):
-    """A signal asked to stop, and not the code of another package."""
+    """Raised when a signal asks to stop; a `KeyboardInterrupt` may also come from another package."""
 
 
 class Interrupted(Exception):
-    """The user or the system asked to stop: what is saved, and how to go on. Exit status 130."""
+    """Raised when the user or the system asked to stop; it says how to continue. Exit status 130."""
 
 
 def was_stopped(error: BaseException | None) -> bool:
-    """Tell whether a signal asked to stop: native code that is loaded makes another error of it."""
+    """Return whether a signal asked to stop, even if native code turned that into another error."""
     return isinstance(error, Stopped) or (error is not None and was_stopped(error.__context__))
 
 
 def short_of_memory(error: BaseException | None) -> bool:
-    """Tell whether there was no room: for numbers, or for a library, as its loader says."""
+    """Return whether memory was exhausted, by numbers or by the loading of a library."""
     if error is None:
         return False
     unloaded = isinstance(error, ImportError | OSError) and "failed to map" in str(error)
@@ -124,22 +138,22 @@ def short_of_memory(error: BaseException | None) -> bool:
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """Return `; did you mean X?` or, when nothing is near, `; known: A, B, ...`."""
+    """Return `; did you mean X?` or, if no known name is similar, `; known: A, B, ...`."""
     names = list(known)
     folded = {name.casefold(): name for name in names}
-    near = difflib.get_close_matches(word.casefold(), folded, n=1, cutoff=0.6)
-    if near:
-        return f"; did you mean {folded[near[0]]}?"
+    similar = difflib.get_close_matches(word.casefold(), folded, n=1, cutoff=0.6)
+    if similar:
+        return f"; did you mean {folded[similar[0]]}?"
     return f"; known: {', '.join(names)}" if names else ""
 
 
 def printable(text: str) -> str:
-    """Return lines with blanks for what a terminal may obey, and half characters written out."""
+    """Return lines with control characters replaced by blanks, and surrogates escaped."""
     return "".join(
         letter if letter.isprintable() or letter == "\n" else " " for letter in encodable(text)
     )
 
 
 def encodable(text: str) -> str:
-    """Write half characters, as in names of files that are not UTF-8, as Python does."""
+    """Escape lone surrogates, as in names of files that are not UTF-8, by a backslash."""
     return text.encode("utf-8", "backslashreplace").decode("utf-8")

@@ -1,7 +1,7 @@
-"""Formulas and linear combinations that are written as text: read, never run.
+"""Parse formulas and linear combinations; their text is never executed as Python.
 
-A formula is such as `pi*G*d**4/(32*L)`, a combination such as `theta_1 - theta_2`.  What may stand
-in one: numbers, names, `+ - * / **`, `pi`, `sqrt`, `exp`, `log`.
+An example of a formula is `pi*G*d**4/(32*L)`, and of a combination `theta_1 - theta_2`.  They may
+contain numbers, names, `+ - * / **`, `pi`, `sqrt`, `exp` and `log`.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from bayesdrill.basics.errors import did_you_mean, shortened
 FUNCTIONS: Mapping[str, Callable[[Any], Any]] = MappingProxyType(
     {"sqrt": np.sqrt, "exp": np.exp, "log": np.log}
 )
-MAX_TERMS = 1000  # numbers, names and operations
-MAX_DEPTH = 100  # operations inside each other; a sum of n terms has n - 1
+MAX_TERMS = 1000  # most numbers, names and operations of a formula
+MAX_DEPTH = 100  # most nested operations; a sum of n terms has n - 1
 RESERVED = frozenset({"pi", *FUNCTIONS})
 
 _OPERATORS: Mapping[type[ast.operator], Callable[[Any, Any], Any]] = MappingProxyType(
@@ -38,33 +38,33 @@ _OPERATORS: Mapping[type[ast.operator], Callable[[Any, Any], Any]] = MappingProx
 
 @dataclass(frozen=True, slots=True)
 class Expression:
-    """A formula that was read; two of the same `text` are equal."""
+    """A parsed formula; two with the same `text` are equal."""
 
     text: str
     tree: ast.expr = field(repr=False, compare=False)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the quantities in it, in the order in which they stand."""
+        """The names of its quantities, in the order of the syntax tree."""
         names = (node.id for node in ast.walk(self.tree) if isinstance(node, ast.Name))
         return tuple(dict.fromkeys(name for name in names if name not in RESERVED))
 
     def value(self, named: Mapping[str, Any]) -> Any:
-        """Evaluate it at numbers, arrays of one shape, or `duals.Dual`; inf or NaN where undefined."""
+        """Evaluate the formula at numbers, arrays of one shape or duals; inf or NaN if undefined."""
         with np.errstate(all="ignore"):
             return _value(self.tree, named)
 
     @property
     def positive(self) -> bool:
-        """Whether it surely is where all unknowns are: no sum, as a number in it can be negative."""
+        """Whether the formula is certainly positive if all names are; a sum is not."""
         return _is_positive(self.tree)
 
     def renamed(self, names: Mapping[str, str]) -> Expression:
-        """Return it with other names."""
+        """Return the formula with names replaced by others."""
         return self.substituted({old: Expression(x, ast.Name(x)) for old, x in names.items()})
 
     def substituted(self, others: Mapping[str, Expression]) -> Expression:
-        """Return it with the names of `others` replaced; raises `ValueError` where that is too long."""
+        """Return the formula with names replaced by formulas; raises `ValueError` if it is too long."""
 
         class Substitution(ast.NodeTransformer):
             def visit_Name(self, node: ast.Name) -> ast.expr:
@@ -86,7 +86,7 @@ def expression(text: str, known: Iterable[str]) -> Expression:
 
 @contextmanager
 def _readable(text: str, example: str) -> Iterator[None]:
-    """Show an `example` where a text that is read is no formula."""
+    """Turn errors of the parser into a `ValueError` with an `example`."""
     try:
         yield
     except (SyntaxError, RecursionError, MemoryError, OverflowError):  # too deep, or too large
@@ -95,7 +95,7 @@ def _readable(text: str, example: str) -> Iterator[None]:
 
 
 class RelationError(ValueError):
-    """An error in the relation of `name`, together with others."""
+    """Raised if the relation of `name` cannot be resolved together with the others."""
 
     def __init__(self, name: str, message: str) -> None:
         super().__init__(message)
@@ -103,7 +103,7 @@ class RelationError(ValueError):
 
 
 def resolve_relations(relations: Mapping[str, Expression]) -> dict[str, Expression]:
-    """Return relations in names that have none themselves; raises `RelationError`."""
+    """Substitute relations into each other until their names have none; raises `RelationError`."""
     done: dict[str, Expression] = {}
 
     def resolve(name: str, path: tuple[str, ...]) -> Expression:
@@ -125,7 +125,7 @@ def resolve_relations(relations: Mapping[str, Expression]) -> dict[str, Expressi
 
 
 def _check_size(tree: ast.expr) -> None:
-    """Check the size before anything goes down a tree, or on through one that others are put into."""
+    """Check the size of a tree without recursion, which a very deep one would exhaust."""
     depth, level, count = 0, [tree], 0
     while level:
         depth, count = depth + 1, count + len(level)
@@ -185,7 +185,7 @@ def _value(node: ast.expr, named: Mapping[str, Any]) -> Any:
             return _OPERATORS[type(op)](_value(left, named), _value(right, named))
         case ast.Call(func=ast.Name(id=name), args=[argument]):
             inner = _value(argument, named)
-            # Numbers with a derivative bring their own functions.
+            # Dual numbers have methods of these names.
             method = getattr(inner, name, None)
             return FUNCTIONS[name](inner) if method is None else method()
     raise AssertionError(ast.dump(node))
@@ -197,7 +197,7 @@ def _power(node: ast.expr) -> int | float:
 
 
 def _is_positive(node: ast.expr) -> bool:
-    """Compute what names nothing; of the rest know a product of powers by its form."""
+    """Evaluate a formula without names, and recognise products of powers by their form."""
     with suppress(KeyError), np.errstate(all="ignore"):
         return bool(0 < _value(node, {}) < math.inf)
     match node:
@@ -236,7 +236,7 @@ def linear_combination(text: str, known: Iterable[str]) -> dict[str, float]:
 
 
 def _weights(node: ast.expr, known: list[str]) -> dict[str, float]:
-    """Return weights by name; the name '' has the constant."""
+    """Return weights by name, with the constant term under the name ''."""
     match node:
         case ast.Constant(value=int() | float() as value) if not isinstance(value, bool):
             return {"": float(value)}

@@ -1,4 +1,4 @@
-"""Reports of progress: a bar on a terminal, a line now and then in a file."""
+"""Report the progress of long work: as a bar on a terminal, as lines in a file."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Reporter(Protocol):
         """Print a line."""
 
     def update(self, fraction: float, text: str) -> None:
-        """Tell how far a stage is and what it knows: 0 begins it, 1 ends it."""
+        """Show the completed fraction of a stage, and a text; 0 begins a stage, and 1 ends it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +40,7 @@ SILENT = Silent()
 
 @dataclass(slots=True)
 class Lines:
-    """A line for each stage, and one every `interval` seconds; for files and logs."""
+    """A reporter for files and logs: a line for each stage, and one every `interval` seconds."""
 
     stream: TextIO
     interval: float = 10.0
@@ -51,7 +51,7 @@ class Lines:
         """See `Reporter.say`."""
         try:
             print(printable(text), file=self.stream, flush=True)
-        except OSError:  # nobody reads on, or a full disk; the work is worth finishing all the same
+        except OSError:  # a closed pipe or a full disk must not end the work
             os.dup2(os.open(os.devnull, os.O_WRONLY), self.stream.fileno())
 
     def update(self, fraction: float, text: str) -> None:
@@ -67,7 +67,7 @@ class Lines:
 
 
 class Bar:
-    """A rich progress bar with the time left; for terminals."""
+    """A reporter for terminals: a progress bar of rich with the estimated time left."""
 
     def __init__(self, console: Any, progress: Any) -> None:
         self._console, self._progress = console, progress
@@ -106,7 +106,7 @@ def _time_left(elapsed: float, fraction: float) -> str:
 
 @contextmanager
 def reporter() -> Iterator[Reporter]:
-    """Yield a bar on a terminal, lines elsewhere, nothing where there is no stderr."""
+    """Yield a bar on a terminal, lines elsewhere, or a silent reporter without stderr."""
     if sys.stderr is None:
         yield Silent()
         return

@@ -1,4 +1,4 @@
-"""Registries of members by name, of this package and of others, and names that load late."""
+"""Registries of members by name, also from other packages, and lazy imports of public names."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from bayesdrill.basics.errors import did_you_mean, was_stopped
 
 @cache
 def public_names(package: str) -> dict[str, str]:
-    """Return what a package imports under `TYPE_CHECKING`, for others to have: by name, its module."""
+    """Return the public names of a package with their modules: its imports under `TYPE_CHECKING`."""
     tree = ast.parse(inspect.getsource(sys.modules[package]))
     blocks = (node.body for node in tree.body if isinstance(node, ast.If))
     imports = (node for body in blocks for node in body if isinstance(node, ast.ImportFrom))
@@ -28,7 +28,7 @@ def public_names(package: str) -> dict[str, str]:
 
 
 def lazy_attributes(package: str) -> Callable[[str], Any]:
-    """Return the `__getattr__` of a package, which loads its `public_names` when asked for."""
+    """Return a `__getattr__` for a package that imports each of its `public_names` at first use."""
 
     def find(name: str) -> Any:
         known = {} if name.startswith("__") else public_names(package)  # Python asks for `__path__`
@@ -40,22 +40,22 @@ def lazy_attributes(package: str) -> Callable[[str], Any]:
 
 
 def check_callable(_: str, member: Any) -> None:
-    """Raise `ValueError` where what another package brings cannot be called."""
+    """Raise `ValueError` if a member of another package is not callable."""
     if not callable(member):
         raise ValueError(f"a function is wanted, not {type(member).__name__}")
 
 
 class Registry[T](Mapping[str, T]):
-    """Members of a kind `what`, then the entry points `bayesdrill.<what>` of installed packages.
+    """Members of the kind `what`: of this package, then entry points `bayesdrill.<what>` of others.
 
-    A member of another package is loaded when it is asked for, and raises `ValueError` when it
-    cannot be; one with the name of a member of this package is never asked for.
+    A member of another package is loaded at first use, which raises `ValueError` if that fails.  It
+    cannot replace a member of this package with the same name.
     """
 
     def __init__(
         self, what: str, members: Mapping[str, T], judge: Callable[[str, Any], None] | None = None
     ) -> None:
-        """`judge(name, member)` raises `ValueError` where what another package brings is none."""
+        """`judge(name, member)` raises `ValueError` for an unsuitable member of another package."""
         self.what = what
         self._members = dict(members)
         self._judge = judge
@@ -63,9 +63,9 @@ class Registry[T](Mapping[str, T]):
 
     @cached_property
     def _entry_points_of_kind(self) -> dict[str, EntryPoint]:
-        brought = _entry_points().select(group=f"bayesdrill.{self.what}")
-        by_name = {each.name: each for each in sorted(brought, key=lambda each: each.name)}
-        return {name: each for name, each in by_name.items() if name not in self._members}
+        points = _entry_points().select(group=f"bayesdrill.{self.what}")
+        by_name = {point.name: point for point in sorted(points, key=lambda point: point.name)}
+        return {name: point for name, point in by_name.items() if name not in self._members}
 
     def __getitem__(self, name: str) -> T:
         if name in self._members:
@@ -79,7 +79,7 @@ class Registry[T](Mapping[str, T]):
             member: T = entry_point.load()
             if self._judge is not None:
                 self._judge(entry_point.name, member)
-        except BaseException as error:  # whatever the code of others does
+        except BaseException as error:  # code of another package may raise anything
             if was_stopped(error):
                 raise
             failure = f"cannot be used from {entry_point.value}"
@@ -96,7 +96,7 @@ class Registry[T](Mapping[str, T]):
         return name in self._members or name in self._entry_points_of_kind
 
     def usable(self) -> dict[str, T]:
-        """Return all members but those that cannot be loaded."""
+        """Return all members except those that cannot be loaded."""
         members = {}
         for name in self:
             with suppress(ValueError):
@@ -104,12 +104,12 @@ class Registry[T](Mapping[str, T]):
         return members
 
 
-_entry_points = cache(entry_points)  # of all packages: to look for them takes some milliseconds
+_entry_points = cache(entry_points)  # searching all installed packages takes some milliseconds
 
 
 def blamed_package(error: BaseException) -> str:
-    """Return which other package an error comes from, and where it failed; else an empty text."""
-    text = "".join(traceback.format_exception(error))  # of a worker's too
+    """Return a message that names the other package from which an error comes; empty for none."""
+    text = "".join(traceback.format_exception(error))  # it includes the traceback of a worker
     for entry_point in _entry_points():
         top = entry_point.module.partition(".")[0]
         file = getattr(sys.modules.get(top), "__file__", None)
@@ -126,7 +126,7 @@ def _blame(entry_point: EntryPoint, failure: str, error: BaseException) -> str:
     package = entry_point.dist.name if entry_point.dist else "an installed package"
     try:
         reason = str(error)
-    except Exception:  # that, too, is code of others
+    except Exception:  # `__str__`, too, is code of another package
         reason = ""
     if not reason or not isinstance(error, ValueError):
         reason = f"{type(error).__name__}: {reason}".removesuffix(": ")
@@ -135,7 +135,7 @@ def _blame(entry_point: EntryPoint, failure: str, error: BaseException) -> str:
 
 
 def lookup[T](members: Mapping[str, T], name: str, what: str) -> T:
-    """Return the member of a name; raises `ValueError` with the nearest name there is."""
+    """Return the member with a name; raises `ValueError` with the most similar known name."""
     if name not in members:
         raise ValueError(f"'{name}' is not a {what}{did_you_mean(name, members)}")
     return members[name]

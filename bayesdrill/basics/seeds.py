@@ -1,4 +1,4 @@
-"""Random streams: one integer, one independent stream for each use."""
+"""Independent random streams for each purpose, all from one integer seed."""
 
 from __future__ import annotations
 
@@ -33,17 +33,17 @@ def _sequence(seed: int, purpose: Purpose, index: int) -> np.random.SeedSequence
 
 
 def stream(seed: int, purpose: Purpose, index: int = 0) -> np.random.Generator:
-    """Return the generator of a purpose."""
+    """Return the generator for a purpose and an index, such as that of an ensemble."""
     return np.random.default_rng(_sequence(seed, purpose, index))
 
 
 def bits(seed: int, purpose: Purpose, index: int = 0) -> np.random.MT19937:
-    """Return a bit generator for NumPy's legacy kind, which emcee and its moves draw from."""
+    """Return a bit generator for NumPy's legacy `RandomState`, which emcee uses."""
     return np.random.MT19937(_sequence(seed, purpose, index))
 
 
 def legacy_state(seed: int, purpose: Purpose, index: int = 0) -> tuple[Any, ...]:
-    """Return the state tuple that emcee takes; it ignores anything else without a word."""
+    """Return a state tuple of `RandomState`; emcee silently ignores any other kind of state."""
     state = np.random.RandomState(bits(seed, purpose, index)).get_state(legacy=True)
     assert isinstance(state, tuple)
     return state

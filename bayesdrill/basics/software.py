@@ -1,4 +1,4 @@
-"""The software that a result is made with, and how it and the works it stands on are cited."""
+"""Versions of the software that made a result, and its citation."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from importlib.resources import files
 
 import bayesdrill
 
-# A change of these may change the last bits of a chain: random streams and sums (numpy), priors and
-# optimiser (scipy), steps (emcee), the compiled model (llvmlite).
+# Another version of these may change the last bits of a chain: of its random streams and sums
+# (numpy), priors (scipy), steps (emcee) or compiled model (llvmlite).
 DECISIVE = ("numpy", "scipy", "emcee", "llvmlite")
 PACKAGES = (*DECISIVE, "arviz-stats", "arviz-base", "h5py")
 
@@ -19,13 +19,13 @@ def installed_versions() -> dict[str, str]:
     return {"bayesdrill": bayesdrill.__version__, **{name: version(name) for name in PACKAGES}}
 
 
-def version_differences(there: Mapping[str, str], wanted: Mapping[str, str]) -> list[str]:
-    """Return what is `there` in another version than is `wanted`, with both."""
-    return [f"{k} {there.get(k)} instead of {v}" for k, v in wanted.items() if there.get(k) != v]
+def version_differences(used: Mapping[str, str], wanted: Mapping[str, str]) -> list[str]:
+    """Return a text for each package whose `used` version is not the `wanted` one."""
+    return [f"{k} {used.get(k)} instead of {v}" for k, v in wanted.items() if used.get(k) != v]
 
 
 def creator() -> str:
-    """Return the name that figures carry inside."""
+    """Return the name and version of this package, for the metadata of figures."""
     return f"bayesdrill {bayesdrill.__version__}"
 
 
@@ -35,5 +35,5 @@ def versions_text() -> str:
 
 
 def citation() -> str:
-    """Return BibTeX entries of bayesdrill and of the works that its results stand on."""
+    """Return BibTeX entries of bayesdrill and of the works on which its results are based."""
     return files("bayesdrill").joinpath("citation.bib").read_text(encoding="utf-8")

@@ -1,7 +1,7 @@
-"""The one table of symbols: what each means, its unit, its LaTeX, and the nominal tables.
+"""The table of symbols with meaning, unit and LaTeX, and the tables of nominal values.
 
-The first nine parameters are the paper's own (Sandoval, Cunha Jr and Sampaio, ENIEF 2013, Table 1), the
-others those of further physics.  Note that `t_f` is a torque; time is `t` and nothing else.
+The first nine parameters are those of the paper (Sandoval, Cunha Jr and Sampaio, ENIEF 2013, Table
+1); the others belong to further physics.  Note that `t_f` is a torque, whereas `t` is time.
 """
 
 from __future__ import annotations
@@ -13,17 +13,17 @@ from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Literal
 
-# The unit of the speed of each unit of an angle, or of a position along a line.
+# The unit of the speed of a coordinate, by the unit of the coordinate.
 SPEED_UNITS: Mapping[str, str] = MappingProxyType({"rad": "rad/s", "m": "m/s"})
 
 
 @dataclass(frozen=True, slots=True)
 class Symbol:
-    """A quantity: its unit in SI, in the notation that pint reads, and how it is typeset.
+    """A quantity, with its SI unit in pint's notation, its LaTeX and that of its unit.
 
-    `latex_unit` is what a figure shows.  `held`: what a parameter may be fixed at; whoever is
-    unknown is positive.  `at_most`: what it cannot exceed.  `typical`: values that are known of
-    rigs, in SI, each with its source.  `drives`: an input without which the rig would stand still.
+    `held` is the range of values at which a parameter may be fixed; an unknown one is positive.
+    `at_most` is its upper bound.  `typical` quotes SI values of known rigs with their sources.
+    `drives` marks an input without which the rig would not move.
     """
 
     name: str
@@ -34,21 +34,21 @@ class Symbol:
     held: Literal["positive", "not negative", "any"] = "positive"
     at_most: float = math.inf
     typical: str = ""
-    drives: bool = field(default=False, repr=False)  # runs know symbols by their text
+    drives: bool = field(default=False, repr=False)  # fingerprints of runs contain the `repr`
 
     @property
     def plain_unit(self) -> str:
-        """The unit for tables and sentences: `kg m^2`."""
+        """The unit for tables and sentences, such as `kg m^2`."""
         return plain(self.unit)
 
 
 def plain(unit: str) -> str:
-    """Return a unit in the notation that pint reads, as one writes it by hand."""
+    """Convert a unit from pint's notation to plain text: `kg*m**2` to `kg m^2`."""
     return unit.replace("**", "^").replace("*", " ")
 
 
 def fraction(above: Sequence[str], below: Sequence[str], times: str) -> str:
-    """Return factors over factors, with brackets where they are needed."""
+    """Return a fraction of products as text, with brackets where they are needed."""
     over = times.join(above)
     if not below:
         return over
@@ -57,7 +57,7 @@ def fraction(above: Sequence[str], below: Sequence[str], times: str) -> str:
 
 
 def unit_product(units: Sequence[str], exponents: Sequence[int]) -> str:
-    """Return the unit of a product of powers, as pint reads it: `(N*m/rad)*(H)**2`."""
+    """Return the unit of a product of powers in pint's notation, such as `(N*m/rad)*(H)**2`."""
     powers = [(unit, e) for unit, e in zip(units, exponents, strict=False) if e]
     if len(powers) == 1 and powers[0][1] == 1:
         return powers[0][0]
@@ -65,7 +65,7 @@ def unit_product(units: Sequence[str], exponents: Sequence[int]) -> str:
 
 
 def product_latex(exponents: Sequence[int], symbols: Sequence[Symbol]) -> str:
-    r"""`k_T/(r_m\,k_s)`, without dollars; the first symbols belong to the exponents."""
+    r"""Return the LaTeX of a product of powers without dollars, such as `k_T/(r_m\,k_s)`."""
     above, below = (
         [
             superscript(symbol.latex, str(sign * e)) if sign * e > 1 else symbol.latex
@@ -78,11 +78,11 @@ def product_latex(exponents: Sequence[int], symbols: Sequence[Symbol]) -> str:
 
 
 def superscript(latex: str, index: str) -> str:
-    """Return `latex` with `index` above it; TeX keeps braces around a single accent for the `{}`."""
+    """Return `latex` with the exponent `index`; the `{}` keeps TeX from dropping braces of accents."""
     return (f"{{{{}}{latex}}}" if {"^", "'"} & {*latex} else latex) + f"^{{{index}}}"
 
 
-_SIGNS = {  # that units are written with, and what they are in formulas
+_SIGNS = {  # special characters of units, and their LaTeX
     **dict.fromkeys("\u00b7\u22c5", "*"),
     **dict.fromkeys("\u00b5\u03bc", r"{\mu}"),
     **dict.fromkeys("\u03a9", r"{\Omega}"),
@@ -92,9 +92,9 @@ _SIGNS = {  # that units are written with, and what they are in formulas
 
 
 def latex_unit(unit: str) -> str:
-    r"""Of a unit as pint reads it, without dollars: `mN*m` is `mN\,m`, `%` is `\%`.
+    r"""Return the LaTeX of a unit in pint's notation, without dollars: `mN*m` is `mN\,m`.
 
-    Raises `ValueError` for letters that formulas have no fonts for.
+    Raises `ValueError` for letters that the fonts of formulas lack.
     """
     if unit in ("1", ""):
         return ""
@@ -147,7 +147,7 @@ _TYPICAL = {
 
 PARAMETERS = _table(
     _symbol("j_m", "kg*m**2", "j_m", "moment of inertia of the motor"),
-    # A motor may have no damping or friction; one that turns backwards, friction of the other sign.
+    # A motor may have no damping or friction; if it turns backwards, its friction is negative.
     _or_zero("c_m", "N*m*s/rad", "c_m", "internal damping of the motor"),
     _symbol("k_e", "V*s/rad", "k_e", "voltage constant of the motor"),
     _symbol("k_T", "N*m/A", "k_T", "torque constant of the motor"),
@@ -159,7 +159,7 @@ PARAMETERS = _table(
         _symbol("t_f", "N*m", "t_f", "torque of the motor's internal friction (not a time)"),
         held="any",
     ),
-    # What a rig may have and is without where it is not named.
+    # Optional parameters, which a rig has only if they are named.
     _or_zero("c_s", "N*m*s/rad", "c_s", "damping of the shaft"),
     _or_zero("j_2", "kg*m**2", "j_2", "moment of inertia at the output of the gearbox"),
     _or_zero("r_s", "ohm", "r_s", "resistance in series with the motor"),
@@ -180,7 +180,7 @@ PARAMETERS = _table(
     _symbol("j_0", "kg*m**2", "j_0", "moment of inertia of rotor 0, beyond rotor 1"),
     _or_zero("c_0", "N*m*s/rad", "c_0", "damping between rotor 1 and rotor 0"),
     _symbol("j_s", "kg*m**2", "j_s", "moment of inertia of the shaft itself"),
-    # Of a bit that cuts rock, under a weight.
+    # Parameters of a bit that cuts rock under a weight.
     _symbol("b_0", "m", "b_0", "torque at the bit over the weight on it, at high speed"),
     _symbol("b_1", "s/rad", "b_1", "how steeply the torque at the bit begins with its speed"),
     _or_zero("b_2", "s/rad", "b_2", "how high the hump of the torque at the bit is at low speed"),
@@ -200,13 +200,13 @@ STATES = _table(
 INPUTS = _table(
     _drive("v", "V", "v", "voltage supplied to the motor"),
     _symbol("t_1", "N*m", "t_1", "friction torque on rotor 1 (load)"),
-    # Of rigs that are moved otherwise than by a voltage.
+    # Inputs of rigs that are not driven by a voltage.
     _drive("w_2", "rad/s", r"\dot\theta_2", "speed imposed on the shaft at the gearbox"),
     _drive("t_m", "N*m", "t_m", "torque that the motor is driven with (motor side)"),
     _symbol("wob", "N", "W", "weight on the bit"),
 )
 
-# What follows from the parameters, for every draw (`bayesdrill.derived`).
+# Quantities that are computed from the parameters of every draw (`inference.derived`).
 DERIVED = _table(
     _symbol("omega_n", "rad/s", r"\omega_n", "natural frequency of the oscillating pair"),
     _symbol("zeta", "1", r"\zeta", "damping ratio of the oscillating pair"),
@@ -216,12 +216,12 @@ DERIVED = _table(
     _symbol("i_end", "A", r"\dot q_\infty", "steady current at the usual inputs"),
 )
 
-# Of what `posterior.nc` holds: no names of anything else.
+# Names of axes in `posterior.nc`, which no quantity may have.
 AXES = frozenset({"chain", "draw", "time"})
 
 
-# Initial guesses of Table 3, which the deviations of Tables 2 and 3 refer to.  The shaft's geometry
-# supports k_s (G pi d^4 / 32 L = 0.263 N m/rad).
+# Initial guesses of Table 3, to which the deviations of Tables 2 and 3 refer.  The geometry of the
+# shaft agrees with k_s (G pi d^4 / 32 L = 0.263 N m/rad).
 _TABLES_2_3 = {
     "j_m": 4.0e-4,
     "c_m": 19.0e-5,
@@ -233,9 +233,9 @@ _TABLES_2_3 = {
     "j_1": 28.3e-3,
     "t_f": 1.0e-1,
 }
-# As it is printed: k_s and c_m contradict Tables 2 and 3.
+# The printed Table 1, whose k_s and c_m contradict Tables 2 and 3.
 _TABLE_1 = {**_TABLES_2_3, "k_s": 3.0e-1, "c_m": 18.0e-5}
-# Nominal values (SI) of the nine parameters, by table.
+# Nominal values of the nine parameters in SI, by table.
 NOMINAL: Mapping[str, Mapping[str, float]] = MappingProxyType(
     {"tables_2_3": MappingProxyType(_TABLES_2_3), "table_1": MappingProxyType(_TABLE_1)}
 )
@@ -250,7 +250,7 @@ _GREEK = re.compile(
 
 
 def own_symbol(name: str, unit: str, latex: str | None, meaning: str) -> Symbol:
-    """Return the symbol of a config's own name: `omega_1` is drawn as an omega with an index."""
+    """Return a symbol for a name of a config; `omega_1` is typeset as an omega with an index."""
     head, _, index = name.partition("_")
     shown = (
         rf"\{head}" if _GREEK.fullmatch(head) else head if len(head) == 1 else rf"\mathrm{{{head}}}"

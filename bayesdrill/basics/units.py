@@ -1,4 +1,4 @@
-"""Units at the border: conversion of a user's units to SI."""
+"""Conversion of a user's units to SI, at input and output."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from bayesdrill.basics.errors import MAX_VALUE_LETTERS, shortened
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """A unit that is shown: `name` as pint has it; `factor`: how many SI; `latex` without dollars."""
+    """A display unit: `name` in pint's notation, `factor` in SI per unit, `latex` without dollars."""
 
     name: str
     factor: float
@@ -25,27 +25,27 @@ SECOND = Unit("s", 1.0, "s")
 
 
 def display_unit(unit: str, si: str | None = None, latex: str = "") -> Unit:
-    """Return a user's `unit` of what is `si` inside; `latex` is that of the SI unit.
+    """Return the display unit of a quantity with the SI unit `si`, whose LaTeX is `latex`.
 
-    With `si` None the unit is of any kind, and inside is its `coherent` one.  Where the user's
-    cannot be typeset, the SI unit is returned.
+    Without `si` the unit may be of any kind, with its `coherent` SI unit.  The SI unit itself is
+    returned if the user's unit cannot be typeset.
     """
-    inside, times = coherent(unit) if si is None else (si, factor(unit, si))
-    si_unit = Unit(inside, 1.0, latex or symbols.latex_unit(inside))
-    if unit == inside:
+    si_name, si_per_unit = coherent(unit) if si is None else (si, factor(unit, si))
+    si_unit = Unit(si_name, 1.0, latex or symbols.latex_unit(si_name))
+    if unit == si_name:
         return si_unit
     try:
-        return Unit(unit, times, symbols.latex_unit(unit))
+        return Unit(unit, si_per_unit, symbols.latex_unit(unit))
     except ValueError:
         return si_unit
 
 
 def factor(unit: str, si: str) -> float:
-    """Return how many `si` one `unit` is; raises `ValueError` with a message for the user."""
+    """Return the factor from `unit` to `si`; raises `ValueError` with a message for the user."""
     if unit == si:
         return 1.0
-    alike = [common for common, (kind, _) in _COMMON.items() if kind == si]
-    examples = _EXAMPLES.get(si) or " or ".join(alike) or si
+    same_kind = [common for common, (kind, _) in _COMMON.items() if kind == si]
+    examples = _EXAMPLES.get(si) or " or ".join(same_kind) or si
     other_kind = f"unit '{unit}' is not a unit of {si}; write {examples}"
     if unit in _COMMON and si in _KINDS:
         kind, value = _COMMON[unit]
@@ -76,13 +76,13 @@ def factor(unit: str, si: str) -> float:
         raise ValueError(other_kind) from None
     except Exception:  # pint raises many kinds for malformed text
         raise ValueError(unreadable) from None
-    if not _same_base(quantity, wanted):  # counts, bits and the 1/s of Hz have no dimension either
+    if not _same_base(quantity, wanted):  # pint gives angles, counts, bits and Hz no dimension
         why = "as it does not say how far one of it turns"
         raise ValueError(f"unit '{unit}' is not a unit of {si}, {why}; write {examples}")
     return value
 
 
-# As pint has them, which takes 0.3 s to load.
+# The factors of common units, for which pint, which takes 0.3 s to load, is not needed.
 _KINDS = ("rad", "rad/s", "s", "A", "V", "N*m", "m", "m/s", "N", "kg", "N/m", "N*s/m")
 _COMMON = {kind: (kind, 1.0) for kind in _KINDS} | {
     "deg": ("rad", math.pi / 180),
@@ -99,7 +99,7 @@ _COMMON = {kind: (kind, 1.0) for kind in _KINDS} | {
 }
 
 
-# Units that are shown; what fits none of them is shown in kg, m, s, A.
+# Coherent SI units for display; a unit of another kind is shown as a product of kg, m, s and A.
 _COHERENT = (
     "m", "m**2", "m**3", "kg", "s", "N", "Pa", "N*m", "W", "A", "V", "ohm", "H", "rad/s", "kg/m**3",
     "kg*m**2", "K", "N/m", "N*s/m",
@@ -107,7 +107,7 @@ _COHERENT = (
 
 
 def coherent(unit: str) -> tuple[str, float]:
-    """Return the SI unit for a user's `unit` of any kind, and how many one is; raises `ValueError`."""
+    """Return the SI unit of a `unit` of any kind, and the factor to it; raises `ValueError`."""
     if unit in ("1", *_COHERENT):
         return unit, 1.0
     try:
@@ -134,13 +134,13 @@ def _quantity(value: float, unit: str) -> Any:
 
 
 def _same_base(quantity: Any, other: Any) -> bool:
-    """Tell whether two are of one kind; angles and counts are distinguished."""
+    """Return whether two quantities are of one kind; angles and counts are distinguished."""
     return bool(quantity.to_base_units().units == other.to_base_units().units)
 
 
-MAX_FACTOR = 1e30  # of one unit in another
-_COUNT = re.compile(r"counts?\s*/\s*(\d{1,9})")  # of an encoder: so many in a turn
-_COUNT_OF_LENGTH = re.compile(r"counts?\s*/\s*\(\s*([1-9]\d*\.?\d*)\s*/\s*(\w+)\s*\)")  # a scale
+MAX_FACTOR = 1e30  # largest factor between two units; a larger one is a mistake
+_COUNT = re.compile(r"counts?\s*/\s*(\d{1,9})")  # an encoder's count, over those of a turn
+_COUNT_OF_LENGTH = re.compile(r"counts?\s*/\s*\(\s*([1-9]\d*\.?\d*)\s*/\s*(\w+)\s*\)")  # of a scale
 _PERCENT = re.compile(r"%\s*of\s*(\d{0,9}\.?\d{1,9})\s*([^%]+)")  # of a rated torque or current
 _POWER = re.compile(
     r"(\*\*|\^)\s*\(?\s*[-+]?\s*\d{1,2}(\.\d{1,3})?\s*\)?"
@@ -151,10 +151,9 @@ _COMPUTED = re.compile(r"#\s*#|\*\*|\^|(?<![^\W\d])(\d\d|[02-9])|1\s*#")
 
 
 def _written_as_a_unit(unit: str) -> bool:
-    """Tell whether a text is names, with one small power each, and no number but 1.
+    """Return whether a text consists of names with one small power each, and no number but 1.
 
-    pint computes what it reads: `9**9**9` would take for ever; and reads past comments and quotes,
-    in which anything may stand.
+    Only such texts are given to pint, which would compute `9**9**9`, and ignores comments and quotes.
     """
     return (
         len(unit) <= MAX_VALUE_LETTERS

@@ -1,13 +1,11 @@
-"""Frozen records that compare by content, and what is given and stored of them.
+"""Frozen records that compare by content, checks of arguments, and records as JSON.
 
-Records can be pickled.  The check of arguments against annotations is the border of the API: what
-is given must be what annotations say, wherever it is given.  Only kinds are looked at, and whether
-a path can be one; what a number may be, and what names there are, is for each call to say.  Names
-of types that a module imports for annotations alone let pass all.
+Records can be pickled.  Arguments of the API are checked against their annotations: only the type of
+each, and whether a text can be a path.  Ranges and names are checked by each function itself.  A
+type that a module imports for annotations alone accepts anything.
 
-Frozen records are written as data for JSON and read back again, by the types of their fields.
-Floats keep all digits; those that JSON has no number for are the strings `Infinity`, `-Infinity`
-and `NaN`.
+Frozen records are written as data for JSON, and read back by the types of their fields.  Floats keep
+all digits; infinities and NaN are the strings `Infinity`, `-Infinity` and `NaN`.
 """
 
 from __future__ import annotations
@@ -34,7 +32,7 @@ from bayesdrill.basics.errors import InputError, Issue
 
 
 class Value:
-    """A frozen dataclass (`eq=False`): equal by its fields, pickled without what it has cached."""
+    """A base of frozen dataclasses (`eq=False`) that are equal by fields and pickled without caches."""
 
     __slots__ = ()
 
@@ -42,10 +40,10 @@ class Value:
         return equal_content(self, other) if type(other) is type(self) else NotImplemented
 
     def __hash__(self) -> int:
-        return hash(type(self))  # what it holds may have no hash; the few in one set are compared
+        return hash(type(self))  # fields may have no hash; sets compare their few members
 
     def __getstate__(self) -> dict[str, Any]:
-        fields = dataclasses.fields(self)  # type: ignore[arg-type]  # each that inherits is one
+        fields = dataclasses.fields(self)  # type: ignore[arg-type]  # subclasses are dataclasses
         return {field.name: getattr(self, field.name) for field in fields}
 
     def __setstate__(self, state: Mapping[str, Any]) -> None:
@@ -54,7 +52,7 @@ class Value:
 
 
 def equal_content(first: Any, second: Any) -> bool:
-    """Tell whether two objects are of one type and content; NaN equals NaN, caches do not count."""
+    """Return whether two objects have the same type and content; NaN equals NaN, caches are ignored."""
     if first is second:
         return True
     if type(first) is not type(second):
@@ -79,7 +77,7 @@ def equal_content(first: Any, second: Any) -> bool:
     return bool(first == second or is_nan)
 
 
-# Of what an annotation names: the kinds that fit, and what a message calls it.
+# For each annotation the types that are accepted, and its name in a message.
 KINDS: Mapping[Any, tuple[tuple[type, ...], str]] = {
     bool: ((bool,), "True or False"),
     int: ((Integral,), "a whole number"),
@@ -94,21 +92,21 @@ KINDS: Mapping[Any, tuple[tuple[type, ...], str]] = {
 UNIONS = (Union, UnionType)
 
 
-def check_arguments[T](what: T) -> T:
-    """Return a function, or a class with all public methods, that checks its arguments.
+def check_arguments[T](target: T) -> T:
+    """Decorate a function, or all public methods of a class, to check arguments against annotations.
 
-    It raises `InputError` for what is none of the kinds that its annotations name, with every such
-    argument at once; `Annotated[kind, "what to give"]` says it in words of its own.
+    The call raises `InputError` with every argument of a wrong type at once.  A message for one type
+    is given by `Annotated[type, "what to give"]`.
     """
-    if isinstance(what, type):
-        for name, member in list(vars(what).items()):
+    if isinstance(target, type):
+        for name, member in list(vars(target).items()):
             public = name == "__init__" or not name.startswith("_")
             if public and isinstance(member, staticmethod):
-                setattr(what, name, staticmethod(_guarded(member.__func__)))
+                setattr(target, name, staticmethod(_guarded(member.__func__)))
             elif public and inspect.isfunction(member):
-                setattr(what, name, _guarded(member))
-        return cast("T", what)
-    return cast("T", _guarded(cast("Callable[..., Any]", what)))
+                setattr(target, name, _guarded(member))
+        return cast("T", target)
+    return cast("T", _guarded(cast("Callable[..., Any]", target)))
 
 
 def _guarded(call: Callable[..., Any]) -> Callable[..., Any]:
@@ -116,7 +114,7 @@ def _guarded(call: Callable[..., Any]) -> Callable[..., Any]:
 
     @functools.cache
     def hints() -> Mapping[str, Any]:
-        # The names of its module; those that it has not stand for anything.
+        # A name that the module has only for type checkers accepts anything.
         names = defaultdict[str, Any](lambda: Any, vars(builtins) | call.__globals__)
         return typing.get_type_hints(call, {}, names, include_extras=True)
 
@@ -151,15 +149,15 @@ def _mismatches(location: str, value: Any, hint: Any) -> Iterator[Issue]:
 
 
 def _fits(value: Any, hint: Any) -> bool:
-    """Tell whether a value is of that kind; what it contains is not looked at."""
+    """Return whether a value has the type of an annotation; its contents are not checked."""
     kind = typing.get_origin(hint) or hint
     if kind is typing.Literal:
         return isinstance(value, str) and value in typing.get_args(hint)
     if kind is Any or not isinstance(kind, type):
         return True
     if getattr(kind, "_is_protocol", False) and not getattr(kind, "_is_runtime_protocol", False):
-        return True  # at which `isinstance` cannot look
-    if getattr(value, "shape", None) == ():  # a number of NumPy
+        return True  # `isinstance` cannot check this protocol
+    if getattr(value, "shape", None) == ():  # a NumPy scalar
         value = value.item()
     kinds = KINDS[kind][0] if kind in KINDS else kind
     return isinstance(value, kinds) and (not isinstance(value, bool) or kind not in (int, float))
@@ -189,17 +187,17 @@ def _no_path(location: str, value: str | PathLike[str]) -> Iterator[Issue]:
         Path(value).expanduser().lstat()
     except (FileNotFoundError, NotADirectoryError, PermissionError):
         pass
-    except (OSError, ValueError, TypeError, RuntimeError) as error:  # RuntimeError: ~ of nobody
+    except (OSError, ValueError, TypeError, RuntimeError) as error:  # RuntimeError: ~ without home
         reason = getattr(error, "strerror", None) or error
         yield Issue(location, f"this cannot be a path ({reason}); give another")
 
 
 FIELD_LINE = re.compile(r"(?P<name>\w+): (?P<description>.+?)(?: \[(?P<unit>.+)\])?")
-LABEL_FIELDS = ("name", "channel", "label", "parameter")  # by which a record is known in a list
+LABEL_FIELDS = ("name", "channel", "label", "parameter")  # fields that name a record in a list
 
 
 def as_data(value: Any) -> Any:
-    """Return mappings, lists, numbers and strings of a record and all that it contains."""
+    """Convert a record and its contents to mappings, lists, numbers and strings for JSON."""
     from pydantic_core import to_json
 
     return json.loads(to_json(value, inf_nan_mode="strings", fallback=_plain))
@@ -210,11 +208,11 @@ def _plain(value: Any) -> Any:
 
 
 def from_data[T](kind: type[T], data: Any, *, strict: bool = False) -> T:
-    """Return the record, or typed mapping, of what `as_data` gave.
+    """Convert data of `as_data` back to a record, or typed mapping, of this kind.
 
-    Raises `ValueError` where names or types are wrong; `strict`: also for numbers that are strings.
+    Raises `ValueError` for wrong names or types, and with `strict` also for numbers as strings.
     """
-    # Half a character, of the name of a file, is none in the text that is validated.
+    # Lone surrogates, as in the name of a file, are replaced, since pydantic rejects them.
     text = json.dumps(data, ensure_ascii=False).encode("utf-8", "replace")
     return cast("T", _adapter(cast("Hashable", kind)).validate_json(text, strict=strict))
 
@@ -227,7 +225,7 @@ def _adapter(kind: Hashable) -> Any:
 
 
 def field_descriptions(kind: type) -> dict[str, dict[str, str]]:
-    """Return descriptions and units by lines such as `size: how large it is [m]` of the docstring."""
+    """Parse descriptions and units from lines such as `size: the diameter [m]` of a docstring."""
     lines = map(FIELD_LINE.fullmatch, (inspect.getdoc(kind) or "").splitlines())
     parts = {line["name"]: line.groupdict() for line in lines if line}
     return {
@@ -239,7 +237,7 @@ def field_descriptions(kind: type) -> dict[str, dict[str, str]]:
 
 
 def leaves(data: Any, name: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield the numbers, strings and Nones of what `as_data` gave, by names like `unknowns.k_s.mean`."""
+    """Yield the numbers, strings and Nones of data with names such as `unknowns.k_s.mean`."""
     if isinstance(data, Mapping):
         parts = {str(key): item for key, item in data.items()}
     elif isinstance(data, list):

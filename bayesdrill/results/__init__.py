@@ -1,7 +1,6 @@
-"""What stays on disk: the folder of a run with its chain, the ArviZ tree, and where it comes from.
+"""Results on disk: the folder of a run with its chain, the ArviZ tree, and the provenance.
 
-What may be written at all, and how, is in `output_files`. Tables and figures are made in
-`report`.
+`output_files` defines which files may be written, and how. Tables and figures are made in `report`.
 """
 
 from __future__ import annotations

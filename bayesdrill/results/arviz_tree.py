@@ -1,4 +1,4 @@
-"""The result as an ArviZ tree: `chain` is an ensemble, draws are nearly independent."""
+"""The result as a tree of ArviZ groups: a chain is an ensemble, and draws are nearly independent."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.unknowns import labelled_name
 from bayesdrill.sampling.ensembles import SamplingResult
 
-PRIOR_DRAWS = 2000
+PRIOR_DRAWS = 2000  # draws in the group `prior`
 
 
 def make_tree(
@@ -33,11 +33,11 @@ def make_tree(
     attributes: Mapping[str, Any],
     derived: Derived,
 ) -> DataTree:
-    """Groups as in the ArviZ schema; units and meanings as attributes of the variables.
+    """Return the groups of the ArviZ schema, with units and meanings as attributes of variables.
 
-    `derived` follows from `posterior`, draw by draw; NaN where a draw has no such value.
-    `log_likelihood` (pointwise) and `posterior_predictive` hold `predictive_draws` draws of every
-    chain, evenly spaced; their `draw` coordinate says which.  With none, these groups are not there.
+    The group `derived` is computed from each draw of `posterior`; NaN if a draw has no such value.
+    The pointwise `log_likelihood` and `posterior_predictive` have `predictive_draws` evenly spaced
+    draws of every chain, named by their `draw` coordinate.  With 0 these two groups are left out.
     """
     draws = sampled.draws
     used_draws = np.unique(np.linspace(0, draws.shape[1] - 1, predictive_draws).astype(int))
@@ -49,7 +49,7 @@ def make_tree(
     prior = problem.posterior.space.draw(PRIOR_DRAWS, prior_rng)[None]
     inputs: dict[str, Any] = {}
     dims = {c.name: [_clock(c.observation)] for c in columns}
-    coords: dict[str, Any] = {_clock(each): each.experiment.t for each in problem.observations}
+    coords: dict[str, Any] = {_clock(o): o.experiment.t for o in problem.observations}
     coords |= {"draw": used_draws} if predicted else {}
     for observation in problem.observations:
         experiment, label = observation.experiment, observation.label
@@ -68,7 +68,7 @@ def make_tree(
     tree["sample_stats"].attrs["lp"] = "log density over the sampler's coordinates, unnormalised"
     tree["sample_stats"]["lp"].attrs.update(units="1", long_name="log posterior density")
     tree["sample_stats"].attrs["acceptance_rate"] = sampled.acceptance
-    with warnings.catch_warnings():  # of a long record a chain has few predictive draws
+    with warnings.catch_warnings():  # ArviZ warns of few draws, which is normal for a long record
         warnings.filterwarnings("ignore", "Found chain dimension")
         groups: DataTree = from_dict(
             {
@@ -90,7 +90,7 @@ def make_tree(
 def _predict(
     problem: Problem, columns: Sequence[_Column], draws: Array, rng: np.random.Generator
 ) -> tuple[dict[str, NDArray[np.float32]], dict[str, NDArray[np.float32]]]:
-    """Predictive samples and pointwise log likelihood `(E, N, T)` per channel, in 32 bits."""
+    """Return predictive samples and pointwise log likelihood of each channel, `(E, N, T)` each."""
     space = problem.posterior.space
     shapes = {c.name: (*draws.shape[:2], len(c.observation.experiment.t)) for c in columns}
     predictive = {name: np.empty(shape, np.float32) for name, shape in shapes.items()}
@@ -135,7 +135,7 @@ def _columns(problem: Problem) -> list[_Column]:
 def _describe(
     tree: DataTree, problem: Problem, columns: Sequence[_Column], derived: Sequence[Symbol]
 ) -> None:
-    """Units and meanings."""
+    """Add units and meanings to the variables of a tree."""
     inputs = []
     for observation in problem.observations:
         experiment, label = observation.experiment, observation.label

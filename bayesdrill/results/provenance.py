@@ -1,6 +1,6 @@
-"""Where a result comes from: versions, what a resumed run must share, the config with defaults.
+"""Provenance of a result: versions, the fingerprint of a run, and the config with its defaults.
 
-It is written as a job begins, with what is said where it stops.
+It is written when a job begins; an interruption is recorded too.
 """
 
 from __future__ import annotations
@@ -37,14 +37,14 @@ from bayesdrill.record.experiment import Experiment
 from bayesdrill.results.run_folder import VERSION_OF, Folder, mark
 from bayesdrill.rig.models.linear import Model, constants
 
-RUN_MARK = "Run"  # by which a file says whose it is
-# Entries of `map:` that went with their searches. Every fingerprint names them as not given, as
-# earlier versions did, so that their runs can be continued.
+RUN_MARK = "Run"  # the metadata of a file that names its run
+# Entries of `map:` that no longer exist. Every fingerprint names them as not given, as earlier
+# versions did, so that runs of these can be continued.
 FORMER_ENTRIES = ("map.pairs", "map.iterations", "map.steady")
 
 
 def fingerprint(config: Config, problem: Problem) -> dict[str, str]:
-    """What decides the chain, by names and values that a user knows from the config."""
+    """Return all values that determine the chain, by names that a user knows from the config."""
     posterior, sampler = problem.posterior, config.sampler
     space = posterior.space
     search = {f"map.{name}": repr(value) for name, value in config.map}
@@ -67,10 +67,10 @@ def fingerprint(config: Config, problem: Problem) -> dict[str, str]:
 
 
 def settings(config: Config, problem: Problem, display_units: DisplayUnits) -> dict[str, str]:
-    """Return what a reader compares of two runs, by what it is called.
+    """Return the settings in which two runs may differ, by name.
 
-    It is the fingerprint, with all that is said of a parameter under its name and in these units, and
-    without what only finds the posterior.
+    These are the entries of the fingerprint except those of search and sampler.  Entries of a parameter
+    are under its name and in display units.
     """
     posterior = problem.posterior
     space = posterior.space
@@ -89,7 +89,7 @@ def settings(config: Config, problem: Problem, display_units: DisplayUnits) -> d
 
 
 def marks(config: Config, problem: Problem, burn_in: str = "") -> dict[str, str]:
-    """What figures and tree carry inside, so that each says by itself which run it is of."""
+    """Return the metadata of figures and tree, which name the run that made them."""
     return {
         RUN_MARK: mark(fingerprint(config, problem)),
         "Record": ", ".join(records(problem).values()),
@@ -100,7 +100,7 @@ def marks(config: Config, problem: Problem, burn_in: str = "") -> dict[str, str]
 
 
 def records(problem: Problem) -> dict[str, str]:
-    """How long each is, and a digest of it, by the names of experiments."""
+    """Return the length and a digest of each record, by the labels of experiments."""
     return {
         experiment.label: _of_experiment(experiment.experiment)["the record"]
         for experiment in problem.all_observations
@@ -108,20 +108,20 @@ def records(problem: Problem) -> dict[str, str]:
 
 
 def _model(rig: Model) -> str:
-    """As Python has it, without what is as it is by default."""
+    """Return the model as a Python expression, without default arguments."""
     constants_text = ", ".join(f"{name}={value!r}" for name, value in constants(rig).items())
     return f"{type(rig).__name__}({constants_text})"
 
 
 def _of_experiments(problem: Problem) -> dict[str, str]:
-    """Of several, each name with that of its experiment."""
+    """Return the entries of all experiments; with several, each name includes the experiment's."""
     entries: dict[str, str] = {}
     for observation in problem.all_observations:
         names, sensing = observation.experiment.names, observation.response.sensing
         facts = _of_experiment(observation.experiment)
-        if not sensing.empty:  # is told beside the rig's parameters
-            told = {"the sensors": sensing.summary, "the start": sensing.start_summary}
-            facts |= {name: text for name, text in told.items() if text}
+        if not sensing.empty:
+            sensors = {"the sensors": sensing.summary, "the start": sensing.start_summary}
+            facts |= {name: text for name, text in sensors.items() if text}
         if observation.kind:
             facts["the kind of noise"] = _short(observation.kind)
         for k, sigma in observation.noise.fixed_values().items():
@@ -153,7 +153,7 @@ def _of_experiment(experiment: Experiment) -> dict[str, str]:
 
 
 def _noise_held(config: Config, problem: Problem, display_units: DisplayUnits) -> dict[str, str]:
-    """Of channels whose noise is known."""
+    """Return the noise of channels at which it is fixed."""
     entries = {}
     for observation in problem.observations:
         for k, sigma in observation.noise.fixed_values().items():
@@ -166,7 +166,7 @@ def _noise_held(config: Config, problem: Problem, display_units: DisplayUnits) -
 
 
 def resolved(case: ResolvedCase, folder: Path) -> str:
-    """The config with every default, its record relative to `folder`, versions as comments."""
+    """Return the config with all defaults, paths relative to `folder`, and versions as comments."""
     config = case.config
     data: dict[str, Any] = config.model_dump(exclude_none=True)
     for experiment in case.experiments:
@@ -179,7 +179,7 @@ def resolved(case: ResolvedCase, folder: Path) -> str:
             data["experiments"][experiment.label] = sections | own_entries
         _remove_defaults(sections, experiment.config, case.model)
         sources.rebase(sections, case.source.path.parent, folder)
-    # Of several, those of the first are no defaults of the others.
+    # With several experiments the top level has those of the first, which are no defaults of others.
     for key in (
         experiments.SECTIONS if config.experiments else (experiments.EXPERIMENTS, *SHARING_KEYS)
     ):
@@ -190,10 +190,10 @@ def resolved(case: ResolvedCase, folder: Path) -> str:
 
 
 def _remove_defaults(sections: dict[str, Any], config: Config, rig: Model) -> None:
-    """Remove those that would mean something else as entries.
+    """Remove defaults that would change the meaning of the config as entries.
 
-    Inputs that the rig has not are refused, and so are states of a steady start; of a free one they
-    would be held.
+    Inputs that the rig lacks and states of a steady start would be refused, and states of a free start
+    would be fixed.
     """
     removed = {
         "inputs": {*config.vocabulary.inputs} - {*rig.inputs} - config.inputs.model_fields_set
@@ -211,7 +211,7 @@ def _short(text: str) -> str:
 
 
 def _digest(series: Array) -> str:
-    """Return what `_short` gives for the text of the list of all numbers, part by part."""
+    """Return the digest of the text of the list of all numbers, computed in parts."""
     digest = hashlib.sha256(b"[")
     for first in range(0, len(series), PART):
         text = ", ".join(map(repr, series[first : first + PART].tolist()))
@@ -221,7 +221,7 @@ def _digest(series: Array) -> str:
 
 
 def check_record(job: Job, output: Path, record: str | None = None) -> None:
-    """Raises `InputError` where the record itself lies in `output`; `record`: as of `begin`."""
+    """Raise `InputError` if the record itself lies in `output`; for `record` see `begin`."""
     paths = (path for experiment in job.case.experiments for path in sources.paths(experiment))
     places = [path.parent.resolve() for path in paths]
     if record is None and output.resolve() in places:
@@ -229,7 +229,7 @@ def check_record(job: Job, output: Path, record: str | None = None) -> None:
 
 
 def begin(job: Job, folder: Folder, record: str | None = None, **more: Any) -> None:
-    """Write the config, as given and with all defaults; `record`: its text, where it has no file."""
+    """Write the config, as given and with all defaults, and the text of a `record` without a file."""
     if record is None:
         outputs = output_files.output_names(folder.path, folder.kind)
         replaced = [folder.path / name for name in outputs]
@@ -249,7 +249,7 @@ def begin(job: Job, folder: Folder, record: str | None = None, **more: Any) -> N
 def interruptions(
     folder: Folder, progress: Callable[[], str], errors: tuple[type[Exception], ...] = ()
 ) -> Iterator[None]:
-    """Write down what stops a job; Ctrl-C raises `Interrupted`, which says the `progress`."""
+    """Record an interruption in `run.json`; a signal raises `Interrupted` with the `progress`."""
     stops: tuple[type[Exception], ...] = (BrokenProcessPool, *errors)
     try:
         yield

@@ -1,4 +1,4 @@
-"""The results folder: files appear whole, pieces of chain outlive a crash, one run at a time."""
+"""The folder of a run: atomic files, chain segments that survive a crash, and a lock."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ COMPUTED_AGAIN = f"is damaged; {AGAIN}"
 
 
 def read_piece(path: Path) -> tuple[ChainSegment, str | None]:
-    """And of which run it is; raises `InputError` where the file is damaged."""
+    """Read a segment and the mark of its run; raises `InputError` if the file is damaged."""
     with report_damage(str(path), COMPUTED_AGAIN), path.open("rb") as raw, np.load(raw) as file:
         piece = ChainSegment(
             z=file["z"],
@@ -45,7 +45,7 @@ def read_piece(path: Path) -> tuple[ChainSegment, str | None]:
 
 
 def chain_mark(pieces: Sequence[Sequence[ChainSegment]]) -> str:
-    """Of a chain, however it was cut."""
+    """Return a digest of a chain, which does not depend on the lengths of its segments."""
     digest = hashlib.sha256()
     for chain in pieces:
         digest.update(np.concatenate([piece.log_p for piece in chain]))
@@ -53,7 +53,7 @@ def chain_mark(pieces: Sequence[Sequence[ChainSegment]]) -> str:
 
 
 def _consistent(piece: ChainSegment) -> ChainSegment:
-    """Itself; raises `ValueError` or `TypeError` where what it holds is not of one ensemble."""
+    """Return a segment; raises `ValueError` or `TypeError` if its shapes or numbers are wrong."""
     steps, walkers, unknowns = piece.z.shape
     state = piece.state
     np.random.RandomState().set_state(state.random)
@@ -70,13 +70,13 @@ def _consistent(piece: ChainSegment) -> ChainSegment:
 
 
 def chain_image(pieces: list[list[ChainSegment]], attributes: Mapping[str, Any]) -> bytes:
-    """The bytes of `chain.h5`, made in memory: HDF5 crashes the process when a disk fills up.
+    """Return the bytes of `chain.h5`, made in memory since HDF5 crashes when a disk is full.
 
-    One group `ensemble_<k>` each, as `emcee.backends.HDFBackend` lays it out.
+    Each ensemble is a group `ensemble_<k>` in the layout of `emcee.backends.HDFBackend`.
     """
     import h5py
 
-    # Two files of one name are never open at once, in memory either; the name is not in the bytes.
+    # HDF5 opens no two files of one name, even in memory; the bytes do not contain the name.
     name = f"chain.{threading.get_native_id()}.h5"
     with h5py.File(name, "w", driver="core", backing_store=False) as file:
         for ensemble, parts in enumerate(pieces):
@@ -90,7 +90,7 @@ def chain_image(pieces: list[list[ChainSegment]], attributes: Mapping[str, Any])
 def _write_ensemble(group: Any, parts: list[ChainSegment], attributes: Mapping[str, Any]) -> None:
     z = np.concatenate([part.z for part in parts])
     n_steps, n_walkers, n_dim = z.shape
-    # With checksums of their own, for whoever reads them with emcee.
+    # Fletcher checksums protect these if they are read by emcee.
     group.create_dataset("chain", data=z, maxshape=(None, n_walkers, n_dim), fletcher32=True)
     log_p = np.concatenate([part.log_p for part in parts])
     group.create_dataset("log_prob", data=log_p, maxshape=(None, n_walkers), fletcher32=True)
@@ -109,12 +109,12 @@ def _write_ensemble(group: Any, parts: list[ChainSegment], attributes: Mapping[s
 
 
 def seal(group: Any) -> None:
-    """A checksum of an ensemble as it stands: of all numbers, and of its attributes."""
+    """Add a checksum of all data and attributes to the group of an ensemble."""
     group.attrs[SEAL] = _checksum(_contents(group))
 
 
 def _contents(group: Any) -> dict[str, Any]:
-    """Attributes but the checksum, and datasets."""
+    """Return the datasets and attributes of a group, without the checksum."""
     values = {name: value for name, value in group.attrs.items() if name != SEAL}
     return values | {name: group[name][:] for name in group}
 
@@ -129,7 +129,7 @@ def _checksum(contents: Mapping[str, Any]) -> str:
 
 
 def read_chain(path: Path, ensemble: int) -> tuple[ChainSegment, str | None]:
-    """One finished ensemble, and of which run it is; raises `InputError` where the file is damaged."""
+    """Read a finished ensemble and the mark of its run; raises `InputError` for a damaged file."""
     import h5py
 
     with report_damage(str(path), COMPUTED_AGAIN):
@@ -157,16 +157,16 @@ def _random_state(
     return str(kind), keys, int(position), int(has_gauss), cached
 
 
-# report: nothing is added to the chain; read: nothing is written at all
+# With "report" nothing is added to the chain, and with "read" nothing is written.
 WriteMode = Literal["fresh", "resume", "force", "report", "read"]
 
 CHAIN = "chain.h5"
-VERSION_OF = "the version of "  # begins the names of fingerprints that a report may differ in
-LONGEST = 120  # letters of a value in a message
+VERSION_OF = "the version of "  # prefix of entries of a fingerprint in which a report may differ
+LONGEST = 120  # most letters of a value in a message
 
 
 class _Listed(TypedDict):
-    """One of several runs that were looked at together."""
+    """A run in an overlay or a comparison."""
 
     name: str
     run: str
@@ -174,7 +174,7 @@ class _Listed(TypedDict):
 
 
 class _Entries(TypedDict, total=False):
-    """What is read of `run.json` again; the rest is for others."""
+    """The entries of `run.json` that this module reads."""
 
     job: Required[str]
     fingerprint: Required[dict[str, str]]
@@ -187,12 +187,10 @@ class _Entries(TypedDict, total=False):
 
 @dataclass(slots=True)
 class Folder:
-    """`results/<name>`, locked while open. `fingerprint`: what a resumed run must share.
+    """The folder of a run, locked while open; a resumed run must have the same `fingerprint`.
 
-    One that is only read may be where nothing can be written, so that nobody writes, and needs no lock.
-
-    What is there can be read at once; nothing is changed before `begin`, so that a run that is
-    refused for what it finds leaves all as it was.
+    A folder without a lock file that is only read is not locked, since it may be write-protected.
+    Nothing is changed before `begin`, so a run that is refused leaves the folder as it was.
     """
 
     path: Path
@@ -203,7 +201,7 @@ class Folder:
     _chains: dict[int, list[ChainSegment]] = field(default_factory=dict)
 
     def __enter__(self) -> Self:
-        """Raises `InputError` when results are in the way, differ, or are being written."""
+        """Lock the folder; raises `InputError` if `check` does, or if another run writes to it."""
         self.check()
         reading = self.mode == "read"
         if not reading:
@@ -222,7 +220,7 @@ class Folder:
         else:
             self._open.callback(lock.release)
             try:
-                self.check()  # once more: another run may have ended here since
+                self.check()  # again, as another run may have finished here in the meantime
             except InputError:
                 self._open.close()
                 raise
@@ -232,9 +230,9 @@ class Folder:
         self._open.close()
 
     def check(self) -> None:
-        """Results are neither overwritten nor reused unasked; a folder of others is left alone.
+        """Raise `InputError` if the folder cannot be used in this mode, before any work is done.
 
-        Raises `InputError`, also where nothing can be written: before the work, and not after.
+        Results are not replaced or reused without being asked, and foreign files are left alone.
         """
         if self.mode != "read":
             output_files.refuse_unwritable(self.path, self.kind.folders)
@@ -245,7 +243,7 @@ class Folder:
             items = sorted(self.path.iterdir()) if self.path.is_dir() else []
             others = [item.name for item in items if not item.name.startswith(".")]
             others += output_files.output_names(self.path, self.kind)
-            if RUN in others:  # another run has begun since it was looked for
+            if RUN in others:  # another run has begun in the meantime
                 self.check()
             elif others:
                 message = f"this folder holds other files ({others[0]}); give another --output"
@@ -260,7 +258,7 @@ class Folder:
             self._refuse_changes(run.get("fingerprint", {}))
 
     def _refuse_changes(self, old: Mapping[str, Any]) -> None:
-        """Only to go on with a chain must versions be the same."""
+        """Raise `InputError` if the fingerprint has changed; versions matter only for resuming."""
         fingerprint, versions = self.fingerprint, self.mode == "resume"
         changes = [
             f"cannot resume: {name} was {_value(old, name)} and is {_value(fingerprint, name)}"
@@ -273,10 +271,10 @@ class Folder:
             raise InputError([Issue(str(self.path), line) for line in (*changes, way_out)])
 
     def begin(self, **entries: Any) -> None:
-        """From here on files change; with --force, what a run before has written goes now.
+        """Begin to write: with --force the files of an earlier run are removed first.
 
-        `entries` of `run.json`, which is replaced and never missing: without it the rest would be
-        taken for a folder of others by the next run, were this one killed here.
+        `run.json`, with these `entries`, is replaced and never missing: if this run were killed in
+        between, the next one would take the folder for a foreign one.
         """
         output_files.clean_up(self.path, self.kind)
         if self.mode == "force":
@@ -287,13 +285,13 @@ class Folder:
 
     @property
     def run(self) -> str:
-        """Its mark."""
+        """The mark of this run."""
         return mark(self.fingerprint)
 
     def refuse_foreign(self, name: str, run: str | None) -> None:
-        """Raises `InputError` where a file of this name is of another `run`.
+        """Raise `InputError` if the file with this name belongs to another `run`.
 
-        Files of older versions do not say: they are believed where `run.json` knows them.
+        Files of older versions name no run; they are accepted if `run.json` has their digest.
         """
         path = self.path / name
         if run == self.run:
@@ -306,18 +304,18 @@ class Folder:
         raise InputError.at(str(path), message)
 
     def path_of(self, name: str) -> Path:
-        """Raises `KeyError` for a file that a later --force would not know as ours."""
+        """Return the path of an output; raises `KeyError` for a name that is none of this kind."""
         if not self.kind.is_output(name):
             raise KeyError(name)
         return self.path / name
 
     def digests(self) -> dict[str, str]:
-        """Of files of this run that nothing changes any more, until it is reported again."""
+        """Return the digests of all files of this run that are finished."""
         names = output_files.output_names(self.path, self.kind)
         return {n: output_files.digest(self.path / n) for n in names if n != self.kind.mark}
 
     def remove_stale(self, names: Collection[str]) -> None:
-        """What an earlier report of this run has written, and this one will not."""
+        """Remove files of an earlier report of this run that this one does not write."""
         for name in {*output_files.output_names(self.path, self.kind)} & {*names}:
             self.path_of(name).unlink()
 
@@ -326,34 +324,34 @@ class Folder:
         output_files.write_text(self.path_of(name), text)
 
     def take_over(self, name: str, other: Path) -> None:
-        """The file of this name that another folder holds."""
+        """Copy the file with this name from the folder `other`."""
         target = self.path_of(name)
         target.parent.mkdir(exist_ok=True)
         with atomic_write(target) as path:
             shutil.copyfile(other / name, path)
 
     def write_run(self, **entries: Any) -> None:
-        """Update `run.json`."""
+        """Update entries of `run.json`."""
         self._write_entries({**(read_run(self.path) or {}), **entries})
 
     def _write_entries(self, entries: Mapping[str, Any]) -> None:
-        # A report under other versions leaves those that made the chain.
+        # The fingerprint has the versions that made the chain, even if others make the report.
         marks = {"job": self.kind.job, "fingerprint": dict(self.fingerprint)}
         self.write_text(RUN, output_files.dumps_checksummed({**marks, **entries}))
 
     @property
     def sampled(self) -> bool:
-        """Whether there is a chain, or a piece of one."""
+        """Whether there is a chain, or a segment of one."""
         return bool(self._unfinished()) or (self.path / CHAIN).exists()
 
     def _unfinished(self) -> list[str]:
-        """Pieces that are not in the chain yet."""
+        """Return the files of segments that are not in the chain yet."""
         return [
             n for n in output_files.output_names(self.path, output_files.UNFINISHED) if n != RUN
         ]
 
     def save(self, ensemble: int, first_step: int, piece: ChainSegment) -> None:
-        """One file a piece: an interrupted run loses at most the pieces under way."""
+        """Save a segment in a file of its own, so that an interruption loses only unfinished ones."""
         (self.path / PIECES).mkdir(exist_ok=True)
         kind, keys, *remaining = piece.state.random
         with atomic_write(self.path_of(_piece_name(ensemble, first_step))) as path:
@@ -373,9 +371,9 @@ class Folder:
             )
 
     def read_ahead(self, ensembles: int, shape: tuple[int, int]) -> None:
-        """All chains, for what is damaged to be found now; `segments` hands each out once.
+        """Read all chains for `segments`, so that damage is found before any work is done.
 
-        `shape`: walkers and unknowns; raises `InputError` where a chain has others.
+        `shape` is (walkers, unknowns); raises `InputError` if a chain has another.
         """
         self._chains = {ensemble: self._read(ensemble) for ensemble in range(ensembles)}
         others = {p.z.shape[1:] for chain in self._chains.values() for p in chain} - {shape}
@@ -386,7 +384,7 @@ class Folder:
             raise InputError.at(str(self.path), message)
 
     def segments(self, ensemble: int) -> list[ChainSegment]:
-        """What was saved so far, in order: a finished chain first, then the pieces after it."""
+        """Return the saved segments of an ensemble in order, the finished chain first."""
         return self._chains.pop(ensemble, None) or self._read(ensemble)
 
     def _read(self, ensemble: int) -> list[ChainSegment]:
@@ -397,16 +395,16 @@ class Folder:
             read_pieces.append(piece)
         for name in self._unfinished():
             have = sum(len(piece.z) for piece in read_pieces)
-            if name == _piece_name(ensemble, have):  # others are not ours
+            if name == _piece_name(ensemble, have):  # other files belong to other ensembles
                 piece, run = read_piece(self.path / name)
                 self.refuse_foreign(name, run)
                 read_pieces.append(piece)
         return read_pieces
 
     def finish_chain(self, pieces: list[list[ChainSegment]], attributes: Mapping[str, Any]) -> None:
-        """`chain.h5` in emcee's layout; then the pieces go."""
+        """Write `chain.h5` in emcee's layout, and remove the files of segments."""
         if not self._unfinished():
-            return  # nothing is new
+            return  # the chain has all segments already
         output_files.write(
             self.path_of(CHAIN), chain_image(pieces, {"run": self.run, **attributes})
         )
@@ -418,7 +416,7 @@ def _piece_name(ensemble: int, first_step: int) -> str:
 
 
 def mark(fingerprint: Mapping[str, Any]) -> str:
-    """Which run it is, in twelve letters: by record, config and seed, whatever versions made it."""
+    """Return the mark of a run: twelve letters from record, config and seed, without versions."""
     settings = sorted(
         (n, value) for n, value in fingerprint.items() if not n.startswith(VERSION_OF)
     )
@@ -427,7 +425,7 @@ def mark(fingerprint: Mapping[str, Any]) -> str:
 
 
 def read_run(folder: Path) -> dict[str, Any] | None:
-    """`run.json`, or None where there is none; raises `InputError` where no run of ours wrote it."""
+    """Read `run.json`, or return None without one; raises `InputError` if it is damaged or foreign."""
     path = folder / RUN
     if not output_files.path_kind(path):
         return None

@@ -1,6 +1,6 @@
 """Find the maximum of a posterior (MAP) and sample it.
 
-All of it sees a log density and nothing of a rig or a file. What the draws mean is in `analysis`.
+It works on a log density, without knowledge of rigs or files. The draws are interpreted in `analysis`.
 """
 
 from __future__ import annotations

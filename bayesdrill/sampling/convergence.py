@@ -1,8 +1,8 @@
 """Judge whether ensembles have converged, and name troubles that R-hat does not see.
 
-R-hat is blind where every ensemble has the same trouble, and a few walkers out of many hardly move
-an average.  So each walker is looked at by itself: does it move, is it where the others are, does
-it cross between two places, and do the walkers' means spread as far as tau says they should?
+R-hat does not see a trouble that all ensembles share, and a few bad walkers hardly change an
+average.  So each walker is checked on its own: does it move, is its log density like that of the
+others, does it cross between two groups, and do the walkers' means spread as much as tau predicts?
 
 Walkers of one ensemble are not independent chains: R-hat compares ensembles, and the effective
 sample size comes from the autocorrelation time of an ensemble, averaged over its walkers.
@@ -20,51 +20,49 @@ import scipy
 
 from bayesdrill.basics.arrays import Array, Flags, Indices, StoredArray
 
-STUCK_SHARE = 0.5  # of the kept steps: a walker that stands still for as long is stuck, ...
-STUCK_RATIO = 5.0  # ... if that is as many times longer than half of the walkers ever do
-LOW_DENSITY_QUANTILE = 0.001  # of the better walkers: none is below it for half of its time
-MIN_GROUP_DISTANCE = 1.0  # standard deviations between two groups of walkers, at least
-MAX_VALLEY_RATIO = 0.5  # density between the groups over the thinner one's; unimodal: 1 or more
-GROUP_BINS = 12  # between the centres of the two groups
-MIN_STAY_SHARE = 0.5  # of the kept steps: mean time until a walker of a group leaves it
-FALSE_ALARM_PROBABILITY = 1e-6  # that the means of healthy walkers spread so far, each unknown's
-MIN_STEPS_FOR_WALKERS = 50  # steps, below which nothing can be told of single walkers
+STUCK_SHARE = 0.5  # a stuck walker stands still for at least this share of the kept steps, ...
+STUCK_RATIO = 5.0  # ... and this many times longer than the median walker at its longest
+LOW_DENSITY_QUANTILE = 0.001  # a healthy walker's median is above this quantile of the better half
+MIN_GROUP_DISTANCE = 1.0  # least distance between two groups of walkers, in standard deviations
+MAX_VALLEY_RATIO = 0.5  # least density between two groups over that of the smaller; unimodal: >= 1
+GROUP_BINS = 12  # bins of the histogram between the centres of two groups
+MIN_STAY_SHARE = 0.5  # least mean time that walkers stay in a group, as a share of the kept steps
+FALSE_ALARM_PROBABILITY = 1e-6  # of a growing tau in a healthy chain, for each unknown
+MIN_STEPS_FOR_WALKERS = 50  # with fewer kept steps single walkers are not judged
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PostBurnInChain:
-    """Steps after the burn-in: `theta (E, S, W, D)` and `log_p (E, S, W)`, with `tau (D,)`."""
+    """Steps after the burn-in: `theta (E, S, W, D)` and `log_p (E, S, W)`, with `tau (D,)` in steps."""
 
     theta: Array
     log_p: Array
     names: tuple[str, ...]
     tau: Array
-    n_tau: float  # wanted
+    n_tau: float  # the target length in autocorrelation times
 
 
 def walker_troubles(chain: PostBurnInChain) -> tuple[str, ...]:
     """Return a sentence for each trouble of single walkers: value, place, and what to do.
 
-    A walker found out by one look is left out of the next, so that each trouble has one name.
+    A walker that one check names is left out of the next, so that each trouble is named once.
     """
     stay, medians = longest_stay(chain.theta), np.median(chain.log_p, axis=1)
-    # Walkers that once did not move for too long.
-    usual, least = float(np.median(stay)), STUCK_SHARE * chain.theta.shape[1]
-    still = stay >= (least if usual >= least else max(least, STUCK_RATIO * usual))
-    # Walkers whose median log density is rare among the better half of the walkers.
+    median_stay, limit = float(np.median(stay)), STUCK_SHARE * chain.theta.shape[1]
+    stuck = stay >= (limit if median_stay >= limit else max(limit, STUCK_RATIO * median_stay))
     better = np.moveaxis(chain.log_p, 1, 2)[medians >= np.median(medians)]
-    low = (medians < np.quantile(better, LOW_DENSITY_QUANTILE)) & ~still
-    sound = ~(still | low)
-    troubles = [*_stuck_walkers(chain, still, stay)]
+    low = (medians < np.quantile(better, LOW_DENSITY_QUANTILE)) & ~stuck
+    sound = ~(stuck | low)
+    troubles = [*_stuck_walkers(chain, stuck, stay)]
     troubles += _low_density_walkers(chain, low, sound, medians)
     if (sound.sum(axis=1) > 1).any():
-        sd = _series(chain.theta, sound).std(axis=0)
+        sd = _pooled_steps(chain.theta, sound).std(axis=0)
         troubles += _two_groups_of_walkers(chain, sound, sd) or _growing_tau(chain, sound, sd)
     return tuple(troubles)
 
 
 def longest_stay(theta: Array) -> Indices:
-    """Count the most steps in a row without a move, `(E, S, W, D) -> (E, W)`."""
+    """Return the longest run of steps without a move of each walker, `(E, S, W, D) -> (E, W)`."""
     moved = (theta[:, 1:] != theta[:, :-1]).any(axis=-1)
     step = np.arange(1, theta.shape[1])[:, None]
     last = np.maximum.accumulate(np.where(moved, step, 0), axis=1)
@@ -73,21 +71,21 @@ def longest_stay(theta: Array) -> Indices:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BimodalSplit:
-    """Two groups of walkers: their centres, the share in the upper, and crossings between them."""
+    """Two groups of walkers: their centres, the share of steps in the upper one, and the crossings."""
 
     low: float
     high: float
-    share: float
+    upper_share: float
     crossings: int
 
 
 def find_two_groups(x: Array) -> BimodalSplit | None:
-    """Find two places of one unknown `(S, N)` that its walkers hardly ever leave, or None."""
+    """Find two groups of walkers in one unknown `(S, N)` with hardly any crossings; None without."""
     low, high = group_centres(x.mean(axis=0))
     counts, _ = np.histogram(x, bins=GROUP_BINS, range=(low, high))
     if counts[1:-1].min() >= MAX_VALLEY_RATIO * min(counts[0], counts[-1]):
         return None
-    # A walker belongs to the place whose centre it was at, or beyond, last.
+    # A walker belongs to the group whose centre it last reached or passed.
     side = np.where(x >= high, 1, np.where(x <= low, -1, 0))
     last = np.maximum.accumulate(np.where(side != 0, np.arange(len(x))[:, None], 0), axis=0)
     side = np.take_along_axis(side, last, axis=0)
@@ -95,11 +93,12 @@ def find_two_groups(x: Array) -> BimodalSplit | None:
     upper, lower = int((side > 0).sum()), int((side < 0).sum())
     if min(upper, lower) / max(0.5 * crossings, 1.0) < MIN_STAY_SHARE * len(x):
         return None
-    return BimodalSplit(low=low, high=high, share=upper / (upper + lower), crossings=crossings)
+    upper_share = upper / (upper + lower)
+    return BimodalSplit(low=low, high=high, upper_share=upper_share, crossings=crossings)
 
 
 def group_centres(means: Array) -> tuple[float, float]:
-    """Return the centres of two groups of walkers' means `(N,)`, by least squares."""
+    """Split walkers' means `(N,)` into two groups by least squares, and return their centres."""
     means = np.sort(means)
     k = np.arange(1, len(means))
     sums = np.cumsum(means)[:-1]
@@ -109,13 +108,13 @@ def group_centres(means: Array) -> tuple[float, float]:
 
 
 def long_run_tau(theta: Array, selected: Flags, sd: Array, parts: int = 1) -> Array:
-    """Estimate tau `(D,)` from how far the walkers' means over a part of the chain spread.
+    """Estimate tau `(D,)` in steps from the spread of the walkers' means over parts of the chain.
 
-    `sd (D,)`: of all.  No window cuts it short, so it sees slow motion of any size, up to the length
-    of a part.  Means are compared within an ensemble; that ensembles differ is for R-hat to say.
+    `sd (D,)` is the standard deviation of all steps.  Without a window, this also sees motion as slow
+    as a part is long.  Means are compared within an ensemble: R-hat compares ensembles.
     """
     length = theta.shape[1] // parts
-    total, freedom = np.zeros(theta.shape[-1]), 0
+    total, freedom = np.zeros(theta.shape[-1]), 0  # sum of squares, and degrees of freedom
     for chain, flags in zip(theta, selected, strict=True):
         blocks = chain[: length * parts].reshape(parts, length, *chain.shape[1:])
         means = blocks.mean(axis=1)[:, flags]
@@ -124,19 +123,19 @@ def long_run_tau(theta: Array, selected: Flags, sd: Array, parts: int = 1) -> Ar
     return np.asarray(length * total / max(freedom, 1) / np.where(sd > 0, sd, 1.0) ** 2)
 
 
-def _stuck_walkers(chain: PostBurnInChain, still: Flags, stay: Indices) -> Iterator[str]:
+def _stuck_walkers(chain: PostBurnInChain, stuck: Flags, stay: Indices) -> Iterator[str]:
     n_steps = chain.theta.shape[1]
-    if still.mean() > 0.5:
+    if stuck.mean() > 0.5:
         yield (
-            f"{still.sum()} of {still.size} walkers did not move for {STUCK_SHARE:.0%} of "
+            f"{stuck.sum()} of {stuck.size} walkers did not move for {STUCK_SHARE:.0%} of "
             f"{n_steps} steps or longer: the moves do not suit this posterior. Give sampler.moves "
             "other shares"
         )
-    elif still.any():
-        stay = np.where(still, stay, 0)
+    elif stuck.any():
+        stay = np.where(stuck, stay, 0)
         yield (
-            f"{_counted(still)} stuck: the longest did not move for {stay.max()} of {n_steps} steps "
-            f"({_where(chain, int(np.argmax(stay)), ~still)}). Start over with another seed. If "
+            f"{_counted(stuck)} stuck: the longest did not move for {stay.max()} of {n_steps} steps "
+            f"({_where(chain, int(np.argmax(stay)), ~stuck)}). Start over with another seed. If "
             "it happens there again, look at what the model does at this place"
         )
 
@@ -165,8 +164,8 @@ def _two_groups_of_walkers(chain: PostBurnInChain, sound: Flags, sd: Array) -> l
             continue
         if groups := find_two_groups(np.swapaxes(chain.theta[..., d], 1, 2)[sound].T):
             places.append(
-                f"{name}: {1 - groups.share:.1%} of the draws near {groups.low:.4g}, {groups.share:.1%} "
-                f"near {groups.high:.4g}, {groups.crossings} crossings"
+                f"{name}: {1 - groups.upper_share:.1%} of the draws near {groups.low:.4g}, "
+                f"{groups.upper_share:.1%} near {groups.high:.4g}, {groups.crossings} crossings"
             )
     if not places:
         return []
@@ -195,22 +194,22 @@ def _growing_tau(chain: PostBurnInChain, sound: Flags, sd: Array) -> list[str]:
     ]
 
 
-def _series(theta: Array, selected: Flags) -> Array:
-    """Steps of the chosen walkers of all ensembles, `(S N, D)`."""
+def _pooled_steps(theta: Array, selected: Flags) -> Array:
+    """Pool the steps of the selected walkers of all ensembles, `(E, S, W, D) -> (S N, D)`."""
     steps = theta if selected.all() else np.swapaxes(theta, 1, 2)[selected]
     return steps.reshape(-1, theta.shape[-1])
 
 
 def _counted(flags: Flags) -> str:
-    n, each = int(flags.sum()), flags.sum(axis=1)
-    where = ", ".join(f"{count} in ensemble {k}" for k, count in enumerate(each) if count)
+    n, counts = int(flags.sum()), flags.sum(axis=1)
+    where = ", ".join(f"{count} in ensemble {k}" for k, count in enumerate(counts) if count)
     return f"{n} of {flags.size} walkers ({where}) {'is' if n == 1 else 'are'}"
 
 
 def _where(chain: PostBurnInChain, k: int, sound: Flags) -> str:
-    """The unknown in which the k-th walker is farthest from the sound ones, in their spreads."""
+    """Describe the k-th walker by the unknown that is the most of their sd from the sound ones."""
     ensemble, walker = np.unravel_index(k, sound.shape)
-    others = _series(chain.theta, sound)
+    others = _pooled_steps(chain.theta, sound)
     mean, centre = chain.theta[ensemble, :, walker].mean(axis=0), others.mean(axis=0)
     sd = others.std(axis=0)
     d = int(np.argmax(np.abs(mean - centre) / np.where(sd > 0, sd, 1.0)))
@@ -220,17 +219,17 @@ def _where(chain: PostBurnInChain, k: int, sound: Flags) -> str:
     )
 
 
-BURN_IN_TAUS = 5  # steps dropped, in autocorrelation times
-STEPS_MARGIN = 1.2  # times the steps that seem to be needed, since tau is not known well ...
-MIN_CHECK_GROWTH, MAX_CHECK_GROWTH = 1.25, 1.5  # ... but not more often or less
-MIN_STEPS_TO_STOP = 1000  # steps before which no run is called futile
-MIN_N_TAU_GROWTH = 1.3  # twice the steps of a sound chain are twice as many autocorrelation times
-SOKAL_WINDOW = 5.0  # Sokal's window for the autocorrelation time
+BURN_IN_TAUS = 5  # length of the burn-in, in autocorrelation times
+STEPS_MARGIN = 1.2  # factor on the steps that seem to be needed, since tau is uncertain
+MIN_CHECK_GROWTH, MAX_CHECK_GROWTH = 1.25, 1.5  # ratio of the lengths at two successive checks
+MIN_STEPS_TO_STOP = 1000  # a shorter run is never stopped as futile
+MIN_N_TAU_GROWTH = 1.3  # of N/tau while the steps double; in a sound chain it doubles too
+SOKAL_WINDOW = 5.0  # Sokal's window is the first lag above this many autocorrelation times
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Targets:
-    """Targets at which sampling stops: every R-hat, N/tau and bulk ESS must meet its own."""
+    """Targets at which sampling stops: highest R-hat, least N/tau and least bulk ESS of any unknown."""
 
     r_hat: float
     n_tau: float
@@ -239,12 +238,12 @@ class Targets:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Convergence:
-    """What the ensembles say of each other, and which of their steps are kept.
+    """The convergence of the ensembles, and which of their steps are kept.
 
-    `steps` per ensemble, of which `burn_in` are dropped and every `thin`-th is kept.  `tau`, `r_hat`,
-    `ess_bulk`, `ess_tail` are `(D,)`; `reasons` says in words why the result must not be believed;
-    `burn_in_rule` how `burn_in` was chosen.  `slowest`: the unknown of the longest `tau`; `enough`:
-    how many steps would do, where nothing but length is missing, and None elsewhere.
+    Of the `steps` per ensemble, `burn_in` are dropped and every `thin`-th is kept.  `tau` in steps,
+    `r_hat`, `ess_bulk` and `ess_tail` have the shape `(D,)`.  `reasons` are sentences why the result
+    must not be believed, and `burn_in_rule` says how `burn_in` was chosen.  `slowest` is the unknown
+    with the longest `tau`.  `enough` estimates the steps needed if only length is missing, else None.
     """
 
     steps: int
@@ -262,25 +261,26 @@ class Convergence:
 
     @property
     def converged(self) -> bool:
-        """Whether nothing speaks against the result."""
+        """Whether there is no reason to distrust the result."""
         return not self.reasons
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChainLength:
-    """The length of a chain: `n_tau` of the longest of `tau (D,)`, after `burn_in` steps.
+    """The length of a chain: `n_tau` times the longest of `tau (D,)`, after `burn_in` steps.
 
-    `early`: the longest of the second half, by which `burn_in` is chosen; `wanted`: what it should be.
+    `wanted_burn_in` is `BURN_IN_TAUS` times `late_tau`, the longest tau of the second half in steps;
+    `burn_in` is that or half of the chain, whichever is less.
     """
 
     burn_in: int
-    wanted: int
-    early: float
+    wanted_burn_in: int
+    late_tau: float
     tau: Array
     n_tau: float
 
     def next_check(self, steps: int, n_tau: float) -> int:
-        """Return after how many steps to look again: when the chain is likely to be long enough."""
+        """Return the number of steps at which `n_tau` is likely to be reached, for the next check."""
         foreseen = STEPS_MARGIN * (BURN_IN_TAUS + n_tau) * float(self.tau.max())
         return math.ceil(min(max(foreseen, MIN_CHECK_GROWTH * steps), MAX_CHECK_GROWTH * steps))
 
@@ -288,12 +288,12 @@ class ChainLength:
 def chain_length(theta: Array) -> ChainLength:
     """Measure the length of physical chains `(E, S, W, D)` in autocorrelation times."""
     half = theta.shape[1] // 2
-    early = float(autocorrelation_time(theta[:, half:]).max())
-    wanted = math.ceil(BURN_IN_TAUS * early)
+    late = float(autocorrelation_time(theta[:, half:]).max())
+    wanted = math.ceil(BURN_IN_TAUS * late)
     burn_in = min(wanted, half)
     tau = autocorrelation_time(theta[:, burn_in:])
     n_tau = (theta.shape[1] - burn_in) / float(tau.max())
-    return ChainLength(burn_in=burn_in, wanted=wanted, early=early, tau=tau, n_tau=n_tau)
+    return ChainLength(burn_in=burn_in, wanted_burn_in=wanted, late_tau=late, tau=tau, n_tau=n_tau)
 
 
 def assess(
@@ -303,62 +303,62 @@ def assess(
     log_p: Array | None = None,
     measured: ChainLength | None = None,
 ) -> Convergence:
-    """Judge physical chains `(E, S, W, D)`.
+    """Assess the convergence of physical chains `(E, S, W, D)`.
 
-    `log_p (E, S, W)` finds walkers that are far from the rest; without it they are not looked for.
-    `measured`: their length, where it has been measured already.
+    Without the log densities `log_p (E, S, W)` walkers at a low density are not found.  `measured` is
+    the length of the chains if it is known already.
     """
     from arviz_stats.base import array_stats  # late: it takes half a second to load
 
     n_steps = theta.shape[1]
     measured = measured or chain_length(theta)
     burn_in, tau, n_tau = measured.burn_in, measured.tau, measured.n_tau
-    capped = measured.wanted > burn_in
+    capped = measured.wanted_burn_in > burn_in
     post_burn_in = theta[:, burn_in:]
     thin = max(1, min(math.ceil(float(tau.max())), post_burn_in.shape[1] // 4))
     draws = thinned(theta, burn_in, thin)
-    arviz: Any = array_stats  # without types
+    arviz: Any = array_stats  # it has no type annotations
     axes = {"chain_axis": 0, "draw_axis": 1}
     r_hat = arviz.rhat(draws, **axes, method="rank")
-    # ArviZ takes draws for a series in which walkers take turns, and so cannot see that a walker
-    # still remembers where it was at its last draw.
-    still = draws.shape[0] * draws.shape[1] / autocorrelation_time(post_burn_in[:, ::thin])
-    ess_bulk = np.minimum(arviz.ess(draws, **axes, method="bulk"), still)
-    ess_tail = np.minimum(arviz.ess(draws, **axes, method="tail", prob=0.9), still)
-    disagreeing = not (r_hat <= targets.r_hat).all()
+    # ArviZ sees one series of draws in which the walkers take turns, and so misses the correlation
+    # of each walker with its own last draw.
+    by_walkers = draws.shape[0] * draws.shape[1] / autocorrelation_time(post_burn_in[:, ::thin])
+    ess_bulk = np.minimum(arviz.ess(draws, **axes, method="bulk"), by_walkers)
+    ess_tail = np.minimum(arviz.ess(draws, **axes, method="tail", prob=0.9), by_walkers)
     missing = list(_reasons(names, targets, measured, r_hat, ess_bulk))
-    named: tuple[str, ...] = ()
+    troubles: tuple[str, ...] = ()
     if post_burn_in.shape[1] >= MIN_STEPS_FOR_WALKERS:
         density = np.zeros(post_burn_in.shape[:-1]) if log_p is None else log_p[:, burn_in:]
         chain = PostBurnInChain(
             theta=post_burn_in, log_p=density, names=names, tau=tau, n_tau=targets.n_tau
         )
-        named = walker_troubles(chain)
-    if capped and not named:
+        troubles = walker_troubles(chain)
+    unsound = bool(troubles) or not (r_hat <= targets.r_hat).all()
+    if capped and not troubles:
         missing.append(
             f"the run is too short to judge its burn-in: {BURN_IN_TAUS} autocorrelation times are "
-            f"{measured.wanted} steps, half of the run is {burn_in}"
+            f"{measured.wanted_burn_in} steps, half of the run is {burn_in}"
         )
     return Convergence(
         steps=n_steps,
         burn_in=burn_in,
         burn_in_rule=f"half of the run, too short for {BURN_IN_TAUS} autocorrelation times"
         if capped
-        else f"{BURN_IN_TAUS} autocorrelation times of {measured.early:.1f} steps",
+        else f"{BURN_IN_TAUS} autocorrelation times of {measured.late_tau:.1f} steps",
         thin=thin,
         tau=tau,
         r_hat=r_hat,
         ess_bulk=ess_bulk,
         ess_tail=ess_tail,
         n_tau=n_tau,
-        reasons=(*named, *missing),
+        reasons=(*troubles, *missing),
         slowest=names[int(np.argmax(tau))],
-        enough=None if named or disagreeing else _steps_needed(n_steps, targets, n_tau, ess_bulk),
+        enough=None if unsound else _steps_needed(n_steps, targets, n_tau, ess_bulk),
     )
 
 
 def _steps_needed(steps: int, targets: Targets, n_tau: float, ess: Array) -> int | None:
-    """By proportion, with something to spare; None where nothing is missing."""
+    """Extrapolate in proportion, with a margin; return None if N/tau and ESS meet their targets."""
     short = max(targets.n_tau / n_tau, targets.ess / float(ess.min()))
     return math.ceil(STEPS_MARGIN * short * steps) if short > 1 else None
 
@@ -372,8 +372,8 @@ def thinned(chains: Array, burn_in: int, thin: int) -> Array:
 def futility(trail: Sequence[tuple[int, float]], wanted: float, allowed: int, most: int) -> str:
     """Return why more steps would not help, or an empty text.
 
-    `trail`: (steps, how many autocorrelation times long) at each check, of which `wanted` are wanted.
-    `allowed`: sampler.max_steps; `most`: that, or fewer where the chain would be too large.
+    `trail` has the steps and N/tau at each check, and `wanted` is the target of N/tau.  `allowed` is
+    `sampler.max_steps`, and `most` is that or the largest length for which there is memory.
     """
     steps, n_tau = trail[-1]
     if steps < MIN_STEPS_TO_STOP or n_tau >= wanted:
@@ -400,9 +400,10 @@ def futility(trail: Sequence[tuple[int, float]], wanted: float, allowed: int, mo
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Autocorrelation:
-    """Autocorrelation of chains, and its integral in Sokal's window.
+    """The autocorrelation of chains, and its integral in Sokal's window.
 
-    `rho (S, D)` by lag in steps; its sum up to the lag `window (D,)` gives `tau (D,)`, at least 1.
+    `rho (S, D)` is given at each lag in steps.  `tau (D,)` is 2 sum(rho) - 1 from lag 0 to the lag
+    `window (D,)`, and at least 1.
     """
 
     rho: Array
@@ -411,9 +412,9 @@ class Autocorrelation:
 
 
 def autocorrelation(chains: Array) -> Autocorrelation:
-    """Compute the autocorrelation of `(E, S, W, D)`, averaged over walkers and ensembles.
+    """Compute the autocorrelation of chains `(E, S, W, D)`, averaged over walkers and ensembles.
 
-    It is summed in Sokal's window (Goodman and Weare 2010), as emcee does per ensemble.
+    It is summed in Sokal's window (Goodman and Weare 2010), as emcee does for one ensemble.
     """
     n_steps = chains.shape[1]
     padded = scipy.fft.next_fast_len(2 * n_steps, real=True)
@@ -425,8 +426,8 @@ def autocorrelation(chains: Array) -> Autocorrelation:
     with np.errstate(invalid="ignore", divide="ignore"):
         rho = np.nan_to_num(total / total[0], nan=1.0)
     tau = 2.0 * np.cumsum(rho, axis=0) - 1.0
-    inside = np.arange(n_steps)[:, None] < SOKAL_WINDOW * tau
-    window = np.where(inside.all(axis=0), n_steps - 1, np.argmin(inside, axis=0))
+    in_window = np.arange(n_steps)[:, None] < SOKAL_WINDOW * tau
+    window = np.where(in_window.all(axis=0), n_steps - 1, np.argmin(in_window, axis=0))
     tau_in_window = np.maximum(tau[window, np.arange(tau.shape[1])], 1.0)
     return Autocorrelation(rho=rho, tau=np.asarray(tau_in_window), window=window)
 

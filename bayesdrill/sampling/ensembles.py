@@ -1,4 +1,4 @@
-"""Run independent ensembles side by side until the targets are met, and keep them in a backend."""
+"""Run independent ensembles in parallel until the targets are met, and keep them in a backend."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class Backend(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class MemoryBackend:
-    """A backend in memory, for chains that are not worth a folder."""
+    """A backend in memory, for chains that no file has to keep."""
 
     saved: dict[int, list[ChainSegment]] = field(default_factory=dict)
 
@@ -68,28 +68,28 @@ class MemoryBackend:
         self.saved.setdefault(ensemble, []).append(segment)
 
 
-CLIMB_STEPS = 25  # steps from a maximum over the unknowns to one over the coordinates
-MAX_SLOPES = 20_000  # of a point, of records with samples of their own
-POINTS_PER_TASK = 64  # points that one process expands at a time
-START_SPREAD = 1.5  # ensembles start wider than the proposal, so that R-hat can tell
-MAX_START_TRIES = 20  # of drawing points to start at, wider or not, and of mirroring others
-MAX_START_DEPTH = 50.0  # of the log density, below the highest: far off a ridge nothing starts
-FIRST_CHECK = 200  # steps
-MAX_SEGMENT_STEPS = 250  # steps between savings, at most, and ...
-SEGMENT_SECONDS = 2.0  # ... about as many as take this long: what Ctrl-C waits for
-MOST_MISSED = 0.05  # of the posterior, by a proposal: with less the log evidence is off by less
-MAX_STEPS_OF_A_MISFIT = 800  # steps
+CLIMB_STEPS = 25  # Gauss-Newton steps from the MAP of the unknowns to that of the coordinates
+MAX_SLOPES = 20_000  # slopes of all samples at one point; with more the check of mass is too slow
+POINTS_PER_TASK = 64  # points whose quadratic model one process computes at a time
+START_SPREAD = 1.5  # widths of the proposal; a start this wide lets R-hat see slow ensembles
+MAX_START_TRIES = 20  # rounds of each way to place walkers: wide, from the proposal, mirrored
+MAX_START_DEPTH = 50.0  # in log density below the highest walker; a lower walker is placed again
+FIRST_CHECK = 200  # steps before convergence is first assessed
+MAX_SEGMENT_STEPS = 250  # steps between two savings at most, and ...
+SEGMENT_SECONDS = 2.0  # ... about as many as take this long, since Ctrl-C waits for a segment
+MOST_MISSED = 0.05  # posterior mass out of the proposal's reach above which nothing is believed
+MAX_STEPS_OF_A_MISFIT = 800  # a model that does not fit is not worth a longer chain
 
 
 class _PooledLogDensity(LogDensity):
-    """The log density over the sampler's coordinates, of which processes share many points."""
+    """The log density over the sampler's coordinates; many points are shared among processes."""
 
     def __init__(self, pool: WorkerPool) -> None:
         super().__init__(pool.posterior)
         self._pool = pool
 
     def quadratic_model(self, u: Array, directions: Array) -> QuadraticModel:
-        """Return value, slopes and curvature along `directions (D, q)`."""
+        """Return value, slopes and curvature at `u (N, D)` along `directions (D, q)`."""
         n = POINTS_PER_TASK
         if len(u) <= n:
             return super().quadratic_model(u, directions)
@@ -105,7 +105,7 @@ def _quadratic_model(posterior: Posterior, u: Array, directions: Array) -> Quadr
 def prepare(
     pool: WorkerPool, maxima: Array, seed: int, report: Reporter = SILENT
 ) -> LearnedProposal:
-    """Learn the proposal; it is the same whatever the number of processes."""
+    """Learn the proposal from physical `maxima (M, D)`, the same with any number of processes."""
     posterior = pool.posterior
     report.update(0.0, "learning the proposal")
     random = np.random.RandomState(seeds.bits(seed, "learn", 0))
@@ -113,32 +113,32 @@ def prepare(
     max_added_ridges, modes = (MAX_ADDED_RIDGES, z) if fits(posterior, maxima) else (0, z[:1])
     surface = _PooledLogDensity(pool)
     rng = seeds.stream(seed, "learn", 1)
-    # Where the density over the coordinates is highest, most of the posterior is near.
+    # Ridges begin at the maxima over the coordinates, since most of the posterior mass is there.
     central = gauss_newton(surface, modes, CLIMB_STEPS).u
     check = not slopes_are_expensive(posterior)
-    for k in range(1, len(modes)):  # one is not moved to where another is
-        near = np.abs(central[:k] - central[k]) < SAME_MODE * surface.spread
-        if near.all(axis=1).any():
+    for k in range(1, len(modes)):  # two maxima that climb to one place would give one ridge twice
+        same = np.abs(central[:k] - central[k]) < SAME_MODE * surface.spread
+        if same.all(axis=1).any():
             central[k] = modes[k]
     return learn(surface, list(central), random, rng, max_added_ridges, report, check=check)
 
 
 def fits(posterior: Posterior, maxima: Array) -> bool:
-    """Return whether the best fit leaves about the noise."""
+    """Return whether the residuals at the highest of `maxima (M, D)` are about as large as the noise."""
     misfit = float(posterior.likelihood.mean_square(maxima[:1])[0])
     return misfit < MAX_BELIEVABLE_RMS**2
 
 
 def slopes_are_expensive(posterior: Posterior) -> bool:
-    """Return whether it is too expensive to look along Newton ridges for what a proposal misses.
+    """Return whether the check for missed mass, along Newton ridges, is impossible or too slow.
 
-    Slopes jump where friction lets go. And some 1e5 points take minutes where each sample has slopes
-    of its own, and not sums alone.
+    With friction the slopes jump where a rotor breaks away.  A simulator that is not exact computes
+    slopes of each sample, which takes minutes for the 1e5 points of the check.
     """
     observations = posterior.likelihood.observations
-    each = [observation for observation in observations if not observation.response.exact]
-    numbers = sum(len(observation.experiment.t) for observation in each) * len(posterior.space.free)
-    return numbers > MAX_SLOPES or any(
+    stepped = [observation for observation in observations if not observation.response.exact]
+    samples = sum(len(observation.experiment.t) for observation in stepped)
+    return samples * len(posterior.space.free) > MAX_SLOPES or any(
         observation.response.model.frictions for observation in observations
     )
 
@@ -146,11 +146,11 @@ def slopes_are_expensive(posterior: Posterior) -> bool:
 def begin_walkers(
     posterior: Posterior, proposal: Proposal, n: int, seed: int, ensemble: int
 ) -> State:
-    """Place walkers around all maxima alike, wider than the proposal: shares are for moves to find.
+    """Place `n` walkers around all maxima, as many at each, in a wider spread than the proposal's.
 
-    But none starts where the proposal would hardly ever lead it away: where it is not found wider,
-    it is drawn from the proposal itself.  Where hardly a draw is inside the prior, those outside
-    are mirrored at its ends, nearer and nearer to the first maximum.
+    No walker starts where p/q is so large that the independence move would hardly ever move it.  Draws
+    are taken wider than the proposal, then from the proposal itself, and at last mirrored at the ends
+    of the priors and drawn in towards the first maximum.  Raises `NoSupportError` if all fail.
     """
     random = np.random.RandomState(seeds.bits(seed, "start", ensemble))
     mixture = proposal.mixture
@@ -165,9 +165,9 @@ def begin_walkers(
             fresh = proposal.draw(wanted, posterior.supports, random)[0]
         else:
             fresh = centre + 0.25**mirrored * (wide.draw(wanted, random).u - centre)
-            ends = LogDensity(posterior)
-            fresh = np.where(fresh < ends.low, 2.0 * ends.low - fresh, fresh)
-            fresh = np.where(fresh > ends.high, 2.0 * ends.high - fresh, fresh)
+            surface = LogDensity(posterior)
+            fresh = np.where(fresh < surface.low, 2.0 * surface.low - fresh, fresh)
+            fresh = np.where(fresh > surface.high, 2.0 * surface.high - fresh, fresh)
         z[missing], log_p[missing] = fresh, posterior(fresh)
         missing = ~(log_p > log_p.max() - MAX_START_DEPTH)
         if mirrored < 0:
@@ -179,7 +179,7 @@ def begin_walkers(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
-    """How ensembles are run: their number and size, moves, targets, and the seed."""
+    """The settings of a run: number and size of ensembles, weights of moves, targets and the seed."""
 
     ensembles: int
     walkers: int
@@ -189,19 +189,18 @@ class Plan:
     seed: int
 
     def most_steps(self, unknowns: int) -> int:
-        """Return `max_steps`, or as many steps as a chain of this size may have."""
+        """Return the most steps: `max_steps`, or fewer if the chain would be too large for memory."""
         return min(self.max_steps, steps_of_chain(self.ensembles, self.walkers, unknowns))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SamplingResult:
-    """The chains of a run, and what was learnt from them.
+    """The chains of a run, their convergence, and what was estimated from them.
 
-    `theta (E, S, W, D)` physical; `segments` of each ensemble as they were saved.  `learnt`: what the
-    proposal was learnt from, and `mode_shares (M,)`: how many of the draws each maximum has; None
-    where a chain was only read again.  `evidence`: where it was asked for, see `with_evidence`.
-    `compression`: how the likelihood of long records compares with the exact one.  `missed`: about
-    how much of the posterior the proposal hardly ever reaches, 0 where none was found.
+    `theta (E, S, W, D)` is physical, and `segments` are those of each ensemble as saved.  `learnt` and
+    the share of the draws at each maximum, `mode_shares (M,)`, are None for a chain that was only read.
+    `evidence` is computed by `with_evidence`.  `compression` compares the compressed likelihood of long
+    records with the exact one.  `missed` estimates the posterior mass that the proposal hardly reaches.
     """
 
     segments: list[list[ChainSegment]]
@@ -214,28 +213,28 @@ class SamplingResult:
     missed: float = 0.0
 
     def with_missed(self, missed: float) -> SamplingResult:
-        """Return a copy that is not believed where the proposal has `missed` much of the posterior."""
+        """Return a copy with the `missed` mass, and a reason not to believe it if that is too much."""
         sampled = dataclasses.replace(self, missed=missed)
         much = missed > MOST_MISSED
         return sampled.with_reasons((sampled.coverage("all numbers are rough"),) if much else ())
 
     def coverage(self, consequence: str) -> str:
-        """Return what the proposal misses, and its `consequence`; empty where it misses nothing."""
+        """Describe the mass that the proposal misses and the `consequence`; empty without any."""
         share = (
             f"about {100 * self.missed:.2g} % of the posterior lies where the proposal hardly ever"
         )
-        said = f"coverage: {share} leads, so {consequence}; narrow the priors that span decades"
-        return said if self.missed else ""
+        text = f"coverage: {share} leads, so {consequence}; narrow the priors that span decades"
+        return text if self.missed else ""
 
     def with_reasons(self, reasons: tuple[str, ...]) -> SamplingResult:
-        """Return a copy with further `reasons` not to believe it."""
+        """Return a copy with additional `reasons` not to believe it."""
         all_reasons = (*self.convergence.reasons, *reasons)
         convergence = dataclasses.replace(self.convergence, reasons=all_reasons)
         return dataclasses.replace(self, convergence=convergence)
 
     @property
     def draws(self) -> Array:
-        """Nearly independent draws of `theta`, `(E, N, D)`."""
+        """The nearly independent draws of `theta`: `(E, N, D)`, physical."""
         return thinned(self.theta, self.convergence.burn_in, self.convergence.thin)
 
     @property
@@ -246,7 +245,7 @@ class SamplingResult:
 
     @property
     def acceptance(self) -> Array:
-        """The shares of proposals accepted, `(E,)`."""
+        """The share of accepted proposals in each ensemble, `(E,)`."""
         return np.array([sum(p.accepted.mean() for p in ps) / _steps(ps) for ps in self.segments])
 
     @property
@@ -268,7 +267,7 @@ def walk(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Walk:
-    """Ensembles under way, and their `segments` so far."""
+    """The ensembles of a run, and the `segments` that they have made so far."""
 
     pool: WorkerPool
     proposal: Proposal
@@ -281,9 +280,9 @@ class _Walk:
         return [_steps(segments) for segments in self.segments]
 
     def advance_to(self, goal: int, tell: Callable[[int], None]) -> None:
-        """All ensembles to `goal` steps; each goes on as soon as its last segment is in.
+        """Advance all ensembles to `goal` steps, each without waiting for the others.
 
-        `tell`: of how many steps all have made.
+        After each segment `tell` is called with the steps of the slowest ensemble.
         """
         running: dict[Future[ChainSegment], int] = {}
         length = MAX_SEGMENT_STEPS
@@ -306,7 +305,7 @@ class _Walk:
                 first = self.steps[ensemble]
                 self.segments[ensemble].append(segment)
                 if not self.pool.in_process:
-                    submit(ensemble)  # first, so that others walk on while this process writes
+                    submit(ensemble)  # before saving, so that workers walk on while this one writes
                 self.backend.save(ensemble, first, segment)
                 tell(min(self.steps))
                 if self.pool.in_process:
@@ -324,7 +323,7 @@ def sample(
 ) -> SamplingResult:
     """Continue the chains of `backend` until converged or `max_steps`, and save every segment.
 
-    `maxima (M, D)`: physical, each of which may hold some of the posterior.
+    `maxima (M, D)` are the physical maxima about which the posterior may have mass, highest first.
     """
     posterior, learnt = pool.posterior, prepare(pool, maxima, plan.seed, report)
     segments = [backend.segments(ensemble) for ensemble in range(plan.ensembles)]
@@ -343,7 +342,7 @@ def sample(
 
 
 def with_evidence(posterior: Posterior, sampled: SamplingResult, seed: int) -> SamplingResult:
-    """Return a copy with the evidence of the posterior, as far as a proposal has been learnt."""
+    """Return a copy with the evidence of the posterior; without a learnt proposal, `sampled` itself."""
     if sampled.learnt is None:
         return sampled
     since = sampled.convergence.burn_in
@@ -357,9 +356,9 @@ def with_evidence(posterior: Posterior, sampled: SamplingResult, seed: int) -> S
 
 
 def _run_until_converged(under_way: _Walk, most: int, report: Reporter) -> SamplingResult:
-    """On and on until the targets are met, nothing more helps, or `most` steps are made.
+    """Advance until the targets are met, more steps would not help, or there are `most` steps.
 
-    Where it looks depends on nothing but the chain: not on how it was cut.
+    The checks are at steps that depend on the chain alone, so that a resumed run has the same ones.
     """
     posterior, plan, have = under_way.pool.posterior, under_way.plan, max(under_way.steps)
     last = max(most, have)
@@ -373,7 +372,7 @@ def _run_until_converged(under_way: _Walk, most: int, report: Reporter) -> Sampl
     report.update(0.0, "the ensembles go on" if have else "starting the walkers")
     while True:
         under_way.advance_to(goal, tell)
-        if not trail:  # this process looks at the walkers, which may have arrived
+        if not trail:  # while this process assesses, workers load what they need after sampling
             under_way.pool.preload(under_way.pool.afterwards)
         theta = _physical(posterior, _stack(under_way.segments, "z", goal))
         measured = chain_length(theta)
@@ -381,14 +380,14 @@ def _run_until_converged(under_way: _Walk, most: int, report: Reporter) -> Sampl
         hopeless = futility(trail, plan.targets.n_tau, plan.max_steps, most)
         ending = bool(hopeless) or goal == last
         following = min(measured.next_check(goal, plan.targets.n_tau), last)
-        # Shorter lengths were judged before an interruption, and found wanting.
+        # A resumed run has assessed shorter lengths before its interruption, and rejected them.
         if goal >= have and (ending or measured.n_tau >= plan.targets.n_tau):
             sampled = _assess(posterior, plan, under_way.segments, theta, measured)
             convergence = sampled.convergence
-            # How much of the way to the targets, as far as length goes.
-            far = convergence.n_tau / plan.targets.n_tau
-            known = float(np.min(convergence.ess_bulk)) / plan.targets.ess
-            share = min(float(np.clip(min(far, known), 0.0, 0.99)), goal / following)
+            # The progress bar shows the share of the targets of length that is reached.
+            n_tau_share = convergence.n_tau / plan.targets.n_tau
+            ess_share = float(np.min(convergence.ess_bulk)) / plan.targets.ess
+            share = min(float(np.clip(min(n_tau_share, ess_share), 0.0, 0.99)), goal / following)
             report.update(share, _state_of(convergence))
             if hopeless and not convergence.converged:
                 reasons = (*convergence.reasons, hopeless)
@@ -408,7 +407,7 @@ def _assess(
     theta: Array,
     measured: ChainLength | None = None,
 ) -> SamplingResult:
-    """`theta (E, S, W, D)`: all of the segments, physical; `measured`: its length, if that is known."""
+    """Assess all `segments`: `theta (E, S, W, D)` is physical, `measured` its length if known."""
     log_p = _stack(segments, "log_p")
     convergence = assess(theta, posterior.space.free, plan.targets, log_p, measured)
     return SamplingResult(segments=segments, theta=theta, convergence=convergence)
@@ -425,12 +424,12 @@ def _physical(posterior: Posterior, z: Array) -> Array:
 def _stack(
     chains: list[list[ChainSegment]], name: Literal["z", "log_p"], n: int | None = None
 ) -> Array:
-    """The first `n` steps of each chain, or all."""
+    """Stack the first `n` steps of each chain, or all: `(E, S, W, ...)`."""
     return np.array([np.concatenate([getattr(p, name) for p in ps])[:n] for ps in chains])
 
 
 def _state_of(c: Convergence) -> str:
-    """With the beginning of the first reason why it is not enough."""
+    """Describe the state of the chains, with the beginning of the first reason to go on."""
     missing = f"; {c.reasons[0].partition(':')[0]}" if c.reasons else ""
     return (
         f"{c.steps} steps: R-hat {np.max(c.r_hat):.4f}, {c.n_tau:.0f} autocorrelation times, "
@@ -441,7 +440,10 @@ def _state_of(c: Convergence) -> str:
 def load_sampled(
     posterior: Posterior, plan: Plan, segments: Callable[[int], list[ChainSegment]], location: str
 ) -> SamplingResult:
-    """Judge the stored `segments` of each ensemble; raises `InputError` if some are missing."""
+    """Assess the stored `segments` of each ensemble.
+
+    Raises `InputError` at `location` if the run stopped before its first check.
+    """
     chains = [segments(ensemble) for ensemble in range(plan.ensembles)]
     steps = min(map(_steps, chains))
     first = min(FIRST_CHECK, plan.most_steps(len(posterior.space.free)))

@@ -1,8 +1,7 @@
 """Estimate the evidence Z, the integral of likelihood times prior, by bridge sampling.
 
-The proposal that ensembles draw from is a normalised density q near the posterior, so that draws of
-both, each weighed with both densities, give Z with hardly any further response (Meng and Wong
-1996).
+The proposal of the ensembles is a normalised density q near the posterior p.  Draws of both, each
+weighted with both densities, give Z with few further evaluations of the model (Meng and Wong 1996).
 """
 
 from __future__ import annotations
@@ -17,21 +16,21 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.sampling.samplers.independence import Mixture, Proposal, Random
 
-MAX_DRAWS = 40_000  # of the chain at most, and as many of the proposal inside the prior
-MAX_TRIES_PER_DRAW = 50  # times as many at most, where hardly any is inside the prior
-BATCH_DRAWS = 4000  # draws
-MAX_DISAGREEMENT = 3.0  # standard errors that two estimates of the evidence may be apart
-MAX_LOG_RATIO = 500.0  # of a log of p over q, over the usual: the rest makes no difference
-MAX_ITERATIONS, RELATIVE_TOLERANCE = 1000, 1e-10  # of the equation whose solution the evidence is
+MAX_DRAWS = 40_000  # draws of the chain that are used, and of the proposal inside the prior
+MAX_TRIES_PER_DRAW = 50  # draws of the proposal for each that has to be inside the prior
+BATCH_DRAWS = 4000  # draws that are evaluated at a time, which limits the memory
+MAX_DISAGREEMENT = 3.0  # standard errors between two estimates that may be chance
+MAX_LOG_RATIO = 500.0  # log (p/q) is clipped at its median +- this; what lies beyond is negligible
+MAX_ITERATIONS, RELATIVE_TOLERANCE = 1000, 1e-10  # of the fixed-point iteration for the evidence
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Evidence:
     """The log evidence of a posterior, with its standard error.
 
-    `log_z`: of densities that are all normalised, the record's in SI; `overlap`: the share of what
-    posterior and proposal have in common, from 0 to 1.  `steps`: what finer steps of a rig that is
-    stepped have added to `log_z`, and `steps_error` what they have to `error`.
+    `log_z` is the natural log of the density of the record in SI.  `overlap` tells how much posterior
+    and proposal have in common, from 0 to 1.  For a rig simulated in steps, `log_z` includes the
+    correction `steps` for their length, with the standard error `steps_error`.
     """
 
     log_z: float
@@ -41,38 +40,38 @@ class Evidence:
     steps_error: float = 0.0
 
     def in_finer_steps(self, added: float, error: float) -> Evidence:
-        """Return a copy with what finer steps add, and the standard error of that."""
-        log_z, both = self.log_z + added, math.hypot(self.error, error)
-        return replace(self, log_z=log_z, error=both, steps=added, steps_error=error)
+        """Return a copy with `added`, the correction for the length of steps, and its `error`."""
+        log_z, total_error = self.log_z + added, math.hypot(self.error, error)
+        return replace(self, log_z=log_z, error=total_error, steps=added, steps_error=error)
 
 
 def evidence(
     posterior: Posterior, proposal: Proposal, z: Array, log_p: Array, seed: int
 ) -> Evidence | None:
-    """Estimate the evidence from steps `z (E, S, W, D)`, the log density there, and fresh draws.
+    """Estimate the evidence from steps `z (E, S, W, D)` with `log_p (E, S, W)`, and fresh draws.
 
-    They come from a stream of their own, so that no chain depends on them.  None where posterior and
-    proposal have nothing in common that was seen.
+    The draws of the proposal have a random stream of their own.  Returns None if no draw of the
+    proposal has a posterior density.
     """
     random = Random(seeds.bits(seed, "evidence"))
     mixture = proposal.mixture
     thin = max(1, -(-log_p.size // MAX_DRAWS))
-    thinned, there = z[:, ::thin], log_p[:, ::thin]
-    log_q = log_density(mixture, thinned.reshape(-1, z.shape[-1]))
-    on_chain = there - log_q.reshape(there.shape)
-    tried = math.ceil(min(there.size / proposal.share, MAX_TRIES_PER_DRAW * there.size))
+    z, log_p = z[:, ::thin], log_p[:, ::thin]
+    log_q = log_density(mixture, z.reshape(-1, z.shape[-1]))
+    on_chain = log_p - log_q.reshape(log_p.shape)
+    tried = math.ceil(min(log_p.size / proposal.share_inside, MAX_TRIES_PER_DRAW * log_p.size))
     drawn = _draw(posterior, mixture, tried, random)
     return bridge(on_chain, drawn, tried)
 
 
 def log_density(mixture: Mixture, u: Array) -> Array:
-    """Return the log density of a mixture at `u (N, D)`, in batches: `(N,)`."""
+    """Return the log density of a mixture at `u (N, D)`, computed in batches: `(N,)`."""
     begins = range(0, len(u), BATCH_DRAWS)
     return np.concatenate([mixture.log_density(u[k : k + BATCH_DRAWS]) for k in begins])
 
 
 def _draw(posterior: Posterior, mixture: Mixture, n: int, random: Random) -> Array:
-    """Logs of p over q at those of `n` draws that are inside the prior; elsewhere p is zero."""
+    """Draw `n` points from the mixture, and return log (p/q) of those inside the prior."""
     log_ratios = []
     for begin in range(0, n, BATCH_DRAWS):
         u = mixture.draw(min(BATCH_DRAWS, n - begin), random).u
@@ -85,9 +84,9 @@ def _draw(posterior: Posterior, mixture: Mixture, n: int, random: Random) -> Arr
 def bridge(on_chain: Array, drawn: Array, tried: int) -> Evidence | None:
     """Solve the bridge equation for the evidence (Meng and Wong 1996).
 
-    From logs of p over q: at steps `(E, S, W)` of walkers over p, and at those of the `tried` draws
-    of q where p is not zero.  With shares s, t of the two kinds of draws and w = p / q, Z solves
-    Z = E_q[w / (s w + t Z)] / E_p[1 / (s w + t Z)]: means of what is bounded, whatever the weights.
+    `on_chain (E, S, W)` and `drawn (n,)` are log (p/q) at the walkers' steps and at draws of q; the rest
+    of the `tried` draws have p = 0.  With s, t the shares of chain and draws, and w = p/q, Z solves
+    `Z = E_q[w / (s w + t Z)] / E_p[1 / (s w + t Z)]`.  Both means are of bounded terms, however large w.
     """
     drawn = drawn[np.isfinite(drawn)]
     if len(drawn) == 0:
@@ -102,7 +101,7 @@ def bridge(on_chain: Array, drawn: Array, tried: int) -> Evidence | None:
         before, z = z, float(of_q.sum() / tried / of_p.mean())
         if abs(z - before) < RELATIVE_TOLERANCE * z:
             break
-    # What a walker remembers from step to step stays within its own mean.
+    # Steps of one walker are correlated, so the error comes from the means of the walkers.
     walkers = of_p.mean(axis=1).ravel()
     mean_q = float(of_q.sum() / tried)
     spread_q = float((of_q**2).sum() / tried) / mean_q**2 - 1.0
@@ -113,14 +112,14 @@ def bridge(on_chain: Array, drawn: Array, tried: int) -> Evidence | None:
 
 
 def _disagreement(w: Array, tried: int, z: float) -> float:
-    """Return how far the log of `z` is from what draws of q say by themselves.
+    """Return the distance of log `z` from the importance sampling estimate, 0 if it may be chance.
 
-    `w`: their weights; 0 where that is chance. Walkers that do not pass between maxima hold shares
-    that are not the posterior's.
+    `w (n,)` are the weights p/q of draws of q.  The two differ if walkers do not cross between maxima,
+    and so are shared among these otherwise than the posterior mass is.
     """
-    largest = float(w.max())  # squares of weights far from the chain's are too small for numbers
-    shares = w / largest
-    alone = math.log(largest) + math.log(float(shares.sum()) / tried)
-    chance = math.sqrt(max(0.0, float((shares**2).sum() / shares.sum() ** 2) - 1.0 / tried))
-    far = abs(math.log(z) - alone)
-    return far if far > MAX_DISAGREEMENT * chance else 0.0
+    largest = float(w.max())  # the squares of very small weights would underflow
+    scaled = w / largest
+    log_z = math.log(largest) + math.log(float(scaled.sum()) / tried)
+    chance = math.sqrt(max(0.0, float((scaled**2).sum() / scaled.sum() ** 2) - 1.0 / tried))
+    distance = abs(math.log(z) - log_z)
+    return distance if distance > MAX_DISAGREEMENT * chance else 0.0

@@ -1,4 +1,4 @@
-"""Damped Gauss-Newton uphill from many points at once, within the ends of the priors."""
+"""Maximise a log density by damped Gauss-Newton from many points at once, within the priors' ends."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ import numpy as np
 from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.inference.laplace import LogDensity, QuadraticModel
 
-MAX_STEP = 3.0  # of the priors' spreads: what a curvature says is not true further on
-INITIAL_DAMPING = 0.1  # of what the priors know: it holds the loose directions, not the tight ones
-DAMPING_FACTORS = (0.01, 1.0, 30.0, 1e3, 3e4)  # times the present one, tried together, of which ...
-CORRECTED_TRIALS = 2  # ... so many first ones may leave a bent ridge, and are led back to it by ...
-TIGHT_DAMPING = 100.0  # ... steps that hold all but the tight directions
-MAX_CORRECTIONS = 3  # back to a bent ridge, after a step along it
-MIN_DAMPING, MAX_DAMPING = 1e-10, 1e18
-DAMPING_DECREASE = 0.3  # of the damping that was best, for the next step
-RELEASE_SLOPE = 1e-9  # a slope away from a wall, over the square root of the curvature there
-DIAGONAL_ROUNDING = 1e-12  # of the diagonal: what is flat but for rounding stays solvable
-DIFFERENCE_STEP = 1e-4  # of the priors' spreads, over which slopes are differentiated
-MIN_GAIN = 1e-9  # of the log density: a point that would gain less by its next step has arrived
+MAX_STEP = 3.0  # longest step in priors' spreads; the quadratic model does not hold further on
+INITIAL_DAMPING = 0.1  # of the priors' precision; damps the loose directions, not the tight ones
+DAMPING_FACTORS = (0.01, 1.0, 30.0, 1e3, 3e4)  # on the present damping, all tried; the first ...
+CORRECTED_TRIALS = 2  # ... of these trials may leave a bent ridge, and are led back to it with ...
+TIGHT_DAMPING = 100.0  # ... this damping, of the priors' precision: only tight directions move
+MAX_CORRECTIONS = 3  # steps back to a bent ridge, after a step along it
+MIN_DAMPING, MAX_DAMPING = 1e-10, 1e18  # a point that needs more than the largest has arrived
+DAMPING_DECREASE = 0.3  # factor on the best damping of a step, for the next one
+RELEASE_SLOPE = 1e-9  # least scaled slope away from a bound that releases an unknown from it
+DIAGONAL_ROUNDING = 1e-12  # added to the scaled diagonal, so that flat directions stay solvable
+DIFFERENCE_STEP = 1e-4  # in priors' spreads, for differences of slopes
+MIN_GAIN = 1e-9  # a point whose next step would gain less of the log density has arrived
 
 
 @dataclass(frozen=True, slots=True)
 class GaussNewtonResult:
-    """Where each start has led, `u (W, D)`, and what another step would gain, `gain (W,)`."""
+    """The ends of all searches: `u (W, D)`, log density and gain of another Newton step `(W,)`."""
 
     u: Array
     value: Array
@@ -33,29 +33,30 @@ class GaussNewtonResult:
 
     @property
     def converged(self) -> Flags:
-        """Whether another step would gain next to nothing, `(W,)`."""
+        """Whether another step would gain less than 1e-6 of the log density, `(W,)`."""
         return np.asarray(self.gain < 1e-6)
 
 
 def gauss_newton(
     surface: LogDensity, start: Array, steps: int, *, exact: bool = False, merged: float = 0.0
 ) -> GaussNewtonResult:
-    """Climb from `start (W, D)`, each point by itself, in at most `steps` steps.
+    """Climb from each point of `start (W, D)` in at most `steps` steps.
 
-    `exact`: with the second derivatives themselves, for the last steps to a maximum.  `merged`: a point
-    that comes as near to a higher one, in the priors' spreads, is left out, and its value is -inf.
+    With `exact`, Newton's method with second derivatives replaces Gauss-Newton, for the last steps.
+    `merged`: a point that comes as near to a higher one, in the priors' spreads, is left out, and its
+    value is -inf.
     """
     u = np.clip(start, surface.low, surface.high)
     value = surface.value(u)
     damping = np.full(len(u), INITIAL_DAMPING)
     gain = np.full(len(u), np.inf)
     under_way = np.isfinite(value)
-    look = _second_order_model if exact else _gauss_newton_model
+    model = _second_order_model if exact else _gauss_newton_model
     for _ in range(steps):
         now = np.flatnonzero(under_way)
         if len(now) == 0:
             break
-        here = look(surface, u[now])
+        here = model(surface, u[now])
         gain[now] = newton_gain(surface, u[now], here)
         moved = _best_step(surface, u[now], value[now], damping[now], here)
         u[now], value[now], damping[now], advanced = moved
@@ -72,7 +73,7 @@ def _gauss_newton_model(surface: LogDensity, u: Array) -> QuadraticModel:
 
 
 def _second_order_model(surface: LogDensity, u: Array) -> QuadraticModel:
-    """With second derivatives from differences of exact slopes, each taken as if it were downward."""
+    """Return a model with second derivatives by differences; upward curvature changes its sign."""
     n, d = u.shape
     here = _gauss_newton_model(surface, u)
     steps = DIFFERENCE_STEP * np.diag(surface.spread)
@@ -90,19 +91,19 @@ def _second_order_model(surface: LogDensity, u: Array) -> QuadraticModel:
 def _best_step(
     surface: LogDensity, u: Array, value: Array, damping: Array, here: QuadraticModel
 ) -> tuple[Array, Array, Array, Flags]:
-    """The best of a few damped steps, or none; the damping for the next one."""
-    tried = [_damped_step(surface, u, here, damping * factor) for factor in DAMPING_FACTORS]
-    values = surface.value(np.concatenate(tried)).reshape(len(tried), -1)
+    """Take the best of steps with several dampings; return points, values, dampings and success."""
+    trials = [_damped_step(surface, u, here, damping * factor) for factor in DAMPING_FACTORS]
+    values = surface.value(np.concatenate(trials)).reshape(len(trials), -1)
     for k in range(CORRECTED_TRIALS):
-        wanted = value + 0.5 * _predicted_gain(here, tried[k] - u)
-        tried[k], values[k] = _back_to_ridge(surface, tried[k], values[k], wanted)
+        wanted = value + 0.5 * _predicted_gain(here, trials[k] - u)
+        trials[k], values[k] = _back_to_ridge(surface, trials[k], values[k], wanted)
     best = np.argmax(values, axis=0)
     best_values = np.take_along_axis(values, best[None], axis=0)[0]
     advanced = best_values > value
-    there = np.array(tried)[best, np.arange(len(u))]
+    best_trials = np.array(trials)[best, np.arange(len(u))]
     less = damping * np.array(DAMPING_FACTORS)[best] * DAMPING_DECREASE
     return (
-        np.where(advanced[:, None], there, u),
+        np.where(advanced[:, None], best_trials, u),
         np.where(advanced, best_values, value),
         np.where(advanced, np.maximum(less, MIN_DAMPING), damping * DAMPING_FACTORS[-1] * 10.0),
         advanced,
@@ -119,7 +120,7 @@ def _damped_step(surface: LogDensity, u: Array, here: QuadraticModel, damping: A
 def _back_to_ridge(
     surface: LogDensity, u: Array, value: Array, wanted: Array
 ) -> tuple[Array, Array]:
-    """Points that a step along a bent ridge has led off it, led back by their tight directions."""
+    """Move points whose log density is below `wanted` back to a bent ridge, in tight directions."""
     u, value = u.copy(), value.copy()
     for _ in range(MAX_CORRECTIONS):
         off = np.flatnonzero((value < wanted) & np.isfinite(value))
@@ -132,44 +133,44 @@ def _back_to_ridge(
 
 
 def bounded_step(surface: LogDensity, u: Array, here: QuadraticModel, damping: Array) -> Array:
-    """Return the damped step of Gauss and Newton within the box, `(W, D)`.
+    """Return the damped Gauss-Newton step from `u (W, D)` within the box of the priors, `(W, D)`.
 
-    The first unknown on the way out stops at its wall, the others are solved for again, and so on;
-    one whose slope then points inside is let go.
+    This is an active set method: the first unknown to reach a bound is held there and the others are
+    solved for again.  One that is held is released if its slope points back inside.
     """
     d = u.shape[1]
     matrix = here.curvature + (damping[:, None] / surface.spread**2)[:, :, None] * np.eye(d)
-    # In units in which the diagonal is one, so that no direction is lost beside a stiffer one.
+    # Units in which the diagonal is one keep directions of very different stiffness apart.
     scale = 1.0 / np.sqrt(np.maximum(np.einsum("wdd->wd", matrix), 1e-300))
     matrix = matrix * scale[:, :, None] * scale[:, None, :] + DIAGONAL_ROUNDING * np.eye(d)
     slope = here.slope * scale
     low, high = (surface.low - u) / scale, (surface.high - u) / scale
-    clamped = ((low >= 0) & (slope < 0)) | ((high <= 0) & (slope > 0))
+    held = ((low >= 0) & (slope < 0)) | ((high <= 0) & (slope > 0))
     step, arrived = np.zeros_like(u), np.zeros(len(u), dtype=bool)
     for _ in range(3 * d):
         remaining = slope - np.einsum("wij,wj->wi", matrix, step)
-        inward = np.where(clamped, np.where(step <= low, remaining, -remaining), 0.0)
-        let_go = arrived & (inward.max(axis=1) > RELEASE_SLOPE)
-        clamped[let_go, np.argmax(inward, axis=1)[let_go]] = False
-        if (arrived & ~let_go).all():
+        inward = np.where(held, np.where(step <= low, remaining, -remaining), 0.0)
+        released = arrived & (inward.max(axis=1) > RELEASE_SLOPE)
+        held[released, np.argmax(inward, axis=1)[released]] = False
+        if (arrived & ~released).all():
             break
-        free = ~clamped
+        free = ~held
         inner = np.where(free[:, :, None] & free[:, None, :], matrix, np.eye(d))
-        way = np.linalg.solve(inner, np.where(free, remaining, 0.0)[..., None])[..., 0]
-        wall = np.where(way > 0, high, low) - step
+        change = np.linalg.solve(inner, np.where(free, remaining, 0.0)[..., None])[..., 0]
+        to_bound = np.where(change > 0, high, low) - step
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            reach = np.where(free & (way != 0), wall / way, np.inf)
-        first = reach.min(axis=1)
-        hit = (reach <= first[:, None]) & (first < 1.0)[:, None]
-        step = step + np.minimum(1.0, first)[:, None] * way
-        step = np.where(hit, np.where(way > 0, high, low), step)
-        clamped |= hit
+            fraction = np.where(free & (change != 0), to_bound / change, np.inf)
+        first = fraction.min(axis=1)
+        hit = (fraction <= first[:, None]) & (first < 1.0)[:, None]
+        step = step + np.minimum(1.0, first)[:, None] * change
+        step = np.where(hit, np.where(change > 0, high, low), step)
+        held |= hit
         arrived = first >= 1.0
     return np.asarray(np.clip(step, low, high) * scale)
 
 
 def newton_gain(surface: LogDensity, u: Array, here: QuadraticModel) -> Array:
-    """Return what an undamped step would gain, by slopes and curvatures alone: `(W,)`."""
+    """Return the gain of an undamped step that the quadratic model predicts, `(W,)`."""
     step = bounded_step(surface, u, here, np.full(len(u), 1e-9))
     return _predicted_gain(here, step)
 

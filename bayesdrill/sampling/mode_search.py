@@ -1,8 +1,8 @@
-"""Search the maximum of the posterior (MAP), and other maxima.
+"""Search for the maximum of the posterior (MAP), and for other maxima.
 
-Nelder and Mead find the way; damped Gauss-Newton with exact slopes goes the rest of it.  Plain
-draws from the prior are sent up the same way, and unknowns whose poles the samples cannot tell from
-those of the MAP: a maximum that no search has looked for is not found by many searches for another.
+A simplex (Nelder-Mead) comes near a maximum, and damped Gauss-Newton with exact slopes converges to
+it.  For other maxima, Gauss-Newton also starts at draws from the prior and at aliases of the MAP:
+points where the poles differ but the samples are nearly the same.
 """
 
 from __future__ import annotations
@@ -21,23 +21,23 @@ from bayesdrill.sampling import multiple_modes
 from bayesdrill.sampling.gauss_newton import GaussNewtonResult, gauss_newton, newton_gain
 from bayesdrill.sampling.optimisers.contract import Optimiser, Optimum, Task
 
-SAME_LOG_DENSITY = 1e-2  # searches that end nearer than this have found the same height
-SAME_POINT = 0.01  # ... and the same place, when no unknown differs by more than 1 %
-RELATIVE_ROUNDING = 1e-12  # of the log posterior: no two agree better than its own digits
-CANDIDATES_PER_START = 4096  # prior draws of which a search starts at the best
-LOWEST_LOG_DENSITY = -1e300  # log density of a search that has led nowhere
-MAX_MAXIMA = 64  # maxima that are kept, those that hold most
-NEGLIGIBLE_MASS = 1e-5  # of the posterior: maxima that hold no more together are none
-MAX_MISSED_MASS = 0.02  # of the posterior: with more it is not believed
-MAX_STEPPED_STARTS = 32  # the highest, of a rig that is stepped: each climb of it takes seconds
-MULTI_STARTS = 24  # plain draws from the prior that are sent uphill without a simplex
-SEARCH_ROUNDS, MAX_CENTRES = 2, 8  # of looking around maxima, and around how many at a time
-POLISH_STEPS, NEWTON_STEPS = 40, 8  # of Gauss and Newton, and of Newton, at the end of a search
+SAME_LOG_DENSITY = 1e-2  # two searches have the same height if they differ by less than this
+SAME_POINT = 0.01  # they have the same end if no unknown differs by more than this share of it
+RELATIVE_ROUNDING = 1e-12  # of the log posterior: two heights cannot agree better than its digits
+CANDIDATES_PER_START = 4096  # prior draws, of which a search starts at the best
+LOWEST_LOG_DENSITY = -1e300  # log density of a search that ended where there is none
+MAX_MAXIMA = 64  # maxima that are kept, those with the most posterior mass
+NEGLIGIBLE_MASS = 1e-5  # posterior mass: maxima that hold less all together are dropped
+MAX_MISSED_MASS = 0.02  # posterior mass of maxima that were not followed: with more, a doubt
+MAX_STEPPED_STARTS = 32  # starts for a rig simulated in steps, whose climbs take seconds each
+MULTI_STARTS = 24  # prior draws from which Gauss-Newton climbs without a simplex
+SEARCH_ROUNDS, MAX_CENTRES = 2, 8  # rounds of searches around maxima, and maxima in a round
+POLISH_STEPS, NEWTON_STEPS = 40, 8  # steps of Gauss-Newton, then of Newton, that end a search
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Search:
-    """A search for the maximum: where it began and ended (physical), and how."""
+    """A search for the maximum: its physical start and end, and whether it `settled` there."""
 
     start: Mapping[str, float]
     end: Mapping[str, float]
@@ -48,7 +48,7 @@ class Search:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LocalMaximum:
-    """Another maximum, which no ridge joins to the highest."""
+    """A maximum in physical values that no ridge joins to the others."""
 
     values: Mapping[str, float]
     log_posterior: float
@@ -56,14 +56,13 @@ class LocalMaximum:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Mode:
-    """The best of the searches, and `others`: lower maxima that may hold some of the posterior.
+    """The highest maximum of the posterior, and `others`: lower ones with some of its mass.
 
-    `slope`: change of the log posterior per conditional standard deviation of each unknown, well
-    below 1 at a maximum inside the prior; `gain`: what a Newton step would still gain.
-    `at_bound`: unknowns within 0.1 % of an end of their prior, or with 0.1 % of it between them and
-    zero.  `steps`: by which unknowns that may be negative are compared.  `pieces`: of rigs that are
-    stepped, as `step_error.chosen_steps` tells them, where they were chosen here.  `left_out`: about
-    how much of the posterior maxima hold that were not followed, as there are too many.
+    `slope` is the change of the log posterior per conditional standard deviation of each unknown, well
+    below 1 at a maximum inside the prior.  `gain` is what another Newton step would add.  `at_bound`
+    names unknowns within 0.1 % of an end of their prior, or within 0.1 % of its mass from zero.
+    `steps` has the scale of unknowns that may be negative.  `pieces` are the step sizes of rigs
+    simulated in steps.  `left_out` estimates the posterior mass of maxima that were not followed.
     """
 
     values: Mapping[str, float]
@@ -79,7 +78,7 @@ class Mode:
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """Reasons why a posterior about these maxima must not be believed."""
+        """The reasons why a posterior about these maxima must not be believed."""
         if self.left_out < MAX_MISSED_MASS:
             return ()
         return (
@@ -95,7 +94,7 @@ class Mode:
 
     @property
     def tolerance(self) -> float:
-        """How much two heights may differ and still be the same."""
+        """The difference of log posteriors below which two maxima have the same height."""
         return max(SAME_LOG_DENSITY, RELATIVE_ROUNDING * abs(self.log_posterior))
 
     @property
@@ -114,15 +113,15 @@ class Mode:
 
     def _apart(self, end: Mapping[str, float], values: Mapping[str, float]) -> list[str]:
         """Return the unknowns in which `end` is not at these `values`."""
-        near = {name: SAME_POINT * self.steps.get(name, abs(x)) for name, x in values.items()}
-        return [name for name, x in values.items() if abs(end[name] - x) > near[name]]
+        scale = {name: self.steps.get(name, abs(x)) for name, x in values.items()}
+        return [n for n, x in values.items() if abs(end[n] - x) > SAME_POINT * scale[n]]
 
 
 def starts(posterior: Posterior, n: int, rng: np.random.Generator) -> Array:
     """Return physical starts of searches, `(n, D)`.
 
-    The first is the configured start, or that of inverse dynamics where it is better. Each other is
-    the best of some prior draws.
+    The first is the start of inverse dynamics if there is one, else the configured start.  Each other
+    is the best of `CANDIDATES_PER_START` prior draws.
     """
     first = inverse_dynamics.regression_start(posterior)
     if first is None:
@@ -147,7 +146,7 @@ def task(posterior: Posterior) -> Task:
 def searches(
     posterior: Posterior, optimiser: Optimiser, evaluations: int, starts: Array
 ) -> list[Search]:
-    """Search from each of the physical `starts (S, D)`, and then by slopes to the very maximum."""
+    """Search from each of the physical `starts (S, D)` by the optimiser, then by Gauss-Newton."""
     optima = optimiser(task(posterior), starts, evaluations)
     pairs = zip(starts, optima, strict=True)
     return [_finished_search(posterior, *pair) for pair in pairs]
@@ -155,13 +154,13 @@ def searches(
 
 def _finished_search(posterior: Posterior, start: Array, optimum: Optimum) -> Search:
     surface, settled = LogDensity(posterior, physical=True), optimum.settled
-    # A simplex may go on for ever towards an end that has none.
+    # A simplex may run away to infinity, where the coordinates have no finite value.
     z = posterior.coordinates.from_physical(optimum.theta[None])
     u = np.clip(z, surface.low, surface.high)
     value = float(surface.value(u)[0])
-    top = _polished(surface, u)
-    if top.value[0] > value:
-        u, value, settled = top.u, float(top.value[0]), bool(top.converged[0])
+    polished = _polished(surface, u)
+    if polished.value[0] > value:
+        u, value, settled = polished.u, float(polished.value[0]), bool(polished.converged[0])
     return Search(
         start=_named(posterior, start),
         end=_named(posterior, posterior.coordinates.to_physical(u)[0]),
@@ -172,12 +171,12 @@ def _finished_search(posterior: Posterior, start: Array, optimum: Optimum) -> Se
 
 
 def search(posterior: Posterior, optimiser: Optimiser, evaluations: int, start: Array) -> Search:
-    """Search from the physical point `start (D,)`."""
+    """Search from the physical point `start (D,)`; see `searches`."""
     return searches(posterior, optimiser, evaluations, start[None])[0]
 
 
 def multi_start(posterior: Posterior, starts: Array) -> tuple[Array, Array]:
-    """Climb from physical `starts (n, D)`: the ends `(m, D)` and their log densities `(m,)`."""
+    """Climb from physical `starts (n, D)`; return ends `(m, D)` and their log densities `(m,)`."""
     surface = LogDensity(posterior, physical=True)
     u, value = multiple_modes.best_ends(surface, posterior.coordinates.from_physical(starts))
     return posterior.coordinates.to_physical(u), value
@@ -186,31 +185,30 @@ def multi_start(posterior: Posterior, starts: Array) -> tuple[Array, Array]:
 def summarise(
     posterior: Posterior,
     searches: tuple[Search, ...],
-    scouted: Sequence[tuple[Array, Array]] = (),
+    reached: Sequence[tuple[Array, Array]] = (),
     *,
     around: bool = True,
 ) -> Mode:
-    """Sum up all searches: the highest maximum, and the others.
+    """Return the highest maximum of all searches, and the others.
 
-    `scouted`: further points that were reached, physical `(n, D)`, and their log densities `(n,)`.
-    `around`: whether others are searched for around those that were reached.
+    `reached` has further ends of climbs, physical `(n, D)`, with their log densities `(n,)`.  With
+    `around`, other maxima are searched for around those that were reached.
     """
-    scouted = [some for some in scouted if len(some[0])]
+    reached = [ends for ends in reached if len(ends[0])]
     if steps := step_error.chosen_steps(posterior):
         best = max(searches, key=lambda search: search.log_posterior)
         posterior = step_error.choose_steps(posterior, posterior.space.vector(best.end))
-        # Heights are compared, and were those of other steps.
+        # The heights are compared, so all of them have to be those of the new steps.
         if step_error.chosen_steps(posterior) != steps:
             searches = tuple(polished_again(posterior, searches))
-            scouted = [(theta, posterior.density(theta)) for theta, _ in scouted]
-    surface = LogDensity(posterior, physical=True)
-    to, back = posterior.coordinates.from_physical, posterior.coordinates.to_physical
+            reached = [(theta, posterior.density(theta)) for theta, _ in reached]
+    surface, coordinates = LogDensity(posterior, physical=True), posterior.coordinates
     searched = np.array([posterior.space.vector(s.end) for s in searches])
-    points = np.concatenate([to(theta) for theta in (searched, *(some[0] for some in scouted))])
-    values = np.concatenate([[s.log_posterior for s in searches], *(some[1] for some in scouted)])
-    ends, heights = _distinct_maxima(surface, points, values)
+    theta = np.concatenate([searched, *(ends[0] for ends in reached)])
+    values = np.concatenate([[s.log_posterior for s in searches], *(ends[1] for ends in reached)])
+    ends, heights = _distinct_maxima(surface, coordinates.from_physical(theta), values)
     ends, heights, left_out = _search_around(surface, ends, heights, SEARCH_ROUNDS * around)
-    theta = back(ends)
+    theta = coordinates.to_physical(ends)
     here = surface.quadratic_model(ends[:1], np.eye(ends.shape[1]))
     conditional = np.sqrt(np.maximum(np.einsum("wdd->wd", here.curvature)[0], 1e-300))
     inward = np.where(
@@ -227,8 +225,8 @@ def summarise(
         at_bound=_at_bound(posterior, _named(posterior, theta[0])),
         searches=searches,
         others=tuple(
-            LocalMaximum(values=_named(posterior, at), log_posterior=float(height))
-            for at, height in zip(theta[1:], heights[1:], strict=True)
+            LocalMaximum(values=_named(posterior, point), log_posterior=float(height))
+            for point, height in zip(theta[1:], heights[1:], strict=True)
         ),
         steps={u.name: u.scale for u in posterior.space.unknowns if u.signed},
         pieces=step_error.chosen_steps(posterior),
@@ -239,20 +237,20 @@ def summarise(
 def _distinct_maxima(
     surface: LogDensity, points: Array, values: Array, known: int = 0
 ) -> tuple[Array, Array]:
-    """The very maxima `(M, D)` that `points (n, D)` lead to, and their heights, the highest first.
+    """Climb from `points (n, D)` to distinct maxima `(M, D)`; return them and their heights `(M,)`.
 
-    Of the first `known` points it is known that they are maxima.
+    The highest comes first.  The first `known` points are maxima already.
     """
     distinct = multiple_modes.distinct_modes(surface, points, values, known)
     fresh = [k for k in distinct if k >= known]
     ends, heights = points.copy(), values.copy()
-    top = gauss_newton(surface, points[fresh], POLISH_STEPS, exact=True)
-    better = top.value > values[fresh]
-    ends[fresh] = np.where(better[:, None], top.u, points[fresh])
-    heights[fresh] = np.where(better, top.value, values[fresh])
+    polished = gauss_newton(surface, points[fresh], POLISH_STEPS, exact=True)
+    better = polished.value > values[fresh]
+    ends[fresh] = np.where(better[:, None], polished.u, points[fresh])
+    heights[fresh] = np.where(better, polished.value, values[fresh])
     ends, heights = ends[sorted(distinct)], heights[sorted(distinct)]
     known = len(distinct) - len(fresh)
-    # Two may have ended at one place.
+    # Two of the points may have climbed to the same maximum.
     order = multiple_modes.distinct_modes(surface, ends, heights, known)
     return ends[order], heights[order]
 
@@ -260,15 +258,15 @@ def _distinct_maxima(
 def _search_around(
     surface: LogDensity, ends: Array, heights: Array, rounds: int
 ) -> tuple[Array, Array, float]:
-    """Search around maxima `ends (M, D)`, and around those that are reached from them, in `rounds`.
+    """Search around maxima `ends (M, D)`, and in further `rounds` around those reached from them.
 
-    Also returns how much of the posterior is left out.
+    Returns the maxima that hold most, their heights, and the posterior mass that is left out.
     """
     visited, left_out = np.empty((0, ends.shape[1])), 0.0
     for _ in range(rounds):
         fresh = [u for u in ends if not (visited == u).all(axis=1).any()][:MAX_CENTRES]
         visited = np.concatenate([visited, *(u[None] for u in fresh)])
-        around = [each for u in fresh for each in multiple_modes.nearby_starts(surface, u)]
+        around = [starts for u in fresh for starts in multiple_modes.nearby_starts(surface, u)]
         left_out = max([left_out, *(nearby.missed_share for nearby in around)])
         if not any(len(nearby.u) for nearby in around):
             break
@@ -281,24 +279,24 @@ def _search_around(
         ends, heights = _distinct_maxima(surface, *candidates, known=len(ends))
     shares = multiple_modes.shares_held(surface.posterior, ends)
     order = np.argsort(-shares, kind="stable")
-    enough = int(np.searchsorted(np.cumsum(shares[order]), 1.0 - NEGLIGIBLE_MASS)) + 1
-    selected = np.union1d(order[: min(enough, MAX_MAXIMA)], 0)  # the highest stays
+    n_kept = int(np.searchsorted(np.cumsum(shares[order]), 1.0 - NEGLIGIBLE_MASS)) + 1
+    selected = np.union1d(order[: min(n_kept, MAX_MAXIMA)], 0)  # the highest is always kept
     left_out = 1.0 - (1.0 - left_out) * float(shares[selected].sum())
     return ends[selected], heights[selected], left_out
 
 
 def _polished(surface: LogDensity, u: Array) -> GaussNewtonResult:
-    """The rest of the way from `u (W, D)`."""
+    """Climb from `u (W, D)` to the maximum by Gauss-Newton, and then by Newton."""
     return gauss_newton(surface, gauss_newton(surface, u, POLISH_STEPS).u, NEWTON_STEPS, exact=True)
 
 
 def polished_again(posterior: Posterior, searches: Sequence[Search]) -> list[Search]:
-    """Go on from where searches ended, of a posterior that has changed a little since."""
+    """Continue `searches` on a `posterior` that differs a little from that of their ends."""
     surface, space = LogDensity(posterior, physical=True), posterior.space
     ends = np.array([space.vector(search.end) for search in searches])
-    top = _polished(surface, posterior.coordinates.from_physical(ends))
-    values = np.nan_to_num(top.value, neginf=LOWEST_LOG_DENSITY)
-    ends = posterior.coordinates.to_physical(top.u)
+    polished = _polished(surface, posterior.coordinates.from_physical(ends))
+    values = np.nan_to_num(polished.value, neginf=LOWEST_LOG_DENSITY)
+    ends = posterior.coordinates.to_physical(polished.u)
     return [
         replace(search, end=_named(posterior, theta), log_posterior=float(value))
         for search, theta, value in zip(searches, ends, values, strict=True)
@@ -315,8 +313,7 @@ def _at_bound(posterior: Posterior, values: Mapping[str, float]) -> tuple[str, .
     for unknown in posterior.space.unknowns:
         name, prior = unknown.name, unknown.prior
         if unknown.signed:
-            near = 1e-3 * unknown.scale
-            if min(values[name] - prior.low, prior.high - values[name]) < near:
+            if min(values[name] - prior.low, prior.high - values[name]) < 1e-3 * unknown.scale:
                 close.append(name)
             continue
         ends = [end for end in (prior.low, prior.high) if np.isfinite(end) and end > 0]

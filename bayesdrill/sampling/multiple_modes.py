@@ -1,14 +1,13 @@
 """Find other maxima of a density (aliases, lags), and tell distinct ones apart.
 
-Two points of one ridge are joined by it, however far apart they are; two maxima are not.  So one
-walks from one to the other along the loose directions of the first, led back to the ridge by its
-tight ones at each step, and looks where one arrives.
+Two points on one ridge are the same maximum, however far apart they are.  To test this, a path leads
+from one towards the other along the loose directions of the first.  After each step it returns to
+the ridge in the tight directions, and it ends at the other point if the ridge joins them.
 
-A swing of frequency omega that is seen at times t leaves nearly the same samples as one of |omega
-+- delta|, where delta is a peak of the window |sum exp(i delta t)|: 2 pi over the step of even
-samples, and 2 pi over the gap between two stretches (Scargle 1982; VanderPlas 2018).  What returns
-in other unknowns, such as a lag under a periodic drive, an angle a turn further or a sign, shows as
-further maxima along each of them by itself.
+Sampled at times t, an oscillation at omega looks like one at |omega +- delta| if delta is a peak of
+the spectral window |sum exp(i delta t)|.  For even samples delta is 2 pi over the step, and for two
+bursts 2 pi over the gap (Scargle 1982; VanderPlas 2018).  Other ambiguities, such as a lag under a
+periodic drive, an angle a turn further or a sign, are maxima along one unknown.
 """
 
 from __future__ import annotations
@@ -28,23 +27,23 @@ from bayesdrill.rig.models.linear import dynamics
 from bayesdrill.sampling.gauss_newton import gauss_newton
 from bayesdrill.sampling.proposal import ridge_tracing
 
-FIRST_STEPS = 8  # of all starts, and then ...
-MAX_STARTS = 10  # ... as many of those spread over the prior go on, ...
-MAX_NEARBY_STARTS = 128  # ... or of those that are likely to lead to other maxima, for ...
-LAST_STEPS = 25  # ... as many steps
-NEGLIGIBLE_DEPTH = 25.0  # of the log density: a maximum lower by more than that holds nothing
-PATH_STEPS = 10  # steps between two points
-SAME_MODE = 1e-3  # of the priors' spreads: the same point
-CELL_SIZE = 1e-4  # of the priors' spreads: points that are likely to end at the same maximum
-SAME_RIDGE_SDS = 3.0  # standard deviations of the tight directions
-VALLEY_BETWEEN_MODES = 0.5  # of the log density: what is no deeper parts no maxima, but ripples
-VALLEY_PROBES = 24  # places between two points, at which one looks for a valley; at no even ...
-GOLDEN_FRACTION = 0.5 * (5.0**0.5 - 1.0)  # ... distances, as a row of maxima has them
-KNOWN_BONUS = 1e-6  # of the log density: a point higher by less is no better than a known one
+FIRST_STEPS = 8  # steps of every climb; after them ...
+MAX_STARTS = 10  # ... this many climbs from starts all over the prior continue, ...
+MAX_NEARBY_STARTS = 128  # ... or of those from starts near other maxima, for ...
+LAST_STEPS = 25  # ... this many further steps
+NEGLIGIBLE_DEPTH = 25.0  # in log density: a maximum that is lower by more holds no mass
+PATH_STEPS = 10  # steps of the path along a ridge from one point to another
+SAME_MODE = 1e-3  # in priors' spreads: two points closer than this are the same maximum
+CELL_SIZE = 1e-4  # in priors' spreads: points in one cell are taken to climb to the same maximum
+SAME_RIDGE_SDS = 3.0  # standard deviations that a point on the ridge may be off it
+VALLEY_BETWEEN_MODES = 0.5  # in log density: less deep valleys are ripples of one maximum
+VALLEY_PROBES = 24  # points between two maxima at which the density is compared; they lie at ...
+GOLDEN_FRACTION = 0.5 * (5.0**0.5 - 1.0)  # ... uneven distances, unlike maxima in a row
+KNOWN_BONUS = 1e-6  # in log density: a new point must be higher by this to replace a known maximum
 
 
 def best_ends(surface: LogDensity, starts: Array, most: int = MAX_STARTS) -> tuple[Array, Array]:
-    """Climb from `starts (n, D)`: the `most` promising ends `(m, D)`, and their log densities."""
+    """Climb from `starts (n, D)`; return at most `most` ends `(m, D)` and their log densities `(m,)`."""
     first = gauss_newton(surface, starts, FIRST_STEPS)
     order = np.argsort(-first.value, kind="stable")
     cells = np.rint((first.u[order] - surface.low) / (CELL_SIZE * surface.spread))
@@ -55,9 +54,9 @@ def best_ends(surface: LogDensity, starts: Array, most: int = MAX_STARTS) -> tup
 
 
 def distinct_modes(surface: LogDensity, points: Array, values: Array, known: int = 0) -> list[int]:
-    """Return which of `points (n, D)` are maxima of their own, the highest first.
+    """Return the indices of `points (n, D)` that are distinct maxima, the highest first.
 
-    The first `known` of them are so already, and stay what stands for their maximum.
+    The first `known` points are distinct maxima already, and are preferred to others of their ridge.
     """
     rank = values + np.where(np.arange(len(values)) < known, KNOWN_BONUS, 0.0)
     order = [int(k) for k in np.argsort(-rank, kind="stable")]
@@ -79,14 +78,14 @@ def distinct_modes(surface: LogDensity, points: Array, values: Array, known: int
 
 
 def split_by_valley(surface: LogDensity, start: Array, others: Array) -> Flags:
-    """Return whether a valley parts `start (D,)` from each of `others (n, D)`, on a straight way.
+    """Return whether a valley lies between `start (D,)` and each of `others (n, D)`: `(n,)`.
 
-    It does not between corners of a plateau, nor where one maximum has ripples.
+    Points on the straight line are compared.  A plateau or ripples of one maximum are no valley.
     """
     between = np.sort(np.arange(1, VALLEY_PROBES + 1) * GOLDEN_FRACTION % 1.0)
-    share = np.concatenate([[0.0], between, [1.0]])[:, None, None]
-    ways = start + share * (others - start)
-    value = surface.value(ways.reshape(-1, len(start))).reshape(ways.shape[:2])
+    fraction = np.concatenate([[0.0], between, [1.0]])[:, None, None]
+    lines = start + fraction * (others - start)
+    value = surface.value(lines.reshape(-1, len(start))).reshape(lines.shape[:2])
     lower = np.minimum(value[0], value[-1])
     deep = value.min(axis=0) < lower - VALLEY_BETWEEN_MODES
     return np.asarray(deep | ~np.isfinite(lower))
@@ -95,60 +94,60 @@ def split_by_valley(surface: LogDensity, start: Array, others: Array) -> Flags:
 def joined_by_ridge(surface: LogDensity, start: Array, others: Array) -> Flags:
     """Return whether the ridge through `start (D,)` leads to each of `others (n, D)`: `(n,)`.
 
-    Where nothing is tight all of the prior is the ridge, and a valley parts it.
+    Without tight directions the whole prior is the ridge, so that only a valley separates points.
     """
     here = surface.quadratic_model(start[None], np.eye(len(start)))
     base, _ = ridge_tracing.split_directions(surface, start, here)
     psi, tau = base.split(others)
     if tau.shape[1] == 0:
         return ~split_by_valley(surface, start, others)
-    at = before = np.zeros_like(tau)
+    on_ridge = previous = np.zeros_like(tau)
     steps = PATH_STEPS if psi.shape[1] else 1
     for k in range(1, steps + 1):
-        ahead = 2.0 * at - before if k > 1 else at  # straight on from the last two
-        ridge_tau, roots, _, arrived = ridge_tracing.return_to_ridge(
-            surface.quadratic_model, base, psi * (k / steps), ahead
+        guess = 2.0 * on_ridge - previous if k > 1 else on_ridge  # linear extrapolation
+        previous = on_ridge
+        on_ridge, roots, _, arrived = ridge_tracing.return_to_ridge(
+            surface.quadratic_model, base, psi * (k / steps), guess
         )
-        before, at = at, ridge_tau
-    roots[~arrived] = np.eye(tau.shape[1])  # of no use, where there is no density
-    off = np.linalg.solve(roots, (tau - at)[..., None])[..., 0]
+    roots[~arrived] = np.eye(tau.shape[1])  # solvable; these points count as not joined
+    off = np.linalg.solve(roots, (tau - on_ridge)[..., None])[..., 0]
     return np.asarray(arrived & (np.linalg.norm(off, axis=1) < SAME_RIDGE_SDS))
 
 
 def shares_held(posterior: Posterior, ends: Array) -> Array:
-    """Return the share of the posterior of each maximum `ends (M, D)`, by Laplace: `(M,)`, sum 1."""
+    """Return the posterior mass of each maximum `ends (M, D)` by Laplace's method: `(M,)`, sum 1."""
     if len(ends) == 1:
         return np.ones(1)
-    over = LogDensity(posterior)
-    here = over.quadratic_model(ends, np.eye(ends.shape[1]))
-    scaled = here.curvature * np.outer(over.spread, over.spread) + np.eye(ends.shape[1])
+    surface = LogDensity(posterior)
+    here = surface.quadratic_model(ends, np.eye(ends.shape[1]))
+    scaled = here.curvature * np.outer(surface.spread, surface.spread) + np.eye(ends.shape[1])
     log_mass = here.value - 0.5 * np.linalg.slogdet(scaled)[1]
     log_mass = np.where(np.isfinite(log_mass), log_mass, -np.inf)
     mass = np.exp(log_mass - log_mass.max()) if np.isfinite(log_mass).any() else np.ones(len(ends))
     return np.asarray(mass / mass.sum())
 
 
-SAME_HEIGHT = 1e-6  # of the log density, relative: of what is the same but for names
-POLE_PAIRS = 2  # of poles that are looked at, the fastest
-MIN_IMAGINARY = 1e-6  # of the largest pole: an imaginary part above it is no rounding
-SLOPE_STEP = 1e-5  # of the priors' spreads
-MAX_ALIASES_TRIED = 384  # aliases of a pair of poles, the most alike first, of which ...
-MAX_ALIASES = 96  # ... so many are starts: where they are more, ...
-ALIAS_STEPS = 8  # ... those that hold most of where they lead to in so many steps
-MAX_ITERATIONS = 12  # on the way to an alias
-SAME_ALIAS = 0.3  # radians over the whole record: what is left is for the search
-MIN_ALIAS_HEIGHT = 0.3  # of the window's height: lower peaks are no aliases
-WINDOW_OVERSAMPLING = 4  # times that the window is drawn finer than its peaks are wide
-CELLS_PER_RADIAN, MAX_CELLS = 3, 2**19  # cells of time for a radian of the fastest swing, at most
-SCAN_POINTS, MAX_SCAN_POINTS = 240, 2000  # points along each unknown; along a moment so many ...
-SCAN_POINTS_PER_SAMPLE = 2  # ... from sample to sample, as what is written in steps may repeat
-MAX_STARTS_PER_UNKNOWN = 96  # starts that come of them
-VALLEY_ALONG_LINE = 1.0  # of the log density: what is less deep parts no maxima
+SAME_HEIGHT = 1e-6  # relative difference of log densities of twins, which rounding alone explains
+POLE_PAIRS = 2  # pairs of poles whose aliases are tried, the fastest first
+MIN_IMAGINARY = 1e-6  # of the largest pole: a smaller imaginary part is rounding
+SLOPE_STEP = 1e-5  # in priors' spreads, for differences of frequencies
+MAX_ALIASES_TRIED = 384  # aliases of a pair of poles that are tried, the most similar first; ...
+MAX_ALIASES = 96  # ... this many are starts, chosen by the posterior mass that they hold after ...
+ALIAS_STEPS = 8  # ... this many steps of Gauss-Newton
+MAX_ITERATIONS = 12  # Newton iterations towards the frequency of an alias
+SAME_ALIAS = 0.3  # radians over the whole record: a climb corrects a smaller error
+MIN_ALIAS_HEIGHT = 0.3  # of the spectral window's height at zero: lower peaks are no aliases
+WINDOW_OVERSAMPLING = 4  # points of the spectral window per width of a peak
+CELLS_PER_RADIAN, MAX_CELLS = 3, 2**19  # cells of time per radian at the highest frequency, in all
+SCAN_POINTS, MAX_SCAN_POINTS = 240, 2000  # points along an unknown, and along a lag, which has ...
+SCAN_POINTS_PER_SAMPLE = 2  # ... this many per sample, as its maxima may be one sample apart
+MAX_STARTS_PER_UNKNOWN = 96  # maxima along an unknown that are starts
+VALLEY_ALONG_LINE = 1.0  # in log density: less deep valleys along a line separate no maxima
 
 
 @dataclass(frozen=True, slots=True)
 class NearbyStarts:
-    """Starts `u (n, D)`, and the share of all aliases within the priors that they leave out."""
+    """Starts `u (n, D)`, and the share of the aliases within the priors that is not among them."""
 
     u: Array
     missed_share: float
@@ -162,7 +161,7 @@ def nearby_starts(surface: LogDensity, u: Array) -> Iterator[NearbyStarts]:
 
 
 def twin_starts(surface: LogDensity, u: Array) -> Iterator[NearbyStarts]:
-    """Yield the twins of `u (D,)`: two inertias on shafts are exchanged that nothing tells apart."""
+    """Yield points of the same density as `u (D,)`, with two inertias and their shafts exchanged."""
     posterior = surface.posterior
     observations, free = posterior.likelihood.observations, posterior.space.free
     roles, labels = (
@@ -190,30 +189,30 @@ def twin_starts(surface: LogDensity, u: Array) -> Iterator[NearbyStarts]:
 
 
 def alias_starts(surface: LogDensity, u: Array) -> Iterator[NearbyStarts]:
-    """Yield points where each pair of poles swings at an alias of its frequency at `u (D,)`."""
+    """Yield points where a pair of poles oscillates at an alias of its frequency at `u (D,)`."""
     posterior = surface.posterior
     here = frequencies(posterior, u[None])[0]
     slowest, fastest = _frequency_range(surface, u)
     most = MAX_ALIASES_TRIED
     for pair in np.flatnonzero(here > 0):
         wanted = _aliases(posterior, here[pair], slowest[pair], fastest[pair])
-        at = _at_frequencies(surface, u, int(pair), np.unique(wanted[:most]))
-        heaviest, share = _heaviest(surface, at)
+        points = _at_frequencies(surface, u, int(pair), np.unique(wanted[:most]))
+        heaviest, share = _heaviest(surface, points)
         yield NearbyStarts(heaviest, 1.0 - share * most / max(len(wanted), most))
 
 
-def _heaviest(surface: LogDensity, at: Array) -> tuple[Array, float]:
-    """The `MAX_ALIASES` near `at (n, D)` that hold most, and their share of what all of them hold."""
-    if len(at) <= MAX_ALIASES:
-        return at, 1.0
-    u = gauss_newton(surface, at, ALIAS_STEPS).u
+def _heaviest(surface: LogDensity, points: Array) -> tuple[Array, float]:
+    """Return at most `MAX_ALIASES` of `points (n, D)`, those with most mass, and their share of it."""
+    if len(points) <= MAX_ALIASES:
+        return points, 1.0
+    u = gauss_newton(surface, points, ALIAS_STEPS).u
     shares = shares_held(surface.posterior, u)
     most = np.argsort(-shares, kind="stable")[:MAX_ALIASES]
     return u[most], float(shares[most].sum())
 
 
 def scan_starts(surface: LogDensity, u: Array) -> Iterator[NearbyStarts]:
-    """Yield maxima along each unknown by itself, but for that of `u (D,)`."""
+    """Yield maxima along each unknown through `u (D,)`, except the maximum at `u` itself."""
     posterior, most = surface.posterior, MAX_STARTS_PER_UNKNOWN
     step = min(
         float(np.diff(observation.experiment.t).min(initial=np.inf))
@@ -223,8 +222,8 @@ def scan_starts(surface: LogDensity, u: Array) -> Iterator[NearbyStarts]:
     for d, unknown in enumerate(posterior.space.unknowns):
         scanned = SCAN_POINTS
         if unknown.role == "sensor" and unknown.symbol.unit == "s":
-            many = SCAN_POINTS_PER_SAMPLE * (ends[1, d] - ends[0, d]) / step
-            scanned = int(np.clip(many, SCAN_POINTS, MAX_SCAN_POINTS))
+            needed = SCAN_POINTS_PER_SAMPLE * (ends[1, d] - ends[0, d]) / step
+            scanned = int(np.clip(needed, SCAN_POINTS, MAX_SCAN_POINTS))
         line = np.repeat(u[None], scanned + 1, axis=0)
         along = np.linspace(surface.low[d], surface.high[d], scanned)
         line[:, d] = np.sort(np.append(along, u[d]))
@@ -238,7 +237,7 @@ def scan_starts(surface: LogDensity, u: Array) -> Iterator[NearbyStarts]:
 
 
 def peaks(value: Array, valley: float) -> list[int]:
-    """Return indices of maxima of `value (N,)` parted by more than `valley`; -inf is allowed."""
+    """Return indices of maxima of `value (N,)`, which may be -inf, parted by more than `valley`."""
     maxima: list[int] = []
     top, lowest, rising = 0, 0, True
     for k, x in enumerate(value):
@@ -255,13 +254,13 @@ def peaks(value: Array, valley: float) -> list[int]:
 
 
 def _valley_between(value: Array, first: int, second: int) -> bool:
-    """Whether there is a valley between two places of a line."""
+    """Return whether there is a valley between two points of a line with these indices."""
     between = value[min(first, second) : max(first, second) + 1]
     return bool(between.min() < min(value[first], value[second]) - VALLEY_ALONG_LINE)
 
 
 def _aliases(posterior: Posterior, omega: float, low: float, high: float) -> Array:
-    """Frequencies from `low` to `high` whose samples are like those of `omega`, the most alike first."""
+    """Return aliases of `omega` from `low` to `high` in rad/s, the most similar samples first."""
     patterns: dict[bytes, Array] = {}
     for observation in posterior.likelihood.observations:
         for sampled in observation.experiment.seen.T:
@@ -270,17 +269,17 @@ def _aliases(posterior: Posterior, omega: float, low: float, high: float) -> Arr
     omegas, similarities = [np.empty(0)], [np.empty(0)]
     for t in patterns.values():
         delta, height = window_peaks(t, high + omega)
-        each = np.abs(np.concatenate([omega - delta, omega + delta]))
-        inside = (each > low) & (each < high)
-        omegas.append(each[inside])
-        similarities.append(np.tile(height, 2)[inside])
+        aliases = np.abs(np.concatenate([omega - delta, omega + delta]))
+        in_range = (aliases > low) & (aliases < high)
+        omegas.append(aliases[in_range])
+        similarities.append(np.tile(height, 2)[in_range])
     return np.concatenate(omegas)[np.argsort(-np.concatenate(similarities), kind="stable")]
 
 
 def window_peaks(t: Array, highest: float) -> tuple[Array, Array]:
-    """Return the peaks of the spectral window of times `t (N,)` up to the frequency `highest`.
+    """Return the peaks of the spectral window of times `t (N,)` in s, up to `highest` in rad/s.
 
-    Angular frequencies, and heights as shares of that at zero (Scargle 1982; VanderPlas 2018).
+    Returns frequencies in rad/s, and heights over that at zero (Scargle 1982; VanderPlas 2018).
     """
     span = float(t[-1] - t[0])
     if len(t) < 2 or not 0 < highest * span < MAX_CELLS / CELLS_PER_RADIAN:
@@ -297,7 +296,7 @@ def window_peaks(t: Array, highest: float) -> tuple[Array, Array]:
 
 
 def frequencies(posterior: Posterior, u: Array) -> Array:
-    """Return imaginary parts of the fastest poles at `u (W, D)`: `(W, POLE_PAIRS)`, 0 if none."""
+    """Return the fastest pole frequencies at `u (W, D)`: `(W, POLE_PAIRS)` in rad/s, 0 if fewer."""
     model = posterior.likelihood.observations[0].response.model
     theta = posterior.coordinates.to_physical(u)
     rig = posterior.likelihood.rig_parameters(theta)
@@ -309,7 +308,7 @@ def frequencies(posterior: Posterior, u: Array) -> Array:
 
 
 def _slopes(surface: LogDensity, u: Array, pair: int) -> tuple[Array, Array]:
-    """Logs of the frequency of a pair at `u (W, D)`, and their slopes over the priors' spreads."""
+    """Return log frequencies of a pole pair at `u (W, D)`, and their slopes per prior's spread."""
     n, d = u.shape
     steps = SLOPE_STEP * np.diag(surface.spread)
     around = [u[:, None] + side * steps for side in (1.0, -1.0)]
@@ -322,38 +321,38 @@ def _slopes(surface: LogDensity, u: Array, pair: int) -> tuple[Array, Array]:
 
 
 def _frequency_range(surface: LogDensity, u: Array) -> tuple[Array, Array]:
-    """Return the slowest and fastest of each pair of poles from `u (D,)` to the ends of the priors."""
-    ends = []
+    """Return the range in rad/s of each pole pair, with `u (D,)` moved to the ends of the priors."""
+    ranges = []
     for pair in range(POLE_PAIRS):
         slope = _slopes(surface, u[None], pair)[1][0]
         slow = np.where(slope > 0, surface.low, np.where(slope < 0, surface.high, u))
         fast = np.where(slope > 0, surface.high, np.where(slope < 0, surface.low, u))
-        ends.append(frequencies(surface.posterior, np.array([slow, fast]))[:, pair])
-    low, high = np.array(ends).T
+        ranges.append(frequencies(surface.posterior, np.array([slow, fast]))[:, pair])
+    low, high = np.array(ranges).T
     return low, high
 
 
 def _at_frequencies(surface: LogDensity, u: Array, pair: int, wanted: Array) -> Array:
-    """Return the points `(m, D)` nearest to `u (D,)` at which a pair swings as `wanted (n,)`.
+    """Return points `(m, D)` at which a pole pair has the `wanted (n,)` frequencies, in rad/s.
 
-    Nearest in the priors' spreads; those that are not reached are left out.
+    They are the nearest to `u (D,)` in priors' spreads; those out of the priors' reach are left out.
     """
-    records = (each.experiment for each in surface.posterior.likelihood.observations)
-    span = max(float(np.ptp(record.t)) for record in records)
-    near = SAME_ALIAS / (span * wanted)
-    at = np.repeat(u[None], len(wanted), axis=0)
+    observations = surface.posterior.likelihood.observations
+    span = max(float(np.ptp(observation.experiment.t)) for observation in observations)
+    tolerance = SAME_ALIAS / (span * wanted)
+    points = np.repeat(u[None], len(wanted), axis=0)
     for _ in range(MAX_ITERATIONS):
-        logs, slope = _slopes(surface, at, pair)
+        logs, slope = _slopes(surface, points, pair)
         off = np.log(wanted) - logs
-        done = np.abs(off) < near
-        # At the walls only what leads away from them can help; where nothing swings, nothing leads on.
+        done = np.abs(off) < tolerance
+        # An unknown at its bound does not move further out.  A pair that does not oscillate stops.
         towards = slope * np.where(np.isfinite(off), off, 0.0)[:, None]
-        stuck = (at <= surface.low) & (towards < 0) | (at >= surface.high) & (towards > 0)
+        stuck = (points <= surface.low) & (towards < 0) | (points >= surface.high) & (towards > 0)
         slope[stuck] = 0.0
         size = (slope**2).sum(axis=1)
         going = np.isfinite(off) & ~done & (size > 0)
         if not going.any():
             break
         step = surface.spread * slope[going] * (off[going] / size[going])[:, None]
-        at[going] = np.clip(at[going] + step, surface.low, surface.high)
-    return at[done]
+        points[going] = np.clip(points[going] + step, surface.low, surface.high)
+    return points[done]

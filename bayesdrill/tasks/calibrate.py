@@ -1,4 +1,4 @@
-"""The calibration of a config: refits handed out, saved one by one, and judged together."""
+"""Calibrate a config: distribute refits, save each when it is done, and judge all together."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ RANKS = "ranks.csv"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CalibrationOutcome:
-    """What a calibration has found, and its folder."""
+    """The verdict and the refits of a calibration, and its folder."""
 
     folder: Path
     verdict: CalibrationVerdict
@@ -56,7 +56,7 @@ class CalibrationOutcome:
 
     @property
     def said(self) -> str:
-        """For the terminal."""
+        """The text for the terminal."""
         parts = (
             describe_refits(self.verdict, self.refits),
             "",
@@ -66,21 +66,21 @@ class CalibrationOutcome:
 
 
 def prepare(path: Path) -> Job:
-    """As `job.prepare`, but nothing has to be measured yet where `simulation:` gives times."""
+    """Prepare a job like `job.prepare`, but without a record if `simulation:` gives the times."""
     case = loading.load(path)
     paths = [path for experiment in case.experiments for path in sources.paths(experiment)]
-    there = all(path.exists() for path in paths)
-    read: Callable[..., Experiment] = reading.read if there else simulation.simulation_grid
+    measured = all(path.exists() for path in paths)
+    read: Callable[..., Experiment] = reading.read if measured else simulation.simulation_grid
     problem = assembly.build_problem(case, [read(experiment) for experiment in case.experiments])
-    # What was measured plays no part but in priors of free states, and so must not stop a calibration
-    # from being resumed.
-    blank = [np.where(each.experiment.seen, 0.0, np.nan) for each in problem.observations]
+    # Samples matter only for the priors of free states.  They are set to zero, so that a calibration
+    # can be resumed with another record.
+    blank = [np.where(o.experiment.seen, 0.0, np.nan) for o in problem.observations]
     posterior = problem.posterior.edit(records=blank)
     return Job(case=case, problem=dataclasses.replace(problem, posterior=posterior))
 
 
 def study(job: Job) -> CalibrationStudy:
-    """Return the study that a config asks for."""
+    """Return the calibration study with the settings of a config."""
     settings = job.config.calibration
     targets = Targets(r_hat=job.config.sampler.r_hat, n_tau=settings.n_tau, ess=settings.ess)
     plan = fit_plan(job)
@@ -95,9 +95,9 @@ def study(job: Job) -> CalibrationStudy:
 def calibrate(
     job: Job, output: Path, how: run_folder.WriteMode, crew: RefitExecutor, report: Reporter
 ) -> CalibrationOutcome:
-    """Run the job; raises `Interrupted`, or `BrokenProcessPool` for a killed worker: refits are kept."""
+    """Run a calibration; raises `Interrupted`, or `BrokenProcessPool` if a worker is killed."""
     settings = job.config.calibration
-    # A refit does not depend on how many there are: a calibration can be extended.
+    # Without the number of refits, on which no refit depends, a calibration can be extended.
     marks = provenance.fingerprint(job.config, job.problem) | {
         f"calibration.{name}": repr(value) for name, value in settings if name != "refits"
     }
@@ -109,7 +109,7 @@ def calibrate(
 
     with Folder(output, how, marks, output_files.CALIBRATE) as folder:
         if how == "resume":
-            saved(place, refitting)  # what is damaged, before anything is written
+            saved(place, refitting)  # raises for damaged files before anything is written
         report.say(calibration_opening(job.problem, job.config))
         begin(job, folder, refits=settings.refits)
         with interruptions(folder, progress, (InputError,)):
@@ -122,9 +122,9 @@ def calibrate(
 def run(
     study: CalibrationStudy, n: int, folder: Path, crew: RefitExecutor, report: Reporter
 ) -> list[Refit]:
-    """Refits 0 to n - 1: those that `folder` holds, and the others, each saved when it is done.
+    """Return the refits 0 to n - 1; those that `folder` lacks are computed, and saved when done.
 
-    A task is named by its index alone, so that one that is computed twice is counted once.
+    A refit is identified by its index alone, so that one that is computed twice counts once.
     """
     done = {refit.index: refit for refit in saved(folder, study) if refit.index < n}
     folder.mkdir(exist_ok=True)
@@ -145,7 +145,7 @@ def run(
 
 
 def saved(folder: Path, study: CalibrationStudy) -> list[Refit]:
-    """Raises `InputError` where a file is damaged, or of another study."""
+    """Read all refits of a folder; raises `InputError` for a damaged file or one of another study."""
     is_output = output_files.CALIBRATE.is_output
     paths = sorted(path for path in folder.glob("*.json") if is_output(f"{REFITS}/{path.name}"))
     return [_read(path, study) for path in paths]

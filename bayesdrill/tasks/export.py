@@ -1,8 +1,8 @@
-"""Export what a run found of a rig to simulators: MJCF (MuJoCo) or JSON.
+"""Export the rig of a run to simulators, as MJCF (MuJoCo) or JSON.
 
-A joint is a coordinate of the rig: the inertias that turn as one, with the state that is their
-angle.  Its armature, damping and dry friction are those behind gears, in SI.  Springs between joints
-are fixed tendons in MJCF, and a motor is an actuator.
+A joint is a coordinate of the rig, with all inertias that move together with it.  Their armature,
+damping and dry friction are reflected through the gears to the joint, in SI.  In MJCF springs
+between joints are fixed tendons, and motors are actuators.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from bayesdrill.tasks.conclusions import SampledRun
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExportedNumber:
-    """A number of a part for a simulator: its `draws (N,)` and its value at the MAP, SI."""
+    """A quantity of a part for a simulator: its `draws (N,)` and its value at the MAP, in SI."""
 
     part: str
     name: str
@@ -34,16 +34,16 @@ class ExportedNumber:
 
     @property
     def key(self) -> str:
-        """Its name among all, such as `load.armature`."""
+        """The full name, such as `load.armature`."""
         return f"{self.part}.{self.name}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SimulatorModel:
-    """A rig as simulators take it.
+    """A rig in terms of a simulator.
 
-    `joints`: names by the state of their speed; `springs`: joints at the ends of each, with the
-    times that its end turns for one turn of the joint; `drives`: joint, input and turns of each.
+    `joints` are names by the state of their speed.  `springs` have the joints at their ends, with the
+    turns of the end for each turn of the joint.  `drives` have their joint and such turns.
     """
 
     title: str
@@ -59,7 +59,7 @@ class SimulatorModel:
 
 
 def simulator_model(run: SampledRun, draws: int, rng: np.random.Generator) -> SimulatorModel:
-    """Return a run's rig, of at most `draws`; raises `InputError` where it does not name its parts."""
+    """Return the rig of a run with at most `draws`; raises `InputError` if it has no roles."""
     problem = run.job.problem
     model, posterior = problem.model, problem.posterior
     chain = run.sampled.draws.reshape(-1, len(problem.names))
@@ -102,7 +102,7 @@ def simulator_model(run: SampledRun, draws: int, rng: np.random.Generator) -> Si
 def _quantities(
     model: Model, p: Mapping[str, Array], joints: Iterable[list[InertiaRoles]]
 ) -> Iterator[ExportedNumber]:
-    """Of joints, at which the inertias behind gears add up, of shafts and of motors."""
+    """Yield the quantities of joints, as sums over their inertias, and of shafts and motors."""
     terms = [
         (inertias[-1].name, name, symbol, abs(inertia.reduction) ** power)
         for inertias in joints
@@ -139,13 +139,10 @@ def _quantities(
         )
 
 
-# Forms.
-
-
 def as_json(model: SimulatorModel) -> str:
     """Return means, sds, correlations and draws of all quantities."""
     draws = np.array([quantity.draws for quantity in model.quantities])
-    with np.errstate(invalid="ignore"):  # of what is held
+    with np.errstate(invalid="ignore"):  # a fixed quantity has no correlation
         correlations = np.nan_to_num(np.atleast_2d(np.corrcoef(draws)))
     np.fill_diagonal(correlations, 1.0)
     data = {
@@ -171,7 +168,7 @@ def as_json(model: SimulatorModel) -> str:
 
 
 def _body(joint: str, model: SimulatorModel) -> str:
-    """Return the name of what turns with a joint: `world` and `base` simulators have themselves."""
+    """Return the name of a joint's body, since simulators use `world` and `base` themselves."""
     taken, name = {"world", "base", *model.joints.values()}, f"{joint}_body"
     while name in taken:
         name += "_body"
@@ -188,7 +185,7 @@ def as_mjcf(model: SimulatorModel) -> str:
     for joint in model.joints.values():
         means = model.means(joint)
         body = SubElement(world, "body", name=_body(joint, model))
-        # A mass that weighs nothing beside the armature, as every body must have one.
+        # Every body must have a mass; this one is negligible.
         SubElement(body, "inertial", pos="0 0 0", mass="1e-9", diaginertia="1e-12 1e-12 1e-12")
         entries = {"name": joint, "type": "slide" if model.linear else "hinge", "axis": "0 0 1"}
         entries |= {

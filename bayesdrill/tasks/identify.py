@@ -1,4 +1,4 @@
-"""The job of `bayesdrill identify`: what a record can say, before anything is sampled."""
+"""The job of `bayesdrill identify`: compute what a record can show before anything is sampled."""
 
 from __future__ import annotations
 
@@ -42,13 +42,29 @@ from bayesdrill.sampling.mode_search import Mode
 from bayesdrill.tasks import conclusions
 
 ALL = "all"
-MARK = "<!-- bayesdrill identify -->"  # begins the text, and so says whose the figures are
+MARK = "<!-- bayesdrill identify -->"  # first line of the text, which identifies the folder
 
 
 @check_arguments
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Findings(Value):
-    """`study`: symmetries, bounds, products, remedies at `point`; `profiles`: of what was wanted, SI."""
+    """The results of `case.identify()`, which `print` shows and `save` writes.
+
+    Parameters
+    ----------
+    job : Job
+        The config with its record.
+    study : IdentifiabilityStudy
+        Symmetries, bounds of standard deviations, identifiable products and remedies at `point`.
+    profiles : tuple of Profile
+        The profile likelihoods of the requested parameters, in SI.
+    moment : InputTiming or None
+        Half a sample by which the record seems to be shifted against its input.
+    point : StudyPoint
+        The point at which the sensitivities are evaluated.
+    reasons : tuple of str
+        The reasons why the results must not be believed.
+    """
 
     job: Job
     study: IdentifiabilityStudy
@@ -59,7 +75,7 @@ class Findings(Value):
 
     @property
     def text(self) -> str:
-        """All that it says, for the terminal."""
+        """The whole text for the terminal."""
         parts = [describe_study_point(self.point, self.job.problem)]
         if self.point.at:
             parts += [describe_study(self.study, self.job.problem.model, self.reasons)]
@@ -70,19 +86,34 @@ class Findings(Value):
 
     @property
     def symbols(self) -> tuple[Symbol, ...]:
-        """In the units of the user."""
+        """The symbols of all unknowns, in the units of the user."""
         return self.job.problem.units.symbols(self.job.problem.symbols)
 
     @property
     def shown(self) -> tuple[Profile, ...]:
-        """The profiles in these units."""
+        """The profiles in the units of the user."""
         units = self.job.problem.units
         return tuple(profile.over(units.factor(profile.name)) for profile in self.profiles)
 
     def save(self, folder: str | Path, *, force: bool = False) -> str:
-        """Text and figures into a folder, which may hold other results; says what is written.
+        """Save text and figures in a folder, which may have other results too.
 
-        Raises `InputError` where something is in the way, or text and figures of before and not `force`.
+        Parameters
+        ----------
+        folder : str or path
+            The folder, which is made if needed.
+        force : bool
+            Whether to replace text and figures of an earlier call.
+
+        Returns
+        -------
+        str
+            A line that names the files.
+
+        Raises
+        ------
+        InputError
+            If other files have these names, or earlier ones without `force`.
         """
         from bayesdrill.report import style  # late: matplotlib takes a second to load
 
@@ -114,64 +145,67 @@ class Findings(Value):
 
 
 def identify(job: Job, best: Mode | None, wanted: Sequence[str], report: Reporter) -> Findings:
-    """At the maximum `best`, else at the start; profiles of the parameters `wanted`, or of `all`."""
+    """Study a job at the maximum `best`, or else at its start, with profiles of `wanted` parameters.
+
+    Raises `InputError` if no parameter is unknown, or one of `wanted` is none.
+    """
     posterior = job.problem.posterior
-    scenery = SensitivityStudy(posterior.likelihood)
-    if not scenery.unknowns:
+    sensitivities = SensitivityStudy(posterior.likelihood)
+    if not sensitivities.unknowns:
         raise InputError.at("parameters", "no parameter is unknown; there is nothing to identify")
-    columns = _columns(scenery.unknowns, wanted)
+    columns = _columns(sensitivities.unknowns, wanted)
     report.update(0.0, "looking at what the record can show")
     if best is None:
-        point = study_point(scenery, posterior, job.config.seed)
+        point = study_point(sensitivities, posterior, job.config.seed)
     else:
         point = StudyPoint(theta=posterior.space.vector(best.values), at="the MAP")
     theta = point.theta
-    study = study_of(scenery, posterior, theta, job.asked, point.at, seek_remedies=True)
+    study = study_of(sensitivities, posterior, theta, job.asked, point.at, seek_remedies=True)
     profiles = []
     if columns:
-        fitter = Fitter(posterior, scenery, theta)
+        fitter = Fitter(posterior, sensitivities, theta)
         for done, column in enumerate(columns):
-            report.update(done / len(columns), f"profile of {scenery.unknowns[column]}")
-            profiles.append(profile(fitter, scenery.unknowns, column))
+            report.update(done / len(columns), f"profile of {sensitivities.unknowns[column]}")
+            profiles.append(profile(fitter, sensitivities.unknowns, column))
     report.update(1.0, "")
-    late = half_sample_shift(scenery, theta)
+    timing = half_sample_shift(sensitivities, theta)
     reasons = () if best is None else conclusions.doubts(job, best, study)
     return Findings(
-        job=job, study=study, profiles=tuple(profiles), moment=late, point=point, reasons=reasons
+        job=job, study=study, profiles=tuple(profiles), moment=timing, point=point, reasons=reasons
     )
 
 
-def preflight(job: Job, scenery: SensitivityStudy) -> str:
-    """What the record can show at the start values, or where the rig moves, in a few lines."""
-    if not scenery.unknowns:
+def preflight(job: Job, sensitivities: SensitivityStudy) -> str:
+    """Describe in a few lines what the record can show at the start, or where the rig moves."""
+    if not sensitivities.unknowns:
         return "no parameter of the rig is unknown: only sensors, starts or noise are looked for"
     posterior = job.problem.posterior
-    point, rig = study_point(scenery, posterior, job.config.seed), job.problem.model
+    point, rig = study_point(sensitivities, posterior, job.config.seed), job.problem.model
     at_rest = describe_study_point(point, job.problem)
     if not point.at:
         return at_rest
-    study = study_of(scenery, posterior, point.theta, job.asked, point.at)
-    said = [at_rest, summarise_study(study), friction_sentences(study.frictions, rig)]
-    said += [stand_ins(study, rig)]
-    said += [beside(rig)] if is_approximate(posterior) else []
-    late = describe_timing(half_sample_shift(scenery, point.theta))
-    usual = plausibility.plausibility_of_course(scenery, point.theta)
-    return "\n".join([*filter(None, said), *late, *usual])
+    study = study_of(sensitivities, posterior, point.theta, job.asked, point.at)
+    lines = [at_rest, summarise_study(study), friction_sentences(study.frictions, rig)]
+    lines += [stand_ins(study, rig)]
+    lines += [beside(rig)] if is_approximate(posterior) else []
+    timing = describe_timing(half_sample_shift(sensitivities, point.theta))
+    plausible = plausibility.plausibility_of_course(sensitivities, point.theta)
+    return "\n".join([*filter(None, lines), *timing, *plausible])
 
 
 def check_place(folder: Path, *, force: bool) -> None:
-    """Raises `InputError` where something is in the way that `Findings.save` must not replace."""
+    """Raise `InputError` if `Findings.save` would replace other files, or its own without `force`."""
     output_files.refuse_unwritable(folder, IDENTIFY.folders)
     if obstacles := output_files.misplaced_paths(folder, IDENTIFY):
         raise InputError(obstacles)
-    there = output_files.output_names(folder, IDENTIFY)
-    if there and not force:
+    present = output_files.output_names(folder, IDENTIFY)
+    if present and not force:
         message = "exists already; give --force or another --output"
-        raise InputError.at(str(folder / there[0]), message)
+        raise InputError.at(str(folder / present[0]), message)
     text = folder / IDENTIFY.mark
-    if there and not (text.exists() and text.read_bytes().startswith(MARK.encode())):
+    if present and not (text.exists() and text.read_bytes().startswith(MARK.encode())):
         message = "was not written by `bayesdrill identify`; give another --output"
-        raise InputError.at(str(folder / there[0]), message)
+        raise InputError.at(str(folder / present[0]), message)
 
 
 def _columns(unknowns: tuple[str, ...], wanted: Sequence[str]) -> list[int]:
@@ -187,7 +221,7 @@ def _columns(unknowns: tuple[str, ...], wanted: Sequence[str]) -> list[int]:
 def _markdown(findings: Findings, figures: Iterable[str]) -> str:
     config = findings.job.config
     ending = output_files.preferred_format(config.output.formats_or_default)
-    mark = "" if ending == "pdf" else "!"  # which no page shows
+    mark = "" if ending == "pdf" else "!"  # Markdown pages cannot show a PDF
     pictures = "\n\n".join(f"{mark}[{name}](figures/{name}.{ending})" for name in figures)
     title = f"# What {config.name} can say"
     return f"{MARK}\n{title}\n\n```text\n{findings.text}\n```\n\n{pictures}\n"

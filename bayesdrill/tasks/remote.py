@@ -1,4 +1,4 @@
-"""Where long work is computed: processes of this machine or a Dask cluster; and many jobs there."""
+"""Compute many jobs in processes of this machine or on a Dask cluster."""
 
 from __future__ import annotations
 
@@ -22,32 +22,32 @@ from bayesdrill.basics.progress import Reporter
 from bayesdrill.sampling.workers import ONE_THREAD, held_signals, shut_down, start_workers
 
 ADDRESS = re.compile(r"((tcp|tls|ws|wss)://)?(\[[0-9a-fA-F:]+\]|[^/:\s\[\]]+):\d{1,5}")
-PATIENCE = 5.0  # seconds for a scheduler to answer, a first worker, and what a worker is asked
-WATCH = 2.0  # seconds between two looks at a cluster
-SILENT_SECONDS = 20.0  # after which who says nothing is given up; heartbeats come twice a second
+PATIENCE = 5.0  # seconds to wait for a scheduler, for a first worker and for an answer of a worker
+WATCH = 2.0  # seconds between two checks of a cluster
+SILENT_SECONDS = 20.0  # without a heartbeat, of two per second, after which a worker is given up
 
 
 @contextmanager
 def local_executor(processes: int) -> Iterator[RefitExecutor]:
-    """`processes` workers; those still at a refit when the block is left by an error are ended."""
+    """Yield an executor with that many worker processes, which are ended if the block raises."""
     pool = start_workers(processes, _nothing)
     try:
         yield RefitExecutor(pool)
     except BaseException:
-        # A refit may take minutes, and is lost anyway.  Results are far shorter than what a pipe
-        # takes in one piece, so that none is cut in the middle.
+        # Waiting for a refit may take minutes.  Results are short enough for a pipe to pass them
+        # whole, so none is cut off.
         shut_down(pool, 0.0)
         raise
     pool.shutdown()
 
 
 def _nothing() -> None:
-    """All that a worker has to prepare: each task brings what it needs."""
+    """Prepare a worker, which needs nothing: each task has all data with it."""
 
 
 @contextmanager
 def dask_executor(scheduler: str) -> Iterator[RefitExecutor]:
-    """The workers of `scheduler`, such as tcp://host:8786; raises `InputError` without them."""
+    """Yield the workers of `scheduler`, such as tcp://host:8786; raises `InputError` without any."""
     try:
         from distributed import Client
     except ImportError:
@@ -72,12 +72,12 @@ def dask_executor(scheduler: str) -> Iterator[RefitExecutor]:
             yield cluster
         finally:
             cluster.pool.shutdown(wait=False)
-            with suppress(TimeoutError):  # of a scheduler that no longer answers
+            with suppress(TimeoutError):  # the scheduler may have gone
                 client.close(timeout=PATIENCE)
 
 
 def _check_answers(scheduler: str) -> None:
-    """Raises `InputError`; `Client` itself waits without end for one that listens and says nothing."""
+    """Raise `InputError` if a scheduler does not answer, for which `Client` would wait for ever."""
     from distributed import rpc
     from distributed.security import Security
 
@@ -93,15 +93,15 @@ def _check_answers(scheduler: str) -> None:
 
     try:
         asyncio.run(identity())
-    except Exception as error:  # whatever else listens there may answer anything
-        told = str(error).partition("\n")[0] if isinstance(error, OSError) else "what does is none"
-        reason = told or f"nothing in {PATIENCE:g} s"
+    except Exception as error:  # another server at this address may answer anything
+        text = str(error).partition("\n")[0] if isinstance(error, OSError) else "what does is none"
+        reason = text or f"nothing in {PATIENCE:g} s"
         message = f"no scheduler answers at {scheduler} ({reason}); start one with `dask scheduler`"
         raise InputError.at("--scheduler", message) from None
 
 
 class RefitExecutor:
-    """Processes of this machine; whoever waits for what they do calls `watch` now and then."""
+    """Processes of this machine; a caller that waits for results calls `watch` at intervals."""
 
     def __init__(self, pool: Executor) -> None:
         self.pool = pool
@@ -113,36 +113,36 @@ class RefitExecutor:
         return self.pool.submit(function, *arguments, **named)
 
     def watch(self, say: Callable[[str], None]) -> str:
-        """Why nothing will come any more; empty while something may."""
+        """Return why no more results will come; an empty text while they may."""
         return ""
 
 
 class Cluster(RefitExecutor):
-    """The workers of a scheduler."""
+    """The workers of a Dask scheduler."""
 
     def __init__(self, client: Any) -> None:
         super().__init__(client.get_executor(pure=False))
         self._client = client
         self._compared: set[str] = set()
         self._given_up: set[str] = set()
-        # By address: the scheduler's time of a worker's last word, and when that was new to us.
+        # By address: the scheduler's time of a worker's last heartbeat, and when we first saw that.
         self._heard: dict[str, tuple[float, float]] = {}
         self._last = self._looked = time.monotonic()
 
     def compare(self, workers: Collection[str]) -> None:
-        """Raises `InputError` where one has other software than this process.
+        """Raise `InputError` if a worker has other software than this process.
 
-        One that cannot load a task leaves it lie without a word; so this is asked before.
+        This comes before any task, since a worker that cannot load a task ignores it silently.
         """
         new = [worker for worker in workers if worker not in self._compared]
         installed, problems = software.installed_versions(), []
-        for address, there in zip(new, self._client.sync(self._versions, new), strict=True):
-            if there is None or isinstance(there, OSError):  # it cannot be asked now
+        for address, answer in zip(new, self._client.sync(self._versions, new), strict=True):
+            if answer is None or isinstance(answer, OSError):  # the worker does not answer now
                 continue
             self._compared.add(address)
-            wrong = [f"no bayesdrill that can be loaded ({there})"]
-            if isinstance(there, dict):
-                wrong = software.version_differences(there, installed)
+            wrong = [f"no bayesdrill that can be loaded ({answer})"]
+            if isinstance(answer, dict):
+                wrong = software.version_differences(answer, installed)
             if wrong:
                 message = f"it has {', '.join(wrong)}; install the same there"
                 problems.append(Issue(f"worker {address}", message))
@@ -150,7 +150,7 @@ class Cluster(RefitExecutor):
             raise InputError(problems)
 
     async def _versions(self, workers: Collection[str]) -> list[Any]:
-        """Of each, or why not; None of one that does not answer."""
+        """Return the versions of each worker, or its error; None if it does not answer."""
 
         async def asked(address: str) -> Any:
             run = self._client.run(
@@ -162,7 +162,7 @@ class Cluster(RefitExecutor):
         return await asyncio.gather(*map(asked, workers))
 
     def watch(self, say: Callable[[str], None]) -> str:
-        """What a worker had that is heard no more goes to the others. Raises as `compare` does."""
+        """Give the tasks of silent workers to the others; raises `InputError` like `compare`."""
         now, client = time.monotonic(), self._client
         if now - self._looked < WATCH:
             return ""
@@ -189,7 +189,7 @@ class Cluster(RefitExecutor):
             self._given_up.add(address)
             say(f"worker {address} is silent; what it had is done by the others")
             leave = {"address": address, "stimulus_id": f"silent-{time.time()}"}
-            # As it does itself when it leaves; else Dask's own patience ends.
+            # Dask's own time limit for a silent worker is longer.
             with suppress(OSError):
                 client.sync(client.scheduler.unregister, **leave, callback_timeout=PATIENCE)
         return ""
@@ -198,9 +198,9 @@ class Cluster(RefitExecutor):
 def results[T](
     crew: RefitExecutor, futures: Collection[Future[T]], folder: Path, report: Reporter
 ) -> Iterator[tuple[Future[T], T]]:
-    """Each future of `crew` with what it gave, as soon as it is done; `folder` keeps what is saved.
+    """Yield each future of `crew` with its result, as soon as it is done.
 
-    Raises `InputError` where workers cannot do it, or none is left, and what a task raised.
+    Raises `InputError`, at `folder`, if the workers are lost, and any error of a task.
     """
     done: SimpleQueue[Future[T]] = SimpleQueue()
     for future in futures:
@@ -217,7 +217,7 @@ def results[T](
         except CancelledError:
             raise _lost(folder, "the scheduler is gone") from None
         except Exception as error:
-            # Of distributed, which may be missing here: a task whose workers died again and again.
+            # An error of distributed, which may not be installed: workers of the task died repeatedly.
             if type(error).__name__ != "KilledWorker":
                 raise
             raise _lost(folder, "workers were killed again and again (out of memory?)") from None
@@ -229,7 +229,7 @@ def _lost(folder: Path, reason: str) -> InputError:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """A scheduler that goes away is told in a sentence, not in the tracebacks of distributed's log."""
+    """Suppress the log of distributed, since a lost scheduler is reported in a sentence."""
     log = logging.getLogger("distributed.client")
     before = log.level
     log.setLevel(logging.CRITICAL)
@@ -247,10 +247,11 @@ def run_jobs[K, T](
     folder: Path,
     report: Reporter,
 ) -> None:
-    """Compute `function` of what each job has `packed` and of its further arguments, wherever that is.
+    """Compute `function` for each job, of its `packed` arguments and the further ones.
 
-    `finish`: keeps what one gave, as soon as it is done, and says how far all are; `folder` has what is
-    kept.  A job that is computed twice, as a worker was lost, is finished once.  Raises as `results`.
+    `finish` saves the result of a job in `folder` as soon as it is done, and returns a text about the
+    progress.  A job that is computed twice, because a worker was lost, is finished once.  Raises like
+    `results`.
     """
     versions = software.installed_versions()
     with held_signals():
@@ -260,12 +261,12 @@ def run_jobs[K, T](
     report.update(1.0, "")
 
 
-# A process computes one job at a time, whoever asks: limits on threads hold for all of it.
+# A process computes one job at a time, as limits on threads are those of the whole process.
 _ONE_AT_A_TIME = threading.Lock()
 
 
 def packed(*arguments: Any) -> bytes:
-    """Pickle `arguments` for other processes: compiled code is left out, and is made once by each."""
+    """Pickle `arguments` for other processes; each of them compiles kernels anew, once."""
     return pickle.dumps(arguments)
 
 
@@ -275,7 +276,7 @@ _unpacked = functools.lru_cache(maxsize=1)(pickle.loads)
 def _work[T](
     function: Callable[..., T], versions: Mapping[str, str], blob: bytes, *arguments: Any
 ) -> T:
-    """Compute one job where the software is the same; raises `InputError` elsewhere."""
+    """Compute one job in a worker; raises `InputError` if its software has other versions."""
     if wrong := software.version_differences(software.installed_versions(), versions):
         raise InputError.at("a worker", f"it has {', '.join(wrong)}; install the same there")
     with _ONE_AT_A_TIME, ONE_THREAD:

@@ -1,4 +1,4 @@
-"""What `run.json` says of a finished run: one record, beside its `RunAnalysis`; and its schema."""
+"""The entries of `run.json` of a finished run: a record and its `RunAnalysis`, with their schema."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from bayesdrill.report.view import ReportContext
 from bayesdrill.sampling.evidence import Evidence
 from bayesdrill.sampling.proposal.learning import LearnedProposal
 
-FORM = 2  # of `RunRecord`; the first had the numbers of the analysis a second time
+FORM = 2  # version of `RunRecord`; the first repeated the numbers of the analysis
 OLDER = (
     "was written by an older version of bayesdrill, and is not read any more; `bayesdrill posterior "
     "CONFIG --resume` goes on with its chain and writes it anew"
@@ -52,7 +52,7 @@ ENTRIES: Mapping[str, str] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WeightedMaximum:
-    """A maximum of the posterior [SI], and the share of the draws about it."""
+    """A maximum of the posterior in SI, and the share of the draws that belong to it."""
 
     values: Mapping[str, float]
     log_posterior: float
@@ -61,7 +61,7 @@ class WeightedMaximum:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunRecord:
-    """What a finished run says of itself.
+    """The record of a finished run.
 
     form: the version of this record
     units: SI units of the unknowns, by name
@@ -88,7 +88,7 @@ class RunRecord:
 
 
 def entries(view: ReportContext, made_of: str) -> dict[str, Any]:
-    """Return the record and the analysis as data; `made_of`: a digest of what that is of."""
+    """Return the record and the analysis as data; `made_of` is a digest of the analysed results."""
     analysis, problem, sampled = view.analysis, view.problem, view.sampled
     converged, shares = analysis.convergence.converged, sampled.mode_shares
     verdict = None
@@ -117,9 +117,9 @@ def entries(view: ReportContext, made_of: str) -> dict[str, Any]:
 
 
 def read_record(run: Mapping[str, Any], folder: Path) -> RunRecord | None:
-    """Return the record that `run.json` of `folder` holds; None of a run that never finished.
+    """Return the record in the `run.json` of `folder`, or None if that run never finished.
 
-    Raises `InputError` where an older version has written it.
+    Raises `InputError` if an older version has written it.
     """
     if run.get("form") is None and run.get("status") != "finished":
         return None
@@ -132,14 +132,14 @@ def read_record(run: Mapping[str, Any], folder: Path) -> RunRecord | None:
 
 
 def _weighted_means(view: ReportContext, learnt: LearnedProposal) -> dict[str, Any]:
-    """Return what the draws of the proposal say without a chain."""
+    """Return the posterior means of the weighted draws of the proposal, without a chain."""
     posterior, draws = view.problem.posterior, learnt.draws
     theta, free = posterior.coordinates.to_physical(draws.u), posterior.space.free
     mean = draws.weights @ theta
     error = np.sqrt(draws.weights**2 @ (theta - mean) ** 2)
     return {
         "draws": len(theta),
-        "share": round(draws.share, 4),
+        "share": round(draws.effective_share, 4),
         "acceptance": round(draws.acceptance, 4),
         "mean": dict(zip(free, mean.tolist(), strict=True)),
         "error": dict(zip(free, error.tolist(), strict=True)),
@@ -147,28 +147,28 @@ def _weighted_means(view: ReportContext, learnt: LearnedProposal) -> dict[str, A
 
 
 class _RunSchema(GenerateJsonSchema):
-    """The schema of what `as_data` makes of records, with descriptions from their docstrings."""
+    """The schema of records that `as_data` converts, with descriptions from their docstrings."""
 
     def float_schema(self, _: Any) -> dict[str, Any]:
-        """Return that of a number, or of a string for what JSON has no number for."""
+        """Return the schema of a number, or of a string for infinities and NaN."""
         return {"anyOf": [{"type": "number"}, {"enum": ["Infinity", "-Infinity", "NaN"]}]}
 
     def dataclass_schema(self, schema: Any) -> dict[str, Any]:
-        """Return that of a record, all of whose fields are there."""
+        """Return the schema of a record, which has no other fields than its own."""
         record = super().dataclass_schema(schema)
         for name, described in field_descriptions(schema["cls"]).items():
             record["properties"][name] |= described
         return record | {"additionalProperties": False}
 
     def field_title_should_be_set(self, _: Any) -> bool:
-        """Return that names of fields are no titles."""
+        """Return False, so that names of fields are not repeated as titles."""
         return False
 
 
 def run_schema() -> str:
     """Return the JSON schema of `run.json` as text."""
-    both = TypeAdapter(tuple[RunRecord, RunAnalysis])
-    defs = both.json_schema(schema_generator=_RunSchema, mode="serialization")["$defs"]
+    records = TypeAdapter(tuple[RunRecord, RunAnalysis])
+    defs = records.json_schema(schema_generator=_RunSchema, mode="serialization")["$defs"]
     record = defs.pop(RunRecord.__name__)
     others = {name: {"description": text} for name, text in ENTRIES.items()}
     others[ANALYSIS] |= {"$ref": f"#/$defs/{RunAnalysis.__name__}"}
@@ -185,14 +185,14 @@ def run_schema() -> str:
 def verdict_data(
     verdict: Verdict, table: str, *, converged: bool = True, believed: bool = True
 ) -> dict[str, Any]:
-    """`agrees` is None where the run is not believed, the fit is not noise, or no end lets it judge."""
-    whole = verdict_sentence(verdict, table)
+    """Return the verdict as data; `agrees` is None if the run cannot be believed or judged."""
+    sentence = verdict_sentence(verdict, table)
     unjudged = verdict.saying("cannot judge") and not verdict.judged
     return {
         "table": table,
         "agrees": verdict.agrees if believed and verdict.fits and not unjudged else None,
         "fits": verdict.fits,
-        "sentence": whole if believed else no_verdict(converged=converged),
+        "sentence": sentence if believed else no_verdict(converged=converged),
         "joint_sigma": None if verdict.joint is None else round(verdict.joint, 3),
         "limit_sigma": round(verdict.limit, 3),
         "ends": dict(verdict.ends),

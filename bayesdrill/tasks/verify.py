@@ -1,7 +1,7 @@
-"""Whether config, record, chain, tables and figures of a folder still belong together.
+"""Verify that config, record, chain, tables and figures of a folder belong together.
 
-Each file is as its run wrote it, by the digests in `run.json`.  The chain, the maximum and the
-figures say of which run they are, and the config and the record are of that run.
+Files must have the digests in `run.json`.  Chain, maximum and figures name their run, which must be
+that of the config and the record.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from bayesdrill.tasks import comparison, conclusions, find_map, pipeline
 
 @dataclass(frozen=True, slots=True)
 class Verified:
-    """Whether the files of a folder belong together.
+    """The result of the verification of a folder.
 
-    `problems`: each file that does not belong to the run, and why; `checked`: how many do; `what`:
-    which things belong together with them.
+    `problems` has each file that does not belong to the run, with the reason; `checked` is the number
+    of files that do.  `what` names the other things that were compared.
     """
 
     folder: Path
@@ -42,7 +42,7 @@ class Verified:
 
     @property
     def said(self) -> str:
-        """What was found, in words."""
+        """The result as text."""
         if self.together:
             return f"{self.folder}: {self.what} and {self.checked} files belong together"
         return "\n".join(map(str, self.problems))
@@ -54,7 +54,7 @@ class Verified:
 
 
 def verify(folder: Path) -> Verified:
-    """Nothing is written.  Raises `InputError` where there is no finished run."""
+    """Verify a folder without writing; raises `InputError` if there is no finished run."""
     run = run_folder.read_run(folder)
     way = next((way for way in _WAYS if run and way[0].job == run.get("job")), None)
     if run is None or way is None:
@@ -75,10 +75,10 @@ def verify(folder: Path) -> Verified:
 def _of_run(
     read: Callable[[Path], Job], kind: Kind, folder: Path, _: Mapping[str, Any]
 ) -> Iterator[Issue]:
-    """Of a posterior or a maximum, whose job is `read`."""
+    """Yield the problems of a posterior or a maximum; `read` returns its job."""
     try:
         job = read(folder)
-    except InputError as error:  # another record, a config of another run, a damaged chain
+    except InputError as error:  # the record or the config has changed, or the chain is damaged
         yield from (*_configs(folder), *error.problems)
         return
     yield from _configs(folder, job)
@@ -97,12 +97,12 @@ def _job_of_map(folder: Path) -> Job:
 def _of_several(
     form: Form, folder: Path, run: Mapping[str, Any], kind: Kind | None = None
 ) -> Iterator[Issue]:
-    """Runs that were only in memory cannot be looked at again."""
-    told = run.get("runs", [])
-    if len(told) < 2:
+    """Yield the problems of an overlay or a comparison; runs that were in memory are skipped."""
+    compared = run.get("runs", [])
+    if len(compared) < 2:
         yield Issue(str(folder / output_files.RUN), "names no two runs")
         return
-    for entry in told:
+    for entry in compared:
         if entry["folder"] is None:
             continue
         place = folder / entry["folder"]
@@ -112,12 +112,12 @@ def _of_several(
                 yield Issue(str(place), f"is another run than the one that was {done} others")
         except InputError as error:
             yield from error.problems
-    mark = " ".join(entry["run"] for entry in told)
+    mark = " ".join(entry["run"] for entry in compared)
     yield from _figures(folder, kind or form.kind, mark, form.name)
 
 
 def _of_ladder(folder: Path, run: Mapping[str, Any]) -> Iterator[Issue]:
-    """Its rungs, each a run of its own, and what is said of them together."""
+    """Yield the problems of a ladder: of each rung, which is a run, and of their comparison."""
     yield from _configs(folder)
     for entry in run.get("runs", []):
         if entry["folder"] not in LADDER.nested:
@@ -125,12 +125,12 @@ def _of_ladder(folder: Path, run: Mapping[str, Any]) -> Iterator[Issue]:
             continue
         try:
             yield from verify(folder / entry["folder"]).problems
-        except InputError as error:  # no finished run
+        except InputError as error:  # the rung is no finished run
             yield from error.problems
     yield from _of_several(COMPARED, folder, run, LADDER)
 
 
-# How the results of a job are looked at, and what that is.
+# For each kind of results the function that yields its problems, and the words for its contents.
 _WAYS: tuple[tuple[Kind, Callable[[Path, Mapping[str, Any]], Iterator[Issue]], str], ...] = (
     (POSTERIOR, partial(_of_run, _job_of_posterior, POSTERIOR), "config, record, chain"),
     (MAP, partial(_of_run, _job_of_map, MAP), "config, record, maximum"),
@@ -141,20 +141,20 @@ _WAYS: tuple[tuple[Kind, Callable[[Path, Mapping[str, Any]], Iterator[Issue]], s
 
 
 def _changed(folder: Path, kind: Kind, files: Mapping[str, str]) -> Iterator[Issue]:
-    there = output_files.output_names(folder, kind)
+    present = output_files.output_names(folder, kind)
     for name, digest in files.items():
         place = str(folder / name)
-        if name not in there:
+        if name not in present:
             yield Issue(place, f"is missing; {_way_back(kind, name)}")
         elif output_files.digest(folder / name) != digest:
             yield Issue(place, "was changed after this run had written it")
-    for name in there:
+    for name in present:
         if name not in files and name != kind.mark:
             yield Issue(str(folder / name), "was not written by this run")
 
 
 def _way_back(kind: Kind, name: str) -> str:
-    """How a file of a run comes back: of a posterior, what a report is made from is not made by one."""
+    """Return the command that restores a file; `bayesdrill report` cannot make what it reads."""
     if kind is not POSTERIOR:
         return f"`bayesdrill {kind.job} --force` makes it again"
     if output_files.REPORT_SOURCES.is_output(name) or name in output_files.CONFIGS:
@@ -163,7 +163,7 @@ def _way_back(kind: Kind, name: str) -> str:
 
 
 def _configs(folder: Path, job: Job | None = None) -> Iterator[Issue]:
-    """The config as given says what the one with all defaults does, of which `job` is made."""
+    """Yield a problem if the given config differs from the resolved one, from which `job` is made."""
     place = folder / output_files.CONFIG_FILE
     given, resolved = _settings(place), folder / output_files.RESOLVED_FILE
     made = _settings(resolved) if job is None else conclusions.settings(job.case)
@@ -172,7 +172,7 @@ def _configs(folder: Path, job: Job | None = None) -> Iterator[Issue]:
 
 
 def _settings(path: Path) -> dict[str, Any] | None:
-    """None where that cannot be read, which is said elsewhere."""
+    """Return the settings of a config, or None if it cannot be read, which is reported elsewhere."""
     try:
         return conclusions.settings(loading.load(path))
     except InputError:
@@ -180,9 +180,9 @@ def _settings(path: Path) -> dict[str, Any] | None:
 
 
 def _figures(folder: Path, kind: Kind, mark: str, name: str) -> Iterator[Issue]:
-    """Each says inside which run it is of, and what it shows."""
+    """Yield a problem for each figure whose metadata name another run or another figure."""
     names = output_files.output_names(folder, kind)
-    for path in (folder / each for each in names if each.startswith(f"{output_files.FIGURES}/")):
+    for path in (folder / file for file in names if file.startswith(f"{output_files.FIGURES}/")):
         content = path.read_bytes()
         if mark.encode() not in content:
             yield Issue(str(path), "is a figure of another run")

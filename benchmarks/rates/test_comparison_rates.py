@@ -65,4 +65,4 @@ def test_the_proposal_covers_a_correlation_near_zero() -> None:
     _, sampled = fit(job.problem.posterior, compare.plan(job, 3))
     assert sampled.learnt is not None
     assert sampled.learnt.missed == 0.0
-    assert sampled.learnt.draws.share > 0.88
+    assert sampled.learnt.draws.effective_share > 0.88

@@ -105,7 +105,7 @@ def test_the_default_moves_keep_the_target_exactly(target: Target) -> None:
 def test_redraws_that_run_out_keep_the_target(monkeypatch: pytest.MonkeyPatch) -> None:
     """Draws outside the prior are then proposed, and never accepted."""
     monkeypatch.setattr(independence, "MAX_REDRAWS", 1)
-    piece = advance_draws(CUT, 5, INDEPENDENT, replace(rough(CUT, 5), share=1.0), STEPS)
+    piece = advance_draws(CUT, 5, INDEPENDENT, replace(rough(CUT, 5), share_inside=1.0), STEPS)
     assert CUT.inside(piece.z.reshape(-1, 5)).all()
     assert CUT.p_values(piece.state.z).min() > LEAST_P_VALUE
 

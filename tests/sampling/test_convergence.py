@@ -285,7 +285,7 @@ def test_two_places_between_which_walkers_cross_are_no_fault() -> None:
     groups = find_two_groups(20.0 * (np.arange(100) % 4 == 0) + noise)
     assert groups is not None
     assert groups.crossings == 0
-    assert groups.share == pytest.approx(0.25, abs=0.01)
+    assert groups.upper_share == pytest.approx(0.25, abs=0.01)
     assert (groups.low, groups.high) == pytest.approx((0.0, 20.0), abs=0.1)
 
 

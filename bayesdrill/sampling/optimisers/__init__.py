@@ -1,4 +1,4 @@
-"""The registry of optimisers: one file and one line here, or an entry point `bayesdrill.optimiser`."""
+"""The registry of optimisers: a file and a line here each, or an entry point `bayesdrill.optimiser`."""
 
 from __future__ import annotations
 

@@ -12,10 +12,32 @@ from bayesdrill.inference.unknowns import Coordinates
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Task:
-    """A density over the physical unknowns `names` that is to be maximised.
+    """A log density over physical unknowns that is to be maximised.
 
-    `density((W, D)) -> (W,)`, -inf outside its support.  `covariance(theta (D,)) -> (D, D)` in
-    `coordinates`: what makes steps of one in its principal directions sensible there.
+    Attributes
+    ----------
+    names : tuple of str
+        The unknowns.
+    density : callable
+        Maps physical points `(W, D)` to log densities `(W,)`, which are -inf outside the support.
+    coordinates : Coordinates
+        Maps physical points to the coordinates of the samplers and back.
+    covariance : callable
+        Maps a physical point `(D,)` to the covariance `(D, D)` of the local Gaussian approximation, in
+        `coordinates`.  Its principal axes are sensible first steps of a search.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from bayesdrill.inference.unknowns import Coordinates
+    >>> task = Task(
+    ...     names=("a",),
+    ...     density=lambda theta: -0.5 * theta[:, 0] ** 2,
+    ...     coordinates=Coordinates(logs=(False,)),
+    ...     covariance=lambda theta: np.eye(1),
+    ... )
+    >>> task.at(np.array([2.0]))
+    -2.0
     """
 
     names: tuple[str, ...]
@@ -24,16 +46,24 @@ class Task:
     covariance: Callable[[Array], Array]
 
     def at(self, theta: Array) -> float:
-        """Return the log density at one point `(D,)`."""
+        """Return the log density at one physical point `(D,)`."""
         return float(self.density(theta[None])[0])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Optimum:
-    """The best point reached from one start, physical: `theta (D,)`.
+    """The best point that was reached from one start.
 
-    `value`: the highest seen; `evaluations`: all that were made.  `settled`: the search stopped by
-    itself, before its evaluations ran out.
+    Attributes
+    ----------
+    theta : array, shape (D,)
+        The physical point.
+    value : float
+        The highest log density of all evaluations.
+    evaluations : int
+        The number of evaluations.
+    settled : bool
+        Whether the search met its tolerances before its evaluations ran out.
     """
 
     theta: Array
@@ -43,16 +73,39 @@ class Optimum:
 
 
 class Optimiser(Protocol):
-    """A frozen dataclass whose annotated fields are its entries of `map:`.
+    """The contract of an optimiser: a frozen dataclass with its entries of `map:` as annotated fields.
 
-    It has to come near a maximum, no more: Gauss-Newton goes the rest of the way.
+    It only has to come near a maximum, since Gauss-Newton converges to it afterwards.
     """
 
     def check(self, unknown: Sequence[str]) -> None:
-        """Check that it can search these unknowns; raises `ValueError` otherwise."""
+        """Check whether it can search over these unknowns.
+
+        Parameters
+        ----------
+        unknown : sequence of str
+            The names of the unknowns.
+
+        Raises
+        ------
+        ValueError
+            If it cannot; the message is shown to the user.
+        """
 
     def __call__(self, task: Task, starts: Array, evaluations: int) -> Sequence[Optimum]:
-        """Search from each of the physical `starts (S, D)`, with `evaluations` at most for each.
+        """Search for a maximum from each start.
 
-        What is found from one start does not depend on the others.
+        Parameters
+        ----------
+        task : Task
+            The log density and its unknowns.
+        starts : array, shape (S, D)
+            Physical points.
+        evaluations : int
+            The most evaluations for each start.
+
+        Returns
+        -------
+        sequence of Optimum
+            One for each start, which must not depend on the other starts.
         """

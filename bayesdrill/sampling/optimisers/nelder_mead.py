@@ -1,12 +1,12 @@
-"""Nelder-Mead on scaled unknowns, restarted with a fresh simplex until that no longer helps.
+"""Nelder-Mead on scaled unknowns, restarted with a new simplex until that no longer helps.
 
-Unscaled, the simplex stops where it likes: a damping of 1e-4 equals the usual absolute tolerance
-on the parameters.  Here a step is a tenth of each unknown as long as much is gained, and then one
-standard deviation of the local Gaussian approximation, which misleads far from the optimum; the
-tolerances are in units of the step.
+Without scaling the simplex stops too early: a damping of 1e-4 is as small as the default absolute
+tolerance of most libraries.  Here the first steps of a simplex are a tenth of each unknown while a
+run gains much.  Near the optimum they are one standard deviation of the local Gaussian
+approximation.  The tolerances are in units of these steps.
 
-Searches from several starts go in lock-step: the points that they ask for are evaluated as one batch,
-which costs hardly more than one of them.
+Searches from several starts run in lock-step: their points are evaluated as one batch, which costs
+hardly more than a single point.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.inference import laplace
 from bayesdrill.sampling.optimisers.contract import Optimum, Task
 
-# Yields points `(n, D)`, is sent the values there `(n,)`, and returns what it has found.
+# A search that yields points `(n, D)`, is sent their values `(n,)`, and returns a result.
 type AskTell[T] = Generator[Array, Array, T]
 
 
 @dataclass(slots=True)
 class SimplexRun:
-    """The progress of a simplex, whose `x (D,)` stands for the point `place(x)`.
+    """The progress of a simplex, whose scaled coordinates `x (D,)` mean the point `place(x)`.
 
-    `evaluations`: at most `most`; `first`: the value at the start; `lowest`: at `x`, of all that
-    were asked for; `stopped`: by its tolerances.
+    It makes at most `most` evaluations.  `first` is the value at the start, `lowest` the least so far,
+    at `x`.  `stopped` tells whether the tolerances were met.
     """
 
     most: int
@@ -43,7 +43,7 @@ class SimplexRun:
     stopped: bool = False
 
     def ask(self, points: Array) -> AskTell[Array]:
-        """Ask for the values at `points (n, D)`; inf at those that are too many."""
+        """Ask for the values at `points (n, D)`, and return them; inf once `most` is exceeded."""
         values = np.full(len(points), np.inf)
         asked = points[: self.most - self.evaluations]
         if len(asked):
@@ -64,18 +64,19 @@ def nelder_mead(
     tolerance: float,
     place: Callable[[Array], Array],
 ) -> AskTell[SimplexRun]:
-    """Minimise from `simplex (D + 1, D)` until it and its values are as small as the tolerances.
+    """Minimise from `simplex (D + 1, D)` until its size and its values differ less than the tolerances.
 
-    The points are those of `scipy.optimize.minimize`: Nelder and Mead (1965), with the coefficients
-    of Gao and Han (2012) for more than two unknowns.
+    The evaluated points are those of `scipy.optimize.minimize`: Nelder and Mead (1965), with the
+    coefficients of Gao and Han (2012) for more than two unknowns.
     """
     run, n = SimplexRun(most, simplex[0], place), simplex.shape[1]
-    away, near, shrink = (1 + 2 / n, 0.75 - 1 / (2 * n), 1 - 1 / n) if n > 2 else (2.0, 0.5, 0.5)
+    adapted = (1 + 2 / n, 0.75 - 1 / (2 * n), 1 - 1 / n)
+    expansion, contraction, shrinkage = adapted if n > 2 else (2.0, 0.5, 0.5)
     values = yield from run.ask(simplex)
     order = np.argsort(values)
     simplex, values = simplex[order], values[order]
     while run.evaluations < most:
-        with np.errstate(invalid="ignore"):  # where all of a simplex is impossible
+        with np.errstate(invalid="ignore"):  # all values of a simplex may be infinite
             height = np.abs(values[0] - values[1:]).max()
         if np.abs(simplex[1:] - simplex[0]).max() <= x_tolerance and height <= tolerance:
             run.stopped = True
@@ -85,21 +86,21 @@ def nelder_mead(
         (value,) = yield from run.ask(point[None])
         accepted = value < values[-2]
         if value < values[0]:
-            farther = (1 + away) * centre - away * worst
-            (beyond,) = yield from run.ask(farther[None])
-            if beyond < value:
-                point, value = farther, beyond
+            expanded = (1 + expansion) * centre - expansion * worst
+            (expanded_value,) = yield from run.ask(expanded[None])
+            if expanded_value < value:
+                point, value = expanded, expanded_value
         elif not accepted:
             outside = value < values[-1]
             sign = 1.0 if outside else -1.0
-            bar = value if outside else values[-1]
-            point = (1 + sign * near) * centre - sign * near * worst
+            limit = value if outside else values[-1]
+            point = (1 + sign * contraction) * centre - sign * contraction * worst
             (value,) = yield from run.ask(point[None])
-            accepted = value <= bar if outside else value < bar
+            accepted = value <= limit if outside else value < limit
         if accepted:
             simplex[-1], values[-1] = point, value
         else:
-            simplex[1:] = simplex[0] + shrink * (simplex[1:] - simplex[0])
+            simplex[1:] = simplex[0] + shrinkage * (simplex[1:] - simplex[0])
             values[1:] = yield from run.ask(simplex[1:])
         order = np.argsort(values)
         simplex, values = simplex[order], values[order]
@@ -107,7 +108,7 @@ def nelder_mead(
 
 
 def in_lock_step[T](searches: Sequence[AskTell[T]], function: Callable[[Array], Array]) -> list[T]:
-    """Run searches in lock-step; `function((W, D)) -> (W,)` sees the points of all of them at once."""
+    """Run searches in lock-step; `function` maps the points of all of them `(W, D)` to `(W,)`."""
     asked = {search: next(search) for search in searches}
     results: dict[AskTell[T], T] = {}
     while asked:
@@ -123,38 +124,38 @@ def in_lock_step[T](searches: Sequence[AskTell[T]], function: Callable[[Array], 
     return [results[search] for search in searches]
 
 
-MAX_STEP = 0.3  # of a standard deviation, in a log: where the record says little it is long
-FAR_GAIN = 100.0  # of the log density: a run that gained more was far from the optimum ...
-LOG_STEP = 0.1  # ... and there first steps of the simplex are this, in a log of each unknown
+MAX_STEP = 0.3  # longest first step in a coordinate, as standard deviations may be very long
+FAR_GAIN = 100.0  # in log density: a run that gained more is far from the optimum, where ...
+LOG_STEP = 0.1  # ... the first steps of the simplex are this, in the log of each unknown
 
 
 @dataclass(frozen=True, slots=True)
 class NelderMead:
     """Nelder-Mead with restarts.
 
-    A restart that gains less than `enough` of the log density is the last; `per_unknown`: the most
-    evaluations for each unknown. The defaults go as far as a simplex is good for, where slopes go
-    the rest of the way.
+    The last restart is the first that gains less than `enough` of the log density.  There are at most
+    `per_unknown` evaluations for each unknown.  The defaults only come near a maximum, to which
+    Gauss-Newton then converges with fewer evaluations than a simplex.
     """
 
     enough: float = 1.0
     per_unknown: float = 200.0
 
     def check(self, unknown: Sequence[str]) -> None:
-        """Accept whatever is unknown."""
+        """Accept any unknowns."""
 
     def __call__(self, task: Task, starts: Array, evaluations: int) -> list[Optimum]:
-        """Search from each of the physical `starts (S, D)`."""
+        """Search from each of the physical `starts (S, D)`; see `Optimiser`."""
         most = int(min(evaluations, self.per_unknown * len(task.names)))
 
-        def lost(z: Array) -> Array:
+        def loss(z: Array) -> Array:
             return -task.density(task.coordinates.to_physical(z))
 
-        return in_lock_step([_search(task, start, most, self.enough) for start in starts], lost)
+        return in_lock_step([_search(task, start, most, self.enough) for start in starts], loss)
 
 
 def _search(task: Task, start: Array, evaluations: int, enough: float) -> AskTell[Optimum]:
-    """In the coordinates of the task."""
+    """Search from the physical point `start (D,)`, in the coordinates of the task."""
     physical = task.coordinates.to_physical
     z, spent = task.coordinates.from_physical(start[None])[0], 0
     corners = np.vstack([np.zeros(len(z)), np.eye(len(z))])
@@ -162,7 +163,7 @@ def _search(task: Task, start: Array, evaluations: int, enough: float) -> AskTel
     while not done and spent < evaluations:
         root = _steps(task, physical(z[None])[0], far=gain > FAR_GAIN)
         most = min(evaluations - spent, 400 * len(z))
-        run = yield from nelder_mead(corners, most, 1e-2, 0.1 * enough, partial(_placed, z, root))
+        run = yield from nelder_mead(corners, most, 1e-2, 0.1 * enough, partial(_place, z, root))
         spent += run.evaluations
         gain = run.first - run.lowest
         if gain > 0:
@@ -176,13 +177,13 @@ def _search(task: Task, start: Array, evaluations: int, enough: float) -> AskTel
     )
 
 
-def _placed(z: Array, root: Array, x: Array) -> Array:
-    """Around `z (D,)` in units of the columns of `root (D, D)`."""
+def _place(z: Array, root: Array, x: Array) -> Array:
+    """Return the point with the coordinates `x (D,)` in the columns of `root (D, D)` around `z (D,)`."""
     return np.asarray(z + root @ x)
 
 
 def _steps(task: Task, theta: Array, *, far: bool) -> Array:
-    """Columns: first steps of the simplex, in the coordinates of the search."""
+    """Return the first steps of the simplex from `theta (D,)`, as columns `(D, D)`."""
     if far:
         return np.diag(LOG_STEP * task.coordinates.slopes_by_natural(theta[None])[0])
     columns = laplace.matrix_root(task.covariance(theta))

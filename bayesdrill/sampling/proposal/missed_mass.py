@@ -1,7 +1,7 @@
-"""Look along Newton ridges for posterior mass that a proposal misses.
+"""Search along Newton ridges for posterior mass that a proposal misses.
 
-A proposal is judged by its own draws, which never go where it does not lead.  So points are brought
-to the ridge by Gauss and Newton, wherever its loose directions go, with their densities on the way.
+The draws of a proposal cannot show what it misses.  So draws are spread wider along the loose
+directions, and each is brought to the ridge by Gauss-Newton, with its density.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from bayesdrill.sampling.samplers import independence
 from bayesdrill.sampling.samplers.independence import Mixture, Proposal, Random, WeightedDraws
 from bayesdrill.sampling.samplers.ridge import RidgeMap
 
-ROUNDS = (400, 400, 1600)  # draws of each; the last ones judge
-FAR_LOG_RATIO = 3.0  # p over q is e^3 times what is usual: ...
-MAX_MISSED_MASS = 0.01  # ... of the posterior, no more may be there
-MIN_EFFECTIVE_SHARE = 0.02  # of effective draws: with less nothing is seen, and one looks on
-MAX_TRIES_PER_DRAW = 10  # times as many at most, where few are inside the prior
-MIN_TEMPERED_SHARE = 0.1  # of effective draws: the density is flattened until there are as many
-NEGLIGIBLE_WEIGHT = 1e-9  # of the posterior: where a sheet has none of the draws
-WIDTH_ALONG, WIDTH_ACROSS = 1.3, 1.05  # times as wide as what is known of a ridge
+ROUNDS = (400, 400, 1600)  # draws of each round; the estimate is that of the last
+FAR_LOG_RATIO = 3.0  # log (p/q) above its typical value at which mass counts as missed, ...
+MAX_MISSED_MASS = 0.01  # ... of which this share of the posterior is negligible
+MIN_EFFECTIVE_SHARE = 0.02  # with fewer effective draws the first round does not decide
+MAX_TRIES_PER_DRAW = 10  # draws for each that has to be inside the prior
+MIN_TEMPERED_SHARE = 0.1  # the weights are tempered until this share of the draws is effective
+NEGLIGIBLE_WEIGHT = 1e-9  # added to the weights, for a sheet that has none of the draws
+WIDTH_ALONG, WIDTH_ACROSS = 1.3, 1.05  # widths of a component over those of the weighted draws
 LOOKING = "looking for what the proposal leaves out"
 
 
@@ -36,10 +36,10 @@ def missed_mass(
     weighted_draws: tuple[Array, Array],
     random: Random,
 ) -> float:
-    """Return about how much of the posterior `proposal` hardly ever reaches; 0 where that is little.
+    """Estimate the share of the posterior that `proposal` hardly ever reaches, 0 if negligible.
 
-    `sheets`: those of the proposal that are looked along.  `weighted_draws`: draws of the posterior
-    `(N, D)`, and their weights for each of those sheets `(S, N)`.
+    The search goes along its `sheets` with these indices.  `weighted_draws` are draws of the posterior
+    `(N, D)`, and their weights for each of these sheets `(S, N)`.
     """
     selected = [proposal.mixture.sheets[s] for s in sheets]
     if all(sheet.n_loose in (0, len(sheet.frame.centre)) for sheet in selected):
@@ -60,7 +60,7 @@ def missed_mass(
 
 
 def _wide(sheets: Sequence[RidgeMap], u: Array, weights: Array) -> Mixture:
-    """A component for each sheet, wider than draws `u (N, D)` of `weights (S, N)` along it."""
+    """Return a mixture with a component for each sheet, wider than its draws `u (N, D)`."""
     means, roots = [], []
     for sheet, sheet_weights in zip(sheets, weights, strict=True):
         tight = u.shape[1] - sheet.n_loose
@@ -73,13 +73,10 @@ def _wide(sheets: Sequence[RidgeMap], u: Array, weights: Array) -> Mixture:
 def _drawn(
     surface: LogDensity, mixture: Mixture, n: int, random: Random
 ) -> tuple[WeightedDraws, Array]:
-    """Draw `n` times along Newton ridges, or more where many are outside; keep those with a density.
-
-    Returns each sheet's shares of them `(S, N)` too.
-    """
+    """Draw about `n` points with a density along Newton ridges, and each sheet's shares `(S, N)`."""
     mixture = newton_mixture(mixture, surface.approximate_model)
-    inside = surface.inside(mixture.draw(n, random).u).mean()
-    drawn = mixture.draw(int(n / max(float(inside), 1.0 / MAX_TRIES_PER_DRAW)), random)
+    share_inside = surface.inside(mixture.draw(n, random).u).mean()
+    drawn = mixture.draw(int(n / max(float(share_inside), 1.0 / MAX_TRIES_PER_DRAW)), random)
     value = surface.value(drawn.u)
     good = np.isfinite(value)
     valid = drawn.select(good)

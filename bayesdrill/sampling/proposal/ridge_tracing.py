@@ -1,12 +1,12 @@
-"""Trace the ridge of a maximum from the log density itself; no formula of any rig is in it.
+"""Trace the ridge through a maximum of a log density, without knowledge of the rig.
 
-At the maximum the curvature, in units of what the priors know, splits the unknowns into directions
-that the record knows far better (tight) and the rest (loose).  Then points are sent out along the
-loose directions, a little further each time, Gauss and Newton bring each back to the ridge, and
-polynomials are fitted to where they arrive.
+The curvature at the maximum, in units of the priors' precision, splits the unknowns into tight
+directions, which the record determines far better than the priors, and loose ones.  Points are
+placed further and further along the loose directions, Gauss-Newton returns each to the ridge, and
+polynomials are fitted to the ends.
 
-On a Newton ridge Gauss and Newton bring every point home, as the check of what a proposal misses
-needs it: a draw, with its density, costs some hundred times as much as a response.
+A Newton ridge has no polynomials but returns every point by Gauss-Newton, for the check of missed
+mass: a draw from it costs about a hundred evaluations of the model.
 """
 
 from __future__ import annotations
@@ -25,45 +25,45 @@ from bayesdrill.sampling.samplers.ridge import LocalBasis, RidgeMap
 
 Expand = Callable[[Array, Array], QuadraticModel]
 
-# A direction is tight if the record makes its variance so many times smaller than the prior's, ...
+# A direction is tight if its precision is at least this many times the prior's, ...
 TIGHT_RATIO = 100.0
-# ... and by as many times the root of that of the tightest, which else bends along it.
+# ... and this times the root of the largest precision, since the tightest would bend along it.
 STRAIGHT_RATIO = 0.003
-NEAR_END = 1e-6  # of the prior's spread
-MIN_NEW_SHARE = 1e-6  # of an unknown, beside what is set apart already: less is rounding
+NEAR_END = 1e-6  # of the prior's spread: an unknown this near an end is at it
+MIN_NEW_SHARE = 1e-6  # least length of an axis off the separate directions; less is rounding
 MAX_SDS_BEYOND_END = 0.5  # standard deviations that a maximum may lie beyond an end of a prior
-PROBES = 12  # points all over the prior
-NEGLIGIBLE_CURVATURE = 1e-12  # of the largest knowledge: what is less is rounding
-KNOWLEDGE_DISCOUNT = 9.0  # what is known of loose directions at a maximum need not hold elsewhere
-BEYOND_ENDS = 0.1  # of the priors' ranges, beyond which no point is of use
-SCATTER_WIDTH = 1.4  # how much wider than the posterior is thought to be points are scattered
-TRUSTED_EXTRAPOLATION = 2.0  # how far beyond its points a fit is trusted to guide the next ones
-MAX_CORNER_GROWTH = 2.0  # of the highest power, in corners where no point happened to lie
-ITERATIONS = 6  # of Gauss and Newton, for each point
-CONVERGED_SDS = 0.03  # of a standard deviation: a smaller step is the last
-MAX_STEP = 0.5  # of the priors' spreads
-MAX_SDS = 1e100  # standard deviations from the ridge: no slope of a response that is a number
-MAX_DEGREE = 14
-ERROR_QUANTILE = 0.98  # quantile of the points held out
-MIN_IMPROVEMENT = 0.8  # a higher degree has to be as much better
-GOOD_ERROR = 0.1  # of a standard deviation, on points held out: no higher degree is tried
-FAIR_ERROR = 0.3  # of a standard deviation: what is further off is given more points
-POINTS_PER_TERM = 2.5
-MAX_DEPTH = 100.0  # of the log density below the highest point: not on the ridge
-HELD_OUT_EVERY = 4  # every fourth point
-PRIOR_MARGIN = 0.9  # points are wanted a little beyond the prior's ends too
-NEAR_SDS = 0.5  # standard deviations: from there another step leads to the ridge, or as good as
-NEWTON_ITERATIONS = 9  # where polynomials are far astray, half of them are spent on the way
+PROBES = 12  # points all over the prior at which flat directions are sought
+NEGLIGIBLE_CURVATURE = 1e-12  # of the largest curvature; less is rounding
+KNOWLEDGE_DISCOUNT = 9.0  # divides the precision of loose directions, which may be less elsewhere
+BEYOND_ENDS = 0.1  # of the priors' ranges: points further outside are not used
+SCATTER_WIDTH = 1.4  # width of the points over the expected width of the posterior
+TRUSTED_EXTRAPOLATION = 2.0  # reach of a fit, in radii of its points, that guides the next stage
+MAX_CORNER_GROWTH = 2.0  # growth of the highest power in corners without a point
+ITERATIONS = 6  # Gauss-Newton steps for each point
+CONVERGED_SDS = 0.03  # a step of fewer standard deviations is the last
+MAX_STEP = 0.5  # longest step, in priors' spreads
+MAX_SDS = 1e100  # standard deviations from the ridge; more comes from a response that overflows
+MAX_DEGREE = 14  # highest degree of the polynomials
+ERROR_QUANTILE = 0.98  # quantile of the errors at held-out points by which degrees are compared
+MIN_IMPROVEMENT = 0.8  # largest ratio of errors at which a higher degree is preferred
+GOOD_ERROR = 0.1  # standard deviations; with a smaller error no higher degree is tried
+FAIR_ERROR = 0.3  # standard deviations; with a larger error more points are added
+POINTS_PER_TERM = 2.5  # points for each term of a polynomial
+MAX_DEPTH = 100.0  # in log density below the highest point; a lower point is not on the ridge
+HELD_OUT_EVERY = 4  # every fourth point is held out of the fit
+PRIOR_MARGIN = 0.9  # points are kept where this times psi is inside, and so reach a little beyond
+NEAR_SDS = 0.5  # standard deviations from a Newton ridge at which one more step is enough
+NEWTON_ITERATIONS = 9  # steps to a Newton ridge, of which half may go over a bad polynomial
 
 
 def split_directions(
     surface: LogDensity, centre: Array, here: QuadraticModel, still: Array | None = None
 ) -> tuple[LocalBasis, Array]:
-    """Return the basis at the maximum `centre (D,)` and the knowledge of its loose part `(l,)`.
+    """Return the basis at the maximum `centre (D,)`, and the precision of its loose part `(l,)`.
 
-    `here`: the expansion there; `still (D, f)`: directions along which nothing changes, which come
-    first.  An unknown that the end of its prior keeps from going further is no part of a tight
-    direction, whose maximum would lie where there is no density: it is loose by itself.
+    `here` is the quadratic model at `centre`.  The flat directions `still (D, f)` come first.  An
+    unknown that is held at an end of its prior is loose by itself: the maximum of a tight direction
+    that contains it would lie outside the prior.
     """
     scale = surface.spread
     slope, curvature = here.slope[0] * scale, here.curvature[0] * np.outer(scale, scale)
@@ -88,7 +88,7 @@ def split_directions(
 
 
 def _orthogonal(separate: Array, unknowns: Indices) -> tuple[Array, list[int]]:
-    """Orthonormal columns: those `separate`, then what `unknowns` add, and which of them do."""
+    """Extend orthonormal columns `separate` by axes of `unknowns`; return which of them were added."""
     added: list[int] = []
     for d in map(int, unknowns):
         axis = np.eye(len(separate))[d] - separate @ separate[d]
@@ -98,7 +98,7 @@ def _orthogonal(separate: Array, unknowns: Indices) -> tuple[Array, list[int]]:
 
 
 def _directions(curvature: Array, without: Array) -> tuple[Array, Array]:
-    """Eigenvalues, the smallest first, and vectors `(D, n)`, at right angles to those `without`."""
+    """Return eigenvalues, ascending, and eigenvectors `(D, n)` orthogonal to the columns `without`."""
     whole = np.linalg.qr(without, mode="complete")[0]
     complement = whole[:, without.shape[1] :]
     values, vectors = np.linalg.eigh(complement.T @ curvature @ complement)
@@ -106,9 +106,9 @@ def _directions(curvature: Array, without: Array) -> tuple[Array, Array]:
 
 
 def flat_directions(surface: LogDensity, rng: np.random.Generator) -> Array:
-    """Return directions `(D, f)`, in units of the spreads, along which the density never changes.
+    """Return directions `(D, f)`, in priors' spreads, along which the likelihood never changes.
 
-    Looked for at points all over the prior: what is flat at one of them may bend elsewhere.
+    They are flat at points all over the prior, since a direction that is flat at one may not be at all.
     """
     d = len(surface.middle)
     scattered = surface.middle + surface.spread * rng.standard_normal((PROBES, d))
@@ -118,28 +118,27 @@ def flat_directions(surface: LogDensity, rng: np.random.Generator) -> Array:
     informed = largest > 0
     if not informed.any():
         return np.zeros((d, 0))
-    usual = (whitened[informed] / largest[informed, None, None]).mean(axis=0)
-    values, vectors = np.linalg.eigh(usual)
+    mean_curvature = (whitened[informed] / largest[informed, None, None]).mean(axis=0)
+    values, vectors = np.linalg.eigh(mean_curvature)
     return np.asarray(vectors[:, values < NEGLIGIBLE_CURVATURE])
 
 
-# tenths of tenths of a prior's spread, and draws that feel for room
-MAX_SHRINKINGS, SHRINKING_DRAWS = 14, 200
-STAGES = (0.15, 0.3, 0.5, 0.75, 1.0)  # of the way from the maximum to where the ridge is wanted
+MAX_SHRINKINGS, SHRINKING_DRAWS = 14, 200  # divisions of a box by ten, and draws that test each
+STAGES = (0.15, 0.3, 0.5, 0.75, 1.0)  # lengths of the ridge at which it is fitted, as shares of all
 MIN_POINTS, LAST_POINTS, MAX_POINTS = 40, 300, 1600  # of a stage, of the last, and of all
-MAX_HALVINGS = 4  # times that half of the length is tried, where a polynomial is ...
-USELESS_ERROR = 5.0  # ... as many standard deviations off: of no use
+MAX_HALVINGS = 4  # lengths of a ridge that are tried, each half of the one before, while its ...
+USELESS_ERROR = 5.0  # ... error is above this many standard deviations
 
 
 @dataclass(frozen=True, slots=True)
 class TracedRidge:
-    """A ridge, and how far held-out points of it are `off` its polynomial, in standard deviations.
+    """A ridge, and its `error` at held-out points in standard deviations.
 
-    `psi (l,)`, `spread (l, l)`: mean and covariance root of the loose directions, to begin with.
+    `psi (l,)` and `spread (l, l)` are the initial mean and covariance root of the loose directions.
     """
 
     ridge: RidgeMap
-    off: float
+    error: float
     psi: Array
     spread: Array
 
@@ -152,14 +151,14 @@ def trace(
 ) -> TracedRidge:
     """Trace the ridge through the maximum `centre (D,)`.
 
-    `weighted_draws`: draws of the posterior `(N, D)` and their weights `(N,)`, which say where the
-    ridge is wanted; else the priors do, with what the record knows at the maximum.
+    It is followed as far as draws of the posterior `(N, D)` with weights `(N,)` reach, or else as far
+    as the priors and the curvature at the maximum suggest.
     """
     here = surface.quadratic_model(centre[None], np.eye(len(centre)))
     still = flat_directions(surface, rng)
     base, known = split_directions(surface, centre, here, still)
     if len(known) == len(centre) and (known > TIGHT_RATIO).any():
-        # The unknowns themselves, where the ends of the priors hold nearly all of them.
+        # The ends of the priors hold nearly all unknowns: these themselves are the loose directions.
         scale = surface.spread
         base = ridge.local_basis(centre, np.diag(scale), len(centre))
         known = np.diag(here.curvature[0]) * scale**2 + (here.slope[0] * scale) ** 2
@@ -169,71 +168,71 @@ def trace(
     else:
         drawn, weights = base.split(weighted_draws[0])[0], weighted_draws[1]
         psi, spread = moments(drawn, weights)
-        # As many again, the rare ones more often than their weights say.
-        share = np.sqrt(weights)
-        cloud = drawn[rng.choice(len(drawn), size=len(drawn), p=share / share.sum())]
+        # Drawn by the roots of the weights, so that the tails have more points.
+        p = np.sqrt(weights) / np.sqrt(weights).sum()
+        cloud = drawn[rng.choice(len(drawn), size=len(drawn), p=p)]
 
-    def wanted(n: int) -> Array:
-        """Return psi `(n, l)` as it lies in the cloud, or normally, and wider."""
+    def scattered_psi(n: int) -> Array:
+        """Draw psi `(n, l)` from the cloud or from a normal distribution, and wider than either."""
         if cloud is None:
             return psi + SCATTER_WIDTH * rng.standard_normal((n, len(psi))) @ spread.T
         return psi + SCATTER_WIDTH * (cloud[rng.integers(len(cloud), size=n)] - psi)
 
-    at = _at_centre(base, here)
+    at_maximum = _ridge_at_maximum(base, here)
     if len(known) == 0 or base.tight.shape[1] == 0:
-        return TracedRidge(at, 0.0, psi, spread)
+        return TracedRidge(at_maximum, 0.0, psi, spread)
     bent = np.arange(still.shape[1], len(known))
     for halvings in range(MAX_HALVINGS):
-        length = 0.5**halvings  # a shorter piece of it is better than none
-        followed, off = _follow(surface, at, bent, wanted, length)
-        if off < USELESS_ERROR:
+        length = 0.5**halvings  # a short piece of the ridge is better than none
+        followed, error = _follow(surface, at_maximum, bent, scattered_psi, length)
+        if error < USELESS_ERROR:
             break
-    return TracedRidge(followed, off, length * psi, length * spread)
+    return TracedRidge(followed, error, length * psi, length * spread)
 
 
 def _expected(surface: LogDensity, base: LocalBasis, known: Array) -> tuple[Array, Array]:
-    """What the priors and the record say of psi, both taken as Gaussian: `(l,)`, root `(l, l)`."""
-    doubted = known / KNOWLEDGE_DISCOUNT
+    """Return the expected mean `(l,)` and root `(l, l)` of psi, of prior and likelihood as Gaussian."""
+    precision = known / KNOWLEDGE_DISCOUNT
     towards = base.split(surface.middle[None])[0][0]
-    psi, sd = towards / (1.0 + doubted), 1.0 / np.sqrt(1.0 + doubted)
-    # At an end of a prior that the record presses against, begin on the side where it goes on.
+    psi, sd = towards / (1.0 + precision), 1.0 / np.sqrt(1.0 + precision)
+    # An unknown held at an end of its prior can only lie on the inner side of it.
     return psi + np.where(known > TIGHT_RATIO, np.sign(towards) * sd, 0.0), np.diag(sd)
 
 
 def _follow(
     surface: LogDensity,
-    at: RidgeMap,
+    fitted: RidgeMap,
     bent: Indices,
-    wanted: Callable[[int], Array],
+    scattered_psi: Callable[[int], Array],
     length: float,
 ) -> tuple[RidgeMap, float]:
-    """Outward from where the maximum is, with polynomials of what has been found so far.
+    """Follow a ridge outward from the maximum in stages, each guided by the fit of the one before.
 
-    As far as `length` times those `wanted`; returns the ridge, and how far `off` it is.
+    It ends at `length` times the points of `scattered_psi`.  Returns the ridge and its error.
     """
-    base = at.frame
+    base = fitted.frame
     points: list[Array] = []
-    off = 0.0
-    for share in STAGES:
-        # Points for a polynomial of degree 2 near by, and of degree 4 in the end.
-        degree = 2 if share < 0.4 else 3 if share < 1.0 else 4
-        least = MIN_POINTS if share < 1.0 else LAST_POINTS
+    error = 0.0
+    for stage in STAGES:
+        # There are enough points for a degree of 2 at first, and of 4 in the end.
+        degree = 2 if stage < 0.4 else 3 if stage < 1.0 else 4
+        least = MIN_POINTS if stage < 1.0 else LAST_POINTS
         n = int(np.clip(POINTS_PER_TERM * _terms(len(bent), degree), least, MAX_POINTS))
-        psi = share * _within_priors(surface, at, length * wanted(4 * n), share)
-        points = _arrivals(surface, at, psi, points)
-        if len(points[0]) > 2 * (at.n_loose + 1):
-            at, off = _best_fit(base, bent, *points[:3], last=share == STAGES[-1])
-    while off > FAIR_ERROR and 2 * len(points[0]) < MAX_POINTS:
-        psi = _within_priors(surface, at, length * wanted(4 * len(points[0])), 1.0)
-        points = _arrivals(surface, at, psi, points)
-        before, (at, off) = off, _best_fit(base, bent, *points[:3], last=True)
-        if off > 0.7 * before:
+        psi = stage * _within_priors(surface, fitted, length * scattered_psi(4 * n), stage)
+        points = _arrivals(surface, fitted, psi, points)
+        if len(points[0]) > 2 * (fitted.n_loose + 1):
+            fitted, error = _best_fit(base, bent, *points[:3], last=stage == STAGES[-1])
+    while error > FAIR_ERROR and 2 * len(points[0]) < MAX_POINTS:
+        psi = _within_priors(surface, fitted, length * scattered_psi(4 * len(points[0])), 1.0)
+        points = _arrivals(surface, fitted, psi, points)
+        previous, (fitted, error) = error, _best_fit(base, bent, *points[:3], last=True)
+        if error > 0.7 * previous:
             break
-    return at, off
+    return fitted, error
 
 
 def trace_box(surface: LogDensity, centre: Array, rng: np.random.Generator) -> TracedRidge:
-    """Return no ridge, but as much of the box on the inner side of `centre (D,)` as has a density."""
+    """Return a box inside the priors at `centre (D,)`, shrunk until most of it has a density."""
     inward = np.where(centre - surface.low < surface.high - centre, 1.0, -1.0)
     size = surface.spread
     for _ in range(MAX_SHRINKINGS):
@@ -242,8 +241,8 @@ def trace_box(surface: LogDensity, centre: Array, rng: np.random.Generator) -> T
         if np.isfinite(surface.value(u)).mean() > 0.5:
             break
     base = ridge.local_basis(centre, np.diag(size), len(centre))
-    nothing = np.zeros((1, len(centre))), np.zeros((1, 0)), np.zeros((1, 0, 0))
-    box = ridge.fit_ridge(base, *nothing, 0, 0)
+    points = np.zeros((1, len(centre))), np.zeros((1, 0)), np.zeros((1, 0, 0))
+    box = ridge.fit_ridge(base, *points, 0, 0)
     return TracedRidge(box, 0.0, inward, 0.7 * np.eye(len(centre)))
 
 
@@ -263,8 +262,8 @@ def distances(points: Array, weights: Array) -> Array:
     return np.asarray(np.linalg.norm(np.linalg.solve(root, (points - middle).T), axis=0))
 
 
-def _at_centre(base: LocalBasis, here: QuadraticModel) -> RidgeMap:
-    """Where nothing but the maximum itself is known yet."""
+def _ridge_at_maximum(base: LocalBasis, here: QuadraticModel) -> RidgeMap:
+    """Return the ridge map of degree zero: a point at the maximum, with the local covariance."""
     curvature = base.tight.T @ here.curvature[0] @ base.tight
     n_loose, n_tight = base.loose.shape[1], base.tight.shape[1]
     slope = base.tight.T @ here.slope[0]
@@ -273,40 +272,45 @@ def _at_centre(base: LocalBasis, here: QuadraticModel) -> RidgeMap:
     return ridge.fit_ridge(base, np.zeros((1, n_loose)), step[None], roots, 0, 0)
 
 
-def _within_priors(surface: LogDensity, at: RidgeMap, wanted: Array, share: float) -> Array:
-    """A fourth of those `wanted (4 n, l)`, as far as the ridge is known by now: `(n, l)`.
+def _within_priors(surface: LogDensity, fitted: RidgeMap, psi: Array, stage: float) -> Array:
+    """Select a fourth of `psi (4 n, l)`: `(n, l)`.
 
-    Those beyond ends of the priors are drawn in towards the maximum until they are not.
+    Points at which the ridge is outside the priors are first moved in towards the maximum.
     """
-    n, inwards = len(wanted) // 4, np.ones(len(wanted))
+    n, scale = len(psi) // 4, np.ones(len(psi))
     for _ in range(12):
-        points = min(share, PRIOR_MARGIN) * inwards[:, None] * wanted
-        outside = ~surface.inside(at.frame.join(points, at.at(points)))
+        points = min(stage, PRIOR_MARGIN) * scale[:, None] * psi
+        outside = ~surface.inside(fitted.frame.join(points, fitted.at(points)))
         if not outside.any():
             break
-        inwards[outside] *= 0.85
-    whole = np.flatnonzero(inwards == 1.0)
-    drawn = np.flatnonzero(inwards < 1.0)
+        scale[outside] *= 0.85
+    unchanged = np.flatnonzero(scale == 1.0)
+    moved = np.flatnonzero(scale < 1.0)
     most = (3 * n) // 4
-    selected = np.concatenate([whole[:most], drawn, whole[most:]])[:n]
-    return np.asarray(inwards[selected, None] * wanted[selected])
+    selected = np.concatenate([unchanged[:most], moved, unchanged[most:]])[:n]
+    return np.asarray(scale[selected, None] * psi[selected])
 
 
-def _arrivals(surface: LogDensity, at: RidgeMap, psi: Array, before: list[Array]) -> list[Array]:
-    """Psi, tau, covariance roots and log densities where points arrived, behind those `before`.
+def _arrivals(
+    surface: LogDensity, fitted: RidgeMap, psi: Array, previous: list[Array]
+) -> list[Array]:
+    """Return points to the ridge, and append those that arrive to the `previous` ones.
 
-    A little beyond the ends of the priors, too: without such points polynomials are at their worst
-    at the ends.  But not far below the ridge: at a lesser maximum, where nothing is.
+    Psi, tau, covariance roots and log densities are returned.  Points a little beyond the ends of the
+    priors are kept, since polynomials are worst at the ends.  Points far below the others are not:
+    they have reached a lower maximum.
     """
-    tau, roots, value, arrived = return_to_ridge(surface.quadratic_model, at.frame, psi, at.at(psi))
-    u, beyond = at.frame.join(psi, tau), BEYOND_ENDS * (surface.high - surface.low)
-    near = (u > surface.low - beyond) & (u < surface.high + beyond)
-    arrived &= np.isfinite(value) | near.all(axis=1)
-    new = [some[arrived] for some in (psi, tau, roots, value)]
-    points = [np.concatenate(pair) for pair in zip(before or new, new, strict=True)]
+    tau, roots, value, arrived = return_to_ridge(
+        surface.quadratic_model, fitted.frame, psi, fitted.at(psi)
+    )
+    u, margin = fitted.frame.join(psi, tau), BEYOND_ENDS * (surface.high - surface.low)
+    usable = (u > surface.low - margin) & (u < surface.high + margin)
+    arrived &= np.isfinite(value) | usable.all(axis=1)
+    new = [values[arrived] for values in (psi, tau, roots, value)]
+    points = [np.concatenate(pair) for pair in zip(previous or new, new, strict=True)]
     value = points[3]
     on_ridge = (value > value.max(initial=-np.inf) - MAX_DEPTH) | (value == -np.inf)
-    return [some[on_ridge] for some in points]
+    return [values[on_ridge] for values in points]
 
 
 def return_to_ridge(
@@ -314,13 +318,13 @@ def return_to_ridge(
     base: LocalBasis,
     psi: Array,
     tau: Array,
-    near: float = CONVERGED_SDS,
+    tolerance: float = CONVERGED_SDS,
     iterations: int = ITERATIONS,
 ) -> tuple[Array, Array, Array, Flags]:
-    """Lead points back to the ridge at `psi (N, l)` by Gauss-Newton.
+    """Move points from `tau (N, t)` to the ridge at `psi (N, l)` by Gauss-Newton.
 
-    Returns `tau (N, t)`, covariance roots `(N, t, t)`, the log density `(N,)` about there, and
-    whether they arrived: by a last step from where they were `near`, in standard deviations.
+    Returns `tau (N, t)`, covariance roots `(N, t, t)` and log densities `(N,)` before the last step,
+    and whether each arrived: its last step is below the `tolerance`, in standard deviations.
     """
     tau = tau.copy()
     n_tight = tau.shape[1]
@@ -339,14 +343,13 @@ def return_to_ridge(
         value[now] = here.value[good]
         roots[now] = covariance_roots(curvature)
         white = np.einsum("nij,ni->nj", roots[now], slope)
-        known = np.abs(white).max(axis=1) < MAX_SDS
-        under_way[now[~known]] = False
-        now, white = now[known], white[known]
+        usable = np.abs(white).max(axis=1) < MAX_SDS
+        under_way[now[~usable]] = False
+        now, white = now[usable], white[usable]
         step = np.einsum("nij,nj->ni", roots[now], white)
         longest = np.abs(step).max(axis=1, keepdims=True)
         tau[now] += step * np.minimum(1.0, MAX_STEP / np.maximum(longest, 1e-300))
-        off = np.linalg.norm(white, axis=1)
-        arrived[now] = off < near
+        arrived[now] = np.linalg.norm(white, axis=1) < tolerance
         under_way[now] = ~arrived[now]
     return tau, roots, value, arrived
 
@@ -356,42 +359,42 @@ def covariance_roots(curvature: Array) -> Array:
     n = curvature.shape[1]
     scale = 1.0 / np.sqrt(np.maximum(np.einsum("nii->ni", curvature), 1e-300))
     scaled = curvature * scale[:, :, None] * scale[:, None, :] + 1e-12 * np.eye(n)
-    # From the factor of the matrix turned round: its inverse is lower triangular again.
-    turned = np.linalg.cholesky(scaled[:, ::-1, ::-1])[:, ::-1, ::-1]
-    return np.asarray(scale[:, :, None] * np.linalg.inv(turned).swapaxes(1, 2))
+    # The Cholesky factor with rows and columns reversed, so that the root is lower triangular.
+    upper = np.linalg.cholesky(scaled[:, ::-1, ::-1])[:, ::-1, ::-1]
+    return np.asarray(scale[:, :, None] * np.linalg.inv(upper).swapaxes(1, 2))
 
 
 def _best_fit(
     base: LocalBasis, bent: Indices, psi: Array, tau: Array, roots: Array, *, last: bool
 ) -> tuple[RidgeMap, float]:
-    """The polynomials of the degree that points held out ask for, and how far off those are."""
+    """Fit polynomials with the degree of least error at held-out points; return them and the error."""
     held_out = np.arange(len(psi)) % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
-    some = psi[~held_out], tau[~held_out], roots[~held_out]
-    # No fit knows what lies beyond.
-    within = held_out & ridge.fit_ridge(base, *some, 0, 0, bent).within(psi)
+    fitting = psi[~held_out], tau[~held_out], roots[~held_out]
+    # The error is that within the fitted points, since polynomials do not extrapolate.
+    within = held_out & ridge.fit_ridge(base, *fitting, 0, 0, bent).within(psi)
     held_out = within if within.any() else held_out
-    others = psi[held_out], tau[held_out], roots[held_out]
-    n = len(some[0])
+    testing = psi[held_out], tau[held_out], roots[held_out]
+    n = len(fitting[0])
 
-    def tried(degree: int, root_degree: int) -> RidgeMap:
-        return ridge.fit_ridge(base, *some, degree, root_degree, bent)
+    def fit(degree: int, root_degree: int) -> RidgeMap:
+        return ridge.fit_ridge(base, *fitting, degree, root_degree, bent)
 
     upwards = range(1, MAX_DEGREE + 1)
     degrees = [d for d in upwards if d == 1 or _terms(len(bent), d) < 0.7 * n]
-    degree, off = _best_degree(degrees, lambda d: ridge.residuals(tried(d, 0), *others))
+    degree, error = _best_degree(degrees, lambda d: ridge.residuals(fit(d, 0), *testing))
     if not last:
         reach = TRUSTED_EXTRAPOLATION
-        return ridge.fit_ridge(base, psi, tau, roots, degree, 0, bent, reach), off
+        return ridge.fit_ridge(base, psi, tau, roots, degree, 0, bent, reach), error
     lower = [d for d in range(degree + 1) if d <= 1 or _terms(len(bent), d) < n / 5]
-    root_degree, _ = _best_degree(lower, lambda d: ridge.root_residuals(tried(degree, d), *others))
+    root_degree, _ = _best_degree(lower, lambda d: ridge.root_residuals(fit(degree, d), *testing))
     reach = MAX_CORNER_GROWTH ** (1.0 / max(degree, 1))
-    return ridge.fit_ridge(base, psi, tau, roots, degree, root_degree, bent, reach), off
+    return ridge.fit_ridge(base, psi, tau, roots, degree, root_degree, bent, reach), error
 
 
 def _best_degree(degrees: Sequence[int], errors: Callable[[int], Array]) -> tuple[int, float]:
-    """The degree with the least error, or the first that is good enough.
+    """Return the degree with the least error, or the first that is good enough, and its error.
 
-    Of nearly all points: where the ridge ends a polynomial is at its worst, and there are few there.
+    A quantile leaves out the few points at the ends of the ridge, where polynomials are worst.
     """
     best, least = degrees[0], np.inf
     for degree in degrees:
@@ -408,9 +411,9 @@ def _terms(n: int, degree: int) -> int:
 
 
 def newton_ridge(fitted: RidgeMap, expand: Expand) -> RidgeMap:
-    """Return the ridge to which Gauss-Newton leads every point back from where polynomials have it.
+    """Return a ridge map that moves points from the fitted polynomials to the ridge by Gauss-Newton.
 
-    A function of psi alone, whether or not it arrives.
+    It is a function of psi alone; a point that does not arrive stays on the polynomials.
     """
 
     def correction(
@@ -429,5 +432,5 @@ def newton_ridge(fitted: RidgeMap, expand: Expand) -> RidgeMap:
 
 
 def newton_mixture(mixture: Mixture, expand: Expand) -> Mixture:
-    """Return the same mixture over Newton ridges."""
+    """Return the mixture with Newton ridges in place of its sheets."""
     return replace(mixture, sheets=tuple(newton_ridge(sheet, expand) for sheet in mixture.sheets))

@@ -1,4 +1,4 @@
-"""How walkers move: one ensemble, its moves, and the independence proposal over ridges.
+"""Move the walkers of one ensemble: emcee's moves, and the independence proposal over ridges.
 
-Samplers see a batch log density, start points and a random stream, and nothing else of the package.
+A sampler gets a log density of batches, start points and a random stream; it knows no rig or file.
 """

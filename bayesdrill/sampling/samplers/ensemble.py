@@ -1,16 +1,15 @@
 """Advance one emcee ensemble segment by segment, and register its moves.
 
-The chain is the same however it is cut.
+The chain does not depend on the lengths of the segments.
 
-Where the density p is far higher than the proposal q foresees, a walker waits for about p/q steps.
-Those whose p/q is above a limit step by themselves, along the ridge that is likely theirs, to where
-p/q is above the limit too: that is Metropolis and Hastings on the density cut to such places.  No
-other walker is touched, so the whole density is kept exactly.
+If the density p is far above the proposal q at a walker, the independence move leaves it there for
+about p/q steps.  So walkers with p/q above a limit also take a local Metropolis-Hastings step that
+is restricted to the set {p/q > limit}.  Other walkers do not move, so that p stays invariant.
 
-The moves are emcee's own stretch and differential evolution, written over whole arrays: emcee 3.1.6
-loops over the walkers, which costs more than the model does here.  Its snooker move is not among
-them: its Hastings factor is wrong (it shrinks a unit normal in five dimensions to a standard
-deviation of 0.84).  A move enters here after it has passed `tests/contracts/test_moves.py`.
+The other moves are stretch and differential evolution as in emcee, but vectorised: emcee 3.1.6
+loops over the walkers, which costs more here than the model.  Its snooker move is left out, because
+its Hastings factor is wrong (a unit normal in five dimensions gets a standard deviation of 0.84).
+A new move has to pass `tests/contracts/test_moves.py`.
 """
 
 from __future__ import annotations
@@ -33,15 +32,15 @@ from bayesdrill.sampling.samplers.independence import (
 )
 from bayesdrill.sampling.samplers.ridge import RidgeMap
 
-LOCAL_SHARE = 0.2  # of the steps: the model is as dear for one walker as for thirty
-MIN_LENGTH, MAX_LENGTH = 0.01, 1.0  # of a component's widths, over the root of the dimension
+LOCAL_SHARE = 0.2  # share of steps with local steps; a batch of one point costs as much as of 30
+MIN_LENGTH, MAX_LENGTH = 0.01, 1.0  # length of a local step in widths of its component / sqrt(D)
 
 
 def local_steps(mixture: Mixture, u: Array, random: Random) -> tuple[Array, Array, Array]:
-    """Return new points from `u (n, D)`, their Hastings factors (logs) and their log q, `(n,)`.
+    """Return new points from `u (n, D)`, their log Hastings factors and their log q, `(n,)` each.
 
-    The component is drawn by its share of q, which is another where the step ends; the step has its
-    shape, and a length between far and near.
+    A component is drawn by its share of q at `u`, and a Gaussian step of its shape and a log-uniform
+    length is taken in its coordinates.  The factor corrects for its share of q at the new point.
     """
     n, d = u.shape
     walker = np.arange(n)
@@ -58,30 +57,46 @@ def local_steps(mixture: Mixture, u: Array, random: Random) -> tuple[Array, Arra
         fresh[mine] = mixture.sheets[s].from_ridge_coordinates((y[s] + length * step)[mine])[0]
     y, after = mixture.straightened(fresh)
     parts_after = mixture.log_parts(y, after)
-    log_q, log_q_after = (np.logaddexp.reduce(some, axis=0) for some in (parts, parts_after))
+    log_q, log_q_after = (np.logaddexp.reduce(logs, axis=0) for logs in (parts, parts_after))
     share, share_after = parts[k, walker] - log_q, parts_after[k, walker] - log_q_after
     factor = share_after - share + after[sheet, walker] - before[sheet, walker]
     return fresh, factor, log_q_after
 
 
-STRETCH_SCALE = 2.0  # Goodman and Weare's a
-GAMMA = 2.38  # over sqrt(2 D): ter Braak's scale of a difference
-GAMMA_SPREAD = 1e-5  # relative: a little noise keeps walkers out of a common plane
+STRETCH_SCALE = 2.0  # the parameter a of Goodman and Weare (2010)
+GAMMA = 2.38  # ter Braak's (2006) scale of a difference of two walkers, times sqrt(2 D)
+GAMMA_SPREAD = 1e-5  # relative noise of that scale, so that walkers leave a common plane
 
 
 class Move(Protocol):
-    """A move by emcee's contract."""
+    """A move of an ensemble, by emcee's contract (`emcee.moves.Move`)."""
 
     def propose(self, model: Any, state: Any) -> tuple[Any, Flags]:
-        """Advance all walkers by a step; `state` is changed in place and given back."""
+        """Advance all walkers by one step.
+
+        Parameters
+        ----------
+        model : emcee.model.Model
+            Its `log_prob_fn` takes points `(n, D)` and returns log densities `(n,)`; `random` is the
+            random stream.
+        state : emcee.State
+            Points `coords (W, D)` and log densities `log_prob (W,)`, which are changed in place.
+
+        Returns
+        -------
+        state : emcee.State
+            The same state.
+        accepted : array of bool, shape (W,)
+            Whether each walker has moved.
+        """
 
 
 @dataclass(frozen=True, slots=True)
 class SplitEnsembleMove:
-    """A move of each half of the walkers, split at random, by where the other half stands.
+    """A move of each half of the walkers, split at random, by the positions of the other half.
 
-    `proposal(walkers, others, random)`: new points and their Hastings factors (logs).  `along`: the
-    ridge in whose coordinates that happens, where there is one.
+    `proposal(walkers, others, random)` returns new points `(n, D)` and their log Hastings factors
+    `(n,)`.  It is applied in the coordinates of the ridge `along`, if that is given.
     """
 
     proposal: Callable[[Array, Array, Random], tuple[Array, Array]]
@@ -103,17 +118,16 @@ class SplitEnsembleMove:
         if self.along is None:
             return self.proposal(walkers[half], walkers[others], random)
         y, before = self.along.to_ridge_coordinates(walkers)
-        there, factor = self.proposal(y[half], y[others], random)
-        fresh, after = self.along.from_ridge_coordinates(there)
+        y_fresh, factor = self.proposal(y[half], y[others], random)
+        fresh, after = self.along.from_ridge_coordinates(y_fresh)
         return fresh, factor + after - before[half]
 
 
 @dataclass(frozen=True, slots=True)
 class IndependenceMove:
-    """A move of all walkers at once, to points that do not depend on where any of them stands.
+    """A move of all walkers to draws of a proposal that depends on none of their positions.
 
-    After a share of the steps, those that would wait long for such a point take a step by
-    themselves.
+    In a share `LOCAL_SHARE` of the steps, trapped walkers also take a local step (`step_trapped`).
     """
 
     proposal: Proposal
@@ -134,12 +148,12 @@ class IndependenceMove:
 
 
 def step_trapped(model: Any, state: Any, proposal: Proposal, log_q: Array) -> Flags:
-    """Step those walkers that would wait long; `log_q (W,)` is the proposal's where they stand."""
+    """Take a local step with each walker whose p/q is too large; `log_q (W,)` is q at the walkers."""
     moved = np.zeros(len(log_q), dtype=bool)
     which = np.flatnonzero(state.log_prob > proposal.high(log_q))
     if len(which) > 0:
-        fresh, factor, there = local_steps(proposal.mixture, state.coords[which], model.random)
-        moved[which] = _accept(model, state, which, fresh, factor, proposal.high(there))
+        fresh, factor, log_q = local_steps(proposal.mixture, state.coords[which], model.random)
+        moved[which] = _accept(model, state, which, fresh, factor, proposal.high(log_q))
     return moved
 
 
@@ -151,9 +165,9 @@ def _accept(
     factor: Array,
     above: Array | float = -np.inf,
 ) -> Flags:
-    """Metropolis and Hastings for the walkers `which`: `(len(which),)` whether each has moved.
+    """Accept or reject new points by Metropolis-Hastings; return which walkers have moved.
 
-    `above`: what the density, a log, is cut to.
+    The target is restricted to log densities `above` that value.
     """
     log_p = np.asarray(model.log_prob_fn(fresh))
     with np.errstate(divide="ignore"):
@@ -166,7 +180,7 @@ def _accept(
 
 
 def differential_evolution(walkers: Array, others: Array, random: Random) -> tuple[Array, Array]:
-    """Move along the difference of two others (ter Braak 2006; Nelson et al. 2014)."""
+    """Move along the difference of two other walkers (ter Braak 2006; Nelson et al. 2014)."""
     n, d = walkers.shape
     first, offset = random.randint(len(others), size=n), random.randint(1, len(others), size=n)
     second = (first + offset) % len(others)
@@ -175,7 +189,7 @@ def differential_evolution(walkers: Array, others: Array, random: Random) -> tup
 
 
 def stretch(walkers: Array, others: Array, random: Random) -> tuple[Array, Array]:
-    """Move along the line through one of the others (Goodman and Weare 2010)."""
+    """Move along the line through one of the other walkers (Goodman and Weare 2010)."""
     n, d = walkers.shape
     uniform = np.asarray(random.random_sample(n))
     factor = np.square((STRETCH_SCALE - 1.0) * uniform + 1.0) / STRETCH_SCALE
@@ -187,14 +201,14 @@ MoveFactory = Callable[[Proposal | None, Inside], Move | None]
 
 
 def halves(proposal: Callable[[Array, Array, Random], tuple[Array, Array]]) -> MoveFactory:
-    """Return a factory of moves along the first ridge, where one has been learnt."""
+    """Return a factory of moves of half the walkers, along the first ridge if one has been learnt."""
     return lambda learnt, _: SplitEnsembleMove(
         proposal, learnt.mixture.sheets[0] if learnt else None
     )
 
 
 def _independent(learnt: Proposal | None, inside: Inside) -> Move | None:
-    """None as long as nothing has been learnt."""
+    """Return the independence move, or None if no proposal has been learnt."""
     if learnt is None:
         return None
     return IndependenceMove(learnt, inside, CachedLogDensity(learnt.mixture))
@@ -214,14 +228,19 @@ MOVES: Registry[MoveFactory] = Registry(
 def moves_with_weights(
     weights: Mapping[str, float], learnt: Proposal | None, inside: Inside
 ) -> list[tuple[Move, float]]:
-    """Return what emcee takes as `moves`; those that need a proposal only where one is learnt."""
-    built = [(MOVES[name](learnt, inside), share) for name, share in weights.items() if share > 0]
-    return [(move, share) for move, share in built if move is not None]
+    """Return the `moves` of emcee; a move that needs a proposal is left out without one."""
+    built = [
+        (MOVES[name](learnt, inside), weight) for name, weight in weights.items() if weight > 0
+    ]
+    return [(move, weight) for move, weight in built if move is not None]
 
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """All that the future of an ensemble depends on. `random` is a legacy NumPy state tuple."""
+    """The state of an ensemble: `z (W, D)`, `log_p (W,)` and NumPy's legacy tuple `random`.
+
+    The next steps depend on nothing else.
+    """
 
     z: Array
     log_p: Array
@@ -230,9 +249,10 @@ class State:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChainSegment:
-    """Consecutive steps: `z (S, W, D)`, `log_p (S, W)`, `accepted (W,)` counts, and the end.
+    """Consecutive steps `z (S, W, D)`, `log_p (S, W)` with the counts `accepted (W,)`.
 
-    `seconds`: how long they took; nothing but the length of the next segment depends on it.
+    `failures` counts responses that overflowed, and `state` is that after the last step.  `seconds` is
+    the computing time, on which only the length of the next segment depends.
     """
 
     z: Array
@@ -244,7 +264,7 @@ class ChainSegment:
 
 
 def always_inside(z: Array) -> Flags:
-    """Return that every point of `z (n, D)` may have a density."""
+    """Return True for every point of `z (n, D)`, for densities without bounds."""
     return np.ones(len(z), dtype=bool)
 
 
@@ -256,10 +276,11 @@ def advance(
     proposal: Proposal | None = None,
     inside: Callable[[Array], Flags] = always_inside,
 ) -> ChainSegment:
-    """Advance an ensemble by `n_steps`; `evaluate` gives log densities of a batch and its failures.
+    """Advance an ensemble by `n_steps`.
 
-    `proposal`: what the independence move draws from; without it that move is left out. `inside`:
-    whether points `(n, D)` may have a density at all, cheaper than asking for it.
+    `evaluate` returns the log densities of points `(n, D)` and the number of responses that overflowed.
+    Without a `proposal` the independence move is left out.  `inside` tells cheaply which points
+    `(n, D)` are inside the prior.
     """
     import emcee  # late: it takes half a second to load
 
@@ -271,7 +292,7 @@ def advance(
         failures += failed
         return log_p
 
-    begun = time.perf_counter()
+    started = time.perf_counter()
     n_walkers, n_dim = state.z.shape
     sampler = emcee.EnsembleSampler(
         n_walkers, n_dim, target, moves=moves_with_weights(moves, proposal, inside), vectorize=True
@@ -284,5 +305,5 @@ def advance(
         accepted=sampler.backend.accepted.copy(),
         failures=failures,
         state=State(end.coords, end.log_prob, tuple(end.random_state)),
-        seconds=time.perf_counter() - begun,
+        seconds=time.perf_counter() - started,
     )

@@ -1,16 +1,14 @@
 """Fit an independence proposal to weighted draws: a Gaussian mixture over ridge coordinates.
 
-Draws come from the proposal q and from a wider density too, so that what q hardly ever proposes is
-seen as well: a proposal that looks only where it goes takes itself for perfect.
+Draws come from the proposal q and from a wider density, so that regions where q is too small show
+up as well.
 
-A sheet is a ridge with coordinates of its own; every component belongs to one.  Together they are
-one normalised density over u (up to what the prior cuts off, which is the same for all of it).
+A sheet is a ridge with its own coordinates; each component of the mixture belongs to one sheet.  All
+components together are one density over u, normalised except for what the prior cuts off.
 
-The proposal is learnt before the first step, and depends on nothing that the chain does, so that
-detailed balance holds exactly: u' drawn from q is accepted with min(1, p(u') q(u) / (p(u) q(u'))).
-
-Draws outside the prior are drawn again, which costs no response of the model; what the cut does to
-the norm of q cancels.
+The proposal is learnt before the first step and never changes, so detailed balance holds exactly:
+u' drawn from q is accepted with probability min(1, p(u') q(u) / (p(u) q(u'))).  Draws outside the
+prior are drawn again without an evaluation of the model; the norm of the cut density cancels.
 """
 
 from __future__ import annotations
@@ -26,14 +24,15 @@ from bayesdrill.sampling.samplers.ridge import RidgeMap
 
 Random = np.random.RandomState
 
-LONG_LOG_RATIO = 2.0  # of the log of p over q above the usual: e^2 times as long as usual
+LONG_LOG_RATIO = 2.0  # a walker is trapped if its log (p/q) is this much above the typical one
 
 
 @dataclass(frozen=True, slots=True)
 class WeightedDraws:
-    """Draws `u (N, D)`, logs of p over q `(N,)`, and of how much of q each of them stands for `(N,)`.
+    """Draws `u (N, D)` with their weights: `log_w = log (p/q)` and `log_q`, `(N,)` each.
 
-    Neither p nor q need be normalised; p may be zero.
+    `log_q` is the log of q over the density from which they were drawn.  Neither p nor q need be
+    normalised, and p may be zero.
     """
 
     u: Array
@@ -42,41 +41,41 @@ class WeightedDraws:
 
     @property
     def weights(self) -> Array:
-        """Normalised weights `(N,)`: with them the draws are those of p."""
+        """The normalised importance weights of p, `(N,)`."""
         return normalised(self.log_q + self.log_w)
 
     @property
     def effective(self) -> float:
-        """The effective number of these draws."""
+        """The effective number of these draws for p."""
         return effective_count(self.weights)
 
     @property
-    def share(self) -> float:
-        """How many of draws from q alone would be effective."""
+    def effective_share(self) -> float:
+        """The share of draws from q alone that would be effective for p."""
         ratio, q = np.exp(self.log_w - self.log_w.max()), normalised(self.log_q)
         return float((q @ ratio) ** 2 / (q @ ratio**2))
 
     @property
     def acceptance(self) -> float:
-        """The acceptance of independent proposals in the long run.
+        """The expected acceptance of independence proposals, E min(1, w(y) / w(x)).
 
-        A move from x to y is accepted with min(1, w(y) / w(x)), x from p and y from q: the mean of
-        the smaller of two weights, over the mean weight.
+        With x drawn from p and y from q, it is the mean of the smaller of two weights over the mean
+        weight.
         """
         order = np.argsort(-self.log_w)
         ratio = np.exp(self.log_w[order] - self.log_w[order[0]])
         q = normalised(self.log_q)[order]
-        larger = np.cumsum(q) - 0.5 * q  # of q where the weight is larger, itself half
+        larger = np.cumsum(q) - 0.5 * q  # share of q with larger weights; half of the draw itself
         return float(2.0 * (q * ratio) @ larger / (q @ ratio))
 
     @property
     def trapped(self) -> float:
-        """How much of p is where q is so thin that a walker would wait long for another point."""
+        """The share of p where p/q is so large that a walker would be trapped."""
         return float(self.weights[self.log_w > self.typical_log_ratio + LONG_LOG_RATIO].sum())
 
     @property
     def typical_log_ratio(self) -> float:
-        """The log of p over q where most of p is: its median over p."""
+        """The median of log (p/q) over p."""
         order = np.argsort(self.log_w)
         middle = int(np.searchsorted(np.cumsum(self.weights[order]), 0.5))
         return float(self.log_w[order[min(middle, len(order) - 1)]])
@@ -98,19 +97,19 @@ class WeightedDraws:
         return flat(low)
 
     def supported(self) -> WeightedDraws:
-        """Return the draws where p is not zero."""
+        """Return the draws at which p is not zero."""
         finite = np.isfinite(self.log_w)
         return WeightedDraws(self.u[finite], self.log_w[finite], self.log_q[finite])
 
 
 def normalised(log_w: Array) -> Array:
-    """Return weights with sum 1 of their logs `(N,)`."""
+    """Return the weights with logs `log_w (N,)`, scaled to the sum 1."""
     weights = np.exp(log_w - log_w.max())
     return np.asarray(weights / weights.sum())
 
 
 def effective_count(weights: Array) -> float:
-    """Return the effective number of draws with these `weights (N,)` (Kish)."""
+    """Return the effective number of draws with `weights (N,)`, by Kish's formula."""
     largest = float(weights.max())
     if largest == 0.0:
         return 0.0
@@ -120,15 +119,15 @@ def effective_count(weights: Array) -> float:
 
 Inside = Callable[[Array], Flags]
 
-# Of what the prior cuts off: with all of it, nine of ten draws would be cut off in a corner.
+# Weight of draws that the prior cuts off; with 1, nine of ten draws would be cut off in a corner.
 CUT_OFF_FILL = 0.8
-VARIANCE_FLOOR = 1e-4  # of the variance of all draws of a sheet, added to that of its components
+VARIANCE_FLOOR = 1e-4  # of the variance of a sheet's draws, added to that of each component
 LOG_2PI = float(np.log(2.0 * np.pi))
 
 
 @dataclass(frozen=True, slots=True)
 class MixtureDraws:
-    """Draws `u (n, D)`, log |du / dy| `(n,)` and `y (n, D)`, each on the sheet it was drawn on."""
+    """Draws `u (n, D)` with log |du / dy| `(n,)` and `y (n, D)` on the `sheet (n,)` of each."""
 
     u: Array
     jacobian: Array
@@ -136,7 +135,7 @@ class MixtureDraws:
     sheet: Indices
 
     def select(self, good: Flags | Indices) -> MixtureDraws:
-        """Return those draws that are `good`."""
+        """Return the draws with these flags or indices."""
         return MixtureDraws(self.u[good], self.jacobian[good], self.y[good], self.sheet[good])
 
 
@@ -144,8 +143,9 @@ class MixtureDraws:
 class Mixture:
     """A Gaussian mixture over sheets of coordinates.
 
-    `sheet (K,)`: which of `sheets` a component lives on; `weights (K,)` sum to 1; `means (K, D)` and
-    lower Cholesky factors `roots (K, D, D)` in the sheet's coordinates.
+    Component k has the index `sheet (K,)` of its sheet and `weights (K,)` with sum 1.  Its `means
+    (K, D)` and lower Cholesky factors `roots (K, D, D)` are in the coordinates of its sheet.
+    `inverses` are those of the roots, and `constants (K,)` the logs of the norms.
     """
 
     sheets: tuple[RidgeMap, ...]
@@ -157,7 +157,7 @@ class Mixture:
     constants: Array
 
     def draw(self, n: int, random: Random) -> MixtureDraws:
-        """Draw `n` points, inside the prior or not."""
+        """Draw `n` points, whether inside the prior or outside."""
         component = np.searchsorted(np.cumsum(self.weights)[:-1], random.random_sample(n))
         normal = random.standard_normal((n, self.means.shape[1]))
         y, u, jacobian = np.empty_like(normal), np.empty_like(normal), np.empty(n)
@@ -170,7 +170,7 @@ class Mixture:
         return MixtureDraws(u, jacobian, y, self.sheet[component])
 
     def coordinates(self, drawn: MixtureDraws) -> tuple[Array, Array]:
-        """Return `straightened` of draws of its own, known already on the sheet they come from."""
+        """Return `straightened` of this mixture's own draws, whose own sheet need not be computed."""
         y = np.repeat(drawn.y[None], len(self.sheets), axis=0)
         jacobian = np.repeat(drawn.jacobian[None], len(self.sheets), axis=0)
         for s, sheet in enumerate(self.sheets):
@@ -180,9 +180,9 @@ class Mixture:
         return y, jacobian
 
     def with_width(self, factor: float) -> Mixture:
-        """Return a mixture with components `factor` times as wide, and equal shares for the sheets."""
-        each = np.array([self.weights[self.sheet == s].sum() for s in self.sheet])
-        weights = self.weights / each
+        """Return a mixture with components `factor` times as wide, and equal weights of the sheets."""
+        sheet_weights = np.array([self.weights[self.sheet == s].sum() for s in self.sheet])
+        weights = self.weights / sheet_weights
         return mixture(self.sheets, self.sheet, weights, self.means, factor * self.roots)
 
     def log_density(self, u: Array) -> Array:
@@ -194,31 +194,31 @@ class Mixture:
         return _summed(self.log_parts(y, jacobian))
 
     def shares(self, y: Array, jacobian: Array) -> tuple[Array, Array]:
-        """Return the share of each component in the density, `(K, W)`, and the log of that `(W,)`."""
+        """Return the share of each component in the density, `(K, W)`, and the log density `(W,)`."""
         parts = self.log_parts(y, jacobian)
         log_q = _summed(parts)
         return np.exp(parts - log_q), log_q
 
     def responsibilities(self, y: Array, jacobian: Array, weights: Array) -> Array:
-        """Return each component's part of each of `weights (W,)`: `(K, W)`."""
+        """Divide each of `weights (W,)` among the components by their shares: `(K, W)`."""
         parts = self.log_parts(y, jacobian)
         shares = np.exp(parts - parts.max(axis=0))
         return np.asarray(shares * (weights / shares.sum(axis=0)))
 
     def straightened(self, u: Array) -> tuple[Array, Array]:
-        """Return `y (S, W, D)` on each sheet and log |du / dy| `(S, W)`."""
+        """Return coordinates `y (S, W, D)` of `u (W, D)` on each sheet, and log |du / dy| `(S, W)`."""
         y, jacobian = zip(*(sheet.to_ridge_coordinates(u) for sheet in self.sheets), strict=True)
         return np.array(y), np.array(jacobian)
 
     def log_parts(self, y: Array, jacobian: Array) -> Array:
-        """Return the log density over u of each component, its weight included: `(K, W)`."""
+        """Return the log density over u of each component, with its weight: `(K, W)`."""
         standard = (y[self.sheet] - self.means[:, None, :]) @ self.inverses.transpose(0, 2, 1)
         squares = np.einsum("kwd,kwd->kw", standard, standard)
         return np.asarray(self.constants[:, None] - jacobian[self.sheet] - 0.5 * squares)
 
 
 def _summed(parts: Array) -> Array:
-    """Log of the sum of densities whose logs are `(K, W)`: `(W,)`."""
+    """Return the log of the sum of densities with logs `(K, W)`: `(W,)`."""
     highest = parts.max(axis=0)
     return np.asarray(highest + np.log(np.exp(parts - highest).sum(axis=0)))
 
@@ -230,7 +230,7 @@ def mixture(
     means: Sequence[Array] | Array,
     roots: Sequence[Array] | Array,
 ) -> Mixture:
-    """Build a mixture of components on `sheets`; `weights (K,)` need not be normalised."""
+    """Build a mixture; `sheet (K,)`, `weights`, `means`, `roots`: see `Mixture`, not normalised."""
     weights, means, roots = np.array(weights), np.array(means), np.array(roots)
     weights = weights / weights.sum()
     log_det = np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)
@@ -244,10 +244,10 @@ def mixture(
 def fit_mixture(
     start: Mixture, u: Array, weights: Array, inside: Inside, rounds: int, random: Random
 ) -> Mixture:
-    """Fit by expectation and maximisation from `start`, for draws `u (N, D)` of `weights (N,)`.
+    """Fit a mixture to draws `u (N, D)` with `weights (N,)` by expectation-maximisation from `start`.
 
-    What the mixture puts outside the prior is added to the draws in each round, so that it is free
-    to be anything there: a density that ends at a wall is met by components that reach beyond.
+    In each round the mixture's own draws outside the prior are added, so that its density there is
+    free.  Components may then reach beyond an end at which the posterior does not vanish.
     """
     current = start
     y, jacobian = start.straightened(u)
@@ -275,18 +275,18 @@ def _step(
     dimension = means.shape[1]
     for k, total in enumerate(totals):
         if total < 1e-12 or effective_count(shares[k]) < 2 * dimension:
-            continue  # too few draws to move it
+            continue  # there are too few draws for a new mean and covariance
         points = y[current.sheet[k]]
         means[k] = shares[k] @ points / total
         off = points - means[k]
         covariance = (off * shares[k][:, None]).T @ off / total
-        with suppress(np.linalg.LinAlgError):  # of one draw that outweighs all others
+        with suppress(np.linalg.LinAlgError):  # singular if one draw outweighs all others
             roots[k] = np.linalg.cholesky(covariance + floors[current.sheet[k]])
     return mixture(current.sheets, current.sheet, np.maximum(totals, 1e-12), means, roots)
 
 
 def _weights_of_sheets(current: Mixture, y: Array, jacobian: Array, weights: Array) -> list[Array]:
-    """How much of each weight every sheet stands for: `(N,)` each."""
+    """Return the part of `weights (N,)` that belongs to each sheet: `(N,)` each."""
     if len(current.sheets) == 1:
         return [weights]
     shares, _ = current.shares(y, jacobian)
@@ -300,36 +300,36 @@ def _floor(y: Array, weights: Array) -> Array:
     return np.diag(VARIANCE_FLOOR * spread + 1e-12)
 
 
-MAX_REDRAWS = 8
-MAX_DRAWS_PER_WANTED = 10  # draws for each that is wanted: in a corner of the prior few are inside
+MAX_REDRAWS = 8  # rounds of draws to get those inside the prior
+MAX_DRAWS_PER_WANTED = 10  # draws in a round for each that is wanted, since few may be inside
 
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
     """A mixture from which steps are drawn inside the prior.
 
-    `share`: of the mixture's draws that are inside the prior, about.  `typical_log_ratio`: log p -
-    log q where most of p is.
+    `share_inside` is the approximate share of the mixture's draws that are inside the prior, and
+    `typical_log_ratio` the median of log (p/q) over p.
     """
 
     mixture: Mixture
-    share: float
+    share_inside: float
     typical_log_ratio: float
 
     def high(self, log_q: Array) -> Array:
-        """Return the log p above which a walker would wait long, where q is `log_q (W,)`."""
+        """Return the log p above which a walker is trapped, for its `log_q (W,)`."""
         return self.typical_log_ratio + LONG_LOG_RATIO + log_q
 
     def draw(self, n: int, inside: Inside, random: Random) -> tuple[Array, Array]:
-        """Draw `n` points `(n, D)` inside the prior, and return their log q `(n,)` too.
+        """Draw `n` points `(n, D)` inside the prior; return them and their log q `(n,)`.
 
-        After `MAX_REDRAWS` some may be outside, where they are never accepted: that depends on no
-        walker, so the chain stays exact.
+        After `MAX_REDRAWS` rounds some may be outside, which are never accepted.  This does not depend
+        on the walkers, so the chain stays exact.
         """
         have = 0
         batches: list[tuple[Array, Array]] = []
         for attempt in range(MAX_REDRAWS):
-            wanted = min(1.2 * (n - have) / self.share, MAX_DRAWS_PER_WANTED * n)
+            wanted = min(1.2 * (n - have) / self.share_inside, MAX_DRAWS_PER_WANTED * n)
             drawn = self.mixture.draw(int(wanted) + 8, random)
             if attempt < MAX_REDRAWS - 1:
                 drawn = drawn.select(np.flatnonzero(inside(drawn.u))[: n - have])
@@ -342,7 +342,7 @@ class Proposal:
 
 
 class CachedLogDensity:
-    """Log q of one mixture where walkers stand; it is computed again where they have moved."""
+    """The log density of a mixture at the walkers, computed anew only for those that have moved."""
 
     def __init__(self, mixture: Mixture) -> None:
         self.mixture = mixture
@@ -361,5 +361,5 @@ class CachedLogDensity:
         return self._log_q
 
     def keep(self, u: Array, log_q: Array) -> None:
-        """Keep log q of these points for the next step."""
+        """Store `log_q (W,)` of the points `u (W, D)` for the next step."""
         self._u, self._log_q = u.copy(), log_q

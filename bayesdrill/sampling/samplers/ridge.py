@@ -1,13 +1,13 @@
-"""Coordinates in which a posterior is a bundle of near-Gaussian fibres along a ridge.
+"""Coordinates along a ridge, in which a posterior is nearly Gaussian.
 
-Some directions a record determines well (tight), others hardly (loose).  As one walks along the
-loose ones, the place where the tight ones have their maximum moves: along the ridge.  With x the
-unknowns in a fixed basis, x = (psi, tau) loose and tight,
+A record determines some directions well (tight) and others hardly (loose).  The ridge is the
+maximum over the tight directions as a function of the loose ones.  With the unknowns in a fixed
+basis, x = (psi, tau) with psi loose and tau tight, the coordinates y are
 
     y = (psi, e)        tau = t(psi) + R(psi) e
 
-where t is the ridge and R the lower-triangular root of the covariance that tau has at psi, both
-polynomials.  The Jacobian is that of R alone.
+where t is the ridge and R the Cholesky factor of the covariance of tau given psi, both polynomials
+in psi.  The Jacobian determinant is that of R.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ import numpy as np
 
 from bayesdrill.basics.arrays import Array, Flags, Indices
 
-RANGE_MARGIN = 0.25  # of the range of a root's entries: beyond it a polynomial has lost its way
+RANGE_MARGIN = 0.25  # entries of R stay within the range of the fit plus this share of it
 
 
 @dataclass(frozen=True, slots=True)
 class Monomials:
-    """Monomials: 1, and then each that stands before times a variable.
+    """Monomials: the first is 1, and each other is an earlier monomial times a variable.
 
-    `products`: (monomial, variable) of all but the first.
+    `products` has the indices (monomial, variable) of all but the first.
     """
 
     products: tuple[tuple[int, int], ...]
@@ -61,8 +61,7 @@ def build_monomials(n: int, degree: int) -> Monomials:
 class LocalBasis:
     """The fixed basis: u = centre + loose psi + tight tau, with columns `(D, l)` and `(D, t)`.
 
-    `back (D, D)`: the inverse of both sets of columns side by side; `log_volume`: the log of their
-    determinant.
+    `back (D, D)` is the inverse of the matrix of all columns, `log_volume` the log of its determinant.
     """
 
     centre: Array
@@ -83,13 +82,13 @@ class LocalBasis:
 
 
 def local_basis(centre: Array, columns: Array, n_loose: int) -> LocalBasis:
-    """Build the basis of `columns (D, D)`, the loose ones first."""
+    """Build the basis with `columns (D, D)`, of which the first `n_loose` are loose."""
     volume = float(np.linalg.slogdet(columns)[1])
     back = np.linalg.inv(columns)
     return LocalBasis(centre, columns[:, :n_loose], columns[:, n_loose:], back, volume)
 
 
-# Of t `(W, t)`, R `(t, t, W)` and log det R `(W,)` at psi `(W, l)`, what they are on a ridge itself.
+# Of a basis and psi `(W, l)`: improves t `(W, t)`, R `(t, t, W)` and log det R `(W,)` of polynomials.
 Correction = Callable[[LocalBasis, Array, Array, Array, Array], tuple[Array, Array, Array]]
 
 
@@ -97,12 +96,12 @@ Correction = Callable[[LocalBasis, Array, Array, Array, Array], tuple[Array, Arr
 class RidgeMap:
     """A ridge as polynomials of the loose directions.
 
-    `location (terms, t)` of the tight directions; `root (terms, t (t + 1) / 2)` of their covariance:
-    polynomials in those of psi that are `bent`: along the others nothing changes. psi is scaled by
-    `middle`, `width (l,)`, so that the points of the fit lie in the unit ball, and kept within
-    `reach` of it: a polynomial knows nothing of what lies beyond.  Of the root, logs of the
-    diagonal and the rest over the diagonal's column are polynomials, which stay between `ends (2, t
-    (t + 1) / 2)`.  `correction`: where polynomials are no match for the ridge.
+    The polynomials have the coefficients `location (terms, t)` for t and `root (terms, t (t + 1) / 2)`
+    for R: the logs of its diagonal, and the entries below it over the diagonal of their column.  Their
+    variables are the components of psi in `bent`; along the others the ridge is straight.  These are
+    scaled by `middle` and `width (l,)`, so that the points of the fit lie in the unit ball.  Beyond
+    `reach` times that ball psi is cut back, since the polynomials do not hold there.  Entries of R stay
+    between `ends (2, t (t + 1) / 2)`.  A `correction` improves on the polynomials.
     """
 
     frame: LocalBasis
@@ -126,7 +125,7 @@ class RidgeMap:
         return self.along(psi)[0]
 
     def within(self, psi: Array) -> Flags:
-        """Return whether `psi (W, l)` is where points of the fit lie: `(W,)`."""
+        """Return whether `psi (W, l)` is within the unit ball of the fit's points: `(W,)`."""
         scaled = (psi[:, self.bent] - self.middle) / self.width
         return np.asarray((scaled**2).sum(axis=1) <= 1.0)
 
@@ -145,7 +144,7 @@ class RidgeMap:
         return np.concatenate([psi, e], axis=1), log_det + self.frame.log_volume
 
     def along(self, psi: Array) -> tuple[Array, Array, Array]:
-        """Return t `(W, t)`, R `(t, t, W)` and log det R `(W,)`."""
+        """Return t `(W, t)`, R `(t, t, W)` and log det R `(W,)` at psi `(W, l)`."""
         scaled = ((psi[:, self.bent] - self.middle) / self.width).T
         far = np.sqrt(np.einsum("lw,lw->w", scaled, scaled))
         scaled *= self.reach / np.maximum(far, self.reach)
@@ -165,7 +164,7 @@ class RidgeMap:
 
 
 def _forward_substitution(root: Array, rhs: Array) -> Array:
-    """Forward substitution, over the t rows of all walkers at once."""
+    """Solve root e = rhs `(W, t)` with lower triangles `root (t, t, W)`, for all walkers at once."""
     e = np.empty((root.shape[0], len(rhs)))
     for row in range(len(root)):
         known = np.einsum("jw,jw->w", root[row, :row], e[:row])
@@ -183,9 +182,10 @@ def fit_ridge(
     bent: Indices | None = None,
     reach: float = 1.0,
 ) -> RidgeMap:
-    """Fit a ridge to points `psi (N, l)`, with `tau (N, t)` and `roots (N, t, t)` there.
+    """Fit polynomials to points of a ridge: `psi (N, l)`, `tau (N, t)` and `roots (N, t, t)`.
 
-    `reach`: how many times further than its points reach it is followed.
+    They have the given degrees in the components `bent` of psi, all by default.  For `reach` see
+    `RidgeMap`.
     """
     bent = np.arange(psi.shape[1]) if bent is None else bent
     psi = psi[:, bent]
@@ -194,7 +194,7 @@ def fit_ridge(
     far = np.sqrt((((psi - middle) / width) ** 2).sum(axis=1)).max()
     width = width * max(float(far), 1e-12)
     scaled = ((psi - middle) / width).T
-    # Lower triangles as `Ridge.root` has them: logs of the diagonal, the rest over its column.
+    # The entries of `RidgeMap.root`: logs of the diagonal, and the rest over their column's diagonal.
     diagonal = np.diagonal(roots, axis1=1, axis2=2)
     row, column = np.tril_indices(roots.shape[1], -1)
     below = roots[:, row, column] / diagonal[:, column]
@@ -218,13 +218,13 @@ def fit_ridge(
 
 
 def residuals(ridge: RidgeMap, psi: Array, tau: Array, roots: Array) -> Array:
-    """Return how far points of the ridge are off, in standard deviations there: `(N,)`."""
+    """Return the distances of points from the fitted ridge, in standard deviations: `(N,)`."""
     off = np.linalg.solve(roots, (tau - ridge.at(psi))[..., None])[..., 0]
     return np.asarray(np.linalg.norm(off, axis=1))
 
 
 def root_residuals(ridge: RidgeMap, psi: Array, tau: Array, roots: Array) -> Array:
-    """Return how far covariances are off, in the log of a sd, in the worst direction: `(N,)`."""
+    """Return the largest error of the log standard deviation in any direction at points: `(N,)`."""
     predicted = np.moveaxis(ridge.along(psi)[1], 2, 0)
     ratio = np.linalg.solve(predicted, roots)
     return np.asarray(np.abs(np.log(np.linalg.svd(ratio, compute_uv=False))).max(axis=1))

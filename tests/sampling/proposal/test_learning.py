@@ -22,11 +22,11 @@ from bayesdrill.inference.laplace import LogDensity, QuadraticModel, concatenate
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.sampling.proposal.learning import (
     LearnedProposal,
-    _begin,
     _best,
     _central_draws,
     _compared,
     _draw,
+    _initial_mixture,
     learn,
 )
 from bayesdrill.sampling.proposal.ridge_tracing import trace
@@ -80,7 +80,7 @@ def test_humps_thousands_of_their_widths_apart_are_learnt(d: int) -> None:
     """As aliases are."""
     surface = humps(d, (0.7, 0.3), (0.01, 0.005), 2000.0)
     draws = learned(surface, surface.means).draws
-    assert draws.share > 0.9
+    assert draws.effective_share > 0.9
     assert draws.acceptance > 0.9
 
 
@@ -88,12 +88,14 @@ def test_a_proposal_is_compared_with_what_another_has_seen() -> None:
     """By its own draws alone one that knows a single hump would be the better."""
     surface, random = humps(2, (0.6, 0.4), (1.0, 1.0), APART), np.random.RandomState(1)
     traced = [trace(surface, u, np.random.default_rng(2)) for u in surface.means]
-    single, both = (_draw(_begin(traced[:n]), (0, 1)[:n], surface, random) for n in (1, 2))
-    assert single.worth > both.worth
+    single, both = (
+        _draw(_initial_mixture(traced[:n]), (0, 1)[:n], surface, random) for n in (1, 2)
+    )
+    assert single.efficiency > both.efficiency
     lesser, better = _compared(single, both)
     assert lesser.missed == pytest.approx(0.4, abs=0.03)
     assert better.missed < 1e-3
-    assert lesser.worth < 0.2 * better.worth
+    assert lesser.efficiency < 0.2 * better.efficiency
     for order in ([single, both], [both, single]):
         assert len(_best(order).origin) == 2
 

@@ -1,0 +1,39 @@
+"""The examples in the docstrings of the public API run and print what they say."""
+
+from __future__ import annotations
+
+import doctest
+import inspect
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.array_cases import run, two
+from support.case_tables import run_cases
+
+import bayesdrill as bd
+from bayesdrill.sampling.optimisers import contract
+
+
+def examples() -> Iterator[tuple[str, str]]:
+    """Return names and docstrings of public functions, classes and methods that have an example."""
+    owned = ((name, getattr(owner, name)) for owner in (bd, contract) for name in dir(owner))
+    for name, thing in owned:
+        members = vars(thing) if isinstance(thing, type) else {}
+        labelled = {name: thing} | {f"{name}.{m}": member for m, member in members.items()}
+        for label, member in labelled.items():
+            ours = str(getattr(member, "__module__", "")).startswith("bayesdrill")
+            if ours and ">>>" in (text := inspect.getdoc(member) or ""):
+                yield label, text
+
+
+@run_cases("name, text", examples(), ids=[name for name, _ in examples()])
+def test_examples_of_docstrings_print_what_they_say(
+    name: str, text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    bd.example("configs")
+    names = {**vars(contract), "bd": bd, "np": np, "case": two(), "run": run()}
+    example = doctest.DocTestParser().get_doctest(text, names, name, None, None)
+    assert doctest.DocTestRunner().run(example).failed == 0
