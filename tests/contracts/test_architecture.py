@@ -31,8 +31,8 @@ FLOORS = (
     "analysis",
     "drafting",
     "results",
-    "selection",
     "report",
+    "selection",
     "tasks",
     "api",
     "cli",
@@ -166,6 +166,13 @@ def test_samplers_know_nothing_of_rigs() -> None:
     ] == []
 
 
+def lines_of_code(function: ast.FunctionDef) -> int:
+    """Return the lines of a function that are not its docstring."""
+    first = function.body[0]
+    text = first.end_lineno - first.lineno if ast.get_docstring(function) else 0
+    return (function.end_lineno or 0) - function.lineno - text
+
+
 def test_files_and_functions_stay_small() -> None:
     lengths = {name(path): len(path.read_text().splitlines()) for path in FILES}
     assert [f"{file}: {lines} lines" for file, lines in lengths.items() if lines > 600] == []
@@ -173,7 +180,7 @@ def test_files_and_functions_stay_small() -> None:
         f"{name(path)}: {node.name} has more than 70 lines"
         for path in FILES
         for node in nodes(path)
-        if isinstance(node, ast.FunctionDef) and (node.end_lineno or 0) - node.lineno >= 70
+        if isinstance(node, ast.FunctionDef) and lines_of_code(node) >= 70
     ] == []
 
 

@@ -167,9 +167,9 @@ class Transitions:
             return lambda state, drive: self._multiply_large(at, state, drive)
         phi = {entry: self.kind.get(at, n) for n, entry in enumerate(table_entries(self.layout))}
         # Nothing depends on an idle state: its entry is one, and known to be.
-        one = Vector(self.b, vector(1.0))
+        unity = Vector(self.b, vector(1.0))
         idle = self.layout.idle
-        phi |= {(i, i): one for i in range(self.layout.n_states) if idle[i]}
+        phi |= {(i, i): unity for i in range(self.layout.n_states) if idle[i]}
         return lambda state, drive: self._multiply(phi, state, drive)
 
     def _multiply(
@@ -200,11 +200,11 @@ class Transitions:
         one step after the other.  Channels are `rows` of x and 1.
         """
         b, kind, x, n = self.b, self.kind, self.layout.n_states, self.layout.size
-        columns, one = x + 1 + count * (n - x - 1), Vector(b, vector(1.0))
+        columns, unity = x + 1 + count * (n - x - 1), Vector(b, vector(1.0))
         units, following = kind.room(n * columns), kind.room(x * columns)
         kind.clear(units, n * columns)
         with b.loop(x + 1, "units") as unit:
-            kind.put(one, units, b.mul(unit, columns + 1))
+            kind.put(unity, units, b.mul(unit, columns + 1))
         with b.loop(count, "steps") as step:
             shown = kind.at(joined, b.mul(b.add(b.mul(step, len(rows)), x), columns))
             with b.loop(columns, "columns") as column:
@@ -216,7 +216,7 @@ class Transitions:
             for drive in range(n - x - 1):
                 unit = kind.at(units, (x + 1 + drive) * columns)
                 kind.clear(unit, columns)
-                kind.put(one, unit, b.add(first, drive))
+                kind.put(unity, unit, b.add(first, drive))
             sizes = (x, n, columns)
             multiply_large(b, following, self.table, units, sizes, slopes=kind.slopes)
             b.copy(following, units, x * columns * kind.width)
@@ -331,16 +331,16 @@ class Transitions:
         """
         b, kind, ladder, x = self.b, self.kind, self._ladder, self.layout.n_states
         whole, over = (Vector(b, value) for value in b.read_slots(ladder.scale))
-        scaled, one = ratio * whole, Vector(b, vector(1.0))
+        scaled, unity = ratio * whole, Vector(b, vector(1.0))
 
         def add(k: Integer, term: State, power: Number, total: State) -> tuple[Number, State]:
             weight = power * (scaled * Vector(b, b.read(ladder.weights, k)))
             pairs = zip(term, total, strict=True)
             return weight, [multiply_add(weight, rate, to) for rate, to in pairs]
 
-        columns = dict(enumerate(state)) | {x: one} | dict(enumerate(drive.inputs, x + 1))
+        columns = dict(enumerate(state)) | {x: unity} | dict(enumerate(drive.inputs, x + 1))
         term = self._rate(columns)
-        power, total = add(1, term, one, state)
+        power, total = add(1, term, unity, state)
         slopes = {} if not drive.slopes else {
             x + 1 + n: slope * over for n, slope in enumerate(drive.slopes)
         }  # fmt: skip
