@@ -2,8 +2,7 @@
 
 - Dry friction or gravity, or inputs that lag each by a time of its own: `Stepped`, in steps of one
   length.
-- Everything else is linear: `Response`, exact at any times and behind any sensors.  With more than
-  `MOST_STATES` states at even times and nothing late, steps of several samples: `ChainResponse`.
+- Everything else is linear: `Response`, exact at any times, behind any sensors and of any size.
 - Linear, nothing late, even times, noise that is white or AR(1), no missing torque, and more than
   `COMPRESSED_FROM` samples: `rig.compression`, as soon as a fit knows where the rig is.  Of any other
   record `exact_reason` says why it keeps all samples.
