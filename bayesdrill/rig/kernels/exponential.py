@@ -272,10 +272,15 @@ def store_exponential(
         timed = value if increments and row >= layout.n_states else value * length
         values[row, column] = values.get((row, column), 0.0) + timed
     # The size of the inputs' columns does not matter: the series in A alone converges.
-    norm = emit_balanced_norm(b, layout.n_states, value_registers(values))
+    plain, states = value_registers(values), range(layout.n_states)
+    if layout.large:  # where squarings cost far more than the terms of a series
+        norm = emit_balanced_norm(b, layout.n_states, plain)
+    else:
+        norm = emit_norm(b, ([plain[r, c] for c in states if (r, c) in plain] for r in states))
     halvings = emit_halvings(b, norm, TAYLOR_NORM)
     factor = Vector(b, emit_power(b, b.sub(_EXPONENT_BIAS, halvings)))
-    _sum_series(b, e, {place: value * factor for place, value in values.items()}, n, memory)
+    short = {place: value * factor for place, value in values.items()}
+    (_sum_sparse_series if layout.large else _sum_series)(b, e, short, layout, memory)
     spare, most = memory.room(n * n), b.largest(halvings)
     memory.clear(spare, n * n)
     with b.if_then(b.icmp_signed(">", most, 0)), b.loop(most, "squarings") as squarings:
@@ -291,12 +296,45 @@ def store_exponential(
 
 
 def _sum_series(
-    b: Builder, e: ir.Value, short: Mapping[tuple[int, int], Number], n: int, memory: Numbers
+    b: Builder,
+    e: ir.Value,
+    short: Mapping[tuple[int, int], Number],
+    layout: Layout,
+    memory: Numbers,
 ) -> None:
-    """Store A (1 + A/2 (1 + A/3 (...))) of a matrix with the entries `short`, column by column.
+    """Store the series of a matrix A with the entries `short`, in powers of its fourth power."""
+    n, slopes = layout.size, memory.slopes
+    a, second, third, fourth, spare = (memory.room(n * n) for _ in range(5))
+    reached = np.flatnonzero(layout.reach).tolist()
+    memory.clear(e, n * n)
+    for entry in reached:
+        memory.put(short.get(divmod(entry, n), memory.zero()), a, entry)
+    for out, left, right in ((second, a, a), (third, second, a), (fourth, second, second)):
+        multiply_reached(b, out, left, right, layout, slopes=slopes)
+    # A^k / (first + k)! for k = 0..3, and 4 at the top, times the fourth power, and so on.
+    for first in range(TAYLOR_DEGREE - 4, -1, -4):
+        top = first == TAYLOR_DEGREE - 4
+        if not top:
+            multiply_reached(b, spare, e, fourth, layout, slopes=slopes)
+        for entry in reached:
+            diagonal = first > 0 and entry % (n + 1) == 0
+            total: Number = Vector(b, vector(1.0 / math.factorial(first) if diagonal else 0.0))
+            total = total if top else memory.get(spare, entry) + total
+            for k, power in enumerate((a, second, third, *[fourth] * top), start=1):
+                weight = Vector(b, vector(1.0 / math.factorial(first + k)))
+                total = multiply_add(weight, memory.get(power, entry), total)
+            memory.put(total, e, entry)
 
-    Products with A take little time, as it has few entries.
-    """
+
+def _sum_sparse_series(
+    b: Builder,
+    e: ir.Value,
+    short: Mapping[tuple[int, int], Number],
+    layout: Layout,
+    memory: Numbers,
+) -> None:
+    """Store A (1 + A/2 (1 + A/3 (...))) column by column: products with the few `short` are cheap."""
+    n = layout.size
     memory.clear(e, n * n)
     with b.loop(TAYLOR_DEGREE, "terms") as term:
         order = b.sitofp(b.sub(TAYLOR_DEGREE, term), F64)
