@@ -14,26 +14,27 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from typing import Any
 
 import numpy as np
 from llvmlite import ir
 from numpy.typing import NDArray
 
-from bayesdrill.basics.duals import Dual, dual, where
+from bayesdrill.basics.duals import Dual, dual
 from bayesdrill.rig.kernels.lanes import (
     F64,
     INT_VEC,
     VEC,
     Builder,
     Loop,
-    Mask,
     Vector,
+    constant_table,
     register,
     routine,
     vector,
 )
-from bayesdrill.rig.kernels.numbers import Blocks, Number, Numbers, dot, multiply_add
+from bayesdrill.rig.kernels.numbers import Blocks, Number, Numbers, dot
 from bayesdrill.rig.models.linear import Model
 
 Entries = Callable[[Sequence[Any]], Sequence[tuple[int, int, Any]]]
@@ -254,8 +255,7 @@ def store_exponential(
     does in the shortened span would be lost to rounding where another state is very fast.
     """
     parameters, span, *changes = numbers
-    memory, n, reach = Numbers(b, bool(changes)), layout.size, layout.reach
-    reached = [i * n + j for i in range(n) for j in range(n) if reach[i][j]]
+    memory, n = Numbers(b, bool(changes)), layout.size
     a, second, third, fourth, spare = (memory.room(n * n) for _ in range(5))
     matrix = layout.matrix(b, constants, parameters, *changes[:1])
     (length,) = memory.shaped([span, *changes[1:]])
@@ -265,40 +265,50 @@ def store_exponential(
     plain = value_registers(values)
     rows = ([plain[row, c] for c in states if (row, c) in plain] for row in states)
     halvings, factor = emit_shortening(b, emit_norm(b, rows))
-    for entry in reached:
-        value = values.get(divmod(entry, n))
-        memory.put(memory.zero() if value is None else value * Vector(b, factor), a, entry)
+    memory.clear(a, n * n)
+    for (row, column), value in values.items():
+        memory.put(value * Vector(b, factor), a, row * n + column)
     for out, left, right in ((second, a, a), (third, second, a), (fourth, second, second)):
         multiply_reached(b, out, left, right, layout, slopes=memory.slopes)
+    # Values and slopes in reach are added up alike, in loops: written out, they take as long to compile
+    # as all else.
+    places = np.flatnonzero(np.repeat(np.array(layout.reach), memory.width))
+    reached, diagonal = constant_table(b.module, places.tolist()), (n, (n + 1) * memory.width)
 
-    def add_terms(base: ir.Value | None, first: int) -> None:
-        """Store e = base + sum of A^k / (first + k)! for k = 0..3 (and 4 at the top)."""
-        for entry in reached:
-            powers = [a, second, third, *([fourth] if base is None else [])]
-            diagonal = first > 0 and entry % (n + 1) == 0
-            total: Number = Vector(b, vector(1.0 / math.factorial(first) if diagonal else 0.0))
-            if base is not None:
-                total = memory.get(base, entry) + total
+    def add_terms(base: ir.Value, first: int, powers: Sequence[ir.Value]) -> None:
+        """Store e = base + 1 / first! + sum of A^k / (first + k)! of so many `powers`."""
+        if first > 0:
+            _add_to_diagonal(b, base, 1.0 / math.factorial(first), *diagonal)
+        with reached.loop(b) as place:
+            total = b.read(base, place)
             for k, power in enumerate(powers, start=1):
-                weight = Vector(b, vector(1.0 / math.factorial(first + k)))
-                total = multiply_add(weight, memory.get(power, entry), total)
-            memory.put(total, e, entry)
+                weight = vector(1.0 / math.factorial(first + k))
+                total = b.fma(weight, b.read(power, place), total)
+            b.write(total, e, place)
 
-    add_terms(None, TAYLOR_DEGREE - 4)
+    memory.clear(e, n * n)
+    add_terms(e, TAYLOR_DEGREE - 4, (a, second, third, fourth))
     for first in range(TAYLOR_DEGREE - 8, -1, -4):
         multiply_reached(b, spare, e, fourth, layout, slopes=memory.slopes)
-        add_terms(spare, first)
+        add_terms(spare, first, (a, second, third))
 
     with b.loop(b.add(b.largest(halvings), 1), "squarings") as squarings:
         wanted = b.sitofp(halvings, VEC)
-        still = Mask(b, b.fcmp_ordered("<", b.splat(b.sitofp(squarings, F64)), wanted))
+        still = b.fcmp_ordered("<", b.splat(b.sitofp(squarings, F64)), wanted)
         multiply_reached(b, spare, e, e, layout, slopes=memory.slopes)
-        for entry in reached:
-            now = memory.get(e, entry)
-            twice = multiply_add(Vector(b, vector(2.0)), now, memory.get(spare, entry))
-            memory.put(where(still, twice, now), e, entry)  # (1 + e)^2 - 1
-    for entry in range(0, n * n, n + 1) if beside_one else ():
-        memory.put(memory.get(e, entry) + 1.0, e, entry)
+        with reached.loop(b) as place:
+            now = b.read(e, place)
+            twice = b.fma(vector(2.0), now, b.read(spare, place))
+            b.write(b.select(still, twice, now), e, place)  # (1 + e)^2 - 1
+    if beside_one:
+        _add_to_diagonal(b, e, 1.0, *diagonal)
+
+
+def _add_to_diagonal(b: Builder, block: ir.Value, number: float, count: int, apart: int) -> None:
+    """Add a number to so many vectors of a block, which are so far apart."""
+    with b.loop(count, "diagonal") as index:
+        at = b.offset(block, index, apart)
+        b.write(b.fadd(b.read(at, 0), vector(number)), at, 0)
 
 
 def timed_entries(
@@ -362,13 +372,21 @@ def multiply_reached(
     *,
     slopes: bool = False,
 ) -> None:
-    """Store the product of two matrices `(N, N)`, of their entries in reach."""
+    """Store the product of two matrices `(N, N)`, of their entries in reach.
+
+    Rows in a row that reach the same are computed in a loop.
+    """
     n, reach, memory = layout.size, layout.reach, Numbers(b, slopes)
-    for i in range(n):
-        row = {k: memory.get(left, i * n + k) for k in range(n) if reach[i][k]}
-        for j in (j for j in range(n) if reach[i][j]):
-            column = [(row[k], memory.get(right, k * n + j)) for k in row if reach[k][j]]
-            memory.put(dot(*zip(*column, strict=True)), out, i * n + j)
+    for reached, rows in groupby(range(n), key=lambda i: reach[i]):
+        first, *others = rows
+        columns = [k for k in range(n) if reached[k]]
+        with b.loop(1 + len(others), "rows") as i:
+            start = b.mul(b.add(i, first), n)
+            begin, into = (memory.at(base, start) for base in (left, out))
+            row = {k: memory.get(begin, k) for k in columns}
+            for j in columns:
+                terms = [(row[k], memory.get(right, k * n + j)) for k in columns if reach[k][j]]
+                memory.put(dot(*zip(*terms, strict=True)), into, j)
 
 
 def emit_balanced_norm(b: Builder, x: int, values: Registers) -> ir.Value:

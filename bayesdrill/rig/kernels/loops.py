@@ -30,6 +30,7 @@ from bayesdrill.rig.kernels.lanes import (
     Loop,
     Module,
     Vector,
+    constant_table,
     integer,
     routine,
     vector,
@@ -111,13 +112,8 @@ def _table(module: Module, entries: Entries) -> list[ir.Value]:
     """Return where rows of sparse `entries` start, and their columns."""
     count = 1 + max(row for row, _ in entries)
     starts = [sum(row < i for row, _ in entries) for i in range(count + 1)]
-    tables = []
-    for values in (starts, [column for _, column in entries]):
-        kind = ir.ArrayType(I64, len(values))
-        tables.append(ir.GlobalVariable(module, kind, module.get_unique_name("table")))
-        tables[-1].linkage, tables[-1].global_constant = "internal", True
-        tables[-1].initializer = ir.Constant(kind, values)
-    return tables
+    columns = [column for _, column in entries]
+    return [constant_table(module, values).address for values in (starts, columns)]
 
 
 @routine

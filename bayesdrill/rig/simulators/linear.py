@@ -31,7 +31,7 @@ from bayesdrill.rig.kernels.linear import (
     LinearShape,
     write_linear,
 )
-from bayesdrill.rig.kernels.sums import ResidualSums
+from bayesdrill.rig.kernels.sums import SQUARES, ResidualSums
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulators.contract import aligned, in_groups, whitening_scales
 from bayesdrill.rig.simulators.long_record import LongRecord, input_layout, record_blocks
@@ -133,6 +133,8 @@ class Response(Unstepped):
         g, own = self._grid, not self.sensing.empty
         # Where some channel may have an offset, all have: one kernel for all sets of them.
         rows = np.column_stack([self.sensors.weights, np.full(len(self._late), float(own))])
+        if output == SIGNALS:  # which kernels of these store too
+            output, tally = (NORMAL, None) if slopes else (SUMS, SQUARES)
         kinds = np.where(rows != 0.0, OTHER_WEIGHT, 0) if own else rows
         return LinearShape(
             layout=input_layout(self.sensors.observed_model, self.experiment),
@@ -142,7 +144,7 @@ class Response(Unstepped):
             times=UNEVEN if any(self._late) and not g.uniform else EVEN,
             table=len(g.spans) > 1,
             shares=g.width > 0.0,
-            gaps=self._gaps and output != SIGNALS,
+            gaps=self._gaps,
             output=output,
             tally=tally,
             slopes=slopes,
@@ -259,11 +261,13 @@ class Response(Unstepped):
         if along is not None:
             blocks["along"] = in_groups(numbers.slope.reshape(len(full), -1))
             numbers = numbers.value[::q]  # those of a walker are the same in all directions
-        own = (numbers,) if weights is None else (numbers, weights)
+        if weights is None:  # of what is stored none
+            weights = np.zeros((len(full), sum(shape.plain.values())))
+        own = (numbers, weights) if weights.size else (numbers,)
         samples = len(self._padded)
         counts = {
             "samples": samples, "knots": samples + ahead, "directions": q,
-            "nodes": len(self._grid.spans), "high": self._high,
+            "nodes": len(self._grid.spans), "high": self._high, "stored": int(output == SIGNALS),
         }  # fmt: skip
         wanted = (output, tally, along is not None, *counts.values())
         if wanted not in self._scratch_sizes:
