@@ -78,6 +78,7 @@ def cli(*arguments: str | Path, program: typer.Typer = app) -> CommandResult:
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(api_arguments, "available_processors", lambda: 1)
             patch.setattr(remote, "local_executor", _executor)
+            patch.setattr(typer.testing, "_get_command", _command)
             result = CliRunner().invoke(program, [str(argument) for argument in arguments])
     finally:
         for number, handler in before.items():
@@ -85,6 +86,12 @@ def cli(*arguments: str | Path, program: typer.Typer = app) -> CommandResult:
     if result.exception is not None and not isinstance(result.exception, SystemExit):
         raise result.exception
     return CommandResult(result.exit_code, result.stdout, result.stderr)
+
+
+@functools.cache
+def _command(program: typer.Typer) -> Any:
+    """Return the command of a program, which takes as long to make as most commands."""
+    return typer.main.get_command(program)
 
 
 @contextmanager
