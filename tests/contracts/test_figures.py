@@ -47,7 +47,7 @@ inputs:
   t_1: {value: 20, unit: mN*m}
 parameters:
   {j_m: nominal, c_m: nominal, k_e: nominal, k_T: BOX, r_m: BOX, l_m: BOX, j_1: nominal,
-  t_f: 1.0e-3, t_cm: 0.02, k_s: {prior: uniform, low: 0.1, high: 0.5}}
+  t_f: 1.0e-3, t_cm: 0.02, k_s: nominal}
 sampler: {ensembles: 4, walkers: 16, r_hat: 1.1, n_tau: 5, ess: 100}
 """
 BOX = "{prior: uniform, low: 0.5, high: 1.5, relative: true}"
@@ -62,7 +62,7 @@ def run(*, missing_torque: bool = False) -> bd.Run:
     `missing_torque`: without either, by a load of which the config knows the mean, and that torque.
     """
     v = np.where(np.arange(len(T)) // 40 % 2 == 0, 6.0, -6.0)
-    truth = {**NOMINAL, "t_f": 1e-3, "k_s": 0.29} | ({} if missing_torque else {"t_cm": 0.02})
+    truth = {**NOMINAL, "t_f": 1e-3} | ({} if missing_torque else {"t_cm": 0.02})
     inputs = {"v": v, "t_1": 0.02 * (1 + missing_torque * np.sin(3.7 * T))}
     exact = bd.respond("motor_shaft", truth, T, inputs, ["theta_1", "theta_2", "w_2"])
     rng = np.random.default_rng(6)
@@ -72,6 +72,7 @@ def run(*, missing_torque: bool = False) -> bd.Run:
     text = CONFIG.replace("BOX", BOX)
     if missing_torque:
         text = CONFIG.replace(" t_cm: 0.02,", "").replace("BOX", "nominal") + TORQUE
+        text = text.replace("k_s: nominal", f"k_s: {BOX}")
     with TemporaryDirectory() as folder:
         record, config = Path(folder) / "other_units.csv", Path(folder) / "other_units.yaml"
         np.savetxt(record, table, delimiter=",", header="t,twist,motor,v", comments="")
