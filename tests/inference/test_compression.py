@@ -131,6 +131,7 @@ def test_a_record_that_is_too_long_is_not_predicted_sample_by_sample(
     (whole,) = fit_words.every_fit(run.job.problem, run.sampled.draws[0, -1], run.analysis.fit)
     assert len(whole.t) == SAMPLED
     monkeypatch.setattr(fit_words, "SHOWN_STRETCHES", 125)
+    monkeypatch.setattr(fit_words, "DOTS", 750)
     tree = run.to_arviz()
     assert not {"posterior_predictive", "log_likelihood"} & {*tree.children}
     assert tree["observed_data"]["w_1"].shape == (SAMPLED,)

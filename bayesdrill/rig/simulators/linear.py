@@ -42,6 +42,7 @@ from bayesdrill.rig.simulators.time_grid import Grid, inputs_at_knots
 # Numbers of a record: of more, no memory is taken for eight walkers at once.
 MAX_GROUPED = 8_000_000
 NONE = np.zeros(0)
+NOWHERE = NONE.ctypes.data  # its address: asking for it takes as long as some samples of a group
 PERFECT = ObservationModel()
 MAX_AHEAD = 4  # lengths of the record that a channel may be ahead of it
 
@@ -251,7 +252,7 @@ class Response(Unstepped):
     ) -> Array:
         """Run the kernel of an output, and return what it stores `(W, *out)`."""
         kernel, shape = self._kernel(output, tally, slopes=along is not None)
-        blocks, q = {"along": NONE}, 0
+        blocks, q = dict[str, Array | int](along=NOWHERE), 0
         walkers: Array | Dual = full
         if along is not None:
             n, q, p = along.shape
@@ -261,9 +262,9 @@ class Response(Unstepped):
         if along is not None:
             blocks["along"] = in_groups(numbers.slope.reshape(len(full), -1))
             numbers = numbers.value[::q]  # those of a walker are the same in all directions
-        if weights is None:  # of what is stored none
-            weights = np.zeros((len(full), sum(shape.plain.values())))
-        own = (numbers, weights) if weights.size else (numbers,)
+        if weights is None and along is not None:  # of signals, which need none
+            weights = np.zeros((len(full), shape.channels))
+        own = (numbers,) if weights is None else (numbers, weights)
         samples = len(self._padded)
         counts = {
             "samples": samples, "knots": samples + ahead, "directions": q,

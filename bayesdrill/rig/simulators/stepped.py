@@ -36,6 +36,7 @@ from bayesdrill.rig.simulators.sensors import ObservationModel, ObservedWalkers
 from bayesdrill.rig.simulators.time_grid import UniformGrid
 
 NONE = np.zeros(0)
+NOWHERE = NONE.ctypes.data  # its address
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,8 @@ class BoundKernel:
         walkers, nodes = self._in_lanes(n, parts), ahead.nodes + after
         signals = (ahead.samples, k, numbers)
         out = signals if stored or shape.tally is None else (k, shape.tally.count)
-        trace = np.empty((nodes + 1) * k * 3 * numbers * LANES) if shape.read else NONE
+        size = (nodes + 1) * k * 3 * numbers * LANES
+        trace = np.empty(size) if shape.read else NOWHERE
         margin = ahead.margin(parts["lag"][0]) if shape.late else 0
         return self.kernel.run(
             "stepping", n, out, samples=ahead.samples, nodes=nodes, turns=self.turns,
@@ -220,8 +222,10 @@ class Stepped(Simulator):
         single = ahead.single and not read
         dual = along is not None
         stored = tally is None and not dual and not efforts
-        kind = {"efforts": efforts, "dual": dual, "read": read, "single": single}
-        bound = self._bind(ahead, tally=SQUARES if stored else tally, **kind)
+        wanted = SQUARES if stored else tally
+        bound = self._bind(
+            ahead, tally=wanted, efforts=efforts, dual=dual, read=read, single=single
+        )
         result = bound.run(len(full), parts, stored=stored)
         return result[..., 0] if tally is None and not dual else result
 
