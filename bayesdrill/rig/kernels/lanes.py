@@ -401,7 +401,7 @@ class Loop:
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
+class IndexTable:
     """Whole numbers that a module has, so many at an `address`."""
 
     address: ir.Value
@@ -414,13 +414,13 @@ class Table:
             yield b.load(b.gep(self.address, [I64(0), index]))
 
 
-def constant_table(module: Module, values: Sequence[int]) -> Table:
+def constant_table(module: Module, values: Sequence[int]) -> IndexTable:
     """Write whole numbers into a module."""
     kind = ir.ArrayType(I64, len(values))
     table = ir.GlobalVariable(module, kind, module.get_unique_name("table"))
     table.linkage, table.global_constant = "internal", True
     table.initializer = ir.Constant(kind, values)
-    return Table(table, len(values))
+    return IndexTable(table, len(values))
 
 
 def _method(name: str) -> Any:
