@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 CACHE = Path(__file__).parent / ".pytest_cache"
-# Each structure of a rig takes 0.3 to 3 s to compile, so tests share rigs.  A whole run uses
-# some 1230 kernels, and no more are wanted.
-MOST_KERNELS = 1300
+# Each structure of a rig takes 0.05 to 0.5 s to compile, so tests share rigs.  A whole run uses
+# some 560 kernels, and no more are wanted.
+MOST_KERNELS = 650
 BEGUN, KERNELS = pytest.StashKey[float](), pytest.StashKey[int]()
 
 # Kernels of all workers and their children are compiled once, and apart from those of the user.

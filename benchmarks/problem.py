@@ -42,7 +42,11 @@ def starts(job: Job, centre: Array, n: int, seed: int) -> Array:
     posterior = dataclasses.replace(job.problem.posterior, coordinates=straight)
     rng = np.random.default_rng(seed)
     z = posterior.coordinates.from_physical(centre[None])[0]
-    steps = START_SPREAD * laplace.matrix_root(laplace.covariance(posterior, centre))
+    # The covariance in logs of the parameters, and by complex steps d coordinate / d log parameter.
+    turned = centre * np.exp(1e-20j * np.eye(len(centre)))
+    slopes = straight.from_physical(turned).imag.T / 1e-20
+    root = slopes @ laplace.matrix_root(laplace.covariance(job.problem.posterior, centre))
+    steps = START_SPREAD * root
     kept = np.empty((0, len(centre)))
     while len(kept) < n:
         around = z + rng.standard_normal((n, len(centre))) @ steps.T

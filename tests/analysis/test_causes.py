@@ -12,7 +12,7 @@ from support.case_tables import for_each
 from support.command_line import ROOT
 from support.missing_physics import SIGMA, T, record
 from support.scipy_oracles import NOMINAL
-from support.unexplained_records import amended, causes_of, fits, write
+from support.unexplained_records import amended, causes_of, fits, try_only, write
 
 import bayesdrill as bd
 from bayesdrill.analysis.causes import Cause, Causes
@@ -66,6 +66,12 @@ def rig(
     alpha[150] += glitch * SIGMA[0]
     v = seen.series["v"] * np.linspace(1.0, supply_drifts_to, len(T))
     return write(folder, text, {"t": T, "v": v, "alpha": alpha, "w_2": w_2})
+
+
+def some_or_all(*parts: str) -> pytest.MarkDecorator:
+    """Give these `parts` of candidates and, in a slow test, none, which stands for all."""
+    every = pytest.param((), marks=pytest.mark.slow, id="all")
+    return pytest.mark.parametrize("parts", [pytest.param(parts, id="some"), every])
 
 
 def causes_that_mend(path: Path) -> tuple[Causes, Cause]:
@@ -161,7 +167,11 @@ def test_a_rig_with_friction_is_not_said_to_lack_it(tmp_path: Path) -> None:
     assert not any("friction" in part for one in causes.ranked for part in one.parts)
 
 
-def test_no_cause_is_recommended_for_one_bad_sample(tmp_path: Path) -> None:
+@some_or_all("offset_alpha", "gain_w_2", "lag_alpha", "damping_rotor_1", "ar1")
+def test_no_cause_is_recommended_for_one_bad_sample(
+    parts: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    try_only(parts, monkeypatch)
     causes = causes_of(bd.load(rig(tmp_path, glitch=7.0)))
     assert causes is not None
     assert causes.best is None
@@ -225,7 +235,11 @@ def shaft(folder: Path, late: int) -> Path:
 
 
 @pytest.mark.parametrize("late", [-7, pytest.param(4, marks=pytest.mark.slow)])
-def test_a_torque_that_is_late_is_named(late: int, tmp_path: Path) -> None:
+@some_or_all("lag_t_1", "lag_w_1", "offset_t_1", "friction_rotor_1")
+def test_a_torque_that_is_late_is_named(
+    parts: tuple[str, ...], late: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    try_only(parts, monkeypatch)
     causes, best = causes_that_mend(shaft(tmp_path, late))
     assert best.parts == ("lag_t_1",)
     (new,) = best.new
@@ -238,8 +252,12 @@ def test_inputs_that_are_in_time_leave_nothing_to_explain(tmp_path: Path) -> Non
     assert describe_causes(None) == ""
 
 
-def test_friction_shows_once_a_rig_moves_from_its_start() -> None:
+@some_or_all("free_start", "friction_rotor_1", "damping_shaft", "offset_theta_1")
+def test_friction_shows_once_a_rig_moves_from_its_start(
+    parts: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A beam that was let go: taken to begin at rest it never moves, and nothing can rub."""
+    try_only(parts, monkeypatch)
     t, still = 0.01 * np.arange(150), {"w_2": 0.0, "t_1": 0.0}
     truth, start = {"k_s": 0.8, "j_1": 1.4e-3, "t_c1": 0.01}, {"theta_1": 0.5}
     rig = bd.DrivenShaft(added=("t_c1",))
@@ -254,14 +272,16 @@ def test_friction_shows_once_a_rig_moves_from_its_start() -> None:
     assert causes.best.explains_all
 
 
+@some_or_all("offset_w_motor", "offset_u_motor", "gain_u_motor", "friction_motor")
 def test_an_offset_and_dry_friction_of_a_motor_that_turns_one_way_are_not_recommended_together(
-    tmp_path: Path,
+    parts: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Each of the two explains what both explain for the motor of `docs/one-motor.md`.
 
     Half of its record is enough.
     """
     head, *rows = (ROOT / "docs/one_motor.csv").read_text().splitlines()
+    try_only(parts, monkeypatch)
     (tmp_path / "motor.csv").write_text("\n".join([head, *rows[: len(rows) // 2]]))
     columns = ("t=t [s]", "u=u_motor [V]", "y=w_motor [deg/s]")
     bd.init(tmp_path / "motor.csv", output=tmp_path / "motor.yaml", columns=columns)
@@ -269,6 +289,8 @@ def test_an_offset_and_dry_friction_of_a_motor_that_turns_one_way_are_not_recomm
     assert causes is not None
     assert causes.best is not None
     assert causes.best.parts in {("offset_w_motor",), ("offset_u_motor",), ("friction_motor",)}
+    (both,) = (c for c in causes.ranked if {*c.parts} == {"offset_w_motor", "offset_u_motor"})
+    assert "an offset of w_motor and an offset of u_motor stand for each other" in both.doubts
 
 
 # --- which cause is the best -------------------------------------------------------------------------

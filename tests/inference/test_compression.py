@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -17,12 +18,14 @@ from bayesdrill import output_files
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import Silent
 from bayesdrill.inference import compression
+from bayesdrill.inference.posterior import Posterior
 from bayesdrill.report.sections import fit as fit_section
 from bayesdrill.report.sections.fit import draw_fit, every_fit, measured
 from bayesdrill.rig.compression.basis import CompressionError
 from bayesdrill.rig.compression.simulator import CompressedSimulator
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.sampling import fit as fits
+from bayesdrill.sampling.mode_search import Mode
 from bayesdrill.sampling.workers import WorkerPool
 from bayesdrill.tasks import find_map, pipeline
 
@@ -124,17 +127,18 @@ def test_a_record_that_is_too_long_is_not_predicted_sample_by_sample(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Figures are given the extremes of stretches: no peak is lost, and files stay small."""
-    monkeypatch.setattr(output_files, "MOST_PREDICTED", 4 * 2 * len(T) - 1)
-    run = case("auto").sample(processes=1)
+    monkeypatch.setattr(output_files, "MOST_PREDICTED", 4 * 2 * SAMPLED - 1)
+    run = dataclasses.replace(sampled("auto"))  # of which nothing was said yet
     (whole,) = every_fit(run.job.problem, run.sampled.draws[0, -1], run.analysis.fit)
-    assert len(whole.t) == len(T)
-    monkeypatch.setattr(fit_section, "SHOWN_STRETCHES", 500)
+    assert len(whole.t) == SAMPLED
+    monkeypatch.setattr(fit_section, "SHOWN_STRETCHES", 125)
+    monkeypatch.setattr(fit_section, "DOTS", 750)
     tree = run.to_arviz()
     assert not {"posterior_predictive", "log_likelihood"} & {*tree.children}
-    assert tree["observed_data"]["w_1"].shape == T.shape
+    assert tree["observed_data"]["w_1"].shape == (SAMPLED,)
     best = run.sampled.draws[0, -1]
     (fit,) = every_fit(run.job.problem, best, run.analysis.fit)
-    assert len(fit.t) < len(T) / 2
+    assert len(fit.t) < SAMPLED / 2
     y = run.job.problem.observations[0].experiment.y
     for signal, column in zip(fit.signals, y.T, strict=True):
         # Dots are samples, not extremes, which would lie outside of the band of the noise.
@@ -146,19 +150,23 @@ def test_a_record_that_is_too_long_is_not_predicted_sample_by_sample(
     assert (tmp_path / "long/figures/fit.png").exists()
 
 
-def test_the_search_begins_with_an_excerpt_and_ends_with_all_samples() -> None:
-    problem = case().job.problem
-    plan = find_map.fit_plan(case().job)
-    with WorkerPool(problem.posterior, 1) as pool:
-        under_way = fits.begin_searches(pool, plan, Silent())
-        assert under_way.excerpt is not None
-        seen = under_way.excerpt.likelihood.observations[0].experiment
-        assert len(seen.t) == compression.EXCERPT
+@cache
+def search() -> tuple[Posterior | None, Mode, Posterior]:
+    """Return the excerpt that the search of the long record saw, its maximum, and what it ended with."""
+    with WorkerPool(case().job.problem.posterior, 1) as pool:
+        under_way = fits.begin_searches(pool, find_map.fit_plan(case().job), Silent())
         mode = fits.end_searches(pool, under_way, Silent())
-        response = pool.posterior.likelihood.observations[0].response
-        assert isinstance(response, CompressedSimulator)
+        return under_way.excerpt, mode, pool.posterior
+
+
+def test_the_search_begins_with_an_excerpt_and_ends_with_all_samples() -> None:
+    excerpt, mode, posterior = search()
+    assert excerpt is not None
+    assert len(excerpt.likelihood.observations[0].experiment.t) == compression.EXCERPT
+    assert isinstance(posterior.likelihood.observations[0].response, CompressedSimulator)
+    problem = case().job.problem
     theta = problem.posterior.space.vector(mode.values)
-    assert len(mode.highest) == plan.starts
+    assert len(mode.highest) == find_map.fit_plan(case().job).starts
     here = problem.posterior.density(theta[None])[0]
     assert here == pytest.approx(mode.log_posterior, abs=1e-6)
     for column in range(len(theta)):
@@ -236,7 +244,7 @@ def test_a_record_that_cannot_be_compressed_is_refused_or_exact() -> None:
 def test_a_compression_that_fails_after_the_search_is_refused(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    mode = case().find_map(processes=1).mode
+    _, mode, _ = search()
     job = case("compressed").job
 
     def refuse(*_: object) -> None:
@@ -249,14 +257,12 @@ def test_a_compression_that_fails_after_the_search_is_refused(
 
 def test_a_resumed_run_has_the_same_basis_functions() -> None:
     """Those about the maximum do not depend on those of the search."""
-    problem, plan = case().job.problem, find_map.fit_plan(case().job)
+    _, mode, searched = search()
     triangles = []
-    with WorkerPool(problem.posterior, 1) as searched:
-        mode = fits.end_searches(searched, fits.begin_searches(searched, plan, Silent()), Silent())
-        with WorkerPool(problem.posterior, 1) as resumed:
-            for pool in (searched, resumed):
-                fits.compress_about(pool, mode, plan.shortest)
-                response = pool.posterior.likelihood.observations[0].response
-                assert isinstance(response, CompressedSimulator)
-                triangles.append(response.compression.record.matrix)
+    for posterior in (searched, case().job.problem.posterior):
+        with WorkerPool(posterior, 1) as pool:
+            fits.compress_about(pool, mode, find_map.fit_plan(case().job).shortest)
+            response = pool.posterior.likelihood.observations[0].response
+            assert isinstance(response, CompressedSimulator)
+            triangles.append(response.compression.record.matrix)
     assert np.array_equal(*triangles)

@@ -7,17 +7,24 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+import pytest
 import typer
 from typer.testing import CliRunner
 
 from bayesdrill import output_files
+from bayesdrill.api import arguments as api_arguments
 from bayesdrill.cli import app
 from bayesdrill.config import loading
 from bayesdrill.config.records import simulation
 from bayesdrill.results.run_folder import Folder
+from bayesdrill.tasks import remote
 
 ROOT = Path(__file__).parents[2]
 STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -62,16 +69,45 @@ class CommandResult:
 
 
 def cli(*arguments: str | Path, program: typer.Typer = app) -> CommandResult:
-    """Run a command line in this process; the handlers of signals are put back."""
+    """Run a command line in this process; the handlers of signals are put back.
+
+    No other process is started, unless several are asked for: each would import the package first.
+    """
     before = {number: signal.getsignal(number) for number in STOPPING}
     try:
-        result = CliRunner().invoke(program, [str(argument) for argument in arguments])
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(api_arguments, "available_processors", lambda: 1)
+            patch.setattr(remote, "local_executor", _executor)
+            patch.setattr(typer.testing, "_get_command", _command)
+            result = CliRunner().invoke(program, [str(argument) for argument in arguments])
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
     if result.exception is not None and not isinstance(result.exception, SystemExit):
         raise result.exception
     return CommandResult(result.exit_code, result.stdout, result.stderr)
+
+
+@functools.cache
+def _command(program: typer.Typer) -> Any:
+    """Return the command of a program, which takes as long to make as most commands."""
+    return typer.main.get_command(program)
+
+
+@contextmanager
+def _executor(
+    processes: int, several: Callable[[int], Any] = remote.local_executor
+) -> Iterator[remote.RefitExecutor]:
+    """Yield a thread of this process in the place of one worker."""
+    if processes > 1:
+        with several(processes) as crew:
+            yield crew
+        return
+    with ThreadPoolExecutor(1) as pool:
+        try:
+            yield remote.RefitExecutor(pool)
+        finally:
+            pool.shutdown(cancel_futures=True)
 
 
 def start_process(*arguments: str | Path, cwd: Path, **options: object) -> subprocess.Popen[str]:

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from ruamel.yaml import YAML
 
 import bayesdrill as bd
 from bayesdrill.analysis.causes import Causes
 from bayesdrill.inference import residual_checks
+from bayesdrill.selection.candidates import CandidateModel, CandidateModels
 from bayesdrill.tasks import conclusions
 
 
@@ -30,6 +32,16 @@ def causes_of(case: bd.Case) -> Causes | None:
     mode = case.find_map(quick=True).mode
     job = case.job.with_steps_at(mode)
     return conclusions.causes(job, mode, conclusions.residuals(job, mode))
+
+
+def try_only(parts: Collection[str], patch: pytest.MonkeyPatch) -> None:
+    """Let no candidates be refitted but those of these parts; of all where none is named."""
+    rungs = CandidateModels.rungs
+
+    def some(models: CandidateModels, every: Iterable[tuple[str, ...]]) -> list[CandidateModel]:
+        return rungs(models, [names for names in every if not parts or {*names} <= {*parts}])
+
+    patch.setattr(CandidateModels, "rungs", some)
 
 
 def fits(case: bd.Case) -> bool:

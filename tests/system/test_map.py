@@ -244,6 +244,7 @@ record:
     w_load: {column: w_load, unit: rad/s, sigma: 0.1, lag: LAG}
 inputs: {u_motor: {column: u, unit: V}}
 model: {name: train, inertias: [motor, load], shafts: {s: [motor, load]}, drives: {motor: voltage}}
+map: {starts: 2}
 parameters: {j_motor: 0.01, j_load: LOAD, k_s: SHAFT, c_s: 0.02, k_T_motor: 0.5, r_motor: 1.0,
   k_e_motor: 0.5}
 """

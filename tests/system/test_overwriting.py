@@ -81,7 +81,8 @@ def test_an_output_is_never_a_file_that_a_command_reads(command: str, home: Path
         for k, path in enumerate(files):
             hard = home / f"hard_{k}{path.suffix}"
             os.link(path, hard)
-            for target in (path, hard, home / "posterior_run" / ".." / path.relative_to(home)):
+            roundabout = home / "posterior_run" / ".." / path.relative_to(home)
+            for target in (path, hard, roundabout)[: 3 if k == 0 else 2]:
                 result = cli(*arguments, *option, target)
                 assert result.status == 2, (arguments, target, result.text)
                 check()

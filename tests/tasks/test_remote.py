@@ -61,11 +61,8 @@ def refusal(address: str) -> str:
     return problem.message
 
 
-def test_an_address_without_a_scheduler_is_refused(
-    stranger: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_address_without_a_scheduler_is_refused(stranger: str) -> None:
     """The client of Dask would wait for ever, or leave a traceback."""
-    monkeypatch.setattr(remote, "PATIENCE", 0.3)
     begun = time.monotonic()
     assert f"no scheduler answers at tcp://{stranger}" in refusal(f"tcp://{stranger}")
     assert time.monotonic() - begun < 30
@@ -131,6 +128,7 @@ class Client:
 
 @pytest.fixture(autouse=True)
 def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(remote, "PATIENCE", 0.3)
     monkeypatch.setattr(remote, "WATCH", 0.01)
     monkeypatch.setattr(remote, "SILENT_SECONDS", 0.2)
 
@@ -213,6 +211,7 @@ def slow(index: int) -> int:
 @pytest.mark.slow
 def test_a_real_worker_that_stops_costs_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     distributed = pytest.importorskip("distributed")
+    monkeypatch.setattr(remote, "PATIENCE", 5.0)
     monkeypatch.setattr(remote, "WATCH", 2.0)
     monkeypatch.setattr(remote, "SILENT_SECONDS", 5.0)
     with distributed.LocalCluster(

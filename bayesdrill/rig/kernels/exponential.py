@@ -10,21 +10,23 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from typing import Any
 
 import numpy as np
 from llvmlite import ir
 from numpy.typing import NDArray
 
-from bayesdrill.basics.duals import Dual, dual, where
+from bayesdrill.basics.duals import Dual, dual
 from bayesdrill.rig.kernels.lanes import (
     F64,
     INT_VEC,
     VEC,
     Builder,
+    IndexTable,
     Loop,
-    Mask,
     Vector,
+    constant_table,
     register,
     routine,
     vector,
@@ -34,7 +36,6 @@ from bayesdrill.rig.kernels.numbers import (
     Number,
     Numbers,
     dot,
-    multiply_add,
     multiply_large,
     sum_products,
 )
@@ -280,19 +281,27 @@ def store_exponential(
     halvings = emit_halvings(b, norm, TAYLOR_NORM)
     factor = Vector(b, emit_power(b, b.sub(_EXPONENT_BIAS, halvings)))
     short = {place: value * factor for place, value in values.items()}
-    (_sum_sparse_series if layout.large else _sum_series)(b, e, short, layout, memory)
+    # Values and slopes in reach are added up alike, in loops: written out, they take as long to compile
+    # as all else.
+    places = np.flatnonzero(np.repeat(np.array(layout.reach), memory.width))
+    reached = constant_table(b.module, places.tolist())
+    memory.clear(e, n * n)
+    if layout.large:
+        _sum_sparse_series(b, e, short, n, memory)
+    else:
+        _sum_series(b, e, short, layout, memory, reached)
     spare, most = memory.room(n * n), b.largest(halvings)
     memory.clear(spare, n * n)
     with b.if_then(b.icmp_signed(">", most, 0)), b.loop(most, "squarings") as squarings:
         wanted = b.sitofp(halvings, VEC)
-        still = Mask(b, b.fcmp_ordered("<", b.splat(b.sitofp(squarings, F64)), wanted))
+        still = b.fcmp_ordered("<", b.splat(b.sitofp(squarings, F64)), wanted)
         multiply_reached(b, spare, e, e, layout, slopes=memory.slopes)
-        with b.loop(n * n, "entries") as entry:
-            now = memory.get(e, entry)
-            twice = multiply_add(Vector(b, vector(2.0)), now, memory.get(spare, entry))
-            memory.put(where(still, twice, now), e, entry)  # (1 + e)^2 - 1
+        with reached.loop(b) as place:
+            now = b.read(e, place)
+            twice = b.fma(vector(2.0), now, b.read(spare, place))
+            b.write(b.select(still, twice, now), e, place)  # (1 + e)^2 - 1
     if beside_one:
-        _add_unit(b, e, n, memory)
+        _add_to_diagonal(b, e, 1.0, n, memory)
 
 
 def _sum_series(
@@ -301,45 +310,42 @@ def _sum_series(
     short: Mapping[tuple[int, int], Number],
     layout: Layout,
     memory: Numbers,
+    reached: IndexTable,
 ) -> None:
     """Store the series of a matrix A with the entries `short`, in powers of its fourth power."""
     n, slopes = layout.size, memory.slopes
     a, second, third, fourth, spare = (memory.room(n * n) for _ in range(5))
-    reached = np.flatnonzero(layout.reach).tolist()
-    memory.clear(e, n * n)
-    for entry in reached:
-        memory.put(short.get(divmod(entry, n), memory.zero()), a, entry)
+    memory.clear(a, n * n)
+    for (row, column), value in short.items():
+        memory.put(value, a, row * n + column)
     for out, left, right in ((second, a, a), (third, second, a), (fourth, second, second)):
         multiply_reached(b, out, left, right, layout, slopes=slopes)
-    # A^k / (first + k)! for k = 0..3, and 4 at the top, times the fourth power, and so on.
-    for first in range(TAYLOR_DEGREE - 4, -1, -4):
-        top = first == TAYLOR_DEGREE - 4
-        if not top:
-            multiply_reached(b, spare, e, fourth, layout, slopes=slopes)
-        for entry in reached:
-            diagonal = first > 0 and entry % (n + 1) == 0
-            total: Number = Vector(b, vector(1.0 / math.factorial(first) if diagonal else 0.0))
-            total = total if top else memory.get(spare, entry) + total
-            for k, power in enumerate((a, second, third, *[fourth] * top), start=1):
-                weight = Vector(b, vector(1.0 / math.factorial(first + k)))
-                total = multiply_add(weight, memory.get(power, entry), total)
-            memory.put(total, e, entry)
+
+    def add_terms(base: ir.Value, first: int, powers: Sequence[ir.Value]) -> None:
+        """Store e = base + 1 / first! + sum of A^k / (first + k)! of so many `powers`."""
+        if first > 0:
+            _add_to_diagonal(b, base, 1.0 / math.factorial(first), n, memory)
+        with reached.loop(b) as place:
+            total = b.read(base, place)
+            for k, power in enumerate(powers, start=1):
+                weight = vector(1.0 / math.factorial(first + k))
+                total = b.fma(weight, b.read(power, place), total)
+            b.write(total, e, place)
+
+    add_terms(e, TAYLOR_DEGREE - 4, (a, second, third, fourth))
+    for first in range(TAYLOR_DEGREE - 8, -1, -4):
+        multiply_reached(b, spare, e, fourth, layout, slopes=slopes)
+        add_terms(spare, first, (a, second, third))
 
 
 def _sum_sparse_series(
-    b: Builder,
-    e: ir.Value,
-    short: Mapping[tuple[int, int], Number],
-    layout: Layout,
-    memory: Numbers,
+    b: Builder, e: ir.Value, short: Mapping[tuple[int, int], Number], n: int, memory: Numbers
 ) -> None:
     """Store A (1 + A/2 (1 + A/3 (...))) column by column: products with the few `short` are cheap."""
-    n = layout.size
-    memory.clear(e, n * n)
     with b.loop(TAYLOR_DEGREE, "terms") as term:
         order = b.sitofp(b.sub(TAYLOR_DEGREE, term), F64)
         over = Vector(b, b.splat(b.fdiv(F64(1.0), order)))
-        _add_unit(b, e, n, memory)
+        _add_to_diagonal(b, e, 1.0, n, memory)
         with b.loop(n, "columns") as column:
             at = memory.at(e, column)
             old = [memory.get(at, row * n) for row in range(n)]
@@ -348,11 +354,11 @@ def _sum_sparse_series(
                 memory.put(sum_products(memory.zero(), terms) * over, at, row * n)
 
 
-def _add_unit(b: Builder, e: ir.Value, n: int, memory: Numbers) -> None:
-    """Add one to the diagonal."""
-    with b.loop(n, "unit") as row:
-        at = memory.at(e, b.mul(row, n + 1))
-        memory.put(memory.get(at, 0) + 1.0, at, 0)
+def _add_to_diagonal(b: Builder, block: ir.Value, number: float, n: int, memory: Numbers) -> None:
+    """Add a number to the diagonal of a matrix `(n, n)`."""
+    with b.loop(n, "diagonal") as row:
+        at = memory.at(block, b.mul(row, n + 1))
+        memory.put(memory.get(at, 0) + number, at, 0)
 
 
 def emit_norm(b: Builder, rows: Iterable[Sequence[ir.Value]]) -> ir.Value:
@@ -398,16 +404,24 @@ def multiply_reached(
     *,
     slopes: bool = False,
 ) -> None:
-    """Store the product of two matrices `(N, N)`, of their entries in reach."""
+    """Store the product of two matrices `(N, N)`, of their entries in reach.
+
+    Rows in a row that reach the same are computed in a loop.
+    """
     n, reach, memory = layout.size, layout.reach, Numbers(b, slopes)
     if layout.large:
         multiply_large(b, out, left, right, (n, n, n), slopes=slopes)
         return
-    for i in range(n):
-        row = {k: memory.get(left, i * n + k) for k in range(n) if reach[i][k]}
-        for j in (j for j in range(n) if reach[i][j]):
-            column = [(row[k], memory.get(right, k * n + j)) for k in row if reach[k][j]]
-            memory.put(dot(*zip(*column, strict=True)), out, i * n + j)
+    for reached, rows in groupby(range(n), key=lambda i: reach[i]):
+        first, *others = rows
+        columns = [k for k in range(n) if reached[k]]
+        with b.loop(1 + len(others), "rows") as i:
+            start = b.mul(b.add(i, first), n)
+            begin, into = (memory.at(base, start) for base in (left, out))
+            row = {k: memory.get(begin, k) for k in columns}
+            for j in columns:
+                terms = [(row[k], memory.get(right, k * n + j)) for k in columns if reach[k][j]]
+                memory.put(dot(*zip(*terms, strict=True)), into, j)
 
 
 def emit_balanced_norm(b: Builder, x: int, values: Registers) -> ir.Value:

@@ -282,9 +282,9 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
             with otherwise:
                 broadcast = of_all(first)
                 block_alike = self.block
-        return self._merged((gathered, block_apart), (broadcast, block_alike))
+        return self.merged((gathered, block_apart), (broadcast, block_alike))
 
-    def _merged(self, *cases: tuple[ir.Value, ir.Block]) -> ir.Value:
+    def merged(self, *cases: tuple[ir.Value, ir.Block]) -> ir.Value:
         """Return the value of the block that the code came from."""
         result = self.phi(cases[0][0].type)
         for case in cases:
@@ -320,7 +320,7 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
         with self.if_then(flag, likely=likely):
             others, inside = other(), self.block
         pairs = zip(default, others, strict=True)
-        return [self._merged((old, before), (new, inside)) for old, new in pairs]
+        return [self.merged((old, before), (new, inside)) for old, new in pairs]
 
 
 class Module(ir.Module):  # type: ignore[misc]
@@ -414,6 +414,29 @@ class Loop:
         after = b.append_basic_block("after")
         b.cbranch(b.icmp_signed("<", index, self._count), self._body, after)
         b.position_at_end(after)
+
+
+@dataclass(frozen=True, slots=True)
+class IndexTable:
+    """Whole numbers that a module has, so many at an `address`."""
+
+    address: ir.Value
+    count: int
+
+    @contextmanager
+    def loop(self, b: Builder) -> Iterator[ir.Value]:
+        """Repeat what is written inside for each number; gives that number."""
+        with b.loop(self.count, "table") as index:
+            yield b.load(b.gep(self.address, [I64(0), index]))
+
+
+def constant_table(module: Module, values: Sequence[int]) -> IndexTable:
+    """Write whole numbers into a module."""
+    kind = ir.ArrayType(I64, len(values))
+    table = ir.GlobalVariable(module, kind, module.get_unique_name("table"))
+    table.linkage, table.global_constant = "internal", True
+    table.initializer = ir.Constant(kind, values)
+    return IndexTable(table, len(values))
 
 
 def _method(name: str) -> Any:

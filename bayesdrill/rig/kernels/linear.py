@@ -14,7 +14,8 @@ are one product (`Transitions.join_steps`).
 
 Sums of residuals are added up as channels are computed.  Otherwise channels are stored in planes
 `(rows, K)`: the values, then the slopes in each direction.  Planes are the output, or they become
-normal equations, a chunk of samples at a time that stays in the processor's cache.
+normal equations, a chunk of samples at a time that stays in the processor's cache.  One kernel does
+either: most of the code, and of the time to compile it, is that of the matrices.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ from bayesdrill.rig.kernels.lanes import (
     vector,
 )
 from bayesdrill.rig.kernels.numbers import Number, Numbers, multiply_large, sum_products
-from bayesdrill.rig.kernels.sums import ResidualSums, Sample
+from bayesdrill.rig.kernels.sums import SQUARES, ResidualSums, Sample
 from bayesdrill.rig.kernels.transitions import (
     MAX_RUNGS,
     InputHold,
@@ -58,8 +59,8 @@ from bayesdrill.rig.kernels.transitions import (
 )
 
 # G groups of LANES walkers; T samples, N knots (samples, and others behind the last); q directions;
-# nodes of the table; rungs of the ladder from its width on.
-COUNTS = ("groups", "samples", "knots", "directions", "nodes", "high")
+# nodes of the table; rungs of the ladder from its width on; 1 where signals are stored, and else 0.
+COUNTS = ("groups", "samples", "knots", "directions", "nodes", "high", "stored")
 BLOCKS = {
     "own": VECTORS,  # (G, numbers of `LinearShape.parts`, then `LinearShape.weights`)
     "along": VECTORS,  # (G, q, numbers of `LinearShape.parts`): slopes
@@ -90,8 +91,9 @@ class LinearShape:
     `rows (K, X + 1)`: weights of states, and offsets, see `weight_kinds`.  `own`: whether walkers have
     starts and rows of their own.  `late (K,)`: channels that are, at `times` that are even or not.
     `table`: whether there are several distinct steps; `shares`: whether some are longer than those.
-    `gaps`: samples without a number.  `output`: signals, sums as `tally` has them, or normal equations
-    of white noise or of noise that remembers.  `slopes`: in directions.
+    `gaps`: samples without a number.  `output`: sums as `tally` has them, or normal equations of white
+    noise or of noise that remembers; a kernel of sums of squares, or of normal equations, has signals
+    too.  `slopes`: in directions.
     """
 
     layout: Layout
@@ -159,8 +161,7 @@ class LinearShape:
     @property
     def single_chunk(self) -> bool:
         """Whether all samples are one chunk: each direction is done before the next begins."""
-        normal = self.output in (NORMAL, INNOVATIONS)
-        return not normal or any(self.late) or self.table
+        return self.tally is not None or any(self.late) or self.table
 
     def scratch(self, counts: Mapping[str, int]) -> tuple[int, ...]:
         """Return the vectors of each part of `SCRATCH`, of a run with these `COUNTS`."""
@@ -168,7 +169,7 @@ class LinearShape:
         count, directions = 1 + counts["directions"], max(1, counts["directions"])
         copies = 1 if self.single_chunk else directions
         rows = counts["samples"] if self.single_chunk else ROWS
-        normal = self.output in (NORMAL, INNOVATIONS)
+        normal = self.tally is None
         late = x if self.times == UNEVEN else sum(self.late)
         rungs = MAX_RUNGS * len(table_entries(self.layout)) if self.ladder else 0
         trace = counts["knots"] * late if any(self.late) else 0
@@ -200,50 +201,68 @@ class _Writer:
         self.weights = b.offset(self.mine, size)
         self.planes = b.add(a["directions"], 1)
         parts = [b.offset(a["scratch"], b.single(a["places"], n)) for n in range(len(SCRATCH))]
-        self.table, self.states, self.rungs, self.shown, self.before, self.trace = parts
+        self.table, self.states, self.rungs, planes, self.before, self.trace = parts
         self.table_size = b.mul(a["nodes"], shape.table_numbers * self.kind.width)
-        self.length = a["samples"] if shape.single_chunk else integer(ROWS)
-        if shape.output == SIGNALS:
-            size = b.mul(self.planes, b.mul(a["samples"], self.k))
-            self.shown = b.offset(a["out"], group, size)
+        self.stored = b.icmp_signed("!=", a["stored"], 0)
+        size = b.mul(self.planes, b.mul(a["samples"], self.k))
+        self.shown, self.length = b.offset(a["out"], group, size), a["samples"]
+        if shape.tally is None:
+            length = a["samples"] if shape.single_chunk else integer(ROWS)
+            self.shown = b.select(self.stored, self.shown, planes)
+            self.length = b.select(self.stored, self.length, length)
+            size = b.add(self.k, b.mul(self.planes, self.planes))
+            self.products = b.offset(a["out"], group, size)
 
     def write(self) -> None:
         """Write all that is done for a group of walkers."""
-        b, a, shape = self.b, self.a, self.shape
-        if shape.tally is not None:
-            walker = _Walker(self, integer(0))
-            walker.prepare()
-            totals = walker.advance(integer(0), a["samples"], shape.tally.initial(self.k))
-            totals = walker.show_late(totals)
-            b.write_row(totals, b.offset(a["out"], self.group, len(totals)))
+        if self.shape.tally is None:
+            self._write_planes()
             return
-        with self._directions() as direction:
+        walker = _Walker(self, integer(0))
+        walker.prepare()
+        if self.shape.tally != SQUARES:
+            self._write_sums(walker, self.shape.tally)
+            return
+        with self.b.if_else(self.stored) as (then, otherwise):
+            with then:
+                walker.advance(integer(0), self.a["samples"], [])
+                walker.show_late([])
+            with otherwise:
+                self._write_sums(walker, self.shape.tally)
+
+    def _write_sums(self, walker: _Walker, tally: ResidualSums) -> None:
+        totals = walker.advance(integer(0), self.a["samples"], tally.initial(self.k))
+        totals = walker.show_late(totals)
+        self.b.write_row(totals, self.b.offset(self.a["out"], self.group, len(totals)))
+
+    def _write_planes(self) -> None:
+        """Store planes, or add up their products chunk by chunk."""
+        b, a, single = self.b, self.a, self.shape.single_chunk
+        with b.loop(a["directions"], "directions") as direction:
             walker = _Walker(self, direction)
             walker.prepare()
-            if shape.single_chunk:
+            if single:
                 walker.advance(integer(0), a["samples"], [])
                 walker.show_late([])
-        if shape.output == SIGNALS:
-            return
-        self._begin_products()
-        if shape.single_chunk:
-            self._add_products(integer(0), a["samples"])
-            return
-        with b.loop(b.sdiv(b.add(a["samples"], ROWS - 1), ROWS), "chunks") as chunk:
+        with self._unless_stored():
+            self._begin_products()
+        chunks = integer(1)
+        if not single:
+            chunks = b.sdiv(b.add(a["samples"], ROWS - 1), ROWS)
+            chunks = b.select(self.stored, 1, chunks)
+        with b.loop(chunks, "chunks") as chunk:
             first = b.mul(chunk, ROWS)
-            rows = b.least(b.sub(a["samples"], first), ROWS)
-            with self._directions() as direction:
-                _Walker(self, direction).advance(first, rows, [])
-            self._add_products(first, rows)
+            rows = b.least(b.sub(a["samples"], first), self.length)
+            if not single:
+                with b.loop(a["directions"], "directions") as direction:
+                    _Walker(self, direction).advance(first, rows, [])
+            with self._unless_stored():
+                self._add_products(first, rows)
 
     @contextmanager
-    def _directions(self) -> Iterator[Integer]:
-        """Repeat what is written inside for each direction; once where numbers have no slopes."""
-        if self.shape.slopes:
-            with self.b.loop(self.a["directions"], "directions") as direction:
-                yield direction
-        else:
-            yield integer(0)
+    def _unless_stored(self) -> Iterator[None]:
+        with self.b.if_then(self.b.not_(self.stored)):
+            yield
 
     def at(self, plane: Integer, row: Integer, k: int = 0) -> ir.Value:
         """Return the address of channel k in a row of a plane."""
@@ -270,9 +289,8 @@ class _Writer:
     # Normal equations.
 
     def _begin_products(self) -> None:
-        b, size = self.b, self.b.add(self.k, self.b.mul(self.planes, self.planes))
-        self.out = b.offset(self.a["out"], self.group, size)
-        b.clear(self.out, size)
+        b = self.b
+        b.clear(self.products, b.add(self.k, b.mul(self.planes, self.planes)))
         with b.loop(self.planes, "fresh") as plane:  # no sample before the first: see `_whiten`
             before = b.offset(self.before, plane, 2 * self.k)
             b.write_row([vector(0.0)] * self.k + [vector(1.0)] * self.k, before)
@@ -291,7 +309,7 @@ class _Writer:
             return totals
 
         def add(value: ir.Value, index: Integer) -> None:
-            at = b.offset(self.out, index)
+            at = b.offset(self.products, index)
             b.write(b.fadd(b.read(at, 0), value), at, 0)
 
         for k, square in enumerate(products(0, 0)):
@@ -512,7 +530,7 @@ class _Walker:
     def show(self, sample: ir.Value, row: Integer, k: int, value: Number, totals: Values) -> Values:
         """Add what channel k shows of a sample to the sums, or store it in a row of the planes."""
         values = self.kind.flat([value])
-        if self.shape.tally is not None:
+        if totals:
             return self.w.add_sample(sample, k, values[0], totals)
         for plane, register in zip((0, self.b.add(self.direction, 1)), values, strict=False):
             self.b.write(register, self.w.at(plane, row, k), 0)

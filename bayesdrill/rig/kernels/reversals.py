@@ -87,12 +87,13 @@ class RestState:
 class ReversalStep:
     """A step with events: speeds may cross zero, and frictions stick or slip.
 
-    It is in `count` parts, each of them one `step`: what else happens in it, such as a current that
-    follows fast, need not be as straight as a speed.
+    It is in `count` parts, each of them one `step`, a `share` of it: what else happens in it, such
+    as a current that follows fast, need not be as straight as a speed.
     """
 
     step: Step
-    count: int
+    count: ir.Value
+    share: Vector
 
     @property
     def _order(self) -> list[int]:
@@ -110,8 +111,6 @@ class ReversalStep:
 
         After a reversal there are no trends.
         """
-        if self.count == 1:
-            return self._whole(now, shows=shows)
         step, kind = self.step, self.step.kind
         x, v = len(now.state), len(step.varying)
         e = x + (len(step.frictions) if shows else 0)
@@ -124,7 +123,7 @@ class ReversalStep:
         drive = step.drive_after(now.drive, since)
         result = self._whole(StepStart(values[:x], before, drive, now.inputs), shows=shows)
         pairs = zip(values[x:e], result[x:e], strict=True)
-        efforts = [total + effort * (1.0 / self.count) for total, effort in pairs]
+        efforts = [total + effort * self.share for total, effort in pairs]
         result = [*result[:x], *efforts, *result[e:]]
         loop.close(kind.flat(result))
         return result

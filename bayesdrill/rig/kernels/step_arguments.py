@@ -20,8 +20,8 @@ from bayesdrill.rig.kernels.sums import ResidualSums
 from bayesdrill.rig.models.friction import SettlingLaw
 from bayesdrill.rig.models.linear import Model
 
-# T samples; N steps.
-COUNTS = ("groups", "samples", "nodes")
+# T samples; N steps; parts of a step with a reversal; 1 where signals are stored in the place of sums.
+COUNTS = ("groups", "samples", "nodes", "turns", "stored")
 BLOCKS = {
     "numbers": NUMBERS,  # spans of a step, and of as many as are between usual samples; constant inputs
     "own": VECTORS,  # (G, vectors of `walker_blocks` of the shape): what walkers have of their own
@@ -41,9 +41,10 @@ class SteppedShape:
 
     `series`: sampled inputs, of which `late` have a lag of each walker; `constant`: those that are
     constant and not zero; `pattern (K, R)`: entries of rows that may differ from zero, over states,
-    one and (where `efforts`) what frictions do.  `tally`: None for signals.  `dual`: with slopes.
+    one and (where `efforts`) what frictions do.  `tally`: None for signals, which a kernel of sums of
+    squares stores too.  `dual`: with slopes.
     `read`: channels have times of their own.  `single`: a sample at each step.  `gaps`: samples
-    without a number.  `turns`: parts of a step with a reversal.
+    without a number.
     """
 
     model: Model
@@ -58,7 +59,6 @@ class SteppedShape:
     single: bool
     efforts: bool
     gaps: bool
-    turns: int
 
     @property
     def text(self) -> str:

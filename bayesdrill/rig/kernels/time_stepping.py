@@ -40,7 +40,7 @@ from bayesdrill.rig.kernels.lanes import (
 from bayesdrill.rig.kernels.numbers import Number, Numbers, multiply_add, sum_products
 from bayesdrill.rig.kernels.reversals import ReversalStep, advance_step, advance_stride
 from bayesdrill.rig.kernels.step_arguments import BLOCKS, COUNTS, Rates, SteppedShape
-from bayesdrill.rig.kernels.sums import Sample
+from bayesdrill.rig.kernels.sums import SQUARES, ResidualSums, Sample
 
 
 class Writer:
@@ -60,14 +60,15 @@ class Writer:
             name: number(b, self.a["numbers"], 2 + c) for c, name in enumerate(shape.constant)
         }
         self.span = number(b, self.a["numbers"], 0)
+        self.stored = b.icmp_signed("!=", self.a["stored"], 0)
         # Exponentials of a step, a substep and, if there is one, a long step.
         count = 2 + shape.long_steps
         whole, part, *stride = self.exponentials = [
             self.kind.room(shape.layout.size**2) for _ in range(count)
         ]
         self._exponential(self.span, whole)
-        if shape.turns > 1:
-            self._exponential(self.span * (1.0 / shape.turns), part)
+        if model.frictions:
+            self._part_exponential(whole, part)
         count, rows = shape.r_count, self.walker_numbers("rows")
         self.rows = [
             {r: rows[k * count + r] for r, used in enumerate(pattern) if used}
@@ -99,6 +100,22 @@ class Writer:
         if self.shape.dual:
             numbers += [b.offset(parameters, layout.n_parameters), vector(0.0)]
         store_exponential(b, room, constants, layout, *numbers, increments=False)
+
+    def _part_exponential(self, whole: ir.Value, part: ir.Value) -> None:
+        """Store that of a part of a step with a reversal, which may be all of it."""
+        b = self.b
+        parted = b.icmp_signed(">", self.a["turns"], 1)
+        with b.if_else(parted) as (then, otherwise):
+            with then:
+                self._exponential(self.span * self._part, part)
+            with otherwise:
+                b.copy(whole, part, self.shape.layout.size**2 * self.kind.width)
+
+    @property
+    def _part(self) -> Vector:
+        """The share of a step that a part is."""
+        b = self.b
+        return Vector(b, b.splat(b.fdiv(F64(1.0), b.sitofp(self.a["turns"], F64))))
 
     def _entry(self, e: ir.Value, row: int, column: int) -> Number | None:
         """Return an entry of Phi or of what follows it; columns count states, one, and what drives."""
@@ -215,10 +232,8 @@ class Writer:
         return numbers[:x], FrictionHistory(numbers[x : x + v], numbers[x + v :])
 
     def _turning(self) -> ReversalStep:
-        step, count = self.step, self.shape.turns
-        if count > 1:
-            step = self._step(self.exponentials[1], self.span * (1.0 / count))
-        return ReversalStep(step, count)
+        step = self._step(self.exponentials[1], self.span * self._part)
+        return ReversalStep(step, self.a["turns"], self._part)
 
     def run_samples(self) -> None:
         """Advance from sample to sample; channels see the states there."""
@@ -238,7 +253,8 @@ class Writer:
             count = b.single(self.a["pieces"], samples.index)
             last = self._to_next_sample(samples.index, node, count, state_registers)
             samples.close([b.add(node, count), *last, *totals])
-        b.write_row(totals, b.offset(self.a["out"], self.group, len(totals)))
+        with b.if_then(b.not_(self.stored)):
+            b.write_row(totals, b.offset(self.a["out"], self.group, len(totals)))
 
     def _to_next_sample(
         self, sample: ir.Value, node: ir.Value, count: ir.Value, registers: list[ir.Value]
@@ -274,11 +290,30 @@ class Writer:
         efforts: Sequence[Number],
         totals: Sequence[ir.Value],
     ) -> list[ir.Value]:
-        """Return the new sums; none where there are signals, which are stored."""
-        if self.shape.tally is None:
+        """Return the new sums, or store signals."""
+        b, shape = self.b, self.shape
+
+        def store() -> None:
             for k in range(self.k_count):
                 self.write_signal(sample, k, self.output(k, state, efforts))
+
+        if shape.tally is None:
+            store()
             return []
+        if shape.tally != SQUARES:
+            return self._added(sample, state, totals)
+        with b.if_else(self.stored) as (then, otherwise):
+            with then:
+                store()
+                storing = b.block
+            with otherwise:
+                new, adding = self._added(sample, state, totals), b.block
+        pairs = zip(totals, new, strict=True)
+        return [b.merged((old, storing), (sum_, adding)) for old, sum_ in pairs]
+
+    def _added(
+        self, sample: ir.Value, state: Sequence[Number], totals: Sequence[ir.Value]
+    ) -> list[ir.Value]:
         new_sums = []
         for k, row in enumerate(self.rows):
             residual = self.measured(sample, k)
@@ -352,18 +387,31 @@ def _seen_rate(w: Writer, k: int, rates: Sequence[Number]) -> Number:
 
 
 def emit_reading(w: Writer) -> None:
-    """Observe all samples, each lane at its own time."""
-    b, shape = w.b, w.shape
-    sums = shape.tally.initial(w.k_count) if shape.tally is not None else []
-    shifts, before = w.walker_numbers("shift"), w.walker_numbers("before")
+    """Observe all samples, each lane at its own time: store signals, or add up sums."""
+    b, tally, before = w.b, w.shape.tally, w.walker_numbers("before")
     begins = [_seen_rate(w, k, before) for k in range(w.k_count)]  # before the start
+    if tally is None:
+        _read_samples(w, begins, None)
+    elif tally != SQUARES:
+        _read_samples(w, begins, tally)
+    else:
+        with b.if_else(w.stored) as (then, otherwise):
+            with then:
+                _read_samples(w, begins, None)
+            with otherwise:
+                _read_samples(w, begins, tally)
+
+
+def _read_samples(w: Writer, begins: Sequence[Number], tally: ResidualSums | None) -> None:
+    b, shifts = w.b, w.walker_numbers("shift")
+    sums = tally.initial(w.k_count) if tally is not None else []
     samples = Loop(b, w.a["samples"], sums, "read")
     t = Vector(b, b.shared(w.a["t"], samples.index))
     totals: list[ir.Value] = []
     for k in range(w.k_count):
         when = t - shifts[k] / w.span
         value = _read(w, k, when, begins[k])
-        if shape.tally is not None:
+        if tally is not None:
             residual = w.measured(samples.index, k) - value
             totals += w.add_sample(samples.index, k, residual, samples.carried)
         else:

@@ -31,7 +31,7 @@ from bayesdrill.rig.kernels.linear import (
     LinearShape,
     write_linear,
 )
-from bayesdrill.rig.kernels.sums import ResidualSums
+from bayesdrill.rig.kernels.sums import SQUARES, ResidualSums
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulators.contract import aligned, in_groups, whitening_scales
 from bayesdrill.rig.simulators.long_record import LongRecord, input_layout, record_blocks
@@ -42,6 +42,7 @@ from bayesdrill.rig.simulators.time_grid import Grid, inputs_at_knots
 # Numbers of a record: of more, no memory is taken for eight walkers at once.
 MAX_GROUPED = 8_000_000
 NONE = np.zeros(0)
+NOWHERE = NONE.ctypes.data  # its address: asking for it takes as long as some samples of a group
 PERFECT = ObservationModel()
 MAX_AHEAD = 4  # lengths of the record that a channel may be ahead of it
 
@@ -108,7 +109,7 @@ class Response(Unstepped):
     def _padded(self) -> Array:
         """The record at all knots of whole steps, NaN where there is no sample: `(T, K)`."""
         g, y = self._grid, np.asarray(self.sensors.padded)
-        joined = self._shape(SIGNALS, None, slopes=False).joined
+        joined = self._shape(SIGNALS, None, slopes=False, gaps=False).joined
         padded = np.full((-(-(len(g.t) - 1) // joined) * joined, y.shape[1]), np.nan)
         padded[g.at] = y
         return padded
@@ -130,10 +131,19 @@ class Response(Unstepped):
         lags, delayed = self.sensing.lags, self.sensing.delay is not None
         return tuple(delayed or channel.name in lags for channel in self.experiment.channels)
 
-    def _shape(self, output: str, tally: ResidualSums | None, *, slopes: bool) -> LinearShape:
+    def _shape(
+        self,
+        output: str,
+        tally: ResidualSums | None,
+        *,
+        slopes: bool,
+        gaps: bool | None = None,
+    ) -> LinearShape:
         g, own = self._grid, not self.sensing.empty
         # Where some channel may have an offset, all have: one kernel for all sets of them.
         rows = np.column_stack([self.sensors.weights, np.full(len(self._late), float(own))])
+        if output == SIGNALS:  # which kernels of these store too
+            output, tally = (NORMAL, None) if slopes else (SUMS, SQUARES)
         kinds = np.where(rows != 0.0, OTHER_WEIGHT, 0) if own else rows
         return LinearShape(
             layout=input_layout(self.sensors.observed_model, self.experiment),
@@ -143,7 +153,7 @@ class Response(Unstepped):
             times=UNEVEN if any(self._late) and not g.uniform else EVEN,
             table=len(g.spans) > 1,
             shares=g.width > 0.0,
-            gaps=output != SIGNALS and self._gaps,
+            gaps=self._gaps if gaps is None else gaps,
             output=output,
             tally=tally,
             slopes=slopes,
@@ -246,7 +256,7 @@ class Response(Unstepped):
     ) -> Array:
         """Run the kernel of an output, and return what it stores `(W, *out)`."""
         kernel, shape = self._kernel(output, tally, slopes=along is not None)
-        blocks, q = {"along": NONE}, 0
+        blocks, q = dict[str, Array | int](along=NOWHERE), 0
         walkers: Array | Dual = full
         if along is not None:
             n, q, p = along.shape
@@ -256,11 +266,13 @@ class Response(Unstepped):
         if along is not None:
             blocks["along"] = in_groups(numbers.slope.reshape(len(full), -1))
             numbers = numbers.value[::q]  # those of a walker are the same in all directions
+        if weights is None and along is not None:  # of signals, which need none
+            weights = np.zeros((len(full), shape.channels))
         own = (numbers,) if weights is None else (numbers, weights)
         samples = len(self._padded)
         counts = {
             "samples": samples, "knots": samples + ahead, "directions": q,
-            "nodes": len(self._grid.spans), "high": self._high,
+            "nodes": len(self._grid.spans), "high": self._high, "stored": int(output == SIGNALS),
         }  # fmt: skip
         wanted = (output, tally, along is not None, *counts.values())
         if wanted not in self._known:

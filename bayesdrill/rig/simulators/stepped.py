@@ -23,7 +23,7 @@ from bayesdrill.rig.kernels.compiling import Kernel, compile_kernel
 from bayesdrill.rig.kernels.exponential import present
 from bayesdrill.rig.kernels.lanes import LANES
 from bayesdrill.rig.kernels.step_arguments import SteppedShape
-from bayesdrill.rig.kernels.sums import ResidualSums
+from bayesdrill.rig.kernels.sums import SQUARES, ResidualSums
 from bayesdrill.rig.kernels.time_stepping import write_stepping
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulators.contract import (
@@ -37,13 +37,14 @@ from bayesdrill.rig.simulators.sensors import ObservationModel, ObservedWalkers
 from bayesdrill.rig.simulators.time_grid import UniformGrid
 
 NONE = np.zeros(0)
+NOWHERE = NONE.ctypes.data  # its address
 
 
 @dataclass(frozen=True)
 class BoundKernel:
     """A kernel bound to a grid and a record `y (T, K)`.
 
-    `numbers`: of steps, and of constant inputs.
+    `numbers`: of steps, and of constant inputs; `turns`: parts of a step with a reversal.
     """
 
     kernel: Kernel
@@ -51,6 +52,7 @@ class BoundKernel:
     ahead: UniformGrid
     y: Array
     numbers: Array
+    turns: int
 
     @cached_property
     def _fixed_addresses(self) -> dict[str, int]:
@@ -64,8 +66,10 @@ class BoundKernel:
         }
         return {name: block.ctypes.data for name, block in blocks.items()}
 
-    def run(self, n: int, parts: Mapping[str, list[Array]]) -> Array:
+    def run(self, n: int, parts: Mapping[str, list[Array]], *, stored: bool) -> Array:
         """Run n walkers and return sums `(W, K, n)`, or signals `(W, T, K, registers of a number)`.
+
+        `stored`: signals, by a kernel of sums too.
 
         Each part is `(W, ...)`, or `(1, ...)` where walkers have the same; with its slopes.
         """
@@ -74,12 +78,14 @@ class BoundKernel:
         after = ahead.steps_after(parts["shift"][0]) if shape.read else 0
         walkers, nodes = self._in_lanes(n, parts), ahead.nodes + after
         signals = (ahead.samples, k, numbers)
-        out = signals if shape.tally is None else (k, shape.tally.count)
-        trace = np.empty((nodes + 1) * k * 3 * numbers * LANES) if shape.read else NONE
+        out = signals if stored or shape.tally is None else (k, shape.tally.count)
+        size = (nodes + 1) * k * 3 * numbers * LANES
+        trace = np.empty(size) if shape.read else NOWHERE
         margin = ahead.margin(parts["lag"][0]) if shape.late else 0
         return self.kernel.run(
-            "stepping", n, out, samples=ahead.samples, nodes=nodes, own=walkers, trace=trace,
-            u=ahead.inputs(margin, after)[1], **self._fixed_addresses,
+            "stepping", n, out, samples=ahead.samples, nodes=nodes, turns=self.turns,
+            stored=int(stored), own=walkers, trace=trace, u=ahead.inputs(margin, after)[1],
+            **self._fixed_addresses,
         )  # fmt: skip
 
     def _in_lanes(self, n: int, parts: Mapping[str, list[Array]]) -> Array:
@@ -184,13 +190,14 @@ class Stepped(Simulator):
                 pattern=tuple(map(tuple, (rows != 0).tolist())),
                 gaps=tally is not None and bool(np.isnan(w.padded).any()),
                 tally=tally,
-                turns=self.turns if self.model.frictions else 1,
                 **kind,
             )
             kernel = compile_kernel(write_stepping, shape)
             inputs = [experiment.constant[name] for name in shape.constant]
             numbers = np.array([*ahead.spans, *inputs])
-            self._bound_kernels[wanted] = BoundKernel(kernel, shape, ahead, w.padded, numbers)
+            self._bound_kernels[wanted] = BoundKernel(
+                kernel, shape, ahead, w.padded, numbers, self.turns
+            )
         return self._bound_kernels[wanted]
 
     def _run(
@@ -212,9 +219,13 @@ class Stepped(Simulator):
         read = not efforts and (self.sensing.shifts or not ahead.aligned)
         single = ahead.single and not read
         dual = along is not None
-        bound = self._bind(ahead, efforts=efforts, tally=tally, dual=dual, read=read, single=single)
-        result = bound.run(len(full), parts)
-        return result[..., 0] if tally is None and along is None else result
+        stored = tally is None and not dual and not efforts
+        wanted = SQUARES if stored else tally
+        bound = self._bind(
+            ahead, tally=wanted, efforts=efforts, dual=dual, read=read, single=single
+        )
+        result = bound.run(len(full), parts, stored=stored)
+        return result[..., 0] if tally is None and not dual else result
 
     def _parts(self, full: Array, along: Array | None) -> dict[str, list[Array]]:
         """Return the parts of the block `own`, and their slopes.

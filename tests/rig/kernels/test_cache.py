@@ -311,7 +311,7 @@ def rubbing(model: MotorShaft, **own: Any) -> SteppedShape:
     pattern = ((True,) * (len(model.states) + 1),)
     usual = {"tally": SQUARES, "dual": False, "read": False, "single": False, "efforts": False}
     named = {"series": ("v",), "late": (), "constant": (), "first_order": True, "gaps": False}
-    return SteppedShape(**{"model": model, "pattern": pattern, "turns": 4, **usual, **named, **own})
+    return SteppedShape(**{"model": model, "pattern": pattern, **usual, **named, **own})
 
 
 def test_kernels_have_one_text_where_they_have_one_code() -> None:
