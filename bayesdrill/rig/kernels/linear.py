@@ -22,8 +22,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from llvmlite import ir
@@ -244,7 +243,7 @@ class _Writer:
             if single:
                 walker.advance(integer(0), a["samples"], [])
                 walker.show_late([])
-        with self._unless_stored():
+        with b.if_then(b.not_(self.stored)):
             self._begin_products()
         chunks = integer(1)
         if not single:
@@ -256,13 +255,8 @@ class _Writer:
             if not single:
                 with b.loop(a["directions"], "directions") as direction:
                     _Walker(self, direction).advance(first, rows, [])
-            with self._unless_stored():
+            with b.if_then(b.not_(self.stored)):
                 self._add_products(first, rows)
-
-    @contextmanager
-    def _unless_stored(self) -> Iterator[None]:
-        with self.b.if_then(self.b.not_(self.stored)):
-            yield
 
     def at(self, plane: Integer, row: Integer, k: int = 0) -> ir.Value:
         """Return the address of channel k in a row of a plane."""
