@@ -290,7 +290,7 @@ def test_an_offset_and_dry_friction_of_a_motor_that_turns_one_way_are_not_recomm
     assert causes.best is not None
     assert causes.best.parts in {("offset_w_motor",), ("offset_u_motor",), ("friction_motor",)}
     (both,) = (c for c in causes.ranked if {*c.parts} == {"offset_w_motor", "offset_u_motor"})
-    assert "an offset of w_motor and an offset of u_motor stand for each other" in both.doubts
+    assert ("alike", {*both.words}) in [(each.kind, {*each.said_of}) for each in both.doubts]
 
 
 # --- which cause is the best -------------------------------------------------------------------------
