@@ -23,7 +23,6 @@ from bayesdrill.config.records import sources
 from bayesdrill.output_files import FORMATS, refuse_replacing
 from bayesdrill.record.experiment import raise_if_any
 from bayesdrill.report import words
-from bayesdrill.report.sections.fit import save_record
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.tasks import identify
 
@@ -238,6 +237,8 @@ class Case(Value):
 
     def draw_record(self, path: str | Path) -> str:
         """Draw channels and inputs over time, a figure for each experiment; see `draw_rig`."""
+        from bayesdrill.report.sections.fit import save_record  # late: few draw a record
+
         to = _figure_file(self.job, "--figure-record", path)
         written = save_record(self.job.problem, to)
         return f"figure: {', '.join(map(str, written))}"

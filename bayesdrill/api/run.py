@@ -284,7 +284,7 @@ class Run(SampledRun):
 
     @property
     def converged(self) -> bool:
-        """Whether R-hat, effective sample size and length of the chain met their targets."""
+        """Tell whether R-hat, effective sample size and length of the chain met their targets."""
         return self.sampled.convergence.converged
 
     @property

@@ -56,7 +56,7 @@ class Expression:
 
     @property
     def positive(self) -> bool:
-        """Whether the formula is certainly positive if all names are; a sum is not."""
+        """Tell whether positive names always make the formula positive; a sum counts as no."""
         return _is_positive(self.tree)
 
     def renamed(self, names: Mapping[str, str]) -> Expression:

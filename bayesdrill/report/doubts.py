@@ -26,12 +26,12 @@ def run_doubts(
 
 
 def figure_warning(sampled: SamplingResult, left: Sequence[ResidualSummary]) -> str:
-    """What every figure must carry; empty where there is nothing to warn of."""
+    """Return the warning that every figure of a run carries; empty if there is none."""
     return misfit(left) if sampled.convergence.converged else "NOT CONVERGED"
 
 
 def misfit(left: Sequence[ResidualSummary]) -> str:
-    """The same of a fit alone."""
+    """Return the warning that figures of a fit carry; empty if it leaves only noise."""
     if any(summary.far_too_large for summary in left):
         return "DOES NOT FIT: far more than the noise is left"
     if any(summary.unbelievable for summary in left):
@@ -138,7 +138,7 @@ def _correlated(correlated: Sequence[ResidualSummary]) -> str:
 
 
 def _worst(summaries: Sequence[ResidualSummary], which: str, by: str) -> list[ResidualSummary]:
-    """Those of which it is true, the worst first."""
+    """Return the summaries whose flag `which` is set, sorted by `by`, the worst first."""
     chosen = [summary for summary in summaries if getattr(summary, which)]
     return sorted(chosen, key=lambda summary: abs(getattr(summary, by)), reverse=which != "small")
 
@@ -148,7 +148,7 @@ def _each_channel(summaries: Sequence[ResidualSummary], what: str) -> str:
 
 
 def percent(share: float) -> str:
-    """Of a channel's spread about its mean; of one that hardly changes it says nothing."""
+    """Return a share of a channel's spread in per cent; above `MAX_SHARE` only the limit is given."""
     if share > MAX_SHARE:
         return f"> {100 * MAX_SHARE:.0f} %"
     return f"{100 * share:.2g} %" if not share >= 0.995 else f"{100 * share:.0f} %"
@@ -182,7 +182,7 @@ def map_notes(problem: Problem, mode: Mode) -> Iterator[str]:
 
 
 def describe_timing(moment: InputTiming | None) -> Iterable[str]:
-    """How much half a sample of it matters; nothing where it hardly does."""
+    """Yield a sentence on how far half a sample of delay moves values, if it moves them much."""
     if moment is None or not moment.matters:
         return
     moved = sorted(moment.shifts, key=lambda shift: -abs(shift[1]))

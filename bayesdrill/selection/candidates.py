@@ -34,6 +34,11 @@ class CandidateModel:
         return tuple(change.name for change in self.changes)
 
     @property
+    def name(self) -> str:
+        """Join the names of its changes with dashes."""
+        return "-".join(self.names)
+
+    @property
     def entries(self) -> Entries:
         """The entries that go over those of the config."""
         said = merged({}, *(change.entries for change in self.changes))

@@ -227,7 +227,7 @@ class Ranking:
                 try:
                     job = rung.job(shared=True)
                 except InputError as error:
-                    self.left_out["-".join(rung.names)] = error.problems[0].message
+                    self.left_out[rung.name] = error.problems[0].message
                     continue
                 least = self.given.log_posterior + PROMISE
                 single = self.maxima.get(rung.names[-1:]) if len(rung.names) > 1 else None
@@ -243,7 +243,7 @@ class Ranking:
 
     def _keep(self, rung: CandidateModel, job: Job, top: RefitMaximum | None) -> None:
         if top is None:
-            self.left_out["-".join(rung.names)] = "has no finite response near the maximum"
+            self.left_out[rung.name] = "has no finite response near the maximum"
             return
         tries = math.prod(self.tried.get(name, 1) for name in rung.names)
         lacks = dict.fromkeys(name for change in rung.changes for name in change.lacks)

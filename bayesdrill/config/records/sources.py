@@ -121,7 +121,7 @@ MAX_KEPT = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Files:
-    """What was read of files, for all who ask for the same again.
+    """Keep what was read of files, for those who ask for the same again.
 
     `tables`: by all that decides what a file is read as, if they are small; `records`: the first that
     was made of each experiment, by its label.  `given`: the table of a record that is in no file.

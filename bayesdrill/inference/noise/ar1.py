@@ -268,13 +268,13 @@ class AR1:
             for k, channel in channels
         ]
 
-        def place(*columns: Array) -> Array:
+        def in_channels(*columns: Array) -> Array:
             out = np.full(values.shape, np.nan)
             for k, channel in channels:
                 out[:, channel.rows, k] = columns[k]
             return out
 
-        placed: N = linear_map(place, *results)
+        placed: N = linear_map(in_channels, *results)
         return placed
 
     def noise_score(self, residuals: Residuals, theta: Array) -> tuple[Array, Array]:

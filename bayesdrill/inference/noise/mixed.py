@@ -201,11 +201,13 @@ class Mixed:
     def _each[N](self, evaluate: Callable[[ChannelNoise, Any], N], theta: Any) -> N:
         """Return what is evaluated of every part, its channels in their places."""
 
-        def place(*results: Array) -> Array:
+        def in_channels(*results: Array) -> Array:
             out = np.empty((*results[0].shape[:-1], self.n_channels))
             for part, values in zip(self.parts, results, strict=True):
                 out[..., part.columns] = values
             return out
 
-        placed: N = linear_map(place, *(evaluate(part, at) for part, at in self._split(theta)))
+        placed: N = linear_map(
+            in_channels, *(evaluate(part, at) for part, at in self._split(theta))
+        )
         return placed

@@ -95,10 +95,11 @@ class StudentT(IndependentNoise):
         """Return slopes, and the expected curvature, larger where residuals are."""
         scale, nu = self._each(theta)
         samples, n = residuals.samples, self.levels.sizes
-        by_scale, by_nu = (
-            np.nansum(_log_density(samples, *pair).slope, axis=1)
-            for pair in ((Dual(scale, scale), nu), (scale, Dual(nu, nu)))
-        )
+        still = np.zeros_like(
+            scale
+        )  # slopes `(2, W, T, K)`: by the log of the scale, and by that of nu
+        moved = Dual(scale, np.stack([scale, still])), Dual(nu, np.stack([still, nu]))
+        by_scale, by_nu = np.nansum(_log_density(samples, *moved).slope, axis=2)
         inflation = np.maximum(1.0, 1.0 + by_scale / n)
         pairs = self._pairs(nu[:, 0]) * inflation[..., None, None]
         slope = np.hstack([by_scale[:, self._free[0]], by_nu[:, self._free[1]]])

@@ -35,7 +35,7 @@ MOST_NAMED = 20  # refits that did not converge
 
 
 def calibration_opening(problem: Problem, config: Config) -> str:
-    """What is repeated, and how often."""
+    """Say what a calibration repeats, and how often."""
     records = " and one of ".join(
         f"{len(observation.experiment.t)} samples of {', '.join(observation.experiment.names)}"
         for observation in problem.observations

@@ -36,14 +36,13 @@ from bayesdrill.rig.kernels.lanes import LANES
 from bayesdrill.rig.kernels.sums import SQUARES, ResidualSums
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulators import exact_reason
-from bayesdrill.rig.simulators.contract import Simulator, in_groups
+from bayesdrill.rig.simulators.contract import NO_BLOCK, Simulator, in_groups
 from bayesdrill.rig.simulators.long_record import LongRecord
 from bayesdrill.rig.simulators.sensors import ObservationModel, ObservedWalkers
 from bayesdrill.rig.simulators.stepped import Unstepped
 
 TOLERANCE = 1e-7  # of the log likelihood
 MAX_BEYOND = 0.02  # of points: walkers whose bound is larger have the exact simulator
-NONE = np.zeros(0)
 LEAST = 1e-300  # weight of a sum that does not count
 RESPONSE_DIGITS = range(12, 26, 2)  # digits of a mode's response that functions keep, fewest first
 
@@ -245,7 +244,7 @@ class CompressedSimulator(Unstepped):
         scratch = np.empty((shape.scratch_size(columns, q), LANES))
         given = {
             "columns": columns, "channel": size if alike > 1 else 0, "sum": alike * size, "q": q,
-            "scratch": scratch, "directions": NONE, "weights": NONE,
+            "scratch": scratch, "directions": NO_BLOCK, "weights": NO_BLOCK,
         } | known.blocks | grouped  # fmt: skip
         width = self._k * (shape.sums + 1) + q + q * q
         return compile_kernel(write_sums, shape).run("sums", n, (width,), **given), scratch

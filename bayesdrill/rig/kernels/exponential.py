@@ -291,7 +291,6 @@ def store_exponential(
     else:
         _sum_series(b, e, short, layout, memory, reached)
     spare, most = memory.room(n * n), b.largest(halvings)
-    memory.clear(spare, n * n)
     with b.if_then(b.icmp_signed(">", most, 0)), b.loop(most, "squarings") as squarings:
         wanted = b.sitofp(halvings, VEC)
         still = b.fcmp_ordered("<", b.splat(b.sitofp(squarings, F64)), wanted)

@@ -390,16 +390,14 @@ def emit_reading(w: Writer) -> None:
     """Observe all samples, each lane at its own time: store signals, or add up sums."""
     b, tally, before = w.b, w.shape.tally, w.walker_numbers("before")
     begins = [_seen_rate(w, k, before) for k in range(w.k_count)]  # before the start
-    if tally is None:
-        _read_samples(w, begins, None)
-    elif tally != SQUARES:
+    if tally != SQUARES:
         _read_samples(w, begins, tally)
-    else:
-        with b.if_else(w.stored) as (then, otherwise):
-            with then:
-                _read_samples(w, begins, None)
-            with otherwise:
-                _read_samples(w, begins, tally)
+        return
+    with b.if_else(w.stored) as (then, otherwise):
+        with then:
+            _read_samples(w, begins, None)
+        with otherwise:
+            _read_samples(w, begins, tally)
 
 
 def _read_samples(w: Writer, begins: Sequence[Number], tally: ResidualSums | None) -> None:

@@ -237,6 +237,11 @@ def log_sums(tally: Array) -> Array:
     return np.asarray(np.where(squares < MAX_SQUARES, logs, np.nan))
 
 
+# A block that a kernel does not read, and its address: asking for that takes as long as some samples.
+NO_BLOCK = np.zeros(0)
+NO_ADDRESS = NO_BLOCK.ctypes.data
+
+
 def aligned(scratch: Array) -> int:
     """Return an address in `scratch`: vectors that cross lines of the cache take twice as long."""
     start = scratch.ctypes.data

@@ -25,12 +25,11 @@ from bayesdrill.rig.kernels.lanes import LANES
 from bayesdrill.rig.kernels.steady_state_kalman import BLOCK_SAMPLES, write_steady_state
 from bayesdrill.rig.models.latent_torque import AugmentedModel, MissingTorque, augment
 from bayesdrill.rig.models.linear import Model
-from bayesdrill.rig.simulators.contract import in_groups
+from bayesdrill.rig.simulators.contract import NO_BLOCK, in_groups
 from bayesdrill.rig.simulators.long_record import constant_numbers, input_layout
 
 CLOCK_TOLERANCE = 1e-9  # of the usual step: what steps may differ by and be one
 MAX_STEP_LENGTHS = 64  # lengths of steps, each with matrices of its own
-NONE = np.zeros(0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -227,7 +226,7 @@ class KalmanFilter:
             lead=int(self.steps.lead), parameters=_in_turn(parameters),
             variances=_in_turn(variances), left=_in_turn(residuals),
             table=np.empty((steps * 2 * system.n**2 * width, LANES)),
-            kept=np.empty((t_count * smoother_size(system), LANES)) if smooths else NONE,
+            kept=np.empty((t_count * smoother_size(system), LANES)) if smooths else NO_BLOCK,
             **self._shared,
         )  # fmt: skip
         return samples.reshape(n_walkers, t_count, -1, each) if each else samples

@@ -9,7 +9,7 @@ hold) or interpolated linearly (first-order hold); for either the discrete syste
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -33,7 +33,7 @@ from bayesdrill.rig.kernels.linear import (
 )
 from bayesdrill.rig.kernels.sums import SQUARES, ResidualSums
 from bayesdrill.rig.models.linear import Model
-from bayesdrill.rig.simulators.contract import aligned, in_groups, whitening_scales
+from bayesdrill.rig.simulators.contract import NO_ADDRESS, aligned, in_groups, whitening_scales
 from bayesdrill.rig.simulators.long_record import LongRecord, input_layout, record_blocks
 from bayesdrill.rig.simulators.sensors import ObservationModel, ObservedWalkers, beside
 from bayesdrill.rig.simulators.stepped import Unstepped
@@ -41,8 +41,6 @@ from bayesdrill.rig.simulators.time_grid import Grid, inputs_at_knots
 
 # Numbers of a record: of more, no memory is taken for eight walkers at once.
 MAX_GROUPED = 8_000_000
-NONE = np.zeros(0)
-NOWHERE = NONE.ctypes.data  # its address: asking for it takes as long as some samples of a group
 PERFECT = ObservationModel()
 MAX_AHEAD = 4  # lengths of the record that a channel may be ahead of it
 
@@ -109,7 +107,7 @@ class Response(Unstepped):
     def _padded(self) -> Array:
         """The record at all knots of whole steps, NaN where there is no sample: `(T, K)`."""
         g, y = self._grid, np.asarray(self.sensors.padded)
-        joined = self._shape(SIGNALS, None, slopes=False, gaps=False).joined
+        joined = self._structure.joined
         padded = np.full((-(-(len(g.t) - 1) // joined) * joined, y.shape[1]), np.nan)
         padded[g.at] = y
         return padded
@@ -131,19 +129,12 @@ class Response(Unstepped):
         lags, delayed = self.sensing.lags, self.sensing.delay is not None
         return tuple(delayed or channel.name in lags for channel in self.experiment.channels)
 
-    def _shape(
-        self,
-        output: str,
-        tally: ResidualSums | None,
-        *,
-        slopes: bool,
-        gaps: bool | None = None,
-    ) -> LinearShape:
+    @cached_property
+    def _structure(self) -> LinearShape:
+        """The structure of rig, sensors and times, which every output has."""
         g, own = self._grid, not self.sensing.empty
         # Where some channel may have an offset, all have: one kernel for all sets of them.
         rows = np.column_stack([self.sensors.weights, np.full(len(self._late), float(own))])
-        if output == SIGNALS:  # which kernels of these store too
-            output, tally = (NORMAL, None) if slopes else (SUMS, SQUARES)
         kinds = np.where(rows != 0.0, OTHER_WEIGHT, 0) if own else rows
         return LinearShape(
             layout=input_layout(self.sensors.observed_model, self.experiment),
@@ -153,11 +144,16 @@ class Response(Unstepped):
             times=UNEVEN if any(self._late) and not g.uniform else EVEN,
             table=len(g.spans) > 1,
             shares=g.width > 0.0,
-            gaps=self._gaps if gaps is None else gaps,
-            output=output,
-            tally=tally,
-            slopes=slopes,
+            gaps=False,
+            output=SUMS,
+            tally=SQUARES,
+            slopes=False,
         )
+
+    def _shape(self, output: str, tally: ResidualSums | None, *, slopes: bool) -> LinearShape:
+        if output == SIGNALS:  # which kernels of these store too
+            output, tally = (NORMAL, None) if slopes else (SUMS, SQUARES)
+        return replace(self._structure, gaps=self._gaps, output=output, tally=tally, slopes=slopes)
 
     @cached_property
     def _known(self) -> dict[tuple[Any, ...], Any]:
@@ -204,10 +200,10 @@ class Response(Unstepped):
                 "t": np.concatenate([g.t[:-1], later, [np.inf]]),
                 "u": np.ascontiguousarray(u),
             }
-            addresses = {name: block.ctypes.data for name, block in blocks.items()}
-            self._known[ahead,] = blocks, addresses
-        found: dict[str, int] = self._known[ahead,][1]
-        return found
+            # The addresses, and the blocks that have to stay there.
+            self._known[ahead,] = {name: x.ctypes.data for name, x in blocks.items()}, blocks
+        addresses: dict[str, int] = self._known[ahead,][0]
+        return addresses
 
     @cached_property
     def _median_node(self) -> int:
@@ -256,7 +252,7 @@ class Response(Unstepped):
     ) -> Array:
         """Run the kernel of an output, and return what it stores `(W, *out)`."""
         kernel, shape = self._kernel(output, tally, slopes=along is not None)
-        blocks, q = dict[str, Array | int](along=NOWHERE), 0
+        blocks, q = dict[str, Array | int](along=NO_ADDRESS), 0
         walkers: Array | Dual = full
         if along is not None:
             n, q, p = along.shape

@@ -27,6 +27,8 @@ from bayesdrill.rig.kernels.sums import SQUARES, ResidualSums
 from bayesdrill.rig.kernels.time_stepping import write_stepping
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulators.contract import (
+    NO_ADDRESS,
+    NO_BLOCK,
     REVERSAL_SUBSTEPS,
     Motion,
     Simulator,
@@ -35,9 +37,6 @@ from bayesdrill.rig.simulators.contract import (
 )
 from bayesdrill.rig.simulators.sensors import ObservationModel, ObservedWalkers
 from bayesdrill.rig.simulators.time_grid import UniformGrid
-
-NONE = np.zeros(0)
-NOWHERE = NONE.ctypes.data  # its address
 
 
 @dataclass(frozen=True)
@@ -62,7 +61,7 @@ class BoundKernel:
             "pieces": self.ahead.counts,
             "usual": self.ahead.usual,
             "t": self.ahead.places,
-            "y": NONE if self.shape.efforts else self.y,
+            "y": NO_BLOCK if self.shape.efforts else self.y,
         }
         return {name: block.ctypes.data for name, block in blocks.items()}
 
@@ -80,7 +79,7 @@ class BoundKernel:
         signals = (ahead.samples, k, numbers)
         out = signals if stored or shape.tally is None else (k, shape.tally.count)
         size = (nodes + 1) * k * 3 * numbers * LANES
-        trace = np.empty(size) if shape.read else NOWHERE
+        trace = np.empty(size) if shape.read else NO_ADDRESS
         margin = ahead.margin(parts["lag"][0]) if shape.late else 0
         return self.kernel.run(
             "stepping", n, out, samples=ahead.samples, nodes=nodes, turns=self.turns,
