@@ -1,6 +1,6 @@
-"""Whether values can be those of a real rig, and priors that reach too far.
+"""Check whether values can be those of a real rig, and whether priors are too wide.
 
-Findings are sentences with their numbers; none is an error.
+Findings are sentences with numbers, and none is an error.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.priors import Prior, prior_log_sd, prior_sd
 from bayesdrill.rig.models.linear import Model, dynamics
 
-APPRECIABLE = 0.05  # relative
-MOST_DRAWS = 2000  # whose poles are looked at
-UNSTABLE = 1e-9  # of the largest pole: a real part above it is no rounding
-FEW = 0.01  # of the draws
-UNHEARD_OF = 1e-6  # of a prior, at each end
-SAME_GEAR = 0.02  # relative: data sheets round
+APPRECIABLE = 0.05  # relative deviation from which on a finding is reported
+MOST_DRAWS = 2000  # draws are thinned to about this number
+UNSTABLE = 1e-9  # real part over the largest pole, below which it is a rounding error
+FEW = 0.01  # share of the draws or samples below which a finding is not reported
+UNHEARD_OF = 1e-6  # mass at each end of a prior in which no nominal value should lie
+SAME_GEAR = 0.02  # relative tolerance of gear ratios, as data sheets round them
 
-# The paper's Table 1.  It calls 188 mm the radius of rotor 1, but only as a diameter does it give
-# the inertia printed beside it.  The modulus is that of steel; the paper gives none.
+# Values are from the paper's Table 1.  It calls 188 mm the radius of rotor 1, but the inertia printed
+# there follows from it as a diameter.  The modulus is that of steel, as the paper gives none.
 SHAFT_LENGTH, SHAFT_DIAMETER, STEEL = 2.4, 3e-3, 79.3e9  # m, m, Pa
 ROTOR_MASS, ROTOR_DIAMETER = 6.4, 0.188  # kg, m
-GEOMETRY: Mapping[str, tuple[float, str]] = {  # by shafts and inertias
+GEOMETRY: Mapping[str, tuple[float, str]] = {  # keys are names of shafts and inertias
     "shaft": (
         STEEL * math.pi * SHAFT_DIAMETER**4 / (32 * SHAFT_LENGTH),
         "a steel shaft of 2.4 m and 3 mm has",
@@ -39,7 +39,7 @@ GEOMETRY: Mapping[str, tuple[float, str]] = {  # by shafts and inertias
 
 
 def plausibility_of_priors(problem: Problem) -> Iterator[str]:
-    """Yield nominal values where a prior has as good as nothing, though it does not exclude them."""
+    """Yield nominal values that a prior makes next to impossible without excluding them."""
     for name, prior in problem.posterior.space.priors.items():
         if (value := problem.nominal.get(name)) is None:
             continue
@@ -53,7 +53,7 @@ def plausibility_of_priors(problem: Problem) -> Iterator[str]:
 
 
 def of_roles(problem: Problem) -> Iterator[str]:
-    """States that have none, which whatever asks for speeds and currents does not see."""
+    """Yield states without a role, which checks of speeds and currents cannot use."""
     model = problem.model
     if others := [name for name in model.outer if name not in model.roles.states]:
         yield (
@@ -86,14 +86,14 @@ def plausibility_of_gear(problem: Problem) -> Iterator[str]:
 
 
 def plausibility_of_nominal(problem: Problem) -> tuple[str, ...]:
-    """Return what is odd of nominal values, or of fixed ones and those at the start, each once."""
+    """Return findings on nominal values, and fixed or start values of others, each once."""
     space, model = problem.posterior.space, problem.model
-    every = {**space.start, **problem.nominal, **space.fixed}
-    every |= {name: float(relation.value(every)) for name, relation in space.relations.items()}
+    known = {**space.start, **problem.nominal, **space.fixed}
+    known |= {name: float(relation.value(known)) for name, relation in space.relations.items()}
     sentences: list[str] = []
     for observation in problem.observations:
         names = observation.named(model.parameters)
-        values = {name: every[called] for name, called in names.items()}
+        values = {name: known[called] for name, called in names.items()}
         table = {n: x for n, x in values.items() if n in problem.published}
         table = {n: x for n, x in table.items() if x == problem.nominal[n]}
         sentences += _energy_of_nominal(values, model)
@@ -103,16 +103,16 @@ def plausibility_of_nominal(problem: Problem) -> tuple[str, ...]:
 
 
 def plausibility_of_draws(problem: Problem, draws: Array, known: Information) -> tuple[str, ...]:
-    """Yield what is odd of draws `(N, D)`; `known` says what the record alone determines."""
+    """Return findings on draws `(N, D)`; `known` is the information of the record alone."""
     model = problem.model
-    some = draws[:: max(1, len(draws) // MOST_DRAWS)]
-    values = problem.posterior.likelihood.rig_parameters(some)
+    thinned = draws[:: max(1, len(draws) // MOST_DRAWS)]
+    values = problem.posterior.likelihood.rig_parameters(thinned)
     energy = _energy_of_draws(values, known, model)
     return (*energy, *_poles(poles(model, values), problem))
 
 
 def plausibility_of_course(sensitivity: SensitivityStudy, theta: Array) -> Iterator[str]:
-    """Yield whether friction brakes all the time, in the motion at unknowns `theta (D,)`."""
+    """Yield frictions that drive instead of braking in the motion at unknowns `theta (D,)`."""
     rig, p = sensitivity.model, sensitivity.rig_at(theta)
     for inertia in rig.roles.inertias:
         if inertia.friction not in p or inertia.speed not in sensitivity.states:
@@ -134,7 +134,7 @@ def plausibility_of_course(sensitivity: SensitivityStudy, theta: Array) -> Itera
 
 
 def poles(model: Model, values: Mapping[str, Array]) -> NDArray[np.complex128]:
-    """Return eigenvalues of the dynamics at parameters `(W,)` each: `(W, X)`, in 1/s."""
+    """Return the eigenvalues `(W, X)` [1/s] of the dynamics at parameters `(W,)` each."""
     size = len(next(iter(values.values())))
     matrix = dynamics(model.linear(values), model.states, size)
     return np.asarray(np.linalg.eigvals(matrix), dtype=np.complex128)
@@ -201,7 +201,7 @@ def _geometry(values: Mapping[str, float], model: Model) -> Iterator[str]:
 
 
 def _poles(poles: NDArray[np.complex128], problem: Problem) -> Iterator[str]:
-    """`every (W, X)`; one row for nominal values, draws otherwise."""
+    """Yield findings on `poles (W, X)`, of nominal values if there is one row, and else of draws."""
     step = min(observation.experiment.dt for observation in problem.observations)
     size = np.abs(poles).max(axis=1)
     largest = poles.real.max(axis=1)
@@ -243,15 +243,15 @@ def _percent(share: float) -> str:
     return f"{100 * share:.3g} %"
 
 
-DIFFUSE_DECADES = 2.1  # of a log-uniform prior, or of one that is as wide: with more it is vague
-DIFFUSE_RATIO = 100.0  # as wide as what was found is large, where it is no matter of factors
-# of its width: an unknown of which more is left costs little, however wide
+DIFFUSE_DECADES = 2.1  # width of a log-uniform prior, or one of equal sd, above which it is diffuse
+DIFFUSE_RATIO = 100.0  # sd of a diffuse prior over the size of the unknown
+# Posterior sd over prior sd, above which a wide prior hardly affects the evidence.
 MAX_REMAINING_WIDTH = 0.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DiffusePrior:
-    """The prior of `name`: so many `decades` wide, or `times` as wide as what was found is large."""
+    """The prior of `name` is diffuse: it spans `decades`, or its sd is `times` the unknown's size."""
 
     name: str
     decades: float | None = None

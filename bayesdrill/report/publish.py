@@ -112,7 +112,7 @@ def write_results(
             view.config.name, "posterior", page_sections, figures, view.problem.symbols
         )
         folder.write_text("report.html", text)
-    return (*view.chain.sparing.missing, *sparing.missing)
+    return (*view.chain.errors.missing, *sparing.missing)
 
 
 def _begin_figures(

@@ -243,6 +243,6 @@ def test_sandwich_sds_of_white_residuals_are_those_of_the_posterior() -> None:
     y = np.full((N, 2), np.nan)
     y[:2] = target.likelihood.only_observation.experiment.y[:2]
     record = dataclasses.replace(target.likelihood.only_observation.experiment, y=y)
-    blind = target.edit(each=lambda one: one.for_record(record))
+    blind = target.edit(convert=lambda one: one.for_record(record))
     prior = np.log(np.random.default_rng(1).uniform(0.5, 1.5, 400_000)).std()
     assert sandwich_sds(blind, AT)["k_s"] == pytest.approx(AT[0] * prior, rel=0.01)

@@ -339,7 +339,7 @@ def test_a_derived_quantity_that_fails_is_tried_once(
     monkeypatch.setattr(derived, "with_products", fail)
     view = conclusions.concluded(dataclasses.replace(run, kept=None))
     assert view.derived.symbols == ()
-    assert view.chain.sparing.missing == ["derived quantities (ValueError: no product)"]
+    assert view.chain.errors.missing == ["derived quantities (ValueError: no product)"]
 
 
 def test_run_json_is_as_its_schema_says(finished: Path) -> None:
