@@ -35,7 +35,7 @@ from bayesdrill.sampling.evidence import Evidence
 class PosteriorSummary:
     """A summary of one run has its `name`, `draws (N, D)`, SI, and `settings` for comparison.
 
-    `mark` identifies its results, `warning` is shown in figures, and `reasons` forbid to believe it.
+    `mark` identifies its results, figures show `warning`, and `reasons` say why not to believe it.
     """
 
     name: str
@@ -218,7 +218,7 @@ def _word(top: RunSummary, first: RunSummary, gain: Mapping[str, float]) -> Word
 
 
 def _vague(models: Sequence[RunSummary], top: RunSummary) -> tuple[str, ...]:
-    """Return unknowns with wide priors, of models slightly worse than the best, which lacks these."""
+    """Return unknowns with wide priors that models slightly worse than the best have, but not it."""
     close = [model for model in models if 0.0 < top.log_z - model.log_z < MAX_LOG_ODDS_OF_PRIORS]
     names = [
         prior.name
@@ -238,8 +238,8 @@ def difference(
     first: HeldOutScore | LooScore, second: HeldOutScore | LooScore
 ) -> tuple[float, float]:
     """Return the difference of two scores of the same samples, and its standard error."""
-    each = first.each - second.each
-    return float(each.sum()), math.sqrt(len(each)) * float(each.std())
+    terms = first.terms - second.terms
+    return float(terms.sum()), math.sqrt(len(terms)) * float(terms.std())
 
 
 FALSE_ALARM = 0.01  # probability that any product of repeats of one rig differs by chance

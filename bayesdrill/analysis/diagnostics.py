@@ -213,11 +213,11 @@ TAUS_BETWEEN_DRAWS = 2  # autocorrelation times between draws that count as inde
 class RankHistogram:
     """A histogram has the `counts (E, BINS)` of ranks of each ensemble's draws among all draws.
 
-    Cumulative counts differ by chance from their expectation by at most `room (BINS - 1,)`.
+    Cumulative counts differ by chance from their expectation by at most `half_width (BINS - 1,)`.
     """
 
     counts: Counts
-    room: Array
+    half_width: Array
 
     @property
     def draws(self) -> int:
@@ -225,14 +225,14 @@ class RankHistogram:
         return int(self.counts[0].sum())
 
     @property
-    def away(self) -> Array:
+    def deviation(self) -> Array:
         """Return cumulative counts minus their expectation, `(E, RANK_BINS - 1)`."""
         return np.cumsum(self.counts, axis=1)[:, :-1] - self.draws * SHARES
 
     @property
     def holds(self) -> NDArray[np.bool_]:
         """Return whether chance explains the ranks of each ensemble, `(E,)`."""
-        return np.asarray(np.all(np.abs(self.away) <= self.room, axis=1))
+        return np.asarray(np.all(np.abs(self.deviation) <= self.half_width, axis=1))
 
 
 SHARES = np.arange(1, RANK_BINS) / RANK_BINS
@@ -249,12 +249,12 @@ def rank_histograms(draws: Array, rng: np.random.Generator) -> tuple[RankHistogr
     from arviz_stats.base import array_stats  # imported here, as loading takes half a second
 
     n_ensembles, n, n_unknown = draws.shape
-    room, histograms = _chance_widths(n_ensembles, n, FALSE_ALARM / n_unknown, rng), []
+    half_width, histograms = _chance_widths(n_ensembles, n, FALSE_ALARM / n_unknown, rng), []
     for d in range(n_unknown):
         rank = array_stats.compute_ranks(draws[..., d], axis=None)  # type: ignore[no-untyped-call]
         bins = np.ceil(RANK_BINS * rank / (n_ensembles * n)).astype(np.int64) - 1
         counts = np.stack([np.bincount(row, minlength=RANK_BINS) for row in bins])
-        histograms.append(RankHistogram(counts=counts, room=room))
+        histograms.append(RankHistogram(counts=counts, half_width=half_width))
     return tuple(histograms)
 
 

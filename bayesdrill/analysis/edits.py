@@ -122,7 +122,7 @@ def _rates(linear: Linear, row: str, named: Mapping[str, Array], angles: tuple[s
 
 
 def with_candidates(posterior: Posterior, theta: Array) -> Posterior:
-    """Return the posterior with what the rig lacks at `theta (D,)` as unknowns before the noise's."""
+    """Return the posterior with parameters that the rig lacks as unknowns, sought from `theta (D,)`."""
     sizes = rig_candidates(posterior.likelihood.observations, posterior.space.full(theta[None]))
     symbols = [Symbol(name, "", "", "", "") for name in sizes]
     free = [

@@ -23,7 +23,7 @@ SPEED_MARGIN = 1.05  # the largest speed at which a law is drawn, over that of t
 class FrictionMotion:
     """One friction has a motion at the samples `t (T,)`; `gear` is its speed over that of the state.
 
-    `speed`, `effort` and `sticks`, whether it rests until the next sample, are those of the MAP, `(T,)`.
+    At the MAP it has `speed (T,)` and `effort (T,)`, and rests until the next sample if `sticks (T,)`.
     `efforts (N, T)` are those of draws.
     """
 

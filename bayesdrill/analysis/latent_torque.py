@@ -158,7 +158,7 @@ def _estimate(
 def _states(
     observation: Observation, torque: LatentTorqueObservation, motion: Array, more: Array
 ) -> dict[str, Array]:
-    """Return the states `(T,)` with the torque's effect, on unobservable angles by their speeds."""
+    """Return the states `(T,)` with the torque's effect; an unobservable angle is integrated."""
     augmented, t = torque.kalman_filter.augmented, np.asarray(observation.experiment.t)
     states = {name: motion[:, k] for k, name in enumerate(augmented.rig.states)}
     for name, moved in augmented.to_rig_states(more).items():

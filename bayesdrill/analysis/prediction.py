@@ -107,19 +107,19 @@ MAX_BAD_SHARE = 0.01  # share of samples that may have such a k
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeldOutScore:
-    """The score of held-out `samples` is the sum of `each (n,)` log predictive density, SI."""
+    """The score of held-out `samples` is the sum of `terms (n,)`, log predictive densities in SI."""
 
     score: float
     samples: int
-    each: Array
+    terms: Array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LooScore:
-    """The leave-one-out score `elpd` is the sum of `each (n,)`; a `doubtful` share has a large k."""
+    """The leave-one-out score `elpd` is the sum of `terms (n,)`; a `doubtful` share has a large k."""
 
     elpd: float
-    each: Array
+    terms: Array
     doubtful: float
 
 
@@ -139,8 +139,8 @@ def held_out(posterior: Posterior, theta: Array) -> HeldOutScore | None:
             log_densities.append(scipy.special.logsumexp(log_p, axis=0) - np.log(len(theta)))
     if not log_densities:
         return None
-    each = np.concatenate(log_densities)
-    return HeldOutScore(score=float(each.sum()), samples=len(each), each=each)
+    terms = np.concatenate(log_densities)
+    return HeldOutScore(score=float(terms.sum()), samples=len(terms), terms=terms)
 
 
 def leave_one_out(
@@ -167,12 +167,12 @@ def leave_one_out(
         log_p = observation.pointwise(observation.residuals(full).samples, theta)
         log_densities.append(log_p[:, observation.experiment.seen].T)
     log_p = np.concatenate(log_densities)
-    each, pareto_k = log_p.mean(axis=1), np.zeros(len(log_p))
+    terms, pareto_k = log_p.mean(axis=1), np.zeros(len(log_p))
     differ = np.ptp(log_p, axis=1) > EQUAL_LOG_DENSITY  # smoothing needs different densities
     log_w, pareto_k[differ] = smoothed(log_p[differ])
-    each[differ] = scipy.special.logsumexp(log_w + log_p[differ], axis=1)
+    terms[differ] = scipy.special.logsumexp(log_w + log_p[differ], axis=1)
     return LooScore(
-        elpd=float(each.sum()), each=each, doubtful=float((pareto_k > BAD_PARETO_K).mean())
+        elpd=float(terms.sum()), terms=terms, doubtful=float((pareto_k > BAD_PARETO_K).mean())
     )
 
 

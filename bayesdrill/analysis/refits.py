@@ -82,7 +82,7 @@ def refit_candidate(
 ) -> RefitMaximum | None:
     """Return the maximum of a candidate's `posterior`, or None without a finite response.
 
-    Searches start from the known values `known`, from `alone`, the maximum with new unknowns alone,
+    Searches start from values `known` of given unknowns, from the maximum `alone` of this change,
     and from `starts` or else quantiles of the priors of new unknowns.  A search that promises no
     more than the log density `least` is not finished.
 
@@ -217,7 +217,7 @@ def _hidden(
 
 
 def _with_hidden(row: ResidualSummary, squares: Array | None) -> ResidualSummary:
-    """Return the residuals' shares of all samples, of which `squares` says how many are left out."""
+    """Return the row with shares of all samples; those left out count by their `squares`."""
     if squares is None:
         return row
     kept, hidden, total = squares.tolist()

@@ -76,7 +76,7 @@ class RunDraws(Value):
         """Return the residuals of each channel at the MAP."""
         return residual_summaries(self.problem.posterior.likelihood, self.best)
 
-    def some(self, n: int) -> Array:
+    def thinned(self, n: int) -> Array:
         """Return at most `n` draws `(n, D)`, evenly spaced."""
         return self.draws[:: max(1, -(-len(self.draws) // n))]
 
@@ -85,13 +85,15 @@ class RunDraws(Value):
         """Return the frictions of each experiment; empty if the rig has none."""
         if not self.problem.model.frictions:
             return ()
-        return friction_motions(self.problem.posterior, self.best, self.some(BAND_DRAWS))
+        return friction_motions(self.problem.posterior, self.best, self.thinned(BAND_DRAWS))
 
     @cached_property
     def torque_estimates(self) -> tuple[TorqueEstimate, ...]:
         """Return the missing torque of each experiment; empty if none is missing."""
         rng = seeds.stream(self.seed, "torque")
-        return latent_torque.torque_estimates(self.problem.posterior, self.some(TORQUE_DRAWS), rng)
+        return latent_torque.torque_estimates(
+            self.problem.posterior, self.thinned(TORQUE_DRAWS), rng
+        )
 
     @property
     def nothing_derived(self) -> Derived:
@@ -225,7 +227,7 @@ def analyse(
 ) -> RunAnalysis:
     """Evaluate the `RunAnalysis` of a finished run, without sampling.
 
-    Explanations instead of the nominal table are sought if the run is `alone`, no candidate of many.
+    If the run is `alone`, not one of several candidates, the nominal table is tried with other rigs.
     """
     problem, sampled, best = run.problem, run.sampled, run.best
     posterior = problem.posterior

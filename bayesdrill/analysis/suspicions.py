@@ -177,9 +177,9 @@ MIN_FOLLOWED = 0.95  # R^2 of a channel over an input that it follows
 MAX_FOLLOWING = 20  # samples by which it may lag behind the input
 
 
-def find_reference(problem: Problem, left: Sequence[ResidualSummary]) -> tuple[str, str] | None:
+def find_reference(problem: Problem, residuals: Sequence[ResidualSummary]) -> tuple[str, str] | None:
     """Return an input and an angle that follows it as a set point, unlike the model; or None."""
-    shares = {(row.experiment, row.channel): row.share for row in left}
+    shares = {(row.experiment, row.channel): row.share for row in residuals}
     for observation in problem.observations:
         experiment = observation.experiment
         for channel, y in zip(experiment.channels, experiment.y.T, strict=True):
@@ -216,7 +216,7 @@ class InputTiming:
 
 
 def half_sample_shift(sensitivity: SensitivityStudy, theta: Array) -> InputTiming | None:
-    """Return the shifts at `theta (D,)` by inputs half a sample later; None if lags are unknown."""
+    """Return the shifts at `theta (D,)` by inputs half a sample later; None if lags are unknowns."""
     observations = sensitivity.likelihood.observations
     if not sensitivity.unknowns or any(_lag_is_free(observation) for observation in observations):
         return None

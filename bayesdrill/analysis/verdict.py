@@ -199,7 +199,7 @@ class Verdict:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Judgement:
-    """A judgement has a study, the verdict, and `findings`, sentences on the plausible posterior."""
+    """A judgement has a study, the verdict, and `findings` on how plausible the posterior is."""
 
     study: IdentifiabilityStudy
     verdict: Verdict

@@ -92,7 +92,7 @@ class Likelihood:
 
 @dataclass(frozen=True, slots=True)
 class Posterior:
-    """A posterior multiplies a normalised prior by a normalised likelihood; it is unnormalised.
+    """The posterior is not normalised: it is a normalised prior times a normalised likelihood.
 
     `posterior(z)` maps coordinates `(W, D)` to their log density `(W,)`, Jacobian included.  It is
     finite or -inf, and never NaN.  `evaluate` also counts the failures.

@@ -35,7 +35,7 @@ MAX_STEPS_PER_SAMPLE = 4  # a record with more steps than this per sample has no
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResidualLimits:
-    """Pure noise has an rms over sigma from `least` to `most`, and less correlation and outliers."""
+    """Noise alone keeps the rms over sigma from `least` to `most`, and all else below its limit."""
 
     least: float
     most: float

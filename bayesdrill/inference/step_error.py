@@ -105,7 +105,7 @@ def step_errors(likelihood: Likelihood, theta: Array) -> tuple[StepError, ...]:
 
 
 def choose_steps(posterior: Posterior, theta: Array, most: int = MAX_CHOSEN_PIECES) -> Posterior:
-    """Return it with the fastest `CANDIDATE_STEPS`, up to `most`, that suffice about `theta (D,)`."""
+    """Return the posterior with the fastest steps, up to `most`, that suffice about `theta (D,)`."""
     points = _points_around(posterior, theta)
     full = posterior.likelihood.space.full(points)
     candidates = [(pieces, turns) for pieces, turns in CANDIDATE_STEPS if pieces <= most]

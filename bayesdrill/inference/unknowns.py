@@ -198,8 +198,8 @@ def labelled_symbol(symbol: Symbol, label: str) -> Symbol:
 class ParameterSpace:
     """A parameter space has D `unknowns`, and P parameters of the `model` that follow from them.
 
-    Unknowns of the noise come last.  `model` names the parameters of rig, sensors and starts.  Others
-    are `fixed`, or follow from others by `relations`.  Arguments `theta (W, D)` are physical, SI.
+    Unknowns of the noise come last.  `model` names the parameters of rig, sensors and starts, which are
+    unknown, `fixed`, or follow from others by `relations`.  `theta (W, D)` is always physical, SI.
     """
 
     model: tuple[str, ...]

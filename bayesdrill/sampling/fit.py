@@ -162,7 +162,7 @@ def sample_maxima(
 ) -> SamplingResult:
     """Sample ensembles about all maxima of `mode`, and estimate the mass of each.
 
-    The pool's posterior must have its steps.  Raises `NoSupportError` if nothing can be sampled.
+    The pool's posterior has the mode's steps.  Raises `NoSupportError` if nothing can be sampled.
     """
     compress_about(pool, mode, plan.shortest)
     posterior, chains = pool.posterior, plan.chains
@@ -182,7 +182,7 @@ def sample_maxima(
 def _first_converged(posterior: Posterior, plan: FitPlan) -> list[Search]:
     """Search from the most promising starts, until one search has converged.
 
-    It has if two searches agree, or if known noise explains the residuals of one.
+    A search has if another agrees with it, or if known noise explains its residuals.
     """
     points = mode_search.starts(posterior, plan.starts, seeds.stream(plan.chains.seed, "map"))
     points = points[np.argsort(-posterior.density(points), kind="stable")]

@@ -127,7 +127,7 @@ def test_an_ensemble_that_is_elsewhere_leaves_the_band() -> None:
     shifted, wider = rank_histograms(x, np.random.default_rng(0))
     assert list(np.flatnonzero(~shifted.holds)) == [2]
     assert list(np.flatnonzero(~wider.holds)) == [1]
-    assert (shifted.away[2] < 0).mean() > 0.9  # draws too high: too few below any share
+    assert (shifted.deviation[2] < 0).mean() > 0.9  # draws too high: too few below any share
 
 
 def test_equal_ensembles_leave_the_band_as_often_as_is_said() -> None:

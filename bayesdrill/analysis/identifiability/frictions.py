@@ -87,7 +87,7 @@ class ProposedExperiment:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Confounded:
-    """A parameter is hardly distinguished from `rivals`; known, these would divide its sd by `fall`."""
+    """A parameter resembles its `rivals`; if they were known, its sd would fall by the factor `fall`."""
 
     name: str
     rivals: tuple[str, ...]

@@ -253,8 +253,8 @@ def depends_on_fixed(
 ) -> tuple[DependsOnFixed, ...]:
     """Find scales that fixed numbers determine, unless these are more than the unknowns.
 
-    With more, a user expects that.  `known` is the information of the record at
-    `theta (D,)`, `prior_sd (m,)` are sds of logs, and `rng` draws points at which symmetries are found.
+    With more, a user expects that.  `known` is the information of the record at `theta (D,)`, and
+    `prior_sd (m,)` are sds of logs.  `rng` draws points at which symmetries are found.
     """
     space, observations = posterior.space, posterior.likelihood.observations
     model = observations[0].response.model

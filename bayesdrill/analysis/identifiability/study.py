@@ -260,7 +260,7 @@ class Nuisance:
     """A nuisance is a number of a sensor or a start, with its sd, SI, and its sd by the prior alone.
 
     `like` are unknowns of the rig from which it can hardly be distinguished.  Each has the factor by
-    which its sd would fall if this unknown were known.
+    which its sd would fall if the nuisance were known.
     """
 
     name: str

@@ -328,7 +328,7 @@ def rank_figure(
     ranks: Sequence[RankHistogram], symbols: Sequence[Symbol], width: float = scales.DOUBLE
 ) -> Figure:
     """Draw how many more draws of an ensemble than expected are below each share, in per cent."""
-    most = 100 * max(max(np.abs(h.away).max(), h.room.max()) / h.draws for h in ranks)
+    most = 100 * max(max(np.abs(h.deviation).max(), h.half_width.max()) / h.draws for h in ranks)
     places = np.pad(SHARES, 1, constant_values=(0, 1))
     with style.styled(width):
         chance = f"{100 * (1 - FALSE_ALARM):g} % of chance, together"
@@ -337,9 +337,9 @@ def rank_figure(
             looks["leaves the band"] = style.OUTSIDE
         figure, panels = build_page(len(ranks), 3, 1.35, width)
         for panel, histogram, symbol in zip(panels, ranks, symbols, strict=True):
-            room = np.pad(100 * histogram.room / histogram.draws, 1)
+            room = np.pad(100 * histogram.half_width / histogram.draws, 1)
             difference_panel(panel, places, (-room, room), float(most))
-            each = zip(histogram.away, histogram.holds, strict=True)
+            each = zip(histogram.deviation, histogram.holds, strict=True)
             for ensemble, (away, holds) in enumerate(each):
                 look = {**ensemble_line(ensemble, THIN), **({} if holds else style.OUTSIDE)}
                 line = np.pad(100 * away / histogram.draws, 1)

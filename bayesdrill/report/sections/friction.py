@@ -221,7 +221,7 @@ def _law(panel: Axes, law: LawShown) -> None:
 def _draw_friction(run: ReportContext) -> tuple[Drawing, ...]:
     chain, problem = run.chain, run.problem
     each = zip(problem.observations, chain.friction_motions, strict=False)
-    at = (problem, chain.best, chain.some(BAND_DRAWS))
+    at = (problem, chain.best, chain.thinned(BAND_DRAWS))
     shown = ((rig.label, tuple(laws(rig, rubs, *at))) for rig, rubs in each)
     says = "Each friction against its speed: its law, where the record saw it, and nominal values."
     return for_each_experiment(friction_figure, shown, run.width, says)
