@@ -177,7 +177,9 @@ MIN_FOLLOWED = 0.95  # R^2 of a channel over an input that it follows
 MAX_FOLLOWING = 20  # samples by which it may lag behind the input
 
 
-def find_reference(problem: Problem, residuals: Sequence[ResidualSummary]) -> tuple[str, str] | None:
+def find_reference(
+    problem: Problem, residuals: Sequence[ResidualSummary]
+) -> tuple[str, str] | None:
     """Return an input and an angle that follows it as a set point, unlike the model; or None."""
     shares = {(row.experiment, row.channel): row.share for row in residuals}
     for observation in problem.observations:
