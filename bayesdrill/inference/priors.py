@@ -93,7 +93,7 @@ class _Positive(Prior):
 
 @dataclass(frozen=True, slots=True)
 class Uniform(Prior):
-    """The density is the same everywhere between low and high."""
+    """The same density everywhere between low and high."""
 
     flat: ClassVar[bool] = True
     words: ClassVar[str] = "uniform from {low:.6g} to {high:.6g}"
@@ -129,7 +129,7 @@ class LogUniform(Prior):
 
 @dataclass(frozen=True, slots=True)
 class TruncatedNormal(Prior):
-    """x is Normal(mean, sd) given low <= x <= high; mean and sd are those before truncation."""
+    """Normal(mean, sd) given low <= x <= high; mean and sd are those before truncation."""
 
     mean: Number
     sd: Positive
@@ -192,7 +192,7 @@ class LogNormal(_Positive):
 
 @dataclass(frozen=True, slots=True)
 class HalfNormal(_Positive):
-    """x is |Normal(0, scale)|, a normal number without its sign."""
+    """|Normal(0, scale)|."""
 
     words: ClassVar[str] = "half-normal, scale {scale:.6g}"
 
@@ -213,12 +213,12 @@ def flat_in_logs(prior: Prior | None) -> bool:
 
 
 def normal(mean: Number, sd: Positive) -> TruncatedNormal:
-    """Return a normal density that is cut at zero, as all unknowns are positive."""
+    """Cut at zero and renormalised, as all unknowns are positive."""
     return TruncatedNormal(mean, sd)
 
 
 def uncut_normal(mean: Number, sd: Positive) -> TruncatedNormal:
-    """Return a normal density that is not cut."""
+    """Not cut anywhere."""
     return TruncatedNormal(mean, sd, -math.inf, math.inf)
 
 
