@@ -25,10 +25,10 @@ from bayesdrill.analysis.latent_torque import (
 from bayesdrill.analysis.plausibility import DiffusePrior
 from bayesdrill.analysis.suspicions import InputTiming, half_sample_shift
 from bayesdrill.analysis.verdict import Judgement, basis, conclude
-from bayesdrill.basics import seeds, values
+from bayesdrill.basics import json_records, seeds
 from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.equality import Value
 from bayesdrill.basics.errors import ErrorCollector
-from bayesdrill.basics.values import Value
 from bayesdrill.config.schema.config import Asked
 from bayesdrill.inference import derived
 from bayesdrill.inference.derived import Derived, DerivedRow, product_name
@@ -193,7 +193,7 @@ class RunAnalysis:
     @property
     def numbers(self) -> Mapping[str, Any]:
         """All numbers, by names such as `unknowns.k_s.mean`, `fit.w_1.rms` and `evidence.log_z`."""
-        return dict(values.leaves(values.as_data(self)))
+        return dict(json_records.leaves(json_records.as_data(self)))
 
     @property
     def unsupported(self) -> Mapping[str, float]:
@@ -209,7 +209,7 @@ class RunAnalysis:
     @classmethod
     def describe(cls, name: str) -> str:
         """Describe the number of this name, with its unit; raises `KeyError` for an unknown name."""
-        told = values.field_descriptions(cls)[name.partition(".")[0]]
+        told = json_records.field_descriptions(cls)[name.partition(".")[0]]
         return f"{told['description']} [{told['unit']}]" if "unit" in told else told["description"]
 
 

@@ -23,8 +23,8 @@ from bayesdrill.analysis.identifiability.information import SensitivityStudy, si
 from bayesdrill.analysis.identifiability.structure import Exponents
 from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy, products, study_of
 from bayesdrill.basics import seeds
+from bayesdrill.basics.arguments import check_arguments
 from bayesdrill.basics.arrays import Array
-from bayesdrill.basics.values import check_arguments
 from bayesdrill.config.schema.config import Asked, Thresholds
 from bayesdrill.inference.derived import hdi
 from bayesdrill.inference.posterior import Problem

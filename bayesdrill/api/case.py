@@ -13,10 +13,11 @@ from numpy.typing import ArrayLike
 
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.api import arguments
+from bayesdrill.basics.arguments import check_arguments
 from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.equality import Value, equal_content
 from bayesdrill.basics.errors import InputError, Issue
 from bayesdrill.basics.progress import SILENT, Reporter
-from bayesdrill.basics.values import Value, check_arguments, equal_content
 from bayesdrill.config import job
 from bayesdrill.config.job import Job, prepare
 from bayesdrill.config.records import sources

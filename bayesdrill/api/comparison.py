@@ -13,9 +13,10 @@ from bayesdrill.api import run as single
 from bayesdrill.api.arguments import ManyFits
 from bayesdrill.api.case import load
 from bayesdrill.api.run import for_notebooks
+from bayesdrill.basics.arguments import check_arguments
+from bayesdrill.basics.equality import Value
 from bayesdrill.basics.errors import InputError, short_repr
 from bayesdrill.basics.progress import Reporter
-from bayesdrill.basics.values import Value, check_arguments
 from bayesdrill.config.job import Job
 from bayesdrill.report.comparison_report import ComparisonReport
 from bayesdrill.report.section import as_markdown

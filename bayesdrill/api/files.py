@@ -12,9 +12,9 @@ from bayesdrill import output_files
 from bayesdrill.api import arguments
 from bayesdrill.api.arguments import ManyFits
 from bayesdrill.basics import software as citing
+from bayesdrill.basics.arguments import check_arguments
 from bayesdrill.basics.errors import InputError, Issue, collect_each, short_repr
 from bayesdrill.basics.progress import SILENT, Reporter
-from bayesdrill.basics.values import check_arguments
 
 if TYPE_CHECKING:
     from bayesdrill.drafting.draft import Guess

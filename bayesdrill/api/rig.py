@@ -10,10 +10,10 @@ from numpy.typing import ArrayLike
 
 from bayesdrill.api import arguments
 from bayesdrill.basics import symbols
+from bayesdrill.basics.arguments import check_arguments
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError, Issue, short_repr
 from bayesdrill.basics.formulas import linear_combination
-from bayesdrill.basics.values import check_arguments
 from bayesdrill.config.schema.vocabulary import idle_inputs
 from bayesdrill.inference import step_error
 from bayesdrill.record.experiment import Channel, Experiment, frozen, raise_if_any

@@ -14,10 +14,11 @@ from bayesdrill.analysis.causes import Cause
 from bayesdrill.analysis.run_analysis import RunAnalysis
 from bayesdrill.analysis.verdict import Verdict
 from bayesdrill.api import arguments
+from bayesdrill.basics.arguments import check_arguments
 from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.equality import Value
 from bayesdrill.basics.errors import InputError, short_repr
 from bayesdrill.basics.progress import SILENT, Reporter
-from bayesdrill.basics.values import Value, check_arguments
 from bayesdrill.config import job
 from bayesdrill.config.job import Job
 from bayesdrill.report.map_report import MapReport

@@ -11,7 +11,7 @@ import bayesdrill
 from bayesdrill.analysis.run_analysis import RunAnalysis, RunDraws
 from bayesdrill.basics import seeds
 from bayesdrill.basics.arrays import Array
-from bayesdrill.basics.values import Value
+from bayesdrill.basics.equality import Value
 from bayesdrill.config.schema.config import Config
 from bayesdrill.inference.derived import Derived
 from bayesdrill.inference.display_units import DisplayedUnknowns, DisplayUnits

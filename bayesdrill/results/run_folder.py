@@ -17,7 +17,7 @@ from filelock import FileLock, Timeout
 
 from bayesdrill import output_files
 from bayesdrill.basics.errors import InputError, Issue, report_damage, shortened
-from bayesdrill.basics.values import from_data
+from bayesdrill.basics.json_records import from_data
 from bayesdrill.output_files import LOCK, PIECES, RUN, Kind, atomic_write
 from bayesdrill.sampling.samplers.ensemble import ChainSegment, State
 

@@ -15,8 +15,8 @@ from bayesdrill.analysis import calibration
 from bayesdrill.analysis.calibration import CalibrationStudy, CalibrationVerdict, Refit
 from bayesdrill.basics import software
 from bayesdrill.basics.errors import InputError
+from bayesdrill.basics.json_records import from_data
 from bayesdrill.basics.progress import Reporter
-from bayesdrill.basics.values import from_data
 from bayesdrill.config import loading
 from bayesdrill.config.job import Job
 from bayesdrill.config.records import reading, simulation, sources

@@ -16,8 +16,9 @@ from bayesdrill.analysis.diagnostics import sandwich_sds
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy
 from bayesdrill.analysis.run_analysis import RunAnalysis, RunDraws, analyse
+from bayesdrill.basics.equality import Value
+from bayesdrill.basics.json_records import from_data
 from bayesdrill.basics.progress import SILENT, Reporter
-from bayesdrill.basics.values import Value, from_data
 from bayesdrill.config.job import Job
 from bayesdrill.config.records import sources
 from bayesdrill.config.resolve import experiments

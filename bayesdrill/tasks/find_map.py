@@ -12,9 +12,9 @@ from bayesdrill import output_files
 from bayesdrill.analysis.causes import Cause
 from bayesdrill.basics import software
 from bayesdrill.basics.errors import InputError
+from bayesdrill.basics.json_records import as_data, from_data
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.basics.units import Unit
-from bayesdrill.basics.values import as_data, from_data
 from bayesdrill.config.job import Job, prepare
 from bayesdrill.config.resolve import work
 from bayesdrill.inference.posterior import Problem

@@ -18,10 +18,11 @@ from bayesdrill.analysis.identifiability.study import (
 )
 from bayesdrill.analysis.latent_torque import is_approximate
 from bayesdrill.analysis.suspicions import InputTiming, half_sample_shift
+from bayesdrill.basics.arguments import check_arguments
+from bayesdrill.basics.equality import Value
 from bayesdrill.basics.errors import InputError, did_you_mean
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.basics.symbols import Symbol
-from bayesdrill.basics.values import Value, check_arguments
 from bayesdrill.config.job import Job
 from bayesdrill.config.records import sources
 from bayesdrill.inference.priors import flat_in_logs

@@ -10,8 +10,8 @@ from pathlib import Path
 from bayesdrill.analysis.causes import Cause, Causes
 from bayesdrill.analysis.comparison import SURE_LOG_ODDS, RunSummary
 from bayesdrill.basics.errors import InputError
+from bayesdrill.basics.json_records import as_data, from_data
 from bayesdrill.basics.progress import SILENT, Reporter
-from bayesdrill.basics.values import as_data, from_data
 from bayesdrill.config.job import Job
 from bayesdrill.config.yaml_source import as_yaml
 from bayesdrill.inference.posterior import Posterior

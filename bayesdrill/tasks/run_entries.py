@@ -15,7 +15,7 @@ from pydantic.json_schema import GenerateJsonSchema
 from bayesdrill.analysis.run_analysis import RunAnalysis
 from bayesdrill.analysis.verdict import Verdict
 from bayesdrill.basics.errors import InputError
-from bayesdrill.basics.values import as_data, field_descriptions, from_data
+from bayesdrill.basics.json_records import as_data, field_descriptions, from_data
 from bayesdrill.inference.compression import CompressionCheck
 from bayesdrill.output_files import RUN
 from bayesdrill.report.sections.nominal import (

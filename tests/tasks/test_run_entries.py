@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from bayesdrill.basics.errors import InputError
-from bayesdrill.basics.values import as_data
+from bayesdrill.basics.json_records import as_data
 from bayesdrill.inference.compression import CompressionCheck
 from bayesdrill.sampling.evidence import Evidence
 from bayesdrill.tasks.run_entries import RunRecord, WeightedMaximum, read_record
