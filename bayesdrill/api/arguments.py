@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from bayesdrill.basics.arguments import check_arguments
+from bayesdrill.basics.arguments import check_arguments as check_arguments
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.equality import Value
 from bayesdrill.basics.errors import InputError, Issue, did_you_mean, short_repr

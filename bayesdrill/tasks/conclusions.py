@@ -17,7 +17,6 @@ from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy
 from bayesdrill.analysis.run_analysis import RunAnalysis, RunDraws, analyse
 from bayesdrill.basics.equality import Value
-from bayesdrill.basics.json_records import from_data
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.config.job import Job
 from bayesdrill.config.records import sources
@@ -37,7 +36,6 @@ from bayesdrill.sampling.ensembles import Plan, SamplingResult
 from bayesdrill.sampling.mode_search import Mode
 from bayesdrill.sampling.workers import WorkerPool
 from bayesdrill.tasks import ranking
-from bayesdrill.tasks.run_entries import ANALYSIS, ANALYSIS_OF
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,18 +153,6 @@ def analysis_mark(job: Job, mode: Mode, sampled: SamplingResult) -> str:
         repr(sampled.evidence),
     )
     return hashlib.sha256("\n".join(made_of).encode("utf-8", "replace")).hexdigest()
-
-
-def kept_analysis(
-    job: Job, mode: Mode, sampled: SamplingResult, run: Mapping[str, Any]
-) -> RunAnalysis | None:
-    """What a finished run has kept in `run.json`; None where it is of something else, or not there."""
-    if run.get(ANALYSIS_OF) != analysis_mark(job, mode, sampled):
-        return None
-    try:
-        return from_data(RunAnalysis, run.get(ANALYSIS))
-    except ValueError:  # of an older form
-        return None
 
 
 def plan(config: Config) -> Plan:

@@ -39,7 +39,6 @@ from bayesdrill.tasks.conclusions import (
     analysis_mark,
     causes,
     concluded,
-    kept_analysis,
     plan,
     residuals,
 )
@@ -222,8 +221,8 @@ def _read_sampled(job: Job, folder: Folder) -> SampledRun:
     posterior = job.problem.posterior
     _read_ahead(job, folder)
     again = ensembles.load_sampled(posterior, plan(job.config), folder.segments, str(path))
-    run = run_folder.read_run(path) or {}
-    if (record := run_entries.read_record(run, path)) is not None:
+    record = run_entries.read_record(run_folder.read_run(path) or {}, path)
+    if record is not None:
         again = dataclasses.replace(
             again.with_missed(record.missed),
             mode_shares=np.array(shares) if (shares := [x.weight for x in record.maxima]) else None,
@@ -231,7 +230,10 @@ def _read_sampled(job: Job, folder: Folder) -> SampledRun:
             compression=record.compression,
         )
     sampled = again.with_reasons(mode.doubts)
-    return SampledRun(job, mode, sampled, kept=kept_analysis(job, mode, sampled, run))
+    kept = None
+    if record is not None and record.analysis_of == analysis_mark(job, mode, sampled):
+        kept = record.analysis
+    return SampledRun(job, mode, sampled, kept=kept)
 
 
 def write_result(
