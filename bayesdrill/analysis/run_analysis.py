@@ -13,9 +13,9 @@ from bayesdrill.analysis import causes, diagnostics, latent_torque, plausibility
 from bayesdrill.analysis.causes import Causes, EquivalentExplanation
 from bayesdrill.analysis.comparison import RepeatedProduct, repeats
 from bayesdrill.analysis.diagnostics import DETERMINED_SHRINKAGE, ParameterRow
+from bayesdrill.analysis.findings import Finding
 from bayesdrill.analysis.friction_motion import FrictionMotion, friction_motions
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
-from bayesdrill.analysis.identifiability.structure import Exponents
 from bayesdrill.analysis.latent_torque import (
     ChannelMotion,
     TorqueEstimate,
@@ -100,8 +100,8 @@ class RunDraws(Value):
         return Derived(symbols=(), values=values, nominal={})
 
     @cached_property
-    def _derived(self) -> dict[tuple[Exponents, ...], Derived]:
-        return {}  # by the products that they have with them
+    def _derived(self) -> dict[tuple[tuple[int, ...], ...], Derived]:
+        return {}  # by the exponents of the products that they have with them
 
     def derived(self, judged: Judgement | None) -> Derived:
         """Return derived quantities with the products of a verdict; nothing where that fails."""
@@ -162,8 +162,8 @@ class RunAnalysis:
     step_errors: what the steps of a rig that is stepped do at the MAP [sd of the noise]
     torques: the missing torque of each experiment [N m]
     moment: what inputs half a sample later would move [s, sd of the unknown]
-    course: sentences on friction that drives instead of braking
-    rig: sentences on roles and gear of the rig
+    course: friction that drives instead of braking
+    rig: what is wrong with roles and gear of the rig
     suspicions: sentences on columns, units and sensors of the record
     """
 
@@ -186,8 +186,8 @@ class RunAnalysis:
     step_errors: tuple[StepError, ...]
     torques: tuple[TorqueSummary, ...]
     moment: InputTiming | None
-    course: tuple[str, ...]
-    rig: tuple[str, ...]
+    course: tuple[Finding, ...]
+    rig: tuple[Finding, ...]
     suspicions: tuple[str, ...]
 
     @property

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from bayesdrill.analysis import plausibility
 from bayesdrill.analysis.diagnostics import ParameterRow, Word, end_at_nominal, summarise
+from bayesdrill.analysis.findings import Finding
 from bayesdrill.analysis.identifiability.information import SensitivityStudy, simple_exponents
 from bayesdrill.analysis.identifiability.structure import Exponents
 from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy, products, study_of
@@ -198,11 +199,11 @@ class Verdict:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Judgement:
-    """A study, the verdict, and `findings`: sentences of `plausibility` on the posterior."""
+    """A study, the verdict, and the `findings` of `plausibility` on the posterior."""
 
     study: IdentifiabilityStudy
     verdict: Verdict
-    findings: tuple[str, ...]
+    findings: tuple[Finding, ...]
 
 
 def judge(

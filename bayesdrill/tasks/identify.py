@@ -28,6 +28,7 @@ from bayesdrill.config.records import sources
 from bayesdrill.inference.priors import flat_in_logs
 from bayesdrill.output_files import FIGURES, IDENTIFY
 from bayesdrill.report.doubts import describe_timing
+from bayesdrill.report.findings import finding_sentences
 from bayesdrill.report.scales import WIDTHS
 from bayesdrill.report.sections.friction import friction_sentences
 from bayesdrill.report.sections.identifiability import (
@@ -190,8 +191,8 @@ def preflight(job: Job, sensitivities: SensitivityStudy) -> str:
     lines += [stand_ins(study, rig)]
     lines += [beside(rig)] if is_approximate(posterior) else []
     timing = describe_timing(half_sample_shift(sensitivities, point.theta))
-    plausible = plausibility.plausibility_of_course(sensitivities, point.theta)
-    return "\n".join([*filter(None, lines), *timing, *plausible])
+    course = finding_sentences(plausibility.plausibility_of_course(sensitivities, point.theta))
+    return "\n".join([*filter(None, lines), *timing, *course])
 
 
 def check_place(folder: Path, *, force: bool) -> None:
