@@ -36,7 +36,8 @@ SENTENCES: Mapping[str, str] = {
     ),
     "power of nominal values": (
         "energy: {constant} = {constant_value:.4g} {newtons}/A is {ratio:.3g} times {back_emf} = "
-        "{back_emf_value:.4g} V s/{angle}. The motor would give {ratio:.3g} times the power that it takes up. "
+        "{back_emf_value:.4g} V s/{angle}. The motor would give {ratio:.3g} times the power that it "
+        "takes up. "
     )
     + IDEAL_MOTOR,
     "power of draws": POWER_OF_DRAWS + IDEAL_MOTOR,
