@@ -1,4 +1,4 @@
-"""Checks of arguments against annotations: the type of each, and whether a text can be a path.
+"""Check arguments against annotations: the type of each, and whether a text can be a path.
 
 Ranges and names are checked by each function itself.  `pydantic.validate_call` would need the types
 that modules import for type checkers alone, and a schema of every record that is an argument.

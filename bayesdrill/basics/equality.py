@@ -1,4 +1,4 @@
-"""Frozen records that are equal if their contents are, and that are pickled without caches."""
+"""Compare frozen records by their contents, and pickle them without caches."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 
 
 class Value:
-    """A base of frozen dataclasses (`eq=False`) that are equal by fields and pickled without caches."""
+    """Make frozen dataclasses (`eq=False`) equal by their fields, and pickle them without caches."""
 
     __slots__ = ()
 

@@ -1,4 +1,4 @@
-"""Frozen records as data for JSON, written and read by pydantic from the types of their fields.
+"""Write frozen records as data for JSON, and read them back by the types of their fields (pydantic).
 
 Floats keep all digits; infinities and NaN are the strings `Infinity`, `-Infinity` and `NaN`.
 """

@@ -1,4 +1,4 @@
-"""The job of `bayesdrill identify`: compute what a record can show before anything is sampled."""
+"""Compute what a record can show before anything is sampled (`bayesdrill identify`)."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ MARK = "<!-- bayesdrill identify -->"  # first line of the text, which identifie
 @check_arguments
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Findings(Value):
-    """The results of `case.identify()`, which `print` shows and `save` writes.
+    """Hold the results of `case.identify()`, which `print` shows and `save` writes.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ class Findings(Value):
 
     @property
     def text(self) -> str:
-        """The whole text for the terminal."""
+        """Return the whole text for the terminal."""
         parts = [describe_study_point(self.point, self.job.problem)]
         if self.point.at:
             parts += [describe_study(self.study, self.job.problem.model, self.reasons)]
@@ -88,12 +88,12 @@ class Findings(Value):
 
     @property
     def symbols(self) -> tuple[Symbol, ...]:
-        """The symbols of all unknowns, in the units of the user."""
+        """Return the symbols of all unknowns, in the units of the user."""
         return self.job.problem.units.symbols(self.job.problem.symbols)
 
     @property
     def shown(self) -> tuple[Profile, ...]:
-        """The profiles in the units of the user."""
+        """Return the profiles in the units of the user."""
         units = self.job.problem.units
         return tuple(profile.over(units.factor(profile.name)) for profile in self.profiles)
 

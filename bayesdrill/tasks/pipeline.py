@@ -1,4 +1,4 @@
-"""The main job: a config goes in, and a results folder comes out."""
+"""Run the main job: a config goes in, and a results folder comes out."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ DRAWN_WITH = ("corner", "bayesdrill.report.sections.corner")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """`summary`: for a screen; `details`: all that can be said without figures.
+    """A finished run has a `summary` for a screen, and `details` with all that needs no figures.
 
     `reasons`: why the result must not be believed: it did not converge, or does not fit.
     `missing`: tables and figures that could not be made.
@@ -293,7 +293,7 @@ def _publish(
     *,
     pdf: bool = False,
 ) -> Outcome:
-    """`begun`: when the report began, of a run that is timed."""
+    """Write tables, figures and record; `begun` is the time at which the report of a timed run began."""
     missing = publish.write_results(view, folder, pool, report, pdf=pdf)
     report.update(1.0, "")
     seconds, judged = dict(view.seconds), view.analysis.judged

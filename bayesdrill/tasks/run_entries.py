@@ -1,4 +1,4 @@
-"""The entries of `run.json` of a finished run: a record and its `RunAnalysis`, with their schema."""
+"""Write and read the record of a finished run in `run.json`, and describe its schema."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class WeightedMaximum:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunRecord:
-    """The record of a finished run.
+    """The record of a finished run has these fields in `run.json`.
 
     form: the version of this record
     units: SI units of the unknowns, by name
