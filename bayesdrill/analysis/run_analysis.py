@@ -13,9 +13,9 @@ from bayesdrill.analysis import causes, diagnostics, latent_torque, plausibility
 from bayesdrill.analysis.causes import Causes, EquivalentExplanation
 from bayesdrill.analysis.comparison import RepeatedProduct, repeats
 from bayesdrill.analysis.diagnostics import DETERMINED_SHRINKAGE, ParameterRow
+from bayesdrill.analysis.findings import Finding
 from bayesdrill.analysis.friction_motion import FrictionMotion, friction_motions
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
-from bayesdrill.analysis.identifiability.structure import Exponents
 from bayesdrill.analysis.latent_torque import (
     ChannelMotion,
     TorqueEstimate,
@@ -25,10 +25,10 @@ from bayesdrill.analysis.latent_torque import (
 from bayesdrill.analysis.plausibility import DiffusePrior
 from bayesdrill.analysis.suspicions import InputTiming, half_sample_shift
 from bayesdrill.analysis.verdict import Judgement, basis, conclude
-from bayesdrill.basics import seeds, values
+from bayesdrill.basics import json_records, seeds
 from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.equality import Value
 from bayesdrill.basics.errors import ErrorCollector
-from bayesdrill.basics.values import Value
 from bayesdrill.config.schema.config import Asked
 from bayesdrill.inference import derived
 from bayesdrill.inference.derived import Derived, DerivedRow, product_name
@@ -102,7 +102,7 @@ class RunDraws(Value):
         return Derived(symbols=(), values=values, nominal={})
 
     @cached_property
-    def _derived(self) -> dict[tuple[Exponents, ...], Derived]:
+    def _derived(self) -> dict[tuple[tuple[int, ...], ...], Derived]:
         return {}  # keys are the products that are included
 
     def derived(self, judged: Judgement | None) -> Derived:
@@ -164,8 +164,8 @@ class RunAnalysis:
     step_errors: what the steps of a rig that is stepped do at the MAP [sd of the noise]
     torques: the missing torque of each experiment [N m]
     moment: what inputs half a sample later would move [s, sd of the unknown]
-    course: sentences on friction that drives instead of braking
-    rig: sentences on roles and gear of the rig
+    course: friction that drives instead of braking
+    rig: what is wrong with roles and gear of the rig
     suspicions: sentences on columns, units and sensors of the record
     """
 
@@ -188,14 +188,14 @@ class RunAnalysis:
     step_errors: tuple[StepError, ...]
     torques: tuple[TorqueSummary, ...]
     moment: InputTiming | None
-    course: tuple[str, ...]
-    rig: tuple[str, ...]
+    course: tuple[Finding, ...]
+    rig: tuple[Finding, ...]
     suspicions: tuple[str, ...]
 
     @property
     def numbers(self) -> Mapping[str, Any]:
         """Return all numbers by names such as `unknowns.k_s.mean` and `evidence.log_z`."""
-        return dict(values.leaves(values.as_data(self)))
+        return dict(json_records.leaves(json_records.as_data(self)))
 
     @property
     def unsupported(self) -> Mapping[str, float]:
@@ -211,7 +211,7 @@ class RunAnalysis:
     @classmethod
     def describe(cls, name: str) -> str:
         """Describe the number of this name, with its unit; raise `KeyError` for an unknown name."""
-        field = values.field_descriptions(cls)[name.partition(".")[0]]
+        field = json_records.field_descriptions(cls)[name.partition(".")[0]]
         unit = f" [{field['unit']}]" if "unit" in field else ""
         return field["description"] + unit
 

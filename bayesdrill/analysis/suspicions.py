@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayesdrill.analysis.edits import rig_parameters
+from bayesdrill.analysis.findings import Finding
 from bayesdrill.analysis.identifiability.information import SensitivityStudy, root_of
 from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.basics.symbols import SPEED_UNITS
@@ -39,14 +40,14 @@ NEAR_START_FACTOR = 0.2  # the same for a factor to the start's prediction, whic
 
 def suspicions_of_record(
     experiment: Experiment, factors: Sequence[float], model: Model
-) -> Iterator[str]:
+) -> Iterator[Finding]:
     """Yield suspicions of the columns; `factors (K,)` are SI units per unit of each column."""
     for channel, y, factor in zip(experiment.channels, experiment.y.T, factors, strict=True):
         yield from _overrun(channel, experiment.t, y, factor)
     yield from _pairs(experiment, model)
 
 
-def suspicions_of_start(problem: Problem) -> Iterator[str]:
+def suspicions_of_start(problem: Problem) -> Iterator[Finding]:
     """Yield channels that are the start's prediction times the factor of a wrong unit."""
     space = problem.posterior.space
     full = space.full(space.vector(space.start)[None])
@@ -66,10 +67,8 @@ def suspicions_of_start(problem: Problem) -> Iterator[str]:
         r_squared = 1 - float(np.sum((y - times * p) ** 2)) / float(y @ y)
         named = _likely_mistakes(times, NEAR_START_FACTOR, problem.model.gear_ratio)
         if r_squared > MIN_R_SQUARED and named:
-            yield (
-                f"unit: {channel.name} is {times:.3g} times what the start values predict; was it "
-                f"{named}? See its unit, its column and `measures`"
-            )
+            names = {"channel": channel.name, "mistakes": named}
+            yield Finding("unit against the start", names, {"times": times})
 
 
 def _likely_mistakes(times: float, tolerance: float, gear: float) -> str:
@@ -86,7 +85,7 @@ def _likely_mistakes(times: float, tolerance: float, gear: float) -> str:
     return " and ".join(mistake for mistake in (units, signs) if mistake)
 
 
-def _overrun(channel: Channel, t: Array, y: Array, factor: float) -> Iterator[str]:
+def _overrun(channel: Channel, t: Array, y: Array, factor: float) -> Iterator[Finding]:
     """Yield jumps by the range of a counter, or by one turn, between steps that are small."""
     t, y = t[~np.isnan(y)], y[~np.isnan(y)]
     steps = np.abs(np.diff(y / factor))
@@ -95,13 +94,9 @@ def _overrun(channel: Channel, t: Array, y: Array, factor: float) -> Iterator[st
     for period, what in periods:
         jumps = np.abs(steps - period) < MAX_CALM_STEP * period
         if np.any(jumps) and np.all(steps[~jumps] < MAX_CALM_STEP * period) and _goes_on(y, jumps):
-            first = int(np.argmax(jumps))
-            yield (
-                f"overflow: {channel.name} jumps by about {period:.6g}, {what}, "
-                f"{int(np.sum(jumps))} times, first at {t[first + 1]:.6g} s; a counter that ran over? "
-                f"Say wraps: {period:.6g} at {channel.name}, or unwrap the column: "
-                f"np.unwrap(x, period={period:.6g})"
-            )
+            first = float(t[int(np.argmax(jumps)) + 1])
+            numbers = {"period": period, "jumps": float(np.sum(jumps)), "first": first}
+            yield Finding("overflow", {"channel": channel.name, "range": what}, numbers)
             break
 
 
@@ -113,7 +108,7 @@ def _goes_on(y: Array, jumps: Flags) -> bool:
     return not np.any(spikes) and bool(np.mean(np.sign(steps[at]) * np.sign(before)) <= 0)
 
 
-def _pairs(experiment: Experiment, model: Model) -> Iterator[str]:
+def _pairs(experiment: Experiment, model: Model) -> Iterator[Finding]:
     """Yield contradictions between an angle and a speed of the same part."""
     columns = zip(experiment.channels, experiment.y.T, strict=True)
     for (angle, a), (speed, w) in itertools.product(columns, repeat=2):
@@ -125,11 +120,7 @@ def _pairs(experiment: Experiment, model: Model) -> Iterator[str]:
             t, turned = experiment.t[both], w[both] * ratio
             yield from _pair(angle.name, a[both], speed.name, turned, t, model.gear_ratio)
         if both.all() and experiment.uniform and anomalies.differenced(a, w, experiment.dt):
-            yield (
-                f"derived: the noise of {speed.name} is that of differences of {angle.name}. If it is "
-                "no measurement of its own, it must not count twice: say derived_from: "
-                f"{angle.name} at {speed.name}, or leave it out"
-            )
+            yield Finding("differentiated angle", {"angle": angle.name, "speed": speed.name})
 
 
 def _ratio(angle: Channel, speed: Channel, speeds: Mapping[str, str]) -> float | None:
@@ -143,21 +134,16 @@ def _ratio(angle: Channel, speed: Channel, speeds: Mapping[str, str]) -> float |
     return ratios[0] if max(ratios) - min(ratios) < 1e-9 * abs(ratios[0]) else None
 
 
-def _pair(angle: str, a: Array, speed: str, w: Array, t: Array, gear: float) -> Iterator[str]:
+def _pair(angle: str, a: Array, speed: str, w: Array, t: Array, gear: float) -> Iterator[Finding]:
     times, r_squared = _slope(_integral(w, t), a)
     if r_squared > MIN_R_SQUARED and 1 / MIN_UNIT_FACTOR < times < MIN_UNIT_FACTOR:
         return
     swapped, swapped_r_squared = _slope(_integral(a, t), w)
     if swapped_r_squared > MIN_R_SQUARED and abs(swapped - 1) < 2 * NEAR_FACTOR:
-        yield (
-            f"columns: {speed} grows as the sum of {angle} over time would, and not the other way "
-            "round; are the two columns swapped?"
-        )
+        yield Finding("swapped columns", {"angle": angle, "speed": speed})
     elif r_squared >= MIN_R_SQUARED and (named := _likely_mistakes(times, NEAR_FACTOR, gear)):
-        yield (
-            f"unit: {angle} grows {times:.3g} times as fast as {speed} says; is one of them {named}? "
-            "See their units, columns and `measures`"
-        )
+        names = {"angle": angle, "speed": speed, "mistakes": named}
+        yield Finding("unit of an angle", names, {"times": times})
 
 
 def _integral(x: Array, t: Array) -> Array:

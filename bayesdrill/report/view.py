@@ -11,13 +11,14 @@ import bayesdrill
 from bayesdrill.analysis.run_analysis import RunAnalysis, RunDraws
 from bayesdrill.basics import seeds
 from bayesdrill.basics.arrays import Array
-from bayesdrill.basics.values import Value
+from bayesdrill.basics.equality import Value
 from bayesdrill.config.schema.config import Config
 from bayesdrill.inference.derived import Derived
 from bayesdrill.inference.display_units import DisplayedUnknowns, DisplayUnits
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.report import words
 from bayesdrill.report.doubts import describe_timing, figure_warning, prior_notes, run_doubts
+from bayesdrill.report.findings import finding_sentences
 from bayesdrill.report.scales import WIDTHS
 from bayesdrill.report.section import Picture, Section
 from bayesdrill.results import provenance
@@ -129,8 +130,7 @@ class ReportContext(Value):
         missed = self.sampled.coverage("the ends of intervals are rough")
         others = (
             *describe_timing(analysis.moment),
-            *analysis.course,
-            *analysis.rig,
+            *finding_sentences((*analysis.course, *analysis.rig)),
             *(f"record: {sentence}" for sentence in words.record_made(self.problem)),
             *(f"record, {sentence}" for sentence in analysis.suspicions),
         )

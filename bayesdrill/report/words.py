@@ -18,6 +18,7 @@ from bayesdrill.config.schema.records import ColumnSpec, TimeColumn
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.record import clocks
+from bayesdrill.report.findings import finding_sentences
 from bayesdrill.report.section import aligned
 from bayesdrill.rig.models.linear import Model, constants
 from bayesdrill.rig.simulators import COMPRESSED_FROM
@@ -82,8 +83,8 @@ def record_suspicions(problem: Problem, most: int = FEW) -> tuple[str, ...]:
         odd = [each.in_words(most) for each in observation.experiment.odd]
         factors = [channel.factor for channel in observation.experiment.channels]
         said = suspected.suspicions_of_record(observation.experiment, factors, problem.model)
-        sentences += _of_experiment(observation, [*odd, *said])
-    return (*sentences, *suspected.suspicions_of_start(problem))
+        sentences += _of_experiment(observation, [*odd, *finding_sentences(said)])
+    return (*sentences, *finding_sentences(suspected.suspicions_of_start(problem)))
 
 
 def _line(name: str, measures: str, spec: ColumnSpec, values: Array) -> tuple[str, ...]:
@@ -183,13 +184,16 @@ def preview(problem: Problem, config: Config) -> str:
             units.symbols(problem.symbols), posterior.space.priors.values(), strict=True
         )
     )
-    doubts = plausibility.plausibility_of_nominal(problem)
-    kind = "nominal" if problem.nominal else "start"
-    findings = (  # what makes table, priors, gear or record doubtful before anything is sampled
-        *(f"{kind} values, {doubt}" for doubt in doubts),
+    doubts = finding_sentences(plausibility.plausibility_of_nominal(problem))
+    findings = (
         *plausibility.plausibility_of_priors(problem),
         *plausibility.of_roles(problem),
         *plausibility.plausibility_of_gear(problem),
+    )
+    kind = "nominal" if problem.nominal else "start"
+    sentences = (  # what makes table, priors, gear or record doubtful before anything is sampled
+        *(f"{kind} values, {doubt}" for doubt in doubts),
+        *finding_sentences(findings),
         *(f"record: {note}" for note in record_made(problem)),
         *(f"record, {note}" for note in record_suspicions(problem, ALL)),
     )
@@ -199,7 +203,7 @@ def preview(problem: Problem, config: Config) -> str:
         f"would run: {config.map.starts} searches by {config.map.method}, then "
         f"{sampler.ensembles} ensembles of {sampler.walkers} walkers for at most {sampler.max_steps} "
         f"steps. They end when R-hat <= {sampler.r_hat:g}, N/tau >= {sampler.n_tau:g} and "
-        f"ESS >= {sampler.ess:g}\n" + "\n".join([size(problem, config), *findings])
+        f"ESS >= {sampler.ess:g}\n" + "\n".join([size(problem, config), *sentences])
     )
 
 

@@ -26,7 +26,8 @@ from support.finished_runs import FIGURES, FILES, FinishedRun
 
 import bayesdrill as bd
 from bayesdrill.analysis.run_analysis import RunAnalysis
-from bayesdrill.basics.values import as_data, equal_content, from_data
+from bayesdrill.basics.equality import equal_content
+from bayesdrill.basics.json_records import as_data, from_data
 from bayesdrill.inference import derived
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.output_files import dumps_checksummed, loads_checksummed

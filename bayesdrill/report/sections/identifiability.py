@@ -15,6 +15,7 @@ from bayesdrill.basics.symbols import Symbol, fraction
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.report import scales, style
 from bayesdrill.report.doubts import unbelievable
+from bayesdrill.report.findings import finding_sentences
 from bayesdrill.report.pages import build_page, is_first_column, legend_above
 from bayesdrill.report.section import Picture, Plain, Section, aligned, build, listed
 from bayesdrill.report.sections.friction import friction_sentences
@@ -434,7 +435,7 @@ def _sections(run: ReportContext, _: Sequence[Picture]) -> Iterator[Section]:
         stand_ins(study, run.problem.model),
         brief=False,
     )
-    physical = "\n".join(judged.findings) or NO_FINDING
+    physical = "\n".join(finding_sentences(judged.findings)) or NO_FINDING
     yield build("Physical consistency of the posterior", physical, brief=False)
 
 
