@@ -19,9 +19,10 @@ from bayesdrill.basics.errors import printable
 from bayesdrill.inference.derived import HDI_PROBABILITY
 
 
-def listed(names: Sequence[str]) -> str:
-    """Join names with commas, and the last with *and*."""
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+def listed(names: Sequence[str], conjunction: str = " and ") -> str:
+    """Join names with commas, and the last with a conjunction."""
+    *first, last = names
+    return f"{', '.join(first)}{conjunction}{last}" if first else last
 
 
 _TAG = re.compile(r"<(?=[A-Za-z/!?])")
