@@ -41,7 +41,7 @@ LOOK = (
 
 
 def describe_causes(causes: Causes | None) -> str:
-    """What would explain what the fit leaves, for a terminal: best first, and what to do."""
+    """Describe what would explain the misfit, the best first, and what to do next."""
     return "\n".join(
         aligned([part.heads, *part.lines], left={0}) if isinstance(part, Table) else part.text
         for part in candidates(causes)
@@ -133,7 +133,7 @@ def _candidate_table(causes: Causes) -> Table:
 
 
 def _beside(cause: Cause, best: Cause | None) -> str:
-    """A candidate by what it has otherwise than the `best`, which is called A, if that is shorter."""
+    """Describe a candidate by its difference to the `best`, which is called A, if that is shorter."""
     if best is None:
         return listed(cause.words, AND)
     if cause is best:
@@ -178,13 +178,13 @@ def _new(cause: Cause) -> str:
 
 
 def lacking(causes: Causes | None, roles: Roles) -> str:
-    """What the model misses, for a verdict that stands on it; empty where nothing is known."""
+    """Describe what the model lacks, for a verdict on it; empty if nothing is known."""
     best = None if causes is None else causes.best
     return " and ".join(f"{_lacked(n, roles)} ({n})" for n in (best.lacks if best else ()))
 
 
 def instead(explanation: EquivalentExplanation | None, rig: Model) -> Iterable[str]:
-    """A table that may be right after all."""
+    """Yield a sentence if the nominal values with one more effect explain the record."""
     if explanation is None:
         return
     how = "better than" if explanation.lost < 0 else "about as well as"
