@@ -1,4 +1,4 @@
-"""How the searches for the MAP and the walkers went."""
+"""Report the searches for the MAP and the convergence of the ensembles."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def _apart(value: float, other: float) -> bool:
 
 
 def describe_map(mode: Mode, units: DisplayUnits) -> str:
-    """How the searches for the MAP went."""
+    """Describe how the searches for the MAP went."""
     n, same = len(mode.searches), len(mode.highest)
     lines = [
         f"MAP: log posterior {mode.log_posterior:.2f}; {same} of {n} searches reached it within "
@@ -140,7 +140,7 @@ def describe_sampling(sampled: SamplingResult) -> str:
 
 
 def describe_convergence(sampled: SamplingResult) -> str:
-    """Whether the ensembles may be believed."""
+    """Describe whether the ensembles converged, and what is missing if they did not."""
     c = sampled.convergence
     n_ensembles, _, n_walkers, _ = sampled.theta.shape
     lines = [
@@ -238,7 +238,7 @@ def trace_figure(
 def _scale(
     bands: Array, after_burn_in: NDArray[np.bool_], nominal: float | None, prior: Prior | None
 ) -> scales.Scale:
-    """An axis for bands `(3, E, steps)`: all after burn-in, and of burn-in what is not too far."""
+    """Return an axis for bands `(3, E, steps)`: all after burn-in, and the nearer part of burn-in."""
     log = flat_in_logs(prior)
     to, back = (np.log, np.exp) if log else (np.asarray, np.asarray)
     scaled, after = to(bands), to(bands[..., after_burn_in])
@@ -261,7 +261,7 @@ def _thin_looks(n_ensembles: int) -> dict[str, style.Look]:
 
 
 def _ensembles(panel: Axes, steps: NDArray[np.intp], bands: Array) -> None:
-    """Bands `(3, E, steps)` in the numbers of the axis."""
+    """Draw bands `(3, E, steps)`, which are given as positions on the axis."""
     n = bands.shape[1]
     starts = np.unique(np.linspace(0, len(steps), STRETCHES, endpoint=False).astype(np.intp))
     lengths = np.diff(np.append(starts, len(steps)))
