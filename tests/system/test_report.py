@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 from support import command_line, finished_runs, forked_command, injection_payloads
 from support.case_tables import for_each
-from support.command_line import cli, replace_text
+from support.command_line import cli, posterior, replace_text
 from support.finished_runs import FIGURES, FILES, FinishedRun
 from support.html_pages import Page
 
@@ -89,6 +89,44 @@ def test_tables_and_figures_that_fail_are_named_and_all_others_are_made(
     for name in (*tables, "chain.h5", "config.yaml", "map.json"):
         assert after[name] == complete[name], name
     assert result.out.splitlines()[-1].startswith(f"results: {run.folder}/")
+
+
+# --- a record that the model does not explain ------------------------------------------------------
+
+SIGMA = "sigma: {prior: uniform, low: 0, high: 9}"
+DRIVEN = (
+    ("  v: 8.0", "  v: {column: v, unit: V}"),
+    ("k_T: nominal", "k_T: 0.09"),
+    ("theta_1, unit: rad, sigma: 0.05", f"theta_1, unit: rad, {SIGMA}"),
+    ("w_1, unit: rad/s, sigma: 0.05", f"w_1, unit: rad/s, {SIGMA}"),
+    ("walkers: 8", "walkers: 16"),
+    ("figures: []", "figures: null"),
+)
+
+
+@pytest.mark.slow
+def test_a_misfit_shows_its_residuals_and_the_sandwich_sds(tmp_path: Path) -> None:
+    """The motor of the config is weaker than that of the record."""
+    config, out = command_line.small_config(tmp_path, *DRIVEN), tmp_path / "out"
+    lines = (tmp_path / "small.csv").read_text().splitlines()
+    voltage = ["v", *(f"{6.0 + 2.0 * (k // 7 % 2)}" for k in range(len(lines) - 1))]
+    rows = [f"{line},{v}\n" for line, v in zip(lines, voltage, strict=True)]
+    (tmp_path / "small.csv").write_text("".join(rows))
+    result = posterior(config, out)
+    assert result.status == 3, result.text
+    made = {path.name for path in (out / "figures").iterdir()}
+    assert {"residuals.png", "corner.pdf"} <= made
+    assert "residuals.pdf" not in made
+    assert "frequency_response.png" not in made
+    analysis = json.loads((out / "run.json").read_text())["analysis"]
+    sds = {row["name"]: row["sd"] for row in analysis["unknowns"]}
+    assert {*analysis["sandwich"]} == {*sds}
+    summary = (out / "summary.md").read_text(encoding="utf-8")
+    assert "sd if residuals remember (sandwich)" in summary
+    for name, sd in analysis["sandwich"].items():
+        assert f"{sd / sds[name]:.3g}" in summary
+    assert max(analysis["sandwich"][name] / sds[name] for name in sds) > 1.5
+    assert "belong together" in cli("verify", out).out
 
 
 # --- texts of users ------------------------------------------------------------------------------
