@@ -88,18 +88,16 @@ class LinearShape:
     """The structure of a record, for which a kernel is specialised.
 
     `rows (K, X)`: which states a channel shows; their weights, and offsets, are numbers of walkers.
-    `late (K,)`: which channels are late.  `uneven`: whether steps differ, or there is none.  `gaps`:
-    whether sums leave out samples without a number; normal equations always do.  `output`: sums as
-    `tally` has them, or normal equations of white noise or of noise that remembers; a kernel of sums of
-    squares, or of normal equations, has signals too.  `slopes`: whether numbers carry slopes;
-    `sensed`: whether starts and rows do, which those of perfect sensors and a known start do not.
+    `late (K,)`: which channels are late.  `uneven`: whether steps differ, or there is none.
+    `output`: sums as `tally` has them, or normal equations of white noise or of noise that remembers;
+    a kernel of sums of squares, or of normal equations, has signals too.  `slopes`: whether numbers
+    carry slopes; `sensed`: whether starts and rows do, as those of perfect sensors never do.
     """
 
     layout: Layout
     rows: Pattern
     late: tuple[bool, ...]
     uneven: bool
-    gaps: bool
     output: str
     tally: ResidualSums | None
     slopes: bool
@@ -108,7 +106,7 @@ class LinearShape:
     @property
     def text(self) -> str:
         """See `compile_kernel`."""
-        flags = (self.late, self.uneven, self.gaps, self.slopes, self.sensed)
+        flags = (self.late, self.uneven, self.slopes, self.sensed)
         return f"{self.rows} {flags} {self.output} {self.tally} {self.layout.text}"
 
     @property
@@ -270,9 +268,7 @@ class _Writer:
         assert tally is not None
         y, count = self.measured(sample, k), tally.count
         weights = b.read_row(b.offset(self.weights, k * tally.weights), tally.weights)
-        known = Sample(b.fsub(y, value), None, weights)
-        if self.shape.gaps:
-            known = Sample.from_measured(b, known.residual, y, weights)
+        known = Sample.from_measured(b, b.fsub(y, value), y, weights)
         mine = slice(k * count, (k + 1) * count)
         return [*totals[: mine.start], *tally.add(b, totals[mine], known), *totals[mine.stop :]]
 

@@ -111,10 +111,6 @@ class Response(Unstepped):
         return padded
 
     @cached_property
-    def _gaps(self) -> bool:
-        return bool(np.isnan(self._padded).any())
-
-    @cached_property
     def _samples(self) -> Any:
         """Where the samples are among the knots: a slice copies faster."""
         at = self._grid.at[1:] if self.sensors.lead else self._grid.at
@@ -135,7 +131,6 @@ class Response(Unstepped):
             rows=tuple(map(tuple, (self.sensors.weights != 0.0).tolist())),
             late=self._late,
             uneven=not self._grid.uniform,
-            gaps=False,
             output=SUMS,
             tally=SQUARES,
             slopes=False,
@@ -145,13 +140,8 @@ class Response(Unstepped):
     def _shape(self, output: str, tally: ResidualSums | None, *, slopes: bool) -> LinearShape:
         if output == SIGNALS:  # which kernels of these store too
             output, tally = (NORMAL, None) if slopes else (SUMS, SQUARES)
-        structure = self._structure
-        # Only sums of squares at even times gain from it that no sample is missing.
-        gaps = output == SUMS and (self._gaps or structure.uneven or tally != SQUARES)
         sensed = slopes and not self.sensing.empty
-        return replace(
-            structure, gaps=gaps, output=output, tally=tally, slopes=slopes, sensed=sensed
-        )
+        return replace(self._structure, output=output, tally=tally, slopes=slopes, sensed=sensed)
 
     @cached_property
     def _known(self) -> dict[tuple[Any, ...], Any]:
