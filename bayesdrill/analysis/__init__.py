@@ -1,9 +1,7 @@
-"""Say what to believe of a posterior.
+"""Interpret a posterior: identifiability, verdict, causes of a bad fit, comparison, calibration.
 
-Identifiability, verdict, causes of a bad fit, physics, comparison, and calibration.
-
-All of it looks at a `Problem` and at draws, and says it in numbers. Sentences, tables and figures
-of it are in `report`.
+Modules take a `Problem` and draws, and return records of numbers. The package `report` turns these
+into sentences, tables and figures.
 """
 
 from __future__ import annotations

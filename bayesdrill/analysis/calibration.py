@@ -1,16 +1,15 @@
 """Calibrate a posterior by simulation: refit many simulated records, and rank the truth.
 
-With the right posterior the rank of a true value among L draws is uniform on 0 ... L (Talts et al.
+If the posterior is right, the rank of a true value among L draws is uniform on 0 ... L (Talts et al.
 2018).  The band for the empirical distribution function of N ranks is that of Saeilynoja, Buerkner
-and Vehtari (2022): pointwise binomial intervals of one level, chosen so that the whole function
-stays inside with the wanted probability, which their recursion gives exactly.
+and Vehtari (2022).  It has pointwise binomial intervals of one level.  Their recursion gives the
+exact probability that the whole function stays inside.
 
-`refit` is a function of the study and the index alone: it can run anywhere, and run again.
+`refit` depends on the study and the index alone: it can run anywhere, and be repeated.
 
-The verdict on all ranks is wrong with at most `FALSE_ALARM` where the posterior is right.  Half of
-that chance goes to the rank bands, shared equally by the quantities, and half to the credible
-intervals, shared equally by unknowns and levels: a union bound, as the ranks of one refit depend on
-each other.
+If the posterior is right, the verdict on all ranks is wrong with probability `FALSE_ALARM` at most.
+Half of it goes to the rank bands, in equal shares of the quantities.  The other half goes to the
+credible intervals, in equal shares of unknowns and levels (a union bound, as ranks are correlated).
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ from bayesdrill.basics.errors import InputError
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.sampling.fit import FitPlan, fit
 
-NAMED_SHIFT_SDS = 3.0  # standard errors from which a shift or a spread of the ranks is named
+NAMED_SHIFT_SDS = 3.0  # standard errors from which on a shift or a spread of the ranks is named
 
 
 def rank(truth: float, draws: Array, rng: np.random.Generator) -> int:
@@ -42,35 +41,35 @@ def rank(truth: float, draws: Array, rng: np.random.Generator) -> int:
 
 
 def shape(ranks: Counts, n_draws: int, *, of_fit: bool = False) -> str | None:
-    """Name what is wrong with a posterior whose `ranks (N,)` are not uniform; None where unclear.
+    """Name what is wrong with a posterior whose `ranks (N,)` are not uniform; None if unclear.
 
-    By the mean and the spread of the ranks: a shift spreads them too, to one end alone.  `of_fit`:
-    those of the log likelihood, of which only too much or too little can be said: draws that crowd
-    around the best fit all fit the record better than the truth does.
+    Mean and spread of the ranks decide; a shift increases the spread, too, but at one end alone.
+    `of_fit` says that the ranks are those of the log likelihood.  If these draws are too narrow about
+    the best fit, they all fit the record better than the truth does.
     """
     u = (ranks + 0.5) / (n_draws + 1) - 0.5
     n = len(u)
-    moved = float(u.mean()) * np.sqrt(12.0 * n)
+    shift = float(u.mean()) * np.sqrt(12.0 * n)
     if of_fit:
-        if abs(moved) < NAMED_SHIFT_SDS:
+        if abs(shift) < NAMED_SHIFT_SDS:
             return None
-        return "posterior too wide" if moved > 0 else "posterior too narrow"
+        return "posterior too wide" if shift > 0 else "posterior too narrow"
     spread = (float((u**2).mean()) - 1.0 / 12.0) * np.sqrt(180.0 * n)
-    if max(abs(moved), abs(spread)) < NAMED_SHIFT_SDS:
+    if max(abs(shift), abs(spread)) < NAMED_SHIFT_SDS:
         return None
-    if abs(moved) >= max(NAMED_SHIFT_SDS, 0.5 * abs(spread)):
-        return "posterior too low" if moved > 0 else "posterior too high"
+    if abs(shift) >= max(NAMED_SHIFT_SDS, 0.5 * abs(spread)):
+        return "posterior too low" if shift > 0 else "posterior too high"
     return "posterior too narrow" if spread > 0 else "posterior too wide"
 
 
-LEVEL_BISECTIONS = 40  # of the interval in which the pointwise level is sought
+LEVEL_BISECTIONS = 40  # number of bisections by which the pointwise level is found
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RankBand:
-    """A band of counts, `low` to `high (L,)`, of `n` uniform ranks below each of the `shares (L,)`.
+    """A band holds counts, `low` to `high (L,)`, of `n` uniform ranks below each of `shares (L,)`.
 
-    `false_alarm`: the exact probability that uniform ranks leave it somewhere.
+    Uniform ranks leave the band with the exact probability `false_alarm`.
     """
 
     n: int
@@ -80,18 +79,19 @@ class RankBand:
     false_alarm: float
 
     def counts(self, ranks: Counts) -> Counts:
-        """Count the `ranks (n,)` below each share: `(L,)`."""
+        """Count the `ranks (n,)` below each share, `(L,)`."""
         n_draws = len(self.shares)
         return np.cumsum(np.bincount(ranks, minlength=n_draws + 1))[:n_draws]
 
     def reach(self, ranks: Counts) -> float:
-        """Return the farthest departure from uniform, in half-widths: above 1 is outside."""
+        """Return the largest deviation from uniform, in half-widths; above 1 it is outside."""
         expected = self.n * self.shares
-        away = self.counts(ranks) - expected
-        room = np.where(away > 0, self.high, self.low) - expected
-        open_ended = np.where(away > 0, self.high == self.n, self.low == 0)  # none can be outside
-        room = np.where(room == 0.0, np.copysign(0.5, away), room)
-        return float(np.max(away / room, where=~open_ended, initial=0.0))
+        deviation = self.counts(ranks) - expected
+        width = np.where(deviation > 0, self.high, self.low) - expected
+        # A limit at 0 or n cannot be exceeded.
+        open_ended = np.where(deviation > 0, self.high == self.n, self.low == 0)
+        width = np.where(width == 0.0, np.copysign(0.5, deviation), width)
+        return float(np.max(deviation / width, where=~open_ended, initial=0.0))
 
     def holds(self, ranks: Counts) -> bool:
         """Return whether all `ranks (n,)` stay inside."""
@@ -104,7 +104,7 @@ def ecdf_band(n: int, n_draws: int, false_alarm: float) -> RankBand:
     """Return the narrowest band that `n` uniform ranks leave with at most `false_alarm`."""
     shares = np.arange(1, n_draws + 1) / (n_draws + 1)
     table = scipy.special.bdtr(np.arange(n + 1)[:, None], n, shares)  # (n + 1, L): P(count <= row)
-    inside, outside = 0.0, 1.0  # levels: at the first the band holds often enough
+    inside, outside = 0.0, 1.0  # levels of bands that are wide enough, and too narrow
     low, high = _pointwise(table, inside)
     for _ in range(LEVEL_BISECTIONS):
         level = 0.5 * (inside + outside) if inside > 0 else 0.1 * outside
@@ -119,34 +119,37 @@ def ecdf_band(n: int, n_draws: int, false_alarm: float) -> RankBand:
 
 @functools.cache
 def count_band(n: int, share: float, false_alarm: float) -> tuple[int, int]:
-    """Return the expected counts of `n` independent events of probability `share`, ends included."""
+    """Return the least and greatest count of `n` independent events of probability `share`.
+
+    Counts are outside with the probability `false_alarm` at most.
+    """
     table = scipy.special.bdtr(np.arange(n + 1)[:, None], n, np.array([share]))
     low, high = _pointwise(table, false_alarm)
     return int(low[0]), int(high[0])
 
 
 def _pointwise(table: Array, level: float) -> tuple[Counts, Counts]:
-    """Binomial intervals that leave at most `level / 2` out on either side."""
+    """Return binomial intervals with a probability of at most `level / 2` on either side."""
     low = (table <= 0.5 * level).sum(axis=0)
     high = (table < 1.0 - 0.5 * level).sum(axis=0)
     return low, np.minimum(high, len(table) - 1)
 
 
 def _stay_probability(n: int, shares: Array, low: Counts, high: Counts) -> float:
-    """The probability that the counts of `n` uniforms stay between `low` and `high` at all shares.
+    """Return the probability that counts of `n` uniforms are from `low` to `high` at all shares.
 
-    A Markov chain: of those still above one share, each is below the next one independently.
+    Counts are a Markov chain: each uniform above one share is below the next independently.
     """
     log_factorial = scipy.special.gammaln(np.arange(n + 1) + 1.0)
-    have, probability, before = np.array([0]), np.array([1.0]), 0.0
+    counts, probability, before = np.array([0]), np.array([1.0]), 0.0
     for share, first, last in zip(shares, low, high, strict=True):
         if last < first:
             return 0.0
         p = (share - before) / (1.0 - before)
-        now = np.arange(first, last + 1)
-        more = now[None, :] - have[:, None]
-        remaining = n - have[:, None]
-        new = np.maximum(more, 0)
+        next_counts = np.arange(first, last + 1)
+        steps = next_counts[None, :] - counts[:, None]
+        remaining = n - counts[:, None]
+        new = np.maximum(steps, 0)
         log_p = (
             log_factorial[remaining]
             - log_factorial[new]
@@ -154,18 +157,18 @@ def _stay_probability(n: int, shares: Array, low: Counts, high: Counts) -> float
             + new * np.log(p)
             + (remaining - new) * np.log1p(-p)
         )
-        probability = probability @ np.where(more >= 0, np.exp(log_p), 0.0)
-        have, before = now, share
+        probability = probability @ np.where(steps >= 0, np.exp(log_p), 0.0)
+        counts, before = next_counts, share
     return float(probability.sum())
 
 
 LOG_LIKELIHOOD = "log likelihood"  # the quantity that depends on the record (Modrak et al. 2023)
-MAX_PRIOR_TRIES = 1000  # draws from the prior until the model has a finite response
+MAX_PRIOR_TRIES = 1000  # number of draws from the prior to find a finite response
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CalibrationStudy:
-    """A study that is repeated: `posterior` without its record, its fit, and L `draws` to rank in."""
+    """A study repeats the fit of a `posterior` by a `plan`, and ranks the truth among `draws`."""
 
     posterior: Posterior
     plan: FitPlan
@@ -173,13 +176,13 @@ class CalibrationStudy:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names of the quantities that are ranked."""
+        """Return the names of the ranked quantities: unknowns and the log likelihood."""
         return (*self.posterior.space.free, LOG_LIKELIHOOD)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Refit:
-    """One refit, `truth` and `ranks` in the order of `CalibrationStudy.names`; no ranks of no draws."""
+    """A refit has `truth` and `ranks`, as `CalibrationStudy.names`; no ranks if nothing was sampled."""
 
     index: int
     truth: tuple[float, ...]
@@ -188,16 +191,16 @@ class Refit:
     ess: float
     steps: int
     reasons: tuple[str, ...]
-    seconds: float = field(compare=False)  # that it took: no part of the result
+    seconds: float = field(compare=False)  # the time that it took is not part of the result
 
     @property
     def converged(self) -> bool:
-        """Whether the refit met its targets."""
+        """Return whether the refit met its targets."""
         return not self.reasons
 
 
 def refit(study: CalibrationStudy, index: int) -> Refit:
-    """Refit record `index`, counted from 0; the truth makes the record and is ranked."""
+    """Simulate record `index`, counted from 0, refit it, and rank the truth."""
     begun = time.perf_counter()
     rng = seeds.stream(study.plan.chains.seed, "calibrate", index)
     theta, posterior = _simulated(study.posterior, rng)
@@ -208,10 +211,10 @@ def refit(study: CalibrationStudy, index: int) -> Refit:
     r_hat, ess, steps = np.inf, 0.0, 0
     try:
         _, sampled = fit(posterior, dataclasses.replace(study.plan, chains=chains))
-    except ValueError as error:  # numbers fail far from any reasonable record
+    except ValueError as error:  # the record may be so unreasonable that numbers overflow
         reasons: tuple[str, ...] = (f"nothing could be sampled: {error}",)
     else:
-        # Among L of the nearly independent draws, picked at random.
+        # The truth is ranked among L of the nearly independent draws, selected at random.
         pool = sampled.draws.reshape(-1, len(theta))
         draws = pool[rng.choice(len(pool), study.draws, replace=len(pool) < study.draws)]
         values = np.column_stack([draws, posterior.likelihood(draws)])
@@ -232,28 +235,28 @@ def refit(study: CalibrationStudy, index: int) -> Refit:
 
 
 def _simulated(posterior: Posterior, rng: np.random.Generator) -> tuple[Array, Posterior]:
-    """Unknowns `(D,)` from the prior, and the posterior of a record that they made."""
+    """Return unknowns `(D,)` from the prior, and the posterior of a record simulated with them."""
     likelihood = posterior.likelihood
     for _ in range(MAX_PRIOR_TRIES):
         theta = posterior.space.draw(1, rng)
         signals = likelihood.all_signals(theta)
-        # Where the model overflows the posterior is zero: such unknowns are no part of the prior.
-        if all(np.all(np.isfinite(each)) for each in signals):
+        # The posterior is zero if the model overflows, so such unknowns are excluded from the prior.
+        if all(np.all(np.isfinite(signal)) for signal in signals):
             pairs = zip(likelihood.observations, signals, strict=True)
-            records = [observation.draw(each, theta, rng)[0] for observation, each in pairs]
+            records = [observation.draw(signal, theta, rng)[0] for observation, signal in pairs]
             return theta[0], posterior.edit(records=records)
     tries = f"{MAX_PRIOR_TRIES} draws from the priors"
     raise InputError.at("parameters", f"the model has no finite response at {tries}; narrow them")
 
 
-FALSE_ALARM = 0.01  # of the whole verdict
-LEVELS = (0.5, 0.8, 0.94)  # of the credible intervals
-MAX_NOT_CONVERGED = 0.05  # of the refits; with more there is no verdict
+FALSE_ALARM = 0.01  # probability that the verdict finds any fault of a right posterior
+LEVELS = (0.5, 0.8, 0.94)  # probabilities of the credible intervals
+MAX_NOT_CONVERGED = 0.05  # share of refits that may miss their targets
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IntervalCoverage:
-    """The coverage of the central interval of probability `share`; `low` to `high` is chance."""
+    """An interval of probability `share` holds `inside` truths; chance explains `low` to `high`."""
 
     share: float
     inside: int
@@ -262,13 +265,13 @@ class IntervalCoverage:
 
     @property
     def holds(self) -> bool:
-        """Whether chance explains the coverage."""
+        """Return whether chance explains the coverage."""
         return self.low <= self.inside <= self.high
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RankedQuantity:
-    """One unknown, or the log likelihood (without `intervals`); `shape`: what is wrong, if known."""
+    """A ranked quantity is an unknown, or the log likelihood; `shape` says what is wrong, if known."""
 
     name: str
     ranks: Counts
@@ -280,7 +283,7 @@ class RankedQuantity:
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrationVerdict:
-    """The verdict; `not_converged`: refits that missed their targets, `lost`: those without ranks."""
+    """The verdict lists refits that have `not_converged`, and those without ranks, which are `lost`."""
 
     n_draws: int
     band: RankBand
@@ -291,12 +294,12 @@ class CalibrationVerdict:
 
     @property
     def calibrated(self) -> bool:
-        """Whether nothing speaks against the posterior."""
+        """Return whether there are no faults and no doubts."""
         return not self.faults and not self.doubts
 
     @cached_property
     def faults(self) -> tuple[str, ...]:
-        """Faults that chance does not explain, worst first."""
+        """Return sentences on faults that chance does not explain, the worst first."""
         faults = []
         for quantity in sorted(self.quantities, key=lambda q: -q.reach):
             if not quantity.holds:
@@ -313,7 +316,7 @@ class CalibrationVerdict:
 
     @cached_property
     def doubts(self) -> tuple[str, ...]:
-        """Reasons why nothing can be said, however good the ranks look."""
+        """Return sentences on why there is no verdict, however good the ranks look."""
         doubts = []
         if len(self.not_converged) > MAX_NOT_CONVERGED * self.refits:
             doubts.append(
@@ -328,7 +331,7 @@ class CalibrationVerdict:
 def judge_calibration(
     names: Sequence[str], refits: Sequence[Refit], n_draws: int
 ) -> CalibrationVerdict:
-    """Judge the ranks of all `refits`, by index, of quantities `names`, the log likelihood last."""
+    """Judge the ranks of all `refits` for the quantities `names`, of which the last is the fit."""
     ranked = [refit for refit in refits if refit.ranks]
     table = np.array([refit.ranks for refit in ranked], dtype=np.int64).reshape(-1, len(names))
     band = ecdf_band(len(ranked), n_draws, 0.5 * FALSE_ALARM / len(names))
@@ -358,7 +361,7 @@ def judge_calibration(
 
 
 def _intervals(ranks: Counts, n_draws: int, n_unknown: int) -> tuple[IntervalCoverage, ...]:
-    """Between two of the sorted draws, so that their probability is exact: 25/100 ... 75/100."""
+    """Return the coverage of intervals between sorted draws, whose probability is exact."""
     intervals = []
     for level in LEVELS:
         out = math.floor(0.5 * (1.0 - level) * (n_draws + 1) + 0.5)

@@ -1,8 +1,8 @@
-"""Causes of a fit that leaves more than noise: candidate models, ranked by the evidence for each.
+"""Rank candidate models of a bad fit by their evidence, and test the nominal table against them.
 
-What the rig is held without bends the parameters that it has, and the fit may well look like noise.
-So before a table is blamed, each thing that the rig offers and has not is tried by itself:
-parameters are held at their nominal values, within their tolerances, and all else is sought again.
+An effect that a rig lacks biases the parameters that it has, even if the residuals look like noise.
+Before the nominal table is blamed, each effect that the rig offers is therefore tried by itself:
+parameters are held at their nominal values, within tolerances, and the others are fitted again.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ from bayesdrill.inference.posterior import Posterior, Problem
 from bayesdrill.inference.residual_checks import ResidualSummary, like_noise
 from bayesdrill.sampling.gauss_newton import gauss_newton
 
-SURE_LOG_ODDS = 5.0  # natural logs: a candidate that is no better explains nothing
-# Parts that absorb any misfit and name no cause: noises, and torques with the place where they act.
+SURE_LOG_ODDS = 5.0  # natural logarithm of the odds from which on a candidate explains something
+# These parts absorb any misfit without a cause: noises, and torques with the place where they act.
 NOISE = ("unknown_noise", "ar1")
 TORQUE = "missing_torque_"
-# of what a catch-all gains in log evidence: a cause that gains as much is recommended instead
+# A cause with this share of the log evidence that an absorbing part gains is recommended instead.
 MIN_SHARE_OF_CATCH_ALL = 0.5
 
 
 @dataclass(frozen=True, slots=True)
 class FittedValue:
-    """An unknown of a refit, in `unit`: of a candidate, one that the config as given has not."""
+    """A refit has this value of an unknown, in `unit`; in a `Cause`, one that the config lacks."""
 
     name: str
     value: float
@@ -42,10 +42,11 @@ class FittedValue:
 
 @dataclass(frozen=True, slots=True)
 class Doubt:
-    """Why the evidence of a candidate cannot be trusted, and of which unknowns or changes that is said.
+    """A doubt says why the evidence of a candidate cannot be trusted.
 
-    `end`: one is at an end of its prior; `maxima`: there is another one, about as high; `alike`: they
-    stand for each other; `hidden`: a `share` of the samples is, and others leave more than noise.
+    Its kind is "end" if an unknown is at an end of its prior, "maxima" if another maximum is about as
+    high, and "alike" if unknowns are interchangeable.  It is "hidden" if the candidate leaves out a
+    `share` of the samples and does not explain the others.  Unknowns or changes are in `said_of`.
     """
 
     kind: Literal["end", "maxima", "alike", "hidden"]
@@ -55,11 +56,11 @@ class Doubt:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cause:
-    """A candidate model: the config as given, and `parts` beside it.
+    """A candidate model adds `parts` to the config as given.
 
-    `words`: what each part is; `lines`: of a config, that say so; `lacks`: parameters that the rig
-    lacks; `gain`: of the log posterior; `bayes`: of the log evidence by Laplace, against the config as
-    given; `fit`: what it leaves; `doubts`: why its evidence cannot be trusted.
+    `words` describe the parts, `lines` are their lines of a config, and `lacks` are parameters that
+    the rig lacks.  `gain` and `bayes` are the increase of log posterior and log evidence (Laplace)
+    over the config as given.  `new` are its further unknowns, and `fit` its residuals.
     """
 
     parts: tuple[str, ...]
@@ -74,32 +75,32 @@ class Cause:
 
     @property
     def name(self) -> str:
-        """Its name: parts with dashes between."""
+        """Return the name: the parts, joined by hyphens."""
         return "-".join(self.parts)
 
     @property
     def about(self) -> str:
-        """The parts beside the config as given, in words."""
+        """Return the parts in words."""
         return " and ".join(self.words)
 
     @property
     def explains_all(self) -> bool:
-        """Whether only noise is left."""
+        """Return whether only noise is left."""
         return like_noise(self.fit)
 
     @property
     def absorbing(self) -> tuple[str, ...]:
-        """The parts that absorb any misfit and name no cause."""
+        """Return the parts that absorb any misfit without naming a cause."""
         return tuple(part for part in self.parts if part in NOISE or part.startswith(TORQUE))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Causes:
-    """Candidates that were refitted, `ranked` with the recommended first, then the most probable.
+    """Refitted candidates are `ranked`: the recommended one first, then the most probable.
 
-    `given`: what the fit leaves without; `left_out`: why others could not be tried; `windows`: the
-    unknowns as given, refitted on each of several windows of the record in which something moves, where
-    nothing explains all.  `reference`: an input and the channel that follows it as a set point.
+    `given` are the residuals of the config as given.  `left_out` says why other candidates could not
+    be tried.  If no candidate explains all, `windows` has unknowns refitted to windows of the record.
+    `reference` is an input with the channel that follows it as a set point.
     """
 
     given: tuple[ResidualSummary, ...]
@@ -110,21 +111,21 @@ class Causes:
 
     @property
     def good(self) -> tuple[Cause, ...]:
-        """The candidates for which there is some evidence."""
+        """Return the candidates for which there is some evidence."""
         return tuple(cause for cause in self.ranked if cause.bayes > SURE_LOG_ODDS)
 
     @property
     def best(self) -> Cause | None:
-        """The candidate that is recommended; see `recommended`."""
+        """Return the candidate that is recommended, if any; see `recommended`."""
         return recommended(self.ranked)
 
 
 def recommended(causes: Sequence[Cause]) -> Cause | None:
-    """Return the simplest of the candidates that are about as probable as the best of them.
+    """Return the simplest candidate that is about as probable as the best of them.
 
-    Only those count that have some evidence and can be trusted.  What absorbs any misfit gives way to
-    causes that gain a good share of that without it, or else to one beside what absorbs, which gains
-    more than that alone.
+    Only candidates with evidence and without doubts count.  An absorbing part is replaced by a cause
+    that gains a good share of its evidence alone.  Otherwise a cause beside the absorbing part is
+    preferred to this part alone, if both together gain more.
     """
     good = [cause for cause in causes if cause.bayes > SURE_LOG_ODDS and not cause.doubts]
     trusted = sorted(good, key=lambda cause: -round(cause.bayes, 3))
@@ -139,22 +140,22 @@ def recommended(causes: Sequence[Cause]) -> Cause | None:
         first, trusted = named[0], named
     elif first.absorbing == first.parts and partly:
         first = partly[0]
-    near = [c for c in trusted if first.bayes - SURE_LOG_ODDS < c.bayes <= first.bayes]
-    near = [cause for cause in near if first.absorbing or not cause.absorbing]
-    return min(near, key=lambda cause: len(cause.parts))
+    similar = [c for c in trusted if first.bayes - SURE_LOG_ODDS < c.bayes <= first.bayes]
+    similar = [cause for cause in similar if first.absorbing or not cause.absorbing]
+    return min(similar, key=lambda cause: len(cause.parts))
 
 
-TABLE_FIT_STEPS = 40  # uphill
-START_SHARES = (0.02, 0.2)  # of what it can be, from which it is sought
-REJECTED_SHARE = 0.01  # of records of a rig that is so: more is lost by holding the table
+TABLE_FIT_STEPS = 40  # largest number of Gauss-Newton steps
+START_SHARES = (0.02, 0.2)  # a parameter is sought from these shares of its largest value
+REJECTED_SHARE = 0.01  # probability of rejecting the table although the rig agrees with it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EquivalentExplanation:
-    """A parameter that explains the record as well as a rig off the nominal table.
+    """A `parameter` that the rig lacks explains the record as well as deviations from the table.
 
-    `parameter` that the rig lacks, and its `value` [SI] where all nominal values hold; `lost`: of
-    the log likelihood, against the MAP, which has none of it; negative where it fits better.
+    With this `value` [SI] all nominal values hold.  `lost` is the log likelihood of the MAP, without
+    the parameter, minus that with it; it is negative if the parameter fits better.
     """
 
     parameter: str
@@ -163,15 +164,18 @@ class EquivalentExplanation:
 
 
 def equivalent_explanation(problem: Problem, theta: Array) -> EquivalentExplanation | None:
-    """Find what fits the record with the table about as well as the MAP `theta (D,)` without it."""
+    """Find a parameter with which the table fits the record as well as the MAP `theta (D,)`.
+
+    The result is None if there is none, or if the table fits without any further parameter.
+    """
     posterior = excerpt(problem.posterior) or problem.posterior
     wider, space = with_candidates(posterior, theta), posterior.space
     tried = [k for k, name in enumerate(wider.space.free) if name not in space.free]
-    table = {}  # by columns: ends of the tolerance
+    table = {}  # ends of the tolerance, by column
     for k, name in enumerate(space.free):
         if name in problem.nominal:
-            off = problem.tolerance.get(name, 0.0)
-            table[k] = problem.nominal[name] * np.array([1.0 - off, 1.0 + off])
+            tolerance = problem.tolerance.get(name, 0.0)
+            table[k] = problem.nominal[name] * np.array([1.0 - tolerance, 1.0 + tolerance])
     pairs = ((space.unknowns[k].prior, ends) for k, ends in table.items())
     allowed = all(prior.low <= high and low <= prior.high for prior, (low, high) in pairs)
     if not (tried and table and allowed):
@@ -181,35 +185,38 @@ def equivalent_explanation(problem: Problem, theta: Array) -> EquivalentExplanat
     before = float(posterior.likelihood(theta[None])[0])
     bare = _fit_with_table(wider, start, table, tried, None)
     if bare is None or before - bare[1] <= limit:
-        return None  # the table needs no help
-    fits = ((which, _fit_with_table(wider, start, table, tried, which)) for which in tried)
-    every = [(before - fit[1], wider.space.free[k], fit[0]) for k, fit in fits if fit is not None]
-    lost, parameter, value = min(every, default=(np.inf, "", 0.0))
+        return None  # the table fits as it is
+    fits = ((k, _fit_with_table(wider, start, table, tried, k)) for k in tried)
+    losses = [(before - fit[1], wider.space.free[k], fit[0]) for k, fit in fits if fit is not None]
+    lost, parameter, value = min(losses, default=(np.inf, "", 0.0))
     if lost > limit:
         return None
     return EquivalentExplanation(parameter=parameter, value=value, lost=lost)
 
 
 def _fit_with_table(
-    wider: Posterior, start: Array, table: Mapping[int, Array], tried: list[int], which: int | None
+    wider: Posterior, start: Array, table: Mapping[int, Array], tried: list[int], free: int | None
 ) -> tuple[float, float] | None:
-    """With the unknown `which` of those tried, or with nothing: its value, and the likelihood."""
+    """Return the value of the unknown in column `free`, and the log likelihood of the fit.
+
+    Other `tried` unknowns are held at zero.  The result is None if no response is finite.
+    """
     ends = np.stack([start, start])
     ends[:, [*table]] = np.transpose([*table.values()])
     surface = LogDensity(wider, physical=True)
     fixed = np.zeros(len(start), dtype=bool)
     fixed[[*table, *tried]] = True
     rows = np.repeat(start[None], len(START_SHARES), axis=0)
-    if which is not None:
-        fixed[which] = False
-        rows[:, which] = [wider.space.unknowns[which].prior.high * share for share in START_SHARES]
+    if free is not None:
+        fixed[free] = False
+        rows[:, free] = [wider.space.unknowns[free].prior.high * share for share in START_SHARES]
     low, high = np.clip(wider.coordinates.from_physical(ends), surface.low, surface.high)
     surface.low = np.where(fixed, low, surface.low)
     surface.high = np.where(fixed, high, surface.high)
     top = gauss_newton(surface, wider.coordinates.from_physical(rows), TABLE_FIT_STEPS)
-    there = wider.coordinates.to_physical(top.u)
-    likely = wider.likelihood(there)
-    if not np.isfinite(likely).any():
+    theta = wider.coordinates.to_physical(top.u)
+    log_l = wider.likelihood(theta)
+    if not np.isfinite(log_l).any():
         return None
-    k = int(np.nanargmax(likely))
-    return 0.0 if which is None else float(there[k, which]), float(likely[k])
+    k = int(np.nanargmax(log_l))
+    return 0.0 if free is None else float(theta[k, free]), float(log_l[k])

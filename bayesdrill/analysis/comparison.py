@@ -1,7 +1,7 @@
 """Compare several models or experiments: which is more probable, and whether repeats agree.
 
-Repeats: at the joint maximum each experiment alone would move the unknowns by its own slope over its
-own information, nuisances taken out.  The spread beyond that is DerSimonian and Laird's (1986).
+Repeats are compared at the joint maximum.  Each experiment alone would move the unknowns by its own
+slope over its own information.  Their spread is estimated as by DerSimonian and Laird (1986).
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ from bayesdrill.sampling.evidence import Evidence
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PosteriorSummary:
-    """One run under its `name`: `draws (N, D)`, SI; `settings`: what a reader compares of two runs.
+    """A summary of one run has its `name`, `draws (N, D)`, SI, and `settings` for comparison.
 
-    `mark`: whose files are; `warning`: of its figures, `reasons`: why it must not be believed.
+    `mark` identifies its results, figures show `warning`, and `reasons` say why not to believe it.
     """
 
     name: str
@@ -47,7 +47,7 @@ class PosteriorSummary:
     reasons: tuple[str, ...] = ()
 
     def draws_of(self, symbol: Symbol) -> Array | None:
-        """Return the draws `(N,)` of an unknown; None where it is none of this run."""
+        """Return the draws `(N,)` of an unknown, or None if this run has no such unknown."""
         if symbol not in self.problem.symbols:
             return None
         return self.draws[:, self.problem.symbols.index(symbol)]
@@ -55,7 +55,7 @@ class PosteriorSummary:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MarginalEstimate:
-    """A run's estimate of a quantity, SI, with the narrowest interval; held fixed it has sd 0."""
+    """A run estimates a quantity, SI, by mean, sd and HDI; a fixed quantity has the sd 0."""
 
     mean: float
     sd: float
@@ -64,15 +64,15 @@ class MarginalEstimate:
 
     @property
     def fixed(self) -> bool:
-        """Whether the run holds the quantity fixed."""
+        """Return whether the run holds the quantity fixed."""
         return self.sd == 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class OverlayRow:
-    """An unknown of some run; `places`, `nominal`: of each run, None where it has none.
+    """A row compares the `places` and `nominal` values of an unknown in each run, None if absent.
 
-    `distance`: of the `pair` of means farthest apart, over the rms of their sds; None without two.
+    `distance` is that of the `pair` of means farthest apart, over the rms of both sds, or None.
     """
 
     symbol: Symbol
@@ -83,13 +83,13 @@ class OverlayRow:
 
     @property
     def agreed(self) -> float | None:
-        """The nominal value, where all runs that have one have the same."""
+        """Return the nominal value if it is the same in all runs that have one, and else None."""
         known = {value for value in self.nominal if value is not None}
         return known.pop() if len(known) == 1 else None
 
     @property
     def shared(self) -> bool:
-        """Whether two runs have it as an unknown."""
+        """Return whether two runs have it as an unknown."""
         return self.pair is not None
 
 
@@ -116,32 +116,32 @@ def _marginal(symbol: Symbol, layer: PosteriorSummary) -> MarginalEstimate | Non
 def _distances(
     places: Sequence[MarginalEstimate | None],
 ) -> Iterator[tuple[float, tuple[int, int]]]:
-    free = [(k, each) for k, each in enumerate(places) if each is not None and each.sd > 0]
+    free = [(k, place) for k, place in enumerate(places) if place is not None and place.sd > 0]
     for (k, first), (j, second) in itertools.combinations(free, 2):
         sd = math.sqrt(0.5 * (first.sd**2 + second.sd**2))
         yield abs(first.mean - second.mean) / sd, (k, j)
 
 
 def differing(layers: Sequence[PosteriorSummary]) -> dict[str, tuple[str | None, ...]]:
-    """Return what differs between runs, and what it is in each; None where a run has no such thing."""
+    """Return settings that differ between runs, with the value in each run, None if absent."""
     names = dict.fromkeys(name for layer in layers for name in layer.settings)
     settings = {name: tuple(layer.settings.get(name) for layer in layers) for name in names}
     return {name: values for name, values in settings.items() if len(set(values)) > 1}
 
 
-SURE_LOG_ODDS = 3.0  # of log odds: twenty to one
-MAX_LOG_ODDS_OF_PRIORS = 10.0  # of log odds: what priors that are too wide may take off
-MAX_CHANCE_SE = 3.0  # standard errors of a difference that is none
+SURE_LOG_ODDS = 3.0  # natural logarithm of odds of twenty to one
+MAX_LOG_ODDS_OF_PRIORS = 10.0  # log odds that a model may lose by priors that are too wide
+MAX_CHANCE_SE = 3.0  # standard errors by which equal evidences may differ
 
 Word = Literal["model", "noise", "both", "either", "priors", "neither"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunSummary:
-    """A run among others, with its evidence.
+    """A run is compared with others by its evidence and scores.
 
-    `rig`, `noise`: what it says of either, without priors, by which two are recognised as the same;
-    `beliefs`: its priors, by unknowns; `loo`: or why there is none.
+    Runs with the same settings `rig` or `noise` have the same rig or noise, apart from priors, which
+    are in `beliefs` by unknown.  `loo` is a score, or says why there is none.
     """
 
     layer: PosteriorSummary
@@ -157,27 +157,27 @@ class RunSummary:
 
     @property
     def name(self) -> str:
-        """The name of the run."""
+        """Return the name of the run."""
         return self.layer.name
 
     @property
     def log_z(self) -> float:
-        """The log evidence."""
+        """Return the log evidence."""
         return self.evidence.log_z
 
     @property
     def like_noise(self) -> bool:
-        """Whether its residuals look like noise."""
+        """Return whether its residuals look like noise."""
         return like_noise(self.residuals)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModelDecision:
-    """Which of several models is the most probable, and by how much.
+    """A decision says which of several models is the most probable, and by how much.
 
-    `first`: what others are held against, `best`: the most probable; `gain`: log odds of it against
-    those of the same rig (`model`), of the same noise (`noise`), or the first. `vague`: unknowns of
-    models that lose by no more than priors which are too wide can make them.
+    `first` and `best` are indices of the reference and of the most probable model. `gain` has the log
+    odds of the best against the reference ("first"), and against the best with the reference's rig
+    ("model") or noise ("noise"). Models may have lost only by wide priors of the unknowns `vague`.
     """
 
     word: Word
@@ -188,13 +188,14 @@ class ModelDecision:
 
 
 def decide(models: Sequence[RunSummary]) -> ModelDecision:
-    """Decide between models; the first is held against all others."""
+    """Decide between models, of which the first is the reference."""
     first = models[0]
     best = max(range(len(models)), key=lambda k: models[k].log_z)
     top = models[best]
 
-    def over(those: Callable[[RunSummary], bool]) -> float:
-        return top.log_z - max((model.log_z for model in models if those(model)), default=-math.inf)
+    def over(selects: Callable[[RunSummary], bool]) -> float:
+        others = (model.log_z for model in models if selects(model))
+        return top.log_z - max(others, default=-math.inf)
 
     gain = {
         "first": top.log_z - first.log_z,
@@ -207,7 +208,7 @@ def decide(models: Sequence[RunSummary]) -> ModelDecision:
 
 
 def _word(top: RunSummary, first: RunSummary, gain: Mapping[str, float]) -> Word:
-    """Of a model that is better than the first; on what it has in common it gains nothing."""
+    """Return what makes the best model better than the first: rig, noise, both, either or priors."""
     if top.rig == first.rig and top.noise == first.noise:
         return "priors"
     model, noise = gain["model"] > SURE_LOG_ODDS, gain["noise"] > SURE_LOG_ODDS
@@ -217,19 +218,19 @@ def _word(top: RunSummary, first: RunSummary, gain: Mapping[str, float]) -> Word
 
 
 def _vague(models: Sequence[RunSummary], top: RunSummary) -> tuple[str, ...]:
-    """What the best has in common with the others makes no difference, however wide it is."""
+    """Return unknowns with wide priors that models slightly worse than the best have, but not it."""
     close = [model for model in models if 0.0 < top.log_z - model.log_z < MAX_LOG_ODDS_OF_PRIORS]
     names = [
-        each.name
+        prior.name
         for model in close
-        for each in model.vague
-        if model.beliefs[each.name] != top.beliefs.get(each.name)
+        for prior in model.vague
+        if model.beliefs[prior.name] != top.beliefs.get(prior.name)
     ]
     return tuple(dict.fromkeys(names))
 
 
 def probabilities(models: Sequence[RunSummary]) -> tuple[float, ...]:
-    """Return each model's probability, if one is right and all were as likely before."""
+    """Return each model's probability, if one of them is right and all are equally likely a priori."""
     return tuple(scipy.special.softmax([model.log_z for model in models]).tolist())
 
 
@@ -237,18 +238,19 @@ def difference(
     first: HeldOutScore | LooScore, second: HeldOutScore | LooScore
 ) -> tuple[float, float]:
     """Return the difference of two scores of the same samples, and its standard error."""
-    each = first.each - second.each
-    return float(each.sum()), math.sqrt(len(each)) * float(each.std())
+    terms = first.terms - second.terms
+    return float(terms.sum()), math.sqrt(len(terms)) * float(terms.std())
 
 
-FALSE_ALARM = 0.01  # of sets of repeats of one rig, any product at all
+FALSE_ALARM = 0.01  # probability that any product of repeats of one rig differs by chance
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RepeatedProduct:
-    """A product: how far each experiment (by name) puts its log from the joint one, and each one's sd.
+    """A product of powers is estimated by each of several experiments, named by `labels`.
 
-    `p`: of a spread as large by chance; `spread`: sd of the log between experiments, beyond that.
+    `apart` are deviations of its log from the mean, with standard deviations `sds`.  `p` is the
+    probability of their spread by chance, and `spread` the sd of the log in excess of `sds`.
     """
 
     exponents: Exponents
@@ -263,20 +265,20 @@ class RepeatedProduct:
 def repeats(
     sensitivity: SensitivityStudy, theta: Array, products: Sequence[Exponents]
 ) -> tuple[RepeatedProduct, ...]:
-    """Compare products that more than one experiment determines, at the joint maximum `theta (D,)`."""
+    """Compare products that two or more experiments determine, at the joint maximum `theta (D,)`."""
     observations = sensitivity.likelihood.observations
     if len(observations) < 2 or not products:
         return ()
     full = sensitivity.likelihood.space.full(theta[None])
     alone = []
     for observation, rows in zip(observations, sensitivity.by_experiment(theta), strict=True):
-        left = observation.whitened_jacobian_at(observation.residuals(full).samples, theta)
-        alone.append((observation.label, sensitivity.local_estimate(rows, left.ravel())))
+        whitened = observation.whitened_jacobian_at(observation.residuals(full).samples, theta)
+        alone.append((observation.label, sensitivity.local_estimate(rows, whitened.ravel())))
     determined = []
     for exponents in products:
         powers = np.array(exponents, dtype=float)
-        each = [(label, *_product_estimate(*estimate, powers)) for label, estimate in alone]
-        known = [(label, x, sd) for label, x, sd in each if np.isfinite(sd)]
+        estimates = [(label, *_product_estimate(*estimate, powers)) for label, estimate in alone]
+        known = [(label, x, sd) for label, x, sd in estimates if np.isfinite(sd)]
         if len(known) > 1:
             determined.append((exponents, known))
     return tuple(_compared(exponents, known, len(determined)) for exponents, known in determined)
@@ -286,15 +288,15 @@ def _compared(
     exponents: Exponents, known: Sequence[tuple[str, float, float]], looks: int
 ) -> RepeatedProduct:
     labels, x, sds = zip(*known, strict=True)
-    at, weights = np.array(x), 1.0 / np.array(sds) ** 2
-    mean = weights @ at / weights.sum()
-    q, freedom = float(weights @ (at - mean) ** 2), len(at) - 1
+    logs, weights = np.array(x), 1.0 / np.array(sds) ** 2
+    mean = weights @ logs / weights.sum()
+    q, freedom = float(weights @ (logs - mean) ** 2), len(logs) - 1
     c = weights.sum() - (weights**2).sum() / weights.sum()
     p = float(scipy.special.chdtrc(freedom, q))
     return RepeatedProduct(
         exponents=exponents,
         labels=labels,
-        apart=tuple(map(float, at - mean)),
+        apart=tuple(map(float, logs - mean)),
         sds=sds,
         p=p,
         spread=float(np.sqrt(max(0.0, (q - freedom) / c))),
@@ -303,7 +305,7 @@ def _compared(
 
 
 def _product_estimate(root: Array, lead: Array, powers: Array) -> tuple[float, float]:
-    """The log of a product and its sd, of one experiment; infinite where it says nothing of it."""
+    """Return the log of a product by one experiment, and its sd, infinite if not determined."""
     u, values, rows = np.linalg.svd(root)
     determined = values > RANK_TOLERANCE * values[0]
     along = rows @ powers

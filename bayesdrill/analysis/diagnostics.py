@@ -1,8 +1,8 @@
 """Diagnose the draws of each unknown, its dependence on priors, and the ensembles' agreement.
 
-Ranks as ArviZ plots them: where all ensembles draw from one distribution, the ranks of each are
-uniform (Vehtari et al. 2021; Saeilynoja, Buerkner and Vehtari 2022).  How far chance takes them is
-found by dealing them out anew, as many to each ensemble and each bin.
+If all ensembles draw from one distribution, the ranks of each are uniform, as ArviZ plots them
+(Vehtari et al. 2021; Saeilynoja, Buerkner and Vehtari 2022).  Limits of chance are simulated by
+random tables with the same totals of ensembles and bins.
 """
 
 from __future__ import annotations
@@ -26,9 +26,10 @@ from bayesdrill.sampling.mode_search import Mode
 
 Word = Literal["determined", "weak", "through others", "prior only"]
 
-PRIOR_ONLY_SHRINKAGE = 0.1  # below it, and ...
-PRIOR_ONLY_DISTANCE = 0.1  # ... nearer to the prior than this: the record says nothing
-DETERMINED_SHRINKAGE = 0.5
+# An unknown with less shrinkage, and a smaller distance to its prior, is not determined at all.
+PRIOR_ONLY_SHRINKAGE = 0.1
+PRIOR_ONLY_DISTANCE = 0.1
+DETERMINED_SHRINKAGE = 0.5  # an unknown with more shrinkage is determined
 
 MEANING: dict[Word, str] = {
     "determined": "the record, with what is believed of the others, narrows the prior to less than half",
@@ -40,11 +41,10 @@ MEANING: dict[Word, str] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ParameterRow:
-    """One unknown, SI: a row of the summary table.
+    """A row of the summary table describes one unknown, SI.
 
-    `deviation`: of the mean from the nominal value, relative; both are None for noise levels.
-    `shrinkage`: 1 - sd / sd of the prior.  `pressed_against`: the end of the prior that the draws
-    crowd at, or None.
+    `deviation` is that of the mean from the nominal value, relative; both are None for noise levels.
+    `shrinkage` is 1 - sd / sd of the prior.  Draws accumulate at the end `pressed_against`, if any.
     """
 
     name: str
@@ -111,19 +111,18 @@ def _word(shrinkage: float, distance: float) -> Word:
     return "determined" if shrinkage > DETERMINED_SHRINKAGE else "weak"
 
 
-END_MASS = 0.05  # of the prior, at an end of it; half of the draws there is a crowd
-MIN_SHARE_NEAR_END = 0.25  # of draws are nearer than half the median where their density is flat
-NEAR_END_MASS = 0.05  # of the prior between nominal value and end, or less
-THREE_SIGMA_TAIL, TWO_SIGMA_TAIL = 1e-3, 2.28e-2  # of draws at three and two sigma of a normal
+END_MASS = 0.05  # mass of the prior next to its end in which half of the draws accumulate
+MIN_SHARE_NEAR_END = 0.25  # share of the draws nearer than half the median, at constant density
+NEAR_END_MASS = 0.05  # a nominal value with less mass of the prior beyond it is near the end
+THREE_SIGMA_TAIL, TWO_SIGMA_TAIL = 1e-3, 2.28e-2  # masses beyond three and two sigma of a normal
 
 
 def pressed_against(x: Array, prior: Prior) -> float | None:
-    """Return the end of `prior` that draws `(N,)` crowd at, as if they wanted past it, or None.
+    """Return the end of `prior` at which draws `(N,)` accumulate, or None.
 
-    Half of them lie in the last `END_MASS` of the prior's mass, and they get denser towards the end
-    both along x and relative to the prior.  What the corners of a box of priors do alone is weaker:
-    where all nine parameters share one scale, a marginal rises like its eighth power, and 37 % of
-    it lie in the last twentieth.
+    Half of them lie in the last `END_MASS` of the prior's mass, and their density rises towards the
+    end, both along x and relative to the prior.  Corners of a box of priors alone have less effect:
+    with one scale of nine parameters, a marginal rises as its eighth power, with 37 % in this part.
     """
     if prior.vanishes_at_ends:
         return None
@@ -133,7 +132,7 @@ def pressed_against(x: Array, prior: Prior) -> float | None:
             continue
 
         def at(mass: float, sign: float = sign) -> float:
-            """The point that has this mass of the prior between itself and the end."""
+            """Return the point that has this mass of the prior between itself and the end."""
             return float(prior.quantile(np.array(mass if sign > 0 else 1.0 - mass)))
 
         if sign * (middle - at(END_MASS)) > 0:
@@ -145,7 +144,7 @@ def pressed_against(x: Array, prior: Prior) -> float | None:
 
 
 def _mass_between(at: Callable[[float], float], x: float, sign: float) -> float:
-    """The mass of the prior between its end and `x`, by bisection of its logarithm."""
+    """Return the mass of the prior between its end and `x`, by bisection of its logarithm."""
     low, high = -40.0, 0.0
     for _ in range(60):
         mid = 0.5 * (low + high)
@@ -154,46 +153,44 @@ def _mass_between(at: Callable[[float], float], x: float, sign: float) -> float:
 
 
 def end_at_nominal(x: Array, prior: Prior, nominal: float) -> float | None:
-    """Return the end of `prior` that keeps draws `(N,)` from lying beyond the nominal value, or None.
+    """Return the end of `prior` that keeps draws `(N,)` from passing the nominal value, or None.
 
-    The nominal value is at that end or beyond it.  Or so little of the prior lies between them that
-    the end cuts off a tail of the draws there.
+    The nominal value is at this end or beyond, or so near that the end cuts off a tail of the draws.
     """
     for end, sign in ((prior.low, 1.0), (prior.high, -1.0)):
         if not 0 < end < math.inf:
             continue
         if sign * (nominal - end) <= 0:
             return end
-        share = NEAR_END_MASS if sign > 0 else 1.0 - NEAR_END_MASS
-        near = sign * (nominal - float(prior.quantile(np.array(share)))) <= 0
-        if near and _cuts_off_a_tail(end, x, sign):
+        probability = NEAR_END_MASS if sign > 0 else 1.0 - NEAR_END_MASS
+        is_near = sign * (nominal - float(prior.quantile(np.array(probability)))) <= 0
+        if is_near and _cuts_off_a_tail(end, x, sign):
             return end
     return None
 
 
 def _cuts_off_a_tail(end: float, x: Array, sign: float) -> bool:
     logs = sign * np.log(x)
-    far, less = np.quantile(logs, [THREE_SIGMA_TAIL, TWO_SIGMA_TAIL])
-    return bool(far - sign * math.log(end) < less - far)
+    at_three, at_two = np.quantile(logs, [THREE_SIGMA_TAIL, TWO_SIGMA_TAIL])
+    return bool(at_three - sign * math.log(end) < at_two - at_three)
 
 
-MIN_EXPLAINED = 0.8  # of the variance of the ranks
-MIN_SLOPE = 0.3  # share of an unknown in that, as a standardised slope
-MAX_DRAWS = 4000  # looked at
+MIN_EXPLAINED = 0.8  # share of the variance of ranks that other unknowns have to explain
+MIN_SLOPE = 0.3  # standardised slope from which on another unknown is named
+MAX_DRAWS = 4000  # draws are thinned to about this number
 
 
 def prior_dependence(rows: Sequence[ParameterRow], draws: Array) -> Mapping[str, tuple[str, ...]]:
-    """Return unknowns that are determined by the priors of others alone, with those others.
+    """Return unknowns that only the priors of others determine, with these others.
 
-    `draws (N, D)`, in the order of `rows`. By ranks, so that no ridge need be straight.
+    `draws (N, D)` are in the order of `rows`. Ranks are regressed, so that ridges may be curved.
     """
     alone = [d for d, row in enumerate(rows) if row.word == "prior only"]
     if not alone:
         return {}
-    from scipy.stats import rankdata  # late: it takes half a second to load
+    from scipy.stats import rankdata  # imported here, as loading takes half a second
 
-    some = draws[:: max(1, len(draws) // MAX_DRAWS)]
-    ranks = rankdata(some, axis=0)
+    ranks = rankdata(draws[:: max(1, len(draws) // MAX_DRAWS)], axis=0)
     z = (ranks - ranks.mean(axis=0)) / np.maximum(ranks.std(axis=0), 1e-300)
     dependence = {}
     for d, row in enumerate(rows):
@@ -207,62 +204,62 @@ def prior_dependence(rows: Sequence[ParameterRow], draws: Array) -> Mapping[str,
 
 
 RANK_BINS = 50
-RANDOM_TABLES, TABLES_PER_BLOCK = 20_000, 2_000  # dealt out, so many at a time
-FALSE_ALARM = 0.01  # of sound runs leave the band with any ensemble in any unknown, at most
+RANDOM_TABLES, TABLES_PER_BLOCK = 20_000, 2_000  # number of simulated tables, and at a time
+FALSE_ALARM = 0.01  # probability that a sound run leaves the band anywhere
 TAUS_BETWEEN_DRAWS = 2  # autocorrelation times between draws that count as independent
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RankHistogram:
-    """Ranks of each ensemble's draws of an unknown among all draws, `counts (E, BINS)`.
+    """A histogram has the `counts (E, BINS)` of ranks of each ensemble's draws among all draws.
 
-    `room (BINS - 1,)`: how far the counts below each share go from the expected by chance.
+    Cumulative counts differ by chance from their expectation by at most `half_width (BINS - 1,)`.
     """
 
     counts: Counts
-    room: Array
+    half_width: Array
 
     @property
     def draws(self) -> int:
-        """The number of draws of each ensemble."""
+        """Return the number of draws of each ensemble."""
         return int(self.counts[0].sum())
 
     @property
-    def away(self) -> Array:
-        """Counts below each share, less those expected: `(E, RANK_BINS - 1)`."""
+    def deviation(self) -> Array:
+        """Return cumulative counts minus their expectation, `(E, RANK_BINS - 1)`."""
         return np.cumsum(self.counts, axis=1)[:, :-1] - self.draws * SHARES
 
     @property
     def holds(self) -> NDArray[np.bool_]:
-        """Whether chance explains the ranks of each ensemble, `(E,)`."""
-        return np.asarray(np.all(np.abs(self.away) <= self.room, axis=1))
+        """Return whether chance explains the ranks of each ensemble, `(E,)`."""
+        return np.asarray(np.all(np.abs(self.deviation) <= self.half_width, axis=1))
 
 
 SHARES = np.arange(1, RANK_BINS) / RANK_BINS
 
 
 def independent_draws(theta: Array, burn_in: int, tau: float) -> Array:
-    """Thin chains `(E, S, W, D)` to draws `(E, N, D)` that have forgotten each other."""
+    """Thin chains `(E, S, W, D)` to nearly independent draws `(E, N, D)`."""
     steps = theta.shape[1] - burn_in
     return thinned(theta, burn_in, max(1, min(math.ceil(TAUS_BETWEEN_DRAWS * tau), steps // 2)))
 
 
 def rank_histograms(draws: Array, rng: np.random.Generator) -> tuple[RankHistogram, ...]:
     """Return a histogram for each unknown, of independent draws `(E, N, D)` of several ensembles."""
-    from arviz_stats.base import array_stats  # late: it takes half a second to load
+    from arviz_stats.base import array_stats  # imported here, as loading takes half a second
 
     n_ensembles, n, n_unknown = draws.shape
-    room, histograms = _chance_widths(n_ensembles, n, FALSE_ALARM / n_unknown, rng), []
+    half_width, histograms = _chance_widths(n_ensembles, n, FALSE_ALARM / n_unknown, rng), []
     for d in range(n_unknown):
         rank = array_stats.compute_ranks(draws[..., d], axis=None)  # type: ignore[no-untyped-call]
         bins = np.ceil(RANK_BINS * rank / (n_ensembles * n)).astype(np.int64) - 1
         counts = np.stack([np.bincount(row, minlength=RANK_BINS) for row in bins])
-        histograms.append(RankHistogram(counts=counts, room=room))
+        histograms.append(RankHistogram(counts=counts, half_width=half_width))
     return tuple(histograms)
 
 
 def _chance_widths(n_ensembles: int, n: int, false_alarm: float, rng: np.random.Generator) -> Array:
-    """Half-widths that any of the ensembles leaves with this probability."""
+    """Return half-widths of a band that any ensemble leaves with probability `false_alarm`."""
     from scipy.stats import random_table
 
     total = n_ensembles * n
@@ -271,9 +268,9 @@ def _chance_widths(n_ensembles: int, n: int, false_alarm: float, rng: np.random.
     table = random_table(np.diff(ends), np.full(n_ensembles, n))
     farthest = []
     for _ in range(RANDOM_TABLES // TABLES_PER_BLOCK):
-        dealt = np.cumsum(table.rvs(TABLES_PER_BLOCK, random_state=rng), axis=1)[:, :-1]
-        away = np.abs(dealt - (n * SHARES)[:, None]) / spread[:, None]
-        farthest.append(away.max(axis=(1, 2)))
+        counts = np.cumsum(table.rvs(TABLES_PER_BLOCK, random_state=rng), axis=1)[:, :-1]
+        deviations = np.abs(counts - (n * SHARES)[:, None]) / spread[:, None]
+        farthest.append(deviations.max(axis=(1, 2)))
     return np.asarray(spread * np.quantile(np.concatenate(farthest), 1.0 - false_alarm))
 
 
@@ -282,7 +279,7 @@ def sandwich_sds(
 ) -> dict[str, float]:
     """Return the sds of the unknowns by `laplace.sandwich`, in the units of `theta (D,)`.
 
-    Also those of `products` of powers of the first unknowns, by their names as derived quantities.
+    Those of `products` of powers of the first unknowns follow, by their names as derived quantities.
     """
     covariance, names = laplace.sandwich(posterior, theta), posterior.space.free
     natural = posterior.coordinates.natural(theta[None])[0]

@@ -1,4 +1,4 @@
-"""A posterior with a thing changed: physics that the rig offers and has not, or another gear."""
+"""Change a posterior: add physics that the rig offers and lacks, or another gear."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ ZERO = np.zeros(1)
 
 @dataclass(frozen=True, slots=True)
 class Lack:
-    """What a rig may be without: `name`, `parameter` and `words` of it; `dry`: it changes its sign."""
+    """A lack is an effect that a rig may be without; it is `dry` if it changes its sign."""
 
     name: str
     parameter: str
@@ -35,7 +35,7 @@ class Lack:
 
 
 def lacks(roles: Roles) -> tuple[Lack, ...]:
-    """Return what a rig of these `roles` may be without; what turns as one rubs at the first of it."""
+    """Return effects that a rig may lack; inertias that turn as one have one dry friction."""
     inertias, several = roles.inertias, len(roles.motors) > 1
     rubs = {i.speed: i for i in reversed(inertias) if i.sliding}.values()
     drop = "voltage_drop", "a voltage drop of driver and brushes"
@@ -46,46 +46,46 @@ def lacks(roles: Roles) -> tuple[Lack, ...]:
     dry += [(f"drag_{i.name}", i.drag, f"quadratic drag {i.at}") for i in inertias]
     damped = [(f"damping_{i.name}", i.damping, f"viscous damping {i.at}") for i in inertias]
     damped += [(f"damping_{s.name}", s.damping, f"damping of {s.words}") for s in roles.shafts]
-    pairs = ((each, each in dry) for each in (*dry, *damped) if each[1])
-    return tuple(Lack(*each, dry=changes_sign) for each, changes_sign in pairs)
+    effects = (effect for effect in (*dry, *damped) if effect[1])
+    return tuple(Lack(*effect, dry=effect in dry) for effect in effects)
 
 
 def rig_candidates(observations: Sequence[Observation], full: Array) -> dict[str, float]:
-    """Return what the rig offers and has not, with the most that it can be, at `full (1, P)`."""
+    """Return parameters that the rig offers and lacks, with their largest values, at `full (1, P)`."""
     model = observations[0].response.model
     has, taken = {*model.parameters}, set[str]()
     for i, other in itertools.permutations(model.roles.inertias, 2):
         if i.speed == other.speed:
-            # What turns as one has one of each.
+            # Inertias that turn as one have one friction and one damping.
             taken |= {other.sliding} if {i.sliding, i.efficiency} & has else set()
             taken |= {other.damping} if i.damping in has else set()
     offered = {name for name, needs in model.offers.items() if {*needs} <= has} - has - taken
     names = [lack.parameter for lack in lacks(model.roles) if lack.parameter in offered]
     if not names:
         return {}
-    moved = [(rig_parameters(each, full), state_motion(each, full)) for each in observations]
+    motions = [(rig_parameters(each, full), state_motion(each, full)) for each in observations]
     sizes = {
-        name: max(_size(with_named(model, (name,)), name, p, states) for p, states in moved)
+        name: max(_size(with_named(model, (name,)), name, p, states) for p, states in motions)
         for name in names
     }
     return {name: size for name, size in sizes.items() if size > 0}
 
 
 def rig_parameters(observation: Observation, full: Array) -> dict[str, float]:
-    """Return the rig's parameters, at all parameters `full (1, P)`."""
+    """Return the rig's parameters by name, at all parameters `full (1, P)`."""
     names = observation.response.model.parameters
     return dict(zip(names, observation.simulator_parameters(full)[0].tolist(), strict=False))
 
 
 def state_motion(observation: Observation, full: Array) -> Array:
-    """Return all states at the samples `(T, X)`, at all parameters `full (1, P)`."""
+    """Return all states `(T, X)` at the samples, at all parameters `full (1, P)`."""
     response = observation.response
     shown = with_states(observation.experiment, response.model.states, alone=True)
     return np.asarray(response.of(shown).signals(observation.simulator_parameters(full))[0])
 
 
 def _size(model: Model, name: str, p: Mapping[str, float], states: Array) -> float:
-    """What the parameter would be if it did as much as all else, in the `states (T, X)` without it."""
+    """Return the value at which a parameter would act as strongly as all else in `states (T, X)`."""
     without, alone = (model.linear({**p, name: value}) for value in (0.0, 1.0))
     named = dict(zip(model.states, states.T, strict=True))
     sizes = [0.0]
@@ -106,15 +106,15 @@ def _size(model: Model, name: str, p: Mapping[str, float], states: Array) -> flo
 
 
 def _rates(linear: Linear, row: str, named: Mapping[str, Array], angles: tuple[str, ...]) -> float:
-    """The root mean square of all that acts there, taken as if it acted one way.
+    """Return the root mean square of the sum of all magnitudes that act on the state `row`.
 
-    Angles act by their differences alone, in springs: together, as a rig may have turned anywhere.
+    Angles act through differences in springs, so they are summed before the magnitude is taken.
     """
     terms = [(k[1], x * named[k[1]]) for k, x in linear.A.items() if k[0] == row]
     rates: dict[str, list[float]] = {}
     for (state, by), x in linear.A.items():
         rates.setdefault(state, []).append(float(x) if state != by else math.nan)
-    # Whose rate is another state, or an input.
+    # A state is an angle, too, if its rate is another state or an input.
     turned = {*angles, *(state for state, each in rates.items() if each == [1.0])}
     springs = [part for state, part in terms if state in turned]
     parts = [sum(springs, ZERO), *(part for state, part in terms if state not in turned)]
@@ -122,7 +122,7 @@ def _rates(linear: Linear, row: str, named: Mapping[str, Array], angles: tuple[s
 
 
 def with_candidates(posterior: Posterior, theta: Array) -> Posterior:
-    """Free all unknowns that the rig lacks, at `theta (D,)`: before those of the noise."""
+    """Return the posterior with parameters that the rig lacks as unknowns, sought from `theta (D,)`."""
     sizes = rig_candidates(posterior.likelihood.observations, posterior.space.full(theta[None]))
     symbols = [Symbol(name, "", "", "", "") for name in sizes]
     free = [
@@ -130,18 +130,18 @@ def with_candidates(posterior: Posterior, theta: Array) -> Posterior:
         for symbol in symbols
     ]
 
-    def with_tried(observation: Observation) -> Observation:
+    def convert(observation: Observation) -> Observation:
         response = observation.response
         return observation.for_rig(with_named(response.model, [*sizes]), response.sensing)
 
-    return posterior.edit(free=free, each=with_tried)
+    return posterior.edit(free=free, convert=convert)
 
 
 def with_gear(posterior: Posterior, times: float) -> Posterior:
-    """Return it as if the gear reduction factor were so many `times` the one that is given.
+    """Return the posterior with the gear reduction factor multiplied by `times`.
 
-    A rig with another gear is the same as one with this gear whose numbers at the motor are others, so
-    that its simulators need not be compiled again.
+    A rig with another gear is equivalent to one with this gear and other parameters at the motor.
+    Its simulators therefore need not be compiled again.
     """
     space, model = posterior.space, posterior.likelihood.observations[0].response.model
     powers = {n: 1 for m in model.roles.motors for n in (m.torque_constant, m.back_emf)}

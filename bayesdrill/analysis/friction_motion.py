@@ -13,17 +13,18 @@ from bayesdrill.inference.posterior import Posterior
 from bayesdrill.rig.models.friction import Friction
 from bayesdrill.rig.simulators.contract import Simulator
 
-CURVE_POINTS = 200  # of each sign, at which a law is drawn: ...
-# ... from this share of the largest one on, as static friction falls near zero
+CURVE_POINTS = 200  # number of speeds of each sign at which a law is drawn
+# The smallest speed over the largest, as static friction falls near zero.
 SMALLEST_SPEED = 1e-4
-SPEED_MARGIN = 1.05  # of the largest speed of the record
+SPEED_MARGIN = 1.05  # the largest speed at which a law is drawn, over that of the record
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrictionMotion:
-    """The motion of one friction at samples `t (T,)`; `gear`: its own speed over that of the state.
+    """One friction has a motion at the samples `t (T,)`; `gear` is its speed over that of the state.
 
-    Of the MAP `speed`, `effort` and where it `sticks` until the next sample; of draws `efforts (N, T)`.
+    At the MAP it has `speed (T,)` and `effort (T,)`, and rests until the next sample if `sticks (T,)`.
+    `efforts (N, T)` are those of draws.
     """
 
     friction: Friction
@@ -37,13 +38,13 @@ class FrictionMotion:
 
     @property
     def stuck(self) -> float:
-        """The share of the time that it sticks."""
+        """Return the share of the time in which it sticks."""
         steps = np.diff(self.t)
         return float(steps[self.sticks[:-1]].sum() / steps.sum())
 
     @property
     def intervals(self) -> tuple[tuple[float, float], ...]:
-        """The intervals in which it sticks."""
+        """Return the intervals in which it sticks, as pairs of times [s]."""
         edges = np.diff(np.concatenate([[0], self.sticks.astype(int), [0]]))
         first, last = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0)
         ends = np.minimum(last, len(self.t) - 1)
@@ -51,33 +52,33 @@ class FrictionMotion:
 
     @property
     def stuck_later(self) -> float:
-        """The share of the time that it sticks after its start from rest."""
+        """Return the share of the time in which it sticks after its start from rest."""
         steps = np.where(np.cumsum(~self.sticks[:-1]) > 0, np.diff(self.t), 0.0)
         return float(steps[self.sticks[:-1]].sum() / np.diff(self.t).sum())
 
     @property
     def reversals(self) -> int:
-        """The number of reversals."""
+        """Return the number of reversals of the speed."""
         signs = np.sign(self.speed[self.speed != 0.0])
         return int(np.count_nonzero(np.diff(signs)))
 
     @property
     def slowest(self) -> float:
-        """The least speed once it has gone at half of its greatest: before, it starts from rest."""
+        """Return the least speed after it has first reached half of its greatest."""
         size = np.abs(self.speed) * self.gear
         first = int(np.argmax(size >= 0.5 * size.max()))
         return float(size[first:].min())
 
     @property
     def fastest(self) -> float:
-        """The greatest speed."""
+        """Return the greatest speed."""
         return float(np.abs(self.speed).max() * self.gear)
 
 
 def friction_motions(
     posterior: Posterior, theta: Array, draws: Array
 ) -> tuple[tuple[FrictionMotion, ...], ...]:
-    """Return the frictions of each experiment, at the MAP `theta (D,)` and draws `(N, D)`."""
+    """Return the frictions of each experiment, at the MAP `theta (D,)` and at draws `(N, D)`."""
     full = posterior.space.full(np.vstack([theta[None], draws]))
     return tuple(tuple(_friction_motions(each, full)) for each in posterior.likelihood.observations)
 
@@ -105,17 +106,17 @@ def _friction_motions(observation: Observation, full: Array) -> Iterator[Frictio
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrictionCurve:
-    """A friction law at its own `speeds (G,)`: `sizes (W, G)` of so many walkers, signed as these."""
+    """A friction law has values `sizes (W, G)`, with the signs of its own `speeds (G,)`."""
 
     speeds: Array
     sizes: Array
 
 
 def friction_curve(observation: Observation, rubbing: FrictionMotion, full: Array) -> FrictionCurve:
-    """Compute a law at `full (W, P)` over the record's speeds; all else is at its root mean square."""
+    """Compute a law at `full (W, P)` over the speeds of a record; other inputs have their rms."""
     rig, friction = observation.response, rubbing.friction
-    far = SPEED_MARGIN * float(np.abs(rubbing.speed).max()) or 1.0
-    one_way = far * np.geomspace(SMALLEST_SPEED, 1.0, CURVE_POINTS)
+    largest = SPEED_MARGIN * float(np.abs(rubbing.speed).max()) or 1.0
+    one_way = largest * np.geomspace(SMALLEST_SPEED, 1.0, CURVE_POINTS)
     speeds = np.concatenate([-one_way[::-1], [0.0], one_way])
     arguments = observation.simulator_parameters(full)
     p = {name: arguments[:, k, None] for k, name in enumerate(rig.model.parameters)}
@@ -125,7 +126,7 @@ def friction_curve(observation: Observation, rubbing: FrictionMotion, full: Arra
 
 
 def _law_inputs(rig: Simulator, friction: Friction, arguments: Array) -> dict[str, Array]:
-    """Root mean squares of inputs that the law looks at, and of the difference of two angles."""
+    """Return root mean squares of inputs on which the law depends, and of the difference of angles."""
     states, experiment, sensing = rig.model.states, rig.experiment, rig.sensing
 
     def sensor_value(names: Mapping[str, str], name: str, default: float) -> float:

@@ -1,12 +1,11 @@
 """Estimate the missing torque over time, and find what it follows: speed, angle, input, or time.
 
-Each draw of the unknowns has a torque of its own, drawn with all samples known (by simulation: a
-torque drawn from its prior, and what all samples say of the difference), so that the draws are
-those of unknowns and torque together, and a band of them holds what is uncertain of both.
+Each draw of the unknowns has its own torque, drawn given all samples.  A torque is simulated from
+its prior, and corrected by smoothing the difference of its signals from the record.  Draws are thus
+from the joint posterior of unknowns and torque, and their band includes both uncertainties.
 
-Each is held against the torque by itself, by least squares, where its inertia turns.  The one that
-explains most is taken first, then what takes most of what is left, as long as that is a good part
-of it.
+The torque is then regressed on candidates by least squares, while its inertia turns.  The one that
+explains most is selected first, and others as long as they explain a good part of the remainder.
 """
 
 from __future__ import annotations
@@ -28,18 +27,18 @@ from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.models.roles import ROTARY, InertiaRoles
 from bayesdrill.rig.simulators import simulator
 
-STANDSTILL = 0.05  # of the root mean square of a speed: slower is standing still
-MIN_TURNING_SHARE = 0.05  # of all samples
+STANDSTILL = 0.05  # speed over its root mean square, below which an inertia stands still
+MIN_TURNING_SHARE = 0.05  # share of samples with a turning inertia; with fewer all samples count
 TAILS = (0.5 - HDI_PROBABILITY / 2, 0.5 + HDI_PROBABILITY / 2)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChannelMotion:
-    """What a channel did: its spread, and root mean squares without the torque and with it.
+    """The missing torque explains a part of the motion of a channel, SI.
 
-    Of what is left, at the mean of the draws, SI; `moved`: what the torque moves; `strayed`: of a
-    rig with friction, how far from all that it would be with this torque as an input, in sd of the
-    noise (NaN elsewhere).
+    `spread` is the sd of the channel.  `without` and `left` are root mean squares of its residuals
+    without and with the torque, at the mean of the draws, and `moved` that of the torque's effect.
+    `strayed` is the error of the linear prediction, in sds of noise, NaN for a linear rig.
     """
 
     channel: str
@@ -51,16 +50,16 @@ class ChannelMotion:
 
     @property
     def share(self) -> float:
-        """What the torque moves, over the spread of the channel."""
+        """Return the torque's effect over the spread of the channel."""
         return self.moved / self.spread if self.spread > 0 else float("nan")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TorqueEstimate:
-    """The missing torque of one experiment, at its times `t (T,)`.
+    """The missing torque of one experiment is estimated at its times `t (T,)`.
 
-    `draws (N, T)` of the torque [N m], `expected (T,)` their mean without the chance of drawing;
-    `states` of the rig `(T,)` by name, means of the draws, and measured `inputs`, SI.
+    `draws (N, T)` are torques [N m], and `expected (T,)` is their mean without the noise of drawing.
+    `states (T,)` of the rig by name are means of the draws, and `inputs (T,)` are measured, SI.
     """
 
     label: str
@@ -75,52 +74,52 @@ class TorqueEstimate:
 
     @property
     def band(self) -> Array:
-        """The HDI-wide band of the draws, `(2, T)`."""
+        """Return the central band `(2, T)` of the draws, with the probability of an HDI."""
         return np.asarray(np.quantile(self.draws, TAILS, axis=0))
 
     @property
     def inertia(self) -> InertiaRoles:
-        """The inertia on which it acts."""
+        """Return the inertia on which the torque acts."""
         return self.rig.roles.inertia(self.at)
 
     @property
     def turning(self) -> Flags:
-        """Where the inertia turns, `(T,)`, or all where it hardly does: at rest friction is anything."""
+        """Return the samples `(T,)` at which the inertia turns, or all if it hardly ever does."""
         speed = self.speeds[0][1]
         fast = np.abs(speed) > STANDSTILL * np.sqrt(np.mean(speed**2))
         return fast if fast.mean() > MIN_TURNING_SHARE else np.ones(len(self.t), dtype=bool)
 
     @property
     def angle(self) -> Array:
-        """The angle of the inertia on which it acts."""
+        """Return the angle `(T,)` of the inertia on which the torque acts."""
         return self.states[self.inertia.angle] * (1.0 / self.inertia.reduction)
 
     @property
     def turned(self) -> list[InertiaRoles]:
-        """The inertias whose speeds are known, that on which it acts first; one for each speed."""
-        each: dict[str, InertiaRoles] = {}
+        """Return one inertia for each known speed, of which the first is that with the torque."""
+        inertias: dict[str, InertiaRoles] = {}
         for inertia in (self.inertia, *self.rig.roles.inertias):
             if inertia.speed in self.states:
-                each.setdefault(inertia.speed, inertia)
-        return [*each.values()]
+                inertias.setdefault(inertia.speed, inertia)
+        return [*inertias.values()]
 
     @property
     def speeds(self) -> list[tuple[str, Array]]:
-        """Their speeds, by the names of the states."""
+        """Return the speeds `(T,)` of these inertias, with the names of the states."""
         return [(i.speed, self.states[i.speed] * (1.0 / i.reduction)) for i in self.turned]
 
 
 def torque_estimates(
     posterior: Posterior, draws: Array, rng: np.random.Generator
 ) -> tuple[TorqueEstimate, ...]:
-    """Estimate the torque of each experiment by draws `(N, D)`; empty where none is missing."""
+    """Estimate the torque of each experiment by draws `(N, D)`; return none if none is missing."""
     full = posterior.space.full(draws)
     missing = [each for each in posterior.likelihood.observations if each.torque]
     return tuple(_estimate(observation, full, draws, rng) for observation in missing)
 
 
 def is_approximate(posterior: Posterior) -> bool:
-    """Return whether a torque is missing of a rig that is not linear."""
+    """Return whether a torque is missing in a rig that is not linear."""
     observations = posterior.likelihood.observations
     return any(each.torque and not each.response.model.smooth for each in observations)
 
@@ -159,7 +158,7 @@ def _estimate(
 def _states(
     observation: Observation, torque: LatentTorqueObservation, motion: Array, more: Array
 ) -> dict[str, Array]:
-    """With what the torque moves; an angle of which nothing tells follows from its speed."""
+    """Return the states `(T,)` with the torque's effect; an unobservable angle is integrated."""
     augmented, t = torque.kalman_filter.augmented, np.asarray(observation.experiment.t)
     states = {name: motion[:, k] for k, name in enumerate(augmented.rig.states)}
     for name, moved in augmented.to_rig_states(more).items():
@@ -178,12 +177,12 @@ def _states(
 def _nonlinear_error(
     observation: Observation, torque: Array, linear: Array, full: Array, theta: Array
 ) -> Array:
-    """Return how far a rig with friction or gravity is from its `linear (T, K)` prediction, `(K,)`.
+    """Return the rms error `(K,)` of a `linear (T, K)` prediction, in sds of noise; NaN if exact.
 
-    There `torque (T,)` moves it as if no friction changed its sign, and pendulums were springs.
+    The prediction, for `torque (T,)`, lets friction keep its sign, and replaces pendulums by springs.
     """
     response, experiment = observation.response, observation.experiment
-    assert observation.torque is not None  # it is that which was estimated
+    assert observation.torque is not None  # the caller estimates it
     if response.model.smooth:
         return np.full(len(experiment.channels), np.nan)
     input_torque = (
@@ -196,8 +195,8 @@ def _nonlinear_error(
         *(response.stepping or ()),
     )
     signals = loaded.signals(observation.simulator_parameters(full))[0]
-    off = (signals - linear) / observation.scales(theta)[0]
-    return np.sqrt(np.nanmean(np.where(experiment.seen, off, np.nan) ** 2, axis=0))
+    errors = (signals - linear) / observation.scales(theta)[0]
+    return np.sqrt(np.nanmean(np.where(experiment.seen, errors, np.nan) ** 2, axis=0))
 
 
 def _courses(
@@ -220,18 +219,18 @@ def _size(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-MIN_SHARE_OF_REST = 0.3  # of what is left of the squares: less is not worth a second word
-MIN_SHARE = 0.1  # of all
-CONSTANT_RATIO = 1e-9  # of its size: what varies less is constant
+MIN_SHARE_OF_REST = 0.3  # share of the remaining squares that a selected candidate explains
+MIN_SHARE = 0.1  # share of all squares that it explains
+CONSTANT_RATIO = 1e-9  # a candidate that stays below this is zero
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TorqueRegression:
-    """The regression of the torque on one thing.
+    """The torque is regressed on a function, `kind`, of a speed, an angle or an input, `of`.
 
-    `kind` of `of` (a speed, an angle, an input): `share` of the squares of the torque that it
-    explains by itself; `taken`: whether it is among those that explain it together, and then `size`
-    with its `sd` over the draws, N m per unit of it, of an angle its amplitude.
+    It explains a `share` of the squares of the torque by itself.  If it is `taken` into the joint
+    regression, `size` is its coefficient there, with its `sd` over the draws, in N m per SI unit.
+    For an angle this is the amplitude.
     """
 
     kind: str
@@ -243,7 +242,7 @@ class TorqueRegression:
 
 
 def regress_torque(estimate: TorqueEstimate) -> tuple[TorqueRegression, ...]:
-    """Regress the torque on candidates: those taken first, in their order; then all others."""
+    """Regress the torque on candidates; return the selected ones in their order, then the others."""
     turning = estimate.turning
     regressors = [
         (kind, name, rows[turning])
@@ -258,27 +257,24 @@ def regress_torque(estimate: TorqueEstimate) -> tuple[TorqueRegression, ...]:
     selected: list[int] = []
     remaining, rows = total, np.empty((len(torque), 0))
     while len(selected) < len(regressors):
-        lefts = {
-            k: _residual_squares(torque, np.column_stack([rows, more]))
-            for k, (_, _, more) in enumerate(regressors)
+        squares = {
+            k: _residual_squares(torque, np.column_stack([rows, new]))
+            for k, (_, _, new) in enumerate(regressors)
             if k not in selected
         }
-        best = min(lefts, key=lambda k: lefts[k])
-        if (
-            remaining - lefts[best] < MIN_SHARE_OF_REST * remaining
-            or remaining - lefts[best] < MIN_SHARE * total
-        ):
+        best = min(squares, key=lambda k: squares[k])
+        if remaining - squares[best] < max(MIN_SHARE_OF_REST * remaining, MIN_SHARE * total):
             break
         selected.append(best)
-        remaining, rows = lefts[best], np.column_stack([rows, regressors[best][2]])
+        remaining, rows = squares[best], np.column_stack([rows, regressors[best][2]])
     regressions = [
         TorqueRegression(kind=kind, of=of, share=share)
         for (kind, of, _), share in zip(regressors, alone, strict=True)
     ]
     if selected:
         weights = np.linalg.lstsq(rows, estimate.draws[:, turning].T, rcond=None)[0]  # (rows, N)
-        each = np.split(weights, np.cumsum([regressors[k][2].shape[1] for k in selected])[:-1])
-        for k, sizes in zip(selected, each, strict=True):
+        ends = np.cumsum([regressors[k][2].shape[1] for k in selected])[:-1]
+        for k, sizes in zip(selected, np.split(weights, ends), strict=True):
             size = sizes[0] if len(sizes) == 1 else np.linalg.norm(sizes, axis=0)
             regressions[k] = dataclasses.replace(
                 regressions[k], taken=True, size=float(size.mean()), sd=float(size.std())

@@ -1,6 +1,6 @@
-"""Whether values can be those of a real rig, and priors that reach too far.
+"""Check whether values can be those of a real rig, and whether priors are too wide.
 
-Findings are sentences with their numbers; none is an error.
+No finding is an error; `report.findings` has the sentences.
 """
 
 from __future__ import annotations
@@ -12,24 +12,25 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdrill.analysis.findings import Finding
 from bayesdrill.analysis.identifiability.information import Information, SensitivityStudy
 from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.priors import Prior, prior_log_sd, prior_sd
 from bayesdrill.rig.models.linear import Model, dynamics
 
-APPRECIABLE = 0.05  # relative
-MOST_DRAWS = 2000  # whose poles are looked at
-UNSTABLE = 1e-9  # of the largest pole: a real part above it is no rounding
-FEW = 0.01  # of the draws
-UNHEARD_OF = 1e-6  # of a prior, at each end
-SAME_GEAR = 0.02  # relative: data sheets round
+APPRECIABLE = 0.05  # relative deviation from which on a finding is reported
+MOST_DRAWS = 2000  # draws are thinned to about this number
+UNSTABLE = 1e-9  # real part over the largest pole, below which it is a rounding error
+FEW = 0.01  # share of the draws or samples below which a finding is not reported
+UNHEARD_OF = 1e-6  # mass at each end of a prior in which no nominal value should lie
+SAME_GEAR = 0.02  # relative tolerance of gear ratios, as data sheets round them
 
-# The paper's Table 1.  It calls 188 mm the radius of rotor 1, but only as a diameter does it give
-# the inertia printed beside it.  The modulus is that of steel; the paper gives none.
+# Values are from the paper's Table 1.  It calls 188 mm the radius of rotor 1, but the inertia printed
+# there follows from it as a diameter.  The modulus is that of steel, as the paper gives none.
 SHAFT_LENGTH, SHAFT_DIAMETER, STEEL = 2.4, 3e-3, 79.3e9  # m, m, Pa
 ROTOR_MASS, ROTOR_DIAMETER = 6.4, 0.188  # kg, m
-GEOMETRY: Mapping[str, tuple[float, str]] = {  # by shafts and inertias
+GEOMETRY: Mapping[str, tuple[float, str]] = {  # keys are names of shafts and inertias
     "shaft": (
         STEEL * math.pi * SHAFT_DIAMETER**4 / (32 * SHAFT_LENGTH),
         "a steel shaft of 2.4 m and 3 mm has",
@@ -38,31 +39,25 @@ GEOMETRY: Mapping[str, tuple[float, str]] = {  # by shafts and inertias
 }
 
 
-def plausibility_of_priors(problem: Problem) -> Iterator[str]:
-    """Yield nominal values where a prior has as good as nothing, though it does not exclude them."""
+def plausibility_of_priors(problem: Problem) -> Iterator[Finding]:
+    """Yield nominal values that a prior makes next to impossible without excluding them."""
     for name, prior in problem.posterior.space.priors.items():
         if (value := problem.nominal.get(name)) is None:
             continue
         low, high = (float(x) for x in prior.quantile(np.array([UNHEARD_OF, 1 - UNHEARD_OF])))
         if not low <= value <= high and prior.low < value < prior.high:
-            yield (
-                f"the nominal value {value:.4g} of {name} is far outside its prior, which goes from "
-                f"{low:.4g} to {high:.4g} with all but {100 * 2 * UNHEARD_OF:g} % of it. One of the "
-                "two, or its unit, is wrong"
-            )
+            numbers = {"value": value, "low": low, "high": high, "percent": 100 * 2 * UNHEARD_OF}
+            yield Finding("unlikely nominal value", {"name": name}, numbers)
 
 
-def of_roles(problem: Problem) -> Iterator[str]:
-    """States that have none, which whatever asks for speeds and currents does not see."""
+def of_roles(problem: Problem) -> Iterator[Finding]:
+    """Yield states without a role, which checks of speeds and currents cannot use."""
     model = problem.model
     if others := [name for name in model.outer if name not in model.roles.states]:
-        yield (
-            f"roles: {model.name} does not say what {', '.join(others)} is to it. Friction, energy "
-            "and missing torques are not checked there. Name it in the rig's `roles`"
-        )
+        yield Finding("states without roles", {"model": model.name, "states": ", ".join(others)})
 
 
-def plausibility_of_gear(problem: Problem) -> Iterator[str]:
+def plausibility_of_gear(problem: Problem) -> Iterator[Finding]:
     """Yield channels that turn neither with the shaft nor, by the gear, with the motor."""
     roles = problem.model.roles
     channels = [c for observation in problem.observations for c in observation.experiment.channels]
@@ -78,41 +73,41 @@ def plausibility_of_gear(problem: Problem) -> Iterator[str]:
             behind = [shaft.words for shaft in roles.shafts if others & {*shaft.ends}]
             behind += [inertia.words for inertia in here if inertia.name in others]
             entry = f"model.{roles.gear}: {fast.reduction:.4g}" if roles.gear else "model.gears"
-            yield (
-                f"{channel.name} measures {times:g} * {state}, but {fast.words} "
-                f"{roles.motion.moves} {1 / fast.reduction:.4g} times as fast as {behind[0]} "
-                f"({entry}). One of the two is wrong for this rig"
-            )
+            names = {"channel": channel.name, "state": state, "fast": fast.words, "entry": entry}
+            names |= {"moves": roles.motion.moves, "behind": behind[0]}
+            yield Finding("another gear", names, {"times": times, "ratio": 1 / fast.reduction})
 
 
-def plausibility_of_nominal(problem: Problem) -> tuple[str, ...]:
-    """Return what is odd of nominal values, or of fixed ones and those at the start, each once."""
+def plausibility_of_nominal(problem: Problem) -> tuple[Finding, ...]:
+    """Return findings on nominal values, and fixed or start values of others, each once."""
     space, model = problem.posterior.space, problem.model
-    every = {**space.start, **problem.nominal, **space.fixed}
-    every |= {name: float(relation.value(every)) for name, relation in space.relations.items()}
-    sentences: list[str] = []
+    known = {**space.start, **problem.nominal, **space.fixed}
+    known |= {name: float(relation.value(known)) for name, relation in space.relations.items()}
+    findings: list[Finding] = []
     for observation in problem.observations:
         names = observation.named(model.parameters)
-        values = {name: every[called] for name, called in names.items()}
+        values = {name: known[called] for name, called in names.items()}
         table = {n: x for n, x in values.items() if n in problem.published}
         table = {n: x for n, x in table.items() if x == problem.nominal[n]}
-        sentences += _energy_of_nominal(values, model)
-        sentences += _geometry(table, model)
-        sentences += _poles(poles(model, {n: np.array([x]) for n, x in values.items()}), problem)
-    return tuple(dict.fromkeys(sentences))
+        findings += _energy_of_nominal(values, model)
+        findings += _geometry(table, model)
+        findings += _poles(poles(model, {n: np.array([x]) for n, x in values.items()}), problem)
+    return tuple(finding for k, finding in enumerate(findings) if finding not in findings[:k])
 
 
-def plausibility_of_draws(problem: Problem, draws: Array, known: Information) -> tuple[str, ...]:
-    """Yield what is odd of draws `(N, D)`; `known` says what the record alone determines."""
+def plausibility_of_draws(
+    problem: Problem, draws: Array, known: Information
+) -> tuple[Finding, ...]:
+    """Return findings on draws `(N, D)`; `known` is the information of the record alone."""
     model = problem.model
-    some = draws[:: max(1, len(draws) // MOST_DRAWS)]
-    values = problem.posterior.likelihood.rig_parameters(some)
+    thinned = draws[:: max(1, len(draws) // MOST_DRAWS)]
+    values = problem.posterior.likelihood.rig_parameters(thinned)
     energy = _energy_of_draws(values, known, model)
     return (*energy, *_poles(poles(model, values), problem))
 
 
-def plausibility_of_course(sensitivity: SensitivityStudy, theta: Array) -> Iterator[str]:
-    """Yield whether friction brakes all the time, in the motion at unknowns `theta (D,)`."""
+def plausibility_of_course(sensitivity: SensitivityStudy, theta: Array) -> Iterator[Finding]:
+    """Yield frictions that drive instead of braking in the motion at unknowns `theta (D,)`."""
     rig, p = sensitivity.model, sensitivity.rig_at(theta)
     for inertia in rig.roles.inertias:
         if inertia.friction not in p or inertia.speed not in sensitivity.states:
@@ -124,17 +119,13 @@ def plausibility_of_course(sensitivity: SensitivityStudy, theta: Array) -> Itera
         share = float(np.mean(np.concatenate(other_way)))
         if share > FEW:
             drives = " and ".join(n for n in rig.inputs if rig.symbols[n].drives)
-            yield (
-                f"friction: in {_percent(share)} of the record {inertia.words} {moves} the other way, "
-                f"and {inertia.friction}, which keeps its sign, drives instead of braking. Cut these "
-                f"samples off (record.window). If it always {moves} so, turn the signs of {drives} and "
-                f"of all channels. Or hold {inertia.friction} at 0 and name {inertia.sliding}, friction "
-                "that changes its sign"
-            )
+            names = {"inertia": inertia.words, "moves": moves, "drives": drives}
+            names |= {"friction": inertia.friction, "sliding": inertia.sliding}
+            yield Finding("friction that drives", names, {"percent": 100 * share})
 
 
 def poles(model: Model, values: Mapping[str, Array]) -> NDArray[np.complex128]:
-    """Return eigenvalues of the dynamics at parameters `(W,)` each: `(W, X)`, in 1/s."""
+    """Return the eigenvalues `(W, X)` [1/s] of the dynamics at parameters `(W,)` each."""
     size = len(next(iter(values.values())))
     matrix = dynamics(model.linear(values), model.states, size)
     return np.asarray(np.linalg.eigvals(matrix), dtype=np.complex128)
@@ -145,28 +136,24 @@ def _constants(values: Collection[str], model: Model) -> list[tuple[str, str]]:
     return [pair for pair in pairs if {*pair} <= {*values}]
 
 
-def _ideal(k_T: str, k_e: str) -> str:
-    return (
-        f"In SI units the two are equal in an ideal motor, and losses make {k_T} the smaller one. "
-        f"Check {k_T}, {k_e}, the supply and the gear reduction"
-    )
-
-
-def _energy_of_nominal(values: Mapping[str, float], model: Model) -> Iterator[str]:
+def _energy_of_nominal(values: Mapping[str, float], model: Model) -> Iterator[Finding]:
     motion = model.roles.motion
     for k_T, k_e in _constants(values, model):
         ratio = values[k_T] / values[k_e]
         if ratio > 1 + APPRECIABLE:
-            yield (
-                f"energy: {k_T} = {values[k_T]:.4g} {motion.newtons}/A is {ratio:.3g} times {k_e} = "
-                f"{values[k_e]:.4g} V s/{motion.angle}. The motor would give {ratio:.3g} times the "
-                f"power that it takes up. {_ideal(k_T, k_e)}"
-            )
+            names = {
+                "constant": k_T,
+                "back_emf": k_e,
+                "newtons": motion.newtons,
+                "angle": motion.angle,
+            }
+            numbers = {"constant_value": values[k_T], "back_emf_value": values[k_e], "ratio": ratio}
+            yield Finding("power of nominal values", names, numbers)
 
 
 def _energy_of_draws(
     values: Mapping[str, Array], known: Information, model: Model
-) -> Iterator[str]:
+) -> Iterator[Finding]:
     for k_T, k_e in _constants(values, model):
         ratio = values[k_T] / values[k_e]
         share = float(np.mean(ratio > 1 + APPRECIABLE))
@@ -174,43 +161,34 @@ def _energy_of_draws(
             continue
         powers = np.array([{k_T: 1.0, k_e: -1.0}.get(name, 0.0) for name in known.names])
         blind = bool(powers.any()) and not math.isfinite(known.bound(powers))
-        whence = (
-            ". The record cannot show this ratio: it is what the priors and the fixed values allow"
-            if blind
-            else f". {_ideal(k_T, k_e)}"
-        )
-        yield (
-            f"energy: {k_T} is more than {100 * APPRECIABLE:g} % above {k_e} in {_percent(share)} of "
-            f"the draws (median ratio {np.median(ratio):.3g}). Such a motor would give more power than "
-            f"it takes up, which none does{whence}"
-        )
+        numbers = {"margin": 100 * APPRECIABLE, "percent": 100 * share}
+        numbers["ratio"] = float(np.median(ratio))
+        kind = "power of priors" if blind else "power of draws"
+        yield Finding(kind, {"constant": k_T, "back_emf": k_e}, numbers)
 
 
-def _geometry(values: Mapping[str, float], model: Model) -> Iterator[str]:
+def _geometry(values: Mapping[str, float], model: Model) -> Iterator[Finding]:
     names = {shaft.name: shaft.stiffness for shaft in model.roles.shafts}
     names |= {inertia.name: inertia.inertia for inertia in model.roles.inertias}
     for part, (expected, what) in GEOMETRY.items():
         name = names.get(part, "")
         value = values.get(name, expected)
         if abs(value / expected - 1) > APPRECIABLE:
-            unit = model.symbols[name].plain_unit
-            yield (
-                f"geometry: {name} = {value:.4g} {unit} is {100 * (value / expected - 1):+.0f} % off "
-                f"what the paper's dimensions give; {what} {expected:.3g} {unit}"
-            )
+            names = {"name": name, "unit": model.symbols[name].plain_unit, "part": what}
+            percent = 100 * (value / expected - 1)
+            numbers = {"value": value, "expected": expected, "percent": percent}
+            yield Finding("geometry", names, numbers)
 
 
-def _poles(poles: NDArray[np.complex128], problem: Problem) -> Iterator[str]:
-    """`every (W, X)`; one row for nominal values, draws otherwise."""
+def _poles(poles: NDArray[np.complex128], problem: Problem) -> Iterator[Finding]:
+    """Yield findings on `poles (W, X)`, of nominal values if there is one row, and else of draws."""
     step = min(observation.experiment.dt for observation in problem.observations)
     size = np.abs(poles).max(axis=1)
     largest = poles.real.max(axis=1)
     share = float(np.mean(largest > UNSTABLE * size))
     if share > 0:
-        yield (
-            f"stability: a pole lies in the right half plane{_in(poles, share)}, at most "
-            f"{largest.max():.3g} 1/s: the rig would run away by itself"
-        )
+        numbers = {"pole": float(largest.max()), **_of_draws(poles, share)}
+        yield Finding("unstable pole", {}, numbers)
     decay = np.abs(poles.real).max(axis=1)
     share = float(np.mean(decay * step > 1))
     if share > FEW:
@@ -220,38 +198,29 @@ def _poles(poles: NDArray[np.complex128], problem: Problem) -> Iterator[str]:
             for motor in model.roles.motors
             if motor.inductance in model.parameters
         ]
-        mostly = f", mostly {' and '.join(sets)}," if sets else ""
-        yield (
-            f"sampling: the fastest motion dies out within {1e3 / middle:.3g} ms (pole at "
-            f"{-middle:.3g} 1/s), the record has a sample every {1e3 * step:.3g} ms{_in(poles, share)}. "
-            f"What sets it{mostly} is seen only through slower motions"
-        )
+        numbers = {"decay_ms": 1e3 / middle, "pole": -middle, "step_ms": 1e3 * step}
+        numbers |= _of_draws(poles, share)
+        yield Finding("fast decay", {"constants": " and ".join(sets)}, numbers)
     turns = np.abs(poles.imag).max(axis=1) / (2 * math.pi)
     share = float(np.mean(2 * turns * step > 1))
     if share > FEW:
-        yield (
-            f"sampling: an oscillation of {np.median(turns):.3g} Hz is faster than half of the "
-            f"{1 / step:.4g} samples per second{_in(poles, share)}: the record shows a false frequency"
-        )
+        numbers = {"frequency": float(np.median(turns)), "rate": 1 / step}
+        yield Finding("fast oscillation", {}, numbers | _of_draws(poles, share))
 
 
-def _in(poles: NDArray[np.complex128], share: float) -> str:
-    return "" if len(poles) == 1 else f" (in {_percent(share)} of the draws)"
+def _of_draws(poles: NDArray[np.complex128], share: float) -> dict[str, float]:
+    return {} if len(poles) == 1 else {"percent": 100 * share}
 
 
-def _percent(share: float) -> str:
-    return f"{100 * share:.3g} %"
-
-
-DIFFUSE_DECADES = 2.1  # of a log-uniform prior, or of one that is as wide: with more it is vague
-DIFFUSE_RATIO = 100.0  # as wide as what was found is large, where it is no matter of factors
-# of its width: an unknown of which more is left costs little, however wide
+DIFFUSE_DECADES = 2.1  # width of a log-uniform prior, or one of equal sd, above which it is diffuse
+DIFFUSE_RATIO = 100.0  # sd of a diffuse prior over the size of the unknown
+# Posterior sd over prior sd, above which a wide prior hardly affects the evidence.
 MAX_REMAINING_WIDTH = 0.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DiffusePrior:
-    """The prior of `name`: so many `decades` wide, or `times` as wide as what was found is large."""
+    """The prior of `name` is diffuse: it spans `decades`, or its sd is `times` the unknown's size."""
 
     name: str
     decades: float | None = None

@@ -1,10 +1,10 @@
-"""Check where each sample lies in its prediction; held-out and leave-one-out scores (PSIS-LOO).
+"""Check predictions of samples by their PIT, and compute held-out and leave-one-out scores.
 
-The probability integral transform (PIT) of a sample is the share of its prediction below it; where
-model and noise are right they are uniform.  Each is of the posterior without that sample, for a
-sample that helps to predict itself is predicted too well: draws weigh as one over what they give
-that sample, but none more than the root of their number times the mean (Ionides 2008).  Pareto
-smoothing would refuse samples at which all draws agree, such as the first of a rig at rest.
+The probability integral transform (PIT) of a sample is the predicted probability of a smaller value.
+If model and noise are right, PITs are uniform.  A sample that helps to predict itself would be
+predicted too well, so each PIT is of the posterior without that sample.  Draws are weighted by one
+over its density, truncated at the root of their number times the mean (Ionides 2008).  Pareto
+smoothing fails for samples at which all draws agree, such as the first of a rig at rest.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from bayesdrill.inference.residual_checks import ResidualSummary
 from bayesdrill.record.experiment import Channel, frozen
 from bayesdrill.rig.models.linear import dynamics
 
-PIT_BINS = 100
-MAX_CHECKED = 2000  # samples of a channel that are looked at
-FALSE_ALARM = 0.01  # of records of the model, with its noise, leave any band, at most
+PIT_BINS = 100  # number of bins of PITs
+MAX_CHECKED = 2000  # largest number of samples of a channel that are checked
+FALSE_ALARM = 0.01  # probability that a record of the model leaves any band
 SAYS = {
     "posterior too low": "measured lies above",
     "posterior too high": "measured lies below",
@@ -39,7 +39,7 @@ SAYS = {
 
 @dataclass(frozen=True, slots=True)
 class PredictionCheck:
-    """A check of one channel: `pit (T,)`, and their band; `label`: of its experiment."""
+    """A check compares the PITs `pit (T,)` of a channel with the `band` of uniform ranks."""
 
     channel: Channel
     pit: Array
@@ -48,17 +48,17 @@ class PredictionCheck:
 
     @property
     def ranks(self) -> NDArray[np.int64]:
-        """Which of `PIT_BINS` equal parts of its prediction each sample lies in."""
+        """Return the bin of each PIT, 0 to `PIT_BINS` - 1."""
         return np.minimum((PIT_BINS * self.pit).astype(np.int64), PIT_BINS - 1)
 
     @property
     def holds(self) -> bool:
-        """Whether chance explains the ranks."""
+        """Return whether chance explains the ranks."""
         return self.band.holds(self.ranks)
 
     @property
     def says(self) -> str:
-        """What is wrong with the prediction; empty where chance explains all."""
+        """Return what is wrong with the prediction; empty if chance explains the ranks."""
         if self.holds:
             return ""
         return SAYS.get(shape(self.ranks, PIT_BINS - 1) or "", "not as predicted")
@@ -84,9 +84,9 @@ def prediction_checks(likelihood: Likelihood, theta: Array) -> tuple[PredictionC
 
 
 def leave_one_out_check(likelihood: Likelihood, observation: Observation, theta: Array) -> Array:
-    """Return PITs `(T, K)` of at most `MAX_CHECKED` samples, evenly spaced; NaN where unmeasured.
+    """Return PITs `(T, K)` of at most `MAX_CHECKED` samples, evenly spaced; NaN if not measured.
 
-    What is left is whitened: a sample counts on those before it where the noise remembers them.
+    Residuals are whitened, so a prediction uses earlier samples if the noise is correlated.
     """
     residuals = observation.residuals(likelihood.space.full(theta)).samples
     n = len(observation.experiment.t)
@@ -98,55 +98,55 @@ def leave_one_out_check(likelihood: Likelihood, observation: Observation, theta:
     return np.asarray((weights * below).sum(axis=0) / weights.sum(axis=0))
 
 
-MAX_DRAWS = 800  # looked at
-MAX_SCORED = 50_000  # samples whose densities are kept for all draws
-EQUAL_LOG_DENSITY = 1e-12  # of the log densities of a sample: all draws give it the same
-BAD_PARETO_K = 0.7  # of Pareto's k, from which on a sample leans on a few draws
-MAX_BAD_SHARE = 0.01  # of the samples may
+MAX_DRAWS = 800  # draws are thinned to this number
+MAX_SCORED = 50_000  # largest number of samples, whose densities are kept for all draws
+EQUAL_LOG_DENSITY = 1e-12  # log densities of a sample that differ less are equal for all draws
+BAD_PARETO_K = 0.7  # Pareto k above which the score of a sample depends on a few draws
+MAX_BAD_SHARE = 0.01  # share of samples that may have such a k
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeldOutScore:
-    """Of held-out `samples`, SI: `score`, the sum of `each (n,)` log predictive density."""
+    """The score of held-out `samples` is the sum of `terms (n,)`, log predictive densities in SI."""
 
     score: float
     samples: int
-    each: Array
+    terms: Array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LooScore:
-    """The score of each sample without itself: `elpd`, its parts `each (n,)`, the share `doubtful`."""
+    """The leave-one-out score `elpd` is the sum of `terms (n,)`; a `doubtful` share has a large k."""
 
     elpd: float
-    each: Array
+    terms: Array
     doubtful: float
 
 
 def held_out(posterior: Posterior, theta: Array) -> HeldOutScore | None:
-    """Score stretches and experiments that are held out, by draws `theta (N, D)`; None without any."""
-    theta, log_densities = _some(theta), []
+    """Score held-out stretches and experiments by draws `theta (N, D)`; return None without any."""
+    theta, log_densities = _thinned(theta), []
     full, likelihood = posterior.space.full(theta), posterior.likelihood
-    stretches = [(each, each.experiment.held_out) for each in likelihood.observations]
-    whole = [(each, each.experiment.y) for each in likelihood.held_out]
+    stretches = [(part, part.experiment.held_out) for part in likelihood.observations]
+    whole = [(part, part.experiment.y) for part in likelihood.held_out]
     for observation, measured in (*stretches, *whole):
         if measured is not None:
             residuals = measured - observation.signals(full)
-            # By itself: what remembers is not told what stands beside it.
+            # Correlated noise is predicted without the samples that are not held out.
             record = replace(observation.experiment, y=frozen(measured))
             log_p = observation.for_record(record).pointwise(residuals, theta)
             log_p = log_p[:, ~np.isnan(measured)]
             log_densities.append(scipy.special.logsumexp(log_p, axis=0) - np.log(len(theta)))
     if not log_densities:
         return None
-    each = np.concatenate(log_densities)
-    return HeldOutScore(score=float(each.sum()), samples=len(each), each=each)
+    terms = np.concatenate(log_densities)
+    return HeldOutScore(score=float(terms.sum()), samples=len(terms), terms=terms)
 
 
 def leave_one_out(
     posterior: Posterior, theta: Array, residual_rows: tuple[ResidualSummary, ...]
 ) -> LooScore | str:
-    """Score each sample without itself, by draws `theta (N, D)`, or say why that cannot be done."""
+    """Score each sample without itself, by draws `theta (N, D)`, or say why this is impossible."""
     observations = posterior.likelihood.observations
     if sum(observation.n_measured for observation in observations) > MAX_SCORED:
         return f"more than {MAX_SCORED} samples"
@@ -158,26 +158,26 @@ def leave_one_out(
             f"what it leaves is not white (correlation of neighbours {worst.correlation:.2f} in "
             f"{worst.name}): a sample that is left out is told by those beside it"
         )
-    from arviz_stats.base import array_stats  # late: it takes half a second to load
+    from arviz_stats.base import array_stats  # imported here, as loading takes half a second
 
     smoothed: Any = array_stats.psislw
-    theta = _some(theta)
+    theta = _thinned(theta)
     full, log_densities = posterior.space.full(theta), []
     for observation in observations:
         log_p = observation.pointwise(observation.residuals(full).samples, theta)
         log_densities.append(log_p[:, observation.experiment.seen].T)
     log_p = np.concatenate(log_densities)
-    each, pareto_k = log_p.mean(axis=1), np.zeros(len(log_p))
-    differ = np.ptp(log_p, axis=1) > EQUAL_LOG_DENSITY  # of those at rest nothing is to be smoothed
+    terms, pareto_k = log_p.mean(axis=1), np.zeros(len(log_p))
+    differ = np.ptp(log_p, axis=1) > EQUAL_LOG_DENSITY  # smoothing needs different densities
     log_w, pareto_k[differ] = smoothed(log_p[differ])
-    each[differ] = scipy.special.logsumexp(log_w + log_p[differ], axis=1)
+    terms[differ] = scipy.special.logsumexp(log_w + log_p[differ], axis=1)
     return LooScore(
-        elpd=float(each.sum()), each=each, doubtful=float((pareto_k > BAD_PARETO_K).mean())
+        elpd=float(terms.sum()), terms=terms, doubtful=float((pareto_k > BAD_PARETO_K).mean())
     )
 
 
 def has_memory(observation: Observation, theta: Array) -> bool:
-    """Return whether the noise says of a sample what those before it were, at `theta (N, D)`."""
+    """Return whether a change of one sample changes other whitened samples, at `theta (N, D)`."""
     if observation.white:
         return False
     first, sampled = theta[:1], observation.experiment.seen
@@ -185,28 +185,28 @@ def has_memory(observation: Observation, theta: Array) -> bool:
     for k, sigma in enumerate(observation.scales(first)[0]):
         rows = np.flatnonzero(sampled[:, k])
         samples[1, rows[len(rows) // 2], k] = sigma
-    quiet, struck = observation.whiten(samples, np.repeat(first, 2, axis=0))
-    felt = np.abs(struck - quiet)[samples[1] == 0.0]
-    return bool(np.nanmax(felt, initial=0.0) > EQUAL_LOG_DENSITY)
+    unchanged, changed = observation.whiten(samples, np.repeat(first, 2, axis=0))
+    differences = np.abs(changed - unchanged)[samples[1] == 0.0]
+    return bool(np.nanmax(differences, initial=0.0) > EQUAL_LOG_DENSITY)
 
 
-def _some(theta: Array) -> Array:
+def _thinned(theta: Array) -> Array:
     return theta[:: max(1, -(-len(theta) // MAX_DRAWS))]
 
 
-SEGMENTS = 8  # of a record, half over each other, that a spectrum is the mean of
-SMOOTHED_FREQUENCIES = 7  # frequencies over which the spectrum of noise is alike
-MIN_SAMPLED_SHARE = 0.9  # of the samples of a channel; the others count as the model has them
-# sd over magnitude of a response, to which an input that excites lets it be known
+SEGMENTS = 8  # number of segments of Welch's method, with an overlap of one half
+SMOOTHED_FREQUENCIES = 7  # number of frequencies over which the spectrum of noise is averaged
+MIN_SAMPLED_SHARE = 0.9  # share of measured samples of a channel; residuals of others are zero
+# Sd of a response over its magnitude, above which the input does not excite the channel.
 MAX_RELATIVE_SD = 0.25
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrequencyResponse:
-    """The response of `channel`, SI, to a measured `input`, shown in `unit`, at `frequencies (F,)` [Hz].
+    """A channel, SI, responds to a measured `input`, shown in `unit`, at `frequencies (F,)` [Hz].
 
-    `modelled` and `measured (F,)`, complex, and sd over magnitude `error (F,)`; NaN where the input
-    does not excite the channel.
+    Responses `modelled (F,)` and `measured (F,)` are complex.  `error (F,)` is the sd of the measured
+    one over its magnitude.  Measured values are NaN if the input does not excite the channel.
     """
 
     channel: Channel
@@ -222,12 +222,13 @@ class FrequencyResponse:
 def frequency_responses(posterior: Posterior, theta: Array) -> tuple[FrequencyResponse, ...]:
     """Return the frequency responses, at the MAP `theta (D,)`, of experiments with equal steps.
 
-    Of linear rigs with measured inputs.  What is measured is what the model has, and what Welch's
-    method says of the residuals by the inputs: so the start and leakage at a resonance bias it only
-    as far as the model is wrong (errors: Bendat and Piersol, Random Data, 4th ed., section 9.2).
+    The rig has to be linear, with measured inputs.  A measured response is that of the model plus the
+    response of the residuals to the inputs, by Welch's method.  Initial states and leakage at a
+    resonance therefore bias it only if the model is wrong.  Errors are those of Bendat and Piersol
+    (Random Data, 4th ed., section 9.2).
     """
     from scipy.ndimage import uniform_filter1d
-    from scipy.signal import csd  # late: it takes half a second to load
+    from scipy.signal import csd  # imported here, as loading takes half a second
 
     full, responses = posterior.space.full(theta[None]), []
     for observation in posterior.likelihood.observations:
@@ -237,19 +238,20 @@ def frequency_responses(posterior: Posterior, theta: Array) -> tuple[FrequencyRe
             continue
         u, e = np.array([*series.values()]), np.nan_to_num(observation.residuals(full).samples[0].T)
         length, both = 2 * u.shape[1] // (SEGMENTS + 1), np.concatenate([u, e])
-        f, of_pairs = csd(both[:, None], both[None], 1.0 / experiment.dt, nperseg=length)
+        f, cross_spectra = csd(both[:, None], both[None], 1.0 / experiment.dt, nperseg=length)
         f, n = f[1:], len(u)
-        spectra = np.moveaxis(of_pairs[..., 1:], -1, 0)  # (F, S + K, S + K)
+        spectra = np.moveaxis(cross_spectra[..., 1:], -1, 0)  # (F, S + K, S + K)
         inverse = np.linalg.pinv(spectra[:, :n, :n], hermitian=True)
-        more = (inverse @ spectra[:, :n, n:]).swapaxes(1, 2)  # (F, K, S)
-        noise = np.einsum("fkk->fk", spectra[:, n:, n:] - more.conj() @ spectra[:, :n, n:]).real
-        # By itself it has few degrees of freedom.
+        correction = (inverse @ spectra[:, :n, n:]).swapaxes(1, 2)  # (F, K, S)
+        explained = correction.conj() @ spectra[:, :n, n:]
+        noise = np.einsum("fkk->fk", spectra[:, n:, n:] - explained).real
+        # A single frequency has few degrees of freedom.
         noise = uniform_filter1d(noise, SMOOTHED_FREQUENCIES, axis=0)
-        share = np.einsum("fss->fs", inverse).real / (2.0 * max(SEGMENTS - n, 1))
+        variance = np.einsum("fss->fs", inverse).real / (2.0 * max(SEGMENTS - n, 1))
         modelled = _response(observation, observation.simulator_parameters(full), f, [*series])
-        measured = modelled + more
-        error = np.sqrt(np.maximum(noise, 0.0)[:, :, None] * share[:, None]) / np.abs(measured)
-        measured[(error > MAX_RELATIVE_SD) | (share == 0.0)[:, None]] = np.nan
+        measured = modelled + correction
+        error = np.sqrt(np.maximum(noise, 0.0)[:, :, None] * variance[:, None]) / np.abs(measured)
+        measured[(error > MAX_RELATIVE_SD) | (variance == 0.0)[:, None]] = np.nan
         responses += [
             FrequencyResponse(
                 channel=channel,
@@ -271,7 +273,7 @@ def frequency_responses(posterior: Posterior, theta: Array) -> tuple[FrequencyRe
 def _response(
     observation: Observation, arguments: Array, f: Array, names: list[str]
 ) -> NDArray[np.complex128]:
-    """`(F, K, S)`: C (i w - A)^-1 B, with sensors, and inputs held or straight from sample to sample."""
+    """Return C (i w - A)^-1 B, `(F, K, S)`, with sensors, and inputs held or linear between samples."""
     walkers = observation.response.sensors
     rig, sensing, dt = walkers.observed_model, walkers.sensing, observation.experiment.dt
     p = dict(zip(rig.parameters, walkers.simulator_parameters(arguments)[0], strict=True))
@@ -281,11 +283,11 @@ def _response(
         if name in names:
             b[rig.states.index(row), names.index(name)] = value
     states = np.linalg.solve(s * np.eye(len(b)) - dynamics(linear, rig.states, 1), b[None])
-    late = np.zeros(len(names))
+    lags = np.zeros(len(names))
     for name, lag in sensing.input_lags.items():
-        late[names.index(name)] = walkers.column(lag, arguments)[0]
-    late = late + walkers.channel_delays(arguments)[0][:, None]
+        lags[names.index(name)] = walkers.column(lag, arguments)[0]
+    delays = lags + walkers.channel_delays(arguments)[0][:, None]
     hold = np.sinc(s.imag * dt / (2 * np.pi))
     hold = hold**2 if observation.experiment.first_order else hold * np.exp(-s * dt / 2)
     shown = walkers.gains(arguments)[0][:, None] * walkers.weights
-    return np.asarray(shown @ states * hold * np.exp(-s * late))
+    return np.asarray(shown @ states * hold * np.exp(-s * delays))

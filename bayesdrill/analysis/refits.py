@@ -1,4 +1,4 @@
-"""Refit a candidate model of a record: its maximum, its evidence by Laplace, and what it leaves."""
+"""Refit a candidate model of a record: find its maximum, Laplace evidence and residuals."""
 
 from __future__ import annotations
 
@@ -20,29 +20,31 @@ from bayesdrill.inference.posterior import Likelihood, Posterior
 from bayesdrill.inference.residual_checks import ResidualSummary, residual_summaries
 from bayesdrill.sampling.gauss_newton import gauss_newton
 
-# Where in its prior what is new is sought from, beside the start that its config gives it: with the
-# maximum that is known they fill a group of eight walkers, which takes no longer than one.
+# New unknowns start at these quantiles of their priors, beside the start that the config gives.
+# With the known maximum they fill a group of eight walkers, which takes no longer than one.
 START_QUANTILES = (0.58, 0.05, 0.42, 0.2, 0.8, 0.65)
-ROTATION = 2  # quantiles, by which those of one unknown are turned against those of the next
-FIRST_STEPS, LAST_STEPS, CLIMBED_STARTS = 4, 30, 8  # uphill: of all starts, and of the best
-NEAR_END = 1e-3  # of the spread of a prior
-MERGED = 1e-3  # of the spreads: points that are as near lead to one maximum
-# another maximum: so little lower, and so far, in spreads of the priors and in sds
+ROTATION = 2  # cyclic shift of the quantiles from one unknown to the next
+FIRST_STEPS, LAST_STEPS = 4, 30  # numbers of Gauss-Newton steps from all starts, and from the best
+CLIMBED_STARTS = 8  # number of the best starts that take the last steps
+NEAR_END = 1e-3  # distance from an end of a prior, over its spread, that counts as at the end
+MERGED = 1e-3  # points that are this close, over the spreads, lead to one maximum
+# Another maximum is lower by at most this log density, and farther away than this share of the
+# spreads of the priors, and than this number of sds.
 OTHER_MAXIMUM_DEPTH, SAME_MAXIMUM, SAME_MAXIMUM_SDS = 3.0, 0.1, 5.0
-ROUNDING = 1e-14  # of the largest eigenvalue of a curvature: what is smaller is rounding
-VAGUE = 0.5  # of the spread of a prior: an sd from which on the record says little
-MAX_CORRELATION = 0.98  # of two unknowns: from there on they stand for each other
+ROUNDING = 1e-14  # eigenvalues of a scaled curvature below this are rounding errors
+VAGUE = 0.5  # sd over the spread of the prior, above which the record says little
+MAX_CORRELATION = 0.98  # unknowns with a larger correlation are interchangeable
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RefitMaximum:
-    """The maximum of a posterior, found by Gauss and Newton from several starts.
+    """A refit has found this maximum of a posterior by Gauss-Newton steps from several starts.
 
-    `values`, `sds`: of the unknowns, SI; `log_z`: the log evidence by Laplace; `fit`: what it leaves;
-    `at_ends`: unknowns at an end of their prior, -1 at the lower one and 1 at the upper; `several`:
-    there is another, about as high, with other values of what is new; `alike`: pairs of what is new that
-    stand for each other; `vague`: unknowns of which it says little beyond their priors; `seconds` that
-    an evaluation takes; `hidden`: share of the samples that it leaves out.
+    `values` and `sds` are those of the unknowns, SI, and `log_z` is the log evidence (Laplace).
+    `at_ends` maps unknowns at an end of their prior to -1 (lower) or 1 (upper).  `several` is true if
+    another maximum with other values of new unknowns is about as high.  `alike` are pairs of new
+    unknowns that are interchangeable.  `vague` are unknowns that the record hardly determines.  An
+    evaluation takes `seconds`.  `hidden` is the share of samples that the candidate leaves out.
     """
 
     values: Mapping[str, float]
@@ -72,35 +74,36 @@ def measured_samples(likelihood: Likelihood) -> dict[tuple[str, str], Array]:
 
 def refit_candidate(
     posterior: Posterior,
-    near: Mapping[str, float],
+    known: Mapping[str, float],
     least: float,
     alone: Mapping[str, float] = MappingProxyType({}),
     records: Records = MappingProxyType({}),
     starts: Sequence[Mapping[str, float]] = (),
 ) -> RefitMaximum | None:
-    """Refit a candidate: return the maximum of its `posterior`; None without a finite response.
+    """Return the maximum of a candidate's `posterior`, or None without a finite response.
 
-    It starts at `near`, values of unknowns that are known, and at values where what is new was `alone`;
-    and at `starts`, or else over the priors of what is new.  One that promises no more than the log
-    density `least` is not followed to its very end.  The log evidence is that of a Gaussian with the
-    curvature at the maximum; the priors count in it as Gaussians of their spread, so that a direction
-    which the record does not determine costs each candidate the same (MacKay 2003, ch. 27).  Samples of
-    the `records` that the candidate hides count as unexplained: they are Gaussian about the mean of
-    their channel, as wide as the channel is; or with its noise about where the rig was held at first.
+    Searches start from values `known` of given unknowns, from the maximum `alone` of this change,
+    and from `starts` or else quantiles of the priors of new unknowns.  A search that promises no
+    more than the log density `least` is not finished.
+
+    The log evidence is that of a Gaussian with the curvature at the maximum (MacKay 2003, ch. 27).
+    Priors count in it as Gaussians of their spread, so that an undetermined direction costs each
+    candidate the same.  Samples of the `records` that it leaves out are Gaussian with the mean and
+    variance of their channel.  Those at the beginning may have the noise of a rig that is held.
     """
     space, coordinates = posterior.space, posterior.coordinates
     surface = LogDensity(posterior, physical=True)
     unseen, _ = _hidden(posterior.likelihood, records)
-    physical = _starts(posterior, near, alone, starts)
+    physical = _starts(posterior, known, alone, starts)
     rows = np.clip(coordinates.from_physical(physical), surface.low, surface.high)
     first = gauss_newton(surface, rows, FIRST_STEPS, merged=MERGED)
     if not np.isfinite(first.value).any():
         return None
-    begun = time.perf_counter()  # its code is compiled by now
+    begun = time.perf_counter()  # the kernels are compiled by now
     surface.value(rows)
     seconds = (time.perf_counter() - begun) / len(rows)
     best = np.argsort(-first.value, kind="stable")[:CLIMBED_STARTS]
-    best = best[np.isfinite(first.value[best])]  # elsewhere the gain may be infinite too
+    best = best[np.isfinite(first.value[best])]  # if a value is infinite, its gain may be, too
     u = first.u[best]
     promising = (first.value[best] + first.gain[best]).max() + unseen > least
     if promising and step_error.chosen_steps(posterior):
@@ -116,11 +119,11 @@ def refit_candidate(
     own_sds = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     sds = own_sds * np.abs(coordinates.slopes(theta[None])[0])
     low, high = np.stack([u[0] - surface.low, surface.high - u[0]]) < NEAR_END * surface.spread
-    # Along a ridge of what is known all is one maximum.
-    new = [k for k, name in enumerate(space.free) if name not in near]
+    # Only new unknowns distinguish maxima: the others may lie on a ridge.
+    new = [k for k, name in enumerate(space.free) if name not in known]
     same = np.maximum(SAME_MAXIMUM * surface.spread, SAME_MAXIMUM_SDS * own_sds)
-    apart = (np.abs(u[1:] - u[0]) > same)[:, new].any(axis=1)
-    again = apart & (heights[1:] > heights[0] - OTHER_MAXIMUM_DEPTH)
+    is_other = (np.abs(u[1:] - u[0]) > same)[:, new].any(axis=1)
+    is_other &= heights[1:] > heights[0] - OTHER_MAXIMUM_DEPTH
     alike = np.abs(covariance / np.outer(own_sds, own_sds)) > MAX_CORRELATION
     pairs, fit = itertools.combinations(new, 2), residual_summaries(posterior.likelihood, theta)
     unseen, squares = _hidden(posterior.likelihood, records, theta)
@@ -130,9 +133,9 @@ def refit_candidate(
         sds=dict(zip(space.free, sds.tolist(), strict=True)),
         log_posterior=float(heights[0]) + unseen,
         log_z=log_z + unseen,
-        fit=tuple(_of_all(row, squares.get((row.experiment, row.channel))) for row in fit),
+        fit=tuple(_with_hidden(row, squares.get((row.experiment, row.channel))) for row in fit),
         at_ends={space.free[k]: 1 if high[k] else -1 for k in np.flatnonzero(low | high)},
-        several=bool(again.any()),
+        several=bool(is_other.any()),
         alike=tuple((space.free[j], space.free[k]) for j, k in pairs if alike[j, k]),
         vague=tuple(itertools.compress(space.free, own_sds > VAGUE * surface.spread)),
         seconds=seconds,
@@ -142,33 +145,32 @@ def refit_candidate(
 
 def _starts(
     posterior: Posterior,
-    near: Mapping[str, float],
+    known: Mapping[str, float],
     alone: Mapping[str, float],
     starts: Sequence[Mapping[str, float]],
 ) -> Array:
-    """Return physical starts `(8, D)`: the config's, what is known, and others of what is new.
+    """Return physical starts `(8, D)`: from `alone`, from `known`, and at quantiles of the priors.
 
-    Where nothing is new the model is another one all the same, and all may be elsewhere.
+    If no unknown is new, quantiles of all unknowns are taken, as the model differs all the same.
     """
     space, count = posterior.space, len(START_QUANTILES)
-    every = ({**alone}, {**near}, *({**near, **each} for each in starts))
-    vectors = [space.vector({n: at.get(n, x) for n, x in space.start.items()}) for at in every]
+    points = ({**alone}, {**known}, *({**known, **start} for start in starts))
+    vectors = [space.vector({n: at.get(n, x) for n, x in space.start.items()}) for at in points]
     if starts:
         return np.array(vectors)
-    first, known = vectors
-    new = [k for k, name in enumerate(space.free) if name not in near]
-    rows = np.repeat(known[None], count, axis=0)
+    new = [k for k, name in enumerate(space.free) if name not in known]
+    rows = np.repeat(vectors[1][None], count, axis=0)
     for place, k in enumerate(new or range(len(space.free))):
-        shares = np.roll(START_QUANTILES, ROTATION * place)
-        rows[:, k] = space.unknowns[k].prior.quantile(shares)
-    return np.concatenate([[first, known], rows])
+        probabilities = np.roll(START_QUANTILES, ROTATION * place)
+        rows[:, k] = space.unknowns[k].prior.quantile(probabilities)
+    return np.concatenate([vectors, rows])
 
 
 def _laplace(posterior: Posterior, u: Array) -> tuple[float, Array]:
     """Return the log evidence, and the covariance `(D, D)` about the maximum `u (1, D)`."""
     surface = LogDensity(posterior)
     here = surface.curvature_model(u, np.eye(u.shape[1]))
-    # What a prior bends by itself is in the curvature already: of a box it is nothing.
+    # A prior's own curvature is included already; it is zero for a uniform prior.
     flat = np.maximum(1.0 / surface.spread**2 - surface.prior_derivatives(u)[1][0], 0.0)
     matrix = here.curvature[0] + np.diag(flat)
     scale = 1.0 / np.sqrt(np.diag(matrix))
@@ -183,43 +185,44 @@ def _laplace(posterior: Posterior, u: Array) -> tuple[float, Array]:
 def _hidden(
     likelihood: Likelihood, records: Records, theta: Array | None = None
 ) -> tuple[float, dict[tuple[str, str], Array]]:
-    """Return the log density of samples of the `records` that a candidate hides.
+    """Return the log density of samples of the `records` that a candidate leaves out, and squares.
 
-    Those at the beginning may show a rig that is held: they may have the noise at `theta (D,)` about one
-    value.  And by experiment and channel the sums of squares about the mean of what is shown, of what is
-    hidden, and of all.
+    Samples at the beginning may show a rig that is held, with the noise at `theta (D,)` about one
+    value.  Squares, by experiment and channel, are summed over samples kept, left out, and all.
     """
     log_density, squares = 0.0, dict[tuple[str, str], Array]()
     sigmas = dict[tuple[str, str], float]()
     if theta is not None:
-        for each in likelihood.observations:
-            scales = zip(each.experiment.names, each.scales(theta[None])[0].tolist(), strict=True)
-            sigmas |= {(each.label, name): sigma for name, sigma in scales}
+        for observation in likelihood.observations:
+            scales = observation.scales(theta[None])[0].tolist()
+            pairs = zip(observation.experiment.names, scales, strict=True)
+            sigmas |= {(observation.label, name): sigma for name, sigma in pairs}
     for place, y in measured_samples(likelihood).items():
         given = records.get(place, y)
         count, variance = len(given) - len(y), float(given.var())
         if count <= 0 or variance == 0.0:
             continue
         total = len(given) * variance
-        left = max(total - float(np.sum((y - given.mean()) ** 2)), 0.0)
-        density = -0.5 * (count * math.log(2 * math.pi * variance) + left / variance)
+        hidden = max(total - float(np.sum((y - given.mean()) ** 2)), 0.0)
+        density = -0.5 * (count * math.log(2 * math.pi * variance) + hidden / variance)
         if place in sigmas and np.array_equal(given[count:], y):
             noise = sigmas[place] ** 2
             still = count * float(given[:count].var()) / noise
-            unknown = math.log(max(count * variance / noise, 1.0))  # the place where it is held
+            unknown = math.log(max(count * variance / noise, 1.0))  # cost of the value while held
             held = -0.5 * (count * math.log(2 * math.pi * noise) + still + unknown)
             density = max(density, held)
         log_density += density
-        squares[place] = np.array([len(y) * y.var(), left, total])
+        squares[place] = np.array([len(y) * y.var(), hidden, total])
     return log_density, squares
 
 
-def _of_all(row: ResidualSummary, squares: Array | None) -> ResidualSummary:
-    """Return what is left of all samples, where some are hidden."""
+def _with_hidden(row: ResidualSummary, squares: Array | None) -> ResidualSummary:
+    """Return the row with shares of all samples; those left out count by their `squares`."""
     if squares is None:
         return row
-    shown, left, total = squares.tolist()
-    names = ("share", "simulated", "ahead")
-    of_all = (math.sqrt((getattr(row, n) ** 2 * shown + left) / total) for n in names)
-    every: dict[str, Any] = dict(zip(names, of_all, strict=True))
-    return dataclasses.replace(row, **every)
+    kept, hidden, total = squares.tolist()
+    shares: dict[str, Any] = {
+        name: math.sqrt((getattr(row, name) ** 2 * kept + hidden) / total)
+        for name in ("share", "simulated", "ahead")
+    }
+    return dataclasses.replace(row, **shares)

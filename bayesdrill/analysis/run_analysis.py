@@ -1,4 +1,4 @@
-"""All that is said of a finished run, evaluated once: what tables, sentences and `run.json` show."""
+"""Evaluate a finished run once, for the tables and sentences of the report and for `run.json`."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from bayesdrill.analysis import causes, diagnostics, latent_torque, plausibility
 from bayesdrill.analysis.causes import Causes, EquivalentExplanation
 from bayesdrill.analysis.comparison import RepeatedProduct, repeats
 from bayesdrill.analysis.diagnostics import DETERMINED_SHRINKAGE, ParameterRow
+from bayesdrill.analysis.findings import Finding
 from bayesdrill.analysis.friction_motion import FrictionMotion, friction_motions
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
-from bayesdrill.analysis.identifiability.structure import Exponents
 from bayesdrill.analysis.latent_torque import (
     ChannelMotion,
     TorqueEstimate,
@@ -25,10 +25,10 @@ from bayesdrill.analysis.latent_torque import (
 from bayesdrill.analysis.plausibility import DiffusePrior
 from bayesdrill.analysis.suspicions import InputTiming, half_sample_shift
 from bayesdrill.analysis.verdict import Judgement, basis, conclude
-from bayesdrill.basics import seeds, values
+from bayesdrill.basics import json_records, seeds
 from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.equality import Value
 from bayesdrill.basics.errors import ErrorCollector
-from bayesdrill.basics.values import Value
 from bayesdrill.config.schema.config import Asked
 from bayesdrill.inference import derived
 from bayesdrill.inference.derived import Derived, DerivedRow, product_name
@@ -47,70 +47,72 @@ from bayesdrill.sampling.ensembles import SamplingResult
 from bayesdrill.sampling.evidence import Evidence
 from bayesdrill.sampling.mode_search import Mode
 
-BAND_DRAWS, TORQUE_DRAWS = 100, 300  # draws
-CENTRAL_SHARES = (0.03, 0.97)  # of the samples of a torque
+BAND_DRAWS, TORQUE_DRAWS = 100, 300  # numbers of draws for bands in figures, and for torques
+CENTRAL_SHARES = (0.03, 0.97)  # quantiles of a torque's samples that are reported
 
 
 @dataclass(frozen=True, eq=False)
 class RunDraws(Value):
-    """Draws of a finished run, and what figures show of them; `sparing`: told of what fails."""
+    """A finished run has draws; `errors` collects failures, so that remaining analyses still run."""
 
     problem: Problem
     mode: Mode
     sampled: SamplingResult
     seed: int
-    sparing: ErrorCollector = field(default_factory=ErrorCollector, compare=False)
+    errors: ErrorCollector = field(default_factory=ErrorCollector, compare=False)
 
     @cached_property
     def draws(self) -> Array:
-        """The draws `(N, D)` of all ensembles."""
+        """Return the draws `(N, D)` of all ensembles."""
         return self.sampled.draws.reshape(-1, self.sampled.draws.shape[-1])
 
     @cached_property
     def best(self) -> Array:
-        """The MAP `(D,)`."""
+        """Return the MAP `(D,)`, physical."""
         return self.problem.posterior.space.vector(self.mode.values)
 
     @cached_property
     def fit(self) -> tuple[ResidualSummary, ...]:
-        """What the MAP leaves of each channel."""
+        """Return the residuals of each channel at the MAP."""
         return residual_summaries(self.problem.posterior.likelihood, self.best)
 
-    def some(self, n: int) -> Array:
+    def thinned(self, n: int) -> Array:
         """Return at most `n` draws `(n, D)`, evenly spaced."""
         return self.draws[:: max(1, -(-len(self.draws) // n))]
 
     @cached_property
     def friction_motions(self) -> tuple[tuple[FrictionMotion, ...], ...]:
-        """The friction of each experiment; nothing where the rig has none."""
+        """Return the frictions of each experiment; empty if the rig has none."""
         if not self.problem.model.frictions:
             return ()
-        return friction_motions(self.problem.posterior, self.best, self.some(BAND_DRAWS))
+        return friction_motions(self.problem.posterior, self.best, self.thinned(BAND_DRAWS))
 
     @cached_property
     def torque_estimates(self) -> tuple[TorqueEstimate, ...]:
-        """The missing torque of each experiment, where there is one."""
+        """Return the missing torque of each experiment; empty if none is missing."""
         rng = seeds.stream(self.seed, "torque")
-        return latent_torque.torque_estimates(self.problem.posterior, self.some(TORQUE_DRAWS), rng)
+        return latent_torque.torque_estimates(
+            self.problem.posterior, self.thinned(TORQUE_DRAWS), rng
+        )
 
     @property
     def nothing_derived(self) -> Derived:
-        """Derived quantities where there are none."""
+        """Return derived quantities without any quantity."""
         values = np.empty((*self.sampled.draws.shape[:2], 0))
         return Derived(symbols=(), values=values, nominal={})
 
     @cached_property
-    def _derived(self) -> dict[tuple[Exponents, ...], Derived]:
-        return {}  # by the products that they have with them
+    def _derived(self) -> dict[tuple[tuple[int, ...], ...], Derived]:
+        return {}  # keys are the products that are included
 
     def derived(self, judged: Judgement | None) -> Derived:
-        """Return derived quantities with the products of a verdict; nothing where that fails."""
+        """Return derived quantities with the products of a verdict; none if that fails."""
         verdict = () if judged is None else judged.verdict.products
         products = tuple(quantity.exponents for quantity in verdict)
         if products not in self._derived:
             problem, draws = self.problem, self.sampled.draws
             result = self.nothing_derived
-            with self.sparing.making("derived quantities"):
+            with self.errors.making("derived quantities"):
                 following = derived.derive(problem, draws)
                 result = derived.with_products(following, problem, draws, products)
             self._derived[products] = result
@@ -119,11 +121,11 @@ class RunDraws(Value):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TorqueSummary:
-    """The missing torque of one experiment, N m.
+    """A summary describes the missing torque of one experiment, N m.
 
-    From `low` to `high` in 94 % of the samples, each known to `width`; `rms` of the expected one,
-    and mean `sd` of the draws. `sure`: share of the samples whose sign is sure; `turning`: of those
-    in which its inertia turns.
+    The expected torque is between `low` and `high` in 94 % of the samples. `width` is the mean
+    half-width of its band, `rms` its root mean square, and `sd` the mean sd of the draws. `sure` is
+    the share of samples with a sure sign, and `turning` that of samples in which its inertia turns.
     """
 
     label: str
@@ -141,7 +143,7 @@ class TorqueSummary:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunAnalysis:
-    """All that is said of a finished run; `numbers` has it by name, and `run.json` keeps it.
+    """The analysis of a finished run is kept in `run.json`; `numbers` returns its values by name.
 
     unknowns: what the draws say of each unknown [its own unit, SI]
     fit: what the MAP leaves of each channel [sd of the noise]
@@ -162,8 +164,8 @@ class RunAnalysis:
     step_errors: what the steps of a rig that is stepped do at the MAP [sd of the noise]
     torques: the missing torque of each experiment [N m]
     moment: what inputs half a sample later would move [s, sd of the unknown]
-    course: sentences on friction that drives instead of braking
-    rig: sentences on roles and gear of the rig
+    course: friction that drives instead of braking
+    rig: what is wrong with roles and gear of the rig
     suspicions: sentences on columns, units and sensors of the record
     """
 
@@ -186,18 +188,18 @@ class RunAnalysis:
     step_errors: tuple[StepError, ...]
     torques: tuple[TorqueSummary, ...]
     moment: InputTiming | None
-    course: tuple[str, ...]
-    rig: tuple[str, ...]
+    course: tuple[Finding, ...]
+    rig: tuple[Finding, ...]
     suspicions: tuple[str, ...]
 
     @property
     def numbers(self) -> Mapping[str, Any]:
-        """All numbers, by names such as `unknowns.k_s.mean`, `fit.w_1.rms` and `evidence.log_z`."""
-        return dict(values.leaves(values.as_data(self)))
+        """Return all numbers by names such as `unknowns.k_s.mean` and `evidence.log_z`."""
+        return dict(json_records.leaves(json_records.as_data(self)))
 
     @property
     def unsupported(self) -> Mapping[str, float]:
-        """Ratios of sandwich sd to sd, of what the draws determine and the sandwich sd does not."""
+        """Return sandwich sd over sd of quantities that the draws determine, but not the sandwich."""
         ratios = {u.name: (u.sd, 1 - u.shrinkage) for u in self.unknowns if u.word == "determined"}
         if self.judged is not None:
             verdict = self.judged.verdict
@@ -208,9 +210,10 @@ class RunAnalysis:
 
     @classmethod
     def describe(cls, name: str) -> str:
-        """Describe the number of this name, with its unit; raises `KeyError` for an unknown name."""
-        told = values.field_descriptions(cls)[name.partition(".")[0]]
-        return f"{told['description']} [{told['unit']}]" if "unit" in told else told["description"]
+        """Describe the number of this name, with its unit; raise `KeyError` for an unknown name."""
+        field = json_records.field_descriptions(cls)[name.partition(".")[0]]
+        unit = f" [{field['unit']}]" if "unit" in field else ""
+        return field["description"] + unit
 
 
 def analyse(
@@ -222,7 +225,10 @@ def analyse(
     alone: bool = True,
     explained: Causes | None = None,
 ) -> RunAnalysis:
-    """Evaluate the `RunAnalysis` of a finished run; nothing is sampled, arguments are as there."""
+    """Evaluate the `RunAnalysis` of a finished run, without sampling.
+
+    If the run is `alone`, not one of several candidates, the nominal table is tried with other rigs.
+    """
     problem, sampled, best = run.problem, run.sampled, run.best
     posterior = problem.posterior
     fits = like_noise(run.fit)
@@ -230,10 +236,10 @@ def analyse(
     blamed = alone and judged is not None and bool(judged.verdict.far)
     products = () if judged is None else basis(judged.study, judged.study.names)
     compared = () if judged is None else [q.exponents for q in judged.verdict.products]
-    following = run.derived(judged)
-    rows_of_derived: tuple[DerivedRow, ...] = ()
-    with run.sparing.making("derived quantities"):
-        rows_of_derived = derived.summarise(following)
+    quantities = run.derived(judged)
+    derived_rows: tuple[DerivedRow, ...] = ()
+    with run.errors.making("derived quantities"):
+        derived_rows = derived.summarise(quantities)
     return RunAnalysis(
         unknowns=rows,
         fit=run.fit,
@@ -243,8 +249,8 @@ def analyse(
         repeats=repeats(sensitivity, best, products),
         causes=explained,
         instead=causes.equivalent_explanation(problem, best) if blamed else None,
-        derived=rows_of_derived,
-        meanings={symbol.name: symbol.meaning for symbol in following.symbols},
+        derived=derived_rows,
+        meanings={symbol.name: symbol.meaning for symbol in quantities.symbols},
         convergence=sampled.convergence,
         acceptance=tuple(map(float, sampled.acceptance)),
         failures=sampled.failures,
@@ -253,7 +259,7 @@ def analyse(
         leaning=diagnostics.prior_dependence(rows, run.draws),
         step_errors=step_errors(posterior.likelihood, best),
         torques=tuple(map(torque_summary, run.torque_estimates)),
-        # What another moment would leave looks like noise only where this fit does.
+        # A shift of inputs can be judged only if the residuals look like noise.
         moment=half_sample_shift(sensitivity, best) if fits else None,
         course=tuple(plausibility.plausibility_of_course(sensitivity, best)),
         rig=(*plausibility.of_roles(problem), *plausibility.plausibility_of_gear(problem)),
@@ -262,7 +268,7 @@ def analyse(
 
 
 def torque_summary(estimate: TorqueEstimate) -> TorqueSummary:
-    """Sum up the missing torque of one experiment."""
+    """Summarise the missing torque of one experiment."""
     low, high = np.quantile(estimate.expected, CENTRAL_SHARES)
     band = estimate.band
     return TorqueSummary(

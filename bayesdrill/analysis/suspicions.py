@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayesdrill.analysis.edits import rig_parameters
+from bayesdrill.analysis.findings import Finding
 from bayesdrill.analysis.identifiability.information import SensitivityStudy, root_of
 from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.basics.symbols import SPEED_UNITS
@@ -21,32 +22,33 @@ from bayesdrill.record.clocks import median_step
 from bayesdrill.record.experiment import Channel, Experiment
 from bayesdrill.rig.models.linear import Model, constant_forcing, dynamics
 
-BITS = (12, 14, 16, 24, 32)  # of counters
-# of a period: a larger step can only be a counter that ran over, and a smaller one none
+BITS = (12, 14, 16, 24, 32)  # usual numbers of bits of counters
+# A step over the period of a counter: larger ones are overflows, and smaller ones are motion.
 MAX_CALM_STEP = 0.4
-MIN_R_SQUARED = 0.98  # R^2, of two columns that are one motion in different units
-MIN_UNIT_FACTOR = 1.5  # times: no error of a sensor is that large
+MIN_R_SQUARED = 0.98  # R^2 of two columns that are one motion in different units
+MIN_UNIT_FACTOR = 1.5  # no sensor's error is as large as this factor
+# Ratios of units that are easily confused, in either direction.
 FACTORS = (
     (180 / math.pi, "degrees for radians (57.3)"),
     (30 / math.pi, "rpm for rad/s (9.55)"),
     (2 * math.pi, "revolutions for radians (6.28)"),
     (1000.0, "thousandths for the whole, as mA for A (1000)"),
-)  # or the other way round
-NEAR_FACTOR = 0.05  # of a factor between two columns, logarithmic
-NEAR_START_FACTOR = 0.2  # which may itself be off
+)
+NEAR_FACTOR = 0.05  # tolerance of the log of a factor between two columns
+NEAR_START_FACTOR = 0.2  # the same for a factor to the start's prediction, which may be off
 
 
 def suspicions_of_record(
     experiment: Experiment, factors: Sequence[float], model: Model
-) -> Iterator[str]:
-    """Yield suspicions of the columns; `factors (K,)`: SI units in a unit of each column."""
+) -> Iterator[Finding]:
+    """Yield suspicions of the columns; `factors (K,)` are SI units per unit of each column."""
     for channel, y, factor in zip(experiment.channels, experiment.y.T, factors, strict=True):
         yield from _overrun(channel, experiment.t, y, factor)
     yield from _pairs(experiment, model)
 
 
-def suspicions_of_start(problem: Problem) -> Iterator[str]:
-    """Yield channels that are the start's prediction times what a wrong unit would bring."""
+def suspicions_of_start(problem: Problem) -> Iterator[Finding]:
+    """Yield channels that are the start's prediction times the factor of a wrong unit."""
     space = problem.posterior.space
     full = space.full(space.vector(space.start)[None])
     columns = (
@@ -62,17 +64,15 @@ def suspicions_of_start(problem: Problem) -> Iterator[str]:
         if not (math.isfinite(power) and power > 0):
             continue
         times = float(y @ p) / power
-        alike = 1 - float(np.sum((y - times * p) ** 2)) / float(y @ y)
+        r_squared = 1 - float(np.sum((y - times * p) ** 2)) / float(y @ y)
         named = _likely_mistakes(times, NEAR_START_FACTOR, problem.model.gear_ratio)
-        if alike > MIN_R_SQUARED and named:
-            yield (
-                f"unit: {channel.name} is {times:.3g} times what the start values predict; was it "
-                f"{named}? See its unit, its column and `measures`"
-            )
+        if r_squared > MIN_R_SQUARED and named:
+            names = {"channel": channel.name, "mistakes": named}
+            yield Finding("unit against the start", names, {"times": times})
 
 
-def _likely_mistakes(times: float, near: float, gear: float) -> str:
-    """Mistakes that would bring this factor, the nearest first; empty where there is none."""
+def _likely_mistakes(times: float, tolerance: float, gear: float) -> str:
+    """Return mistakes that give the factor `times`, the nearest first; empty if there is none."""
     if times == 0 or 1 / MIN_UNIT_FACTOR < times < MIN_UNIT_FACTOR:
         return ""
     size, known = abs(math.log(abs(times))), [*FACTORS]
@@ -80,13 +80,13 @@ def _likely_mistakes(times: float, near: float, gear: float) -> str:
     if turns > MIN_UNIT_FACTOR:
         known.append((turns, f"a side of the gear for the other ({turns:.4g})"))
     distances = sorted((abs(size - math.log(factor)), mistake) for factor, mistake in known)
-    units = " or ".join(mistake for off, mistake in distances if off < near)
+    units = " or ".join(mistake for distance, mistake in distances if distance < tolerance)
     signs = "a sign" if times < 0 and (units or size < math.log(MIN_UNIT_FACTOR)) else ""
     return " and ".join(mistake for mistake in (units, signs) if mistake)
 
 
-def _overrun(channel: Channel, t: Array, y: Array, factor: float) -> Iterator[str]:
-    """Jumps by the whole range of a counter, or by one turn, between steps that are small."""
+def _overrun(channel: Channel, t: Array, y: Array, factor: float) -> Iterator[Finding]:
+    """Yield jumps by the range of a counter, or by one turn, between steps that are small."""
     t, y = t[~np.isnan(y)], y[~np.isnan(y)]
     steps = np.abs(np.diff(y / factor))
     turn = 2 * math.pi / factor if channel.unit == "rad" else math.nan
@@ -94,26 +94,22 @@ def _overrun(channel: Channel, t: Array, y: Array, factor: float) -> Iterator[st
     for period, what in periods:
         jumps = np.abs(steps - period) < MAX_CALM_STEP * period
         if np.any(jumps) and np.all(steps[~jumps] < MAX_CALM_STEP * period) and _goes_on(y, jumps):
-            first = int(np.argmax(jumps))
-            yield (
-                f"overflow: {channel.name} jumps by about {period:.6g}, {what}, "
-                f"{int(np.sum(jumps))} times, first at {t[first + 1]:.6g} s; a counter that ran over? "
-                f"Say wraps: {period:.6g} at {channel.name}, or unwrap the column: "
-                f"np.unwrap(x, period={period:.6g})"
-            )
+            first = float(t[int(np.argmax(jumps)) + 1])
+            numbers = {"period": period, "jumps": float(np.sum(jumps)), "first": first}
+            yield Finding("overflow", {"channel": channel.name, "range": what}, numbers)
             break
 
 
 def _goes_on(y: Array, jumps: Flags) -> bool:
-    """Whether the motion before each jump goes on after it, against it, and nothing takes it back."""
+    """Return whether jumps are opposed to the motion before them, and none is taken back at once."""
     steps, at = np.diff(y), np.flatnonzero(jumps)
     before = steps[np.maximum(at - 1, 0)]
     spikes = jumps[1:] & jumps[:-1]
     return not np.any(spikes) and bool(np.mean(np.sign(steps[at]) * np.sign(before)) <= 0)
 
 
-def _pairs(experiment: Experiment, model: Model) -> Iterator[str]:
-    """An angle and a speed of the same thing: the angle has to grow as the speed says."""
+def _pairs(experiment: Experiment, model: Model) -> Iterator[Finding]:
+    """Yield contradictions between an angle and a speed of the same part."""
     columns = zip(experiment.channels, experiment.y.T, strict=True)
     for (angle, a), (speed, w) in itertools.product(columns, repeat=2):
         ratio = _ratio(angle, speed, model.roles.speeds)
@@ -124,15 +120,11 @@ def _pairs(experiment: Experiment, model: Model) -> Iterator[str]:
             t, turned = experiment.t[both], w[both] * ratio
             yield from _pair(angle.name, a[both], speed.name, turned, t, model.gear_ratio)
         if both.all() and experiment.uniform and anomalies.differenced(a, w, experiment.dt):
-            yield (
-                f"derived: the noise of {speed.name} is that of differences of {angle.name}. If it is "
-                "no measurement of its own, it must not count twice: say derived_from: "
-                f"{angle.name} at {speed.name}, or leave it out"
-            )
+            yield Finding("differentiated angle", {"angle": angle.name, "speed": speed.name})
 
 
 def _ratio(angle: Channel, speed: Channel, speeds: Mapping[str, str]) -> float | None:
-    """How many times the speed's motion the angle's is, if it is the same one."""
+    """Return the factor from the speed's motion to the angle's; None if they are not of one part."""
     turned = {speeds.get(name, name): x for name, x in angle.weights.items() if x}
     moved = {name: x for name, x in speed.weights.items() if x}
     angles = all(name in speeds for name, x in angle.weights.items() if x)
@@ -142,42 +134,40 @@ def _ratio(angle: Channel, speed: Channel, speeds: Mapping[str, str]) -> float |
     return ratios[0] if max(ratios) - min(ratios) < 1e-9 * abs(ratios[0]) else None
 
 
-def _pair(angle: str, a: Array, speed: str, w: Array, t: Array, gear: float) -> Iterator[str]:
-    times, alike = _slope(_summed(w, t), a)
-    if alike > MIN_R_SQUARED and 1 / MIN_UNIT_FACTOR < times < MIN_UNIT_FACTOR:
+def _pair(angle: str, a: Array, speed: str, w: Array, t: Array, gear: float) -> Iterator[Finding]:
+    times, r_squared = _slope(_integral(w, t), a)
+    if r_squared > MIN_R_SQUARED and 1 / MIN_UNIT_FACTOR < times < MIN_UNIT_FACTOR:
         return
-    back, backwards = _slope(_summed(a, t), w)
-    if backwards > MIN_R_SQUARED and abs(back - 1) < 2 * NEAR_FACTOR:
-        yield (
-            f"columns: {speed} grows as the sum of {angle} over time would, and not the other way "
-            "round; are the two columns swapped?"
-        )
-    elif alike >= MIN_R_SQUARED and (named := _likely_mistakes(times, NEAR_FACTOR, gear)):
-        yield (
-            f"unit: {angle} grows {times:.3g} times as fast as {speed} says; is one of them {named}? "
-            "See their units, columns and `measures`"
-        )
+    swapped, swapped_r_squared = _slope(_integral(a, t), w)
+    if swapped_r_squared > MIN_R_SQUARED and abs(swapped - 1) < 2 * NEAR_FACTOR:
+        yield Finding("swapped columns", {"angle": angle, "speed": speed})
+    elif r_squared >= MIN_R_SQUARED and (named := _likely_mistakes(times, NEAR_FACTOR, gear)):
+        names = {"angle": angle, "speed": speed, "mistakes": named}
+        yield Finding("unit of an angle", names, {"times": times})
 
 
-def _summed(x: Array, t: Array) -> Array:
-    """The integral from the first of the times `t (T,)` on, `(T,)`."""
+def _integral(x: Array, t: Array) -> Array:
+    """Return the integral of `x (T,)` from the first of the times `t (T,)` on, `(T,)`."""
     return np.concatenate([[0.0], np.cumsum((x[1:] + x[:-1]) * np.diff(t) / 2)])
 
 
 def _slope(x: Array, y: Array) -> tuple[float, float]:
+    """Return slope and R^2 of the regression of y on x."""
     x, y = x - x.mean(), y - y.mean()
     across, size = float(x @ y), float(x @ x) * float(y @ y)
     return (across / float(x @ x), across**2 / size) if size > 0 else (math.nan, 0.0)
 
 
-MIN_LEFT = 0.3  # of a channel, which the model does not explain, ...
-MIN_FOLLOWED = 0.95  # ... R^2 of it over an input that it follows within ...
-MAX_FOLLOWING = 20  # ... so many samples
+MIN_LEFT = 0.3  # share of a channel that the model leaves unexplained, at least
+MIN_FOLLOWED = 0.95  # R^2 of a channel over an input that it follows
+MAX_FOLLOWING = 20  # samples by which it may lag behind the input
 
 
-def find_reference(problem: Problem, left: Sequence[ResidualSummary]) -> tuple[str, str] | None:
-    """Return an input and an angle that follows it as a set point, and not as the model says."""
-    shares = {(row.experiment, row.channel): row.share for row in left}
+def find_reference(
+    problem: Problem, residuals: Sequence[ResidualSummary]
+) -> tuple[str, str] | None:
+    """Return an input and an angle that follows it as a set point, unlike the model; or None."""
+    shares = {(row.experiment, row.channel): row.share for row in residuals}
     for observation in problem.observations:
         experiment = observation.experiment
         for channel, y in zip(experiment.channels, experiment.y.T, strict=True):
@@ -186,36 +176,35 @@ def find_reference(problem: Problem, left: Sequence[ResidualSummary]) -> tuple[s
             if not shares[observation.label, channel.name] > MIN_LEFT:
                 continue
             for name, u in experiment.series.items():
-                late = range(min(MAX_FOLLOWING, len(u) // 2))
-                alike = max(_slope(u[: len(u) - k], y[k:])[1] for k in late)
-                if alike > MIN_FOLLOWED:
+                lags = range(min(MAX_FOLLOWING, len(u) // 2))
+                if max(_slope(u[: len(u) - k], y[k:])[1] for k in lags) > MIN_FOLLOWED:
                     return name, channel.name
     return None
 
 
-MIN_SHIFT_SDS = 0.5  # sds, of a shift that is worth a word
+MIN_SHIFT_SDS = 0.5  # smallest shift of an unknown, in sds, that is reported
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InputTiming:
-    """By how many sds each unknown of the rig would move, if the inputs came `seconds` later."""
+    """Inputs that came `seconds` later would move unknowns of the rig by these `shifts`, in sds."""
 
     seconds: float
     shifts: tuple[tuple[str, float], ...]
 
     @property
     def worst(self) -> tuple[str, float]:
-        """The unknown that would move most, and by how much."""
+        """Return the unknown that would move most, and its shift in sds."""
         return max(self.shifts, key=lambda shift: abs(shift[1]))
 
     @property
     def matters(self) -> bool:
-        """Whether any unknown would move so far that it is worth a word."""
+        """Return whether any unknown would move so far that it is reported."""
         return abs(self.worst[1]) > MIN_SHIFT_SDS
 
 
 def half_sample_shift(sensitivity: SensitivityStudy, theta: Array) -> InputTiming | None:
-    """Return what inputs half a sample later would move, at `theta (D,)`; None where lags are free."""
+    """Return the shifts at `theta (D,)` by inputs half a sample later; None if lags are unknowns."""
     observations = sensitivity.likelihood.observations
     if not sensitivity.unknowns or any(_lag_is_free(observation) for observation in observations):
         return None
@@ -234,7 +223,7 @@ def half_sample_shift(sensitivity: SensitivityStudy, theta: Array) -> InputTimin
 
 
 def _step(experiment: Experiment) -> float:
-    """The usual one between two samples of an input or, where all are constant, of a channel."""
+    """Return the typical step [s] of the inputs or, if all are constant, of the channels."""
     if experiment.series:
         return min(experiment.input_steps.get(name, experiment.dt) for name in experiment.series)
     return min(median_step(experiment.t[sampled]) for sampled in experiment.seen.T)
@@ -250,7 +239,7 @@ def _lag_is_free(observation: Observation) -> bool:
 def _delay_sensitivity(
     observation: Observation, motion: Array, sensitivity: SensitivityStudy, theta: Array
 ) -> Array:
-    """Return the derivative of signals by a delay, minus how fast they change, over the noise."""
+    """Return the whitened derivative of signals by a delay, which is minus their rate of change."""
     experiment, model = observation.experiment, observation.response.model
     full = sensitivity.likelihood.space.full(theta[None])
     linear, n = model.linear(rig_parameters(observation, full)), len(experiment.t)

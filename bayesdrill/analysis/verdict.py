@@ -1,7 +1,7 @@
-"""Judge the nominal table by the posterior: how far draws are from it, and where they say nothing.
+"""Judge the nominal table by the posterior: how far draws are from it, if they determine it.
 
-All in logs of the unknowns.  Quantities are the parameters, and independent products of their
-powers that no exact symmetry changes: as many as the record can show at all.
+Everything is in logs of the unknowns.  Quantities are the parameters, and independent products of
+their powers that no exact symmetry changes, as many as the record can show.
 """
 
 from __future__ import annotations
@@ -19,30 +19,32 @@ from numpy.typing import NDArray
 
 from bayesdrill.analysis import plausibility
 from bayesdrill.analysis.diagnostics import ParameterRow, Word, end_at_nominal, summarise
+from bayesdrill.analysis.findings import Finding
 from bayesdrill.analysis.identifiability.information import SensitivityStudy, simple_exponents
 from bayesdrill.analysis.identifiability.structure import Exponents
 from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy, products, study_of
 from bayesdrill.basics import seeds
+from bayesdrill.basics.arguments import check_arguments
 from bayesdrill.basics.arrays import Array
-from bayesdrill.basics.values import check_arguments
 from bayesdrill.config.schema.config import Asked, Thresholds
 from bayesdrill.inference.derived import hdi
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.sampling.ensembles import SamplingResult
 from bayesdrill.sampling.mode_search import Mode
 
-MAX_COUNTED_SIGMA, SIGMA_STEP = 3.0, 0.25  # sigma: tails are counted up to here, ...
-MIN_DRAWS_BEYOND = 25  # ... where at least so many draws lie beyond
-# a squared distance whose tail probability no longer fits into a float
+# Tail probabilities are counted up to this number of sigmas, at these steps.
+MAX_COUNTED_SIGMA, SIGMA_STEP = 3.0, 0.25
+MIN_DRAWS_BEYOND = 25  # a tail is counted if at least this number of draws lie in it
+# The tail probability of a larger squared distance underflows.
 MAX_SQUARED_DISTANCE = 1000.0
-PRIOR_BINS = 100  # of equal mass, for the density of a product under the prior
+PRIOR_BINS = 100  # number of bins of equal mass for the density of a product under the prior
 
 
 def tension(logs: Array, low: float, high: float) -> float:
-    """Return sigmas between draws `(N,)` and the nearest value from `low` to `high`.
+    """Return sigmas between draws `logs (N,)` and the nearest value from `low` to `high`.
 
-    The two-sided tail probability of that value, as sigmas of a normal; where too few draws lie
-    beyond it to be counted, the tail goes on as wide as it was up to there, or wider.
+    The two-sided tail probability of that value is converted to sigmas of a normal distribution.  If
+    too few draws lie beyond it, the tail is extrapolated with the largest sd up to there.
     """
     middle = float(np.median(logs))
     value = min(max(middle, low), high)
@@ -62,10 +64,10 @@ def tension(logs: Array, low: float, high: float) -> float:
 
 
 def joint_tension(logs: Array, powers: Array, ends: Array) -> float:
-    """Return sigmas between draws `(N, K)` of products and the nearest point within tolerance.
+    """Return sigmas between draws `logs (N, K)` of products and the nearest point within tolerance.
 
-    Every factor, with its `powers (K, m)`, is within `ends (m, 2)`.  Of the Mahalanobis distance: the
-    share of draws at least as far out, as sigmas of a normal; where too few are, by chi-squared.
+    Factors have `powers (K, m)` and tolerances `ends (m, 2)`.  The share of draws with a larger
+    Mahalanobis distance, or the tail of chi-squared if these are few, is converted to sigmas.
     """
     centre, scale = logs.mean(axis=0), logs.std(axis=0)
     root = np.linalg.cholesky(np.atleast_2d(np.cov((logs / scale).T))) * scale[:, None]
@@ -89,8 +91,8 @@ def joint_tension(logs: Array, powers: Array, ends: Array) -> float:
 def bits_gained(logs: Array, prior_logs: Array) -> float:
     """Return the Kullback-Leibler divergence from prior to posterior, in bits, from draws of both.
 
-    Entropy of the posterior from spacings of its sorted draws (Ebrahimi's, nearly unbiased),
-    density of the prior from bins of equal mass.  Below zero only by chance, and then zero.
+    The entropy of the posterior is estimated by spacings of its sorted draws (Ebrahimi), and the
+    density of the prior by bins of equal mass.  A negative estimate is due to chance, and set to 0.
     """
     edges = np.quantile(prior_logs, np.linspace(0.0, 1.0, PRIOR_BINS + 1))
     log_density = -math.log(PRIOR_BINS) - np.log(np.maximum(np.diff(edges), 1e-300))
@@ -99,8 +101,8 @@ def bits_gained(logs: Array, prior_logs: Array) -> float:
 
 
 def _entropy(logs: Array) -> float:
-    """In nats; where one value is repeated over and over (a stuck walker), of the distinct ones."""
-    from scipy.stats import differential_entropy  # late: it takes half a second to load
+    """Return the entropy in nats; of the distinct values if a stuck walker repeats one often."""
+    from scipy.stats import differential_entropy  # imported here, as loading takes half a second
 
     sd = float(logs.std()) or 1e-300
     with np.errstate(divide="ignore"):
@@ -115,23 +117,23 @@ Says = Literal[
 ]
 JUDGED: tuple[Says, ...] = ("agrees", "disagrees", "in doubt")
 
-FALSE_ALARM = 0.01  # of records of a rig that is nominal: any "disagrees" at all
-# sd over the prior's: below, something much better known stands behind a symmetry
+FALSE_ALARM = 0.01  # probability of any "disagrees" about a rig that agrees with its table
+# Sd over the prior's, below which a prior determines a product that a symmetry changes.
 MAX_BLIND_SD_RATIO = 0.25
-# Share of the variance of an unknown that is cut off at its nominal value, explained by a quantity.
-# Below, false alarms stay as rare as without the cut: simulated normal posteriors say so.
+# A quantity may explain this share of the variance of an unknown cut off at its nominal value.
+# Simulations of normal posteriors show that false alarms then stay as rare as without the cut.
 MAX_EXPLAINED_BY_CUT = 0.25
-PRIOR_DRAWS = 100_000
+PRIOR_DRAWS = 100_000  # number of draws from the prior
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Quantity:
-    """A product of powers of the unknowns, SI; `deviation` of the mean, relative to `nominal`.
+    """A quantity is a product of powers of the unknowns, SI, with a `nominal` value.
 
-    `tolerance`: relative ends.  `tension`: sigmas between posterior and the nearest value within
-    tolerance.  `beyond`: probability of a deviation past the tolerance, None without one.
-    `sd_ratio`: sd of the log over the prior's.  `bits`: information gained on the prior.  `blind`: an
-    exact symmetry changes it, so that no record of these channels can show it.
+    `tolerance` and `deviation` of the mean are relative.  `tension` is sigmas between the posterior and
+    the nearest value within tolerance.  `beyond` is the probability of values outside the tolerance,
+    None without one.  `sd_ratio` is the sd of the log over the prior's, and `bits` the information
+    gained.  An exact symmetry changes a `blind` quantity, so no record of these channels can show it.
     """
 
     exponents: Exponents
@@ -153,13 +155,13 @@ class Quantity:
 @check_arguments
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
-    """The verdict on a nominal table.
+    """A verdict judges the values of a nominal table.
 
-    `limit`: sigmas from which a quantity disagrees. `joint`: sigmas between posterior and table
-    over the determined products together, None if there are not two. `fits`: the fit leaves nothing
-    but noise; where it does not, what would disagree is *in doubt*: it counts on the model, against
-    which the fit is evidence. `ends`: ends of priors [SI], by unknown, at or before whose nominal
-    values no draw can lie, so that these, and what they dominate, cannot be judged.
+    A quantity disagrees above `limit` sigmas. `joint` is sigmas between posterior and table over all
+    determined products, None if there are fewer than two. `fits` says whether the fit leaves noise
+    only. If not, the fit contradicts the model, and disagreement is *in doubt*. `ends` are ends of
+    priors [SI], by unknown, that keep draws from passing the nominal value. Such unknowns, and
+    quantities that they dominate, cannot be judged.
     """
 
     names: tuple[str, ...]
@@ -171,38 +173,38 @@ class Verdict:
     ends: Mapping[str, float] = dataclasses.field(default_factory=dict, hash=False)
 
     def saying(self, says: Says) -> tuple[Quantity, ...]:
-        """Return parameters and products of this verdict, each once."""
+        """Return the quantities with this result, each once: products, then parameters."""
         quantities = {q.exponents: q for q in (*self.products, *self.parameters)}
         return tuple(q for q in quantities.values() if q.says == says)
 
     @property
     def judged(self) -> tuple[Quantity, ...]:
-        """Products that the record determines, and of which an end of a prior decides nothing."""
+        """Return the products that the record determines, and that no end of a prior affects."""
         return tuple(q for q in self.products if q.says in JUDGED)
 
     @property
     def far(self) -> tuple[Quantity, ...]:
-        """Quantities that are farther from the table than chance, whoever is to blame."""
+        """Return the quantities farther from the table than chance, also if the model is in doubt."""
         return (*self.saying("disagrees"), *self.saying("in doubt"))
 
     @property
     def far_together(self) -> bool:
-        """Whether the determined products together are farther from the table than chance."""
+        """Return whether the determined products together are farther from the table than chance."""
         return self.joint is not None and self.joint > self.limit
 
     @property
     def agrees(self) -> bool:
-        """Whether nothing is farther from the table than chance."""
+        """Return whether no quantity is farther from the table than chance explains."""
         return not self.far_together and not self.far
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Judgement:
-    """A study, the verdict, and `findings`: sentences of `plausibility` on the posterior."""
+    """A judgement has a study, the verdict, and `findings` on how plausible the posterior is."""
 
     study: IdentifiabilityStudy
     verdict: Verdict
-    findings: tuple[str, ...]
+    findings: tuple[Finding, ...]
 
 
 def judge(
@@ -217,21 +219,21 @@ def judge(
     *,
     fits: bool = True,
 ) -> Verdict:
-    """Judge the nominal table by nearly independent physical draws `(N, m)`, and of their prior.
+    """Judge the nominal table by nearly independent physical draws `(N, m)` and draws of the prior.
 
-    Quantities with an unknown that has no nominal value are left out; `pressed` names unknowns
-    whose draws crowd at an end of their prior, and `ends` those whose priors end at their nominal
-    values, with that end.
+    Quantities with an unknown that has no nominal value are left out.  `pressed` names unknowns whose
+    draws accumulate at an end of their prior.  `ends` maps unknowns to an end of the prior that keeps
+    draws from passing the nominal value.
     """
     m = len(study.names)
     table = np.array([math.log(nominal.get(name, math.nan)) for name in study.names])
-    offs = [tolerance.get(name, 0.0) for name in study.names]
+    tolerances = [tolerance.get(name, 0.0) for name in study.names]
     scene = _TableComparison(
         study=study,
         logs=np.log(draws) - table,
         prior_logs=np.log(prior_draws) - table,
         table=table,
-        ends=np.array([(math.log1p(-off), math.log1p(off)) for off in offs]),
+        ends=np.array([(math.log1p(-x), math.log1p(x)) for x in tolerances]),
         pressed=np.array([name in pressed for name in study.names]),
         cut=np.array([name in ends for name in study.names]),
         thresholds=thresholds,
@@ -239,11 +241,11 @@ def judge(
     )
     units = [tuple(int(x) for x in row) for row in np.eye(m, dtype=int)[np.isfinite(table)]]
     products_shown = basis(study, nominal)
-    looked_at = dict.fromkeys((*units, *products_shown))
-    shown = {e: scene.shows(e) for e in looked_at}
-    looks = 1 + sum(shown.values())  # sigmas that these together pass by chance with `FALSE_ALARM`
-    limit = float(-scipy.special.ndtri(0.5 * FALSE_ALARM / looks))
-    quantities = {e: scene.quantity(e, shown=shown[e], limit=limit) for e in looked_at}
+    judged = dict.fromkeys((*units, *products_shown))
+    shown = {e: scene.shows(e) for e in judged}
+    n_tests = 1 + sum(shown.values())  # the joint tension is a test, too
+    limit = float(-scipy.special.ndtri(0.5 * FALSE_ALARM / n_tests))
+    quantities = {e: scene.quantity(e, shown=shown[e], limit=limit) for e in judged}
     return Verdict(
         names=study.names,
         parameters=tuple(quantities[e] for e in units),
@@ -256,16 +258,16 @@ def judge(
 
 
 def basis(study: IdentifiabilityStudy, among: Collection[str]) -> tuple[Exponents, ...]:
-    """Return independent products of unknowns `among` these alone that no symmetry changes.
+    """Return independent products of the unknowns `among` that no symmetry changes.
 
-    First those that the record narrows, the most narrowed first, then the sparsest: where others
-    take part in what is narrowed most of all, the rest would not span what it tells of these.
+    Products that the record narrows come first, the narrowest of all at the beginning.  The sparsest
+    others complete them, since the narrowest products may contain unknowns that are not `among`.
     """
     simple = simple_exponents(len(study.names))
     simple = simple[~simple[:, [name not in among for name in study.names]].any(axis=1)]
     simple = simple[np.isfinite(study.information.bounds_of(simple))]
     before = np.array([parameter.prior_sd for parameter in study.parameters])
-    best = products(study.information, before, simple, Thresholds())  # whose words nobody reads
+    best = products(study.information, before, simple, Thresholds())  # their words are not used
     selected = [product.exponents for product in best if product.price < 1.0]
     for exponents in study.structure.invariants_of(among):
         if np.linalg.matrix_rank(np.array([*selected, exponents], dtype=float)) > len(selected):
@@ -275,7 +277,10 @@ def basis(study: IdentifiabilityStudy, among: Collection[str]) -> tuple[Exponent
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _TableComparison:
-    """Logs over nominal values, `ends (m, 2)` of tolerances, and which priors end there (`cut`)."""
+    """Logs of draws over nominal values are compared with `ends (m, 2)` of tolerances.
+
+    Draws are `pressed (m,)` against an end of the prior, or `cut (m,)` at the nominal value.
+    """
 
     study: IdentifiabilityStudy
     logs: Array
@@ -288,7 +293,7 @@ class _TableComparison:
     fits: bool
 
     def shows(self, exponents: Exponents) -> bool:
-        """Whether record and priors determine it: not its own prior, not the corners of the priors."""
+        """Return whether the record determines a product, by its linear bound and by the draws."""
         powers = np.array(exponents, dtype=float)
         before = np.array([parameter.prior_sd for parameter in self.study.parameters])
         bound = self.study.information.with_priors(before).bound(powers)
@@ -303,11 +308,11 @@ class _TableComparison:
     def quantity(self, exponents: Exponents, *, shown: bool, limit: float) -> Quantity:
         logs = _combined(self.logs, exponents)
         nominal = math.exp(_combined(self.table, exponents))
-        ends = np.array(exponents)[:, None] * self.ends  # each factor's own tolerance, both ways
+        ends = np.array(exponents)[:, None] * self.ends  # tolerance of each factor
         low, high = float(ends.min(axis=1).sum()), float(ends.max(axis=1).sum())
-        far = tension(logs, low, high)
+        sigmas = tension(logs, low, high)
         x = nominal * np.exp(logs)
-        near, distant = hdi(x)
+        hdi_low, hdi_high = hdi(x)
         mean, factors = float(x.mean()), np.flatnonzero(exponents)
         alone = len(factors) == 1
         return Quantity(
@@ -316,10 +321,10 @@ class _TableComparison:
             tolerance=(math.expm1(low), math.expm1(high)),
             mean=mean,
             sd=float(x.std(ddof=1)),
-            hdi_low=near,
-            hdi_high=distant,
+            hdi_low=hdi_low,
+            hdi_high=hdi_high,
             deviation=mean / nominal - 1.0,
-            tension=far,
+            tension=sigmas,
             beyond=float(np.mean((logs < low) | (logs > high))) if high > low else None,
             sd_ratio=self._sd_ratio(exponents),
             bits=bits_gained(logs, _combined(self.prior_logs, exponents)),
@@ -328,7 +333,7 @@ class _TableComparison:
                 cut=bool(alone and self.cut[factors[0]]) or (shown and self.cuts([exponents])),
                 crowded=bool(alone and self.pressed[factors[0]]),
                 shown=shown,
-                far=far > limit,
+                far=sigmas > limit,
                 fits=self.fits,
             ),
         )
@@ -374,13 +379,13 @@ def _says(*, cut: bool, crowded: bool, shown: bool, far: bool, fits: bool) -> Sa
 
 
 def _combined(logs: Array, exponents: Exponents) -> Array:
-    """Only of the factors: the others may have no nominal value."""
+    """Return the log of a product `(...,)`; only its factors need a nominal value."""
     used = np.flatnonzero(exponents)
     return np.asarray(logs[..., used] @ np.array(exponents, dtype=float)[used])
 
 
 def reconciled(rows: Sequence[ParameterRow], verdict: Verdict) -> tuple[ParameterRow, ...]:
-    """Return `rows` with words of the verdict: draws alone cannot tell record from others' priors."""
+    """Return `rows` with the words of the verdict, which knows what priors of others determine."""
     judged = {verdict.names[q.exponents.index(1)]: q for q in verdict.parameters}
     return tuple(
         dataclasses.replace(row, word=_word(row, judged[row.name])) if row.name in judged else row
@@ -406,7 +411,7 @@ def conclude(
     *,
     fits: bool,
 ) -> tuple[tuple[ParameterRow, ...], Judgement | None]:
-    """Return a row for each unknown, and the verdict if there is a table; `fits`: only noise left."""
+    """Return a row for each unknown, and the verdict if there is a nominal table."""
     posterior, space = problem.posterior, problem.posterior.space
     rows = summarise(problem, sampled.draws, mode, sampled.convergence)
     best = space.vector(mode.values)

@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from bayesdrill.basics.arguments import check_arguments as check_arguments
 from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.equality import Value
 from bayesdrill.basics.errors import InputError, Issue, did_you_mean, short_repr
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.basics.registry import lookup
-from bayesdrill.basics.values import Value, check_arguments
 from bayesdrill.config.job import Job
 from bayesdrill.record.experiment import check_time
 from bayesdrill.rig.models import MODELS

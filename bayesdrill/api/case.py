@@ -14,9 +14,9 @@ from numpy.typing import ArrayLike
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.api import arguments
 from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.equality import Value, equal_content
 from bayesdrill.basics.errors import InputError, Issue
 from bayesdrill.basics.progress import SILENT, Reporter
-from bayesdrill.basics.values import Value, check_arguments, equal_content
 from bayesdrill.config import job
 from bayesdrill.config.job import Job, prepare
 from bayesdrill.config.records import sources
@@ -114,7 +114,7 @@ def _figure_file(job: Job, option: str, path: str | Path) -> Path:
     return file
 
 
-@check_arguments
+@arguments.check_arguments
 @dataclass(frozen=True, eq=False, repr=False)
 class Case(Value):
     """A record, a rig and priors of its unknowns, which together define a posterior.
@@ -444,7 +444,7 @@ class Case(Value):
         return best.mode
 
 
-@check_arguments
+@arguments.check_arguments
 def load(path: str | Path) -> Case:
     """Load the case of a YAML config, with its record.
 
@@ -472,7 +472,7 @@ def load(path: str | Path) -> Case:
     return Case(prepare(Path(path).expanduser()))
 
 
-@check_arguments
+@arguments.check_arguments
 def case(
     t: ArrayLike,
     channels: Annotated[Mapping[str, Channel], CHANNELS],

@@ -13,9 +13,9 @@ from bayesdrill.api import run as single
 from bayesdrill.api.arguments import ManyFits
 from bayesdrill.api.case import load
 from bayesdrill.api.run import for_notebooks
+from bayesdrill.basics.equality import Value
 from bayesdrill.basics.errors import InputError, short_repr
 from bayesdrill.basics.progress import Reporter
-from bayesdrill.basics.values import Value, check_arguments
 from bayesdrill.config.job import Job
 from bayesdrill.report.comparison_report import ComparisonReport
 from bayesdrill.report.section import as_markdown
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 MOST = 9  # models that a ladder may sample
 
 
-@check_arguments
+@arguments.check_arguments
 @dataclass(frozen=True, slots=True, eq=False)
 class Ladder(ManyFits["LadderOutcome"]):
     """A ladder of models: that of a config, and candidates with more physics; made by `bd.ladder`.
@@ -61,7 +61,7 @@ class Ladder(ManyFits["LadderOutcome"]):
         return ladder.ladder(self.job, path, how, crew, report, self.sample)
 
 
-@check_arguments
+@arguments.check_arguments
 def ladder(config: str | Path, *, sample: int = 2) -> Ladder:
     """Prepare a ladder of models of a config; its `run` does the work.
 
@@ -92,7 +92,7 @@ def ladder(config: str | Path, *, sample: int = 2) -> Ladder:
     return Ladder(load(Path(config).expanduser()).job, sample)
 
 
-@check_arguments
+@arguments.check_arguments
 @dataclass(frozen=True, eq=False, repr=False)
 class Comparison(Value):
     """Several runs side by side, made by `bd.overlay` or `bd.compare`; `print` shows it.
@@ -194,7 +194,7 @@ class Comparison(Value):
 Overlay = Comparison
 
 
-@check_arguments
+@arguments.check_arguments
 def overlay(
     runs: Sequence[single.Run | str | Path], names: Sequence[str] | None = None
 ) -> Comparison:
@@ -225,7 +225,7 @@ def overlay(
     return _compared("overlay", runs, names)
 
 
-@check_arguments
+@arguments.check_arguments
 def compare(
     runs: Sequence[single.Run | str | Path], names: Sequence[str] | None = None
 ) -> Comparison:
@@ -269,7 +269,7 @@ def _compared(
     return Comparison(comparison.report(comparison.FORMS[form], named), tuple(places))
 
 
-@check_arguments
+@arguments.check_arguments
 def check_folder(
     form: str,
     folders: Sequence[str | Path],

@@ -14,7 +14,6 @@ from bayesdrill.api.arguments import ManyFits
 from bayesdrill.basics import software as citing
 from bayesdrill.basics.errors import InputError, Issue, collect_each, short_repr
 from bayesdrill.basics.progress import SILENT, Reporter
-from bayesdrill.basics.values import check_arguments
 
 if TYPE_CHECKING:
     from bayesdrill.drafting.draft import Guess
@@ -70,7 +69,7 @@ class Example:
     __repr__ = __str__
 
 
-@check_arguments
+@arguments.check_arguments
 def example(folder: str | Path = "configs") -> Example:
     """Write the bundled configs and records into a folder; nothing is overwritten.
 
@@ -115,7 +114,7 @@ def citation() -> str:
     return citing.citation()
 
 
-@check_arguments
+@arguments.check_arguments
 def init(
     record: str | Path | Sequence[str | Path],
     output: str | Path | None = None,
@@ -225,7 +224,7 @@ class Simulated:
         return sum(self.files.values())
 
 
-@check_arguments
+@arguments.check_arguments
 def simulate(
     config: str | Path,
     output: str | Path | None = None,
@@ -283,7 +282,7 @@ def simulate(
     return Simulated(files)
 
 
-@check_arguments
+@arguments.check_arguments
 def publish(
     folder: str | Path,
     output: str | Path | None = None,
@@ -330,7 +329,7 @@ def publish(
     return pipeline.republish(path, workers, report or SILENT, pdf=pdf)
 
 
-@check_arguments
+@arguments.check_arguments
 def verify(folder: str | Path) -> Verified:
     """Check by digests whether config, record, tables and figures of a run are unchanged.
 
@@ -354,7 +353,7 @@ def verify(folder: str | Path) -> Verified:
     return verifying.verify(Path(folder).expanduser())
 
 
-@check_arguments
+@arguments.check_arguments
 def export(
     folder: str | Path,
     to: str = "json",
@@ -421,7 +420,7 @@ def export(
     return text
 
 
-@check_arguments
+@arguments.check_arguments
 class Calibration(ManyFits["Calibrated"]):
     """A calibration test: refits of records simulated from the prior; made by `bd.calibration`.
 
@@ -442,7 +441,7 @@ class Calibration(ManyFits["Calibrated"]):
         return calibrate.calibrate(self.job, path, how, crew, report)
 
 
-@check_arguments
+@arguments.check_arguments
 def calibration(config: str | Path) -> Calibration:
     """Prepare the calibration test of a config; its `run` does the work.
 
@@ -471,7 +470,7 @@ def calibration(config: str | Path) -> Calibration:
     return Calibration(prepare(Path(config).expanduser()))
 
 
-@check_arguments
+@arguments.check_arguments
 def schema(of: str = "config") -> str:
     """Return a JSON schema.
 
@@ -502,7 +501,7 @@ def schema(of: str = "config") -> str:
     return arguments.known(schemas, of, "of", "schema")()
 
 
-@check_arguments
+@arguments.check_arguments
 def cache(*, clear: bool = False) -> str:
     """Describe the cache of compiled kernels: its folder and size; `clear` removes them first.
 

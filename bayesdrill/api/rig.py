@@ -13,7 +13,6 @@ from bayesdrill.basics import symbols
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError, Issue, short_repr
 from bayesdrill.basics.formulas import linear_combination
-from bayesdrill.basics.values import check_arguments
 from bayesdrill.config.schema.vocabulary import idle_inputs
 from bayesdrill.inference import step_error
 from bayesdrill.record.experiment import Channel, Experiment, frozen, raise_if_any
@@ -30,7 +29,7 @@ from bayesdrill.rig.simulators.sensors import ObservationModel, signal_names, st
 NUMBERS = "a number for each name"
 
 
-@check_arguments
+@arguments.check_arguments
 def nominal(table: str = symbols.DEFAULT_NOMINAL) -> dict[str, float]:
     """Return the nominal values of all parameters of the paper's rig, in SI.
 
@@ -57,7 +56,7 @@ def nominal(table: str = symbols.DEFAULT_NOMINAL) -> dict[str, float]:
     return dict(arguments.known(symbols.NOMINAL, table, "nominal", "nominal table"))
 
 
-@check_arguments
+@arguments.check_arguments
 def respond(
     rig: str | Model,
     parameters: Annotated[Mapping[str, float], NUMBERS],

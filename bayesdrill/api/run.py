@@ -15,9 +15,9 @@ from bayesdrill.analysis.run_analysis import RunAnalysis
 from bayesdrill.analysis.verdict import Verdict
 from bayesdrill.api import arguments
 from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.equality import Value
 from bayesdrill.basics.errors import InputError, short_repr
 from bayesdrill.basics.progress import SILENT, Reporter
-from bayesdrill.basics.values import Value, check_arguments
 from bayesdrill.config import job
 from bayesdrill.config.job import Job
 from bayesdrill.report.map_report import MapReport
@@ -65,7 +65,7 @@ def _drawn(drawings: Sequence[Drawing], part: int, count: str, warning: str) -> 
     return for_notebooks(warned(drawings[part - 1].drawn(), warning))
 
 
-@check_arguments
+@arguments.check_arguments
 @dataclass(frozen=True, eq=False)
 class Best(Value):
     """The maximum of the posterior (MAP), which `case.find_map()` returns and `print` shows.
@@ -193,7 +193,7 @@ class Best(Value):
     __repr__ = __str__
 
 
-@check_arguments
+@arguments.check_arguments
 @dataclass(frozen=True, eq=False, repr=False)
 class Candidates(Value):
     """Models that explain the residuals of a config, which `case.candidates()` returns.
@@ -249,7 +249,7 @@ class Candidates(Value):
     __repr__ = __str__
 
 
-@check_arguments
+@arguments.check_arguments
 @dataclass(frozen=True, eq=False, repr=False)
 class Run(SampledRun):
     """A sampled posterior, which `case.sample` and `bd.open` return and `print` reports.
@@ -405,7 +405,7 @@ class Run(SampledRun):
     __repr__ = __str__
 
 
-@check_arguments
+@arguments.check_arguments
 @dataclass(frozen=True, eq=False)
 class RunReport(Value):
     """The report of a run, which `run.judge()` returns and `print` shows.
@@ -460,7 +460,7 @@ def _as_record(columns: Mapping[str, Array] | None) -> str | None:
     return None if columns is None else job.arrays_as_csv(columns)
 
 
-@check_arguments
+@arguments.check_arguments
 def open(folder: str | Path) -> Run:
     """Open a run that `Run.save` or `bayesdrill posterior` has saved; nothing is sampled again.
 

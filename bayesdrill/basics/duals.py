@@ -1,4 +1,4 @@
-"""Dual numbers, which carry exact derivatives, and functions for numbers of any kind.
+"""Compute with dual numbers, which carry exact derivatives, and with numbers of any kind.
 
 Formulas use these functions with + - * / for arrays, dual numbers and registers of a kernel.  A kind
 of number with its own implementation is a `Number`, and a comparison of two returns a `Choice`;
@@ -17,7 +17,7 @@ import numpy as np
 
 @dataclass(frozen=True, slots=True)
 class Dual:
-    """A value and its derivative, of any kind of number that supports arithmetic."""
+    """A dual number has a value and a derivative, of any kind of number that supports arithmetic."""
 
     value: Any
     slope: Any
@@ -114,7 +114,7 @@ def elementwise(
 
 
 class Number(ABC):
-    """A kind of number with its own implementation of the functions of this module."""
+    """Such a number has its own implementation of the functions of this module."""
 
     __slots__ = ()
 
@@ -144,7 +144,7 @@ class Number(ABC):
 
 
 class Choice(ABC):
-    """The result of a comparison of two `Number`s."""
+    """A comparison of two `Number`s has such a result."""
 
     __slots__ = ()
 

@@ -1,4 +1,4 @@
-"""Entries of a config: numbers with bounds, and the entries that members of registries declare.
+"""Describe entries of a config: numbers with bounds, and those of members of registries.
 
 A member (a rig, a noise, an optimiser) is a dataclass, and each of its `Annotated` fields is an entry
 of the config, such as `i_m: Positive = 0.125`.
@@ -20,7 +20,7 @@ from bayesdrill.basics.errors import InputError, Issue, short_repr
 
 
 class Strict(BaseModel):
-    """A section of a config, in which unknown keys and values of other types are errors.
+    """A section of a config must have no unknown keys, and no values of other types.
 
     An entry is described by its `Field`, or by a string below it.
     """
@@ -47,7 +47,7 @@ Latex = Annotated[str, Field(max_length=200)]  # Matplotlib takes very long to d
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class NoEntries:
-    """A member without entries."""
+    """A member may have no entries."""
 
 
 def entries_of(kind: type) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Errors of the user's input, with messages that say how to correct it."""
+"""Describe errors of the user's input, with messages that say how to correct it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MAX_REASON_LETTERS = 120  # most letters of a library's message, which may quote
 
 @dataclass(frozen=True, slots=True)
 class Issue:
-    """A mistake: its `place` (file, line, entry), and a `message` with the value and the way out."""
+    """A mistake has a `place` (file, line, entry), and a `message` with the value and the way out."""
 
     place: str
     message: str
@@ -25,7 +25,7 @@ class Issue:
 
 
 class InputError(Exception):
-    """Raised for wrong input, with all mistakes at once; the command line exits with status 2.
+    """Report wrong input, with all mistakes at once; the command line exits with status 2.
 
     Parameters
     ----------
@@ -116,11 +116,11 @@ def shortened(text: str, most: int = MAX_VALUE_LETTERS) -> str:
 
 
 class Stopped(KeyboardInterrupt):
-    """Raised when a signal asks to stop; a `KeyboardInterrupt` may also come from another package."""
+    """It is raised when a signal asks to stop; other packages may raise `KeyboardInterrupt`."""
 
 
 class Interrupted(Exception):
-    """Raised when the user or the system asked to stop; it says how to continue. Exit status 130."""
+    """It is raised when user or system asked to stop, and says how to continue. Exit status 130."""
 
 
 def was_stopped(error: BaseException | None) -> bool:

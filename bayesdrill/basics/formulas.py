@@ -38,14 +38,14 @@ _OPERATORS: Mapping[type[ast.operator], Callable[[Any, Any], Any]] = MappingProx
 
 @dataclass(frozen=True, slots=True)
 class Expression:
-    """A parsed formula; two with the same `text` are equal."""
+    """A formula is parsed; two with the same `text` are equal."""
 
     text: str
     tree: ast.expr = field(repr=False, compare=False)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names of its quantities, in the order of the syntax tree."""
+        """Return the names of its quantities, in the order of the syntax tree."""
         names = (node.id for node in ast.walk(self.tree) if isinstance(node, ast.Name))
         return tuple(dict.fromkeys(name for name in names if name not in RESERVED))
 
@@ -95,7 +95,7 @@ def _readable(text: str, example: str) -> Iterator[None]:
 
 
 class RelationError(ValueError):
-    """Raised if the relation of `name` cannot be resolved together with the others."""
+    """It is raised if the relation of `name` cannot be resolved together with the others."""
 
     def __init__(self, name: str, message: str) -> None:
         super().__init__(message)

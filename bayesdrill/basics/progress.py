@@ -26,7 +26,7 @@ class Reporter(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Silent:
-    """A reporter that prints nothing."""
+    """Say nothing of the progress."""
 
     def say(self, text: str) -> None:
         """Do nothing."""
@@ -40,7 +40,7 @@ SILENT = Silent()
 
 @dataclass(slots=True)
 class Lines:
-    """A reporter for files and logs: a line for each stage, and one every `interval` seconds."""
+    """Print a line for each stage, and one every `interval` seconds, for files and logs."""
 
     stream: TextIO
     interval: float = 10.0
@@ -67,7 +67,7 @@ class Lines:
 
 
 class Bar:
-    """A reporter for terminals: a progress bar of rich with the estimated time left."""
+    """Show a progress bar of rich with the estimated time left, for terminals."""
 
     def __init__(self, console: Any, progress: Any) -> None:
         self._console, self._progress = console, progress

@@ -1,4 +1,4 @@
-"""Registries of members by name, also from other packages, and lazy imports of public names."""
+"""Look up members by name, also from other packages, and import public names lazily."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def check_callable(_: str, member: Any) -> None:
 
 
 class Registry[T](Mapping[str, T]):
-    """Members of the kind `what`: of this package, then entry points `bayesdrill.<what>` of others.
+    """A registry has members of the kind `what`: of this package, then entry points of others.
 
     A member of another package is loaded at first use, which raises `ValueError` if that fails.  It
     cannot replace a member of this package with the same name.

@@ -1,4 +1,4 @@
-"""Independent random streams for each purpose, all from one integer seed."""
+"""Make independent random streams for each purpose, all from one integer seed."""
 
 from __future__ import annotations
 

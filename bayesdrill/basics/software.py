@@ -1,4 +1,4 @@
-"""Versions of the software that made a result, and its citation."""
+"""Name the versions of the software that made a result, and its citation."""
 
 from __future__ import annotations
 

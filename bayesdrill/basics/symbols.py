@@ -1,4 +1,4 @@
-"""The table of symbols with meaning, unit and LaTeX, and the tables of nominal values.
+"""Hold the table of symbols with meaning, unit and LaTeX, and the tables of nominal values.
 
 The first nine parameters are those of the paper (Sandoval, Cunha Jr and Sampaio, ENIEF 2013, Table
 1); the others belong to further physics.  Note that `t_f` is a torque, whereas `t` is time.
@@ -19,7 +19,7 @@ SPEED_UNITS: Mapping[str, str] = MappingProxyType({"rad": "rad/s", "m": "m/s"})
 
 @dataclass(frozen=True, slots=True)
 class Symbol:
-    """A quantity, with its SI unit in pint's notation, its LaTeX and that of its unit.
+    """A quantity has an SI unit in pint's notation, LaTeX, and LaTeX of its unit.
 
     `held` is the range of values at which a parameter may be fixed; an unknown one is positive.
     `at_most` is its upper bound.  `typical` quotes SI values of known rigs with their sources.
@@ -38,7 +38,7 @@ class Symbol:
 
     @property
     def plain_unit(self) -> str:
-        """The unit for tables and sentences, such as `kg m^2`."""
+        """Return the unit for tables and sentences, such as `kg m^2`."""
         return plain(self.unit)
 
 

@@ -1,4 +1,4 @@
-"""Conversion of a user's units to SI, at input and output."""
+"""Convert a user's units to SI and back, at input and output."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from bayesdrill.basics.errors import MAX_VALUE_LETTERS, shortened
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """A display unit: `name` in pint's notation, `factor` in SI per unit, `latex` without dollars."""
+    """A display unit has a `name` in pint's notation, a `factor` in SI, and `latex` without dollars."""
 
     name: str
     factor: float

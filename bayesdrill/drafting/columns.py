@@ -48,8 +48,8 @@ _UNITS_OF_KIND = {
     "velocity": {"m/s": "m/s", "mm/s": "mm/s"},
 }
 
-MOTIONS = ("angle", "speed", "position", "velocity")  # kinds
-DRIVES = ("voltage", "current", "torque", "force")  # kinds
+MOTIONS = ("angle", "speed", "position", "velocity")  # kinds of columns that show a motion
+DRIVES = ("voltage", "current", "torque", "force")  # kinds of columns that may drive a rig
 
 SI = {kind: next(iter(spellings)) for kind, spellings in _UNITS_OF_KIND.items()}
 

@@ -127,7 +127,7 @@ def _flow(section: str, items: Mapping[str, str]) -> str:
 
 
 def _parameters(context: DraftContext, sheet: Mapping[str, Any]) -> list[str]:
-    """Write priors: factors of the data sheet's values, else bounds from the record's own scales."""
+    """Write priors: relative to the data sheet's values, or with bounds by the record's scales."""
     both_ways = any(roles.turns_both_ways(record.roles) for record in context.records)
     (scales, why), gear = _prior_scales(context), context.lead.roles.gear
     rig = with_named(context.lead.roles.rig, sheet)

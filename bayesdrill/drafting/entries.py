@@ -58,7 +58,7 @@ def review(doubts: Iterable[str], indent: int) -> list[str]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DraftContext:
-    """The context of a draft holds all `records`, and the `lead` after which they are identified."""
+    """The context of a draft holds all `records`; their columns are identified as those of `lead`."""
 
     records: tuple[RecordFile, ...]
     lead: RecordFile

@@ -57,7 +57,7 @@ class RecordFile:
 
     @property
     def uncertainty(self) -> tuple[int, ...]:
-        """Return a rank that is lower with more channels and inputs, fewer guessed units and doubts."""
+        """Return a sort key, lower with more channels and inputs, and with fewer guesses and doubts."""
         guessed = sum(sensor.guessed for sensor in self.sensors)
         doubts = sum(len(sensor.doubts) for sensor in self.sensors)
         return -len(self.roles.channels), -len(self.roles.inputs), guessed, doubts
@@ -177,7 +177,7 @@ def with_roles_of(lead: RecordFile, file: RecordFile) -> RecordFile:
 def read_records(
     paths: Sequence[Path], given: GivenFacts
 ) -> tuple[tuple[RecordFile, ...], RecordFile]:
-    """Return the records of files, and the lead, after which all are identified; raises `InputError`."""
+    """Return the records of files, all identified as their lead, and the lead; raises `InputError`."""
     for k, path in enumerate(paths):
         if path.resolve() in [other.resolve() for other in paths[:k]]:
             raise InputError.at(str(path), "is given twice. Give each file once")

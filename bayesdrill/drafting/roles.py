@@ -45,7 +45,7 @@ class DraftChannel:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorRoles:
-    """The roles of sensors are channels or `inputs`, by entry; `gear` is turns of the motor per turn."""
+    """Sensors are channels or `inputs`, by entry; `gear` is turns of the motor per turn of the shaft."""
 
     channels: tuple[DraftChannel, ...]
     inputs: Mapping[str, Sensor]
@@ -177,7 +177,7 @@ def _first(sensors: Sequence[Sensor], what: str, unused: dict[str, str]) -> Sens
 
 
 def _with_locations(turning: Sequence[Sensor]) -> list[Sensor]:
-    """Return sensors with locations: a missing one is the end without a sensor, or the gearbox."""
+    """Return sensors with locations; a missing location is taken as the free end, or the gearbox."""
     located = {sensor.location for sensor in turning}
     rotor, upper, twist = ROTOR in located, bool(located & {GEARBOX, MOTOR}), TWIST in located
     if rotor and upper:
@@ -208,7 +208,7 @@ def _gear_ratio(turning: Sequence[Sensor], dt: float) -> tuple[float, str]:
 
 
 def _ratio(motor: Sensor, end: Sensor, dt: float) -> float:
-    """Return how many times as far the motor's sensor turns as the other one."""
+    """Return the ratio of the angle of the motor's sensor to that of the other one."""
     if end.location == ROTOR:
         return signals.ratio_through_shaft(motor.angle(dt), end.angle(dt), dt)
     return signals.ratio(motor.angle(dt), end.angle(dt))
@@ -248,7 +248,7 @@ PAIRS = (("theta_1", "w_1"), ("theta_2", "w_2"), ("motor_angle", "motor"))
 def mark_differenced(
     channels: dict[str, DraftChannel], dt: float, pairs: Iterable[tuple[str, str]] = PAIRS
 ) -> None:
-    """Mark each speed that was derived from an angle, and so measures nothing by itself."""
+    """Mark each speed that was computed from an angle, and is no measurement of its own."""
     for angle, speed in pairs:
         if angle in channels and speed in channels:
             first, second = channels[angle].sensor, channels[speed].sensor
@@ -280,7 +280,7 @@ def turns_both_ways(roles: SensorRoles) -> bool:
     return any(map(signals.reverses, driving or speeds or moving))
 
 
-FILTER_WIDTHS = (2, 4, 8, 16)  # sds of Gaussian filters in samples; one suits the rig's swing
+FILTER_WIDTHS = (2, 4, 8, 16)  # sds of Gaussian filters in samples; the best suits the oscillation
 FILTER_REACH = 4  # filters are cut off at this many sds
 MAX_SHIFT = 8  # largest lag that is tried, in samples
 SHIFTS_PER_SAMPLE = 2
@@ -347,7 +347,7 @@ def _twist_law(
     first: Sensor, second: Sensor, width: int, gear: float, dt: float
 ) -> Callable[[float], float]:
     """Return the unexplained share of the twist's variance, as a function of the shift of `first`."""
-    smoothed = []  # by one filter for all derivatives, so that the equation holds after it too
+    smoothed = []  # one filter for all derivatives, so that filtered signals obey the equation, too
     for sensor in (first, second):
         angle = sensor.angle(dt)[:MAX_LAG_SAMPLES] / (gear if sensor.location == MOTOR else 1.0)
         orders = [

@@ -223,7 +223,7 @@ def _guess_unit(sensor: Sensor, sensors: Sequence[Sensor], dt: float) -> tuple[s
 
 
 def _outruns_motor(sensor: Sensor, sensors: Sequence[Sensor], dt: float) -> bool:
-    """Return whether an angle behind the gear, if it were in rad, would turn further than the motor."""
+    """Return whether an angle behind the gear, taken in rad, would turn further than the motor."""
     motors = [motor for motor in sensors if motor.location == MOTOR and motor.kind == "speed"]
     if not motors or sensor.location in (MOTOR, TWIST):
         return False

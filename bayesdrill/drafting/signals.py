@@ -167,7 +167,7 @@ def centred(values: Array) -> Array:
 
 
 def explained_by(y: Array, cause: Array) -> tuple[float, float]:
-    """Return what `explained` does, faster, for one cause; both `(T,)` are `centred` already."""
+    """Fit a centred `y (T,)` by a centred `cause (T,)`; return its factor and explained variance."""
     # In `y @ cause` BLAS would start threads, which cost far more than the sum.
     pairs = ((y, y), (cause, cause), (y, cause))
     total, square, both = (float(np.einsum("i,i", *pair)) for pair in pairs)
@@ -177,7 +177,7 @@ def explained_by(y: Array, cause: Array) -> tuple[float, float]:
 
 
 def units_by_factor(factor: float, angle: str, speed: str) -> list[tuple[str, str]]:
-    """Return the pairs of units of angle and speed that a factor can mean; "" is an unknown unit."""
+    """Return the pairs of units of angle and speed that fit a factor; "" is an unknown unit."""
     pairs = itertools.product(("rad", "deg"), ("rad/s", "deg/s", "rpm"))
     known = [p for p in pairs if factor and angle in ("", p[0]) and speed in ("", p[1])]
     errors = [abs(math.log(abs(factor) / derivative_factor(*pair))) for pair in known]
@@ -185,7 +185,7 @@ def units_by_factor(factor: float, angle: str, speed: str) -> list[tuple[str, st
 
 
 def derivative_factor(angle: str, speed: str) -> float:
-    """Return the number in the angle's unit per second that is one of the speed's unit."""
+    """Return the angle's units per second in one unit of the speed."""
     return units.factor(speed, "rad/s") / units.factor(angle, "rad")
 
 
@@ -259,7 +259,7 @@ def noise(values: Array) -> float:
     return max(min(estimates, default=0.0), coarse_step(values) / math.sqrt(12), tiny)
 
 
-TURNS = ("angle", "speed")  # kinds
+TURNS = ("angle", "speed")  # kinds of sensors that show a rotation
 TURN = {"deg": 360.0, "rad": 2 * math.pi, "revolution": 1.0}
 COUNTER_BITS = (12, 14, 16, 24, 32)
 WRAPPED_SHARE = 0.9  # smallest range of a wrapped angle, in periods
@@ -342,7 +342,7 @@ MAX_DEPARTURE = 1.5  # departure of other channels during a glitch, over the typ
 
 
 def _without_swings(sensor: Sensor, others: Sequence[Sensor], segment: Segment) -> Sensor:
-    """Return the sensor with those long glitches alone during which no other channel departs."""
+    """Return the sensor without long glitches during which another channel departs, too."""
     channels = [o.values for o in others if o is not sensor and o.kind in (*TURNS, "current")]
 
     def alone(begin: float, end: float) -> bool:
@@ -462,6 +462,6 @@ def dead_samples(channels: Sequence[Sensor], inputs: Sequence[Sensor]) -> int:
 
 
 def is_plausible(values: Array) -> bool:
-    """Return whether numbers are of a size whose squares can be computed."""
+    """Return whether all numbers are small enough, or zero, and large enough to be squared."""
     largest = float(np.abs(values).max(initial=0.0))
     return largest == 0 or 1 / MAX_NUMBER < largest < MAX_NUMBER

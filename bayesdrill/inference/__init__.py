@@ -1,6 +1,6 @@
-"""The density: unknowns, priors, noise, likelihood, posterior, and its slopes.
+"""Define the posterior density: unknowns, priors, noise, likelihood, and slopes.
 
-How a density is explored is in `sampling`, what draws of it mean in `analysis`.
+The package `sampling` explores a density, and `analysis` interprets its draws.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Long records: an excerpt to search in, and all of it as a few hundred numbers.
+"""Search in an excerpt of a long record, and compress the whole to a few hundred numbers.
 
-A compression is made for rigs near a point, so a search begins on the first part of a record, as the
-posterior of that says where the rest can be.  Which records are compressed follows from counted
-operations alone: the same config does the same on every machine.
+A compression holds for rigs near a point.  A search therefore begins on the first part of a record,
+whose posterior shows which rigs are possible.  Counts of operations alone decide which records are
+compressed, so the same config gives the same results on every machine.
 """
 
 from __future__ import annotations
@@ -20,28 +20,28 @@ from bayesdrill.rig.compression.basis import CompressionError
 from bayesdrill.rig.compression.simulator import Compression, compress
 from bayesdrill.rig.simulators import COMPRESSED_FROM
 
-EXCERPT = 16384  # samples of which a search sees at first
-GROWTH = 4  # times as many, where these say too little
-POINTS = 256  # for which functions are chosen
-SHARES = (8.0, 3.0, 1.0)  # standard deviations, times normal numbers
-# Along directions that are known no better the record cannot tell rigs apart: they do alike.
+EXCERPT = 16384  # number of samples in the first excerpt
+GROWTH = 4  # factor by which an excerpt grows if it does not suffice
+POINTS = 256  # number of points about a maximum for which functions are chosen
+POINT_SDS = (8.0, 3.0, 1.0)  # standard deviations of the points, in turn, in posterior sds
+# Points are not spread along directions with a larger sd: the excerpt cannot tell rigs apart there.
 MAX_SPREAD = 0.05
-DEPTH = 40.0  # of the log posterior: maxima further below are nowhere
+DEPTH = 40.0  # maxima whose log posterior is lower by more than this have no mass
 
-Compressions = Mapping[str, Compression]  # by label of the observation
+Compressions = Mapping[str, Compression]  # keys are labels of observations
 
 
 def is_long(observation: Observation, shortest: int = COMPRESSED_FROM) -> bool:
-    """Tell whether its record can be compressed, and is longer than the `shortest` for which it pays."""
+    """Tell whether a record can be compressed and has more than `shortest` samples."""
     return len(observation.experiment.t) > shortest and not observation.exact_reason
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CompressionCheck:
-    """How a compressed likelihood compares with the exact one.
+    """A check compares a compressed likelihood with the exact one.
 
-    `samples`: of the longest record, and `functions` that it has become.  Of `draws`, `exact` had the
-    exact simulator; log likelihoods differ by `difference` at most.
+    The longest record has `samples`, which were compressed to `functions`.  Of all `draws`, `exact`
+    needed the exact simulator.  Log likelihoods differ by at most `difference`.
     """
 
     samples: int
@@ -52,7 +52,7 @@ class CompressionCheck:
 
 
 def check_draws(compressed: Posterior, theta: Array) -> CompressionCheck | None:
-    """Compare log likelihoods of draws `theta (N, D)`, physical; None where nothing is compressed."""
+    """Compare log likelihoods at physical `theta (N, D)`; return None if nothing is compressed."""
     exact = uncompressed(compressed)
     full, beyond = compressed.space.full(theta), np.zeros(len(theta), dtype=bool)
     sizes = []
@@ -64,19 +64,19 @@ def check_draws(compressed: Posterior, theta: Array) -> CompressionCheck | None:
     if not sizes:
         return None
     parts = np.array_split(theta, max(1, len(theta) // 50))
-    apart = [np.abs(compressed.likelihood(part) - exact.likelihood(part)).max() for part in parts]
+    errors = [np.abs(compressed.likelihood(part) - exact.likelihood(part)).max() for part in parts]
     samples, functions = max(sizes)
     return CompressionCheck(
         samples=samples,
         functions=functions,
         draws=len(theta),
         exact=int(beyond.sum()),
-        difference=float(max(apart)),
+        difference=float(max(errors)),
     )
 
 
 def excerpt(posterior: Posterior, samples: int = EXCERPT) -> Posterior | None:
-    """Return the posterior of the first samples of long records; None where no record is long."""
+    """Return the posterior of the first samples of long records, or None if no record is long."""
     observations = posterior.likelihood.observations
     short = [first_samples(observation, samples) for observation in observations]
     if all(new is old for new, old in zip(short, observations, strict=True)):
@@ -86,9 +86,9 @@ def excerpt(posterior: Posterior, samples: int = EXCERPT) -> Posterior | None:
 
 
 def longer_excerpt(posterior: Posterior, short: Posterior, known: Compressions) -> Posterior | None:
-    """Return a longer excerpt where the `short` one left long records that are not `known`; or None.
+    """Return an excerpt longer than `short`, or None.
 
-    None, too, where nothing is left that a longer one could say.
+    It is None if compressions of all long records are `known`, or no record is longer.
     """
     pairs = zip(posterior.likelihood.observations, short.likelihood.observations, strict=True)
     unknown = [
@@ -100,35 +100,31 @@ def longer_excerpt(posterior: Posterior, short: Posterior, known: Compressions) 
 
 
 def first_samples(observation: Observation, samples: int) -> Observation:
-    """Return the observation of the first samples of its record; the very same where it is not long."""
+    """Return the observation of the first samples of its record; itself if the record is short."""
     if len(observation.experiment.t) <= samples or not is_long(observation):
         return observation
     return observation.for_record(observation.experiment.first(samples))
 
 
 def nearby(posterior: Posterior, maxima: Array) -> Array:
-    """Return points `(n, D)` about maxima `(M, D)`, the highest first, physical."""
-    return np.concatenate([_about(posterior, theta) for theta in maxima])
-
-
-def _about(posterior: Posterior, theta: Array) -> Array:
-    """Return points `(n, D)` about a maximum, near enough for rigs to do alike, whatever the priors."""
-    rng = np.random.default_rng(0)
-    u = posterior.coordinates.from_physical(theta[None])
-    quadratic = laplace.LogDensity(posterior).quadratic_model(u, np.eye(len(theta)))
-    known, directions = np.linalg.eigh(quadratic.curvature[0])
-    spread = np.where(known > MAX_SPREAD**-2, np.abs(known), np.inf) ** -0.5
-    shifts = rng.standard_normal((POINTS, len(theta))) * spread @ directions.T
-    shares = np.resize(SHARES, POINTS)[:, None]
-    points = posterior.coordinates.to_physical(np.concatenate([u, u + shares * shifts]))
-    log_l = posterior.likelihood(points)
-    return np.asarray(points[np.isfinite(log_l)])
+    """Return physical points `(n, D)` about maxima `(M, D)`, as far away as the posterior extends."""
+    parts = []
+    for theta in maxima:
+        u, rng = posterior.coordinates.from_physical(theta[None]), np.random.default_rng(0)
+        quadratic = laplace.LogDensity(posterior).quadratic_model(u, np.eye(len(theta)))
+        curvature, directions = np.linalg.eigh(quadratic.curvature[0])
+        sd = np.where(curvature > MAX_SPREAD**-2, np.abs(curvature), np.inf) ** -0.5
+        shifts = rng.standard_normal((POINTS, len(theta))) * sd @ directions.T
+        scales = np.resize(POINT_SDS, POINTS)[:, None]
+        points = posterior.coordinates.to_physical(np.concatenate([u, u + scales * shifts]))
+        parts.append(points[np.isfinite(posterior.likelihood(points))])
+    return np.concatenate(parts)
 
 
 def compressions(
     posterior: Posterior, points: Array, shortest: int = COMPRESSED_FROM, *, strict: bool = False
 ) -> dict[str, Compression]:
-    """Compress long records for rigs at `points (n, D)`, by label; the first is the reference.
+    """Compress long records for rigs at `points (n, D)`, of which the first is the reference.
 
     Records that cannot be compressed are left out, or raise `CompressionError` if `strict`.
     """
@@ -137,7 +133,7 @@ def compressions(
         if is_long(observation, shortest):
             variances = observation.scales(points).min(axis=0) ** 2
             weights = observation.square_weights(points)
-            assert weights is not None  # or its record would not be compressed
+            assert weights is not None  # `is_long` requires weights of squares
             rigs, limits = observation.simulator_parameters(full), np.abs(weights).max(axis=0)
             try:
                 made[observation.label] = compress(observation.response, rigs, variances, limits)
@@ -150,18 +146,18 @@ def compressions(
 
 def uncompressed(posterior: Posterior) -> Posterior:
     """Return the posterior with all samples of all records."""
-    return posterior.edit(each=lambda each: replace(each, response=each.response.by_samples))
+    return posterior.edit(convert=lambda old: replace(old, response=old.response.by_samples))
 
 
 def compressed(posterior: Posterior, known: Compressions) -> Posterior:
-    """Return the posterior with these records compressed; the very same where there are none."""
+    """Return the posterior with `known` compressions; itself if there are none."""
     if not known:
         return posterior
 
-    def each(observation: Observation) -> Observation:
+    def convert(observation: Observation) -> Observation:
         compression = known.get(observation.label)
         if compression is None:
             return observation
         return replace(observation, response=compression.applied(observation.response))
 
-    return posterior.edit(each=each)
+    return posterior.edit(convert=convert)

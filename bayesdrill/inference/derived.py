@@ -1,7 +1,6 @@
-"""Quantities derived from the unknowns at every draw: poles, steady state, formulas.
+"""Derive quantities from the unknowns at every draw: poles, steady state, formulas.
 
-Nothing here is inferred: a draw of the unknowns has one value of each derived quantity, so their
-posterior is that of the unknowns.
+Each draw of the unknowns has one value of each derived quantity, so no further inference is needed.
 """
 
 from __future__ import annotations
@@ -23,19 +22,19 @@ from bayesdrill.rig.models.linear import Linear, Model, constant_forcing, dynami
 from bayesdrill.rig.steady_state import angle_indices, equilibrium, fix_rotation, free_turn
 
 HDI_PROBABILITY = 0.94
-_N_PRIOR_DRAWS = 1000  # draws from the priors, at which formulas are tried
-_LARGEST = 1e150  # whose square is still a number
-# Times the slowest pair: what swings so fast is within a part, and nobody sees it.
+_N_PRIOR_DRAWS = 1000  # number of draws from the priors at which formulas are tried
+_LARGEST = 1e150  # its square is still a finite number
+# Pairs of poles faster than this many times the slowest are internal to a part, and not shown.
 _MAX_FREQUENCY_RATIO = 100.0
-# Relative imaginary part below which a pole is real: rounding of a double one.
+# Relative imaginary part below which a pole is real, since rounding splits a double pole.
 _REAL_POLE_TOLERANCE = 1e-7
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Derived:
-    """Values `(E, N, Q)` of Q derived quantities at draws `(E, N)`, SI; NaN where one has none.
+    """Derived quantities have `values (E, N, Q)`, SI, at N draws of each of E ensembles.
 
-    `nominal`: at the nominal parameters; NaN where a quantity without nominal value is named.
+    Values are NaN if a quantity does not exist.  `nominal` has those at nominal parameters, or NaN.
     """
 
     symbols: tuple[Symbol, ...]
@@ -45,7 +44,7 @@ class Derived:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DerivedRow:
-    """One derived quantity, SI; `share` of the draws have it, and the numbers are of those."""
+    """A row of the table of derived quantities, SI, is based on the `share` of draws that have it."""
 
     name: str
     unit: str
@@ -59,7 +58,7 @@ class DerivedRow:
 
 
 def impossible_formulas(problem: Problem) -> dict[str, str]:
-    """Return why a formula of the config can have no mean or sd at draws from the priors, by name."""
+    """Return reasons, by name, why formulas have no mean or sd at draws from the priors."""
     if not problem.derived:
         return {}
     theta = problem.posterior.space.draw(_N_PRIOR_DRAWS, np.random.default_rng(0))
@@ -81,7 +80,7 @@ def impossible_formulas(problem: Problem) -> dict[str, str]:
 
 
 def derive(problem: Problem, draws: Array) -> Derived:
-    """Return what is tied, poles and steady state, and formulas at physical draws `(E, N, D)`."""
+    """Return tied parameters, poles, steady state and formulas at physical draws `(E, N, D)`."""
     values = values_at(problem, draws.reshape(-1, draws.shape[-1]))
     shape = draws.shape[:2]
     return Derived(
@@ -103,7 +102,7 @@ def with_products(
         if len(factors) < 2:  # an unknown by itself has its own row already
             continue
         name = product_name(names, powers)
-        if name in nominal:  # of the config's own
+        if name in nominal:  # a formula of the config has this name
             name += "_"
         described_.append(
             Symbol(
@@ -124,7 +123,7 @@ def with_products(
 
 
 def product_name(names: Sequence[str], exponents: Sequence[int]) -> str:
-    """Return a name that files and Python know: `r_m_t_f_squared_over_k_s`."""
+    """Return the product's name, a valid identifier such as `r_m_t_f_squared_over_k_s`."""
     powers, pairs = {1: "", 2: "_squared", 3: "_cubed"}, [*zip(names, exponents, strict=False)]
     sides = [[(n, s * e) for n, e in pairs if s * e > 0] for s in (1, -1)]
     above, below = ("_".join(n + powers.get(e, f"_to_{e}") for n, e in side) for side in sides)
@@ -132,7 +131,7 @@ def product_name(names: Sequence[str], exponents: Sequence[int]) -> str:
 
 
 def derived_symbols(problem: Problem) -> tuple[Symbol, ...]:
-    """Return the symbols in the order of the values; along a line a speed is one in m/s."""
+    """Return the symbols in the order of the values; speeds along a line are in m/s."""
     model, formulas = problem.model, (formula.symbol for formula in problem.derived)
     called = {
         x: labelled_symbol(model.symbols[n], each.label if x != n else "")
@@ -147,7 +146,7 @@ def derived_symbols(problem: Problem) -> tuple[Symbol, ...]:
 
 
 def _current(model: Model) -> str | None:
-    """The first motor's current, where it is a state."""
+    """Return the name of the first motor current that is a state, or None."""
     return next((m.current for m in model.roles.motors if m.current in model.states), None)
 
 
@@ -175,7 +174,7 @@ def _derived_values(problem: Problem, named: Named, n: int) -> dict[str, Array]:
 
 
 def _nominal(problem: Problem) -> dict[str, float]:
-    """What has no nominal value, such as a quantity with a prior, leaves none to what names it."""
+    """Return nominal values by name; NaN if a formula names a quantity without a nominal value."""
     space = problem.posterior.space
     names = (*space.model, *space.free, *space.fixed)
     named: dict[str, Array | float] = dict.fromkeys(names, np.nan)
@@ -186,10 +185,10 @@ def _nominal(problem: Problem) -> dict[str, float]:
 
 
 def poles(model: Model, linear: Linear, n: int) -> dict[str, Array]:
-    """Return frequency and damping of the least damped pair of poles, and time constants.
+    """Return frequency and damping of the least damped pair of poles, and time constants, `(n,)`.
 
-    The pole at zero, of a rig that can turn as a whole, is taken out before: only differences of
-    angles matter.  NaN where there is no pair, or not the poles that a time constant means.
+    A rig that turns as a whole has a pole at zero.  It is removed first, since only differences of
+    angles matter.  A value is NaN if there is no pair, or no pole for the time constant.
     """
     matrix = dynamics(linear, model.states, n)
     angles = angle_indices(model)
@@ -213,12 +212,12 @@ def poles(model: Model, linear: Linear, n: int) -> dict[str, Array]:
     fastest = np.argmax(np.where(swings & ~visible, 0.0, size), axis=1)[:, None]
     current = _current(model)
     n_currents = len({m.current for m in model.roles.motors} & {*model.states})
-    slow = (~swings).sum(axis=1) == n_currents + 1  # of the currents, and of the motor
-    nothing = np.full(n, np.nan)
+    slow = (~swings).sum(axis=1) == n_currents + 1  # one real pole for each current and the motor
+    undefined = np.full(n, np.nan)
     values = {
         "omega_n": np.where(none, np.nan, np.take_along_axis(size, least_damped, axis=1)[:, 0]),
         "zeta": np.where(none, np.nan, np.take_along_axis(damping, least_damped, axis=1)[:, 0]),
-        "tau_e": np.take_along_axis(times, fastest, axis=1)[:, 0] if current else nothing,
+        "tau_e": np.take_along_axis(times, fastest, axis=1)[:, 0] if current else undefined,
         "tau_m": np.where(slow, np.max(np.where(swings, -np.inf, times), axis=1), np.nan),
     }
     return {name: np.where(bad, np.nan, value) for name, value in values.items()}
@@ -227,9 +226,9 @@ def poles(model: Model, linear: Linear, n: int) -> dict[str, Array]:
 def steady_values(
     model: Model, linear: Linear, n: int, inputs: Mapping[str, float]
 ) -> dict[str, Array]:
-    """Return speed and current that the rig ends with at constant inputs; NaN where there are none.
+    """Return the final speed and current `(n,)` at constant inputs; NaN if there are none.
 
-    All angles turn alike then; a rig that is held by its angles stands still.
+    All parts then turn at the same speed, which is zero if a spring holds the rig.
     """
     matrix = dynamics(linear, model.states, n)
     pushed = constant_forcing(linear, model.states, n, inputs)
@@ -243,7 +242,7 @@ def steady_values(
 
 
 def summarise(derived: Derived) -> tuple[DerivedRow, ...]:
-    """Return a row for each quantity that some draw has."""
+    """Return a row for each quantity that exists at two draws or more."""
     rows = []
     for q, symbol in enumerate(derived.symbols):
         all_draws = derived.values[..., q].ravel()
@@ -272,7 +271,7 @@ def summarise(derived: Derived) -> tuple[DerivedRow, ...]:
 
 def hdi(x: Array) -> tuple[float, float]:
     """Return the narrowest interval that holds `HDI_PROBABILITY` of the draws `(N,)`."""
-    from arviz_stats.base import array_stats  # late: it takes half a second to load
+    from arviz_stats.base import array_stats  # imported here, as loading takes half a second
 
     low, high = array_stats.hdi(x, prob=HDI_PROBABILITY, axis=0)  # type: ignore[no-untyped-call]
     return float(low), float(high)

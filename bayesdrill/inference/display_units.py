@@ -1,6 +1,6 @@
-"""The units of the user, in which unknowns, fixed values and derived ones are shown.
+"""Convert unknowns, fixed values and derived quantities from SI to the units of the user.
 
-Files for machines are SI, each number with its unit.
+Files for machines are in SI.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from bayesdrill.inference.priors import Prior
 
 
 class DisplayRow(Protocol):
-    """A row of a table, with the values of an unknown in its `unit` under names of `_VALUES`."""
+    """A row of a table holds values of an unknown in its `unit`, in fields that `_VALUES` names."""
 
     @property
     def name(self) -> str:
@@ -35,12 +35,12 @@ _VALUES = ("nominal", "map", "mean", "sd", "hdi_low", "hdi_high", "pressed_again
 
 @dataclass(frozen=True, slots=True)
 class DisplayUnits:
-    """How unknowns, fixed and derived quantities are shown, by name; others are in SI."""
+    """Display units map names of quantities to `units`; other quantities are shown in SI."""
 
     units: Mapping[str, Unit]
 
     def factor(self, name: str) -> float:
-        """Return how many SI one of what is shown is."""
+        """Return the SI units per display unit."""
         return self.units[name].factor if name in self.units else 1.0
 
     def factors(self, symbols: Iterable[Symbol]) -> Array:
@@ -48,7 +48,7 @@ class DisplayUnits:
         return np.array([self.factor(symbol.name) for symbol in symbols])
 
     def symbol(self, si: Symbol) -> Symbol:
-        """Return the symbol with its display unit in words and in LaTeX."""
+        """Return the symbol with its display unit, as plain text and in LaTeX."""
         if (unit := self.units.get(si.name)) is None:
             return si
         return dataclasses.replace(si, unit=unit.name, latex_unit=unit.latex)
@@ -62,17 +62,17 @@ class DisplayUnits:
         return {name: value / self.factor(name) for name, value in si.items()}
 
     def format_value(self, name: str, si: float, digits: int = 4) -> str:
-        """Return a value for a sentence, with its unit where that is the user's: `0.1 deg`."""
+        """Return a value for a sentence, with the user's unit if there is one: `0.1 deg`."""
         number, unit = f"{si / self.factor(name):.{digits}g}", self._plain_unit(name)
         return f"{number} {unit}" if unit else number
 
     def describe_prior(self, name: str, si: Prior) -> str:
-        """Return a prior in words, with its unit where that is the user's."""
+        """Return a prior in words, with the user's unit if there is one."""
         text, unit = self.prior(name, si).describe(), self._plain_unit(name)
         return f"{text}, in {unit}" if unit else text
 
     def _plain_unit(self, name: str) -> str:
-        """The user's, empty where there is none."""
+        """Return the user's unit as plain text, or an empty string."""
         unit = self.units[name].name if name in self.units else ""
         return plain(unit) if unit not in ("", "1") else ""
 
@@ -102,10 +102,10 @@ SI = DisplayUnits({})
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DisplayedUnknowns:
-    """Unknowns, or what is derived, as figures show them: all numbers in the units of `symbols`.
+    """Unknowns or derived quantities are shown with all numbers in the units of `symbols`.
 
-    `columns`: which of all they are in draws, none of these for all of them; `priors`, `nominal` and
-    `mode` of those that have any.
+    `columns` are the indices of those that are shown in arrays of draws; an empty tuple shows all.
+    `factors (D,)` are SI units per display unit.
     """
 
     symbols: tuple[Symbol, ...]
@@ -116,6 +116,6 @@ class DisplayedUnknowns:
     mode: Mapping[str, float] = field(default_factory=dict)
 
     def select(self, si: Array) -> Array:
-        """Return the shown columns of `(..., D)` of all unknowns, in display units."""
+        """Return the shown columns of values `si (..., D)` of all unknowns, in display units."""
         selected = si if len(self.columns) in (0, si.shape[-1]) else si[..., self.columns]
         return selected if (self.factors == 1.0).all() else selected / self.factors

@@ -1,10 +1,10 @@
-"""A start for searches by inverse dynamics: equations of motion fitted to the measured states.
+"""Find a start for searches by inverse dynamics: fit equations of motion to measured states.
 
-Where inputs and channels tell all states, nothing has to be simulated.  Each equation x' = A x + B
-u + c is multiplied by bumps, zero at both their ends, and integrated by parts, so that its left
-side is never differentiated: - int bump' x = int bump (A x + B u + c) (modulating functions,
-Shinbrot 1957).  Bumps with a mean of zero do not see where integrated angles began.  The misfit has
-no ripples over the parameters, as that of simulated angles has.
+If inputs and channels give all states, nothing has to be simulated.  Each equation
+x' = A x + B u + c is multiplied by bumps, which are zero at both ends, and integrated by parts:
+- int bump' x = int bump (A x + B u + c), so no measured state is differentiated (modulating
+functions, Shinbrot 1957).  Bumps have zero mean, so the initial values of integrated angles do not
+matter.  Unlike that of simulated angles, the misfit has no ripples over the parameters.
 """
 
 from __future__ import annotations
@@ -24,19 +24,20 @@ from bayesdrill.inference.posterior import Posterior
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.models.linear import Model
 
-BUMP_COUNTS = (3, 10, 30, 100)  # along the record
-MIN_BUMP_SAMPLES = 6  # of a bump
-MIN_SPARSE_SAMPLES = 4096  # of a record, whose bumps are mostly zeros
-MIN_FAST_SAMPLES, MIN_PERIOD_SAMPLES = 100, 8  # of a bump with several periods, and of a period
-LARGE_MISFIT = 1e9  # a misfit where the equations have no number
-MAX_SAMPLES = 20_000  # of a record; of longer ones some are left out
+BUMP_COUNTS = (3, 10, 30, 100)  # numbers of bumps along the record
+MIN_BUMP_SAMPLES = 6  # samples in a bump, at least
+MIN_SPARSE_SAMPLES = 4096  # from this length of a record on, bumps are sparse matrices
+MIN_FAST_SAMPLES = 100  # samples in a bump that may have several periods
+MIN_PERIOD_SAMPLES = 8  # samples in a period, at least
+LARGE_MISFIT = 1e9  # replaces a misfit that is not finite
+MAX_SAMPLES = 20_000  # longer records are thinned to this many samples
 
 
 def regression_start(posterior: Posterior) -> Array | None:
-    """Return unknowns `(D,)` whose equations of motion fit the record best.
+    """Return the physical unknowns `(D,)` whose equations of motion fit the records best.
 
-    Sensors, starts and noise keep the configured values.  None where some state of a record is told by
-    no channel and no input, or where the configured start is better.
+    Sensors, starts and noise keep the configured values.  The result is None if channels and inputs
+    of a record do not give all states, or if the configured start has a higher density.
     """
     space, coordinates = posterior.space, posterior.coordinates
     observations = posterior.likelihood.observations
@@ -68,10 +69,10 @@ def regression_start(posterior: Posterior) -> Array | None:
 
 
 def _motion(observation: Observation) -> Callable[[Array], Array] | None:
-    """Return the misfits of the equations of motion at parameters `(P,)`; None if a state is missing.
+    """Return the function that maps parameters `(P,)` to misfits; None if a state is missing.
 
-    They are of each equation that has parameters, over the size of its left side.  States and inputs
-    `(T - 1,)` are those in the middle of each step.
+    Each equation with parameters has a misfit for each bump, relative to the norm of its left side.
+    States and inputs `(T - 1,)` are taken in the middle of each step.
     """
     model, experiment = observation.response.model, observation.experiment
     stride = slice(None, None, -(-len(experiment.t) // MAX_SAMPLES))
@@ -111,7 +112,7 @@ def _motion(observation: Observation) -> Callable[[Array], Array] | None:
 
 
 def _kinematics(model: Model) -> dict[str, dict[str, Any]]:
-    """Return the equations that have no parameter: the factor of each state and input in each."""
+    """Return equations without parameters: for each state, the factors of states and inputs."""
     linear = model.linear({name: Dual(1.0, 1.0) for name in model.parameters})  # type: ignore[misc]
     rows: dict[str, dict[str, Any]] = {name: {} for name in model.states}
     for (row, name), factor in (*linear.A.items(), *linear.B.items()):
@@ -126,10 +127,10 @@ def _states(
     stride: slice,
     inputs: Mapping[str, Array | float],
 ) -> dict[str, Array]:
-    """Return the states `(T,)` that a record tells.
+    """Return the states `(T,)` that follow from a record, by name.
 
-    Channels tell them, alone or less others that are known; kinematics and inputs give others,
-    integrated from zero, and speeds of angles.
+    A channel gives a state once all others that it measures are known.  Kinematic equations give
+    further states: angles are integrated from zero, and speeds are derivatives of angles.
     """
     t, states = experiment.t[stride], dict[str, Array]()
     channels = [
@@ -139,7 +140,7 @@ def _states(
         )
         if seen.any()
     ]
-    for _ in model.states:  # each round may tell one more
+    for _ in model.states:  # each round may find one more
         for weights, y in channels:
             missing = [name for name in weights if name not in states]
             if len(missing) == 1:
@@ -157,15 +158,15 @@ def _states(
 
 
 def _middle(x: Array) -> Array:
-    """Of each step."""
+    """Return the mean of both ends of each step, `(T - 1,)`."""
     return np.asarray(0.5 * (x[1:] + x[:-1]))
 
 
 def _bumps(t: Array) -> tuple[Any, Any]:
-    """Return bumps `(M, T - 1)` along `t (T,)` and their slopes, times the steps.
+    """Return M bumps `(M, T - 1)` along `t (T,)` and their slopes, both times the steps.
 
-    They are whole periods of a sine, each overlapping its neighbours by half; where the shortest
-    has many samples, more periods in the same span see what swings faster.
+    Bumps are whole periods of a sine, and overlap their neighbours by half.  If the shortest have
+    many samples, more periods are put in the same span to resolve faster oscillations.
     """
     bumps, slopes, middle = [], [], _middle(t)
     for count in BUMP_COUNTS:
@@ -175,8 +176,8 @@ def _bumps(t: Array) -> tuple[Any, Any]:
         phase = (middle - t[0]) / width - 0.5 * np.arange(count)[:, None]
         inside = (phase >= 0.0) & (phase <= 1.0)
         samples = width * len(t) / (t[-1] - t[0])
-        more = count == BUMP_COUNTS[-1] and samples > MIN_FAST_SAMPLES
-        fastest = int(math.log2(samples / MIN_PERIOD_SAMPLES)) if more else 0
+        is_long = count == BUMP_COUNTS[-1] and samples > MIN_FAST_SAMPLES
+        fastest = int(math.log2(samples / MIN_PERIOD_SAMPLES)) if is_long else 0
         for turns in 2.0 * np.pi * 2.0 ** np.arange(1 + fastest):
             bumps.append(np.where(inside, np.sin(turns * phase), 0.0))
             slopes.append(np.where(inside, np.cos(turns * phase), 0.0) * turns / width)

@@ -1,11 +1,8 @@
-"""The log posterior near a point: slopes, curvature, and the Gaussian approximation there.
+"""Approximate the log posterior near a point by its slopes and curvature, as a Gaussian.
 
-The approximation is the Gauss-Newton information of the record plus that of the priors, both in the
-logs of the unknowns.  It decides where to start and how to scale, never what is reported.
-
-Slopes of the response are exact (`rig.kernels.linear`), its curvature is that of Gauss and
-Newton: what a straight response would have.  That is positive, and right where the fit leaves only
-noise.
+The curvature is the Gauss-Newton information of the record plus that of the priors, both in the
+logs of the unknowns.  Slopes of the response are exact (`rig.kernels.linear`), and its second
+derivatives are neglected.  The information is then positive, and right on average for a good fit.
 """
 
 from __future__ import annotations
@@ -31,11 +28,11 @@ from bayesdrill.inference.unknowns import (
 
 
 def information_root(posterior: Posterior, theta: Array) -> Array:
-    """Return `R (D, D)` with R' R the information on the logs of the unknowns at `theta (D,)`.
+    """Return `R (D, D)` such that R' R is the information on the logs of the unknowns.
 
-    The root keeps the digits that the information itself would lose: some directions are known ten
-    thousand times better than others.  Far from the data the record counts for less: its noise is
-    taken to be as large as the residuals there.
+    `theta (D,)` is physical.  Some directions are known ten thousand times better than others, so
+    the information itself would lose digits that the root keeps.  If the fit is bad, the noise is
+    taken to be as large as the residuals.
     """
     prior_sd = np.array([natural_sd(unknown) for unknown in posterior.space.unknowns])
     at = natural_directions(posterior, theta)
@@ -52,12 +49,12 @@ def covariance(posterior: Posterior, theta: Array) -> Array:
 
 
 def sandwich(posterior: Posterior, theta: Array) -> Array:
-    """Return the covariance `(D, D)` of unknowns at the MAP where residuals are not independent.
+    """Return the covariance `(D, D)` of the unknowns at the MAP, allowing for correlated residuals.
 
     `theta (D,)` is physical, and the covariance is on the natural scales of the unknowns.  It is
-    `H^-1 (J + P) H^-1` (Newey and West 1987): H the information of record and priors, P that of the
-    priors, J the sum over all pairs of samples of the slopes of their log densities, which is what
-    H has of the record where residuals are as the noise says.
+    `H^-1 (J + P) H^-1` (Newey and West 1987), where H is the information of record and priors, and P
+    that of the priors.  J sums the products of the slopes of the log densities over all pairs of
+    samples; its mean is H - P if the noise model is right.
     """
     at = natural_directions(posterior, theta)
     slopes = [each.signal_slopes(at) for each in posterior.likelihood.observations]
@@ -71,16 +68,16 @@ def sandwich(posterior: Posterior, theta: Array) -> Array:
     return np.asarray(bread @ middle @ bread)
 
 
-# Correlation of neighbours that is taken out before (Andrews and Monahan).
+# Largest autocorrelation that prewhitening removes (Andrews and Monahan 1992).
 MAX_AUTOCORRELATION = 0.97
 
 
 def long_run_variance(scores: Array) -> Array:
     """Return the variance `(D, D)` of the sum of correlated `scores (T, D)`.
 
-    What each has of an AR(1) is taken out first, and put back (Andrews and Monahan 1992).  Then
-    products at all lags are weighted by the quadratic spectral kernel, as wide as an AR(1) wants it
-    on the mean (Andrews 1991, eqs. 2.7, 5.2 and 6.4, with weights that make all scores alike).
+    Each column is prewhitened by an AR(1), and the result recoloured (Andrews and Monahan 1992).
+    Products at all lags are weighted by the quadratic spectral kernel.  Its width is that for an
+    AR(1), with equal weights of all columns (Andrews 1991, eqs. 2.7, 5.2 and 6.4).
     """
     x, n = scores - scores.mean(axis=0), len(scores)
     memory = _autocorrelation(x)
@@ -89,14 +86,14 @@ def long_run_variance(scores: Array) -> Array:
     alpha = float(np.mean(4.0 * rho**2 / (1.0 - rho) ** 4))
     turns = 1.2 * np.pi * np.arange(1, n) / max(1.3221 * (alpha * n) ** 0.2, 1e-3)
     weights = np.append(1.0, 3.0 / turns**2 * (np.sin(turns) / turns - np.cos(turns)))
-    around = np.concatenate([weights, [0.0], weights[:0:-1]])  # a convolution, by its transform
-    turned = np.fft.rfft(around)[:, None] * np.fft.rfft(x, 2 * n, axis=0)
-    summed = (x / (1.0 - memory)).T @ np.fft.irfft(turned, 2 * n, axis=0)[:n]
+    symmetric = np.concatenate([weights, [0.0], weights[:0:-1]])  # a convolution by FFT
+    spectrum = np.fft.rfft(symmetric)[:, None] * np.fft.rfft(x, 2 * n, axis=0)
+    summed = (x / (1.0 - memory)).T @ np.fft.irfft(spectrum, 2 * n, axis=0)[:n]
     return np.asarray(summed / (1.0 - memory))
 
 
 def _autocorrelation(x: Array) -> Array:
-    """Of the columns of `x (T, D)`."""
+    """Return the correlation of neighbours in each column of `x (T, D)`, `(D,)`."""
     correlation = (x[1:] * x[:-1]).sum(axis=0) / np.maximum((x**2).sum(axis=0), 1e-300)
     return np.clip(correlation, -MAX_AUTOCORRELATION, MAX_AUTOCORRELATION)
 
@@ -109,15 +106,14 @@ def natural_sd(unknown: Unknown) -> float:
 
 
 def natural_directions(posterior: Posterior, theta: Array) -> Directions:
-    """Return the directions at `theta (D,)` that move one unknown each by its natural scale."""
+    """Return D directions at `theta (D,)`, each of which moves one unknown on its natural scale."""
     steps = posterior.coordinates.slopes_by_natural(theta[None])[0]
     return directions_at(posterior, theta[None], np.diag(steps))
 
 
 def directions_at(posterior: Posterior, theta: Array, columns: Array) -> Directions:
-    """Return what moves at `theta (W, D)` along `columns (D, q)`, directions of coordinates."""
+    """Return the slopes of unknowns and parameters at `theta (W, D)` along `columns (D, q)`."""
     space, coordinates = posterior.space, posterior.coordinates
-    # d log unknown / d coordinate, or d unknown / d coordinate where it need not be positive
     steps = coordinates.slopes(theta)
     by_log = steps / coordinates.natural(theta)
     m, moved = len(space.columns(*SIMULATOR_ROLES)), None
@@ -135,7 +131,7 @@ def directions_at(posterior: Posterior, theta: Array, columns: Array) -> Directi
 
 
 def _record_rows(posterior: Posterior, theta: Array, slopes: Sequence[Array]) -> Array:
-    """Return slopes `(n, D)` of measured numbers over their noise, and a row for each noise unknown."""
+    """Return whitened slopes `(n, D)` of all measured values, with a row per unknown of the noise."""
     rows, levels = [], []
     for observation, shifts in zip(posterior.likelihood.observations, slopes, strict=True):
         whitened = observation.whitened_jacobian_at(shifts, theta)
@@ -148,29 +144,29 @@ def _record_rows(posterior: Posterior, theta: Array, slopes: Sequence[Array]) ->
 
 
 def residual_excess(posterior: Posterior, theta: Array) -> float:
-    """Return the mean squared residual over the noise variance, at least 1."""
+    """Return the mean squared residual over the noise variance, and at least 1."""
     ratio = float(posterior.likelihood.mean_square(theta[None])[0])
     return max(ratio, 1.0) if np.isfinite(ratio) else 1.0
 
 
 def matrix_root(matrix: Array) -> Array:
-    """Return a square root in principal directions: `root @ root.T == matrix`."""
+    """Return a square root of a covariance by principal directions: `root @ root.T == matrix`."""
     scale = np.sqrt(np.diag(matrix))
     values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
     return scale[:, None] * vectors * np.sqrt(np.maximum(values, 1e-12))
 
 
-N_QUANTILES = 200  # of equal mass, which the spread of a prior is taken from
-END_MARGIN = 1e-9  # of a prior's spread
-TAIL_MASS = 1e-9  # of a prior that has no end lies beyond where one searches
+N_QUANTILES = 200  # number of quantiles from which mean and spread of a prior are computed
+END_MARGIN = 1e-9  # distance from the ends of a prior, over its spread, so that none is exceeded
+TAIL_MASS = 1e-9  # probability beyond the end of a search in a prior without end
 
 
 @dataclass(frozen=True, slots=True)
 class QuadraticModel:
-    """Value, slope and curvature at W points along q directions.
+    """A quadratic model of a function has value, slope and curvature at W points, in q directions.
 
-    Shapes: `value (W,)`, `slope (W, q)`, `curvature (W, q, q)`, which is minus the second
-    derivative. Where the response overflows `value` is -inf and the others are zero.
+    Shapes are `value (W,)`, `slope (W, q)` and `curvature (W, q, q)`, which is minus the second
+    derivative.  If the response overflows, `value` is -inf and the others are zero.
     """
 
     value: Array
@@ -185,14 +181,14 @@ def concatenate_models(parts: Sequence[QuadraticModel]) -> QuadraticModel:
 
 
 class LogDensity:
-    """The log density of a posterior, over the sampler's coordinates `u (W, D)`.
+    """Evaluate the log density of a posterior over the sampler's coordinates `u (W, D)`.
 
-    `low`, `high` `(D,)`: the ends between which one searches.  `middle (D,)`: the mean of each prior,
-    and `spread (D,)` its sd: how far each unknown may go before the record is seen.
+    Searches stay between `low (D,)` and `high (D,)`.  `middle (D,)` and `spread (D,)` are the mean
+    and the standard deviation of each prior, in these coordinates.
     """
 
     def __init__(self, posterior: Posterior, *, physical: bool = False) -> None:
-        """`physical`: the density over the unknowns themselves, whose maximum is the MAP."""
+        """Take the density over the unknowns, whose maximum is the MAP, if it is `physical`."""
         self.posterior = posterior
         self.physical = physical
         self._priors = tuple(posterior.space.priors.values())
@@ -200,11 +196,11 @@ class LogDensity:
         low, high = posterior.coordinates.from_physical(bounds)
         shares = (np.arange(N_QUANTILES) + 0.5) / N_QUANTILES
         quantiles = np.stack([prior.quantile(shares) for prior in self._priors], axis=-1)
-        # Where coordinates are numbers.
+        # A coordinate that is a log needs a positive number.
         floor = [-np.inf if unknown.signed else 1e-300 for unknown in posterior.space.unknowns]
         typical = posterior.coordinates.from_physical(np.maximum(quantiles, floor))
         self.middle, self.spread = typical.mean(axis=0), typical.std(axis=0)
-        # What lies at an end must not be rounded beyond it.
+        # The margin keeps a point at an end inside, however it is rounded.
         self.low, self.high = low + END_MARGIN * self.spread, high - END_MARGIN * self.spread
 
     def value(self, u: Array) -> Array:
@@ -214,11 +210,11 @@ class LogDensity:
         return self.posterior(u)
 
     def inside(self, u: Array) -> Flags:
-        """Return whether the priors have a density there, `(W,)`."""
+        """Return whether the priors have a density at `u (W, D)`, `(W,)`."""
         return self.posterior.supports(u)
 
     def quadratic_model(self, u: Array, directions: Array) -> QuadraticModel:
-        """Return value, slopes and curvature along `directions (D, q)`, column by column."""
+        """Return value, slope and curvature at `u (W, D)` along `directions (D, q)`."""
         model = self.curvature_model(u, directions)
         with np.errstate(all="ignore"):
             return dataclasses.replace(model, value=model.value + self.value(u))
@@ -229,17 +225,17 @@ class LogDensity:
         def unbounded(observation: Observation) -> Observation:
             return dataclasses.replace(observation, response=observation.response.unbounded)
 
-        return LogDensity(self.posterior.edit(each=unbounded))
+        return LogDensity(self.posterior.edit(convert=unbounded))
 
     def approximate_model(self, u: Array, directions: Array) -> QuadraticModel:
-        """Return the curvature model by what compressed records say, however far from where they hold.
+        """Return the curvature model of compressed records, also outside the region where they hold.
 
-        For what leads somewhere and is no density: all samples would take a thousand times as long.
+        It serves to find directions only, for which the exact response would take too long.
         """
         return self._unbounded.curvature_model(u, directions)
 
     def curvature_model(self, u: Array, directions: Array) -> QuadraticModel:
-        """Return the model with a value of 0 or -inf: its own would take another response."""
+        """Return the model with 0 instead of the value, which would need another response."""
         with np.errstate(all="ignore"):
             theta = self.posterior.coordinates.to_physical(u)
             slope, curvature = self.record_slopes(theta, directions)
@@ -275,7 +271,7 @@ class LogDensity:
 
 
 def _ends(unknown: Unknown) -> tuple[float, float]:
-    """Of the support, or of nearly all of it."""
+    """Return the ends between which an unknown is searched: its support, or nearly all of it."""
     prior = unknown.prior
     if unknown.between is not None:
         low, high = unknown.between
@@ -285,8 +281,8 @@ def _ends(unknown: Unknown) -> tuple[float, float]:
 
 
 def prior_ends(prior: Prior, tail: float) -> tuple[float, float]:
-    """Return the ends of a prior's support; of no end, or zero, beyond which `tail` of it lies."""
-    bounded = np.isfinite(prior.low) and prior.low != 0  # where nothing itself may be impossible
+    """Return the ends of a prior's support; instead of zero or infinity, the quantile of `tail`."""
+    bounded = np.isfinite(prior.low) and prior.low != 0  # zero may have no density
     low = prior.low if bounded else float(prior.quantile(np.array(tail)))
     high = prior.high if np.isfinite(prior.high) else float(prior.quantile(np.array(1 - tail)))
     return low, high

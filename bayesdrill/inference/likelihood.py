@@ -1,9 +1,9 @@
-"""The likelihood of a record given the unknowns: a simulator and a noise, put together.
+"""Combine a simulator and a noise into the likelihood of a record, given the unknowns.
 
-Where a latent torque moves the rig, the residuals of the simulator are a Gaussian process whose
-covariance follows from the rig: a likelihood of its own kind, of a state space, by a Kalman filter.
-Its slopes are exact; the curvature is that of Gauss and Newton of the whitened residuals, with what
-their standard deviations change, which on average is the Fisher information.
+If a latent torque moves the rig, the simulator's residuals are a Gaussian process whose covariance
+follows from the rig.  A Kalman filter then evaluates the likelihood in state space.  Its slopes are
+exact.  Its curvature is that of Gauss and Newton for whitened residuals and their standard
+deviations; on average it is the Fisher information.
 """
 
 from __future__ import annotations
@@ -35,19 +35,19 @@ from bayesdrill.rig.simulators.contract import Simulator
 from bayesdrill.rig.simulators.kalman import KalmanFilter, step_lengths
 from bayesdrill.rig.simulators.sensors import ObservationModel
 
-MAX_SLOPE_BYTES = 6e7  # of slopes at a time
+MAX_SLOPE_BYTES = 6e7  # memory of the slopes that are computed at a time
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Observation:
-    """A record and its density, given unknowns `theta (W, D)` and parameters `full (W, P)`.
+    """An observation is a record with its density, given unknowns `theta` and parameters `full`.
 
-    `response` simulates it, and `noise` is that of the residuals.  Other kinds have other
-    densities, and the same members: nobody asks which kind it is.
+    `theta (W, D)` and `full (W, P)` are those of all observations, physical, SI.  `response`
+    simulates the record, and `noise` is that of the residuals.  Subclasses have other densities.
 
-    `parameters`, `noise_names`: what its simulator's parameters and its noise's unknowns are called
-    among those of all; `columns`, `noise_columns`: where these stand in `full`, None for all of it,
-    and in `theta`, once it is bound to their `space`.  `label`: its name among several.
+    `parameters` and `noise_names` name the parameters of this simulator and the unknowns of this
+    noise.  Their columns in `full` and `theta` are `columns` (None for all) and `noise_columns`, set
+    once the observation is bound to a `space`.  `label` is empty if there is only one experiment.
     """
 
     response: Simulator
@@ -60,12 +60,12 @@ class Observation:
     space: ParameterSpace | None = None
 
     def bind(self, space: ParameterSpace) -> Self:
-        """Return it with its columns among the parameters and unknowns of all."""
+        """Return the observation with its columns in the parameters and unknowns of `space`."""
         columns: list[int] | None = [space.model.index(name) for name in self.parameters]
         if columns == list(range(len(space.model))):
             columns = None
-        of_noise = [space.free.index(name) for name in self.noise_names]
-        noise_columns = _column_index(of_noise, len(space.free))
+        indices = [space.free.index(name) for name in self.noise_names]
+        noise_columns = _column_index(indices, len(space.free))
         return dataclasses.replace(self, columns=columns, noise_columns=noise_columns, space=space)
 
     @property
@@ -74,15 +74,15 @@ class Observation:
         return self.response.experiment
 
     def with_record(self, y: Array) -> Self:
-        """Return it for another record `(T, K)` of the same experiment."""
+        """Return the observation of another record `y (T, K)` of the same experiment."""
         return dataclasses.replace(self, response=self.response.with_record(y))
 
     def simulator_parameters(self, full: Array) -> Array:
-        """Select the columns of `full (..., P)` that its simulator takes."""
+        """Select the columns of `full (..., P)` that the simulator takes."""
         return full if self.columns is None else full[..., self.columns]
 
     def named(self, names: Sequence[str]) -> dict[str, str]:
-        """Map the first parameters of its simulator to their names among those of all."""
+        """Map `names` of the simulator's first parameters to their names in the space."""
         return dict(zip(names, self.parameters, strict=False))
 
     def residuals(self, full: Array) -> SimulatorResiduals:
@@ -94,16 +94,16 @@ class Observation:
         return self.response.signals(self.simulator_parameters(full))
 
     def entitled(self, quantity: str) -> str:
-        """Return `record of slow`, where there are several experiments."""
+        """Return a phrase such as `record of slow`; the quantity alone if there is one experiment."""
         return f"{quantity} of {self.label}" if self.label else quantity
 
     @property
     def n_measured(self) -> int:
-        """Return how many numbers were measured."""
+        """Return the number of measured values."""
         return sum(self.experiment.counts)
 
     def weighted_squares(self, full: Array, theta: Array) -> Array:
-        """Return sums of squared residuals `(W, K)` over the noise."""
+        """Return the sums `(W, K)` of squared whitened residuals."""
         if self.white:
             return np.asarray(self.residuals(full).squares / self.scales(theta) ** 2)
         samples = self.whiten(self.residuals(full).samples, theta)
@@ -119,7 +119,7 @@ class Observation:
     def scores(self, at: Directions, slopes: Array) -> Array:
         """Return slopes `(q, T, K)` of `pointwise` along the directions, at one point.
 
-        `slopes`: those of the signals.
+        The argument `slopes (q, T, K)` is that of the signals.
         """
         count = len(slopes)
         unknowns = Dual(at.theta.repeat(count, axis=0), at.slopes * at.columns.T)
@@ -127,21 +127,21 @@ class Observation:
         return np.asarray(self.pointwise(residuals, unknowns).slope)
 
     def whitened_jacobian_at(self, shifts: Array, theta: Array) -> Array:
-        """Return `shifts (n, T, K)` of the signals over the noise at `theta (D,)`.
+        """Return whitened `shifts (n, T, K)` of the signals at `theta (D,)`.
 
-        They are zero where nothing was measured; their squares sum to what the record knows of them.
+        They are zero where nothing was measured, and their squares sum to the Fisher information.
         """
         measured_shifts = np.where(self.experiment.seen, shifts, 0.0)
         return self.whitened_jacobian(measured_shifts, np.repeat(theta[None], len(shifts), axis=0))
 
     def with_simulator(self, response: Simulator, parameters: Sequence[str]) -> Self:
-        """Return it with another simulator, whose parameters have these names; unbound."""
+        """Return an unbound observation with another simulator and the names of its parameters."""
         return dataclasses.replace(self, response=response, parameters=parameters)
 
     def for_rig(self, model: Model, sensing: ObservationModel) -> Self:
-        """Return it for another rig and other sensors, in the same steps; unbound.
+        """Return an unbound observation of another rig and other sensors, with the same steps.
 
-        New parameters are called among those of all as they are in rig and sensors.
+        New parameters have the same names in the space as in rig and sensors.
         """
         old = self.response
         response = simulator(model, self.experiment, sensing, *(old.stepping or ()))
@@ -150,43 +150,43 @@ class Observation:
         return self.with_simulator(response, parameters)
 
     def for_record(self, experiment: Experiment) -> Self:
-        """Return it for another record, with other samples missing, or fewer; unbound.
+        """Return an unbound observation of a shorter record, or one with other samples missing.
 
-        Raises `ValueError` where the noise needs every sample.
+        Raises `ValueError` if the noise needs every sample.
         """
         t = experiment.t
         noise = noise_for_record(self.noise.for_length(len(t)), t, experiment.seen)
         copied = self.with_simulator(self.response.of(experiment), self.parameters)
         return dataclasses.replace(copied, noise=noise)
 
-    # What another kind has in its own way.
+    # Subclasses override the following members.
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
-        """Return all unknowns but those of the simulator."""
+        """Return the unknowns that are not parameters of the simulator."""
         return self.noise.unknowns
 
     @property
     def white(self) -> bool:
-        """Whether sums of squared residuals over `scales` are enough."""
+        """Return whether the density follows from sums of squared residuals and `scales`."""
         return self.noise.white
 
     @property
     def kind(self) -> str:
-        """Return the key by which results know its density; empty where it is white."""
+        """Return the key by which results identify the density; empty for white noise."""
         return "" if self.noise.white else repr(self.noise)
 
     @property
     def torque(self) -> LatentTorqueObservation | None:
-        """Return the observation of a latent torque; None where it has none."""
+        """Return the observation itself if it has a latent torque, and else None."""
         return None
 
     def with_fixed_covariance(self, theta: Array) -> Self:
-        """Return it with a covariance that follows from the rig fixed as at `theta (D,)`, or itself."""
+        """Return it with a covariance that depends on the rig fixed at its value at `theta (D,)`."""
         return self
 
     def by_channel(self, full: Array, theta: Array) -> Array:
-        """Return the log likelihood `(W, K)`."""
+        """Return the log likelihood of each channel, `(W, K)`."""
         return self.noise.log_likelihood(self.residuals(full), theta[:, self.noise_columns])
 
     def pointwise(self, samples: Any, theta: Any) -> Any:
@@ -203,7 +203,7 @@ class Observation:
 
     @property
     def exact_reason(self) -> str:
-        """Say why its record cannot be compressed whatever its parameters; empty where it can."""
+        """Say why the record cannot be compressed at any parameters; empty if it can."""
         weights = self.noise.square_weights(np.empty((0, len(self.noise.unknowns))))
         torque = self.torque is not None
         return exact_reason(self.response, gaussian=weights is not None, torque=torque)
@@ -221,7 +221,7 @@ class Observation:
         return self.noise.whitened_jacobian(shifts, theta[:, self.noise_columns])
 
     def quadratic_terms(self, at: Directions) -> Iterator[tuple[Array, Array]]:
-        """Yield slopes `(W, q)` and curvatures `(W, q, q)` that add up to the likelihood's."""
+        """Yield slopes `(W, q)` and curvatures `(W, q, q)` whose sums are the likelihood's."""
         residuals, noise_theta = self.residuals(at.full), at.theta[:, self.noise_columns]
         if at.parameter_directions is not None:
             along = at.parameter_directions
@@ -239,7 +239,7 @@ class Observation:
     def _slopes_of_signals(
         self, full: Array, along: Array, noise_theta: Array
     ) -> tuple[SimulatorResiduals, Array, Array]:
-        """Residuals; slope `(W, q)` and curvature `(W, q, q)` along `along (W, q, P)`."""
+        """Return residuals, slope `(W, q)` and curvature `(W, q, q)` along `along (W, q, P)`."""
         residuals, turned = self.residuals(full), self.simulator_parameters(along)
         weights = self.noise.square_weights(noise_theta)
         if weights is not None:
@@ -250,8 +250,8 @@ class Observation:
         shifts = np.where(measured, slopes, 0.0)  # (W, q, T, K)
         pull = np.where(measured, self.noise.score(residuals.samples, noise_theta), 0.0)
         slope = np.einsum("wqtk,wtk->wq", shifts, pull)
-        each = range(along.shape[1])
-        rows = [self.noise.whitened_jacobian(shifts[:, q], noise_theta) for q in each]
+        directions = range(along.shape[1])
+        rows = [self.noise.whitened_jacobian(shifts[:, q], noise_theta) for q in directions]
         flat = np.stack(rows, axis=1).reshape(*shifts.shape[:2], -1)
         return residuals, slope, flat @ flat.swapaxes(1, 2)
 
@@ -260,32 +260,29 @@ class Observation:
         return self.noise.expected(theta[self.noise_columns])
 
     def fitted(self, full: Array, theta: Array) -> Array:
-        """Return noise unknowns fitted to the residuals at `full (1, P)`, from `theta (D,)` on."""
+        """Return noise unknowns fitted to the residuals at `full (1, P)`, starting from `theta (D,)`."""
         return fit_noise(self.noise, self.residuals(full), theta[self.noise_columns])
 
     def predict(self, full: Array, theta: Array) -> Array:
-        """Return the noise-free channels `(W, T, K)`, with the motion by a latent torque."""
+        """Return the channels `(W, T, K)` without noise, with the motion by a latent torque, if any."""
         return self.signals(full)
 
     def draw(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
-        """Draw another record `(W, T, K)` of these signals."""
+        """Draw a record `(W, T, K)` with these signals."""
         return self.noise.draw(signals, theta[:, self.noise_columns], rng)
 
     def replicate(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
-        """Draw this record once more `(W, T, K)`: with fresh noise, and the torque that it had."""
+        """Draw the record `(W, T, K)` again, with fresh noise and the same latent torque."""
         return self.draw(signals, theta, rng)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LatentTorqueObservation(Observation):
-    """An observation whose rig is moved by a latent torque.
+    """Observations of a rig that a latent torque moves belong to this class.
 
-    `noise`: of the sensors, white; `kalman_filter`: of the simulator's rig and experiment;
-    `process`: of `SIZE` and `TIME` of the torque, the number or the unknown.
-
-    Arguments of the kernels `(W, n + P)` are its unknowns, those of the noise first, and then the
-    parameters of the simulator.  A noise, whose sizes are the first, takes all of them.
-    `fixed (P,)`: what counts instead, where given: the covariance of one rig, whatever is left.
+    The `noise` of the sensors is white.  `process` has a number or an unknown for `SIZE` and `TIME`
+    of the torque.  Arguments of the kernels `(W, n + P)` are the n unknowns of noise and torque, and
+    the P parameters of the simulator.  If given, `fixed (P,)` determine the covariance instead.
     """
 
     kalman_filter: KalmanFilter
@@ -295,7 +292,7 @@ class LatentTorqueObservation(Observation):
     def with_simulator(
         self, response: Simulator, parameters: Sequence[str]
     ) -> LatentTorqueObservation:
-        """Return it with another simulator, whose parameters have these names; unbound."""
+        """Return an unbound observation with another simulator and the names of its parameters."""
         filtered = KalmanFilter(response.model, self.kalman_filter.torque, response.experiment)
         made = Observation.with_simulator(self, response, parameters)
         return dataclasses.replace(made, kalman_filter=filtered)
@@ -303,17 +300,17 @@ class LatentTorqueObservation(Observation):
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
         """Return the unknowns of noise and torque."""
-        of_torque = (u for u in self.process.values() if isinstance(u, Unknown))
-        return (*self.noise.unknowns, *of_torque)
+        torque_unknowns = (u for u in self.process.values() if isinstance(u, Unknown))
+        return (*self.noise.unknowns, *torque_unknowns)
 
     @property
     def white(self) -> bool:
-        """Whether samples are independent: never."""
+        """Return False: the torque correlates the samples."""
         return False
 
     @property
     def kind(self) -> str:
-        """Return the key by which results know its density: the text that it had as a noise."""
+        """Return the key by which results identify the density, as earlier versions wrote it."""
         return (
             f"Shaken(within={self.noise!r}, filtered={self.kalman_filter!r}, torque={self.process!r}, "
             "pinned=None)"
@@ -321,23 +318,23 @@ class LatentTorqueObservation(Observation):
 
     @property
     def torque(self) -> LatentTorqueObservation:
-        """Return itself."""
+        """Return the observation itself."""
         return self
 
     def with_fixed_covariance(self, theta: Array) -> LatentTorqueObservation:
-        """Return it with the covariance of its residuals fixed as at `theta (D,)`."""
+        """Return the observation with the covariance fixed at its value at `theta (D,)`."""
         assert self.space is not None
         parameters = self.simulator_parameters(self.space.full(theta[None]))[0]
         return dataclasses.replace(self, fixed=tuple(map(float, parameters)))
 
     def scale_torque(self, factor: float) -> LatentTorqueObservation:
-        """Return it with a torque so many times as large, where its size is known."""
+        """Return the observation with the torque's size times `factor`; itself if it is unknown."""
         size = self.process[SIZE]
         if isinstance(size, Unknown):
             return self
         return dataclasses.replace(self, process={**self.process, SIZE: size * factor})
 
-    # What it is told.
+    # Arguments of the Kalman filter.
 
     def _kernel_arguments(self, theta: Array, full: Array | None = None) -> Array:
         assert self.space is not None
@@ -345,12 +342,12 @@ class LatentTorqueObservation(Observation):
         return np.concatenate([theta[:, self.noise_columns], parameters], axis=1)
 
     def _filter_arguments(self, theta: Array, full: Array | None = None) -> tuple[Array, Array]:
-        """Parameters of rig and torque `(W, P + 2)`, and scales of the sensors `(W, K)`."""
+        """Return parameters of rig and torque `(W, P + 2)`, and scales of the sensors `(W, K)`."""
         kernel_arguments = self._kernel_arguments(theta, full)
         return self._of_process(kernel_arguments), self.noise.scales(kernel_arguments)
 
     def _of_process(self, kernel_arguments: Array) -> Array:
-        """Of the rig and its torque, `(..., P + 2)`."""
+        """Return the parameters of rig and torque, `(..., P + 2)`."""
         first, count = len(self.unknowns), len(self.kalman_filter.model.parameters)
         rig = kernel_arguments[..., first : first + count]
         if self.fixed is not None:
@@ -358,7 +355,7 @@ class LatentTorqueObservation(Observation):
         return np.concatenate([rig, self._sizes(kernel_arguments)], axis=-1)
 
     def _sizes(self, kernel_arguments: Array) -> Array:
-        """Size and time of the torque, `(..., 2)`."""
+        """Return size and time of the torque, `(..., 2)`."""
         out = np.empty((*kernel_arguments.shape[:-1], 2))
         column = len(self.noise.unknowns)
         for k, name in enumerate((SIZE, TIME)):
@@ -377,7 +374,7 @@ class LatentTorqueObservation(Observation):
     # Densities.
 
     def by_channel(self, full: Array, theta: Array) -> Array:
-        """Return the log likelihood `(W, K)`."""
+        """Return the log likelihood of each channel, `(W, K)`."""
         record = self.response.record
         if self.fixed is None and record is not None:
             return self.kalman_filter.log_density(*self._filter_arguments(theta, full), record)
@@ -403,7 +400,7 @@ class LatentTorqueObservation(Observation):
         return np.nan_to_num(self.whiten(shifts, theta))
 
     def draw(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
-        """Draw another record `(W, T, K)` of these signals, with another torque."""
+        """Draw a record `(W, T, K)` with these signals and another torque."""
         return np.asarray(signals + self._draw_process(theta, rng)[1])
 
     def _draw_process(self, theta: Array, rng: np.random.Generator) -> tuple[Array, Array]:
@@ -413,14 +410,14 @@ class LatentTorqueObservation(Observation):
     def smooth(self, samples: Array, theta: Array) -> Array:
         """Return smoothed states `(W, T, n)` given all residuals `samples (W, T, K)`.
 
-        They are of the rig, as far as the torque moves it, and of the torque over its size.
+        The last one is the torque over its size; others are deviations that the torque causes.
         """
         with np.errstate(all="ignore"):
             states = self.kalman_filter.smooth(*self._filter_arguments(theta), samples)
         return np.asarray(states)
 
     def predict(self, full: Array, theta: Array) -> Array:
-        """Return the noise-free channels `(W, T, K)`, with the motion by the latent torque."""
+        """Return the channels `(W, T, K)` without noise, with the motion by the smoothed torque."""
         signals = self.signals(full)
         states = self.smooth(self.experiment.y - signals, theta)
         return signals + np.asarray(states @ self.kalman_filter.output_matrix.T)
@@ -428,13 +425,13 @@ class LatentTorqueObservation(Observation):
     def sample_states(
         self, samples: Array, theta: Array, rng: np.random.Generator
     ) -> tuple[Array, Array]:
-        """Draw states given all samples, and what channels show of them without noise."""
+        """Draw states `(W, T, n)` given all samples, and return them with their signals `(W, T, K)`."""
         prior_states, prior_signals = self._draw_process(theta, rng)
         states = prior_states + self.smooth(samples - prior_signals, theta)
         return states, np.asarray(states @ self.kalman_filter.output_matrix.T)
 
     def replicate(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
-        """Draw this record once more `(W, T, K)`: with fresh noise, and the torque that it had."""
+        """Draw the record `(W, T, K)` again, with fresh noise and the same latent torque."""
         moved = self.sample_states(self.experiment.y - signals, theta, rng)[1]
         return self.noise.draw(signals + moved, theta[:, self.noise_columns], rng)
 
@@ -445,7 +442,7 @@ class LatentTorqueObservation(Observation):
     # Slopes.
 
     def quadratic_terms(self, at: Directions) -> Iterator[tuple[Array, Array]]:
-        """Yield slope and curvature of all unknowns together: the rig is in the covariance, too."""
+        """Yield one slope and curvature of all unknowns, as the covariance depends on the rig, too."""
         moved, kernel_arguments = self._moved(at), self._kernel_arguments(at.theta, at.full)
         turned = moved[..., len(self.unknowns) :]
         signals, shifts = self.response.course(self.simulator_parameters(at.full), turned)
@@ -466,31 +463,24 @@ class LatentTorqueObservation(Observation):
     ) -> tuple[Array, Array]:
         """Return slope `(W, q)` and curvature `(W, q, q)` of the log likelihood.
 
-        `residuals (W, T, K)` change by `slopes (W, q, T, K)`, arguments by `along (W, q, n + P)`.
+        Slopes are `slopes (W, q, T, K)` of the residuals, and `along (W, q, n + P)` of the arguments.
         """
         n, q = along.shape[:2]
         slope, curvature = np.empty((n, q)), np.empty((n, q, q))
         chunk = max(1, int(MAX_SLOPE_BYTES / (64 * q * max(residuals[0].size, 1))))
         for rows in (slice(k, k + chunk) for k in range(0, n, chunk)):
-            results = self._filtered(
-                Dual(
-                    residuals[rows].repeat(q, axis=0), slopes[rows].reshape(-1, *slopes.shape[2:])
-                ),
-                Dual(
-                    kernel_arguments[rows].repeat(q, axis=0),
-                    along[rows].reshape(-1, along.shape[2]),
-                ),
-            )
-            white, change, variance, wider = (
-                part.reshape(len(slope[rows]), q, -1) for part in results
-            )
+            samples, arguments = (x[rows].repeat(q, axis=0) for x in (residuals, kernel_arguments))
+            turned, moved = (x[rows].reshape(-1, *x.shape[2:]) for x in (slopes, along))
+            results = self._filtered(Dual(samples, turned), Dual(arguments, moved))
+            parts = (part.reshape(len(slope[rows]), q, -1) for part in results)
+            white, change, variance, wider = parts
             ratio = 0.5 * wider / variance
             slope[rows] = -(white * change).sum(axis=-1) - ratio.sum(axis=-1)
             curvature[rows] = change @ change.swapaxes(1, 2) + ratio @ ratio.swapaxes(1, 2)
         return slope, curvature
 
     def _filtered(self, residuals: Dual, kernel_arguments: Dual) -> tuple[Array, ...]:
-        """Return whitened residuals and variances of innovations, each before its slopes."""
+        """Return whitened residuals, their slopes, variances of innovations, and their slopes."""
         arguments = (self._of_process, self.noise.scales)
         process, scales = (affine_map(each, kernel_arguments) for each in arguments)
         with np.errstate(all="ignore"):
@@ -511,7 +501,7 @@ class LatentTorqueObservation(Observation):
         return np.asarray(-white * change - 0.5 * wider / variance)
 
     def expected(self, theta: Array) -> Array:
-        """Return the expected curvature by the unknowns of noise and torque."""
+        """Return the expected curvature `(n,)` by the unknowns of noise and torque."""
         kernel_arguments, count = self._kernel_arguments(theta[None]), len(self.unknowns)
         along = np.zeros((1, count, kernel_arguments.shape[1]))
         along[:, range(count), range(count)] = kernel_arguments[:, :count]
@@ -521,7 +511,7 @@ class LatentTorqueObservation(Observation):
         return np.asarray(2.0 * np.diagonal(curvature[0]))
 
     def fitted(self, full: Array, theta: Array) -> Array:
-        """Return the unknowns as they are: of one record the levels cannot be told in a sum."""
+        """Return the unknowns unchanged, as levels of noise and torque cannot be fitted separately."""
         return theta[self.noise_columns]
 
 
@@ -532,17 +522,17 @@ def observe(
     torque: MissingTorque | None = None,
     process: Mapping[str, float | Unknown] | None = None,
 ) -> Observation:
-    """Return the observation of a record, with a missing `torque` and the numbers of its `process`.
+    """Return the observation of a record, with a missing `torque` and its `process`, if any.
 
-    Parameters and unknowns are named as in an experiment that has no others beside it.  Raises
-    `ValueError` where torque and noise, or times, do not go together.
+    Names are those of a single experiment.  Raises `ValueError` if the noise beside a torque is not
+    white, or if the Kalman filter cannot use the times.
     """
     names = [unknown.name for unknown in noise.unknowns]
-    alike: dict[str, Any] = {
+    shared: dict[str, Any] = {
         "response": response, "noise": noise, "parameters": response.parameters, "label": label,
     }  # fmt: skip
     if torque is None or process is None:
-        return Observation(noise_names=names, **alike)
+        return Observation(noise_names=names, **shared)
     if not noise.white:
         why = "they could hardly be told apart; remove `noise:` of the channels, or this entry"
         white = "beside a missing torque the noise of every channel has to be white"
@@ -552,12 +542,12 @@ def observe(
         kalman_filter=KalmanFilter(response.model, torque, response.experiment),
         process=process,
         noise_names=[*names, *(n for n, x in process.items() if isinstance(x, Unknown))],
-        **alike,
+        **shared,
     )
 
 
 def _column_index(columns: list[int], last: int) -> slice | list[int]:
-    """A slice where they stand in a row: it copies nothing."""
+    """Return consecutive columns as a slice, which copies no data, and others as they are."""
     first = columns[0] if columns else last
     in_a_row = columns == list(range(first, first + len(columns)))
     return slice(first, first + len(columns)) if in_a_row else columns

@@ -1,4 +1,4 @@
-"""The likelihood of all records, and the log posterior over unknowns and the sampler's coordinates.
+"""Define the likelihood of all records, and the log posterior over unknowns and coordinates.
 
 A `Problem` is a posterior with names and nominal values.
 """
@@ -24,9 +24,9 @@ from bayesdrill.rig.models.linear import Model
 
 @dataclass(frozen=True, slots=True)
 class Likelihood:
-    """The likelihood of unknowns `theta (W, D)`: a sum over observations, which share them.
+    """The log likelihood of unknowns `theta (W, D)` is a sum over observations, which share them.
 
-    `held_out`: others, which are no evidence, and only to be predicted.
+    Observations in `held_out` are only predicted: they do not count as evidence.
     """
 
     observations: tuple[Observation, ...]
@@ -37,13 +37,13 @@ class Likelihood:
     def joint(
         cls, space: ParameterSpace, parts: Sequence[Observation], held_out: Collection[str] = ()
     ) -> Likelihood:
-        """Return the likelihood of experiments, whose names stand in `space`, but for `held_out`."""
+        """Return the likelihood of `parts`; those with a label in `held_out` are only predicted."""
         bound = [observation.bind(space) for observation in parts]
         selected = tuple(each for each in bound if each.label not in held_out)
         return cls(selected, space, tuple(each for each in bound if each.label in held_out))
 
     def __call__(self, theta: Array) -> Array:
-        """Log likelihood `(W,)`; NaN where a response overflows."""
+        """Return the log likelihood `(W,)` at `theta (W, D)`; NaN where a response overflows."""
         with np.errstate(all="ignore"):
             full = self.space.full(theta)
             parts = [each.by_channel(full, theta) for each in self.observations]
@@ -51,11 +51,11 @@ class Likelihood:
 
     @property
     def n_measured(self) -> int:
-        """Return how many numbers were measured."""
+        """Return the number of measured values in all observations."""
         return sum(observation.n_measured for observation in self.observations)
 
     def mean_square(self, theta: Array) -> Array:
-        """Return the mean squared residual over the noise variance `(W,)`: 1 of noise alone."""
+        """Return the mean squared residual over the noise variance `(W,)`, which is 1 for noise."""
         full = self.space.full(theta)
         squares = _concatenated([each.weighted_squares(full, theta) for each in self.observations])
         return np.asarray(squares.sum(axis=-1) / self.n_measured)
@@ -66,7 +66,7 @@ class Likelihood:
         return [observation.signals(full) for observation in self.observations]
 
     def whitened_residuals(self, theta: Array) -> Array:
-        """Return model minus measured over the noise at `theta (D,)`: `(n,)`, zero if not seen."""
+        """Return whitened residuals `(n,)` at `theta (D,)`, model minus measured; zero if unseen."""
         full, parts = self.space.full(theta[None]), []
         for observation in self.observations:
             off = -observation.residuals(full).samples
@@ -74,14 +74,14 @@ class Likelihood:
         return np.concatenate(parts)
 
     def rig_parameters(self, theta: Array) -> dict[str, Array]:
-        """Return parameters of the rig by name, each `(W,)`, as the first observation has them."""
+        """Return the rig's parameters in the first observation, each `(W,)`, by name."""
         first = self.observations[0]
         columns = first.simulator_parameters(self.space.full(theta)).T
         return dict(zip(first.response.model.parameters, columns, strict=False))
 
     @property
     def only_observation(self) -> Observation:
-        """Return the only observation; raises `ValueError` where there are more."""
+        """Return the only observation; raises `ValueError` if there are several."""
         (observation,) = self.observations
         return observation
 
@@ -92,10 +92,10 @@ class Likelihood:
 
 @dataclass(frozen=True, slots=True)
 class Posterior:
-    """Unnormalised posterior (normalised prior times normalised likelihood).
+    """The posterior is not normalised: it is a normalised prior times a normalised likelihood.
 
-    `posterior(z: (W, D)) -> (W,)` is the density over the coordinates, Jacobian included: finite
-    or -inf, never NaN.  `evaluate` also counts the failures.
+    `posterior(z)` maps coordinates `(W, D)` to their log density `(W,)`, Jacobian included.  It is
+    finite or -inf, and never NaN.  `evaluate` also counts the failures.
     """
 
     space: ParameterSpace
@@ -107,19 +107,19 @@ class Posterior:
         *,
         free: Sequence[Unknown] = (),
         records: Sequence[Array] = (),
-        each: Callable[[Observation], Observation] = lambda observation: observation,
+        convert: Callable[[Observation], Observation] = lambda observation: observation,
     ) -> Posterior:
-        """Return it with something changed, and all else as it is: steps, sensors, experiments.
+        """Return the posterior with some parts replaced.
 
-        `free`: what becomes unknown, numbers that were fixed or parameters that observations have
-        only now: those of the rig stand behind the rig's others, and all others before the noise.
-        `records`: one `(T, K)` for each observation.  `each`: makes another observation of each,
-        such as `Observation.for_rig`, of those that are held out, too.
+        `free` lists parameters that become unknown.  They were fixed, or `convert` introduces them.
+        Those of the rig come behind the rig's other unknowns, and all others before the noise.
+        `records` has a record `(T, K)` for each observation.  `convert` replaces each observation,
+        also those that are held out; an example is `Observation.for_rig`.
         """
         space = self.space if not free else _with_unknowns(self.space, free)
         observations, held_out = (
-            tuple(each(observation).bind(space) for observation in some)
-            for some in (self.likelihood.observations, self.likelihood.held_out)
+            tuple(convert(observation).bind(space) for observation in group)
+            for group in (self.likelihood.observations, self.likelihood.held_out)
         )
         if records:
             pairs = zip(observations, records, strict=True)
@@ -132,7 +132,7 @@ class Posterior:
         return self.evaluate(z)[0]
 
     def evaluate(self, z: Array) -> tuple[Array, int]:
-        """Return the log density over `z`, and how many walkers inside the prior had no response."""
+        """Return log densities `(W,)`, and the number of walkers inside the prior with no response."""
         theta, log_jacobian = self.coordinates.with_jacobian(z)
         log_p, failures = self._density(theta)
         inside = log_p > -np.inf
@@ -140,18 +140,18 @@ class Posterior:
         return log_p, failures
 
     def supports(self, z: Array) -> Flags:
-        """Return whether the priors have a density at `z (W, D)`: `(W,)`, without the model."""
+        """Return whether the priors have a density at `z (W, D)`, `(W,)`; no model is evaluated."""
         theta = self.coordinates.to_physical(z)
         return np.asarray(self.space.log_prior(theta) > -np.inf)
 
     def density(self, theta: Array) -> Array:
-        """Return the log density `(W,)` over physical unknowns `(W, D)`: its maximum is the MAP."""
+        """Return the log density `(W,)` of physical unknowns `(W, D)`, whose maximum is the MAP."""
         return self._density(theta)[0]
 
     def _density(self, theta: Array) -> tuple[Array, int]:
         log_p = self.space.log_prior(theta)
         log_p[np.isnan(log_p)] = -np.inf
-        inside = np.flatnonzero(log_p > -np.inf)  # the model is not asked outside the prior
+        inside = np.flatnonzero(log_p > -np.inf)  # the model is evaluated inside the prior only
         if len(inside) == 0:
             return log_p, 0
         log_p[inside] += self.likelihood(theta[inside])
@@ -161,7 +161,7 @@ class Posterior:
 
 
 def _with_unknowns(space: ParameterSpace, new: Sequence[Unknown]) -> ParameterSpace:
-    """What is `new` among the unknowns, and no longer among what is held."""
+    """Return the space with `new` unknowns, which are no longer among the fixed values."""
     names, old = [unknown.name for unknown in new], space.unknowns
     rig, moving = len(space.columns("rig", "quantity")), len(space.columns(*SIMULATOR_ROLES))
     of_rig = [unknown for unknown in new if unknown.role == "rig"]
@@ -180,7 +180,7 @@ def _concatenated(parts: list[Array]) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class Formula:
-    """A derived quantity of the config."""
+    """A formula defines a derived quantity of the config."""
 
     symbol: Symbol
     expression: Expression
@@ -188,12 +188,12 @@ class Formula:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Problem:
-    """All that inference needs: `symbols` of the unknowns and their nominal values (if any).
+    """A problem is a posterior with the symbols, nominal values and units of its unknowns.
 
-    `published`: names whose nominal value a table gives; `tolerance`: relative, of nominal values;
-    `derived`: formulas of the config's own, beside what is always derived; `units` in which people are
-    shown unknowns and what follows from them, and `clock`, times; `compared_with`: what the nominal
-    values are called in sentences.
+    `nominal` maps names to nominal values, SI.  Names in `published` have theirs from a table.
+    `tolerance` holds relative tolerances of nominal values, and `derived` the config's formulas.
+    People read unknowns and derived quantities in `units`, and times in the unit `clock`.
+    `compared_with` is the phrase by which sentences name the nominal values.
     """
 
     posterior: Posterior
@@ -213,12 +213,12 @@ class Problem:
 
     @property
     def all_observations(self) -> tuple[Observation, ...]:
-        """Return all observations, those that are held out as a whole, too."""
+        """Return all observations, with those that are held out."""
         return (*self.observations, *self.posterior.likelihood.held_out)
 
     @property
     def experiment(self) -> Experiment:
-        """Return the only record; raises `ValueError` where there are more."""
+        """Return the only record; raises `ValueError` if there are several."""
         return self.posterior.likelihood.only_observation.experiment
 
     @property

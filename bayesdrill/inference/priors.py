@@ -1,8 +1,8 @@
-"""Prior families: normalised one-dimensional densities, SI.
+"""Define prior families: normalised one-dimensional densities, SI.
 
 Every parameter of a rig is positive, so a family that reaches below zero is cut there and
-renormalised; of a sensor or a start, which may be negative, it has an end `low` below zero, or none.
-`logpdf` is -inf outside the support and never NaN.
+renormalised.  A number of a sensor or a start may be negative: its prior has a `low` below zero,
+or none.  `logpdf` is -inf outside the support and never NaN.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ _LOG_SQRT_2PI = 0.5 * math.log(2 * math.pi)
 
 
 class Prior:
-    """The contract of a prior family, and what most are: `low`, `high` are the ends of its support."""
+    """A prior family has this contract and these defaults; its support is from `low` to `high`."""
 
     __slots__ = ()
-    # Whether its density is the same everywhere between its ends.
+    # Whether the density is constant between the ends.
     flat: ClassVar[bool] = False
-    # Whether it says of the log what a uniform prior says of a quantity itself.
+    # Whether the density of the logarithm is constant between the ends.
     flat_in_logs: ClassVar[bool] = False
-    # Whether its density vanishes at its ends, so that they are no bounds, only improbable.
+    # Whether the density vanishes at the ends, which are improbable then rather than bounds.
     vanishes_at_ends: ClassVar[bool] = False
-    # It in words, of its numbers.
+    # The template of `describe`, which is filled with the fields.
     words: ClassVar[str] = ""
 
     low: float
@@ -43,7 +43,7 @@ class Prior:
 
     @property
     def in_logs(self) -> bool:
-        """Whether its log is the scale of the unknown: not where zero itself has a density."""
+        """Return whether the unknown is sampled by its logarithm: never if zero has a density."""
         return self.low > 0 or self.vanishes_at_ends
 
     def logpdf(self, x: Array) -> Array:
@@ -52,16 +52,16 @@ class Prior:
             return self.log_density(x)
 
     def log_density(self, x: Array) -> Array:
-        """Return the same, for whoever has numpy's warnings off already: that takes 3 us."""
-        above = x >= self.low if self.low else x > 0  # zero itself has no log
+        """Return `logpdf` without switching off NumPy's warnings, which would take 3 us."""
+        above = x >= self.low if self.low else x > 0  # zero has no logarithm
         return np.where(above & (x <= self.high), self._log_density(x), -np.inf)
 
     def derivatives(self, x: Array) -> tuple[Array, Array]:
         """Return first and second derivatives of the log density inside the support, `(N,)` each."""
         density = dual(self._log_density(Dual(Dual(x, 1.0), Dual(1.0, 0.0))))
         first = dual(density.slope)
-        still = np.zeros_like(x)
-        return first.value + still, first.slope + still
+        zeros = np.zeros_like(x)  # broadcast what does not depend on x
+        return first.value + zeros, first.slope + zeros
 
     def _log_density(self, x: Any) -> Any:
         """Return the log density inside the support, of an array or of numbers with slopes."""
@@ -72,19 +72,19 @@ class Prior:
         raise NotImplementedError
 
     def scaled(self: Any, factor: float) -> Prior:
-        """Return the prior of the unknown times a positive factor, as in another unit."""
+        """Return the prior after multiplying the unknown by a `factor` above 0, as for another unit."""
         names = (field.name for field in dataclasses.fields(self))
         moved = {name: getattr(self, name) * factor for name in names if name != "sd_log"}
         scaled: Prior = dataclasses.replace(self, **moved)
         return scaled
 
     def describe(self: Any) -> str:
-        """Return it in words, without a unit."""
+        """Describe the prior in words, without a unit."""
         return str(self.words.format_map(dataclasses.asdict(self)))
 
 
 class _Positive(Prior):
-    """Of all positive numbers."""
+    """The support of these families is all positive numbers."""
 
     __slots__ = ()
     low: float = 0.0
@@ -151,7 +151,7 @@ class TruncatedNormal(Prior):
         return np.asarray(np.clip(self.mean + self.sd * z, self.low, self.high))
 
     def describe(self) -> str:
-        """Return it in words, without a unit."""
+        """Describe the prior in words, without a unit."""
         begin = "" if math.isinf(self.low) else f", from {self.low:.6g}"
         end = "" if math.isinf(self.high) else f" to {self.high:.6g}"
         return f"normal {self.mean:.6g} +- {self.sd:.6g}{begin}{end}"
@@ -208,7 +208,7 @@ class HalfNormal(_Positive):
 
 
 def flat_in_logs(prior: Prior | None) -> bool:
-    """Whether a prior is flat in the log of the unknown."""
+    """Return whether a prior, if there is one, is flat in the log of the unknown."""
     return prior is not None and prior.flat_in_logs
 
 
@@ -222,7 +222,7 @@ def uncut_normal(mean: Number, sd: Positive) -> TruncatedNormal:
     return TruncatedNormal(mean, sd, -math.inf, math.inf)
 
 
-# By the words of a config.  The annotated numbers of each are its entries there, with their bounds.
+# Keys are the names in a config.  Annotated fields are entries there, with their bounds.
 PRIORS: Mapping[str, Callable[..., Prior]] = MappingProxyType(
     {
         "uniform": Uniform,
@@ -233,7 +233,7 @@ PRIORS: Mapping[str, Callable[..., Prior]] = MappingProxyType(
         "half_normal": HalfNormal,
     }
 )
-# Of a sensor or a start, whose ends may be below zero.
+# Priors of a sensor or a start, whose ends may be below zero.
 SIGNED_PRIORS: Mapping[str, Callable[..., Prior]] = MappingProxyType(
     {
         "uniform": Uniform,
@@ -244,14 +244,14 @@ SIGNED_PRIORS: Mapping[str, Callable[..., Prior]] = MappingProxyType(
 )
 
 
-_SHARES = (np.arange(2000) + 0.5) / 2000  # midpoints of equal shares
+_PROBABILITIES = (np.arange(2000) + 0.5) / 2000  # midpoints of intervals with equal mass
 
 
 def prior_sd(prior: Prior) -> float:
-    """Return the standard deviation, from the quantiles at midpoints of 2000 equal shares."""
-    return float(np.std(prior.quantile(_SHARES)))
+    """Return the standard deviation of 2000 quantiles at equally spaced probabilities."""
+    return float(np.std(prior.quantile(_PROBABILITIES)))
 
 
 def prior_log_sd(prior: Prior) -> float:
-    """Return the standard deviation of the log, the same way."""
-    return float(np.std(np.log(np.maximum(prior.quantile(_SHARES), 1e-300))))
+    """Return the standard deviation of the logarithm of the same quantiles."""
+    return float(np.std(np.log(np.maximum(prior.quantile(_PROBABILITIES), 1e-300))))

@@ -1,9 +1,8 @@
-"""Residuals of the best fit, and whether noise alone explains them.
+"""Test whether noise alone explains the residuals of the best fit.
 
-All statements on the unknowns count on the model and on white noise of the given size.  Both show
-in the residuals: their size over sigma, single samples far off, and whether one sample has
-something to do with the next, with those long before it, or with an input (Ljung, System
-Identification, 2nd ed., section 16.6).
+All statements on the unknowns assume the model and white noise of the given size.  Residuals show
+whether both hold: by their size over sigma, by outliers, by their autocorrelation, and by their
+correlation with an input (Ljung, System Identification, 2nd ed., section 16.6).
 """
 
 from __future__ import annotations
@@ -22,21 +21,21 @@ from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Likelihood
 from bayesdrill.record.experiment import Channel
 
-FALSE_ALARM = 0.01  # of records of the model, with its noise, would give any finding at most
-# Rms over sigma, from which on nothing that counts on the noise is believed.
+FALSE_ALARM = 0.01  # probability of any finding in a record of the model with its noise
+# Above this rms over sigma, statements that assume the noise are not believed.
 MAX_BELIEVABLE_RMS = 1.5
-# Correlation of neighbours, from which on sds are too small by a factor of two.
+# At this correlation of neighbours, sds are too small by a factor of two.
 MAX_BELIEVABLE_CORRELATION = 0.6
-TESTS_PER_CHANNEL = 5  # at each channel: size and correlation both ways, and the farthest sample
-N_LAGS = 25  # samples of a channel, at which correlations are shown
-MAX_MEMORY_LAG = 100  # lags over which residuals and inputs may remember
-BAND_PROBABILITY = 0.99  # of a correlation where there is none: inside its band
-MAX_STEPS_PER_SAMPLE = 4  # times as many steps as samples: a record with longer gaps has no step
+TESTS_PER_CHANNEL = 5  # size and correlation in both directions, and the largest residual
+N_LAGS = 25  # largest lag [samples] at which correlations are shown
+MAX_MEMORY_LAG = 100  # largest lag [samples] at which autocorrelations count in sds
+BAND_PROBABILITY = 0.99  # probability that an uncorrelated pair lies inside its band
+MAX_STEPS_PER_SAMPLE = 4  # a record with more steps than this per sample has no regular step
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResidualLimits:
-    """What noise leaves in one channel of all: rms over sigma, correlation, farthest sample."""
+    """Noise alone keeps the rms over sigma from `least` to `most`, and all else below its limit."""
 
     least: float
     most: float
@@ -46,12 +45,12 @@ class ResidualLimits:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResidualSummary:
-    """Residuals of one channel: rms over sigma, correlation of neighbours, farthest sample.
+    """A summary describes the residuals of one channel.
 
-    The sample that is farthest off, in sigmas, is at `time` [s].  `share`: of the channel's spread
-    about its mean; NaN where it has none.  `simulated`, `ahead`: the share that the simulation
-    without any sample leaves, and the one that predictions one step ahead leave.  `experiment`: its
-    label among several.
+    `rms` is over sigma, and `correlation` is that of neighbours.  The largest residual, `farthest`
+    in sigmas, is at `time` [s].  `share` is the rms error over the channel's standard deviation;
+    `simulated` is that of the simulation alone, and `ahead` that of predictions one step ahead.
+    All three are NaN if the channel is constant.  `experiment` is empty if there is only one.
     """
 
     channel: str
@@ -72,50 +71,50 @@ class ResidualSummary:
 
     @property
     def large(self) -> bool:
-        """Whether the residuals are larger than noise."""
+        """Return whether the residuals are larger than noise."""
         return self.rms > self.limits.most
 
     @property
     def small(self) -> bool:
-        """Whether the residuals are smaller than noise."""
+        """Return whether the residuals are smaller than noise."""
         return self.rms < self.limits.least
 
     @property
     def correlated(self) -> bool:
-        """Whether neighbours are correlated."""
+        """Return whether neighbours are correlated."""
         return abs(self.correlation) > self.limits.correlation
 
     @property
     def like_noise(self) -> bool:
-        """Whether nothing speaks against the model: small ones do not, sds are only too large."""
+        """Return whether nothing contradicts the model; small residuals only make sds too large."""
         return not (self.large or self.correlated or self.far)
 
     @property
     def unbelievable(self) -> bool:
-        """Whether no statement on the unknowns must be believed."""
+        """Return whether residuals are so large or correlated that no sd can be trusted."""
         too_alike = self.correlated and self.correlation > MAX_BELIEVABLE_CORRELATION
         return self.far_too_large or too_alike
 
     @property
     def far_too_large(self) -> bool:
-        """Whether the residuals are so large that sds mean nothing."""
+        """Return whether the residuals are so large that sds are meaningless."""
         return self.large and self.rms > MAX_BELIEVABLE_RMS
 
     @property
     def far(self) -> bool:
-        """Whether a few samples are far off by themselves: not all, which is reported already."""
+        """Return whether there are outliers, in a channel whose rms is not too large anyway."""
         return self.farthest > self.limits.farthest and not self.large
 
 
 def like_noise(summaries: Sequence[ResidualSummary]) -> bool:
-    """Whether no channel has residuals beyond its noise."""
+    """Return whether no channel has residuals beyond its noise."""
     return all(summary.like_noise for summary in summaries)
 
 
 def residual_summaries(likelihood: Likelihood, theta: Array) -> tuple[ResidualSummary, ...]:
     """Return the summaries of all channels at the unknowns `theta (D,)`.
 
-    An unknown sigma fits the size, unless its prior keeps it off.
+    If sigma is unknown, the rms over sigma is near one unless the prior of sigma prevents it.
     """
     full, observations = likelihood.space.full(theta[None]), likelihood.observations
     channels = sum(len(observation.experiment.channels) for observation in observations)
@@ -126,7 +125,7 @@ def residual_summaries(likelihood: Likelihood, theta: Array) -> tuple[ResidualSu
 def _channel_summaries(
     observation: Observation, full: Array, theta: Array, channels: int
 ) -> Iterator[ResidualSummary]:
-    """`channels`: how many there are in all observations."""
+    """Yield the summaries of one observation; `channels` counts those of all observations."""
     experiment = observation.experiment
     prediction_errors = (experiment.y - observation.predict(full, theta))[0]
     samples = observation.residuals(full).samples
@@ -156,10 +155,9 @@ def _channel_summaries(
 
 
 def limits(samples: int, channels: int, unknowns: int) -> ResidualLimits:
-    """Return what noise leaves in one channel, at most.
+    """Return the limits within which noise alone keeps the residuals of one channel.
 
-    A fit takes something away from what noise leaves, and never adds to it: the limits above are
-    those without a fit, the one below allows for as many unknowns as there are.
+    A fit reduces residuals, so upper limits are those without a fit; the lower allows for unknowns.
     """
     tail = FALSE_ALARM / (TESTS_PER_CHANNEL * channels)
     return ResidualLimits(
@@ -172,11 +170,11 @@ def limits(samples: int, channels: int, unknowns: int) -> ResidualLimits:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResidualCorrelation:
-    """Correlation of a channel's whitened residuals with a measured `input`, or themselves.
+    """The whitened residuals of a channel are correlated with a measured `input`, or themselves.
 
-    `lags (L,)` [samples] are positive where the input comes first; `input` is empty for
-    autocorrelations.  `values (L,)`, and their `sds (L,)` where nothing is related.  `step` [s]:
-    between samples; `experiment`: its label among several.
+    An autocorrelation has an empty `input`.  A positive lag in `lags (L,)` [samples] means that the
+    input comes first.  `values (L,)` have the standard deviations `sds (L,)` if nothing is related.
+    Samples are `step` [s] apart.  `experiment` is a label, empty if there is only one.
     """
 
     channel: Channel
@@ -189,16 +187,16 @@ class ResidualCorrelation:
 
     @property
     def band(self) -> Array:
-        """Return half the width of the band in which most values lie, each by itself `(L,)`."""
+        """Return half the width `(L,)` of the band that holds each value with `BAND_PROBABILITY`."""
         return np.asarray(float(scipy.special.ndtri(0.5 + 0.5 * BAND_PROBABILITY)) * self.sds)
 
 
 def correlations(likelihood: Likelihood, theta: Array) -> tuple[ResidualCorrelation, ...]:
     """Return correlations of each channel with itself, then with each measured input.
 
-    They are at the unknowns `theta (D,)`; pairs of which a sample is missing are left out.  Of an
-    input, both are filtered by the AR(1) of the residuals first, so that these are nearly white
-    (prewhitening, Box and Jenkins); sds count on what both still remember (Ljung, section 16.6).
+    Residuals are those at `theta (D,)`, and pairs with a missing sample are left out.  Before their
+    correlation, input and residuals are filtered by the AR(1) of the residuals (prewhitening, Box and
+    Jenkins).  Standard deviations allow for the autocorrelation that remains (Ljung, section 16.6).
     """
     full = likelihood.space.full(theta[None])
     pairs = (_correlations(each, full, theta[None]) for each in likelihood.observations)
@@ -206,7 +204,7 @@ def correlations(likelihood: Likelihood, theta: Array) -> tuple[ResidualCorrelat
 
 
 def input_sentences(correlations: Sequence[ResidualCorrelation]) -> tuple[str, ...]:
-    """Say which residuals follow an input beyond chance, all looks at all inputs taken together."""
+    """Say which residuals follow an input more than chance explains, allowing for all lags."""
     of_inputs = [correlation for correlation in correlations if correlation.input]
     looks = sum(len(correlation.lags) for correlation in of_inputs)
     sentences = []
@@ -239,7 +237,7 @@ def _correlations(
         step = float(np.median(np.diff(t)))
         indices = np.round((t - t[0]) / step).astype(int)
         if (np.diff(indices) < 1).any() or indices[-1] > MAX_STEPS_PER_SAMPLE * len(t):
-            indices = np.arange(len(t))  # in the order of the samples
+            indices = np.arange(len(t))  # samples are counted instead of steps
         residuals = np.full(indices[-1] + 1, np.nan)
         residuals[indices] = whitened[measured, k]
         lags = np.arange(min(MAX_MEMORY_LAG, len(t) // 4) + 1)
@@ -257,7 +255,7 @@ def _correlations(
         rho = memory[1]
         prewhitened = residuals[1:] - rho * residuals[:-1]
         memory, _ = _correlated(prewhitened, prewhitened, lags)
-        significant = np.where(np.abs(memory) > 2.0 * sds, memory, 0.0)  # the others are chance
+        significant = np.where(np.abs(memory) > 2.0 * sds, memory, 0.0)  # others may be chance
         for name, series in inputs.items():
             values = np.full(len(residuals), np.nan)
             values[indices] = series[measured] - series[measured].mean()
@@ -269,13 +267,14 @@ def _correlations(
 
 
 def _correlated(late: Array, early: Array, lags: Indices) -> tuple[Array, Array]:
-    """Of `late (n,)` with what `early (n,)` was so many samples before, and of how many pairs."""
-    there = [np.isfinite(x).astype(float) for x in (late, early)]
+    """Return correlations `(L,)` of `late (n,)` with `early (n,)` at lags, and numbers of pairs."""
+    measured = [np.isfinite(x).astype(float) for x in (late, early)]
     x, y = (np.nan_to_num(x) for x in (late, early))
     n, sums, counts = len(x), np.empty(len(lags)), np.empty(len(lags))
     for row, lag in enumerate(lags):
         after, before = slice(max(lag, 0), n + min(lag, 0)), slice(max(-lag, 0), n - max(lag, 0))
-        sums[row], counts[row] = x[after] @ y[before], there[0][after] @ there[1][before]
+        sums[row], counts[row] = x[after] @ y[before], measured[0][after] @ measured[1][before]
     counts = np.maximum(counts, 1.0)
-    size = math.sqrt(float(x @ x) * float(y @ y) / max(there[0].sum() * there[1].sum(), 1.0))
+    n_products = max(measured[0].sum() * measured[1].sum(), 1.0)
+    size = math.sqrt(float(x @ x) * float(y @ y) / n_products)
     return (sums / counts / size if size > 0 else np.zeros(len(lags))), counts

@@ -1,4 +1,4 @@
-"""Errors of the time steps of a rig with friction, and the steps that keep them small."""
+"""Estimate the errors of time steps of a rig with friction, and choose steps that keep them small."""
 
 from __future__ import annotations
 
@@ -14,34 +14,30 @@ from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Likelihood, Posterior
 from bayesdrill.rig.simulators.contract import REVERSAL_SUBSTEPS, Simulator, Stepping
 
-StepSizes = tuple[int, int]  # steps to a sample, and parts of those in which something turns
+StepSizes = tuple[int, int]  # steps per sample, and substeps of a step with a reversal
 
-TRUTH_REFINEMENT = 16  # times as many pieces are taken for the truth
-MAX_ERROR_OVER_NOISE = 0.1  # of the noise: what steps may do to a sample
-# Of that, where they are chosen: elsewhere than where they are looked at in the end.
+TRUTH_REFINEMENT = 16  # a reference solution has this many times as many steps
+MAX_ERROR_OVER_NOISE = 0.1  # largest accepted error of a sample, in sds of its noise
+# Steps are chosen with this share of the accepted error, as they are used at other points, too.
 CHOICE_MARGIN = 0.5
-N_POINTS, SCATTER = 8, 0.1  # looked at: as many as take no longer than one; and how far apart
-N_OUTLIERS = 1  # of them, which need not have enough
-MAX_CHOSEN_PIECES = 64
-# Pieces, and parts of those in which something turns, that are taken by themselves.
-CANDIDATE_STEPS = (
-    (1, 1),
-    *(
-        (pieces, REVERSAL_SUBSTEPS)
-        for pieces in (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, MAX_CHOSEN_PIECES)
-    ),
-)
-MAX_TRUTH_STEPS = 4_000_000  # that a truth may take
-# Draws for the evidence, and where a truth is dear.
+N_POINTS = 8  # number of points at which steps are tried: they take no longer than one
+SCATTER = 0.1  # largest relative distance of an unknown at these points
+N_OUTLIERS = 1  # number of these points at which the error may be larger
+MAX_CHOSEN_PIECES = 64  # steps per sample: more are never chosen
+# Candidates are tried in this order, the fastest first.
+PIECES = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, MAX_CHOSEN_PIECES)
+CANDIDATE_STEPS = ((1, 1), *((pieces, REVERSAL_SUBSTEPS) for pieces in PIECES))
+MAX_TRUTH_STEPS = 4_000_000  # largest number of steps of a reference solution
+# Numbers of draws for the evidence: the fewer, the more expensive a reference solution is.
 MAX_EVIDENCE_DRAWS, MIN_EVIDENCE_DRAWS = 1000, 16
-DRAWS_PER_BATCH = 50  # of them
-MAX_TOTAL_STEPS = 400_000_000  # that the truths of these may take together
-COARSER_TRUTH = 2  # of the steps of the truth: what it lacks is about as far as from there to it
+DRAWS_PER_BATCH = 50  # bounds memory, as some noises need all samples
+MAX_TOTAL_STEPS = 400_000_000  # largest number of steps of all reference solutions together
+COARSER_TRUTH = 2  # factor of a coarser reference; its distance estimates the reference's own error
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StepError:
-    """The largest errors that steps cause; `errors (K,)`: in sd of each channel's noise."""
+    """Steps cause at most `errors (K,)`, in sds of each channel's noise, in one experiment."""
 
     label: str
     channels: tuple[str, ...]
@@ -55,15 +51,15 @@ class StepError:
 
     @property
     def fine(self) -> bool:
-        """Whether the steps are fine enough."""
+        """Return whether the steps are fine enough."""
         return self.worst <= MAX_ERROR_OVER_NOISE
 
 
 def evidence_shift(posterior: Posterior, draws: Array) -> tuple[float, float] | None:
-    """Return what finer steps add to a log evidence, and its standard error, from draws `(N, D)`.
+    """Return how much finer steps change a log evidence, and the standard error of this change.
 
-    They are physical.  None where nothing is stepped, or no finer response is finite.  The ratio of
-    evidences is the mean over the posterior of that of likelihoods, in finer steps and in its own.
+    The ratio of evidences is the posterior mean, over physical `draws (N, D)`, of that of likelihoods
+    with finer and present steps.  The result is None without steps, or without a finite response.
     """
     observations = _stepped(posterior.likelihood)
     if not observations:
@@ -89,13 +85,13 @@ def evidence_shift(posterior: Posterior, draws: Array) -> tuple[float, float] | 
 
 
 def _log_likelihood(posterior: Posterior, draws: Array) -> Array:
-    """In turn: noise that asks for samples keeps all of them."""
+    """Return log likelihoods `(N,)`, in batches as some noises keep all samples."""
     parts = np.array_split(draws, -(-len(draws) // DRAWS_PER_BATCH))
     return np.concatenate([posterior.likelihood(batch) for batch in parts])
 
 
 def step_errors(likelihood: Likelihood, theta: Array) -> tuple[StepError, ...]:
-    """Return the errors of all experiments that are stepped, at `theta (D,)`."""
+    """Return the errors of all stepped experiments at physical `theta (D,)`."""
     full = likelihood.space.full(theta[None])
     return tuple(
         StepError(
@@ -109,7 +105,7 @@ def step_errors(likelihood: Likelihood, theta: Array) -> tuple[StepError, ...]:
 
 
 def choose_steps(posterior: Posterior, theta: Array, most: int = MAX_CHOSEN_PIECES) -> Posterior:
-    """Return it with as few `CANDIDATE_STEPS`, up to `most` pieces, as do about `theta (D,)`."""
+    """Return the posterior with the fastest steps, up to `most`, that suffice about `theta (D,)`."""
     points = _points_around(posterior, theta)
     full = posterior.likelihood.space.full(points)
     candidates = [(pieces, turns) for pieces, turns in CANDIDATE_STEPS if pieces <= most]
@@ -117,17 +113,14 @@ def choose_steps(posterior: Posterior, theta: Array, most: int = MAX_CHOSEN_PIEC
 
 
 def chosen_steps(posterior: Posterior) -> dict[str, StepSizes]:
-    """Return the steps by labels of experiments, where they were chosen."""
+    """Return chosen steps by the labels of experiments; those that a config sets are left out."""
     observations = (*posterior.likelihood.observations, *posterior.likelihood.held_out)
-    return {
-        each.label: (stepping.pieces, stepping.turns)
-        for each in observations
-        if (stepping := each.response.stepping) and stepping.chosen
-    }
+    steppings = {observation.label: observation.response.stepping for observation in observations}
+    return {label: (s.pieces, s.turns) for label, s in steppings.items() if s and s.chosen}
 
 
 def with_steps(posterior: Posterior, steps: Mapping[str, StepSizes]) -> Posterior:
-    """Return it with steps as of `chosen_steps`; the very same where it has these."""
+    """Return the posterior with `steps` by label; itself if it already has these."""
     if steps.items() <= chosen_steps(posterior).items():
         return posterior
 
@@ -141,24 +134,24 @@ def with_steps(posterior: Posterior, steps: Mapping[str, StepSizes]) -> Posterio
 def _with_simulators(
     posterior: Posterior, simulator_of: Callable[[Observation], Simulator]
 ) -> Posterior:
-    """With other simulators where they are stepped."""
+    """Return the posterior with other simulators of stepped observations."""
 
-    def each(observation: Observation) -> Observation:
+    def convert(observation: Observation) -> Observation:
         if not observation.response.stepping:
             return observation
         return dataclasses.replace(observation, response=simulator_of(observation))
 
-    return posterior.edit(each=each)
+    return posterior.edit(convert=convert)
 
 
 def _points_around(posterior: Posterior, theta: Array) -> Array:
-    """`theta` first, `(N_POINTS, D)`: at one point alone speeds may turn where it does no harm."""
+    """Return points about `theta`, the first: at one alone, errors may be small by coincidence."""
     rng = np.random.default_rng(0)
-    share = rng.uniform(-SCATTER, SCATTER, (N_POINTS, len(theta)))
-    share[0] = 0.0
+    relative = rng.uniform(-SCATTER, SCATTER, (N_POINTS, len(theta)))
+    relative[0] = 0.0
     bounds = [(prior.low, prior.high) for prior in posterior.space.priors.values()]
     low, high = np.array(bounds).reshape(-1, 2).T
-    return np.clip(theta * (1.0 + share), low, high)
+    return np.clip(theta * (1.0 + relative), low, high)
 
 
 def _stepped(likelihood: Likelihood) -> list[Observation]:
@@ -166,7 +159,7 @@ def _stepped(likelihood: Likelihood) -> list[Observation]:
 
 
 def _steps(response: Simulator) -> Stepping:
-    """Of one that has some."""
+    """Return the steps of a simulator that has them."""
     assert response.stepping
     return response.stepping
 
@@ -184,18 +177,18 @@ def _fine_enough(
 
 
 def _truth(response: Simulator, part: int = 1) -> Simulator:
-    """Refine by `TRUTH_REFINEMENT`, or as `MAX_TRUTH_STEPS` allow, twice at least; a `part` of it."""
+    """Return the reference solution, at least twice as fine; `part` divides the refinement."""
     pieces = _steps(response).pieces
     allowed = MAX_TRUTH_STEPS // (pieces * len(response.experiment.t))
     return response.with_substeps(pieces * max(1, max(2, min(TRUTH_REFINEMENT, allowed)) // part))
 
 
 def _errors(observation: Observation, response: Simulator, full: Array, theta: Array) -> Array:
-    """Return the largest error of a sample `(W, K)` by steps of `response`, over its sd, if finite."""
+    """Return the largest error `(W, K)` of a sample by the steps of `response`, in sds of noise."""
     parameters = observation.simulator_parameters(full)
     truth = _truth(response).signals(parameters)
     errors = np.abs(response.signals(parameters) - truth)
     with np.errstate(invalid="ignore"):
-        shares = errors / observation.scales(theta)[:, None]
-        shares = np.where(response.experiment.seen, shares, 0.0)
-    return np.asarray(np.nan_to_num(shares).max(axis=1))
+        relative = errors / observation.scales(theta)[:, None]
+        relative = np.where(response.experiment.seen, relative, 0.0)
+    return np.asarray(np.nan_to_num(relative).max(axis=1))

@@ -1,11 +1,10 @@
-"""Which quantities are unknown and which are fixed, and the coordinates of the sampler.
+"""Declare which quantities are unknown or fixed, and define the coordinates of the sampler.
 
-Rigs are made of products and ratios, so that logs are the natural scale.  They are none for an
-unknown whose prior reaches down to zero: all of its lower end would lie in an endless tail.  What
-lies between two ends, such as a correlation, goes by its probit between them, over which a uniform
-prior is a bell: what is pressed against an end has no longer tail there.  (Over a logit it falls
-off like an exponential, and no proposal made of bells gets there.)  What may be negative, such as
-an offset, goes by itself.
+Equations of rigs contain products and ratios, so the logarithm is the natural coordinate.  It does
+not suit an unknown whose prior reaches down to zero, since the log has an endless tail there.  A
+number between two ends, such as a correlation, has its probit as coordinate.  A uniform prior is a
+Gaussian over the probit, which a Gaussian proposal covers; over a logit its tails are exponential.
+A number that may be negative, such as an offset, is its own coordinate.
 """
 
 from __future__ import annotations
@@ -32,11 +31,11 @@ TINIEST = float(np.nextafter(0.0, 1.0))
 
 @dataclass(frozen=True, slots=True)
 class Coordinates:
-    """The sampler's coordinates `z (W, D)` of physical unknowns `theta (W, D)`.
+    """Convert between physical unknowns `theta (W, D)` and the sampler's coordinates `z (W, D)`.
 
-    `logs`: for each of the D unknowns, whether its log is its coordinate; `between`: columns whose
-    probit between `low` and `high` is, as `(column, low, high)`.  `signed`: columns that need not
-    be positive, these among them, each with the step that is one on its natural scale.
+    `logs` says for each of the D unknowns whether its coordinate is its log.  `between` lists
+    `(column, low, high)` of unknowns whose coordinate is the probit between two ends.  `signed` lists
+    `(column, step)` of unknowns that need not be positive; a step is one on the natural scale.
     """
 
     logs: tuple[bool, ...]
@@ -85,24 +84,24 @@ class Coordinates:
         return slope, curvature
 
     def natural(self, theta: Array) -> Array:
-        """Return d unknown / d its natural scale `(W, D)`, which is its log or itself over its step."""
+        """Return d unknown / d natural scale, `(W, D)`: the log, or the unknown over its step."""
         out = theta.copy()
         for column, step in self.signed:
             out[:, column] = step
         return out
 
     def slopes_by_natural(self, theta: Array) -> Array:
-        """Return d coordinate / d the natural scale of its unknown, `(W, D)`."""
+        """Return d coordinate / d natural scale of its unknown, `(W, D)`."""
         return self.natural(theta) / self.slopes(theta)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Directions:
-    """Directions along which slopes are wanted, at unknowns `theta (W, D)`.
+    """These are q directions at unknowns `theta (W, D)`, along which slopes are taken.
 
-    `full (W, P)`: their parameters; `columns (D, q)`: directions of coordinates, and
-    `parameter_directions (W, q, P)` of parameters, None where none moves.  `slopes (W, D)`: d
-    unknown / d coordinate; `by_log`: of its log, or of itself where it need not be positive.
+    `full (W, P)` are parameters at `theta`.  `columns (D, q)` are directions of coordinates, and
+    `parameter_directions (W, q, P)` those of parameters; None if none moves.  `slopes (W, D)` is
+    d unknown / d coordinate, and `by_log (W, D)` is d natural scale of the unknown / d coordinate.
     """
 
     theta: Array
@@ -116,7 +115,7 @@ class Directions:
 def directional_slope(slope: Array, directions: Array) -> Array:
     """Return `slope (W, D)` along `directions (D, q)`: `(W, q)`.
 
-    Point by point: one product of all of them rounds as their number has it.
+    Each point has its own product: rounding in one product of all would depend on their number.
     """
     return np.asarray((slope[:, None, :] @ directions)[:, 0])
 
@@ -127,18 +126,17 @@ def directional_curvature(directions: Array, curvature: Array) -> Array:
 
 
 Role = Literal["rig", "quantity", "sensor", "start", "noise"]
-# What a simulator is told.
+# Unknowns with these roles are parameters of a simulator.
 SIMULATOR_ROLES: tuple[Role, ...] = ("rig", "quantity", "sensor", "start")
 Transform = Literal["log", "plain"] | tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Unknown:
-    """An unknown as the part that has it declares it, SI; `start`: where a search begins.
+    """An unknown is declared by the part that it belongs to, SI; a search begins at `start`.
 
-    `transform` gives the coordinate in which samplers walk: its log, itself, or the probit between
-    two ends, where it need not be positive; None: log or itself, as the prior has it.  What the
-    prior allows below zero goes by itself.
+    `transform` gives the coordinate of the sampler: "log", "plain", or the ends of a probit.  None
+    takes the log if the prior allows that, and else the unknown itself.
     """
 
     symbol: Symbol
@@ -149,7 +147,7 @@ class Unknown:
 
     @property
     def name(self) -> str:
-        """Return its name."""
+        """Return the name of its symbol."""
         return self.symbol.name
 
     def for_experiment(self, label: str) -> Unknown:
@@ -158,33 +156,33 @@ class Unknown:
 
     @property
     def between(self) -> tuple[float, float] | None:
-        """Return the ends of its probit, if it has one."""
+        """Return the ends of the probit, or None if another coordinate is used."""
         return self.transform if isinstance(self.transform, tuple) else None
 
     @property
     def signed(self) -> bool:
-        """Whether its log is no scale of it: it need not be positive, or may be next to nothing."""
+        """Return whether it may be zero or negative, so that its logarithm cannot be sampled."""
         small = self.role in ("sensor", "start") and not self.in_logs
         return self.between is not None or self.prior.low < 0 or small
 
     @property
     def scale(self) -> float:
-        """Return the step that counts as one, of what need not be positive."""
+        """Return the step that is one on the natural scale, for an unknown that may be negative."""
         return 1.0 if self.between is not None else prior_sd(self.prior)
 
     @property
     def in_logs(self) -> bool:
-        """Whether its coordinate is its log."""
+        """Return whether the coordinate is the logarithm."""
         return self.prior.in_logs if self.transform is None else self.transform == "log"
 
 
 def labelled_name(name: str, label: str) -> str:
-    """Return the name in one of several experiments; `label` is empty where there is only one."""
+    """Return the name in the experiment `label`, which is empty if there is only one."""
     return f"{name}_{label}" if label else name
 
 
 def labelled_symbol(symbol: Symbol, label: str) -> Symbol:
-    """Return the symbol in one of several experiments."""
+    """Return the symbol in the experiment `label`, which is empty if there is only one."""
     if not label:
         return symbol
     shown = label.replace("_", r"\_")
@@ -198,11 +196,10 @@ def labelled_symbol(symbol: Symbol, label: str) -> Symbol:
 
 @dataclass(frozen=True, kw_only=True)
 class ParameterSpace:
-    """The D `unknowns`: free parameters of the rig, quantities, sensors and starts, then the noise's.
+    """A parameter space has D `unknowns`, and P parameters of the `model` that follow from them.
 
-    `model` lists all P parameters of rig, sensors and starts: those that are not unknown have their
-    values in `fixed`, or follow from others by `relations`, in names of unknowns and `fixed`.  `theta`
-    is `(W, D)`, physical, SI.
+    Unknowns of the noise come last.  `model` names the parameters of rig, sensors and starts, which are
+    unknown, `fixed`, or follow from others by `relations`.  `theta (W, D)` is always physical, SI.
     """
 
     model: tuple[str, ...]
@@ -222,7 +219,7 @@ class ParameterSpace:
 
     @cached_property
     def start(self) -> Mapping[str, float]:
-        """Return where a search begins, by name."""
+        """Return the values at which a search begins, by name."""
         return {unknown.name: unknown.start for unknown in self.unknowns}
 
     def columns(self, *roles: Role) -> list[int]:
@@ -255,7 +252,7 @@ class ParameterSpace:
     def slopes(self, theta: Array) -> Array:
         """Return d parameter of the model / d log unknown at `theta (W, D)`: `(W, m, P)`.
 
-        Noise is left out.  What need not be positive counts by itself over its `scale`.
+        The m unknowns are those of the simulator, on their natural scales.
         """
         columns, steps = self.columns(*SIMULATOR_ROLES), self.coordinates.natural(theta)
         duals: dict[str, Dual | float] = dict(self.fixed)
@@ -286,25 +283,25 @@ class ParameterSpace:
                     total += unknown.prior.log_density(theta[:, column])
         if self.bounding:
             named = self.named(theta)
-            for name in self.bounding:  # what no positive number comes out of is impossible
+            for name in self.bounding:  # a parameter that is not positive is impossible
                 total[~(np.asarray(named[name]) > 0)] = -np.inf
         return total
 
     @cached_property
     def bounding(self) -> tuple[str, ...]:
-        """Return parameters whose relation may give something else than a positive number."""
+        """Return parameters whose relation may give a number that is not positive."""
         return tuple(name for name, r in self.relations.items() if not r.positive)
 
     @cached_property
     def box(self) -> tuple[list[int], Array, Array, float]:
-        """Return all uniform priors at once: columns, least and greatest values, log density inside."""
+        """Return columns, least and greatest values and joint log density of all uniform priors."""
         boxes = {c: u for c, u in enumerate(self.unknowns) if u.prior.flat}
         low = np.array([u.prior.low for u in boxes.values()])
         high = np.array([u.prior.high for u in boxes.values()])
-        # Zero itself is none where a coordinate is a log.
+        # Zero is excluded if the coordinate is a log.
         least = np.where([u.signed for u in boxes.values()], low, np.maximum(low, TINIEST))
         return list(boxes), least, high, -float(np.log(high - low).sum())
 
     def draw(self, n: int, rng: np.random.Generator) -> Array:
-        """Draw `(n, D)` from the prior, also what `bounding` relations exclude."""
+        """Draw `(n, D)` from the priors, without regard to `bounding` relations."""
         return np.stack([p.quantile(rng.random(n)) for p in self.priors.values()], axis=-1)

@@ -17,7 +17,7 @@ HOLLOW: dict[str, Any] = SOLID | {"facecolor": "white"}
 
 
 class Canvas:
-    """A page as wide as two columns, to draw on in inches from its lower left corner."""
+    """The canvas is a page two columns wide; its origin is the lower left corner, its unit the inch."""
 
     def __init__(self, height: float) -> None:
         from matplotlib.figure import Figure

@@ -41,7 +41,7 @@ CORNER = "The posteriors of all runs over each other, for each unknown and each 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Form:
-    """A comparison of runs in one of its two forms: its files, and how many runs it has room for.
+    """The form of a comparison says which files it has, and how many runs have room in it.
 
     `name`: of table, page and the inside of figures; `figure`: what is shown unasked.
     """
@@ -76,7 +76,7 @@ COMPARED = Form(
 
 @dataclass(frozen=True)
 class ComparisonReport:
-    """A report of two runs or more, `layers`; as `models` of one record, where they are that.
+    """The report shows two or more runs, `layers`, which are `models` if they are of one record.
 
     `units`: in which people are shown unknowns; `heading`: of pages.
     """
@@ -93,37 +93,37 @@ class ComparisonReport:
 
     @property
     def form(self) -> Form:
-        """The form of the comparison: of models of one record, or of runs beside each other."""
+        """Return the form of the report: models of one record are compared, other runs are overlaid."""
         return COMPARED if self.models else OVERLAID
 
     @cached_property
     def rows(self) -> tuple[OverlayRow, ...]:
-        """The rows of all unknowns, SI."""
+        """Return the rows of all unknowns, in SI units."""
         return comparison.overlay_rows(self.layers)
 
     @cached_property
     def decision(self) -> ModelDecision | None:
-        """The decision between models; None of runs that are no models of one record."""
+        """Return the decision between models, or None if the runs are not models of one record."""
         return decide(self.models) if self.models else None
 
     @property
     def best(self) -> RunSummary | None:
-        """The most probable of the models."""
+        """Return the most probable model, or None if the runs are not models of one record."""
         return None if self.decision is None else self.models[self.decision.best]
 
     @property
     def title(self) -> str:
-        """The title of the report."""
+        """Return the title of the report."""
         return self.heading or self.form.between.join(layer.name for layer in self.layers)
 
     @property
     def mark(self) -> str:
-        """The marks of all runs, by which a figure says whose it is."""
+        """Return the marks of all runs, which the metadata of a figure repeat."""
         return " ".join(layer.mark for layer in self.layers)
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Reasons why the report must not be believed; empty where it may be.
+        """Return reasons not to believe the report, or none.
 
         Because of the most probable model or, where there is none, of any run.
         """
@@ -132,13 +132,13 @@ class ComparisonReport:
 
     @cached_property
     def sections(self) -> tuple[Section, ...]:
-        """The sections, with the figures, which a page shows and a terminal does not."""
+        """Return the sections with the figures, which a terminal does not show."""
         pictures = [Picture(name, drawing.says) for name, drawing in self.figures.items()]
         return comparison_sections(self.layers, self.models, self.rows, self.units, pictures)
 
     @cached_property
     def figures(self) -> Mapping[str, Drawing]:
-        """The figures by name; no corner where no two runs share an unknown."""
+        """Return the figures by name, without a corner plot if no two runs share an unknown."""
         if self.models:
             given = (self.models, self.rows, self.units)
             return {COMPARED.figure: Drawing(comparison_figure, given, says=MODELS)}
@@ -151,14 +151,14 @@ class ComparisonReport:
 
     @property
     def table(self) -> str:
-        """The table as CSV."""
+        """Return the table as CSV."""
         if self.models:
             return comparison_csv(self.models, self.rows)
         return overlay_csv(self.layers, self.rows)
 
     @property
     def texts(self) -> Mapping[str, str]:
-        """The text files by name."""
+        """Return the text files by name."""
         name, page = self.form.name, as_markdown(self.title, self.sections)
         return {f"{name}.csv": self.table, f"{name}.md": page}
 
@@ -169,7 +169,7 @@ class ComparisonReport:
 
     @property
     def text(self) -> str:
-        """The report for a terminal."""
+        """Return the report for a terminal."""
         return "\n\n".join(as_text(self.sections))
 
 

@@ -20,7 +20,7 @@ from bayesdrill.sampling.mode_search import Mode
 def run_doubts(
     sampled: SamplingResult, left: Sequence[ResidualSummary], unsupported: Mapping[str, float]
 ) -> tuple[str, ...]:
-    """Why a run must not be believed: it did not converge, or does not fit; empty where it may be."""
+    """Return reasons not to believe a run (it did not converge, or does not fit), or none."""
     fit = (*residual_reasons(left), *sandwich_reasons(unsupported))
     return (*sampled.convergence.reasons, *fit)
 
@@ -40,7 +40,7 @@ def misfit(left: Sequence[ResidualSummary]) -> str:
 
 
 def unbelievable(reasons: Sequence[str], *, converged: bool) -> str:
-    """Why a posterior must not be believed, converged or not; empty where it may be."""
+    """Return a warning that lists reasons not to believe a posterior; it is empty without any."""
     if not reasons:
         return ""
     though = ", though the ensembles converged" if converged else ""
@@ -109,7 +109,7 @@ def residual_sentences(summaries: Sequence[ResidualSummary], clock: Unit) -> str
 
 
 def residual_reasons(summaries: Sequence[ResidualSummary]) -> tuple[str, ...]:
-    """Why nothing here must be believed, though the ensembles converge; empty where it may be."""
+    """Return reasons not to believe a run whose ensembles converge, or none."""
     doubtful = [summary for summary in summaries if summary.unbelievable]
     large = _worst(doubtful, "large", "rms")
     correlated = _worst(doubtful, "correlated", "correlation")
@@ -120,7 +120,7 @@ def residual_reasons(summaries: Sequence[ResidualSummary]) -> tuple[str, ...]:
 
 
 def sandwich_reasons(unsupported: Mapping[str, float]) -> tuple[str, ...]:
-    """Why a fit must not be believed that leaves only a little more than noise."""
+    """Return the reason not to believe unknowns that sandwich sds leave undetermined, or none."""
     worst = sorted(unsupported.items(), key=lambda pair: -pair[1])
     each = ", ".join(f"{name} ({times:.3g} times as large)" for name, times in worst[:SHOWN])
     more = ", ..." if len(worst) > SHOWN else ""
@@ -197,7 +197,7 @@ def describe_timing(moment: InputTiming | None) -> Iterable[str]:
 
 
 def step_sentences(errors: Sequence[StepError]) -> str:
-    """A line for the worst of all steps that do no harm, and one for each of the others."""
+    """Return a line for the worst of the harmless steps, and one for each of the others."""
     lines = []
     fine = sorted((error for error in errors if error.fine), key=lambda error: -error.worst)
     for error in (*fine[:1], *(error for error in errors if not error.fine)):
@@ -222,7 +222,7 @@ def step_sentences(errors: Sequence[StepError]) -> str:
 
 
 def steps_wanted(error: StepError) -> int:
-    """Pieces that are enough, of an error that falls as steps get shorter, the next power of two."""
+    """Return how many sub-steps make the error small enough, rounded up to a power of two."""
     return error.pieces << max(1, math.ceil(math.log2(error.worst / MAX_ERROR_OVER_NOISE)))
 
 

@@ -1,4 +1,4 @@
-"""What is said and drawn of a maximum (MAP) alone: sections, tables, the fit."""
+"""Report a maximum (MAP) that was not sampled: its sections, tables and figures."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ TABLE, PAGE = "map.csv", "map.md"
 
 @dataclass(frozen=True)
 class MapReport:
-    """What is said of a maximum alone: sections, texts, figures and a page."""
+    """The report describes a maximum that was not sampled."""
 
     problem: Problem
     config: Config
@@ -49,29 +49,29 @@ class MapReport:
 
     @property
     def best(self) -> Array:
-        """`(D,)`."""
+        """Return the maximum as a vector `(D,)`."""
         return self.problem.posterior.space.vector(self.mode.values)
 
     @cached_property
     def left(self) -> tuple[ResidualSummary, ...]:
-        """What the fit leaves of each channel."""
+        """Return the summary of the residuals of each channel."""
         return residual_checks.residual_summaries(self.problem.posterior.likelihood, self.best)
 
     @cached_property
     def correlations(self) -> tuple[ResidualCorrelation, ...]:
-        """Of what the fit leaves, where that is more than noise."""
+        """Return correlations of the residuals if these are more than noise, or none."""
         if residual_checks.like_noise(self.left):
             return ()
         return residual_checks.correlations(self.problem.posterior.likelihood, self.best)
 
     @property
     def warning(self) -> str:
-        """What the figure carries; empty where there is nothing to warn of."""
+        """Return the warning that figures carry; it may be empty."""
         return misfit(self.left)
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Why it must not be believed: it does not fit; empty where it may be."""
+        """Return reasons not to believe the maximum (the model does not fit), or none."""
         return residual_reasons(self.left)
 
     def _sections(self, figures: Mapping[str, Drawing]) -> tuple[Section, ...]:
@@ -101,12 +101,12 @@ class MapReport:
 
     @property
     def text(self) -> str:
-        """For a terminal."""
+        """Return the report for a terminal."""
         return "\n".join(as_text(self._sections({})))
 
     @property
     def texts(self) -> Mapping[str, str]:
-        """Files by name."""
+        """Return the text files by name."""
         return {
             TABLE: section.records_as_csv(ModeRow, mode_rows(self.problem, self.mode)),
             **prediction_csv(self.problem, self.best),
@@ -114,7 +114,7 @@ class MapReport:
         }
 
     def page(self, folder: Path) -> str:
-        """HTML, with the picture and the config that stand in `folder`."""
+        """Return the page as HTML, with the pictures and the config that stand in `folder`."""
         config = self.config
         marks = provenance.marks(config, self.problem)
         lines = (
@@ -130,7 +130,7 @@ class MapReport:
 
     @cached_property
     def figures(self) -> Mapping[str, Drawing]:
-        """By stem."""
+        """Return the figures by the stems of their files."""
         problem, width = self.problem, WIDTHS[self.config.output.size]
         shown = ((fit.label, fit) for fit in every_fit(problem, self.best, self.left))
         fits = numbered("fit", for_each_experiment(fit_figure, shown, width, FIT_ALONE))

@@ -60,7 +60,7 @@ def is_first_column(panel: Axes) -> bool:
 
 
 def label_outside(panels: Sequence[Axes], x: str, y: str, *, share_y: bool = True) -> None:
-    """Label the foot of each column and, where they share it, the side of each row of equal panels."""
+    """Set the labels below each column of equal panels and, if they share it, beside each row."""
     specs = [panel.get_subplotspec() for panel in panels]
     feet = {spec.colspan.start: k for k, spec in enumerate(specs) if spec is not None}
     for k, panel in enumerate(panels):
@@ -221,7 +221,7 @@ def _bandwidth(x: Array, ends: Ends) -> float:
 
 
 def _resolved_levels(counts: Array, smooth: Sequence[float]) -> tuple[float, ...]:
-    """Of `LEVELS`, those whose contour lies where the density falls by more than its noise."""
+    """Return the `LEVELS` whose contour lies where the density falls by more than its noise."""
     from scipy.ndimage import gaussian_filter
 
     density = gaussian_filter(counts, smooth)

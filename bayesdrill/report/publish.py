@@ -103,16 +103,18 @@ def write_results(
             pictures[name].append(
                 Picture(stem, says or stem, output_files.preferred_format(formats[name]))
             )
-    with sparing.making("summary.md"):
-        folder.write_text("summary.md", as_markdown(view.config.name, sections(view, pictures)))
-    with sparing.making("report.html"):
-        made_of = run_report.provenance_section(view, folder.path)
-        page_sections = (*sections(view, pictures), made_of, run_report.cite())
-        text = render.as_html(
-            view.config.name, "posterior", page_sections, figures, view.problem.symbols
-        )
-        folder.write_text("report.html", text)
-    return (*view.chain.sparing.missing, *sparing.missing)
+    with sparing.making("summary.md and report.html"):
+        said = sections(view, pictures)
+        with sparing.making("summary.md"):
+            folder.write_text("summary.md", as_markdown(view.config.name, said))
+        with sparing.making("report.html"):
+            made_of = run_report.provenance_section(view, folder.path)
+            page = (*said, made_of, run_report.cite())
+            text = render.as_html(
+                view.config.name, "posterior", page, figures, view.problem.symbols
+            )
+            folder.write_text("report.html", text)
+    return (*view.chain.errors.missing, *sparing.missing)
 
 
 def _begin_figures(

@@ -24,7 +24,7 @@ _SVG_SIZE = re.compile(rb'<svg[^>]*\bwidth="([\d.]+)pt" height="([\d.]+)pt"')
 
 @dataclass(frozen=True, slots=True)
 class EmbeddedPicture:
-    """A picture inside the page."""
+    """The picture is part of the page, as a data URL with its size in pixels."""
 
     url: str
     width: int
@@ -82,7 +82,7 @@ def as_html(
 
 
 def digest(text: str) -> str:
-    """Return by what a browser knows a style or a script of the page."""
+    """Return the hash by which a browser allows a style or a script of the page."""
     return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
 
 

@@ -33,7 +33,7 @@ MACHINE, MESH, SYMBOLS = 0.62, 0.66, 0.34
 
 @dataclass(frozen=True, slots=True)
 class _Link:
-    """A shaft, or a gear with its `ratio`; a shaft with a symbol below it has a damper."""
+    """The link is a shaft, or a gear with its `ratio`; a symbol below a shaft means a damper."""
 
     ends: tuple[str, str]
     above: str
@@ -44,7 +44,7 @@ class _Link:
 
 @dataclass(frozen=True, slots=True)
 class _Part:
-    """An inertia or the ground: lines of text above it and below, from the middle outwards."""
+    """The part is an inertia or the ground, with lines of text from its middle outwards."""
 
     name: str
     above: tuple[str, ...] = ()
@@ -57,7 +57,7 @@ class _Part:
 
 @dataclass(slots=True)
 class _Row:
-    """Parts beside each other, each with the links to the one before it, behind a part above."""
+    """The row holds parts from left to right; it begins behind a part of a row above, or nowhere."""
 
     behind: str | None
     parts: list[str]
@@ -87,7 +87,7 @@ def _draw_rig(run: ReportContext) -> Drawing | None:
 
 
 class _RigDrawing:
-    """The parts of a rig, laid out in rows: the longest chain first, then what branches off."""
+    """The drawing lays the parts of a rig out in rows: the longest chain first, then branches."""
 
     def __init__(self, rig: Model) -> None:
         self.rig, self.roles = rig, rig.roles

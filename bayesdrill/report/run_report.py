@@ -38,7 +38,7 @@ CHECKED = (
 
 
 def provenance_section(run: ReportContext, folder: Path) -> Section:
-    """`folder`: of the run, which holds config and chain."""
+    """Build the section of provenance; `folder` is that of the run, with its config and chain."""
     config, marks = run.config, run.marks
     c, sampler = run.sampled.convergence, config.sampler
     took = ", ".join(f"{name} {value:.1f}" for name, value in run.seconds.items())
@@ -63,7 +63,7 @@ def provenance_section(run: ReportContext, folder: Path) -> Section:
 
 
 def made_of(lines: tuple[tuple[str, str], ...], folder: Path, *more: Note) -> Section:
-    """What is known, and digests of what it was made of, where these are in `folder`."""
+    """Build the section of provenance: `lines`, and digests of the files that are in `folder`."""
     there = [name for name in (CONFIG_FILE, RESOLVED_FILE, CHAIN) if (folder / name).exists()]
     digests = ", ".join(f"`{name}` {output_files.digest(folder / name)}" for name in there)
     table = Table(("", ""), (*lines, *([("files", digests)] if digests else [])), frozenset(("",)))
@@ -75,7 +75,7 @@ def made_of(lines: tuple[tuple[str, str], ...], folder: Path, *more: Note) -> Se
 
 
 def provenance_of_records(problem: Problem) -> Iterator[tuple[str, str]]:
-    """The file of each experiment, and its channels."""
+    """Yield the files of each experiment, and its channels."""
     every = provenance.records(problem)
     for observation in problem.observations:
         files = ", ".join(f"`{name}`" for name in observation.experiment.written.files)
@@ -94,7 +94,7 @@ CITE = (
 
 
 def cite() -> Section:
-    """How to cite what a run was made with."""
+    """Build the section that says how to cite the software behind a run."""
     return build("How to cite", CITE, Plain(citation(), folded="BibTeX"), brief=False)
 
 

@@ -109,7 +109,7 @@ def printed(symbols: Iterable[Symbol] = ()) -> Mapping[str, Markup]:
 
 
 def _letter(latex: str) -> Markup:
-    """Empty where it is more than a letter with an index."""
+    """Return HTML of a LaTeX symbol; it is empty unless that is a letter with an index."""
     dotted = latex.startswith(_DOT)
     matched = _INDEXED.fullmatch(latex.removeprefix(_DOT).replace(r"\mathrm", ""))
     if matched is None:
@@ -143,7 +143,7 @@ def _splitting(
 
 
 class Typesetter:
-    """Typesets text as HTML, escaped.
+    """The typesetter makes HTML of text, and escapes it.
 
     `plain`: names as they are printed, and powers; `prose`: also `code`, which keeps what is inside as
     it is, **strong** and *emphasis*.
@@ -172,7 +172,7 @@ type Labelled = Symbol | Channel
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """The scale of an axis, shown from `low` to `high`.
+    """The scale is that of an axis, which is shown from `low` to `high`.
 
     u = (x - origin) / 10**power of the value x, or log10(x / 10**power) where the axis is
     logarithmic.
@@ -235,7 +235,7 @@ class Scale:
 
     @property
     def between(self) -> Array:
-        """Positions of 1, 2, ... 9 of each decade, where a logarithmic axis has few of these."""
+        """Return positions of 1, 2, ... 9 of each decade of a short logarithmic axis, or none."""
         if not self.log or not CURVED_RATIO <= 10.0 ** (self.high - self.low) < CROWDED_RATIO:
             return np.empty(0)
         decades = range(math.floor(self.low), math.ceil(self.high) + 1)
@@ -243,7 +243,10 @@ class Scale:
         return np.asarray(positions[(positions >= self.low) & (positions <= self.high)])
 
     def label(self, what: Labelled, separator: str = " ") -> str:
-        r"""For example `$j_m$ [$10^{-4}\,\mathrm{kg\,m^2}$]`: axis values are divided by the power."""
+        r"""Return a label with the power that axis values are divided by, and the unit.
+
+        For example `$j_m$ [$10^{-4}\,\mathrm{kg\,m^2}$]`.
+        """
         sign = "-" if self.origin > 0 else "+"
         off = f" {sign} {latex_number(abs(self.origin))}" if self.origin else ""
         quantity = f"${what.latex}{off}$"

@@ -19,9 +19,10 @@ from bayesdrill.basics.errors import printable
 from bayesdrill.inference.derived import HDI_PROBABILITY
 
 
-def listed(names: Sequence[str]) -> str:
-    """Join names with commas, and the last with *and*."""
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+def listed(names: Sequence[str], conjunction: str = " and ") -> str:
+    """Join names with commas, and the last with a conjunction."""
+    *first, last = names
+    return f"{', '.join(first)}{conjunction}{last}" if first else last
 
 
 _TAG = re.compile(r"<(?=[A-Za-z/!?])")
@@ -29,14 +30,14 @@ _TAG = re.compile(r"<(?=[A-Za-z/!?])")
 
 @dataclass(frozen=True, slots=True)
 class Sentences:
-    """Lines of text; lines that begin with blanks go on with the one before."""
+    """The block is lines of text; lines that begin with blanks continue the one before."""
 
     text: str
 
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """A sentence, and those that go on with it."""
+    """The item is a sentence, with `more` that continue it."""
 
     text: str
     more: tuple[str, ...] = ()
@@ -44,14 +45,14 @@ class Item:
 
 @dataclass(frozen=True, slots=True)
 class Note:
-    """How to read what stands beside it: for a page, not for a terminal."""
+    """The note says how to read a page; a terminal does not show it."""
 
     text: str
 
 
 @dataclass(frozen=True, slots=True)
 class Plain:
-    """Text whose columns are aligned already: for a page, not for a terminal.
+    """The text has aligned columns already; a terminal does not show it.
 
     `folded`: under these words, where a page can fold it away.
     """
@@ -67,7 +68,7 @@ Tone = Literal["good", "plain", "doubt", "bad"]
 
 @dataclass(frozen=True, slots=True)
 class Badge:
-    """A mark of a run that is seen at a glance."""
+    """The badge says one property of a run at a glance."""
 
     text: str
     tone: Tone
@@ -75,14 +76,14 @@ class Badge:
 
 @dataclass(frozen=True, slots=True)
 class Badges:
-    """Badges for a page, not for a terminal."""
+    """The badges stand at the top of a page; a terminal does not show them."""
 
     items: tuple[Badge, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A figure of the same folder, by the stem of its files.
+    """The picture is a figure of the same folder, by the stem of its files.
 
     `says`: what is seen in it; `ending`: of the file for a page.
     """
@@ -94,7 +95,7 @@ class Picture:
 
 @dataclass(frozen=True, slots=True)
 class IntervalBar:
-    """An interval and two values, as shares (0 to 1) of the range that is drawn."""
+    """The bar is an interval with two values, as fractions (0 to 1) of the range that is drawn."""
 
     low: float
     high: float
@@ -104,7 +105,7 @@ class IntervalBar:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A table of texts.
+    """The table has cells of text.
 
     `left`: heads of columns that begin at the left; `brief`: what a terminal shows, or else all;
     `bars`: of each line, where a page can draw them, or none at all.
@@ -146,7 +147,7 @@ Block = Sentences | Note | Plain | Badges | Picture | Table
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """A section of a report.
+    """The section is a title and the blocks below it.
 
     `title`: empty where it goes on; `brief`: whether a terminal shows it.
     """
@@ -186,7 +187,7 @@ def as_markdown(title: str, sections: Sequence[Section]) -> str:
 
 
 def _no_html(text: str) -> str:
-    """As it was written what a page of Markdown would take for a tag, which no text here means."""
+    """Replace what Markdown would take for an HTML tag; no text of a report means one."""
     return _TAG.sub("&lt;", text)
 
 

@@ -1,4 +1,4 @@
-"""Share the style of figures: fonts and greys, ticks and axes, warnings, and saving.
+"""Set the style of figures: fonts and greys, ticks and axes, warnings, and saving.
 
 Matplotlib takes a second to load, so it is imported where something is drawn.
 """
@@ -226,7 +226,7 @@ def save(
 
 
 def _entries(kind: str, metadata: Mapping[str, str]) -> dict[str, str | None]:
-    """As the writer of this format takes them; what its readers do not know is joined in Keywords."""
+    """Return metadata as the writer of a format takes them; unknown entries are joined in Keywords."""
     if kind not in _DATES:
         return dict(metadata)
     known: dict[str, str | None] = {

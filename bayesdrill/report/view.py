@@ -11,13 +11,14 @@ import bayesdrill
 from bayesdrill.analysis.run_analysis import RunAnalysis, RunDraws
 from bayesdrill.basics import seeds
 from bayesdrill.basics.arrays import Array
-from bayesdrill.basics.values import Value
+from bayesdrill.basics.equality import Value
 from bayesdrill.config.schema.config import Config
 from bayesdrill.inference.derived import Derived
 from bayesdrill.inference.display_units import DisplayedUnknowns, DisplayUnits
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.report import words
 from bayesdrill.report.doubts import describe_timing, figure_warning, prior_notes, run_doubts
+from bayesdrill.report.findings import finding_sentences
 from bayesdrill.report.scales import WIDTHS
 from bayesdrill.report.section import Picture, Section
 from bayesdrill.results import provenance
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Drawing:
-    """A figure to be drawn, perhaps by another process: what draws it, and what it is given.
+    """The drawing is a function that draws a figure, perhaps in another process, and its arguments.
 
     `says`: what is seen in it, for its caption and for those who do not see it.
     """
@@ -50,7 +51,7 @@ type Recipe = Callable[[ReportContext], Drawing | tuple[Drawing, ...] | None]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReportPart:
-    """A part of the report of a run.
+    """The part is one module's share of the report of a run.
 
     `sections`: what it says, with the pictures of its figures; `figures`: what draws each of them,
     by name; `files`: its tables as texts, None where a run has no such table.
@@ -76,7 +77,7 @@ def for_each_experiment(
 
 @dataclass(frozen=True, eq=False)
 class ReportContext(Value):
-    """A finished run, as tables and figures look at it.
+    """The context is a finished run, as tables and figures look at it.
 
     `chain`: its draws; `analyse`: what evaluates its analysis, when that is first asked for;
     `seconds`: how long its parts took, where that is known.
@@ -89,48 +90,47 @@ class ReportContext(Value):
 
     @cached_property
     def analysis(self) -> RunAnalysis:
-        """All that is said of the run."""
+        """Return the analysis of the run, which is evaluated once."""
         return self.analyse(self.chain)
 
     @property
     def problem(self) -> Problem:
-        """The posterior with its names."""
+        """Return the posterior with the names of its unknowns."""
         return self.chain.problem
 
     @property
     def mode(self) -> Mode:
-        """The maximum of the posterior."""
+        """Return the maximum of the posterior."""
         return self.chain.mode
 
     @property
     def sampled(self) -> SamplingResult:
-        """The chains."""
+        """Return the chains."""
         return self.chain.sampled
 
     @property
     def draws(self) -> Array:
-        """The draws `(N, D)` of all ensembles."""
+        """Return the draws `(N, D)` of all ensembles."""
         return self.chain.draws
 
     @property
     def warning(self) -> str:
-        """The warning that every figure must carry; empty where there is none."""
+        """Return the warning that every figure must carry; it may be empty."""
         return figure_warning(self.sampled, self.chain.fit)
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Reasons why the result must not be believed: it did not converge, or does not fit."""
+        """Return reasons not to believe the result: it did not converge, or does not fit."""
         return run_doubts(self.sampled, self.analysis.fit, self.analysis.unsupported)
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Sentences on priors, record and rig that are no reason to doubt the draws."""
+        """Return sentences on priors, record and rig that are no reason to doubt the draws."""
         analysis = self.analysis
         missed = self.sampled.coverage("the ends of intervals are rough")
         others = (
             *describe_timing(analysis.moment),
-            *analysis.course,
-            *analysis.rig,
+            *finding_sentences((*analysis.course, *analysis.rig)),
             *(f"record: {sentence}" for sentence in words.record_made(self.problem)),
             *(f"record, {sentence}" for sentence in analysis.suspicions),
         )
@@ -142,23 +142,23 @@ class ReportContext(Value):
 
     @cached_property
     def marks(self) -> Mapping[str, str]:
-        """The metadata of figures and tree."""
+        """Return the metadata of figures and of the ArviZ tree."""
         c = self.sampled.convergence
         return provenance.marks(self.config, self.problem, f"{c.burn_in} of {c.steps} steps")
 
     @cached_property
     def derived(self) -> Derived:
-        """Draws of derived quantities."""
+        """Return the draws of derived quantities."""
         return self.chain.derived(self.analysis.judged)
 
     @property
     def width(self) -> float:
-        """The width of figures, inches."""
+        """Return the width of figures in inches."""
         return WIDTHS[self.config.output.size]
 
     @property
     def units(self) -> DisplayUnits:
-        """The units in which people are shown unknowns and derived quantities."""
+        """Return the units in which unknowns and derived quantities are shown."""
         return self.problem.units
 
     def shown(self, names: Sequence[str] | None = None) -> DisplayedUnknowns:
@@ -178,7 +178,7 @@ class ReportContext(Value):
 
     @cached_property
     def tree(self) -> DataTree:
-        """The tree for ArviZ."""
+        """Return the tree of draws for ArviZ."""
         # Late: xarray takes half a second to load.
         from bayesdrill.results.arviz_tree import make_tree
 

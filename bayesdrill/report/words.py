@@ -1,4 +1,4 @@
-"""What the terminal and the summary say of record, search and draws, in sentences."""
+"""Describe record, model and config in sentences, for the terminal and the summary."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from bayesdrill.config.schema.records import ColumnSpec, TimeColumn
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.record import clocks
+from bayesdrill.report.findings import finding_sentences
 from bayesdrill.report.section import aligned
 from bayesdrill.rig.models.linear import Model, constants
 from bayesdrill.rig.simulators import COMPRESSED_FROM
@@ -27,7 +28,7 @@ HEADERS = ("", "measures", "column", "unit", "first", "from", "to")
 
 
 def record_columns(problem: Problem, case: ResolvedCase) -> str:
-    """Of each record: time, channels and measured inputs, in the units of their columns."""
+    """Describe the time, channels and measured inputs of each record, in the units of its columns."""
     return "\n".join(
         _columns(observation, case.experiment(observation.label).config)
         for observation in problem.all_observations
@@ -52,7 +53,7 @@ def _columns(observation: Observation, config: Config) -> str:
 
 
 def record_made(problem: Problem) -> tuple[str, ...]:
-    """What times each record has, where its steps are not equal, and what was done to its numbers."""
+    """Describe uneven times, incomplete channels, cleaning and held-out samples of records."""
     apart = problem.posterior.likelihood.held_out
     sentences: list[str] = []
     for observation in problem.observations:
@@ -82,8 +83,8 @@ def record_suspicions(problem: Problem, most: int = FEW) -> tuple[str, ...]:
         odd = [each.in_words(most) for each in observation.experiment.odd]
         factors = [channel.factor for channel in observation.experiment.channels]
         said = suspected.suspicions_of_record(observation.experiment, factors, problem.model)
-        sentences += _of_experiment(observation, [*odd, *said])
-    return (*sentences, *suspected.suspicions_of_start(problem))
+        sentences += _of_experiment(observation, [*odd, *finding_sentences(said)])
+    return (*sentences, *finding_sentences(suspected.suspicions_of_start(problem)))
 
 
 def _line(name: str, measures: str, spec: ColumnSpec, values: Array) -> tuple[str, ...]:
@@ -113,7 +114,7 @@ def headline(problem: Problem, config: Config) -> str:
 
 
 def opening(problem: Problem) -> str:
-    """What goes in."""
+    """Describe the records, the model and the unknowns of a problem."""
     space, shown = problem.posterior.space, problem.units.format_value
     held = ", ".join(f"{name} = {shown(name, value)}" for name, value in space.fixed.items())
     tied = ", ".join(f"{name} = {relation.text}" for name, relation in space.relations.items())
@@ -126,7 +127,7 @@ def opening(problem: Problem) -> str:
 
 
 def records(problem: Problem) -> str:
-    """A line for each."""
+    """Describe each record in a line, and the likelihood of a long one in another."""
     lines = []
     for observation in problem.observations:
         experiment = observation.experiment
@@ -142,7 +143,7 @@ def records(problem: Problem) -> str:
 
 
 def model(problem: Problem) -> str:
-    """Its name, what was added to it, and what it holds beside parameters: the gear."""
+    """Describe the model: its name, what was added to it, its constants and its gear."""
     rig = problem.model
     if rig.has_private_names:
         return _parts(rig)
@@ -173,7 +174,7 @@ def _parts(rig: Model) -> str:
 
 
 def preview(problem: Problem, config: Config) -> str:
-    """What would run."""
+    """Describe the priors, the search and the sampling of a config, and what is doubtful."""
     posterior, sampler, units = problem.posterior, config.sampler, problem.units
     start = posterior.space.vector(posterior.space.start)
     priors = "\n".join(
@@ -183,13 +184,16 @@ def preview(problem: Problem, config: Config) -> str:
             units.symbols(problem.symbols), posterior.space.priors.values(), strict=True
         )
     )
-    doubts = plausibility.plausibility_of_nominal(problem)
-    kind = "nominal" if problem.nominal else "start"
-    findings = (  # what makes table, priors, gear or record doubtful before anything is sampled
-        *(f"{kind} values, {doubt}" for doubt in doubts),
+    doubts = finding_sentences(plausibility.plausibility_of_nominal(problem))
+    findings = (
         *plausibility.plausibility_of_priors(problem),
         *plausibility.of_roles(problem),
         *plausibility.plausibility_of_gear(problem),
+    )
+    kind = "nominal" if problem.nominal else "start"
+    sentences = (  # what makes table, priors, gear or record doubtful before anything is sampled
+        *(f"{kind} values, {doubt}" for doubt in doubts),
+        *finding_sentences(findings),
         *(f"record: {note}" for note in record_made(problem)),
         *(f"record, {note}" for note in record_suspicions(problem, ALL)),
     )
@@ -199,12 +203,12 @@ def preview(problem: Problem, config: Config) -> str:
         f"would run: {config.map.starts} searches by {config.map.method}, then "
         f"{sampler.ensembles} ensembles of {sampler.walkers} walkers for at most {sampler.max_steps} "
         f"steps. They end when R-hat <= {sampler.r_hat:g}, N/tau >= {sampler.n_tau:g} and "
-        f"ESS >= {sampler.ess:g}\n" + "\n".join([size(problem, config), *findings])
+        f"ESS >= {sampler.ess:g}\n" + "\n".join([size(problem, config), *sentences])
     )
 
 
 def predictive_draws(problem: Problem, config: Config) -> int:
-    """Of each ensemble: as many as the config asks for, or as there is room for."""
+    """Return how many predictive draws of each ensemble are asked for and have room."""
     wanted = config.output.predictive_draws
     return output_files.predictive_draws(wanted, config.sampler.ensembles, _numbers(problem))
 
@@ -214,7 +218,7 @@ def _numbers(problem: Problem) -> int:
 
 
 def size(problem: Problem, config: Config) -> str:
-    """What the results will hold at most."""
+    """Describe how large the results can become."""
     sampler, unknowns = config.sampler, len(problem.names)
     steps = min(
         sampler.max_steps, output_files.steps_of_chain(sampler.ensembles, sampler.walkers, unknowns)
@@ -230,7 +234,7 @@ def size(problem: Problem, config: Config) -> str:
 
 
 def _misfit(problem: Problem) -> str:
-    """Of the start, where sigma is known; it may be large, if the rig is not as the table says."""
+    """Describe the misfit of the start where sigma is known; wrong nominal values make it large."""
     likelihood, space = problem.posterior.likelihood, problem.posterior.space
     if any(observation.unknowns for observation in likelihood.observations):
         return ""

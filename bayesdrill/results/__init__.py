@@ -1,4 +1,4 @@
-"""Results on disk: the folder of a run with its chain, the ArviZ tree, and the provenance.
+"""Store results on disk: the folder of a run with its chain, the ArviZ tree, and the provenance.
 
 `output_files` defines which files may be written, and how. Tables and figures are made in `report`.
 """

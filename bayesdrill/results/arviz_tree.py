@@ -1,4 +1,4 @@
-"""The result as a tree of ArviZ groups: a chain is an ensemble, and draws are nearly independent."""
+"""Make the tree of ArviZ groups of a result: a chain is an ensemble of nearly independent draws."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ def _predict(
 
 @dataclass(frozen=True, slots=True)
 class _Column:
-    """A channel of one experiment, and its name in the tree."""
+    """A channel of one experiment has a name in the tree."""
 
     name: str
     observation: Observation

@@ -1,4 +1,4 @@
-"""Provenance of a result: versions, the fingerprint of a run, and the config with its defaults.
+"""Write the provenance of a result: versions, fingerprint, and the config with its defaults.
 
 It is written when a job begins; an interruption is recorded too.
 """

@@ -1,4 +1,4 @@
-"""The folder of a run: atomic files, chain segments that survive a crash, and a lock."""
+"""Write the folder of a run: atomic files, chain segments that survive a crash, and a lock."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from filelock import FileLock, Timeout
 
 from bayesdrill import output_files
 from bayesdrill.basics.errors import InputError, Issue, report_damage, shortened
-from bayesdrill.basics.values import from_data
+from bayesdrill.basics.json_records import from_data
 from bayesdrill.output_files import LOCK, PIECES, RUN, Kind, atomic_write
 from bayesdrill.sampling.samplers.ensemble import ChainSegment, State
 
@@ -166,7 +166,7 @@ LONGEST = 120  # most letters of a value in a message
 
 
 class _Listed(TypedDict):
-    """A run in an overlay or a comparison."""
+    """An overlay or a comparison has such an entry for each run."""
 
     name: str
     run: str
@@ -174,7 +174,7 @@ class _Listed(TypedDict):
 
 
 class _Entries(TypedDict, total=False):
-    """The entries of `run.json` that this module reads."""
+    """A folder keeps these entries of `run.json`, which are read here."""
 
     job: Required[str]
     fingerprint: Required[dict[str, str]]
@@ -187,7 +187,7 @@ class _Entries(TypedDict, total=False):
 
 @dataclass(slots=True)
 class Folder:
-    """The folder of a run, locked while open; a resumed run must have the same `fingerprint`.
+    """The folder of a run is locked while open; a resumed run must have the same `fingerprint`.
 
     A folder without a lock file that is only read is not locked, since it may be write-protected.
     Nothing is changed before `begin`, so a run that is refused leaves the folder as it was.
@@ -285,7 +285,7 @@ class Folder:
 
     @property
     def run(self) -> str:
-        """The mark of this run."""
+        """Return the mark of this run."""
         return mark(self.fingerprint)
 
     def refuse_foreign(self, name: str, run: str | None) -> None:
@@ -341,7 +341,7 @@ class Folder:
 
     @property
     def sampled(self) -> bool:
-        """Whether there is a chain, or a segment of one."""
+        """Return whether there is a chain, or a segment of one."""
         return bool(self._unfinished()) or (self.path / CHAIN).exists()
 
     def _unfinished(self) -> list[str]:

@@ -20,20 +20,21 @@ import scipy
 
 from bayesdrill.basics.arrays import Array, Flags, Indices, StoredArray
 
-STUCK_SHARE = 0.5  # a stuck walker stands still for at least this share of the kept steps, ...
-STUCK_RATIO = 5.0  # ... and this many times longer than the median walker at its longest
+# The longest stay of a stuck walker is at least this share of the kept steps, and this many times
+# that of the median walker.
+STUCK_SHARE, STUCK_RATIO = 0.5, 5.0
 LOW_DENSITY_QUANTILE = 0.001  # a healthy walker's median is above this quantile of the better half
 MIN_GROUP_DISTANCE = 1.0  # least distance between two groups of walkers, in standard deviations
 MAX_VALLEY_RATIO = 0.5  # least density between two groups over that of the smaller; unimodal: >= 1
 GROUP_BINS = 12  # bins of the histogram between the centres of two groups
 MIN_STAY_SHARE = 0.5  # least mean time that walkers stay in a group, as a share of the kept steps
-FALSE_ALARM_PROBABILITY = 1e-6  # of a growing tau in a healthy chain, for each unknown
+FALSE_ALARM_PROBABILITY = 1e-6  # probability, for each unknown, that tau of a healthy chain grows
 MIN_STEPS_FOR_WALKERS = 50  # with fewer kept steps single walkers are not judged
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PostBurnInChain:
-    """Steps after the burn-in: `theta (E, S, W, D)` and `log_p (E, S, W)`, with `tau (D,)` in steps."""
+    """A chain after the burn-in has `theta (E, S, W, D)`, `log_p (E, S, W)`, and `tau (D,)` in steps."""
 
     theta: Array
     log_p: Array
@@ -71,7 +72,7 @@ def longest_stay(theta: Array) -> Indices:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BimodalSplit:
-    """Two groups of walkers: their centres, the share of steps in the upper one, and the crossings."""
+    """Two groups of walkers have centres, `crossings`, and the share of steps in the upper group."""
 
     low: float
     high: float
@@ -195,7 +196,7 @@ def _growing_tau(chain: PostBurnInChain, sound: Flags, sd: Array) -> list[str]:
 
 
 def _pooled_steps(theta: Array, selected: Flags) -> Array:
-    """Pool the steps of the selected walkers of all ensembles, `(E, S, W, D) -> (S N, D)`."""
+    """Return the pooled steps of the selected walkers of all ensembles, `(E, S, W, D) -> (S N, D)`."""
     steps = theta if selected.all() else np.swapaxes(theta, 1, 2)[selected]
     return steps.reshape(-1, theta.shape[-1])
 
@@ -229,7 +230,7 @@ SOKAL_WINDOW = 5.0  # Sokal's window is the first lag above this many autocorrel
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Targets:
-    """Targets at which sampling stops: highest R-hat, least N/tau and least bulk ESS of any unknown."""
+    """Sampling stops at these targets: highest R-hat, least N/tau and least bulk ESS of any unknown."""
 
     r_hat: float
     n_tau: float
@@ -238,7 +239,7 @@ class Targets:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Convergence:
-    """The convergence of the ensembles, and which of their steps are kept.
+    """The ensembles of a run have this convergence.
 
     Of the `steps` per ensemble, `burn_in` are dropped and every `thin`-th is kept.  `tau` in steps,
     `r_hat`, `ess_bulk` and `ess_tail` have the shape `(D,)`.  `reasons` are sentences why the result
@@ -261,13 +262,13 @@ class Convergence:
 
     @property
     def converged(self) -> bool:
-        """Whether there is no reason to distrust the result."""
+        """Return whether there is no reason to distrust the result."""
         return not self.reasons
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChainLength:
-    """The length of a chain: `n_tau` times the longest of `tau (D,)`, after `burn_in` steps.
+    """A chain is `n_tau` times as long as the longest of `tau (D,)`, after `burn_in` steps.
 
     `wanted_burn_in` is `BURN_IN_TAUS` times `late_tau`, the longest tau of the second half in steps;
     `burn_in` is that or half of the chain, whichever is less.
@@ -303,12 +304,12 @@ def assess(
     log_p: Array | None = None,
     measured: ChainLength | None = None,
 ) -> Convergence:
-    """Assess the convergence of physical chains `(E, S, W, D)`.
+    """Return the convergence of physical chains `theta (E, S, W, D)`.
 
     Without the log densities `log_p (E, S, W)` walkers at a low density are not found.  `measured` is
     the length of the chains if it is known already.
     """
-    from arviz_stats.base import array_stats  # late: it takes half a second to load
+    from arviz_stats.base import array_stats  # imported here, as loading takes half a second
 
     n_steps = theta.shape[1]
     measured = measured or chain_length(theta)
@@ -358,7 +359,7 @@ def assess(
 
 
 def _steps_needed(steps: int, targets: Targets, n_tau: float, ess: Array) -> int | None:
-    """Extrapolate in proportion, with a margin; return None if N/tau and ESS meet their targets."""
+    """Return the steps that the targets need, in proportion and with a margin; None if they are met."""
     short = max(targets.n_tau / n_tau, targets.ess / float(ess.min()))
     return math.ceil(STEPS_MARGIN * short * steps) if short > 1 else None
 
@@ -400,7 +401,7 @@ def futility(trail: Sequence[tuple[int, float]], wanted: float, allowed: int, mo
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Autocorrelation:
-    """The autocorrelation of chains, and its integral in Sokal's window.
+    """Chains have an autocorrelation, which is summed in Sokal's window.
 
     `rho (S, D)` is given at each lag in steps.  `tau (D,)` is 2 sum(rho) - 1 from lag 0 to the lag
     `window (D,)`, and at least 1.

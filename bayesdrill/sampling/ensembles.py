@@ -44,7 +44,7 @@ from bayesdrill.sampling.workers import WorkerPool
 
 
 class Backend(Protocol):
-    """Storage of the chains of a run."""
+    """A backend stores the chains of a run."""
 
     def segments(self, ensemble: int) -> list[ChainSegment]:
         """Return the segments of one ensemble in order."""
@@ -55,7 +55,7 @@ class Backend(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class MemoryBackend:
-    """A backend in memory, for chains that no file has to keep."""
+    """The backend in memory keeps chains without files."""
 
     saved: dict[int, list[ChainSegment]] = field(default_factory=dict)
 
@@ -64,25 +64,25 @@ class MemoryBackend:
         return list(self.saved.get(ensemble, []))
 
     def save(self, ensemble: int, first_step: int, segment: ChainSegment) -> None:
-        """Append a segment to those of its ensemble."""
+        """Store the segment of an ensemble that begins at `first_step`."""
         self.saved.setdefault(ensemble, []).append(segment)
 
 
 CLIMB_STEPS = 25  # Gauss-Newton steps from the MAP of the unknowns to that of the coordinates
-MAX_SLOPES = 20_000  # slopes of all samples at one point; with more the check of mass is too slow
+MAX_SLOPES = 20_000  # slopes of all samples at a point, above which the check of mass is too slow
 POINTS_PER_TASK = 64  # points whose quadratic model one process computes at a time
 START_SPREAD = 1.5  # widths of the proposal; a start this wide lets R-hat see slow ensembles
 MAX_START_TRIES = 20  # rounds of each way to place walkers: wide, from the proposal, mirrored
 MAX_START_DEPTH = 50.0  # in log density below the highest walker; a lower walker is placed again
 FIRST_CHECK = 200  # steps before convergence is first assessed
-MAX_SEGMENT_STEPS = 250  # steps between two savings at most, and ...
-SEGMENT_SECONDS = 2.0  # ... about as many as take this long, since Ctrl-C waits for a segment
+MAX_SEGMENT_STEPS = 250  # largest number of steps of a segment
+SEGMENT_SECONDS = 2.0  # approximate time of a segment, for which Ctrl-C has to wait
 MOST_MISSED = 0.05  # posterior mass out of the proposal's reach above which nothing is believed
 MAX_STEPS_OF_A_MISFIT = 800  # a model that does not fit is not worth a longer chain
 
 
 class _PooledLogDensity(LogDensity):
-    """The log density over the sampler's coordinates; many points are shared among processes."""
+    """The processes of a pool share the evaluation of quadratic models at many points."""
 
     def __init__(self, pool: WorkerPool) -> None:
         super().__init__(pool.posterior)
@@ -179,7 +179,7 @@ def begin_walkers(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
-    """The settings of a run: number and size of ensembles, weights of moves, targets and the seed."""
+    """A plan has the settings of a run: ensembles and walkers, weights of moves, targets and seed."""
 
     ensembles: int
     walkers: int
@@ -195,7 +195,7 @@ class Plan:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SamplingResult:
-    """The chains of a run, their convergence, and what was estimated from them.
+    """The result of a run has its chains, their convergence, and what was estimated from them.
 
     `theta (E, S, W, D)` is physical, and `segments` are those of each ensemble as saved.  `learnt` and
     the share of the draws at each maximum, `mode_shares (M,)`, are None for a chain that was only read.
@@ -234,23 +234,23 @@ class SamplingResult:
 
     @property
     def draws(self) -> Array:
-        """The nearly independent draws of `theta`: `(E, N, D)`, physical."""
+        """Return the nearly independent draws of `theta`, `(E, N, D)`, physical."""
         return thinned(self.theta, self.convergence.burn_in, self.convergence.thin)
 
     @property
     def log_p(self) -> Array:
-        """The log density of the draws over the sampler's coordinates, `(E, N)`."""
+        """Return the log density of the draws over the sampler's coordinates, `(E, N)`."""
         log_p = _stack(self.segments, "log_p")
         return thinned(log_p, self.convergence.burn_in, self.convergence.thin)
 
     @property
     def acceptance(self) -> Array:
-        """The share of accepted proposals in each ensemble, `(E,)`."""
+        """Return the share of accepted proposals in each ensemble, `(E,)`."""
         return np.array([sum(p.accepted.mean() for p in ps) / _steps(ps) for ps in self.segments])
 
     @property
     def failures(self) -> int:
-        """The number of proposals inside the prior whose response overflowed."""
+        """Return the number of proposals inside the prior whose response overflowed."""
         return sum(segment.failures for segments in self.segments for segment in segments)
 
 
@@ -267,7 +267,7 @@ def walk(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Walk:
-    """The ensembles of a run, and the `segments` that they have made so far."""
+    """The ensembles of a run have made these `segments` so far."""
 
     pool: WorkerPool
     proposal: Proposal
@@ -407,7 +407,7 @@ def _assess(
     theta: Array,
     measured: ChainLength | None = None,
 ) -> SamplingResult:
-    """Assess all `segments`: `theta (E, S, W, D)` is physical, `measured` its length if known."""
+    """Return the result of `segments` with physical `theta (E, S, W, D)`, of `measured` length."""
     log_p = _stack(segments, "log_p")
     convergence = assess(theta, posterior.space.free, plan.targets, log_p, measured)
     return SamplingResult(segments=segments, theta=theta, convergence=convergence)
@@ -424,7 +424,7 @@ def _physical(posterior: Posterior, z: Array) -> Array:
 def _stack(
     chains: list[list[ChainSegment]], name: Literal["z", "log_p"], n: int | None = None
 ) -> Array:
-    """Stack the first `n` steps of each chain, or all: `(E, S, W, ...)`."""
+    """Return the first `n` steps of each chain, or all, as one array `(E, S, W, ...)`."""
     return np.array([np.concatenate([getattr(p, name) for p in ps])[:n] for ps in chains])
 
 
@@ -440,7 +440,7 @@ def _state_of(c: Convergence) -> str:
 def load_sampled(
     posterior: Posterior, plan: Plan, segments: Callable[[int], list[ChainSegment]], location: str
 ) -> SamplingResult:
-    """Assess the stored `segments` of each ensemble.
+    """Return the result of the stored `segments` of each ensemble.
 
     Raises `InputError` at `location` if the run stopped before its first check.
     """

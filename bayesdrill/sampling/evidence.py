@@ -21,12 +21,12 @@ MAX_TRIES_PER_DRAW = 50  # draws of the proposal for each that has to be inside 
 BATCH_DRAWS = 4000  # draws that are evaluated at a time, which limits the memory
 MAX_DISAGREEMENT = 3.0  # standard errors between two estimates that may be chance
 MAX_LOG_RATIO = 500.0  # log (p/q) is clipped at its median +- this; what lies beyond is negligible
-MAX_ITERATIONS, RELATIVE_TOLERANCE = 1000, 1e-10  # of the fixed-point iteration for the evidence
+MAX_ITERATIONS, RELATIVE_TOLERANCE = 1000, 1e-10  # limits of the fixed-point iteration
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Evidence:
-    """The log evidence of a posterior, with its standard error.
+    """The log evidence of a posterior is estimated with a standard error.
 
     `log_z` is the natural log of the density of the record in SI.  `overlap` tells how much posterior
     and proposal have in common, from 0 to 1.  For a rig simulated in steps, `log_z` includes the
@@ -85,7 +85,7 @@ def bridge(on_chain: Array, drawn: Array, tried: int) -> Evidence | None:
     """Solve the bridge equation for the evidence (Meng and Wong 1996).
 
     `on_chain (E, S, W)` and `drawn (n,)` are log (p/q) at the walkers' steps and at draws of q; the rest
-    of the `tried` draws have p = 0.  With s, t the shares of chain and draws, and w = p/q, Z solves
+    of the `tried` draws have p = 0.  Let s and t be the shares of chain and draws, and w = p/q.  Then
     `Z = E_q[w / (s w + t Z)] / E_p[1 / (s w + t Z)]`.  Both means are of bounded terms, however large w.
     """
     drawn = drawn[np.isfinite(drawn)]

@@ -1,7 +1,7 @@
-"""Fit a posterior: its maxima, ensembles about them, and the evidence.
+"""Fit a posterior: find its maxima, sample ensembles about them, and estimate the evidence.
 
-The main job, a notebook, a worker elsewhere and a refit of a calibration all fit like this, with
-the same streams of random numbers for the same purposes.
+Jobs, notebooks, remote workers and refits of a calibration all use these functions, with the same
+streams of random numbers for the same purposes.
 """
 
 from __future__ import annotations
@@ -33,17 +33,17 @@ from bayesdrill.sampling.optimisers.contract import Optimiser
 from bayesdrill.sampling.workers import WorkerPool
 
 SEARCHING = "searching the MAP"
-CHECKED_DRAWS = 500  # of a compressed likelihood, that are compared with the exact one
-TASKS_PER_SEARCH = 2  # each of several starts: in a batch one costs little, and workers share them
+CHECKED_DRAWS = 500  # draws at which a compressed likelihood is compared with the exact one
+TASKS_PER_SEARCH = 2  # tasks for workers; each has several starts, which are cheap in one batch
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FitPlan:
-    """How a posterior is fitted.
+    """A plan says how a posterior is fitted.
 
-    `optimiser`, `starts`, `evaluations`: of the searches for the MAP; `chains`: of the ensembles.
-    `shortest`: samples from which records are compressed; None: none is.  `brief`: one search after
-    the other, until one is seen to have arrived, and no evidence: for what is fitted many times.
+    The `optimiser` searches for the MAP from `starts`, with at most `evaluations` each.  `chains` are
+    the settings of the ensembles.  Records with more than `shortest` samples are compressed, none if
+    it is None.  A `brief` fit searches only until one search has converged, and has no evidence.
     """
 
     optimiser: Optimiser
@@ -56,9 +56,9 @@ class FitPlan:
 
 @dataclass(frozen=True, slots=True)
 class PendingSearches:
-    """Searches for the MAP that are under way, and for maxima elsewhere.
+    """Searches for the MAP and for other maxima are running.
 
-    `excerpt`: the posterior of the first samples of a long record, where they search that.
+    `excerpt` is the posterior of the first samples of long records, if that is searched.
     """
 
     searches: list[Future[list[Search]]]
@@ -67,7 +67,7 @@ class PendingSearches:
 
 
 def fit(posterior: Posterior, plan: FitPlan) -> tuple[Mode, SamplingResult]:
-    """Fit a posterior in this process; raises `NoSupportError` where nothing can be sampled."""
+    """Fit a posterior in this process; raise `NoSupportError` if it cannot be sampled."""
     with WorkerPool(posterior, 1) as pool:
         mode = end_searches(pool, begin_searches(pool, plan, SILENT), SILENT)
         pool.set_steps(mode.pieces)
@@ -75,7 +75,7 @@ def fit(posterior: Posterior, plan: FitPlan) -> tuple[Mode, SamplingResult]:
 
 
 def begin_searches(pool: WorkerPool, plan: FitPlan, report: Reporter) -> PendingSearches:
-    """Submit all searches; a pool without workers has done them then."""
+    """Submit all searches; a pool without workers does them at once."""
     seed = plan.chains.seed
     excerpt = None if plan.shortest is None else compression.excerpt(pool.posterior)
     posterior = pool.posterior if excerpt is None else excerpt
@@ -85,25 +85,25 @@ def begin_searches(pool: WorkerPool, plan: FitPlan, report: Reporter) -> Pending
             return pool.submit(function, *arguments)
         return pool.submit_function(function, excerpt, *arguments)
 
-    plain = posterior.space.draw(mode_search.MULTI_STARTS, seeds.stream(seed, "scout"))
+    draws = posterior.space.draw(mode_search.MULTI_STARTS, seeds.stream(seed, "scout"))
     if plan.brief:
-        search, scout = submit(_first_converged, plan), submit(mode_search.multi_start, plain)
+        search, scout = submit(_first_converged, plan), submit(mode_search.multi_start, draws)
         return PendingSearches([search], [scout], excerpt)
     points = mode_search.starts(posterior, plan.starts, seeds.stream(seed, "map"))
     report.update(0.0, SEARCHING)
     searches = [
-        submit(mode_search.searches, plan.optimiser, plan.evaluations, some)
-        for some in np.array_split(points, TASKS_PER_SEARCH)
-        if len(some)
+        submit(mode_search.searches, plan.optimiser, plan.evaluations, part)
+        for part in np.array_split(points, TASKS_PER_SEARCH)
+        if len(part)
     ]
     scouts = [
-        submit(mode_search.multi_start, some) for some in np.array_split(plain, TASKS_PER_SEARCH)
+        submit(mode_search.multi_start, part) for part in np.array_split(draws, TASKS_PER_SEARCH)
     ]
     return PendingSearches(searches, scouts, excerpt)
 
 
 def end_searches(pool: WorkerPool, under_way: PendingSearches, report: Reporter) -> Mode:
-    """Wait for all searches, and sum up the maxima that they have reached."""
+    """Wait for all searches, and summarise the maxima that they have reached."""
     searches: list[Search] = []
     for done, task in enumerate(under_way.searches, 1):
         searches += task.result()
@@ -121,36 +121,36 @@ def end_searches(pool: WorkerPool, under_way: PendingSearches, report: Reporter)
 def _searched_on(
     pool: WorkerPool, excerpt: Posterior, searches: list[Search], scouted: list[tuple[Array, Array]]
 ) -> Mode:
-    """Go on from the maxima of an `excerpt`, with all of the record; it has no others.
+    """Continue from the maxima of an `excerpt` with the whole records, without seeking others.
 
-    Where it says too little of the rig for all to be compressed, a longer one comes first.
+    A longer excerpt is searched first if a record cannot be compressed about these maxima.
     """
     first = pool.submit_function(mode_search.summarise, excerpt, tuple(searches), scouted).result()
     maxima, heights = mode_search.modes(excerpt, first), [m.log_posterior for m in first.maxima]
-    near = np.array(heights) > heights[0] - compression.DEPTH
-    points = compression.nearby(excerpt, maxima[near])
+    relevant = maxima[np.array(heights) > heights[0] - compression.DEPTH]
+    points = compression.nearby(excerpt, relevant)
     known = compression.compressions(pool.posterior, points)
     longer = compression.longer_excerpt(pool.posterior, excerpt, known)
     if longer is not None:
         ends = pool.submit_function(mode_search.polished_again, longer, searches)
-        around = pool.submit_function(mode_search.multi_start, longer, maxima[near])
+        around = pool.submit_function(mode_search.multi_start, longer, relevant)
         return _searched_on(pool, longer, ends.result(), [around.result()])
     pool.compress(known)
     searches = pool.submit(mode_search.polished_again, searches).result()
-    others = pool.submit(mode_search.multi_start, maxima[near]).result()
+    others = pool.submit(mode_search.multi_start, relevant).result()
     mode = pool.submit(mode_search.summarise, tuple(searches), [others], around=False).result()
     return replace(mode, left_out=first.left_out)
 
 
 def compress_about(pool: WorkerPool, mode: Mode, shortest: int | None) -> None:
-    """Compress records that are longer than the `shortest` for the rigs about the maximum.
+    """Compress records with more than `shortest` samples, for rigs about the maximum.
 
-    Where that is zero all are to be compressed; raises `CompressionError` where one cannot be.
+    If `shortest` is zero, a record that cannot be compressed raises `CompressionError`.
     """
     posterior = pool.posterior
     observations = posterior.likelihood.observations
     if shortest is not None and any(compression.is_long(o, shortest) for o in observations):
-        # From all samples, so that a run that goes on has the very same functions.
+        # All samples are used, so that a resumed run has exactly the same functions.
         exact = compression.uncompressed(posterior)
         points = compression.nearby(exact, posterior.space.vector(mode.values)[None])
         strict = shortest == 0
@@ -160,10 +160,9 @@ def compress_about(pool: WorkerPool, mode: Mode, shortest: int | None) -> None:
 def sample_maxima(
     pool: WorkerPool, mode: Mode, plan: FitPlan, backend: Backend, report: Reporter
 ) -> SamplingResult:
-    """Sample ensembles about all maxima of `mode`, and weigh them.
+    """Sample ensembles about all maxima of `mode`, and estimate the mass of each.
 
-    The pool takes the posterior in the steps of that mode. Raises `NoSupportError` where nothing
-    can be sampled.
+    The pool's posterior has the mode's steps.  Raises `NoSupportError` if nothing can be sampled.
     """
     compress_about(pool, mode, plan.shortest)
     posterior, chains = pool.posterior, plan.chains
@@ -174,29 +173,28 @@ def sample_maxima(
     report.update(0.0, "computing the evidence")
     sampled = with_evidence(posterior, sampled, chains.seed)
     draws = sampled.draws.reshape(-1, maxima.shape[1])
-    some = draws[:: max(1, len(draws) // CHECKED_DRAWS)][:CHECKED_DRAWS]
-    sampled = replace(sampled, compression=compression.check_draws(posterior, some))
+    thinned = draws[:: max(1, len(draws) // CHECKED_DRAWS)][:CHECKED_DRAWS]
+    sampled = replace(sampled, compression=compression.check_draws(posterior, thinned))
     report.update(1.0, "")
     return sampled
 
 
 def _first_converged(posterior: Posterior, plan: FitPlan) -> list[Search]:
-    """Search from the most promising starts, until one search is seen to have arrived.
+    """Search from the most promising starts, until one search has converged.
 
-    That is when two agree, or one leaves no more residuals than known noise explains: maxima that
-    are somewhere else are for scouts to find.
+    A search has if another agrees with it, or if known noise explains its residuals.
     """
     points = mode_search.starts(posterior, plan.starts, seeds.stream(plan.chains.seed, "map"))
     points = points[np.argsort(-posterior.density(points), kind="stable")]
     likelihood = posterior.likelihood
     known = not any(observation.unknowns for observation in likelihood.observations)
-    noise_alone = 1.0 + np.sqrt(2.0 / likelihood.n_measured)  # squares over the noise, on average
+    noise_alone = 1.0 + np.sqrt(2.0 / likelihood.n_measured)  # mean square over variance, at most
     searches: list[Search] = []
     for point in points:
         searches.append(mode_search.search(posterior, plan.optimiser, plan.evaluations, point))
         best = max(searches, key=lambda search: search.log_posterior)
-        near = best.log_posterior - mode_search.SAME_LOG_DENSITY
-        if sum(search.log_posterior > near for search in searches) >= 2:
+        lowest = best.log_posterior - mode_search.SAME_LOG_DENSITY
+        if sum(search.log_posterior > lowest for search in searches) >= 2:
             break
         end = posterior.space.vector(best.end)
         if known and laplace.residual_excess(posterior, end) <= noise_alone:

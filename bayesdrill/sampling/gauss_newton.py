@@ -10,10 +10,10 @@ from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.inference.laplace import LogDensity, QuadraticModel
 
 MAX_STEP = 3.0  # longest step in priors' spreads; the quadratic model does not hold further on
-INITIAL_DAMPING = 0.1  # of the priors' precision; damps the loose directions, not the tight ones
-DAMPING_FACTORS = (0.01, 1.0, 30.0, 1e3, 3e4)  # on the present damping, all tried; the first ...
-CORRECTED_TRIALS = 2  # ... of these trials may leave a bent ridge, and are led back to it with ...
-TIGHT_DAMPING = 100.0  # ... this damping, of the priors' precision: only tight directions move
+INITIAL_DAMPING = 0.1  # over the priors' precision; it damps loose directions, not tight ones
+DAMPING_FACTORS = (0.01, 1.0, 30.0, 1e3, 3e4)  # factors on the present damping, which are all tried
+CORRECTED_TRIALS = 2  # the first trials may leave a curved ridge, and are returned to it
+TIGHT_DAMPING = 100.0  # damping on the way back, over the priors' precision: loose directions stay
 MAX_CORRECTIONS = 3  # steps back to a bent ridge, after a step along it
 MIN_DAMPING, MAX_DAMPING = 1e-10, 1e18  # a point that needs more than the largest has arrived
 DAMPING_DECREASE = 0.3  # factor on the best damping of a step, for the next one
@@ -25,7 +25,7 @@ MIN_GAIN = 1e-9  # a point whose next step would gain less of the log density ha
 
 @dataclass(frozen=True, slots=True)
 class GaussNewtonResult:
-    """The ends of all searches: `u (W, D)`, log density and gain of another Newton step `(W,)`."""
+    """All W searches end at `u (W, D)`, with log density and gain of another Newton step, `(W,)`."""
 
     u: Array
     value: Array
@@ -33,7 +33,7 @@ class GaussNewtonResult:
 
     @property
     def converged(self) -> Flags:
-        """Whether another step would gain less than 1e-6 of the log density, `(W,)`."""
+        """Return whether another step would gain less than 1e-6 of the log density, `(W,)`."""
         return np.asarray(self.gain < 1e-6)
 
 
@@ -43,8 +43,7 @@ def gauss_newton(
     """Climb from each point of `start (W, D)` in at most `steps` steps.
 
     With `exact`, Newton's method with second derivatives replaces Gauss-Newton, for the last steps.
-    `merged`: a point that comes as near to a higher one, in the priors' spreads, is left out, and its
-    value is -inf.
+    A point nearer to a higher one than `merged`, in the priors' spreads, gets the value -inf.
     """
     u = np.clip(start, surface.low, surface.high)
     value = surface.value(u)
@@ -123,12 +122,12 @@ def _back_to_ridge(
     """Move points whose log density is below `wanted` back to a bent ridge, in tight directions."""
     u, value = u.copy(), value.copy()
     for _ in range(MAX_CORRECTIONS):
-        off = np.flatnonzero((value < wanted) & np.isfinite(value))
-        if len(off) == 0:
+        low = np.flatnonzero((value < wanted) & np.isfinite(value))
+        if len(low) == 0:
             break
-        here = _gauss_newton_model(surface, u[off])
-        there = _damped_step(surface, u[off], here, np.full(len(off), TIGHT_DAMPING))
-        u[off], value[off] = there, surface.value(there)
+        here = _gauss_newton_model(surface, u[low])
+        u[low] = _damped_step(surface, u[low], here, np.full(len(low), TIGHT_DAMPING))
+        value[low] = surface.value(u[low])
     return u, value
 
 

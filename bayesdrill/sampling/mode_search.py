@@ -23,7 +23,7 @@ from bayesdrill.sampling.optimisers.contract import Optimiser, Optimum, Task
 
 SAME_LOG_DENSITY = 1e-2  # two searches have the same height if they differ by less than this
 SAME_POINT = 0.01  # they have the same end if no unknown differs by more than this share of it
-RELATIVE_ROUNDING = 1e-12  # of the log posterior: two heights cannot agree better than its digits
+RELATIVE_ROUNDING = 1e-12  # relative rounding error of a log posterior
 CANDIDATES_PER_START = 4096  # prior draws, of which a search starts at the best
 LOWEST_LOG_DENSITY = -1e300  # log density of a search that ended where there is none
 MAX_MAXIMA = 64  # maxima that are kept, those with the most posterior mass
@@ -37,7 +37,7 @@ POLISH_STEPS, NEWTON_STEPS = 40, 8  # steps of Gauss-Newton, then of Newton, tha
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Search:
-    """A search for the maximum: its physical start and end, and whether it `settled` there."""
+    """A search for the maximum has a physical start and end; it `settled` if it converged there."""
 
     start: Mapping[str, float]
     end: Mapping[str, float]
@@ -48,7 +48,7 @@ class Search:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LocalMaximum:
-    """A maximum in physical values that no ridge joins to the others."""
+    """A local maximum has physical values, and no ridge joins it to others."""
 
     values: Mapping[str, float]
     log_posterior: float
@@ -56,7 +56,7 @@ class LocalMaximum:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Mode:
-    """The highest maximum of the posterior, and `others`: lower ones with some of its mass.
+    """A mode is the highest maximum of the posterior; `others` are lower ones with some of its mass.
 
     `slope` is the change of the log posterior per conditional standard deviation of each unknown, well
     below 1 at a maximum inside the prior.  `gain` is what another Newton step would add.  `at_bound`
@@ -78,7 +78,7 @@ class Mode:
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """The reasons why a posterior about these maxima must not be believed."""
+        """Return the reasons why a posterior about these maxima must not be believed."""
         if self.left_out < MAX_MISSED_MASS:
             return ()
         return (
@@ -89,23 +89,23 @@ class Mode:
 
     @property
     def maxima(self) -> tuple[LocalMaximum, ...]:
-        """All maxima, the highest first."""
+        """Return all maxima, the highest first."""
         return (LocalMaximum(values=self.values, log_posterior=self.log_posterior), *self.others)
 
     @property
     def tolerance(self) -> float:
-        """The difference of log posteriors below which two maxima have the same height."""
+        """Return the difference of log posteriors below which two maxima have the same height."""
         return max(SAME_LOG_DENSITY, RELATIVE_ROUNDING * abs(self.log_posterior))
 
     @property
     def highest(self) -> tuple[Search, ...]:
-        """The searches that reached the height of the best."""
+        """Return the searches that reached the height of the best."""
         lowest = self.log_posterior - self.tolerance
         return tuple(s for s in self.searches if s.log_posterior > lowest)
 
     @property
     def wandering(self) -> tuple[str, ...]:
-        """Unknowns in which searches of the same height ended at different places."""
+        """Return the unknowns in which searches of the same height ended at different places."""
         ends = [s.end for s in self.highest]
         ends = [end for end in ends if all(self._apart(end, other.values) for other in self.others)]
         wandering = {name for end in ends for name in self._apart(end, self.values)}

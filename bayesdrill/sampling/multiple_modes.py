@@ -27,18 +27,17 @@ from bayesdrill.rig.models.linear import dynamics
 from bayesdrill.sampling.gauss_newton import gauss_newton
 from bayesdrill.sampling.proposal import ridge_tracing
 
-FIRST_STEPS = 8  # steps of every climb; after them ...
-MAX_STARTS = 10  # ... this many climbs from starts all over the prior continue, ...
-MAX_NEARBY_STARTS = 128  # ... or of those from starts near other maxima, for ...
-LAST_STEPS = 25  # ... this many further steps
+FIRST_STEPS, LAST_STEPS = 8, 25  # steps of every climb, and further steps of the best
+MAX_STARTS = 10  # number of the best climbs from starts all over the prior
+MAX_NEARBY_STARTS = 128  # number of the best climbs from starts near other maxima
 NEGLIGIBLE_DEPTH = 25.0  # in log density: a maximum that is lower by more holds no mass
 PATH_STEPS = 10  # steps of the path along a ridge from one point to another
 SAME_MODE = 1e-3  # in priors' spreads: two points closer than this are the same maximum
 CELL_SIZE = 1e-4  # in priors' spreads: points in one cell are taken to climb to the same maximum
 SAME_RIDGE_SDS = 3.0  # standard deviations that a point on the ridge may be off it
 VALLEY_BETWEEN_MODES = 0.5  # in log density: less deep valleys are ripples of one maximum
-VALLEY_PROBES = 24  # points between two maxima at which the density is compared; they lie at ...
-GOLDEN_FRACTION = 0.5 * (5.0**0.5 - 1.0)  # ... uneven distances, unlike maxima in a row
+VALLEY_PROBES = 24  # points between two maxima at which the density is compared
+GOLDEN_FRACTION = 0.5 * (5.0**0.5 - 1.0)  # spaces these points unevenly, unlike maxima in a row
 KNOWN_BONUS = 1e-6  # in log density: a new point must be higher by this to replace a known maximum
 
 
@@ -110,8 +109,8 @@ def joined_by_ridge(surface: LogDensity, start: Array, others: Array) -> Flags:
             surface.quadratic_model, base, psi * (k / steps), guess
         )
     roots[~arrived] = np.eye(tau.shape[1])  # solvable; these points count as not joined
-    off = np.linalg.solve(roots, (tau - on_ridge)[..., None])[..., 0]
-    return np.asarray(arrived & (np.linalg.norm(off, axis=1) < SAME_RIDGE_SDS))
+    sds = np.linalg.solve(roots, (tau - on_ridge)[..., None])[..., 0]
+    return np.asarray(arrived & (np.linalg.norm(sds, axis=1) < SAME_RIDGE_SDS))
 
 
 def shares_held(posterior: Posterior, ends: Array) -> Array:
@@ -129,18 +128,18 @@ def shares_held(posterior: Posterior, ends: Array) -> Array:
 
 SAME_HEIGHT = 1e-6  # relative difference of log densities of twins, which rounding alone explains
 POLE_PAIRS = 2  # pairs of poles whose aliases are tried, the fastest first
-MIN_IMAGINARY = 1e-6  # of the largest pole: a smaller imaginary part is rounding
+MIN_IMAGINARY = 1e-6  # imaginary part over the largest pole, below which it is a rounding error
 SLOPE_STEP = 1e-5  # in priors' spreads, for differences of frequencies
-MAX_ALIASES_TRIED = 384  # aliases of a pair of poles that are tried, the most similar first; ...
-MAX_ALIASES = 96  # ... this many are starts, chosen by the posterior mass that they hold after ...
-ALIAS_STEPS = 8  # ... this many steps of Gauss-Newton
+MAX_ALIASES_TRIED = 384  # aliases of a pair of poles that are tried, the most similar first
+ALIAS_STEPS = 8  # Gauss-Newton steps of these, after which their posterior mass is compared
+MAX_ALIASES = 96  # number of aliases that are starts, those with the largest mass
 MAX_ITERATIONS = 12  # Newton iterations towards the frequency of an alias
 SAME_ALIAS = 0.3  # radians over the whole record: a climb corrects a smaller error
-MIN_ALIAS_HEIGHT = 0.3  # of the spectral window's height at zero: lower peaks are no aliases
+MIN_ALIAS_HEIGHT = 0.3  # height of an alias in the spectral window, over that at zero
 WINDOW_OVERSAMPLING = 4  # points of the spectral window per width of a peak
-CELLS_PER_RADIAN, MAX_CELLS = 3, 2**19  # cells of time per radian at the highest frequency, in all
-SCAN_POINTS, MAX_SCAN_POINTS = 240, 2000  # points along an unknown, and along a lag, which has ...
-SCAN_POINTS_PER_SAMPLE = 2  # ... this many per sample, as its maxima may be one sample apart
+CELLS_PER_RADIAN, MAX_CELLS = 3, 2**19  # cells of time per radian at the highest frequency, and all
+SCAN_POINTS, MAX_SCAN_POINTS = 240, 2000  # points along an unknown, and at most along a lag
+SCAN_POINTS_PER_SAMPLE = 2  # points along a lag, whose maxima may be one sample apart
 MAX_STARTS_PER_UNKNOWN = 96  # maxima along an unknown that are starts
 VALLEY_ALONG_LINE = 1.0  # in log density: less deep valleys along a line separate no maxima
 
@@ -164,20 +163,15 @@ def twin_starts(surface: LogDensity, u: Array) -> Iterator[NearbyStarts]:
     """Yield points of the same density as `u (D,)`, with two inertias and their shafts exchanged."""
     posterior = surface.posterior
     observations, free = posterior.likelihood.observations, posterior.space.free
-    roles, labels = (
-        observations[0].response.model.roles,
-        ["", *(f"_{x.label}" for x in observations)],
-    )
+    roles = observations[0].response.model.roles
+    labels = ["", *(f"_{observation.label}" for observation in observations)]
     inertias = itertools.combinations(map(dataclasses.asdict, roles.inertias), 2)
     shafts = [*itertools.combinations(map(dataclasses.asdict, roles.shafts), 2)]
     for parts in itertools.product(inertias, shafts):
         pairs: dict[str, str] = {}
         for first, second in parts:
-            both = [
-                (first[x], second[x])
-                for x in first
-                if isinstance(first[x], str) and first[x] and second[x]
-            ]
+            names = [x for x in first if isinstance(first[x], str) and first[x] and second[x]]
+            both = [(first[x], second[x]) for x in names]
             for ending in (f"{start}{label}" for start in ("", "_0") for label in labels):
                 pairs |= {a + ending: b + ending for a, b in (*both, *((b, a) for a, b in both))}
         exchanged = [pairs.get(name, name) for name in free]
@@ -343,16 +337,16 @@ def _at_frequencies(surface: LogDensity, u: Array, pair: int, wanted: Array) -> 
     points = np.repeat(u[None], len(wanted), axis=0)
     for _ in range(MAX_ITERATIONS):
         logs, slope = _slopes(surface, points, pair)
-        off = np.log(wanted) - logs
-        done = np.abs(off) < tolerance
+        change = np.log(wanted) - logs
+        done = np.abs(change) < tolerance
         # An unknown at its bound does not move further out.  A pair that does not oscillate stops.
-        towards = slope * np.where(np.isfinite(off), off, 0.0)[:, None]
+        towards = slope * np.where(np.isfinite(change), change, 0.0)[:, None]
         stuck = (points <= surface.low) & (towards < 0) | (points >= surface.high) & (towards > 0)
         slope[stuck] = 0.0
         size = (slope**2).sum(axis=1)
-        going = np.isfinite(off) & ~done & (size > 0)
+        going = np.isfinite(change) & ~done & (size > 0)
         if not going.any():
             break
-        step = surface.spread * slope[going] * (off[going] / size[going])[:, None]
+        step = surface.spread * slope[going] * (change[going] / size[going])[:, None]
         points[going] = np.clip(points[going] + step, surface.low, surface.high)
     return points[done]

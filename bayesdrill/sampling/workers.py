@@ -1,8 +1,8 @@
 """Run tasks `function(posterior, *arguments)` in worker processes that share one posterior.
 
 Every worker gets the posterior once, computes on one thread, and leaves Ctrl-C to the parent. With
-one process the work is done in this one.  That has one thread too as long as they work: sums of many
-threads depend on how many there are, and so would a chain on the machine.
+one process the work is done in this one, which is limited to one thread, too.  Sums by several
+threads depend on their number, so a chain would depend on the machine.
 """
 
 from __future__ import annotations
@@ -35,15 +35,16 @@ from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.step_error import StepSizes
 
 SPAWN = multiprocessing.get_context("spawn")
-TASK_SECONDS = 10.0  # seconds that a worker has for its task, where the work is stopped
-PIPE, ALIGNED = 1 << 15, 64  # bytes of arrays that a pipe takes at once, and of shared places
+TASK_SECONDS = 10.0  # seconds that a worker has to finish its task if the work is stopped
+PIPE = 1 << 15  # bytes that a pipe takes at once; larger arrays are put in a file
+ALIGNED = 64  # alignment of arrays in that file, in bytes
 SIGTERM_SECONDS = 5.0  # seconds from SIGTERM to the end of a worker
 
 
 class _OneThread:
-    """Limits linear algebra to one thread inside: it has one limit for all of the process.
+    """Limit linear algebra to one thread in this context.
 
-    The first who enters sets it, and the last who leaves restores what was before.
+    The limit is that of the process: the first context sets it, and the last one restores the old one.
     """
 
     def __init__(self) -> None:
@@ -52,7 +53,7 @@ class _OneThread:
     def __enter__(self) -> None:
         with self._lock:
             if self._inside == 0:
-                importlib.import_module("scipy.linalg")  # its threads are to be limited too
+                importlib.import_module("scipy.linalg")  # so that its threads are limited, too
                 self._limits = threadpool_limits(1)
             self._inside += 1
 
@@ -68,7 +69,7 @@ ONE_THREAD = _OneThread()
 
 @dataclass(frozen=True, slots=True)
 class _Form:
-    """What was decided of a posterior since workers were given it: steps, and compressed records."""
+    """Workers have to apply steps and compressed records to the posterior that they were given."""
 
     steps: Mapping[str, StepSizes] = field(default_factory=dict)
     compressions: Compressions = field(default_factory=dict)
@@ -80,7 +81,7 @@ class _Form:
 
 @dataclass(frozen=True, slots=True)
 class _Copy:
-    """A posterior for workers: pickled, or without its arrays, which have these `spans` of a file."""
+    """Workers load a posterior from pickled `data`; its arrays may be at `spans` of a file."""
 
     data: bytes
     spans: tuple[tuple[int, int], ...] = ()
@@ -96,11 +97,11 @@ class _Copy:
 
 
 def _copy_posterior(posterior: Posterior) -> tuple[_Copy, IO[bytes] | None]:
-    """Return a copy for workers, and the file that has its arrays, to be closed when they are done.
+    """Return a copy for workers, and the file with its arrays, which is closed after their work.
 
-    All workers map that one file, unless it would be small: of what a pipe does not take at once the
-    rest would wait until a worker has started.  It has no name, so that nothing of it stays behind
-    whatever happens; where a process cannot open such a file of another, each has its own copy.
+    All workers map this file, unless the arrays are small.  A pipe would block with large arrays until
+    a worker has started.  The file has no name, so that it never remains.  If a process cannot open
+    such a file of another, each worker has its own copy.
     """
     buffers: list[pickle.PickleBuffer] = []
     data = pickle.dumps(posterior, protocol=5, buffer_callback=buffers.append)
@@ -119,9 +120,9 @@ def _copy_posterior(posterior: Posterior) -> tuple[_Copy, IO[bytes] | None]:
 
 
 class WorkerPool:
-    """A pool of workers that share one `posterior`, as it is taken by now; a context manager.
+    """A pool, which is a context manager, has workers that share one `posterior`.
 
-    `afterwards`: modules that are needed when sampling is over, see `preload`.
+    `afterwards` are modules that are needed after sampling, see `preload`.
     """
 
     def __init__(
@@ -154,21 +155,21 @@ class WorkerPool:
     def submit_function[**P, T](
         self, function: Callable[P, T], *arguments: P.args, **named: P.kwargs
     ) -> Future[T]:
-        """Submit a function that needs another posterior than that of the pool."""
+        """Submit a function that does not need the posterior of the pool."""
         return self.submit(_call, function, *arguments, **named)
 
     def preload(self, modules: Sequence[str]) -> None:
-        """Have each worker load modules while this process works alone, for they take a while."""
+        """Let each worker load modules, which takes long, while this process works alone."""
         if self._pool is not None and modules:
             for _ in range(self.processes):
                 self.submit_function(load, modules)
 
     def set_steps(self, steps: Mapping[str, StepSizes]) -> None:
-        """Take the posterior in these steps from now on (`inference.step_error`)."""
+        """Use the posterior with these steps from now on (`inference.step_error`)."""
         self._change(_Form(dict(steps), self._form.compressions, self._form.version + 1))
 
     def compress(self, compressions: Compressions) -> None:
-        """Take the posterior with these records compressed from now on (`inference.compression`)."""
+        """Use the posterior with these compressed records from now on (`inference.compression`)."""
         if compressions:
             self._change(_Form(self._form.steps, compressions, self._form.version + 1))
 
@@ -177,7 +178,7 @@ class WorkerPool:
 
     @property
     def in_process(self) -> bool:
-        """Whether the work is done in this process."""
+        """Return whether the work is done in this process."""
         return self._pool is None
 
     def __enter__(self) -> Self:
@@ -195,14 +196,14 @@ class WorkerPool:
 def start_workers(
     processes: int, prepare: Callable[..., None], *arguments: Any
 ) -> ProcessPoolExecutor:
-    """Start processes that compute on one thread, leave Ctrl-C to this one and die with it.
+    """Start processes that compute on one thread, ignore Ctrl-C, and end with this process.
 
-    Each calls `prepare(*arguments)` before its first task.
+    Each calls `prepare(*arguments)` before its first task.  Raises `InputError` if none can be started.
     """
     try:
         with held_signals():
-            # What looks after its semaphores outlives a run that is killed, removes them, and would
-            # warn of that on a terminal where the next run has begun.
+            # The resource tracker survives a run that is killed, and removes its semaphores.  Its
+            # warning would appear on a terminal where the next run has begun.
             sys.warnoptions.append("ignore:resource_tracker")
             resource_tracker.ensure_running()
             sys.warnoptions.pop()
@@ -219,10 +220,9 @@ def start_workers(
 
 
 def shut_down(pool: ProcessPoolExecutor, patience: float) -> None:
-    """Shut a pool down: its workers have `patience` seconds for the task that they are at.
+    """Shut down a pool, whose workers have `patience` seconds to finish their tasks.
 
-    One that is ended while it hands over a long result leaves half a message, for whose rest the
-    pool would wait; one that is stopped would never end by itself.
+    The pool itself would wait for ever for a suspended worker, or the rest of a killed one's result.
     """
     with held_signals():
         pool.shutdown(wait=False, cancel_futures=True)
@@ -235,7 +235,7 @@ def shut_down(pool: ProcessPoolExecutor, patience: float) -> None:
 
 @contextmanager
 def held_signals() -> Iterator[None]:
-    """Hold Ctrl-C and SIGHUP back for a moment: what starts meanwhile never hears of them."""
+    """Block Ctrl-C and SIGHUP in this context, and in processes that are started inside."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
@@ -251,7 +251,7 @@ def available_processors() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-# A worker process serves one posterior for all of its life; this is where it keeps it.
+# A worker process keeps the one posterior that it serves here.
 _WORKER: dict[str, Any] = {}
 
 
@@ -262,9 +262,9 @@ def _start_worker(prepare: Callable[..., None], *arguments: Any) -> None:
     signal.signal(signal.SIGTERM, _exit_soon)
     threading.Thread(target=_exit_with_parent, daemon=True).start()
     ONE_THREAD.__enter__()
-    # corner works without ArviZ, which takes longer to load than everything else together.
+    # The package corner works without ArviZ, which takes longer to load than all others together.
     sys.modules.setdefault("arviz", None)  # type: ignore[arg-type]
-    atexit.register(os._exit, 0)  # nothing is left to be saved: no need to take all apart
+    atexit.register(os._exit, 0)  # nothing has to be saved or cleaned up
     prepare(*arguments)
 
 
@@ -273,14 +273,14 @@ def _set_copied(copied: _Copy) -> None:
 
 
 def _exit_soon(_number: int, _frame: object) -> None:
-    """SIGTERM to all processes reaches this one too: the parent ends it, if it is given the time."""
+    """Exit some time after SIGTERM, which all processes may receive, unless the parent ends it first."""
     timer = threading.Timer(SIGTERM_SECONDS, os._exit, (1,))
     timer.daemon = True
     timer.start()
 
 
 def _exit_with_parent() -> None:
-    """A parent that was killed cannot tell its workers to stop."""
+    """Exit when the parent has ended, since a killed parent cannot stop its workers."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()

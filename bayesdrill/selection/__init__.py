@@ -1,5 +1,4 @@
-"""Candidate models of a record: a job with one change of its config, or with several.
+"""Build candidate models of a record: a job with one or several changes of its config.
 
-`changes` says what may be tried of a job, `config_edits` how the entries of a config say it, and
-`candidates` puts changes together.
+`changes` lists changes to try, `candidates` combines them, and `config_edits` edits a config.
 """

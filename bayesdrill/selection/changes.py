@@ -1,4 +1,4 @@
-"""Changes of a config that may explain a bad fit: of columns, times, the rig, and the noise."""
+"""Build changes of a config that may explain a bad fit: of columns, times, the rig, and the noise."""
 
 from __future__ import annotations
 
@@ -37,43 +37,46 @@ from bayesdrill.selection.config_edits import (
 UNKNOWN, AR1 = NOISE
 BOTH = "friction_both"
 MISSING = "missing_torque"
-# Changes whose constant is sought, or that stand for all of a rig or a record.
+# Names of changes of a whole rig or record, some of which have a constant.
 START, MOMENT, GEAR, CLOCK, LATER = "free_start", "t_0", "gear", "clock", "later"
-WIDENED = "prior_"  # begins the names of changes that widen the prior of an unknown
-# What of the entry of a column says where its numbers stand, what they are, and how it is measured.
+WIDENED = "prior_"  # prefix of the names of changes that widen the prior of an unknown
+# Keys of a sensor in the entry of a column, and all keys that an exchange of columns swaps.
 OF_SENSOR = ("gain", "offset", "lag")
 OF_COLUMN = ("file", "time", "column", "variable", "unit", "mask", "wraps", "noise", *OF_SENSOR)
 
-WIDER = 10.0  # either way, of the noise that was given; of the end of a prior in logs
-MAX_LAG_SAMPLES = 20  # samples: how far a lag is sought
-MAX_LAG, LAG_SHARE = 0.1, 0.05  # s, of the record: how far it is sought where samples come faster
-MAX_LAG_SHARE = 0.1  # of the record: no lag is sought beyond, as it would hide what it shifts
-GAIN_SD, SUPPLY_SD = 0.3, 0.3  # of the log of a gain; of an input's offset, of its usual size
-QUARTER = 0.25  # of what else acts: the size of a missing torque
-SLOWEST = 1e-3  # of the largest speed: that over which friction at rest is lost
-# Samples at least, and at most the record over it: the time of a missing torque.
+# A known sigma may be wrong by this factor, and the end of a log-uniform prior is moved by it.
+WIDER = 10.0
+MAX_LAG_SAMPLES = 20  # largest lag that is sought, in samples
+# With fast samples, the largest lag is this time [s], or this share of the record if that is less.
+MAX_LAG, LAG_SHARE = 0.1, 0.05
+MAX_LAG_SHARE = 0.1  # no lag is larger than this share of the record, as it would hide too much
+GAIN_SD, SUPPLY_SD = 0.3, 0.3  # prior sds of the log of a gain, and of an input's relative offset
+QUARTER = 0.25  # prior scale of a missing torque, over the size of everything else that acts
+SLOWEST = 1e-3  # smallest scale of speeds for static friction, over the largest speed
+# The time of a missing torque is at least this number of samples, and at most the record over it.
 TIME_PARTS = 3.0
-MIN_EFFICIENCY = 0.3
-DRAG_MARGIN = 4.0  # times the size by which a drag would do as much as all else: speeds fall by it
-# Of its size, from where to where physics is sought, and from how many starts: a rig that nothing drives
-# comes to rest by friction after so many swings, and each number of them is a maximum of its own.
+MIN_EFFICIENCY = 0.3  # smallest efficiency of a gear that is sought
+DRAG_MARGIN = 4.0  # largest drag over the one that acts as strongly as all else
+# Physics is sought from starts between these shares of its largest size.  A rig without a drive comes
+# to rest after some number of oscillations, each of which has its own maximum, so it needs more.
 SOUGHT_SIZES, DRIVEN_STARTS, FREE_STARTS = (0.003, 0.8), 14, 30
-INERTIA_RANGE = (0.01, 10.0)  # times the inertia that a further one is on a spring at
-# Where that is sought: of the inertia, from so many springs, of the damping.
+INERTIA_RANGE = (0.01, 10.0)  # range of a further inertia, over the one to which it is attached
+# Searches for a further inertia begin at this share of the first, with this number of stiffnesses,
+# and with this damping over inertia times frequency.
 SOUGHT_SHARE, SOUGHT_SWINGS, SOUGHT_DAMPING = 0.3, 6, 0.05
-# Of physics, by what it asks of a simulator: nothing that is linear, Coulomb's law, or another law.
-# Candidates of one kind have all of it, the others at numbers that do nothing: they share kernels.
+# Kinds of physics, by the simulator that they need: a linear one, Coulomb's law, or another law.
+# Candidates of one kind have all of its parameters, some at neutral values, so they share kernels.
 LINEAR, COULOMB, OTHER_LAW = 1, 2, 3
 NOTHING: Mapping[str, float] = MappingProxyType({})
 
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """A change of a model, in `words`: `entries` go over those of its config.
+    """A change of a model, described by `words`, has `entries` that override those of its config.
 
-    `lacks`: parameters of the rig that it switches on; `needs`: a parameter that another change has to
-    have freed; `optional`: an unknown that may be zero.  `kind`, `neutral`: of physics, see `LINEAR`,
-    with the numbers at which it does nothing.  `starts`: values from which it is sought.
+    `lacks` are parameters of the rig that it introduces.  `needs` is a parameter that another change
+    has to introduce, and `optional` an unknown that may be zero.  Physics has a `kind`, see `LINEAR`,
+    and `neutral` values, at which it has no effect.  Searches begin at `starts`.
     """
 
     name: str
@@ -88,21 +91,21 @@ class Change:
 
     @property
     def absorbs(self) -> bool:
-        """Whether it absorbs any misfit and names no cause."""
+        """Return whether it absorbs any misfit without naming a cause."""
         return self.name in NOISE or self.name.startswith(TORQUE)
 
     @property
     def decides(self) -> frozenset[Place]:
-        """What of a config it decides: changes that decide the same do not go together."""
+        """Return the places in a config that it sets; changes of the same place are incompatible."""
         return frozenset(leaves(self.entries))
 
 
 @dataclass(frozen=True)
 class Setting:
-    """What is known where changes of `job` are chosen.
+    """A setting has the information by which changes of `job` are chosen.
 
-    `sizes`: what parameters would be if they did as much as all else; `speeds`: the largest of inertias;
-    `weights`: what these are at the maximum; `numbers`: constants that changes have, by their names.
+    `sizes` are values at which parameters would act as strongly as all else.  `speeds` are the largest
+    speeds of inertias, and `weights` their values at the maximum.  `numbers` are constants of changes.
     """
 
     job: Job
@@ -113,7 +116,7 @@ class Setting:
 
     @classmethod
     def from_job(cls, job: Job, values: Mapping[str, float]) -> Self:
-        """Return it with sizes and speeds at the start of the config or at `values`, the larger."""
+        """Return the setting with the larger sizes and speeds of the config's start and of `values`."""
         space, observations = job.problem.posterior.space, job.problem.observations
         setting = cls(job)
         for at in (space.start, {**space.start, **values}):
@@ -125,23 +128,23 @@ class Setting:
         return replace(setting, weights={i.name: p[i.inertia] for i in inertias if i.inertia in p})
 
     def with_numbers(self, **numbers: float) -> Self:
-        """Return it with these constants of changes."""
+        """Return the setting with these constants of changes."""
         return replace(self, numbers={**self.numbers, **numbers})
 
     def at_least(self, sizes: Mapping[str, float], speeds: Mapping[str, float]) -> Self:
-        """Return it with sizes and speeds that are at least these."""
+        """Return the setting with sizes and speeds that are at least these."""
         return replace(
             self, sizes=_largest(self.sizes, sizes), speeds=_largest(self.speeds, speeds)
         )
 
     @cached_property
     def changes(self) -> dict[str, Change]:
-        """All changes by name, in the order in which they are tried."""
-        of_columns = (*self._widened(), *self._columns(), *self._times())
-        every = (*of_columns, *self._physics(), *self._inertias(), *self._absorbing())
-        return {change.name: change for change in every if change.entries}
+        """Return all changes by name, in the order in which they are tried."""
+        measuring = (*self._widened(), *self._columns(), *self._times())
+        changes = (*measuring, *self._physics(), *self._inertias(), *self._absorbing())
+        return {change.name: change for change in changes if change.entries}
 
-    # What the job has.
+    # Properties of the job.
 
     @property
     def _data(self) -> Entries:
@@ -157,7 +160,7 @@ class Setting:
 
     @cached_property
     def _units(self) -> dict[str, str]:
-        """The unit of each channel."""
+        """Return the unit of each channel."""
         return {c.name: c.unit for each in self._experiments for c in each.channels}
 
     @cached_property
@@ -167,12 +170,12 @@ class Setting:
 
     @property
     def _span(self) -> tuple[float, float]:
-        """The shortest step between samples, and the longest record [s]."""
+        """Return the shortest step between samples, and the length of the longest record, in s."""
         lengths = [float(np.ptp(each.t)) for each in self._experiments]
         return min(each.dt for each in self._experiments), max(lengths)
 
     def _shared(self, *names: str) -> Entries:
-        """Return the entry by which these are one unknown in all experiments, if there are several."""
+        """Return the entry by which names are unknowns of all experiments, if there are several."""
         return {SHARED: [*names]} if self._data.get(experiments.EXPERIMENTS) else {}
 
     # Priors that end too early.
@@ -194,7 +197,7 @@ class Setting:
                 yield Change(part, f"a wider prior of {name}", lines)
 
     def _prior(self, name: str) -> tuple[Place, Entries] | None:
-        """Return the entry with the prior of an unknown, and its place; None where it is not found."""
+        """Return the entry with the prior of an unknown, and its place; None if it is not found."""
         ending = next((f"_{e.label}" for e in self._observations if name.endswith(e.label)), "")
         kind, _, owner = name.removesuffix(ending).partition("_")
         tops = ("parameters", "quantities", "inputs")
@@ -215,7 +218,7 @@ class Setting:
                 words = f"the columns of {pair[0]} and {pair[1]} exchanged"
                 yield Change(f"exchange_{'_'.join(pair)}", words, self._exchanged(*pair))
         for name in units:
-            if name in self._units or len(self._units) > 1:  # of one channel it is that of this
+            if name in self._units or len(self._units) > 1:  # a single channel needs no other sign
                 yield Change(f"sign_{name}", f"the sign of {name} turned", self._turned(name))
         for name in units:
             gain = {"prior": "log_normal", "median": 1.0, "sd_log": GAIN_SD}
@@ -224,7 +227,7 @@ class Setting:
             yield self._sensor("offset", name, {"prior": "normal", "mean": 0.0, "sd": size})
 
     def _exchanged(self, *names: str) -> Entries:
-        """Nothing, where only one of two columns says something: no line takes that away."""
+        """Return lines that exchange two columns; none if a key of one would have to be removed."""
         lines: Entries = {}
         for (first, a), (second, b) in zip(*(columns(self._data, n) for n in names), strict=False):
             keys = [key for key in OF_COLUMN if key in a or key in b]
@@ -240,8 +243,8 @@ class Setting:
         entries = [*columns(self._data, name)]
         if any(isinstance(entry.get("gain", 1.0), dict) for _, entry in entries):
             return {}
-        each = (nested(place, {"gain": -float(x.get("gain", 1.0))}) for place, x in entries)
-        return merged({}, *each)
+        lines = (nested(place, {"gain": -float(x.get("gain", 1.0))}) for place, x in entries)
+        return merged({}, *lines)
 
     def _sensor(self, kind: str, name: str, prior: Entries) -> Change:
         entries = [*columns(self._data, name)]
@@ -260,8 +263,8 @@ class Setting:
                 if channel.name == name:
                     sizes.append(float(np.nanstd(y)) / channel.display_unit.factor)
             if name in experiment.series:
-                usual = SUPPLY_SD * typical_inputs(experiment)[name]
-                sizes.append(usual / experiment.unit_of_input(name).factor)
+                sd = SUPPLY_SD * typical_inputs(experiment)[name]
+                sizes.append(sd / experiment.unit_of_input(name).factor)
         return max(sizes)
 
     # Times.
@@ -272,19 +275,19 @@ class Setting:
 
     @cached_property
     def time_references(self) -> frozenset[str]:
-        """Changes that shift a channel, or all inputs, in time: one of what they shift has to stay.
+        """Return changes that shift a channel, or all inputs, in time.
 
-        Inputs tell the time where they change, or are switched on where the start is known.
+        One of them is not made, as the reference of time; inputs can be it if they change.
         """
         sensing = [observation.response.sensing for observation in self._observations]
         known = not any(each.states or each.steady for each in sensing)
-        pushed = known and any(x for each in self._experiments for x in each.constant.values())
-        moments = {MOMENT} if self._driven or pushed else set()
+        switched = known and any(x for each in self._experiments for x in each.constant.values())
+        moments = {MOMENT} if self._driven or switched else set()
         return frozenset({*(f"lag_{name}" for name in self._units), *moments})
 
     @property
     def clocks(self) -> tuple[str, ...]:
-        """Changes of a clock, that of the record or of a channel, if there are several."""
+        """Return names of changes of a clock, of the record or of a channel, if there are several."""
         names = (*self._units, *self._inputs)
         timed = {n for n in names for _, entry in columns(self._data, n) if "time" in entry}
         return (CLOCK, *(f"{CLOCK}_{n}" for n in self._units if n in timed)) if timed else ()
@@ -295,10 +298,10 @@ class Setting:
         shifted |= {MOMENT for each in sensing if each.delay}
         fixed = self.time_references - shifted
         pairs = [(each.dt, float(np.ptp(each.t))) for each in self._experiments]
-        late = max(max(MAX_LAG_SAMPLES * dt, min(MAX_LAG, LAG_SHARE * s)) for dt, s in pairs)
-        late = min(late, *(MAX_LAG_SHARE * length for _, length in pairs))
-        lag = uniform(late, -late)
-        # Of inputs the first is as all, by `t_0`; of one channel that is its lag.
+        largest = max(max(MAX_LAG_SAMPLES * dt, min(MAX_LAG, LAG_SHARE * s)) for dt, s in pairs)
+        largest = min(largest, *(MAX_LAG_SHARE * length for _, length in pairs))
+        lag = uniform(largest, -largest)
+        # `t_0` shifts all inputs, and so the first; a single channel's lag is equivalent to it.
         for name in (*(self._units if len(fixed) > 1 else ()), *self._inputs[1:]):
             yield self._sensor("lag", name, lag)
         if len(fixed) > 1 and MOMENT in fixed and len(self._units) > 1:
@@ -320,9 +323,9 @@ class Setting:
             yield Change(GEAR, "another gear", self._model({model.roles.gear: ratio}))
 
     def window(self, begin: float, end: float, later: float = 0.0) -> Entries:
-        """Return lines by which all experiments have these shares of their times, from a free start."""
+        """Return lines that limit all experiments to shares of their times, with a free start."""
         several, lines = self._data.get(experiments.EXPERIMENTS), []
-        for observation in self._observations:  # what is held out stays as it is
+        for observation in self._observations:  # experiments that are held out do not change
             first, *_, last = observation.experiment.t.tolist()
             ends = [(1.0 - share) * first + share * last for share in (begin, end)]
             window = [rounded(ends[0] + later, 9), ends[1]]
@@ -350,8 +353,8 @@ class Setting:
 
     def _physics(self) -> Iterator[Change]:
         sizes, roles = self.sizes, self.job.problem.model.roles
-        each = [lack for lack in edits.lacks(roles) if lack.parameter in sizes]
-        for lack in sorted(each, key=lambda lack: not lack.name.startswith("friction")):
+        lacks = [lack for lack in edits.lacks(roles) if lack.parameter in sizes]
+        for lack in sorted(lacks, key=lambda lack: not lack.name.startswith("friction")):
             drags = lack.name.startswith("drag")
             kind = OTHER_LAW if drags else COULOMB if lack.dry else LINEAR
             size = sizes[lack.parameter] * (DRAG_MARGIN if drags else 1.0)
@@ -359,7 +362,7 @@ class Setting:
             starts = tuple({lack.parameter: size * share} for share in shares.tolist())
             priors = {lack.parameter: uniform(size)}
             yield replace(_physics(lack.name, lack.words, priors, kind), starts=starts)
-        dry = [i for i in roles.inertias if f"friction_{i.name}" in {lack.name for lack in each}]
+        dry = [i for i in roles.inertias if f"friction_{i.name}" in {lack.name for lack in lacks}]
         if len(dry) == 2:
             priors = {i.sliding: uniform(sizes[i.sliding]) for i in dry}
             yield _physics(BOTH, f"dry friction {dry[0].at} and {dry[1].at}", priors)
@@ -381,23 +384,23 @@ class Setting:
         return all(names) and {*names} <= {*model.offers} - {*model.parameters}
 
     def _passes_on(self, inertia: InertiaRoles) -> bool:
-        """Tell whether a load is behind its gear, and nothing that turns with it rubs elsewhere."""
+        """Tell whether a load is behind the gear, and no other inertia turning with it has friction."""
         model = self.job.problem.model
         roles, has = model.roles, {*model.parameters}
-        alike = [i for i in roles.inertias if i.speed == inertia.speed and i is not inertia]
+        joined = [i for i in roles.inertias if i.speed == inertia.speed and i is not inertia]
         ends = {end for shaft in roles.shafts for end in shaft.ends if shaft.stiffness in has}
-        behind = any(i.name in ends or i.weight in has for i in alike)
-        return behind and not any({i.sliding, i.efficiency} & has for i in alike)
+        loaded = any(i.name in ends or i.weight in has for i in joined)
+        return loaded and not any({i.sliding, i.efficiency} & has for i in joined)
 
     def _inertias(self) -> Iterator[Change]:
-        """Yield one more inertia on a spring at each: one that the rig offers, or that a train takes."""
+        """Yield changes that attach a further inertia by a spring, as the rig or a train allows."""
         model = self.job.problem.model
         pairs = itertools.permutations(model.roles.inertias, 2)
         for shaft, (new, other) in itertools.product(model.roles.shafts, pairs):
             joined = {new.name, other.name} == {*shaft.ends}
             if joined and self._offered(shaft.stiffness, new.inertia):
-                alike = (i for i in model.roles.inertias if i.speed == other.speed)
-                host = next((i for i in alike if i.name in self.weights), None)
+                hosts = (i for i in model.roles.inertias if i.speed == other.speed)
+                host = next((i for i in hosts if i.name in self.weights), None)
                 if host is not None:
                     yield self._inertia(host, (new.inertia, shaft.stiffness, shaft.damping), {})
         given = self._data.get("model", {})
@@ -418,9 +421,9 @@ class Setting:
                 yield self._inertia(at, names, lines)
 
     def _inertia(self, at: InertiaRoles, names: tuple[str, str, str], lines: Entries) -> Change:
-        """Return an inertia on a damped spring, sought where both are the one that was found.
+        """Return the change that attaches a further inertia by a damped spring.
 
-        It swings by itself at least once, and at most as fast as samples show.
+        It oscillates on this spring at least once in the record, and at most as fast as samples resolve.
         """
         weight, (step, longest) = self.weights[at.name] / at.reduction**2, self._span
         slow, fast = 2 * math.pi / longest, math.pi / step
@@ -431,40 +434,36 @@ class Setting:
         )
         end_weight, rest = SOUGHT_SHARE * weight, (1.0 - SOUGHT_SHARE) * self.weights[at.name]
         host = {at.inertia: rest} if at.inertia in self.job.problem.names else {}
-        starts = tuple(
-            host
-            | dict(
-                zip(
-                    names,
-                    (end_weight, end_weight * w**2, SOUGHT_DAMPING * end_weight * w),
-                    strict=True,
-                )
-            )
-            for w in np.geomspace(2.0 * slow, 0.5 * fast, SOUGHT_SWINGS).tolist()
-        )
+        starts = []
+        for w in np.geomspace(2.0 * slow, 0.5 * fast, SOUGHT_SWINGS).tolist():
+            values = (end_weight, end_weight * w**2, SOUGHT_DAMPING * end_weight * w)
+            starts.append(host | dict(zip(names, values, strict=True)))
         words = f"one more inertia on a spring {at.at}"
         lines = merged(lines, {"parameters": dict(zip(names, priors, strict=True))})
-        return Change(f"inertia_{at.name}", words, lines, optional=names[2], starts=starts)
+        return Change(f"inertia_{at.name}", words, lines, optional=names[2], starts=tuple(starts))
 
-    # What absorbs anything.
+    # Changes that absorb any misfit.
 
     def _absorbing(self) -> Iterator[Change]:
         yield Change(UNKNOWN, "noise of unknown size", self._noise(remembers=False))
         yield Change(AR1, "noise that remembers", self._noise(remembers=True))
         (step, longest), roles = self._span, self.job.problem.model.roles
-        rubs = {lack.name for lack in edits.lacks(roles)}
+        lacks = {lack.name for lack in edits.lacks(roles)}
         for i in roles.inertias if MISSING not in self._data else ():
             known = i.name in self.weights and i.sliding in self.sizes
-            if known and f"friction_{i.name}" in rubs:
+            if known and f"friction_{i.name}" in lacks:
                 size = {"prior": "half_normal", "scale": rounded(QUARTER * self.sizes[i.sliding])}
                 shortest = TIME_PARTS * step
                 time = log_uniform(shortest, max(longest / TIME_PARTS, 2 * shortest))
                 torque = {"at": i.name, "smoothness": "1/2", "size": size, "time": time}
-                lines = merged({MISSING: torque}, self._shared("s_d", "tau_d"))  # one rig
+                lines = merged({MISSING: torque}, self._shared("s_d", "tau_d"))  # for all
                 yield Change(f"{TORQUE}{i.name}", f"a missing {roles.motion.torque} {i.at}", lines)
 
     def _noise(self, *, remembers: bool) -> Entries:
-        """Free the noise of each channel; one number of all experiments becomes one unknown."""
+        """Return lines that free the noise of each channel, with memory if it `remembers`.
+
+        A sigma that is given once for all experiments becomes one unknown.
+        """
         lines: Entries = {}
         shared = {*self._data.get(SHARED, ())}
         for name in self._units:
@@ -501,8 +500,9 @@ def _largest(first: Mapping[str, float], other: Mapping[str, float]) -> dict[str
 def _speeds(observations: tuple[Observation, ...], full: Any) -> dict[str, float]:
     """Return the largest speed of each inertia, by its name."""
     speeds: dict[str, float] = {}
-    for model, each in ((each.response.model, each) for each in observations):
-        largest = np.abs(edits.state_motion(each, full)).max(axis=0).tolist()
+    for observation in observations:
+        model = observation.response.model
+        largest = np.abs(edits.state_motion(observation, full)).max(axis=0).tolist()
         known = dict(zip(model.states, largest, strict=True))
         turning = [i for i in model.roles.inertias if i.speed in known]
         speeds = _largest(speeds, {i.name: known[i.speed] / i.reduction for i in turning})

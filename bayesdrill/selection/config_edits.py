@@ -1,4 +1,4 @@
-"""Entries of a config that go over others: what a candidate model says, and the file that says it."""
+"""Edit entries of a config: override some by those of a candidate model, and write the file."""
 
 from __future__ import annotations
 
@@ -19,29 +19,29 @@ SHARED = "shared"
 
 
 def rounded(value: float, digits: int = 3) -> float:
-    """Round to a few digits: a config is read by people."""
+    """Return a value rounded to a few significant digits, since people read a config."""
     return float(f"{value:.{digits}g}")
 
 
 def log_uniform(low: float, high: float) -> Entries:
-    """Return a prior, as an entry of a config."""
+    """Return a log-uniform prior as an entry of a config."""
     return {"prior": "log_uniform", "low": rounded(low), "high": rounded(high)}
 
 
 def uniform(high: float, low: float = 0.0) -> Entries:
-    """Return a prior between two ends, as an entry of a config."""
+    """Return a uniform prior as an entry of a config."""
     return {"prior": "uniform", "low": rounded(low), "high": rounded(high)}
 
 
 def nested(place: Place, value: Any) -> Entries:
-    """Return an entry at a place: `{record: {window: [0, 1]}}`."""
+    """Return nested mappings with `value` at a place, such as `{record: {window: [0, 1]}}`."""
     for key in reversed(place):
         value = {key: value}
     return dict(value)
 
 
 def merged(first: Mapping[str, Any], *others: Mapping[str, Any]) -> Entries:
-    """Return entries with those of `others` over them, mapping by mapping; what is shared adds up."""
+    """Return entries overridden by those of `others`, mapping by mapping; lists `shared` are joined."""
     entries = copy.deepcopy(dict(first))
     for other in others:
         for key, value in other.items():
@@ -56,7 +56,7 @@ def merged(first: Mapping[str, Any], *others: Mapping[str, Any]) -> Entries:
 
 
 def leaves(lines: Mapping[str, Any], place: Place = ()) -> Iterator[Place]:
-    """Yield the places that lines decide; a prior is one, and what is shared is none."""
+    """Yield the places that lines set; a prior is one place, and `shared` is none."""
     for key, value in lines.items():
         if isinstance(value, Mapping) and "prior" not in value:
             yield from leaves(value, (*place, key))
@@ -72,7 +72,7 @@ def sections(data: Mapping[str, Any]) -> Iterator[tuple[Place, Entries]]:
 
 
 def columns(data: Mapping[str, Any], name: str) -> Iterator[tuple[Place, Entries]]:
-    """Yield the entries of a channel or an input that is a column, at the top and in experiments."""
+    """Yield entries of the column of a channel or an input, at the top and in experiments."""
     for place, section in sections(data):
         lines_within = {
             ("record", "channels"): (section.get("record") or {}).get("channels") or {},
@@ -85,7 +85,7 @@ def columns(data: Mapping[str, Any], name: str) -> Iterator[tuple[Place, Entries
 
 
 def amended(job: Job, cause: Cause) -> Entries:
-    """Return the entries of a config with the lines of a cause, and as many walkers as unknowns want."""
+    """Return the entries of a config with the lines of a cause, and enough walkers for its unknowns."""
     data = merged(job.source.data, parse(job.source.path, cause.lines).data)
     walkers, unknowns = (data.get("sampler") or {}).get("walkers"), len(job.problem.names)
     if isinstance(walkers, int):
@@ -97,9 +97,9 @@ def amended(job: Job, cause: Cause) -> Entries:
 def as_file(
     data: Mapping[str, Any], given: Source, folder: Path, about: Sequence[str], name: str = ""
 ) -> str:
-    """Return a config as the text of a file in `folder`, whose first lines are comments.
+    """Return a config as the text of a file in `folder`, which begins with comments `about` it.
 
-    It names the records of the one that was `given`, and draws what that does; `name`: of its results.
+    It has the records and the output of the config `given`, and results are stored under `name`.
     """
     written = copy.deepcopy({key: entry for key, entry in data.items() if key != "output"})
     written |= {"output": drawn} if (drawn := given.data.get("output")) else {}

@@ -1,1 +1,1 @@
-"""What the commands do, one module each, for `api` and `cli`; nothing here parses or prints."""
+"""Do the work of the commands, one module each, for `api` and `cli`; nothing here parses or prints."""

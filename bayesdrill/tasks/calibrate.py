@@ -15,8 +15,8 @@ from bayesdrill.analysis import calibration
 from bayesdrill.analysis.calibration import CalibrationStudy, CalibrationVerdict, Refit
 from bayesdrill.basics import software
 from bayesdrill.basics.errors import InputError
+from bayesdrill.basics.json_records import from_data
 from bayesdrill.basics.progress import Reporter
-from bayesdrill.basics.values import from_data
 from bayesdrill.config import loading
 from bayesdrill.config.job import Job
 from bayesdrill.config.records import reading, simulation, sources
@@ -48,7 +48,7 @@ RANKS = "ranks.csv"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CalibrationOutcome:
-    """The verdict and the refits of a calibration, and its folder."""
+    """A calibration has a verdict, its refits and a folder."""
 
     folder: Path
     verdict: CalibrationVerdict
@@ -56,7 +56,7 @@ class CalibrationOutcome:
 
     @property
     def said(self) -> str:
-        """The text for the terminal."""
+        """Return the text for the terminal."""
         parts = (
             describe_refits(self.verdict, self.refits),
             "",

@@ -38,7 +38,7 @@ WITHOUT = (
 
 @dataclass(frozen=True, slots=True)
 class NamedRun:
-    """A run among others; `folder` is None where it is in none."""
+    """A run has a name among others; `folder` is None if it was never saved."""
 
     name: str
     folder: Path | None
@@ -46,7 +46,7 @@ class NamedRun:
 
     @property
     def place(self) -> str:
-        """For messages."""
+        """Return the folder or the name, for messages."""
         return self.name if self.folder is None else str(self.folder)
 
 
@@ -83,7 +83,7 @@ def report(form: Form, runs: Sequence[NamedRun]) -> ComparisonReport:
 
 
 def overlay_units(jobs: Sequence[Job]) -> DisplayUnits:
-    """Of each unknown those of the first run that says any; SI where a name means two things."""
+    """Return the units of the first run that gives any; SI if a name means two things."""
     units, kinds = dict[str, Unit](), dict[str, set[str]]()
     for job in jobs:
         units = {**job.problem.units.units, **units}
@@ -110,17 +110,17 @@ def overlay_layer(
 
 
 def mark(run: SampledRun) -> str:
-    """By which files say whose they are."""
+    """Return the mark of a run, by which files name their run."""
     return provenance.marks(run.job.config, run.job.problem)[provenance.RUN_MARK]
 
 
 def residuals(run: SampledRun) -> tuple[ResidualSummary, ...]:
-    """What the MAP leaves of each channel."""
+    """Return the residuals of each channel at the MAP."""
     return conclusions.residuals(run.job, run.mode) if run.kept is None else run.kept.fit
 
 
 def distinct(names: Sequence[str]) -> list[str]:
-    """As they are, if they are text, with a number where one comes again."""
+    """Return names as printable text, with a number after each that occurs again."""
     texts: list[str] = []
     for name in map(encodable, names):
         n, candidate = 1, name
@@ -146,7 +146,7 @@ def check_folder(form: Form, output: Path, runs: Sequence[Path | None], *, force
 def publish(
     report: ComparisonReport, runs: Sequence[Path | None], output: Path, *, force: bool
 ) -> None:
-    """Table, page and figures; `runs`: where each run is, None where it is in no folder."""
+    """Write table, page and figures; `runs` are the folders of the runs, None for one in memory."""
     check_folder(report.form, output, runs, force=force)
     with Folder(output, "force" if force else "fresh", {}, report.form.kind) as folder:
         folder.begin(status="running", versions=software.installed_versions())
@@ -155,7 +155,7 @@ def publish(
 
 
 def write(report: ComparisonReport, folder: Folder) -> None:
-    """Table, page and figures into a folder that is open."""
+    """Write table, page and figures into an open folder."""
     from bayesdrill.report import style  # late: matplotlib takes a second to load
 
     for name, text in report.texts.items():
@@ -215,7 +215,7 @@ def check_same_record(runs: Sequence[NamedRun]) -> None:
 
 
 def _record(problem: Problem) -> dict[str, str]:
-    """Of each experiment: channels, samples and what is held out."""
+    """Describe the channels, samples and held-out parts of each experiment."""
     digests, records = {}, provenance.records(problem)
     whole = {observation.label for observation in problem.posterior.likelihood.held_out}
     for observation in problem.all_observations:
@@ -228,7 +228,7 @@ def _record(problem: Problem) -> dict[str, str]:
 
 
 def contender(named: NamedRun, units: DisplayUnits) -> RunSummary:
-    """A run under the name that it has among others; raises `InputError` where it has no evidence."""
+    """Return the summary of a named run; raises `InputError` if it has no evidence."""
     run = named.run
     if run.sampled.evidence is None:
         raise InputError.at(named.place, WITHOUT)
@@ -251,7 +251,7 @@ def contender(named: NamedRun, units: DisplayUnits) -> RunSummary:
 
 
 def _rig(job: Job) -> dict[str, str]:
-    """Rig, sensors, inputs and start, and which of their numbers are unknown."""
+    """Describe rig, sensors, inputs and start, and which of their numbers are unknown."""
     space = job.problem.posterior.space
     unknown = {space.free[k]: "unknown" for k in space.columns(*SIMULATOR_ROLES)}
     said = provenance.settings(job.config, job.problem, job.problem.units)
@@ -263,7 +263,7 @@ def _rig(job: Job) -> dict[str, str]:
 
 
 def _noise(job: Job) -> dict[str, str]:
-    """Of each channel: its kind, and its size where it is known."""
+    """Describe the noise of each channel by its kind, and by its size if that is known."""
     result = {}
     for observation in job.problem.observations:
         record = job.case.experiment(observation.label).config.record

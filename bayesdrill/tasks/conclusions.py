@@ -1,4 +1,4 @@
-"""What a finished chain means: its analysis, evaluated now or as its run has kept it."""
+"""Return what a finished chain means: its analysis, evaluated now or as its run has kept it."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from bayesdrill.analysis.diagnostics import sandwich_sds
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy
 from bayesdrill.analysis.run_analysis import RunAnalysis, RunDraws, analyse
+from bayesdrill.basics.equality import Value
 from bayesdrill.basics.progress import SILENT, Reporter
-from bayesdrill.basics.values import Value, from_data
 from bayesdrill.config.job import Job
 from bayesdrill.config.records import sources
 from bayesdrill.config.resolve import experiments
@@ -36,12 +36,11 @@ from bayesdrill.sampling.ensembles import Plan, SamplingResult
 from bayesdrill.sampling.mode_search import Mode
 from bayesdrill.sampling.workers import WorkerPool
 from bayesdrill.tasks import ranking
-from bayesdrill.tasks.run_entries import ANALYSIS, ANALYSIS_OF
 
 
 @dataclass(frozen=True, eq=False)
 class SampledRun(Value):
-    """A chain and what it is of; `kept`: its analysis, where its folder has it."""
+    """A run has a job, its maximum and its chain; `kept` is its analysis if its folder has one."""
 
     job: Job
     mode: Mode
@@ -105,14 +104,14 @@ def causes(
 
 
 def residuals(job: Job, mode: Mode) -> tuple[ResidualSummary, ...]:
-    """What the maximum leaves of each channel."""
+    """Return the residuals of each channel at the maximum."""
     posterior = job.problem.posterior
     best = posterior.space.vector(mode.values)
     return residual_checks.residual_summaries(posterior.likelihood, best)
 
 
 def doubts(job: Job, mode: Mode, study: IdentifiabilityStudy) -> tuple[str, ...]:
-    """Why what a `study` at the maximum calls determined must not be believed: the fit there."""
+    """Return why the fit forbids to believe what a `study` at the maximum calls determined."""
     posterior, left = job.problem.posterior, residuals(job, mode)
     if residual_checks.like_noise(left):
         return ()
@@ -128,7 +127,7 @@ def doubts(job: Job, mode: Mode, study: IdentifiabilityStudy) -> tuple[str, ...]
 
 
 def settings(case: ResolvedCase) -> dict[str, Any]:
-    """All of a config but where its record is, and in which formats its figures are written."""
+    """Return all entries of a config except the places of records and the formats of figures."""
     sections = (*experiments.SECTIONS, experiments.EXPERIMENTS)
     entries = case.config.model_dump(exclude_none=True, exclude=set(sections))
     entries["output"].pop("formats", None)
@@ -143,7 +142,7 @@ def settings(case: ResolvedCase) -> dict[str, Any]:
 
 
 def analysis_mark(job: Job, mode: Mode, sampled: SamplingResult) -> str:
-    """A digest of all that an analysis is made of: config, record, maximum, chain, and the version."""
+    """Return a digest of all that an analysis is made of: config, record, maximum, chain and version."""
     given = {name: x for name, x in settings(job.case).items() if name != "output"}
     made_of = (
         bayesdrill.__version__,
@@ -154,18 +153,6 @@ def analysis_mark(job: Job, mode: Mode, sampled: SamplingResult) -> str:
         repr(sampled.evidence),
     )
     return hashlib.sha256("\n".join(made_of).encode("utf-8", "replace")).hexdigest()
-
-
-def kept_analysis(
-    job: Job, mode: Mode, sampled: SamplingResult, run: Mapping[str, Any]
-) -> RunAnalysis | None:
-    """What a finished run has kept in `run.json`; None where it is of something else, or not there."""
-    if run.get(ANALYSIS_OF) != analysis_mark(job, mode, sampled):
-        return None
-    try:
-        return from_data(RunAnalysis, run.get(ANALYSIS))
-    except ValueError:  # of an older form
-        return None
 
 
 def plan(config: Config) -> Plan:

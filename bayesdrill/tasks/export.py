@@ -24,7 +24,7 @@ from bayesdrill.tasks.conclusions import SampledRun
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExportedNumber:
-    """A quantity of a part for a simulator: its `draws (N,)` and its value at the MAP, in SI."""
+    """A quantity of a part has `draws (N,)` and a value at the MAP, in SI."""
 
     part: str
     name: str
@@ -34,13 +34,13 @@ class ExportedNumber:
 
     @property
     def key(self) -> str:
-        """The full name, such as `load.armature`."""
+        """Return the full name, such as `load.armature`."""
         return f"{self.part}.{self.name}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SimulatorModel:
-    """A rig in terms of a simulator.
+    """A rig is described in terms of a simulator.
 
     `joints` are names by the state of their speed.  `springs` have the joints at their ends, with the
     turns of the end for each turn of the joint.  `drives` have their joint and such turns.

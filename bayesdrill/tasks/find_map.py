@@ -12,9 +12,9 @@ from bayesdrill import output_files
 from bayesdrill.analysis.causes import Cause
 from bayesdrill.basics import software
 from bayesdrill.basics.errors import InputError
+from bayesdrill.basics.json_records import as_data, from_data
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.basics.units import Unit
-from bayesdrill.basics.values import as_data, from_data
 from bayesdrill.config.job import Job, prepare
 from bayesdrill.config.resolve import work
 from bayesdrill.inference.posterior import Problem
@@ -46,7 +46,7 @@ def report(job: Job, mode: Mode) -> MapReport:
 
 
 def save(job: Job, mode: Mode, output: Path, record: str | None, *, force: bool) -> None:
-    """`record`: its text, where it has no file."""
+    """Write a maximum into a folder; `record` is the text of a record without a file."""
     check_record(job, output, record)
     fingerprint, said = provenance.fingerprint(job.config, job.problem), report(job, mode)
     with Folder(output, "force" if force else "fresh", fingerprint, MAP) as folder:
@@ -71,7 +71,7 @@ def save(job: Job, mode: Mode, output: Path, record: str | None, *, force: bool)
 
 
 def read(output: Path) -> tuple[Job, Mode]:
-    """What `save` left; raises `InputError` where config or record are not those of it."""
+    """Read what `save` wrote; raises `InputError` if config or record are others."""
     job = prepare(output / output_files.RESOLVED_FILE)
     marks = provenance.fingerprint(job.config, job.problem)
     with Folder(output, "read", marks, MAP) as folder:
@@ -82,7 +82,7 @@ def read(output: Path) -> tuple[Job, Mode]:
 
 
 def find_mode(job: Job, processes: int, report: Reporter, *, quick: bool = False) -> Mode:
-    """The MAP alone, `quick`: from the configured start; nothing is written."""
+    """Find the MAP alone and write nothing; `quick` searches only from the configured start."""
     if quick:
         job = job.with_settings(map=job.config.map.model_copy(update={"starts": 1}))
     with WorkerPool(job.problem.posterior, processes) as pool:
@@ -109,14 +109,14 @@ def fit_plan(job: Job) -> FitPlan:
 
 
 def end_search(pool: WorkerPool, under_way: PendingSearches, report: Reporter) -> Mode:
-    """The maximum, and in words how good the fit is there."""
+    """Return the maximum, and report how good the fit is there."""
     mode = end_searches(pool, under_way, report)
     report.say(describe_searches(mode))
     return mode
 
 
 def misfit(left: Sequence[ResidualSummary], clock: Unit) -> str:
-    """What a maximum has `left`, where no posterior about it can be believed; empty elsewhere."""
+    """Describe the residuals `left` at a maximum if they forbid to believe a posterior; else empty."""
     return residual_sentences(left, clock) if residual_reasons(left) else ""
 
 
@@ -152,7 +152,7 @@ def write_mode(folder: Folder, mode: Mode) -> None:
 
 
 def read_mode(folder: Folder, problem: Problem) -> Mode | None:
-    """What `map.json` holds, or None; raises `InputError` where it is damaged, or of another run."""
+    """Read `map.json`, or return None; raises `InputError` if it is damaged, or of another run."""
     path = folder.path / MAP_FILE
     if not path.exists():
         return None
@@ -168,7 +168,7 @@ def read_mode(folder: Folder, problem: Problem) -> Mode | None:
 
 
 def _possible(mode: Mode, problem: Problem) -> bool:
-    """Whether a mode may be one of this posterior."""
+    """Return whether a mode may be one of this posterior."""
     space, labels = problem.posterior.space, {each.label for each in problem.all_observations}
     maxima = [maximum.values for maximum in mode.maxima]
     points = (*maxima, *(search.end for search in mode.searches), mode.slope)

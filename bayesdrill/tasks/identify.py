@@ -1,4 +1,4 @@
-"""The job of `bayesdrill identify`: compute what a record can show before anything is sampled."""
+"""Compute what a record can show before anything is sampled (`bayesdrill identify`)."""
 
 from __future__ import annotations
 
@@ -18,15 +18,17 @@ from bayesdrill.analysis.identifiability.study import (
 )
 from bayesdrill.analysis.latent_torque import is_approximate
 from bayesdrill.analysis.suspicions import InputTiming, half_sample_shift
+from bayesdrill.basics.arguments import check_arguments
+from bayesdrill.basics.equality import Value
 from bayesdrill.basics.errors import InputError, did_you_mean
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.basics.symbols import Symbol
-from bayesdrill.basics.values import Value, check_arguments
 from bayesdrill.config.job import Job
 from bayesdrill.config.records import sources
 from bayesdrill.inference.priors import flat_in_logs
 from bayesdrill.output_files import FIGURES, IDENTIFY
 from bayesdrill.report.doubts import describe_timing
+from bayesdrill.report.findings import finding_sentences
 from bayesdrill.report.scales import WIDTHS
 from bayesdrill.report.sections.friction import friction_sentences
 from bayesdrill.report.sections.identifiability import (
@@ -48,7 +50,7 @@ MARK = "<!-- bayesdrill identify -->"  # first line of the text, which identifie
 @check_arguments
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Findings(Value):
-    """The results of `case.identify()`, which `print` shows and `save` writes.
+    """Hold the results of `case.identify()`, which `print` shows and `save` writes.
 
     Parameters
     ----------
@@ -75,7 +77,7 @@ class Findings(Value):
 
     @property
     def text(self) -> str:
-        """The whole text for the terminal."""
+        """Return the whole text for the terminal."""
         parts = [describe_study_point(self.point, self.job.problem)]
         if self.point.at:
             parts += [describe_study(self.study, self.job.problem.model, self.reasons)]
@@ -86,12 +88,12 @@ class Findings(Value):
 
     @property
     def symbols(self) -> tuple[Symbol, ...]:
-        """The symbols of all unknowns, in the units of the user."""
+        """Return the symbols of all unknowns, in the units of the user."""
         return self.job.problem.units.symbols(self.job.problem.symbols)
 
     @property
     def shown(self) -> tuple[Profile, ...]:
-        """The profiles in the units of the user."""
+        """Return the profiles in the units of the user."""
         units = self.job.problem.units
         return tuple(profile.over(units.factor(profile.name)) for profile in self.profiles)
 
@@ -189,8 +191,8 @@ def preflight(job: Job, sensitivities: SensitivityStudy) -> str:
     lines += [stand_ins(study, rig)]
     lines += [beside(rig)] if is_approximate(posterior) else []
     timing = describe_timing(half_sample_shift(sensitivities, point.theta))
-    plausible = plausibility.plausibility_of_course(sensitivities, point.theta)
-    return "\n".join([*filter(None, lines), *timing, *plausible])
+    course = finding_sentences(plausibility.plausibility_of_course(sensitivities, point.theta))
+    return "\n".join([*filter(None, lines), *timing, *course])
 
 
 def check_place(folder: Path, *, force: bool) -> None:

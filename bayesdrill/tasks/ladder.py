@@ -10,8 +10,8 @@ from pathlib import Path
 from bayesdrill.analysis.causes import Cause, Causes
 from bayesdrill.analysis.comparison import SURE_LOG_ODDS, RunSummary
 from bayesdrill.basics.errors import InputError
+from bayesdrill.basics.json_records import as_data, from_data
 from bayesdrill.basics.progress import SILENT, Reporter
-from bayesdrill.basics.values import as_data, from_data
 from bayesdrill.config.job import Job
 from bayesdrill.config.yaml_source import as_yaml
 from bayesdrill.inference.posterior import Posterior
@@ -41,7 +41,7 @@ LONGEST_NAME = 100  # letters, of a config
 
 @dataclass(frozen=True, slots=True)
 class LadderModel:
-    """A model of a ladder: its `parts` beside the config as given, what it is in words, and its job."""
+    """A model of a ladder has `parts` beside the config as given, a description and a job."""
 
     name: str
     about: str
@@ -59,7 +59,7 @@ def _with_lines(given: Job, cause: Cause) -> Job:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LadderOutcome:
-    """What a ladder has found.
+    """A ladder has a folder, a comparison of its models and a recommendation.
 
     `rungs`: those that were run, in the order of `report.models`; `left_out`: why others were not;
     `recommended`: one of them, whose config is at `config`.
@@ -74,7 +74,7 @@ class LadderOutcome:
 
     @property
     def said(self) -> str:
-        """For the terminal."""
+        """Return the text for the terminal."""
         about = self.recommended.about
         told = comparison_report.ladder_conclusion(about, self.left_out, self.config)
         return f"{self.report.text}\n{told}"
@@ -88,7 +88,7 @@ def ladder(
     report: Reporter,
     sample: int = 2,
 ) -> LadderOutcome:
-    """The whole job; `sample`: how many of the most probable candidates are sampled.
+    """Run the whole job; `sample` is the number of most probable candidates that are sampled.
 
     Raises `Interrupted` when asked to stop, and `BrokenProcessPool` when a worker was killed; models
     that are done are kept.
@@ -110,7 +110,7 @@ def ladder(
 
 
 class _Sampling:
-    """Models under way: `done` has what each that was sampled says, `left_out` why others were not."""
+    """Sample models: `done` has the summary of each, `left_out` the reasons why others were not."""
 
     def __init__(
         self, job: Job, folder: Folder, pool: RefitExecutor, report: Reporter, *, again: bool
@@ -168,7 +168,7 @@ class _Sampling:
         return dataclasses.replace(causes, ranked=causes.ranked[:KEPT])
 
     def _taken_up(self, place: str, model: LadderModel) -> bool:
-        """Whether it was run before."""
+        """Return whether the model was run before, and take up its result."""
         folder = self.folder.path / place
         run = (run_folder.read_run(folder) if self.again else None) or {}
         marks = provenance.fingerprint(model.job.config, model.job.problem)
@@ -197,13 +197,13 @@ class _Sampling:
 
 
 def search(posterior: Posterior, plan: FitPlan) -> Mode:
-    """The MAP, in this process alone."""
+    """Find the MAP in this process alone."""
     with WorkerPool(posterior, 1) as pool:
         return end_searches(pool, begin_searches(pool, plan, SILENT), SILENT)
 
 
 def _fit(posterior: Posterior, plan: FitPlan) -> tuple[Mode, SamplingResult] | str:
-    """A sentence where nothing can be sampled."""
+    """Fit a posterior; return a sentence instead if nothing can be sampled."""
     try:
         return fit(posterior, plan)
     except NoSupportError as error:
@@ -211,7 +211,7 @@ def _fit(posterior: Posterior, plan: FitPlan) -> tuple[Mode, SamplingResult] | s
 
 
 def _published(job: Job, folder: Folder, work: _Sampling) -> LadderOutcome:
-    """Held against the last: the least probable of them by its maximum."""
+    """Write the comparison, in which all are compared with the least probable by its maximum."""
     if not work.done:
         raise InputError.at(str(job.source.path), "; ".join(work.left_out.values()))
     places = sorted(work.done, reverse=True)
@@ -242,7 +242,7 @@ def _published(job: Job, folder: Folder, work: _Sampling) -> LadderOutcome:
 
 
 def recommended(every: Sequence[LadderModel], report: ComparisonReport) -> LadderModel:
-    """The simplest of those that are about as probable as the best."""
+    """Return the simplest of the models that are about as probable as the best."""
     models = report.models
     least = max(model.log_z for model in models) - SURE_LOG_ODDS
     good = [k for k, model in enumerate(models) if model.log_z >= least]

@@ -1,4 +1,4 @@
-"""The main job: a config goes in, and a results folder comes out."""
+"""Run the main job: a config goes in, and a results folder comes out."""
 
 from __future__ import annotations
 
@@ -39,7 +39,6 @@ from bayesdrill.tasks.conclusions import (
     analysis_mark,
     causes,
     concluded,
-    kept_analysis,
     plan,
     residuals,
 )
@@ -58,7 +57,7 @@ DRAWN_WITH = ("corner", "bayesdrill.report.sections.corner")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """`summary`: for a screen; `details`: all that can be said without figures.
+    """A finished run has a `summary` for a screen, and `details` with all that needs no figures.
 
     `reasons`: why the result must not be believed: it did not converge, or does not fit.
     `missing`: tables and figures that could not be made.
@@ -222,8 +221,8 @@ def _read_sampled(job: Job, folder: Folder) -> SampledRun:
     posterior = job.problem.posterior
     _read_ahead(job, folder)
     again = ensembles.load_sampled(posterior, plan(job.config), folder.segments, str(path))
-    run = run_folder.read_run(path) or {}
-    if (record := run_entries.read_record(run, path)) is not None:
+    record = run_entries.read_record(run_folder.read_run(path) or {}, path)
+    if record is not None:
         again = dataclasses.replace(
             again.with_missed(record.missed),
             mode_shares=np.array(shares) if (shares := [x.weight for x in record.maxima]) else None,
@@ -231,7 +230,10 @@ def _read_sampled(job: Job, folder: Folder) -> SampledRun:
             compression=record.compression,
         )
     sampled = again.with_reasons(mode.doubts)
-    return SampledRun(job, mode, sampled, kept=kept_analysis(job, mode, sampled, run))
+    kept = None
+    if record is not None and record.analysis_of == analysis_mark(job, mode, sampled):
+        kept = record.analysis
+    return SampledRun(job, mode, sampled, kept=kept)
 
 
 def write_result(
@@ -291,7 +293,7 @@ def _publish(
     *,
     pdf: bool = False,
 ) -> Outcome:
-    """`begun`: when the report began, of a run that is timed."""
+    """Write tables, figures and record; `begun` is the time at which the report of a timed run began."""
     missing = publish.write_results(view, folder, pool, report, pdf=pdf)
     report.update(1.0, "")
     seconds, judged = dict(view.seconds), view.analysis.judged

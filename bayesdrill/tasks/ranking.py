@@ -64,7 +64,7 @@ def rank(
 
 @dataclass
 class Ranking:
-    """A ranking of candidate models, under way or done.
+    """A ranking of candidate models is under way or done.
 
     `given`: the refit of the config as it is; `causes_by_parts`: candidates that were refitted;
     `maxima`: where the refits of these ended; `left_out`: why others could not be refitted; `tried`: how
@@ -114,7 +114,7 @@ class Ranking:
 
     @property
     def _explained(self) -> bool:
-        """Whether a cause that can be trusted leaves only noise."""
+        """Return whether a cause that can be trusted leaves only noise."""
         named = [c for c in self.causes_by_parts.values() if not c.absorbing and not c.doubts]
         return any(c.explains_all and c.bayes > SURE_LOG_ODDS for c in named)
 

@@ -101,7 +101,7 @@ def _check_answers(scheduler: str) -> None:
 
 
 class RefitExecutor:
-    """Processes of this machine; a caller that waits for results calls `watch` at intervals."""
+    """Submit tasks to processes of this machine; a caller that waits calls `watch` at intervals."""
 
     def __init__(self, pool: Executor) -> None:
         self.pool = pool
@@ -118,7 +118,7 @@ class RefitExecutor:
 
 
 class Cluster(RefitExecutor):
-    """The workers of a Dask scheduler."""
+    """Submit tasks to the workers of a Dask scheduler."""
 
     def __init__(self, client: Any) -> None:
         super().__init__(client.get_executor(pure=False))

@@ -1,21 +1,21 @@
-"""The entries of `run.json` of a finished run: a record and its `RunAnalysis`, with their schema."""
+"""Write and read the record of a finished run in `run.json`, and describe its schema."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
-from pydantic import TypeAdapter
+from pydantic import TypeAdapter, WrapValidator
 from pydantic.json_schema import GenerateJsonSchema
 
 from bayesdrill.analysis.run_analysis import RunAnalysis
 from bayesdrill.analysis.verdict import Verdict
 from bayesdrill.basics.errors import InputError
-from bayesdrill.basics.values import as_data, field_descriptions, from_data
+from bayesdrill.basics.json_records import as_data, field_descriptions, from_data
 from bayesdrill.inference.compression import CompressionCheck
 from bayesdrill.output_files import RUN
 from bayesdrill.report.sections.nominal import (
@@ -33,8 +33,7 @@ OLDER = (
     "was written by an older version of bayesdrill, and is not read any more; `bayesdrill posterior "
     "CONFIG --resume` goes on with its chain and writes it anew"
 )
-ANALYSIS, ANALYSIS_OF = "analysis", "analysis_of"  # entries of `run.json`
-ENTRIES: Mapping[str, str] = {
+FOLDER_ENTRIES: Mapping[str, str] = {  # entries of `run.json` that a folder has from its beginning
     "job": "the command that made the folder",
     "fingerprint": "what decides the chain, by name",
     "status": "running, interrupted or finished",
@@ -43,11 +42,16 @@ ENTRIES: Mapping[str, str] = {
     "seconds": "how long the parts of the run took [s]",
     "missing": "tables and figures that could not be made, and why",
     "files": "digests of all files that were written, by name",
-    "importance": "posterior means that the proposal gives without a chain [SI]",
-    ANALYSIS: "all that is said of the run, evaluated once",
-    ANALYSIS_OF: "a digest of what the analysis was made of",
-    "checksum": "of all entries before it",
+    "checksum": "of all other entries",
 }
+
+
+def _analysis_of_this_form(value: Any, read: Callable[[Any], RunAnalysis]) -> RunAnalysis | None:
+    """Return an analysis, or None if another version has written it, which evaluates it again."""
+    try:
+        return read(value)
+    except ValueError:
+        return None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,7 +65,7 @@ class WeightedMaximum:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunRecord:
-    """The record of a finished run.
+    """The record of a finished run has these fields in `run.json`.
 
     form: the version of this record
     units: SI units of the unknowns, by name
@@ -73,6 +77,9 @@ class RunRecord:
     missed: about how much of the posterior the proposal hardly ever reaches
     compression: how the compressed likelihood of long records compares with the exact one
     maxima: maxima of the posterior, and the share of each [SI]
+    importance: posterior means that the proposal gives without a chain [SI]
+    analysis: all that is said of the run, evaluated once
+    analysis_of: a digest of what the analysis was made of
     """
 
     form: int = FORM
@@ -85,6 +92,9 @@ class RunRecord:
     missed: float
     compression: CompressionCheck | None
     maxima: tuple[WeightedMaximum, ...]
+    importance: Mapping[str, Any] | None = None
+    analysis: Annotated[RunAnalysis | None, WrapValidator(_analysis_of_this_form)]
+    analysis_of: str
 
 
 def entries(view: ReportContext, made_of: str) -> dict[str, Any]:
@@ -110,10 +120,14 @@ def entries(view: ReportContext, made_of: str) -> dict[str, Any]:
             WeightedMaximum(values=m.values, log_posterior=m.log_posterior, weight=share)
             for m, share in pairs
         ),
+        importance=None if sampled.learnt is None else _weighted_means(view, sampled.learnt),
+        analysis=analysis,
+        analysis_of=made_of,
     )
-    learnt = sampled.learnt
-    weighted = {} if learnt is None else {"importance": _weighted_means(view, learnt)}
-    return {**as_data(record), **weighted, ANALYSIS: as_data(analysis), ANALYSIS_OF: made_of}
+    data = as_data(record)
+    if record.importance is None:
+        del data["importance"]  # a report of an older chain leaves what the run has found
+    return dict(data)
 
 
 def read_record(run: Mapping[str, Any], folder: Path) -> RunRecord | None:
@@ -167,17 +181,14 @@ class _RunSchema(GenerateJsonSchema):
 
 def run_schema() -> str:
     """Return the JSON schema of `run.json` as text."""
-    records = TypeAdapter(tuple[RunRecord, RunAnalysis])
-    defs = records.json_schema(schema_generator=_RunSchema, mode="serialization")["$defs"]
-    record = defs.pop(RunRecord.__name__)
-    others = {name: {"description": text} for name, text in ENTRIES.items()}
-    others[ANALYSIS] |= {"$ref": f"#/$defs/{RunAnalysis.__name__}"}
+    record = TypeAdapter(RunRecord).json_schema(schema_generator=_RunSchema, mode="serialization")
+    others = {name: {"description": text} for name, text in FOLDER_ENTRIES.items()}
     described = {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "run.json of bayesdrill posterior",
         "type": "object",
         "properties": record["properties"] | others,
-        "$defs": defs,
+        "$defs": record["$defs"],
     }
     return json.dumps(described, indent=2) + "\n"
 

@@ -24,7 +24,7 @@ from bayesdrill.tasks import comparison, conclusions, find_map, pipeline
 
 @dataclass(frozen=True, slots=True)
 class Verified:
-    """The result of the verification of a folder.
+    """A verification says which files of a folder belong together.
 
     `problems` has each file that does not belong to the run, with the reason; `checked` is the number
     of files that do.  `what` names the other things that were compared.
@@ -37,12 +37,12 @@ class Verified:
 
     @property
     def together(self) -> bool:
-        """Whether all files belong together."""
+        """Return whether all files belong together."""
         return not self.problems
 
     @property
     def said(self) -> str:
-        """The result as text."""
+        """Return the result as text."""
         if self.together:
             return f"{self.folder}: {self.what} and {self.checked} files belong together"
         return "\n".join(map(str, self.problems))

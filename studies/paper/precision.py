@@ -150,7 +150,7 @@ def with_sigma(posterior: Posterior, sigma: float) -> Posterior:
     noise: Any = posterior.likelihood.only_observation.noise
     known = dict.fromkeys(range(noise.n_channels), sigma)
     other = dataclasses.replace(noise, known=known)
-    return posterior.edit(each=lambda observation: dataclasses.replace(observation, noise=other))
+    return posterior.edit(convert=lambda observation: dataclasses.replace(observation, noise=other))
 
 
 SAME = 1e-6  # relative, and absolute: records hold nine digits

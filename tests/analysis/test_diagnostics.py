@@ -127,7 +127,7 @@ def test_an_ensemble_that_is_elsewhere_leaves_the_band() -> None:
     shifted, wider = rank_histograms(x, np.random.default_rng(0))
     assert list(np.flatnonzero(~shifted.holds)) == [2]
     assert list(np.flatnonzero(~wider.holds)) == [1]
-    assert (shifted.away[2] < 0).mean() > 0.9  # draws too high: too few below any share
+    assert (shifted.deviation[2] < 0).mean() > 0.9  # draws too high: too few below any share
 
 
 def test_equal_ensembles_leave_the_band_as_often_as_is_said() -> None:
@@ -243,6 +243,6 @@ def test_sandwich_sds_of_white_residuals_are_those_of_the_posterior() -> None:
     y = np.full((N, 2), np.nan)
     y[:2] = target.likelihood.only_observation.experiment.y[:2]
     record = dataclasses.replace(target.likelihood.only_observation.experiment, y=y)
-    blind = target.edit(each=lambda one: one.for_record(record))
+    blind = target.edit(convert=lambda one: one.for_record(record))
     prior = np.log(np.random.default_rng(1).uniform(0.5, 1.5, 400_000)).std()
     assert sandwich_sds(blind, AT)["k_s"] == pytest.approx(AT[0] * prior, rel=0.01)

@@ -29,6 +29,7 @@ from bayesdrill.inference.priors import (
     TruncatedNormal,
     Uniform,
 )
+from bayesdrill.report.findings import finding_sentences
 from bayesdrill.report.sections.comparison import evidence_sentences
 from bayesdrill.rig.models.linear import Linear
 from bayesdrill.rig.models.motor_shaft import MotorShaft
@@ -49,7 +50,8 @@ def problem(dt: float = 0.001, own: tuple[str, ...] = (), **changes: float) -> P
 
 
 def kinds(of: Problem) -> list[str]:
-    return [text.split(":")[0] for text in plausibility.plausibility_of_nominal(of)]
+    found = finding_sentences(plausibility.plausibility_of_nominal(of))
+    return [text.split(":")[0] for text in found]
 
 
 def draws(n: int = 50, **changes: float) -> np.ndarray:
@@ -66,10 +68,10 @@ def test_a_motor_that_gives_more_than_it_takes_is_named() -> None:
     """But not blamed where the record cannot show the ratio of its constants."""
     assert kinds(problem()) == ["energy"]
     assert kinds(problem(k_T=IDEAL)) == kinds(problem(k_T=0.5 * IDEAL)) == []
-    (text,) = plausibility.plausibility_of_draws(problem(), draws(), SEEN)
+    (text,) = finding_sentences(plausibility.plausibility_of_draws(problem(), draws(), SEEN))
     assert "100 % of the draws (median ratio 1.99)" in text
     assert plausibility.plausibility_of_draws(problem(), draws(k_T=IDEAL), SEEN) == ()
-    (text,) = plausibility.plausibility_of_draws(problem(), draws(), BLIND)
+    (text,) = finding_sentences(plausibility.plausibility_of_draws(problem(), draws(), BLIND))
     assert "cannot show this ratio" in text
 
 
@@ -88,7 +90,7 @@ def test_a_pole_that_is_faster_than_the_samples_is_named() -> None:
     assert kinds(problem(0.9 / fastest, k_T=IDEAL)) == []
     assert kinds(problem(1.1 / fastest, k_T=IDEAL)) == ["sampling"]
     slow = problem(1.1 / fastest)
-    (text,) = plausibility.plausibility_of_draws(slow, draws(k_T=IDEAL), SEEN)
+    (text,) = finding_sentences(plausibility.plausibility_of_draws(slow, draws(k_T=IDEAL), SEEN))
     assert "100 % of the draws" in text
 
 
@@ -103,7 +105,7 @@ def test_an_oscillation_that_grows_and_is_faster_than_the_samples_is_named() -> 
     poles = plausibility.poles(Unstable(), {"k_s": np.ones(3)})
     observations: Any = [SimpleNamespace(experiment=SimpleNamespace(dt=0.01))]
     unstable: Any = SimpleNamespace(observations=observations, model=Unstable())
-    stability, sampling = plausibility._poles(poles, unstable)
+    stability, sampling = finding_sentences(plausibility._poles(poles, unstable))
     assert stability.startswith("stability: ")
     assert "0.01 1/s" in stability
     assert sampling.startswith("sampling: ")
@@ -113,7 +115,8 @@ def test_an_oscillation_that_grows_and_is_faster_than_the_samples_is_named() -> 
 def of_course(v: np.ndarray, **changes: float) -> tuple[str, ...]:
     record = experiment(len(v), 0.01, constant={"t_1": 0.0}, series={"v": v})
     sensitivity = SensitivityStudy(posterior(record, np.full(5, 0.1)).likelihood)
-    return tuple(plausibility.plausibility_of_course(sensitivity, draws(1, **changes)[0]))
+    found = plausibility.plausibility_of_course(sensitivity, draws(1, **changes)[0])
+    return finding_sentences(found)
 
 
 def test_friction_that_drives_the_motor_is_named_with_its_share_of_the_record() -> None:
@@ -161,7 +164,8 @@ def problem_measuring(measures: str, i_m: float = 0.125, **priors: object) -> Pr
 def test_a_channel_with_another_gear_than_the_model_is_named(
     measures: str, i_m: float, named: bool
 ) -> None:
-    texts = list(plausibility.plausibility_of_gear(problem_measuring(measures, i_m)))
+    found = plausibility.plausibility_of_gear(problem_measuring(measures, i_m))
+    texts = finding_sentences(found)
     assert len(texts) == named
     for text in texts:
         assert text.startswith("motor measures ")
@@ -170,7 +174,8 @@ def test_a_channel_with_another_gear_than_the_model_is_named(
 
 def test_a_nominal_value_far_outside_its_prior_is_named() -> None:
     prior = {"prior": "normal", "mean": 10 * NOMINAL["j_1"], "sd": 0.2 * NOMINAL["j_1"]}
-    (text,) = plausibility.plausibility_of_priors(problem_measuring("w_2", j_1=prior))
+    found = plausibility.plausibility_of_priors(problem_measuring("w_2", j_1=prior))
+    (text,) = finding_sentences(found)
     assert text.startswith("the nominal value 0.0283 of j_1 is far outside its prior, which goes")
     near = problem_measuring("w_2", j_1={**prior, "mean": 1.5 * NOMINAL["j_1"]})
     assert list(plausibility.plausibility_of_priors(near)) == []
@@ -197,7 +202,8 @@ def test_a_parameter_of_each_experiment_is_checked_without_a_table(
     assert run.status == 0, run.text
     assert f"{own}_a" in run.out
     assert f"{own}_b" in run.out
-    texts = list(plausibility.plausibility_of_nominal(prepare(tmp_path / "own.yaml").problem))
+    found = plausibility.plausibility_of_nominal(prepare(tmp_path / "own.yaml").problem)
+    texts = finding_sentences(found)
     assert len({*texts}) == len(texts)
 
 
@@ -206,7 +212,7 @@ def test_each_experiment_is_checked_with_its_own_numbers(tmp_path: Path) -> None
     entry = ("slow: {record", "slow: {parameters: {k_T: 2.0, k_e: 1.0}, record")
     held = ("k_e: {prior: uniform, low: 0.5, high: 1.5, relative: true}", "k_e: 3.0")
     own = prepare(two_experiments.write(tmp_path, entry, held)).problem
-    texts = plausibility.plausibility_of_nominal(own)
+    texts = finding_sentences(plausibility.plausibility_of_nominal(own))
     assert sum("2 times k_e" in text for text in texts) == 1
 
 

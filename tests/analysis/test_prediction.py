@@ -99,7 +99,7 @@ def test_the_score_of_a_sample_is_its_density_given_all_others() -> None:
     score = leave_one_out(target, theta, left)
     assert isinstance(score, LooScore)
     exact = norm.logpdf(residuals(), *predictions_without_itself(N))
-    assert np.abs(score.each - exact).max() < 0.03
+    assert np.abs(score.terms - exact).max() < 0.03
     assert score.elpd == pytest.approx(exact.sum(), abs=0.1)
     assert score.doubtful == 0.0
     assert norm.logpdf(residuals(), theta.mean(), SIGMA).sum() - score.elpd > 0.5

@@ -23,6 +23,7 @@ from bayesdrill.inference.residual_checks import like_noise
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.record.formats import FORMATS, format_of
 from bayesdrill.report import words
+from bayesdrill.report.findings import finding_sentences
 from bayesdrill.rig import MotorShaft
 from bayesdrill.rig.simulators import simulator
 from bayesdrill.rig.simulators.linear import Response
@@ -48,7 +49,7 @@ def experiment(t: np.ndarray, **columns: np.ndarray) -> Experiment:
 
 def said(of: Experiment, *factors: float, gear: float = 1.0) -> list[str]:
     factors = factors or (1.0,) * len(of.channels)
-    return [*suspicions.suspicions_of_record(of, factors, MotorShaft(gear))]
+    return [*finding_sentences(suspicions.suspicions_of_record(of, factors, MotorShaft(gear)))]
 
 
 def kinds(of: Experiment, *factors: float) -> list[str]:

@@ -23,7 +23,7 @@ from support.command_line import ROOT
 
 import bayesdrill as bd
 from bayesdrill import output_files
-from bayesdrill.basics.values import equal_content
+from bayesdrill.basics.equality import equal_content
 from bayesdrill.report import scales, style
 from bayesdrill.rig.kernels.compiling import compile_kernel
 

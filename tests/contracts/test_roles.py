@@ -34,6 +34,7 @@ from bayesdrill.config import loading
 from bayesdrill.config.yaml_source import Source
 from bayesdrill.inference import derived
 from bayesdrill.report import words
+from bayesdrill.report.findings import finding_sentences
 from bayesdrill.report.sections.causes import describe_causes, instead, lacking
 from bayesdrill.report.sections.friction import effort_symbol, speed_symbol
 from bayesdrill.report.sections.torque import law_sentences, regressors
@@ -98,8 +99,8 @@ def analyses_of_record(of: bd.Case) -> Iterator[Any]:
     theta = posterior.space.vector(posterior.space.start)
     yield words.model(problem)
     yield words.record_suspicions(problem)
-    yield [*plausibility.plausibility_of_nominal(problem)]
-    yield [*plausibility.plausibility_of_gear(problem)]
+    yield finding_sentences(plausibility.plausibility_of_nominal(problem))
+    yield finding_sentences(plausibility.plausibility_of_gear(problem))
     yield derived.values_at(problem, theta[None])
     full = posterior.space.full(theta[None])
     yield edits.rig_candidates(posterior.likelihood.observations, full)
@@ -119,7 +120,8 @@ def analyses_of_friction(of: bd.Case) -> Iterator[Any]:
     problem, posterior = of.job.problem, of.job.problem.posterior
     theta, none = posterior.space.vector(posterior.space.start), np.empty((0, len(problem.names)))
     model, full = problem.model, posterior.space.full(theta[None])
-    yield tuple(plausibility.plausibility_of_course(SensitivityStudy(posterior.likelihood), theta))
+    found = plausibility.plausibility_of_course(SensitivityStudy(posterior.likelihood), theta)
+    yield finding_sentences(found)
     identified = of.identify()
     yield [str(identified), repr(identified.study.remedies)]
     (observation,) = posterior.likelihood.observations
@@ -311,7 +313,8 @@ def test_a_state_of_no_role_is_named() -> None:
             bit = dataclasses.replace(rotor, speed="of_the_bit")
             return dataclasses.replace(usual_roles(), inertias=(motor, gearbox, bit))
 
-    (message,) = plausibility.of_roles(SimpleNamespace(model=WithoutRole()))  # type: ignore[arg-type]
+    problem: Any = SimpleNamespace(model=WithoutRole())
+    (message,) = finding_sentences(plausibility.of_roles(problem))
     assert "motor_shaft does not say what w_1 is" in message
     for rig in MODELS.usable().values():
         assert [*plausibility.of_roles(SimpleNamespace(model=rig()))] == []  # type: ignore[arg-type]

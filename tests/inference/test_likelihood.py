@@ -125,7 +125,7 @@ def test_the_terms_of_all_samples_sum_to_the_likelihood_and_samples_may_be_missi
     response = simulator(MotorShaft(), record, ObservationModel())
     fewer = observation.with_simulator(response, observation.parameters)
     noise = observation.noise.with_counts(record.counts)
-    gaps = target.edit(each=lambda _: replace(fewer, noise=noise))
+    gaps = target.edit(convert=lambda _: replace(fewer, noise=noise))
     assert np.isfinite(gaps.likelihood(theta)).all()
     assert gaps.likelihood.n_measured == target.likelihood.n_measured - 10
 

@@ -176,7 +176,7 @@ def test_another_rig_with_other_sensors_takes_the_same_steps(stepped: Posterior)
     ]
     sensing = ObservationModel(gains={channel: "gain"})
     damped = stepped.edit(
-        free=new, each=lambda one: one.for_rig(with_named(one.response.model, ["c_s"]), sensing)
+        free=new, convert=lambda one: one.for_rig(with_named(one.response.model, ["c_s"]), sensing)
     )
     assert step_error.chosen_steps(damped) == step_error.chosen_steps(stepped)
     assert damped.likelihood(at(damped)) == stepped.likelihood(at(stepped))

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy.sparse
 from ruamel.yaml import YAML
 from scipy.io import savemat
 from support import command_line, forked_command
@@ -59,6 +60,18 @@ ROWS: dict[str, Callable[[Lines], Lines]] = {
     "two columns of one name": lambda lines: ["t,w_1,w_1", *lines[1:]],
     "two rows exchanged": lambda lines: [*lines[:5], lines[6], lines[5], *lines[7:]],
     "a row twice": lambda lines: [*lines[:6], *lines[5:]],
+    "a header that is a comment": lambda lines: [f"# {lines[0]}", *lines[1:]],
+    "a header with semicolons": lambda lines: [lines[0].replace(",", ";"), *lines[1:]],
+    "turned around": lambda lines: [lines[0], *lines[:0:-1]],
+    "two recordings": lambda lines: [*lines, *lines[1:]],
+    "two files": lambda lines: [*lines, *lines],
+    "units of which one is 1": lambda lines: [lines[0], "s,rad,1", *lines[1:]],
+    "row numbers": lambda lines: [lines[0], *(f"{n},{x}" for n, x in enumerate(lines[1:]))],
+    "on its side": lambda lines: [
+        ",".join(column) for column in zip(*(x.split(",") for x in lines), strict=True)
+    ],
+    "a footer": lambda lines: [*lines, "End of file"],
+    "zeros at the end": lambda lines: [*lines, "\0" * 500],
 }
 
 # What stands in a MATLAB file as w_1, or the bytes of the whole file.
@@ -70,6 +83,7 @@ MATLAB: dict[str, Any] = {
     "two columns": {"w_1": np.stack([TIMES, TIMES], 1)},
     "short": {"w_1": TIMES[:50]},
     "long": {"w_1": np.arange(200.0)},
+    "sparse": {"w_1": scipy.sparse.csc_matrix(TIMES[:, None])},
     "damaged v7.3": b"MATLAB 7.3 MAT-file".ljust(512) + b"\x89HDF\r\n\x1a\n" + bytes(100),
     "damaged v5": b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM\x0e\x00\x00\x00",
     "text": b"t,w_1\n0,1\n",
@@ -93,8 +107,38 @@ def cells(folder: Path, *entries: tuple[int, int, str]) -> None:
     rows(folder, change)
 
 
-def last(folder: Path, text: str) -> None:
-    rows(folder, lambda lines: [lines[0], *(f"{x.rpartition(',')[0]},{text}" for x in lines[1:])])
+def speeds(folder: Path, form: str) -> None:
+    """Write every speed anew, by its `cell` and the number `n` of its line, from 2."""
+
+    def change(lines: Lines) -> Lines:
+        parts = [line.rpartition(",") for line in lines[1:]]
+        cells = (form.format(n=n, cell=cell) for n, (_, _, cell) in enumerate(parts, 2))
+        return [lines[0], *(f"{row},{cell}" for (row, *_), cell in zip(parts, cells, strict=True))]
+
+    rows(folder, change)
+
+
+def times(folder: Path, form: str) -> None:
+    """Write every time `t` anew, by itself, as `days` of a spreadsheet or as seconds of `unix`."""
+
+    def change(lines: Lines) -> Lines:
+        parts = [(float(t), rest) for t, _, rest in (line.partition(",") for line in lines[1:])]
+        cells = (form.format(t=t, days=46000 + t / 86400, unix=1.7e9 + t) for t, _ in parts)
+        return [lines[0], *(f"{cell},{rest}" for cell, (_, rest) in zip(cells, parts, strict=True))]
+
+    rows(folder, change)
+
+
+def marks(folder: Path, delimiter: str, decimal: str) -> None:
+    """Write cells and decimals with other marks, and a hash as a comma."""
+    names = str.maketrans({",": delimiter})
+    numbers = str.maketrans({",": delimiter, ".": decimal, "#": ","})
+    rows(folder, lambda x: [x[0].translate(names), *(line.translate(numbers) for line in x[1:])])
+
+
+def rename(folder: Path, name: str) -> None:
+    (folder / "small.csv").rename(folder / name)
+    command_line.replace_text(folder / "small.yaml", "small.csv", name)
 
 
 def matlab(folder: Path, kind: str) -> None:
@@ -127,7 +171,10 @@ SPOIL: dict[str, Callable[[Path, Any], object]] = {
     "rows": lambda folder, name: rows(folder, ROWS[name]),
     "head": lambda folder, count: rows(folder, lambda lines: lines[:count]),
     "cells": lambda folder, entries: cells(folder, *entries),
-    "last": last,
+    "speeds": speeds,
+    "times": times,
+    "marks": lambda folder, both: marks(folder, *both),
+    "rename": rename,
     "mat": matlab,
 }
 
@@ -157,8 +204,9 @@ def make(folder: Path, case: dict[str, Any]) -> None:
         changes.append(("file: small.csv", "file: small.mat"))
         changes += [(f"{{column: {x},", f"{{variable: {x},") for x in ("t", "theta_1", "w_1")]
     command_line.small_config(folder, *changes)
-    for name in SPOIL.keys() & case.keys():
-        SPOIL[name](folder, case[name])
+    for name, spoil in SPOIL.items():
+        if name in case:
+            spoil(folder, case[name])
 
 
 def prior(text: str) -> tuple[str, str]:

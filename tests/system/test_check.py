@@ -29,13 +29,6 @@ def checked(config: Path) -> str:
 
 
 @run_cases(
-    "unit", ["rpm", "deg/s", "revolution/s", "turn/min", "mrad/s", "cycle/hour", "degree/ms"]
-)
-def test_units_of_angular_velocity_are_read(unit: str, tmp_path: Path) -> None:
-    checked(command_line.small_config(tmp_path, ("unit: rad/s", f"unit: {unit}")))
-
-
-@run_cases(
     "change",
     [
         ("t_f: nominal", "t_f: 0"),
@@ -194,15 +187,3 @@ def test_nothing_of_the_paper_is_said_of_another_rig(tmp_path: Path) -> None:
     (line,) = (x for x in result.out.splitlines() if x.startswith("k_T "))
     assert line.split()[1:] == ["N", "m/A", line.split()[-1]]  # no nominal value, no deviation
     assert abs(float(line.split()[-1]) / 0.2 - 1) < 0.01  # the median, which is the truth
-
-
-@pytest.mark.slow
-def test_a_run_of_a_rig_without_nominal_values_has_no_verdict(tmp_path: Path) -> None:
-    config, folder = command_line.small_config(tmp_path, *OTHER), tmp_path / "out"
-    command_line.simulate_again(config)
-    result = command_line.posterior(config, folder)
-    assert result.status in (0, 3), result.err
-    assert "tables_2_3" not in result.out + (folder / "config.resolved.yaml").read_text()
-    again = cli("report", folder, "--processes", "1")
-    assert (again.status, again.err) == (result.status, "")
-    assert not (folder / "verdict.csv").exists()

@@ -112,29 +112,6 @@ def test_a_change_of_one_experiment_is_named_by_verify_and_resume(finished: Path
     assert_refused(resumed, "the record of fast")
 
 
-@pytest.mark.slow
-def test_a_joint_run_is_laid_over_a_single_one(finished: Path, tmp_path: Path) -> None:
-    """The joint one is narrower; names of sensors are the same."""
-    text = two_experiments.PAIR
-    begin, end = text.index("experiments:"), text.index("parameters:")
-    single = (text[:begin] + text[end:]).replace("name: pair", "name: single")
-    single = single.replace("  time: {column", "  file: fast.csv\n  time: {column")
-    record = two_experiments.records(two_experiments.PAIR)["fast.csv"]
-    (tmp_path / "fast.csv").write_text(record, encoding="utf-8")
-    (tmp_path / "single.yaml").write_text(single, encoding="utf-8")
-    result = posterior(tmp_path / "single.yaml", tmp_path / "one")
-    assert result.status == 0, result.text
-    tables = [rows(folder / "summary.csv") for folder in (finished, tmp_path / "one")]
-    joint, alone = (float(table["offset_theta_1"]["sd"]) for table in tables)
-    assert joint < alone
-    result = cli("report", finished, tmp_path / "one", "-o", tmp_path / "both")
-    assert result.status == 0, result.text
-    overlay = (tmp_path / "both" / "overlay.md").read_text(encoding="utf-8")
-    assert "| lag_theta_1 | ms |" in overlay
-    assert "theta_1: offset, lag" in overlay
-    assert "Sensing(" not in overlay
-
-
 def test_the_maximum_predicts_every_experiment(tmp_path: Path) -> None:
     out = tmp_path / "map"
     result = cli("map", two_experiments.write(tmp_path), "-o", out, "--processes", "1")
@@ -155,34 +132,6 @@ def test_python_loads_several_experiments_and_shows_each(finished: Path) -> None
     run = bd.open(finished)
     assert isinstance(run.plot("fit", part=2), Figure)
     assert "these records determine" in str(run.judge())
-
-
-def test_gain_offset_and_lag_of_an_array_are_identified() -> None:
-    """Values that are put into a response by hand."""
-    t = np.arange(121) * 0.03
-    nominal = bd.nominal()
-    exact = bd.respond("motor_shaft", nominal, t, {"v": 8.0}, ["theta_1", "w_1"])
-    late = bd.respond("motor_shaft", nominal, t[1:] - 0.012, {"v": 8.0}, ["theta_1"])
-    rng = np.random.default_rng(6)
-    angle = 0.9 * np.append(0.0, late["theta_1"]) + 0.3 + 0.02 * rng.standard_normal(121)
-    speed = exact["w_1"] + 0.05 * rng.standard_normal(121)
-    gain = {"prior": "log_normal", "median": 1, "sd_log": 0.2}
-    lag = {"prior": "normal", "mean": 0, "sd": 0.02}
-    offset = {"prior": "normal", "mean": 0, "sd": 1}
-    case = bd.case(
-        t,
-        {
-            "theta_1": bd.Channel(angle, "rad", 0.02, gain=gain, offset=offset, lag=lag),
-            "w_1": bd.Channel(speed, "rad/s", 0.05),
-        },
-        {"v": 8.0},
-        {**dict.fromkeys(nominal, "nominal"), "k_s": {"prior": "uniform", "low": 0.1, "high": 0.5}},
-    )
-    assert case.unknowns == ("k_s", "gain_theta_1", "offset_theta_1", "lag_theta_1")
-    values = case.find_map().values
-    assert values["gain_theta_1"] == pytest.approx(0.9, abs=0.003)
-    assert values["offset_theta_1"] == pytest.approx(0.3, abs=0.03)
-    assert values["lag_theta_1"] == pytest.approx(0.012, abs=0.003)
 
 
 # --- simulated records ---------------------------------------------------------------------------

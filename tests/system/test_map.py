@@ -168,18 +168,6 @@ def test_a_fit_that_must_not_be_believed_ends_with_status_3(tmp_path: Path) -> N
     assert "BELIEVE" not in best().table
 
 
-def test_a_rig_without_friction_is_identified(tmp_path: Path) -> None:
-    frictionless = (("t_f: nominal", "t_f: 0"), ("c_m: nominal", "c_m: 0"))
-    config = command_line.small_config(tmp_path, *frictionless)
-    command_line.simulate_again(config)
-    result = cli("map", config, "--processes", "1")
-    assert result.status == 0, result.err
-    assert "fit: the residuals look like the noise" in result.out
-    for name in ("k_e", "j_1"):
-        (line,) = (x for x in result.out.splitlines() if x.startswith(f"{name} "))
-        assert abs(float(line.split()[-1])) < 0.1  # per cent off nominal, which is the truth
-
-
 # --- why a fit is bad ----------------------------------------------------------------------------
 
 

@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-import hashlib
 import itertools
 import json
 from pathlib import Path
 from types import SimpleNamespace
 
-import h5py
 import numpy as np
 import pytest
 import xarray
 from emcee.backends import HDFBackend
 from support import command_line, finished_runs
-from support.case_tables import run_cases
 from support.finished_runs import FIGURES, FILES, FinishedRun
 
 import bayesdrill as bd
 from bayesdrill.output_files import POSTERIOR, dumps_checksummed, loads_checksummed
-from bayesdrill.results.run_folder import seal
 from bayesdrill.sampling.proposal import learning
 from bayesdrill.tasks import pipeline
 
@@ -162,26 +158,6 @@ def test_another_seed_makes_another_chain(converged: FinishedRun, copy: Finished
     assert len({first[f"z {k}"].tobytes() for k in range(4)}) == 4  # nor are ensembles the same
 
 
-@pytest.mark.slow
-def test_the_bundled_config_gives_the_same_bytes(tmp_path: Path) -> None:
-    """Whoever changes a digest on purpose says so in CHANGELOG.md; processors may round otherwise."""
-    digests = {
-        "summary.csv": "dd00e72173b9c8b8",
-        "derived.csv": "9e96c7a22626370c",
-        "verdict.csv": "a3e969bffa81f483",
-        "draws": "355a2459ab0dc915",
-    }
-    config, folder = command_line.ROOT / "configs" / "nominal_step.yaml", tmp_path / "out"
-    result = command_line.cli("posterior", config, "--output", folder)
-    assert result.status == 0, result.text
-    contents = {name: (folder / name).read_bytes() for name in digests if name != "draws"}
-    with h5py.File(folder / "chain.h5") as file:
-        contents["draws"] = b"".join(file[name]["chain"][:].tobytes() for name in sorted(file))
-    assert digests == {
-        name: hashlib.sha256(content).hexdigest()[:16] for name, content in contents.items()
-    }
-
-
 # --- when a run is believed ----------------------------------------------------------------------
 
 
@@ -195,40 +171,6 @@ def test_a_run_that_did_not_converge_says_so(unconverged: FinishedRun) -> None:
     run = unconverged.json
     assert (run["status"], run["converged"], run["steps"]) == ("finished", False, 700)
     assert command_line.cli("report", unconverged.folder, "--processes", "1").status == 3
-
-
-@pytest.mark.slow
-@run_cases("steps", [100, 101])
-def test_a_run_of_hardly_any_steps_is_too_short(steps: int, tmp_path: Path) -> None:
-    few = f"ess: 100, moves: {{stretch: 1}}, max_steps: {steps}"
-    run = fresh(tmp_path, ("ess: 100, max_steps: 500", few))
-    assert run.result.status == 3, run.result.text
-    assert "too short" in run.result.out
-    assert "autocorrelation times long" in run.result.out
-    assert (run.json["steps"], run.json["burn_in"]) == (steps, steps // 2)
-    rule = "half of the run, too short for 5 autocorrelation times"
-    assert run.json["burn_in_rule"].startswith(rule)
-
-
-def test_a_stuck_walker_keeps_a_run_from_being_believed(copy: FinishedRun) -> None:
-    """The last log density of a walker of each ensemble is raised, so that it accepts no proposal.
-
-    R-hat, autocorrelation times and effective draws are content with the chain that goes on.
-    """
-    with h5py.File(copy.folder / "chain.h5", "r+") as file:
-        for k in range(4):
-            last = file[f"ensemble_{k}"]["chain"][-1]
-            middle = np.argmin(np.abs(last / np.median(last, axis=0) - 1).max(axis=1))
-            file[f"ensemble_{k}"]["log_prob"][-1, middle] += 1e6
-            seal(file[f"ensemble_{k}"])
-    command_line.replace_text(copy.config, "ess: 100, max_steps: 500", "ess: 8000, max_steps: 1200")
-    result = command_line.posterior(copy.config, copy.folder, "--resume")
-    assert result.status == 3, result.text
-    assert "4 of 32 walkers (1 in ensemble 0, 1 in ensemble 1" in result.out
-    assert "stuck: the longest did not move for" in result.out
-    assert copy.json["steps"] == 1200
-    assert len(copy.json["reasons"]) == 1
-    assert "stuck" in (copy.folder / "summary.md").read_text()
 
 
 def test_a_parameter_pressed_against_the_end_of_its_prior_is_noted(tmp_path: Path) -> None:

@@ -13,7 +13,6 @@ import pickle
 import re
 import shutil
 from collections.abc import Iterator
-from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
@@ -21,12 +20,14 @@ import numpy as np
 import pytest
 from support import command_line, finished_runs, forked_command, injection_payloads
 from support.case_tables import for_each
-from support.command_line import cli, posterior, replace_text
+from support.command_line import cli, replace_text
 from support.finished_runs import FIGURES, FILES, FinishedRun
+from support.html_pages import Page
 
 import bayesdrill as bd
 from bayesdrill.analysis.run_analysis import RunAnalysis
-from bayesdrill.basics.values import as_data, equal_content, from_data
+from bayesdrill.basics.equality import equal_content
+from bayesdrill.basics.json_records import as_data, from_data
 from bayesdrill.inference import derived
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.output_files import dumps_checksummed, loads_checksummed
@@ -90,78 +91,7 @@ def test_tables_and_figures_that_fail_are_named_and_all_others_are_made(
     assert result.out.splitlines()[-1].startswith(f"results: {run.folder}/")
 
 
-# --- figures on request --------------------------------------------------------------------------
-
-ON_REQUEST = ("rank", "autocorrelation", "predictive_check", "residuals")
-
-
-def figures(folder: Path) -> set[str]:
-    return {path.name for path in (folder / "figures").iterdir()}
-
-
-@pytest.mark.slow
-def test_a_finished_run_draws_what_a_resumed_config_asks_for(copy: FinishedRun) -> None:
-    """By two processes; `verify` knows these figures, and `--force` removes them."""
-    assert figures(copy.folder) == set()
-    replace_text(copy.config, "figures: []", f"figures: [{', '.join(ON_REQUEST)}]")
-    result = posterior(copy.config, copy.folder, "--resume", processes=2)
-    assert result.status == 0, result.text
-    assert figures(copy.folder) == {f"{name}.png" for name in ON_REQUEST}
-    assert "belong together" in cli("verify", copy.folder).out
-    (copy.folder / "figures" / "mine.png").write_text("mine")
-    config = command_line.small_config(copy.config.parent)
-    result = posterior(config, copy.folder, "--force")
-    assert result.status == 0, result.text
-    assert figures(copy.folder) == {"mine.png"}
-
-
-SIGMA = "sigma: {prior: uniform, low: 0, high: 9}"
-DRIVEN = (
-    ("  v: 8.0", "  v: {column: v, unit: V}"),
-    ("k_T: nominal", "k_T: 0.09"),
-    ("theta_1, unit: rad, sigma: 0.05", f"theta_1, unit: rad, {SIGMA}"),
-    ("w_1, unit: rad/s, sigma: 0.05", f"w_1, unit: rad/s, {SIGMA}"),
-    ("walkers: 8", "walkers: 16"),
-    ("figures: []", "figures: null"),
-)
-
-
-@pytest.mark.slow
-def test_a_misfit_shows_its_residuals_and_the_sandwich_sds(tmp_path: Path) -> None:
-    """The motor of the config is weaker than that of the record."""
-    config, out = command_line.small_config(tmp_path, *DRIVEN), tmp_path / "out"
-    lines = (tmp_path / "small.csv").read_text().splitlines()
-    voltage = ["v", *(f"{6.0 + 2.0 * (k // 7 % 2)}" for k in range(len(lines) - 1))]
-    rows = [f"{line},{v}\n" for line, v in zip(lines, voltage, strict=True)]
-    (tmp_path / "small.csv").write_text("".join(rows))
-    result = posterior(config, out)
-    assert result.status == 3, result.text
-    assert {"residuals.png", "corner.pdf"} <= figures(out)
-    assert "residuals.pdf" not in figures(out)
-    assert "frequency_response.png" not in figures(out)
-    analysis = json.loads((out / "run.json").read_text())["analysis"]
-    sds = {row["name"]: row["sd"] for row in analysis["unknowns"]}
-    assert {*analysis["sandwich"]} == {*sds}
-    assert "sd if residuals remember (sandwich)" in result.out
-    for name, sd in analysis["sandwich"].items():
-        assert f"{sd / sds[name]:.3g}" in result.out
-    assert max(analysis["sandwich"][name] / sds[name] for name in sds) > 1.5
-    assert "belong together" in cli("verify", out).out
-
-
 # --- texts of users ------------------------------------------------------------------------------
-
-
-class Elements(HTMLParser):
-    def __init__(self, html: str) -> None:
-        super().__init__()
-        self.tags: list[str] = []
-        self.attributes: set[str] = set()
-        self.feed(html)
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags.append(tag)
-        self.attributes |= {name for name, _ in attrs}
 
 
 @pytest.fixture(scope="module")
@@ -176,10 +106,11 @@ def hostile(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_a_page_has_no_elements_from_texts_of_users(hostile: Path) -> None:
     html = (hostile / "out" / "report.html").read_text(encoding="utf-8")
-    elements = Elements(html)
-    assert elements.tags.count("script") == 1
-    assert elements.tags.count("img") == 2  # the fit, and where it is enlarged
-    assert not any(name.startswith("on") or name == "style" for name in elements.attributes)
+    page = Page(html)
+    assert len(page.all("script")) == 1
+    assert len(page.all("img")) == 2  # the fit, and where it is enlarged
+    names = {name for _, attributes in page.found for name in attributes}
+    assert not any(name.startswith("on") or name == "style" for name in names)
     assert html.count("owned=1") > 5
     assert not re.search("<[A-Za-z/!?]", (hostile / "out" / "map.md").read_text(encoding="utf-8"))
 
@@ -339,7 +270,7 @@ def test_a_derived_quantity_that_fails_is_tried_once(
     monkeypatch.setattr(derived, "with_products", fail)
     view = conclusions.concluded(dataclasses.replace(run, kept=None))
     assert view.derived.symbols == ()
-    assert view.chain.sparing.missing == ["derived quantities (ValueError: no product)"]
+    assert view.chain.errors.missing == ["derived quantities (ValueError: no product)"]
 
 
 def test_run_json_is_as_its_schema_says(finished: Path) -> None:

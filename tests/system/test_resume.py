@@ -52,17 +52,6 @@ def test_a_finished_run_is_extended(
     unconverged.assert_same_chains(copy)
 
 
-def test_a_map_that_is_deleted_is_searched_again(converged: FinishedRun, copy: FinishedRun) -> None:
-    (copy.folder / "map.json").unlink()
-    before = command_line.listing(copy.folder)
-    report = command_line.cli("report", copy.folder, "--processes", "1")
-    assert_refused(report, "map.json: is not there; continue with --resume")
-    assert command_line.listing(copy.folder) == before
-    assert posterior(copy.config, copy.folder, "--resume").status == 0
-    for name in ("map.json", "chain.h5", "summary.csv"):
-        assert (copy.folder / name).read_bytes() == (converged.folder / name).read_bytes()
-
-
 @dataclass
 class Stopping:
     """A reporter that raises Ctrl-C where a stage with this text begins or goes on."""
@@ -140,18 +129,6 @@ def test_a_run_cut_when_one_ensemble_had_just_reached_a_check_resumes(
     replace_text(config, "max_steps: 500", "max_steps: 700")
     assert posterior(config, other, "--resume").status == 3
     unconverged.assert_same_chains(FinishedRun(config, other, report))
-
-
-@pytest.mark.slow
-def test_a_run_killed_before_it_wrote_anything_may_begin_again(tmp_path: Path) -> None:
-    config = command_line.small_config(tmp_path / "rig", UNREACHABLE)
-    for name, options in (("plain", []), ("resumed", ["--resume"])):
-        folder = tmp_path / name
-        folder.mkdir()
-        (folder / ".lock").touch()
-        (folder / ".run.4711.aside.json").write_text("{")
-        assert posterior(config, folder, *options).status == 3
-        assert set(command_line.listing(folder)) == FILES
 
 
 # --- a run of something else ---------------------------------------------------------------------
@@ -234,17 +211,6 @@ def test_resuming_with_another_record_names_the_record(copy: FinishedRun) -> Non
 # --- --force -------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
-def test_force_starts_over_in_a_damaged_folder_too(
-    converged: FinishedRun, copy: FinishedRun
-) -> None:
-    for name in ("summary.csv", "map.json", "chain.h5"):
-        (copy.folder / name).write_text("{")
-    assert posterior(copy.config, copy.folder, "--force").status == 0
-    assert set(command_line.listing(copy.folder)) == FILES
-    converged.assert_same_chains(copy)
-
-
 def test_force_killed_while_it_clears_a_folder_can_be_repeated(
     converged: FinishedRun, copy: FinishedRun, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -277,18 +243,6 @@ def test_force_killed_while_it_clears_a_folder_can_be_repeated(
     assert not (copy.folder / "figures").exists()
     assert posterior(copy.config, copy.folder, "--resume").status == 0
     converged.assert_same_chains(copy)
-
-
-@run_cases("options", [[], ["--resume"], ["--force"]], ids=str)
-def test_files_of_others_are_never_touched(options: list[str], tmp_path: Path) -> None:
-    config = command_line.small_config(tmp_path / "rig")
-    for name in ("thesis/chapter_1.tex", ".git/HEAD"):
-        file = tmp_path / "home" / name
-        file.parent.mkdir(parents=True)
-        file.write_text("years of work")
-    before = command_line.listing(tmp_path)
-    assert_refused(posterior(config, tmp_path / "home", *options), "other files")
-    assert command_line.listing(tmp_path) == before
 
 
 # --- damaged results -----------------------------------------------------------------------------
@@ -385,26 +339,6 @@ def test_a_run_that_fills_its_disk_can_be_resumed(
     assert posterior(config, folder, "--resume").status == 0
     assert set(command_line.listing(folder)) == FILES
     converged.assert_same_chains(FinishedRun(config, folder, result))
-
-
-@pytest.mark.slow
-def test_a_read_only_disk_is_named(
-    converged: FinishedRun, tmp_path: Path, small_disk: Callable[[str], Path]
-) -> None:
-    place = small_disk("size=50m")
-    config = converged.copy(place / "rig").config
-    before = command_line.listing(place)
-    small_disk("ro")
-    out = place / "rig" / "out"
-    for result in (
-        posterior(config, place / "new"),
-        posterior(config, out, "--resume"),
-        posterior(config, out, "--force"),
-        command_line.cli("report", out),
-        command_line.cli("simulate", config, "--output", place / "record.csv"),
-    ):
-        assert_refused(result, str(place), "ead-only")
-    assert command_line.listing(place) == before
 
 
 @pytest.mark.slow

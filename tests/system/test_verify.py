@@ -179,7 +179,8 @@ SOURCES = ("chain.h5", "map.json", "config.resolved.yaml")
 
 @run_cases("name", [*SOURCES, "summary.csv", "figures/corner.png"], rig=copied)
 def test_a_missing_file_comes_back_as_verify_says(name: str, rig: Path) -> None:
-    """A resumed run makes what a report is made from; a report makes the rest."""
+    """A resumed run makes what a report is made from, the same map too; a report makes the rest."""
+    maximum = (rig / "out" / "map.json").read_bytes()
     (rig / "out" / name).unlink()
     way = "--resume` makes it again" if name in SOURCES else "`bayesdrill report` makes"
     assert_refused(cli("verify", rig / "out"), way)
@@ -190,6 +191,7 @@ def test_a_missing_file_comes_back_as_verify_says(name: str, rig: Path) -> None:
     else:
         assert report.status == 0, report.text
     assert cli("verify", rig / "out").status == 0
+    assert (rig / "out" / "map.json").read_bytes() == maximum
 
 
 def test_a_missing_file_of_a_map_is_made_by_a_map(tmp_path: Path) -> None:

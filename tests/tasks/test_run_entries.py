@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
+from support.case_tables import run_cases
+from support.command_line import ROOT
 
+import bayesdrill as bd
 from bayesdrill.basics.errors import InputError
-from bayesdrill.basics.values import as_data
+from bayesdrill.basics.json_records import as_data
 from bayesdrill.inference.compression import CompressionCheck
+from bayesdrill.results import run_folder
 from bayesdrill.sampling.evidence import Evidence
 from bayesdrill.tasks.run_entries import RunRecord, WeightedMaximum, read_record
 
@@ -22,6 +27,8 @@ RECORD = RunRecord(
     missed=0.125,
     compression=CompressionCheck(samples=9, functions=3, draws=2, exact=1, difference=1e-12),
     maxima=(WeightedMaximum(values={"k_s": 0.1}, log_posterior=-2.5, weight=1.0),),
+    analysis=None,
+    analysis_of="a digest",
 )
 FINISHED = {"status": "finished", **as_data(RECORD)}
 
@@ -49,3 +56,31 @@ def test_a_record_of_another_form_is_refused_with_a_way_out(run: dict[str, objec
 
 def test_a_run_that_never_finished_has_no_record() -> None:
     assert read_record({"status": "interrupted"}, Path("run")) is None
+
+
+PUBLISHED = {path.parent.name: path.parent for path in ROOT.glob("results/published/*/run.json")}
+
+
+@run_cases("folder", PUBLISHED.values(), PUBLISHED)
+def test_published_results_are_read_whole_or_refused_with_the_reason(folder: Path) -> None:
+    run = run_folder.read_run(folder)
+    assert run is not None
+    if run["job"] != "posterior":
+        with pytest.raises(InputError, match=re.escape(f"results of `bayesdrill {run['job']}`")):
+            bd.open(folder)
+        return
+    record = read_record(run, folder)
+    assert record is not None
+    data = as_data(record)
+    if record.analysis is None:  # of an older form
+        assert data.pop("analysis") != run["analysis"]
+    assert data == {name: run[name] for name in data}
+
+
+def test_an_analysis_of_another_form_is_left_out() -> None:
+    """So that it is evaluated again, from a chain that can be read."""
+    run = FINISHED | {"analysis": {"unknowns": "other records"}}
+    read = read_record(run, Path("run"))
+    assert read is not None
+    assert read.analysis is None
+    assert read.evidence == RECORD.evidence

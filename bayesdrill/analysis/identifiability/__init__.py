@@ -1,5 +1,4 @@
-"""What a record can say of the unknowns, before a single sample is drawn.
+"""Study what a record can determine, before anything is sampled.
 
-`structure` finds exact symmetries, `information` the bounds, `study` puts them together. What
-draws say afterwards is in `analysis.verdict`.
+`structure` finds exact symmetries, `information` computes bounds, and `study` combines them.
 """

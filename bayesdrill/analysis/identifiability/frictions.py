@@ -1,7 +1,7 @@
-"""Find frictions, dampings and drops that a record can hardly distinguish.
+"""Find frictions, dampings and voltage drops that a record can hardly distinguish.
 
-Information as everywhere, with the priors; what the rig did at the same point says why; and each
-experiment that could be made is tried by computing.
+The information of record and priors shows which they are, and the motion at the same point explains
+why.  Further experiments are tried by computing their information.
 """
 
 from __future__ import annotations
@@ -21,45 +21,46 @@ from bayesdrill.rig import steady_state
 from bayesdrill.rig.models.linear import Model, constant_forcing, dynamics
 from bayesdrill.rig.models.roles import Roles
 
-KNOWN_SD = 0.1  # sd of the log: what is known as well is told apart, whatever it is like
-MIN_FALL = 2.0  # times: how much smaller an sd would be, were the others known
-MIN_EXPLAINED_FALL = 0.8  # of the log of that: enough of the others are named
-MIN_HELPFUL_FALL = 1.5  # times: an experiment that is proposed
-MAX_PROPOSED = 2
-STICTION_GONE_SPEEDS = 3.0  # speed scales: static friction is gone
-LOST_SHARE = 0.9  # of a prior's spread: nothing is learnt
-ONE_SPEED_SHARE = 0.25  # of the mean speed: a record goes at one
-BELOW_STALL = 0.8  # of the voltage at which it stands still
+KNOWN_SD = 0.1  # a parameter with a smaller sd of its log is known, whatever it resembles
+MIN_FALL = 2.0  # factor by which an sd would fall if rivals that are named were known
+MIN_EXPLAINED_FALL = 0.8  # share of the log of that factor that the named rivals have to explain
+MIN_HELPFUL_FALL = 1.5  # factor by which a proposed experiment reduces an sd
+MAX_PROPOSED = 2  # number of experiments that are proposed
+STICTION_GONE_SPEEDS = 3.0  # speed over the scale of static friction, above which this is gone
+LOST_SHARE = 0.9  # sd over that of the prior, above which the record shows nothing
+ONE_SPEED_SHARE = 0.25  # range of speeds over their mean, below which there is one speed
+BELOW_STALL = 0.8  # proposed voltage over that at which the rig comes to rest
 
 
 def rivals(roles: Roles) -> dict[str, tuple[str, ...]]:
-    """Return what each friction, damping or drop of a rig is like, if both are unknown, by name."""
+    """Return, by name of each friction, damping or drop, parameters that have a similar effect."""
     inertias, motors = roles.inertias, roles.motors
     back_emfs = [motor.back_emf for motor in motors]
-    each: dict[str, tuple[str, ...]] = {}
+    similar: dict[str, tuple[str, ...]] = {}
     for here in inertias:
         others = [n for i in inertias if i is not here for n in (i.sliding, i.friction, i.damping)]
-        there = [m for m in motors if m.inertia == here.name]
-        circuit = [name for m in there for name in (m.drop, f"offset_{m.voltage}")]
-        behind = [here.efficiency, *circuit]
-        each[here.sliding] = (here.friction, here.damping, *back_emfs, *others, *behind)
+        own_motors = [m for m in motors if m.inertia == here.name]
+        circuit = [name for m in own_motors for name in (m.drop, f"offset_{m.voltage}")]
+        own = (here.friction, here.damping)
+        similar[here.sliding] = (*own, *back_emfs, *others, here.efficiency, *circuit)
     for motor in motors:
         here = roles.inertia(motor.inertia)
-        rubs = (here.sliding, here.friction, here.damping)
-        each[motor.drop] = (motor.back_emf, *rubs, motor.resistance, f"offset_{motor.voltage}")
+        frictions = (here.sliding, here.friction, here.damping)
+        circuit = [motor.resistance, f"offset_{motor.voltage}"]
+        similar[motor.drop] = (motor.back_emf, *frictions, *circuit)
     for shaft in roles.shafts:
-        each[shaft.damping] = tuple(inertia.damping for inertia in inertias)
+        similar[shaft.damping] = tuple(inertia.damping for inertia in inertias)
     for here in inertias:
-        each[here.efficiency] = (here.sliding, here.friction, here.damping)
-    return {name: names for name, names in each.items() if name}
+        similar[here.efficiency] = (here.sliding, here.friction, here.damping)
+    return {name: names for name, names in similar.items() if name}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Excitation:
-    """How a record excites a friction at `where`, against a state, over all records.
+    """The excitation of a friction at `where`, against a state, is that of all records.
 
-    How often it turned round, the share of the time it stuck, and its speeds after the start, least
-    and greatest, in its own unit (A of a current).
+    It had `reversals`, and was `stuck` for a share of the time.  `slowest` and `fastest` are its least
+    and greatest speed after the start, SI, or the current [A].
     """
 
     where: str
@@ -71,13 +72,13 @@ class Excitation:
 
     @property
     def one_speed(self) -> bool:
-        """Whether its speed hardly changes."""
+        """Return whether its speed hardly changes."""
         return self.fastest - self.slowest < ONE_SPEED_SHARE * (self.fastest + self.slowest)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProposedExperiment:
-    """An experiment, and by what factor the sd in question would fall; `volts`: its drive, if any."""
+    """A proposed experiment, at `volts` if given, would reduce an sd by the factor `shrink`."""
 
     what: str
     volts: float | None
@@ -86,7 +87,7 @@ class ProposedExperiment:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Confounded:
-    """`name` can hardly be told from `rivals`: its sd would `fall` so many times, were these known."""
+    """A parameter resembles its `rivals`; if they were known, its sd would fall by the factor `fall`."""
 
     name: str
     rivals: tuple[str, ...]
@@ -97,7 +98,7 @@ class Confounded:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UnseenStiction:
-    """Static friction that no record shows: `names` left to the prior, lost over the speed `scale`."""
+    """Static friction has parameters that no record shows, as all speeds are far above its `scale`."""
 
     names: tuple[str, ...]
     scale: float
@@ -107,7 +108,7 @@ class UnseenStiction:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrictionConfounding:
-    """Frictions that a record can hardly distinguish, and stiction that it does not show."""
+    """A record can hardly distinguish the frictions `alike`, and does not show stictions `unseen`."""
 
     alike: tuple[Confounded, ...] = ()
     unseen: tuple[UnseenStiction, ...] = ()
@@ -119,22 +120,22 @@ NO_CONFOUNDING = FrictionConfounding()
 def distinguish(
     sensitivity: SensitivityStudy, posterior: Posterior, theta: Array
 ) -> FrictionConfounding:
-    """Find what the record can hardly distinguish at `theta (D,)`; nothing of a rig without it."""
+    """Find frictions that the record can hardly distinguish at `theta (D,)`."""
     names = (*sensitivity.unknowns, *sensitivity.nuisances)
     roles = sensitivity.model.roles
     wanted = {*rivals(roles), *(name for i in roles.inertias for name in (i.static, i.fading))}
     if not wanted & {*names}:
         return NO_CONFOUNDING
     rows = sensitivity.with_nuisances(theta)
-    none = np.empty((0, len(theta)))
-    frictions = [f for each in friction_motions(posterior, theta, none) for f in each]
+    no_draws = np.empty((0, len(theta)))
+    frictions = [f for motions in friction_motions(posterior, theta, no_draws) for f in motions]
     scene = _FrictionStudy(sensitivity, theta, names, rows, frictions)
     return FrictionConfounding(alike=tuple(scene.alike()), unseen=tuple(scene.unseen()))
 
 
 @dataclass
 class _FrictionStudy:
-    """`rows (n, m + k)`: of these records over the noise."""
+    """The study of frictions uses the whitened sensitivities `rows (n, m + k)` of the records."""
 
     sensitivity: SensitivityStudy
     theta: Array
@@ -185,7 +186,7 @@ class _FrictionStudy:
     def _named_rivals(
         self, name: str, rivals: Sequence[str], alone: float, fall: float
     ) -> tuple[str, ...]:
-        """One after the other, those whose knowledge would help most."""
+        """Return the rivals whose knowledge would help most, selected one after the other."""
         named: list[str] = []
         while len(named) < len(rivals):
             others = [rival for rival in rivals if rival not in named]
@@ -210,7 +211,7 @@ class _FrictionStudy:
                 )
 
     def _excitation(self, parameters: set[str]) -> Excitation | None:
-        """Of the frictions that have any of these parameters; None where there are none."""
+        """Return the excitation of the frictions with any of these parameters; None without any."""
         motions = [f for f in self.frictions if parameters & {*f.friction.law.parameters}]
         if not motions:
             return None
@@ -226,7 +227,7 @@ class _FrictionStudy:
 
     @cached_property
     def tried(self) -> list[tuple[str, float | None, Array]]:
-        """Experiments that could be made: what each is, its voltage, and what would then be known."""
+        """Return possible experiments: what each is, its voltage, and the precision with it."""
         tried = []
         for what, volts, scene in self._scenes():
             rows = self.sensitivity.with_nuisances(self.theta, scene)
@@ -271,7 +272,7 @@ def drives_of(model: Model) -> list[str]:
 
 
 def drive_words(model: Model, drive: str) -> tuple[str, str]:
-    """Return what drives a rig, in words, and how one lets go of it (empty: one cannot)."""
+    """Return a drive in words, and how to let the rig coast (empty if that is impossible)."""
     roles = model.roles
     moved, torque = roles.moved(drive), roles.motion.torque
     several = f" of {moved[0].words}" if moved and len(drives_of(model)) > 1 else ""
@@ -286,25 +287,26 @@ def drive_words(model: Model, drive: str) -> tuple[str, str]:
 
 
 def stall_voltage(model: Model, p: Mapping[str, float]) -> float:
-    """Return the voltage [V] that holds the rig at the edge of turning, against all friction.
+    """Return the voltage [V], or other first drive, at which the rig just turns against friction.
 
-    Or what else drives it first.  Below it the rig comes to rest: friction at rest is no less.  Zero
-    where none holds it, or nothing is driven, or all by a speed.
+    Below it the rig comes to rest, as friction at rest is no less.  The result is zero without
+    friction, without a drive, and if the drive is a speed.
     """
     drive = next(iter(drives_of(model)), "")
     moved = model.roles.moved(drive)
     if moved is None or moved[0].speed not in model.states:
         return 0.0
     frictions = model.frictions
-    quick = dict.fromkeys((*model.states, *model.inputs), 0.0)
-    sizes = {f.name: float(np.asarray(f.law.size(p, 1e6, quick))) for f in frictions}
+    others = dict.fromkeys((*model.states, *model.inputs), 0.0)
+    # At this speed static friction is gone.
+    sizes = {f.name: float(np.asarray(f.law.size(p, 1e6, others))) for f in frictions}
     linear = model.linear(p)
     matrix, angles = dynamics(linear, model.states, 1), steady_state.angle_indices(model)
     speed, turn = model.states.index(moved[0].speed), steady_state.free_turn(matrix, angles)
 
-    def at(volts: float) -> float:
+    def final_speed(volts: float) -> float:
         forcing = constant_forcing(linear, model.states, 1, {drive: volts, **sizes})
         return float(steady_state.states(matrix, forcing, angles, turn)[0, speed])
 
-    still, slope = at(0.0), at(1.0) - at(0.0)
-    return max(0.0, -still / slope) if slope else 0.0
+    offset, slope = final_speed(0.0), final_speed(1.0) - final_speed(0.0)
+    return max(0.0, -offset / slope) if slope else 0.0

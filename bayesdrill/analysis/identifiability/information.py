@@ -1,12 +1,12 @@
 """Compute exact sensitivities of measured signals, and how well they determine unknowns.
 
-A scene is the experiments as they are, or with further channels, or with inputs changed half-way.
-What is unknown of sensors and starts is taken out of the sensitivities: what is left of them is
-what the record says of the rig, whatever these are, as Fisher information and Cramer-Rao bounds.
+A `DesignVariant` describes the experiments with further channels, or with other inputs.  Unknowns of
+sensors and starts are nuisances, which are projected out of the sensitivities.  The remainder gives
+Fisher information on the rig and Cramer-Rao bounds.
 
-All is in the logs of the unknowns, so that a standard deviation of 0.01 is one per cent.  The
-information is kept as its square root R (information = R' R): squaring would lose the digits that
-tell a badly determined direction from one that is not determined at all.
+Everything is in the logs of the unknowns, so a standard deviation of 0.01 is one per cent.  The
+information is kept as its square root R, with information R' R.  Squaring would lose the digits that
+distinguish a badly determined direction from an undetermined one.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ from bayesdrill.record.experiment import with_states
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DesignVariant:
-    """A change of the experiment that is tried by computing; `beside`: in further ones.
+    """A design variant changes the experiments, or adds changed ones if `beside` is true.
 
-    `extra`: states that are measured too, each with its sigma; `late`: what is added to inputs in
-    the second half of each record; `times`: what inputs are multiplied with throughout.
+    `extra` maps further measured states to their sigma, SI.  `late` is added to inputs in the second
+    half of each record, and `times` multiplies them throughout.
     """
 
     extra: Mapping[str, float] = field(default_factory=dict)
@@ -43,12 +43,12 @@ class DesignVariant:
 
 
 AS_RECORDED = DesignVariant()
-STUDIED_SAMPLES = 16384  # of a long record
-LARGEST_SLOPE = 1e100  # over the noise: sums of squares of such numbers are numbers still
+STUDIED_SAMPLES = 16384  # number of samples of a long record that are studied
+LARGEST_SLOPE = 1e100  # largest whitened slope, whose sums of squares do not overflow
 
 
 class SensitivityStudy:
-    """Sensitivities at physical points `theta`; of long records the first samples stand for all."""
+    """A study computes sensitivities to m unknowns and k nuisances, for excerpts of long records."""
 
     def __init__(self, likelihood: Likelihood) -> None:
         short = [first_samples(o, STUDIED_SAMPLES) for o in likelihood.observations]
@@ -68,7 +68,7 @@ class SensitivityStudy:
 
     def mean_input(self, name: str) -> float:
         """Return the mean of an input over the records."""
-        means = [each.constant.get(name, 0.0) + each.base[name].mean() for each in self._stages]
+        means = [stage.constant.get(name, 0.0) + stage.base[name].mean() for stage in self._stages]
         return float(np.mean(means))
 
     def rig_at(self, theta: Array) -> dict[str, float]:
@@ -76,9 +76,9 @@ class SensitivityStudy:
         return {name: x[0] for name, x in self.likelihood.rig_parameters(theta[None]).items()}
 
     def sensitivities(self, theta: Array, scene: DesignVariant = AS_RECORDED) -> Array:
-        """Return d channel / d log unknown over sigma at `theta (D,)`: `(n, m)`.
+        """Return d channel / d log unknown over sigma at `theta (D,)`, `(n, m)`.
 
-        What nuisances explain of them, as freely as their priors allow, is taken away.
+        Nuisances, which have their priors, are projected out.
         """
         rows, m = self.with_nuisances(theta, scene), len(self.unknowns)
         if not self.nuisances:
@@ -86,10 +86,10 @@ class SensitivityStudy:
         return project_out(self._with_priors(rows, m), m)
 
     def local_estimate(self, rows: Array, residuals: Array) -> tuple[Array, Array]:
-        """Return the information of rows `(n, m + k)`, and where their `residuals (n,)` lead.
+        """Return `R (m, m)` and `b (m,)` of `rows (n, m + k)` with `residuals (n,)`.
 
-        `R (m, m)` and `b (m,)`: these rows alone know the rig's unknowns as `R' R`, and would move
-        them by `R^-1 b`, whatever the nuisances are.
+        These rows alone have the information `R' R` on the rig's unknowns, and would move them by
+        `R^-1 b`.  Nuisances are projected out.
         """
         m = len(self.unknowns)
         matrix = self._with_priors(np.insert(rows, m, residuals, axis=1), m + 1)
@@ -101,9 +101,9 @@ class SensitivityStudy:
         return np.vstack([rows, priors])
 
     def with_nuisances(self, theta: Array, scene: DesignVariant = AS_RECORDED) -> Array:
-        """Return sensitivities `(n, m + k)` to nuisances as well, on their natural scale.
+        """Return sensitivities `(n, m + k)` to unknowns and nuisances, on their natural scales.
 
-        A number whose slopes overflow tells nothing: its row is zero.
+        The row of a sample whose slopes overflow is zero.
         """
         parts = self.by_experiment(theta, scene)
         if scene.beside:
@@ -111,7 +111,7 @@ class SensitivityStudy:
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
     def by_experiment(self, theta: Array, scene: DesignVariant = AS_RECORDED) -> list[Array]:
-        """Return `with_nuisances` of each experiment by itself."""
+        """Return the rows of `with_nuisances` for each experiment."""
         both = self._full_and_slopes(theta)
         return [stage.whitened(*both, theta, scene) for stage in self._stages]
 
@@ -126,17 +126,17 @@ class SensitivityStudy:
 
 
 def project_out(rows: Array, m: int) -> Array:
-    """Project the last k columns of `rows (n, m + k)` out of the first m: `(m, m)`."""
+    """Project the last k columns of `rows (n, m + k)` out of the first m, and return a root `(m, m)`."""
     k = rows.shape[1] - m
     remaining = np.linalg.qr(np.hstack([rows[:, m:], rows[:, :m]]), mode="r")[k:, k:]
     return np.asarray(np.vstack([remaining, np.zeros((m - len(remaining), m))]))
 
 
 class _ExtendedExperiment:
-    """One experiment with its states for further channels, whose inputs can all be changed."""
+    """An experiment is extended by all states as channels, and all inputs as series."""
 
     def __init__(self, observation: Observation, repeats: float) -> None:
-        self._repeats = repeats  # of the record, as far as what is known goes
+        self._repeats = repeats  # the length of the record over that of its excerpt
         model, experiment = observation.response.model, observation.experiment
         self._one, self._states, self.k = observation, model.states, len(experiment.channels)
         n, self.constant = len(experiment.t), experiment.constant
@@ -144,11 +144,11 @@ class _ExtendedExperiment:
         self._late = (np.arange(n) >= n // 2).astype(float)
         shown = with_states(experiment, model.states)
         self._response = observation.response.of(dataclasses.replace(shown, series=self.base))
-        # Of the inputs of the record: the last point, and its course.
+        # The last point with the inputs of the record, and its signals and slopes.
         self._recorded: tuple[bytes, tuple[Array, Array]] | None = None
 
     def whitened(self, full: Array, along: Array, theta: Array, scene: DesignVariant) -> Array:
-        """Rows over the noise, zero where nothing was measured: `(n, m + k)`."""
+        """Return whitened rows `(n, m + k)`, which are zero where nothing was measured."""
         slopes = self.course(full, along, scene)[1]
         rows = self._one.whitened_jacobian_at(slopes[:, :, : self.k], theta)
         if scene.extra:
@@ -159,9 +159,9 @@ class _ExtendedExperiment:
         return np.where(readable[:, None], rows, 0.0)
 
     def course(self, full: Array, along: Array, scene: DesignVariant) -> tuple[Array, Array]:
-        """Signals `(T, K + X)` and slopes `(q, T, K + X)`, not to be written to.
+        """Return signals `(T, K + X)` and slopes `(q, T, K + X)`, which are read-only.
 
-        Many look at one point with the inputs of the record: that course is kept until the next.
+        The result of the last point with the inputs of the record is kept, as it is used repeatedly.
         """
         arguments = self._one.simulator_parameters
         at = (arguments(full), arguments(along))
@@ -173,24 +173,23 @@ class _ExtendedExperiment:
             scene_record = dataclasses.replace(self._response.experiment, series=pushed)
             signals, slopes = self._response.of(scene_record).course(*at)
             return signals[0], slopes[0]
-        point = b"".join(each.tobytes() for each in at)
+        point = b"".join(argument.tobytes() for argument in at)
         if self._recorded is None or self._recorded[0] != point:
-            course = tuple(each[0] for each in self._response.course(*at))
-            for each in course:
-                each.flags.writeable = False
-            self._recorded = point, (course[0], course[1])
+            signals, slopes = (array[0] for array in self._response.course(*at))
+            signals.flags.writeable = slopes.flags.writeable = False
+            self._recorded = point, (signals, slopes)
         return self._recorded[1]
 
 
-RANK_TOLERANCE = 1e-11  # of the largest singular value; exact nulls come out at 1e-16
-# share of a direction that may lie in the blind ones before its bound is infinite
+RANK_TOLERANCE = 1e-11  # singular value over the largest, below which it is zero
+# Share of a direction in undetermined ones, above which its bound is infinite.
 BLIND_SHARE = 1e-6
-MAX_FACTORS = 3  # in a simple product
+MAX_FACTORS = 3  # largest number of factors of a simple product
 
 
 @dataclass(frozen=True, slots=True)
 class Information:
-    """The information of a record about the logs of `names`, as its root `(m, m)`."""
+    """The information of a record on the logs of unknowns `names` is R' R, where R is `root (m, m)`."""
 
     names: tuple[str, ...]
     root: StoredArray
@@ -204,7 +203,7 @@ class Information:
         return self.bounds_of(np.eye(len(self.names)))
 
     def bounds_of(self, exponents: Array) -> Array:
-        """Return the bounds of many products, `(n, m) -> (n,)`."""
+        """Return the bounds `(n,)` of products with `exponents (n, m)`."""
         _, values, rows = np.linalg.svd(self.root)
         determined = values > RANK_TOLERANCE * values[0]
         along = exponents @ rows.T
@@ -213,16 +212,16 @@ class Information:
         return np.where(hidden > BLIND_SHARE * np.linalg.norm(exponents, axis=1), np.inf, known)
 
     def with_knowledge(self, exponents: Array, sd: float) -> Information:
-        """Add that the log of a product of powers is known to `sd` from elsewhere."""
+        """Return the information if the log of a product of powers is also known to `sd`."""
         return Information(self.names, root_of(np.vstack([self.root, exponents / sd])))
 
     def with_priors(self, sd: Array) -> Information:
-        """Add priors, taken as Gaussian in the logs, with these standard deviations `(m,)`."""
+        """Return the information with Gaussian priors of the logs that have the sds `sd (m,)`."""
         return Information(self.names, root_of(np.vstack([self.root, np.diag(1.0 / sd)])))
 
     @property
     def directions(self) -> tuple[Direction, ...]:
-        """The sloppy spectrum: independent products, from the best determined to the worst."""
+        """Return the principal directions, from the best determined to the worst."""
         _, values, rows = np.linalg.svd(self.root)
         spectrum = []
         for value, row in zip(values, rows, strict=True):
@@ -234,13 +233,13 @@ class Information:
 
     @property
     def n_blind(self) -> int:
-        """The number of independent products of which the record says nothing."""
+        """Return the number of independent products that the record does not determine."""
         values = np.linalg.svd(self.root, compute_uv=False)
         return int(np.sum(values <= RANK_TOLERANCE * values[0]))
 
 
 def from_sensitivities(names: tuple[str, ...], sensitivities: Array) -> Information:
-    """Build the information of d signal / d log unknown over sigma, `(n, m)`."""
+    """Return the information of sensitivities d signal / d log unknown over sigma, `(n, m)`."""
     return Information(names, root_of(sensitivities))
 
 
@@ -253,7 +252,7 @@ def root_of(rows: Array) -> Array:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Direction:
-    """A principal direction, its largest exponent 1; `sd`: bound of the log, inf where it is blind."""
+    """A principal direction has a largest exponent of 1; the bound `sd` of its log may be infinite."""
 
     exponents: tuple[float, ...]
     sd: float

@@ -1,7 +1,7 @@
-"""Profile likelihood: one parameter held, all others fitted anew, over the range of its prior.
+"""Profile the likelihood of a parameter: hold it at values of its prior, and fit all others.
 
-Fits are least squares with exact sensitivities, in logs, inside the ends of the priors; each starts
-where its neighbour ended.  Noise levels that are unknown are held at what the best fit leaves.
+Fits are least squares with exact sensitivities, in logs, inside the ends of the priors.  Each starts
+at the result of its neighbour.  Unknown noise levels are held at their values for the best fit.
 """
 
 from __future__ import annotations
@@ -22,24 +22,24 @@ from bayesdrill.inference.unknowns import Coordinates
 Shape = Literal["bounded", "one-sided", "flat", "at the bound"]
 
 THRESHOLD = 1.92  # half the 95 % quantile of chi-squared with one degree of freedom
-NEAR = (0.5, 1.0, 1.5, 2.0, 3.0, 5.0)  # grid points around the best fit, in its sd, and ...
-FAR = 8  # ... this many more on the way to each end of the prior
-FAR_ENOUGH = 25.0  # of a loss: nobody looks further out
-TAIL = 5e-4  # where a prior without ends is taken to end
-AT_BOUND = 1e-3  # relative
-AT_END = 1e-9  # of a log: the same place
-MAX_STEPS = 50
-MIN_GAIN = 1e-5  # of the sum of squares: a fit that gains less is done
-PROBE_SHARE = 0.1  # share of a step over which it is seen how the residuals bend
-MAX_ACCELERATION = 1.5  # of the step itself: what would turn it further is left out
+NEAR = (0.5, 1.0, 1.5, 2.0, 3.0, 5.0)  # distances of grid points from the best fit, in its sd
+FAR = 8  # number of further grid points up to each end of the prior
+FAR_ENOUGH = 25.0  # a profile ends at a larger loss
+TAIL = 5e-4  # mass of a prior without ends beyond the end of its profile
+AT_BOUND = 1e-3  # distance of a log from an end, below which the best fit is at the bound
+AT_END = 1e-9  # distance of a log from an end, below which there is nothing to profile
+MAX_STEPS = 50  # largest number of steps of a fit
+MIN_GAIN = 1e-5  # a fit ends if the sum of squares falls by less
+PROBE_SHARE = 0.1  # share of a step after which the curvature of residuals is measured
+MAX_ACCELERATION = 1.5  # largest correction by curvature, over the step itself
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Profile:
-    """The profile likelihood of one parameter, at physical `values (n,)`.
+    """The profile likelihood of one parameter is given at physical `values (n,)`.
 
-    `loss (n,)`: the best log likelihood minus the profile's; `low`, `high`: where it passes
-    `THRESHOLD`, None where it does not inside the prior.
+    `loss (n,)` is the best log likelihood minus the profile's.  It passes `THRESHOLD` at `low` and
+    `high`, which are None if it does not inside the prior.
     """
 
     name: str
@@ -51,21 +51,24 @@ class Profile:
     shape: Shape
 
     def over(self, factor: float) -> Profile:
-        """Return the profile in a unit of so many of this one."""
+        """Return the profile in a unit that is `factor` times the present one."""
         low, high = (None if x is None else x / factor for x in (self.low, self.high))
         values, best = self.values / factor, self.best / factor
         return replace(self, values=values, best=best, low=low, high=high)
 
 
 class Fitter:
-    """Least squares over rig, sensors and starts, on their natural scale, inside the priors."""
+    """A fitter minimises squared residuals over unknowns of rig, sensors and starts.
+
+    They are on their natural scales, called `logs`, and stay inside the priors.
+    """
 
     def __init__(self, posterior: Posterior, sensitivity: SensitivityStudy, theta: Array) -> None:
-        self._likelihood, self._scenery = posterior.likelihood, sensitivity
+        self._likelihood, self._sensitivity = posterior.likelihood, sensitivity
         if any(each.torque for each in self._likelihood.observations):
-            fixed = posterior.edit(each=lambda each: each.with_fixed_covariance(theta))
+            fixed = posterior.edit(convert=lambda old: old.with_fixed_covariance(theta))
             self._likelihood = fixed.likelihood
-            self._scenery = SensitivityStudy(self._likelihood)
+            self._sensitivity = SensitivityStudy(self._likelihood)
         self._m = len(sensitivity.unknowns) + len(sensitivity.nuisances)
         moving, self._noise = posterior.space.unknowns[: self._m], theta[self._m :]
         self._steps = np.array([u.scale if u.signed else 1.0 for u in moving])
@@ -74,7 +77,7 @@ class Fitter:
         ends, start = ends / self._steps, theta[None, : self._m] / self._steps
         self.low, self.high = self._coordinates.from_physical(ends)
         self.best = self._fit(self._coordinates.from_physical(start)[0], None)
-        if len(self._noise):  # unknown levels, from what the best fit leaves
+        if len(self._noise):  # unknown levels follow from the residuals of the best fit
             theta = self._theta(self.best.logs)
             full, fitted = self._likelihood.space.full(theta[None]), theta.copy()
             for observation in self._likelihood.observations:
@@ -83,20 +86,20 @@ class Fitter:
             self.best = self._fit(self.best.logs, None)
 
     def fit_at(self, start: Array, column: int, value: float) -> ProfileFit:
-        """Fit with the log of one unknown held at `value`."""
+        """Fit all unknowns from `start (m,)` with the one in `column` held at `value`."""
         logs = start.copy()
         logs[column] = value
         return self._fit(logs, column)
 
     def spread(self) -> Array:
-        """Return sds of the logs at the best fit, the range of the prior at most."""
+        """Return the sds `(m,)` of the logs at the best fit, at most the range of the prior."""
         rows = self._jacobian(self.best.logs)
-        names = (*self._scenery.unknowns, *self._scenery.nuisances)
+        names = (*self._sensitivity.unknowns, *self._sensitivity.nuisances)
         known = information.from_sensitivities(names, rows)
         return known.with_priors((self.high - self.low) / np.sqrt(12.0)).bounds()
 
     def _fit(self, logs: Array, fixed: int | None) -> ProfileFit:
-        """Gauss and Newton with damping; on thin and bent ridges steps bend as the residuals do."""
+        """Fit by damped Gauss-Newton with geodesic acceleration, which follows curved ridges."""
         free = np.array([k for k in range(self._m) if k != fixed], dtype=np.intp)
         logs = np.clip(logs, self.low, self.high)
         residuals = self._residuals(logs)
@@ -113,14 +116,14 @@ class Fitter:
                 bend = self._step(reduced_bent, logs[free], free, damping)
                 if np.linalg.norm(bend) <= MAX_ACCELERATION * np.linalg.norm(step):
                     step = step + 0.5 * bend
-                there = self._moved(logs, free, step)
-                residuals_there = self._residuals(there)
-                if residuals_there @ residuals_there < before:
+                new_logs = self._moved(logs, free, step)
+                new_residuals = self._residuals(new_logs)
+                if new_residuals @ new_residuals < before:
                     break
                 damping *= 10.0
             else:
                 break
-            logs, residuals, damping = there, residuals_there, max(0.1 * damping, 1e-12)
+            logs, residuals, damping = new_logs, new_residuals, max(0.1 * damping, 1e-12)
             if before - residuals @ residuals < MIN_GAIN:
                 break
         return ProfileFit(logs, float(0.5 * residuals @ residuals))
@@ -142,13 +145,13 @@ class Fitter:
         return moved
 
     def along(self, column: int, values: Array) -> Array:
-        """Return one unknown in SI, of `values (n,)` on its natural scale."""
+        """Convert `values (n,)` of one unknown from its natural scale to SI."""
         rows = np.zeros((len(values), self._m))
         rows[:, column] = values
         return np.asarray(self._coordinates.to_physical(rows) * self._steps)[:, column]
 
     def _theta(self, logs: Array) -> Array:
-        """All unknowns `(D,)`, of `logs (m,)`."""
+        """Return all physical unknowns `(D,)` at `logs (m,)`."""
         moving = self._coordinates.to_physical(logs[None])[0] * self._steps
         return np.append(moving, self._noise)
 
@@ -157,12 +160,12 @@ class Fitter:
         return np.asarray(np.nan_to_num(residuals, nan=1e6, posinf=1e6, neginf=-1e6))
 
     def _jacobian(self, logs: Array) -> Array:
-        return self._scenery.with_nuisances(self._theta(logs))
+        return self._sensitivity.with_nuisances(self._theta(logs))
 
 
 @dataclass(frozen=True, slots=True)
 class ProfileFit:
-    """A fit: `logs (m,)` of the unknowns; `cost`: minus the log likelihood, up to a constant."""
+    """A fit ends at `logs (m,)`, where `cost` is minus the log likelihood, up to a constant."""
 
     logs: Array
     cost: float
@@ -176,7 +179,7 @@ def profile(fitter: Fitter, names: tuple[str, ...], column: int) -> Profile:
     up = _side(fitter, column, centre, sd, fitter.high[column])
     values, fits = zip(*reversed(down), (centre, best), *up, strict=True)
     logs, costs = np.array(values), np.array([fit.cost for fit in fits])
-    lowest = int(np.argmin(costs))  # a neighbour may have found better than the first fit
+    lowest = int(np.argmin(costs))  # a neighbour may be better than the first fit
     loss = costs - costs[lowest]
 
     def crossing(outward: range) -> float | None:
@@ -188,10 +191,10 @@ def profile(fitter: Fitter, names: tuple[str, ...], column: int) -> Profile:
                     fit = fitter.fit_at(start, column, value)
                     return float(fit.cost - costs[lowest] - THRESHOLD)
 
-                # Relative to the bracket: a well-known log changes in its last digits only.
-                near = 1e-4 * abs(logs[following] - logs[k])
+                # It is relative to the bracket, as a well-known log varies in its last digits only.
+                tolerance = 1e-4 * abs(logs[following] - logs[k])
                 ends = logs[k], logs[following]
-                return float(scipy.optimize.brentq(excess, *ends, xtol=near, rtol=1e-14))
+                return float(scipy.optimize.brentq(excess, *ends, xtol=tolerance, rtol=1e-14))
         return None
 
     def physical(value: float | None) -> float | None:
@@ -212,7 +215,7 @@ def profile(fitter: Fitter, names: tuple[str, ...], column: int) -> Profile:
 def _side(
     fitter: Fitter, column: int, centre: float, sd: float, end: float
 ) -> list[tuple[float, ProfileFit]]:
-    """From the best fit to one end of the prior, each from the one before; none where it is there."""
+    """Return values and fits, each from the previous one, to an end of the prior; none if there."""
     if abs(end - centre) < AT_END:
         return []
     sign = 1.0 if end > centre else -1.0

@@ -1,12 +1,12 @@
 """Find exact scaling symmetries of a posterior, and unknowns that depend on fixed numbers.
 
-Symmetries are products of powers of the unknowns that no measured signal shows.  They are found in
-the null space of the log-sensitivities at several points of the prior, written with small whole
-exponents, and each one proven by scaling: twice the factor, the same response to rounding.
+A symmetry multiplies unknowns by powers of a factor without changing any measured signal.  The null
+space of the log-sensitivities at several points of the prior gives candidates with small whole
+exponents.  Each is proven by scaling: with a factor of two, the response is the same to rounding.
 
-A number that is held settles a scale that no signal shows: were it another, so would be all that is
-told through it, and the record would look the same.  Unless the record hardly shows that number:
-then priors settle the scale, held or not.
+A fixed number determines a scale that no signal shows.  With another value, all unknowns that are
+known through it would differ, and the record would look the same.  If the record hardly determines
+these unknowns, priors determine the scale instead.
 """
 
 from __future__ import annotations
@@ -33,19 +33,19 @@ from bayesdrill.inference.unknowns import Unknown
 
 Exponents = tuple[int, ...]
 
-SAME_RESPONSE = 1e-9  # relative to the largest value of each channel
-SAME_DIRECTION = 1e-6  # null directions of different points are equal to this
-MAX_DENOMINATOR = 6
-MAX_BASES = 5000
+SAME_RESPONSE = 1e-9  # equal responses agree to this, over the largest value of each channel
+SAME_DIRECTION = 1e-6  # singular value over the largest, below which directions are dependent
+MAX_DENOMINATOR = 6  # largest denominator in the search for whole exponents
+MAX_BASES = 5000  # largest number of sets of pivots that are tried
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScalingStructure:
-    """The scaling symmetries of a posterior.
+    """A posterior has scaling symmetries, and products that they do not change.
 
-    `symmetries`: proven exponents of the unknowns, sparsest first. `invariants`: independent
-    products that nothing of this changes. `unexplained`: further directions that no signal shows,
-    but that are no product of powers with small whole exponents, or not the same one everywhere.
+    `symmetries` are proven exponents of the unknowns, the sparsest first. `invariants` are independent
+    products that no symmetry changes. `unexplained` counts further directions that no signal shows,
+    but that have no small whole exponents, or vary over the prior.
     """
 
     names: tuple[str, ...]
@@ -54,7 +54,7 @@ class ScalingStructure:
     unexplained: int
 
     def invariants_of(self, names: Collection[str]) -> tuple[Exponents, ...]:
-        """Return independent products of these unknowns alone that are invariant, sparsest first."""
+        """Return independent invariant products of these unknowns alone, the sparsest first."""
         columns = [k for k, name in enumerate(self.names) if name in names]
         m = len(self.names)
         changed = _complement(np.array(self.invariants, dtype=float).reshape(-1, m), m)[:, columns]
@@ -64,36 +64,36 @@ class ScalingStructure:
 
 
 def null_space(sensitivities: Sequence[Array], *, nearly: bool = False) -> Array:
-    """Return directions of log unknowns that change nothing at any of the points: `(n, m)` rows.
+    """Return directions `(n, m)` of log unknowns that change no signal at any of the points.
 
-    Points at which nothing moves, as of a rig that sticks from the start, say nothing.  `nearly`: also
-    those that change next to nothing, which may be hardly seen or rounding, and are to be proven.
+    Points without motion, such as of a rig that sticks from the start, are ignored.  `nearly` includes
+    directions with tiny effects, which may be due to rounding, so that each has to be proven.
     """
     moving = [s / size for s in sensitivities if (size := np.linalg.norm(s)) > 0]
     if not moving:
         return np.eye(sensitivities[0].shape[1])
     _, values, rows = np.linalg.svd(np.concatenate(moving))
-    nothing = values <= RANK_TOLERANCE * values[0]
+    is_null = values <= RANK_TOLERANCE * values[0]
     if nearly:
         before = np.concatenate([values[:1], values[:-1]])
-        # Of a stiff rig rounding leaves more of what is nothing; but then it is far below all else.
-        nothing |= (values < NULL_BELOW * values[0]) & (values < NULL_GAP * before)
-    rank = int(np.argmax(nothing)) if nothing.any() else len(values)
+        # Rounding in a stiff rig is larger, but far below all other singular values.
+        is_null |= (values < NULL_BELOW * values[0]) & (values < NULL_GAP * before)
+    rank = int(np.argmax(is_null)) if is_null.any() else len(values)
     return np.asarray(rows[rank:])
 
 
 def find_structure(
     names: tuple[str, ...], sensitivities: Sequence[Array], unchanged: Callable[[Exponents], bool]
 ) -> ScalingStructure:
-    """Find the symmetries in sensitivities `(T K, m)` at several points; `unchanged` proves one."""
+    """Find symmetries in sensitivities `(T K, m)` at several points; `unchanged` proves each."""
     sensitivities = [root_of(s) for s in sensitivities]
     null = null_space(sensitivities)
     candidates = sparse_basis(null_space(sensitivities, nearly=True))
     proven = tuple(exponents for exponents in candidates if unchanged(exponents))
-    each = [null_space([point]) for point in sensitivities if point.any()]
-    blind = max(min(map(len, each), default=len(null)), len(proven))
-    if blind > len(null):  # of a sum only the sum may show: its direction turns with its terms
-        hidden = np.concatenate(each)
+    local = [null_space([point]) for point in sensitivities if point.any()]
+    blind = max(min(map(len, local), default=len(null)), len(proven))
+    if blind > len(null):  # if signals show only a sum of unknowns, null directions vary
+        hidden = np.concatenate(local)
     elif len(proven) >= len(null):
         hidden = np.array(proven, dtype=float).reshape(-1, len(names))
     else:
@@ -107,7 +107,7 @@ def find_structure(
 
 
 def sparse_basis(rows: Array) -> tuple[Exponents, ...]:
-    """Return independent whole-number vectors in the span of `rows (n, m)`, n or fewer, the sparsest."""
+    """Return the sparsest independent whole-number vectors, at most n, in the span of `rows (n, m)`."""
     n, m = rows.shape
     candidates: set[Exponents] = set()
     for pivots in itertools.islice(itertools.combinations(range(m), n), MAX_BASES):
@@ -117,14 +117,14 @@ def sparse_basis(rows: Array) -> tuple[Exponents, ...]:
         candidates |= {e for e in map(_whole, np.linalg.solve(block, rows)) if e is not None}
     independent: list[Exponents] = []
     for candidate in sorted(candidates, key=_complexity):
-        more = np.array([*independent, candidate], dtype=float)
-        if np.linalg.matrix_rank(more) > len(independent):
+        extended = np.array([*independent, candidate], dtype=float)
+        if np.linalg.matrix_rank(extended) > len(independent):
             independent.append(candidate)
     return tuple(independent)
 
 
 def scaled_by_two(theta: Array, exponents: Exponents) -> Array:
-    """Return `theta (..., D)` with each unknown times 2 to its exponent, which rounds nothing."""
+    """Return `theta (..., D)` with each unknown times 2 to its exponent, which is exact in floats."""
     powers = np.zeros(theta.shape[-1])
     powers[: len(exponents)] = exponents
     return np.asarray(theta * 2.0**powers)
@@ -138,12 +138,12 @@ def _complement(rows: Array, m: int) -> Array:
 
 
 def _whole(row: Array) -> Exponents | None:
-    """The row times the least factor that makes all entries whole; None if there is none."""
-    near = [Fraction(float(x)).limit_denominator(MAX_DENOMINATOR) for x in row]
-    if any(abs(float(f) - x) > 1e-6 for f, x in zip(near, row, strict=True)):
+    """Return the row times the least factor that makes all entries whole; None if there is none."""
+    fractions = [Fraction(float(x)).limit_denominator(MAX_DENOMINATOR) for x in row]
+    if any(abs(float(f) - x) > 1e-6 for f, x in zip(fractions, row, strict=True)):
         return None
-    factor = math.lcm(*(f.denominator for f in near))
-    whole = [int(f * factor) for f in near]
+    factor = math.lcm(*(f.denominator for f in fractions))
+    whole = [int(f * factor) for f in fractions]
     divisor = math.gcd(*whole)
     if divisor == 0:
         return None
@@ -156,12 +156,12 @@ def _complexity(exponents: Exponents) -> tuple[int, int, Exponents]:
     return used, sum(abs(x) for x in exponents), tuple(-x for x in exponents)
 
 
-NULL_BELOW, NULL_GAP = 1e-7, 1e-4  # of the largest singular value, and of that before
-PRIOR_POINTS = 4  # beside the start: where symmetries are looked for and proven
-# Of the way from the start to draws of the prior: rigs at ends of wide priors are so stiff that
-# rounding hides what changes nothing.
+NULL_BELOW, NULL_GAP = 1e-7, 1e-4  # tiny singular values, over the largest and the previous one
+PRIOR_POINTS = 4  # number of points, beside the start, at which symmetries are found and proven
+# Points are at this share of the way from the start to draws of the prior.  Rigs at the ends of wide
+# priors are so stiff that rounding hides symmetries.
 PRIOR_SHARE = 0.25
-MAX_DRAWS = 100  # of the prior, to find that many with a finite response
+MAX_DRAWS = 100  # number of draws of the prior to find these points, as responses may overflow
 
 
 def structure_of(
@@ -177,26 +177,26 @@ def structure_of(
     signals = likelihood.all_signals(points)
 
     def unchanged(exponents: Exponents) -> bool:
-        there = likelihood.all_signals(scaled_by_two(points, exponents))
+        scaled = likelihood.all_signals(scaled_by_two(points, exponents))
         return all(
             np.all(np.abs(x - y) <= SAME_RESPONSE * np.abs(x).max(axis=(0, 1)))
-            for x, y in zip(signals, there, strict=True)
+            for x, y in zip(signals, scaled, strict=True)
         )
 
     sensitivities = [sensitivity.sensitivities(point) for point in points]
     return find_structure(sensitivity.unknowns, sensitivities, unchanged)
 
 
-FREED_RANGE = 0.5, 1.5  # times what is held: where the structure is looked at
-MIN_PRIOR_SHARE = 0.5  # of a scale, what priors settle; of the largest part, what is named as well
+FREED_RANGE = 0.5, 1.5  # range of a fixed number, over its value, in which symmetries are found
+MIN_PRIOR_SHARE = 0.5  # priors with this share of the scale, and of the largest effect, are named
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DependsOnFixed:
-    """A scale that numbers which are held fixed settle.
+    """Fixed numbers determine a scale of unknowns.
 
-    With `exponents` of `names`, of which the last are `held`, no measured signal changes.
-    `following (m, m)`: by how much the mean of each unknown's log follows the middle of each prior.
+    If `names`, the last of which are `held`, are multiplied by powers of a factor with `exponents`,
+    no signal changes.  `following (m, m)` are derivatives of posterior means of logs by prior means.
     """
 
     names: tuple[str, ...]
@@ -210,29 +210,29 @@ class DependsOnFixed:
 
     @property
     def unknown(self) -> tuple[str, ...]:
-        """The unknowns that are known through what is held."""
+        """Return the unknowns that are known through fixed numbers."""
         return tuple(name for name, e in self._powers.items() if e and name not in self.held)
 
     @property
     def through(self) -> tuple[str, ...]:
-        """The numbers that are held and settle the scale."""
+        """Return the fixed numbers that determine the scale."""
         return tuple(name for name, e in self._powers.items() if e and name in self.held)
 
     @property
     def narrowest(self) -> str:
-        """The unknown that the record narrows most."""
+        """Return the unknown that the record narrows most."""
         following = dict(zip(self.names, np.diag(self.following), strict=False))
         return min(self.unknown, key=following.__getitem__)
 
     def scales(self, names: Sequence[str], exponents: Sequence[float]) -> bool:
-        """Return whether a product of powers is another where what is held is."""
-        each = zip(names, exponents, strict=True)
-        return sum(self._powers[name] * e for name, e in each) != 0
+        """Return whether a product of powers changes with the fixed numbers."""
+        pairs = zip(names, exponents, strict=True)
+        return sum(self._powers[name] * e for name, e in pairs) != 0
 
     def priors(self, names: Sequence[str], exponents: Sequence[float]) -> tuple[str, ...]:
-        """Return whose priors settle a product that this scales; none where what is held does.
+        """Return unknowns whose priors determine a product that this scales.
 
-        What priors do together follows them all, and what is held the rest of the way.
+        There are none if the product follows the fixed numbers more than the priors.
         """
         m = len(self.following)
         given = dict(zip(names, exponents, strict=True))
@@ -251,10 +251,10 @@ def depends_on_fixed(
     prior_sd: Array,
     rng: np.random.Generator,
 ) -> tuple[DependsOnFixed, ...]:
-    """Find scales that fixed numbers settle, where few are held and many rest on them.
+    """Find scales that fixed numbers determine, unless these are more than the unknowns.
 
-    Who holds most of a rig knows that the rest is told through it.  `known` of the record at `theta
-    (D,)`, `prior_sd (m,)` of the logs; `rng` draws the points at which the structure is looked at.
+    With more, a user expects that.  `known` is the information of the record at `theta (D,)`, and
+    `prior_sd (m,)` are sds of logs.  `rng` draws points at which symmetries are found.
     """
     space, observations = posterior.space, posterior.likelihood.observations
     model = observations[0].response.model
@@ -275,17 +275,17 @@ def depends_on_fixed(
             for name, value in zip(fixed, values, strict=True)
         ]
     )
-    at = np.insert(theta, len(space.columns("rig", "quantity")), values)
-    structure = structure_of(wider, SensitivityStudy(wider.likelihood), at, rng)
+    point = np.insert(theta, len(space.columns("rig", "quantity")), values)
+    structure = structure_of(wider, SensitivityStudy(wider.likelihood), point, rng)
     follows = prior_following(known, prior_sd)
-    every = (
+    scales = (
         DependsOnFixed(names=structure.names, exponents=e, held=fixed, following=follows)
         for e in structure.symmetries
     )
-    return tuple(each for each in every if 0 < len(each.through) <= len(each.unknown))
+    return tuple(scale for scale in scales if 0 < len(scale.through) <= len(scale.unknown))
 
 
 def prior_following(known: Information, prior_sd: Array) -> Array:
-    """Return how much the mean of each log follows the middle of each prior, `(m, m)`."""
+    """Return the derivative `(m, m)` of the mean of each log by the mean of each prior."""
     spread = np.linalg.inv(known.with_priors(prior_sd).root)
     return np.asarray(spread @ spread.T / prior_sd**2)

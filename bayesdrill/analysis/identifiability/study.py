@@ -1,8 +1,7 @@
 """Study the identifiability of one config: structure, bounds, products, and remedies.
 
-An action that would help is another scene (a channel more, another course of the inputs), or
-knowledge from elsewhere (weighing a part, a tie that theory gives).  Tried at the start values,
-with the priors taken as Gaussian in the logs.
+A remedy is a further channel, other inputs, or other knowledge, such as the weight of a part or a
+tie by theory.  Remedies are tried at the start values, with priors that are Gaussian in the logs.
 """
 
 from __future__ import annotations
@@ -49,17 +48,17 @@ from bayesdrill.inference.priors import prior_log_sd
 from bayesdrill.inference.unknowns import labelled_name
 from bayesdrill.record.experiment import typical_inputs
 
-WEIGHED_TO = 0.01  # what fixing or weighing a part is taken to give: one per cent
-LOAD_SHARE = 0.1  # of a channel's range: what the known load that is tried changes at most
-OTHER_DRIVE = 0.5  # times the usual drive, in the second half of the record or in another one
+WEIGHED_TO = 0.01  # relative sd of a part that is weighed or tied
+LOAD_SHARE = 0.1  # largest effect of a known load on a channel, over its range
+OTHER_DRIVE = 0.5  # another drive, half-way or in a further record, over the present one
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Remedy:
-    """`what` in words; `breaks`: symmetries (by index) that a signal or a scale would then show.
+    """A remedy, `what` in words, would break symmetries and reduce standard deviations.
 
-    `left`: independent products that stay without any trace in the record.  `shrink`: by what
-    factor the sd of each parameter of interest would fall, on average (geometric mean).
+    `breaks` are indices of these symmetries, and `left` counts products that remain undetermined.
+    `shrink` is the factor by which sds of parameters of interest fall, as a geometric mean.
     """
 
     what: str
@@ -75,7 +74,10 @@ def remedies(
     prior_sd: Array,
     of_interest: Sequence[str],
 ) -> tuple[Remedy, ...]:
-    """Try every single action, and return what helps most first."""
+    """Try every single action, and return those that help most first.
+
+    `prior_sd (m,)` are sds of logs, and `of_interest` names the parameters whose sds count.
+    """
     names = sensitivity.unknowns
     now = from_sensitivities(names, sensitivity.sensitivities(theta))
     rows = [names.index(name) for name in of_interest]
@@ -84,7 +86,7 @@ def remedies(
 
     def tried(what: str, after: Information) -> Remedy:
         sd = after.with_priors(prior_sd).bounds()[rows]
-        # What is known to all digits, by a record at the edge of numbers, gets no better.
+        # An sd that underflows or overflows cannot be compared.
         finite = (before > 0) & (sd > 0) & (before < np.inf) & (sd < np.inf)
         ratio = np.divide(before, sd, out=np.ones_like(sd), where=finite)
         least = RANK_TOLERANCE * np.linalg.norm(after.root)
@@ -92,8 +94,8 @@ def remedies(
         shrink = float(np.exp(np.mean(np.log(ratio))))
         return Remedy(what=what, breaks=tuple(breaks), left=after.n_blind, shrink=shrink)
 
-    every = itertools.starmap(tried, _actions(sensitivity, theta, now))
-    return tuple(sorted(every, key=lambda remedy: (remedy.left, -remedy.shrink)))
+    actions = itertools.starmap(tried, _actions(sensitivity, theta, now))
+    return tuple(sorted(actions, key=lambda remedy: (remedy.left, -remedy.shrink)))
 
 
 def _actions(
@@ -102,7 +104,7 @@ def _actions(
     names = sensitivity.unknowns
     for name, unit in zip(names, np.eye(len(names)), strict=True):
         yield f"weigh or measure {name} to 1 %", now.with_knowledge(unit, WEIGHED_TO)
-    # Equal in SI by conservation of energy in an ideal motor.
+    # In SI both are equal by conservation of energy in an ideal motor.
     for motor in sensitivity.model.roles.motors:
         first, second = motor.torque_constant, motor.back_emf
         if first in names and second in names:
@@ -118,13 +120,13 @@ def _actions(
 
 
 def _other_drives(sensitivity: SensitivityStudy) -> Iterator[tuple[str, DesignVariant]]:
-    """The experiments there are, once more with less of what drives the rig."""
+    """Yield variants that repeat the experiments with a smaller drive."""
     experiments = [observation.experiment for observation in sensitivity.likelihood.observations]
     rig = sensitivity.model
     for name in drives_of(rig):
         if any(each.constant.get(name, 0.0) or name in each.series for each in experiments):
-            usual = float(np.mean([typical_inputs(each)[name] for each in experiments]))
-            size = f"{OTHER_DRIVE * usual:.3g} {rig.symbols[name].plain_unit}"
+            typical = float(np.mean([typical_inputs(each)[name] for each in experiments]))
+            size = f"{OTHER_DRIVE * typical:.3g} {rig.symbols[name].plain_unit}"
             what = f"another experiment at {size}"
             yield what, DesignVariant(times={name: OTHER_DRIVE}, beside=True)
 
@@ -132,7 +134,7 @@ def _other_drives(sensitivity: SensitivityStudy) -> Iterator[tuple[str, DesignVa
 def _more_channels(
     sensitivity: SensitivityStudy, theta: Array
 ) -> Iterator[tuple[str, DesignVariant]]:
-    """Each state that is not measured yet, with the signal-to-noise ratio of the others."""
+    """Yield variants that measure a further state, with the signal-to-noise ratio of the channels."""
     rig = sensitivity.model
     motions, observations = sensitivity.motions(theta), sensitivity.likelihood.observations
     weights = [each.experiment.weights(sensitivity.states) for each in observations]
@@ -175,14 +177,14 @@ def _other_inputs(
 def _load(
     sensitivity: SensitivityStudy, theta: Array, torque: str, where: str
 ) -> Iterator[tuple[str, DesignVariant]]:
-    """Yield a known load, as large as a record can well show, half-way through it."""
+    """Yield the variant with a known load in the second half, as large as a record well shows."""
     motion, observations = sensitivity.model.roles.motion, sensitivity.likelihood.observations
     loaded = sensitivity.motions(theta, DesignVariant(late={torque: 1.0}))
-    changes = []  # changes of channels, in shares of their ranges
+    changes = []  # largest change of a channel by a unit load, over its range
     for observation, *both in zip(observations, sensitivity.motions(theta), loaded, strict=True):
-        here, there = (x @ observation.experiment.weights(sensitivity.states).T for x in both)
-        with np.errstate(all="ignore"):  # of a channel that stands still: no number, or infinite
-            changes.append(np.max(np.ptp(there - here, axis=0) / np.ptp(here, axis=0)))
+        free, pushed = (x @ observation.experiment.weights(sensitivity.states).T for x in both)
+        with np.errstate(all="ignore"):  # the range of a channel may be zero
+            changes.append(np.max(np.ptp(pushed - free, axis=0) / np.ptp(free, axis=0)))
     change = float(np.max(changes))
     if 0 < change < np.inf:
         load = LOAD_SHARE / change
@@ -190,14 +192,14 @@ def _load(
         yield what, DesignVariant(late={torque: load})
 
 
-MIN_FALL = 2.0  # times: how much smaller an sd would be, for a nuisance that is named with it
+MIN_FALL = 2.0  # factor by which an sd would fall if a nuisance that is named were known
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KnownProduct:
-    """How well a product of powers is known: sd of its log with record and prior, and before.
+    """The log of a product of powers is known to `sd` with record and prior, and to `prior_sd` before.
 
-    `bound`: Cramer-Rao, from the record alone; inf if the record does not determine it.
+    `bound` is the Cramer-Rao bound of the record alone, infinite if it does not determine the product.
     """
 
     exponents: Exponents
@@ -208,16 +210,16 @@ class KnownProduct:
 
     @property
     def price(self) -> float:
-        """What is left of the prior's sd, for each factor."""
+        """Return the sd over the prior's, times the sum of the powers, by which products compete."""
         return self.sd / self.prior_sd * sum(map(abs, self.exponents))
 
 
 def products(
     information: Information, prior_sd: Array, candidates: Array, thresholds: Thresholds
 ) -> tuple[KnownProduct, ...]:
-    """Return as many independent `candidates (n, m)` as there are, the most narrowed first.
+    """Return a maximal set of independent `candidates (n, m)`, those with the least price first.
 
-    Each is narrowed most of those independent of the ones before it; factors pay for themselves.
+    The price increases with the number of factors; see `KnownProduct.price`.
     """
     spread = np.linalg.inv(information.with_priors(prior_sd).root)
     rank = np.linalg.matrix_rank(candidates) if len(candidates) else 0
@@ -239,7 +241,7 @@ def _known_products(
 ) -> tuple[KnownProduct, ...]:
     """Return the products with `exponents (n, m)`.
 
-    `sds (n,)`: of their logs, by record and priors; `before (n,)`: by the priors alone.
+    Their logs have the sds `sds (n,)` with record and priors, and `before (n,)` by the priors alone.
     """
     return tuple(
         KnownProduct(
@@ -255,10 +257,10 @@ def _known_products(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Nuisance:
-    """A number of a sensor or a start, SI: sd with record and priors, and before.
+    """A nuisance is a number of a sensor or a start, with its sd, SI, and its sd by the prior alone.
 
-    `like`: unknowns of the rig that it can hardly be told from, each with the factor by which its
-    sd would fall if this one were known.
+    `like` are unknowns of the rig from which it can hardly be distinguished.  Each has the factor by
+    which its sd would fall if the nuisance were known.
     """
 
     name: str
@@ -270,11 +272,11 @@ class Nuisance:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IdentifiabilityStudy:
-    """The identifiability of the unknowns at a physical point, which `at` names.
+    """A study describes the identifiability of the unknowns at a physical point, which `at` names.
 
-    `information` is that of the record alone.  `stand_ins`: parameters that a missing torque can
-    stand in for; `scaled`: names that can be multiplied together, its size among them.  `resting`:
-    scales that numbers which are held settle.
+    `information` is that of the record alone.  `stand_ins` are parameters that a missing torque can
+    replace, and `scaled` are names, with its size, that a symmetry scales together.  `resting` are
+    scales that fixed numbers determine.
     """
 
     names: tuple[str, ...]
@@ -301,15 +303,19 @@ def study_of(
     *,
     seek_remedies: bool = False,
 ) -> IdentifiabilityStudy:
-    """Study the identifiability at `theta (D,)`; remedies take as long as all else together."""
-    # Draws the points at which the structure is looked at.
+    """Study the identifiability at `theta (D,)`, which `at` names in sentences.
+
+    Remedies are sought on request, as they take as long as everything else.
+    """
     rng = seeds.stream(asked.seed, "identify")
     names, thresholds = sensitivity.unknowns, asked.thresholds
     of_interest = tuple(asked.of_interest) or names
     posterior = excerpt(posterior) or posterior
     structure = structure_of(posterior, sensitivity, theta, rng)
     known = from_sensitivities(names, sensitivity.sensitivities(theta))
-    prior_sd = prior_spreads(posterior)[: len(names)]
+    prior_sd, tried = prior_spreads(posterior)[: len(names)], tuple[Remedy, ...]()
+    if seek_remedies:
+        tried = remedies(sensitivity, theta, structure.symmetries, prior_sd, of_interest)
     return IdentifiabilityStudy(
         names=names,
         at=at,
@@ -324,9 +330,7 @@ def study_of(
         ),
         products=products(known, prior_sd, simple_exponents(len(names)), thresholds),
         information=known,
-        remedies=remedies(sensitivity, theta, structure.symmetries, prior_sd, of_interest)
-        if seek_remedies
-        else (),
+        remedies=tried,
         nuisances=_nuisances(sensitivity, posterior, theta, thresholds),
         frictions=distinguish(sensitivity, posterior, theta),
         stand_ins=find_confounded(posterior, theta, prior_spreads(posterior), rng),
@@ -335,16 +339,16 @@ def study_of(
     )
 
 
-START_DRAWS, TRIED = 128, 16  # from the priors, and of these the likeliest that are looked at
-STILL = 1e-3  # of what a channel does in the record: a model that does no more stands still
-MIN_MOTION_OVER_NOISE = 3.0  # sd of a channel over that of its noise, as neighbours tell it
+START_DRAWS, TRIED = 128, 16  # draws from the priors, and the likeliest that are tried
+STILL = 1e-3  # range of a modelled channel over that of the record, below which it stands still
+MIN_MOTION_OVER_NOISE = 3.0  # sd of a moving channel over its noise, which neighbours show
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StudyPoint:
-    """A point `theta (D,)`, what it is called, and channels that stand `still` at the start.
+    """A study is made at the point `theta (D,)`, which sentences name by `at`.
 
-    The record moves these.  At `theta` they move, unless it is called nothing.
+    Channels in `still` move in the record, and at `theta` unless `at` is empty, but not at the start.
     """
 
     theta: Array
@@ -353,9 +357,9 @@ class StudyPoint:
 
 
 def study_point(sensitivity: SensitivityStudy, posterior: Posterior, seed: int) -> StudyPoint:
-    """Return the start or, where the rig stands still there, a likely draw of the priors that moves.
+    """Return the start or, if the rig stands still there, a likely draw of the priors with motion.
 
-    At rest signals depend on next to nothing, and all would be left to the prior on that ground.
+    Signals of a rig at rest hardly depend on parameters, so that nothing would be determined.
     """
     space = posterior.space
     start = space.vector(space.start)
@@ -411,10 +415,10 @@ def _nuisances(
             like=tuple(x for x in sorted(falls, key=lambda fall: -fall[1]) if x[1] > MIN_FALL),
         )
 
-    every = enumerate(sensitivity.nuisances, start=len(sensitivity.unknowns))
-    return tuple(itertools.starmap(nuisance, every))
+    numbered = enumerate(sensitivity.nuisances, start=len(sensitivity.unknowns))
+    return tuple(itertools.starmap(nuisance, numbered))
 
 
 def prior_spreads(posterior: Posterior) -> Array:
-    """Return standard deviations of the logs under the priors, `(D,)`."""
+    """Return the standard deviations `(D,)` of the logs under the priors."""
     return np.array([prior_log_sd(prior) for prior in posterior.space.priors.values()])

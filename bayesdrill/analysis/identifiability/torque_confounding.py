@@ -1,7 +1,7 @@
-"""Find parameters that a missing torque can stand in for, and what helps.
+"""Find parameters that a missing torque can replace, and remedies.
 
-By the Fisher information of all unknowns and the priors, as the curvature that a record drawn at the
-point has (Gauss and Newton), and that of the same record, had the rig no missing torque.
+Fisher information of all unknowns, with the priors, is compared with that of a rig without a missing
+torque.  It is the Gauss-Newton curvature for records that are drawn at the point.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ from bayesdrill.inference.posterior import Posterior
 from bayesdrill.record.experiment import Channel, frozen
 from bayesdrill.rig.models.latent_torque import SIZE, TorqueLocation, torque_gain
 
-MIN_LOSS = 3.0  # times: how much worse an sd is with the torque, for a parameter that is named
-KNOWN_SHARE = 0.5  # of the prior's sd: with no more left a parameter is known, torque or not
-MIN_HELPFUL_FALL = 2.0  # times: by how much better, for what is proposed
-SENSOR_NOISE = 0.01  # of its spread: noise of a sensor that is proposed
-NO_TORQUE = 1e-9  # times its size: a torque that is none
-DRAWN_RECORDS = 2  # records, over which curvatures are averaged
-MAX_REMEDIES = 3  # proposals
+MIN_LOSS = 3.0  # factor by which the torque increases the sd of a parameter that is named
+KNOWN_SHARE = 0.5  # sd over the prior's, below which a parameter is known despite the torque
+MIN_HELPFUL_FALL = 2.0  # factor by which a proposed remedy reduces an sd
+SENSOR_NOISE = 0.01  # noise of a proposed sensor, over the spread of its signal
+NO_TORQUE = 1e-9  # factor of the torque's size that makes it negligible
+DRAWN_RECORDS = 2  # number of drawn records over which curvatures are averaged
+MAX_REMEDIES = 3  # number of remedies that are proposed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TorqueRemedy:
-    """What would help to distinguish a parameter from the missing torque.
+    """A remedy helps to distinguish a parameter from the missing torque.
 
-    `kind` hold: a parameter by name; measure: a state. `shrink`: times by which the sd would fall.
+    To "hold" the parameter `name`, or "measure" the state `name`, would divide the sd by `shrink`.
     """
 
     kind: str
@@ -46,7 +46,10 @@ class TorqueRemedy:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TorqueConfounding:
-    """A parameter that a missing torque can stand in for: sd of its log with it, without, and before."""
+    """A missing torque can replace the parameter `name`.
+
+    Its log has the sd `sd` with the torque, `alone` without it, and `before` under the prior.
+    """
 
     name: str
     at: TorqueLocation
@@ -59,7 +62,7 @@ class TorqueConfounding:
 def find_confounded(
     posterior: Posterior, theta: Array, before: Array, rng: np.random.Generator
 ) -> tuple[TorqueConfounding, ...]:
-    """Find what a missing torque can stand in for at `theta (D,)`; `before (D,)`: prior sds of logs."""
+    """Find parameters that a missing torque can replace at `theta (D,)`, with prior sds `before`."""
     observations = posterior.likelihood.observations
     torques = [observation.torque for observation in observations if observation.torque]
     if not torques:
@@ -70,19 +73,19 @@ def find_confounded(
         return ()
     names, rig = posterior.space.free, posterior.space.columns("rig", "quantity")
     sds = np.sqrt(np.diag(np.linalg.inv(known)))
-    without = posterior.edit(each=lambda o: o.torque.scale_torque(NO_TORQUE) if o.torque else o)
-    nothing = theta.copy()
-    nothing[[k for k, name in enumerate(names) if name.startswith(SIZE)]] *= NO_TORQUE
-    alone = np.sqrt(np.diag(np.linalg.inv(_information(without, nothing, before, seeds))))
+    without = posterior.edit(convert=lambda o: o.torque.scale_torque(NO_TORQUE) if o.torque else o)
+    theta_without = theta.copy()
+    theta_without[[k for k, name in enumerate(names) if name.startswith(SIZE)]] *= NO_TORQUE
+    alone = np.sqrt(np.diag(np.linalg.inv(_information(without, theta_without, before, seeds))))
     worse = [k for k in rig if sds[k] > MIN_LOSS * alone[k] and sds[k] > KNOWN_SHARE * before[k]]
     if not worse:
         return ()
-    # States that no channel shows by itself.
+    # A state could be measured in addition if no channel shows it by itself.
     first = posterior.likelihood.observations[0]
     shown = {name for c in first.experiment.channels for name in c.weights if len(c.weights) == 1}
     unseen = [name for name in first.response.model.states if name not in shown]
-    more = {
-        state: _information(_showing(posterior, theta, state), theta, before, seeds)
+    measured = {
+        state: _information(_measuring(posterior, theta, state), theta, before, seeds)
         for state in unseen
     }
 
@@ -92,8 +95,8 @@ def find_confounded(
             covariance = np.linalg.inv(known[np.ix_(others, others)])
             sd = np.sqrt(covariance[others.index(k), others.index(k)])
             yield TorqueRemedy(kind="hold", name=names[j], shrink=float(sds[k] / sd))
-        for state, wider in more.items():
-            sd = np.sqrt(np.linalg.inv(wider)[k, k])
+        for state, information in measured.items():
+            sd = np.sqrt(np.linalg.inv(information)[k, k])
             yield TorqueRemedy(kind="measure", name=state, shrink=float(sds[k] / sd))
 
     def helps(k: int) -> tuple[TorqueRemedy, ...]:
@@ -116,7 +119,7 @@ def find_confounded(
 def scaled_with_torque(
     posterior: Posterior, symmetries: Sequence[Exponents]
 ) -> tuple[tuple[str, ...], ...]:
-    """Return symmetries that change the inertia on which a torque acts, with the size of that."""
+    """Return names of unknowns that a symmetry scales together with the size of the torque."""
     torques = [each.torque for each in posterior.likelihood.observations if each.torque]
     if not torques:
         return ()
@@ -124,20 +127,20 @@ def scaled_with_torque(
     names = posterior.space.free
     size = next((name for name in names if name.startswith(SIZE)), SIZE)
 
-    def push(p: Mapping[str, float]) -> Any:
+    def gain(p: Mapping[str, float]) -> Any:
         return torque_gain(rig, torque, p, rig.linear(p))
 
     scalings = []
     for exponents in symmetries:
         powers = dict(zip(names, exponents, strict=False))
         scaled = {name: 2.0 ** powers.get(name, 0) for name in rig.parameters}
-        if push(scaled) != push(dict.fromkeys(rig.parameters, 1.0)):
+        if gain(scaled) != gain(dict.fromkeys(rig.parameters, 1.0)):
             scalings.append((*(n for n, e in powers.items() if e), size))
     return tuple(scalings)
 
 
 def _information(posterior: Posterior, theta: Array, before: Array, seeds: Counts) -> Array:
-    """Information in logs `(D, D)`, priors included."""
+    """Return the information `(D, D)` on the logs, with the priors."""
     full, total = posterior.space.full(theta[None]), np.diag(1.0 / before**2)
     steps = posterior.coordinates.slopes_by_natural(theta[None])[0]
     for seed in seeds:
@@ -152,12 +155,13 @@ def _information(posterior: Posterior, theta: Array, before: Array, seeds: Count
     return np.asarray(total)
 
 
-def _showing(posterior: Posterior, theta: Array, state: str) -> Posterior:
+def _measuring(posterior: Posterior, theta: Array, state: str) -> Posterior:
+    """Return the posterior with a further channel that measures `state`."""
     full, rig = posterior.space.full(theta[None]), posterior.likelihood.observations[0].response
     name, unit = f"state {state}", rig.model.symbols[state].unit
     channel = Channel(name=name, weights={state: 1.0}, unit=unit, latex="", latex_unit="")
 
-    def showing(observation: Observation) -> Observation:
+    def convert(observation: Observation) -> Observation:
         if observation.torque is None:
             return observation
         before, n = observation.experiment, len(observation.experiment.t)
@@ -171,4 +175,4 @@ def _showing(posterior: Posterior, theta: Array, state: str) -> Posterior:
         wider = dataclasses.replace(observation, noise=both)
         return wider.with_simulator(response, observation.parameters)
 
-    return posterior.edit(each=showing)
+    return posterior.edit(convert=convert)

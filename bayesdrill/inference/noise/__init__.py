@@ -1,4 +1,4 @@
-"""The registry of noises: one file and one line here, or an entry point `bayesdrill.noise`."""
+"""Register the kinds of noise: add a file and a line here, or an entry point `bayesdrill.noise`."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""Gaussian noise with memory: a first-order autoregression in each channel.
+"""AR(1) noise is a Gaussian first-order autoregression in each channel.
 
-A sample is `rho` times the one before it, and something new; all have the sd sigma.  `rho` is the
-correlation of samples one usual interval of the channel apart, so that over a gap of g of these it
-is rho to the power of g: what is missing, and uneven times, are allowed for exactly.
+A sample is `rho` times the one before it plus an innovation, and all samples have the sd sigma.
+`rho` is the correlation of samples that are one typical interval of the channel apart.  Over a gap
+of g such intervals the correlation is rho^g, so missing samples and uneven times are exact.
 """
 
 from __future__ import annotations
@@ -24,16 +24,15 @@ from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.priors import Uniform
 from bayesdrill.inference.unknowns import Unknown
 
-GAP_TOLERANCE = 1e-3  # of an interval: times are rounded
+GAP_TOLERANCE = 1e-3  # a gap this near a whole number of intervals is one, as times are rounded
 
 
 @dataclass(frozen=True, slots=True)
 class ChannelSpacing:
-    """The spacing of one channel's samples.
+    """A channel has `count` samples, at `rows` of the record, with gaps between them.
 
-    `rows`: its samples among all; `gaps (n - 1,)`: from one to the next, in its usual interval, and
-    `all_gaps (T - 1,)`: of all samples; None where all of them are one.  Residuals come as `(W, n)`,
-    over sigma or not, with `rho (W,)`.
+    `gaps (n - 1,)` of the channel's samples and `all_gaps (T - 1,)` of all rows are in typical
+    intervals; None if all are one.  Methods take residuals `(W, n)` and `rho (W,)`.
     """
 
     rows: slice | Indices
@@ -46,9 +45,9 @@ class ChannelSpacing:
         return np.ones(1) if self.gaps is None else self.gaps
 
     def conditional(self, rho: Any) -> tuple[Any, Any]:
-        """Return the weight of the sample before in the conditional mean, and the conditional sd.
+        """Return the weight of the previous sample in the conditional mean, and the conditional sd.
 
-        Both are `(W, n)`, the sd over sigma; of the first sample they are zero and one.
+        Both are `(W, n)`, and the sd is over sigma.  For the first sample they are zero and one.
         """
 
         def with_first(weights: Array) -> Array:
@@ -60,21 +59,21 @@ class ChannelSpacing:
         return weight, ((1.0 - weight) * (1.0 + weight)) ** 0.5
 
     def predicted(self, samples: Array, rho: Array) -> Array:
-        """Return what is left of each sample, less what those before it say of it."""
+        """Return errors `(W, n)` of the prediction of each sample from the previous one."""
         return np.asarray(_without_memory(samples, self.conditional(rho)[0]))
 
     def innovations(self, samples: Array, rho: Array) -> Array:
-        """Return what is new in each sample, all of one sd: that of the samples."""
+        """Return innovations `(W, n)`, scaled to the sd of the samples."""
         weight, sd = self.conditional(rho)
         return np.asarray(_without_memory(samples, weight) / sd)
 
     def log_density(self, samples: Any, rho: Any) -> Any:
-        """Return the log density of samples over sigma, but for a constant and that of sigma."""
+        """Return the log density of samples over sigma, without the terms of sigma and 2 pi."""
         weight, sd = self.conditional(rho)
         return -0.5 * (_without_memory(samples, weight) / sd) ** 2 - log(sd)
 
     def score(self, samples: Array, rho: Array) -> Array:
-        """Return half the slopes of the sum of squared innovations by each sample."""
+        """Return half the slopes `(W, n)` of the sum of squared innovations by each sample."""
         weight, sd = self.conditional(rho)
         over = _without_memory(samples, weight) / sd**2
         out = np.array(over)
@@ -97,8 +96,8 @@ class ChannelSpacing:
         return out
 
     def correlate(self, noise: Array, rho: Array) -> None:
-        """Turn `noise (W, T)`, independent and of sd 1, into noise that remembers, in place."""
-        from scipy.signal import lfilter  # takes a while to load
+        """Turn white `noise (W, T)` of sd 1 into an AR(1) of sd 1, in place."""
+        from scipy.signal import lfilter  # imported here, as loading takes long
 
         if self.all_gaps is None:
             noise[:, 1:] *= np.sqrt((1.0 - rho) * (1.0 + rho))[:, None]
@@ -114,7 +113,7 @@ class ChannelSpacing:
 
 @dataclass(frozen=True, slots=True)
 class Spacing:
-    """The spacing of all channels; `seen (T, K)`: whether a sample is there."""
+    """All channels have a spacing; `seen (T, K)` says whether a sample was measured."""
 
     channels: tuple[ChannelSpacing, ...]
     seen: Flags
@@ -122,7 +121,7 @@ class Spacing:
 
 @lru_cache(maxsize=8)
 def even_spacing(n_samples: int, n_channels: int) -> Spacing:
-    """Return the spacing of samples that are evenly spaced and all there."""
+    """Return the spacing of evenly spaced samples, none of which is missing."""
     seen = np.ones((n_samples, n_channels), dtype=bool)
     return Spacing((ChannelSpacing(slice(None), n_samples, None, None),) * n_channels, seen)
 
@@ -146,37 +145,37 @@ def _without_memory(samples: Any, weight: Any) -> Any:
 
 
 def _delayed(samples: Array) -> Array:
-    """Return the sample before each, zero before the first."""
+    """Return the previous sample of each, and zero for the first."""
     return np.concatenate([np.zeros_like(samples[:, :1]), samples[:, :-1]], axis=1)
 
 
 def _sum_weights(rho: Any) -> Any:
-    """Return of even samples the weights `(..., 3)` of `Residuals.neighbours`, for sigma 1.
+    """Return the weights `(..., 3)` of `Residuals.neighbours` for even samples and sigma 1.
 
-    With S, D and E for sums of squares, of steps and of ends, squared innovations over their variance
-    sum to ((1 - rho)^2 S + rho D + rho (1 - rho) E) / (1 - rho^2): no difference where rho is near 1.
+    Let S, D and E be sums of squares of samples, of steps and of both ends.  Innovations over their sd
+    have squares that sum to ((1 - rho)^2 S + rho D + rho (1 - rho) E) / (1 - rho^2), without cancelling.
     """
     over = 1.0 / (1.0 + rho)
     weights = [(1.0 - rho) * over, rho * over / (1.0 - rho), rho * over]
     return linear_map(lambda *parts: np.stack(parts, axis=-1), *weights)
 
 
-START_RHO = 0.3  # of a search
+START_RHO = 0.3  # a search begins here
 _DESCRIPTION = "Correlation of samples one usual interval apart; default: unknown"
 
 
 @dataclass(frozen=True, slots=True)
 class AR1Entries:
-    """Entries of `noise:` for this kind."""
+    """The entry `noise:` of this kind may set `rho`."""
 
     rho: Annotated[float, Field(ge=0, lt=1, description=_DESCRIPTION)] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AR1:
-    """AR(1) noise; its unknowns are the sizes of all channels, then the correlations.
+    """Its unknowns are the sigmas of all channels, then their correlations.
 
-    `spacing`: of the samples of each channel; None where they are evenly spaced and all there.
+    `spacing` is None if samples are evenly spaced and none is missing.
     """
 
     levels: White
@@ -207,7 +206,7 @@ class AR1:
         return dataclasses.replace(self, levels=levels, spacing=spacing)
 
     def fixed_values(self) -> Mapping[int, object]:
-        """Return what is fixed of each channel, by index."""
+        """Return given sigmas and correlations by index of the channel."""
         return self.memory.with_sizes(self.levels.known)
 
     def scales(self, theta: Array) -> Array:
@@ -227,7 +226,7 @@ class AR1:
         return np.asarray(constant - 0.5 * (n - 1.0) * np.log(inner) - 0.5 * squares)
 
     def square_weights(self, theta: Array) -> Array | None:
-        """Return weights `(W, K, 3)` where samples are even; see `Noise.square_weights`."""
+        """Return weights `(W, K, 3)`, or None if times are uneven; see `Noise.square_weights`."""
         if self._uneven is not None:
             return None
         weights = _sum_weights(self.memory.values(theta))
@@ -243,7 +242,7 @@ class AR1:
         return self._by_channel(ChannelSpacing.innovations, samples, theta)
 
     def innovations(self, samples: Array, theta: Array) -> Array:
-        """Return errors of the prediction from those before them: `(W, T, K)`, SI."""
+        """Return samples minus their predictions from earlier ones, `(W, T, K)`, SI."""
         predicted = self._by_channel(ChannelSpacing.predicted, samples, theta)
         return predicted * self.scales(theta)[:, None]
 
@@ -259,7 +258,7 @@ class AR1:
     def _by_channel[N](
         self, function: Callable[[ChannelSpacing, Any, Any], N], samples: Any, theta: Any
     ) -> N:
-        """Return what `function` makes of samples over sigma, with rho: `(W, T, K)`, NaN if not seen."""
+        """Apply `function` to samples over sigma and rho by channel, `(W, T, K)`; NaN if missing."""
         sigma, rho = (affine_map(f, theta) for f in (self.scales, self.memory.values))
         values = dual(samples).value
         channels = [*enumerate(self._spacing(values).channels)]
@@ -278,7 +277,7 @@ class AR1:
         return placed
 
     def noise_score(self, residuals: Residuals, theta: Array) -> tuple[Array, Array]:
-        """Return slopes, and the expected curvature, larger where residuals are."""
+        """Return slopes and the expected curvature, increased if residuals are too large."""
         sigma, rho, n = self.scales(theta), self.memory.values(theta), self.levels.sizes
         slopes = np.empty((2, *sigma.shape))
         if self._uneven is None:
@@ -317,7 +316,7 @@ class AR1:
 
     @property
     def _uneven(self) -> Spacing | None:
-        """The spacing, where some channel's own samples are not one interval apart."""
+        """Return the spacing if it is uneven in some channel, and else None."""
         spacing = self.spacing
         return spacing if spacing and any(c.gaps is not None for c in spacing.channels) else None
 
@@ -325,7 +324,7 @@ class AR1:
         return self.spacing or even_spacing(*samples.shape[1:])
 
     def _pairs(self, rho: Array) -> Array:
-        """Information `(W, K, 2, 2)` about the log of sigma, and rho."""
+        """Return the information `(W, K, 2, 2)` on the log of sigma and on rho."""
         spacing = self.spacing or even_spacing(self.levels.n_samples, self.levels.n_channels)
         each = [channel.information(rho[:, k]) for k, channel in enumerate(spacing.channels)]
         return np.stack(each, axis=1)

@@ -1,4 +1,4 @@
-"""The contract of a noise: the distribution of the residuals of some channels, and its unknowns."""
+"""A noise, whose contract is defined here, is the distribution of residuals of some channels."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from bayesdrill.rig.simulators.contract import Simulator
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NoisyChannel:
-    """A channel and what its config says of the noise.
+    """A noisy channel has the noise that its config declares.
 
-    `sigma`: in SI or its prior, with the `start` of a search; `entries`: those that the `kind` of
-    noise brings, None where they are not given.  `factor`: how many SI one unit of the column is.
+    `sigma` is a number, SI, or a prior, for which a search begins at `start`.  `entries` are those
+    that the `kind` of noise defines, None if not given.  `factor` is SI units per unit of the column.
     """
 
     channel: Channel
@@ -34,9 +34,9 @@ class NoisyChannel:
 
 
 class Residuals(Protocol):
-    """Measured minus model at W points of K channels; sums of these are as `Simulator` has them.
+    """Residuals are measured minus modelled values at W points, of K channels.
 
-    No sample is kept for a sum.
+    Sums are those of `Simulator`, which computes them without keeping samples.
     """
 
     @property
@@ -44,13 +44,13 @@ class Residuals(Protocol):
         """Return sums over neighbouring samples `(W, K, 3)`."""
 
     def logs(self, weights: Array) -> Array:
-        """Return sums of logs `(W, K)`."""
+        """Return sums of logs `(W, K)`; see `Simulator.logs`."""
 
     def intervals(self, over: Array, half: Array) -> Array:
-        """Return sums over intervals `(W, K)`."""
+        """Return sums over intervals `(W, K)`; see `Simulator.intervals`."""
 
     def weighted_squares(self, weights: Array) -> Array:
-        """Return sums of squares of the residuals times the noise's own `weights (W, K)`."""
+        """Return sums of squares `(W, K)` of the residuals times `weights (W, K)`."""
 
     @property
     def squares(self) -> Array:
@@ -63,10 +63,10 @@ class Residuals(Protocol):
 
 @dataclass(frozen=True)
 class SimulatorResiduals:
-    """Measured minus model, each sum as it is first asked for.
+    """Residuals of a simulator are evaluated when they are first used.
 
-    `full (W, P)`: parameters of this simulator alone.  Samples are NaN where nothing was measured.
-    `over_scales (W, K)`: sums of squares over the noise's scales, where a kernel has given them.
+    `full (W, P)` has the parameters of this simulator alone.  Samples are NaN where nothing was
+    measured.  `over_scales (W, K)` are weighted sums of squares, if a kernel has computed them.
     """
 
     response: Simulator
@@ -102,72 +102,72 @@ class SimulatorResiduals:
 
 
 class Noise(Protocol):
-    """The noise of K channels, at its unknowns `theta (W, n)` in the order of `unknowns`.
+    """A noise is a density of K channels, given its unknowns `theta (W, n)`, as in `unknowns`.
 
-    `white`: independent samples of the sd `scales`, so that nothing but sums of squares is asked
-    for.  The slopes and `whitened_jacobian` are not asked for where there are `square_weights`.
+    Samples of a `white` noise are independent with the sd `scales`, so sums of squares suffice.
+    Slopes and `whitened_jacobian` are not used if there are `square_weights`.
     """
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
-        """Return its unknowns."""
+        """Return the unknowns, in the order of the columns of `theta`."""
 
     @property
     def white(self) -> bool:
-        """Whether samples are independent and normal."""
+        """Return whether samples are independent and normal."""
 
     def for_length(self, n_samples: int) -> Noise:
         """Return the same noise for a record of another length.
 
-        A noise that can do without some samples also has `with_counts(counts)`: the same where
-        channels have so many each; or, if it matters when they were, `at_times(t, seen)`: the same
-        at times `t (T,)`, where channels were seen `(T, K)`.  Residuals are NaN elsewhere, and stay
-        so when they are whitened.
+        A noise that allows missing samples also has one of two methods.  `with_counts(counts)` gives
+        the noise for these numbers of samples of each channel.  If times matter, `at_times(t, seen)`
+        gives that for times `t (T,)` at which channels were `seen (T, K)`.  Missing residuals are NaN,
+        and remain NaN when they are whitened.
         """
 
     def fixed_values(self) -> Mapping[int, object]:
-        """Return what is fixed of each channel (by index), which a resumed run must share."""
+        """Return fixed values by index of the channel, which must be the same in a resumed run."""
 
     def log_likelihood(self, residuals: Residuals, theta: Array) -> Array:
         """Return the normalised log likelihood of each channel: `(W, K)`."""
 
     def pointwise(self, samples: Any, theta: Any) -> Any:
-        """Return the terms `(W, T, K)` of `log_likelihood`: of each sample given those before it.
+        """Return the log density `(W, T, K)` of each sample given those before it.
 
-        Samples and unknowns are arrays, or both `duals.Dual`: then so are the terms.
+        Samples and unknowns are arrays, or both are `duals.Dual`, and then the result is one, too.
         """
 
     def scales(self, theta: Array) -> Array:
         """Return the standard deviation of a single sample `(W, K)`, SI."""
 
     def square_weights(self, theta: Array) -> Array | None:
-        """Return weights `(W, K, n)` of sums of squares, of which minus half is the log likelihood.
+        """Return weights `(W, K, n)` of sums of squares, or None if such sums do not suffice.
 
-        But for a constant: n is 1 for the sum of squares, or 3 for the sums `Residuals.neighbours`.
-        It is None where these sums are not all that is asked for.
+        Minus half the weighted sum is the log likelihood, up to a constant.  There are n = 1 sums of
+        squares, or the n = 3 sums of `Residuals.neighbours`.
         """
 
     def whiten(self, samples: Array, theta: Array) -> Array:
         """Return whitened residuals `(W, T, K)`, independent and standard normal."""
 
     def innovations(self, samples: Array, theta: Array) -> Array:
-        """Return samples minus their prediction from those before them, if any: `(W, T, K)`, SI."""
+        """Return samples minus their predictions from earlier ones, `(W, T, K)`, SI."""
 
     def whitened_jacobian(self, shifts: Array, theta: Array) -> Array:
-        """Return `shifts` of signals over the noise, `(W, T, K)`.
+        """Return whitened `shifts` of signals, `(W, T, K)`.
 
-        It is linear in `shifts`, and its squares sum to their Fisher information.
+        The result is linear in `shifts`, and its squares sum to the Fisher information on them.
         """
 
     def score(self, samples: Array, theta: Array) -> Array:
-        """Return d log likelihood / d model signal: `(W, T, K)`."""
+        """Return d log likelihood / d signal of the model, `(W, T, K)`."""
 
     def noise_score(self, residuals: Residuals, theta: Array) -> tuple[Array, Array]:
-        """Return slope and curvature of the log likelihood by each of its unknowns.
+        """Return slope and curvature of the log likelihood by the unknowns of the noise.
 
-        Those that are positive count by their log.  The curvature is minus the second derivative,
-        at least the expected one, as a safe step wants.  Both are `(W, n)`, or of the curvature the
-        whole matrix `(W, n, n)`.
+        Derivatives are by the log of positive unknowns.  The curvature is minus the second derivative,
+        and at least its expected value, so that Newton steps are safe.  Both are `(W, n)`; the
+        curvature may also be a matrix `(W, n, n)`.
         """
 
     def expected(self, theta: Array) -> Array:
@@ -178,36 +178,36 @@ class Noise(Protocol):
 
 
 class NoiseKind(Protocol):
-    """A member of the registry."""
+    """Each member of the registry is a class of this kind, which builds noises."""
 
     @property
     def Entries(self) -> type:  # noqa: N802
         """Return the dataclass whose annotated fields are entries of a channel's `noise:`."""
 
     def from_channels(self, channels: Sequence[NoisyChannel], n_samples: int) -> Noise:
-        """Build the noise of all channels that name it; raises `ValueError`."""
+        """Build the noise of all channels that name it; raise `ValueError` for wrong entries."""
 
 
 @dataclass(frozen=True, slots=True)
 class ChannelNumbers:
-    """A number for each channel, `fixed` or None: a column of the noise's unknowns from `first` on."""
+    """Each channel has a number, which is `fixed` or, if None, a column of unknowns from `first` on."""
 
     fixed: tuple[float | None, ...]
     first: int
 
     def __repr__(self) -> str:
-        """Return the text by which results of earlier versions know it."""
+        """Return the text by which results of earlier versions identify the numbers."""
         return f"Numbers(held={self.fixed!r}, first={self.first!r})"
 
     @property
     def free(self) -> list[int]:
-        """Return the channels where it is unknown."""
+        """Return the indices of channels whose number is unknown."""
         return [k for k, value in enumerate(self.fixed) if value is None]
 
     def unknowns(
         self, channels: Sequence[NoisyChannel], letter: str, meaning: str, **declared: Any
     ) -> tuple[Unknown, ...]:
-        """Return the unknown numbers, `<letter>_<channel>`, with what else is `declared` of them."""
+        """Return unknowns `<letter>_<channel>`; further fields of `Unknown` are in `declared`."""
         unknowns = []
         for channel in (channels[k].channel for k in self.free):
             latex = rf"\{letter}_{{{channel.latex}}}"
@@ -226,20 +226,21 @@ class ChannelNumbers:
         return out
 
     def with_sizes(self, sizes: Mapping[int, float]) -> dict[int, object]:
-        """Return what is fixed of each channel, with the sizes that are known."""
+        """Return pairs of a known size, or None, and the fixed number, by index of the channel."""
         return {k: (sizes.get(k), value) for k, value in enumerate(self.fixed)}
 
 
-SCORING_STEPS, SMALL_STEP = 100, 1e-4  # of a fit: at most, and one after which it has arrived
-LARGEST_STEP = 1.0  # of a log, or of a number between two ends
-END_MARGIN = 1e-4  # of the distance of two ends: nearer to an end nothing is to be told
+SCORING_STEPS = 100  # largest number of steps of a fit
+SMALL_STEP = 1e-4  # a fit ends with a step that is not larger
+LARGEST_STEP = 1.0  # bound on a step of a log, or of a number between two ends
+END_MARGIN = 1e-4  # distance that a fit keeps from an end, over that of both ends
 
 
 def fit_noise(noise: Noise, residuals: Residuals, theta: Array) -> Array:
-    """Return the unknowns of a noise `(n,)` fitted to residuals of one walker.
+    """Return the unknowns of a noise `(n,)` fitted to the residuals of one walker.
 
-    By scoring of each unknown by itself from `theta (n,)` on, with steps that are halved until the
-    likelihood rises; within priors and between ends.
+    Scoring starts from `theta (n,)` and takes the diagonal of the curvature alone.  Steps are halved
+    until the likelihood rises, and stay inside the priors.
     """
     plain = np.array([unknown.between is not None for unknown in noise.unknowns], dtype=bool)
     ends = np.array([(u.prior.low, u.prior.high) for u in noise.unknowns]).reshape(-1, 2).T
@@ -267,17 +268,17 @@ def fit_noise(noise: Noise, residuals: Residuals, theta: Array) -> Array:
 
 
 def as_matrix(curvature: Array, theta: Array) -> Array:
-    """Return a curvature by `theta (..., n)` as a matrix, of which the diagonal may be given alone."""
+    """Return a curvature by `theta (..., n)` as a matrix; it may be given by its diagonal."""
     if curvature.ndim > theta.ndim:
         return curvature
     return np.asarray(curvature[..., None] * np.eye(theta.shape[-1]))
 
 
 def pair_matrix(pairs: Array, channel_indices: tuple[list[int], list[int]]) -> Array:
-    """Return the matrix `(..., n, n)` of `pairs (..., K, 2, 2)` of two numbers of each channel.
+    """Return the matrix `(..., n, n)` by unknowns from blocks `pairs (..., K, 2, 2)` by channel.
 
-    `channel_indices` are the channels in which the first, and in which the second is unknown; all
-    first ones come before all second ones.
+    A channel has two numbers.  `channel_indices` lists the channels whose first number is unknown,
+    and those whose second is; the unknowns have this order.
     """
     unknowns = [(k, which) for which, channels in enumerate(channel_indices) for k in channels]
     out = np.zeros((*pairs.shape[:-3], len(unknowns), len(unknowns)))

@@ -1,4 +1,4 @@
-"""Channels of one record with noise of different kinds, each kind by itself."""
+"""Channels of one record may have different kinds of noise, which are independent."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from bayesdrill.basics.duals import linear_map
 from bayesdrill.inference.noise.contract import Noise, Residuals, as_matrix
 from bayesdrill.inference.unknowns import Unknown
 
-UNBOUNDED_HALF = 1e3  # half an interval, over the sd: nothing is beyond its ends
+UNBOUNDED_HALF = 1e3  # half an interval over the sd, so wide that its probability is one
 
 
 @dataclass(frozen=True, slots=True)
 class ChannelNoise:
-    """The noise of some channels; `columns`: which of all they are."""
+    """A kind of noise applies to the channels with indices `columns`."""
 
     noise: Noise
     columns: tuple[int, ...]
 
     def __repr__(self) -> str:
-        """Return the text by which results of earlier versions know it."""
+        """Return the text by which results of earlier versions identify the noise."""
         return f"Part(noise={self.noise!r}, columns={self.columns!r})"
 
 
 def noise_for_record(noise: Noise, t: Array, seen: Flags) -> Noise:
-    """Return the noise at times `t (T,)`, of channels that were `seen (T, K)`; or `ValueError`."""
+    """Return the noise at `t (T,)`, of channels `seen (T, K)`; raise `ValueError` if it needs all."""
     at_times = getattr(noise, "at_times", None)
     if at_times is not None:
         timed: Noise = at_times(t, seen)
@@ -48,11 +48,11 @@ def noise_for_record(noise: Noise, t: Array, seen: Flags) -> Noise:
 
 @dataclass(frozen=True, slots=True)
 class _ChannelResiduals:
-    """Residuals of some channels."""
+    """These are the residuals of the channels `columns`, out of `n_channels`."""
 
     residuals: Residuals
     columns: tuple[int, ...]
-    n_channels: int  # of all
+    n_channels: int
 
     @property
     def squares(self) -> Array:
@@ -68,14 +68,14 @@ class _ChannelResiduals:
         return self.residuals.neighbours[:, self.columns]
 
     def logs(self, weights: Array) -> Array:
-        return self.residuals.logs(self._of_all(weights, 0.0))[:, self.columns]
+        return self.residuals.logs(self._all_channels(weights, 0.0))[:, self.columns]
 
     def intervals(self, over: Array, half: Array) -> Array:
-        scaled = self._of_all(over, 0.0), self._of_all(half, UNBOUNDED_HALF)
+        scaled = self._all_channels(over, 0.0), self._all_channels(half, UNBOUNDED_HALF)
         return self.residuals.intervals(*scaled)[:, self.columns]
 
-    def _of_all(self, numbers: Array, fill: float) -> Array:
-        """Of all channels, as kernels want them; of others what costs them least."""
+    def _all_channels(self, numbers: Array, fill: float) -> Array:
+        """Return numbers of all channels for a kernel, with `fill` for channels of other noises."""
         out = np.full((len(numbers), self.n_channels), fill)
         out[:, self.columns] = numbers
         return out
@@ -86,7 +86,7 @@ class _ChannelResiduals:
 
 @dataclass(frozen=True, slots=True)
 class Mixed:
-    """Noises of several kinds; the unknowns are those of the parts, one after the other."""
+    """A mixed noise has several `parts`, whose unknowns come one after the other."""
 
     parts: tuple[ChannelNoise, ...]
 
@@ -114,12 +114,12 @@ class Mixed:
         return Mixed(tuple(ChannelNoise(noise, part.columns) for noise, part in pairs))
 
     def fixed_values(self) -> Mapping[int, object]:
-        """Return what is fixed of each channel, by index."""
+        """Return fixed values by index of the channel."""
         each = ((p.columns, p.noise.fixed_values()) for p in self.parts)
         return {columns[k]: fixed for columns, values in each for k, fixed in values.items()}
 
     def square_weights(self, theta: Array) -> Array | None:
-        """Return weights of sums of squares, if all parts have some; see `Noise.square_weights`."""
+        """Return weights of sums of squares, or None if a part has none; see `Noise.square_weights`."""
         parts = [(p.columns, p.noise.square_weights(at)) for p, at in self._split(theta)]
         known = [(columns, weights) for columns, weights in parts if weights is not None]
         if len(known) < len(parts):
@@ -172,14 +172,15 @@ class Mixed:
             for part, at in self._split(theta)
         ]
         slopes, curvatures = zip(*parts, strict=True)
-        return np.concatenate(slopes, axis=-1), self._apart(curvatures, theta)
+        return np.concatenate(slopes, axis=-1), self._block_diagonal(curvatures, theta)
 
     def expected(self, theta: Array) -> Array:
         """Return the expected curvature."""
-        return self._apart([part.noise.expected(at) for part, at in self._split(theta)], theta)
+        curvatures = [part.noise.expected(at) for part, at in self._split(theta)]
+        return self._block_diagonal(curvatures, theta)
 
-    def _apart(self, curvatures: Sequence[Array], theta: Array) -> Array:
-        """What the parts know of their own unknowns, `(..., n, n)`."""
+    def _block_diagonal(self, curvatures: Sequence[Array], theta: Array) -> Array:
+        """Return the matrix `(..., n, n)` whose blocks are the curvatures of the parts."""
         out = np.zeros((*theta.shape, theta.shape[-1]))
         first = 0
         for curvature, (_, part_theta) in zip(curvatures, self._split(theta), strict=True):
@@ -199,7 +200,7 @@ class Mixed:
             first += n
 
     def _each[N](self, evaluate: Callable[[ChannelNoise, Any], N], theta: Any) -> N:
-        """Return what is evaluated of every part, its channels in their places."""
+        """Evaluate every part, and return the results in the order of all channels."""
 
         def in_channels(*results: Array) -> Array:
             out = np.empty((*results[0].shape[:-1], self.n_channels))

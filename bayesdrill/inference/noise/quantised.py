@@ -1,8 +1,7 @@
-"""Gaussian noise that was rounded to steps of known size, as encoders and converters do.
+"""Quantised noise is Gaussian and rounded to known steps, as encoders and converters do.
 
-What is known of a sample is the interval that was rounded to its number; its likelihood is the
-probability of that interval, over the step, so that it compares with densities.  Noise may be much
-smaller than a step.
+A sample tells only the interval that was rounded to its value.  Its likelihood is the probability of
+this interval over the step, as for a density.  The noise may be much smaller than a step.
 """
 
 from __future__ import annotations
@@ -23,8 +22,8 @@ from bayesdrill.inference.noise.contract import NoisyChannel, Residuals
 from bayesdrill.inference.noise.white import IndependentNoise, White
 from bayesdrill.inference.unknowns import Unknown
 
-MIN_KERNEL_HALF_STEP = 0.2  # half a step over sigma, from which on kernels have the digits
-MAX_DISTANCE = 9.0  # sigma from the end of an interval: beyond, nothing is left to be known
+MIN_KERNEL_HALF_STEP = 0.2  # half a step over sigma; below, sums of the kernels lose digits
+MAX_DISTANCE = 9.0  # sigmas from the end of an interval, beyond which information is negligible
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(160)
 _LOG_SQRT_2PI = 0.5 * math.log(2 * math.pi)
 _DESCRIPTION = "What was rounded to [unit of the column]"
@@ -32,14 +31,14 @@ _DESCRIPTION = "What was rounded to [unit of the column]"
 
 @dataclass(frozen=True, slots=True)
 class QuantisedEntries:
-    """Entries of `noise:` for this kind."""
+    """The entry `noise:` of this kind needs a `step`."""
 
     step: Annotated[float, Field(ge=SMALLEST, le=LARGEST, description=_DESCRIPTION)] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Quantised(IndependentNoise):
-    """Gaussian noise, rounded to `steps (K,)`, SI; its unknowns are sizes before it is rounded."""
+    """Samples are rounded to `steps (K,)`, SI; the unknowns are sigmas before rounding."""
 
     levels: White
     steps: tuple[float, ...]
@@ -49,7 +48,7 @@ class Quantised(IndependentNoise):
 
     @classmethod
     def from_channels(cls, channels: Sequence[NoisyChannel], n_samples: int) -> Quantised:
-        """Build the noise of these channels; raises `ValueError` where a step is missing."""
+        """Build the noise of these channels; raise `ValueError` if a step is missing."""
         missing = [c.channel.name for c in channels if c.entries.get("step") is None]
         if missing:
             raise ValueError(
@@ -61,11 +60,11 @@ class Quantised(IndependentNoise):
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
-        """Return its unknowns."""
+        """Return the unknown sigmas."""
         return self.levels.unknowns
 
     def fixed_values(self) -> Mapping[int, object]:
-        """Return what is fixed of each channel, by index."""
+        """Return given sigmas and steps by index of the channel."""
         return {k: (self.levels.known.get(k), step) for k, step in enumerate(self.steps)}
 
     def scales(self, theta: Array) -> Array:
@@ -74,9 +73,9 @@ class Quantised(IndependentNoise):
         return np.asarray(np.sqrt(variances))
 
     def log_likelihood(self, residuals: Residuals, theta: Array) -> Array:
-        """Return the log likelihood `(W, K)`, by kernels where steps are not small.
+        """Return the log likelihood `(W, K)`, by kernels unless steps are small.
 
-        Where a step is small beside sigma the difference of tails would be rounded.
+        If a step is small compared with sigma, the kernels' difference of tails would lose digits.
         """
         sigma, steps, n = self.levels.scales(theta), np.array(self.steps), self.levels.sizes
         half = 0.5 * steps / sigma
@@ -85,8 +84,8 @@ class Quantised(IndependentNoise):
         fine = (half < MIN_KERNEL_HALF_STEP).any(axis=1)
         if fine.any():
             terms = self.pointwise(residuals.samples[fine], theta[fine])
-            lost = np.isnan(terms).sum(axis=1) != terms.shape[1] - n  # more than was not seen
-            exact = np.where(lost, np.nan, np.nansum(terms, axis=1))
+            failed = np.isnan(terms).sum(axis=1) != terms.shape[1] - n  # beyond missing samples
+            exact = np.where(failed, np.nan, np.nansum(terms, axis=1))
             log_mass[fine] = np.where(half[fine] < MIN_KERNEL_HALF_STEP, exact, log_mass[fine])
         return np.asarray(log_mass)
 
@@ -96,19 +95,19 @@ class Quantised(IndependentNoise):
         return self._log_mass(samples, scales) - np.log(self.steps)
 
     def whiten(self, samples: Array, theta: Array) -> Array:
-        """Return numbers drawn in the samples' intervals, once: alike for all walkers at any time."""
-        share = np.random.default_rng(0).random(samples.shape[1:])
+        """Return normal numbers drawn inside the samples' intervals, by the same draw for all W."""
+        uniform = np.random.default_rng(0).random(samples.shape[1:])
         sigma, half = self.levels.scales(theta)[:, None], 0.5 * np.array(self.steps)
-        return _Interval((samples - half) / sigma, (samples + half) / sigma).within(share)
+        return _Interval((samples - half) / sigma, (samples + half) / sigma).quantile(uniform)
 
     def whitened_jacobian(self, shifts: Array, theta: Array) -> Array:
-        """Return whitened shifts, averaged over where in its interval a signal is."""
+        """Return whitened shifts `(W, T, K)`, averaged over the position of a signal between steps."""
         sigma = self.levels.scales(theta)
         by_signal, _ = _information(np.array(self.steps) / sigma)
         return np.asarray(shifts * (np.sqrt(by_signal) / sigma)[:, None])
 
     def noise_score(self, residuals: Residuals, theta: Array) -> tuple[Array, Array]:
-        """Return slopes, and the expected curvature, larger where residuals are."""
+        """Return slopes and the expected curvature, increased if residuals are too large."""
         sigma = self.levels.scales(theta)
         slope = np.nansum(self._log_mass(residuals.samples, Dual(sigma, sigma)).slope, axis=1)
         _, size = _information(np.array(self.steps) / sigma)
@@ -128,7 +127,7 @@ class Quantised(IndependentNoise):
         return np.asarray(steps * np.round(noisy / steps))
 
     def _log_mass(self, samples: Any, sigma: Any) -> Any:
-        """Return the log probabilities of intervals about `samples (W, T, K)`, of sigma `(W, K)`."""
+        """Return log probabilities of the intervals about `samples (W, T, K)`, for sigma `(W, K)`."""
         half = 0.5 * np.array(self.steps)
         low, high = (dual((samples + end) / sigma[:, None]) for end in (-half, half))
         interval = _Interval(low.value, high.value)
@@ -141,20 +140,20 @@ class Quantised(IndependentNoise):
 
 @dataclass(frozen=True, slots=True)
 class _Interval:
-    """Of a standard normal number, from `low` to `high`, of any shape."""
+    """An interval of a standard normal number is from `low` to `high`, arrays of any shape."""
 
     low: Array
     high: Array
 
     @property
-    def _near(self) -> tuple[Array, Array]:
-        """Turned into the lower tail, where logs keep their digits: the end next to zero, the other."""
+    def _in_lower_tail(self) -> tuple[Array, Array]:
+        """Return the nearer and farther end from zero, mirrored to the lower tail, to keep digits."""
         right = self.low + self.high > 0
         return np.where(right, -self.low, self.high), np.where(right, -self.high, self.low)
 
     @property
     def log_mass(self) -> Array:
-        near, far = self._near
+        near, far = self._in_lower_tail
         below = scipy.special.log_ndtr(near)
         with np.errstate(divide="ignore"):
             return np.asarray(below + _log_one_minus_exp(scipy.special.log_ndtr(far) - below))
@@ -164,12 +163,12 @@ class _Interval:
         low, high = (np.exp(-0.5 * x**2 - _LOG_SQRT_2PI - log_mass) for x in (self.low, self.high))
         return low, high
 
-    def within(self, share: Array) -> Array:
-        """Where so much of the probability lies below."""
+    def quantile(self, uniform: Array) -> Array:
+        """Return the quantile, inside the interval, at the probabilities `uniform`."""
         right = self.low + self.high > 0
-        near, far = self._near
+        near, far = self._in_lower_tail
         log_tails = scipy.special.log_ndtr(near), scipy.special.log_ndtr(far)
-        part = np.where(right, 1.0 - share, share)  # of what is nearer to zero, as this is turned
+        part = np.where(right, 1.0 - uniform, uniform)
         # A response that is not finite has no quantile, and the result is NaN there.
         with np.errstate(divide="ignore", invalid="ignore"):
             quantile = scipy.special.ndtri_exp(
@@ -179,7 +178,7 @@ class _Interval:
 
 
 def _log_one_minus_exp(log_ratio: Array) -> Array:
-    """log(1 - exp(x)) of x below zero."""
+    """Return log(1 - exp(x)) for x below zero."""
     small = log_ratio > -math.log(2.0)
     with np.errstate(divide="ignore", invalid="ignore"):
         near = np.log(-np.expm1(np.where(small, log_ratio, -1.0)))
@@ -189,10 +188,10 @@ def _log_one_minus_exp(log_ratio: Array) -> Array:
 def _information(ratio: Array) -> tuple[Array, Array]:
     """Return the information of one sample on the signal over sigma, and on the log of sigma.
 
-    It is averaged over where in its interval a signal is, and depends on steps over sigma `(...,)`.
+    `ratio (...,)` is the step over sigma.  Both are averages over the signal's place between steps.
     """
     half = 0.5 * ratio[..., None]
-    first = np.maximum(half - MAX_DISTANCE, 0.0)  # to one side: the other is alike
+    first = np.maximum(half - MAX_DISTANCE, 0.0)  # by symmetry one side suffices
     reach = half + MAX_DISTANCE - first
     x = first + 0.5 * reach * (NODES + 1.0)
     interval = _Interval(x - half, x + half)

@@ -1,7 +1,7 @@
-"""Independent noise with heavy tails: Student's t, known or unknown scale and degrees of freedom.
+"""Student's t noise is independent and has heavy tails; scale and degrees may be unknown.
 
-Now and then a sample is far off, and counts for less the farther it is.  `sigma` is the scale of the
-distribution, which most samples keep to; its standard deviation is larger.
+Outliers occur now and then, and count for less the farther off they are.  `sigma` is the scale of
+the distribution, whose standard deviation is larger.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from bayesdrill.inference.noise.white import IndependentNoise, White
 from bayesdrill.inference.priors import LogUniform
 from bayesdrill.inference.unknowns import Unknown
 
-# Degrees of freedom: below 2 there is no sd, and far above it is Gauss's.
+# Degrees of freedom: below 2 the sd is infinite, and at 100 the distribution is nearly normal.
 MIN_DEGREES, MAX_DEGREES = 2.1, 100.0
-START_DEGREES = 5.0  # of a search
+START_DEGREES = 5.0  # a search begins here
 _DESCRIPTION = "Degrees of freedom; default: unknown"
 
 
@@ -34,14 +34,14 @@ Degrees = Annotated[float, Field(ge=MIN_DEGREES, le=LARGEST, description=_DESCRI
 
 @dataclass(frozen=True, slots=True)
 class StudentTEntries:
-    """Entries of `noise:` for this kind."""
+    """The entry `noise:` of this kind may set `degrees`."""
 
     degrees: Degrees | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StudentT(IndependentNoise):
-    """Student's t noise; its unknowns are the scales of all channels, then the degrees of freedom."""
+    """Its unknowns are the scales of all channels, then their degrees of freedom."""
 
     levels: White
     degrees: ChannelNumbers
@@ -62,7 +62,7 @@ class StudentT(IndependentNoise):
         return cls(levels=levels, degrees=degrees, unknowns=(*levels.unknowns, *own))
 
     def fixed_values(self) -> Mapping[int, object]:
-        """Return what is fixed of each channel, by index."""
+        """Return given scales and degrees by index of the channel."""
         return self.degrees.with_sizes(self.levels.known)
 
     def scales(self, theta: Array) -> Array:
@@ -81,7 +81,7 @@ class StudentT(IndependentNoise):
         return _log_density(samples, *self._each(theta))
 
     def whiten(self, samples: Array, theta: Array) -> Array:
-        """Return whitened residuals by their quantiles, in the tail that is nearer."""
+        """Return normal numbers `(W, T, K)` with the quantiles of the samples, by the nearer tail."""
         scale, nu = self._each(theta)
         tail = scipy.special.stdtr(nu, -np.abs(samples) / scale)
         return np.asarray(-np.sign(samples) * scipy.special.ndtri(tail))
@@ -92,14 +92,13 @@ class StudentT(IndependentNoise):
         return np.asarray(shifts / scale * np.sqrt((nu + 1.0) / (nu + 3.0)))
 
     def noise_score(self, residuals: Residuals, theta: Array) -> tuple[Array, Array]:
-        """Return slopes, and the expected curvature, larger where residuals are."""
+        """Return slopes and the expected curvature, increased if residuals are too large."""
         scale, nu = self._each(theta)
         samples, n = residuals.samples, self.levels.sizes
-        still = np.zeros_like(
-            scale
-        )  # slopes `(2, W, T, K)`: by the log of the scale, and by that of nu
-        moved = Dual(scale, np.stack([scale, still])), Dual(nu, np.stack([still, nu]))
-        by_scale, by_nu = np.nansum(_log_density(samples, *moved).slope, axis=2)
+        zeros = np.zeros_like(scale)
+        # Slopes `(2, W, T, K)` are by the logs of the scale and of the degrees.
+        duals = Dual(scale, np.stack([scale, zeros])), Dual(nu, np.stack([zeros, nu]))
+        by_scale, by_nu = np.nansum(_log_density(samples, *duals).slope, axis=2)
         inflation = np.maximum(1.0, 1.0 + by_scale / n)
         pairs = self._pairs(nu[:, 0]) * inflation[..., None, None]
         slope = np.hstack([by_scale[:, self._free[0]], by_nu[:, self._free[1]]])
@@ -119,14 +118,12 @@ class StudentT(IndependentNoise):
         return list(self.levels.unknown), self.degrees.free
 
     def _each(self, theta: Any) -> tuple[Any, Any]:
-        """Scales and degrees `(W, 1, K)`."""
-        scale, nu = (
-            affine_map(f, theta)[:, None] for f in (self.levels.scales, self.degrees.values)
-        )
-        return scale, nu
+        """Return scales and degrees, `(W, 1, K)` each."""
+        scale, nu = affine_map(self.levels.scales, theta), affine_map(self.degrees.values, theta)
+        return scale[:, None], nu[:, None]
 
     def _pairs(self, nu: Array) -> Array:
-        """Information `(W, K, 2, 2)` about the logs of scale and degrees (Lange and others 1989)."""
+        """Return information `(W, K, 2, 2)` on the logs of scale and degrees (Lange and others 1989)."""
         out = np.empty((*nu.shape, 2, 2))
         out[..., 0, 0] = 2.0 * nu / (nu + 3.0)
         out[..., 0, 1] = out[..., 1, 0] = -2.0 * nu / ((nu + 1.0) * (nu + 3.0))
@@ -137,14 +134,14 @@ class StudentT(IndependentNoise):
 
 
 def _log_density(samples: Any, scale: Any, nu: Any) -> Any:
-    """Return the log density of samples, of arrays or of numbers with slopes."""
+    """Return the log density of samples; arguments are arrays or dual numbers."""
     ratio = samples**2 / (nu * scale**2)
     logs = elementwise(np.log1p, lambda x: 1.0 / (1.0 + x), ratio)
     return _constant(scale, nu) - 0.5 * (nu + 1.0) * logs
 
 
 def _constant(scale: Any, nu: Any) -> Any:
-    """Return the log density of what is not off at all."""
+    """Return the log density of a residual of zero."""
     gammaln, digamma = scipy.special.gammaln, scipy.special.digamma
-    above, below = (elementwise(gammaln, digamma, 0.5 * each) for each in (nu + 1.0, nu))
-    return above - below - 0.5 * log(math.pi * nu) - log(scale)
+    upper, lower = (elementwise(gammaln, digamma, 0.5 * degrees) for degrees in (nu + 1.0, nu))
+    return upper - lower - 0.5 * log(math.pi * nu) - log(scale)

@@ -1,4 +1,4 @@
-"""Independent Gaussian noise, one standard deviation per channel, known or unknown."""
+"""White noise is independent and Gaussian, with a known or unknown standard deviation per channel."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from bayesdrill.inference.unknowns import Unknown
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class White:
-    """White Gaussian noise: `-T/2 log(2 pi sigma^2) - SS / (2 sigma^2)` per channel, SS the misfit.
+    """White noise has the log density `-T/2 log(2 pi sigma^2) - SS / (2 sigma^2)` per channel.
 
-    `known`: sigma of channels (by index) that are given; others come as unknowns.  `counts
-    (K,)`: samples of each channel, where some are missing.
+    SS is the sum of squared residuals.  `known` maps indices of channels to a given sigma, SI; that
+    of others is unknown.  `counts (K,)` are numbers of samples, if some are missing.
     """
 
     n_samples: int
@@ -60,7 +60,7 @@ class White:
         return dataclasses.replace(self, n_samples=n_samples, counts=None)
 
     def with_counts(self, counts: tuple[int, ...]) -> White:
-        """Return the same noise where channels have so many samples each."""
+        """Return the same noise for `counts (K,)` samples of the channels."""
         return dataclasses.replace(self, counts=counts)
 
     @property
@@ -69,7 +69,7 @@ class White:
         return np.array(self.counts or (self.n_samples,) * self.n_channels, dtype=np.float64)
 
     def fixed_values(self) -> Mapping[int, object]:
-        """Return what is fixed of each channel, by index."""
+        """Return the given sigmas by index of the channel."""
         return self.known
 
     def scales(self, theta: Array) -> Array:
@@ -115,7 +115,7 @@ class White:
     def noise_score(self, residuals: Residuals, theta: Array) -> tuple[Array, Array]:
         """Return slopes and curvature by the logs of unknown sigmas.
 
-        Far from the level that fits, the larger of the two curvatures keeps a step in bounds.
+        The larger of actual and expected curvature bounds a step if sigma is far from the best one.
         """
         if not self.unknown:
             return np.zeros_like(theta), np.zeros_like(theta)
@@ -133,7 +133,7 @@ class White:
 
 
 class IndependentNoise:
-    """What noises of samples without a memory share, whose sizes are those of white noise, `levels`."""
+    """Noises with independent samples derive from this class; `levels` holds their sigmas."""
 
     __slots__ = ()
 
@@ -144,11 +144,11 @@ class IndependentNoise:
         return self._with(self.levels.for_length(n_samples))
 
     def with_counts(self, counts: tuple[int, ...]) -> Self:
-        """Return the same noise where channels have so many samples each."""
+        """Return the same noise for `counts (K,)` samples of the channels."""
         return self._with(self.levels.with_counts(counts))
 
     def _with(self, levels: White) -> Self:
-        return dataclasses.replace(self, levels=levels)  # type: ignore[type-var]  # each is one
+        return dataclasses.replace(self, levels=levels)  # type: ignore[type-var]  # subclasses are
 
     def pointwise(self, samples: Any, theta: Any) -> Any:
         """Return the log density `(W, T, K)` of each sample."""
@@ -160,7 +160,7 @@ class IndependentNoise:
         return np.asarray(self.pointwise(moved, Dual(theta, np.zeros_like(theta))).slope)
 
     def square_weights(self, theta: Array) -> None:
-        """Return None: sums of squares are not all; see `Noise.square_weights`."""
+        """Return None, as sums of squares do not suffice; see `Noise.square_weights`."""
 
     def innovations(self, samples: Array, theta: Array) -> Array:
         """Return the samples, which are independent: `(W, T, K)`, SI."""

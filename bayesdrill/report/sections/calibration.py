@@ -1,4 +1,4 @@
-"""A calibration: the verdict, a table, and ranks against chance."""
+"""Report a calibration: the verdict, a table, and ranks against chance."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def calibration_opening(problem: Problem, config: Config) -> str:
 
 
 def describe_calibration(verdict: CalibrationVerdict) -> str:
-    """One sentence."""
+    """Return the verdict in one sentence."""
     if verdict.faults:
         return f"not calibrated: {'; '.join(verdict.faults)}"
     if verdict.doubts:
@@ -59,7 +59,7 @@ def describe_calibration(verdict: CalibrationVerdict) -> str:
 
 
 def calibration_rule(verdict: CalibrationVerdict) -> str:
-    """What the verdict is worth."""
+    """Say how often the verdict is wrong by chance, and when none is given."""
     return (
         f"A right posterior would be found not calibrated in at most {100 * FALSE_ALARM:g} % of such "
         f"studies, all {len(verdict.quantities)} quantities and all intervals taken together. With more "
@@ -69,7 +69,7 @@ def calibration_rule(verdict: CalibrationVerdict) -> str:
 
 
 def describe_refits(verdict: CalibrationVerdict, every: Sequence[Refit]) -> str:
-    """How many went wrong, which, and how."""
+    """Describe the refits that failed: how many, which, and why."""
     if not verdict.not_converged:
         return f"all {verdict.refits} refits converged"
     first = next(refit for refit in every if not refit.converged)
@@ -84,7 +84,7 @@ def describe_refits(verdict: CalibrationVerdict, every: Sequence[Refit]) -> str:
 def calibration_sections(
     judged: CalibrationVerdict, every: Sequence[Refit], ending: str
 ) -> tuple[Section, ...]:
-    """The verdict first; `ending`: of the file of the figure that a page shows."""
+    """Build the sections, the verdict first; `ending`: of the file of the figure that a page shows."""
     says = describe_calibration(judged)
     tone: Tone = "bad" if judged.faults else "doubt" if judged.doubts else "good"
     marks = Badges((Badge(says.split(":")[0], tone),))
@@ -102,7 +102,7 @@ def calibration_sections(
 
 
 def ranks_table(verdict: CalibrationVerdict) -> Table:
-    """The shares of truths in credible intervals with what chance allows."""
+    """Build the table of truths inside credible intervals, with what chance allows."""
     shares = [f"in {100 * i.share:.3g} % interval" for i in verdict.quantities[0].intervals]
     n, lines = max(verdict.band.n, 1), []
     for q in verdict.quantities:
@@ -119,7 +119,7 @@ def ranks_table(verdict: CalibrationVerdict) -> Table:
 
 
 def ranks_csv(names: Sequence[str], refits: Sequence[Refit]) -> str:
-    """A line for each refit: all digits, SI; nothing that depends on when or where it ran."""
+    """Return CSV with a line for each refit: all digits, SI, the same on every machine."""
     keys = [name.replace(" ", "_") for name in names]
     heads = ["refit", "converged", "r_hat", "ess", "steps"]
     heads += [f"{what}_{key}" for what in ("true", "rank") for key in keys]

@@ -16,13 +16,14 @@ from bayesdrill.analysis.causes import (
 )
 from bayesdrill.analysis.edits import lacks
 from bayesdrill.report.doubts import percent
-from bayesdrill.report.section import Plain, Sentences, Table, aligned, build
+from bayesdrill.report.section import Plain, Sentences, Table, aligned, build, listed
 from bayesdrill.report.view import ReportPart
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.models.roles import Roles
 
 WIDER = 2.0  # times what was found, of a prior that is proposed
 SHOWN = 5  # candidates, or unknowns
+AND = ", and "  # after a comma, because the words of a candidate may contain an "and"
 WANDERS = 3.0  # sds: more than by chance, from window to window
 STEPS = (
     "next: bayesdrill map CONFIG --apply NEW writes the config with these lines; map NEW shows whether "
@@ -40,7 +41,7 @@ LOOK = (
 
 
 def describe_causes(causes: Causes | None) -> str:
-    """What would explain what the fit leaves, for a terminal: best first, and what to do."""
+    """Describe what would explain the misfit, the best first, and what to do next."""
     return "\n".join(
         aligned([part.heads, *part.lines], left={0}) if isinstance(part, Table) else part.text
         for part in candidates(causes)
@@ -67,7 +68,7 @@ def candidates(causes: Causes | None) -> tuple[Sentences | Table | Plain, ...]:
         f"{refitted} from the MAP, each with all unknowns free. The best are listed: log Bayes factor "
         "(by Laplace's approximation), gain of the log posterior, and what stays unexplained of each "
         "channel.",
-        f"fit: A is the config with {_listed(best.words)}." if best else "",
+        f"fit: A is the config with {listed(best.words, AND)}." if best else "",
         doubts and f"fit: do not trust the Bayes factor of {doubts}.",
         caution and f"fit: {caution} It names no cause.",
         notes,
@@ -93,7 +94,7 @@ def doubt(doubt: Doubt) -> str:
 def _absorbing(good: Sequence[Cause], best: Cause | None) -> str:
     if best is not None and best.absorbing:
         words = dict(zip(best.parts, best.words, strict=True))
-        absorbing = _listed([words[part] for part in best.absorbing])
+        absorbing = listed([words[part] for part in best.absorbing], AND)
         return (
             f"{absorbing} absorbs what is left, as it does of any misfit, and does not explain it."
         )
@@ -132,23 +133,18 @@ def _candidate_table(causes: Causes) -> Table:
 
 
 def _beside(cause: Cause, best: Cause | None) -> str:
-    """A candidate by what it has otherwise than the `best`, which is called A, if that is shorter."""
+    """Describe a candidate by its difference to the `best`, which is called A, if that is shorter."""
     if best is None:
-        return _listed(cause.words)
+        return listed(cause.words, AND)
     if cause is best:
         return "A"
     pairs = zip(cause.parts, cause.words, strict=True)
     more = [words for part, words in pairs if part not in best.parts]
     less = [w for part, w in zip(best.parts, best.words, strict=True) if part not in cause.parts]
     if len(more) + len(less) >= len(cause.parts):
-        return _listed(cause.words)
+        return listed(cause.words, AND)
     every = {"with": more, "without": less}.items()
-    return f"A {' and '.join(f'{how} {_listed(words)}' for how, words in every if words)}"
-
-
-def _listed(words: Sequence[str]) -> str:
-    *first, last = words
-    return f"{', '.join(first)}, and {last}" if first else last
+    return f"A {' and '.join(f'{how} {listed(words, AND)}' for how, words in every if words)}"
 
 
 def wandering(causes: Causes) -> str:
@@ -182,13 +178,13 @@ def _new(cause: Cause) -> str:
 
 
 def lacking(causes: Causes | None, roles: Roles) -> str:
-    """What the model misses, for a verdict that stands on it; empty where nothing is known."""
+    """Describe what the model lacks, for a verdict on it; empty if nothing is known."""
     best = None if causes is None else causes.best
     return " and ".join(f"{_lacked(n, roles)} ({n})" for n in (best.lacks if best else ()))
 
 
 def instead(explanation: EquivalentExplanation | None, rig: Model) -> Iterable[str]:
-    """A table that may be right after all."""
+    """Yield a sentence if the nominal values with one more effect explain the record."""
     if explanation is None:
         return
     how = "better than" if explanation.lost < 0 else "about as well as"

@@ -1,4 +1,4 @@
-"""Models of one record: the verdict, a table, what predicts, and their figure."""
+"""Compare models of one record: the verdict, a table, predictions, and a figure."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def comparison_sections(
     units: DisplayUnits,
     pictures: Sequence[Picture] = (),
 ) -> tuple[Section, ...]:
-    """In the order in which they are read, of runs or, if there are any, `models`; `rows` in SI."""
+    """Build the sections of `models` if there are any, or else of runs; `rows` are in SI units."""
     drawn = [build("Figures", *pictures, brief=False)] if pictures else []
     differs = differing(layers)
     moved = overlay.overlay_table(layers, [overlay.overlay_shown(row, units) for row in rows])
@@ -89,7 +89,7 @@ COMPARISON_READ = (
 
 
 def comparison_verdict(models: Sequence[RunSummary]) -> Iterator[str]:
-    """Model, noise, or neither; and what makes it doubtful."""
+    """Yield whether model or noise decides, or neither, and what makes that doubtful."""
     decision = decide(models)
     yield f"verdict: {_decided(models, decision)}"
     best = models[decision.best]
@@ -129,7 +129,7 @@ def _decided(models: Sequence[RunSummary], decision: ModelDecision) -> str:
 
 
 def odds(log: float) -> str:
-    """`1200`, or `e^35` where nobody counts."""
+    """Return odds as text, for example `1200`, or `e^35` if they are very large."""
     if log > TIMES:
         return f"e^{log:.0f}"
     value = math.exp(log)
@@ -137,7 +137,7 @@ def odds(log: float) -> str:
 
 
 def comparison_table(models: Sequence[RunSummary]) -> Table:
-    """The most probable first."""
+    """Build the table of models, the most probable first."""
     top = max(model.log_z for model in models)
     order = sorted(range(len(models)), key=lambda k: -models[k].log_z)
     share = probabilities(models)
@@ -169,7 +169,7 @@ def comparison_table(models: Sequence[RunSummary]) -> Table:
 def _against_best[S: (HeldOutScore, LooScore)](
     scores: Sequence[S | None], value: Callable[[S], float], none: str
 ) -> list[str]:
-    """The difference of each to the one of the largest `value`; `none`: of those that have no score."""
+    """Return the difference of each score to the largest; `none`: the text of a missing score."""
     best = max((score for score in scores if score), key=value, default=None)
     cells = []
     for score in scores:
@@ -182,7 +182,7 @@ def _against_best[S: (HeldOutScore, LooScore)](
 
 
 def predicted(models: Sequence[RunSummary]) -> Iterator[str]:
-    """Where scores come from, and why there are none."""
+    """Yield where scores come from, or why there are none."""
     held = {model.name: model.held_out for model in models if model.held_out is not None}
     if held:
         best = max(held, key=lambda name: held[name].score)
@@ -203,7 +203,7 @@ def predicted(models: Sequence[RunSummary]) -> Iterator[str]:
 
 
 def comparison_csv(models: Sequence[RunSummary], rows: Sequence[OverlayRow]) -> str:
-    """A line for each model in the order given: SI, all digits."""
+    """Return CSV with a line for each model in the order given: SI, all digits."""
     channels = list(dict.fromkeys(summary.name for model in models for summary in model.residuals))
     heads = ["model", "unknowns", "converged", "log_evidence", "log_evidence_error", "log_odds"]
     heads += ["probability", "held_out", "held_out_samples", "loo", "loo_refused"]
@@ -274,7 +274,7 @@ def _name(model: RunSummary) -> str:
 
 
 def _odds(panel: Axes, models: Sequence[RunSummary]) -> None:
-    """Against the most probable, on an axis that is straight as long as they are not sure."""
+    """Draw log odds against the most probable model; the axis is linear up to certainty."""
     off = np.array([models[0].log_z - model.log_z for model in models])
     panel.set_xscale("symlog", linthresh=SURE_LOG_ODDS, linscale=0.8)
     panel.axvspan(0.0, SURE_LOG_ODDS, **style.CHANCE)
@@ -302,7 +302,7 @@ def _residual_panel(
     wanted: float,
     label: str,
 ) -> None:
-    """Of each channel a mark for each model; `wanted`: where noise alone would be."""
+    """Draw a mark for each model in each channel; `wanted`: the value of noise alone."""
     log = wanted == 1.0
     least, most = (0.8, 1.25) if log else (-0.1, 0.1)
     values = [value_of(row) for model in models for row in model.residuals]
@@ -348,7 +348,7 @@ EVIDENCE_EXPLAINED = (
 def evidence_sentences(
     evidence: Evidence, priors: Sequence[DiffusePrior], *, converged: bool
 ) -> str:
-    """A line, and one for what makes it doubtful."""
+    """Describe the evidence in a line, and what makes it doubtful in others."""
     lines = [f"log evidence: {evidence_said(evidence)}"]
     if evidence.steps_error:
         lines.append(
@@ -378,7 +378,7 @@ def evidence_sentences(
 
 
 def evidence_said(evidence: Evidence) -> str:
-    """To as many digits as are known."""
+    """Return the evidence as text, with as many digits as its error allows."""
     digits = max(0, min(4, -math.floor(math.log10(max(evidence.error, 1e-4)))))
     return f"{evidence.log_z:.{digits}f} +- {evidence.error:.1g}"
 

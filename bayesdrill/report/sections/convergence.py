@@ -1,4 +1,4 @@
-"""How the searches for the MAP and the walkers went."""
+"""Report the searches for the MAP and the convergence of the ensembles."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def _apart(value: float, other: float) -> bool:
 
 
 def describe_map(mode: Mode, units: DisplayUnits) -> str:
-    """How the searches for the MAP went."""
+    """Describe how the searches for the MAP went."""
     n, same = len(mode.searches), len(mode.highest)
     lines = [
         f"MAP: log posterior {mode.log_posterior:.2f}; {same} of {n} searches reached it within "
@@ -140,7 +140,7 @@ def describe_sampling(sampled: SamplingResult) -> str:
 
 
 def describe_convergence(sampled: SamplingResult) -> str:
-    """Whether the ensembles may be believed."""
+    """Describe whether the ensembles converged, and what is missing if they did not."""
     c = sampled.convergence
     n_ensembles, _, n_walkers, _ = sampled.theta.shape
     lines = [
@@ -238,7 +238,7 @@ def trace_figure(
 def _scale(
     bands: Array, after_burn_in: NDArray[np.bool_], nominal: float | None, prior: Prior | None
 ) -> scales.Scale:
-    """An axis for bands `(3, E, steps)`: all after burn-in, and of burn-in what is not too far."""
+    """Return an axis for bands `(3, E, steps)`: all after burn-in, and the nearer part of burn-in."""
     log = flat_in_logs(prior)
     to, back = (np.log, np.exp) if log else (np.asarray, np.asarray)
     scaled, after = to(bands), to(bands[..., after_burn_in])
@@ -261,7 +261,7 @@ def _thin_looks(n_ensembles: int) -> dict[str, style.Look]:
 
 
 def _ensembles(panel: Axes, steps: NDArray[np.intp], bands: Array) -> None:
-    """Bands `(3, E, steps)` in the numbers of the axis."""
+    """Draw bands `(3, E, steps)`, which are given as positions on the axis."""
     n = bands.shape[1]
     starts = np.unique(np.linspace(0, len(steps), STRETCHES, endpoint=False).astype(np.intp))
     lengths = np.diff(np.append(starts, len(steps)))
@@ -328,7 +328,7 @@ def rank_figure(
     ranks: Sequence[RankHistogram], symbols: Sequence[Symbol], width: float = scales.DOUBLE
 ) -> Figure:
     """Draw how many more draws of an ensemble than expected are below each share, in per cent."""
-    most = 100 * max(max(np.abs(h.away).max(), h.room.max()) / h.draws for h in ranks)
+    most = 100 * max(max(np.abs(h.deviation).max(), h.half_width.max()) / h.draws for h in ranks)
     places = np.pad(SHARES, 1, constant_values=(0, 1))
     with style.styled(width):
         chance = f"{100 * (1 - FALSE_ALARM):g} % of chance, together"
@@ -337,9 +337,9 @@ def rank_figure(
             looks["leaves the band"] = style.OUTSIDE
         figure, panels = build_page(len(ranks), 3, 1.35, width)
         for panel, histogram, symbol in zip(panels, ranks, symbols, strict=True):
-            room = np.pad(100 * histogram.room / histogram.draws, 1)
+            room = np.pad(100 * histogram.half_width / histogram.draws, 1)
             difference_panel(panel, places, (-room, room), float(most))
-            each = zip(histogram.away, histogram.holds, strict=True)
+            each = zip(histogram.deviation, histogram.holds, strict=True)
             for ensemble, (away, holds) in enumerate(each):
                 look = {**ensemble_line(ensemble, THIN), **({} if holds else style.OUTSIDE)}
                 line = np.pad(100 * away / histogram.draws, 1)

@@ -1,4 +1,4 @@
-"""The joint posterior: all marginals of one and of two unknowns, with a legend."""
+"""Draw the joint posterior: all marginals of one and of two unknowns, with a legend."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ CLEAR = 0.1  # of an axis, without numbers at its ends
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CornerLayout:
-    """Margins in inches for each point of the letters, and `across`: letters from panel to panel."""
+    """The layout gives margins in inches per point of the letters, and the pitch `across` in letters."""
 
     across: float
     left: float
@@ -70,7 +70,7 @@ def _label_with_ends(scale: Scale, symbol: Symbol) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CornerPage:
-    """A figure with `panels (n, n)`, None above the diagonal; `shown`: its axes, at most `width` wide.
+    """The page has `panels (n, n)`, None above the diagonal; `shown`: axes, at most `width` wide.
 
     `letters`: of labels, points; `pitch`: inches from panel to panel; `fine`: the factor by which
     lines and marks are thinner than in a large panel.
@@ -207,7 +207,7 @@ REACH = 1.0  # the axis grows by this share of its width at most to show the nom
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CornerColumn:
-    """One unknown on its axis: its draws `(N,)` are at `x`."""
+    """The column is one unknown on its axis, where its draws `(N,)` are at `x`."""
 
     symbol: Symbol
     scale: scales.Scale
@@ -219,7 +219,7 @@ class CornerColumn:
 
     @property
     def ends(self) -> tuple[float, float]:
-        """Where the prior ends on the axis, or infinite."""
+        """Return the ends of the prior on the axis; they may be infinite."""
         if self.prior is None:
             return -math.inf, math.inf
         return float(self.scale(self.prior.low)), float(self.scale(self.prior.high))
@@ -244,7 +244,7 @@ def corner_figure(draws: Array, shown: DisplayedUnknowns, width: float = scales.
 
 
 def _column(x: Array, symbol: Symbol, shown: DisplayedUnknowns) -> CornerColumn:
-    """Its axis has nearly all draws, the mode, and the nominal value if it is not too far."""
+    """Return a column whose axis shows nearly all draws, the MAP, and a near nominal value."""
     name, prior = symbol.name, shown.priors.get(symbol.name)
     nominal, mode, log = shown.nominal.get(name), shown.mode.get(name), flat_in_logs(prior)
     low, high = np.quantile(x, [0.5 - CENTRAL_SHARE / 2, 0.5 + CENTRAL_SHARE / 2]).tolist()
@@ -268,7 +268,7 @@ def _title(column: CornerColumn, interval: Array) -> str:
 
 
 def _points(columns: Sequence[CornerColumn], page: CornerPage) -> None:
-    """Some draws below all panels, as one artist: each rasterised one costs a page of pixels."""
+    """Draw some draws as one artist, because each rasterised artist costs a page of pixels."""
     from matplotlib.lines import Line2D
 
     shown = style.thin(len(columns[0].x), round(POINTS * page.fine**2))
@@ -288,7 +288,7 @@ def _points(columns: Sequence[CornerColumn], page: CornerPage) -> None:
 
 
 def _marginal(panel: Axes, column: CornerColumn, page: CornerPage) -> None:
-    """A histogram of all draws, with bins that end where the prior does, and the prior on its scale."""
+    """Draw a histogram of all draws, whose bins end where the prior does, and the prior to scale."""
     x, scale = column.x, column.scale
     interval = np.array(hdi(column.draws))
     near, far = scale(interval).tolist()

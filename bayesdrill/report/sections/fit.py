@@ -1,4 +1,4 @@
-"""Record and model over time: inputs, channels, and what is left of these."""
+"""Draw record and model over time: inputs, channels and residuals."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from bayesdrill.report.view import Drawing, ReportContext, ReportPart, for_each_
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Signal:
-    """A channel, measured (NaN where it was not) and modelled `(T,)`.
+    """The channel has measured (or NaN) and modelled values `(T,)`.
 
     `predictive (N, T)`: with noise, None where there are no draws; `sigma`: of the noise; `share`: what
     the model leaves, of the channel's spread; NaN where it has none.  `dots`: which samples are drawn
@@ -54,7 +54,7 @@ class Signal:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Course:
-    """A measured input or a friction `(T,)`; `straight` from one sample to the next, or held.
+    """The course is a measured input or a friction `(T,)`, `straight` between samples or held.
 
     Of a friction at the MAP, `band (2, T)`: of draws; it `sticks` between these times.
     """
@@ -68,7 +68,7 @@ class Course:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fit:
-    """The fit of an experiment at times `t (T,)`, each part in the unit of its label.
+    """The fit is that of an experiment at times `t (T,)`, each part in the unit of its label.
 
     `constant`: inputs that do not change; `rubs`: frictions; `label`: of the experiment, where there
     are several.
@@ -90,7 +90,7 @@ def every_fit(
     predictive: Mapping[str, Array] | None = None,
     rubbing: Sequence[Sequence[FrictionMotion]] = (),
 ) -> Iterator[Fit]:
-    """Of each experiment, at the MAP `(D,)` and what it leaves.
+    """Yield the fit of each experiment, at the MAP `(D,)` with its residuals.
 
     `predictive`: `(..., T)` of each channel, SI, by the name that it has among all; `rubbing`: of each
     experiment, or nothing.
@@ -152,9 +152,9 @@ SHOWN_STRETCHES = 20_000  # stretches of a long record, of which a figure is giv
 
 
 def _shown_samples(observation: Observation, models: Array, efforts: Sequence[Array]) -> Indices:
-    """All samples of a record that is not long; else the extremes, in short stretches.
+    """Return all samples of a short record, or else the extremes of short stretches.
 
-    Those of the record, of `models (T, K)`, of what these leave, of inputs, of `efforts (T,)`.
+    Extremes are those of the record, `models (T, K)`, residuals, inputs and `efforts (T,)`.
     """
     experiment = observation.experiment
     if len(experiment.t) <= 4 * SHOWN_STRETCHES:
@@ -197,7 +197,7 @@ DIGITS = 12
 
 
 def prediction_csv(problem: Problem, theta: Array) -> dict[str, str]:
-    """At `theta (D,)`, by the names of files: one, or one with a number for each experiment."""
+    """Return CSV of predictions at `theta (D,)` by file name, a file for each experiment."""
     full, observations = problem.posterior.space.full(theta[None]), problem.observations
     texts = [_prediction(observation, full) for observation in observations]
     return {f"{stem}.csv": text for stem, text in numbered("prediction", texts).items()}
@@ -312,12 +312,12 @@ STICKS: dict[str, Any] = {**style.HATCHED, "hatch": "/////"}
 
 
 def _dots(panel: Axes, x: Array, y: Array) -> None:
-    """So small that they leave something to see of what is behind them."""
+    """Draw samples as dots, smaller for more samples, so that lines behind them stay visible."""
     panel.plot(x, y, **(DOT | {"markersize": min(3.0, max(1.0, 40 / math.sqrt(len(x))))}))
 
 
 def _course(panel: Axes, course: Course, time: scales.Scale, t: Array) -> None:
-    """As the model takes it between samples; where a friction sticks the panel is hatched."""
+    """Draw an input as the model holds it between samples; sticking friction is hatched."""
     u, band = course.values, course.band
     drawn = (extremes if course.straight or band is not None else corners)(u, LINE_POINTS)
     low, high = float(u.min()), float(u.max())

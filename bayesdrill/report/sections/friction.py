@@ -1,4 +1,4 @@
-"""Friction: its laws over speed, and what it can hardly be told from."""
+"""Report friction: its laws over speed, and what it can hardly be distinguished from."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ from bayesdrill.rig.models.roles import InertiaRoles, Roles
 
 
 def effort_symbol(friction: Friction) -> Symbol:
-    """Its own, or one that is made of its name."""
+    """Return the symbol of a friction's effort: its own, or one made of its name."""
     return friction.symbol or own_symbol(
         friction.name, "N*m", None, friction.where or friction.name
     )
 
 
 def speed_symbol(state: str, inertia: InertiaRoles | None, model: Model) -> Symbol:
-    """Of a current or a speed; before a gear it is that of the inertia itself."""
+    """Return the symbol of a current or a speed; before a gear it is the speed of the inertia itself."""
     symbol = model.symbols[state]
     if inertia is None or not inertia.latex:
         return symbol
@@ -54,7 +54,7 @@ def speed_symbol(state: str, inertia: InertiaRoles | None, model: Model) -> Symb
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LawShown:
-    """A friction over its speeds `(G,)`: at the MAP, with its band over draws `(2, G)`.
+    """The law is a friction over speeds `(G,)` at the MAP, with its band over draws `(2, G)`.
 
     Also by nominal values, where all that is unknown of it has one; `seen (T,)`: speeds of the record.
     """
@@ -75,7 +75,7 @@ def laws(
     best: Array,
     draws: Array,
 ) -> Iterator[LawShown]:
-    """Of one experiment, at the MAP `best (D,)` and draws `(N, D)`."""
+    """Yield the friction laws of one experiment, at the MAP `best (D,)` and draws `(N, D)`."""
     rig, space, known = observation.response.model, problem.posterior.space, problem.nominal
     full = space.full(np.vstack([best[None], draws]))
     values = {name: known.get(name, x) for name, x in zip(space.free, best, strict=True)}
@@ -110,7 +110,7 @@ EXPERIMENTS: Mapping[str, str] = {
 
 
 def friction_sentences(study: FrictionConfounding, model: Model) -> str:
-    """A line for each; empty where there is nothing."""
+    """Describe each friction that is confounded or unseen in a line; empty if there is none."""
     alike = (_alike(pair, model) for pair in study.alike)
     return "\n".join([*alike, *(_unseen(law, model) for law in study.unseen)])
 
@@ -173,7 +173,7 @@ def _proposed(name: str, proposals: Sequence[ProposedExperiment], model: Model) 
 
 
 def _about(times: float) -> str:
-    """Two digits, and no powers of ten."""
+    """Return a number as text, with two digits and without a power of ten."""
     return f"{float(f'{times:.2g}'):g}"
 
 
@@ -221,7 +221,7 @@ def _law(panel: Axes, law: LawShown) -> None:
 def _draw_friction(run: ReportContext) -> tuple[Drawing, ...]:
     chain, problem = run.chain, run.problem
     each = zip(problem.observations, chain.friction_motions, strict=False)
-    at = (problem, chain.best, chain.some(BAND_DRAWS))
+    at = (problem, chain.best, chain.thinned(BAND_DRAWS))
     shown = ((rig.label, tuple(laws(rig, rubs, *at))) for rig, rubs in each)
     says = "Each friction against its speed: its law, where the record saw it, and nominal values."
     return for_each_experiment(friction_figure, shown, run.width, says)

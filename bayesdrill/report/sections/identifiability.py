@@ -1,4 +1,4 @@
-"""What a record can show: sentences, tables, profiles, and the spectrum of what is known."""
+"""Report what a record can show: sentences, tables, profiles, and the spectrum of the information."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from bayesdrill.basics.symbols import Symbol, fraction
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.report import scales, style
 from bayesdrill.report.doubts import unbelievable
+from bayesdrill.report.findings import finding_sentences
 from bayesdrill.report.pages import build_page, is_first_column, legend_above
 from bayesdrill.report.section import Picture, Plain, Section, aligned, build, listed
 from bayesdrill.report.sections.friction import friction_sentences
@@ -36,7 +37,7 @@ THROUGH_OTHERS = "by the ends of the others' priors; the record alone does not d
 
 
 def product(names: Sequence[str], exponents: Sequence[float]) -> str:
-    """`k_T r_m^2 / (k_s j_1)`, as one writes it by hand."""
+    """Return a product as one writes it by hand, for example `k_T r_m^2 / (k_s j_1)`."""
     above = [_power(n, e) for n, e in zip(names, exponents, strict=True) if e > 0]
     below = [_power(n, -e) for n, e in zip(names, exponents, strict=True) if e < 0]
     return fraction(above, below, " ")
@@ -62,7 +63,7 @@ def describe_study_point(point: StudyPoint, problem: Problem) -> str:
 
 
 def describe_study(study: IdentifiabilityStudy, rig: Model, reasons: Sequence[str] = ()) -> str:
-    """All that `identify` prints; `reasons`: why a fit, where it is at one, must not be believed."""
+    """Describe all that `identify` prints; `reasons`: why the fit at the point must not be believed."""
     parts = [unbelievable(reasons, converged=False), structure(study), dependence_sentences(study)]
     parts += [] if reasons else [knowledge(study), nuisances(study)]
     parts += [friction_sentences(study.frictions, rig)]
@@ -71,7 +72,7 @@ def describe_study(study: IdentifiabilityStudy, rig: Model, reasons: Sequence[st
 
 
 def structure(study: IdentifiabilityStudy) -> str:
-    """The exact symmetries and what is left."""
+    """Describe the exact symmetries, and what they leave determined."""
     structure = study.structure
     names = structure.names
     if not structure.symmetries and not structure.unexplained:
@@ -108,7 +109,7 @@ def _symmetries(study: IdentifiabilityStudy) -> list[str]:
 
 
 def symmetry(names: Sequence[str], exponents: Exponents) -> str:
-    """One symmetry as a sentence."""
+    """Describe one symmetry in a sentence."""
     groups: dict[int, list[str]] = {}
     for name, exponent in zip(names, exponents, strict=True):
         if exponent:
@@ -126,7 +127,7 @@ def symmetry(names: Sequence[str], exponents: Exponents) -> str:
 
 
 def dependence_sentences(study: IdentifiabilityStudy) -> str:
-    """A sentence for each scale that numbers which are held settle, or would."""
+    """Describe unknowns that depend on fixed values or on priors, in a sentence each."""
     lines = []
     for dependence in study.resting:
         verb = "depends" if len(dependence.unknown) == 1 else "depend"
@@ -142,12 +143,12 @@ def dependence_sentences(study: IdentifiabilityStudy) -> str:
 
 
 def priors_of(names: Sequence[str]) -> str:
-    """Of one or several."""
+    """Name the prior of one unknown, or the priors of several."""
     return f"the {'prior' if len(names) == 1 else 'priors'} of {listed(names)}"
 
 
 def knowledge(study: IdentifiabilityStudy) -> str:
-    """How well parameters and simple products would be known, before sampling."""
+    """Describe how well parameters and simple products would be known, before sampling."""
     opening = (
         "what to expect (Fisher information at "
         f"{study.at}; relative standard deviations; 'alone' is the Cramer-Rao bound of the record "
@@ -163,7 +164,7 @@ def knowledge(study: IdentifiabilityStudy) -> str:
 
 
 def nuisances(study: IdentifiabilityStudy) -> str:
-    """Sensors and starts: how well each would be known, and what it can hardly be told from."""
+    """Describe how well sensors and starts would be known, and what resembles each."""
     if not study.nuisances:
         return ""
     lines = ["sensors and starts (standard deviations, SI):"]
@@ -182,7 +183,7 @@ def nuisances(study: IdentifiabilityStudy) -> str:
 
 
 def remedies(study: IdentifiabilityStudy) -> str:
-    """What would help, the best first."""
+    """Describe which further measurements would help, the best first."""
     helpful = [r for r in study.remedies if r.breaks or r.shrink > 1.05]
     if not helpful:
         return "no single further measurement that was tried would help much"
@@ -203,7 +204,7 @@ def remedies(study: IdentifiabilityStudy) -> str:
 
 
 def summarise_study(study: IdentifiabilityStudy) -> str:
-    """For the start of a run: the symmetries, or that there are none, and where to read on."""
+    """Describe the symmetries at the start of a run, and where to read on."""
     symmetries, rests = _symmetries(study), dependence_sentences(study).splitlines()
     if not symmetries:
         return "\n".join([_of_each(study), *rests])
@@ -216,7 +217,7 @@ def summarise_study(study: IdentifiabilityStudy) -> str:
 
 
 def _of_each(study: IdentifiabilityStudy) -> str:
-    """Where no symmetry hides anything: what the record does not know well, even so."""
+    """Describe what the record determines badly although there is no symmetry."""
     named = list(zip(study.names, study.parameters, strict=True))
     loose = [f"{name} to {percent(known.bound)}" for name, known in named if known.bound > WELL]
     left = [name for name, known in named if known.word != "determined"]
@@ -239,7 +240,7 @@ def _of_each(study: IdentifiabilityStudy) -> str:
 def describe_profiles(
     profiles: Sequence[Profile], study: IdentifiabilityStudy, shown: Sequence[Symbol]
 ) -> str:
-    """One line each, in the units of the symbols `shown`."""
+    """Describe each profile in a line, in the units of the symbols `shown`."""
     named = {symbol.name: symbol.plain_unit for symbol in shown}
     open_ones = {
         name
@@ -270,7 +271,7 @@ def _row(study: IdentifiabilityStudy, known: KnownProduct) -> tuple[str, ...]:
 
 
 def percent(sd_of_log: float) -> str:
-    """A standard deviation of a log, as a share; beyond a factor of ten it says little."""
+    """Return a standard deviation of a log as a percentage; above 1000 % it says little."""
     value = 100.0 * sd_of_log
     if value > 1000:
         return "> 1000 %"
@@ -314,7 +315,7 @@ def profile_figure(
 def _panel(
     panel: Axes, profile: Profile, symbol: Symbol, nominal: float | None, *, log: bool
 ) -> int:
-    """The side on which the nominal value is off the axis: -1, 0 or 1."""
+    """Return the side on which the nominal value is off the axis: -1, 0 or 1."""
     near = profile.loss <= HIGHEST
     first, last = (int(k) for k in np.flatnonzero(near)[[0, -1]])
     shown = slice(max(first - 1, 0), min(last + 2, len(near)))
@@ -434,7 +435,7 @@ def _sections(run: ReportContext, _: Sequence[Picture]) -> Iterator[Section]:
         stand_ins(study, run.problem.model),
         brief=False,
     )
-    physical = "\n".join(judged.findings) or NO_FINDING
+    physical = "\n".join(finding_sentences(judged.findings)) or NO_FINDING
     yield build("Physical consistency of the posterior", physical, brief=False)
 
 

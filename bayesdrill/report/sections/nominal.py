@@ -1,4 +1,4 @@
-"""The posterior against the nominal table, and one experiment against the others."""
+"""Compare the posterior with the nominal table, and one experiment with the others."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ REPEATS_EXPLAINED = (
 
 
 def repeats_sentence(repeats: Sequence[RepeatedProduct], names: Sequence[str]) -> str:
-    """Whether the experiments agree; empty where there are not two that could differ."""
+    """Say whether the experiments agree; empty if there are not two that could differ."""
     if not repeats:
         return ""
     far = [repeat for repeat in repeats if repeat.differs]
@@ -63,7 +63,7 @@ def repeats_sentence(repeats: Sequence[RepeatedProduct], names: Sequence[str]) -
 
 
 def repeats_table(repeats: Sequence[RepeatedProduct], names: Sequence[str]) -> Table:
-    """A line for each product."""
+    """Build a table with a line for each product."""
     labels = dict.fromkeys((label for repeat in repeats for label in repeat.labels), "")
 
     def cells(repeat: RepeatedProduct) -> dict[str, str]:
@@ -90,7 +90,7 @@ VERDICT_EXPLAINED = (
 
 
 def verdict_rule(verdict: Verdict) -> str:
-    """What the verdict is worth."""
+    """Say what the words of the verdict mean."""
     return (
         f"*disagrees*: more than {verdict.limit:.2f} sigma. If the rig were as the table and its "
         f"tolerances say, at most {100 * FALSE_ALARM:g} % of records would show any disagreement, all "
@@ -101,7 +101,7 @@ def verdict_rule(verdict: Verdict) -> str:
 
 
 def verdict_rows(verdict: Verdict) -> tuple[Quantity, ...]:
-    """Products, then parameters that are not among them."""
+    """Return the rows: products, then parameters that are not among them."""
     shown = {quantity.exponents for quantity in verdict.products}
     return (*verdict.products, *(q for q in verdict.parameters if q.exponents not in shown))
 
@@ -131,7 +131,7 @@ def verdict_table(verdict: Verdict) -> Table:
 
 
 def verdict_csv(verdict: Verdict, symbols: Sequence[Symbol]) -> str:
-    """All digits, SI, units by `symbols`; deviation, tolerances, probabilities are fractions."""
+    """Return CSV: all digits, SI, units by `symbols`, and shares as fractions."""
     units = {symbol.name: symbol.unit for symbol in symbols}
     heads = ("quantity", "unit", "nominal", "tolerance_low", "tolerance_high", "mean", "sd")
     more = ("deviation", "tension_sigma", "beyond_tolerance", "sd_ratio", "bits", "verdict")
@@ -214,7 +214,7 @@ def _verdict_file(run: ReportContext) -> str | None:
 
 
 def run_marks(run: ReportContext) -> tuple[Badge, ...]:
-    """Nothing is good about a run that must not be believed; what is bad about it comes first."""
+    """Build the badges of a run; one that must not be believed has no good ones."""
     converged = run.sampled.convergence.converged
     first = Badge("converged", "good") if converged else Badge("not converged", "bad")
     fit = Badge("more than noise is left", "doubt")
@@ -244,7 +244,7 @@ def _table_mark(verdict: Verdict, table: str) -> Badge:
 
 
 def run_verdict(run: ReportContext) -> str:
-    """The whole in a line, then what it rests on; empty where nothing is compared."""
+    """Describe the verdict in a line, then what it rests on; empty if nothing is compared."""
     judged, rig = run.analysis.judged, run.problem.model
     if judged is None:
         return ""
@@ -281,7 +281,7 @@ def verdict_sentences(
     rests: Sequence[DependsOnFixed] = (),
     units: DisplayUnits = SI,
 ) -> str:
-    """The whole in a sentence, then what it rests on, what is not determined and what is pressed.
+    """Say the verdict in a sentence, then what it rests on and what stays undecided.
 
     `believed`: whether the run may be; `records`: of how many experiments it is; `lacking`: what the
     model may miss.
@@ -300,7 +300,7 @@ def verdict_sentences(
 
 
 def no_verdict(*, converged: bool) -> str:
-    """Of a run that must not be believed."""
+    """Describe the verdict of a run that must not be believed."""
     because = "the model does not fit" if converged else "the run did not converge"
     return f"verdict: none, because {because}. The numbers may be wrong."
 
@@ -346,7 +346,7 @@ def verdict_sentence(verdict: Verdict, table: str, records: int = 1) -> str:
 
 
 def _resting(verdict: Verdict, rests: Sequence[DependsOnFixed]) -> list[str]:
-    """What is judged only as far as a number is right that the config holds, or a prior."""
+    """Describe which judgements hold only if a fixed value or a prior is right."""
     judged = [q for q in verdict_rows(verdict) if q.says in JUDGED]
     lines: dict[tuple[str, str], list[str]] = {}
     for dependence in rests:

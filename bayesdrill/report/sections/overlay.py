@@ -1,4 +1,4 @@
-"""Runs over each other: a table, a corner plot, and rows of intervals."""
+"""Show several runs over each other: a table, a corner plot, and rows of intervals."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from bayesdrill.report.style import Axes, Figure
 
 
 def overlay_shown(row: OverlayRow, units: DisplayUnits) -> OverlayRow:
-    """In the unit that its symbol then has."""
+    """Return a row in the unit in which its symbol is shown."""
     factor = units.factor(row.symbol.name)
     return dataclasses.replace(
         row,
@@ -37,7 +37,7 @@ def overlay_shown(row: OverlayRow, units: DisplayUnits) -> OverlayRow:
 
 
 def in_logs(row: OverlayRow, layers: Sequence[PosteriorSummary]) -> bool:
-    """Whether the prior of the first run that has this unknown is flat in its log."""
+    """Return whether the prior of the first run that has this unknown is flat in its log."""
     priors = (
         layer.problem.posterior.space.priors.get(row.symbol.name)
         for layer in layers
@@ -60,7 +60,7 @@ COLUMNS = ("name", "unit", "run", "nominal", "mean", "sd", *HDI_ENDS, "held", "a
 
 
 def overlay_csv(layers: Sequence[PosteriorSummary], rows: Sequence[OverlayRow]) -> str:
-    """A line for each unknown and run that has it, SI, all digits; `apart` is of all runs."""
+    """Return CSV with a line for each unknown of each run: SI, all digits; `apart` is of all runs."""
     lines: list[Sequence[object]] = [COLUMNS]
     for row in rows:
         for layer, place, nominal in zip(layers, row.places, row.nominal, strict=True):
@@ -73,7 +73,7 @@ def overlay_csv(layers: Sequence[PosteriorSummary], rows: Sequence[OverlayRow]) 
 
 
 def doubt(layer: PosteriorSummary) -> str:
-    """What its figures carry, and why it must not be believed."""
+    """Describe the warning of a run, and the reasons not to believe it."""
     because = "".join(f"\n  - {reason}" for reason in layer.reasons)
     return f"{layer.name}: {layer.warning}{because}"
 
@@ -133,7 +133,7 @@ def what_differs(
 
 
 def elided(text: str, most: int) -> str:
-    """Without letters of its middle, where it has more than so many: names differ at their ends."""
+    """Return a text of at most `most` letters, cut in its middle, because names differ at their ends."""
     left = most - 3
     return text if len(text) <= most else f"{text[: left // 2]}...{text[-(left - left // 2) :]}"
 
@@ -143,7 +143,7 @@ MAX_NAME_LETTERS = 48  # letters of a name in a legend
 
 @dataclass(frozen=True, slots=True)
 class RunStyle:
-    """Colours that print as different greys."""
+    """The style of a run has a colour, and those of two runs print as different greys."""
 
     color: str
     linestyle: Any
@@ -153,7 +153,7 @@ class RunStyle:
 
     @property
     def line(self) -> dict[str, Any]:
-        """Options of a line."""
+        """Return the style of a line, as matplotlib takes it."""
         return {"color": self.color, "linestyle": self.linestyle, "linewidth": self.linewidth}
 
 
@@ -186,7 +186,7 @@ MIN_FILLED_SHARE = 0.02  # of an axis that a run fills less of, its histogram wo
 
 @dataclass(frozen=True, slots=True)
 class _Column:
-    """An unknown on the axis that all runs share; `draws` of each run, None where it has none."""
+    """The column is an unknown on an axis that all runs share; `draws` of a run may be None."""
 
     row: OverlayRow
     scale: scales.Scale
@@ -238,7 +238,7 @@ def _column(
 
 
 def _histograms(panel: Axes, column: _Column, fine: float) -> None:
-    """Each as high as its panel: a narrow posterior would dwarf a wide one."""
+    """Draw each density as high as its panel, because a narrow one would dwarf a wide one."""
     for x, ends, look in zip(column.draws, column.ends, RUN_STYLES, strict=False):
         if x is None:
             continue
@@ -319,7 +319,7 @@ def draw_intervals(
     *,
     arrow: bool = True,
 ) -> None:
-    """Where each run has an unknown, the first of the `order` on top; `arrow`: to nominal values."""
+    """Draw the interval of each run, the first of the `order` on top; `arrow`: to nominal values."""
     style.mark_values(panel, scale, row.agreed, arrow=arrow, zorder=1)
     for y, run, look in zip(range(len(order) - 1, -1, -1), order, looks, strict=False):
         estimate, nominal = row.places[run], row.nominal[run]

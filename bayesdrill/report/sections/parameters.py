@@ -1,4 +1,4 @@
-"""The unknowns: their tables, and their priors beside their posteriors."""
+"""Report the unknowns: their tables, and their priors beside their posteriors."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def sandwich_table(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModeRow:
-    """A line of `map.csv`."""
+    """The row is a line of `map.csv`."""
 
     name: str
     unit: str
@@ -143,7 +143,7 @@ def in_words(rows: Sequence[ParameterRow]) -> list[str]:
 
 
 def describe_dependence(priors_of: Mapping[str, tuple[str, ...]]) -> str:
-    """What is known only with the priors of others; empty where nothing is."""
+    """Describe unknowns that are known only with the priors of others; empty if there are none."""
     groups: dict[tuple[str, ...], list[str]] = {}
     for name, others in priors_of.items():
         groups.setdefault(others, []).append(name)
@@ -155,7 +155,7 @@ def describe_dependence(priors_of: Mapping[str, tuple[str, ...]]) -> str:
 
 
 def believed_columns(run: ReportContext, table: Table) -> Table:
-    """Without words for what is known, where it must not be believed."""
+    """Return the table, without its columns of judgements if the run must not be believed."""
     return table.only([head for head in table.heads if not (run.reasons and head in WORDS)])
 
 
@@ -272,7 +272,7 @@ def prior_posterior_figure(
 
 
 def _densities(panel: Axes, scale: scales.Scale, x: Array, prior: Prior) -> None:
-    """The posterior fills its panel; of a prior that it dwarfs the line lies low."""
+    """Draw the posterior as high as its panel; a much wider prior is a low line."""
     u = scale(x)
     across = min(float(BINS), 2.2 * math.cbrt(len(x)))
     edges = np.linspace(float(u.min()), float(u.max()), max(2, round(across)))
@@ -288,7 +288,7 @@ def _densities(panel: Axes, scale: scales.Scale, x: Array, prior: Prior) -> None
 
 
 def prior_ends(prior: Prior, x: Array) -> tuple[float, float]:
-    """All of a prior that has ends; nearly all of one that has none, and of the draws."""
+    """Return the ends of a prior, or else a range of nearly all of it and of the draws."""
     low, high = (float(q) for q in prior.quantile(np.array([TAIL, 1 - TAIL])))
     low = prior.low if prior.low > 0 else min(low, float(x.min()))
     high = prior.high if np.isfinite(prior.high) else max(high, float(x.max()))
@@ -332,7 +332,7 @@ MIN_CORRELATION = 0.5  # of a pair worth showing
 
 @dataclass(frozen=True, slots=True)
 class CorrelatedPair:
-    """Columns of two unknowns and their exponents in one symmetry."""
+    """The pair holds the columns of two unknowns, and their exponents in one symmetry."""
 
     columns: tuple[int, int]
     exponents: tuple[int, int]

@@ -1,4 +1,4 @@
-"""Quantities that follow from the unknowns."""
+"""Report quantities that follow from the unknowns."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def derived_csv(rows: Sequence[DerivedRow]) -> str:
 
 
 def derived_table(rows: Sequence[DerivedRow], meanings: Mapping[str, str]) -> Table:
-    """Of what follows, with its meanings."""
+    """Build the table of derived quantities, with their meanings."""
 
     def cells(row: DerivedRow) -> dict[str, str]:
         part = "" if row.share == 1.0 else f"; {100 * (1 - row.share):.2g} % of the draws have none"
@@ -54,9 +54,9 @@ def derived_table(rows: Sequence[DerivedRow], meanings: Mapping[str, str]) -> Ta
 def derived_shown(
     problem: Problem, names: Sequence[str] | None, draws: Array, derived: Derived, theta: Array
 ) -> tuple[Array, DisplayedUnknowns]:
-    """Of the unknowns `draws (E, N, D)` and what is derived, those of `names`; None: all unknowns.
+    """Select `names` among the unknowns `draws (E, N, D)` and what is derived; None: all unknowns.
 
-    `theta (1, D)` is the MAP.  Draws without a value, and columns of one value alone, are left out
+    `theta (1, D)` is the MAP. Draws without a value, and columns of one value alone, are left out
     of those that are returned, `(N, D)` in the units that are shown.
     """
     symbols, units = (*problem.symbols, *derived.symbols), problem.units

@@ -1,4 +1,4 @@
-"""Residuals against noise: correlations, predictions, and frequency responses."""
+"""Compare residuals with noise: correlations, predictions, and frequency responses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The missing torque: sentences, a table, a file, and its figure over time."""
+"""Report the missing torque: sentences, a table, a file, and a figure over time."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Against:
 
 
 def regressors(torque: TorqueEstimate) -> Iterator[Against]:
-    """Its own speed first, the others, the angle within a turn, the inputs that were measured."""
+    """Yield its own speed first, then other speeds, the angle within a turn, and measured inputs."""
     rig, here = torque.rig, torque.inertia
     for inertia, (name, speed) in zip(torque.turned, torque.speeds, strict=True):
         geared = inertia if inertia.reduction != 1.0 else None
@@ -106,7 +106,7 @@ def torque_sentence(summary: TorqueSummary, rig: Model) -> str:
 
 
 def beside(rig: Model) -> str:
-    """Before anything is sampled, of a rig that is not linear."""
+    """Describe the approximation for a rig that is not linear, before anything is sampled."""
     if not rig.frictions:
         return (
             "missing torque: beside gravity it is an approximation, as if a pendulum were a spring. It "
@@ -120,7 +120,7 @@ def beside(rig: Model) -> str:
 
 
 def strayed(summary: TorqueSummary, rig: Model) -> str:
-    """How good an approximation it was; empty for a linear rig."""
+    """Describe how good the approximation was; empty for a linear rig."""
     every = [course for course in summary.courses if np.isfinite(course.strayed)]
     if not every:
         return ""
@@ -139,7 +139,7 @@ def strayed(summary: TorqueSummary, rig: Model) -> str:
 
 
 def law_sentences(summary: TorqueSummary, rig: Model) -> str:
-    """What the torque follows, a line for each; what it would be in the equations."""
+    """Describe what the torque follows, a line each, and what that would be in the equations."""
     every, torque = summary.follows, rig.roles.motion.torque
     taken = [_line(summary, law, rig) for law in every if law.taken]
     if taken:
@@ -192,7 +192,7 @@ def _follows(summary: TorqueSummary, law: TorqueRegression, rig: Model) -> tuple
 
 
 def stand_ins(study: IdentifiabilityStudy, rig: Model) -> str:
-    """What a missing torque can stand in for, a line for each; empty where there is nothing."""
+    """Describe what a missing torque can replace, a line each; empty if there is nothing."""
     lines = []
     for *others, size in study.scaled:
         every = listed(others)
@@ -225,7 +225,7 @@ def torque_table(summary: TorqueSummary) -> Table:
 
 
 def torque_csv(every: Sequence[TorqueEstimate]) -> str | None:
-    """SI, a line for each sample; None where no torque is missing."""
+    """Return CSV of the torque with a line for each sample, in SI units, or None."""
     if not every:
         return None
     names = list(dict.fromkeys(n for course in every for n in (*course.states, *course.inputs)))

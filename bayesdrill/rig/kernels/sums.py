@@ -37,7 +37,8 @@ class ResidualSums:
     """Sums of squares of residuals, and the base of other sums.
 
     `weights`: how many a walker has for each channel.  Registers carried from sample to sample
-    begin as `start`, one vector each.
+    begin as `start`, one vector each.  Sums of different classes are never equal, so that none
+    is taken for `SQUARES`.
     """
 
     start: tuple[float, ...] = (0.0,)

@@ -119,7 +119,10 @@ class Simulator(ABC):
 
     @abstractmethod
     def sums(self, full: Array, tally: ResidualSums, weights: Array | None = None) -> Array:
-        """Return sums of residuals, `(W, K, n)`, with their `weights (W, K, m)`, if they have some."""
+        """Return sums of residuals `(W, K, n)`: the n registers of a `tally` of `kernels.sums`.
+
+        `weights (W, K, m)`: the m numbers of each channel that the tally asks for, None for m = 0.
+        """
 
     def squares(self, full: Array) -> Array:
         """Return sums of squared residuals `(W, K)`, without storing samples."""

@@ -1,4 +1,4 @@
-"""The registry of optimisers: a file and a line here each, or an entry point `bayesdrill.optimiser`."""
+"""Register the optimisers: add a file and a line here, or an entry point `bayesdrill.optimiser`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The contract of an optimiser."""
+"""Define the contract of an optimiser."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from bayesdrill.inference.unknowns import Coordinates
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Task:
-    """A log density over physical unknowns that is to be maximised.
+    """A task is to maximise a log density over physical unknowns.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class Task:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Optimum:
-    """The best point that was reached from one start.
+    """An optimum is the best point that a search has reached from one start.
 
     Attributes
     ----------
@@ -73,7 +73,7 @@ class Optimum:
 
 
 class Optimiser(Protocol):
-    """The contract of an optimiser: a frozen dataclass with its entries of `map:` as annotated fields.
+    """An optimiser is a frozen dataclass, whose annotated fields are its entries of `map:`.
 
     It only has to come near a maximum, since Gauss-Newton converges to it afterwards.
     """

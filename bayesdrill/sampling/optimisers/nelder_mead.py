@@ -1,4 +1,4 @@
-"""Nelder-Mead on scaled unknowns, restarted with a new simplex until that no longer helps.
+"""Run Nelder-Mead on scaled unknowns, restarted with a new simplex until that no longer helps.
 
 Without scaling the simplex stops too early: a damping of 1e-4 is as small as the default absolute
 tolerance of most libraries.  Here the first steps of a simplex are a tenth of each unknown while a
@@ -28,10 +28,10 @@ type AskTell[T] = Generator[Array, Array, T]
 
 @dataclass(slots=True)
 class SimplexRun:
-    """The progress of a simplex, whose scaled coordinates `x (D,)` mean the point `place(x)`.
+    """A run of a simplex makes at most `most` evaluations, at points `place(x)` of scaled `x (D,)`.
 
-    It makes at most `most` evaluations.  `first` is the value at the start, `lowest` the least so far,
-    at `x`.  `stopped` tells whether the tolerances were met.
+    `first` is the value at the start, and `lowest` the least so far, at `x`.  `stopped` tells whether
+    the tolerances were met.
     """
 
     most: int
@@ -125,13 +125,13 @@ def in_lock_step[T](searches: Sequence[AskTell[T]], function: Callable[[Array], 
 
 
 MAX_STEP = 0.3  # longest first step in a coordinate, as standard deviations may be very long
-FAR_GAIN = 100.0  # in log density: a run that gained more is far from the optimum, where ...
-LOG_STEP = 0.1  # ... the first steps of the simplex are this, in the log of each unknown
+FAR_GAIN = 100.0  # in log density: a run that gained more was far from the optimum
+LOG_STEP = 0.1  # first step of a simplex that is far from the optimum, in the log of each unknown
 
 
 @dataclass(frozen=True, slots=True)
 class NelderMead:
-    """Nelder-Mead with restarts.
+    """The Nelder-Mead method is applied with restarts.
 
     The last restart is the first that gains less than `enough` of the log density.  There are at most
     `per_unknown` evaluations for each unknown.  The defaults only come near a maximum, to which

@@ -2,8 +2,7 @@
 
 The ridge of each maximum is traced.  Then draws of the present proposal are weighted with the
 density, and a Gaussian mixture over the ridges' coordinates is fitted to them.  This adaptive
-importance sampling ends when the mixture no longer improves.  The last draws estimate the posterior
-means without a chain.
+importance sampling ends when the mixture no longer improves.
 """
 
 from __future__ import annotations
@@ -39,18 +38,18 @@ from bayesdrill.sampling.samplers.independence import (
 
 Component = tuple[int, float, Array, Array]  # sheet, weight, mean, root
 
-DRAWS_PER_ROUND = 2400  # draws of the proposal in a round, and ...
-WIDE_FACTOR, WIDE_DRAWS = 1.5, 800  # ... of a proposal with components wider by this factor
-RIDGES_PER_BATCH = 6  # for each that many ridges a round has as many draws again
+DRAWS_PER_ROUND = 2400  # draws of the proposal in a round
+WIDE_FACTOR, WIDE_DRAWS = 1.5, 800  # width of a wider proposal over the first, and draws of it
+RIDGES_PER_BATCH = 6  # these numbers of draws are multiplied by the number of ridges over this
 MAX_TRIES_PER_DRAW = 50  # draws for each that has to be inside the prior
 MAX_ROUNDS = 12  # rounds of drawing and fitting
-FEW_ROUNDS, HOPELESS_DRAWS = 5, 2.0  # rounds after which fewer effective draws end the learning
+FEW_ROUNDS, HOPELESS_DRAWS = 5, 2.0  # after these rounds, fewer effective draws end the learning
 MIN_IMPROVEMENT = 1.04  # ratio of effective shares of two rounds, below which the learning settles
 MIN_EFFECTIVE_SHARE = 0.3  # the learning goes on while a smaller share of the draws is effective
 MIN_TEMPERED_SHARE = 0.1  # the weights are tempered until this share of the draws is effective
 REDRAW_COST = 0.4  # cost of a draw outside the prior, in evaluations of the density
-MAX_ADDED_RIDGES = 4  # times that a ridge is added, unless ...
-GOOD_EFFECTIVE_SHARE = 0.3  # ... this share of the draws is effective
+MAX_ADDED_RIDGES = 4  # largest number of times that ridges are added
+GOOD_EFFECTIVE_SHARE = 0.3  # no ridge is added if this share of the draws is effective
 CENTRE_QUANTILE = 0.9  # a new centre is a draw with a weight above this quantile
 MAX_STRAY_MASS = 0.01  # posterior mass beyond the ends of the ridges, above which they are replaced
 TRAPPING_PENALTY = 20.0  # weight of regions where p/q is large, because walkers stay there for long
@@ -59,19 +58,19 @@ COMPONENT_SCALE = 0.7  # initial width of several components over that of a sing
 INITIAL_TIGHT_SDS = 1.2  # initial width in the tight directions, in standard deviations
 NEGLIGIBLE_RIDGE = 1e-6  # posterior mass below which a ridge is left out
 NEGLIGIBLE_MAXIMUM = 1e-3  # posterior mass below which a maximum is not checked for missed mass
-MAX_COMPONENTS_OF_RIDGE, MAX_COMPONENTS = 4, 32  # of one ridge, and of all
+MAX_COMPONENTS_OF_RIDGE, MAX_COMPONENTS = 4, 32  # numbers of components of a ridge, and of all
 EM_ROUNDS = (12, 6)  # expectation-maximisation iterations in the first round and in later ones
 # Wide components for the tails: weight, and factors on the width along the ridge and across it.
 TAIL_COMPONENTS = ((0.08, 2.0, 1.05), (0.04, 1.2, 1.5))
 
 
 class NoSupportError(ValueError):
-    """Raised if no draw has a posterior density."""
+    """The error is raised if no draw has a posterior density."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LearnedProposal:
-    """A proposal, the `draws` that tested it, and `origin`, the index of each ridge's maximum.
+    """A learnt proposal was tested by `draws`, and its ridges belong to maxima with indices `origin`.
 
     `missed` estimates the posterior mass that the proposal hardly ever reaches.
     """
@@ -114,8 +113,8 @@ def learn(
     for _ in range(max_added_ridges):
         if best.good:
             break
-        # Trace a ridge from a draw of high weight, where p/q is large; it is followed as far as the
-        # draws reach, and replaces the others if these ended too early.
+        # A ridge is traced from a draw of high weight, where p/q is large, as far as the draws reach.
+        # It replaces the others if these ended too early.
         new_parts = [(k, trace(surface, u, rng, draws)) for k, u, draws in _central_draws(last)]
         good_parts = [part for part in parts if part[1].error < USELESS_ERROR]
         parts = new_parts if last.strays > MAX_STRAY_MASS else good_parts + new_parts
@@ -229,16 +228,16 @@ def _central_draws(learning_round: _Round) -> list[tuple[int, Array, tuple[Array
         mode_shares = shares[owner == origin].sum(axis=0)
         if mode_shares.sum() < NEGLIGIBLE_RIDGE:
             continue
-        far = distances(u, mode_shares)
+        sds = distances(u, mode_shares)
         least = np.quantile(mode_shares, CENTRE_QUANTILE)
-        likely = np.flatnonzero(mode_shares >= least)  # if only few draws have a weight, all draws
-        middles.append((origin, u[likely[np.argmin(far[likely])]], (u, mode_shares)))
+        likely = np.flatnonzero(mode_shares >= least)  # all draws if only few have a weight
+        middles.append((origin, u[likely[np.argmin(sds[likely])]], (u, mode_shares)))
     return middles
 
 
 @dataclass(frozen=True, slots=True)
 class _Round:
-    """A proposal and its test by `draws`: `counts` of the mixture and of the wider one."""
+    """A round tests a proposal by `draws`; `counts` are those of the mixture and of the wider one."""
 
     proposal: Proposal
     origin: tuple[int, ...]
@@ -252,13 +251,13 @@ class _Round:
 
     @property
     def weighted_draws(self) -> tuple[Array, Array]:
-        """The draws `(N, D)` that have a density, and their weights, tempered if few are effective."""
+        """Return the draws `(N, D)` with a density, and weights, tempered if few are effective."""
         draws = self.draws.supported()
         return draws.u, draws.tempered(MIN_TEMPERED_SHARE * len(draws.u))
 
     @property
     def strays(self) -> float:
-        """The posterior mass beyond the ends of the ridges that were followed."""
+        """Return the posterior mass beyond the ends of the ridges that were followed."""
         draws, mixture = self.draws.supported(), self.proposal.mixture
         y, shares = responsibilities(mixture, draws.u, draws.weights)
         beyond = 0.0
@@ -279,7 +278,7 @@ class _Round:
 
     @property
     def efficiency(self) -> float:
-        """The effective share of the draws over their cost, with a penalty for trapped mass."""
+        """Return the effective share of the draws over their cost, with a penalty for trapped mass."""
         cost = 1.0 + REDRAW_COST / self.proposal.share_inside
         return self.draws.effective_share / (cost * (1.0 + TRAPPING_PENALTY * self.trapped))
 
@@ -347,8 +346,8 @@ def _several_components(mixture: Mixture, u: Array, weights: Array, random: Rand
         count = int(np.clip(known, 0, most))
         if count == 0:  # too few of the draws are effective, so its components stay
             share = max(float(sheet_weights.sum()), NEGLIGIBLE_RIDGE)
-            of_sheet = np.flatnonzero(mixture.sheet == s)
-            parts += [(s, share, mixture.means[k], mixture.roots[k]) for k in of_sheet]
+            components = np.flatnonzero(mixture.sheet == s)
+            parts += [(s, share, mixture.means[k], mixture.roots[k]) for k in components]
             continue
         points = y[s, mine]
         centre, root = moments(points, sheet_weights)

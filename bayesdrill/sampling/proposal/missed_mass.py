@@ -19,8 +19,8 @@ from bayesdrill.sampling.samplers.independence import Mixture, Proposal, Random,
 from bayesdrill.sampling.samplers.ridge import RidgeMap
 
 ROUNDS = (400, 400, 1600)  # draws of each round; the estimate is that of the last
-FAR_LOG_RATIO = 3.0  # log (p/q) above its typical value at which mass counts as missed, ...
-MAX_MISSED_MASS = 0.01  # ... of which this share of the posterior is negligible
+FAR_LOG_RATIO = 3.0  # log (p/q) above its typical value, from which on mass counts as missed
+MAX_MISSED_MASS = 0.01  # share of the posterior that may be missed
 MIN_EFFECTIVE_SHARE = 0.02  # with fewer effective draws the first round does not decide
 MAX_TRIES_PER_DRAW = 10  # draws for each that has to be inside the prior
 MIN_TEMPERED_SHARE = 0.1  # the weights are tempered until this share of the draws is effective
@@ -50,8 +50,8 @@ def missed_mass(
         if len(draws.u) == 0:
             return 0.0
         ratio = surface.value(draws.u) - proposal.mixture.log_density(draws.u)
-        far = ratio > proposal.typical_log_ratio + FAR_LOG_RATIO
-        missed = float(draws.weights[far].sum())
+        is_missed = ratio > proposal.typical_log_ratio + FAR_LOG_RATIO
+        missed = float(draws.weights[is_missed].sum())
         seen = draws.effective > MIN_EFFECTIVE_SHARE * len(draws.u)
         if k == 0 and seen and missed < MAX_MISSED_MASS:
             break

@@ -25,17 +25,16 @@ from bayesdrill.sampling.samplers.ridge import LocalBasis, RidgeMap
 
 Expand = Callable[[Array, Array], QuadraticModel]
 
-# A direction is tight if its precision is at least this many times the prior's, ...
-TIGHT_RATIO = 100.0
-# ... and this times the root of the largest precision, since the tightest would bend along it.
-STRAIGHT_RATIO = 0.003
-NEAR_END = 1e-6  # of the prior's spread: an unknown this near an end is at it
+# A direction is tight if its precision, over the prior's, is at least this number, and at least this
+# factor times the root of the largest one, since the tightest direction would bend along it.
+TIGHT_RATIO, STRAIGHT_RATIO = 100.0, 0.003
+NEAR_END = 1e-6  # distance over the prior's spread, below which an unknown is at an end
 MIN_NEW_SHARE = 1e-6  # least length of an axis off the separate directions; less is rounding
 MAX_SDS_BEYOND_END = 0.5  # standard deviations that a maximum may lie beyond an end of a prior
 PROBES = 12  # points all over the prior at which flat directions are sought
-NEGLIGIBLE_CURVATURE = 1e-12  # of the largest curvature; less is rounding
+NEGLIGIBLE_CURVATURE = 1e-12  # curvature over the largest, below which it is a rounding error
 KNOWLEDGE_DISCOUNT = 9.0  # divides the precision of loose directions, which may be less elsewhere
-BEYOND_ENDS = 0.1  # of the priors' ranges: points further outside are not used
+BEYOND_ENDS = 0.1  # distance from the priors over their ranges, up to which points are used
 SCATTER_WIDTH = 1.4  # width of the points over the expected width of the posterior
 TRUSTED_EXTRAPOLATION = 2.0  # reach of a fit, in radii of its points, that guides the next stage
 MAX_CORNER_GROWTH = 2.0  # growth of the highest power in corners without a point
@@ -88,7 +87,7 @@ def split_directions(
 
 
 def _orthogonal(separate: Array, unknowns: Indices) -> tuple[Array, list[int]]:
-    """Extend orthonormal columns `separate` by axes of `unknowns`; return which of them were added."""
+    """Return orthonormal columns `separate` with axes of `unknowns`, and those that were added."""
     added: list[int] = []
     for d in map(int, unknowns):
         axis = np.eye(len(separate))[d] - separate @ separate[d]
@@ -125,14 +124,15 @@ def flat_directions(surface: LogDensity, rng: np.random.Generator) -> Array:
 
 MAX_SHRINKINGS, SHRINKING_DRAWS = 14, 200  # divisions of a box by ten, and draws that test each
 STAGES = (0.15, 0.3, 0.5, 0.75, 1.0)  # lengths of the ridge at which it is fitted, as shares of all
-MIN_POINTS, LAST_POINTS, MAX_POINTS = 40, 300, 1600  # of a stage, of the last, and of all
-MAX_HALVINGS = 4  # lengths of a ridge that are tried, each half of the one before, while its ...
-USELESS_ERROR = 5.0  # ... error is above this many standard deviations
+# Least numbers of points of a stage and of the last one, and the largest number of all points.
+MIN_POINTS, LAST_POINTS, MAX_POINTS = 40, 300, 1600
+MAX_HALVINGS = 4  # lengths of a ridge that are tried, each half the previous one
+USELESS_ERROR = 5.0  # error in standard deviations, above which a shorter length is tried
 
 
 @dataclass(frozen=True, slots=True)
 class TracedRidge:
-    """A ridge, and its `error` at held-out points in standard deviations.
+    """A traced ridge has an `error` at held-out points, in standard deviations.
 
     `psi (l,)` and `spread (l, l)` are the initial mean and covariance root of the loose directions.
     """
@@ -158,7 +158,7 @@ def trace(
     still = flat_directions(surface, rng)
     base, known = split_directions(surface, centre, here, still)
     if len(known) == len(centre) and (known > TIGHT_RATIO).any():
-        # The ends of the priors hold nearly all unknowns: these themselves are the loose directions.
+        # Nearly all unknowns are at ends of the priors, so each unknown is a loose direction itself.
         scale = surface.spread
         base = ridge.local_basis(centre, np.diag(scale), len(centre))
         known = np.diag(here.curvature[0]) * scale**2 + (here.slope[0] * scale) ** 2
@@ -168,7 +168,7 @@ def trace(
     else:
         drawn, weights = base.split(weighted_draws[0])[0], weighted_draws[1]
         psi, spread = moments(drawn, weights)
-        # Drawn by the roots of the weights, so that the tails have more points.
+        # Roots of the weights give more points in the tails.
         p = np.sqrt(weights) / np.sqrt(weights).sum()
         cloud = drawn[rng.choice(len(drawn), size=len(drawn), p=p)]
 
@@ -250,8 +250,8 @@ def moments(points: Array, weights: Array) -> tuple[Array, Array]:
     """Return mean and covariance root of weighted `points (N, n)`."""
     share = weights / weights.sum()
     centre = share @ points
-    off = points - centre
-    covariance = (off * share[:, None]).T @ off
+    deviations = points - centre
+    covariance = (deviations * share[:, None]).T @ deviations
     floor = np.diag(1e-9 * np.diag(covariance) + 1e-12)
     return centre, np.linalg.cholesky(covariance + floor)
 

@@ -69,7 +69,7 @@ GAMMA_SPREAD = 1e-5  # relative noise of that scale, so that walkers leave a com
 
 
 class Move(Protocol):
-    """A move of an ensemble, by emcee's contract (`emcee.moves.Move`)."""
+    """A move advances an ensemble, by emcee's contract (`emcee.moves.Move`)."""
 
     def propose(self, model: Any, state: Any) -> tuple[Any, Flags]:
         """Advance all walkers by one step.
@@ -93,7 +93,7 @@ class Move(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class SplitEnsembleMove:
-    """A move of each half of the walkers, split at random, by the positions of the other half.
+    """The move advances each half of the walkers, split at random, by the positions of the others.
 
     `proposal(walkers, others, random)` returns new points `(n, D)` and their log Hastings factors
     `(n,)`.  It is applied in the coordinates of the ridge `along`, if that is given.
@@ -125,7 +125,7 @@ class SplitEnsembleMove:
 
 @dataclass(frozen=True, slots=True)
 class IndependenceMove:
-    """A move of all walkers to draws of a proposal that depends on none of their positions.
+    """The move takes all walkers to draws of a proposal that does not depend on their positions.
 
     In a share `LOCAL_SHARE` of the steps, trapped walkers also take a local step (`step_trapped`).
     """
@@ -237,7 +237,7 @@ def moves_with_weights(
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """The state of an ensemble: `z (W, D)`, `log_p (W,)` and NumPy's legacy tuple `random`.
+    """An ensemble has the state `z (W, D)`, `log_p (W,)` and NumPy's legacy tuple `random`.
 
     The next steps depend on nothing else.
     """
@@ -282,7 +282,7 @@ def advance(
     Without a `proposal` the independence move is left out.  `inside` tells cheaply which points
     `(n, D)` are inside the prior.
     """
-    import emcee  # late: it takes half a second to load
+    import emcee  # imported here, as loading takes half a second
 
     failures = 0
 

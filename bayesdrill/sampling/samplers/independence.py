@@ -1,7 +1,6 @@
 """Fit an independence proposal to weighted draws: a Gaussian mixture over ridge coordinates.
 
-Draws come from the proposal q and from a wider density, so that regions where q is too small show
-up as well.
+Draws come from the proposal q and from a wider density, to show regions where q is too small, too.
 
 A sheet is a ridge with its own coordinates; each component of the mixture belongs to one sheet.  All
 components together are one density over u, normalised except for what the prior cuts off.
@@ -29,10 +28,9 @@ LONG_LOG_RATIO = 2.0  # a walker is trapped if its log (p/q) is this much above 
 
 @dataclass(frozen=True, slots=True)
 class WeightedDraws:
-    """Draws `u (N, D)` with their weights: `log_w = log (p/q)` and `log_q`, `(N,)` each.
+    """Draws `u (N, D)` have the weights `log_w = log (p/q)` and `log_q`, `(N,)` each.
 
-    `log_q` is the log of q over the density from which they were drawn.  Neither p nor q need be
-    normalised, and p may be zero.
+    `log_q` is the log of q over the density of the draws.  Densities need no norm; p may be zero.
     """
 
     u: Array
@@ -41,26 +39,25 @@ class WeightedDraws:
 
     @property
     def weights(self) -> Array:
-        """The normalised importance weights of p, `(N,)`."""
+        """Return the normalised importance weights of p, `(N,)`."""
         return normalised(self.log_q + self.log_w)
 
     @property
     def effective(self) -> float:
-        """The effective number of these draws for p."""
+        """Return the effective number of these draws for p."""
         return effective_count(self.weights)
 
     @property
     def effective_share(self) -> float:
-        """The share of draws from q alone that would be effective for p."""
+        """Return the share of draws from q alone that would be effective for p."""
         ratio, q = np.exp(self.log_w - self.log_w.max()), normalised(self.log_q)
         return float((q @ ratio) ** 2 / (q @ ratio**2))
 
     @property
     def acceptance(self) -> float:
-        """The expected acceptance of independence proposals, E min(1, w(y) / w(x)).
+        """Return the expected acceptance of independence proposals, E min(1, w(y) / w(x)).
 
-        With x drawn from p and y from q, it is the mean of the smaller of two weights over the mean
-        weight.
+        With x from p and y from q, it is the mean of the smaller of two weights over the mean weight.
         """
         order = np.argsort(-self.log_w)
         ratio = np.exp(self.log_w[order] - self.log_w[order[0]])
@@ -70,12 +67,12 @@ class WeightedDraws:
 
     @property
     def trapped(self) -> float:
-        """The share of p where p/q is so large that a walker would be trapped."""
+        """Return the share of p where p/q is so large that a walker would be trapped."""
         return float(self.weights[self.log_w > self.typical_log_ratio + LONG_LOG_RATIO].sum())
 
     @property
     def typical_log_ratio(self) -> float:
-        """The median of log (p/q) over p."""
+        """Return the median of log (p/q) over p."""
         order = np.argsort(self.log_w)
         middle = int(np.searchsorted(np.cumsum(self.weights[order]), 0.5))
         return float(self.log_w[order[min(middle, len(order) - 1)]])
@@ -121,13 +118,13 @@ Inside = Callable[[Array], Flags]
 
 # Weight of draws that the prior cuts off; with 1, nine of ten draws would be cut off in a corner.
 CUT_OFF_FILL = 0.8
-VARIANCE_FLOOR = 1e-4  # of the variance of a sheet's draws, added to that of each component
+VARIANCE_FLOOR = 1e-4  # share of the variance of a sheet's draws that is added to each component's
 LOG_2PI = float(np.log(2.0 * np.pi))
 
 
 @dataclass(frozen=True, slots=True)
 class MixtureDraws:
-    """Draws `u (n, D)` with log |du / dy| `(n,)` and `y (n, D)` on the `sheet (n,)` of each."""
+    """Draws `u (n, D)` have log |du / dy| `(n,)`, and coordinates `y (n, D)` on their `sheet (n,)`."""
 
     u: Array
     jacobian: Array
@@ -141,7 +138,7 @@ class MixtureDraws:
 
 @dataclass(frozen=True, slots=True)
 class Mixture:
-    """A Gaussian mixture over sheets of coordinates.
+    """A Gaussian mixture has its components on sheets of coordinates.
 
     Component k has the index `sheet (K,)` of its sheet and `weights (K,)` with sum 1.  Its `means
     (K, D)` and lower Cholesky factors `roots (K, D, D)` are in the coordinates of its sheet.
@@ -170,7 +167,7 @@ class Mixture:
         return MixtureDraws(u, jacobian, y, self.sheet[component])
 
     def coordinates(self, drawn: MixtureDraws) -> tuple[Array, Array]:
-        """Return `straightened` of this mixture's own draws, whose own sheet need not be computed."""
+        """Return `straightened` of this mixture's draws, which have coordinates on their own sheets."""
         y = np.repeat(drawn.y[None], len(self.sheets), axis=0)
         jacobian = np.repeat(drawn.jacobian[None], len(self.sheets), axis=0)
         for s, sheet in enumerate(self.sheets):
@@ -200,7 +197,7 @@ class Mixture:
         return np.exp(parts - log_q), log_q
 
     def responsibilities(self, y: Array, jacobian: Array, weights: Array) -> Array:
-        """Divide each of `weights (W,)` among the components by their shares: `(K, W)`."""
+        """Return `weights (W,)`, each divided among the components by their shares, `(K, W)`."""
         parts = self.log_parts(y, jacobian)
         shares = np.exp(parts - parts.max(axis=0))
         return np.asarray(shares * (weights / shares.sum(axis=0)))
@@ -230,7 +227,7 @@ def mixture(
     means: Sequence[Array] | Array,
     roots: Sequence[Array] | Array,
 ) -> Mixture:
-    """Build a mixture; `sheet (K,)`, `weights`, `means`, `roots`: see `Mixture`, not normalised."""
+    """Build a `Mixture`, whose `weights (K,)` need not be normalised."""
     weights, means, roots = np.array(weights), np.array(means), np.array(roots)
     weights = weights / weights.sum()
     log_det = np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)
@@ -278,8 +275,8 @@ def _step(
             continue  # there are too few draws for a new mean and covariance
         points = y[current.sheet[k]]
         means[k] = shares[k] @ points / total
-        off = points - means[k]
-        covariance = (off * shares[k][:, None]).T @ off / total
+        deviations = points - means[k]
+        covariance = (deviations * shares[k][:, None]).T @ deviations / total
         with suppress(np.linalg.LinAlgError):  # singular if one draw outweighs all others
             roots[k] = np.linalg.cholesky(covariance + floors[current.sheet[k]])
     return mixture(current.sheets, current.sheet, np.maximum(totals, 1e-12), means, roots)
@@ -306,7 +303,7 @@ MAX_DRAWS_PER_WANTED = 10  # draws in a round for each that is wanted, since few
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """A mixture from which steps are drawn inside the prior.
+    """A proposal draws steps from a mixture, inside the prior.
 
     `share_inside` is the approximate share of the mixture's draws that are inside the prior, and
     `typical_log_ratio` the median of log (p/q) over p.
@@ -342,7 +339,7 @@ class Proposal:
 
 
 class CachedLogDensity:
-    """The log density of a mixture at the walkers, computed anew only for those that have moved."""
+    """A cache keeps the log density of a mixture at the walkers, and updates that of moved ones."""
 
     def __init__(self, mixture: Mixture) -> None:
         self.mixture = mixture

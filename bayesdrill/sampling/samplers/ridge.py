@@ -1,4 +1,4 @@
-"""Coordinates along a ridge, in which a posterior is nearly Gaussian.
+"""Define coordinates along a ridge, in which a posterior is nearly Gaussian.
 
 A record determines some directions well (tight) and others hardly (loose).  The ridge is the
 maximum over the tight directions as a function of the loose ones.  With the unknowns in a fixed
@@ -24,7 +24,7 @@ RANGE_MARGIN = 0.25  # entries of R stay within the range of the fit plus this s
 
 @dataclass(frozen=True, slots=True)
 class Monomials:
-    """Monomials: the first is 1, and each other is an earlier monomial times a variable.
+    """The first of the monomials is 1, and each other is an earlier monomial times a variable.
 
     `products` has the indices (monomial, variable) of all but the first.
     """
@@ -33,7 +33,7 @@ class Monomials:
 
     @property
     def terms(self) -> int:
-        """The number of monomials."""
+        """Return the number of monomials."""
         return 1 + len(self.products)
 
     def evaluate(self, x: Array) -> Array:
@@ -48,7 +48,7 @@ class Monomials:
 def build_monomials(n: int, degree: int) -> Monomials:
     """Build the monomials of `n` variables up to `degree`."""
     products: list[tuple[int, int]] = []
-    last = [(0, 0)]  # each monomial of the degree before, and the largest variable in it
+    last = [(0, 0)]  # each monomial of the previous degree, and the largest variable in it
     for _ in range(degree):
         begin = 1 + len(products)
         pairs = [(m, v) for m, largest in last for v in range(largest, n)]
@@ -59,7 +59,7 @@ def build_monomials(n: int, degree: int) -> Monomials:
 
 @dataclass(frozen=True, slots=True)
 class LocalBasis:
-    """The fixed basis: u = centre + loose psi + tight tau, with columns `(D, l)` and `(D, t)`.
+    """The fixed basis is u = centre + loose psi + tight tau, with columns `(D, l)` and `(D, t)`.
 
     `back (D, D)` is the inverse of the matrix of all columns, `log_volume` the log of its determinant.
     """
@@ -88,13 +88,14 @@ def local_basis(centre: Array, columns: Array, n_loose: int) -> LocalBasis:
     return LocalBasis(centre, columns[:, :n_loose], columns[:, n_loose:], back, volume)
 
 
-# Of a basis and psi `(W, l)`: improves t `(W, t)`, R `(t, t, W)` and log det R `(W,)` of polynomials.
+# A correction takes a basis, psi `(W, l)`, and t `(W, t)`, R `(t, t, W)`, log det R `(W,)` of the
+# polynomials, and returns improved t, R and log det R.
 Correction = Callable[[LocalBasis, Array, Array, Array, Array], tuple[Array, Array, Array]]
 
 
 @dataclass(frozen=True, slots=True)
 class RidgeMap:
-    """A ridge as polynomials of the loose directions.
+    """A ridge map describes a ridge by polynomials of the loose directions.
 
     The polynomials have the coefficients `location (terms, t)` for t and `root (terms, t (t + 1) / 2)`
     for R: the logs of its diagonal, and the entries below it over the diagonal of their column.  Their
@@ -117,7 +118,7 @@ class RidgeMap:
 
     @property
     def n_loose(self) -> int:
-        """The number of loose directions."""
+        """Return the number of loose directions."""
         return int(self.frame.loose.shape[1])
 
     def at(self, psi: Array) -> Array:
@@ -146,8 +147,8 @@ class RidgeMap:
     def along(self, psi: Array) -> tuple[Array, Array, Array]:
         """Return t `(W, t)`, R `(t, t, W)` and log det R `(W,)` at psi `(W, l)`."""
         scaled = ((psi[:, self.bent] - self.middle) / self.width).T
-        far = np.sqrt(np.einsum("lw,lw->w", scaled, scaled))
-        scaled *= self.reach / np.maximum(far, self.reach)
+        radius = np.sqrt(np.einsum("lw,lw->w", scaled, scaled))
+        scaled *= self.reach / np.maximum(radius, self.reach)
         rows = self.powers.evaluate(scaled)
         entries = self.root.T @ rows[: len(self.root)]
         np.clip(entries, self.ends[0][:, None], self.ends[1][:, None], out=entries)
@@ -184,15 +185,14 @@ def fit_ridge(
 ) -> RidgeMap:
     """Fit polynomials to points of a ridge: `psi (N, l)`, `tau (N, t)` and `roots (N, t, t)`.
 
-    They have the given degrees in the components `bent` of psi, all by default.  For `reach` see
-    `RidgeMap`.
+    They have these degrees in the components `bent` of psi, all by default.  See `RidgeMap.reach`.
     """
     bent = np.arange(psi.shape[1]) if bent is None else bent
     psi = psi[:, bent]
     middle = psi.mean(axis=0)
     width = np.maximum(psi.std(axis=0), 1e-12)
-    far = np.sqrt((((psi - middle) / width) ** 2).sum(axis=1)).max()
-    width = width * max(float(far), 1e-12)
+    radius = np.sqrt((((psi - middle) / width) ** 2).sum(axis=1)).max()
+    width = width * max(float(radius), 1e-12)
     scaled = ((psi - middle) / width).T
     # The entries of `RidgeMap.root`: logs of the diagonal, and the rest over their column's diagonal.
     diagonal = np.diagonal(roots, axis1=1, axis2=2)
@@ -219,8 +219,8 @@ def fit_ridge(
 
 def residuals(ridge: RidgeMap, psi: Array, tau: Array, roots: Array) -> Array:
     """Return the distances of points from the fitted ridge, in standard deviations: `(N,)`."""
-    off = np.linalg.solve(roots, (tau - ridge.at(psi))[..., None])[..., 0]
-    return np.asarray(np.linalg.norm(off, axis=1))
+    sds = np.linalg.solve(roots, (tau - ridge.at(psi))[..., None])[..., 0]
+    return np.asarray(np.linalg.norm(sds, axis=1))
 
 
 def root_residuals(ridge: RidgeMap, psi: Array, tau: Array, roots: Array) -> Array:
