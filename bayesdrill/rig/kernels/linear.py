@@ -28,7 +28,7 @@ from dataclasses import dataclass
 from llvmlite import ir
 
 from bayesdrill.basics.duals import Dual, dual, where
-from bayesdrill.rig.kernels.exponential import OTHER_WEIGHT, Layout, WeightKinds, number
+from bayesdrill.rig.kernels.exponential import Layout, Pattern, number
 from bayesdrill.rig.kernels.lanes import (
     F64,
     INT_VEC,
@@ -58,12 +58,13 @@ from bayesdrill.rig.kernels.transitions import (
 )
 
 # G groups of LANES walkers; T samples, N knots (samples, and others behind the last); q directions;
-# nodes of the table; rungs of the ladder from its width on; 1 where signals are stored, and else 0.
+# nodes of the table; rungs of the ladder from its width on, -1 where all spans are in the table;
+# 1 where signals are stored, and else 0.
 COUNTS = ("groups", "samples", "knots", "directions", "nodes", "high", "stored")
 BLOCKS = {
     "own": VECTORS,  # (G, numbers of `LinearShape.parts`, then `LinearShape.weights`)
-    "along": VECTORS,  # (G, q, numbers of `LinearShape.parts`): slopes
-    "numbers": NUMBERS,  # width of the ladder; constant inputs; start and rows, where all share them
+    "along": VECTORS,  # (G, q, numbers of `LinearShape.sloped`): slopes
+    "numbers": NUMBERS,  # width of the ladder; constant inputs
     "spans": NUMBERS,  # of nodes
     "chained": WHOLE,  # of nodes: 1 where one is the node before and a width
     "node": WHOLE,  # (N,) of the step from each knot
@@ -78,7 +79,6 @@ BLOCKS = {
 SCRATCH = ("table", "states", "rungs", "planes", "before", "trace")
 SIGNALS, SUMS, NORMAL, INNOVATIONS = "signals", "sums", "normal", "innovations"
 ROWS = 64  # of a chunk
-EVEN, UNEVEN = "even", "uneven"  # times of channels that are late
 FARTHEST = 2.0**40  # steps of a delay that count
 JOINED = 4  # samples of a step of large matrices; ROWS are whole steps
 
@@ -87,30 +87,26 @@ JOINED = 4  # samples of a step of large matrices; ROWS are whole steps
 class LinearShape:
     """The structure of a record, for which a kernel is specialised.
 
-    `rows (K, X + 1)`: weights of states, and offsets, see `weight_kinds`.  `own`: whether walkers have
-    starts and rows of their own.  `late (K,)`: channels that are, at `times` that are even or not.
-    `table`: whether there are several distinct steps; `shares`: whether some are longer than those.
-    `gaps`: samples without a number.  `output`: sums as `tally` has them, or normal equations of white
-    noise or of noise that remembers; a kernel of sums of squares, or of normal equations, has signals
-    too.  `slopes`: in directions.
+    `rows (K, X)`: which states a channel shows; their weights, and offsets, are numbers of walkers.
+    `late (K,)`: which channels are late.  `uneven`: whether steps differ, or there is none.
+    `output`: sums as `tally` has them, or normal equations of white noise or of noise that remembers;
+    a kernel of sums of squares, or of normal equations, has signals too.  `slopes`: whether numbers
+    carry slopes; `sensed`: whether starts and rows do, as those of perfect sensors never do.
     """
 
     layout: Layout
-    rows: WeightKinds
-    own: bool
+    rows: Pattern
     late: tuple[bool, ...]
-    times: str
-    table: bool
-    shares: bool
-    gaps: bool
+    uneven: bool
     output: str
     tally: ResidualSums | None
     slopes: bool
+    sensed: bool
 
     @property
     def text(self) -> str:
         """See `compile_kernel`."""
-        flags = (self.own, self.late, self.times, self.table, self.shares, self.gaps, self.slopes)
+        flags = (self.late, self.uneven, self.slopes, self.sensed)
         return f"{self.rows} {flags} {self.output} {self.tally} {self.layout.text}"
 
     @property
@@ -121,7 +117,7 @@ class LinearShape:
     @property
     def joined(self) -> int:
         """Samples of a step: of large matrices, products of several samples at once take less."""
-        plain = self.layout.large and not (self.table or self.shares or any(self.late))
+        plain = self.layout.large and not (self.uneven or any(self.late))
         return JOINED if plain else 1
 
     @property
@@ -139,28 +135,26 @@ class LinearShape:
 
     @property
     def parts(self) -> dict[str, int]:
-        """Numbers of a walker that may have slopes."""
+        """Numbers of a walker, see `sloped`."""
         x, k = self.layout.n_states, self.channels
-        parts = {"parameters": self.layout.n_parameters}
-        if self.own:
-            parts |= {"start": x, "rows": k * (x + 1)}
+        parts = {"parameters": self.layout.n_parameters, "start": x, "rows": k * (x + 1)}
         return parts | ({"before": x, "delay": k} if any(self.late) else {})
 
     @property
+    def sloped(self) -> int:
+        """How many of these, the first, have slopes where numbers do."""
+        return sum(self.parts.values()) if self.sensed else self.layout.n_parameters
+
+    @property
     def weights(self) -> int:
-        """Numbers of a walker that have none: weights of a tally, or scales of residuals."""
+        """Numbers of a walker that never have slopes: weights of a tally, or scales of residuals."""
         each = self.tally.weights if self.tally is not None else 0
         return self.channels * {NORMAL: 1, INNOVATIONS: 3}.get(self.output, each)
 
     @property
-    def ladder(self) -> bool:
-        """Whether there are spans that are not in the table."""
-        return self.shares or (any(self.late) and self.times == UNEVEN)
-
-    @property
     def single_chunk(self) -> bool:
         """Whether all samples are one chunk: each direction is done before the next begins."""
-        return self.tally is not None or any(self.late) or self.table
+        return self.tally is not None or any(self.late) or self.uneven
 
     def scratch(self, counts: Mapping[str, int]) -> tuple[int, ...]:
         """Return the vectors of each part of `SCRATCH`, of a run with these `COUNTS`."""
@@ -169,8 +163,8 @@ class LinearShape:
         copies = 1 if self.single_chunk else directions
         rows = counts["samples"] if self.single_chunk else ROWS
         normal = self.tally is None
-        late = x if self.times == UNEVEN else sum(self.late)
-        rungs = MAX_RUNGS * len(table_entries(self.layout)) if self.ladder else 0
+        late = x if self.uneven else sum(self.late)
+        rungs = MAX_RUNGS * len(table_entries(self.layout)) if counts["high"] >= 0 else 0
         trace = counts["knots"] * late if any(self.late) else 0
         table = copies * counts["nodes"] * self.table_numbers
         planes = (count * rows * k * normal, count * k * 2 * normal)
@@ -274,9 +268,7 @@ class _Writer:
         assert tally is not None
         y, count = self.measured(sample, k), tally.count
         weights = b.read_row(b.offset(self.weights, k * tally.weights), tally.weights)
-        known = Sample(b.fsub(y, value), None, weights)
-        if self.shape.gaps:
-            known = Sample.from_measured(b, known.residual, y, weights)
+        known = Sample.from_measured(b, b.fsub(y, value), y, weights)
         mine = slice(k * count, (k + 1) * count)
         return [*totals[: mine.start], *tally.add(b, totals[mine], known), *totals[mine.stop :]]
 
@@ -354,7 +346,7 @@ class _Walker:
         bases = [w.mine]
         if shape.slopes:
             row = b.add(b.mul(w.group, w.a["directions"]), direction)
-            bases.append(b.offset(w.a["along"], row, sum(shape.parts.values())))
+            bases.append(b.offset(w.a["along"], row, shape.sloped))
         self.bases = tuple(bases)
         copy = integer(0) if shape.single_chunk else direction
         self.transitions = Transitions(
@@ -371,39 +363,33 @@ class _Walker:
         """Load the numbers of a part."""
         sizes = self.shape.parts
         first = sum([*sizes.values()][: [*sizes].index(name)])
-        parts = [self.b.read_row(self.b.offset(base, first), sizes[name]) for base in self.bases]
-        return self.kind.shaped([value for part in parts for value in part])
+        values, *slopes = [
+            [Vector(self.b, value) for value in self.b.read_row(at, sizes[name])]
+            for at in (self.b.offset(base, first) for base in self._bases_of(first))
+        ]
+        return [*map(Dual, values, *slopes)] if slopes else values
 
-    def _shared(self, first: int, count: int) -> list[Number]:
-        """Load numbers behind the constant inputs."""
-        first += 1 + self.w.layout.n_constants
-        return [number(self.b, self.w.a["numbers"], first + i) for i in range(count)]
+    def _bases_of(self, first: int) -> tuple[ir.Value, ...]:
+        """Return where values and, if there are any, slopes of the numbers from `first` on stand."""
+        return self.bases if first < self.shape.sloped else self.bases[:1]
 
     def _rows(self) -> list[dict[int, Number]]:
-        """Return the entries of each channel's row that are not zero, by state; X is the offset's."""
-        count, shape = self.x + 1, self.shape
-        numbers = (
-            self.numbers("rows") if shape.own else self._shared(self.x, shape.channels * count)
-        )
+        """Return the entries of each channel's row by state; number X is the offset."""
+        numbers, count = self.numbers("rows"), self.x + 1
         return [
-            {
-                i: numbers[k * count + i]
-                if kind == OTHER_WEIGHT
-                else Vector(self.b, vector(float(kind)))
-                for i, kind in enumerate(kinds)
-                if kind != 0
-            }
-            for k, kinds in enumerate(shape.rows)
+            {i: numbers[k * count + i] for i in range(count) if i == self.x or shows[i]}
+            for k, shows in enumerate(self.shape.rows)
         ]
 
     def prepare(self) -> None:
         """Store the transition matrices, the start, and rows of channels that are late."""
         b, a, shape = self.b, self.w.a, self.shape
-        if shape.ladder:
-            self.transitions.fill_ladder(a["high"])
-        chained = a["chained"] if shape.shares else None
+        if shape.uneven:
+            with b.if_then(b.icmp_signed(">=", a["high"], 0)):
+                self.transitions.fill_ladder(a["high"])
+        chained = a["chained"] if shape.uneven else None
         self.transitions.fill_table(a["nodes"], a["spans"], chained)
-        start = self.numbers("start") if shape.own else self._shared(0, self.x)
+        start = self.numbers("start")
         self.kind.put_row(start, self.state)
         if shape.joined > 1:
             self.transitions.join_steps(self.joined, self.rows, shape.joined)
@@ -411,7 +397,7 @@ class _Walker:
             return
         delay = self.numbers("delay")
         self.delays = {k: delay[k] for k in self.late}
-        if shape.times == EVEN:
+        if not shape.uneven:
             span = number(b, a["spans"], 0)
             self.late_rows, self.offsets = {}, {}
             for k in self.late:
@@ -463,7 +449,7 @@ class _Walker:
 
     def _advance(self, first: ir.Value, rows: ir.Value, totals: Values, *, shows: bool) -> Values:
         b, a, kind, shape = self.b, self.w.a, self.kind, self.shape
-        step = None if shape.table else self.transitions.step(self.transitions.table, 0)
+        step = None if shape.uneven else self.transitions.step(self.transitions.table, 0)
         begin = kind.flat(kind.row(self.state, self.x))
         steps = Loop(b, rows, [*begin, *totals], "steps")
         state, totals = kind.shaped(steps.carried[: len(begin)]), steps.carried[len(begin) :]
@@ -474,7 +460,7 @@ class _Walker:
                 totals = self.show(knot, steps.index, k, self._seen(k, state), totals)
         if self.late:
             self._trace(knot, state, drive)
-        if shape.shares:
+        if shape.uneven:
             state, drive = self._share(b.single(a["share"], knot), state, drive)
         here = step or self.transitions.step(self.transitions.table, b.single(a["node"], knot))
         new = kind.flat(here(state, drive))
@@ -518,8 +504,7 @@ class _Walker:
     def _seen(self, k: int, state: State, *, offset: bool = True) -> Number:
         """Return what channel k shows of a state, with its offset or without."""
         terms = [(weight, state[i]) for i, weight in self.rows[k].items() if i < self.x]
-        zero = Vector(self.b, vector(0.0))
-        return sum_products(self.rows[k].get(self.x, zero) if offset else zero, terms)
+        return sum_products(self.rows[k][self.x] if offset else self.kind.zero(), terms)
 
     def show(self, sample: ir.Value, row: Integer, k: int, value: Number, totals: Values) -> Values:
         """Add what channel k shows of a sample to the sums, or store it in a row of the planes."""
@@ -535,7 +520,7 @@ class _Walker:
     def _trace(self, knot: ir.Value, state: State, drive: InputHold) -> None:
         """Keep what late channels show at even times, or the state from which they follow."""
         kept = state
-        if self.shape.times == EVEN:
+        if not self.shape.uneven:
             entries = [*state, Vector(self.b, vector(1.0)), *drive.inputs, *drive.slopes]
             kept = []
             for k in self.late:
@@ -553,7 +538,7 @@ class _Walker:
         begins = {k: self._seen(k, start) for k in self.late}
         rates = {k: self._seen(k, before, offset=False) for k in self.late}
         first = ir.Constant(INT_VEC, [0] * LANES)
-        carried = [first for _ in self.late] if shape.times == UNEVEN else []
+        carried = [first for _ in self.late] if shape.uneven else []
         samples = Loop(b, w.a["samples"], [*carried, *totals], "late")
         totals = samples.carried[len(carried) :]
         t, places = Vector(b, b.shared(w.a["t"], samples.index)), []
@@ -561,7 +546,7 @@ class _Walker:
             when = t - self.delays[k]
             early = dual(when).value.below(0.0)
             straight = begins[k] + when * rates[k]
-            if shape.times == EVEN:
+            if not shape.uneven:
                 place = b.sub(b.splat(samples.index), self.offsets[k])
                 last = b.splat(b.sub(w.a["knots"], 1))
                 inside = b.select(b.icmp_signed("<", place, last), place, last)

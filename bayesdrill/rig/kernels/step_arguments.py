@@ -42,9 +42,8 @@ class SteppedShape:
     `series`: sampled inputs, of which `late` have a lag of each walker; `constant`: those that are
     constant and not zero; `pattern (K, R)`: entries of rows that may differ from zero, over states,
     one and (where `efforts`) what frictions do.  `tally`: None for signals, which a kernel of sums of
-    squares stores too.  `dual`: with slopes.
-    `read`: channels have times of their own.  `single`: a sample at each step.  `gaps`: samples
-    without a number.
+    squares stores too.  `dual`: numbers have slopes.  `read`: channels have times of their own.
+    `single`: a sample at each step.
     """
 
     model: Model
@@ -58,7 +57,6 @@ class SteppedShape:
     read: bool
     single: bool
     efforts: bool
-    gaps: bool
 
     @property
     def text(self) -> str:

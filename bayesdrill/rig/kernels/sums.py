@@ -15,12 +15,12 @@ from bayesdrill.rig.kernels.lanes import INT_VEC, VEC, Builder, Values, Vector, 
 class Sample:
     """One sample of a channel.
 
-    `residual`: zero in lanes that have not `observed` it (None: all have); `weights`: the
-    channel's.
+    `observed`: whether there is a number; the `residual` is zero where there is none.  `weights`:
+    those of the channel.
     """
 
     residual: ir.Value
-    observed: ir.Value | None
+    observed: ir.Value
     weights: Sequence[ir.Value]
 
     @classmethod
@@ -69,12 +69,11 @@ class _Neighbours(ResidualSums):
         residual, observed = sample.residual, sample.observed
         fresh = b.fcmp_unordered("uno", first, first)
         step = b.select(fresh, vector(0.0), b.fsub(residual, last))
-        if observed is not None:
-            fresh, step = b.and_(fresh, observed), b.select(observed, step, vector(0.0))
+        fresh, step = b.and_(fresh, observed), b.select(observed, step, vector(0.0))
         return [
             b.fma(residual, residual, squares),
             b.fma(step, step, steps),
-            residual if observed is None else b.select(observed, residual, last),
+            b.select(observed, residual, last),
             b.select(fresh, residual, first),
         ]
 
@@ -178,7 +177,7 @@ class _Intervals(ResidualSums):
         near: ir.Value,
         middle: ir.Value,
         half: ir.Value,
-        observed: ir.Value | None,
+        observed: ir.Value,
     ) -> Values:
         product, powers, logs = totals
         zero, minus = vector(0.0), vector(-0.5)
@@ -189,8 +188,7 @@ class _Intervals(ResidualSums):
         there = b.fmul(_tail(b, far), b.exp(b.fmul(b.fmul(middle, half), vector(-2.0))))
         outside = b.fmul(b.exp(log), b.fadd(here, there))
         mass = b.select(beyond, b.fsub(here, there), b.fsub(vector(1.0), outside))
-        if observed is not None:
-            mass = b.select(observed, mass, vector(1.0))
+        mass = b.select(observed, mass, vector(1.0))
         return [*_times(b, product, powers, mass), b.fadd(logs, b.select(beyond, log, zero))]
 
 

@@ -336,10 +336,7 @@ class Writer:
         assert tally is not None
         first, count = k * tally.weights, tally.count
         weights = [b.read(self.walker["weight"], first + n) for n in range(tally.weights)]
-        if self.shape.gaps:
-            each = Sample.from_measured(b, residual.value, self.measured(sample, k).value, weights)
-        else:
-            each = Sample(residual.value, None, weights)
+        each = Sample.from_measured(b, residual.value, self.measured(sample, k).value, weights)
         return tally.add(b, totals[k * count : (k + 1) * count], each)
 
     def write_signal(self, sample: ir.Value, k: int, value: Number) -> None:

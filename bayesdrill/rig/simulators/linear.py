@@ -19,15 +19,13 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.duals import Dual, dual, linear_map
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.kernels.compiling import Kernel, compile_kernel
-from bayesdrill.rig.kernels.exponential import OTHER_WEIGHT, present, weight_kinds
+from bayesdrill.rig.kernels.exponential import present
 from bayesdrill.rig.kernels.lanes import LANES
 from bayesdrill.rig.kernels.linear import (
-    EVEN,
     INNOVATIONS,
     NORMAL,
     SIGNALS,
     SUMS,
-    UNEVEN,
     LinearShape,
     write_linear,
 )
@@ -113,10 +111,6 @@ class Response(Unstepped):
         return padded
 
     @cached_property
-    def _gaps(self) -> bool:
-        return bool(np.isnan(self._padded).any())
-
-    @cached_property
     def _samples(self) -> Any:
         """Where the samples are among the knots: a slice copies faster."""
         at = self._grid.at[1:] if self.sensors.lead else self._grid.at
@@ -132,28 +126,22 @@ class Response(Unstepped):
     @cached_property
     def _structure(self) -> LinearShape:
         """The structure of rig, sensors and times, which every output has."""
-        g, own = self._grid, not self.sensing.empty
-        # Where some channel may have an offset, all have: one kernel for all sets of them.
-        rows = np.column_stack([self.sensors.weights, np.full(len(self._late), float(own))])
-        kinds = np.where(rows != 0.0, OTHER_WEIGHT, 0) if own else rows
         return LinearShape(
             layout=input_layout(self.sensors.observed_model, self.experiment),
-            rows=weight_kinds(kinds.astype(np.float64)),
-            own=own,
+            rows=tuple(map(tuple, (self.sensors.weights != 0.0).tolist())),
             late=self._late,
-            times=UNEVEN if any(self._late) and not g.uniform else EVEN,
-            table=len(g.spans) > 1,
-            shares=g.width > 0.0,
-            gaps=False,
+            uneven=not self._grid.uniform,
             output=SUMS,
             tally=SQUARES,
             slopes=False,
+            sensed=False,
         )
 
     def _shape(self, output: str, tally: ResidualSums | None, *, slopes: bool) -> LinearShape:
         if output == SIGNALS:  # which kernels of these store too
             output, tally = (NORMAL, None) if slopes else (SUMS, SQUARES)
-        return replace(self._structure, gaps=self._gaps, output=output, tally=tally, slopes=slopes)
+        sensed = slopes and not self.sensing.empty
+        return replace(self._structure, output=output, tally=tally, slopes=slopes, sensed=sensed)
 
     @cached_property
     def _known(self) -> dict[tuple[Any, ...], Any]:
@@ -173,11 +161,8 @@ class Response(Unstepped):
     @cached_property
     def _shared(self) -> dict[str, Array]:
         """Numbers that all walkers share, the nodes of the grid, and the record."""
-        g, weights = self._grid, self.sensors.weights
-        constants = present(self.experiment.constant).values()
-        start = [self.experiment.start.get(name, 0.0) for name in self.model.states]
-        rows = np.column_stack([weights, np.zeros(len(weights))])
-        numbers = np.array([g.width or g.usual, *constants, *start, *rows.ravel()])
+        g, constants = self._grid, present(self.experiment.constant).values()
+        numbers = np.array([g.width or g.usual, *constants])
         return {"numbers": numbers, "spans": g.spans, "chained": g.chained, "y": self._padded}
 
     def _knots(self, ahead: int) -> dict[str, int]:
@@ -216,18 +201,34 @@ class Response(Unstepped):
 
     @cached_property
     def _high(self) -> int:
-        """Rungs of the ladder from its width on: they reach over the longest step."""
+        """Rungs of the ladder from its width on: of late channels they reach over the longest step."""
         g = self._grid
+        if not any(self._late):
+            return 0 if g.width > 0.0 else -1
         longest = float(np.diff(g.t[:-1]).max(initial=0.0))
-        return int(longest / (g.width or g.usual)).bit_length() if any(self._late) else 0
+        return int(longest / (g.width or g.usual)).bit_length()
 
     # What it is told of walkers.
+
+    @cached_property
+    def _known_numbers(self) -> Array:
+        """Start and rows of perfect sensors, `(X + K (X + 1),)`."""
+        weights = self.sensors.weights
+        start = [self.experiment.start.get(name, 0.0) for name in self.model.states]
+        return np.append(start, np.column_stack([weights, np.zeros(len(weights))]))
+
+    def _beside_known(self, parameters: Any) -> Any:
+        """Return the numbers `(W, n)` of walkers behind perfect sensors, with the slopes they have."""
+        values, known = dual(parameters).value, self._known_numbers
+        numbers = np.empty((len(values), values.shape[1] + len(known)))
+        numbers[:, : values.shape[1]], numbers[:, values.shape[1] :] = values, known
+        return Dual(numbers, parameters.slope) if isinstance(parameters, Dual) else numbers
 
     def _walkers(self, full: Array | Dual) -> tuple[Any, int]:
         """Return the numbers of walkers `(W, n)`, and knots ahead of the last that they look at."""
         walkers = ObservedWalkers(self.sensors, full)
         if self.sensing.empty:
-            return walkers.parameters, 0
+            return self._beside_known(walkers.parameters), 0
         if not self.sensing.shifts:
             return walkers.numbers, 0
         delay = self.sensors.channel_delays(full)

@@ -187,7 +187,6 @@ class Stepped(Simulator):
                 constant=tuple(present(experiment.constant)),
                 first_order=experiment.first_order and bool(w.inputs),
                 pattern=tuple(map(tuple, (rows != 0).tolist())),
-                gaps=tally is not None and bool(np.isnan(w.padded).any()),
                 tally=tally,
                 **kind,
             )
