@@ -48,10 +48,10 @@ LABEL_FIELDS = ("name", "channel", "label", "parameter")  # fields that name a r
 def field_descriptions(kind: type) -> dict[str, dict[str, str]]:
     """Parse descriptions and units from lines such as `size: the diameter [m]` of a docstring."""
     lines = map(FIELD_LINE.fullmatch, (inspect.getdoc(kind) or "").splitlines())
-    found = [
+    described = [
         {key: text for key, text in line.groupdict().items() if text} for line in lines if line
     ]
-    parts = {line.pop("name"): line for line in found}
+    parts = {line.pop("name"): line for line in described}
     return {field.name: parts.get(field.name, {}) for field in dataclasses.fields(kind)}
 
 
