@@ -58,9 +58,9 @@ def test_its_names_have_symbols_and_entries_of_a_config(name: str) -> None:
     assert {*rig.parameters} <= {*words.parameters} == entries
     assert {*rig.states} <= {*words.states}
     assert {*rig.inputs} <= {*words.inputs} <= {*sections["inputs"].annotation.model_fields}
-    shared = {*rig.parameters, *rig.offers, *rig.states}
-    whole = RIGS.get(f"{rig.name} with all", rig)  # names of an added mode are declared too
-    known = {*whole.symbols} if rig.has_private_names else shared
+    whole = RIGS.get(f"{rig.name} with all", rig)  # states of an added mode are declared too
+    shared = {*rig.parameters, *rig.offers, *whole.states}
+    known = {*rig.symbols} if rig.has_private_names else shared
     assert {symbol.name for symbol in rig.declares} <= known
     fields = {field.name for field in dataclasses.fields(kind)} - {"added"}
     assert fields == {*entries_of(kind)} <= {*ModelSpec.model_fields}
