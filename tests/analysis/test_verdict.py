@@ -255,3 +255,10 @@ def test_tolerances_are_given_by_a_number_or_by_symbol() -> None:
 def test_a_tolerance_that_is_no_share_of_a_known_symbol_is_rejected(entry: object) -> None:
     with pytest.raises(ValidationError):
         tolerances(entry)
+
+
+def test_a_value_that_a_stuck_walker_repeats_leaves_the_bits_gained_finite() -> None:
+    random = np.random.default_rng(0)
+    prior, logs = random.normal(size=20_000), random.normal(scale=0.125, size=4_000)
+    repeated = np.concatenate([logs, np.full(2_000, logs[0])])
+    assert 0 < bits_gained(repeated, prior) < 6

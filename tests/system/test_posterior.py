@@ -7,6 +7,7 @@ import json
 from pathlib import Path
 from types import SimpleNamespace
 
+import h5py
 import numpy as np
 import pytest
 import xarray
@@ -16,6 +17,7 @@ from support.finished_runs import FIGURES, FILES, FinishedRun
 
 import bayesdrill as bd
 from bayesdrill.output_files import POSTERIOR, dumps_checksummed, loads_checksummed
+from bayesdrill.results.run_folder import seal
 from bayesdrill.sampling.proposal import learning
 from bayesdrill.tasks import pipeline
 
@@ -171,6 +173,27 @@ def test_a_run_that_did_not_converge_says_so(unconverged: FinishedRun) -> None:
     run = unconverged.json
     assert (run["status"], run["converged"], run["steps"]) == ("finished", False, 700)
     assert command_line.cli("report", unconverged.folder, "--processes", "1").status == 3
+
+
+def test_a_stuck_walker_keeps_a_run_from_being_believed(copy: FinishedRun) -> None:
+    """The last log density of a walker of each ensemble is raised, so that it accepts no proposal.
+
+    R-hat, autocorrelation times and effective draws are content with the chain that goes on.
+    """
+    with h5py.File(copy.folder / "chain.h5", "r+") as file:
+        for k in range(4):
+            last = file[f"ensemble_{k}"]["chain"][-1]
+            middle = np.argmin(np.abs(last / np.median(last, axis=0) - 1).max(axis=1))
+            file[f"ensemble_{k}"]["log_prob"][-1, middle] += 1e6
+            seal(file[f"ensemble_{k}"])
+    command_line.replace_text(copy.config, "ess: 100, max_steps: 500", "ess: 8000, max_steps: 1200")
+    result = command_line.posterior(copy.config, copy.folder, "--resume")
+    assert result.status == 3, result.text
+    assert "4 of 32 walkers (1 in ensemble 0, 1 in ensemble 1" in result.out
+    assert "stuck: the longest did not move for" in result.out
+    assert copy.json["steps"] == 1200
+    assert len(copy.json["reasons"]) == 1
+    assert "stuck" in (copy.folder / "summary.md").read_text()
 
 
 def test_a_parameter_pressed_against_the_end_of_its_prior_is_noted(tmp_path: Path) -> None:
