@@ -63,7 +63,7 @@ from bayesdrill.rig.kernels.transitions import (
 COUNTS = ("groups", "samples", "knots", "directions", "nodes", "high", "stored")
 BLOCKS = {
     "own": VECTORS,  # (G, numbers of `LinearShape.parts`, then `LinearShape.weights`)
-    "along": VECTORS,  # (G, q, numbers of `LinearShape.sloped`): slopes
+    "along": VECTORS,  # (G, q, numbers of `LinearShape.with_slopes`): slopes
     "numbers": NUMBERS,  # width of the ladder; constant inputs
     "spans": NUMBERS,  # of nodes
     "chained": WHOLE,  # of nodes: 1 where one is the node before and a width
@@ -135,19 +135,19 @@ class LinearShape:
 
     @property
     def parts(self) -> dict[str, int]:
-        """Numbers of a walker, see `sloped`."""
+        """Return how many numbers each part of a walker has, in their order."""
         x, k = self.layout.n_states, self.channels
         parts = {"parameters": self.layout.n_parameters, "start": x, "rows": k * (x + 1)}
         return parts | ({"before": x, "delay": k} if any(self.late) else {})
 
     @property
-    def sloped(self) -> int:
-        """How many of these, the first, have slopes where numbers do."""
+    def with_slopes(self) -> int:
+        """Return how many of these numbers, from the first on, have slopes in a kernel with slopes."""
         return sum(self.parts.values()) if self.sensed else self.layout.n_parameters
 
     @property
     def weights(self) -> int:
-        """Numbers of a walker that never have slopes: weights of a tally, or scales of residuals."""
+        """Return how many of its numbers never have slopes: weights of a tally, scales of residuals."""
         each = self.tally.weights if self.tally is not None else 0
         return self.channels * {NORMAL: 1, INNOVATIONS: 3}.get(self.output, each)
 
@@ -346,7 +346,7 @@ class _Walker:
         bases = [w.mine]
         if shape.slopes:
             row = b.add(b.mul(w.group, w.a["directions"]), direction)
-            bases.append(b.offset(w.a["along"], row, shape.sloped))
+            bases.append(b.offset(w.a["along"], row, shape.with_slopes))
         self.bases = tuple(bases)
         copy = integer(0) if shape.single_chunk else direction
         self.transitions = Transitions(
@@ -371,7 +371,7 @@ class _Walker:
 
     def _bases_of(self, first: int) -> tuple[ir.Value, ...]:
         """Return where values and, if there are any, slopes of the numbers from `first` on stand."""
-        return self.bases if first < self.shape.sloped else self.bases[:1]
+        return self.bases if first < self.shape.with_slopes else self.bases[:1]
 
     def _rows(self) -> list[dict[int, Number]]:
         """Return the entries of each channel's row by state; number X is the offset."""
