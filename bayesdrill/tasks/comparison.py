@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -219,9 +218,8 @@ def _record(problem: Problem) -> dict[str, str]:
     digests, records = {}, provenance.records(problem)
     whole = {observation.label for observation in problem.posterior.likelihood.held_out}
     for observation in problem.all_observations:
-        label, held = observation.label, observation.experiment.held_out
-        apart = "" if held is None else hashlib.sha256(held.tobytes()).hexdigest()[:6]
-        held_out = f", held out {apart}" if apart else ""
+        label = observation.label
+        held_out = "" if observation.experiment.held_out is None else ", some samples held out"
         held_out += ", held out as a whole" if label in whole else ""
         digests[label] = f"{records[label]} of {', '.join(observation.experiment.names)}{held_out}"
     return digests

@@ -98,6 +98,7 @@ def test_a_run_that_has_seen_what_another_holds_out_is_of_another_record(runs: P
     message = "this run is of another record, and odds compare models of one record"
     assert_refused(result, f"{runs / 'whole'}: {message}")
     assert_refused(result, "with `bayesdrill report`. The record is 101 samples")
+    assert_refused(result, ", some samples held out in ")
     assert not (runs / "out").exists()
     assert evidence(runs / "whole") > evidence(runs / "given")
 
