@@ -10,7 +10,7 @@ import dataclasses
 import functools
 import types
 import typing
-from collections.abc import Hashable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from typing import Annotated, Any, cast
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
@@ -99,10 +99,19 @@ def _about(hint: Any) -> str:
     return next((text for text in (*reversed(descriptions), *inner) if text), "").rstrip(".")
 
 
-def member_section[B: Strict](
-    name: str, base: type[B], key: str, members: Mapping[str, type]
+def with_member_entries[B: Strict](
+    key: str, members: Mapping[str, type]
+) -> Callable[[type[B]], type[B]]:
+    """Return a decorator of a section: it adds the optional entries of all members.
+
+    The entry `key` of the section names a member.
+    """
+    return lambda section: _with_member_entries(section, key, members)
+
+
+def _with_member_entries[B: Strict](
+    base: type[B], key: str, members: Mapping[str, type]
 ) -> type[B]:
-    """Return `base` with the optional entries of all members; its entry `key` names a member."""
     key_field = base.model_fields[key]
     named = Field(
         key_field.default, description=key_field.description, json_schema_extra={"enum": [*members]}
@@ -118,13 +127,8 @@ def member_section[B: Strict](
         default_ = "" if plain in (None, "", dataclasses.MISSING) else f"; default: {plain}"
         description = f"{', '.join(having)}: {_about(hint)}{default_}."
         fields[entry] = (hint | None, Field(None, description=description))
-    return extended(name, base, fields)
-
-
-def extended[B: Strict](name: str, base: type[B], fields: dict[str, Any]) -> type[B]:
-    """Return `base` with further fields, given as for `pydantic.create_model`."""
-    module = base.__module__  # it must define the model by this name, for pickles of its records
-    return create_model(name, __base__=base, __doc__=base.__doc__, __module__=module, **fields)
+    kept: Any = {"__doc__": base.__doc__, "__module__": base.__module__}
+    return create_model(base.__name__, __base__=base, **kept, **fields)
 
 
 def members_by_entry(members: Mapping[str, type]) -> dict[str, list[str]]:

@@ -11,15 +11,17 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel
 
 from bayesdrill.basics.entries import SMALLEST, build_member, members_by_entry, unknown_keys
 from bayesdrill.basics.errors import InputError, Issue, did_you_mean, shortened
 from bayesdrill.basics.registry import lookup
 from bayesdrill.config.resolve import case, experiments, quantities, record, sensors, work
 from bayesdrill.config.resolve.case import LocalNumbers, ResolvedCase, ResolvedExperiment
-from bayesdrill.config.schema.config import HOUSE_CONFIG, Config, ModelSpec, config_kind
-from bayesdrill.config.schema.vocabulary import described_rigs, vocabulary_of
+from bayesdrill.config.schema.config import Config, ModelSpec
+from bayesdrill.config.schema.numbers import PriorSpec, families_of
+from bayesdrill.config.schema.validation import EntryError, read_config, read_entry
+from bayesdrill.config.schema.vocabulary import HOUSE, Vocabulary, described_rigs, vocabulary_of
 from bayesdrill.config.yaml_source import IssueCollector, Location, Source, read
 from bayesdrill.inference.priors import PRIORS
 from bayesdrill.rig.models import MODELS
@@ -28,9 +30,9 @@ from bayesdrill.rig.models.linear import Model
 _FILE = "x.csv"
 
 
-def _stand_ins(kind: type[Config]) -> dict[Location, Any]:
+def _stand_ins(words: Vocabulary) -> dict[Location, Any]:
     """Return substitutes for missing or invalid entries, so that the others can be checked."""
-    state = next(iter(kind.vocabulary.states.values()))
+    state = next(iter(words.states.values()))
     return {
         ("name",): "x",
         ("seed",): 0,
@@ -60,19 +62,19 @@ def load(path: Path) -> ResolvedCase:
 
 def validate(source: Source) -> ResolvedCase:
     """Validate a config that has been read; see `load`."""
-    kind = load_kind(source)
+    words = load_vocabulary(source)
     if experiments.EXPERIMENTS in source.data:
-        config, resolved = _load_several(source, kind)
+        config, resolved = _load_several(source, words)
     else:
-        alone = _load_single(source, kind)
+        alone = _load_single(source, words)
         config, resolved = alone.config, {"": alone}
     experiments_ = tuple(resolved.values())
     config = _with_walkers(config, experiments_[0].model)
     return ResolvedCase(config=config, source=source, experiments=experiments_)
 
 
-def load_kind(source: Source) -> type[Config]:
-    """Return the config class with the names of its rig; raises `InputError` if there is no such rig.
+def load_vocabulary(source: Source) -> Vocabulary:
+    """Return the names that a config may use; raises `InputError` if there is no such rig.
 
     Mistakes in a rig of fixed symbols are reported later, together with all others.
     """
@@ -81,23 +83,20 @@ def load_kind(source: Source) -> type[Config]:
     described = described_rigs()
     parts = {n for n, having in members_by_entry(kinds).items() if {*having} <= {*described}}
     if not isinstance(entry, Mapping) or not (entry.get("name") in described or parts & {*entry}):
-        return HOUSE_CONFIG
+        return HOUSE
     errors = IssueCollector(source, frozenset())
-    try:
-        section = ModelSpec.model_validate(entry)
+    section, wrong = read_entry(ModelSpec, entry, ("model",))
+    if section is not None:
         kind = errors.run(("model", "name"), lookup, MODELS, section.name, "model")
         vain = {} if kind is None else unknown_keys(("name", "model"), kinds, kind, section)
         errors.add_all(("model",), vain)
         if kind is not None and not vain:
             rig = errors.run(("model", "name"), build_member, kind, section)
-            words = rig and errors.run(("model", "name"), vocabulary_of, rig)
-            if words:
-                return config_kind(words)
-    except ValidationError as error:
-        for item in error.errors():
-            loc = ("model", *item["loc"])
-            location = _location(loc, data)
-            errors.add(location, _message({**item, "loc": loc}, location, HOUSE_CONFIG))
+            if words := rig and errors.run(("model", "name"), vocabulary_of, rig):
+                return words
+    for item in wrong:
+        location = _location(item["loc"], data)
+        errors.add(location, _message(item, location))
     raise InputError(sorted({*source.repeated, *errors.issues}, key=_line))
 
 
@@ -112,7 +111,7 @@ def _with_walkers(config: Config, model: Model) -> Config:
 
 
 def _load_several(
-    source: Source, kind: type[Config]
+    source: Source, words: Vocabulary
 ) -> tuple[Config, dict[str, ResolvedExperiment]]:
     """Return the config of the first experiment, which lists them all, and all experiments by label."""
     alone, resolved = experiments.split_experiments(source), dict[str, ResolvedExperiment]()
@@ -126,47 +125,44 @@ def _load_several(
             location = (experiments.EXPERIMENTS, label, "record", "file")
             problems += [source.issue(location, NO_RECORD)] if alone else []
         try:
-            resolved[label] = _load_single(local_source, kind, label)
+            resolved[label] = _load_single(local_source, words, label)
         except InputError as error:
             problems += error.problems
-    whole = experiments.join_experiments(source, alone)
+    whole, config = experiments.join_experiments(source, alone), None
     if alone or source.data[experiments.EXPERIMENTS]:
-        try:
-            config = kind.model_validate(whole)
-        except ValidationError as error:  # other mistakes are reported by the experiments
-            problems += [
-                source.issue(location, _message(item, location, kind))
-                for location, item in _by_location(error, source).items()
-                if location and location[0] in (experiments.EXPERIMENTS, *experiments.SHARING_KEYS)
-            ]
+        config, errors = read_config(whole, words)
+        problems += [  # other mistakes are reported by the experiments
+            source.issue(location, _message(item, location))
+            for location, item in _by_location(errors, source).items()
+            if location and location[0] in (experiments.EXPERIMENTS, *experiments.SHARING_KEYS)
+        ]
     else:
         problems.append(source.issue((experiments.EXPERIMENTS,), NO_EXPERIMENT))
-    if not problems:
+    if not problems and config is not None:
         problems += experiments.check_experiments(config, source, resolved)
-    if problems:
+    if problems or config is None:
         raise InputError(sorted(dict.fromkeys(problems), key=_line))
     return config, resolved
 
 
-def _by_location(error: ValidationError, source: Source) -> dict[Location, dict[str, Any]]:
+def _by_location(errors: list[EntryError], source: Source) -> dict[Location, EntryError]:
     """Keep the last error of each entry, as every member of a union reports the same entry."""
-    return {_location(item["loc"], source.data): dict(item) for item in error.errors()}
+    return {_location(item["loc"], source.data): item for item in errors}
 
 
-def _load_single(source: Source, kind: type[Config], label: str = "") -> ResolvedExperiment:
+def _load_single(source: Source, words: Vocabulary, label: str = "") -> ResolvedExperiment:
     problems = list(source.repeated)
     pruned = copy.deepcopy(source.data)
-    try:
-        config = kind.model_validate(source.data)
-    except ValidationError as error:
-        errors = _by_location(error, source)
-        messages = {location: _message(item, location, kind) for location, item in errors.items()}
+    config, found = read_config(source.data, words)
+    if config is None:
+        errors = _by_location(found, source)
+        messages = {location: _message(item, location) for location, item in errors.items()}
         intended = {_intended_location(item, at, messages[at]) for at, item in errors.items()}
         meant = intended - {None, *source.lines}
         implied = {at for at, item in errors.items() if at in meant and item["type"] == "missing"}
         problems += [source.issue(at, messages[at]) for at in errors if at not in implied]
         spoilt = [*errors, *filter(None, meant)]
-        problems += _check_remaining(pruned, spoilt, source, kind)
+        problems += _check_remaining(pruned, spoilt, source, words)
     else:
         broken, resolved = _resolve(config, source, frozenset(), label)
         problems += broken
@@ -176,23 +172,20 @@ def _load_single(source: Source, kind: type[Config], label: str = "") -> Resolve
 
 
 def _check_remaining(
-    data: Any, spoilt: list[Location], source: Source, kind: type[Config]
+    data: Any, spoilt: list[Location], source: Source, words: Vocabulary
 ) -> list[Issue]:
     """Check the remaining entries against each other, after the invalid ones are taken out."""
     for location in spoilt:
         _remove(data, location)
-    for location, stand_in in _stand_ins(kind).items():
+    for location, stand_in in _stand_ins(words).items():
         parent = functools.reduce(operator.getitem, location[:-1], data)
         if not parent.get(location[-1]):
             parent[location[-1]] = copy.deepcopy(stand_in)
-    try:
-        config = kind.model_validate(data)
-    except ValidationError:
-        return []
-    return _resolve(config, source, frozenset(spoilt))[0]
+    config, _ = read_config(data, words)
+    return [] if config is None else _resolve(config, source, frozenset(spoilt))[0]
 
 
-def _intended_location(error: dict[str, Any], location: Location, hint: str) -> Location | None:
+def _intended_location(error: EntryError, location: Location, hint: str) -> Location | None:
     """Return the location that a misspelt key was meant for, so that it is not reported as missing."""
     suggestion = hint.rpartition("did you mean ")[2].rstrip("?")
     misspelt = error["type"] == "extra_forbidden" and suggestion != hint
@@ -226,7 +219,7 @@ def _resolve(
         work.check_settings(errors, config)
         if alone:
             unknown = experiments.unknown_names(config, model, local_numbers)
-            tied = [name for name, x in config.parameters.items() if quantities.is_tied(x)]
+            tied = [name for name in names if quantities.is_tied(config.parameters.get(name))]
             work.check_unknown(errors, config, unknown, tied)
             experiments.check_truth(errors, config, {"": local_numbers})
         if nominal is not None and rig is not None and sensing is not None:
@@ -253,7 +246,7 @@ def _resolve(
     work.check_simulation(errors, config)
     work.check_calibration(errors, config)
     if alone:
-        work.check_identify(errors, config, case.free_parameters(config, config.parameters))
+        work.check_identify(errors, config, case.free_parameters(config, names))
     return errors.issues, None if errors.issues else resolved
 
 
@@ -295,7 +288,7 @@ def _location(loc: tuple[str | int, ...], data: Any) -> Location:
     return tuple(location)
 
 
-def _message(error: dict[str, Any], location: Location, config: type[Config]) -> str:
+def _message(error: EntryError, location: Location) -> str:
     kind, value, context = error["type"], error["input"], error.get("ctx", {})
     match kind:
         case "extra_forbidden":
@@ -304,7 +297,7 @@ def _message(error: dict[str, Any], location: Location, config: type[Config]) ->
                 return f"unknown {word}; if a decimal comma made it, write a point"
             if "<tie>" in error["loc"]:
                 return "a tied parameter has nothing else; remove this entry, or the tie"
-            near = did_you_mean(str(location[-1]), _keys_at(error["loc"], config))
+            near = did_you_mean(str(location[-1]), _keys_at(error))
             return f"unknown {word}{near}"
         case "missing":
             return "this entry is missing; see `bayesdrill schema` or configs/nominal_step.yaml"
@@ -355,7 +348,7 @@ def _message(error: dict[str, Any], location: Location, config: type[Config]) ->
     return f"{_shown(value)}: {text[0].lower()}{text[1:]}"
 
 
-def _known(error: dict[str, Any]) -> list[str]:
+def _known(error: EntryError) -> list[str]:
     context = error.get("ctx", {})
     text = str(context.get("expected_tags") or context.get("expected") or "")
     return [word.strip(" '") for word in text.replace(" or ", ", ").split(",") if word.strip(" '<")]
@@ -385,29 +378,31 @@ def _hint(value: Any) -> str:
     return ""
 
 
-def _keys_at(loc: tuple[str | int, ...], config: type[Config]) -> list[str]:
-    """Return the keys that are allowed where the unknown key `loc[-1]` stands."""
-    sections: list[Mapping[str, Any]] = [_entries(config)]
-    for part in loc[:-1]:
+def _keys_at(error: EntryError) -> list[str]:
+    """Return the keys that are allowed where an unknown key stands."""
+    *path, unknown = error["loc"]
+    if "known" in error:
+        return sorted(error["known"])
+    sections = _sections(error["kind"])
+    for part in path[error["depth"] :]:
         annotations = [section[str(part)] for section in sections if str(part) in section]
         if annotations:
             sections = [mapping for annotation in annotations for mapping in _sections(annotation)]
         tagged = [section for section in sections if part in typing.get_args(section.get("prior"))]
         sections = tagged or sections
-    return sorted({key for section in sections for key in section} - {str(loc[-1])})
+    return sorted({key for section in sections for key in section} - {str(unknown)})
 
 
 def _sections(annotation: Any) -> list[Mapping[str, Any]]:
     """Return the annotations, by key, of each mapping that the annotation allows."""
-    record = isinstance(annotation, type) and issubclass(annotation, BaseModel)
-    if record or typing.is_typeddict(annotation):
+    if isinstance(annotation, type) and issubclass(annotation, PriorSpec):
+        return [_entries(family) for family in families_of(annotation) or (annotation,)]
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [_entries(annotation)]
     return [mapping for inner in typing.get_args(annotation) for mapping in _sections(inner)]
 
 
-def _entries(kind: Any) -> Mapping[str, Any]:
-    if typing.is_typeddict(kind):
-        return typing.get_type_hints(kind)
+def _entries(kind: type[BaseModel]) -> Mapping[str, Any]:
     return {name: field.annotation for name, field in kind.model_fields.items()}
 
 

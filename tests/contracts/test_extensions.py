@@ -25,7 +25,7 @@ from support import document_blocks
 from support.case_tables import run_cases
 
 from bayesdrill.basics import registry
-from bayesdrill.basics.entries import Strict, member_section
+from bayesdrill.basics.entries import Strict, with_member_entries
 from bayesdrill.basics.errors import Stopped
 from bayesdrill.basics.registry import Registry, lookup
 from bayesdrill.guard import guarded
@@ -344,17 +344,17 @@ def test_an_error_of_bayesdrill_is_blamed_on_no_package() -> None:
 
 
 def test_an_entry_of_a_package_does_not_change_one_of_the_same_name() -> None:
-    class Base(Strict):
-        kind: str = "a"
-        file: str = "x"
-
     @dataclasses.dataclass(frozen=True)
     class Member:
         file: Annotated[int, Field(ge=3)] = 3
         more: Annotated[int, Field(ge=3)] = 3
 
-    section = member_section("Made", Base, "kind", {"a": Member})
-    assert section.model_validate({"file": "y", "more": 4}).model_dump()["file"] == "y"
+    @with_member_entries("kind", {"a": Member})
+    class Section(Strict):
+        kind: str = "a"
+        file: str = "x"
+
+    assert Section.model_validate({"file": "y", "more": 4}).model_dump()["file"] == "y"
 
 
 def test_a_registry_has_its_own_members_first() -> None:

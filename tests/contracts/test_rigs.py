@@ -15,7 +15,8 @@ from support.small_problems import experiment
 
 from bayesdrill.basics import symbols
 from bayesdrill.basics.entries import build_member, entries_of
-from bayesdrill.config.schema.config import ModelSpec, config_kind
+from bayesdrill.config.schema.config import ModelSpec
+from bayesdrill.config.schema.validation import named_entries
 from bayesdrill.config.schema.vocabulary import vocabulary_of
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.linear import Model, dynamics, with_all
@@ -53,11 +54,10 @@ def test_its_names_have_symbols_and_entries_of_a_config(name: str) -> None:
     kind: Any = type(rig)
     assert rig.name == kind.name == name.removesuffix(" with all")
     words = vocabulary_of(rig)
-    sections = config_kind(words).model_fields
-    entries = {*sections["parameters"].annotation.__annotations__}
-    assert {*rig.parameters} <= {*words.parameters} == entries
+    entries = named_entries(words)
+    assert {*rig.parameters} <= {*words.parameters} == {*entries["parameters",]}
     assert {*rig.states} <= {*words.states}
-    assert {*rig.inputs} <= {*words.inputs} <= {*sections["inputs"].annotation.model_fields}
+    assert {*rig.inputs} <= {*words.inputs} <= {*entries["inputs",]}
     whole = RIGS.get(f"{rig.name} with all", rig)  # states of an added mode are declared too
     shared = {*rig.parameters, *rig.offers, *whole.states}
     known = {*rig.symbols} if rig.has_private_names else shared

@@ -300,7 +300,7 @@ class _Reader:
 
 def _unit_of_input(config: Config, name: str) -> Unit:
     """Return the unit of an input; a speed that was given as an angle has its SI unit."""
-    spec, symbol = getattr(config.inputs, name), config.vocabulary.inputs[name]
+    spec, symbol = config.inputs.get(name), config.vocabulary.inputs[name]
     unit = spec.unit if isinstance(spec, InputColumn | InputQuantity) else symbol.unit
     return units.display_unit(unit, symbol.unit, symbol.latex_unit)
 

@@ -215,7 +215,7 @@ def truth(resolved: ResolvedExperiment) -> dict[str, float]:
     """Return the parameters of the rig, in SI, for a simulated record."""
     rig, space = resolved.model, resolved.rig_numbers.space()
     simulation: Any = resolved.config.simulation
-    named = {name: getattr(simulation, name, None) for name in rig.parameters}
+    named = {name: simulation and simulation.get(name) for name in rig.parameters}
     named |= {n: x for n in rig.parameters if (x := _given_truth(resolved, n)) is not None}
     values = {**space.start, **resolved.nominal.compared, **space.fixed}
     for name, value in simulation.quantities.items() if simulation else ():

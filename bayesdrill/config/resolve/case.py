@@ -41,14 +41,15 @@ from bayesdrill.rig.simulators.sensors import ObservationModel
 def build_model(config: Config, extra_names: Collection[str] = ()) -> Model:
     """Return the rig of a config, with the optional physics in its parameters or `extra_names`."""
     rig = build_member(lookup(MODELS, config.model.name, "model"), config.model)
-    named = {name for name, spec in config.parameters.items() if spec is not None}
+    names = config.vocabulary.parameters
+    named = {name for name in names if config.parameters.get(name) is not None}
     return with_named(rig, {*named, *extra_names})
 
 
 def initial_state(config: Config, model: Model) -> dict[str, float]:
     """Return the fixed initial states, in SI; with a steady start only those that are named."""
     initial = config.initial
-    entries = {name: getattr(initial, name) for name in model.outer}
+    entries = {name: initial.get(name) for name in model.outer}
     return {
         name: quantities.to_si(value, model.symbols[name].unit)
         for name, value in entries.items()
@@ -209,7 +210,7 @@ def check_nominal(errors: IssueCollector, config: Config, model: Model) -> dict[
     values = {
         name: errors.run(("nominal", name), quantities.nominal_value, config, model, name)
         for name in config.vocabulary.parameters
-        if getattr(config.nominal, name) is not None
+        if config.nominal.get(name) is not None
     }
     return {name: value for name, value in values.items() if value is not None}
 
@@ -266,9 +267,9 @@ def _check_added(errors: IssueCollector, config: Config, model: Model) -> None:
             errors.add(("parameters", name), requirement_text(name, missing))
         reported |= {*model.offers[name]}
     for section in ("nominal", "simulation"):
-        section_spec = getattr(config, section)
+        given = getattr(config, section) or {}
         for name in config.vocabulary.parameters:
-            if name not in model.parameters and getattr(section_spec, name, None) is not None:
+            if name not in model.parameters and given.get(name) is not None:
                 why = f"{name} is not of the model {model.name}; remove this"
                 if name in model.offers:
                     why = f"{name} is not named in `parameters:`; name it there, or remove this"
@@ -296,7 +297,7 @@ def _check_relations(
             derived.append(parsed)
             if formula.latex is not None:
                 errors.run(("derived", name, "latex"), latex.check, parsed.symbol)
-    tied = [name for name in parsed_parameters if quantities.is_tied(config.parameters[name])]
+    tied = [name for name in parsed_parameters if quantities.is_tied(config.parameters.get(name))]
     related = {name: x for name, x in parsed_parameters.items() if isinstance(x, Expression)}
     wrong = any(parsed_parameters[name] is None for name in tied) or len(errors.issues) > before
     if wrong or not {*model.parameters} <= {*parsed_parameters}:

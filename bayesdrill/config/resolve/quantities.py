@@ -20,7 +20,7 @@ from bayesdrill.basics.registry import lookup
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.config.schema import numbers
 from bayesdrill.config.schema.config import Config
-from bayesdrill.config.schema.numbers import ParameterPrior, PriorSpec, QuantityPrior
+from bayesdrill.config.schema.numbers import ParameterPrior, PriorSpec, QuantityPrior, SensorPrior
 from bayesdrill.config.schema.records import InputColumn
 from bayesdrill.inference.posterior import Formula
 from bayesdrill.inference.priors import PRIORS, Prior
@@ -65,7 +65,7 @@ def build_prior(spec: PriorSpec, nominal_value: float | None = None) -> Prior:
         below = f"mean {values['mean']:g} lies more than {_MAX_TRUNCATION} sd below zero"
         nothing = "nothing of the prior is left; all unknowns are positive"
         raise ValueError(f"{below}, so that {nothing}")
-    built = spec.families[spec.prior](**values)
+    built = spec.families[spec.family](**values)
     if is_relative(spec) and nominal_value is not None:
         built = built.scaled(nominal_value)
     with np.errstate(all="ignore"):
@@ -86,7 +86,9 @@ def is_tied(spec: object) -> bool:
     return isinstance(spec, numbers.Tie) or (isinstance(spec, str) and spec != "nominal")
 
 
-def search_start(spec: PriorSpec, built: Prior, nominal_value: float | None = None) -> float:
+def search_start(
+    spec: ParameterPrior | SensorPrior, built: Prior, nominal_value: float | None = None
+) -> float:
     """Return where the MAP search begins; raises `ValueError` if the prior excludes it."""
     default = nominal_value or float(built.quantile(np.array([0.5]))[0])
     value = default if spec.start is None else spec.start
@@ -99,13 +101,16 @@ def search_start(spec: PriorSpec, built: Prior, nominal_value: float | None = No
 
 
 def number_in_si(
-    spec: float | numbers.Quantity | PriorSpec, factor: float, label: str = "it", unit: str = ""
+    spec: float | numbers.Quantity | ParameterPrior | SensorPrior,
+    factor: float,
+    label: str = "it",
+    unit: str = "",
 ) -> tuple[float | Prior, float]:
     """Return a value or a prior, and its start, in SI; one unit of the entry has `factor` SI units.
 
     The number has no nominal value; messages call it `label` and ask for a prior in `unit`.
     """
-    if not isinstance(spec, PriorSpec):
+    if isinstance(spec, float | int | numbers.Quantity):
         value = (spec.value if isinstance(spec, numbers.Quantity) else float(spec)) * factor
         return value, value
     if is_relative(spec):
@@ -146,7 +151,7 @@ class NominalValues:
 
 def nominal_value(config: Config, model: Model, name: str) -> float:
     """Return the config's nominal value of a parameter, in SI and at its own side of the gear."""
-    entry, symbol = getattr(config.nominal, name), model.symbols[name]
+    entry, symbol = config.nominal.get(name), model.symbols[name]
     if not isinstance(entry, numbers.NominalValue):
         return float(entry)
     value = entry.value * (1.0 if entry.unit is None else units.factor(entry.unit, symbol.unit))
@@ -176,7 +181,7 @@ def nominal_table(config: Config, config_values: Mapping[str, float]) -> Nominal
     if isinstance(tolerance, float):
         tolerances = dict.fromkeys(known, tolerance)
     else:
-        single = {name: getattr(tolerance, name) for name in known}
+        single = {name: tolerance.get(name) for name in known}
         tolerances = {name: tolerance.default if x is None else x for name, x in single.items()}
     amended = f"{table} ({', '.join(n for n in compared if n in config_values)} as in the config)"
     return NominalValues(
@@ -194,7 +199,7 @@ def parse_parameter(
     """Return the number of a parameter of the rig, or the expression from which it follows."""
     if (related := parse_relation(config, model, name)) is not None:
         return related
-    spec, symbol, value = config.parameters[name], model.symbols[name], table.values.get(name)
+    spec, symbol, value = config.parameters.get(name), model.symbols[name], table.values.get(name)
     no_table = f"no table has {name}" + (f" ({symbol.typical})" if symbol.typical else "")
     if not isinstance(spec, ParameterPrior):
         fixed = float(spec) if isinstance(spec, float | int) else value
@@ -282,13 +287,13 @@ def parse_formula(config: Config, model: Model, name: str, labels: Iterable[str]
 def input_entry(config: Config, name: str) -> str:
     """Return the entry of `inputs:` that gives the input `name`: itself, or an imposed angle."""
     angle = config.vocabulary.imposed.get(name, name)
-    return name if getattr(config.inputs, angle) is None else angle
+    return name if config.inputs.get(angle) is None else angle
 
 
 def measured_inputs(config: Config) -> dict[str, InputColumn]:
     """Return the measured inputs, by name."""
     names = config.vocabulary.inputs
-    specs = {name: getattr(config.inputs, input_entry(config, name)) for name in names}
+    specs = {name: config.inputs.get(input_entry(config, name)) for name in names}
     return {name: spec for name, spec in specs.items() if isinstance(spec, InputColumn)}
 
 
@@ -296,9 +301,9 @@ def constant_inputs(config: Config, model: Model) -> dict[str, float]:
     """Return the constant inputs of the model, SI."""
     series, given = measured_inputs(config), config.inputs
     return {
-        name: to_si(getattr(given, name), model.symbols[name].unit)
+        name: to_si(given.get(name), model.symbols[name].unit)
         for name in model.inputs
-        if name not in series and getattr(given, name) is not None
+        if name not in series and given.get(name) is not None
     }
 
 

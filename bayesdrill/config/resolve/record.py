@@ -44,7 +44,7 @@ def check_sensors(
 ) -> tuple[SensorNumbers, ObservationModel | None]:
     """Return the numbers of sensors and initial state, and the observation model with `free` states."""
     for name in model.outer:
-        start, unit = getattr(config.initial, name), model.symbols[name].unit
+        start, unit = config.initial.get(name), model.symbols[name].unit
         check_quantity(errors, ("initial", name), start, unit)
     checked = {e: _sensor_number(errors, e) for e in sensors.sensor_entries(config, model)}
     sensing = errors.run(("inputs",), sensors.build_sensing, config, [*checked], free)
@@ -97,7 +97,7 @@ def _check_ineffective(errors: IssueCollector, config: Config) -> None:
                 evidence = f"{name} is derived from {spec.derived_from}, and no evidence"
                 errors.add(("record", "channels", name, kind), f"{evidence}; remove this")
     for name in config.vocabulary.inputs:
-        input_spec = getattr(config.inputs, name)
+        input_spec = config.inputs.get(name)
         is_zero = isinstance(input_spec, InputQuantity) and input_spec.value == 0
         if is_zero and input_spec.gain is not None:
             message = "a gain of nothing changes nothing; give `offset:`, or another value"
@@ -211,7 +211,7 @@ def check_quantity(errors: IssueCollector, location: Location, value: object, un
 def check_inputs(errors: IssueCollector, config: Config, model: Model | None) -> None:
     """Check the inputs: their units, and that the model has them."""
     for entry, symbol in config.vocabulary.entries.items():
-        spec = getattr(config.inputs, entry)
+        spec = config.inputs.get(entry)
         location: Location = ("inputs", entry)
         if isinstance(spec, InputColumn):
             errors.run((*location, "unit"), units.factor, spec.unit, symbol.unit)
@@ -230,7 +230,7 @@ def check_inputs(errors: IssueCollector, config: Config, model: Model | None) ->
 def _check_required(errors: IssueCollector, config: Config, model: Model) -> None:
     """Check that the inputs are those of the model."""
     words, inputs = config.vocabulary, config.inputs
-    given_entries = {n for n in inputs.model_fields_set if getattr(inputs, n) is not None}
+    given_entries = {n for n in inputs.model_fields_set if inputs.get(n) is not None}
     entries = [e for name in model.inputs for e in (name, words.imposed.get(name, name))]
     for entry in [e for e in words.entries if e in given_entries]:
         if entry not in entries:
@@ -242,7 +242,7 @@ def _check_required(errors: IssueCollector, config: Config, model: Model) -> Non
             errors.add(("inputs", entry), f"the model {model.name} has no such input; {also}")
     for name in model.inputs:
         angle = ("inputs", words.imposed.get(name, name))
-        none = getattr(config.inputs, quantities.input_entry(config, name)) is None
+        none = config.inputs.get(quantities.input_entry(config, name)) is None
         if none and not errors.is_reported(angle):
             errors.add(("inputs", name), _missing_message(config, name))
 
@@ -262,10 +262,10 @@ def _missing_message(config: Config, name: str) -> str:
 def _check_angles(errors: IssueCollector, config: Config) -> None:
     """Check that no entry contradicts an imposed angle, which gives its speed and its start."""
     for name, entry in config.vocabulary.imposed.items():
-        spec = getattr(config.inputs, entry)
+        spec = config.inputs.get(entry)
         if spec is None:
             continue
-        if getattr(config.inputs, name) is not None:
+        if config.inputs.get(name) is not None:
             message = f"{name} is what it says as well; remove one of the two"
             errors.add(("inputs", entry), message)
         if entry in config.initial.model_fields_set:

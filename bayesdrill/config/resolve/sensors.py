@@ -22,7 +22,7 @@ from bayesdrill.config.resolve import quantities
 from bayesdrill.config.resolve.quantities import ParsedNumber, number_in_si
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.schema.numbers import Quantity, SensorPrior
-from bayesdrill.config.schema.records import ChannelSpec, InputColumn, InputQuantity
+from bayesdrill.config.schema.records import DELAY, ChannelSpec, InputColumn, InputQuantity
 from bayesdrill.config.schema.vocabulary import vocabulary_of
 from bayesdrill.config.yaml_source import Location
 from bayesdrill.inference.noise import NOISES
@@ -97,16 +97,16 @@ def sensor_entries(config: Config, model: Model) -> Iterator[SensorEntry]:
         signal = config.vocabulary.signals.get(name) or symbols.own_symbol(name, "1", None, "")
         yield from _column_entries(location, "lag", spec, si, signal.latex)
     for name, symbol in config.vocabulary.inputs.items():
-        input_spec = getattr(config.inputs, name)
+        input_spec = config.inputs.get(name)
         if isinstance(input_spec, InputColumn | InputQuantity):
             late: SensorKind = "delay" if len(quantities.measured_inputs(config)) == 1 else "lag"
             at: Location = ("inputs", name)
             yield from _column_entries(at, late, input_spec, symbol.unit, symbol.latex)
-    if config.inputs.t_0 is not None:
-        delay = Symbol("t_0", "s", "t_0", "s", "delay of the inputs")
-        yield SensorEntry(("inputs", "t_0"), "delay", "", delay, config.inputs.t_0, "s")
+    if (shift := config.inputs.get(DELAY)) is not None:
+        delay = Symbol(DELAY, "s", "t_0", "s", "delay of the inputs")
+        yield SensorEntry(("inputs", DELAY), "delay", "", delay, shift, "s")
     for name in model.outer:
-        start = getattr(config.initial, name)
+        start = config.initial.get(name)
         if isinstance(start, SensorPrior):  # fixed and `free` states have no entry
             symbol = symbol_of_state(model, name)
             yield SensorEntry(("initial", name), "state", name, symbol, start, symbol.unit)
@@ -139,9 +139,9 @@ def state_name(state: str) -> str:
 def free_states(config: Config, model: Model) -> tuple[str, ...]:
     """Return the states whose initial values have priors from the record; imposed angles have none."""
     initial, angles = config.initial, config.vocabulary.imposed.values()
-    imposed = [angle for angle in angles if getattr(config.inputs, angle) is not None]
+    imposed = [angle for angle in angles if config.inputs.get(angle) is not None]
     silent = {*model.outer} - initial.model_fields_set if initial.state == "free" else set()
-    free = [name for name in model.outer if getattr(initial, name) == "free" or name in silent]
+    free = [name for name in model.outer if initial.get(name) == "free" or name in silent]
     return tuple(name for name in free if name not in imposed)
 
 

@@ -6,12 +6,11 @@ checked (a start inside its prior, symbols of the model, units) is checked in `r
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypedDict, TypeVar
+from typing import Annotated, Literal, TypeVar
 
-from pydantic import Discriminator, Field, Tag, create_model
+from pydantic import ConfigDict, Discriminator, Field, PrivateAttr, Tag
 
 from bayesdrill.basics import symbols
 from bayesdrill.basics.entries import (
@@ -23,25 +22,22 @@ from bayesdrill.basics.entries import (
     Number,
     Positive,
     Strict,
-    extended,
-    member_section,
+    with_member_entries,
 )
-from bayesdrill.config.schema import records
 from bayesdrill.config.schema.numbers import (
+    NamedSection,
+    NominalSpec,
     ParameterSpec,
     QuantitySpec,
     SigmaSpec,
     entry_shape,
-    fixed_spec,
-    nominal_spec,
-    parameter_spec,
     shorthand,
 )
 from bayesdrill.config.schema.records import (
     MAX_NAMED,
     ExperimentSpec,
-    InitialBase,
-    InputsBase,
+    Initial,
+    Inputs,
     OutputSpec,
     RecordSpec,
 )
@@ -55,7 +51,7 @@ Identification = Literal["determined", "weak", "left to the prior"]
 class MissingTorqueSpec(Strict):
     """A missing torque is a torque that the rig's equations lack, modelled as a Gaussian process."""
 
-    at: Literal["motor", "rotor_1"]
+    at: str
     """The inertia on which it acts; at the motor, on its own side of the gear."""
     smoothness: Literal["1/2", "3/2"] = "3/2"
     """Of Matern: 1/2 jumps about, 3/2 has a rate."""
@@ -75,7 +71,8 @@ class DerivedSpec(Strict):
     latex: Latex | None = Field(None, description="How figures write it, without dollars.")
 
 
-class ModelBase(Strict):
+@with_member_entries("name", MODELS.usable())
+class ModelSpec(Strict):
     """The model names a rig and sets its constants; each rig has its own, with defaults."""
 
     name: str = Field("motor_shaft", description="The model.")
@@ -86,17 +83,6 @@ class ModelBase(Strict):
     )
 
 
-def _per_symbol(
-    name: str, base: type[Strict], kind: Callable[[symbols.Symbol], Any], vocabulary: Vocabulary
-) -> type[Strict]:
-    """Return the model `base` with an optional entry of type `kind(symbol)` for each parameter."""
-    fields: dict[str, Any] = {}
-    for symbol in vocabulary.parameters.values():
-        about = Field(None, description=f"{symbol.meaning} [{symbol.unit}]")
-        fields[symbol.name] = (kind(symbol) | None, about)
-    return extended(name, base, fields)
-
-
 T = TypeVar("T")
 Named = Annotated[dict[str, T], Field(max_length=MAX_NAMED)]
 NameList = Annotated[list[str], Field(max_length=MAX_NAMED)]
@@ -105,22 +91,55 @@ NameList = Annotated[list[str], Field(max_length=MAX_NAMED)]
 Tolerance = Annotated[float, Field(ge=0, lt=1)]
 
 
-class _TolerancesBase(Strict):
+class Parameters(NamedSection):
+    """The parameters section says what is known of each parameter of the rig."""
+
+    __pydantic_extra__: dict[str, ParameterSpec | None]
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "description": "A prior, a number, `nominal`, a tie or a formula; what the model only "
+            "offers is off unless it is named."
+        }
+    )
+
+    @classmethod
+    def defaults(cls, words: Vocabulary) -> Mapping[str, float | None]:
+        """Return no values, as each parameter of the rig has to be given."""
+        return {}
+
+
+class Tolerances(NamedSection):
     """Tolerances are given for single nominal values, and as `default` for all others."""
+
+    __pydantic_extra__: dict[str, Tolerance | None]
 
     default: Tolerance = 0.0
 
 
-class _NominalBase(Strict):
+ToleranceSpec = Annotated[
+    Annotated[Tolerance, Tag("<number>")] | Annotated[Tolerances, Tag("<mapping>")],
+    Discriminator(entry_shape),
+]
+
+
+class Nominal(NamedSection):
     """Nominal values come from a table, unless single ones are given here."""
+
+    __pydantic_extra__: dict[str, NominalSpec | None]
 
     table: str | None = Field(
         None, description=f"Default: {symbols.DEFAULT_NOMINAL}, where the config relies on a table."
     )
+    tolerance: ToleranceSpec = Field(
+        0.0, description="Relative, of the nominal values: one number, or by symbol and `default`."
+    )
 
 
-class _SimulationBase(Strict):
+class Simulation(NamedSection):
     """The simulation section sets the time grid and the true values of `bayesdrill simulate`."""
+
+    __pydantic_extra__: dict[str, Number | None]
 
     duration: Positive | None = Field(None, description="[s]; default: the times of the record.")
     rate: Positive | None = Field(None, description="[Hz]")
@@ -135,50 +154,14 @@ class _SimulationBase(Strict):
     )
 
 
-def _sections(vocabulary: Vocabulary) -> tuple[Any, ...]:
-    """Return the sections with names of parameters: priors, tolerances, nominal and true values."""
-    fields = {
-        symbol.name: Annotated[
-            parameter_spec(fixed_spec(symbol)) | None,
-            Field(description=f"{symbol.meaning} [{symbol.unit}]"),
-        ]
-        for symbol in vocabulary.parameters.values()
-    }
-    make: Any = TypedDict  # untyped, as the names are known at run time only
-    parameters = make("Parameters", fields, total=False)
-    parameters.__pydantic_config__ = Strict.model_config
-    parameters.__doc__ = (
-        "A prior, a number, `nominal`, a tie or a formula; what the model only offers is off unless it "
-        "is named."
-    )
-    tolerances: Any = _per_symbol("Tolerances", _TolerancesBase, lambda _: Tolerance, vocabulary)
-    spec = Annotated[
-        Annotated[Tolerance, Tag("<number>")] | Annotated[tolerances, Tag("<mapping>")],
-        Discriminator(entry_shape),
-    ]
-    about = "Relative, of the nominal values: one number, or by symbol and `default`."
-    tolerance = (spec, Field(0.0, description=about))
-    base = extended("Nominal", _NominalBase, {"tolerance": tolerance})
-    nominal = _per_symbol("Nominal", base, nominal_spec, vocabulary)
-    simulation = _per_symbol("Simulation", _SimulationBase, fixed_spec, vocabulary)
-    return parameters, tolerances, nominal, simulation
-
-
-class MapBase(Strict):
+@with_member_entries("method", OPTIMISERS.usable())
+class MapSpec(Strict):
     """The map section sets how the maximum of the posterior is searched."""
 
     method: str = Field("nelder_mead", description="The optimiser.")
     starts: Searches = 4
     """The first is the configured one, the rest from the prior."""
     evaluations: Count = Field(8000, description="The most that one start may spend.")
-
-
-if TYPE_CHECKING:
-    ModelSpec = ModelBase
-    MapSpec = MapBase
-else:  # with the entries of all members of the registries
-    ModelSpec = member_section("ModelSpec", ModelBase, "name", MODELS.usable())
-    MapSpec = member_section("MapSpec", MapBase, "method", OPTIMISERS.usable())
 
 
 class SamplerSpec(Strict):
@@ -230,14 +213,13 @@ class IdentifySpec(Strict):
 class Config(Strict):
     """A config describes a record, a rig, the prior knowledge of it, and how to infer more."""
 
-    # The names in the sections that have only a base class here; see `config_kind`.
-    vocabulary: ClassVar[Vocabulary]
+    _vocabulary: Vocabulary = PrivateAttr(HOUSE)
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=100)]
     seed: Annotated[int, Field(ge=0, lt=2**64)]
     record: RecordSpec
-    inputs: InputsBase
-    initial: InitialBase = InitialBase()
+    inputs: Inputs
+    initial: Annotated[Initial, shorthand("state")] = Field({}, validate_default=True)
     experiments: Named[ExperimentSpec] = Field(default_factory=dict)
     """Several experiments with one rig, by name; each needs a record."""
     shared: NameList = Field(default_factory=list)
@@ -245,8 +227,8 @@ class Config(Strict):
     own: NameList = Field(default_factory=list)
     """Parameters of the rig that are another unknown in each experiment."""
     model: ModelSpec = ModelSpec()
-    nominal: _NominalBase = _NominalBase()
-    parameters: dict[str, ParameterSpec]
+    nominal: Annotated[Nominal, shorthand("table")] = Field({}, validate_default=True)
+    parameters: Parameters
     quantities: Named[QuantitySpec] = Field(default_factory=dict)
     """What formulas of parameters name beside parameters."""
     derived: Named[Annotated[DerivedSpec, shorthand("formula")]] = Field(default_factory=dict)
@@ -258,38 +240,16 @@ class Config(Strict):
     output: OutputSpec = OutputSpec()
     identify: IdentifySpec = IdentifySpec()
     calibration: CalibrationSpec = CalibrationSpec()
-    simulation: _SimulationBase | None = None
+    simulation: Simulation | None = None
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return _restored, (self.vocabulary, self.model_dump(exclude_unset=True))
+    def model_post_init(self, context: Vocabulary | None, /) -> None:
+        """Keep the vocabulary, which is the context of the validation."""
+        self._vocabulary = context or HOUSE
 
-
-def _restored(vocabulary: Vocabulary, data: dict[str, Any]) -> Config:
-    return config_kind(vocabulary)(**data)
-
-
-@cache
-def config_kind(vocabulary: Vocabulary) -> type[Config]:
-    """Return the config class whose sections have the names of this vocabulary."""
-    inputs, initial = records.inputs_section(vocabulary), records.initial_section(vocabulary)
-    parameters, _, nominal, simulation = _sections(vocabulary)
-    at: Any = Literal[vocabulary.inertias], MissingTorqueSpec.model_fields["at"]
-    torque = extended("MissingTorqueSpec", MissingTorqueSpec, {"at": at})
-    about_torque = Config.model_fields["missing_torque"].description
-    sections: dict[str, Any] = {
-        "inputs": (inputs, ...),
-        "initial": (Annotated[initial, shorthand("state")], initial()),
-        "nominal": (Annotated[nominal, shorthand("table")], nominal()),
-        "parameters": (parameters, ...),
-        "missing_torque": (torque | None, Field(None, description=about_torque)),
-        "simulation": (simulation | None, None),
-    }
-    kind: Any = create_model("Config", __base__=Config, __doc__=Config.__doc__, **sections)
-    kind.vocabulary = vocabulary
-    return kind
-
-
-HOUSE_CONFIG = config_kind(HOUSE)
+    @property
+    def vocabulary(self) -> Vocabulary:
+        """Return the names that the config may use, which are those of its rig."""
+        return self._vocabulary
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -7,43 +7,54 @@ such a `model:`. The schema lists all other names.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from typing import Any
 
-from bayesdrill.config.schema.config import HOUSE_CONFIG
+from pydantic import TypeAdapter
+from pydantic.json_schema import GenerateJsonSchema
+
+from bayesdrill.config.schema.config import Config, Nominal
+from bayesdrill.config.schema.numbers import NamedSection
+from bayesdrill.config.schema.records import Initial
+from bayesdrill.config.schema.validation import SECTIONS, adapter, named_entries
 from bayesdrill.config.schema.vocabulary import HOUSE, described_rigs
 
-ABOUT = ("description", "default", "title")
 NAME_OF_PART = "^[A-Za-z]+(_[A-Za-z0-9]+)+$"  # a letter for the quantity, and the name of a part
-
-# Path of each section that has names of the rig, by its definition in the schema.
-SECTIONS: Mapping[str, tuple[str, ...]] = {
-    "Parameters": ("parameters",),
-    "Nominal": ("nominal",),
-    "Tolerances": ("nominal", "tolerance"),
-    "Simulation": ("simulation",),
-    "Inputs": ("inputs",),
-    "Initial": ("initial",),
-}
 
 
 def json_schema() -> str:
     """Return the JSON schema of a config as text."""
-    schema = HOUSE_CONFIG.model_json_schema()
-    defs = schema["$defs"]
+    named = {place: entries for place, entries in named_entries(HOUSE).items() if place}
     known: dict[str, Any] = {}
+    kinds = [((p, name), kind) for p, entries in named.items() for name, kind in entries.items()]
+    adapters: list[Any] = [(key, "validation", adapter(kind)) for key, kind in kinds]
+    plain, whole = TypeAdapter.json_schemas([((), "validation", adapter(Config)), *adapters])
+    schemas = {key: GenerateJsonSchema().sort(schema) for (key, _), schema in plain.items()}
+    defs = whole["$defs"]
+    schema = defs.pop("Config")
     # Names with the least restricted entries: numbers that may be negative, and driving inputs.
     free_names = {name for name, symbol in HOUSE.parameters.items() if symbol.held == "any"}
     free_names |= {*HOUSE.inputs, *HOUSE.starts} - {*HOUSE.idle}
-    for kind, place in SECTIONS.items():
-        entries = defs[kind]["properties"]
-        _nested(known, place)["propertyNames"] = {"enum": [*entries]}
-        free = next(entry for name, entry in entries.items() if name in free_names)
-        plain = {key: value for key, value in free.items() if key not in ABOUT}
-        defs[kind]["patternProperties"] = {NAME_OF_PART: plain}
-    at = defs["MissingTorqueSpec"]["properties"]["at"]
-    _nested(known, ("missing_torque", "at"))["enum"] = at.pop("enum")
+    for place, entries in named.items():
+        section = SECTIONS[place]
+        if not issubclass(section, NamedSection):
+            continue
+        definition, defaults = defs[section.__name__], section.defaults(HOUSE)
+        definition["additionalProperties"] = False
+        for name in entries:
+            entry = dict(schemas[place, name])
+            entry |= {"default": defaults[name]} if name in defaults else {}
+            if not any("$ref" in choice for choice in entry.get("anyOf", ())):
+                entry["title"] = name.replace("_", " ").title()
+            definition["properties"][name] = dict(sorted(entry.items()))
+        _nested(known, place)["propertyNames"] = {"enum": [*definition["properties"]]}
+        free = schemas[place, next(name for name in entries if name in free_names)]
+        free = {key: value for key, value in free.items() if key != "description"}
+        definition["patternProperties"] = {NAME_OF_PART: free}
+    _nested(known, ("missing_torque", "at"))["enum"] = [*HOUSE.inertias]
+    for name, empty in {"initial": Initial(), "nominal": Nominal()}.items():
+        schema["properties"][name]["default"] = empty.model_dump()
     described = {"properties": {"name": {"enum": described_rigs()}}, "required": ["name"]}
+    schema = {"$defs": defs, **schema}
     schema["if"] = {"properties": {"model": described}, "required": ["model"]}
     schema["else"] = known
     schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"

@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 import inspect
-import math
 import typing
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Union
+from typing import Annotated, Any, ClassVar, Literal, Union
 
-from pydantic import BaseModel, BeforeValidator, Discriminator, Field, Tag, create_model
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Discriminator,
+    Field,
+    GetCoreSchemaHandler,
+    Tag,
+    create_model,
+)
 
-from bayesdrill.basics.entries import Latex, NonNegative, Number, Positive, Strict
-from bayesdrill.basics.symbols import Symbol
+from bayesdrill.basics.entries import Latex, Number, Positive, Strict
+from bayesdrill.config.schema.vocabulary import HOUSE, Vocabulary
 from bayesdrill.inference.priors import PRIORS, SIGNED_PRIORS, Prior
 
 
@@ -37,19 +45,38 @@ def _fixed_shape(value: Any) -> str:
     return "<held>" if fixed else entry_shape(value)
 
 
+class NamedSection(Strict):
+    """A section has an entry for each name of the rig beside those of its class."""
+
+    model_config = ConfigDict(extra="allow")
+
+    def model_post_init(self, context: Vocabulary | None, /) -> None:
+        """Add the defaults of a rig's names, whose vocabulary is the context of the validation."""
+        entries: Any = self.__pydantic_extra__
+        given = {**entries}
+        entries.clear()
+        entries.update({**self.defaults(context or HOUSE), **given})
+
+    @classmethod
+    def defaults(cls, words: Vocabulary) -> Mapping[str, float | None]:
+        """Return the values of names that are not given, in the order in which names are written."""
+        return dict.fromkeys(words.parameters)
+
+    def get(self, name: str) -> Any:
+        """Return the entry of a name of the rig; None without one."""
+        return (self.__pydantic_extra__ or {}).get(name)
+
+
 class PriorSpec(Strict):
     """A prior is given by its family and the numbers of the family."""
 
     families: ClassVar[Mapping[str, Callable[..., Prior]]] = PRIORS
-
-    if TYPE_CHECKING:  # each family defines these, in its own order
-        prior: str
-        start: float | None
+    family: ClassVar[str]  # each has a class of its own, whose entry `prior` names it
 
     @property
     def numbers(self) -> dict[str, float]:
         """Return the parameters of the prior's family."""
-        return {name: getattr(self, name) for name in _entries(self.families[self.prior])}
+        return {name: getattr(self, name) for name in _entries(self.families[self.family])}
 
 
 class ParameterPrior(PriorSpec):
@@ -104,7 +131,10 @@ def _spec(base: type[PriorSpec], name: str) -> type[PriorSpec]:
     fields: dict[str, Any] = {"prior": (Literal[name], ...)}
     fields |= {entry: (overrides.get(entry, hint), ...) for entry, hint in _entries(family).items()}
     title = f"{name.title().replace('_', '')}{base.__name__}"
-    return create_model(title, __base__=base, __doc__=family.__doc__, __module__=__name__, **fields)
+    kept: Any = {"__doc__": family.__doc__, "__module__": __name__}
+    spec = create_model(title, __base__=base, **kept, **fields)
+    spec.family = name
+    return spec
 
 
 _SPECS: Mapping[str, type[PriorSpec]] = {
@@ -112,29 +142,26 @@ _SPECS: Mapping[str, type[PriorSpec]] = {
     for base in (ParameterPrior, QuantityPrior, SensorPrior)
     for model in (_spec(base, name) for name in base.families)
 }
+globals().update(_SPECS)  # pickle finds a class by its name in its module
 
 
-def __getattr__(name: str) -> type[PriorSpec]:
-    """Return the generated class of this name, under which pickle finds it."""
-    if name not in _SPECS:
-        raise AttributeError(name)
-    return _SPECS[name]
+def families_of(base: type[PriorSpec]) -> tuple[type[PriorSpec], ...]:
+    """Return the entries of each family of this kind of prior."""
+    return tuple(model for model in _SPECS.values() if model.__base__ is base)
 
 
-def _any_of(base: type[PriorSpec]) -> Any:
-    """Return the union of all families of this kind of prior, discriminated by `prior:`."""
-    models = tuple(model for model in _SPECS.values() if model.__base__ is base)
-    return Annotated[Union[models], Field(discriminator="prior")]  # noqa: UP007
+class _OfAnyFamily:
+    """Annotates a kind of prior: its entries are those of the family that `prior:` names."""
+
+    @staticmethod
+    def __get_pydantic_core_schema__(base: Any, handler: GetCoreSchemaHandler) -> Any:
+        union: Any = Union[families_of(base)]  # noqa: UP007
+        return handler.generate_schema(Annotated[union, Field(discriminator="prior")])
 
 
-if TYPE_CHECKING:
-    _ParameterPrior = ParameterPrior
-    _QuantityPrior = QuantityPrior
-    _SensorPrior = SensorPrior
-else:
-    _ParameterPrior = _any_of(ParameterPrior)
-    _QuantityPrior = _any_of(QuantityPrior)
-    _SensorPrior = _any_of(SensorPrior)
+_ParameterPrior = Annotated[ParameterPrior, _OfAnyFamily]
+_QuantityPrior = Annotated[QuantityPrior, _OfAnyFamily]
+_SensorPrior = Annotated[SensorPrior, _OfAnyFamily]
 
 
 class Tie(Strict):
@@ -143,31 +170,13 @@ class Tie(Strict):
     tie: str = Field(description="The parameter, or quantity, that this one is equal to.")
 
 
-def parameter_spec(number: Any) -> Any:
-    """Return the type of a parameter's entry, which may hold it at any such `number`."""
-    return Annotated[
-        Annotated[number, Tag("<number>")]
-        | Annotated[str, Tag("<word>")]
-        | Annotated[Tie, Tag("<tie>")]
-        | Annotated[_ParameterPrior, Tag("<mapping>")],
-        Discriminator(_parameter_shape),
-    ]
-
-
-ParameterSpec = float | str | Tie | ParameterPrior | None
-_FIXED: Mapping[str, Any] = {"positive": Positive, "not negative": NonNegative, "any": Number}
-
-
-def fixed_spec(symbol: Symbol) -> Any:
-    """Return the type of a number at which the parameter may be fixed."""
-    return bounded_spec(symbol, _FIXED[symbol.held])
-
-
-def bounded_spec(symbol: Symbol, number: Any) -> Any:
-    """Return the type `number`, limited to the largest value of the parameter."""
-    if math.isinf(symbol.at_most):
-        return number
-    return Annotated[number, Field(le=symbol.at_most)]
+ParameterSpec = Annotated[
+    Annotated[Number, Tag("<number>")]
+    | Annotated[str, Tag("<word>")]
+    | Annotated[Tie, Tag("<tie>")]
+    | Annotated[_ParameterPrior, Tag("<mapping>")],
+    Discriminator(_parameter_shape),
+]
 
 
 SigmaSpec = Annotated[
@@ -192,13 +201,10 @@ class NominalValue(Strict):
     """Of the gear, for which the sheet gives it; default: the symbol's own."""
 
 
-def nominal_spec(symbol: Symbol) -> Any:
-    """Return the type of the entry of a nominal value."""
-    return Annotated[
-        Annotated[bounded_spec(symbol, Positive), Tag("<number>")]
-        | Annotated[NominalValue, Tag("<mapping>")],
-        Discriminator(entry_shape),
-    ]
+NominalSpec = Annotated[
+    Annotated[Positive, Tag("<number>")] | Annotated[NominalValue, Tag("<mapping>")],
+    Discriminator(entry_shape),
+]
 
 
 QuantitySpec = Annotated[
@@ -214,6 +220,13 @@ SensorSpec = Annotated[
     | Annotated[Quantity, Tag("<held>")]
     | Annotated[_SensorPrior, Tag("<mapping>")],
     Discriminator(_fixed_shape),
+]
+DelaySpec = Annotated[
+    SensorSpec | None,
+    Field(
+        description="[s] how much later than recorded all inputs act; of constant ones, the moment at "
+        "which they are switched on."
+    ),
 ]
 StateSpec = Annotated[
     Annotated[Number, Tag("<number>")]

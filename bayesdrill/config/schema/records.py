@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +16,10 @@ from bayesdrill.basics.entries import (
     Number,
     Positive,
     Strict,
-    extended,
-    member_section,
+    with_member_entries,
 )
 from bayesdrill.config.schema.numbers import (
+    NamedSection,
     Quantity,
     SensorFields,
     SensorSpec,
@@ -57,27 +58,24 @@ Windows = Annotated[
 ]
 
 
-class FileBase(Strict):
+_OPTIONS = {name: file_format.options for name, file_format in FORMATS.usable().items()}
+_NOISES = {name: kind.Entries for name, kind in NOISES.usable().items()}
+
+
+@with_member_entries("format", _OPTIONS)
+class FileSpec(Strict):
     """A column may stand in another file than the record's, which is described here."""
 
     path: str = Field(description="Relative to the folder of the config.")
     format: str | None = Field(None, description="Default: by the file's ending.")
 
 
-class NoiseBase(Strict):
+@with_member_entries("name", _NOISES)
+class NoiseSpec(Strict):
     """The noise section sets the distribution of what the rig does not explain."""
 
     name: str = Field("white", description="The kind.")
 
-
-if TYPE_CHECKING:
-    FileSpec = FileBase
-    NoiseSpec = NoiseBase
-else:
-    _options = {name: file_format.options for name, file_format in FORMATS.usable().items()}
-    FileSpec = member_section("FileSpec", FileBase, "format", _options)
-    _kinds = {name: kind.Entries for name, kind in NOISES.usable().items()}
-    NoiseSpec = member_section("NoiseSpec", NoiseBase, "name", _kinds)
 
 FileEntry = Annotated[
     Annotated[str, Tag("<word>")] | Annotated[FileSpec, Tag("<mapping>")],
@@ -268,7 +266,8 @@ class ChannelSpec(Series):
     """The channel of which this one is the derivative: it is no evidence."""
 
 
-class RecordBase(Strict):
+@with_member_entries("format", _OPTIONS)
+class RecordSpec(Strict):
     """The record section names the file, its times and its channels."""
 
     file: str = Field(description="Relative to the folder of the config.")
@@ -289,38 +288,29 @@ class RecordBase(Strict):
     channels: Annotated[dict[str, ChannelSpec], Field(min_length=1, max_length=MAX_NAMED)]
 
 
-class InputsBase(Strict):
+DELAY = "t_0"  # entry of the delay that all inputs have
+
+
+class Inputs(NamedSection):
     """The inputs depend on the rig: its model defines which ones it has and needs."""
 
-    if TYPE_CHECKING:  # each class of `inputs_section` adds it behind the inputs
-        t_0: Any
+    __pydantic_extra__: dict[str, Any]
+
+    @classmethod
+    def defaults(cls, words: Vocabulary) -> Mapping[str, float | None]:
+        """Return zero for inputs without which the rig moves all the same, and None for others."""
+        return {name: 0.0 if name in words.idle else None for name in (*words.entries, DELAY)}
 
 
-_DELAY = (
-    "[s] how much later than recorded all inputs act; of constant ones, the moment at which they "
-    "are switched on."
-)
-
-
-def inputs_section(vocabulary: Vocabulary) -> type[InputsBase]:
-    """Return the section of a vocabulary's inputs, and of the angles that may replace them."""
-    fields: dict[str, Any] = {}
-    angles = dict(vocabulary.angles)
-    for name, symbol in vocabulary.inputs.items():
-        about = f"{symbol.meaning} [{symbol.plain_unit}]"
-        kind, default = (InputSpec, 0.0) if name in vocabulary.idle else (InputSpec | None, None)
-        fields[name] = (kind, Field(default, description=about))
-        if angle := angles.get(name):
-            what = "angle" if angle.unit == "rad" else "position"
-            about = f"the {what} that is imposed, as it was measured."
-            about = f"[{angle.unit}] In the place of {name}: {about}"
-            fields[angle.name] = (AngleColumn | None, Field(None, description=about))
-    fields["t_0"] = (SensorSpec | None, Field(None, description=_DELAY))
-    return extended("Inputs", InputsBase, fields)
-
-
-class InitialBase(Strict):
+class Initial(NamedSection):
     """The initial section gives the state at `time`: for each state a number, a prior or `free`."""
+
+    __pydantic_extra__: dict[str, StateSpec]
+
+    @classmethod
+    def defaults(cls, words: Vocabulary) -> Mapping[str, float | None]:
+        """Return zero for every state."""
+        return dict.fromkeys(words.starts, 0.0)
 
     time: Number | None = None
     """[s] default: 0 with constant inputs, the first sample with measured ones."""
@@ -329,17 +319,6 @@ class InitialBase(Strict):
         description="given: what is not named is zero; steady: turning steadily under the first inputs; "
         "free: what is not named is unknown, with priors as wide as the channels.",
     )
-
-
-def initial_section(vocabulary: Vocabulary) -> type[InitialBase]:
-    """Return the section of the initial state, with the states of a vocabulary."""
-    return extended("Initial", InitialBase, dict.fromkeys(vocabulary.starts, (StateSpec, 0.0)))
-
-
-if TYPE_CHECKING:
-    RecordSpec = RecordBase
-else:
-    RecordSpec = member_section("RecordSpec", RecordBase, "format", _options)
 
 
 class ExperimentSpec(Strict):

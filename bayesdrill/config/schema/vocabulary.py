@@ -60,8 +60,10 @@ class Vocabulary:
 
     @cached_property
     def entries(self) -> Mapping[str, Symbol]:
-        """Return the symbols of inputs and of the angles that may replace them, by entry."""
-        return {**self.inputs, **_by_name(angle for _, angle in self.angles)}
+        """Return the symbols of inputs, each before the angle that may replace it, by entry."""
+        angles = dict(self.angles)
+        pairs = ((symbol, angles.get(name)) for name, symbol in self.inputs.items())
+        return _by_name(symbol for pair in pairs for symbol in pair if symbol is not None)
 
 
 def _by_name(given: Iterable[Symbol]) -> dict[str, Symbol]:

@@ -1,0 +1,144 @@
+"""Read a config: sections with names of the rig entry by entry, each as its symbol allows.
+
+Which names a section may have, and the bounds of their numbers, depend on the rig's vocabulary. All
+other entries are those of the classes in `config` and `records`.
+"""
+
+from __future__ import annotations
+
+import math
+import typing
+from collections.abc import Mapping
+from functools import cache
+from typing import Annotated, Any, Literal, Union
+
+from pydantic import Field, Tag, TypeAdapter, ValidationError
+
+from bayesdrill.basics.entries import NonNegative, Number, Positive, Strict
+from bayesdrill.basics.symbols import Symbol
+from bayesdrill.config.schema import numbers
+from bayesdrill.config.schema.config import (
+    Config,
+    MissingTorqueSpec,
+    Nominal,
+    Parameters,
+    Simulation,
+    Tolerance,
+    Tolerances,
+)
+from bayesdrill.config.schema.records import DELAY, AngleColumn, Initial, Inputs, InputSpec
+from bayesdrill.config.schema.vocabulary import Vocabulary
+
+Place = tuple[str, ...]
+EntryError = dict[str, Any]  # as pydantic describes it; see `read_entry`
+
+# The classes of all sections with names of the rig, and of those that contain them.
+SECTIONS: Mapping[Place, type[Strict]] = {
+    (): Config,
+    ("parameters",): Parameters,
+    ("nominal",): Nominal,
+    ("nominal", "tolerance"): Tolerances,
+    ("simulation",): Simulation,
+    ("inputs",): Inputs,
+    ("initial",): Initial,
+    ("missing_torque",): MissingTorqueSpec,
+}
+_HELD: Mapping[str, Any] = {"positive": Positive, "not negative": NonNegative, "any": Number}
+
+
+def _limited(symbol: Symbol, number: Any) -> Any:
+    """Return the type `number`, limited to the largest value of the parameter."""
+    bounded = not math.isinf(symbol.at_most)
+    return Annotated[number, Field(le=symbol.at_most)] if bounded else number
+
+
+def _with_number(spec: Any, number: Any) -> Any:
+    """Return the type of an entry whose plain numbers are of the type `number`."""
+    union, *metadata = typing.get_args(spec)
+    members = (Annotated[number, Tag("<number>")], *typing.get_args(union)[1:])
+    return Annotated[Union[members], *metadata] | None  # noqa: UP007
+
+
+@cache
+def named_entries(words: Vocabulary) -> Mapping[Place, Mapping[str, Any]]:
+    """Return the types of the entries that this vocabulary names, by section and name."""
+    entries: dict[Place, dict[str, Any]] = {place: {} for place in SECTIONS}
+    for name, symbol in words.parameters.items():
+        fixed = _limited(symbol, _HELD[symbol.held])
+        kinds = {
+            ("parameters",): _with_number(numbers.ParameterSpec, fixed),
+            ("nominal",): _with_number(numbers.NominalSpec, _limited(symbol, Positive)),
+            ("nominal", "tolerance"): Tolerance | None,
+            ("simulation",): fixed | None,
+        }
+        for place, kind in kinds.items():
+            about = Field(description=f"{symbol.meaning} [{symbol.unit}]")
+            entries[place][name] = Annotated[kind, about]
+    inputs, angles = entries["inputs",], dict(words.angles)
+    for name, symbol in words.inputs.items():
+        spec: Any = InputSpec if name in words.idle else InputSpec | None
+        about = Field(description=f"{symbol.meaning} [{symbol.plain_unit}]")
+        inputs[name] = Annotated[spec, about]
+        if angle := angles.get(name):
+            what = "angle" if angle.unit == "rad" else "position"
+            text = f"the {what} that is imposed, as it was measured."
+            about = Field(description=f"[{angle.unit}] In the place of {name}: {text}")
+            inputs[angle.name] = Annotated[AngleColumn | None, about]
+    inputs[DELAY] = numbers.DelaySpec
+    entries["initial",] = dict.fromkeys(words.starts, numbers.StateSpec)
+    entries["missing_torque",] = {"at": Literal[words.inertias]}
+    return entries
+
+
+@cache
+def adapter(kind: Any) -> TypeAdapter[Any]:
+    """Return the adapter that validates a section or an entry of this type."""
+    section = isinstance(kind, type) and issubclass(kind, Strict)
+    return TypeAdapter(kind, config=None if section else Strict.model_config)
+
+
+def read_config(data: Any, words: Vocabulary) -> tuple[Config | None, list[EntryError]]:
+    """Return the config of plain data, and the errors of all entries; with an error it is None."""
+    errors: list[EntryError] = []
+    read = _with_named_entries((), data, words, errors)
+    config, others = read_entry(Config, read, (), words)
+    return (None if errors else config), [*others, *errors]  # the last error of an entry counts
+
+
+def read_entry(
+    kind: Any, value: Any, place: Place, words: Vocabulary | None = None
+) -> tuple[Any, list[EntryError]]:
+    """Return the validated value at a place, and its errors; with an error it is None.
+
+    An error is as pydantic has it, with `kind`: the type of the entry at `loc[:depth]`.
+    """
+    try:
+        return adapter(kind).validate_python(value, context=words), []
+    except ValidationError as error:
+        more = {"kind": kind, "depth": len(place)}
+        return None, [{**item, "loc": (*place, *item["loc"]), **more} for item in error.errors()]
+
+
+def _with_named_entries(
+    place: Place, section: Any, words: Vocabulary, errors: list[EntryError]
+) -> Any:
+    """Return a section whose named entries are validated, in the order in which a rig lists them.
+
+    Entries that have an error are left out.
+    """
+    if not isinstance(section, dict):
+        return section
+    entries, others, read = named_entries(words)[place], SECTIONS[place].model_fields, {}
+    for name in [name for name in dict.fromkeys((*entries, *section)) if name in section]:
+        inner, value, wrong = (*place, name), section[name], list[EntryError]()
+        if name in entries:
+            value, wrong = read_entry(entries[name], value, inner)
+        elif name not in others:
+            unknown = {"type": "extra_forbidden", "loc": inner, "input": value}
+            wrong = [{**unknown, "known": [*entries, *others]}]
+        elif inner in SECTIONS:
+            value = _with_named_entries(inner, value, words, errors)
+        errors += wrong
+        if not wrong:
+            read[name] = value
+    return read
