@@ -1,4 +1,4 @@
-"""Simulators compute what the channels of an experiment do; which one a record has is decided here.
+"""Simulators compute the channels of an experiment; here the simulator of a record is chosen.
 
 - Dry friction or gravity, or inputs that lag each by a time of its own: `Stepped`, in steps of one
   length.
