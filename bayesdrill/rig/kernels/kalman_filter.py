@@ -1,4 +1,4 @@
-"""A Kalman filter, sample after sample: for gaps, uneven times, slopes, smoothing and draws.
+"""Run a Kalman filter sample by sample: for gaps, uneven times, slopes, smoothing and draws.
 
 Over a step h, the state-space model x' = F x + g w with white noise w of intensity q has
 
@@ -72,9 +72,9 @@ GAUSS_NODES = 9  # exact up to powers of 17
 
 @dataclass(frozen=True, slots=True)
 class StateSpace:
-    """A rig with its torque, for which kernels are specialised.
+    """The state space is that of a rig with its torque, for which kernels are specialised.
 
-    `channels (K, n)`: weights of states, those of the torque last, see `weight_kinds`.
+    `channels (K, n)` has the weights of states, those of the torque last, see `weight_kinds`.
     """
 
     model: AugmentedModel
@@ -86,28 +86,28 @@ class StateSpace:
         return f"{self.n} {self.n_torque_states} {self.channels} {formulas(self.p, self._formulas)}"
 
     def _formulas(self, lanes: Sequence[Vector]) -> Any:
-        """Return the dynamics, and what drives the torque; they have slopes where kernels do."""
+        """Return the dynamics, and the noise intensity of the torque, with slopes in such kernels."""
         named: Any = dict(zip(self.model.parameters, lanes, strict=True))
         return _entries(self, named), self.model.torque.intensity(named[TIME])
 
     @property
     def n(self) -> int:
-        """States, those of the torque among them."""
+        """Return the number of states, those of the torque included."""
         return len(self.model.states)
 
     @property
     def p(self) -> int:
-        """Parameters."""
+        """Return the number of parameters."""
         return len(self.model.parameters)
 
     @property
     def k(self) -> int:
-        """Channels."""
+        """Return the number of channels."""
         return len(self.channels)
 
     @property
     def n_torque_states(self) -> int:
-        """States of the torque, which are the last."""
+        """Return the number of torque states, which are the last ones."""
         return len(self.model.torque.states)
 
     def weights(self, b: Builder, weights: ir.Value, k: int) -> dict[int, Vector]:
@@ -126,9 +126,9 @@ def store_transition(
     *,
     slopes: bool,
 ) -> None:
-    """Store Phi (n, n), and Q (n, n) of the process noise, of numbers with slopes or without.
+    """Store Phi (n, n), and Q (n, n) of the process noise, in numbers with or without slopes.
 
-    `span`: a length of time of each lane.
+    `span` is the length of time of each lane.
     """
     n, memory = system.n, Numbers(b, slopes)
     named = dict(zip(system.model.parameters, memory.row(parameters, system.p), strict=True))
@@ -157,7 +157,7 @@ def _entries(system: StateSpace, named: dict[str, Number]) -> dict[tuple[int, in
 def _halvings(
     b: Builder, entries: dict[tuple[int, int], Number], n: int, span: ir.Value
 ) -> ir.Value:
-    """Return how often a step is halved: at least once, and as often in all lanes."""
+    """Return the number of halvings of a step: at least one, and the same in all lanes."""
     rows = (
         [register(dual(value).value) for (i, _), value in entries.items() if i == row]
         for row in range(n)
@@ -235,10 +235,10 @@ def _emit_squares(
 
 @dataclass(frozen=True, slots=True)
 class Gains:
-    """The Kalman gains of all channels, in a `block (K, width)`.
+    """The block `(K, width)` has the Kalman gains of all channels.
 
-    Of each channel: the gain (n,), the variance of what it shows, and the root of one over it.
-    `weights (K, n)`: the block of the channels' weights.
+    A channel has its gain (n,), the variance S of its innovation, and 1 / sqrt(S). `weights (K, n)`
+    is the block of the channels' weights.
     """
 
     memory: Numbers
@@ -248,7 +248,7 @@ class Gains:
 
     @staticmethod
     def width(n: int) -> int:
-        """Return the numbers of a channel, for n states."""
+        """Return how many numbers a channel has, for n states."""
         return n + 2
 
     def gain(self, k: int) -> list[Number]:
@@ -266,7 +266,7 @@ class Gains:
     def update_covariance(
         self, k: int, p: ir.Value, variances: ir.Value, is_seen: Number = 1.0
     ) -> None:
-        """Store what the block has of channel k, and update the covariance p (n, n)."""
+        """Store the numbers of channel k in the block, and update the covariance p (n, n)."""
         memory, n = self.memory, self.system.n
         weights = self.system.weights(memory.b, self.weights, k)
         c = list(weights.values())
@@ -332,7 +332,7 @@ BLOCKS = {
 def write_filter(module: Module, system: StateSpace, name: str) -> None:
     """Write `whiten`, `slopes` (whiten with slopes), `smooth` or `draw`.
 
-    They are functions of COUNTS and addresses of BLOCKS.
+    They are functions of COUNTS and of the addresses of BLOCKS.
     """
     with kernel(module, name, COUNTS, BLOCKS) as (a, b), b.loop(a["groups"], "groups") as group:
         w = _Writer(a, Numbers(b, name == "slopes"), system, group)
@@ -343,7 +343,7 @@ def write_filter(module: Module, system: StateSpace, name: str) -> None:
 
 
 class _Writer:
-    """Writes what the filter, the smoother and the sampler have in common."""
+    """Write the parts that the filter, the smoother and the sampler have in common."""
 
     def __init__(
         self, a: dict[str, ir.Value], m: Numbers, system: StateSpace, group: ir.Value
@@ -373,20 +373,20 @@ class _Writer:
         return phi, self.memory.at(phi, size)
 
     def matrices_to(self, t: ir.Value) -> tuple[ir.Value, ir.Value]:
-        """Return those of the step that leads to a sample; of the first, any."""
+        """Return Phi and Q of the step that leads to a sample; any step for the first sample."""
         b = self.b
         before = b.select(b.icmp_signed(">", t, 0), b.sub(t, 1), 0)
         return self.matrices(b.single(self.a["node"], before))
 
 
 def smoother_size(system: StateSpace) -> int:
-    """Return how many numbers of a sample smoothing needs: gains, residuals, state, covariance."""
+    """Return how many numbers smoothing keeps per sample: gains, residuals, state, covariance."""
     n = system.n
     return system.k * (n + 1) + n + n * n
 
 
 def _revise(w: _Writer, phi: ir.Value, q: ir.Value, observed: ir.Value) -> None:
-    """Update and predict the covariance; the flag gets whether it has settled."""
+    """Update and predict the covariance; the flag tells whether it is steady."""
     b, m, n = w.b, w.memory, w.n
     old = [dual(m.get(w.p, i * n + i)) for i in range(n)]
     for k in range(w.system.k):
@@ -458,7 +458,7 @@ def _emit_back(w: _Writer, group: ir.Value) -> None:
 
 
 def _emit_draw(w: _Writer, group: ir.Value) -> None:
-    """Write the draw of states, and of what channels show of them with noise, from normal numbers."""
+    """Write the draw of states, and of noisy channels of these, from normal numbers."""
     b, a, m, n, k_count = w.b, w.a, w.memory, w.n, w.system.k
     first, spare = m.room(n * n), m.room(n * n)
     factorise(b, first, w.p, n)

@@ -42,7 +42,7 @@ def vector(value: float) -> ir.Constant:
 
 @lru_cache(maxsize=4096)
 def _vector(value: float, sign: float) -> ir.Constant:
-    """`sign`: zeros of either sign are equal, and are not the same."""
+    """Return a constant; `sign` keeps zeros of either sign apart, which are equal but not the same."""
     return ir.Constant(VEC, [value] * LANES)
 
 
@@ -117,7 +117,7 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
     largest = _of_lanes("vector.reduce.smax", I64)  # lane of integers
 
     def room(self, count: int, kind: ir.Type = VEC) -> ir.Value:
-        """Reserve vectors, once, even where the code stands in a loop: on the stack, many by malloc."""
+        """Reserve vectors once, even in a loop: on the stack, or by malloc if they are many."""
         with self.goto_entry_block():
             if count <= MOST_ON_STACK:
                 return self.alloca(kind, I64(count))
@@ -154,7 +154,7 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
             self.write(value, base, index)
 
     def slots(self, count: int) -> list[ir.Value]:
-        """Reserve so many places of a vector each, which become registers where they can."""
+        """Reserve `count` places of a vector each, which become registers if possible."""
         return [self.room(1) for _ in range(count)]
 
     def read_slots(self, slots: Iterable[ir.Value]) -> list[ir.Value]:
@@ -167,7 +167,7 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
             self.write(value, slot, 0)
 
     def offset(self, base: ir.Value, count: Integer, size: Integer | None = None) -> ir.Value:
-        """Return the address behind so many entries of a block, or behind rows of this size."""
+        """Return the address after `count` entries of a block, or after rows of this size."""
         return self.gep(base, [integer(count if size is None else self.mul(count, size))])
 
     @contextmanager
@@ -235,7 +235,7 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
         return self.bitcast(self.add(self.bitcast(total, INT_VEC), power), VEC)
 
     def sin(self, value: ir.Value) -> ir.Value:
-        """Return the sine of numbers up to 1e6, to 1e-10: that of the rest beyond whole half turns."""
+        """Return the sine of numbers up to 1e6, to 1e-10, by reduction to less than half a turn."""
         shifted = self.fma(value, vector(1.0 / math.pi), vector(_ROUNDER))
         whole = self.fsub(shifted, vector(_ROUNDER))
         remaining = value
@@ -248,7 +248,7 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
         return self.bitcast(signed, VEC)
 
     def gather(self, numbers: ir.Value, places: ir.Value) -> ir.Value:
-        """Load for each lane the number at its place of a block; fast where lanes have one place."""
+        """Load for each lane the number at its place of a block; fast if lanes share a place."""
 
         def of_lane(index: ir.Value, _: int) -> ir.Value:
             return self.single(numbers, index)
@@ -292,7 +292,7 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
         return result
 
     def last_until(self, numbers: ir.Value, place: ir.Value, bound: ir.Value) -> ir.Value:
-        """Return where the last of increasing numbers up to a bound is, from a place before it on."""
+        """Return the place of the last of increasing numbers up to a bound, searched from a place on."""
         entry, check = self.block, self.append_basic_block("search")
         self.branch(check)
         self.position_at_end(check)
@@ -315,7 +315,7 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
         *,
         likely: bool | None = None,
     ) -> list[ir.Value]:
-        """Return what `other` writes where the flag is true, whose code runs there alone."""
+        """Return the result of `other` if the flag is true, else `default`; it runs only then."""
         before = self.block
         with self.if_then(flag, likely=likely):
             others, inside = other(), self.block
@@ -324,9 +324,9 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
 
 
 class Module(ir.Module):  # type: ignore[misc]
-    """The kernels that are compiled together, and the `routine`s that they call.
+    """The module has kernels that are compiled together, and the `routine`s that they call.
 
-    `arguments`: names of those of each kernel.
+    `arguments` has the names of the arguments of each kernel.
     """
 
     def __init__(self, name: str) -> None:
@@ -339,7 +339,7 @@ class Module(ir.Module):  # type: ignore[misc]
 def function(
     module: Module, name: str, kinds: Iterable[ir.Type]
 ) -> Iterator[tuple[ir.Function, Builder]]:
-    """Write a function without result of counts and of addresses of blocks, which do not overlap."""
+    """Write a function of counts and block addresses, without result; blocks do not overlap."""
     written = ir.Function(module, ir.FunctionType(ir.VoidType(), [*kinds]), name)
     for argument in written.args:
         if isinstance(argument.type, ir.PointerType):
@@ -357,7 +357,7 @@ def function(
 def kernel(
     module: Module, name: str, counts: Sequence[str], blocks: Mapping[str, ir.Type]
 ) -> Iterator[tuple[dict[str, ir.Value], Builder]]:
-    """Write a kernel; gives its arguments, `counts` and addresses of `blocks`, by name."""
+    """Write a kernel; gives its arguments by name, which are `counts` and addresses of `blocks`."""
     names = module.arguments[name] = [*counts, *blocks]
     with function(module, name, [*[I64] * len(counts), *blocks.values()]) as (written, b):
         yield dict(zip(names, written.args, strict=True)), b
@@ -366,9 +366,9 @@ def kernel(
 def routine[**P](
     write: Callable[Concatenate[Builder, P], None],
 ) -> Callable[Concatenate[Builder, P], None]:
-    """Make of code a function that is written once into a module, and is called from then on.
+    """Turn code into a function that is written once into a module and called from then on.
 
-    Values that it is given are the arguments; what else it is given is what it is specialised for.
+    Values become its arguments. It is specialised for all other arguments.
     """
 
     @wraps(write)
@@ -390,7 +390,7 @@ def routine[**P](
 
 
 class Loop:
-    """A counted loop (at least one pass) that carries values: read `carried`, then `close`."""
+    """The loop has a count (at least one) and carries values: read `carried`, then `close`."""
 
     def __init__(self, b: Builder, count: Integer, start: Iterable[Integer], name: str) -> None:
         self._b, self._count = b, count
@@ -418,7 +418,7 @@ class Loop:
 
 @dataclass(frozen=True, slots=True)
 class IndexTable:
-    """Whole numbers that a module has, so many at an `address`."""
+    """The table has `count` whole numbers of a module at an `address`."""
 
     address: ir.Value
     count: int
@@ -463,9 +463,9 @@ def _operation(name: str, *, turned: bool = False) -> Callable[[Vector, Any], An
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Vector(Number):
-    """One number of each walker, whose arithmetic is written down as code, not carried out.
+    """A vector holds one number of each walker; its arithmetic is written as code.
 
-    A model's formulas, evaluated with these for numbers, become part of the kernel.
+    The formulas of a model, evaluated with vectors as numbers, become part of the kernel.
     """
 
     b: Builder
@@ -504,7 +504,7 @@ def register(number: Vector | float) -> ir.Value:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mask(Choice):
-    """A truth value for each lane."""
+    """A mask holds a truth value for each lane."""
 
     b: Builder
     value: ir.Value

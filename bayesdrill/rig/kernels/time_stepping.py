@@ -1,13 +1,14 @@
 """Advance states step by step through a record, and observe channels at samples.
 
-A step is exact as long as each friction slips one way or sticks.  Where a step has an event, a zero
-crossing of a sliding speed or the passage from stick to slip, it is made in parts, whose efforts are
-means (`reversals`): an event leaves an error of second order in the length of a part, and is not
-located in time.
+A step is exact while each friction keeps slipping one way or sticking. An event is a zero crossing
+of a sliding speed, or the passage from stick to slip. A step with an event is made in parts with
+mean efforts (`reversals`). The event leaves an error of second order in the length of a part, and
+is not located in time.
 
-Of channels with times of their own values and rates are stored at all nodes, and read between them.
-Between two nodes a channel is the cubic that has its values and its rates at both (Hermite): the
-rate after the first, with the efforts of this step, and the one before the second.
+Channels with times of their own are interpolated: values and rates are stored at all nodes, and
+read between them. Between two nodes a channel is the cubic with its values and rates at both
+(Hermite). The rate after the first node includes the efforts of this step; the other is that before
+the second node.
 """
 
 from __future__ import annotations
@@ -113,7 +114,7 @@ class Writer:
 
     @property
     def _part(self) -> Vector:
-        """The share of a step that a part is."""
+        """Return the share of a step that a part is."""
         b = self.b
         return Vector(b, b.splat(b.fdiv(F64(1.0), b.sitofp(self.a["turns"], F64))))
 

@@ -1,4 +1,4 @@
-"""Model the paper's rig with a shaft that has an inertia of its own, divided into `elements` pieces.
+"""The paper's rig has here a shaft with an inertia of its own, `j_s`, as `elements` equal pieces.
 
 Each piece is a spring n k_s, with half of its inertia j_s/n at either end: what is at the ends of the
 shaft adds to j_1 and, through the gear, to j_m.  At node k, the share s = k/n of the way from the

@@ -1,4 +1,4 @@
-"""Simulators compute the channels of an experiment; here the simulator of a record is chosen.
+"""Simulators compute the channels of an experiment; the choice of one for a record is made here.
 
 - Dry friction or gravity, or inputs that lag each by a time of its own: `Stepped`, in steps of one
   length.

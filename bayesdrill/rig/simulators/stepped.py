@@ -88,7 +88,7 @@ class BoundKernel:
         )  # fmt: skip
 
     def _in_lanes(self, n: int, parts: Mapping[str, list[Array]]) -> Array:
-        """Return the parts `(G, width, LANES)`, see `walker_blocks`; the last walker fills the last group."""
+        """Return the parts `(G, width, LANES)`, see `walker_blocks`, of walkers in groups."""
         named = parts
         if self.shape.late:
             behind, *shares = self.ahead.delays(parts["lag"])

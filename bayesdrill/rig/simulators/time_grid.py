@@ -94,7 +94,7 @@ def _made(t: Array, at: Whole, node: Whole, spans: Array, median: float, near: f
 
 
 def _in_pieces(t: Array, steps: Array, median: float) -> tuple[Array, Whole, Whole]:
-    """Divide steps longer than `LONG_STEP` median ones by knots: pieces of 1, 2, 4, ... of these.
+    """Add knots to steps longer than `LONG_STEP` median ones: pieces of 1, 2, 4, ... of these.
 
     Returns the knots, the samples' knots, and for each step its piece, 0 if it is none.
     """
@@ -215,7 +215,7 @@ class UniformGrid:
 
     @cached_property
     def usual(self) -> Whole:
-        """Return 1 for samples `(T,)` whose next one is a median step away, over which inputs are straight."""
+        """Return 1 for each sample whose next one is a median step away, else 0: `(T,)`."""
         return np.asarray(self.counts == self._substeps).astype(np.int64)
 
     def between(self, t: Array) -> tuple[Whole, Array]:
@@ -232,7 +232,7 @@ class UniformGrid:
         return int(np.ceil(ahead / self.span)) + 1 if np.isfinite(ahead) else 1
 
     def margin(self, lag: Array) -> int:
-        """Return the number of steps before and after the record that inputs late by `lag (W, S)` need."""
+        """Return how many steps outside the record inputs late by `lag (W, S)` need."""
         if not lag.size:
             return 0
         return int(np.ceil(np.nanmax(np.abs(lag), initial=0.0) / self.span)) + 2
