@@ -12,7 +12,7 @@ from bayesdrill.basics.duals import Dual
 from bayesdrill.rig.models.linear import Model
 
 INVARIANCE_TOLERANCE = 1e-12
-MIN_SHARE = 1e-9  # of the largest turn: below it the first angle stands still
+MIN_SHARE = 1e-9  # relative to the largest turn: below it the first angle stands still
 
 
 def angle_indices(model: Model) -> list[int]:
@@ -63,8 +63,8 @@ def equilibrium(matrix: Array, forcing: Array) -> Array:
     matrix[bad] = np.eye(size)
     rows = np.abs(matrix).max(axis=2, keepdims=True)
     scaled = matrix / np.where(rows > 0, rows, 1.0)
-    # No singular value is larger than `size`, so that where the product of all is above this, the least
-    # is above what `matrix_rank` takes for zero.
+    # No singular value exceeds `size`. So if their product is above this limit, the least of them is
+    # above the tolerance of `matrix_rank`, and the matrix is regular.
     doubtful = np.abs(np.linalg.det(scaled)) <= float(size) ** (size + 1) * np.finfo(float).eps
     singular = doubtful.copy()
     singular[doubtful] = np.linalg.matrix_rank(scaled[doubtful]) < size

@@ -18,12 +18,12 @@ import numpy as np
 from bayesdrill.basics.arrays import Array
 from bayesdrill.rig.compression.basis_kernel import PAIR, REAL, ROUNDS, ROWS, PoleNumbers
 
-BLOCK = 1 << 14  # samples at a time
-ROWS_AT_ONCE = 16  # times the columns: so many a triangle takes in while they are near at hand
-MAX_ORDER = 30  # functions of a pole: with more the exact response is no dearer
-MAX_SHARED = 1e-9  # of a rate: how exactly a state moves nothing at all points, to be an integrator
-NEARLY_ONE = 0.3  # of a value: real modes nearer to each other are treated together
-LEAST_TURN = 0.25  # of a pair's decay, or distance from -1: it turns or shears by as much at least
+BLOCK = 1 << 14  # samples that are filtered at a time
+ROWS_AT_ONCE = 16  # rows per column that one QR decomposition adds: they stay in the cache
+MAX_ORDER = 30  # functions of a pole: with more of them the exact response costs less
+MAX_SHARED = 1e-9  # relative to rates: a state with a smaller effect at all points is an integrator
+NEARLY_ONE = 0.3  # relative distance of real modes: nearer ones are treated as a pair
+LEAST_TURN = 0.25  # least rotation or shear of a pair, relative to its decay or distance from -1
 UNKNOWN = "poles of the rig are known too little"
 
 
@@ -79,7 +79,7 @@ def choose_basis(rates: Array, dt: float, left: float) -> Basis:
     `left` is the relative part of a mode's response that the functions may neglect. Raises
     `CompressionError` if a rig has modes that do not decay, or if poles are too far apart.
     """
-    from scipy.linalg import expm  # takes a while to load, and few need it
+    from scipy.linalg import expm  # slow to import, and rarely needed
 
     falls = np.array([expm(a * dt) - np.eye(len(a)) for a in rates])
     return basis_of(falls, _shared_integrators(rates), left)
@@ -110,7 +110,7 @@ def _shared_integrators(rates: Array) -> Array:
     _, singular, turned = np.linalg.svd(rows, full_matrices=True)
     singular = np.append(singular, np.zeros(len(turned) - len(singular)))
     null = turned[singular < MAX_SHARED * singular[0]].T
-    if null.shape[1] == 1:  # all angles alike, to the last digit
+    if null.shape[1] == 1:  # all angles turn alike: make their ratios exact
         null = null / null[np.argmax(np.abs(null[:, 0])), 0]
         near = np.round(null)
         null = np.where(np.abs(null - near) < MAX_SHARED, near, null)
@@ -166,7 +166,7 @@ def _chosen(poles: list[complex], values: Array, left: float) -> Iterator[Pole]:
             turns = np.abs(mine.imag)
             turn = max(0.5 * (turns.min() + turns.max()), _least_turn(middle.real))
             middle = complex(middle.real, turn)
-        # As numbers have it beside one.
+        # Round mu as 1 + mu is rounded.
         middle = complex((1.0 + middle.real) - 1.0, middle.imag)
         if abs(1.0 + middle) >= 1.0:
             raise CompressionError(UNKNOWN)
@@ -217,7 +217,7 @@ class Columns:
         if pole.size == REAL:
             out = even * self._delayed(stage, 1.0 + real, u)
             return [out], even * out - (1.0 + real) * u
-        # 1 / (z - a) has as its parts what a pair of poles can do.
+        # Real and imaginary parts of 1 / (z - a) give both functions of a pair.
         out = self._delayed(stage, 1.0 + pole.mu, u)
         first = even * (out.real + (2.0 + real) / turn * out.imag)
         second = odd * (out.real + real / turn * out.imag)

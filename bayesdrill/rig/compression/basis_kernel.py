@@ -36,10 +36,10 @@ from bayesdrill.rig.kernels.numbers import (
     product,
 )
 
-REAL, PAIR = 1, 2  # coordinates of a real pole, and of a complex pair, and their functions
-ROWS = 4  # of the triangle at a time
-# Times that all poles are gone through: what rounding carries from one to another is then as small as
-# what the round before has left.
+REAL, PAIR = 1, 2  # coordinates, and functions, of a real pole and of a complex pair
+ROWS = 4  # rows of the triangle that are multiplied at a time
+# Rounds through all poles: in the second one, rounding errors between poles are as small as the
+# remainder of the first.
 ROUNDS = 2
 
 
@@ -200,7 +200,7 @@ class BasisExpansion:
         self.entry = ExponentialEntries(b, shape, arguments["scratch"])
         self.after = b.offset(arguments["scratch"], shape.layout.size**2 * self._kind.width)
         size = shape.decaying**2
-        # Of each pole: the inverse of M, the all-pass, M.
+        # The matrices of each pole are the inverse of M, the all-pass, and M.
         self.matrices = [[self._room(size) for _ in range(3)] for _ in shape.poles]
         self.count = b.mul(arguments["columns"], shape.channels)
         self.coefficients = self._room(self.count)
@@ -281,7 +281,7 @@ class BasisExpansion:
         held = [self.entry(i, x + 1 + s) for i in range(x)]
         if not layout.first_order:
             return held
-        # With u(k + 1) - u(k) as (z - 1) u: the columns of increments drive like F times themselves.
+        # As u(k + 1) - u(k) is (z - 1) u, the columns of increments act like F times themselves.
         moved = applied(rates, self._increment(s))
         return [a + c for a, c in zip(held, moved, strict=True)]
 
@@ -352,8 +352,8 @@ def applied(matrix: Matrix, x: list[Number]) -> list[Number]:
     return [dot(row, x) for row in matrix]
 
 
-TURNS = 3  # of coordinates towards a walker's own modes
-LEAST = -1e-300  # not below zero
+TURNS = 3  # rotations of coordinates towards a walker's own modes
+LEAST = -1e-300  # a tolerance for entries that should not be negative
 
 
 class _RemainderBound:
@@ -386,7 +386,7 @@ class _RemainderBound:
         for entry in itertools.chain(gains[1:], *series):
             fine = fine.both(entry.above(LEAST))
         gains = [fine.chosen(gain, math.inf) for gain in gains]
-        # Of each channel, by block of what is left.
+        # The share of each block's remainder in each channel.
         self._shares = [
             [gain * number for gain, number in zip(gains, row, strict=True)]
             for row in product([self._lengths(row) for row in seen], series)
@@ -433,7 +433,7 @@ def _apart(mine: Matrix, shared: Matrix, other: Matrix, back: Matrix) -> Matrix:
     By p(A) = 0, with p the characteristic polynomial of A, X p(B) = A C + C B - tr(A) C if A is two
     by two.
     """
-    if len(mine) == 1 and len(other) == 1:  # poles that nearly meet stay as they are
+    if len(mine) == 1 and len(other) == 1:  # coordinates of poles that nearly coincide are kept
         gap, pair = other[0][0] - mine[0][0], (shared[0][0] * back[0][0]).size()
         return [[shared[0][0] * gap / (gap * gap + 4.0 * pair)]]
     if len(mine) == 1:

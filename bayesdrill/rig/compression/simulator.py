@@ -41,10 +41,11 @@ from bayesdrill.rig.simulators.long_record import LongRecord
 from bayesdrill.rig.simulators.sensors import ObservationModel, ObservedWalkers
 from bayesdrill.rig.simulators.stepped import Unstepped
 
-TOLERANCE = 1e-7  # of the log likelihood
-MAX_BEYOND = 0.02  # of points: walkers whose bound is larger have the exact simulator
-LEAST = 1e-300  # weight of a sum that does not count
-RESPONSE_DIGITS = range(12, 26, 2)  # digits of a mode's response that functions keep, fewest first
+TOLERANCE = 1e-7  # admissible error of the log likelihood
+MAX_BEYOND = 0.02  # share of points whose bound may be too large; they use the exact simulator
+LEAST = 1e-300  # smallest weight of a sum, to avoid division by zero
+# Digits of a mode's response that functions keep; the fewest are tried first.
+RESPONSE_DIGITS = range(12, 26, 2)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -114,7 +115,7 @@ class CompressedSimulator(Unstepped):
 
     exact: ClassVar[bool] = True
 
-    # What only the exact simulator can do.
+    # Results of the exact simulator alone.
 
     @property
     def by_samples(self) -> Simulator:
@@ -133,7 +134,7 @@ class CompressedSimulator(Unstepped):
         """Return the exact simulator of another experiment."""
         return self.whole.of(experiment)
 
-    # What the triangle can do.
+    # Results of the triangle.
 
     def sums(self, full: Array, tally: ResidualSums, weights: Array | None = None) -> Array:
         """See `Simulator.sums`."""
@@ -154,7 +155,7 @@ class CompressedSimulator(Unstepped):
         sums, sizes = np.split(numbers, [self._k * self._shape.sums], axis=1)
         sums = sums.reshape(-1, self._k, self._shape.sums)
         with np.errstate(all="ignore"):
-            # A step has what two samples have.
+            # An increment has the errors of two samples.
             sizes = sizes[..., None] * np.array([1.0, 2.0, 1.0])[: self._shape.sums]
             return sums, 2.0 * np.sqrt(sums) * sizes + sizes**2
 
@@ -283,7 +284,8 @@ def compress(simulator: Simulator, points: Array, variances: Array, weights: Arr
             basis, record, sizes, tolerance, layout=record.layout, channels=k_count,
             impulse=sensors.sensing.moves(sensors.experiment.start, angles=()), sums=sums,
         )  # fmt: skip
-        nothing.record.projected[..., -1] = variances[:, None] * usual  # it leaves noise alone
+        # The reference leaves noise alone.
+        nothing.record.projected[..., -1] = variances[:, None] * usual
         made = nothing.applied(simulator)
         if np.mean(made.exceeds_bound(points)) <= MAX_BEYOND:
             break

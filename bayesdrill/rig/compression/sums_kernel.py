@@ -34,7 +34,7 @@ BLOCKS = (
     | dict.fromkeys(("walkers", "scratch", "directions", "weights", "out"), VECTORS)
     | {"orders": WHOLE}
 )
-ENDS = 2  # which of the sums has but two rows: of the first sample and the last
+ENDS = 2  # index of the sum with two rows only: those of the first and the last sample
 
 
 def _projections(

@@ -19,11 +19,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
-CACHE_VARIABLE = "BAYESDRILL_CACHE"  # in the environment: another folder, or ...
-CACHE_OFF = "off"  # ... no cache at all, as OFF and 0
+CACHE_VARIABLE = "BAYESDRILL_CACHE"  # environment variable that names another folder, or ...
+CACHE_OFF = "off"  # ... switches the cache off, as `0` does
 MAX_FILES, MAX_BYTES = 4000, 256 * 1024**2
 _DIGEST_BYTES = hashlib.sha256().digest_size
-_NAMES = re.compile(r"[0-9a-f]{64}(\.[0-9a-f]+\.tmp)?")  # of our own files; others are left alone
+# Names of the cache's files; others are never touched.
+_NAMES = re.compile(r"[0-9a-f]{64}(\.[0-9a-f]+\.tmp)?")
 _log = logging.getLogger(__name__)
 
 
@@ -40,7 +41,7 @@ class CodeCache:
         try:
             with self._opened() as folder, _owned_file(_name(key), folder) as file:
                 content = file.read()
-                with suppress(OSError):  # used now: others go first
+                with suppress(OSError):  # mark as used, so that others are removed first
                     os.utime(file.fileno())
         except FileNotFoundError:
             return None
@@ -84,7 +85,7 @@ class CodeCache:
         Raises `FileNotFoundError` if there is none, and `PermissionError` if other users have
         access to it.
         """
-        # Of the folder that was opened, owners and permissions can be told.
+        # The owner and the permissions of an opened folder can be checked only on such systems.
         supported = hasattr(os, "geteuid") and os.open in os.supports_dir_fd
         if self.folder is None or not supported:
             raise FileNotFoundError(
@@ -112,7 +113,7 @@ class CodeCache:
         for count, (name, status) in enumerate(files, start=1):
             total += status.st_size
             if count > self.max_files or total > self.max_bytes:
-                with suppress(FileNotFoundError):  # another process was faster
+                with suppress(FileNotFoundError):  # another process has removed it
                     os.unlink(name, dir_fd=folder)
 
 
@@ -122,7 +123,7 @@ def user_cache(environment: Mapping[str, str] = os.environ) -> CodeCache:
     if named.lower() in (CACHE_OFF, "0"):
         return CodeCache(None)
     if named:
-        with suppress(RuntimeError):  # a `~` of nobody is the name of a folder
+        with suppress(RuntimeError):  # `~` without a home folder is an ordinary name
             named = str(Path(named).expanduser())
         return CodeCache(Path(named) / "kernels")
     from platformdirs import user_cache_path

@@ -28,14 +28,14 @@ from bayesdrill.basics import duals
 from bayesdrill.rig.kernels.cache import CodeCache, user_cache
 from bayesdrill.rig.kernels.lanes import LANES, Module
 
-# Of LLVM's passes, those that a kernel gains from: it is written without branches that could go, calls
-# nothing small and has its loops over vectors already. All others take as long again as these, the
-# machine code included, and it runs no faster after them.
+# The passes of LLVM from which a kernel gains. It has no superfluous branches, calls no small
+# functions, and its loops are already over vectors. All other passes would double the time to
+# compile, and the code would run no faster.
 PASSES = ("sroa", "instruction_combine", "simplify_cfg")
-# Of how hard it looks for machine code: harder takes a quarter as long again, for 2 to 3 % in kernels of
-# few loops that keep the processor's arithmetic busy, and nothing in the others.
+# LLVM's optimisation level. The higher one takes a quarter more time to compile. It gains 2 to 3 % in
+# kernels of few loops that keep the processor's arithmetic busy, and nothing in the others.
 OPT_LEVEL, HIGH_OPT_LEVEL = 1, 2
-PIECE = 4096  # numbers of a walker, which are next to those of others, that are copied at once
+PIECE = 4096  # numbers of a walker that are copied at once, so that groups stay in the cache
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +90,7 @@ def compile_kernel(write: Callable[..., None], *structures: Any, effort: int = O
         with _no_garbage_collection():
             module = Module(write.__module__)
             write(module, *structures)
-            # Before the machine code a line that says what arguments each function has.
+            # A line before the machine code lists the arguments of each function.
             line = json.dumps(module.arguments).encode() + b"\n"
             code = line + machine_code(module, effort)
         cache.store(key, code)
@@ -148,7 +148,8 @@ def machine_code(module: ir.Module, effort: int = OPT_LEVEL) -> bytes:
     import llvmlite.binding as llvm
 
     target = _target(effort)
-    context = llvm.create_context()  # constants stay in one as long as it lives
+    # A context of its own, as constants stay in memory while it lives.
+    context = llvm.create_context()
     parsed = llvm.parse_assembly(str(module), context)
     parsed.verify()
     passes = llvm.create_new_module_pass_manager()

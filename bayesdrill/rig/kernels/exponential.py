@@ -45,8 +45,8 @@ Entries = Callable[[Sequence[Any]], Sequence[tuple[int, int, Any]]]
 Pattern = tuple[tuple[bool, ...], ...]
 WeightKinds = tuple[tuple[int, ...], ...]
 Registers = dict[tuple[int, int], ir.Value]  # entries by place
-OTHER_WEIGHT = 2  # other numbers than 0, 1 and -1
-MOST_WRITTEN_OUT = 10  # states
+OTHER_WEIGHT = 2  # kind of weights that are not 0, 1 or -1
+MOST_WRITTEN_OUT = 10  # largest number of states whose products are unrolled
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -269,20 +269,19 @@ def store_exponential(
     (length,) = memory.shaped([span, *changes[1:]])
     values: dict[tuple[int, int], Number] = {}
     for row, column, value in layout.matrix(b, constants, parameters, *changes[:1]):
-        # Rows below the states stand for increments per step, whatever the step is, or for slopes.
+        # Rows below the states are increments per step of any length, or slopes.
         timed = value if increments and row >= layout.n_states else value * length
         values[row, column] = values.get((row, column), 0.0) + timed
-    # The size of the inputs' columns does not matter: the series in A alone converges.
+    # The norm needs no columns of inputs: the series converges if that of A does.
     plain, states = value_registers(values), range(layout.n_states)
-    if layout.large:  # where squarings cost far more than the terms of a series
+    if layout.large:  # squarings of large matrices cost far more than terms of a series
         norm = emit_balanced_norm(b, layout.n_states, plain)
     else:
         norm = emit_norm(b, ([plain[r, c] for c in states if (r, c) in plain] for r in states))
     halvings = emit_halvings(b, norm, TAYLOR_NORM)
     factor = Vector(b, emit_power(b, b.sub(_EXPONENT_BIAS, halvings)))
     short = {place: value * factor for place, value in values.items()}
-    # Values and slopes in reach are added up alike, in loops: written out, they take as long to compile
-    # as all else.
+    # Values and slopes in reach are added in loops: unrolled, they would double the time to compile.
     places = np.flatnonzero(np.repeat(np.array(layout.reach), memory.width))
     reached = constant_table(b.module, places.tolist())
     memory.clear(e, n * n)

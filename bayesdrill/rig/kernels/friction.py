@@ -178,7 +178,7 @@ class FrictionMode:
     block: ir.Value
     slots: dict[tuple[int, int], Number] = field(default_factory=dict)
 
-    # Where speeds have changed their signs.
+    # After a speed has changed its sign.
 
     def set(self, state: Sequence[Number]) -> None:
         """Store the rows for the signs of the speeds in `state`; a speed of zero sticks."""
@@ -229,7 +229,7 @@ class FrictionMode:
                     index += 1
                 self.slots[i, k] = row[k]
 
-    # As long as they do not.
+    # While no speed changes its sign.
 
     def directions(self) -> list[Vector]:
         """Load the directions: 1 or -1 as a friction slips, 0 as it sticks."""

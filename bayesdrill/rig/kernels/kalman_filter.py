@@ -66,8 +66,8 @@ from bayesdrill.rig.kernels.numbers import (
 from bayesdrill.rig.models.latent_torque import TIME, AugmentedModel
 
 TAYLOR_DEGREE = 13
-MAX_TAYLOR_NORM = 0.5  # 0.5**14 / 14! = 7e-16
-GAUSS_NODES = 9  # exact up to powers of 17
+MAX_TAYLOR_NORM = 0.5  # the remainder is then 0.5**14 / 14! = 7e-16
+GAUSS_NODES = 9  # exact for polynomials up to degree 17
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,7 +215,7 @@ def _emit_squares(
         here = memory.at(terms, b.mul(order, n))
         memory.put_row(_moved(timed, n, memory.row(here, n), _over(b, order)), here, n)
     memory.clear(q, n * n)
-    # Of Gauss and Legendre, from 0 to 1: nodes and weights in turn.
+    # Nodes and weights of Gauss-Legendre quadrature from 0 to 1, alternately.
     nodes, weights = np.polynomial.legendre.leggauss(GAUSS_NODES)
     gauss = np.stack([0.5 * (nodes + 1.0), 0.5 * weights], axis=1)
     table = b.room(gauss.size)
@@ -308,23 +308,24 @@ def _root(b: Builder, number: Number) -> Number:
     return Dual(size, number.slope * 0.5 / Vector(b, safe))
 
 
-STEADY_TOLERANCE = 1e-13  # of a variance: what it still changes when it is taken to have settled
+STEADY_TOLERANCE = 1e-13  # relative change of a variance below which the covariance is steady
 STEADY_SLOPE_TOLERANCE = 1e-10
 
-# G groups, T samples, M lengths of steps; the last of them leads to the first sample, if there is
-# a lead.
+# G groups, T samples and M lengths of steps. With a lead, the last length is that from the start to
+# the first sample.
 COUNTS = ("groups", "samples", "steps", "lead")
 BLOCKS = {
     "parameters": VECTORS,  # (G, P) numbers
-    "variances": VECTORS,  # (G, K) numbers, of the noise
-    "left": VECTORS,  # (G, T, K) numbers: measured minus model; normals to draw with (G, T, n + K)
-    "seen": NUMBERS,  # (T, K) one, or zero
-    "node": WHOLE,  # (T,) which step leads to the next sample
-    "same": WHOLE,  # (T,) whether gaps and step are as at the sample before
+    "variances": VECTORS,  # (G, K) numbers, variances of the noise
+    # (G, T, K) numbers, measured minus model; for draws, normal ones (G, T, n + K).
+    "left": VECTORS,
+    "seen": NUMBERS,  # (T, K) one if observed, else zero
+    "node": WHOLE,  # (T,) index of the step to the next sample
+    "same": WHOLE,  # (T,) whether channels and step are those of the sample before
     "spans": NUMBERS,  # (M,)
-    "weights": NUMBERS,  # (K, n) of channels
+    "weights": NUMBERS,  # (K, n) weights of states in channels
     "table": VECTORS,  # scratch (M, 2, n, n) numbers
-    "kept": VECTORS,  # scratch (T, `smoother_size`) where it smooths
+    "kept": VECTORS,  # scratch (T, `smoother_size`) of the smoother
     "out": VECTORS,  # (G, T, K, 2) numbers, whitened and variances; or (G, T, n), (G, T, n + K)
 }
 

@@ -17,9 +17,9 @@ from llvmlite import ir
 from bayesdrill.basics.duals import Choice, Number
 
 LANES = 8
-MOST_ON_STACK = 1024  # vectors of a room
+MOST_ON_STACK = 1024  # vectors: larger blocks are allocated by malloc
 Values = list[ir.Value]
-type Integer = ir.Value | int  # a 64-bit integer of a kernel, or one that is known
+type Integer = ir.Value | int  # a 64-bit integer of a kernel, or a constant
 
 F64 = ir.DoubleType()
 I64 = ir.IntType(64)
@@ -27,7 +27,8 @@ I32 = ir.IntType(32)
 BYTES = ir.IntType(8).as_pointer()
 VEC = ir.VectorType(F64, LANES)
 INT_VEC = ir.VectorType(I64, LANES)
-NOWHERE = ir.Constant(ir.VectorType(ir.IntType(1), LANES), [0] * LANES)  # a mask
+# The mask that is false in all lanes.
+NOWHERE = ir.Constant(ir.VectorType(ir.IntType(1), LANES), [0] * LANES)
 # Blocks of single numbers, of whole numbers, and of vectors: `LANES` numbers each.
 NUMBERS, WHOLE, VECTORS = F64.as_pointer(), I64.as_pointer(), VEC.as_pointer()
 
@@ -61,11 +62,11 @@ def integer(number: Integer) -> ir.Value:
     return _integer(number) if isinstance(number, int) else number
 
 
-_LEAST_POWER = -700.0  # of e; what is smaller still is nothing
-_ROUNDER = 1.5 * 2.0**52  # added to a number, it leaves its nearest whole number in the last bits
-_PI = (math.pi, 1.2246467991473532e-16)  # and what a double of it is short of
+_LEAST_POWER = -700.0  # exponents of e below this give zero
+_ROUNDER = 1.5 * 2.0**52  # adding it leaves the nearest integer in the last bits of a number
+_PI = (math.pi, 1.2246467991473532e-16)  # pi as a double, and the rest of it
 _SIN = tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(10))  # of sin(x)/x, in x^2
-# Of exp(x) for |x| < log(2)/2, least largest relative error: 2e-9.
+# Minimax polynomial of exp(x) for |x| < log(2)/2; its relative error is 2e-9.
 _EXP = (
     1.0000000005541665,
     1.0000000363231971,
@@ -114,7 +115,7 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
     floor, absolute, root = map(_of_lanes, ("floor", "fabs", "sqrt"))
     signed = _of_lanes("copysign")  # (value, like)
     fma = _of_lanes("fmuladd")  # factor * other + total, fused where the processor can
-    largest = _of_lanes("vector.reduce.smax", I64)  # lane of integers
+    largest = _of_lanes("vector.reduce.smax", I64)  # the largest integer in any lane
 
     def room(self, count: int, kind: ir.Type = VEC) -> ir.Value:
         """Reserve vectors once, even in a loop: on the stack, or by malloc if they are many."""
@@ -124,7 +125,7 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
             found = self.module.globals.get("malloc")
             malloc = found or ir.Function(self.module, ir.FunctionType(BYTES, [I64]), "malloc")
             self.taken.append(self.call(malloc, [I64((count + 1) * 8 * LANES)]))
-            start = self.ptrtoint(self.taken[-1], I64)  # of lines of the cache: see `aligned`
+            start = self.ptrtoint(self.taken[-1], I64)  # start at a cache line, see `aligned`
             begin = self.and_(self.add(start, 8 * LANES - 1), -8 * LANES)
             return self.inttoptr(begin, kind.as_pointer())
 
@@ -345,7 +346,7 @@ def function(
         if isinstance(argument.type, ir.PointerType):
             argument.add_attribute("noalias")
     b = Builder(written.append_basic_block())
-    b.taken = Values()  # what it gives back to the C library
+    b.taken = Values()  # memory that the function frees at its end
     yield written, b
     for place in b.taken:
         kind = ir.FunctionType(ir.VoidType(), [BYTES])

@@ -57,17 +57,17 @@ from bayesdrill.rig.kernels.transitions import (
     table_entries,
 )
 
-# G groups of LANES walkers; T samples, N knots (samples, and others behind the last); q directions;
-# nodes of the table; rungs of the ladder from its width on, -1 where all spans are in the table;
-# 1 where signals are stored, and else 0.
+# G groups of LANES walkers; T samples; N knots (samples, and others after the last); q directions;
+# nodes of the table; rungs of the ladder from its width on, -1 if all spans are in the table;
+# 1 if signals are stored, else 0.
 COUNTS = ("groups", "samples", "knots", "directions", "nodes", "high", "stored")
 BLOCKS = {
     "own": VECTORS,  # (G, numbers of `LinearShape.parts`, then `LinearShape.weights`)
     "along": VECTORS,  # (G, q, numbers of `LinearShape.with_slopes`): slopes
     "numbers": NUMBERS,  # width of the ladder; constant inputs
-    "spans": NUMBERS,  # of nodes
-    "chained": WHOLE,  # of nodes: 1 where one is the node before and a width
-    "node": WHOLE,  # (N,) of the step from each knot
+    "spans": NUMBERS,  # spans of nodes
+    "chained": WHOLE,  # 1 if a node's span is that of the node before plus a width
+    "node": WHOLE,  # (N,) node of the step from each knot
     "share": NUMBERS,  # (N,) of a width by which that step is longer than its node, -1 for none
     "t": NUMBERS,  # (N + 1,), the last infinity
     "u": NUMBERS,  # (N, S or 2 S): sampled inputs and, with a first-order hold, their slopes
@@ -78,9 +78,9 @@ BLOCKS = {
 }
 SCRATCH = ("table", "states", "rungs", "planes", "before", "trace")
 SIGNALS, SUMS, NORMAL, INNOVATIONS = "signals", "sums", "normal", "innovations"
-ROWS = 64  # of a chunk
-FARTHEST = 2.0**40  # steps of a delay that count
-JOINED = 4  # samples of a step of large matrices; ROWS are whole steps
+ROWS = 64  # samples of a chunk
+FARTHEST = 2.0**40  # largest delay in steps; larger ones have the same effect
+JOINED = 4  # samples per step of large matrices; it divides ROWS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -426,7 +426,7 @@ class _Walker:
             kind.put(sum_products(kind.zero(), terms), row, j)
         return row
 
-    # From knot to knot.
+    # Steps from knot to knot.
 
     def drive(self, knot: ir.Value) -> InputHold:
         """Load what drives the rig from a knot on."""
@@ -515,7 +515,7 @@ class _Walker:
             self.b.write(register, self.w.at(plane, row, k), 0)
         return totals
 
-    # Channels that are late.
+    # Late channels.
 
     def _trace(self, knot: ir.Value, state: State, drive: InputHold) -> None:
         """Keep what late channels show at even times, or the state from which they follow."""
@@ -552,7 +552,7 @@ class _Walker:
                 inside = b.select(b.icmp_signed("<", place, last), place, last)
                 inside = b.select(b.icmp_signed(">", inside, 0), inside, 0)
                 value = self._kept(inside, len(self.late), n)
-                early = Mask(b, b.icmp_signed("<", place, 0))  # whatever t has been rounded to
+                early = Mask(b, b.icmp_signed("<", place, 0))  # independent of the rounding of t
             else:
                 place = b.last_until(w.a["t"], samples.carried[n], dual(when).value.value)
                 places.append(place)

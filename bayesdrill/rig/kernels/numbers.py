@@ -57,7 +57,7 @@ class Numbers:
         """Return zero, with a slope where numbers of this kind have one."""
         return self.shaped([vector(0.0)] * self.width)[0]
 
-    # In memory, `width` vectors each.
+    # Numbers in memory take `width` vectors each.
 
     def at(self, base: ir.Value, index: Integer) -> ir.Value:
         """Return the address of a number, or of the first of a row."""
@@ -89,7 +89,7 @@ class Numbers:
         """Store `count` zeros."""
         self.b.clear(base, count * self.width)
 
-    # Where code runs for few walkers.
+    # Code that runs only if some walker needs it.
 
     def select_if_any(
         self, mask: Mask, default: list[Number], other: Callable[[], list[Number]]
@@ -179,7 +179,7 @@ def keeps_direction(direction: Vector, speed: Number) -> Mask:
     return Mask(direction.b, direction.b.fcmp_unordered(">", product, vector(0.0)))
 
 
-MIN_RELATIVE_PIVOT = 1e-13  # of a diagonal: a pivot below it is rounding
+MIN_RELATIVE_PIVOT = 1e-13  # relative to the diagonal: smaller pivots are rounding errors
 
 
 @dataclass(frozen=True, slots=True)
@@ -256,7 +256,7 @@ def multiply(
 ) -> None:
     """Store the product of `a (m, inner)` and `other (inner, n)`; `sizes`: m, inner, n."""
     (m, inner, n), memory = sizes, Numbers(b, slopes)
-    for i, count in strips(b, m, 3):  # what is read of the other matrix serves all rows of a strip
+    for i, count in strips(b, m, 3):  # each entry of `other` is read once for a strip of rows
         begin, into = (memory.at(base, b.mul(i, size)) for base, size in ((a, inner), (out, n)))
         rows = [memory.row(begin, inner, r * inner) for r in range(count)]
         for j in range(n):

@@ -195,7 +195,7 @@ class ReversalStep:
         """
         back = below(speed, 0.0)
         ahead, rate = where(back, -stop, stop), size(speed) * over
-        against = rate - ahead + most  # what drives it backwards, and what brakes it
+        against = rate - ahead + most  # the effort that drives it backwards, plus the friction
         keeps, passes = above(ahead, most), above(against, most + at_rest.size)
         turned = where(keeps, most, ahead)
         (turned,) = self.step.kind.select_if_any(
@@ -217,7 +217,7 @@ class ReversalStep:
         slips = above(last, at_rest.size).either(above(mean, at_rest.size))
 
         def slipping() -> list[Number]:
-            # Straight from the first to the middle, and on to the last.
+            # The course is two straight lines: from the first to the middle, and on to the last.
             middle = (mean * 6.0 - first - last) * 0.25
             halves = [_beyond(*ends, at_rest.size) for ends in ((first, middle), (middle, last))]
             share = (halves[0][0] + halves[1][0]) * 0.5
@@ -263,7 +263,7 @@ def _beyond(first: Number, last: Number, limit: Number) -> tuple[Number, Number]
     return share, over
 
 
-SETTLED_EXPONENT = 18.0  # exponent: 2e-8 is left of what a friction has more at rest
+SETTLED_EXPONENT = 18.0  # exponent of the decay: exp(-18) = 2e-8 of the excess at rest remains
 
 
 def advance_stride(

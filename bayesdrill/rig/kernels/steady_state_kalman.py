@@ -59,9 +59,11 @@ from bayesdrill.rig.kernels.numbers import (
 )
 from bayesdrill.rig.kernels.transitions import table_entries
 
-MIN_DOUBLINGS, MAX_DOUBLINGS = 7, 44  # doublings
-COVARIANCE_TOLERANCE = 1e-14  # of the variance of a sample: what one more doubling may add to it
-# Of a sum: after a block that adds no more to it, one as long as both adds nothing.
+# Doublings: at least 128 samples, and more than any record has.
+MIN_DOUBLINGS, MAX_DOUBLINGS = 7, 44
+# Relative to a sample's variance: largest addition of one more doubling.
+COVARIANCE_TOLERANCE = 1e-14
+# Relative to a sum: once a block adds less than this, one of twice its length adds nothing.
 INFORMATION_TOLERANCE = 1e-15
 
 
@@ -75,8 +77,8 @@ def _products(
             yield i * system.n + j, weight * other
 
 
-# Of the matrices (n, n) P, Phi, Q, G, A; gains, see `Gains`; pulls `(K, n)`, what a channel shows of
-# the state before the sample, over its variance; `variances` of noise, and `weights`.
+# Addresses of the matrices P, Phi, Q, G and A (n, n), of gains (see `Gains`), `variances` of noise
+# and `weights`; and of pulls `(K, n)`, the innovation's slope in the state over its variance.
 Addresses = dict[str, ir.Value]
 
 
@@ -255,7 +257,7 @@ BLOCKS = {
     "shown": VECTORS,  # scratch (T / `BLOCK_SAMPLES` + 1, n)
     "out": VECTORS,  # (2 K + 1, G)
 }
-BLOCK_SAMPLES = 8  # samples
+BLOCK_SAMPLES = 8  # samples of a block
 
 
 def write_steady_state(module: Module, system: StateSpace, layout: Layout) -> None:

@@ -20,14 +20,14 @@ from bayesdrill.rig.kernels.sums import ResidualSums
 from bayesdrill.rig.models.friction import SettlingLaw
 from bayesdrill.rig.models.linear import Model
 
-# T samples; N steps; parts of a step with a reversal; 1 where signals are stored in the place of sums.
+# T samples; N steps; parts of a step with a reversal; 1 if signals are stored instead of sums.
 COUNTS = ("groups", "samples", "nodes", "turns", "stored")
 BLOCKS = {
-    "numbers": NUMBERS,  # spans of a step, and of as many as are between usual samples; constant inputs
-    "own": VECTORS,  # (G, vectors of `walker_blocks` of the shape): what walkers have of their own
+    "numbers": NUMBERS,  # spans of a step and between usual samples; constant inputs
+    "own": VECTORS,  # (G, vectors of `walker_blocks`): the numbers of each walker
     "u": NUMBERS,  # (N + 1 + 2 `pad`, columns of inputs)
     "pieces": WHOLE,  # (T,) steps to the next sample
-    "usual": WHOLE,  # (T,) whether that is as many as usual
+    "usual": WHOLE,  # (T,) 1 if that is the usual number of steps
     "t": NUMBERS,  # (T,) times of samples, in steps from the first node
     "y": NUMBERS,  # (T, K)
     "trace": VECTORS,  # scratch (N + 1, K, 3, numbers of one)
@@ -61,7 +61,8 @@ class SteppedShape:
     @property
     def text(self) -> str:
         """See `compile_kernel`."""
-        described = ("model", "series", "late", "constant")  # by their formulas and places
+        # These enter the text by formulas and places.
+        described = ("model", "series", "late", "constant")
         names = [setting.name for setting in fields(self) if setting.name not in described]
         settings = {name: getattr(self, name) for name in (*names, "long_steps")}
         late = [self.series.index(name) for name in self.late]

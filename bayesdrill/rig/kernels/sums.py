@@ -78,8 +78,8 @@ class _Neighbours(ResidualSums):
         ]
 
 
-_FRACTION = (1 << 52) - 1  # bits of a number that say how far it is from a power of two, ...
-_ONE = 1023 << 52  # ... and those of the power, of one
+_FRACTION = (1 << 52) - 1  # bits of the fraction of a double, ...
+_ONE = 1023 << 52  # ... and the exponent bits of one
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,9 +109,9 @@ def _times(b: Builder, product: ir.Value, powers: ir.Value, factor: ir.Value) ->
     return [b.bitcast(fraction, VEC), b.bitcast(whole, VEC)]
 
 
-MAX_INSIDE_SDS = -8.5  # sds inside of an interval: beyond its end are 1e-17
+MAX_INSIDE_SDS = -8.5  # standard deviations from both ends: the probability outside is 1e-17
 _TURN = 3.0
-# Of (1 + 2 x) erfcx(x) / 2 in (x - turn) / (x + turn), for x from zero on: to 1e-10 (Shepherd and
+# Polynomial of (1 + 2 x) erfcx(x) / 2 in (x - turn) / (x + turn), for x >= 0, to 1e-10 (Shepherd and
 # Laframboise 1981).
 _TAIL = (
     0.626504029134865,
@@ -167,7 +167,7 @@ class _Intervals(ResidualSums):
         def moved() -> Values:
             return self._moved(b, others, near, middle, half, observed)
 
-        # What the noise can hardly have moved out of its interval leaves the product as it is.
+        # Samples far inside their interval have probability one, so that the product stays.
         far = b.anywhere(b.fcmp_unordered(">", near, vector(MAX_INSIDE_SDS)))
         return [squares, *b.replace_if(far, others, moved)]
 

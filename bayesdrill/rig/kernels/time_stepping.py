@@ -78,7 +78,7 @@ class Writer:
         self.step = self._step(whole, self.span)
         self.mode = self._friction_mode(self.step)
         self.stride: FrictionMode | None = (
-            None  # from sample to sample, if that is more than a step
+            None  # a long step from sample to sample, if that is more than one step
         )
         for matrix in stride:
             span = number(b, self.a["numbers"], 1)
@@ -134,7 +134,7 @@ class Writer:
         index = shape.model.states.index
         for column, friction in enumerate(shape.model.frictions, start=first):
             row, law = index(friction.against), friction.law
-            acts = -rates.rows[row][column]  # a unit of it, on the rate
+            acts = -rates.rows[row][column]  # effect of a unit effort on the rate
             steady = law.size(self.parameters, 0.0, {}) if law.steady else None
             holding = {k: entry / acts for k, entry in rates.rows[row].items() if k < first}
             acting.append(
@@ -163,7 +163,8 @@ class Writer:
     def _friction_mode(self, step: Step) -> FrictionMode:
         shape, frictions = self.shape, len(self.shape.model.frictions)
         rows = self.x_count + frictions
-        size = frictions + 2 * rows * (rows + 1 + len(shape.drives))  # directions, and all entries
+        # Numbers: directions, and all entries.
+        size = frictions + 2 * rows * (rows + 1 + len(shape.drives))
         return FrictionMode(step, shape.read or shape.efforts, self.b.room(size))
 
     def drive(

@@ -45,11 +45,11 @@ from bayesdrill.rig.kernels.numbers import (
 
 MAX_SERIES_DEGREE = 14
 MAX_SERIES_NORM = 0.3  # largest norm times span that a series is asked for
-SERIES_TAIL = 1e-16  # of a truncated series, relative to the state
-MAX_HALVINGS = 50  # of the width: a shorter span is lost in the rounding of a time
+SERIES_TAIL = 1e-16  # truncation error of a series, relative to the state
+MAX_HALVINGS = 50  # halvings of the width: shorter spans are below the rounding of times
 MAX_RUNGS = 60 + MAX_HALVINGS
-LEAST_NORM = 1e-3  # of a norm times the width: below, it does not matter
-MAX_NORM = 1e100  # of norms: a lane beyond has overflown
+LEAST_NORM = 1e-3  # smallest norm times width; smaller ones are treated as this
+MAX_NORM = 1e100  # largest norm; a lane with a larger one has overflowed
 
 State = list[Number]
 Step = Callable[[State, "InputHold"], State]
@@ -224,7 +224,7 @@ class Transitions:
             b.copy(following, units, x * columns * kind.width)
         b.copy(units, joined, x * columns * kind.width)
 
-    # Spans that are not in the table.
+    # Other spans than those in the table.
 
     def rate_entries(self) -> list[tuple[int, int]]:
         """Return (row, column) of the entries of A, c and B that the rig has."""
@@ -303,7 +303,7 @@ class Transitions:
         inputs, count = [*drive.inputs], len(drive.inputs)
         slots = b.slots(len(kind.flat([*state, *inputs, ratio])))
         b.write_slots(kind.flat([*state, *inputs, ratio]), slots)
-        # No lane takes the rungs above the bits of the largest whole ratio.
+        # Skip the rungs that are longer than the span of every lane.
         whole = b.largest(b.fptosi(dual(ratio).value.value, INT_VEC))
         above = b.sub(high, b.sub(64, b.ctlz(whole, ir.IntType(1)(0))))
         above = b.select(b.icmp_signed(">", above, 0), above, 0)

@@ -50,4 +50,4 @@ def _all(role: str, known: Mapping[str, Symbol]) -> Mapping[str, Symbol]:
 
 PARAMETERS = _all("parameters", symbols.PARAMETERS)
 STATES = _all("states", symbols.STATES)
-INNER = frozenset(name for rig in _rigs() for name in rig.inner)  # of no start
+INNER = frozenset(name for rig in _rigs() for name in rig.inner)  # states that no start names

@@ -31,7 +31,7 @@ from bayesdrill.rig.models.friction import (
 from bayesdrill.rig.models.linear import Linear, Model
 from bayesdrill.rig.models.roles import GROUND, InertiaRoles, MotorRoles, ShaftRoles
 
-CONSTANT = ""  # the column of what acts always, `c`
+CONSTANT = ""  # the column of constant forcing, `c`
 Entry = tuple[str, str, Any]  # row, column of A, of B or `CONSTANT`, value
 
 
@@ -84,7 +84,7 @@ class _Parts:
         self.names, self.states = {*model.parameters}, model.states
         self.moving = self.roles.moving(self.states, self.names)
 
-    # Where things act.
+    # Inertias and torques, referred to the state.
 
     def inertia(self, speed: str, p: Named) -> Any:
         """Return what `coordinate_inertia` does."""

@@ -24,7 +24,7 @@ TorqueLocation = str  # the name of an inertia
 Smoothness = Literal["1/2", "3/2"]
 
 SIZE, TIME = "s_d", "tau_d"
-TORQUE, RATE = "torque", "torque_rate"  # states, over `SIZE`, and over `SIZE` times the rate's own
+TORQUE, RATE = "torque", "torque_rate"  # states, scaled to unit variance
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -94,7 +94,7 @@ class AugmentedModel(WrappedModel):
     free: bool = False
     observable: bool = True
 
-    frictions: ClassVar[tuple[()]] = ()  # it moves as if none changed its sign
+    frictions: ClassVar[tuple[()]] = ()  # no friction changes its sign in this model
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -197,7 +197,7 @@ def augment(
     The weights decide whether any channel shows the common angle of a rig that turns freely.
     """
     angle_names = rig.angles
-    # No two alike: where all are one, a rig may turn freely that does not elsewhere.
+    # Distinct values: with all parameters equal, a rig might turn freely by coincidence.
     distinct = {name: 1.0 + math.sqrt(k + 2) % 1 for k, name in enumerate(rig.parameters)}
     matrix = dynamics(rig.linear(distinct), rig.states, 1)
     free = len(angle_names) > 1 and steady_state.rotates_freely(

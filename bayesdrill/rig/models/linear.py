@@ -107,7 +107,7 @@ class Model(Protocol):
         whole powers.
         """
 
-    # What a rig may have beside that.
+    # Optional members, with their defaults.
 
     @property
     def roles(self) -> Roles:

@@ -88,7 +88,7 @@ OFFERS: Offers = MappingProxyType(
         **dict.fromkeys(("v_d", "eta", "d_m", "d_1"), ()),
     }
 )
-BEYOND = ("k_0", "j_0")  # a rotor behind rotor 1
+BEYOND = ("k_0", "j_0")  # a rotor beyond rotor 1
 ROTOR_0: Offers = MappingProxyType({**together(*BEYOND), "c_0": BEYOND})
 ITS_STATES: Mapping[tuple[str, ...], tuple[str, ...]] = MappingProxyType(
     {BEYOND: ("theta_0", "w_0")}

@@ -16,7 +16,7 @@ from bayesdrill.basics.symbols import Symbol
 
 GROUND = "ground"  # the end of a shaft that does not move
 
-# Of the gear reduction factor, by which a quantity at the motor is that at the load times it.
+# Power of the gear reduction factor that refers a quantity at the load to the motor, by unit.
 GEAR_POWERS: Mapping[str, int] = MappingProxyType(
     {
         "kg*m**2": 2,

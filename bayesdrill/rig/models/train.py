@@ -194,7 +194,7 @@ CIRCUIT = (
     Row("inductance", "l", "H", "inductance of", ()),
     Row("drop", "v_d", "V", "voltage drop at", ("inductance",), "not negative"),
 )
-# Letters, units and words of what moves along a line, in the place of those of what turns.
+# Letters, units and words of a linear train, by those of a rotary one.
 LINEAR: Mapping[str, str] = {
     "j": "m",
     "theta": "x",
@@ -317,7 +317,7 @@ class Description:
         if name == _rubbing(train, joined):
             names |= self._add_rows(RUBBING, name)
             loaded = {*train.gravity, *(end for shaft in train.shafts for end in shaft.ends)}
-            behind = loaded & {*joined} - {name}  # a gear that passes nothing on loses nothing
+            behind = loaded & {*joined} - {name}  # a gear without load has no loss
             for gear in [gear.name for gear in train.gears if behind and gear.ends[0] == name][:1]:
                 names |= self._add_rows(GEAR, gear)
         effort = f"friction_{name}"

@@ -20,7 +20,7 @@ from bayesdrill.rig.simulators.linear import Response
 from bayesdrill.rig.simulators.sensors import ObservationModel
 from bayesdrill.rig.simulators.stepped import Stepped
 
-COMPRESSED_FROM = 20_000  # samples: of fewer a run takes at most some minutes without it
+COMPRESSED_FROM = 20_000  # samples: with fewer a run without compression takes some minutes at most
 
 
 def simulator(

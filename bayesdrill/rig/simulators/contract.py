@@ -32,7 +32,7 @@ class Motion:
     efforts: Array
 
 
-REVERSAL_SUBSTEPS = 4  # 2 leave several times the error, 8 hardly less
+REVERSAL_SUBSTEPS = 4  # with 2 the error is several times as large, with 8 hardly smaller
 
 
 class Stepping(NamedTuple):
@@ -57,8 +57,9 @@ class Simulator(ABC):
 
     model: Model
     experiment: Experiment
-    sensing: ObservationModel  # what it is told beside the rig's parameters
-    exact: ClassVar[bool] = False  # whether slopes come as sums from one kernel, no sample kept
+    sensing: ObservationModel  # sensors and start, beside the rig's parameters
+    # Whether one kernel sums up the normal equations without storing samples.
+    exact: ClassVar[bool] = False
 
     @cached_property
     def parameters(self) -> tuple[str, ...]:
@@ -201,8 +202,8 @@ class Simulator(ABC):
         return self.of(dataclasses.replace(self.experiment, y=record))
 
 
-MAX_SENSITIVITY_BYTES = 6e7  # of sensitivities at a time
-MAX_SQUARES = 1e200  # beyond which a product of their logs may have overflown
+MAX_SENSITIVITY_BYTES = 6e7  # memory for sensitivities at a time [bytes]
+MAX_SQUARES = 1e200  # largest sum of squares whose product of logs cannot have overflowed
 
 
 def whitening_scales(weights: Array) -> Array:
@@ -242,7 +243,7 @@ def log_sums(tally: Array) -> Array:
     return np.asarray(np.where(squares < MAX_SQUARES, logs, np.nan))
 
 
-# A block that a kernel does not read, and its address: asking for that takes as long as some samples.
+# A block that a kernel does not read, and its address, as asking for it takes as long as some samples.
 NO_BLOCK = np.zeros(0)
 NO_ADDRESS = NO_BLOCK.ctypes.data
 

@@ -28,8 +28,8 @@ from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulators.contract import NO_BLOCK, in_groups
 from bayesdrill.rig.simulators.long_record import constant_numbers, input_layout
 
-CLOCK_TOLERANCE = 1e-9  # of the usual step: what steps may differ by and be one
-MAX_STEP_LENGTHS = 64  # lengths of steps, each with matrices of its own
+CLOCK_TOLERANCE = 1e-9  # relative to the median step: steps with a smaller difference are equal
+MAX_STEP_LENGTHS = 64  # largest number of step lengths, as each needs its own matrices
 
 
 @dataclass(frozen=True, slots=True)

@@ -38,10 +38,10 @@ from bayesdrill.rig.simulators.sensors import ObservationModel, ObservedWalkers,
 from bayesdrill.rig.simulators.stepped import Unstepped
 from bayesdrill.rig.simulators.time_grid import Grid, inputs_at_knots
 
-# Numbers of a record: of more, no memory is taken for eight walkers at once.
+# Largest record [numbers] for which a kernel takes memory for eight walkers at once.
 MAX_GROUPED = 8_000_000
 PERFECT = ObservationModel()
-MAX_AHEAD = 4  # lengths of the record that a channel may be ahead of it
+MAX_AHEAD = 4  # largest advance of a channel, in lengths of the record
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +96,7 @@ class Response(Unstepped):
         lower = np.tril(products[:, 1:, 1:])
         return rows[:, :k], -products[:, 1:, 0], lower + np.tril(lower, -1).swapaxes(1, 2)
 
-    # What the kernel is told of the record.
+    # Arguments of the kernel that depend on the record.
 
     @property
     def _grid(self) -> Grid:
@@ -139,7 +139,7 @@ class Response(Unstepped):
         )
 
     def _shape(self, output: str, tally: ResidualSums | None, *, slopes: bool) -> LinearShape:
-        if output == SIGNALS:  # which kernels of these store too
+        if output == SIGNALS:  # these kernels store signals too
             output, tally = (NORMAL, None) if slopes else (SUMS, SQUARES)
         sensed = slopes and not self.sensing.empty
         return replace(self._structure, output=output, tally=tally, slopes=slopes, sensed=sensed)
@@ -186,7 +186,7 @@ class Response(Unstepped):
                 "t": np.concatenate([g.t[:-1], later, [np.inf]]),
                 "u": np.ascontiguousarray(u),
             }
-            # The addresses, and the blocks that have to stay there.
+            # Keep the blocks, so that their addresses stay valid.
             self._known[ahead,] = {name: x.ctypes.data for name, x in blocks.items()}, blocks
         addresses: dict[str, int] = self._known[ahead,][0]
         return addresses
@@ -209,7 +209,7 @@ class Response(Unstepped):
         longest = float(np.diff(g.t[:-1]).max(initial=0.0))
         return int(longest / (g.width or g.usual)).bit_length()
 
-    # What it is told of walkers.
+    # Arguments of the kernel that depend on walkers.
 
     @cached_property
     def _known_numbers(self) -> Array:
@@ -263,8 +263,8 @@ class Response(Unstepped):
             numbers, ahead = self._walkers(walkers)
         if along is not None:
             blocks["along"] = in_groups(numbers.slope.reshape(len(full), -1))
-            numbers = numbers.value[::q]  # those of a walker are the same in all directions
-        if weights is None and along is not None:  # of signals, which need none
+            numbers = numbers.value[::q]  # the values are the same in all directions
+        if weights is None and along is not None:  # signals need no weights
             weights = np.zeros((len(full), shape.channels))
         own = (numbers,) if weights is None else (numbers, weights)
         samples = len(self._padded)

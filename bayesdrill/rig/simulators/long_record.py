@@ -22,9 +22,9 @@ from bayesdrill.rig.simulators.sensors import ObservedWalkers, SensorParameters
 from bayesdrill.rig.simulators.time_grid import Whole
 
 Long = np.longdouble
-LongArray = NDArray[Any]  # of long numbers, or of plain ones
-SERIES, HALVINGS = 22, 12  # of the exponential: terms, and at least so many
-STRETCHES = 1024  # of a part that are stepped side by side
+LongArray = NDArray[Any]  # extended or double precision
+SERIES, HALVINGS = 22, 12  # terms of the exponential's series, and least number of halvings
+STRETCHES = 1024  # stretches of a part that are stepped side by side
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +73,7 @@ class LongRecord:
         for row, column, value in layout.entries(long):
             matrix[row, column] += value if row >= x else value * Long(self.step)
         step: LongArray = long_exponential(matrix).astype(kind)
-        # Of one and of inputs, then of their increments where they change straight.
+        # Columns of one and of inputs, then of increments of interpolated inputs.
         fall, columns = step[:x, :x], step[:x, x:].T
         rows = numbers[p + x :].reshape(-1, x + 1).astype(kind)
         state = numbers[p : p + x].astype(kind)
@@ -142,7 +142,7 @@ def record_blocks(experiment: Experiment) -> dict[str, Array]:
 def long_exponential(matrix: LongArray) -> LongArray:
     """Return exp(M) - 1 by scaling and squaring, in the precision of M."""
     _, size = np.frexp(np.abs(matrix).sum(axis=1).max(initial=0.0))
-    halvings = max(HALVINGS, int(size))  # as often as a stiff rig needs it
+    halvings = max(HALVINGS, int(size))  # a stiff rig needs more
     scaled = np.ldexp(matrix, -halvings)
     total, term = scaled.copy(), scaled.copy()
     for k in range(2, SERIES):

@@ -190,7 +190,7 @@ class SensorParameters:
 
         return linear_map(spread, full)
 
-    # The record's own.
+    # Times and inputs of the record.
 
     @property
     def lead(self) -> bool:

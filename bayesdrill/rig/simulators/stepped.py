@@ -157,7 +157,7 @@ class Stepped(Simulator):
         states = states[:, last] * (1 - share) + states[:, last + 1] * share
         return Motion(states=states, efforts=efforts[:, last])
 
-    # What the kernels are told.
+    # Arguments of the kernels.
 
     @cached_property
     def _grid(self) -> UniformGrid:
@@ -177,7 +177,7 @@ class Stepped(Simulator):
         wanted = (id(ahead), tally, *kind.values())
         if wanted not in self._bound_kernels:
             w, experiment = self.sensors, self.experiment
-            # Of states, and of one whether channels have offsets or not: one kernel for all.
+            # Columns of states and of one, with or without offsets, so that one kernel serves both.
             seen = np.column_stack([w.weights, np.ones(len(w.weights))])
             rows = _unit_rows(self.model)[0] if kind["efforts"] else seen
             shape = SteppedShape(
@@ -245,7 +245,7 @@ class Stepped(Simulator):
     def _walker_parts(self, walkers: ObservedWalkers) -> dict[str, Any]:
         """Return the parts that depend on each walker's sensors and start."""
         w, full = self.sensors, walkers.full
-        # Only a channel that is late shows what was before the start.
+        # Only a late channel shows the time before the start.
         shifts, start = self.sensing.shifts, walkers.start
         before = walkers.before if shifts else linear_map(np.zeros_like, start)
         return {

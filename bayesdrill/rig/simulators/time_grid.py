@@ -13,17 +13,18 @@ from bayesdrill.basics.arrays import Array
 
 Whole = NDArray[np.int64]
 
-STEP_TOLERANCE = 1e-12  # of a step: steps nearer to each other are one
-CLOCK_ROUNDING = 4 * np.finfo(float).eps  # of the latest time: nor can its digits tell steps apart
-# Times the samples: so many knots make equal steps of those between samples left out.
+STEP_TOLERANCE = 1e-12  # relative to a step: steps with a smaller difference are equal
+# Relative to the latest time: its rounding hides smaller differences.
+CLOCK_ROUNDING = 4 * np.finfo(float).eps
+# Largest number of knots per sample at which missing samples are filled to equal steps.
 MAX_FILL_RATIO = 1.5
-# Distinct steps that get an exponential each: 4, and one for 100 samples.
+# Distinct steps with one exponential each: 4, plus one for every 100 samples.
 MIN_DISTINCT_STEPS, SAMPLES_PER_STEP = 4, 100
-CELLS, SAMPLES_PER_CELL = (24, 64), 12  # of all others, one for 12 samples between these ends
-WIDTH_RATIO = 1.25  # width by width
+CELLS, SAMPLES_PER_CELL = (24, 64), 12  # other steps: one cell for 12 samples, within these limits
+WIDTH_RATIO = 1.25  # ratio of the widths that are tried
 BELOW_ONE = 1.0 - 2.0**-53
-EXPONENTIAL_COST = 10  # an exponential costs as much as so many products
-LONG_STEP = 2.0  # usual steps: longer ones are taken in pieces where steps are in cells
+EXPONENTIAL_COST = 10  # cost of an exponential, in products
+LONG_STEP = 2.0  # in median steps: longer steps are divided into pieces if steps are in cells
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,7 +165,7 @@ def inputs_at_knots(
     return inputs[before] + slopes * since, slopes
 
 
-NODE_TOLERANCE = 1e-9  # of a step: a shift nearer to a whole number of them is one
+NODE_TOLERANCE = 1e-9  # relative to a step: a shift that near to whole steps is whole
 
 
 class UniformGrid:
@@ -252,7 +253,7 @@ class UniformGrid:
 
         There are `margin` more rows before and after. Outside the record inputs are constant.
         """
-        # Few sizes, each kept.
+        # Round the sizes up to few different ones, so that results can be kept.
         margin, after = (1 << n.bit_length() if n else 0 for n in (margin, after))
         if (margin, after) not in self._kept:
             at = np.arange(1 - margin, len(self._rows) - 1 + after + margin)
