@@ -1,8 +1,8 @@
-"""What moves: models of rigs, kernels compiled from them, and simulators of an experiment.
+"""Here is how a rig moves: models of rigs, compiled kernels, and simulators.
 
-`models/` has the equations, `kernels/` the machine code, `simulators/` what the channels do at
-given parameters, `compression/` that of a long record in a few hundred numbers. Nothing here is
-uncertain: priors, noise and densities are in `inference`.
+`models/` has the equations of motion, `kernels/` the machine code, and `simulators/` the response
+of the channels at given parameters. `compression/` reduces a long record to a few hundred numbers.
+Nothing here is uncertain: priors, noise and densities are in `inference`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The steady state of a rig at constant inputs: it turns steadily, or stands still."""
+"""Compute the steady state of a rig at constant inputs: it turns steadily, or stands still."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from bayesdrill.basics.duals import Dual
 from bayesdrill.rig.models.linear import Model
 
 INVARIANCE_TOLERANCE = 1e-12
-MIN_SHARE = 1e-9  # of the largest turn: below it the first angle stands still
+MIN_SHARE = 1e-9  # relative to the largest turn: below it the first angle stands still
 
 
 def angle_indices(model: Model) -> list[int]:
@@ -21,16 +21,16 @@ def angle_indices(model: Model) -> list[int]:
 
 
 def rotates_freely(matrix: Array, angles: Sequence[int]) -> bool:
-    """Tell whether nothing changes when all angles are shifted alike, in all of `matrix (n, X, X)`."""
+    """Tell whether shifting all angles alike changes nothing, in all of `matrix (n, X, X)`."""
     columns = matrix[np.isfinite(matrix).all(axis=(1, 2))][:, :, list(angles)]
     invariant = np.abs(columns.sum(axis=-1)) <= INVARIANCE_TOLERANCE * np.abs(columns).sum(axis=-1)
     return bool(invariant.all())
 
 
 def free_turn(matrix: Array, angles: Sequence[int]) -> Array | None:
-    """Return how far each angle turns with the first where nothing resists; None where something does.
+    """Return how far each angle turns with the first one in free rotation; None if it is resisted.
 
-    Gears within a chain make that other numbers than one.
+    Gears within a drive train make these numbers other than one.
     """
     alike = np.ones(len(angles))
     if rotates_freely(matrix, angles):
@@ -45,9 +45,9 @@ def free_turn(matrix: Array, angles: Sequence[int]) -> Array | None:
 
 
 def fix_rotation(matrix: Array, angles: Sequence[int], turn: Array) -> Array:
-    """Return the matrix in which the first angle's speed has its place, and it is zero.
+    """Return the matrix with the speed of the first angle as an unknown, in place of that angle.
 
-    `turn`: as `free_turn` has it.
+    `turn` is the result of `free_turn`. The first angle itself is zero.
     """
     constrained = matrix.copy()
     constrained[:, :, angles[0]] = 0.0
@@ -56,15 +56,15 @@ def fix_rotation(matrix: Array, angles: Sequence[int], turn: Array) -> Array:
 
 
 def equilibrium(matrix: Array, forcing: Array) -> Array:
-    """Return `x (n, X)` with `matrix x + forcing = 0`; NaN where there is none."""
+    """Return `x (n, X)` with `matrix x + forcing = 0`; NaN where the matrix is singular."""
     matrix = matrix.copy()
     size = matrix.shape[1]
     bad = ~(np.isfinite(matrix).all(axis=(1, 2)) & np.isfinite(forcing).all(axis=1))
     matrix[bad] = np.eye(size)
     rows = np.abs(matrix).max(axis=2, keepdims=True)
     scaled = matrix / np.where(rows > 0, rows, 1.0)
-    # No singular value is larger than `size`, so that where the product of all is above this, the least
-    # is above what `matrix_rank` takes for zero.
+    # No singular value exceeds `size`. So if their product is above this limit, the least of them is
+    # above the tolerance of `matrix_rank`, and the matrix is regular.
     doubtful = np.abs(np.linalg.det(scaled)) <= float(size) ** (size + 1) * np.finfo(float).eps
     singular = doubtful.copy()
     singular[doubtful] = np.linalg.matrix_rank(scaled[doubtful]) < size
@@ -75,10 +75,10 @@ def equilibrium(matrix: Array, forcing: Array) -> Array:
 
 
 def states(matrix: Any, forcing: Any, angles: Sequence[int], turn: Array | None) -> Any:
-    """Return the steady state `(n, X)`, its first angle zero where all angles turn.
+    """Return the steady state `(n, X)`; its first angle is zero if the rig turns freely.
 
-    `turn`: as `free_turn` has it of the matrix.  Matrix and forcing may both have slopes: those of
-    the state follow from A x = -f, as A x_dot = -(f_dot + A_dot x).
+    `turn` is the result of `free_turn` for the matrix. Matrix and forcing may both have slopes:
+    those of the state follow from A x = -f, as A x_dot = -(f_dot + A_dot x).
     """
     if isinstance(matrix, Dual):
         here = states(matrix.value, forcing.value, angles, turn)

@@ -1,8 +1,8 @@
-"""Rational functions for the response of a rig near a reference, and a record along them.
+"""Choose rational functions for the response of rigs near a reference, and project a record on them.
 
-See `basis_kernel` for what they are.  Poles are chosen for the rigs at given points; then
-the record, block by block, becomes a triangle: of the functions as columns B = Q R, and of what the
-reference leaves of the record Q' r.  Its size does not depend on the length of the record.
+See `basis_kernel` for the functions. Poles are chosen for the rigs at given points. Then the record
+becomes, block by block, a triangle R of the functions as columns B = Q R, and Q' r of the
+reference's residuals r. Its size does not depend on the length of the record.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ import numpy as np
 from bayesdrill.basics.arrays import Array
 from bayesdrill.rig.compression.basis_kernel import PAIR, REAL, ROUNDS, ROWS, PoleNumbers
 
-BLOCK = 1 << 14  # samples at a time
-ROWS_AT_ONCE = 16  # times the columns: so many a triangle takes in while they are near at hand
-MAX_ORDER = 30  # functions of a pole: with more the exact response is no dearer
-MAX_SHARED = 1e-9  # of a rate: how exactly a state moves nothing at all points, to be an integrator
-NEARLY_ONE = 0.3  # of a value: real modes nearer to each other are treated together
-LEAST_TURN = 0.25  # of a pair's decay, or distance from -1: it turns or shears by as much at least
+BLOCK = 1 << 14  # samples that are filtered at a time
+ROWS_AT_ONCE = 16  # rows per column that one QR decomposition adds: they stay in the cache
+MAX_ORDER = 30  # functions of a pole: with more of them the exact response costs less
+MAX_SHARED = 1e-9  # relative to rates: a state with a smaller effect at all points is an integrator
+NEARLY_ONE = 0.3  # relative distance of real modes: nearer ones are treated as a pair
+LEAST_TURN = 0.25  # least rotation or shear of a pair, relative to its decay or distance from -1
 UNKNOWN = "poles of the rig are known too little"
 
 
@@ -33,28 +33,28 @@ class CompressionError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Pole:
-    """A pole 1 + `mu` of the functions, or a pair, and how many functions it has in a round."""
+    """The pole of functions is 1 + `mu`, or a pair of such; each round has `order` functions of it."""
 
     mu: complex
     order: int
 
     @property
     def size(self) -> int:
-        """Coordinates of it, and functions at a time."""
+        """Return how many modal coordinates the pole has, which are also its functions at a time."""
         return PAIR if self.mu.imag else REAL
 
     @property
     def numbers(self) -> PoleNumbers:
-        """What kernels know of it."""
+        """Return the numbers of the pole that kernels use."""
         return PoleNumbers.of_pole(self.mu)
 
 
 @dataclass(frozen=True, slots=True)
 class Basis:
-    """Functions, and coordinates in which rigs near the reference are nearly diagonal.
+    """The basis has functions, and coordinates that nearly diagonalise rigs near the reference.
 
-    `vectors (X, X)`: integrators, then modes of the reference, real and imaginary parts of pairs in a
-    row; `duals`: its inverse.
+    `vectors (X, X)` are integrators, then modes of the reference, real and imaginary parts of a
+    pair in a row. `duals` is its inverse.
     """
 
     poles: tuple[Pole, ...]
@@ -65,7 +65,8 @@ class Basis:
     def frame(self, sizes: Sequence[float], first: Array) -> Array:
         """Return the block `frame` of the kernels.
 
-        `sizes`: of what drives the rig, each over time; `first`: of each series, see `Columns`.
+        `sizes` are norms over time of all sources of the drive. `first` has the first value of each
+        series, see `Columns`.
         """
         poles = [number for pole in self.poles for number in pole.numbers.all]
         parts = [self.vectors.ravel(), self.duals.ravel(), sizes, first, poles]
@@ -75,17 +76,17 @@ class Basis:
 def choose_basis(rates: Array, dt: float, left: float) -> Basis:
     """Choose functions for rigs with `rates (n, X, X)`, their matrices A; the first is the reference.
 
-    `left`: how much of a mode's response they may leave.  Raises `CompressionError` where a rig has
-    modes that do not decay, or poles are too far apart.
+    `left` is the relative part of a mode's response that the functions may neglect. Raises
+    `CompressionError` if a rig has modes that do not decay, or if poles are too far apart.
     """
-    from scipy.linalg import expm  # takes a while to load, and few need it
+    from scipy.linalg import expm  # slow to import, and rarely needed
 
     falls = np.array([expm(a * dt) - np.eye(len(a)) for a in rates])
     return basis_of(falls, _shared_integrators(rates), left)
 
 
 def basis_of(falls: Array, shared: Array, left: float) -> Basis:
-    """Choose functions for `falls (n, X, X)`, their Phi - 1; `shared (X, d)`: of integrators.
+    """Choose functions for `falls (n, X, X)`, their Phi - 1; `shared (X, d)` are integrators.
 
     See `choose_basis`.
     """
@@ -102,14 +103,14 @@ def basis_of(falls: Array, shared: Array, left: float) -> Basis:
 
 
 def _shared_integrators(rates: Array) -> Array:
-    """Return the directions of states `(X, d)` that move nothing, in any of the rigs."""
+    """Return the directions of states `(X, d)` on which nothing depends, in any of the rigs."""
     rows = rates.reshape(-1, rates.shape[2])
     size = np.abs(rows).max(axis=1, keepdims=True)
     rows = rows[size[:, 0] > 0] / size[size[:, 0] > 0]
     _, singular, turned = np.linalg.svd(rows, full_matrices=True)
     singular = np.append(singular, np.zeros(len(turned) - len(singular)))
     null = turned[singular < MAX_SHARED * singular[0]].T
-    if null.shape[1] == 1:  # all angles alike, to the last digit
+    if null.shape[1] == 1:  # all angles turn alike: make their ratios exact
         null = null / null[np.argmax(np.abs(null[:, 0])), 0]
         near = np.round(null)
         null = np.where(np.abs(null - near) < MAX_SHARED, near, null)
@@ -119,7 +120,7 @@ def _shared_integrators(rates: Array) -> Array:
 def _modes(fall: Array, shared: Array) -> tuple[Array, list[complex]]:
     """Return vectors `(X, X)` of integrators and modes, the fastest first, and the value of each.
 
-    Modes that are complex, or nearly one, are a pair, of which any two vectors will do.
+    Modes that are complex, or nearly equal, form a pair, for which any two vectors will do.
     """
     values, vectors = np.linalg.eig(fall)
     order = np.argsort(-np.abs(values), kind="stable")[: len(fall) - shared.shape[1]]
@@ -142,7 +143,7 @@ def _modes(fall: Array, shared: Array) -> tuple[Array, list[complex]]:
 
 
 def _pair(fall: Array, both: Array) -> Array:
-    """Return vectors `(X, 2)` of the plane of a pair, in which it turns in circles or hardly shears."""
+    """Return vectors `(X, 2)` of a pair's plane, in which it rotates in circles or hardly shears."""
     from scipy.linalg import schur
 
     plane = np.linalg.qr(both)[0]
@@ -154,7 +155,7 @@ def _pair(fall: Array, both: Array) -> Array:
 
 
 def _chosen(poles: list[complex], values: Array, left: float) -> Iterator[Pole]:
-    """Yield the poles of the functions: each amid those of the rigs that are nearest to its mode."""
+    """Yield the poles of the functions, each central among the rigs' poles nearest to its mode."""
     flat = values.ravel()
     nearest = np.argmin([_passed(mu, flat) for mu in poles], axis=0)
     for index, mu in enumerate(poles):
@@ -165,7 +166,7 @@ def _chosen(poles: list[complex], values: Array, left: float) -> Iterator[Pole]:
             turns = np.abs(mine.imag)
             turn = max(0.5 * (turns.min() + turns.max()), _least_turn(middle.real))
             middle = complex(middle.real, turn)
-        # As numbers have it beside one.
+        # Round mu as 1 + mu is rounded.
         middle = complex((1.0 + middle.real) - 1.0, middle.imag)
         if abs(1.0 + middle) >= 1.0:
             raise CompressionError(UNKNOWN)
@@ -177,12 +178,12 @@ def _chosen(poles: list[complex], values: Array, left: float) -> Iterator[Pole]:
 
 
 def _least_turn(real: float) -> float:
-    """Return the least imaginary part of a pair with this real part, which it decays with."""
+    """Return the least imaginary part of a pair with this real part."""
     return LEAST_TURN * min(-real, 2.0 + real)
 
 
 def _passed(mu: complex, values: Array) -> Array:
-    """Return how much of modes with these values a function of the pole leaves."""
+    """Return the part of modes with these values that a function of the pole does not represent."""
     numbers = PoleNumbers.of_pole(mu)
     over = np.polynomial.polynomial.polyval(values, numbers.over)
     first, second, third = numbers.along
@@ -190,7 +191,7 @@ def _passed(mu: complex, values: Array) -> Array:
 
 
 class Columns:
-    """The functions as columns, block after block: what they make of each source."""
+    """The columns are the outputs of the functions' filters, block after block, for each source."""
 
     def __init__(self, basis: Basis) -> None:
         self._basis = basis
@@ -210,20 +211,20 @@ class Columns:
         return np.array(columns).T
 
     def _filtered(self, stage: tuple[int, int], pole: Pole, u: Array) -> tuple[list[Array], Array]:
-        """Return the columns of a function, and its input behind the all-pass."""
+        """Return the columns of a function, and its input after the all-pass."""
         numbers, real, turn = pole.numbers, pole.mu.real, pole.mu.imag
         (_, _, square), even, odd = numbers.over, numbers.even, numbers.odd
         if pole.size == REAL:
             out = even * self._delayed(stage, 1.0 + real, u)
             return [out], even * out - (1.0 + real) * u
-        # 1 / (z - a) has as its parts what a pair of poles can do.
+        # Real and imaginary parts of 1 / (z - a) give both functions of a pair.
         out = self._delayed(stage, 1.0 + pole.mu, u)
         first = even * (out.real + (2.0 + real) / turn * out.imag)
         second = odd * (out.real + real / turn * out.imag)
         return [first, second], square * u + even * first - odd * second
 
     def _delayed(self, stage: tuple[int, int], a: complex, u: Array) -> Any:
-        """Return 1 / (z - a) of a signal, from where the stage has come to."""
+        """Return the filter 1 / (z - a) of a signal, which continues from the stage's last state."""
         from scipy.signal import lfilter
 
         state = self._states.get(stage, np.zeros(1, dtype=type(a)))
@@ -233,10 +234,11 @@ class Columns:
 
 @dataclass(frozen=True, slots=True)
 class Triangle:
-    """A record along the columns, of each sum of squares: of samples, of steps, and of both ends.
+    """The record has triangles for sums of squares of samples, of increments, and of both ends.
 
-    `matrix (sums, K', n, n)`, K' one where channels were seen alike.  `projected (K, sums, n + 1)`:
-    what the reference leaves of each channel, along the columns, and the sum of squares of the rest.
+    `matrix (sums, K', n, n)` has K' of one if channels were observed alike. `projected (K, sums, n
+    + 1)` is the projection of the reference's residuals of each channel on the columns, then the
+    sum of squares of the rest.
     """
 
     matrix: Array
@@ -245,7 +247,7 @@ class Triangle:
 
 @dataclass(slots=True)
 class _Rows:
-    """Rows of a record put into triangles: themselves, steps from one to the next, and both ends."""
+    """The rows of a record become triangles: of rows, of their increments, and of both ends."""
 
     parts: list[Array]
     first: Array | None = None
@@ -273,10 +275,11 @@ def _appended(part: Array, rows: Array) -> Array:
 def triangle(
     blocks: Iterable[tuple[Array, Array]], columns: int, sums: int, alike: Sequence[slice]
 ) -> Triangle:
-    """Put blocks of columns `(m, n)` and of what the reference leaves `(m, K)` into triangles.
+    """Put blocks of columns `(m, n)` and of the reference's residuals `(m, K)` into triangles.
 
-    What was not measured is NaN.  `columns`: n, to which zeros are added to a multiple of `ROWS`;
-    `sums`: 1 for samples alone, 3 for steps and ends as well; `alike`: channels that share a triangle.
+    What was not measured is NaN. `columns` is n, which zeros extend to a multiple of `ROWS`. `sums`
+    is 1 for samples alone, and 3 with increments and ends. `alike` are channels that share a
+    triangle.
     """
     parts = [_Rows([np.zeros((0, columns + k.stop - k.start))] * sums) for k in alike]
     for block, left in blocks:

@@ -1,15 +1,14 @@
-"""Sums of squares of a long record from a few hundred numbers, and their normal equations.
+"""Expand the response of a linear rig in orthonormal rational functions, with slopes.
 
-The response of a linear rig is expanded in orthonormal rational functions with poles near those of
-the rig (Takenaka 1925, Malmquist 1926; for complex pairs Kautz 1954).  For a pole a and any pole l
-of a rig
+The poles of the functions are near those of the rig (Takenaka 1925, Malmquist 1926; for complex
+pairs Kautz 1954).  For a pole a and any pole l of a rig
 
     1 / (z - l) = (1 - a^2) / ((z - a) (1 - a l)) + (1 - a z) / (z - a) (l - a) / (1 - a l) / (z - l)
 
-of which the last term is the same response once more, of an input that has passed an all-pass, and
-smaller by |l - a| / |1 - a l|.  With the matrix F = Phi - 1 of a walker in the place of l - 1 nothing
-is ever decomposed, poles may meet or part, and what is left after the last function has a bound.
-All is written in F, so that a high sampling rate costs no digits.
+The last term is the same response once more, of an input that has passed an all-pass, and smaller
+by |l - a| / |1 - a l|.  In place of l - 1 stands the matrix F = Phi - 1 of a walker.  So no matrix
+is decomposed, and poles may coincide.  The remainder after the last function has a bound.  All is
+written in F, so that a high sampling rate costs no digits.
 """
 
 from __future__ import annotations
@@ -37,21 +36,21 @@ from bayesdrill.rig.kernels.numbers import (
     product,
 )
 
-REAL, PAIR = 1, 2  # coordinates of a real pole, and of a complex pair, and their functions
-ROWS = 4  # of the triangle at a time
-# Times that all poles are gone through: what rounding carries from one to another is then as small as
-# what the round before has left.
+REAL, PAIR = 1, 2  # coordinates, and functions, of a real pole and of a complex pair
+ROWS = 4  # rows of the triangle that are multiplied at a time
+# Rounds through all poles: in the second one, rounding errors between poles are as small as the
+# remainder of the first.
 ROUNDS = 2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BasisShape:
-    """What the kernels are specialised for.
+    """The structure is what the kernels are specialised for.
 
-    `slopes`: whether numbers have some.  `poles`: coordinates
-    of each, in the order of modal coordinates; `integrators`: coordinates before these, on which
-    nothing depends.  `impulse`: whether the start moves the rig; `channels`: K.  `sums`: of squares of
-    each channel, of residuals alone, or of steps between them and of both ends too.
+    `slopes` says that numbers have slopes. `poles` has the number of coordinates of each pole, in
+    the order of modal coordinates. The `integrators` before them are coordinates on which nothing
+    depends. `impulse` says that the start moves the rig. `channels` is K. `sums` of squares of each
+    channel are of residuals alone, or of increments and both ends too.
     """
 
     layout: Layout
@@ -70,18 +69,18 @@ class BasisShape:
 
     @property
     def blocks(self) -> list[list[int]]:
-        """Coordinates of each pole, counted from the first that is no integrator."""
+        """Return the coordinates of each pole, counted from the first that is no integrator."""
         ends = zip(self.poles, itertools.accumulate(self.poles), strict=True)
         return [[*range(end - size, end)] for size, end in ends]
 
     @property
     def decaying(self) -> int:
-        """Coordinates that are no integrators."""
+        """Return the number of coordinates that are no integrators."""
         return self.layout.n_states - self.integrators
 
     @property
     def constant(self) -> bool:
-        """Whether something constant moves the rig, such as the first of inputs that change straight."""
+        """Return whether anything constant drives the rig, such as the first of interpolated inputs."""
         if self.layout.first_order:
             return True
         column = self.layout.n_states
@@ -89,14 +88,14 @@ class BasisShape:
 
     @property
     def sources(self) -> list[str]:
-        """What drives it: the `impulse` of the start, what is `constant`, each series."""
+        """Return the sources of the drive: the `impulse` of the start, a `constant` one, each series."""
         series = [f"series {s}" for s in range(self.layout.n_series)]
         return ["impulse"] * self.impulse + ["constant"] * self.constant + series
 
     def columns(self, orders: Iterable[int]) -> int:
-        """Count the functions: of each source, direct ones of a first-order hold, and offsets.
+        """Count the functions of all sources, direct terms of a first-order hold, and offsets.
 
-        `orders`: of each pole in a round.
+        `orders` has the number of functions of each pole in a round.
         """
         poles = sum(n * size for n, size in zip(orders, self.poles, strict=True))
         direct = self.layout.n_series * self.layout.first_order
@@ -104,29 +103,29 @@ class BasisShape:
 
     @property
     def walker_size(self) -> int:
-        """Numbers of a walker: parameters, start, and rows of channels."""
+        """Return how many numbers a walker has: parameters, start, and rows of channels."""
         rows = self.channels * (self.layout.n_states + 1)
         return self.layout.n_parameters + self.layout.n_states + rows
 
     def scratch_size(self, columns: int, q: int = 0) -> int:
-        """Vectors of scratch."""
+        """Return the vectors of scratch memory."""
         jets, products = 2 if self.slopes else 1, (1 + q) * self.channels * self.sums * columns
         return self.coefficients_at + jets * self.channels * columns + products + ROWS
 
     @property
     def coefficients_at(self) -> int:
-        """Vectors of scratch before the coefficients: an exponential, and matrices of poles."""
+        """Return the vectors before the coefficients: an exponential, and matrices of poles."""
         jets = 2 if self.slopes else 1
         return (self.layout.size**2 + 3 * len(self.poles) * self.decaying**2) * jets
 
 
 @dataclass(frozen=True, slots=True)
 class PoleNumbers:
-    """Numbers of a pole a = 1 + mu, or of the pair of it.
+    """The record has the numbers of a real pole a = 1 + mu, or of a complex pair.
 
-    With M = `over` . (1, F, F^2), its functions have the coefficients `even` (2 + F) / M and - `odd` F /
-    M of a pair, or `even` / M.  The all-pass is `along[0]` + (`along[1]` + `along[2]` F) / M, the form
-    in which least is lost to rounding beside modes of other speeds.
+    With M = `over` . (1, F, F^2), a pair has functions with the coefficients `even` (2 + F) / M and
+    - `odd` F / M; a real pole has `even` / M. The all-pass is `along[0]` + (`along[1]` + `along[2]`
+    F) / M. This form loses least to rounding beside modes of other speeds.
     """
 
     over: tuple[float, float, float]
@@ -136,7 +135,7 @@ class PoleNumbers:
 
     @classmethod
     def of_pole(cls, mu: complex) -> PoleNumbers:
-        """Return the numbers of a pole, or of the pair of one that is complex."""
+        """Return the numbers of a real pole, or of the pair of a complex one."""
         m, size = mu.real, abs(mu) ** 2
         if mu.imag == 0.0:
             a = 1.0 + m
@@ -150,7 +149,7 @@ class PoleNumbers:
 
     @property
     def all(self) -> list[float]:
-        """All of them in a row: `COUNT`."""
+        """Return all `COUNT` numbers in a row."""
         return [*self.over, self.even, self.odd, *self.along]
 
 
@@ -158,10 +157,11 @@ COUNT = 8  # numbers of a pole
 
 
 class ModalFrame:
-    """Numbers that all walkers share: modal coordinates, sizes of sources, first inputs, poles.
+    """The frame has numbers that all walkers share: coordinates, sizes, first inputs, poles.
 
-    `vectors (X, X)`, and their inverse `duals`; `sizes`: of sources over all samples; `first (S,)`: of
-    each series, from which it counts where it changes straight; `poles`: the `PoleNumbers` of each.
+    `vectors (X, X)` and their inverse `duals` are the modal coordinates. `sizes` are norms of the
+    sources over all samples. `first (S,)` is the value from which an interpolated series is
+    counted. `poles` has the `PoleNumbers` of each pole.
     """
 
     def __init__(self, b: Builder, shape: BasisShape, block: ir.Value) -> None:
@@ -177,21 +177,21 @@ class ModalFrame:
 
 @dataclass(frozen=True, slots=True)
 class ExponentialEntries:
-    """The entries of exp(M span) - 1 at the address `e`."""
+    """The entries are those of exp(M span) - 1, which is at the address `e`."""
 
     b: Builder
     shape: BasisShape
     e: ir.Value
 
     def __call__(self, i: int, column: int) -> Number:
-        """Return an entry, with its slope where numbers have some."""
+        """Return an entry, with its slope if numbers have slopes."""
         layout, kind = self.shape.layout, Numbers(self.b, self.shape.slopes)
         reached = layout.reach[i][column]
         return kind.get(self.e, i * layout.size + column) if reached else kind.zero()
 
 
 class BasisExpansion:
-    """The code that expands the response of a group of walkers, with slopes where they are wanted."""
+    """The writer has the code that expands the response of walkers, with slopes if wanted."""
 
     def __init__(self, b: Builder, shape: BasisShape, arguments: dict[str, ir.Value]) -> None:
         self.b, self.shape, self.a = b, shape, arguments
@@ -200,7 +200,7 @@ class BasisExpansion:
         self.entry = ExponentialEntries(b, shape, arguments["scratch"])
         self.after = b.offset(arguments["scratch"], shape.layout.size**2 * self._kind.width)
         size = shape.decaying**2
-        # Of each pole: the inverse of M, the all-pass, M.
+        # The matrices of each pole are the inverse of M, the all-pass, and M.
         self.matrices = [[self._room(size) for _ in range(3)] for _ in shape.poles]
         self.count = b.mul(arguments["columns"], shape.channels)
         self.coefficients = self._room(self.count)
@@ -214,9 +214,9 @@ class BasisExpansion:
         return Blocks(self.b, tuple(bases))
 
     def run(self, start: list[Number], rows: Matrix) -> list[ir.Value]:
-        """Store the coefficients; return bounds `(K,)` of what they leave, as sizes over all samples.
+        """Store the coefficients; return bounds `(K,)` of the truncation, as norms over all samples.
 
-        `start (X,)`; `rows (K, X + 1)`: weights of states, and offsets.
+        `start (X,)` is the initial state. `rows (K, X + 1)` are weights of states, then offsets.
         """
         shape, x = self.shape, self.shape.layout.n_states
         rates = [[self.entry(i, j) for j in range(x)] for i in range(x)]
@@ -248,9 +248,10 @@ class BasisExpansion:
         self.errors: list[Number] = [Vector(self.b, vector(0.0))] * self.shape.channels
 
     def add_source(self, column: ir.Value, drive: list[Number], size: Number) -> ir.Value:
-        """Store the coefficients of a source from `column` on; return the next.
+        """Store the coefficients of a source from `column` on; return the next column.
 
-        `drive (X,)`: what it does to states; `size`: of it over all samples, for the `errors`.
+        `drive (X,)` is its effect on the states. `size` is its norm over all samples, for the
+        `errors`.
         """
         d, modes = self.shape.integrators, applied(self.frame.duals, drive)
         for n in range(d):
@@ -262,7 +263,7 @@ class BasisExpansion:
         return column
 
     def _drive(self, source: str, start: list[Number], rates: Matrix) -> list[Number]:
-        """Return what a source does to the states from one sample to the next."""
+        """Return the effect of a source on the states from one sample to the next."""
         x, layout = self.shape.layout.n_states, self.shape.layout
         if source == "impulse":
             return start
@@ -280,7 +281,7 @@ class BasisExpansion:
         held = [self.entry(i, x + 1 + s) for i in range(x)]
         if not layout.first_order:
             return held
-        # With u(k + 1) - u(k) as (z - 1) u: the columns of increments drive like F times themselves.
+        # As u(k + 1) - u(k) is (z - 1) u, the columns of increments act like F times themselves.
         moved = applied(rates, self._increment(s))
         return [a + c for a, c in zip(held, moved, strict=True)]
 
@@ -289,7 +290,7 @@ class BasisExpansion:
         return [self.entry(i, x + 1 + layout.n_series + s) for i in range(x)]
 
     def _store_matrices(self, fall: Matrix) -> None:
-        """Store of each pole the matrices of its functions, see the head of the module."""
+        """Store for each pole the matrices of its functions, see the head of the module."""
         square = product(fall, fall) if PAIR in self.shape.poles else []
         powers = [[*zip(*rows, strict=True)] for rows in zip(fall, square or fall, strict=True)]
         for index, size in enumerate(self.shape.poles):
@@ -303,7 +304,7 @@ class BasisExpansion:
                 blocks.put_row(itertools.chain(*part))
 
     def _expand(self, column: ir.Value, x: list[Number]) -> tuple[ir.Value, list[Number]]:
-        """Store the coefficients of a source from `column` on; return the next, and what is left."""
+        """Store a source's coefficients from `column` on; return the next column, and the remainder."""
         rounds = Loop(self.b, ROUNDS, [column, *self._kind.flat(x)], "rounds")
         column, x = rounds.carried[0], self._kind.shaped(rounds.carried[1:])
         for index in range(len(self.shape.poles)):
@@ -351,16 +352,16 @@ def applied(matrix: Matrix, x: list[Number]) -> list[Number]:
     return [dot(row, x) for row in matrix]
 
 
-TURNS = 3  # of coordinates towards a walker's own modes
-LEAST = -1e-300  # not below zero
+TURNS = 3  # rotations of coordinates towards a walker's own modes
+LEAST = -1e-300  # a tolerance for entries that should not be negative
 
 
 class _RemainderBound:
-    """A bound of what the functions leave: the walker's own response to what is left as its input.
+    """The bound is on the walker's own response to the remainder of the series as its input.
 
-    Of blocks of modal coordinates, |(z - T)^-1| <= 1 / (1 - |T|) on the unit circle.  What blocks do to
-    each other, at most Q, is summed to (1 - Q)^-1, which is no bound unless it has no negative entry.
-    Coordinates are first turned towards the walker's own modes, so that Q is small.
+    For blocks of modal coordinates, |(z - T)^-1| <= 1 / (1 - |T|) on the unit circle. The coupling
+    between blocks, at most Q, is summed to (1 - Q)^-1, which is a bound only if it has no negative
+    entry. Coordinates are first turned towards the walker's own modes, so that Q is small.
     """
 
     def __init__(
@@ -385,14 +386,14 @@ class _RemainderBound:
         for entry in itertools.chain(gains[1:], *series):
             fine = fine.both(entry.above(LEAST))
         gains = [fine.chosen(gain, math.inf) for gain in gains]
-        # Of each channel, by block of what is left.
+        # The share of each block's remainder in each channel.
         self._shares = [
             [gain * number for gain, number in zip(gains, row, strict=True)]
             for row in product([self._lengths(row) for row in seen], series)
         ]
 
     def _turn(self, values: Matrix) -> Matrix:
-        """Return coordinates in which blocks do little to each other: any would do."""
+        """Return coordinates with little coupling between blocks; any choice is valid."""
         turn = plus([[self._zero] * len(values) for _ in values], self._one)
         for block, other in itertools.permutations(self._blocks, 2):
             pairs = ((block, block), (block, other), (other, other), (other, block))
@@ -406,7 +407,7 @@ class _RemainderBound:
         return [_length([row[i] for i in block]) for block in self._blocks]
 
     def add(self, errors: list[Number], left: Sequence[Number], size: Number) -> list[Number]:
-        """Return the bounds `(K,)` with those of a source, whose input has this `size`."""
+        """Return the bounds `(K,)` plus that of a source, whose input has the norm `size`."""
         lengths = self._lengths([dot(row, _values(left)) for row in self._back])
         pairs = zip(errors, self._shares, strict=True)
         return [error + size * dot(lengths, shares) for error, shares in pairs]
@@ -427,12 +428,12 @@ def _length(parts: Sequence[Number]) -> Number:
 def _apart(mine: Matrix, shared: Matrix, other: Matrix, back: Matrix) -> Matrix:
     """Return X of A X - X B = -C (Sylvester 1884), for A `mine`, B `other` and C `shared`.
 
-    `back`: what the first does to the other.
+    `back` is the coupling in the other direction.
 
-    By p(A) = 0, with p the characteristic polynomial of A, X p(B) = A C + C B - tr(A) C if A is
-    two by two.
+    By p(A) = 0, with p the characteristic polynomial of A, X p(B) = A C + C B - tr(A) C if A is two
+    by two.
     """
-    if len(mine) == 1 and len(other) == 1:  # poles that nearly meet stay as they are
+    if len(mine) == 1 and len(other) == 1:  # coordinates of poles that nearly coincide are kept
         gap, pair = other[0][0] - mine[0][0], (shared[0][0] * back[0][0]).size()
         return [[shared[0][0] * gap / (gap * gap + 4.0 * pair)]]
     if len(mine) == 1:
@@ -448,7 +449,7 @@ def _apart(mine: Matrix, shared: Matrix, other: Matrix, back: Matrix) -> Matrix:
 
 
 def _gain(block: Matrix) -> Number:
-    """Return 1 / (1 - |T|), negative or infinite where |T| is not below one."""
+    """Return 1 / (1 - |T|), which is negative or infinite unless |T| is below one."""
     block = plus(block, 1.0)
     if len(block) == 1:
         return 1.0 / (1.0 - block[0][0].size())

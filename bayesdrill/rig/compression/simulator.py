@@ -1,8 +1,8 @@
-"""A linear rig's record in a few hundred numbers: sums of squares that do not know its length.
+"""Simulate a linear rig by the triangle of its record, in a time that does not depend on its length.
 
-The second implementation of a simulator.  Sums of squares and their normal equations come from the
-record's triangle (`basis`) wherever the bound of what is left is small enough, walker by
-walker; everything else, and all other walkers, from the exact simulator.
+The class is the second implementation of a simulator. Sums of squares and their normal equations
+come from the record's triangle (`basis`) for each walker whose truncation bound is small enough.
+Other walkers, and all other results, come from the exact simulator.
 """
 
 from __future__ import annotations
@@ -41,19 +41,20 @@ from bayesdrill.rig.simulators.long_record import LongRecord
 from bayesdrill.rig.simulators.sensors import ObservationModel, ObservedWalkers
 from bayesdrill.rig.simulators.stepped import Unstepped
 
-TOLERANCE = 1e-7  # of the log likelihood
-MAX_BEYOND = 0.02  # of points: walkers whose bound is larger have the exact simulator
-LEAST = 1e-300  # weight of a sum that does not count
-RESPONSE_DIGITS = range(12, 26, 2)  # digits of a mode's response that functions keep, fewest first
+TOLERANCE = 1e-7  # admissible error of the log likelihood
+MAX_BEYOND = 0.02  # share of points whose bound may be too large; they use the exact simulator
+LEAST = 1e-300  # smallest weight of a sum, to avoid division by zero
+# Digits of a mode's response that functions keep; the fewest are tried first.
+RESPONSE_DIGITS = range(12, 26, 2)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Compression:
-    """A record along functions, which is small whatever the record's length.
+    """The record is projected on functions, and is small whatever its length.
 
-    `shape`, `orders`, `frame`: what kernels know of the functions.  `reference (n, K)`: coefficients
-    of the reference, from which all is a difference; `numbers` of the record; `tolerance (K, sums)`:
-    what sums of squares may be wrong by.
+    `shape`, `orders` and `frame` are the kernels' description of the functions. `reference (n, K)`
+    are the coefficients of the reference, from which all others are differences. `numbers` are the
+    constants of the record. `tolerance (K, sums)` is the admissible error of sums of squares.
     """
 
     shape: BasisShape
@@ -68,9 +69,9 @@ class Compression:
     def of_nothing(
         cls, basis: Basis, record: LongRecord, sizes: Array, tolerance: Array, **settings: Any
     ) -> Compression:
-        """Return that of a record that is zero, and of a reference that does nothing.
+        """Return the compression of a zero record, with a reference that does not move.
 
-        `sizes`: of series; `settings`: what else the shape has.
+        `sizes` are norms of series. `settings` are further fields of the shape.
         """
         poles = tuple(pole.size for pole in basis.poles)
         shape = BasisShape(poles=poles, integrators=basis.integrators, **settings)
@@ -89,7 +90,7 @@ class Compression:
 
     @property
     def blocks(self) -> dict[str, Array | Counts]:
-        """Blocks of kernels, of all walkers."""
+        """Return the blocks of kernels that all walkers share."""
         return {
             "numbers": self.numbers, "frame": self.frame, "orders": self.orders,
             "reference": self.reference, "triangles": self.record.matrix,
@@ -97,14 +98,14 @@ class Compression:
         }  # fmt: skip
 
     def applied(self, simulator: Simulator) -> CompressedSimulator:
-        """Return a simulator that has this compression, in the place of another where it has one."""
+        """Return a simulator with this compression, which replaces any other."""
         whole = simulator.by_samples
         return CompressedSimulator(whole.model, whole.experiment, whole.sensing, whole, self)
 
 
 @dataclass(frozen=True, eq=False)
 class CompressedSimulator(Unstepped):
-    """Simulates by the record's triangle, and by the `whole` simulator where that is not enough."""
+    """The simulator uses the record's triangle, or the `whole` simulator if that is not enough."""
 
     model: Model
     experiment: Experiment
@@ -114,7 +115,7 @@ class CompressedSimulator(Unstepped):
 
     exact: ClassVar[bool] = True
 
-    # What only the exact simulator can do.
+    # Results of the exact simulator alone.
 
     @property
     def by_samples(self) -> Simulator:
@@ -133,7 +134,7 @@ class CompressedSimulator(Unstepped):
         """Return the exact simulator of another experiment."""
         return self.whole.of(experiment)
 
-    # What the triangle can do.
+    # Results of the triangle.
 
     def sums(self, full: Array, tally: ResidualSums, weights: Array | None = None) -> Array:
         """See `Simulator.sums`."""
@@ -146,20 +147,20 @@ class CompressedSimulator(Unstepped):
         return self._mended(full) if self._shape.sums > 1 else self.whole.neighbours(full)
 
     def expanded(self, full: Array) -> tuple[Array, Array]:
-        """Return sums `(W, K, sums)` by the triangles, and bounds of what they are wrong by."""
+        """Return sums `(W, K, sums)` by the triangles, and bounds of their errors."""
         return self._with_bounds(self._run({"walkers": self._walkers(full)})[0])
 
     def _with_bounds(self, numbers: Array) -> tuple[Array, Array]:
-        """Return sums `(W, K, sums)`, and what they may be wrong by; `numbers`: of a kernel."""
+        """Return sums `(W, K, sums)`, and bounds of their errors, from the `numbers` of a kernel."""
         sums, sizes = np.split(numbers, [self._k * self._shape.sums], axis=1)
         sums = sums.reshape(-1, self._k, self._shape.sums)
         with np.errstate(all="ignore"):
-            # A step has what two samples have.
+            # An increment has the errors of two samples.
             sizes = sizes[..., None] * np.array([1.0, 2.0, 1.0])[: self._shape.sums]
             return sums, 2.0 * np.sqrt(sums) * sizes + sizes**2
 
     def coefficients(self, full: Array) -> Array:
-        """Return the coefficients `(n, K)` of one rig, less the reference's: the kernel's own."""
+        """Return the coefficients `(n, K)` of one rig minus those of the reference."""
         first, n = self._shape.coefficients_at, self.functions
         scratch = self._run({"walkers": self._walkers(full)})[1][first : first + n * self._k, 0]
         return np.ascontiguousarray(scratch.reshape(n, self._k))
@@ -184,9 +185,9 @@ class CompressedSimulator(Unstepped):
         return squares, slope, products
 
     def beyond(self, sums: Array, errors: Array) -> Flags:
-        """Tell of which walkers sums `(W, K, sums)` may be wrong by too much: `(W,)`.
+        """Tell for which walkers `(W,)` the errors of sums `(W, K, sums)` may be too large.
 
-        That is by `TOLERANCE` of the log likelihood, or of how far it is below the reference's.
+        The limit is `TOLERANCE` of the log likelihood, or of its distance below the reference's.
         """
         projected = self.compression.record.projected
         least = (projected[..., :-1] ** 2).sum(axis=-1) + projected[..., -1]
@@ -195,7 +196,7 @@ class CompressedSimulator(Unstepped):
         return np.asarray(~(within | (tolerance == np.inf)).all(axis=(1, 2)))
 
     def _mended(self, full: Array) -> Array:
-        """Return the sums, those of the exact simulator where errors may be too large."""
+        """Return the sums, replaced by the exact ones wherever errors may be too large."""
         sums, errors = self.expanded(full)
         far = np.flatnonzero(self.beyond(sums, errors))
         if len(far):
@@ -261,10 +262,11 @@ def even_record(simulator: Simulator) -> LongRecord:
 def compress(simulator: Simulator, points: Array, variances: Array, weights: Array) -> Compression:
     """Compress a record for rigs near `points (n, P)`; the first is the reference.
 
-    `variances (K,)`: of the noise.  `weights (K, sums)`: of sums of squares in minus twice the log
-    likelihood, which may be wrong by `TOLERANCE`; see `Noise.square_weights`.  Raises
-    `CompressionError` where it cannot be done: see `exact_reason`, and where modes do not decay, or
-    poles are too far apart.
+    `variances (K,)` are of the noise. `weights (K, sums)` are those of sums of squares in minus
+    twice the log likelihood, which may be wrong by `TOLERANCE`; see `Noise.square_weights`.
+
+    Raises `CompressionError` if `exact_reason` gives a reason, if modes do not decay, or if poles
+    are too far apart.
     """
     if reason := exact_reason(simulator):
         raise CompressionError(reason)
@@ -282,7 +284,8 @@ def compress(simulator: Simulator, points: Array, variances: Array, weights: Arr
             basis, record, sizes, tolerance, layout=record.layout, channels=k_count,
             impulse=sensors.sensing.moves(sensors.experiment.start, angles=()), sums=sums,
         )  # fmt: skip
-        nothing.record.projected[..., -1] = variances[:, None] * usual  # it leaves noise alone
+        # The reference leaves noise alone.
+        nothing.record.projected[..., -1] = variances[:, None] * usual
         made = nothing.applied(simulator)
         if np.mean(made.exceeds_bound(points)) <= MAX_BEYOND:
             break
@@ -301,9 +304,9 @@ def column_blocks(
     shape: BasisShape,
     left: Iterable[tuple[Array, Array]],
 ) -> Iterator[tuple[Array, Array]]:
-    """Yield columns `(m, n)` at samples, and what the reference leaves of them `(m, K)`.
+    """Yield columns `(m, n)` at samples, and the reference's residuals `(m, K)`.
 
-    `left`: inputs `(m, S)`, and what the reference leaves.
+    `left` yields inputs `(m, S)`, and residuals of the reference.
     """
     still = np.array([[0.0] * shape.impulse + [1.0] * shape.constant])
     driven, direct = Columns(basis), shape.layout.first_order

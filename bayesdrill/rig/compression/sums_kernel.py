@@ -1,4 +1,4 @@
-"""Sums of squares of a long record, and their normal equations, from its triangle.
+"""Compute sums of squares of a long record, and their normal equations, from its triangle.
 
 See `basis_kernel` for the functions that are the triangle's columns.
 """
@@ -34,13 +34,13 @@ BLOCKS = (
     | dict.fromkeys(("walkers", "scratch", "directions", "weights", "out"), VECTORS)
     | {"orders": WHOLE}
 )
-ENDS = 2  # which of the sums has but two rows: of the first sample and the last
+ENDS = 2  # index of the sum with two rows only: those of the first and the last sample
 
 
 def _projections(
     expansion: BasisExpansion, coefficients: ir.Value
 ) -> Iterator[tuple[int, ir.Value, list[ir.Value]]]:
-    """Loop over sums and blocks of rows of R times coefficients, as `(s, row, products)`."""
+    """Yield the products `(s, row, products)` of blocks of rows of R and the coefficients."""
     b, a, k_count = expansion.b, expansion.a, expansion.shape.channels
     for s, (k, v) in enumerate(np.ndindex(k_count, expansion.shape.sums)):
         triangle = b.offset(a["triangles"], k, a["channel"])

@@ -1,7 +1,8 @@
-"""Machine code of kernels, kept between processes in a folder that belongs to its user alone.
+"""Keep the machine code of kernels between processes, in a folder that belongs to its user alone.
 
-What lies there is executed: a folder or a file that others own, may read or may write is not used.
-Nothing that is wrong with folder or files is ever an error; kernels are compiled again instead.
+The files are executed. So a folder or a file is not used if other users own it, or may read or
+write it. Nothing that is wrong with the folder or a file is ever an error: kernels are compiled
+again instead.
 """
 
 from __future__ import annotations
@@ -18,28 +19,29 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
-CACHE_VARIABLE = "BAYESDRILL_CACHE"  # in the environment: another folder, or ...
-CACHE_OFF = "off"  # ... no cache at all, as OFF and 0
+CACHE_VARIABLE = "BAYESDRILL_CACHE"  # environment variable that names another folder, or ...
+CACHE_OFF = "off"  # ... switches the cache off, as `0` does
 MAX_FILES, MAX_BYTES = 4000, 256 * 1024**2
 _DIGEST_BYTES = hashlib.sha256().digest_size
-_NAMES = re.compile(r"[0-9a-f]{64}(\.[0-9a-f]+\.tmp)?")  # of our own files; others are left alone
+# Names of the cache's files; others are never touched.
+_NAMES = re.compile(r"[0-9a-f]{64}(\.[0-9a-f]+\.tmp)?")
 _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class CodeCache:
-    """The files in `folder`, each the code of one key; without a folder nothing is kept."""
+    """The cache has one file in `folder` for the code of each key; without a folder it is empty."""
 
     folder: Path | None
     max_files: int = MAX_FILES
     max_bytes: int = MAX_BYTES
 
     def load(self, key: str) -> bytes | None:
-        """Return the code stored under `key`; None where there is none that is whole and ours."""
+        """Return the code stored under `key`; None if no file of this user has it undamaged."""
         try:
             with self._opened() as folder, _owned_file(_name(key), folder) as file:
                 content = file.read()
-                with suppress(OSError):  # used now: others go first
+                with suppress(OSError):  # mark as used, so that others are removed first
                     os.utime(file.fileno())
         except FileNotFoundError:
             return None
@@ -53,7 +55,7 @@ class CodeCache:
         return code
 
     def store(self, key: str, code: bytes) -> None:
-        """Keep `code` under `key`, whole or not at all; the oldest files go where there are too many."""
+        """Store `code` under `key`, completely or not at all; remove files beyond the limits."""
         try:
             with self._opened(create=True) as folder:
                 _write(_name(key), _digest(key, code) + code, folder)
@@ -63,7 +65,7 @@ class CodeCache:
 
     @property
     def sizes(self) -> tuple[int, ...]:
-        """Bytes of each file; raises `OSError` where the folder is refused."""
+        """Return the size of each file [bytes]; raises `OSError` if the folder is refused."""
         try:
             with self._opened() as folder:
                 return tuple(status.st_size for status in _files(folder).values())
@@ -71,19 +73,19 @@ class CodeCache:
             return ()
 
     def clear(self) -> None:
-        """Remove all files of the cache; raises `OSError` where that cannot be."""
+        """Remove all files of the cache; raises `OSError` if that is impossible."""
         with suppress(FileNotFoundError), self._opened() as folder:
             for name in _files(folder):
                 os.unlink(name, dir_fd=folder)
 
     @contextmanager
     def _opened(self, *, create: bool = False) -> Iterator[int]:
-        """The descriptor of the folder, so that it stays the one whose owner was looked at.
+        """Open the folder, and give its descriptor, which stays that of the folder that was checked.
 
-        Raises `FileNotFoundError` where there is none, and `PermissionError` where it is not the
-        user's alone.
+        Raises `FileNotFoundError` if there is none, and `PermissionError` if other users have
+        access to it.
         """
-        # Of the folder that was opened, owners and permissions can be told.
+        # The owner and the permissions of an opened folder can be checked only on such systems.
         supported = hasattr(os, "geteuid") and os.open in os.supports_dir_fd
         if self.folder is None or not supported:
             raise FileNotFoundError(
@@ -105,23 +107,23 @@ class CodeCache:
             os.close(folder)
 
     def _prune(self, folder: int) -> None:
-        """Remove the files that were used the longest ago, as far as there are too many."""
+        """Remove the files that were used the longest ago, until the limits hold."""
         files = sorted(_files(folder).items(), key=lambda item: -item[1].st_mtime_ns)
         total = 0
         for count, (name, status) in enumerate(files, start=1):
             total += status.st_size
             if count > self.max_files or total > self.max_bytes:
-                with suppress(FileNotFoundError):  # another process was faster
+                with suppress(FileNotFoundError):  # another process has removed it
                     os.unlink(name, dir_fd=folder)
 
 
 def user_cache(environment: Mapping[str, str] = os.environ) -> CodeCache:
-    """Return the cache of this user: where the environment says, or where the system has caches."""
+    """Return the cache of this user, in the environment's folder or the system's folder for caches."""
     named = environment.get(CACHE_VARIABLE, "")
     if named.lower() in (CACHE_OFF, "0"):
         return CodeCache(None)
     if named:
-        with suppress(RuntimeError):  # a `~` of nobody is the name of a folder
+        with suppress(RuntimeError):  # `~` without a home folder is an ordinary name
             named = str(Path(named).expanduser())
         return CodeCache(Path(named) / "kernels")
     from platformdirs import user_cache_path
@@ -134,13 +136,13 @@ def _name(key: str) -> str:
 
 
 def _digest(key: str, code: bytes) -> bytes:
-    """Of the key too: code under another's name is damaged code."""
+    """Return the digest of key and code, so that code under another key counts as damaged."""
     return hashlib.sha256(_name(key).encode() + code).digest()
 
 
 @contextmanager
 def _owned_file(name: str, folder: int) -> Iterator[IO[bytes]]:
-    """Open a file that is none of others'; raises `OSError`."""
+    """Open a file to which no other user has access; raises `OSError`."""
     flags = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK
     with open(os.open(name, flags, dir_fd=folder), "rb") as file:
         status = os.fstat(file.fileno())
@@ -151,7 +153,7 @@ def _owned_file(name: str, folder: int) -> Iterator[IO[bytes]]:
 
 
 def _write(name: str, content: bytes, folder: int) -> None:
-    """Under a name of its own first: a file with this one is always whole."""
+    """Write a temporary file first, then rename it, so that a file is always complete."""
     temporary = f"{name}.{secrets.token_hex(8)}.tmp"
     flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL
     try:
@@ -165,7 +167,7 @@ def _write(name: str, content: bytes, folder: int) -> None:
 
 
 def _files(folder: int) -> dict[str, os.stat_result]:
-    """Our own files by name, those that are being written among them."""
+    """Return the cache's files by name, including those that are being written."""
     files = {}
     with os.scandir(folder) as entries:
         for entry in entries:

@@ -1,8 +1,8 @@
-"""Kernels compiled for the processor at hand, once for each structure.
+"""Compile kernels for the present processor, once for each structure.
 
-A kernel is written in LLVM's language and compiled only where its machine code is neither in memory nor
-in the cache of the user.  What its code depends on is a text, its key: the structures that it is written
-for, with the formulas of the model as the code that they become, and all that writes and compiles it.
+A kernel is written in LLVM's language. It is compiled only if its machine code is neither in memory
+nor in the cache of the user. Its key is a text of all that the code depends on: the structures for
+which it is specialised, the model's formulas as code, and all that writes and compiles it.
 """
 
 from __future__ import annotations
@@ -28,33 +28,33 @@ from bayesdrill.basics import duals
 from bayesdrill.rig.kernels.cache import CodeCache, user_cache
 from bayesdrill.rig.kernels.lanes import LANES, Module
 
-# Of LLVM's passes, those that a kernel gains from: it is written without branches that could go, calls
-# nothing small and has its loops over vectors already. All others take as long again as these, the
-# machine code included, and it runs no faster after them.
+# The passes of LLVM from which a kernel gains. It has no superfluous branches, calls no small
+# functions, and its loops are already over vectors. All other passes would double the time to
+# compile, and the code would run no faster.
 PASSES = ("sroa", "instruction_combine", "simplify_cfg")
-# Of how hard it looks for machine code: harder takes a quarter as long again, for 2 to 3 % in kernels of
-# few loops that keep the processor's arithmetic busy, and nothing in the others.
+# LLVM's optimisation level. The higher one takes a quarter more time to compile. It gains 2 to 3 % in
+# kernels of few loops that keep the processor's arithmetic busy, and nothing in the others.
 OPT_LEVEL, HIGH_OPT_LEVEL = 1, 2
-PIECE = 4096  # numbers of a walker, which are next to those of others, that are copied at once
+PIECE = 4096  # numbers of a walker that are copied at once, so that groups stay in the cache
 
 
 @dataclass(frozen=True, slots=True)
 class Kernel:
-    """Functions by name, the names of their `arguments`, and the owner of their machine code."""
+    """The kernel has functions by name, the names of their `arguments`, and their machine code."""
 
     functions: Mapping[str, Callable[..., None]]
     arguments: Mapping[str, Sequence[str]]
     engine: Any = field(repr=False)
 
     def call(self, name: str, given: Mapping[str, NDArray[Any] | int]) -> None:
-        """Call a function with counts and with blocks, or their addresses, among those `given`."""
+        """Call a function with counts and blocks, or addresses of blocks, selected from `given`."""
         values = [given[argument] for argument in self.arguments[name]]
         self.functions[name](*[x if isinstance(x, int) else x.ctypes.data for x in values])
 
     def run(
         self, name: str, n: int, shape: tuple[int, ...], **given: NDArray[Any] | int
     ) -> NDArray[np.float64]:
-        """Return what a function stores of n walkers, `(n, *shape)`, in its block `out`."""
+        """Return the results of a function for n walkers, `(n, *shape)`, from its block `out`."""
         given["out"] = out = np.empty((-(-n // LANES), math.prod(shape), LANES))
         given["groups"] = len(out)
         self.call(name, given)
@@ -62,7 +62,7 @@ class Kernel:
 
 
 def rows_of_walkers(out: NDArray[np.float64], n: int) -> NDArray[np.float64]:
-    """Return `(n, M)` of n walkers in groups `(G, M, LANES)`: long rows by pieces that a cache holds."""
+    """Return `(n, M)` of n walkers in groups `(G, M, LANES)`; long rows are copied in pieces."""
     size = out.shape[1]
     if size <= PIECE:
         return out.transpose(0, 2, 1)[:, :n].reshape(-1, size)[:n]
@@ -77,8 +77,8 @@ def rows_of_walkers(out: NDArray[np.float64], n: int) -> NDArray[np.float64]:
 def compile_kernel(write: Callable[..., None], *structures: Any, effort: int = OPT_LEVEL) -> Kernel:
     """Return the kernel that `write(module, *structures)` writes, from the cache if it is there.
 
-    Structures are hashable; the `text` of one is all of it that the code depends on, equal where
-    the code is.  Some are names.
+    Structures are hashable. The `text` of a structure has all of it that the code depends on, and
+    is equal if the code is. Some structures are plain names.
     """
     texts = [
         structure if isinstance(structure, str) else structure.text for structure in structures
@@ -90,7 +90,7 @@ def compile_kernel(write: Callable[..., None], *structures: Any, effort: int = O
         with _no_garbage_collection():
             module = Module(write.__module__)
             write(module, *structures)
-            # Before the machine code a line that says what arguments each function has.
+            # A line before the machine code lists the arguments of each function.
             line = json.dumps(module.arguments).encode() + b"\n"
             code = line + machine_code(module, effort)
         cache.store(key, code)
@@ -98,7 +98,7 @@ def compile_kernel(write: Callable[..., None], *structures: Any, effort: int = O
 
 
 def _toolchain(effort: int) -> list[str]:
-    """All that decides, beside its structures, what code a kernel has."""
+    """Return all that the code of a kernel depends on, apart from its structures."""
     import llvmlite
     import llvmlite.binding as llvm
 
@@ -111,9 +111,9 @@ def _toolchain(effort: int) -> list[str]:
 
 @cache
 def _sources() -> str:
-    """The digest of what writes kernels: `rig/kernels`, `rig/compression`, and numbers with slopes.
+    """Return the digest of all modules that write kernels, and of numbers with slopes.
 
-    Empty where they cannot be read, as in a package that is not unpacked.
+    It is empty if they cannot be read, as in a package that is not unpacked.
     """
     digest = hashlib.sha256()
     try:
@@ -127,7 +127,7 @@ def _sources() -> str:
 
 
 def _processor() -> tuple[str, str]:
-    """Its name and its features."""
+    """Return the name of the processor, and its features."""
     import llvmlite.binding as llvm
 
     return llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
@@ -148,7 +148,8 @@ def machine_code(module: ir.Module, effort: int = OPT_LEVEL) -> bytes:
     import llvmlite.binding as llvm
 
     target = _target(effort)
-    context = llvm.create_context()  # constants stay in one as long as it lives
+    # A context of its own, as constants stay in memory while it lives.
+    context = llvm.create_context()
     parsed = llvm.parse_assembly(str(module), context)
     parsed.verify()
     passes = llvm.create_new_module_pass_manager()
@@ -160,9 +161,9 @@ def machine_code(module: ir.Module, effort: int = OPT_LEVEL) -> bytes:
 
 
 def link_code(code: bytes) -> Any:
-    """Return the engine that owns the functions of an object file, ready to be called.
+    """Return the engine with the functions of an object file, ready to be called.
 
-    The engine holds machine code alone: a module of LLVM and a target that has compiled take ten times
+    The engine has machine code alone. An LLVM module and a target that has compiled take ten times
     as much memory, and would stay as long as the code.
     """
     import llvmlite.binding as llvm
@@ -185,7 +186,7 @@ def _target(effort: int = OPT_LEVEL) -> Any:
 
 @contextmanager
 def _no_garbage_collection() -> Iterator[None]:
-    """A module is many small things, of which none is garbage until it is compiled."""
+    """Stop garbage collection: a module is many small objects, none of them garbage yet."""
     looking = gc.isenabled()
     gc.disable()
     try:

@@ -1,8 +1,8 @@
-"""The layout of a rig's matrix, and its exponential over a span of time.
+"""Define the layout of a rig's matrix, and compute its exponential over a span of time.
 
-Kernels are specialised for the layout.  Numbers of an experiment are no part of it: its step, its
-start, its constant inputs and the weights of its channels are arguments of kernels, so that
-experiments of one layout share them.
+Kernels are specialised for the layout. Step, start, constant inputs and channel weights of an
+experiment are no part of it. They are arguments of kernels, so that experiments of one layout share
+code.
 """
 
 from __future__ import annotations
@@ -45,18 +45,18 @@ Entries = Callable[[Sequence[Any]], Sequence[tuple[int, int, Any]]]
 Pattern = tuple[tuple[bool, ...], ...]
 WeightKinds = tuple[tuple[int, ...], ...]
 Registers = dict[tuple[int, int], ir.Value]  # entries by place
-OTHER_WEIGHT = 2  # other numbers than 0, 1 and -1
-MOST_WRITTEN_OUT = 10  # states
+OTHER_WEIGHT = 2  # kind of weights that are not 0, 1 or -1
+MOST_WRITTEN_OUT = 10  # largest number of states whose products are unrolled
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Layout:
-    """The augmented N x N matrix of a rig, for which kernels are specialised.
+    """The layout describes the augmented N x N matrix of a rig, for which kernels are specialised.
 
-    `entries(numbers)` gives its (row, column, value), of the rig's `n_parameters` and then of the
-    `n_constants` inputs that are constant; entries of one place add up.  Its columns are X states,
-    one constant input, `n_series` sampled inputs and, with a first-order hold, their increments.
-    `lead`: whether the start is before the first sample.
+    `entries(numbers)` returns its (row, column, value), for the rig's `n_parameters` followed by
+    the `n_constants` constant inputs. Entries at one place are added. The columns are X states, one
+    constant input, `n_series` sampled inputs and, with a first-order hold, their increments. `lead`
+    says whether the start is before the first sample.
     """
 
     n_parameters: int
@@ -71,7 +71,7 @@ class Layout:
     def from_model(
         cls, model: Model, series: tuple[str, ...], constant: tuple[str, ...], *, first_order: bool
     ) -> Layout:
-        """Build the layout of a rig with sampled inputs, and others that are constant and not zero."""
+        """Build the layout of a rig with sampled inputs `series`, and non-zero `constant` inputs."""
         return cls(
             n_parameters=len(model.parameters),
             n_constants=len(constant),
@@ -89,22 +89,22 @@ class Layout:
 
     @property
     def n_numbers(self) -> int:
-        """Arguments of `entries`."""
+        """Return the number of arguments of `entries`."""
         return self.n_parameters + self.n_constants
 
     @property
     def size(self) -> int:
-        """Rows and columns N."""
+        """Return the number N of rows and columns."""
         return self.n_states + 1 + self.n_series * (2 if self.first_order else 1)
 
     @property
     def large(self) -> bool:
-        """Whether products of it are loops: written out, they would take minutes to compile."""
+        """Return whether products are compiled as loops, because unrolled they compile for minutes."""
         return self.n_states > MOST_WRITTEN_OUT
 
     @property
     def reach(self) -> Pattern:
-        """Entries of the exponential that can differ from zero."""
+        """Return the entries of the exponential that can differ from zero."""
         reach = self._pattern | np.eye(self.size, dtype=bool)
         for _ in range(self.size):
             reach = reach | (reach.astype(int) @ reach.astype(int) > 0)
@@ -112,7 +112,7 @@ class Layout:
 
     @property
     def idle(self) -> tuple[bool, ...]:
-        """Columns of zeros: nothing depends on that state, and its entry of the exponential is one."""
+        """Return the zero columns: nothing depends on that state, and its exponential entry is one."""
         return tuple(not column for column in self._pattern.any(axis=0))
 
     @property
@@ -125,9 +125,9 @@ class Layout:
     def matrix(
         self, b: Builder, constants: ir.Value, *parameters: ir.Value
     ) -> Sequence[tuple[int, int, Any]]:
-        """Return the entries of constant inputs `(C,)` and parameters `(P,)`, as numbers.
+        """Return the entries for constant inputs `(C,)` and parameters `(P,)`, as numbers.
 
-        `parameters`: the addresses of their values and, if there are any, of their slopes.
+        `parameters` are the addresses of their values and, if there are any, of their slopes.
         """
         numbers = map(Blocks(b, parameters).get, range(self.n_parameters))
         return self.entries([*numbers, *(number(b, constants, c) for c in range(self.n_constants))])
@@ -141,7 +141,7 @@ def number(b: Builder, base: ir.Value, index: int) -> Vector:
 def addresses(
     b: Builder, block: ir.Value, group: ir.Value, sizes: Mapping[str, int]
 ) -> dict[str, ir.Value]:
-    """Return where the parts of a group begin, which stand in a row; `sizes` counts their vectors."""
+    """Return where the consecutive parts of a group begin; `sizes` counts the vectors of each part."""
     starts, start = {}, b.offset(block, b.mul(group, sum(sizes.values())))
     for name, size in sizes.items():
         starts[name], start = start, b.offset(start, size)
@@ -149,16 +149,16 @@ def addresses(
 
 
 def weight_kinds(weights: NDArray[np.float64]) -> WeightKinds:
-    """Return weights 0, 1 and -1 as they are, and `OTHER_WEIGHT` for others.
+    """Return weights 0, 1 and -1 as they are, and `OTHER_WEIGHT` for all others.
 
-    Nothing is multiplied by a weight that is known.
+    Kernels do not multiply by weights that are known.
     """
     known = np.isin(weights, (-1.0, 0.0, 1.0))
     return tuple(map(tuple, np.where(known, weights, OTHER_WEIGHT).astype(int).tolist()))
 
 
 def channel_weights(b: Builder, block: ir.Value, kinds: WeightKinds, k: int) -> dict[int, Vector]:
-    """Return the weights of channel k that are not zero, by state, from a block of all `(K, X)`."""
+    """Return the non-zero weights of channel k by state, from a block of all `(K, X)`."""
     return {
         i: number(b, block, k * len(kinds[k]) + i)
         if kind == OTHER_WEIGHT
@@ -170,10 +170,10 @@ def channel_weights(b: Builder, block: ir.Value, kinds: WeightKinds, k: int) -> 
 
 @dataclass(frozen=True, slots=True)
 class AugmentedMatrix:
-    """The entries of the augmented matrix of a rig, see `Layout`.
+    """A call returns the entries of the augmented matrix of a rig, see `Layout`.
 
-    `driven`: columns after the constant one, of which `v slope` is by how much `v` rises.
-    `constant`: inputs that are constant and not zero.
+    `driven` are the columns after the constant one; `v slope` is the rate or increment of `v`.
+    `constant` are the constant inputs that are not zero.
     """
 
     model: Model
@@ -181,7 +181,7 @@ class AugmentedMatrix:
     constant: tuple[str, ...]
 
     def __call__(self, numbers: Sequence[Any]) -> list[tuple[int, int, Any]]:
-        """(row, column, value)."""
+        """Return the entries as (row, column, value)."""
         names = self.model.parameters
         linear = self.model.linear(dict(zip(names, numbers[: len(names)], strict=True)))
         constant = dict(zip(self.constant, numbers[len(names) :], strict=True))
@@ -199,19 +199,19 @@ class AugmentedMatrix:
 
 
 def with_slopes(series: Sequence[str], *, first_order: bool) -> tuple[str, ...]:
-    """Return the columns of sampled inputs: with a first-order hold, also those of their slopes."""
+    """Return the columns of sampled inputs and, with a first-order hold, those of their slopes."""
     return (*series, *(f"{name} slope" for name in series)) if first_order else tuple(series)
 
 
 def present(constant: Mapping[str, float]) -> dict[str, float]:
-    """Return the constant inputs that are not zero: of others the matrix has no entries."""
+    """Return the constant inputs that are not zero; the matrix has no entries for others."""
     return {name: value for name, value in constant.items() if value != 0.0}
 
 
 def formulas(count: int, evaluate: Callable[[Sequence[Vector]], Any]) -> str:
-    """Return the code that formulas of `count` numbers become, and their result in it, as one text.
+    """Return the code of formulas of `count` numbers, and their result in it, as one text.
 
-    Equal formulas have equal texts, wherever they come from.
+    Equal formulas have equal texts, whatever their origin.
     """
     kind = ir.FunctionType(ir.VoidType(), [VEC] * count)
     function = ir.Function(ir.Module(), kind, "formulas")
@@ -221,7 +221,7 @@ def formulas(count: int, evaluate: Callable[[Sequence[Vector]], Any]) -> str:
 
 
 def _described(result: Any) -> str:
-    """Write numbers by their names in the code, containers by what they contain."""
+    """Write numbers by their names in the code, and containers by their contents."""
     if isinstance(result, Vector):
         return str(result.value.get_reference())
     if isinstance(result, Dual):
@@ -253,36 +253,35 @@ def store_exponential(
     increments: bool,
     beside_one: bool = True,
 ) -> None:
-    """Store the exponential e `(N, N)` of the augmented matrix, each lane over a span of its own.
+    """Store the exponential e `(N, N)` of the augmented matrix; each lane has its own span.
 
-    `numbers`: the address of parameters `(P,)` and the span; for an exponential with slopes, the
-    address of the slopes of the parameters and the slope of the span behind them.  The last columns
-    are those of the inputs' `increments` over the span, or else of their slopes.
-    `beside_one=False` stores e - 1, which has more digits where a span is short.
+    `numbers` are the address of parameters `(P,)` and the span. For an exponential with slopes, the
+    address of the parameters' slopes and the slope of the span follow. The last columns belong to
+    the inputs' `increments` over the span, or else to their slopes. `beside_one=False` stores e -
+    1, which keeps more digits for short spans.
 
-    By scaling and squaring (Moler and Van Loan 2003): a Taylor series of degree 16, then squarings
-    lane by lane.  Both are of e - 1: beside a one, what a slow state does in the shortened span would
-    be lost to rounding where another state is very fast.
+    The method is scaling and squaring (Moler and Van Loan 2003): a Taylor series of degree 16, then
+    squarings lane by lane. Both are of e - 1. Added to one, the small change of a slow state over
+    the shortened span would be lost to rounding, where another state is very fast.
     """
     parameters, span, *changes = numbers
     memory, n = Numbers(b, bool(changes)), layout.size
     (length,) = memory.shaped([span, *changes[1:]])
     values: dict[tuple[int, int], Number] = {}
     for row, column, value in layout.matrix(b, constants, parameters, *changes[:1]):
-        # Rows below the states stand for increments per step, whatever the step is, or for slopes.
+        # Rows below the states are increments per step of any length, or slopes.
         timed = value if increments and row >= layout.n_states else value * length
         values[row, column] = values.get((row, column), 0.0) + timed
-    # The size of the inputs' columns does not matter: the series in A alone converges.
+    # The norm needs no columns of inputs: the series converges if that of A does.
     plain, states = value_registers(values), range(layout.n_states)
-    if layout.large:  # where squarings cost far more than the terms of a series
+    if layout.large:  # squarings of large matrices cost far more than terms of a series
         norm = emit_balanced_norm(b, layout.n_states, plain)
     else:
         norm = emit_norm(b, ([plain[r, c] for c in states if (r, c) in plain] for r in states))
     halvings = emit_halvings(b, norm, TAYLOR_NORM)
     factor = Vector(b, emit_power(b, b.sub(_EXPONENT_BIAS, halvings)))
     short = {place: value * factor for place, value in values.items()}
-    # Values and slopes in reach are added up alike, in loops: written out, they take as long to compile
-    # as all else.
+    # Values and slopes in reach are added in loops: unrolled, they would double the time to compile.
     places = np.flatnonzero(np.repeat(np.array(layout.reach), memory.width))
     reached = constant_table(b.module, places.tolist())
     memory.clear(e, n * n)
@@ -321,7 +320,7 @@ def _sum_series(
         multiply_reached(b, out, left, right, layout, slopes=slopes)
 
     def add_terms(base: ir.Value, first: int, powers: Sequence[ir.Value]) -> None:
-        """Store e = base + 1 / first! + sum of A^k / (first + k)! of so many `powers`."""
+        """Store e = base + 1 / first! + sum of A^k / (first + k)! over the given `powers`."""
         if first > 0:
             _add_to_diagonal(b, base, 1.0 / math.factorial(first), n, memory)
         with reached.loop(b) as place:
@@ -340,7 +339,7 @@ def _sum_series(
 def _sum_sparse_series(
     b: Builder, e: ir.Value, short: Mapping[tuple[int, int], Number], n: int, memory: Numbers
 ) -> None:
-    """Store A (1 + A/2 (1 + A/3 (...))) column by column: products with the few `short` are cheap."""
+    """Store A (1 + A/2 (1 + A/3 (...))) by columns: products with the few `short` entries are cheap."""
     with b.loop(TAYLOR_DEGREE, "terms") as term:
         order = b.sitofp(b.sub(TAYLOR_DEGREE, term), F64)
         over = Vector(b, b.splat(b.fdiv(F64(1.0), order)))
@@ -361,7 +360,7 @@ def _add_to_diagonal(b: Builder, block: ir.Value, number: float, n: int, memory:
 
 
 def emit_norm(b: Builder, rows: Iterable[Sequence[ir.Value]]) -> ir.Value:
-    """Return the largest sum of absolute values of a row."""
+    """Return the largest sum of absolute values in a row."""
     norm = vector(0.0)
     for row in rows:
         total = vector(0.0)
@@ -372,7 +371,7 @@ def emit_norm(b: Builder, rows: Iterable[Sequence[ir.Value]]) -> ir.Value:
 
 
 def emit_power(b: Builder, exponent: ir.Value) -> ir.Value:
-    """Return two to the power of integers, of which `exponent` is by 1023 larger."""
+    """Return two to the power of integers that are given as biased exponents, 1023 larger."""
     return b.bitcast(b.shl(exponent, _MANTISSA_BITS), VEC)
 
 
@@ -403,9 +402,9 @@ def multiply_reached(
     *,
     slopes: bool = False,
 ) -> None:
-    """Store the product of two matrices `(N, N)`, of their entries in reach.
+    """Store the product of two matrices `(N, N)`, for their entries in reach.
 
-    Rows in a row that reach the same are computed in a loop.
+    Consecutive rows with the same reach are computed in a loop.
     """
     n, reach, memory = layout.size, layout.reach, Numbers(b, slopes)
     if layout.large:
@@ -424,9 +423,9 @@ def multiply_reached(
 
 
 def emit_balanced_norm(b: Builder, x: int, values: Registers) -> ir.Value:
-    """Return the largest row sum of D^-1 |A| D, which is a norm for any scales D > 0 of the states.
+    """Return the largest row sum of D^-1 |A| D, which is a norm for any scales D > 0 of states.
 
-    Units of states are of any size; each round takes for D the geometric mean of D and |A| D.
+    States have units of any size. Each iteration takes for D the geometric mean of D and |A| D.
     """
     size = {index: b.absolute(value) for index, value in values.items() if index[1] < x}
     rounds = Loop(b, BALANCING_ROUNDS, [vector(1.0)] * x + [vector(math.inf)], "rounds")
@@ -446,9 +445,9 @@ def emit_balanced_norm(b: Builder, x: int, values: Registers) -> ir.Value:
 
 @dataclass(frozen=True, slots=True)
 class Constants:
-    """The block of numbers that all walkers share.
+    """The block has the numbers that all walkers share.
 
-    It has the step, the span from the start to the first sample, inputs `(C,)`, the start `(X,)`,
+    They are the step, the span from the start to the first sample, inputs `(C,)`, the start `(X,)`,
     and weights of channels `(K, X)`.
     """
 
@@ -458,16 +457,16 @@ class Constants:
 
     @property
     def inputs(self) -> ir.Value:
-        """The address of the constant inputs `(C,)`."""
+        """Return the address of the constant inputs `(C,)`."""
         return self.b.offset(self.block, 2)
 
     @property
     def all_weights(self) -> ir.Value:
-        """The address of the weights `(K, X)`."""
+        """Return the address of the weights `(K, X)`."""
         return self.b.offset(self.block, 2 + self.layout.n_constants + self.layout.n_states)
 
     def span(self, *, lead: bool) -> ir.Value:
-        """Load the span of the lead, or of a step."""
+        """Load the length of the lead, or of a step."""
         return self.b.shared(self.block, int(lead))
 
     def start(self, count: int) -> list[ir.Value]:
@@ -484,7 +483,7 @@ class Constants:
 def emit_drive(b: Builder, layout: Layout, u: ir.Value, index: ir.Value | None) -> list[ir.Value]:
     """Load the sampled inputs and, with a first-order hold, their increments.
 
-    They are those of a sample or, where `index` is None, those before the first.
+    They are those at a sample or, if `index` is None, those before the first sample.
     """
     series = range(layout.n_series)
     row = b.mul(0 if index is None else index, layout.n_series)

@@ -1,11 +1,12 @@
-"""One step of a rig with friction, in which each friction slips on or sticks on.
+"""Advance a rig with friction by a step in which each friction keeps slipping or sticking.
 
     x_i+ = rows[i] (x, 1, drive, sizes of frictions that vary)
 
 As long as each friction slips in one direction or sticks, the rig is a linear one: its
-`FrictionMode`.  What a steady friction does is part of what is constant; what sticks takes what it
-has to, which is linear in the rest, so that its own row is zero and its angle's row keeps the
-angle.  All of it stands in memory, as it changes rarely.
+`FrictionMode`.  A steady friction that slips is part of the constant forcing.  A friction that
+sticks takes the effort that keeps its speed at zero, which is linear in the other states.  So the
+row of its speed is zero, and the row of its angle keeps the angle.  The rows of a mode are kept in
+memory, as they change rarely.
 
     x+ = Phi x + g + Gamma u + Gamma_f f
 
@@ -39,12 +40,12 @@ from bayesdrill.rig.models.friction import Law
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StepFriction:
-    """A friction in a step, with what it does to the states.
+    """The record has a friction in a step, and its effect on the states.
 
-    `row`: the index of its speed; `angle`: that of its angle; `column`: what a unit of it does to
-    states in a step, and `stop_gain`: minus one over that to its own speed.  `holding_row`,
-    `holding_base`: the effort that keeps its speed, of states and drive.  `steady`: its size, of a
-    law that is steady.
+    `row` is the index of its speed, and `angle` that of its angle. `column` is the effect of a unit
+    effort on the states in a step, and `stop_gain` minus one over that on its own speed.
+    `holding_row` and `holding_base` give the effort that keeps its speed, from states and drive.
+    `steady` is its size if its law is steady.
     """
 
     row: int
@@ -62,7 +63,7 @@ class StepFriction:
 
 
 def row_terms(row: Column, state: Sequence[Number], drive: Column) -> list[tuple[Number, Number]]:
-    """Return the terms of a row over states and drive, what is known first at first."""
+    """Return the terms of a row; those of the drive, which is known earlier, come before states."""
     x = len(state)
     known = [(entry, drive[k]) for k, entry in row.items() if k in drive]
     return known + [(entry, state[k]) for k, entry in row.items() if k < x]
@@ -72,13 +73,13 @@ Rows = list[dict[int, Number]]
 
 
 def moved_by(rows: Rows, state: Sequence[Number], drive: Column) -> list[Number]:
-    """Return what rows make of states, one and drive."""
+    """Return the product of rows with states, one and drive."""
     return [sum_products(row.get(len(state)), row_terms(row, state, drive)) for row in rows]
 
 
 @dataclass(frozen=True, slots=True)
 class FrictionHistory:
-    """Sizes in the last step of frictions that vary, and how much these changed."""
+    """The record has the varying sizes of frictions in the last step, and their changes in it."""
 
     sizes: list[Number]
     trends: list[Number]
@@ -86,10 +87,10 @@ class FrictionHistory:
 
 @dataclass(frozen=True, kw_only=True)
 class Step:
-    """The matrices of a step, and its frictions.
+    """The record has the matrices of a step, and its frictions.
 
-    `rows`: of states over columns (states, one, drive, frictions from `first` on); `slopes`: columns
-    of inputs, and those of their slopes.
+    `rows` give states over columns (states, one, drive, frictions from `first` on). `slopes` maps
+    the columns of inputs to those of their slopes.
     """
 
     rows: Rows
@@ -103,12 +104,12 @@ class Step:
 
     @cached_property
     def varying(self) -> list[int]:
-        """Frictions whose size is not that of the parameters alone."""
+        """Return the indices of frictions whose size depends on more than the parameters."""
         return [e for e, friction in enumerate(self.frictions) if friction.steady is None]
 
     @cached_property
     def size_states(self) -> list[int]:
-        """Indices of states that sizes change with."""
+        """Return the indices of states on which sizes depend."""
         unsteady = [self.frictions[e] for e in self.varying]
         names = {name for friction in unsteady for name in friction.law.seen}
         named = {i for i, name in enumerate(self.states) if name in names}
@@ -134,7 +135,7 @@ class Step:
     def mean_sizes(
         self, state: Sequence[Number], ahead: Sequence[Number], inputs: Mapping[str, Number]
     ) -> list[Number]:
-        """Return the sizes in the mean of both ends of a step."""
+        """Return the sizes at the mean of both ends of a step."""
         speeds, middle = {friction.row for friction in self.frictions}, list(state)
         for i in self.size_states:
             here, there = state[i], ahead[i]
@@ -143,7 +144,7 @@ class Step:
         return self.sizes(middle, inputs)
 
     def drive_after(self, drive: Column, span: Number) -> Column:
-        """Return what drives the rig a span later."""
+        """Return the drive of the rig after a span."""
         later = {k: drive[k] + drive[slope] * span for k, slope in self.slopes.items()}
         return {**drive, **later}
 
@@ -154,9 +155,9 @@ class Step:
 
 @dataclass(frozen=True, slots=True)
 class StepStart:
-    """The beginning of a step: the state, the past, and what drives it.
+    """The record has the state, the history and the drive at the beginning of a step.
 
-    `drive` is by column; `inputs` are by name, in the middle of the step.
+    `drive` is by column. `inputs` are by name, in the middle of the step.
     """
 
     state: list[Number]
@@ -167,9 +168,9 @@ class StepStart:
 
 @dataclass(frozen=True, slots=True)
 class FrictionMode:
-    """A step in which each friction slips on as it did, or sticks on: the rig is linear then.
+    """In a mode each friction keeps slipping one way or sticking, and the rig is linear.
 
-    `shows`: with a row for the effort of each friction.  `block`: room for directions and rows.
+    `shows` adds a row for the effort of each friction. `block` has room for directions and rows.
     """
 
     step: Step
@@ -177,10 +178,10 @@ class FrictionMode:
     block: ir.Value
     slots: dict[tuple[int, int], Number] = field(default_factory=dict)
 
-    # Where speeds have changed their signs.
+    # After a speed has changed its sign.
 
     def set(self, state: Sequence[Number]) -> None:
-        """Store the rows for the signs of the speeds in `state`; what is at rest sticks."""
+        """Store the rows for the signs of the speeds in `state`; a speed of zero sticks."""
         step, b = self.step, self.step.kind.b
         first = step.first  # the columns of frictions
         constant = len(step.rows)  # the column of what is constant
@@ -200,7 +201,7 @@ class FrictionMode:
         self._store(rows)
 
     def _hold(self, rows: Rows, e: int, still: Mask) -> None:
-        """Where friction e sticks, let it take what makes its speed zero."""
+        """Let friction e take the effort that makes its speed zero, in lanes where it sticks."""
         friction, column = self.step.frictions[e], self.step.first + e
         pivot = dict(rows[friction.row])
         stop = -1.0 / pivot.pop(column)
@@ -228,7 +229,7 @@ class FrictionMode:
                     index += 1
                 self.slots[i, k] = row[k]
 
-    # As long as they do not.
+    # While no speed changes its sign.
 
     def directions(self) -> list[Vector]:
         """Load the directions: 1 or -1 as a friction slips, 0 as it sticks."""
@@ -254,8 +255,8 @@ class FrictionMode:
     ) -> list[Number]:
         """Return new state, efforts (if the mode shows them), sizes that vary, and their trends.
 
-        Sizes that vary are those in the middle of the step, for which its end is predicted with
-        sizes that go on as they did.  Where `sizes` are known, they are these.
+        Varying sizes are those in the middle of the step. For these the end of the step is
+        predicted with sizes that continue their trends. Given `sizes` are used as they are.
         """
         step, state, past = self.step, now.state, now.past
         rows, varying = self._read_rows(), step.varying
@@ -281,14 +282,14 @@ class FrictionMode:
         return [*with_sizes(sizes, range(len(rows))), *sizes, *trends]
 
     def may_change(self, new: Sequence[Number], directions: Sequence[Vector]) -> Mask:
-        """Tell in which lanes a speed changes its sign, or sticks."""
+        """Tell in which lanes a speed changes its sign, or a friction sticks."""
         return any_of(
             keeps_direction(direction, new[friction.row]).negate()
             for direction, friction in self._pairs(directions)
         )
 
     def changes(self, new: Sequence[Number], now: StepStart, directions: Sequence[Vector]) -> Mask:
-        """Tell in which lanes a speed changes its sign, or what sticks must hold more than it can."""
+        """Tell in which lanes a speed changes its sign, or a stuck friction exceeds its size at rest."""
         step = self.step
         sizes, later = step.rest_sizes(new, now.inputs), step.drive_after(now.drive, step.span)
         changed = []

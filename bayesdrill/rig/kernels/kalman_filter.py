@@ -1,4 +1,4 @@
-"""A Kalman filter, sample after sample: for gaps, uneven times, slopes, smoothing and draws.
+"""Run a Kalman filter sample by sample: for gaps, uneven times, slopes, smoothing and draws.
 
 Over a step h, the state-space model x' = F x + g w with white noise w of intensity q has
 
@@ -66,15 +66,15 @@ from bayesdrill.rig.kernels.numbers import (
 from bayesdrill.rig.models.latent_torque import TIME, AugmentedModel
 
 TAYLOR_DEGREE = 13
-MAX_TAYLOR_NORM = 0.5  # 0.5**14 / 14! = 7e-16
-GAUSS_NODES = 9  # exact up to powers of 17
+MAX_TAYLOR_NORM = 0.5  # the remainder is then 0.5**14 / 14! = 7e-16
+GAUSS_NODES = 9  # exact for polynomials up to degree 17
 
 
 @dataclass(frozen=True, slots=True)
 class StateSpace:
-    """A rig with its torque, for which kernels are specialised.
+    """The state space is that of a rig with its torque, for which kernels are specialised.
 
-    `channels (K, n)`: weights of states, those of the torque last, see `weight_kinds`.
+    `channels (K, n)` has the weights of states, those of the torque last, see `weight_kinds`.
     """
 
     model: AugmentedModel
@@ -86,28 +86,28 @@ class StateSpace:
         return f"{self.n} {self.n_torque_states} {self.channels} {formulas(self.p, self._formulas)}"
 
     def _formulas(self, lanes: Sequence[Vector]) -> Any:
-        """Return the dynamics, and what drives the torque; they have slopes where kernels do."""
+        """Return the dynamics, and the noise intensity of the torque, with slopes in such kernels."""
         named: Any = dict(zip(self.model.parameters, lanes, strict=True))
         return _entries(self, named), self.model.torque.intensity(named[TIME])
 
     @property
     def n(self) -> int:
-        """States, those of the torque among them."""
+        """Return the number of states, those of the torque included."""
         return len(self.model.states)
 
     @property
     def p(self) -> int:
-        """Parameters."""
+        """Return the number of parameters."""
         return len(self.model.parameters)
 
     @property
     def k(self) -> int:
-        """Channels."""
+        """Return the number of channels."""
         return len(self.channels)
 
     @property
     def n_torque_states(self) -> int:
-        """States of the torque, which are the last."""
+        """Return the number of torque states, which are the last ones."""
         return len(self.model.torque.states)
 
     def weights(self, b: Builder, weights: ir.Value, k: int) -> dict[int, Vector]:
@@ -126,9 +126,9 @@ def store_transition(
     *,
     slopes: bool,
 ) -> None:
-    """Store Phi (n, n), and Q (n, n) of the process noise, of numbers with slopes or without.
+    """Store Phi (n, n), and Q (n, n) of the process noise, in numbers with or without slopes.
 
-    `span`: a length of time of each lane.
+    `span` is the length of time of each lane.
     """
     n, memory = system.n, Numbers(b, slopes)
     named = dict(zip(system.model.parameters, memory.row(parameters, system.p), strict=True))
@@ -157,7 +157,7 @@ def _entries(system: StateSpace, named: dict[str, Number]) -> dict[tuple[int, in
 def _halvings(
     b: Builder, entries: dict[tuple[int, int], Number], n: int, span: ir.Value
 ) -> ir.Value:
-    """Return how often a step is halved: at least once, and as often in all lanes."""
+    """Return the number of halvings of a step: at least one, and the same in all lanes."""
     rows = (
         [register(dual(value).value) for (i, _), value in entries.items() if i == row]
         for row in range(n)
@@ -215,7 +215,7 @@ def _emit_squares(
         here = memory.at(terms, b.mul(order, n))
         memory.put_row(_moved(timed, n, memory.row(here, n), _over(b, order)), here, n)
     memory.clear(q, n * n)
-    # Of Gauss and Legendre, from 0 to 1: nodes and weights in turn.
+    # Nodes and weights of Gauss-Legendre quadrature from 0 to 1, alternately.
     nodes, weights = np.polynomial.legendre.leggauss(GAUSS_NODES)
     gauss = np.stack([0.5 * (nodes + 1.0), 0.5 * weights], axis=1)
     table = b.room(gauss.size)
@@ -235,10 +235,10 @@ def _emit_squares(
 
 @dataclass(frozen=True, slots=True)
 class Gains:
-    """The Kalman gains of all channels, in a `block (K, width)`.
+    """The block `(K, width)` has the Kalman gains of all channels.
 
-    Of each channel: the gain (n,), the variance of what it shows, and the root of one over it.
-    `weights (K, n)`: the block of the channels' weights.
+    A channel has its gain (n,), the variance S of its innovation, and 1 / sqrt(S). `weights (K, n)`
+    is the block of the channels' weights.
     """
 
     memory: Numbers
@@ -248,7 +248,7 @@ class Gains:
 
     @staticmethod
     def width(n: int) -> int:
-        """Return the numbers of a channel, for n states."""
+        """Return how many numbers a channel has, for n states."""
         return n + 2
 
     def gain(self, k: int) -> list[Number]:
@@ -266,7 +266,7 @@ class Gains:
     def update_covariance(
         self, k: int, p: ir.Value, variances: ir.Value, is_seen: Number = 1.0
     ) -> None:
-        """Store what the block has of channel k, and update the covariance p (n, n)."""
+        """Store the numbers of channel k in the block, and update the covariance p (n, n)."""
         memory, n = self.memory, self.system.n
         weights = self.system.weights(memory.b, self.weights, k)
         c = list(weights.values())
@@ -308,23 +308,24 @@ def _root(b: Builder, number: Number) -> Number:
     return Dual(size, number.slope * 0.5 / Vector(b, safe))
 
 
-STEADY_TOLERANCE = 1e-13  # of a variance: what it still changes when it is taken to have settled
+STEADY_TOLERANCE = 1e-13  # relative change of a variance below which the covariance is steady
 STEADY_SLOPE_TOLERANCE = 1e-10
 
-# G groups, T samples, M lengths of steps; the last of them leads to the first sample, if there is
-# a lead.
+# G groups, T samples and M lengths of steps. With a lead, the last length is that from the start to
+# the first sample.
 COUNTS = ("groups", "samples", "steps", "lead")
 BLOCKS = {
     "parameters": VECTORS,  # (G, P) numbers
-    "variances": VECTORS,  # (G, K) numbers, of the noise
-    "left": VECTORS,  # (G, T, K) numbers: measured minus model; normals to draw with (G, T, n + K)
-    "seen": NUMBERS,  # (T, K) one, or zero
-    "node": WHOLE,  # (T,) which step leads to the next sample
-    "same": WHOLE,  # (T,) whether gaps and step are as at the sample before
+    "variances": VECTORS,  # (G, K) numbers, variances of the noise
+    # (G, T, K) numbers, measured minus model; for draws, normal ones (G, T, n + K).
+    "left": VECTORS,
+    "seen": NUMBERS,  # (T, K) one if observed, else zero
+    "node": WHOLE,  # (T,) index of the step to the next sample
+    "same": WHOLE,  # (T,) whether channels and step are those of the sample before
     "spans": NUMBERS,  # (M,)
-    "weights": NUMBERS,  # (K, n) of channels
+    "weights": NUMBERS,  # (K, n) weights of states in channels
     "table": VECTORS,  # scratch (M, 2, n, n) numbers
-    "kept": VECTORS,  # scratch (T, `smoother_size`) where it smooths
+    "kept": VECTORS,  # scratch (T, `smoother_size`) of the smoother
     "out": VECTORS,  # (G, T, K, 2) numbers, whitened and variances; or (G, T, n), (G, T, n + K)
 }
 
@@ -332,7 +333,7 @@ BLOCKS = {
 def write_filter(module: Module, system: StateSpace, name: str) -> None:
     """Write `whiten`, `slopes` (whiten with slopes), `smooth` or `draw`.
 
-    They are functions of COUNTS and addresses of BLOCKS.
+    They are functions of COUNTS and of the addresses of BLOCKS.
     """
     with kernel(module, name, COUNTS, BLOCKS) as (a, b), b.loop(a["groups"], "groups") as group:
         w = _Writer(a, Numbers(b, name == "slopes"), system, group)
@@ -343,7 +344,7 @@ def write_filter(module: Module, system: StateSpace, name: str) -> None:
 
 
 class _Writer:
-    """Writes what the filter, the smoother and the sampler have in common."""
+    """Write the parts that the filter, the smoother and the sampler have in common."""
 
     def __init__(
         self, a: dict[str, ir.Value], m: Numbers, system: StateSpace, group: ir.Value
@@ -373,20 +374,20 @@ class _Writer:
         return phi, self.memory.at(phi, size)
 
     def matrices_to(self, t: ir.Value) -> tuple[ir.Value, ir.Value]:
-        """Return those of the step that leads to a sample; of the first, any."""
+        """Return Phi and Q of the step that leads to a sample; any step for the first sample."""
         b = self.b
         before = b.select(b.icmp_signed(">", t, 0), b.sub(t, 1), 0)
         return self.matrices(b.single(self.a["node"], before))
 
 
 def smoother_size(system: StateSpace) -> int:
-    """Return how many numbers of a sample smoothing needs: gains, residuals, state, covariance."""
+    """Return how many numbers smoothing keeps per sample: gains, residuals, state, covariance."""
     n = system.n
     return system.k * (n + 1) + n + n * n
 
 
 def _revise(w: _Writer, phi: ir.Value, q: ir.Value, observed: ir.Value) -> None:
-    """Update and predict the covariance; the flag gets whether it has settled."""
+    """Update and predict the covariance; the flag tells whether it is steady."""
     b, m, n = w.b, w.memory, w.n
     old = [dual(m.get(w.p, i * n + i)) for i in range(n)]
     for k in range(w.system.k):
@@ -458,7 +459,7 @@ def _emit_back(w: _Writer, group: ir.Value) -> None:
 
 
 def _emit_draw(w: _Writer, group: ir.Value) -> None:
-    """Write the draw of states, and of what channels show of them with noise, from normal numbers."""
+    """Write the draw of states, and of noisy channels of these, from normal numbers."""
     b, a, m, n, k_count = w.b, w.a, w.memory, w.n, w.system.k
     first, spare = m.room(n * n), m.room(n * n)
     factorise(b, first, w.p, n)

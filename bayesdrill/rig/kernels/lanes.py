@@ -17,9 +17,9 @@ from llvmlite import ir
 from bayesdrill.basics.duals import Choice, Number
 
 LANES = 8
-MOST_ON_STACK = 1024  # vectors of a room
+MOST_ON_STACK = 1024  # vectors: larger blocks are allocated by malloc
 Values = list[ir.Value]
-type Integer = ir.Value | int  # a 64-bit integer of a kernel, or one that is known
+type Integer = ir.Value | int  # a 64-bit integer of a kernel, or a constant
 
 F64 = ir.DoubleType()
 I64 = ir.IntType(64)
@@ -27,7 +27,8 @@ I32 = ir.IntType(32)
 BYTES = ir.IntType(8).as_pointer()
 VEC = ir.VectorType(F64, LANES)
 INT_VEC = ir.VectorType(I64, LANES)
-NOWHERE = ir.Constant(ir.VectorType(ir.IntType(1), LANES), [0] * LANES)  # a mask
+# The mask that is false in all lanes.
+NOWHERE = ir.Constant(ir.VectorType(ir.IntType(1), LANES), [0] * LANES)
 # Blocks of single numbers, of whole numbers, and of vectors: `LANES` numbers each.
 NUMBERS, WHOLE, VECTORS = F64.as_pointer(), I64.as_pointer(), VEC.as_pointer()
 
@@ -42,7 +43,7 @@ def vector(value: float) -> ir.Constant:
 
 @lru_cache(maxsize=4096)
 def _vector(value: float, sign: float) -> ir.Constant:
-    """`sign`: zeros of either sign are equal, and are not the same."""
+    """Return a constant; `sign` keeps zeros of either sign apart, which are equal but not the same."""
     return ir.Constant(VEC, [value] * LANES)
 
 
@@ -61,11 +62,11 @@ def integer(number: Integer) -> ir.Value:
     return _integer(number) if isinstance(number, int) else number
 
 
-_LEAST_POWER = -700.0  # of e; what is smaller still is nothing
-_ROUNDER = 1.5 * 2.0**52  # added to a number, it leaves its nearest whole number in the last bits
-_PI = (math.pi, 1.2246467991473532e-16)  # and what a double of it is short of
+_LEAST_POWER = -700.0  # exponents of e below this give zero
+_ROUNDER = 1.5 * 2.0**52  # adding it leaves the nearest integer in the last bits of a number
+_PI = (math.pi, 1.2246467991473532e-16)  # pi as a double, and the rest of it
 _SIN = tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(10))  # of sin(x)/x, in x^2
-# Of exp(x) for |x| < log(2)/2, least largest relative error: 2e-9.
+# Minimax polynomial of exp(x) for |x| < log(2)/2; its relative error is 2e-9.
 _EXP = (
     1.0000000005541665,
     1.0000000363231971,
@@ -114,17 +115,17 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
     floor, absolute, root = map(_of_lanes, ("floor", "fabs", "sqrt"))
     signed = _of_lanes("copysign")  # (value, like)
     fma = _of_lanes("fmuladd")  # factor * other + total, fused where the processor can
-    largest = _of_lanes("vector.reduce.smax", I64)  # lane of integers
+    largest = _of_lanes("vector.reduce.smax", I64)  # the largest integer in any lane
 
     def room(self, count: int, kind: ir.Type = VEC) -> ir.Value:
-        """Reserve vectors, once, even where the code stands in a loop: on the stack, many by malloc."""
+        """Reserve vectors once, even in a loop: on the stack, or by malloc if they are many."""
         with self.goto_entry_block():
             if count <= MOST_ON_STACK:
                 return self.alloca(kind, I64(count))
             found = self.module.globals.get("malloc")
             malloc = found or ir.Function(self.module, ir.FunctionType(BYTES, [I64]), "malloc")
             self.taken.append(self.call(malloc, [I64((count + 1) * 8 * LANES)]))
-            start = self.ptrtoint(self.taken[-1], I64)  # of lines of the cache: see `aligned`
+            start = self.ptrtoint(self.taken[-1], I64)  # start at a cache line, see `aligned`
             begin = self.and_(self.add(start, 8 * LANES - 1), -8 * LANES)
             return self.inttoptr(begin, kind.as_pointer())
 
@@ -154,7 +155,7 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
             self.write(value, base, index)
 
     def slots(self, count: int) -> list[ir.Value]:
-        """Reserve so many places of a vector each, which become registers where they can."""
+        """Reserve `count` places of a vector each, which become registers if possible."""
         return [self.room(1) for _ in range(count)]
 
     def read_slots(self, slots: Iterable[ir.Value]) -> list[ir.Value]:
@@ -167,7 +168,7 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
             self.write(value, slot, 0)
 
     def offset(self, base: ir.Value, count: Integer, size: Integer | None = None) -> ir.Value:
-        """Return the address behind so many entries of a block, or behind rows of this size."""
+        """Return the address after `count` entries of a block, or after rows of this size."""
         return self.gep(base, [integer(count if size is None else self.mul(count, size))])
 
     @contextmanager
@@ -235,7 +236,7 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
         return self.bitcast(self.add(self.bitcast(total, INT_VEC), power), VEC)
 
     def sin(self, value: ir.Value) -> ir.Value:
-        """Return the sine of numbers up to 1e6, to 1e-10: that of the rest beyond whole half turns."""
+        """Return the sine of numbers up to 1e6, to 1e-10, by reduction to less than half a turn."""
         shifted = self.fma(value, vector(1.0 / math.pi), vector(_ROUNDER))
         whole = self.fsub(shifted, vector(_ROUNDER))
         remaining = value
@@ -248,7 +249,7 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
         return self.bitcast(signed, VEC)
 
     def gather(self, numbers: ir.Value, places: ir.Value) -> ir.Value:
-        """Load for each lane the number at its place of a block; fast where lanes have one place."""
+        """Load for each lane the number at its place of a block; fast if lanes share a place."""
 
         def of_lane(index: ir.Value, _: int) -> ir.Value:
             return self.single(numbers, index)
@@ -292,7 +293,7 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
         return result
 
     def last_until(self, numbers: ir.Value, place: ir.Value, bound: ir.Value) -> ir.Value:
-        """Return where the last of increasing numbers up to a bound is, from a place before it on."""
+        """Return the place of the last of increasing numbers up to a bound, searched from a place on."""
         entry, check = self.block, self.append_basic_block("search")
         self.branch(check)
         self.position_at_end(check)
@@ -315,7 +316,7 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
         *,
         likely: bool | None = None,
     ) -> list[ir.Value]:
-        """Return what `other` writes where the flag is true, whose code runs there alone."""
+        """Return the result of `other` if the flag is true, else `default`; it runs only then."""
         before = self.block
         with self.if_then(flag, likely=likely):
             others, inside = other(), self.block
@@ -324,9 +325,9 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
 
 
 class Module(ir.Module):  # type: ignore[misc]
-    """The kernels that are compiled together, and the `routine`s that they call.
+    """The module has kernels that are compiled together, and the `routine`s that they call.
 
-    `arguments`: names of those of each kernel.
+    `arguments` has the names of the arguments of each kernel.
     """
 
     def __init__(self, name: str) -> None:
@@ -339,13 +340,13 @@ class Module(ir.Module):  # type: ignore[misc]
 def function(
     module: Module, name: str, kinds: Iterable[ir.Type]
 ) -> Iterator[tuple[ir.Function, Builder]]:
-    """Write a function without result of counts and of addresses of blocks, which do not overlap."""
+    """Write a function of counts and block addresses, without result; blocks do not overlap."""
     written = ir.Function(module, ir.FunctionType(ir.VoidType(), [*kinds]), name)
     for argument in written.args:
         if isinstance(argument.type, ir.PointerType):
             argument.add_attribute("noalias")
     b = Builder(written.append_basic_block())
-    b.taken = Values()  # what it gives back to the C library
+    b.taken = Values()  # memory that the function frees at its end
     yield written, b
     for place in b.taken:
         kind = ir.FunctionType(ir.VoidType(), [BYTES])
@@ -357,7 +358,7 @@ def function(
 def kernel(
     module: Module, name: str, counts: Sequence[str], blocks: Mapping[str, ir.Type]
 ) -> Iterator[tuple[dict[str, ir.Value], Builder]]:
-    """Write a kernel; gives its arguments, `counts` and addresses of `blocks`, by name."""
+    """Write a kernel; gives its arguments by name, which are `counts` and addresses of `blocks`."""
     names = module.arguments[name] = [*counts, *blocks]
     with function(module, name, [*[I64] * len(counts), *blocks.values()]) as (written, b):
         yield dict(zip(names, written.args, strict=True)), b
@@ -366,9 +367,9 @@ def kernel(
 def routine[**P](
     write: Callable[Concatenate[Builder, P], None],
 ) -> Callable[Concatenate[Builder, P], None]:
-    """Make of code a function that is written once into a module, and is called from then on.
+    """Turn code into a function that is written once into a module and called from then on.
 
-    Values that it is given are the arguments; what else it is given is what it is specialised for.
+    Values become its arguments. It is specialised for all other arguments.
     """
 
     @wraps(write)
@@ -390,7 +391,7 @@ def routine[**P](
 
 
 class Loop:
-    """A counted loop (at least one pass) that carries values: read `carried`, then `close`."""
+    """The loop has a count (at least one) and carries values: read `carried`, then `close`."""
 
     def __init__(self, b: Builder, count: Integer, start: Iterable[Integer], name: str) -> None:
         self._b, self._count = b, count
@@ -418,7 +419,7 @@ class Loop:
 
 @dataclass(frozen=True, slots=True)
 class IndexTable:
-    """Whole numbers that a module has, so many at an `address`."""
+    """The table has `count` whole numbers of a module at an `address`."""
 
     address: ir.Value
     count: int
@@ -463,9 +464,9 @@ def _operation(name: str, *, turned: bool = False) -> Callable[[Vector, Any], An
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Vector(Number):
-    """One number of each walker, whose arithmetic is written down as code, not carried out.
+    """A vector holds one number of each walker; its arithmetic is written as code.
 
-    A model's formulas, evaluated with these for numbers, become part of the kernel.
+    The formulas of a model, evaluated with vectors as numbers, become part of the kernel.
     """
 
     b: Builder
@@ -504,7 +505,7 @@ def register(number: Vector | float) -> ir.Value:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mask(Choice):
-    """A truth value for each lane."""
+    """A mask holds a truth value for each lane."""
 
     b: Builder
     value: ir.Value

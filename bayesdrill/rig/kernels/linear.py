@@ -1,6 +1,6 @@
-"""The response of linear rigs: channels of groups of walkers, sample after sample.
+"""Compute the response of linear rigs: the channels of groups of walkers, sample by sample.
 
-With z = (x, 1, u, slopes of u) a step is x(j + 1) = E(j) z(j), where E has the first rows of the
+With z = (x, 1, u, slopes of u) a step is x(j + 1) = E(j) z(j).  E has the first rows of the
 matrix exponential over the step (`transitions`).  Channels are rows times z.  Numbers carry a slope in
 one direction of the parameters where slopes are wanted: matrices, starts, rows and delays alike.
 
@@ -57,17 +57,17 @@ from bayesdrill.rig.kernels.transitions import (
     table_entries,
 )
 
-# G groups of LANES walkers; T samples, N knots (samples, and others behind the last); q directions;
-# nodes of the table; rungs of the ladder from its width on, -1 where all spans are in the table;
-# 1 where signals are stored, and else 0.
+# G groups of LANES walkers; T samples; N knots (samples, and others after the last); q directions;
+# nodes of the table; rungs of the ladder from its width on, -1 if all spans are in the table;
+# 1 if signals are stored, else 0.
 COUNTS = ("groups", "samples", "knots", "directions", "nodes", "high", "stored")
 BLOCKS = {
     "own": VECTORS,  # (G, numbers of `LinearShape.parts`, then `LinearShape.weights`)
     "along": VECTORS,  # (G, q, numbers of `LinearShape.with_slopes`): slopes
     "numbers": NUMBERS,  # width of the ladder; constant inputs
-    "spans": NUMBERS,  # of nodes
-    "chained": WHOLE,  # of nodes: 1 where one is the node before and a width
-    "node": WHOLE,  # (N,) of the step from each knot
+    "spans": NUMBERS,  # spans of nodes
+    "chained": WHOLE,  # 1 if a node's span is that of the node before plus a width
+    "node": WHOLE,  # (N,) node of the step from each knot
     "share": NUMBERS,  # (N,) of a width by which that step is longer than its node, -1 for none
     "t": NUMBERS,  # (N + 1,), the last infinity
     "u": NUMBERS,  # (N, S or 2 S): sampled inputs and, with a first-order hold, their slopes
@@ -78,20 +78,20 @@ BLOCKS = {
 }
 SCRATCH = ("table", "states", "rungs", "planes", "before", "trace")
 SIGNALS, SUMS, NORMAL, INNOVATIONS = "signals", "sums", "normal", "innovations"
-ROWS = 64  # of a chunk
-FARTHEST = 2.0**40  # steps of a delay that count
-JOINED = 4  # samples of a step of large matrices; ROWS are whole steps
+ROWS = 64  # samples of a chunk
+FARTHEST = 2.0**40  # largest delay in steps; larger ones have the same effect
+JOINED = 4  # samples per step of large matrices; it divides ROWS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LinearShape:
-    """The structure of a record, for which a kernel is specialised.
+    """The structure of a record is what a kernel is specialised for.
 
-    `rows (K, X)`: which states a channel shows; their weights, and offsets, are numbers of walkers.
-    `late (K,)`: which channels are late.  `uneven`: whether steps differ, or there is none.
-    `output`: sums as `tally` has them, or normal equations of white noise or of noise that remembers;
-    a kernel of sums of squares, or of normal equations, has signals too.  `slopes`: whether numbers
-    carry slopes; `sensed`: whether starts and rows do, as those of perfect sensors never do.
+    `rows (K, X)` says which states a channel shows; their weights, and offsets, are numbers of each
+    walker. `late (K,)` says which channels are late. `uneven` says that steps differ, or that there
+    is none. `output` is sums of a `tally`, or normal equations of white or autoregressive noise. A
+    kernel of sums of squares, or of normal equations, has signals too. `slopes` says that numbers
+    have slopes, and `sensed` that starts and rows have them, which perfect sensors never need.
     """
 
     layout: Layout
@@ -111,25 +111,25 @@ class LinearShape:
 
     @property
     def channels(self) -> int:
-        """Channels K."""
+        """Return the number K of channels."""
         return len(self.rows)
 
     @property
     def joined(self) -> int:
-        """Samples of a step: of large matrices, products of several samples at once take less."""
+        """Return the samples per step: large matrices multiply several samples at once faster."""
         plain = self.layout.large and not (self.uneven or any(self.late))
         return JOINED if plain else 1
 
     @property
     def joined_sizes(self) -> tuple[int, int]:
-        """Rows and columns of the matrix of such a step, see `Transitions.join_steps`."""
+        """Return rows and columns of the matrix of such a step, see `Transitions.join_steps`."""
         x = self.layout.n_states
         drives = self.layout.size - x - 1
         return x + self.joined * self.channels, x + 1 + self.joined * drives
 
     @property
     def table_numbers(self) -> int:
-        """Numbers of a node of the table."""
+        """Return how many numbers a node of the table has."""
         joined = math.prod(self.joined_sizes) if self.joined > 1 else 0
         return len(table_entries(self.layout)) + joined
 
@@ -142,22 +142,22 @@ class LinearShape:
 
     @property
     def with_slopes(self) -> int:
-        """Return how many of these numbers, from the first on, have slopes in a kernel with slopes."""
+        """Return how many of these numbers, from the first on, have slopes in such a kernel."""
         return sum(self.parts.values()) if self.sensed else self.layout.n_parameters
 
     @property
     def weights(self) -> int:
-        """Return how many of its numbers never have slopes: weights of a tally, scales of residuals."""
+        """Return how many numbers have no slopes: weights of a tally, or scales of residuals."""
         each = self.tally.weights if self.tally is not None else 0
         return self.channels * {NORMAL: 1, INNOVATIONS: 3}.get(self.output, each)
 
     @property
     def single_chunk(self) -> bool:
-        """Whether all samples are one chunk: each direction is done before the next begins."""
+        """Return whether all samples are one chunk, so that directions are computed in turn."""
         return self.tally is not None or any(self.late) or self.uneven
 
     def scratch(self, counts: Mapping[str, int]) -> tuple[int, ...]:
-        """Return the vectors of each part of `SCRATCH`, of a run with these `COUNTS`."""
+        """Return the vectors of each part of `SCRATCH`, for a run with these `COUNTS`."""
         width, x, k = 2 if self.slopes else 1, self.layout.n_states, self.channels
         count, directions = 1 + counts["directions"], max(1, counts["directions"])
         copies = 1 if self.single_chunk else directions
@@ -307,10 +307,10 @@ class _Writer:
             add(total, b.add(b.add(b.mul(plane, self.planes), other), k_count))
 
     def _whiten(self, plane: ir.Value, first: ir.Value, rows: ir.Value) -> None:
-        """Put in the place of a plane what residuals, or their slopes, are over the noise.
+        """Store in a plane the whitened residuals, or their slopes, in place of these.
 
-        Weights are one over the noise; where it remembers, they are those of a sample, of the one
-        observed before it, which is taken from it, and of the first.
+        Weights are one over the noise. For autoregressive noise they belong to a sample, to the
+        observed one before it, which is subtracted, and to the first sample.
         """
         b, k_count, memory = self.b, self.k, self.shape.output == INNOVATIONS
         scales = b.read_row(self.weights, (3 if memory else 1) * k_count)
@@ -337,7 +337,7 @@ class _Writer:
 
 
 class _Walker:
-    """The code of the numbers of walkers, in one direction where they have slopes."""
+    """The walker has code for its numbers; with slopes, for one direction of them."""
 
     def __init__(self, w: _Writer, direction: Integer) -> None:
         b, shape = w.b, w.shape
@@ -405,7 +405,7 @@ class _Walker:
                 self.late_rows[k] = self._late_row(k, share)
 
     def _split(self, delay: Number, step: Vector) -> tuple[ir.Value, Number]:
-        """Return a delay as whole steps, not below it, and the span by which these are longer."""
+        """Return a delay as whole steps, rounded up, and the span by which these are longer."""
         b = self.b
         count = -Vector(b, b.floor((dual(delay).value / (-step)).value))
         count = where(count.below(FARTHEST), count, FARTHEST)
@@ -426,7 +426,7 @@ class _Walker:
             kind.put(sum_products(kind.zero(), terms), row, j)
         return row
 
-    # From knot to knot.
+    # Steps from knot to knot.
 
     def drive(self, knot: ir.Value) -> InputHold:
         """Load what drives the rig from a knot on."""
@@ -489,7 +489,7 @@ class _Walker:
         return totals
 
     def _share(self, share: ir.Value, state: State, drive: InputHold) -> tuple[State, InputHold]:
-        """Advance by a share of the width, where there is one."""
+        """Advance by a share of the width, if the step has one."""
         b, kind, count = self.b, self.kind, len(drive.inputs)
         default = [*kind.flat(state), *(u.value for u in drive.inputs)]
 
@@ -515,7 +515,7 @@ class _Walker:
             self.b.write(register, self.w.at(plane, row, k), 0)
         return totals
 
-    # Channels that are late.
+    # Late channels.
 
     def _trace(self, knot: ir.Value, state: State, drive: InputHold) -> None:
         """Keep what late channels show at even times, or the state from which they follow."""
@@ -552,7 +552,7 @@ class _Walker:
                 inside = b.select(b.icmp_signed("<", place, last), place, last)
                 inside = b.select(b.icmp_signed(">", inside, 0), inside, 0)
                 value = self._kept(inside, len(self.late), n)
-                early = Mask(b, b.icmp_signed("<", place, 0))  # whatever t has been rounded to
+                early = Mask(b, b.icmp_signed("<", place, 0))  # independent of the rounding of t
             else:
                 place = b.last_until(w.a["t"], samples.carried[n], dual(when).value.value)
                 places.append(place)

@@ -1,6 +1,6 @@
-"""Numbers of kernels: registers with or without slopes, and small matrices of them in memory.
+"""Define numbers of kernels, in registers with or without slopes, and small matrices of them.
 
-A number of a kind with slopes takes two vectors, its value and its slope.
+A number with a slope takes two vectors, its value and its slope.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ Column = Mapping[int, Number]
 
 @dataclass(frozen=True, slots=True)
 class Numbers:
-    """Reads and writes numbers: registers, or, with `slopes`, pairs of them."""
+    """A kind of numbers is stored as registers or, with `slopes`, as pairs of them."""
 
     b: Builder
     slopes: bool
 
     @property
     def width(self) -> int:
-        """Vectors of one number."""
+        """Return the vectors of one number."""
         return 2 if self.slopes else 1
 
     def flat(self, numbers: Sequence[Number]) -> list[ir.Value]:
@@ -57,7 +57,7 @@ class Numbers:
         """Return zero, with a slope where numbers of this kind have one."""
         return self.shaped([vector(0.0)] * self.width)[0]
 
-    # In memory, `width` vectors each.
+    # Numbers in memory take `width` vectors each.
 
     def at(self, base: ir.Value, index: Integer) -> ir.Value:
         """Return the address of a number, or of the first of a row."""
@@ -73,7 +73,7 @@ class Numbers:
         self.b.write_row(self.flat([number]), self.at(base, index))
 
     def row(self, base: ir.Value, count: int, first: int = 0) -> list[Number]:
-        """Load so many numbers of a block, from the first on."""
+        """Load `count` numbers of a block, from the `first` on."""
         return [self.get(base, first + k) for k in range(count)]
 
     def put_row(self, numbers: Iterable[Number], base: ir.Value, first: int = 0) -> None:
@@ -89,7 +89,7 @@ class Numbers:
         """Store `count` zeros."""
         self.b.clear(base, count * self.width)
 
-    # Where code runs for few walkers.
+    # Code that runs only if some walker needs it.
 
     def select_if_any(
         self, mask: Mask, default: list[Number], other: Callable[[], list[Number]]
@@ -114,7 +114,7 @@ class Numbers:
 
 
 def sum_products(start: Number, terms: Sequence[tuple[Number, Number]]) -> Number:
-    """Return `start` plus the sum of products, added up in two halves to shorten the chain."""
+    """Return `start` plus the sum of products, in two halves that run in parallel."""
     half = (len(terms) + 1) // 2
     first = start
     for factor, other in terms[:half]:
@@ -179,18 +179,18 @@ def keeps_direction(direction: Vector, speed: Number) -> Mask:
     return Mask(direction.b, direction.b.fcmp_unordered(">", product, vector(0.0)))
 
 
-MIN_RELATIVE_PIVOT = 1e-13  # of a diagonal: a pivot below it is rounding
+MIN_RELATIVE_PIVOT = 1e-13  # relative to the diagonal: smaller pivots are rounding errors
 
 
 @dataclass(frozen=True, slots=True)
 class Blocks:
-    """Memory of numbers: a block of values, and another of slopes where they have some."""
+    """A number has its value in one block of memory and any slope in another."""
 
     b: Builder
     bases: tuple[ir.Value, ...]
 
     def at(self, offset: ir.Value) -> Blocks:
-        """Return what begins at an offset."""
+        """Return the blocks from an offset on."""
         return Blocks(self.b, tuple(self.b.offset(base, offset) for base in self.bases))
 
     def get(self, index: int) -> Number:
@@ -256,7 +256,7 @@ def multiply(
 ) -> None:
     """Store the product of `a (m, inner)` and `other (inner, n)`; `sizes`: m, inner, n."""
     (m, inner, n), memory = sizes, Numbers(b, slopes)
-    for i, count in strips(b, m, 3):  # what is read of the other matrix serves all rows of a strip
+    for i, count in strips(b, m, 3):  # each entry of `other` is read once for a strip of rows
         begin, into = (memory.at(base, b.mul(i, size)) for base, size in ((a, inner), (out, n)))
         rows = [memory.row(begin, inner, r * inner) for r in range(count)]
         for j in range(n):
@@ -275,7 +275,7 @@ def multiply_large(
     *,
     slopes: bool = False,
 ) -> None:
-    """Do the same for matrices too large to be written out: by tiles, whose sums are registers."""
+    """Store the product of matrices too large to unroll, by tiles whose sums are registers."""
     (m, inner, n), memory = sizes, Numbers(b, slopes)
     tall, wide = (6, 1) if n == 1 else (2, 3)
     for i, rows in strips(b, m, tall):
@@ -294,7 +294,7 @@ def multiply_large(
 
 
 def strips(b: Builder, count: int, size: int) -> Iterator[tuple[Integer, int]]:
-    """Give begin and size of strips of a count: code of those of the usual size stands in a loop."""
+    """Give begin and size of strips of a count; those of the usual size share one loop."""
     if count >= size:
         with b.loop(count // size, "strips") as strip:
             yield b.mul(strip, size), size
@@ -316,8 +316,8 @@ def multiply_symmetric(
 ) -> None:
     """Store a product, all (n, n): out = a other', or a' other if `transposed`.
 
-    The product is known to be symmetric: only the lower half is computed and copied, so that the
-    result is exactly that.  With `adds` the product is added to what `out` has.
+    The product is known to be symmetric: only the lower half is computed, and copied. With `adds`
+    the product is added to `out`.
     """
     memory = Numbers(b, slopes)
 
@@ -338,7 +338,8 @@ def multiply_symmetric(
 def factorise(b: Builder, out: ir.Value, a: ir.Value, n: int) -> None:
     """Store the Cholesky factor, lower with out out' = a (n, n).
 
-    The matrix may be singular: a pivot that is rounding beside its diagonal gets a column of zeros.
+    The matrix may be singular: a pivot that is negligible compared with its diagonal gets a column
+    of zeros.
     """
     zero = vector(0.0)
     factor: dict[tuple[int, int], Vector] = {}
@@ -385,7 +386,7 @@ def decompose(b: Builder, out: ir.Value, a: ir.Value, determinant: ir.Value, n: 
 
 @routine
 def solve(b: Builder, out: ir.Value, lu: ir.Value, x: ir.Value, n: int, m: int) -> None:
-    """Store out = a^-1 x (n, m), with the `lu` that `decompose` has made of a (n, n)."""
+    """Store out = a^-1 x (n, m), with `lu` from `decompose` of a (n, n)."""
     together = next(size for size in (3, 2, 1) if m % size == 0)
     with b.loop(m // together, "columns") as columns:
         first = b.mul(columns, together)

@@ -1,27 +1,26 @@
-"""Events of dry friction within a time step: zero crossings of sliding speeds, stick and slip.
+"""Handle events of dry friction within a time step: zero crossings of speeds, stick and slip.
 
 Between events each friction slips one way or sticks, the rig is linear, and a step is exact
-(`friction`).  An event is the zero crossing of a sliding speed, after which the friction sticks or
-slips the other way, or the moment from which what sticks would have to hold more than friction at rest
-can, and slips.
+(`friction`).  One kind of event is the zero crossing of a sliding speed, after which the friction
+sticks or slips the other way.  The other kind is the moment when the effort that sticking requires
+exceeds the friction at rest, so that it slips.
 
 Events are not located in time: no root is sought, and no step ends at one.  A step with an event is
-made in parts, and in each part a mean effort stands for the friction:
+made in parts, and in each part a mean effort replaces that of the friction:
 
 - a zero crossing: the mean of the efforts of both signs, each for as long as it acts if the speed
   falls to zero along a straight line;
-- slip to stick: what brings the speed to zero at the end of the part;
-- stick to slip: what is held until it is as much as friction at rest can hold, and the sliding friction
-  from then on; what has to be held runs along two straight lines.
+- slip to stick: the effort that brings the speed to zero at the end of the part;
+- stick to slip: the required effort, until it reaches the friction at rest, and then the sliding
+  friction. The required effort is taken as two straight lines.
 
 Over a part of length h the impulse of the mean effort differs from the true one by O(h^2), and so does
-what the effort moves within the part.  So an event leaves an error of O(h^2) in the state, and a record
-with finitely many events has one of second order in the step (`docs/rigs.md`, dry friction).
+the motion that it causes within the part.  So an event leaves an error of O(h^2) in the state, and a
+record with finitely many events has one of second order in the step (`docs/rigs.md`, dry friction).
 
-Steps are as short as friction asks for whose size falls with the speed.  Where every speed is so
-high that nothing of that is left, and stays far from zero, a long step goes to the next sample at
-once, and is exact; what sticks goes by steps, as in one that is long its speed is zero at the ends
-alone.
+Steps are short because the size of friction falls with the speed.  If every speed is so high that the
+size has settled, and stays far from zero, one long step to the next sample is exact.  A friction that
+sticks always takes short steps: in a long one its speed would be zero at both ends alone.
 """
 
 from __future__ import annotations
@@ -77,7 +76,10 @@ def advance_step(
 
 @dataclass(frozen=True, slots=True)
 class RestState:
-    """A friction at the beginning of a step: the `effort` that holds it, and its `size` at rest."""
+    """The record has, at the beginning of a step, the holding `effort` and the `size` at rest.
+
+    The effort is what keeps the friction's speed at zero.
+    """
 
     effort: Number
     size: Number
@@ -85,10 +87,10 @@ class RestState:
 
 @dataclass(frozen=True, slots=True)
 class ReversalStep:
-    """A step with events: speeds may cross zero, and frictions stick or slip.
+    """A step with events is one where speeds may cross zero, and frictions may stick or slip.
 
-    It is in `count` parts, each of them one `step`, a `share` of it: what else happens in it, such
-    as a current that follows fast, need not be as straight as a speed.
+    It has `count` parts. Each is one `step`, a `share` of the whole. Within the whole step, other
+    states such as a fast current need not be as straight as a speed.
     """
 
     step: Step
@@ -97,10 +99,10 @@ class ReversalStep:
 
     @property
     def _order(self) -> list[int]:
-        """The order in which efforts are computed, each with the others as known.
+        """Return the order in which efforts are computed, each from the others so far.
 
-        At first these are as if nothing reversed.  What stops a current comes first, and once more:
-        it and the motor act on each other strongly.
+        At first efforts are those without a reversal. Those that stop a current come first, and
+        once more at the end, as current and motor strongly affect each other.
         """
         angles = [friction.angle for friction in self.step.frictions]
         order = sorted(range(len(angles)), key=lambda e: angles[e] is not None)
@@ -129,7 +131,7 @@ class ReversalStep:
         return result
 
     def _whole(self, now: StepStart, *, shows: bool) -> list[Number]:
-        """Return what `advance` does, of one part."""
+        """Return what `advance` returns, for one part."""
         step, state, drive, inputs = self.step, now.state, now.drive, now.inputs
         sizes = [friction.steady for friction in self.step.frictions]
         for e, magnitude in zip(step.varying, now.past.sizes, strict=True):
@@ -156,7 +158,7 @@ class ReversalStep:
         sizes: list[Number],
         at_rest: list[RestState],
     ) -> tuple[list[Number], list[Mask]]:
-        """Return the efforts, and where they let slip; `drive` is that at the end of the step."""
+        """Return the efforts, and the lanes where they allow slip; `drive` is that at the step's end."""
         known = [
             where(is_moving(state[friction.row]), signed(most, state[friction.row]), at.effort)
             for friction, most, at in zip(self.step.frictions, sizes, at_rest, strict=True)
@@ -184,16 +186,16 @@ class ReversalStep:
     def _effort_from_slip(
         self, stop: Number, speed: Number, over: Number, most: Number, at_rest: RestState
     ) -> tuple[Number, Mask]:
-        """Return the mean effort over a step that begins in slip, and where it ends in slip.
+        """Return the mean effort over a step that begins in slip, and whether it ends in slip.
 
-        `stop` is the effort that would make the speed zero.  With signs turned so that the speed is
-        not negative, and in units of the effort: as long as stop > most, the speed stays positive.
-        Else it crosses zero after a share of the step.  It sticks if what drives it there, stop -
-        speed, is no more than friction can hold; if not, it slips on backwards.
+        `stop` is the effort that would make the speed zero. Take signs so that the speed is not
+        negative, and units of the effort. If stop > most, the speed stays positive. Otherwise it
+        crosses zero after a share of the step. It sticks if the effort that drives it there, stop -
+        speed, is no more than friction can hold. If it is more, it slips backwards.
         """
         back = below(speed, 0.0)
         ahead, rate = where(back, -stop, stop), size(speed) * over
-        against = rate - ahead + most  # what drives it backwards, and what brakes it
+        against = rate - ahead + most  # the effort that drives it backwards, plus the friction
         keeps, passes = above(ahead, most), above(against, most + at_rest.size)
         turned = where(keeps, most, ahead)
         (turned,) = self.step.kind.select_if_any(
@@ -206,8 +208,8 @@ class ReversalStep:
     ) -> tuple[Number, Mask]:
         """Return the mean effort over a step that begins in stick, and where it slips at the end.
 
-        What has to be held goes from `at_rest.effort` to `later`, in the mean `stop`.  Once it is
-        more than friction at rest can hold, the speed slips under `most`.
+        The effort to be held goes from `at_rest.effort` to `later`, with mean `stop`. Once it
+        exceeds the size at rest, the speed slips under `most`.
         """
         back = below(stop, 0.0)
         efforts = (stop, at_rest.effort, later)
@@ -215,7 +217,7 @@ class ReversalStep:
         slips = above(last, at_rest.size).either(above(mean, at_rest.size))
 
         def slipping() -> list[Number]:
-            # Straight from the first to the middle, and on to the last.
+            # The course is two straight lines: from the first to the middle, and on to the last.
             middle = (mean * 6.0 - first - last) * 0.25
             halves = [_beyond(*ends, at_rest.size) for ends in ((first, middle), (middle, last))]
             share = (halves[0][0] + halves[1][0]) * 0.5
@@ -229,7 +231,7 @@ class ReversalStep:
     def _moved(
         self, free: list[Number], efforts: list[Number], only: Sequence[int] | None = None
     ) -> list[Number]:
-        """Return all states with efforts applied, or `only` those right."""
+        """Return all states with efforts applied; with `only`, just those states are right."""
         new = list(free)
         for friction, effort in zip(self.step.frictions, efforts, strict=True):
             for i in (i for i in friction.column if only is None or i in only):
@@ -252,7 +254,7 @@ class ReversalStep:
 
 
 def _beyond(first: Number, last: Number, limit: Number) -> tuple[Number, Number]:
-    """Return for what share of a straight course it is beyond a limit, and by how much in the mean."""
+    """Return the share of a straight line beyond a limit, and its mean excess over all of it."""
     begins, ends, rises = above(first, limit), above(last, limit), above(last, first)
     far, near = where(rises, last, first), where(rises, first, last)
     crosses = begins.either(ends).without(begins.both(ends))
@@ -261,16 +263,16 @@ def _beyond(first: Number, last: Number, limit: Number) -> tuple[Number, Number]
     return share, over
 
 
-SETTLED_EXPONENT = 18.0  # exponent: 2e-8 is left of what a friction has more at rest
+SETTLED_EXPONENT = 18.0  # exponent of the decay: exp(-18) = 2e-8 of the excess at rest remains
 
 
 def advance_stride(
     mode: FrictionMode, wanted: ir.Value, now: StepStart, steps: Callable[[], list[Number]]
 ) -> list[Number]:
-    """Return what is carried on to the next sample; `mode`: of a step of a whole sample.
+    """Return the numbers that are carried to the next sample.
 
-    Where it is `wanted`, lanes that slip far from any change take this step.  All others take
-    `steps`, whose code runs where there are any.
+    `mode` is that of a step of a whole sample. If the step is `wanted`, lanes that slip far from
+    any change take it. All others take `steps`, whose code runs only if there are such lanes.
     """
     step, state, past, directions = mode.step, now.state, now.past, mode.directions()
 
@@ -298,7 +300,7 @@ def _falling(step: Step, state: Sequence[Number]) -> Iterator[Mask]:
 
 
 def _spent(step: Step, state: Sequence[Number]) -> Iterator[tuple[Number, Number]]:
-    """Evaluate `SettlingLaw.decay_terms` of the sizes that vary."""
+    """Evaluate `SettlingLaw.decay_terms` for the sizes that vary."""
     for e in step.varying:
         friction = step.frictions[e]
         assert isinstance(friction.law, SettlingLaw)  # `SteppedShape.long_steps`
@@ -308,7 +310,7 @@ def _spent(step: Step, state: Sequence[Number]) -> Iterator[tuple[Number, Number
 def _near_zero(
     step: Step, state: Sequence[Number], new: Sequence[Number], directions: Sequence[Vector]
 ) -> Iterator[Mask]:
-    """Tell where a zero crossing is possible: speeds change by more than is left of them."""
+    """Tell where a zero crossing is possible: a speed changes by more than its remaining size."""
     for friction, direction in zip(step.frictions, directions, strict=True):
         change = size(new[friction.row] - state[friction.row])
         for end in (state, new):

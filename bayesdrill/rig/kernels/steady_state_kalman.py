@@ -1,21 +1,22 @@
-"""The likelihood by a Kalman filter of one steady-state gain.
+"""Compute the likelihood by a Kalman filter with one steady-state gain.
 
 The Riccati equation is solved by doubling (Anderson 1978), and the start is exact.
 
-A block of 2^j samples has a transition B, the covariance H of the state after it where that before
-it is known, and the information G of its samples on the state before it.  Two equal blocks make one
-of twice the length:
+A block of 2^j samples has a transition B and two matrices.  H is the covariance of the state after
+it, given the state before it.  G is the information of its samples on the state before it.  Two
+equal blocks make one of twice the length:
 
     B <- B E        E = (1 + H G)^-1 B
     G <- G + B' G E
     H <- H + B (1 + H G)^-1 H B'
 
 until H is the steady-state covariance P.  Blocks are combined by the binary digits of the record's
-length: one before a block of the information G' has, with it, G + B' G' (1 + H G')^-1 B.
+length: a block followed by the information G' has the information G + B' G' (1 + H G')^-1 B.
 
-With the gain of P the filter is the recurrence of the response, channel after channel of a sample e
-= y - c x, x <- x + k e, then x <- Phi x + g + G u.  That the start has another covariance than P is
-corrected at the end, from the information of all samples on it, see `_correct_start`.
+With the gain of P the filter is the recurrence of the response.  Each channel of a sample updates
+x <- x + k (y - c x), and the prediction is x <- Phi x + g + G u.  The start has another covariance
+than P.  This is corrected at the end, from the information of all samples on the start, see
+`_correct_start`.
 """
 
 from __future__ import annotations
@@ -58,9 +59,11 @@ from bayesdrill.rig.kernels.numbers import (
 )
 from bayesdrill.rig.kernels.transitions import table_entries
 
-MIN_DOUBLINGS, MAX_DOUBLINGS = 7, 44  # doublings
-COVARIANCE_TOLERANCE = 1e-14  # of the variance of a sample: what one more doubling may add to it
-# Of a sum: after a block that adds no more to it, one as long as both adds nothing.
+# Doublings: at least 128 samples, and more than any record has.
+MIN_DOUBLINGS, MAX_DOUBLINGS = 7, 44
+# Relative to a sample's variance: largest addition of one more doubling.
+COVARIANCE_TOLERANCE = 1e-14
+# Relative to a sum: once a block adds less than this, one of twice its length adds nothing.
 INFORMATION_TOLERANCE = 1e-15
 
 
@@ -74,17 +77,18 @@ def _products(
             yield i * system.n + j, weight * other
 
 
-# Of the matrices (n, n) P, Phi, Q, G, A; gains, see `Gains`; pulls `(K, n)`, what a channel shows of
-# the state before the sample, over its variance; `variances` of noise, and `weights`.
+# Addresses of the matrices P, Phi, Q, G and A (n, n), of gains (see `Gains`), `variances` of noise
+# and `weights`; and of pulls `(K, n)`, the innovation's slope in the state over its variance.
 Addresses = dict[str, ir.Value]
 
 
 def _solve_riccati(
     m: Numbers, system: StateSpace, at: Addresses, samples: ir.Value, first: ir.Value
 ) -> None:
-    """Store P, G, A, gains and pulls, where Phi and Q are known.
+    """Store P, G, A, gains and pulls, for given Phi and Q.
 
-    G is that of all samples; `first (1,)` gets how many of them carry any information on the start.
+    G is the information of all samples. `first (1,)` is the number of samples with any information
+    on the start.
     """
     n, b = system.n, m.b
     transition_a, transition_b, information = (m.room(n * n) for _ in range(3))
@@ -130,11 +134,11 @@ def _solve_riccati(
 def _double(
     m: Numbers, system: StateSpace, at: Addresses, transition: ir.Value, following: ir.Value
 ) -> tuple[ir.Value, ir.Value]:
-    """Store the `following` B, and G (`information`) and H (`p`) of twice as many steps.
+    """Store the `following` B, and G (`information`) and H (`p`), for twice as many steps.
 
-    Return whether G has grown by more than rounding, and twice the block may grow more; and whether
-    any channel would see the next addition to H, which is smaller by at least as much as this one is
-    than the one before, `grown (K,)`.
+    Returns `grown (K,)`, which says whether doubling should continue. It is true if G has grown by
+    more than rounding, and may grow more. It is also true if any channel would notice the next
+    addition to H. That addition is at most this one, times the ratio of this one to the one before.
     """
     n, b, p, information = system.n, m.b, at["p"], at["information"]
     lu, x, e, more = (m.room(n * n) for _ in range(4))
@@ -173,7 +177,7 @@ def _decompose_sum(
     lu: ir.Value,
     determinant: ir.Value,
 ) -> None:
-    """Store 1 + P G, and what it is decomposed into."""
+    """Store 1 + P G, and its decomposition."""
     multiply(m.b, total, p, g, (n, n, n))
     _add_one(m, n, total)
     decompose(m.b, lu, total, determinant, n)
@@ -185,7 +189,7 @@ def _add_one(m: Numbers, n: int, x: ir.Value) -> None:
 
 
 def _prepend(m: Numbers, n: int, at: Addresses, transition: ir.Value) -> None:
-    """Put the block B, G, H before one of the information `g`, which becomes that of both."""
+    """Put the block B, G, H before one with the information `g`, which becomes that of both."""
     b, end = m.b, at["g"]
     lu, x, e = (m.room(n * n) for _ in range(3))
     _decompose_sum(m, n, at["p"], end, x, lu, m.room(1))
@@ -253,7 +257,7 @@ BLOCKS = {
     "shown": VECTORS,  # scratch (T / `BLOCK_SAMPLES` + 1, n)
     "out": VECTORS,  # (2 K + 1, G)
 }
-BLOCK_SAMPLES = 8  # samples
+BLOCK_SAMPLES = 8  # samples of a block
 
 
 def write_steady_state(module: Module, system: StateSpace, layout: Layout) -> None:
@@ -323,7 +327,10 @@ def next_state(
 
 @dataclass(frozen=True, slots=True)
 class SteadyFilter:
-    """What all samples of a group of walkers have in common; `first (1,)`: see `_solve_riccati`."""
+    """The filter has what all samples of a group of walkers share.
+
+    For `first (1,)` see `_solve_riccati`.
+    """
 
     m: Numbers
     system: StateSpace
@@ -335,7 +342,7 @@ class SteadyFilter:
 
     @property
     def gains(self) -> Gains:
-        """The gains of all channels."""
+        """Return the gains of all channels."""
         return Gains(self.m, self.system, self.at["gains"], self.at["weights"])
 
     def advance(
@@ -361,7 +368,7 @@ class SteadyFilter:
 def _emit_sums(w: SteadyFilter, state: list[ir.Value], shown: ir.Value) -> list[Number]:
     """Return sums of squared innovations `(K,)` of a filter that starts from a `state (n,)`.
 
-    What they show of the first state `(n,)` is stored in `shown`.
+    `shown` gets their information on the first state `(n,)`.
     """
     b, informed = w.m.b, w.m.b.load(w.first)
     blocks = b.sdiv(b.add(informed, BLOCK_SAMPLES - 1), BLOCK_SAMPLES)
@@ -397,7 +404,7 @@ def _emit_samples(w: SteadyFilter, blocks: ir.Value, state: list[ir.Value]) -> l
 
 
 def _emit_pulls(w: SteadyFilter) -> ir.Value:
-    """Return `(BLOCK_SAMPLES, K, n)`: what samples of a block show of its first state, A'^k pulls."""
+    """Return A'^k pulls `(BLOCK_SAMPLES, K, n)`, the dependence of samples on a block's first state."""
     m, b, n, k_count = w.m, w.m.b, w.system.n, w.system.k
     each = n * k_count
     pulls, a = m.room(BLOCK_SAMPLES * each), w.at["a"]
@@ -408,7 +415,7 @@ def _emit_pulls(w: SteadyFilter) -> ir.Value:
 
 
 def _emit_back(w: SteadyFilter, blocks: ir.Value, shown: ir.Value) -> None:
-    """Store what all blocks show of the first state: the sum of A'^k of theirs, backwards."""
+    """Store the dependence of all blocks on the first state: the backward sum of A'^k of theirs."""
     m, b, n = w.m, w.m.b, w.system.n
     powers, power = m.room(2 * n * n), w.at["a"]
     for k in range(BLOCK_SAMPLES.bit_length() - 1):

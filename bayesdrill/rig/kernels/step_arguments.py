@@ -1,4 +1,4 @@
-"""The structure and the arguments of kernels for rigs with friction, or with late inputs."""
+"""Define the structure and the arguments of kernels for rigs with friction or late inputs."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from bayesdrill.rig.kernels.sums import ResidualSums
 from bayesdrill.rig.models.friction import SettlingLaw
 from bayesdrill.rig.models.linear import Model
 
-# T samples; N steps; parts of a step with a reversal; 1 where signals are stored in the place of sums.
+# T samples; N steps; parts of a step with a reversal; 1 if signals are stored instead of sums.
 COUNTS = ("groups", "samples", "nodes", "turns", "stored")
 BLOCKS = {
-    "numbers": NUMBERS,  # spans of a step, and of as many as are between usual samples; constant inputs
-    "own": VECTORS,  # (G, vectors of `walker_blocks` of the shape): what walkers have of their own
+    "numbers": NUMBERS,  # spans of a step and between usual samples; constant inputs
+    "own": VECTORS,  # (G, vectors of `walker_blocks`): the numbers of each walker
     "u": NUMBERS,  # (N + 1 + 2 `pad`, columns of inputs)
     "pieces": WHOLE,  # (T,) steps to the next sample
-    "usual": WHOLE,  # (T,) whether that is as many as usual
+    "usual": WHOLE,  # (T,) 1 if that is the usual number of steps
     "t": NUMBERS,  # (T,) times of samples, in steps from the first node
     "y": NUMBERS,  # (T, K)
     "trace": VECTORS,  # scratch (N + 1, K, 3, numbers of one)
@@ -37,13 +37,13 @@ BLOCKS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SteppedShape:
-    """The structure of a rig and a record that goes by steps, for which a kernel is specialised.
+    """The structure of a stepped rig and record is what a kernel is specialised for.
 
-    `series`: sampled inputs, of which `late` have a lag of each walker; `constant`: those that are
-    constant and not zero; `pattern (K, R)`: entries of rows that may differ from zero, over states,
-    one and (where `efforts`) what frictions do.  `tally`: None for signals, which a kernel of sums of
-    squares stores too.  `dual`: numbers have slopes.  `read`: channels have times of their own.
-    `single`: a sample at each step.
+    `series` are sampled inputs, of which `late` have a lag of each walker. `constant` are constant
+    inputs that are not zero. `pattern (K, R)` has the entries of rows that may differ from zero,
+    over states, one and (with `efforts`) frictions. `tally` is None for signals, which a kernel of
+    sums of squares stores too. `dual` says that numbers have slopes. `read` says that channels have
+    times of their own. `single` says that each step has a sample.
     """
 
     model: Model
@@ -61,7 +61,8 @@ class SteppedShape:
     @property
     def text(self) -> str:
         """See `compile_kernel`."""
-        described = ("model", "series", "late", "constant")  # by their formulas and places
+        # These enter the text by formulas and places.
+        described = ("model", "series", "late", "constant")
         names = [setting.name for setting in fields(self) if setting.name not in described]
         settings = {name: getattr(self, name) for name in (*names, "long_steps")}
         late = [self.series.index(name) for name in self.late]
@@ -71,11 +72,11 @@ class SteppedShape:
 
     @property
     def _named_numbers(self) -> tuple[str, ...]:
-        """Names of the numbers in the formulas of the rig and of its frictions."""
+        """Return the names of the numbers in the formulas of the rig and its frictions."""
         return (*self.model.parameters, *self.constant, *self.model.states, *self.series)
 
     def _formulas(self, lanes: Sequence[Vector]) -> list[Any]:
-        """Return all that the kernel asks of the model, in these numbers."""
+        """Return all that the kernel needs from the model, in terms of these numbers."""
         names = self._named_numbers
         n = len(names)
         numbers: Any = map(Dual, lanes[:n], lanes[n:]) if self.dual else lanes
@@ -99,7 +100,7 @@ class SteppedShape:
 
     @property
     def long_steps(self) -> bool:
-        """Whether there are several steps to a sample, and sizes that come down to steady ones."""
+        """Return whether there are several steps to a sample, and all varying sizes settle."""
         if self.single or self.read or self.late or self.model.gravities:
             return False
         laws = [friction.law for friction in self.model.frictions if not friction.law.steady]
@@ -107,27 +108,27 @@ class SteppedShape:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Columns of the sampled inputs in the block `u`, and in a step."""
+        """Return the columns of the sampled inputs in the block `u`, and in a step."""
         return with_slopes(self.series, first_order=self.first_order)
 
     @property
     def drives(self) -> tuple[str, ...]:
-        """Columns of what drives a step: of inputs, and of gravity."""
+        """Return the columns that drive a step: inputs, then gravity."""
         return (*self.columns, *(gravity.name for gravity in self.model.gravities))
 
     @property
     def driven(self) -> tuple[str, ...]:
-        """Columns after the constant one."""
+        """Return the columns after the constant one."""
         return (*self.drives, *(friction.name for friction in self.model.frictions))
 
     @property
     def numbers(self) -> int:
-        """Registers of a number."""
+        """Return how many registers a number takes."""
         return 2 if self.dual else 1
 
     @property
     def walker_blocks(self) -> dict[str, int]:
-        """Parts of the block `own`, and how many numbers each has; with slopes, each part twice."""
+        """Return the size of each part of the block `own`, as numbers; slopes double each part."""
         k, x, late = len(self.pattern), len(self.model.states), len(self.late)
         parts = {"parameters": len(self.model.parameters), "x0": x, "rows": k * self.r_count}
         if self.read:
@@ -138,22 +139,22 @@ class SteppedShape:
 
     @property
     def walker_vectors(self) -> dict[str, int]:
-        """Parts of the block `own`, and how many vectors each has."""
+        """Return the size of each part of the block `own`, as vectors."""
         return {name: self.numbers * count for name, count in self.walker_blocks.items()}
 
     @property
     def r_count(self) -> int:
-        """Entries R of a channel's row."""
+        """Return the number R of entries in a channel's row."""
         return len(self.model.states) + 1 + (len(self.model.frictions) if self.efforts else 0)
 
     @property
     def layout(self) -> Layout:
-        """The layout of the matrix."""
+        """Return the layout of the matrix."""
         return Layout.from_model(self.model, self.driven, self.constant, first_order=False)
 
 
 class Rates:
-    """The right side of the rig's equations, x' = A x + c + B u."""
+    """A right side is that of the rig's equations, x' = A x + c + B u."""
 
     def __init__(
         self,

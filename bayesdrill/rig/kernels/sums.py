@@ -1,4 +1,4 @@
-"""Sums of residuals that kernels add up channel by channel, of which densities are made."""
+"""Add up residuals channel by channel, in the sums that densities need."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from bayesdrill.rig.kernels.lanes import INT_VEC, VEC, Builder, Values, Vector, 
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """One sample of a channel.
+    """A sample is one value of a channel.
 
-    `observed`: whether there is a number; the `residual` is zero where there is none.  `weights`:
-    those of the channel.
+    `observed` says whether it was measured; the `residual` is zero if not. `weights` are those of
+    the channel.
     """
 
     residual: ir.Value
@@ -34,11 +34,11 @@ class Sample:
 
 @dataclass(frozen=True, slots=True)
 class ResidualSums:
-    """Sums of squares of residuals, and the base of other sums.
+    """Squares of residuals are summed here; other sums derive from this class.
 
-    `weights`: how many a walker has for each channel.  Registers carried from sample to sample
-    begin as `start`, one vector each.  Sums of different classes are never equal, so that none
-    is taken for `SQUARES`.
+    `weights` is the number of weights of a walker for each channel. Registers carried from sample
+    to sample begin as `start`, one vector each. Sums of different classes are never equal, so that
+    none is mistaken for `SQUARES`.
     """
 
     start: tuple[float, ...] = (0.0,)
@@ -46,11 +46,11 @@ class ResidualSums:
 
     @property
     def count(self) -> int:
-        """Registers of a channel."""
+        """Return how many registers a channel has."""
         return len(self.start)
 
     def initial(self, channels: int = 1) -> Values:
-        """Return the registers of so many channels before the first sample, one after the other."""
+        """Return the registers of so many channels before the first sample, in a row."""
         return [vector(value) for value in self.start] * channels
 
     def add(self, b: Builder, totals: Sequence[ir.Value], sample: Sample) -> Values:
@@ -60,7 +60,7 @@ class ResidualSums:
 
 @dataclass(frozen=True, slots=True)
 class _Neighbours(ResidualSums):
-    """Sums of squares of residuals and of steps between neighbours; with the last and the first."""
+    """These sums are of squares of residuals and of their increments, with both ends."""
 
     start: tuple[float, ...] = (0.0, 0.0, 0.0, math.nan)
 
@@ -78,16 +78,16 @@ class _Neighbours(ResidualSums):
         ]
 
 
-_FRACTION = (1 << 52) - 1  # bits of a number that say how far it is from a power of two, ...
-_ONE = 1023 << 52  # ... and those of the power, of one
+_FRACTION = (1 << 52) - 1  # bits of the fraction of a double, ...
+_ONE = 1023 << 52  # ... and the exponent bits of one
 
 
 @dataclass(frozen=True, slots=True)
 class _Logs(ResidualSums):
-    """Sums of squares, and the product of 1 + weight times square.
+    """These sums are of squares, and the product of 1 + weight times square.
 
-    The product is a number from 1 to 2, and, as an integer, the power of two that it is times.  So
-    no logarithm is taken but that of the whole.
+    The product is a number from 1 to 2, and, as an integer, a power of two. So only one logarithm
+    is taken, of the whole product.
     """
 
     start: tuple[float, ...] = (0.0, 1.0, 0.0)
@@ -109,9 +109,9 @@ def _times(b: Builder, product: ir.Value, powers: ir.Value, factor: ir.Value) ->
     return [b.bitcast(fraction, VEC), b.bitcast(whole, VEC)]
 
 
-MAX_INSIDE_SDS = -8.5  # sds inside of an interval: beyond its end are 1e-17
+MAX_INSIDE_SDS = -8.5  # standard deviations from both ends: the probability outside is 1e-17
 _TURN = 3.0
-# Of (1 + 2 x) erfcx(x) / 2 in (x - turn) / (x + turn), for x from zero on: to 1e-10 (Shepherd and
+# Polynomial of (1 + 2 x) erfcx(x) / 2 in (x - turn) / (x + turn), for x >= 0, to 1e-10 (Shepherd and
 # Laframboise 1981).
 _TAIL = (
     0.626504029134865,
@@ -135,7 +135,7 @@ _TAIL = (
 def _tail(b: Builder, far: ir.Value) -> ir.Value:
     """Return the probability of a standard normal number beyond `far`, over exp(-far^2 / 2).
 
-    It is for `far` not below zero.
+    `far` must not be negative.
     """
     x = b.fmul(far, vector(math.sqrt(0.5)))
     wide, twice = b.fadd(x, vector(_TURN)), b.fma(x, vector(2.0), vector(1.0))
@@ -146,11 +146,12 @@ def _tail(b: Builder, far: ir.Value) -> ir.Value:
 
 @dataclass(frozen=True, slots=True)
 class _Intervals(ResidualSums):
-    """Sums of squares, and the product of the probabilities of intervals about residuals.
+    """These sums are of squares, and the product of probabilities of intervals around residuals.
 
-    The product is as of `_Logs`; intervals reach half a width to both sides.  Probabilities are
-    over exp(-x^2 / 2) at the nearer end x if zero is not inside; the logs of these are summed too.
-    Weights: one over the sd, half a width over it, at least 0.2.
+    The product is stored as in `_Logs`. Intervals extend by half a width to both sides. If zero is
+    outside an interval, its probability is divided by exp(-x^2 / 2) at the nearer end x; the logs
+    of these factors are added up too. The weights are one over the standard deviation, and half a
+    width over it, at least 0.2.
     """
 
     start: tuple[float, ...] = (0.0, 1.0, 0.0, 0.0)
@@ -166,7 +167,7 @@ class _Intervals(ResidualSums):
         def moved() -> Values:
             return self._moved(b, others, near, middle, half, observed)
 
-        # What the noise can hardly have moved out of its interval leaves the product as it is.
+        # Samples far inside their interval have probability one, so that the product stays.
         far = b.anywhere(b.fcmp_unordered(">", near, vector(MAX_INSIDE_SDS)))
         return [squares, *b.replace_if(far, others, moved)]
 

@@ -1,13 +1,14 @@
 """Advance states step by step through a record, and observe channels at samples.
 
-A step is exact as long as each friction slips one way or sticks.  Where a step has an event, a zero
-crossing of a sliding speed or the passage from stick to slip, it is made in parts, whose efforts are
-means (`reversals`): an event leaves an error of second order in the length of a part, and is not
-located in time.
+A step is exact while each friction keeps slipping one way or sticking. An event is a zero crossing
+of a sliding speed, or the passage from stick to slip. A step with an event is made in parts with
+mean efforts (`reversals`). The event leaves an error of second order in the length of a part, and
+is not located in time.
 
-Of channels with times of their own values and rates are stored at all nodes, and read between them.
-Between two nodes a channel is the cubic that has its values and its rates at both (Hermite): the
-rate after the first, with the efforts of this step, and the one before the second.
+Channels with times of their own are interpolated: values and rates are stored at all nodes, and
+read between them. Between two nodes a channel is the cubic with its values and rates at both
+(Hermite). The rate after the first node includes the efforts of this step; the other is that before
+the second node.
 """
 
 from __future__ import annotations
@@ -77,7 +78,7 @@ class Writer:
         self.step = self._step(whole, self.span)
         self.mode = self._friction_mode(self.step)
         self.stride: FrictionMode | None = (
-            None  # from sample to sample, if that is more than a step
+            None  # a long step from sample to sample, if that is more than one step
         )
         for matrix in stride:
             span = number(b, self.a["numbers"], 1)
@@ -113,7 +114,7 @@ class Writer:
 
     @property
     def _part(self) -> Vector:
-        """The share of a step that a part is."""
+        """Return the share of a step that a part is."""
         b = self.b
         return Vector(b, b.splat(b.fdiv(F64(1.0), b.sitofp(self.a["turns"], F64))))
 
@@ -133,7 +134,7 @@ class Writer:
         index = shape.model.states.index
         for column, friction in enumerate(shape.model.frictions, start=first):
             row, law = index(friction.against), friction.law
-            acts = -rates.rows[row][column]  # a unit of it, on the rate
+            acts = -rates.rows[row][column]  # effect of a unit effort on the rate
             steady = law.size(self.parameters, 0.0, {}) if law.steady else None
             holding = {k: entry / acts for k, entry in rates.rows[row].items() if k < first}
             acting.append(
@@ -162,7 +163,8 @@ class Writer:
     def _friction_mode(self, step: Step) -> FrictionMode:
         shape, frictions = self.shape, len(self.shape.model.frictions)
         rows = self.x_count + frictions
-        size = frictions + 2 * rows * (rows + 1 + len(shape.drives))  # directions, and all entries
+        # Numbers: directions, and all entries.
+        size = frictions + 2 * rows * (rows + 1 + len(shape.drives))
         return FrictionMode(step, shape.read or shape.efforts, self.b.room(size))
 
     def drive(

@@ -1,4 +1,4 @@
-"""Transition matrices of a group of walkers, over the steps of a record and over any shorter span.
+"""Compute transition matrices of a group of walkers, over steps of a record or any shorter span.
 
 The distinct steps of a record have a table of matrix exponentials.  A span that is not in the table is
 a multiple of a `width` times a ratio below one.  The exponential acts on a state by a ladder, whose
@@ -45,11 +45,11 @@ from bayesdrill.rig.kernels.numbers import (
 
 MAX_SERIES_DEGREE = 14
 MAX_SERIES_NORM = 0.3  # largest norm times span that a series is asked for
-SERIES_TAIL = 1e-16  # of a truncated series, relative to the state
-MAX_HALVINGS = 50  # of the width: a shorter span is lost in the rounding of a time
+SERIES_TAIL = 1e-16  # truncation error of a series, relative to the state
+MAX_HALVINGS = 50  # halvings of the width: shorter spans are below the rounding of times
 MAX_RUNGS = 60 + MAX_HALVINGS
-LEAST_NORM = 1e-3  # of a norm times the width: below, it does not matter
-MAX_NORM = 1e100  # of norms: a lane beyond has overflown
+LEAST_NORM = 1e-3  # smallest norm times width; smaller ones are treated as this
+MAX_NORM = 1e100  # largest norm; a lane with a larger one has overflowed
 
 State = list[Number]
 Step = Callable[[State, "InputHold"], State]
@@ -81,11 +81,11 @@ class InputHold:
 
 @dataclass(frozen=True, slots=True)
 class ExponentialLadder:
-    """Memory of a ladder and its series, see `Transitions.act`.
+    """The record has the memory of a ladder and its series, see `Transitions.act`.
 
-    `rates`: entries of A, c and B over the norm; `weights`: 1/k of each term;
-    `scale`: norm times width, and one over the norm; `halvings` of the width in each lane; `counts`:
-    terms of the series, rungs from the width on, all rungs.
+    `rates` are the entries of A, c and B over the norm. `weights` are 1/k of each term. `scale` has
+    norm times width, and one over the norm. `halvings` counts those of the width in each lane.
+    `counts` has terms of the series, rungs from the width on, and all rungs.
     """
 
     rates: ir.Value
@@ -97,11 +97,12 @@ class ExponentialLadder:
 
 @dataclass(frozen=True)
 class Transitions:
-    """The code that fills and applies the transition matrices of a group of walkers.
+    """The writer has the code that fills and applies the transition matrices of walkers.
 
-    `kind`: of its numbers, with slopes or without; `parameters`: the addresses of their values and
-    slopes; `constants`: that of the constant inputs; `table`: that of the exponentials of steps;
-    `width`: the span that ratios are of; `rungs`: the address of the ladder's exponentials.
+    `kind` is that of its numbers, with slopes or without. `parameters` are the addresses of their
+    values and slopes, and `constants` that of the constant inputs. `table` is the address of the
+    exponentials of steps. `width` is the span that ratios refer to. `rungs` is the address of the
+    ladder's exponentials.
     """
 
     b: Builder
@@ -115,7 +116,7 @@ class Transitions:
 
     @property
     def size(self) -> int:
-        """Vectors of one exponential in a table."""
+        """Return the vectors of one exponential in a table."""
         return len(table_entries(self.layout)) * self.kind.width
 
     def exponentiate(self, span: Number, e: ir.Value) -> None:
@@ -137,7 +138,7 @@ class Transitions:
     def fill_table(self, nodes: ir.Value, spans: ir.Value, chained: ir.Value | None) -> None:
         """Store the exponentials of all nodes, over their `spans`.
 
-        One that is `chained` is that of the node before times that of the width.
+        A `chained` one is the exponential of the node before, times that of the width.
         """
         b, n = self.b, self.layout.size
         e, hop, spare = (self.kind.room(n * n) for _ in range(3))
@@ -161,7 +162,7 @@ class Transitions:
             self.store(e, self.table, node)
 
     def step(self, table: ir.Value, index: Integer) -> Step:
-        """Return what takes a state over the step of exponential number `index` of a table."""
+        """Return the function that advances a state by exponential number `index` of a table."""
         at = self.b.offset(table, index, self.size)
         if self.layout.large:
             return lambda state, drive: self._multiply_large(at, state, drive)
@@ -194,10 +195,11 @@ class Transitions:
     def join_steps(
         self, joined: ir.Value, rows: Sequence[Mapping[int, Number]], count: int
     ) -> None:
-        """Store what x after so many steps of the table's first, and channels of these, are of z.
+        """Store the matrix of `count` steps at once, from z = (x, 1, inputs of all steps).
 
-        It is z = (x, 1, inputs of all steps).  Columns are what becomes of its units, which all take
-        one step after the other.  Channels are `rows` of x and 1.
+        It gives x after the steps, and the channels at each of them. All steps are the first of the
+        table. Each column follows a unit vector of z through the steps. Channels are `rows` of x
+        and 1.
         """
         b, kind, x, n = self.b, self.kind, self.layout.n_states, self.layout.size
         columns, unity = x + 1 + count * (n - x - 1), Vector(b, vector(1.0))
@@ -222,7 +224,7 @@ class Transitions:
             b.copy(following, units, x * columns * kind.width)
         b.copy(units, joined, x * columns * kind.width)
 
-    # Spans that are not in the table.
+    # Other spans than those in the table.
 
     def rate_entries(self) -> list[tuple[int, int]]:
         """Return (row, column) of the entries of A, c and B that the rig has."""
@@ -273,9 +275,9 @@ class Transitions:
             self.store(e, self.rungs, rung)
 
     def _store_weights(self, size: ir.Value, degree: ir.Value) -> ir.Value:
-        """Store 1/k or, beyond the degree of a lane, 0; return the degrees, which are at least given.
+        """Store 1/k or, beyond the degree of a lane, 0; return the degrees, at least those given.
 
-        A series in a number up to `size` leaves out what is about `SERIES_TAIL` of the state.
+        A series in a number up to `size` neglects about `SERIES_TAIL` of the state.
         """
         b = self.b
         for k in range(1, MAX_SERIES_DEGREE):
@@ -289,19 +291,19 @@ class Transitions:
         return degree
 
     def _rung_share(self, rung: ir.Value) -> ir.Value:
-        """Return the span of a rung, over the width: the half of that of the rung before."""
+        """Return the span of a rung over the width, half of that of the rung before."""
         high = self.b.load(self.b.offset(self._ladder.counts, 1))
         exponent = self.b.add(self.b.sub(high, rung), 1023 - 1)
         return emit_power(self.b, self.b.splat(exponent))
 
     def act(self, ratio: Number, state: State, drive: InputHold) -> tuple[State, InputHold]:
-        """Return the state, and what drives it, after a span of `ratio` times the width."""
+        """Return state and drive after a span of `ratio` times the width."""
         b, kind, ladder, x = self.b, self.kind, self._ladder, self.layout.n_states
         _, high, rungs = (b.load(b.offset(ladder.counts, place)) for place in range(3))
         inputs, count = [*drive.inputs], len(drive.inputs)
         slots = b.slots(len(kind.flat([*state, *inputs, ratio])))
         b.write_slots(kind.flat([*state, *inputs, ratio]), slots)
-        # No lane takes the rungs above the bits of the largest whole ratio.
+        # Skip the rungs that are longer than the span of every lane.
         whole = b.largest(b.fptosi(dual(ratio).value.value, INT_VEC))
         above = b.sub(high, b.sub(64, b.ctlz(whole, ir.IntType(1)(0))))
         above = b.select(b.icmp_signed(">", above, 0), above, 0)

@@ -1,4 +1,4 @@
-"""The registry of rigs, and the symbols of all of them.
+"""Register the rigs, and collect the symbols of all of them.
 
 A rig is one class and one line here, or an entry point `bayesdrill.rig` of another package.
 """
@@ -29,7 +29,7 @@ MODELS: Registry[type[Model]] = Registry("rig", _RIGS, judge=check_rig)
 
 
 def _rigs() -> list[Model]:
-    """Return the usable rigs whose names belong to all, each with all that it offers."""
+    """Return the usable rigs with names that mean the same everywhere, each with all its options."""
     rigs = [with_all(kind()) for kind in MODELS.usable().values()]
     return [rig for rig in rigs if not rig.has_private_names]
 
@@ -50,4 +50,4 @@ def _all(role: str, known: Mapping[str, Symbol]) -> Mapping[str, Symbol]:
 
 PARAMETERS = _all("parameters", symbols.PARAMETERS)
 STATES = _all("states", symbols.STATES)
-INNER = frozenset(name for rig in _rigs() for name in rig.inner)  # of no start
+INNER = frozenset(name for rig in _rigs() for name in rig.inner)  # states that no start names

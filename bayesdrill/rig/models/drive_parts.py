@@ -1,4 +1,4 @@
-"""The parts of a drive train as a config has them: shafts, gears and drives by their names."""
+"""Define the parts of a drive train as a config names them: shafts, gears and drives."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ NAME = r"^[A-Za-z][A-Za-z0-9_]{0,29}$"
 
 @dataclass(frozen=True, slots=True)
 class Shaft:
-    """A shaft between two inertias, by their names."""
+    """A shaft is between two inertias, which `ends` names."""
 
     name: str
     ends: tuple[str, str]
@@ -27,7 +27,7 @@ class Shaft:
 
 @dataclass(frozen=True, slots=True)
 class Gear:
-    """A rigid gear: the second of its inertias turns `ratio` times as far as the first."""
+    """In a rigid gear the second inertia turns `ratio` times as far as the first."""
 
     name: str
     ends: tuple[str, str]
@@ -36,7 +36,7 @@ class Gear:
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """What moves an inertia: one of `DRIVES`."""
+    """A drive is what moves an inertia: one of the `DRIVES`."""
 
     inertia: str
     kind: str
@@ -50,7 +50,7 @@ def _ends(name: str, value: Any) -> tuple[str, str]:
 
 
 def _by_name(value: Any, kind: type, example: str, make: Callable[[str, Any], Any]) -> Any:
-    """Parts of a mapping, or of those that are made already."""
+    """Make parts from a mapping of names, or from parts that are made already."""
     if isinstance(value, tuple) and all(isinstance(part, kind) for part in value):
         pairs = [_entry(part) for part in value]
     elif isinstance(value, Mapping):
@@ -65,7 +65,7 @@ def _by_name(value: Any, kind: type, example: str, make: Callable[[str, Any], An
 
 
 def _entry(part: Any) -> tuple[Any, Any]:
-    """Return name and entry of a part, as a config has it."""
+    """Return the name of a part, and its entry in a config."""
     name, first, *ratio = dataclasses.astuple(part)
     return name, {"between": first, "ratio": ratio[0]} if ratio else first
 

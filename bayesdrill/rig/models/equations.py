@@ -1,4 +1,4 @@
-"""The equations of a rig, from its parts: Newton's law for each row of inertias that turn as one.
+"""Derive the equations of a rig from its parts, by Newton's law for inertias that turn as one.
 
     J w' = sum of torques,  J = j + sum of (i / i_b)^2 j_b        at the first of them, before its gear
     l i' = u - (r + r_s) i - k_e w_b                              of each motor with an inductance
@@ -31,29 +31,29 @@ from bayesdrill.rig.models.friction import (
 from bayesdrill.rig.models.linear import Linear, Model
 from bayesdrill.rig.models.roles import GROUND, InertiaRoles, MotorRoles, ShaftRoles
 
-CONSTANT = ""  # the column of what acts always, `c`
+CONSTANT = ""  # the column of constant forcing, `c`
 Entry = tuple[str, str, Any]  # row, column of A, of B or `CONSTANT`, value
 
 
 class PartsModel(Model):
-    """A rig whose equations follow from its roles."""
+    """A parts model is a rig whose equations follow from its roles."""
 
     declares: ClassVar[tuple[Symbol, ...]] = ()
 
     @property
     def stribeck(self) -> Literal[1, 2]:
-        """The power of the speed in Stribeck's law: a field."""
+        """Return the power of the speed in Stribeck's law; usually a field."""
         return 1
 
     @property
     def frictions(self) -> tuple[Friction, ...]:
-        """Dry friction at inertias, then voltage drops of motors."""
+        """Return the dry frictions at inertias, then the voltage drops of motors."""
         parts = _parts(self)
         return (*(friction for _, friction in parts.dry_frictions()), *parts.voltage_drops())
 
     @property
     def gravities(self) -> tuple[Gravity, ...]:
-        """The pendulums among its inertias."""
+        """Return the pendulums among the inertias."""
         return tuple(_parts(self).pendulums())
 
     def linear(self, p: Named) -> Linear:
@@ -62,21 +62,21 @@ class PartsModel(Model):
 
 
 def coordinate_inertia(model: PartsModel, speed: str, p: Named) -> Any:
-    """Return the inertia of all that turns with a speed, as it is at the first of them."""
+    """Return the inertia of all that turns with a speed, referred to the first of these inertias."""
     return _parts(model).inertia(speed, p)
 
 
 def _times(factor: float, number: Any) -> Any:
-    """Multiply, unless by one: a kernel has no operation more than it needs."""
+    """Multiply, except by one: kernels should contain no superfluous operation."""
     if factor == 1.0:
         return number
     return -number if factor == -1.0 else factor * number
 
 
 class _Parts:
-    """The parts of a rig that its parameters, states and inputs have names for.
+    """The parts of a rig are those for which it has names of parameters, states and inputs.
 
-    `moving`: the inertias that turn with each speed that is a state.
+    `moving` maps each speed that is a state to the inertias that turn with it.
     """
 
     def __init__(self, model: PartsModel) -> None:
@@ -84,7 +84,7 @@ class _Parts:
         self.names, self.states = {*model.parameters}, model.states
         self.moving = self.roles.moving(self.states, self.names)
 
-    # Where things act.
+    # Inertias and torques, referred to the state.
 
     def inertia(self, speed: str, p: Named) -> Any:
         """Return what `coordinate_inertia` does."""
@@ -96,7 +96,7 @@ class _Parts:
         return total
 
     def torque_factor(self, inertia: InertiaRoles) -> float:
-        """Return what a torque on it counts over the inertia of all that turns with it."""
+        """Return the factor of a torque on the inertia in the equation of its `coordinate_inertia`."""
         first = self.moving[inertia.speed][0]
         if inertia.reduction == first.reduction:
             return first.reduction
@@ -214,7 +214,7 @@ class _Parts:
     # Gravity and frictions.
 
     def pendulums(self) -> Iterator[Gravity]:
-        """Yield what gravity does at each inertia with a weight."""
+        """Yield the effect of gravity at each inertia with a weight."""
         for inertia in self.roles.inertias:
             if self._has(inertia.weight) and inertia.speed in self.states:
                 yield Gravity(
@@ -227,7 +227,7 @@ class _Parts:
                 )
 
     def dry_frictions(self) -> Iterator[tuple[InertiaRoles, Friction]]:
-        """Yield each inertia that has a dry friction, with that."""
+        """Yield each inertia with dry friction, and its friction."""
         for inertia in self.roles.inertias:
             laws = self._laws(inertia) if inertia.speed in self.states else []
             if laws:
@@ -260,7 +260,7 @@ class _Parts:
         return laws
 
     def _loads(self, inertia: InertiaRoles) -> tuple[LoadSpring | Gravity, ...]:
-        """Return springs and weights behind the gear of an inertia, whose torque it passes on."""
+        """Return springs and weights behind the gear of an inertia, to which it transmits torque."""
         springs = (
             LoadSpring(
                 shaft.stiffness,
@@ -294,7 +294,7 @@ class _Parts:
 
 
 def effort_name(symbol: Symbol | None, name: str) -> str:
-    """Return the name of an effort: that of its symbol, else a `name` of its own."""
+    """Return the name of an effort's symbol, or else `name`."""
     return symbol.name if symbol else name
 
 

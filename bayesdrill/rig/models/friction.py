@@ -1,4 +1,4 @@
-"""Dry friction, and the laws of its size.
+"""Define dry friction, and the laws of its size.
 
     at' = ... - (entry of B) * T         T = sgn(at) size   while it moves,
                                          |T| <= size        while it sticks
@@ -24,19 +24,19 @@ Named = Mapping[str, NDArray[np.float64] | float]
 
 
 class Law(Protocol):
-    """A law of friction, its size as a function of the speed; frozen, as rigs are."""
+    """A law gives the size of a friction as a function of the speed; it is frozen, as rigs are."""
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Names of the parameters that it needs."""
+        """Return the names of the parameters that the law needs."""
 
     @property
     def seen(self) -> tuple[str, ...]:
-        """States and inputs that it needs beside the speed."""
+        """Return the states and inputs that the law needs beside the speed."""
 
     @property
     def steady(self) -> bool:
-        """Whether its size is that of the parameters alone."""
+        """Return whether the size depends on the parameters alone."""
 
     def size(self, p: Named, speed: Any, seen: Mapping[str, Any]) -> Any:
         """Return the size at a `speed` that is not negative."""
@@ -44,19 +44,19 @@ class Law(Protocol):
 
 @runtime_checkable
 class SettlingLaw(Law, Protocol):
-    """A law whose size comes down to a steady one at high speed."""
+    """A settling law has a size that decays to a constant at high speed."""
 
     def decay_terms(self, p: Named, speed: Any) -> tuple[Any, Any]:
-        """Return that size, and the exponent of what is left above it."""
+        """Return that constant, and the exponent x of the remaining excess, which decays as exp(-x)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Friction:
-    """A dry friction of a rig.
+    """A friction is one dry friction of a rig.
 
-    `name`: its column of `B`; `against`: the speed (or current) that it opposes; `holds`: the angle
-    that stays where it is while it sticks; `where`: in words, such as `at rotor 1`; `symbol`: what
-    figures call its effort.
+    `name` is its column of `B`. It opposes the speed (or current) `against`. `holds` is the angle
+    that stays constant while it sticks. `where` says its place in words, such as `at rotor 1`.
+    `symbol` names its effort in figures.
     """
 
     name: str
@@ -69,11 +69,11 @@ class Friction:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Gravity:
-    """What gravity does to a pendulum beyond a spring: `weight (sin(angle + tilt) - angle)`.
+    """Gravity adds to the spring of a pendulum the effort `weight (sin(angle + tilt) - angle)`.
 
-    The spring, of the stiffness `weight`, stands in the rig's `A`, and this effort in the column
-    `name` of `B`.  `angle`, `speed`: states, `reduction` times those of the pendulum.  `tilt`: None
-    where there is none.
+    The spring, of stiffness `weight`, is in the rig's `A`, and this effort in the column `name` of
+    `B`. `angle` and `speed` are states, `reduction` times those of the pendulum. `tilt` is None if
+    the pendulum has none.
     """
 
     name: str
@@ -85,31 +85,31 @@ class Gravity:
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Names of its weight and its tilt."""
+        """Return the names of the weight and the tilt."""
         return (self.weight,) if self.tilt is None else (self.weight, self.tilt)
 
     @property
     def angles(self) -> tuple[str, ...]:
-        """The state that it sees."""
+        """Return the state on which the effort depends."""
         return (self.angle,)
 
     def torque(self, p: Named, angle: Any) -> Any:
-        """Return the torque at the state `angle`, against it."""
+        """Return the effort at the state `angle`, positive against the angle."""
         turned = _before_gear(angle, self.reduction)
         return p[self.weight] * (self._sine(p, turned) - turned)
 
     def load(self, p: Named, seen: Mapping[str, Any]) -> Any:
-        """Return the torque that turns it, the spring among it."""
+        """Return the whole torque against the angle, that of the spring included."""
         return p[self.weight] * self._sine(p, _before_gear(seen[self.angle], self.reduction))
 
     def _sine(self, p: Named, turned: Any) -> Any:
-        """Return the sine of how far the pendulum has `turned`, from where it hangs."""
+        """Return the sine of the pendulum's angle from where it hangs, `turned` plus the tilt."""
         return sin(turned if self.tilt is None else turned + p[self.tilt])
 
 
 @dataclass(frozen=True, slots=True)
 class Coulomb:
-    """Coulomb friction: as much as the parameter `sliding`, at any speed."""
+    """Coulomb friction has the size of the parameter `sliding` at any speed."""
 
     sliding: str
 
@@ -118,7 +118,7 @@ class Coulomb:
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """The name of the sliding friction."""
+        """Return the name of the sliding friction."""
         return (self.sliding,)
 
     def size(self, p: Named, speed: Any, seen: Mapping[str, Any]) -> Any:
@@ -128,9 +128,9 @@ class Coulomb:
 
 @dataclass(frozen=True, slots=True)
 class Stribeck:
-    """Stribeck's law, `sliding + (static - sliding) exp(-(|w|/scale)^power)`.
+    """Stribeck's law is `sliding + (static - sliding) exp(-(|w|/scale)^power)`.
 
-    `times`: w for one of the state.
+    `times` is the speed w for a unit of the state.
     """
 
     sliding: str
@@ -144,7 +144,7 @@ class Stribeck:
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Names of sliding friction, static friction, and the speed over which that is lost."""
+        """Return the names of sliding friction, static friction, and the speed scale of its decay."""
         return (self.sliding, self.static, self.scale)
 
     def size(self, p: Named, speed: Any, seen: Mapping[str, Any]) -> Any:
@@ -163,7 +163,7 @@ class Stribeck:
 
 @dataclass(frozen=True, slots=True)
 class QuadraticDrag:
-    """Drag that grows with the square of the speed, `drag (times w)^2`, so that nothing sticks."""
+    """Quadratic drag is `drag (times w)^2`: it vanishes at rest, so that nothing sticks."""
 
     drag: str
     times: float = 1.0
@@ -173,7 +173,7 @@ class QuadraticDrag:
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """The name of its coefficient."""
+        """Return the name of the drag coefficient."""
         return (self.drag,)
 
     def size(self, p: Named, speed: Any, seen: Mapping[str, Any]) -> Any:
@@ -183,10 +183,10 @@ class QuadraticDrag:
 
 @dataclass(frozen=True, slots=True)
 class BitRock:
-    """`W b_0 (tanh(b_1 |w|) + b_2 |w| / (1 + b_3 w^2))` under the weight W on the bit.
+    """The torque is `W b_0 (tanh(b_1 |w|) + b_2 |w| / (1 + b_3 w^2))` under the weight W on the bit.
 
-    It vanishes with the speed, so that nothing sticks.  The law of a drill-string code of LAVI,
-    COPPE/UFRJ, with W the weight on bit [N].
+    It vanishes at rest, so that nothing sticks. W is in N. The law is that of a drill-string code
+    of LAVI, COPPE/UFRJ.
     """
 
     factor: str
@@ -199,12 +199,12 @@ class BitRock:
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Names of the four coefficients."""
+        """Return the names of the four coefficients."""
         return (self.factor, self.stiff, self.hump, self.width)
 
     @property
     def seen(self) -> tuple[str, ...]:
-        """The input that it needs: the weight on the bit."""
+        """Return the input that the law needs: the weight on the bit."""
         return (self.weight,)
 
     def size(self, p: Named, speed: Any, seen: Mapping[str, Any]) -> Any:
@@ -217,24 +217,24 @@ class BitRock:
 
 @dataclass(frozen=True, slots=True)
 class CombinedLaw:
-    """The sum of two laws at the same place."""
+    """A combined law is the sum of two laws at one place."""
 
     first: Law
     second: Law
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Names of both laws' parameters."""
+        """Return the names of both laws' parameters."""
         return (*self.first.parameters, *self.second.parameters)
 
     @property
     def seen(self) -> tuple[str, ...]:
-        """States and inputs that either law needs."""
+        """Return the states and inputs that either law needs."""
         return (*self.first.seen, *self.second.seen)
 
     @property
     def steady(self) -> bool:
-        """Whether both are."""
+        """Return whether both laws are steady."""
         return self.first.steady and self.second.steady
 
     def size(self, p: Named, speed: Any, seen: Mapping[str, Any]) -> Any:
@@ -244,9 +244,9 @@ class CombinedLaw:
 
 @dataclass(frozen=True, slots=True)
 class LoadSpring:
-    """A spring behind a gear: its `near` end, and its `far` one (None: the ground).
+    """A load spring is behind a gear, between its `near` end and its `far` end (None for the ground).
 
-    Each is a state and the reduction factor by which that is the angle of the spring's end.
+    Each end is a state and a reduction factor: the state is that factor times the angle of the end.
     """
 
     stiffness: str
@@ -255,16 +255,16 @@ class LoadSpring:
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """The name of its stiffness."""
+        """Return the name of the stiffness."""
         return (self.stiffness,)
 
     @property
     def angles(self) -> tuple[str, ...]:
-        """The states that it sees, the far one first."""
+        """Return the states on which the torque depends, the far one first."""
         return (self.near[0],) if self.far is None else (self.far[0], self.near[0])
 
     def load(self, p: Named, seen: Mapping[str, Any]) -> Any:
-        """Return the torque that turns it at its near end."""
+        """Return the torque of the spring at its near end."""
         (near, reduction), far = self.near, self.far
         twist = _before_gear(seen[near], reduction)
         if far is not None:
@@ -278,10 +278,10 @@ def _before_gear(angle: Any, reduction: float) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class GearLoss:
-    """The loss of a gear with an efficiency: (1/eta - 1) of the torque that it passes on to `loads`.
+    """The loss is (1/eta - 1) of the torque that a gear of efficiency eta passes on to `loads`.
 
-    On the side of the friction that torque is `factor` times theirs.  Where the load drives, the
-    gear's efficiency is 2 - 1/eta.
+    `factor` refers the torque of the loads to the side of the friction. If the load drives, the
+    efficiency of the gear is 2 - 1/eta.
     """
 
     efficiency: str
@@ -292,12 +292,12 @@ class GearLoss:
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Names of the efficiency, of stiffnesses and weights."""
+        """Return the names of the efficiency, and of stiffnesses and weights of the loads."""
         return (self.efficiency, *(name for load in self.loads for name in load.parameters))
 
     @property
     def seen(self) -> tuple[str, ...]:
-        """The angles of the loads."""
+        """Return the angles of the loads."""
         return (*dict.fromkeys(name for load in self.loads for name in load.angles),)
 
     def size(self, p: Named, speed: Any, seen: Mapping[str, Any]) -> Any:

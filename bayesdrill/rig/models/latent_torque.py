@@ -1,4 +1,4 @@
-"""A torque that a rig's equations are without: a stationary Gaussian process on one inertia.
+"""Describe a torque that the equations of a rig lack, as a Gaussian process on one inertia.
 
     1/2    <d(t) d(t')> = s^2 exp(-r)                r = |t - t'| / tau
     3/2    <d(t) d(t')> = s^2 (1 + a) exp(-a)        a = sqrt(3) r
@@ -24,31 +24,31 @@ TorqueLocation = str  # the name of an inertia
 Smoothness = Literal["1/2", "3/2"]
 
 SIZE, TIME = "s_d", "tau_d"
-TORQUE, RATE = "torque", "torque_rate"  # states, over `SIZE`, and over `SIZE` times the rate's own
+TORQUE, RATE = "torque", "torque_rate"  # states, scaled to unit variance
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MissingTorque:
-    """Where the torque acts, and how smooth it is (Matern's nu)."""
+    """A missing torque acts on the inertia `at`, and has Matern's `smoothness` nu."""
 
     at: TorqueLocation = "rotor_1"
     smoothness: Smoothness = "3/2"
 
     @property
     def states(self) -> tuple[str, ...]:
-        """Names of the torque's states, of unit variance."""
+        """Return the names of the torque's states, which have unit variance."""
         return (TORQUE,) if self.smoothness == "1/2" else (TORQUE, RATE)
 
     def rate(self, time: Any) -> Any:
-        """Return the rate of its exponential [1/s], for a correlation time."""
+        """Return the rate [1/s] of the exponential in the covariance, for a correlation time [s]."""
         return (1.0 if self.smoothness == "1/2" else math.sqrt(3.0)) / time
 
     def intensity(self, time: Any) -> Any:
-        """Return the intensity of the white noise that drives the last of its states."""
+        """Return the intensity of the white noise that drives the last state of the torque."""
         return self.rate(time) * (2.0 if self.smoothness == "1/2" else 4.0)
 
     def linear(self, time: Any) -> dict[tuple[str, str], Any]:
-        """Return the entries of its A; its states have no covariance at one time."""
+        """Return the entries of A for the torque's states, which are uncorrelated at any one time."""
         rate = self.rate(time)
         if self.smoothness == "1/2":
             return {(TORQUE, TORQUE): -rate}
@@ -56,11 +56,11 @@ class MissingTorque:
 
 
 def torque_gain(model: Model, torque: MissingTorque, p: Named, linear: Linear) -> Any:
-    """Return what 1 N m more does to the rate of its inertia's speed.
+    """Return the acceleration of the inertia's speed per unit of torque.
 
-    Before a gear it acts on its own side of that.
+    Before a gear the torque acts on that side of the gear.
 
-    Raises `ValueError` where the rig has no such inertia.
+    Raises `ValueError` if the rig has no such inertia.
     """
     here = next((i for i in model.roles.inertias if i.name == torque.at), None)
     if here is not None and here.speed in model.states:
@@ -83,32 +83,32 @@ def torque_gain(model: Model, torque: MissingTorque, p: Named, linear: Linear) -
 
 @dataclass(frozen=True, slots=True)
 class AugmentedModel(WrappedModel):
-    """A `rig` with the states of its missing torque behind its own.
+    """The augmented model has the states of a missing torque behind those of a `rig`.
 
-    The size and the correlation time of the torque are parameters too.  `free`: to turn, so that
-    nothing depends on how far; its angles are those relative to the last of them, which is left out
-    unless it is `observable`.
+    The size and the correlation time of the torque are further parameters. `free` says that the rig
+    turns freely, so that nothing depends on its common angle. Then angles are relative to the last
+    one, which is a state only if it is `observable`.
     """
 
     torque: MissingTorque
     free: bool = False
     observable: bool = True
 
-    frictions: ClassVar[tuple[()]] = ()  # it moves as if none changed its sign
+    frictions: ClassVar[tuple[()]] = ()  # no friction changes its sign in this model
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """The rig's, then size and correlation time of the torque."""
+        """Return the rig's parameters, then size and correlation time of the torque."""
         return (*self.rig.parameters, SIZE, TIME)
 
     @property
     def states(self) -> tuple[str, ...]:
-        """The rig's, then the torque's."""
+        """Return the rig's states, then those of the torque."""
         return (*self.rig_states, *self.torque.states)
 
     @property
     def rig_states(self) -> tuple[str, ...]:
-        """The states that are the rig's."""
+        """Return the states that belong to the rig."""
         left_out = None if self.observable else self._last
         return tuple(name for name in self.rig.states if name != left_out)
 
@@ -130,7 +130,7 @@ class AugmentedModel(WrappedModel):
         return Linear(A=a, B=b, c=c)
 
     def _relative(self, entries: Mapping[tuple[str, str], Any]) -> dict[tuple[str, str], Any]:
-        """Subtract the row of the last angle, on which nothing depends, from those of the others."""
+        """Subtract the row of the last angle from the rows of the others, as nothing depends on it."""
         relative: dict[tuple[str, str], Any] = {}
         for (row, column), value in entries.items():
             rows = [(row, value)]
@@ -146,14 +146,14 @@ class AugmentedModel(WrappedModel):
         return [name for name in self.rig.angles if name != self._last]
 
     def channel_weights(self, weights: Mapping[str, float]) -> tuple[float, ...]:
-        """Return a channel's weights of `states`, from those of the rig's."""
+        """Return a channel's weights of the augmented `states`, from its weights of the rig's states."""
         by_state = dict(weights)
         if self.free:
             by_state[self._last] = sum(weights.get(name, 0.0) for name in self.rig.angles)
         return tuple(float(by_state.get(name, 0.0)) for name in self.states)
 
     def initial_state(self, start: Mapping[str, float]) -> tuple[float, ...]:
-        """Return `states` at the start, from the rig's."""
+        """Return the augmented `states` at the start, from the rig's start."""
         by_state = dict(start)
         if self.free:
             last = start.get(self._last, 0.0)
@@ -161,7 +161,7 @@ class AugmentedModel(WrappedModel):
         return tuple(float(by_state.get(name, 0.0)) for name in self.states)
 
     def to_rig_states(self, states: Array) -> dict[str, Array]:
-        """Return the rig's states by name, of `states (..., n)`, but those not observable."""
+        """Return the observable states of the rig by name, from augmented `states (..., n)`."""
         by_state = {name: states[..., self.states.index(name)] for name in self.rig_states}
         if not self.free:
             return by_state
@@ -172,13 +172,13 @@ class AugmentedModel(WrappedModel):
 
 @dataclass(frozen=True, slots=True)
 class LoadedModel(WrappedModel):
-    """A `rig` with the torque as one more input, `TORQUE`: as if it had been measured."""
+    """The loaded model takes the missing torque as a measured input, `TORQUE`."""
 
     torque: MissingTorque
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """The rig's inputs, and the torque."""
+        """Return the rig's inputs, then the torque."""
         return (*self.rig.inputs, TORQUE)
 
     def linear(self, p: Named) -> Linear:
@@ -192,12 +192,12 @@ class LoadedModel(WrappedModel):
 def augment(
     rig: Model, torque: MissingTorque, weights: Sequence[Mapping[str, float]]
 ) -> AugmentedModel:
-    """Return the rig with its torque, for channels with these `weights` by state.
+    """Return the rig with its missing torque, for channels with these `weights` by state.
 
-    The weights tell whether any channel observes an angle by itself.
+    The weights decide whether any channel shows the common angle of a rig that turns freely.
     """
     angle_names = rig.angles
-    # No two alike: where all are one, a rig may turn freely that does not elsewhere.
+    # Distinct values: with all parameters equal, a rig might turn freely by coincidence.
     distinct = {name: 1.0 + math.sqrt(k + 2) % 1 for k, name in enumerate(rig.parameters)}
     matrix = dynamics(rig.linear(distinct), rig.states, 1)
     free = len(angle_names) > 1 and steady_state.rotates_freely(

@@ -1,9 +1,9 @@
-"""The contract of a model, and models that follow from another: with added physics.
+"""Define the contract of a model, and models that derive from another by added physics.
 
-Added physics is what a rig takes when its parameter is named, and is without when it is not.  A rig
-that is composed has a class-level `offers`: parameters, each with the names that it means nothing
-without; and a field `added`, the names that this one has.  `parameters`, `linear` and `frictions`
-of an instance follow from `added`.  Of other rigs both are empty.
+A rig may offer optional physics, such as a damping, that it has only if the parameter is named. The
+class-level `offers` maps each optional parameter to the parameters that it requires. The field
+`added` has the names that an instance uses. Its `parameters`, `linear` and `frictions` follow from
+`added`. Both are empty for rigs without options.
 """
 
 from __future__ import annotations
@@ -33,10 +33,11 @@ NO_OFFERS: Offers = MappingProxyType({})
 
 @dataclass(frozen=True, slots=True)
 class Linear:
-    """`x' = A x + B u + c`, as the entries that are not zero.
+    """The record contains the non-zero entries of `x' = A x + B u + c`.
 
-    `A` maps (row state, column state), `B` (row state, input) and `c` (row state) to values of
-    any one batch shape, or to plain numbers.  The keys are the structure: kernels skip the rest.
+    `A` maps (row state, column state), `B` (row state, input) and `c` (row state) to values of any
+    one batch shape, or to plain numbers. The keys are the structure of the system: kernels skip all
+    other entries.
     """
 
     A: Mapping[tuple[str, str], Array | float]
@@ -56,7 +57,7 @@ def dynamics(linear: Linear, states: tuple[str, ...], n: int) -> Array:
 def constant_forcing(
     linear: Linear, states: tuple[str, ...], n: int, inputs: Mapping[str, Array | float]
 ) -> Array:
-    """Return `B u + c`, `(n, X)`, with inputs that are numbers or `(n,)`; those not named are zero."""
+    """Return `B u + c`, `(n, X)`, for inputs that are numbers or `(n,)`; inputs not named are zero."""
     index = {name: k for k, name in enumerate(states)}
     out = np.zeros((n, len(states)))
     for row, value in linear.c.items():
@@ -67,11 +68,11 @@ def constant_forcing(
 
 
 class Model(Protocol):
-    """A rig: a frozen dataclass that derives from this.
+    """A rig is a frozen dataclass that derives from this contract.
 
-    Its annotated fields are its constants, entries of `model:`, which are checked as one is made:
-    `InputError`.  Names are those of `basics.symbols`, or of `declares`: symbols of parameters and
-    states of its own.
+    Its annotated fields are its constants, which a config gives under `model:`. They are checked
+    when a rig is made, which raises `InputError`. Names of parameters and states are those of
+    `basics.symbols`, or those that the rig `declares` itself.
     """
 
     def __post_init__(self) -> None:
@@ -80,118 +81,119 @@ class Model(Protocol):
 
     @property
     def declares(self) -> tuple[Symbol, ...]:
-        """Symbols of parameters and states that only this rig has."""
+        """Return the symbols of parameters and states that only this rig has."""
 
     @property
     def name(self) -> str:
-        """The name in the registry."""
+        """Return the name of the rig in the registry."""
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Names of the parameters, in the order of columns."""
+        """Return the names of the parameters, in the order of columns."""
 
     @property
     def states(self) -> tuple[str, ...]:
-        """Names of the states x."""
+        """Return the names of the states x."""
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """Names of the inputs u."""
+        """Return the names of the inputs u."""
 
     def linear(self, p: Named) -> Linear:
-        """Return the dynamics at parameters `p`.
+        """Return the linear dynamics at parameters `p`.
 
-        These are numbers, arrays of one batch shape, numbers with slopes, or registers of a kernel:
-        so they can be added, multiplied, divided and raised to whole powers, and nothing else.
+        The values of `p` are numbers, arrays of one batch shape, numbers with slopes, or registers
+        of a kernel. So a model may only add, subtract, multiply and divide them, and raise them to
+        whole powers.
         """
 
-    # What a rig may have beside that.
+    # Optional members, with their defaults.
 
     @property
     def roles(self) -> Roles:
-        """What it consists of; the paper's rig with the usual names, where it does not say."""
+        """Return the rig's inertias, shafts and motors; by default those of the paper's rig."""
         return usual_roles(float(getattr(self, "i_m", 1.0)))
 
     @property
     def symbols(self) -> Mapping[str, Symbol]:
-        """The symbols of its parameters, states and inputs, and of imposed angles, by name."""
+        """Return the symbols of parameters, states, inputs and imposed angles, by name."""
         moving = {name: symbols.STATES[name] for name in self.states if name in symbols.STATES}
         declared = {symbol.name: symbol for symbol in self.declares}
         return {**declared, **HOUSE_SYMBOLS, **moving}
 
     @property
     def angles(self) -> tuple[str, ...]:
-        """Names of states that are angles, or positions."""
+        """Return the names of states that are angles, or positions."""
         known = self.symbols
         return tuple(name for name in self.states if known[name].unit in SPEED_UNITS)
 
     @property
     def imposed(self) -> Mapping[str, str]:
-        """The angle that can be given in the place of each input that is a speed."""
+        """Return by name of each input that is a speed the angle that may be imposed instead."""
         speeds = {speed: angle for angle, speed in self.roles.speeds.items()}
         return {name: speeds[name] for name in self.inputs if name in speeds}
 
     @property
     def offers(self) -> Offers:
-        """Physics that it takes where it is named, each parameter with those it needs."""
+        """Return the optional parameters, each with the parameters that it requires."""
         return NO_OFFERS
 
     @property
     def added(self) -> tuple[str, ...]:
-        """The names that it has of what it offers: a field."""
+        """Return the names of the optional parameters that this instance has; usually a field."""
         return ()
 
     @property
     def frictions(self) -> tuple[Friction, ...]:
-        """Dry frictions, each a column of `B`."""
+        """Return the dry frictions, each of which is a column of `B`."""
         return ()
 
     @property
     def gravities(self) -> tuple[Gravity, ...]:
-        """Pendulums, each a column of `B`."""
+        """Return the pendulums, each of which is a column of `B`."""
         return ()
 
     @property
     def smooth(self) -> bool:
-        """Whether it is linear: nothing in it rubs, and no pendulum swings."""
+        """Return whether the rig is linear: it has no dry friction and no pendulum."""
         return not self.frictions and not self.gravities
 
     @property
     def combinations(self) -> Mapping[str, Mapping[str, float]]:
-        """Names beside the states that sensors may use, each with its weights of states."""
+        """Return signals that sensors may show beside states, each as its weights of states."""
         return {}
 
     @property
     def has_private_names(self) -> bool:
-        """Whether its names follow from its constants, so that they mean nothing to other rigs."""
+        """Return whether names follow from the rig's constants, so that no other rig shares them."""
         return False
 
     @property
     def inner(self) -> tuple[str, ...]:
-        """States within a part, that no start names and no sensor sees.
+        """Return the states within a part, which no start names and no sensor shows.
 
-        They are zero where nothing moves the part.
+        They are zero while nothing moves the part.
         """
         return ()
 
     @property
     def outer(self) -> tuple[str, ...]:
-        """All other states."""
+        """Return all states that are not `inner`."""
         return tuple(name for name in self.states if name not in self.inner)
 
     @property
     def gear_ratio(self) -> float:
-        """Turns of the shaft for one of the motor: 1 without a gear."""
+        """Return the turns of the shaft for one turn of the motor; 1 without a gear."""
         return float(getattr(self, self.roles.gear)) if self.geared else 1.0
 
     @property
     def geared(self) -> bool:
-        """Whether one of its constants is that ratio."""
+        """Return whether the gear ratio is one of the rig's constants."""
         return bool(self.roles.gear) and hasattr(self, self.roles.gear)
 
 
 def check_added(rig: Model) -> None:
-    """Raise `InputError` where `added` is no tuple of names that the rig offers."""
+    """Raise `InputError` unless `added` is a tuple of names that the rig offers."""
     added: object = rig.added
     if not (isinstance(added, tuple) and all(isinstance(name, str) for name in added)):
         raise InputError.at("added", f"give a tuple of names, not {short_repr(added)}")
@@ -205,7 +207,7 @@ def check_added(rig: Model) -> None:
 def gear_factor(rig: Model, symbol: Symbol, side: str) -> float:
     """Return the factor that refers a value at `side` (`motor` or `load`) to the symbol's own side.
 
-    Raises `ValueError` where the symbol is on no side of the gear of `rig`.
+    Raises `ValueError` if the symbol is on neither side of the gear of `rig`.
     """
     own_side, power = rig.roles.side(symbol.name), GEAR_POWERS.get(symbol.unit)
     if not own_side or power is None:
@@ -217,7 +219,7 @@ def gear_factor(rig: Model, symbol: Symbol, side: str) -> float:
 
 @dataclass(frozen=True, slots=True)
 class WrappedModel(Model):
-    """A model around a `rig`: all that it does not define is the rig's; it offers nothing."""
+    """A wrapped model takes all that it does not define from its `rig`; it offers no options."""
 
     rig: Model
 
@@ -238,7 +240,10 @@ class WrappedModel(Model):
 
 @dataclass(frozen=True, slots=True)
 class ParameterNames:
-    """A descriptor of parameters: `always`, of the class too, and behind them what is `added`."""
+    """The descriptor gives the parameters that are `always` there, then those that are `added`.
+
+    On the class, it gives the former alone.
+    """
 
     always: tuple[str, ...]
 
@@ -248,7 +253,11 @@ class ParameterNames:
 
 @dataclass(frozen=True, slots=True)
 class StateNames:
-    """A descriptor of states: `always`, of the class too, and those that groups of `added` bring."""
+    """The descriptor gives the states that are `always` there, then those of added parameters.
+
+    `brought` maps a group of parameters to the states that the whole group adds. On the class, the
+    descriptor gives the states that are always there.
+    """
 
     always: tuple[str, ...]
     brought: Mapping[tuple[str, ...], tuple[str, ...]]
@@ -260,7 +269,7 @@ class StateNames:
 
 
 def with_named(rig: Model, names: Collection[str]) -> Model:
-    """Return the rig with what it has, and what it offers of these names, in its own order."""
+    """Return the rig with those of the `names` added that it offers, in the order of its offers."""
     wanted = {*names, *rig.added}
     added = tuple(name for name in rig.offers if name in wanted)
     if not added:
@@ -270,32 +279,32 @@ def with_named(rig: Model, names: Collection[str]) -> Model:
 
 
 def with_all(rig: Model) -> Model:
-    """Return the rig with all that it offers."""
+    """Return the rig with all its optional parameters."""
     return with_named(rig, rig.offers)
 
 
 def missing_requirements(rig: Model) -> dict[str, tuple[str, ...]]:
-    """Return what is added in vain, each with what it means nothing without."""
+    """Return the added parameters that lack others that they require, each with the missing names."""
     needs = {name: rig.offers.get(name, ()) for name in rig.added}
     missing = {name: tuple(n for n in names if n not in rig.added) for name, names in needs.items()}
     return {name: names for name, names in missing.items() if names}
 
 
 def weak_statics(rig: Model, p: Mapping[str, Any]) -> dict[str, str]:
-    """Return a message on each static friction below the sliding one at all of `p`, by its name."""
+    """Return a message for each static friction that is below the sliding one at all of `p`."""
     why = "is below {}; static friction is at least as large as sliding friction"
     pairs = ((i.static, i.sliding) for i in rig.roles.inertias if {i.static, i.sliding} <= {*p})
     return {s: why.format(c) for s, c in pairs if np.all(np.asarray(p[s]) < p[c])}
 
 
 def requirement_text(name: str, missing: Collection[str]) -> str:
-    """Return the message on a name that is added in vain."""
+    """Return the message on an added parameter that lacks others that it requires."""
     others = " and ".join(missing)
     return f"{name} means nothing without {others}; name {others} too, or remove {name}"
 
 
 def constants(rig: Any) -> dict[str, Any]:
-    """Return the gear, and other fields that differ from their defaults, by name."""
+    """Return by name the gear ratio, and the other fields that differ from their defaults."""
     values = {
         entry.name: (getattr(rig, entry.name), entry.default) for entry in dataclasses.fields(rig)
     }

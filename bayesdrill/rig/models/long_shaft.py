@@ -1,4 +1,4 @@
-"""The paper's rig with a shaft that has an inertia of its own, `j_s`, as `elements` equal pieces.
+"""The paper's rig has here a shaft with an inertia of its own, `j_s`, as `elements` equal pieces.
 
 Each piece is a spring n k_s, with half of its inertia j_s/n at either end: what is at the ends of the
 shaft adds to j_1 and, through the gear, to j_m.  At node k, the share s = k/n of the way from the
@@ -37,7 +37,7 @@ Elements = Annotated[
 
 
 def _declared() -> tuple[Symbol, ...]:
-    """Return symbols of nodes within; not in rad, as they do not turn with the rig."""
+    """Return the symbols of the inner nodes; they have no rad, as they do not turn with the rig."""
     what = "of the shaft within, beyond the straight line between its ends"
     nodes = range(1, MAX_ELEMENTS)
     return (
@@ -48,7 +48,7 @@ def _declared() -> tuple[Symbol, ...]:
 
 @dataclass(frozen=True, slots=True)
 class LongShaft(Model):
-    """The paper's rig with a shaft of `elements` pieces; other fields are as of a `MotorShaft`."""
+    """The rig has a shaft of `elements` equal pieces; other fields are as in a `MotorShaft`."""
 
     i_m: Gear = 1 / 8
     elements: Elements = MAX_ELEMENTS
@@ -63,18 +63,18 @@ class LongShaft(Model):
 
     @property
     def inner(self) -> tuple[str, ...]:
-        """States of the nodes within the shaft, which no start needs to name."""
+        """Return the states of the nodes within the shaft, which no start needs to name."""
         nodes = range(1, self.elements)
         return (*(f"phi_{k}" for k in nodes), *(f"dphi_{k}" for k in nodes))
 
     @property
     def states(self) -> tuple[str, ...]:
-        """Those of a `MotorShaft`, then the inner ones."""
+        """Return the states of a `MotorShaft`, then the inner ones."""
         return (*MotorShaft.states, *self.inner)
 
     @property
     def frictions(self) -> tuple[Friction, ...]:
-        """Those of a `MotorShaft`."""
+        """Return the frictions of a `MotorShaft`."""
         return self._ends.frictions
 
     def linear(self, p: Named) -> Linear:
@@ -108,7 +108,7 @@ class LongShaft(Model):
         return Linear(A=a, B=b, c=c)
 
     def _within(self, k: int, springs: list[tuple[str, Any]], inertia: Any) -> dict[Any, Any]:
-        """Return what the pieces beside it do to node k."""
+        """Return the forces that the adjacent pieces exert on node k."""
         combined: dict[Any, Any] = {}
         for name, strength in springs:
             for node, times in ((k - 1, 1.0), (k, -2.0), (k + 1, 1.0)):

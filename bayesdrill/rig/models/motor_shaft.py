@@ -1,4 +1,4 @@
-"""The paper's rig: DC motor, gearbox, slender shaft, rotor; more physics where it is named; its parts.
+"""The paper's rig has a DC motor, a gearbox, a slender shaft and a rotor; its parts are rigs too.
 
     theta_1' = w_1
     theta_2' = w_2
@@ -67,13 +67,13 @@ from bayesdrill.rig.models.linear import Linear, Model, Offers, ParameterNames, 
 
 
 def dry_friction(at: str) -> Offers:
-    """Return what an inertia offers: sliding friction, and static one that is lost with the speed."""
+    """Return the options of dry friction: sliding, and static friction that decays with speed."""
     sliding, static, fading = f"t_c{at}", f"t_s{at}", f"w_s{at}"
     return {sliding: (), static: (sliding, fading), fading: (sliding, static)}
 
 
 def together(*names: str) -> Offers:
-    """Return parameters of which none means anything without all others."""
+    """Return parameters each of which requires all the others."""
     return {name: tuple(other for other in names if other != name) for name in names}
 
 
@@ -88,7 +88,7 @@ OFFERS: Offers = MappingProxyType(
         **dict.fromkeys(("v_d", "eta", "d_m", "d_1"), ()),
     }
 )
-BEYOND = ("k_0", "j_0")  # a rotor behind rotor 1
+BEYOND = ("k_0", "j_0")  # a rotor beyond rotor 1
 ROTOR_0: Offers = MappingProxyType({**together(*BEYOND), "c_0": BEYOND})
 ITS_STATES: Mapping[tuple[str, ...], tuple[str, ...]] = MappingProxyType(
     {BEYOND: ("theta_0", "w_0")}
@@ -116,11 +116,11 @@ Power = Annotated[
 
 @dataclass(frozen=True, slots=True)
 class MotorShaft(PartsModel):
-    """The paper's rig: a DC motor with a gear drives a rotor through a shaft.
+    """The paper's rig has a DC motor with a gear, which drives a rotor through a shaft.
 
     `i_m` is the gear reduction factor: theta_2 = i_m theta_3, with theta_3 the motor's angle.
-    `stribeck`: the power of the speed in Stribeck's law; `added`: names of further parameters, of
-    those that it `offers`.
+    `stribeck` is the power of the speed in Stribeck's law. `added` has the names of further
+    parameters, among those that the rig `offers`.
     """
 
     i_m: Gear = 1 / 8
@@ -136,7 +136,7 @@ class MotorShaft(PartsModel):
 
 @dataclass(frozen=True, slots=True)
 class DrivenShaft(PartsModel):
-    """A shaft driven at its upper end; `stribeck`, `added`: as of a `MotorShaft`."""
+    """The upper end of the shaft has a prescribed motion; see `MotorShaft` for the fields."""
 
     stribeck: Power = 1
     added: tuple[str, ...] = ()
@@ -150,13 +150,13 @@ class DrivenShaft(PartsModel):
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """The imposed speed, the load torque and, of a bit, the weight on it."""
+        """Return the imposed speed, the load torque and, for a bit, the weight on it."""
         return ("w_2", "t_1", "wob") if {*ROCK} <= {*self.added} else ("w_2", "t_1")
 
 
 @dataclass(frozen=True, slots=True)
 class Motor(PartsModel):
-    """A motor without a shaft; `i_m`, `stribeck`, `added`: as of a `MotorShaft`."""
+    """The motor has no shaft; `i_m`, `stribeck` and `added` are as in a `MotorShaft`."""
 
     i_m: Gear = 1.0
     stribeck: Power = 1
@@ -182,15 +182,15 @@ class Motor(PartsModel):
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """The voltage of its circuit, or else its torque."""
+        """Return the voltage of the circuit or, without a circuit, the torque."""
         return ("v",) if {*CIRCUIT} <= {*self.added} else ("t_m",)
 
 
 @dataclass(frozen=True, slots=True)
 class TwoRotors(Model):
-    """A `MotorShaft` with a second rotor and a resistor, both known.
+    """The rig is a `MotorShaft` whose second rotor and series resistor are both known.
 
-    `i_m` as in `MotorShaft`; `j_2` [kg m^2] and `r_s` [ohm] may be zero.
+    `i_m` is as in `MotorShaft`; `j_2` [kg m^2] and `r_s` [ohm] may be zero.
     """
 
     i_m: Gear = 1 / 8
@@ -208,7 +208,7 @@ class TwoRotors(Model):
     inputs: ClassVar[tuple[str, ...]] = MotorShaft.inputs
 
     def whole(self, p: Named) -> Named:
-        """Return the parameters of the plain `motor_shaft` which this rig is."""
+        """Return the parameters of the equivalent plain `motor_shaft`."""
         held = self._held(p)
         return {**p, "j_m": coordinate_inertia(self._rig, "w_2", held), "r_m": p["r_m"] + self.r_s}
 

@@ -1,8 +1,8 @@
-"""What a rig consists of, inertias, shafts and motors, and what it calls the numbers of each.
+"""Roles are the names of a rig's inertias, shafts and motors, and of their parameters and states.
 
-Whatever looks at a rig from outside asks for these roles, and knows no symbol by its spelling.  A
-name that is empty, or none of the rig's states, inputs or parameters, is one that it has not.  Of a
-rig that moves along a line an inertia is a mass, a torque a force, and an angle a position.
+All code outside a rig asks for these roles, and never interprets the spelling of a symbol. A name
+that is empty, or is no state, input or parameter of the rig, means that the rig lacks it. For a rig
+that moves along a line, an inertia is a mass, a torque a force, and an angle a position.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from bayesdrill.basics.symbols import Symbol
 
 GROUND = "ground"  # the end of a shaft that does not move
 
-# Of the gear reduction factor, by which a quantity at the motor is that at the load times it.
+# Power of the gear reduction factor that refers a quantity at the load to the motor, by unit.
 GEAR_POWERS: Mapping[str, int] = MappingProxyType(
     {
         "kg*m**2": 2,
@@ -31,7 +31,7 @@ GEAR_POWERS: Mapping[str, int] = MappingProxyType(
 
 @dataclass(frozen=True, slots=True)
 class MotionWords:
-    """Words and units of a motion: what an inertia does, what makes it do so, and angles."""
+    """The record contains the words and units of a motion, rotary or linear."""
 
     moves: str
     torque: str
@@ -47,15 +47,18 @@ MOTIONS: Mapping[str, MotionWords] = MappingProxyType(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InertiaRoles:
-    """Names at an inertia, which configs call `name` and sentences `words` (`the motor`).
+    """The record contains the names of an inertia's states, inputs and parameters.
 
-    `angle`, `speed`: states that are `reduction` times its own (it is before a gear); a `speed` that
-    is an input is imposed.  `friction`: of constant sign; `sliding`, `static`: dry friction, of which
-    the second is lost over the speed `fading`; `drag`: that grows with the square of the speed;
-    `torque`, `load`: inputs that push it forwards, and back; `efficiency`: of the gear that it drives;
-    `weight`: the largest torque of gravity, which is zero where its angle is minus `tilt`; `cutting`:
-    coefficients of rock, which it cuts under the input `bit_weight`; `effort`: the symbol of its dry
-    friction; `latex`: of its own angle, where that is no state.
+    Configs call the inertia `name`, and sentences call it `words` (`the motor`).
+
+    `angle` and `speed` are states, `reduction` times those of the inertia itself if it is before a
+    gear; a `speed` that is an input is imposed. `friction` has a constant sign. `sliding` and
+    `static` are dry friction; the excess of the second decays over the speed `fading`. `drag` grows
+    with the square of the speed. `torque` and `load` are inputs that push the inertia forwards and
+    backwards. `efficiency` belongs to the gear that it drives. `weight` is the largest torque of
+    gravity, which is zero at an angle of minus `tilt`. `cutting` has the coefficients of rock,
+    which the inertia cuts under the input `bit_weight`. `effort` is the symbol of its dry friction,
+    and `latex` that of its own angle if this is no state.
     """
 
     name: str
@@ -82,13 +85,16 @@ class InertiaRoles:
 
     @property
     def at(self) -> str:
-        """Where something acts, in words: `at rotor 1`."""
+        """Return where something acts, in words such as `at rotor 1`."""
         return f"at {self.words}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ShaftRoles:
-    """Names of a shaft between two inertias, by their names (or `GROUND`); `words`: `the shaft`."""
+    """The record contains the names of a shaft, whose `ends` are inertias or `GROUND`.
+
+    Sentences call the shaft `words`, such as `the shaft`.
+    """
 
     name: str
     words: str
@@ -100,10 +106,10 @@ class ShaftRoles:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MotorRoles:
-    """Names of a motor's circuit, which turns an `inertia` (its name).
+    """The record contains the names of the circuit of a motor that turns an `inertia`.
 
-    `current`, `voltage`: a state or an input; `series`: a second resistance; `drop`: a voltage
-    against the current's sign, whose symbol is `effort`.
+    `current` and `voltage` are each a state or an input. `series` is a second resistance. `drop` is
+    a voltage that opposes the current, and `effort` its symbol.
     """
 
     inertia: str
@@ -121,7 +127,10 @@ class MotorRoles:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Roles:
-    """The parts of a rig; `gear`: its field with a gear reduction factor, empty if it has none."""
+    """The record contains the parts of a rig.
+
+    `gear` is the name of the field with the gear reduction factor, empty without a gear.
+    """
 
     inertias: tuple[InertiaRoles, ...] = ()
     shafts: tuple[ShaftRoles, ...] = ()
@@ -148,12 +157,12 @@ class Roles:
         return moving
 
     def at_friction(self, against: str, where: str = "") -> InertiaRoles | None:
-        """Return the inertia of a friction `against` a speed: that `where` it is, or the first."""
+        """Return the inertia with a friction `against` a speed: the one at `where`, or the first."""
         alike = [inertia for inertia in self.inertias if inertia.speed == against]
         return next((inertia for inertia in alike if inertia.at == where), (*alike, None)[0])
 
     def moved(self, drive: str) -> tuple[InertiaRoles, str] | None:
-        """Return the inertia that an input drives, and by what: its `torque`, `speed`, `voltage`, ..."""
+        """Return the inertia that an input drives, and by what, such as `torque` or `voltage`."""
         for inertia in self.inertias:
             motor = self.motor(inertia.name)
             for how, name in (("torque", inertia.torque), ("speed", inertia.speed)):
@@ -165,17 +174,17 @@ class Roles:
 
     @property
     def speeds(self) -> Mapping[str, str]:
-        """The speed of each angle."""
+        """Return the speed of each angle, by name."""
         return {inertia.angle: inertia.speed for inertia in self.inertias}
 
     @property
     def states(self) -> frozenset[str]:
-        """All names of angles, speeds and currents."""
+        """Return the names of all angles, speeds and currents."""
         moving = {name for i in self.inertias for name in (i.angle, i.speed)}
         return frozenset(moving | {motor.current for motor in self.motors})
 
     def side(self, name: str) -> str:
-        """Tell on which side of the gear a parameter is: `motor` or `load`; empty: on none."""
+        """Tell on which side of the gear a parameter is: `motor`, `load`, or empty for neither."""
         driven = {motor.inertia for motor in self.motors}
         for i in self.inertias if self.gear else ():
             if name in (i.inertia, i.damping, i.friction, i.sliding, i.static, i.fading, i.drag):

@@ -1,4 +1,4 @@
-"""Any drive train: inertias (or masses) with shafts, gears and drives, as a config describes them.
+"""Build any drive train from inertias (or masses), shafts, gears and drives that a config names.
 
     model:
       name: train
@@ -52,7 +52,7 @@ from bayesdrill.rig.models.roles import (
 
 @dataclass(frozen=True, slots=True)
 class Train(PartsModel):
-    """A rig that is described by its parts; `stribeck`, `added`: as of a `MotorShaft`."""
+    """A train is a rig that its parts describe; `stribeck` and `added` are as in a `MotorShaft`."""
 
     inertias: Inertias = ("rotor",)
     shafts: Shafts = ()
@@ -84,7 +84,7 @@ class Train(PartsModel):
 
 
 def _issues(train: Train) -> Iterator[tuple[str, str]]:
-    """Yield what does not go together, each with its entry."""
+    """Yield all contradictions among the parts, each with the entry that has it."""
     known = train.inertias
     kinds: tuple[tuple[str, Sequence[Shaft | Gear], tuple[str, ...]], ...] = (
         ("shafts", train.shafts, (*known, GROUND)),
@@ -134,7 +134,7 @@ def _gear_issues(train: Train) -> Iterator[tuple[str, str]]:
 
 
 def _check_frictions(train: Train) -> None:
-    """Raise `InputError` where two of what turns as one have dry friction: it is one friction."""
+    """Raise `InputError` if two inertias that turn as one both have dry friction: it is one friction."""
     rubbing: dict[str, str] = {}
     for friction in train.frictions:
         place = friction.where.removeprefix("at ")
@@ -149,9 +149,9 @@ def _check_frictions(train: Train) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """A number that a part has: its role, letter, unit and meaning, as of a train that turns.
+    """A row describes one parameter of a part: role, letter, unit and meaning for a rotary train.
 
-    `needs`: roles that it means nothing without; None where the part always has it.
+    `needs` has the roles that the parameter requires; None if the part always has it.
     """
 
     role: str
@@ -194,7 +194,7 @@ CIRCUIT = (
     Row("inductance", "l", "H", "inductance of", ()),
     Row("drop", "v_d", "V", "voltage drop at", ("inductance",), "not negative"),
 )
-# Letters, units and words of what moves along a line, in the place of those of what turns.
+# Letters, units and words of a linear train, by those of a rotary one.
 LINEAR: Mapping[str, str] = {
     "j": "m",
     "theta": "x",
@@ -227,15 +227,15 @@ LINEAR: Mapping[str, str] = {
 
 
 def words(name: str) -> str:
-    """Return what sentences call a part: `the load`, `cart 1`."""
+    """Return the name of a part in sentences, such as `the load` or `cart 1`."""
     text = name.replace("_", " ")
     return text if text[-1].isdigit() else f"the {text}"
 
 
 class Description:
-    """What a train has, by its parts: names, symbols and roles.
+    """The description derives the names, symbols and roles of a train from its parts.
 
-    Raises `InputError` where two names are one.
+    Raises `InputError` if two names coincide.
     """
 
     def __init__(self, train: Train) -> None:
@@ -268,11 +268,11 @@ class Description:
         )
 
     def _word(self, text: str) -> str:
-        """Return a letter, unit or word as the motion of the train has it."""
+        """Return a letter, unit or word as the motion of the train requires it."""
         return LINEAR.get(text, text) if self.train.motion == "linear" else text
 
     def _symbol(self, letter: str, part: str, unit: str, meaning: str, **more: Any) -> Symbol:
-        """Return the symbol of a part: `letter`, `unit` and `meaning` as of a train that turns."""
+        """Return the symbol of a part, from `letter`, `unit` and `meaning` for a rotary train."""
         name = f"{self._word(letter)}_{part}"
         text = f"{self._word(meaning)} {words(part)}"
         return dataclasses.replace(own_symbol(name, self._word(unit), None, text), **more)
@@ -317,7 +317,7 @@ class Description:
         if name == _rubbing(train, joined):
             names |= self._add_rows(RUBBING, name)
             loaded = {*train.gravity, *(end for shaft in train.shafts for end in shaft.ends)}
-            behind = loaded & {*joined} - {name}  # a gear that passes nothing on loses nothing
+            behind = loaded & {*joined} - {name}  # a gear without load has no loss
             for gear in [gear.name for gear in train.gears if behind and gear.ends[0] == name][:1]:
                 names |= self._add_rows(GEAR, gear)
         effort = f"friction_{name}"
@@ -351,9 +351,9 @@ describe: Callable[[Train], Description] = functools.lru_cache(maxsize=256)(Desc
 
 
 def _rubbing(train: Train, joined: Sequence[str]) -> str:
-    """Return which of inertias that turn as one has their dry friction: it is one friction.
+    """Return which one of several inertias that turn as one has their dry friction.
 
-    That is where their gears begin, or else the first.
+    This is where their gears begin, or else the first.
     """
     behind = {gear.ends[1] for gear in train.gears}
     first = {gear.ends[0] for gear in train.gears} - behind
@@ -361,9 +361,10 @@ def _rubbing(train: Train, joined: Sequence[str]) -> str:
 
 
 def _reductions(train: Train) -> dict[str, tuple[str, float]]:
-    """Return by inertia whose angle is the state, and how many times its own that is.
+    """Return by inertia the inertia whose angle is the state, and the ratio of that angle to its own.
 
-    Of those that gears join it is what is imposed, or else the first that drives no gear.
+    Of inertias that gears join, the state belongs to the imposed one, or else to the first that
+    drives no gear.
     """
     imposed = {drive.inertia for drive in train.drives if drive.kind == "speed"}
     inputs = {gear.ends[0] for gear in train.gears}

@@ -1,4 +1,4 @@
-"""The check of a rig of another package, made as it is loaded and not as it first moves."""
+"""Check a rig from another package when it is loaded, before it is ever simulated."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ REQUIRED = ("name", "parameters", "states", "inputs", "declares", "linear")
 
 
 def check_rig(name: str, rig: Any) -> None:
-    """Raise `ValueError` with what is missing or cannot be in a rig."""
+    """Raise `ValueError` with all that is missing or wrong in a rig."""
     if not (isinstance(rig, type) and dataclasses.is_dataclass(rig)):
         raise ValueError("a rig is a frozen dataclass")
     if Model not in rig.__mro__:
@@ -45,7 +45,7 @@ def _create(kind: Any) -> Any:
 
 
 def _check_names(rig: Any) -> None:
-    """Check that names have symbols, and none a second meaning."""
+    """Check that all names have symbols, and that none has a second meaning."""
     declared = {symbol.name: symbol for symbol in rig.declares}
     house = {**symbols.PARAMETERS, **symbols.STATES}
     for name in declared:
@@ -62,7 +62,7 @@ def _check_names(rig: Any) -> None:
 
 
 class _Number:
-    """A number that can what a register of a kernel can, and no more."""
+    """The number can do exactly what a kernel's register can."""
 
     def _with(self, other: Any) -> _Number:
         if not isinstance(other, _Number | int | float):
@@ -82,7 +82,7 @@ class _Number:
 
 
 def _check_frictions(rig: Any) -> None:
-    """Check that frictions have names of their own, known states and parameters, and readable laws."""
+    """Check that frictions have unique names, known states and parameters, and usable laws."""
     used = [*rig.states, *rig.inputs, *rig.parameters]
     for friction in rig.frictions:
         if friction.name in used:

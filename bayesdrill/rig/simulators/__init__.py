@@ -1,4 +1,4 @@
-"""Simulators compute what the channels of an experiment do; which one a record has is decided here.
+"""Simulators compute the channels of an experiment; the choice of one for a record is made here.
 
 - Dry friction or gravity, or inputs that lag each by a time of its own: `Stepped`, in steps of one
   length.
@@ -20,7 +20,7 @@ from bayesdrill.rig.simulators.linear import Response
 from bayesdrill.rig.simulators.sensors import ObservationModel
 from bayesdrill.rig.simulators.stepped import Stepped
 
-COMPRESSED_FROM = 20_000  # samples: of fewer a run takes at most some minutes without it
+COMPRESSED_FROM = 20_000  # samples: with fewer a run without compression takes some minutes at most
 
 
 def simulator(

@@ -1,4 +1,4 @@
-"""The contract of a simulator, and what follows from its sums, signals and slopes."""
+"""Define the contract of a simulator, and what follows from its sums, signals and slopes."""
 
 from __future__ import annotations
 
@@ -22,24 +22,24 @@ from bayesdrill.rig.simulators.sensors import ObservationModel, SensorParameters
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """What rigs do at sample times: `states (W, T, X)` and `efforts (W, T, E)` of frictions.
+    """The motion has `states (W, T, X)` at samples, and `efforts (W, T, E)` of frictions.
 
-    Efforts are those in the step that begins there, positive against a positive speed.  What sticks
-    has no speed at all.
+    Efforts are those of the step that begins at the sample, positive against a positive speed. A
+    friction that sticks has a speed of exactly zero.
     """
 
     states: Array
     efforts: Array
 
 
-REVERSAL_SUBSTEPS = 4  # 2 leave several times the error, 8 hardly less
+REVERSAL_SUBSTEPS = 4  # with 2 the error is several times as large, with 8 hardly smaller
 
 
 class Stepping(NamedTuple):
-    """How a simulator steps.
+    """The record says how a simulator steps.
 
-    `pieces`: steps to a sample; `turns`: parts of a step with a reversal; `chosen`: both were, for
-    the noise.
+    `pieces` is the number of steps between samples, and `turns` the number of parts of a step with
+    a reversal. `chosen` says that both were adapted to the noise.
     """
 
     pieces: int
@@ -48,66 +48,67 @@ class Stepping(NamedTuple):
 
 
 class Simulator(ABC):
-    """Computes the channels of an experiment; a frozen dataclass.
+    """A simulator computes the channels of an experiment; it is a frozen dataclass.
 
-    Parameters are `full (W, P)`, columns in the order of `parameters`, SI: those of the `model`,
-    then those of sensors and start.  All is batch-first, and a walker whose numbers overflow gets
-    NaN in its own row alone.
+    Parameters are `full (W, P)` in SI, with columns in the order of `parameters`: those of the
+    `model`, then those of sensors and start. All results are batch-first. A walker whose numbers
+    overflow gets NaN in its own row alone.
     """
 
     model: Model
     experiment: Experiment
-    sensing: ObservationModel  # what it is told beside the rig's parameters
-    exact: ClassVar[bool] = False  # whether slopes come as sums from one kernel, no sample kept
+    sensing: ObservationModel  # sensors and start, beside the rig's parameters
+    # Whether one kernel sums up the normal equations without storing samples.
+    exact: ClassVar[bool] = False
 
     @cached_property
     def parameters(self) -> tuple[str, ...]:
-        """Names of the columns of `full`."""
+        """Return the names of the columns of `full`."""
         return (*self.model.parameters, *self.sensing.names)
 
     @cached_property
     def sensors(self) -> SensorParameters:
-        """What its parameters say of sensors and start."""
+        """Return the observation model, with the parameters of sensors and start."""
         return SensorParameters(self.model, self.experiment, self.sensing)
 
     @property
     def record(self) -> Mapping[str, int] | None:
-        """Addresses of channels `y (T, K)` and of inputs `u (T + 1, S)`, for a kernel."""
+        """Return the addresses of channels `y (T, K)` and inputs `u (T + 1, S)`, for a kernel."""
         return None
 
     @property
     def by_samples(self) -> Simulator:
-        """The simulator that has all samples: itself, unless its record is compressed."""
+        """Return the simulator that uses every sample: itself, unless its record is compressed."""
         return self
 
     @property
     def functions(self) -> int:
-        """How many functions its record has become; zero where it is not compressed."""
+        """Return the number of basis functions of a compressed record; otherwise zero."""
         return 0
 
     def exceeds_bound(self, full: Array) -> Flags:
-        """Tell which walkers `(W,)` of a compressed record are simulated by all samples."""
+        """Tell which walkers `(W,)` of a compressed record need every sample."""
         return np.zeros(len(full), dtype=np.bool_)
 
     @property
     def unbounded(self) -> Simulator:
-        """The same, but all walkers of a compressed record are simulated by that, however wrong."""
+        """Return a simulator that uses a compressed record for all walkers, whatever its error."""
         return self
 
     @property
     def stepping(self) -> Stepping | None:
-        """How it steps; None where there is no step whose size matters."""
+        """Return how the simulator steps; None if no step size affects the result."""
         return None
 
     def with_substeps(
         self, substeps: int, reversal_substeps: int = REVERSAL_SUBSTEPS, *, adaptive: bool = False
     ) -> Self:
-        """Return a simulator with other steps, where it has some."""
+        """Return a simulator with other step sizes, if it has any."""
         return self
 
     @abstractmethod
     def motion(self, full: Array) -> Motion:
-        """Return the motion of the rig, whatever sensors make of it."""
+        """Return the motion of the rig itself, before any sensor."""
 
     @abstractmethod
     def signals(self, full: Array) -> Array:
@@ -115,13 +116,13 @@ class Simulator(ABC):
 
     @abstractmethod
     def course(self, full: Array, along: Array) -> tuple[Array, Array]:
-        """Return signals and sensitivities at once; q at least 1."""
+        """Return signals and sensitivities in one call, for q of at least 1."""
 
     @abstractmethod
     def sums(self, full: Array, tally: ResidualSums, weights: Array | None = None) -> Array:
-        """Return sums of residuals `(W, K, n)`: the n registers of a `tally` of `kernels.sums`.
+        """Return sums of residuals `(W, K, n)`, the n registers of a `tally` of `kernels.sums`.
 
-        `weights (W, K, m)`: the m numbers of each channel that the tally asks for, None for m = 0.
+        `weights (W, K, m)` has the m numbers that the tally needs for each channel; None for m = 0.
         """
 
     def squares(self, full: Array) -> Array:
@@ -129,9 +130,10 @@ class Simulator(ABC):
         return self.sums(full, SQUARES)[..., 0]
 
     def neighbours(self, full: Array) -> Array:
-        """Return sums of squares of residuals, of steps between them, and of both ends: `(W, K, 3)`.
+        """Return sums of squares of residuals, of their increments, and of both ends: `(W, K, 3)`.
 
-        Steps are from a residual to the next that was observed; the ends are the first and the last.
+        Increments are from a residual to the next observed one. The ends are the first and the
+        last.
         """
         sums = self.sums(full, NEIGHBOURS)  # squares, steps, the last, the first
         sums[..., 2] = sums[..., 2] ** 2 + sums[..., 3] ** 2
@@ -142,10 +144,10 @@ class Simulator(ABC):
         return log_sums(self.sums(full, LOGS, weights[..., None]))
 
     def intervals(self, full: Array, over: Array, half: Array) -> Array:
-        """Return sums `(W, K)` of logs of the probabilities of intervals.
+        """Return sums `(W, K)` of the log-probabilities of intervals.
 
         Each is the probability that a standard normal number is within `half (W, K)` of the
-        residual times `over (W, K)`; `half` is at least 0.2.
+        residual times `over (W, K)`. `half` is at least 0.2.
         """
         totals = self.sums(full, INTERVALS, np.stack([over, half], axis=-1))
         return np.asarray(log_sums(totals[..., :3]) + totals[..., 3])
@@ -155,11 +157,11 @@ class Simulator(ABC):
         return self.course(full, along)[1]
 
     def normal(self, full: Array, along: Array, weights: Array) -> tuple[Array, Array, Array]:
-        """Return the normal equations of least squares, as sums.
+        """Return the normal equations of least squares.
 
-        They are squares of residuals `(W, K)`, their products with sensitivities `(W, q)`, and
-        those of sensitivities with each other `(W, q, q)`, all with `weights (W, K, n)`: of squares
-        alone, or of the three sums of `neighbours`.
+        They are weighted sums of squared residuals `(W, K)`, of products of residuals and
+        sensitivities `(W, q)`, and of products of sensitivities `(W, q, q)`. `weights (W, K, n)`
+        are those of squares alone, or of the three sums of `neighbours`.
         """
         n, q, _ = along.shape
         y, observed = self.experiment.y, self.experiment.seen
@@ -179,20 +181,20 @@ class Simulator(ABC):
         return squares, slopes, products
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without what is compiled."""
+        """Return the fields without compiled kernels, for pickling."""
         return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}  # type: ignore[arg-type]
 
     def of(self, experiment: Experiment) -> Simulator:
         """Return the simulator of another experiment with the same sensors.
 
-        It may have further channels.
+        The experiment may have further channels.
         """
         return dataclasses.replace(self, experiment=experiment)  # type: ignore[type-var]
 
     def with_record(self, y: Array) -> Simulator:
         """Return the simulator of the same experiment with another record `(T, K)`.
 
-        What was not measured stays so.  Raises `ValueError` for a record of another shape.
+        Samples that were not measured stay so. Raises `ValueError` for a record of another shape.
         """
         if y.shape != self.experiment.y.shape:
             raise ValueError(f"the record has shape {self.experiment.y.shape}, not {y.shape}")
@@ -200,15 +202,16 @@ class Simulator(ABC):
         return self.of(dataclasses.replace(self.experiment, y=record))
 
 
-MAX_SENSITIVITY_BYTES = 6e7  # of sensitivities at a time
-MAX_SQUARES = 1e200  # beyond which a product of their logs may have overflown
+MAX_SENSITIVITY_BYTES = 6e7  # memory for sensitivities at a time [bytes]
+MAX_SQUARES = 1e200  # largest sum of squares whose product of logs cannot have overflowed
 
 
 def whitening_scales(weights: Array) -> Array:
     """Return scales `(W, K, n)` of samples from `weights` of sums, see `Simulator.normal`.
 
-    They are of a sample; and where n is 3, of the sample before, which is taken from it, and of the
-    first sample.  The squares of what results have these weights in noise of first order.
+    The first scale is of a sample. If n is 3, the second is of the sample before, which is
+    subtracted, and the third of the first sample. The squares of the scaled samples have these
+    weights in first-order autoregressive noise.
     """
     if weights.shape[2] == 1:
         return np.sqrt(weights)
@@ -219,7 +222,7 @@ def whitening_scales(weights: Array) -> Array:
 
 
 def whitened(values: Array, observed: Flags, scales: Array) -> Array:
-    """Return `values (W, q, T, K)` with the `scales (W, K, n)`; they are zero where not observed."""
+    """Return `values (W, q, T, K)` with the `scales (W, K, n)`; zero where nothing was observed."""
     out = values * scales[:, None, None, :, 0]
     for k in range(values.shape[3] if scales.shape[2] > 1 else 0):
         rows = np.flatnonzero(observed[:, k])
@@ -232,7 +235,7 @@ def whitened(values: Array, observed: Flags, scales: Array) -> Array:
 def log_sums(tally: Array) -> Array:
     """Return the logs `(W, K)` of products `(W, K, 3)`, see `kernels.sums`.
 
-    They are NaN where squares overflow.
+    They are NaN if squares overflow.
     """
     squares, product, powers = np.moveaxis(tally, -1, 0)
     whole = np.ascontiguousarray(powers).view(np.int64)
@@ -240,19 +243,19 @@ def log_sums(tally: Array) -> Array:
     return np.asarray(np.where(squares < MAX_SQUARES, logs, np.nan))
 
 
-# A block that a kernel does not read, and its address: asking for that takes as long as some samples.
+# A block that a kernel does not read, and its address, as asking for it takes as long as some samples.
 NO_BLOCK = np.zeros(0)
 NO_ADDRESS = NO_BLOCK.ctypes.data
 
 
 def aligned(scratch: Array) -> int:
-    """Return an address in `scratch`: vectors that cross lines of the cache take twice as long."""
+    """Return an address in `scratch` at a cache line; vectors across two lines take twice as long."""
     start = scratch.ctypes.data
     return int(start + -start % 64)
 
 
 def in_groups(*parts: Array) -> Array:
-    """Put blocks `(W, ...)` side by side: `(G, n, LANES)`; the last walker fills the last group."""
+    """Put blocks `(W, ...)` side by side, `(G, n, LANES)`; the last walker fills the last group."""
     count = len(parts[0])
     groups = -(-count // LANES)
     if missing := groups * LANES - count:

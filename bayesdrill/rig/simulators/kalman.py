@@ -1,7 +1,7 @@
-"""Records with a latent torque: filtered, smoothed and drawn, all walkers at once.
+"""Filter, smooth and draw records with a latent torque, for all walkers at once.
 
-The residuals of a record, over the response without the torque, are those of a state that is zero
-at the start and that the torque moves; the torque is as large at the start as ever.
+Residuals over the response without the torque belong to a state that is zero at the start. Only the
+torque drives it. The torque itself has its stationary variance at the start.
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulators.contract import NO_BLOCK, in_groups
 from bayesdrill.rig.simulators.long_record import constant_numbers, input_layout
 
-CLOCK_TOLERANCE = 1e-9  # of the usual step: what steps may differ by and be one
-MAX_STEP_LENGTHS = 64  # lengths of steps, each with matrices of its own
+CLOCK_TOLERANCE = 1e-9  # relative to the median step: steps with a smaller difference are equal
+MAX_STEP_LENGTHS = 64  # largest number of step lengths, as each needs its own matrices
 
 
 @dataclass(frozen=True, slots=True)
 class StepLengths:
-    """The distinct lengths of steps between samples.
+    """The record has the distinct lengths of steps between samples.
 
-    `node (T,)`: which of `spans (M,)` leads from a sample to the next; `lead`: whether the last of
-    them leads from the start to the first sample.
+    `node (T,)` says which of `spans (M,)` leads from a sample to the next. With `lead`, the last
+    span leads from the start to the first sample.
     """
 
     spans: Array
@@ -46,7 +46,7 @@ class StepLengths:
 
 
 def step_lengths(experiment: Experiment) -> StepLengths:
-    """Return the lengths of steps of an experiment; raises `ValueError` where they are too many."""
+    """Return the distinct step lengths of an experiment; raises `ValueError` if they are too many."""
     t = np.asarray(experiment.t)
     if experiment.uniform:
         spans, node = np.array([experiment.dt]), np.zeros(len(t), np.int64)
@@ -71,10 +71,11 @@ def step_lengths(experiment: Experiment) -> StepLengths:
 
 @dataclass(frozen=True)
 class KalmanFilter:
-    """A Kalman filter of residuals for a rig with a missing torque.
+    """The filter treats the residuals of a rig with a missing torque.
 
-    `parameters (W, P + 2)`: of the rig, then size and time of its missing torque; `sigmas (W, K)`
-    of white noise; `residuals (W, T, K)`: measured minus model, NaN where nothing was measured.
+    `parameters (W, P + 2)` are those of the rig, then size and correlation time of the torque.
+    `sigmas (W, K)` are of white noise. `residuals (W, T, K)` are measured minus model, NaN where
+    nothing was measured.
     """
 
     model: Model
@@ -87,30 +88,30 @@ class KalmanFilter:
         return f"Filtered({', '.join(f'{name}={getattr(self, name)!r}' for name in names)})"
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without what is compiled."""
+        """Return the fields without compiled kernels, for pickling."""
         return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
 
     @cached_property
     def augmented(self) -> AugmentedModel:
-        """The rig with its torque."""
+        """Return the rig with its torque."""
         weights = [channel.weights for channel in self.experiment.channels]
         return augment(self.model, self.torque, weights)
 
     @cached_property
     def system(self) -> StateSpace:
-        """What its kernels are specialised for."""
+        """Return the state-space model for which kernels are specialised."""
         return StateSpace(self.augmented, weight_kinds(self.output_matrix))
 
     @cached_property
     def output_matrix(self) -> Array:
-        """Weights of channels, `(K, n)`."""
+        """Return the weights of states in channels, `(K, n)`."""
         return np.array(
             [self.augmented.channel_weights(c.weights) for c in self.experiment.channels]
         )
 
     @cached_property
     def steps(self) -> StepLengths:
-        """The lengths of its steps."""
+        """Return the step lengths of the experiment."""
         return step_lengths(self.experiment)
 
     @cached_property
@@ -131,7 +132,7 @@ class KalmanFilter:
     def log_density(self, parameters: Array, sigmas: Array, record: Mapping[str, int]) -> Array:
         """Return the log-density `(W, K)` of the `Simulator.record` at these addresses.
 
-        What the start is worth is shared by all channels alike.
+        The contribution of the start is divided equally among channels.
         """
         k, t_count = self.system.k, len(self.experiment.t)
         walkers = in_groups(parameters, sigmas**2)
@@ -146,7 +147,7 @@ class KalmanFilter:
 
     @cached_property
     def _shown(self) -> tuple[Array, int]:
-        """Scratch, and its address."""
+        """Return scratch memory, and its address."""
         scratch = np.empty(((len(self.experiment.t) // BLOCK_SAMPLES + 1) * self.system.n, LANES))
         return scratch, scratch.ctypes.data
 
@@ -156,12 +157,12 @@ class KalmanFilter:
 
     @cached_property
     def layout(self) -> Layout:
-        """The layout of rig and torque."""
+        """Return the layout of rig and torque."""
         return input_layout(self.augmented, self.experiment, with_lead=True)
 
     @cached_property
     def constants(self) -> tuple[Array, int]:
-        """The kernel's block of constants of the experiment, and its address."""
+        """Return the kernel's block of constants of the experiment, and its address."""
         start = self.augmented.initial_state(self.experiment.start)
         block = np.array([*constant_numbers(self.experiment), *start, *self.output_matrix.ravel()])
         return block, block.ctypes.data
@@ -169,8 +170,8 @@ class KalmanFilter:
     def whiten(self, parameters: Array, sigmas: Array, residuals: Array) -> tuple[Array, Array]:
         """Return whitened residuals `(W, T, K)` and the variances `(W, T, K)` of innovations.
 
-        The first are independent standard normal numbers, NaN where nothing was observed; the
-        others are those of one sample given the samples before it.
+        Whitened residuals are independent standard normal numbers, NaN where nothing was observed.
+        Each variance is that of a sample given all samples before it.
         """
         filtered = self._run("whiten", [parameters], [sigmas**2], [self._filled(residuals)], 2)
         whitened, variances = filtered[..., 0], filtered[..., 1]
@@ -185,7 +186,7 @@ class KalmanFilter:
     ) -> tuple[Array, Array, Array, Array]:
         """Return whitened residuals, their slope, the variances and their slope, `(W, T, K)` each.
 
-        Arguments are pairs (value, slope).  Where nothing was observed all are zero.
+        Arguments are pairs (value, slope). Results are zero where nothing was observed.
         """
         sizes, changes = sigmas
         variances = [sizes**2, 2.0 * sizes * changes]
@@ -194,13 +195,13 @@ class KalmanFilter:
         return filtered[..., 0], filtered[..., 1], filtered[..., 2], filtered[..., 3]
 
     def smooth(self, parameters: Array, sigmas: Array, residuals: Array) -> Array:
-        """Return smoothed states of `augmented`, `(W, T, n)`; those of the torque over its size."""
+        """Return smoothed states of `augmented`, `(W, T, n)`; torque states are divided by its size."""
         return self._run("smooth", [parameters], [sigmas**2], [self._filled(residuals)], 0)
 
     def draw(
         self, parameters: Array, sigmas: Array, rng: np.random.Generator
     ) -> tuple[Array, Array]:
-        """Draw states `(W, T, n)`, and what channels show of them with their noise `(W, T, K)`."""
+        """Draw states `(W, T, n)`, and the channels with their noise `(W, T, K)`."""
         shape = (len(parameters), len(self.experiment.t), self.system.n + self.system.k)
         drawn = self._run("draw", [parameters], [sigmas**2], [rng.standard_normal(shape)], 0)
         return drawn[..., : self.system.n], drawn[..., self.system.n :]
@@ -216,7 +217,7 @@ class KalmanFilter:
         residuals: list[Array],
         each: int,
     ) -> Array:
-        """Run a kernel; `each`: numbers of a channel that come out; zero for states (and channels)."""
+        """Run a kernel with `each` output numbers per channel; zero for states (and channels)."""
         system, width = self.system, len(parameters)
         n_walkers, t_count = len(parameters[0]), len(self.experiment.t)
         columns = system.k * each if each else system.n + (system.k if name == "draw" else 0)
@@ -233,5 +234,5 @@ class KalmanFilter:
 
 
 def _in_turn(parts: list[Array]) -> Array:
-    """Put values `(W, ...)` and their slopes in turn, in groups."""
+    """Put values `(W, ...)` and their slopes alternately, in groups of lanes."""
     return in_groups(np.stack(parts, axis=-1))

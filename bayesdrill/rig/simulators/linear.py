@@ -1,9 +1,10 @@
-"""The response of a linear rig to constant and sampled inputs, exact to rounding, as sensors show it.
+"""Compute the response of a linear rig to constant and sampled inputs, exact to rounding.
 
-Matrix exponentials of the record's distinct steps, or the action of the exponential where these are
-many, then a recurrence over the samples.  A sampled input is constant between samples (zero-order
-hold) or interpolated linearly (first-order hold); for either the discrete system is exact (Van Loan
-1978).  Sensors may be late, scaled and shifted, and the start unknown (`sensors`).
+Each distinct step of the record gets a matrix exponential; if these are many, the action of the
+exponential is computed instead. A recurrence over the samples follows. A sampled input is constant
+between samples (zero-order hold) or interpolated linearly (first-order hold). For either the
+discrete system is exact (Van Loan 1978). Sensors may be late, scaled and shifted, and the start may
+be unknown (`sensors`).
 """
 
 from __future__ import annotations
@@ -37,15 +38,15 @@ from bayesdrill.rig.simulators.sensors import ObservationModel, ObservedWalkers,
 from bayesdrill.rig.simulators.stepped import Unstepped
 from bayesdrill.rig.simulators.time_grid import Grid, inputs_at_knots
 
-# Numbers of a record: of more, no memory is taken for eight walkers at once.
+# Largest record [numbers] for which a kernel takes memory for eight walkers at once.
 MAX_GROUPED = 8_000_000
 PERFECT = ObservationModel()
-MAX_AHEAD = 4  # lengths of the record that a channel may be ahead of it
+MAX_AHEAD = 4  # largest advance of a channel, in lengths of the record
 
 
 @dataclass(frozen=True, eq=False)
 class Response(Unstepped):
-    """The response of `model` in `experiment`, as sensors with `sensing` show it."""
+    """The response is that of `model` in `experiment`, observed by sensors with `sensing`."""
 
     model: Model
     experiment: Experiment
@@ -60,14 +61,14 @@ class Response(Unstepped):
 
     @cached_property
     def _record(self) -> tuple[dict[str, Array], dict[str, int] | None]:
-        """Record and inputs of perfect sensors at even times, and their addresses."""
+        """Return record and inputs; and their addresses if sensors are perfect and times even."""
         experiment, blocks = self.experiment, record_blocks(self.experiment)
         plain = self.sensing.empty and experiment.uniform and bool(experiment.seen.all())
         addresses = {name: block.ctypes.data for name, block in blocks.items()}
         return blocks, addresses if plain else None
 
     def signals(self, full: Array) -> Array:
-        """Return the channels: `(W, P) -> (W, T, K)`, SI."""
+        """Return the channels `(W, T, K)` in SI, for parameters `(W, P)`."""
         if self._padded.size > MAX_GROUPED and self.record is not None:
             record = LongRecord(self.sensors, self.experiment.dt, len(self._grid.t) - 1)
             return np.array([record.signals(point) for point in full])
@@ -95,7 +96,7 @@ class Response(Unstepped):
         lower = np.tril(products[:, 1:, 1:])
         return rows[:, :k], -products[:, 1:, 0], lower + np.tril(lower, -1).swapaxes(1, 2)
 
-    # What the kernel is told of the record.
+    # Arguments of the kernel that depend on the record.
 
     @property
     def _grid(self) -> Grid:
@@ -103,7 +104,7 @@ class Response(Unstepped):
 
     @cached_property
     def _padded(self) -> Array:
-        """The record at all knots of whole steps, NaN where there is no sample: `(T, K)`."""
+        """Return the record at all knots of whole steps `(T, K)`, NaN where there is no sample."""
         g, y = self._grid, np.asarray(self.sensors.padded)
         joined = self._structure.joined
         padded = np.full((-(-(len(g.t) - 1) // joined) * joined, y.shape[1]), np.nan)
@@ -112,20 +113,20 @@ class Response(Unstepped):
 
     @cached_property
     def _samples(self) -> Any:
-        """Where the samples are among the knots: a slice copies faster."""
+        """Return the knots that are samples, as a slice if possible, which copies faster."""
         at = self._grid.at[1:] if self.sensors.lead else self._grid.at
         in_a_row = len(at) == 0 or len(at) == at[-1] - at[0] + 1
         return slice(at[0], at[-1] + 1) if in_a_row else at
 
     @cached_property
     def _late(self) -> tuple[bool, ...]:
-        """Which channels are late."""
+        """Return for each channel whether it is late."""
         lags, delayed = self.sensing.lags, self.sensing.delay is not None
         return tuple(delayed or channel.name in lags for channel in self.experiment.channels)
 
     @cached_property
     def _structure(self) -> LinearShape:
-        """The structure of rig, sensors and times, which every output has."""
+        """Return the structure of rig, sensors and times, which all outputs share."""
         return LinearShape(
             layout=input_layout(self.sensors.observed_model, self.experiment),
             rows=tuple(map(tuple, (self.sensors.weights != 0.0).tolist())),
@@ -138,14 +139,14 @@ class Response(Unstepped):
         )
 
     def _shape(self, output: str, tally: ResidualSums | None, *, slopes: bool) -> LinearShape:
-        if output == SIGNALS:  # which kernels of these store too
+        if output == SIGNALS:  # these kernels store signals too
             output, tally = (NORMAL, None) if slopes else (SUMS, SQUARES)
         sensed = slopes and not self.sensing.empty
         return replace(self._structure, output=output, tally=tally, slopes=slopes, sensed=sensed)
 
     @cached_property
     def _known(self) -> dict[tuple[Any, ...], Any]:
-        """What has been made already: kernels, and blocks and their addresses."""
+        """Return the cache of kernels, and of blocks with their addresses."""
         return {}
 
     def _kernel(
@@ -160,15 +161,15 @@ class Response(Unstepped):
 
     @cached_property
     def _shared(self) -> dict[str, Array]:
-        """Numbers that all walkers share, the nodes of the grid, and the record."""
+        """Return the numbers that all walkers share, the nodes of the grid, and the record."""
         g, constants = self._grid, present(self.experiment.constant).values()
         numbers = np.array([g.width or g.usual, *constants])
         return {"numbers": numbers, "spans": g.spans, "chained": g.chained, "y": self._padded}
 
     def _knots(self, ahead: int) -> dict[str, int]:
-        """Return addresses of blocks, of knots with others `ahead` of the last.
+        """Return the addresses of blocks, with `ahead` further knots after the last one.
 
-        Asking an array for its own address takes as long as some samples of a group.
+        To ask an array for its address takes as long as some samples of a group.
         """
         if (ahead,) not in self._known:
             g, first_order = self._grid, self.experiment.first_order
@@ -185,14 +186,14 @@ class Response(Unstepped):
                 "t": np.concatenate([g.t[:-1], later, [np.inf]]),
                 "u": np.ascontiguousarray(u),
             }
-            # The addresses, and the blocks that have to stay there.
+            # Keep the blocks, so that their addresses stay valid.
             self._known[ahead,] = {name: x.ctypes.data for name, x in blocks.items()}, blocks
         addresses: dict[str, int] = self._known[ahead,][0]
         return addresses
 
     @cached_property
     def _median_node(self) -> int:
-        """The node nearest to the median step."""
+        """Return the node nearest to the median step."""
         return int(np.argmin(np.abs(self._grid.spans - self._grid.usual)))
 
     @property
@@ -201,31 +202,31 @@ class Response(Unstepped):
 
     @cached_property
     def _high(self) -> int:
-        """Rungs of the ladder from its width on: of late channels they reach over the longest step."""
+        """Return the rungs of the ladder from its width on, so many that they cover all spans."""
         g = self._grid
         if not any(self._late):
             return 0 if g.width > 0.0 else -1
         longest = float(np.diff(g.t[:-1]).max(initial=0.0))
         return int(longest / (g.width or g.usual)).bit_length()
 
-    # What it is told of walkers.
+    # Arguments of the kernel that depend on walkers.
 
     @cached_property
     def _known_numbers(self) -> Array:
-        """Start and rows of perfect sensors, `(X + K (X + 1),)`."""
+        """Return start and rows of perfect sensors, `(X + K (X + 1),)`."""
         weights = self.sensors.weights
         start = [self.experiment.start.get(name, 0.0) for name in self.model.states]
         return np.append(start, np.column_stack([weights, np.zeros(len(weights))]))
 
     def _beside_known(self, parameters: Any) -> Any:
-        """Return the numbers `(W, n)` of walkers behind perfect sensors, with the slopes they have."""
+        """Return the numbers `(W, n)` of walkers with perfect sensors, and any slopes of these."""
         values, known = dual(parameters).value, self._known_numbers
         numbers = np.empty((len(values), values.shape[1] + len(known)))
         numbers[:, : values.shape[1]], numbers[:, values.shape[1] :] = values, known
         return Dual(numbers, parameters.slope) if isinstance(parameters, Dual) else numbers
 
     def _walkers(self, full: Array | Dual) -> tuple[Any, int]:
-        """Return the numbers of walkers `(W, n)`, and knots ahead of the last that they look at."""
+        """Return the numbers of walkers `(W, n)`, and the knots that they need after the last one."""
         walkers = ObservedWalkers(self.sensors, full)
         if self.sensing.empty:
             return self._beside_known(walkers.parameters), 0
@@ -251,7 +252,7 @@ class Response(Unstepped):
         tally: ResidualSums | None = None,
         weights: Array | None = None,
     ) -> Array:
-        """Run the kernel of an output, and return what it stores `(W, *out)`."""
+        """Run the kernel of an output, and return its result `(W, *out)`."""
         kernel, shape = self._kernel(output, tally, slopes=along is not None)
         blocks, q = dict[str, Array | int](along=NO_ADDRESS), 0
         walkers: Array | Dual = full
@@ -262,8 +263,8 @@ class Response(Unstepped):
             numbers, ahead = self._walkers(walkers)
         if along is not None:
             blocks["along"] = in_groups(numbers.slope.reshape(len(full), -1))
-            numbers = numbers.value[::q]  # those of a walker are the same in all directions
-        if weights is None and along is not None:  # of signals, which need none
+            numbers = numbers.value[::q]  # the values are the same in all directions
+        if weights is None and along is not None:  # signals need no weights
             weights = np.zeros((len(full), shape.channels))
         own = (numbers,) if weights is None else (numbers, weights)
         samples = len(self._padded)

@@ -1,7 +1,7 @@
-"""A long record on its grid, part after part: its inputs, and what a rig does under them.
+"""Compute a long record on its grid, part by part: its inputs, and the response of a rig.
 
-In numbers of 80 bits where the platform has them, as a reference for many others; or in plain ones,
-where a kernel would take the memory of eight walkers for one.
+In extended precision (80 bits where the platform has them) one response is the reference of many
+others. In double precision it serves where a kernel would need the memory of eight walkers for one.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ from bayesdrill.rig.simulators.sensors import ObservedWalkers, SensorParameters
 from bayesdrill.rig.simulators.time_grid import Whole
 
 Long = np.longdouble
-LongArray = NDArray[Any]  # of long numbers, or of plain ones
-SERIES, HALVINGS = 22, 12  # of the exponential: terms, and at least so many
-STRETCHES = 1024  # of a part that are stepped side by side
+LongArray = NDArray[Any]  # extended or double precision
+SERIES, HALVINGS = 22, 12  # terms of the exponential's series, and least number of halvings
+STRETCHES = 1024  # stretches of a part that are stepped side by side
 
 
 @dataclass(frozen=True, slots=True)
 class LongRecord:
-    """A record of even steps, for a rig with `sensors`.
+    """The record has even steps, for a rig with `sensors`.
 
-    `step` [s] between `count` knots; `at (n,)`: those of samples, None where all are samples.
+    `step` [s] is between `count` knots. `at (n,)` has the knots that are samples; None if all are.
     """
 
     sensors: SensorParameters
@@ -41,12 +41,12 @@ class LongRecord:
 
     @property
     def layout(self) -> Layout:
-        """The rig's matrix."""
+        """Return the layout of the rig's matrix."""
         return input_layout(self.sensors.observed_model, self.sensors.experiment)
 
     @property
     def first_inputs(self) -> Array:
-        """The first of each series that changes straight, zero for those that are held: `(S,)`."""
+        """Return the first value `(S,)` of each linearly interpolated series, zero for held ones."""
         return self.sensors.first_inputs * self.sensors.experiment.first_order
 
     def inputs(self, first: int, last: int) -> Array:
@@ -73,7 +73,7 @@ class LongRecord:
         for row, column, value in layout.entries(long):
             matrix[row, column] += value if row >= x else value * Long(self.step)
         step: LongArray = long_exponential(matrix).astype(kind)
-        # Of one and of inputs, then of their increments where they change straight.
+        # Columns of one and of inputs, then of increments of interpolated inputs.
         fall, columns = step[:x, :x], step[:x, x:].T
         rows = numbers[p + x :].reshape(-1, x + 1).astype(kind)
         state = numbers[p : p + x].astype(kind)
@@ -89,14 +89,14 @@ class LongRecord:
 
     @property
     def alike(self) -> list[slice]:
-        """Channels that were seen at the same times, part by part: all, or each by itself."""
+        """Return slices of channels observed at the same times: all channels, or each by itself."""
         seen = ~np.isnan(self._at_knots())
         k_count = seen.shape[1]
         size = k_count if (seen == seen[:, :1]).all() else 1
         return [slice(k, k + size) for k in range(0, k_count, size)]
 
     def residuals(self, full: Array) -> Iterator[tuple[Array, Array]]:
-        """Yield inputs `(m, S)`, and what the rig leaves of the record `(m, K)`, NaN if not seen."""
+        """Yield inputs `(m, S)` and residuals of the rig `(m, K)`, NaN where nothing was observed."""
         y, first = self._at_knots(), 0
         for inputs, shown in self.responses(full):
             last = first + len(inputs)
@@ -120,7 +120,7 @@ class LongRecord:
 def input_layout(model: Model, experiment: Experiment, *, with_lead: bool = False) -> Layout:
     """Return the layout of a rig under the inputs of an experiment.
 
-    `with_lead`: it says whether the start is before the first sample.
+    `with_lead` asks it to say whether the start is before the first sample.
     """
     series, constant = tuple(experiment.series), tuple(present(experiment.constant))
     layout = Layout.from_model(model, series, constant, first_order=experiment.first_order)
@@ -133,16 +133,16 @@ def constant_numbers(experiment: Experiment) -> list[float]:
 
 
 def record_blocks(experiment: Experiment) -> dict[str, Array]:
-    """Return record and inputs; the last increment drives nothing that is measured any more."""
+    """Return record and inputs; the last increment of the inputs drives no sample."""
     series = [np.append(u, u[-1]) for u in experiment.series.values()]
     u = np.array(series, dtype=np.float64).reshape(len(series), len(experiment.t) + 1).T
     return {"y": np.ascontiguousarray(experiment.y), "u": np.ascontiguousarray(u)}
 
 
 def long_exponential(matrix: LongArray) -> LongArray:
-    """Return exp(M) - 1."""
+    """Return exp(M) - 1 by scaling and squaring, in the precision of M."""
     _, size = np.frexp(np.abs(matrix).sum(axis=1).max(initial=0.0))
-    halvings = max(HALVINGS, int(size))  # as often as a stiff rig needs it
+    halvings = max(HALVINGS, int(size))  # a stiff rig needs more
     scaled = np.ldexp(matrix, -halvings)
     total, term = scaled.copy(), scaled.copy()
     for k in range(2, SERIES):
@@ -154,10 +154,11 @@ def long_exponential(matrix: LongArray) -> LongArray:
 
 
 def long_states(fall: LongArray, drive: LongArray, start: LongArray) -> LongArray:
-    """Return states `(T + 1, X)` of x(t + 1) = x(t) + fall x(t) + drive(t), in numbers of its kind.
+    """Return states `(T + 1, X)` of x(t + 1) = x(t) + fall x(t) + drive(t), in the given precision.
 
-    `fall (X, X)`, `drive (T, X)`, `start (X,)`.  Stretches of the record are stepped side by side: first
-    from rest, which says where each begins, then from there.
+    `fall (X, X)`, `drive (T, X)` and `start (X,)` are given. Stretches of the record are stepped
+    side by side: first from rest, which gives the state at the beginning of each, and then from
+    there.
     """
     t_count, x = drive.shape
     length = -(-t_count // STRETCHES)

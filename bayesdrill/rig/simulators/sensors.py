@@ -1,4 +1,4 @@
-"""The observation model: gains, offsets and delays of sensors, and the start, walker by walker.
+"""The observation model has gains, offsets and delays of sensors, and the start, of each walker.
 
     y_k(t) = gain_k c_k . x(t - lag_k - delay) + offset_k        x' = A x + B (gain_u u + offset_u) + c
 
@@ -25,7 +25,7 @@ from bayesdrill.rig.simulators.time_grid import Grid, build_grid
 
 
 def signal_names(model: Model) -> tuple[str, ...]:
-    """Return what a sensor may see: states, and what else turns with them."""
+    """Return the signals that a sensor may show: states, and combinations of them."""
     combined = [n for n, of in model.combinations.items() if {*of} <= {*model.outer}]
     return (*model.outer, *combined)
 
@@ -41,11 +41,12 @@ def state_weights(model: Model, combines: Mapping[str, float]) -> dict[str, floa
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ObservationModel:
-    """Names of parameters of sensors and start, by what they belong to: channels, inputs, states.
+    """The record names the parameters of sensors and start, by channel, input or state.
 
-    `input_lags`: by how much later than its record the rig feels an input, each by itself. `delay`:
-    of all inputs, or of the moment at which constant ones are switched on.  `states`: of the start;
-    `steady`: the rest of it is the steady state under the first inputs.
+    `input_lags` are the lags of single inputs: the rig receives an input by so much later than its
+    record says. `delay` is common to all inputs, or the moment at which constant ones are switched
+    on. `states` are unknown states of the start. If the start is `steady`, the rest of it is the
+    steady state under the first inputs.
     """
 
     gains: Mapping[str, str] = field(default_factory=dict)
@@ -66,14 +67,14 @@ class ObservationModel:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """All names, each once."""
+        """Return all names of parameters, each once."""
         every = [name for _, named in self._kinds for name in named.values()]
         every += [] if self.delay is None else [self.delay]
         return tuple(dict.fromkeys([*every, *self.states.values()]))
 
     @property
     def shifts(self) -> bool:
-        """Whether any channel is seen at other times than those of the inputs."""
+        """Return whether any channel is observed at other times than the inputs."""
         return bool(self.lags) or self.delay is not None
 
     def moves(self, start: Mapping[str, float], angles: Collection[str]) -> bool:
@@ -86,7 +87,7 @@ class ObservationModel:
 
     @property
     def summary(self) -> str:
-        """What each of them has, such as `twist: gain, lag; v: offset; inputs: delay`."""
+        """Return the parameters of sensors as text, such as `twist: gain, lag; inputs: delay`."""
         kinds_of: dict[str, list[str]] = {}
         for kind, named in self._kinds:
             for name in named:
@@ -97,26 +98,26 @@ class ObservationModel:
 
     @property
     def start_summary(self) -> str:
-        """Whether the start is steady, and which states of it are unknown."""
+        """Return as text whether the start is steady, and which of its states are unknown."""
         unknown = f"{', '.join(self.states)} unknown" if self.states else ""
         return ", ".join(filter(None, ["steady" if self.steady else "", unknown]))
 
     @property
     def empty(self) -> bool:
-        """Whether sensors are perfect and the start is known."""
+        """Return whether sensors are perfect and the start is known."""
         return not self.names and not self.steady
 
 
 @dataclass(frozen=True, slots=True)
 class ObservedModel(WrappedModel):
-    """A `rig` behind the sensors of its inputs: their gains and offsets are parameters of it."""
+    """The observed model is a `rig` whose input sensors have gains and offsets as parameters."""
 
     input_gains: tuple[tuple[str, str], ...]
     input_offsets: tuple[tuple[str, str], ...]
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """The rig's, then those of its inputs' sensors."""
+        """Return the rig's parameters, then those of its input sensors."""
         sensor_names = [name for _, name in (*self.input_gains, *self.input_offsets)]
         return (*self.rig.parameters, *dict.fromkeys(sensor_names))
 
@@ -134,7 +135,7 @@ class ObservedModel(WrappedModel):
 
 
 def observed_model(rig: Model, sensing: ObservationModel) -> Model:
-    """Return the rig behind its inputs' sensors; the rig itself where these have no unknowns."""
+    """Return the rig with its input sensors; the rig itself if these have no unknowns."""
     if not sensing.input_gains and not sensing.input_offsets:
         return rig
     gains, offsets = sensing.input_gains.items(), sensing.input_offsets.items()
@@ -143,9 +144,9 @@ def observed_model(rig: Model, sensing: ObservationModel) -> Model:
 
 @dataclass(frozen=True)
 class SensorParameters:
-    """Columns of `full (W, P)`: the model's parameters, then those that `sensing` names.
+    """The columns of `full (W, P)` are the model's parameters, then those that `sensing` names.
 
-    `full` may be an array with slopes, and what follows from it has slopes then.
+    `full` may be an array with slopes; results then have slopes too.
     """
 
     model: Model
@@ -154,12 +155,12 @@ class SensorParameters:
 
     @cached_property
     def parameters(self) -> tuple[str, ...]:
-        """Names of the columns."""
+        """Return the names of the columns."""
         return (*self.model.parameters, *self.sensing.names)
 
     @cached_property
     def observed_model(self) -> Model:
-        """The model behind its inputs' sensors."""
+        """Return the model with its input sensors."""
         return observed_model(self.model, self.sensing)
 
     def simulator_parameters(self, full: Any) -> Any:
@@ -169,7 +170,7 @@ class SensorParameters:
 
     @cached_property
     def _columns(self) -> list[int] | None:
-        """Indices of these columns; None where they are all."""
+        """Return the indices of these columns; None if they are all."""
         places = [self.parameters.index(name) for name in self.observed_model.parameters]
         return None if places == [*range(len(self.parameters))] else places
 
@@ -179,7 +180,7 @@ class SensorParameters:
         return linear_map(lambda part: part[:, place], full)
 
     def placed(self, places: Mapping[int, str], count: int, full: Any) -> Any:
-        """Return the columns of names at `places` of an array `(W, count)`, zero elsewhere."""
+        """Return the named columns at the indices `places` of an array `(W, count)`, zero elsewhere."""
         columns = [self.parameters.index(name) for name in places.values()]
 
         def spread(part: Array) -> Array:
@@ -189,18 +190,19 @@ class SensorParameters:
 
         return linear_map(spread, full)
 
-    # The record's own.
+    # Times and inputs of the record.
 
     @property
     def lead(self) -> bool:
-        """Whether the start is before the first sample, and is a knot of its own."""
+        """Return whether the start is before the first sample, as a knot of its own."""
         return self.experiment.lead > 0.0
 
     @cached_property
     def knots(self) -> tuple[Array, dict[str, Array]]:
-        """Times of start and samples, and sampled inputs there.
+        """Return the times of start and samples, and the sampled inputs there.
 
-        Steps that are nearly equal are equal.  Until the first sample inputs are as they are there.
+        Steps that are nearly equal become equal. Before the first sample inputs have their values
+        there.
         """
         experiment = self.experiment
         t = np.asarray(experiment.t)
@@ -213,55 +215,55 @@ class SensorParameters:
 
     @cached_property
     def grid(self) -> Grid:
-        """The grid of these times."""
+        """Return the grid of these times."""
         return build_grid(self.knots[0])
 
     @cached_property
     def padded(self) -> Array:
-        """The record, with nothing observed at a start before it."""
+        """Return the record; at a start before it nothing is observed."""
         y = self.experiment.y
         return np.vstack([np.full((1, y.shape[1]), np.nan), y]) if self.lead else np.asarray(y)
 
     def drop_start(self, signals: Array) -> Array:
-        """Return `(W, T, ...)` of samples alone."""
+        """Return `signals (W, T, ...)` at samples alone, without an earlier start."""
         return signals[:, 1:] if self.lead else signals
 
     @cached_property
     def inputs(self) -> tuple[str, ...]:
-        """Names of the sampled inputs."""
+        """Return the names of the sampled inputs."""
         return tuple(self.experiment.series)
 
     @cached_property
     def moves(self) -> bool:
-        """Whether the rig may turn, or carry a current, before the first sample."""
+        """Return whether the rig may turn, or carry a current, before the first sample."""
         return self.sensing.moves(self.experiment.start, self.model.angles)
 
     @cached_property
     def first_inputs(self) -> Array:
-        """Sampled inputs at the first sample, `(S,)`."""
+        """Return the sampled inputs at the first sample, `(S,)`."""
         return np.array([u[0] for u in self.experiment.series.values()], dtype=np.float64)
 
     @cached_property
     def weights(self) -> Array:
-        """Weights of states in channels, `(K, X)`."""
+        """Return the weights of states in channels, `(K, X)`."""
         return self.experiment.weights(self.model.states)
 
     # Sensors.
 
     def channel_values(self, named: Mapping[str, str], full: Any) -> Any:
-        """Return a parameter of each channel, `(W, K)`, zero where there is none."""
+        """Return a parameter of each channel, `(W, K)`, zero for channels without it."""
         names = [channel.name for channel in self.experiment.channels]
         places = {k: named[name] for k, name in enumerate(names) if name in named}
         return self.placed(places, len(names), full)
 
     def gains(self, full: Any) -> Any:
-        """Return the gains of channels `(W, K)`, one where they have none."""
+        """Return the gains of channels `(W, K)`, one for channels without an unknown gain."""
         known = self.sensing.gains
         one = np.array([c.name not in known for c in self.experiment.channels], dtype=np.float64)
         return self.channel_values(known, full) + one
 
     def rows(self, full: Any) -> Any:
-        """Return rows of channels over states and one, gains times weights, and offsets.
+        """Return the rows of channels `(W, K, X + 1)`: gains times weights of states, then offsets.
 
         They are `(W, K, X + 1)`.
         """
@@ -273,14 +275,14 @@ class SensorParameters:
         return linear_map(row, gains, offsets)
 
     def channel_delays(self, full: Any) -> Any:
-        """Return how much later each channel shows what the inputs do: `(W, K)`, in s."""
+        """Return the delay of each channel behind the inputs [s], `(W, K)`."""
         out = self.channel_values(self.sensing.lags, full)
         if self.sensing.delay is None:
             return out
         return out + linear_map(lambda d: d[:, None], self.column(self.sensing.delay, full))
 
     def input_values(self, named: Mapping[str, str], full: Any) -> Any:
-        """Return a parameter of those inputs that have it, `(W, S)`."""
+        """Return a parameter of the inputs that have it, `(W, S)`."""
         places = dict(enumerate(named[name] for name in self.inputs if name in named))
         return self.placed(places, len(places), full)
 
@@ -288,13 +290,13 @@ class SensorParameters:
 
     @cached_property
     def angles(self) -> list[int]:
-        """Indices of the angles."""
+        """Return the indices of the angles."""
         return steady_state.angle_indices(self.model)
 
     def shift_angles(self, states: Any, free: Array | None, full: Any) -> Any:
-        """Turn the rig in steady states so that one of its angles is what it is known to be.
+        """Turn the rig in steady states so that an angle of the start has its known value.
 
-        `free`: its `free_turn`.
+        `free` is its `free_turn`.
         """
         turn = np.ones(len(self.angles)) if free is None else free
         for k, times in zip(self.angles, turn, strict=True):
@@ -311,9 +313,9 @@ class SensorParameters:
 
 
 class ObservedWalkers:
-    """What walkers `full (W, P)` have of their own; each part is computed when it is asked for.
+    """The walkers `full (W, P)` have numbers of their own, each computed when it is asked for.
 
-    `full` is an array, or one with slopes; all parts are then.
+    `full` is an array, or one with slopes; all results then have slopes.
     """
 
     def __init__(self, sensors: SensorParameters, full: Array | Dual) -> None:
@@ -321,12 +323,12 @@ class ObservedWalkers:
 
     @property
     def parameters(self) -> Any:
-        """Parameters of the observed model."""
+        """Return the parameters of the observed model."""
         return self.sensors.simulator_parameters(self.full)
 
     @cached_property
     def system(self) -> tuple[Any, Any, Any]:
-        """`A (n, X, X)`, `B (n, X, S)` of the sampled inputs, and what is constant `(n, X)`."""
+        """Return `A (n, X, X)`, `B (n, X, S)` of sampled inputs, and constant forcing `(n, X)`."""
         experiment, model = self.sensors.experiment, self.sensors.observed_model
         n, sampled = len(dual(self.full).value), list(experiment.series)
         columns = linear_map(lambda part: part.T, self.parameters)
@@ -352,14 +354,14 @@ class ObservedWalkers:
 
     @cached_property
     def _drive(self) -> Any:
-        """What drives the states under the first inputs, `(n, X)`."""
+        """Return the forcing of the states under the first inputs, `(n, X)`."""
         _, by_input, constant = self.system
         first = self.sensors.first_inputs
         return linear_map(lambda part, still: still + part @ first, by_input, constant)
 
     @cached_property
     def start(self) -> Any:
-        """The state at the start, `(W, X)`."""
+        """Return the state at the start, `(W, X)`."""
         w, states = self.sensors, self.sensors.model.states
         if w.sensing.steady:
             matrix = self.system[0]
@@ -373,7 +375,7 @@ class ObservedWalkers:
 
     @cached_property
     def before(self) -> Any:
-        """How states change before the start `(W, X)`: not at all of a rig at rest."""
+        """Return the rates of states before the start `(W, X)`; zero if the rig is at rest."""
         if not self.sensors.moves:
             return linear_map(np.zeros_like, self.start)
         moved = self.system[0] * linear_map(lambda part: part[:, None, :], self.start)
@@ -381,18 +383,18 @@ class ObservedWalkers:
 
     @cached_property
     def rows(self) -> Any:
-        """The `SensorParameters.rows` of channels, `(W, K, X + 1)`."""
+        """Return the `SensorParameters.rows` of channels, `(W, K, X + 1)`."""
         return self.sensors.rows(self.full)
 
     @property
     def numbers(self) -> Any:
-        """Parameters, start and rows side by side: `(W, P' + X + K (X + 1))`."""
+        """Return parameters, start and rows side by side, `(W, P' + X + K (X + 1))`."""
         with np.errstate(all="ignore"):
             return beside(self.parameters, self.start, self.rows)
 
 
 def _mapped(linear: Linear, part: Callable[[Any], Any]) -> Linear:
-    """Return the values of all entries, or their slopes."""
+    """Return the linear system with `part` applied to each entry, such as its value or its slope."""
     return Linear(
         A={place: part(entry) for place, entry in linear.A.items()},
         B={place: part(entry) for place, entry in linear.B.items()},
@@ -409,7 +411,7 @@ def _slope(entry: Any) -> Any:
 
 
 def beside(*parts: Any) -> Any:
-    """Put arrays `(W, ...)` side by side, `(W, n)`, with their slopes where they have some."""
+    """Put arrays `(W, ...)` side by side, `(W, n)`, with their slopes if they have any."""
 
     def joined(*arrays: Array) -> Array:
         return np.concatenate([array.reshape(len(array), -1) for array in arrays], axis=1)

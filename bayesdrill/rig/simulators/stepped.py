@@ -1,9 +1,9 @@
-"""The response in steps of one length: rigs with friction, and inputs with lags of their own.
+"""Compute the response in equal steps: for rigs with friction, and inputs with single lags.
 
-While every friction slips or sticks a step is exact.  An event in it, such as a zero crossing of a
-speed, leaves an error of second order in its length (`kernels.reversals`): a step with an event is made
-in parts, and `pieces` steps make the interval between two samples.  Channels whose times are others are
-read between steps.
+While every friction slips or sticks, a step is exact. An event, such as a zero crossing of a speed,
+leaves an error of second order in the step length (`kernels.reversals`). So a step with an event is
+made in parts, and `pieces` steps make the interval between two samples. Channels with other
+sampling times are read between steps.
 """
 
 from __future__ import annotations
@@ -41,9 +41,10 @@ from bayesdrill.rig.simulators.time_grid import UniformGrid
 
 @dataclass(frozen=True)
 class BoundKernel:
-    """A kernel bound to a grid and a record `y (T, K)`.
+    """The kernel is bound to a grid and a record `y (T, K)`.
 
-    `numbers`: of steps, and of constant inputs; `turns`: parts of a step with a reversal.
+    `numbers` has the lengths of steps, then the constant inputs. `turns` is the number of parts of
+    a step with a reversal.
     """
 
     kernel: Kernel
@@ -55,7 +56,7 @@ class BoundKernel:
 
     @cached_property
     def _fixed_addresses(self) -> dict[str, int]:
-        """Addresses; asking an array for its own takes as long as twenty steps of a group."""
+        """Return the addresses of blocks; asking an array costs as much as twenty steps of a group."""
         blocks = {
             "numbers": self.numbers,
             "pieces": self.ahead.counts,
@@ -66,11 +67,10 @@ class BoundKernel:
         return {name: block.ctypes.data for name, block in blocks.items()}
 
     def run(self, n: int, parts: Mapping[str, list[Array]], *, stored: bool) -> Array:
-        """Run n walkers and return sums `(W, K, n)`, or signals `(W, T, K, registers of a number)`.
+        """Run n walkers; return sums `(W, K, n)`, or signals `(W, T, K, registers of a number)`.
 
-        `stored`: signals, by a kernel of sums too.
-
-        Each part is `(W, ...)`, or `(1, ...)` where walkers have the same; with its slopes.
+        Each part is `(W, ...)`, or `(1, ...)` if walkers share it, and comes with its slopes.
+        `stored` asks for signals, even from a kernel of sums.
         """
         shape, ahead = self.shape, self.ahead
         k, numbers = len(shape.pattern), shape.numbers
@@ -88,7 +88,7 @@ class BoundKernel:
         )  # fmt: skip
 
     def _in_lanes(self, n: int, parts: Mapping[str, list[Array]]) -> Array:
-        """Return `(G, width, LANES)`, see `walker_blocks`; the last walker fills the last group."""
+        """Return the parts `(G, width, LANES)`, see `walker_blocks`, of walkers in groups."""
         named = parts
         if self.shape.late:
             behind, *shares = self.ahead.delays(parts["lag"])
@@ -102,13 +102,13 @@ class BoundKernel:
 
     @cached_property
     def _names(self) -> tuple[str, ...]:
-        """Names of parts; asking the shape again and again takes as long as some steps of a group."""
+        """Return the names of parts; asking the shape each time costs as much as some steps."""
         return tuple(self.shape.walker_blocks)
 
 
 @dataclass(frozen=True)
 class Stepped(Simulator):
-    """Simulates in steps; fields of steps are those of `Stepping`."""
+    """The simulator goes in steps, whose fields are those of `Stepping`."""
 
     model: Model
     experiment: Experiment
@@ -157,7 +157,7 @@ class Stepped(Simulator):
         states = states[:, last] * (1 - share) + states[:, last + 1] * share
         return Motion(states=states, efforts=efforts[:, last])
 
-    # What the kernels are told.
+    # Arguments of the kernels.
 
     @cached_property
     def _grid(self) -> UniformGrid:
@@ -165,7 +165,7 @@ class Stepped(Simulator):
 
     @cached_property
     def _nodes(self) -> UniformGrid:
-        """The grid with a sample at each node."""
+        """Return the grid with a sample at each node."""
         knots, first_order = self.sensors.knots, self.experiment.first_order
         return UniformGrid(*knots, first_order, self.pieces, every_node=True)
 
@@ -177,7 +177,7 @@ class Stepped(Simulator):
         wanted = (id(ahead), tally, *kind.values())
         if wanted not in self._bound_kernels:
             w, experiment = self.sensors, self.experiment
-            # Of states, and of one whether channels have offsets or not: one kernel for all.
+            # Columns of states and of one, with or without offsets, so that one kernel serves both.
             seen = np.column_stack([w.weights, np.ones(len(w.weights))])
             rows = _unit_rows(self.model)[0] if kind["efforts"] else seen
             shape = SteppedShape(
@@ -228,7 +228,7 @@ class Stepped(Simulator):
     def _parts(self, full: Array, along: Array | None) -> dict[str, list[Array]]:
         """Return the parts of the block `own`, and their slopes.
 
-        Each is `(W, ...)`, or `(1, ...)` where walkers have the same.
+        Each is `(W, ...)`, or `(1, ...)` if all walkers share it.
         """
         walkers = ObservedWalkers(self.sensors, full if along is None else Dual(full, along))
         known = self._shared_parts or self._walker_parts(walkers)
@@ -243,9 +243,9 @@ class Stepped(Simulator):
         }
 
     def _walker_parts(self, walkers: ObservedWalkers) -> dict[str, Any]:
-        """Return the parts of each walker, as its sensors and its start are."""
+        """Return the parts that depend on each walker's sensors and start."""
         w, full = self.sensors, walkers.full
-        # Only a channel that is late shows what was before the start.
+        # Only a late channel shows the time before the start.
         shifts, start = self.sensing.shifts, walkers.start
         before = walkers.before if shifts else linear_map(np.zeros_like, start)
         return {
@@ -258,7 +258,7 @@ class Stepped(Simulator):
 
     @cached_property
     def _shared_parts(self) -> dict[str, Array] | None:
-        """The parts of perfect sensors and a known start, before which none shows; None of others."""
+        """Return the parts of perfect sensors and a known start; None if there are unknowns."""
         if not self.sensing.empty:
             return None
         parts = self._walker_parts(
@@ -268,7 +268,7 @@ class Stepped(Simulator):
 
 
 class Unstepped(Simulator):
-    """A simulator without steps of its own: its motion is given in steps of a sample each."""
+    """The simulator has no steps of its own; its motion is computed in steps of one sample."""
 
     def motion(self, full: Array) -> Motion:
         """See `Simulator.motion`."""
@@ -276,7 +276,7 @@ class Unstepped(Simulator):
 
 
 def _unit_rows(model: Model) -> Array:
-    """Return rows that show each state, and each effort: `(1, X + E, X + 1 + E)`."""
+    """Return rows that show each state and each effort, `(1, X + E, X + 1 + E)`."""
     x, e = len(model.states), len(model.frictions)
     rows = np.zeros((1, x + e, x + 1 + e))
     rows[:, range(x), range(x)] = 1.0

@@ -1,4 +1,4 @@
-"""Steps through the times of a record: few distinct ones, or equal ones."""
+"""Build the steps through the times of a record, either equal or of few distinct lengths."""
 
 from __future__ import annotations
 
@@ -13,27 +13,29 @@ from bayesdrill.basics.arrays import Array
 
 Whole = NDArray[np.int64]
 
-STEP_TOLERANCE = 1e-12  # of a step: steps nearer to each other are one
-CLOCK_ROUNDING = 4 * np.finfo(float).eps  # of the latest time: nor can its digits tell steps apart
-# Times the samples: so many knots make equal steps of those between samples left out.
+STEP_TOLERANCE = 1e-12  # relative to a step: steps with a smaller difference are equal
+# Relative to the latest time: its rounding hides smaller differences.
+CLOCK_ROUNDING = 4 * np.finfo(float).eps
+# Largest number of knots per sample at which missing samples are filled to equal steps.
 MAX_FILL_RATIO = 1.5
-# Distinct steps that get an exponential each: 4, and one for 100 samples.
+# Distinct steps with one exponential each: 4, plus one for every 100 samples.
 MIN_DISTINCT_STEPS, SAMPLES_PER_STEP = 4, 100
-CELLS, SAMPLES_PER_CELL = (24, 64), 12  # of all others, one for 12 samples between these ends
-WIDTH_RATIO = 1.25  # width by width
+CELLS, SAMPLES_PER_CELL = (24, 64), 12  # other steps: one cell for 12 samples, within these limits
+WIDTH_RATIO = 1.25  # ratio of the widths that are tried
 BELOW_ONE = 1.0 - 2.0**-53
-EXPONENTIAL_COST = 10  # an exponential costs as much as so many products
-LONG_STEP = 2.0  # usual steps: longer ones are taken in pieces where steps are in cells
+EXPONENTIAL_COST = 10  # cost of an exponential, in products
+LONG_STEP = 2.0  # in median steps: longer steps are divided into pieces if steps are in cells
 
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """A grid of knots: the samples, and others within long steps.
+    """The knots of a grid are the samples, and others within long steps.
 
-    `t (T + 1,)` of knots from the first on, infinity at the end; `at (n,)`: the samples' knots.
-    Step j is over `spans[node[j]]` and, where `share[j]` is not -1, that share of a `width` more.
-    `chained (N,)`: 1 where a node's span is that of the one before and a width.  `usual`: the median
-    step; `near`: times nearer to each other are one; `uniform`: one step between all knots.
+    `t (T + 1,)` are the times of knots from the first on, with infinity at the end; `at (n,)` are
+    the samples' knots. Step j covers `spans[node[j]]` and, unless `share[j]` is -1, that share of a
+    `width` more. `chained (N,)` is 1 if a node's span is that of the node before plus a width.
+    `usual` is the median step. Times nearer to each other than `near` are equal. `uniform` says
+    that one step leads between all knots.
     """
 
     t: Array
@@ -83,7 +85,7 @@ def _merged(steps: Array, near: float) -> tuple[Whole, Array]:
 
 
 def _made(t: Array, at: Whole, node: Whole, spans: Array, median: float, near: float) -> Grid:
-    """Return a grid whose steps are over the spans of nodes; the last knot leads nowhere."""
+    """Return a grid whose steps have the spans of nodes; the last knot leads nowhere."""
     uniform = len(t) > 1 and len(spans) == 1
     return Grid(
         t=np.append(t, np.inf), at=at, node=np.append(node, 0), share=np.full(len(t), -1.0),
@@ -93,9 +95,9 @@ def _made(t: Array, at: Whole, node: Whole, spans: Array, median: float, near: f
 
 
 def _in_pieces(t: Array, steps: Array, median: float) -> tuple[Array, Whole, Whole]:
-    """Put knots into steps longer than `LONG_STEP` median ones: pieces of 1, 2, 4, ... of these.
+    """Add knots to steps longer than `LONG_STEP` median ones: pieces of 1, 2, 4, ... of these.
 
-    With the samples' knots, and for each step its piece, 0 where it is none.
+    Returns the knots, the samples' knots, and for each step its piece, 0 if it is none.
     """
     long = np.flatnonzero(steps > LONG_STEP * median)
     counts = (steps[long] / median).astype(np.int64) - 1
@@ -115,7 +117,7 @@ def _in_pieces(t: Array, steps: Array, median: float) -> tuple[Array, Whole, Who
 
 
 def _in_cells(t: Array, at: Whole, pieces: Whole, median: float, near: float) -> Grid:
-    """Return the grid with the narrowest cells that are not too many.
+    """Return the grid with the narrowest cells whose number is acceptable.
 
     Pieces have nodes of their own.
     """
@@ -139,19 +141,19 @@ def _in_cells(t: Array, at: Whole, pieces: Whole, median: float, near: float) ->
 
 
 def _cells(steps: Array, width: float) -> Whole:
-    """Return the cells in which steps are."""
+    """Return the indices of the cells of a `width` that contain steps."""
     return np.unique(np.floor(steps / width).astype(np.int64))
 
 
 def _cost(cells: Whole) -> int:
-    """Return the cost in products: the first of a row of neighbours needs an exponential."""
+    """Return the cost in matrix products: the first of adjacent cells needs an exponential."""
     return len(cells) + EXPONENTIAL_COST * int(np.sum(np.diff(cells) != 1))
 
 
 def inputs_at_knots(
     g: Grid, series: Mapping[str, Array], *, first_order: bool
 ) -> tuple[Array, Array]:
-    """Return sampled inputs `(T, S)` at all knots, and their slopes from there on."""
+    """Return sampled inputs `(T, S)` at all knots, and their slopes after them."""
     inputs = np.array([*series.values()]).reshape(len(series), len(g.at)).T
     n_knots = len(g.t) - 1
     before = np.searchsorted(g.at, np.arange(n_knots), side="right") - 1
@@ -163,14 +165,14 @@ def inputs_at_knots(
     return inputs[before] + slopes * since, slopes
 
 
-NODE_TOLERANCE = 1e-9  # of a step: a shift nearer to a whole number of them is one
+NODE_TOLERANCE = 1e-9  # relative to a step: a shift that near to whole steps is whole
 
 
 class UniformGrid:
-    """Nodes from the first of `t (T,)` on, `pieces` of them to the median step, `span` apart.
+    """The nodes are `span` apart, `pieces` of them to the median step, from the first of `t (T,)` on.
 
-    Inputs `series`, each `(T,)`, go from sample to sample (`first_order`) or are held; over a step
-    they are what they are at its beginning and their slope, or their mean.
+    Inputs `series`, each `(T,)`, are interpolated between samples (`first_order`) or held. Over a
+    step they are their value at its beginning and their slope, or else their mean.
     """
 
     def __init__(
@@ -182,7 +184,7 @@ class UniformGrid:
         *,
         every_node: bool = False,
     ) -> None:
-        """`every_node`: with a sample at each node, whatever the times of `t`."""
+        """Build the nodes; `every_node` puts a sample at each one, whatever the times of `t`."""
         self._t, self._first_order = t, first_order
         self._series = [np.asarray(u, dtype=float) for u in series.values()]
         g = build_grid(t)
@@ -209,12 +211,12 @@ class UniformGrid:
 
     @cached_property
     def single(self) -> bool:
-        """Whether each step has a sample."""
+        """Return whether each step has exactly one sample."""
         return self.aligned and bool((self.counts == 1).all())
 
     @cached_property
     def usual(self) -> Whole:
-        """Where the next sample is a median step away `(T,)`, 0 or 1; inputs go straight on."""
+        """Return 1 for each sample whose next one is a median step away, else 0: `(T,)`."""
         return np.asarray(self.counts == self._substeps).astype(np.int64)
 
     def between(self, t: Array) -> tuple[Whole, Array]:
@@ -226,20 +228,20 @@ class UniformGrid:
         return last, places - last
 
     def steps_after(self, shift: Array) -> int:
-        """Return the steps beyond the last sample that shifts `(W, K)` look at."""
+        """Return the number of steps after the last sample that shifts `(W, K)` need."""
         ahead = -np.nanmin(shift, initial=0.0)
         return int(np.ceil(ahead / self.span)) + 1 if np.isfinite(ahead) else 1
 
     def margin(self, lag: Array) -> int:
-        """Return the steps before and after the record that inputs late by `lag (W, S)` come from."""
+        """Return how many steps outside the record inputs late by `lag (W, S)` need."""
         if not lag.size:
             return 0
         return int(np.ceil(np.nanmax(np.abs(lag), initial=0.0) / self.span)) + 2
 
     def delays(self, lags: Sequence[Array]) -> tuple[Array, ...]:
-        """Return whole steps behind the rows of `inputs`, and shares of a step.
+        """Return whole steps into the rows of `inputs`, and remaining shares of a step.
 
-        They are for lags, and for slopes of these.
+        They belong to lags, and to slopes of lags.
         """
         ratio = lags[0] / self.span
         whole = np.floor(ratio + NODE_TOLERANCE)
@@ -249,9 +251,9 @@ class UniformGrid:
     def inputs(self, margin: int, after: int) -> tuple[Array, int]:
         """Return inputs over each step `(N + 1 + after, S)`, with slopes `2 S`, and their address.
 
-        `margin` rows stand before and behind.  Outside the record inputs are constant.
+        There are `margin` more rows before and after. Outside the record inputs are constant.
         """
-        # Few sizes, each kept.
+        # Round the sizes up to few different ones, so that results can be kept.
         margin, after = (1 << n.bit_length() if n else 0 for n in (margin, after))
         if (margin, after) not in self._kept:
             at = np.arange(1 - margin, len(self._rows) - 1 + after + margin)
@@ -265,7 +267,7 @@ class UniformGrid:
 
     @cached_property
     def _rows(self) -> Array:
-        """Inputs, and slopes of these, before the record, over each step, and after it."""
+        """Return inputs and their slopes, before the record, over each step, and after it."""
         still = [0.0] * self._slopes
         first, last = ([u[end] for u in self._series] + still for end in (0, -1))
         return np.concatenate([[first], self._over_steps(), [last]])
@@ -288,7 +290,7 @@ class UniformGrid:
 
 
 def _means(nodes: Array, t: Array, inputs: Array) -> Array:
-    """Return the means over steps of what is held from sample to sample."""
+    """Return the means over steps of inputs that are held from sample to sample."""
     whole = np.concatenate([[0.0], np.cumsum(inputs[:-1] * np.diff(t))])
     beyond = np.clip(nodes - t[-1], 0.0, None) * inputs[-1]
     return np.asarray(np.diff(np.interp(nodes, t, whole) + beyond) / np.diff(nodes))
