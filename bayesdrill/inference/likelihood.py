@@ -19,7 +19,7 @@ import numpy as np
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.duals import Dual, affine_map
 from bayesdrill.inference.noise.contract import Noise, SimulatorResiduals, fit_noise
-from bayesdrill.inference.noise.mixed import noise_for_record
+from bayesdrill.inference.noise.mixed import noise_for_record, noise_key
 from bayesdrill.inference.unknowns import (
     Directions,
     ParameterSpace,
@@ -172,9 +172,9 @@ class Observation:
         return self.noise.white
 
     @property
-    def kind(self) -> str:
-        """Return the key by which results identify the density; empty for white noise."""
-        return "" if self.noise.white else repr(self.noise)
+    def key(self) -> object:
+        """Return plain data by which results identify the density; None for white noise."""
+        return None if self.noise.white else noise_key(self.noise)
 
     @property
     def torque(self) -> LatentTorqueObservation | None:
@@ -309,12 +309,11 @@ class LatentTorqueObservation(Observation):
         return False
 
     @property
-    def kind(self) -> str:
-        """Return the key by which results identify the density, as earlier versions wrote it."""
-        return (
-            f"Shaken(within={self.noise!r}, filtered={self.kalman_filter!r}, torque={self.process!r}, "
-            "pinned=None)"
-        )
+    def key(self) -> object:
+        """Return the place of the torque, and the number or the unknown of its size and time."""
+        process = self.process.items()
+        named = {entry: x.name if isinstance(x, Unknown) else x for entry, x in process}
+        return dataclasses.asdict(self.kalman_filter.torque) | named
 
     @property
     def torque(self) -> LatentTorqueObservation:

@@ -32,8 +32,8 @@ class Channel:
     unit: str
     latex: str
     latex_unit: str
-    column: Unit | None = field(default=None, repr=False)
-    factor: float = field(default=1.0, repr=False)
+    column: Unit | None = None
+    factor: float = 1.0
 
     @property
     def display_unit(self) -> Unit:
@@ -57,10 +57,6 @@ class Anomaly:
     text: str
     where: tuple[str, ...]
     do: str = ""
-
-    def __repr__(self) -> str:
-        """Return the text by which older runs identify the record of a latent torque."""
-        return f"Odd(said={self.text!r}, where={self.where!r}, do={self.do!r})"
 
     def in_words(self, most: int) -> str:
         """Return a description with at most `most` places."""
@@ -93,10 +89,9 @@ class Experiment:
     told: tuple[str, ...] = ()
     odd: tuple[Anomaly, ...] = ()
     held_out: Array | None = None
-    # Not in the `repr`, by which results identify the noise of a missing torque: no density needs them.
-    input_steps: Mapping[str, float] = field(default_factory=dict, repr=False)
-    written: Written = field(default_factory=Written, repr=False)
-    input_symbols: Mapping[str, Symbol] = field(default_factory=lambda: dict(INPUTS), repr=False)
+    input_steps: Mapping[str, float] = field(default_factory=dict)
+    written: Written = field(default_factory=Written)
+    input_symbols: Mapping[str, Symbol] = field(default_factory=lambda: dict(INPUTS))
 
     @property
     def dt(self) -> float:

@@ -122,8 +122,8 @@ def _of_experiments(problem: Problem) -> dict[str, str]:
         if not sensing.empty:
             sensors = {"the sensors": sensing.summary, "the start": sensing.start_summary}
             facts |= {name: text for name, text in sensors.items() if text}
-        if observation.kind:
-            facts["the kind of noise"] = _short(observation.kind)
+        if observation.key is not None:
+            facts["the kind of noise"] = str(observation.key)
         for k, sigma in observation.noise.fixed_values().items():
             facts[f"the noise of {names[k]}"] = repr(sigma)
         entries |= {observation.entitled(name): value for name, value in facts.items()}
@@ -204,10 +204,6 @@ def _remove_defaults(sections: dict[str, Any], config: Config, rig: Model) -> No
     for section, names in removed.items():
         for name in names & {*sections[section]}:
             del sections[section][name]
-
-
-def _short(text: str) -> str:
-    return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 
 def _digest(series: Array) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -21,7 +22,7 @@ from bayesdrill.inference import laplace
 from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.inference.noise import NOISES
 from bayesdrill.inference.noise.contract import Noise, NoisyChannel, as_matrix, fit_noise
-from bayesdrill.inference.noise.mixed import ChannelNoise, Mixed
+from bayesdrill.inference.noise.mixed import ChannelNoise, Mixed, noise_key
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Uniform
 from bayesdrill.inference.unknowns import ParameterSpace
@@ -149,6 +150,14 @@ def test_terms_of_single_samples_sum_to_the_likelihood_whatever_the_batch(name: 
     longer = noise.for_length(40).log_likelihood(residuals(draw(noise, at, 40)), at)
     assert longer.shape == whole.shape
     assert set(noise.fixed_values()) <= {0, 1}
+
+
+@run_cases("name", MAKERS)
+def test_a_noise_is_identified_by_plain_data(name: str) -> None:
+    first, second, other = (noise_key(MAKERS[each](30)) for each in (name, name, "mixed"))
+    assert first == second
+    assert json.loads(json.dumps(first))
+    assert (first == other) == (name == "mixed")
 
 
 @run_cases("name", MAKERS)

@@ -92,6 +92,16 @@ def test_pieces_of_another_run_are_refused(piece: ChainSegment, tmp_path: Path) 
             mine.segments(0)
 
 
+def test_a_run_whose_noise_an_older_version_identified_otherwise_is_refused(tmp_path: Path) -> None:
+    with Folder(tmp_path, "fresh", {"the kind of noise": "9286bd589cdf"}, POSTERIOR) as older:
+        older.begin()
+    reason = (
+        "the kind of noise was written by an older version, as the digest 9286bd589cdf, and is AR1"
+    )
+    with pytest.raises(InputError, match=reason):
+        Folder(tmp_path, "report", {"the kind of noise": "AR1"}, POSTERIOR).check()
+
+
 def test_pieces_after_a_gap_wait_until_it_is_filled(folder: Folder, piece: ChainSegment) -> None:
     folder.save(0, 80, piece)
     assert len(folder.segments(0)) == 1

@@ -126,7 +126,10 @@ class Noise(Protocol):
         """
 
     def fixed_values(self) -> Mapping[int, object]:
-        """Return fixed values by index of the channel, which must be the same in a resumed run."""
+        """Return fixed values by index of the channel, which must be the same in a resumed run.
+
+        Beside them results identify a noise by its `key` of plain data, or by its class without one.
+        """
 
     def log_likelihood(self, residuals: Residuals, theta: Array) -> Array:
         """Return the normalised log likelihood of each channel: `(W, K)`."""
@@ -194,10 +197,6 @@ class ChannelNumbers:
 
     fixed: tuple[float | None, ...]
     first: int
-
-    def __repr__(self) -> str:
-        """Return the text by which results of earlier versions identify the numbers."""
-        return f"Numbers(held={self.fixed!r}, first={self.first!r})"
 
     @property
     def free(self) -> list[int]:

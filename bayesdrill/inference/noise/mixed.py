@@ -23,9 +23,10 @@ class ChannelNoise:
     noise: Noise
     columns: tuple[int, ...]
 
-    def __repr__(self) -> str:
-        """Return the text by which results of earlier versions identify the noise."""
-        return f"Part(noise={self.noise!r}, columns={self.columns!r})"
+
+def noise_key(noise: Noise) -> object:
+    """Return plain data by which results identify a kind of noise, beside its values."""
+    return getattr(noise, "key", type(noise).__name__)
 
 
 def noise_for_record(noise: Noise, t: Array, seen: Flags) -> Noise:
@@ -91,6 +92,11 @@ class Mixed:
     parts: tuple[ChannelNoise, ...]
 
     white: ClassVar[bool] = False
+
+    @property
+    def key(self) -> tuple[object, ...]:
+        """Return the key of each part with the indices of its channels."""
+        return tuple((noise_key(part.noise), part.columns) for part in self.parts)
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:

@@ -82,11 +82,6 @@ class KalmanFilter:
     torque: MissingTorque
     experiment: Experiment
 
-    def __repr__(self) -> str:
-        """Begin with the name by which runs know the kind of their noise."""
-        names = [f.name for f in dataclasses.fields(self)]
-        return f"Filtered({', '.join(f'{name}={getattr(self, name)!r}' for name in names)})"
-
     def __getstate__(self) -> dict[str, Any]:
         """Return the fields without compiled kernels, for pickling."""
         return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
