@@ -77,6 +77,39 @@ SENTENCES: Mapping[str, str] = {
         "{first:.6g} s; a counter that ran over? Say wraps: {period:.6g} at {channel}, or unwrap the "
         "column: np.unwrap(x, period={period:.6g})"
     ),
+    "nothing moved": (
+        "nothing moved: {channels} are the same in every row. Mend the sensor and record again, or name "
+        "another column"
+    ),
+    "still channel": (
+        "still: {channel} is the same in every row, while others move. Mend the sensor, name another "
+        "column, or leave it out"
+    ),
+    "zeros between": (
+        "zeros: all cells of {channel} but one in {period:.0f} are zero, as where a slower sensor is "
+        "written. Leave these cells blank, and say missing: drop"
+    ),
+    "repeated cells": (
+        "repeated: {channel} holds each value for {period:.0f} rows, so its noise would count "
+        "{period:.0f} times. Say decimate: {{factor: {period:.0f}, filter: false}}, or leave the "
+        "repeated cells blank and say missing: drop"
+    ),
+    "opposite signs": (
+        "sign: {channel} goes against {input}. If its sensor counts backwards, turn the sign of "
+        "`measures:`. If the input does, say gain: -1 at {input}"
+    ),
+    "speed falls": (
+        "sign: {channel} falls as {input} rises, though both keep their sign. One of the columns is "
+        "another quantity, or a load changes that the record does not have"
+    ),
+    "channel turned": (
+        "sign: {channel} turns against {other}. If its sensor counts backwards, turn the sign of "
+        "`measures:`"
+    ),
+    "one direction": (
+        "one direction: {channel} never turns back, so {offset} cannot be told from {frictions}. Record "
+        "the other direction too, or hold one of them"
+    ),
     "differentiated angle": (
         "derived: the noise of {speed} is that of differences of {angle}. If it is no measurement of "
         "its own, it must not count twice: say derived_from: {angle} at {speed}, or leave it out"

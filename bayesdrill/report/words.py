@@ -9,6 +9,7 @@ import numpy as np
 from bayesdrill import output_files
 from bayesdrill.analysis import plausibility
 from bayesdrill.analysis import suspicions as suspected
+from bayesdrill.analysis.record_findings import findings_of_record
 from bayesdrill.basics import units
 from bayesdrill.basics.arrays import Array
 from bayesdrill.config.resolve import quantities
@@ -82,7 +83,12 @@ def record_suspicions(problem: Problem, most: int = FEW) -> tuple[str, ...]:
     for observation in problem.observations:
         odd = [each.in_words(most) for each in observation.experiment.odd]
         factors = [channel.factor for channel in observation.experiment.channels]
-        said = suspected.suspicions_of_record(observation.experiment, factors, problem.model)
+        said = [
+            *findings_of_record(
+                observation.experiment, problem.model, problem.posterior.space.free
+            ),
+            *suspected.suspicions_of_record(observation.experiment, factors, problem.model),
+        ]
         sentences += _of_experiment(observation, [*odd, *finding_sentences(said)])
     return (*sentences, *finding_sentences(suspected.suspicions_of_start(problem)))
 

@@ -1,0 +1,173 @@
+"""Find what a record says before any model: stillness, turned signs, one direction, odd cells."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+
+import numpy as np
+
+from bayesdrill.analysis.findings import Finding
+from bayesdrill.basics.arrays import Array
+from bayesdrill.record.experiment import Channel, Experiment
+from bayesdrill.rig.models.linear import Model
+from bayesdrill.rig.models.roles import InertiaRoles
+
+SMALLEST_RANGE = 1e-12  # range [SI] below which a column does not change: no sensor shows less
+MIN_SAMPLES = 20  # shorter columns are not judged
+MAX_SAMPLES = 20_000  # of longer records, so many samples are enough for these questions
+MIN_VARIANCE_RATIO = 1.5  # residual variance of a speed without the input over that with it
+MIN_R_SQUARED = 0.5  # R^2 of a speed by its input, below which its sign is not judged
+TURNED_CORRELATION = -0.9  # correlation of two angles, below which one of them counts backwards
+ONE_WAY_SHARE = 0.98  # share of samples on one side of zero in a record of one direction
+MAX_PERIOD = 20  # rows between two measured values of a slower sensor, at most
+MIN_HELD_SHARE = 0.9  # share of the runs of equal values with the typical length
+MIN_STEP_DIGITS = 3.0  # typical step between runs, in digits; a slow angle goes digit by digit
+
+
+def findings_of_record(
+    experiment: Experiment, model: Model, unknowns: Collection[str] = ()
+) -> Iterator[Finding]:
+    """Yield findings on one record of a rig whose `unknowns` have these names."""
+    columns = [*zip(experiment.channels, experiment.y.T, strict=True)]
+    still = [channel.name for channel, y in columns if _is_still(y)]
+    if len(still) == len(columns):
+        yield Finding("nothing moved", {"channels": ", ".join(still)})
+        return
+    for name in still:
+        yield Finding("still channel", {"channel": name})
+    for channel, y in columns:
+        if channel.name not in still:
+            yield from _odd_cells(channel.name, y)
+    for name in sorted({*experiment.series} | {*experiment.constant}):
+        driven = model.roles.moved(name)
+        if driven is not None and driven[1] != "speed":
+            moving = [(channel, y) for channel, y in columns if channel.name not in still]
+            yield from _motion(name, driven[0], moving, experiment, model, unknowns)
+
+
+def _is_still(y: Array) -> bool:
+    known = y[~np.isnan(y)]
+    return len(known) >= MIN_SAMPLES and float(np.ptp(known)) < SMALLEST_RANGE
+
+
+def _odd_cells(name: str, y: Array) -> Iterator[Finding]:
+    """Yield a finding if a slower sensor left zeros between its values, or repeated each of them."""
+    known = y[~np.isnan(y)][:MAX_SAMPLES]
+    zero = known == 0
+    for period in range(2, MAX_PERIOD + 1):
+        kept = [zero[k::period] for k in range(period)]
+        filled = [k for k, cells in enumerate(kept) if cells.mean() < 1 - MIN_HELD_SHARE]
+        empty = all(cells.all() for k, cells in enumerate(kept) if k not in filled)
+        if len(known) >= MIN_SAMPLES * period and len(filled) == 1 and empty:
+            yield Finding("zeros between", {"channel": name}, {"period": float(period)})
+            return
+    changes = np.flatnonzero(np.diff(known)) + 1
+    lengths, steps = np.diff(changes), np.abs(np.diff(known[changes]))
+    if len(lengths) < MIN_SAMPLES:
+        return
+    period = int(np.median(lengths))
+    coarse = float(np.median(steps)) < MIN_STEP_DIGITS * float(steps[steps > 0].min(initial=np.inf))
+    typical = float(np.mean(np.abs(lengths - period) <= (period > 2)))
+    if 2 <= period <= MAX_PERIOD and typical > MIN_HELD_SHARE and not coarse:
+        yield Finding("repeated cells", {"channel": name}, {"period": float(period)})
+
+
+def _motion(
+    drive: str,
+    inertia: InertiaRoles,
+    columns: Sequence[tuple[Channel, Array]],
+    experiment: Experiment,
+    model: Model,
+    unknowns: Collection[str],
+) -> Iterator[Finding]:
+    """Yield findings on the motion of an inertia that the input `drive` drives."""
+    speeds = model.roles.speeds
+    motions = [(c, *m) for c, y in columns if (m := _motion_of(c, y, experiment.t, speeds))]
+    driven = [motion for motion in motions if motion[1] == inertia.speed]
+    if not driven:
+        return
+    channel, _, sign, t, angle, w = driven[0]
+    sign = sign if inertia.reduction > 0 else -sign
+    u = experiment.series.get(drive, np.zeros(len(experiment.t))) + experiment.constant.get(
+        drive, 0
+    )
+    u = np.interp(t, experiment.t, u)
+    others = [x for name, x in experiment.series.items() if name != drive]
+    by_time = [np.interp(t, experiment.t, x) for x in others]
+    response = sign * _response(w, angle, u, by_time, t)
+    one_way = float(np.mean(w * np.sign(w.sum()) > 0)) > ONE_WAY_SHARE
+    keeps_sign = bool(np.all(u >= 0) or np.all(u <= 0)) and bool(np.any(u))
+    names = {"channel": channel.name, "input": drive}
+    same_sign = sign * float(np.sum(w)) * float(np.sum(u)) > 0
+    if response < 0 and one_way and keeps_sign and same_sign:
+        yield Finding("speed falls", names)
+    elif response < 0:
+        yield Finding("opposite signs", names)
+    else:
+        for other, _, its_sign, its_t, its_angle, _ in motions:
+            if other is channel:
+                continue
+            here = np.interp(its_t, t, angle)
+            if sign * its_sign * _correlation(here, its_angle) < TURNED_CORRELATION:
+                yield Finding("channel turned", {"channel": other.name, "other": channel.name})
+    offset = next((name for name in unknowns if name.startswith(f"offset_{drive}")), "")
+    if one_way and keeps_sign and offset:
+        motor = model.roles.motor(inertia.name)
+        rubbing = (inertia.sliding, inertia.friction, motor.drop if motor else "")
+        named = ", ".join(name for name in rubbing if name and name in unknowns)
+        names |= {"offset": offset, "frictions": named or f"dry friction {inertia.at}"}
+        yield Finding("one direction", names)
+
+
+def _motion_of(
+    channel: Channel, y: Array, t: Array, speeds: Mapping[str, str]
+) -> tuple[str, float, Array, Array, Array] | None:
+    """Return speed state, sign, times, angle and speed that a channel of one state shows, or None."""
+    states = [(name, x) for name, x in channel.weights.items() if x]
+    known = ~np.isnan(y)
+    if len(states) != 1 or np.sum(known) < MIN_SAMPLES:
+        return None
+    (state, weight), t, y = states[0], t[known], y[known]
+    if state in speeds:
+        return speeds[state], float(np.sign(weight)), t, y, np.gradient(y, t)
+    if state not in speeds.values():
+        return None
+    return state, float(np.sign(weight)), t, _integral(y, t), y
+
+
+def _integral(x: Array, t: Array) -> Array:
+    return np.concatenate([[0.0], np.cumsum((x[1:] + x[:-1]) * np.diff(t) / 2)])
+
+
+def _response(w: Array, angle: Array, u: Array, others: Sequence[Array], t: Array) -> float:
+    """Return the sign of a speed's response to an input; 0 if the record does not show it.
+
+    The equation of motion, integrated once, is w = a * integral of u - b * angle + c * t + d, with a
+    positive `a` whatever the friction, the load and a controller are.
+    """
+    if np.ptp(u) < 1e-9 * np.abs(u).max(initial=0.0) or not u.any():
+        mean = float(np.mean(w))
+        clear = abs(mean) > MIN_R_SQUARED * float(np.sqrt(np.mean(w**2))) and not others
+        return float(np.sign(mean) * np.sign(u[0])) if clear else 0.0
+    causes = [angle, t - t[0], *(_integral(x, t) for x in others)]
+    without, _ = _fit(w, causes)
+    residual, slopes = _fit(w, [*causes, _integral(u - u.mean(), t)])
+    total = float(np.var(w))
+    clear = without > MIN_VARIANCE_RATIO * residual and residual < (1 - MIN_R_SQUARED) * total
+    return float(np.sign(slopes[-1])) if clear else 0.0
+
+
+def _fit(y: Array, causes: Sequence[Array]) -> tuple[float, Array]:
+    """Return the residual variance and the coefficients of a linear fit with a constant."""
+    every = slice(None, None, -(-len(y) // MAX_SAMPLES))
+    y = y[every]
+    design = np.stack([np.ones(len(y)), *(cause[every] for cause in causes)], axis=-1)
+    scale = np.maximum(np.abs(design).max(axis=0), 1e-300)
+    slopes = np.linalg.lstsq(design / scale, y, rcond=None)[0] / scale
+    return float(np.var(y - design @ slopes)), slopes
+
+
+def _correlation(x: Array, y: Array) -> float:
+    x, y = x - x.mean(), y - y.mean()
+    size = float(np.sqrt((x @ x) * (y @ y)))
+    return float(x @ y) / size if size > 0 else 0.0
