@@ -109,7 +109,8 @@ def refit_candidate(
     if promising and step_error.chosen_steps(posterior):
         posterior = step_error.choose_steps(posterior, coordinates.to_physical(u)[0])
         surface = LogDensity(posterior, physical=True)
-    top = gauss_newton(surface, u, LAST_STEPS if promising else 0, merged=MERGED)
+    steps = LAST_STEPS if promising else 0
+    top = gauss_newton(surface, u, steps, merged=MERGED, depth=OTHER_MAXIMUM_DEPTH)
     order = np.argsort(-top.value, kind="stable")
     u, heights = top.u[order], top.value[order]
     if not np.isfinite(heights[0]):

@@ -173,6 +173,10 @@ class QuadraticModel:
     slope: Array
     curvature: Array
 
+    def rows(self, chosen: Flags) -> QuadraticModel:
+        """Return the model at the `chosen (W,)` points."""
+        return QuadraticModel(self.value[chosen], self.slope[chosen], self.curvature[chosen])
+
 
 def concatenate_models(parts: Sequence[QuadraticModel]) -> QuadraticModel:
     """Return one model at the points of all parts, in order."""

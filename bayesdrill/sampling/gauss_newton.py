@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,12 +39,20 @@ class GaussNewtonResult:
 
 
 def gauss_newton(
-    surface: LogDensity, start: Array, steps: int, *, exact: bool = False, merged: float = 0.0
+    surface: LogDensity,
+    start: Array,
+    steps: int,
+    *,
+    exact: bool = False,
+    merged: float = 0.0,
+    depth: float = math.inf,
 ) -> GaussNewtonResult:
     """Climb from each point of `start (W, D)` in at most `steps` steps.
 
     With `exact`, Newton's method with second derivatives replaces Gauss-Newton, for the last steps.
-    A point nearer to a higher one than `merged`, in the priors' spreads, gets the value -inf.
+    A point nearer to a higher one than `merged`, in the priors' spreads, gets the value -inf.  A climb
+    stops if it would end lower than the highest point by more than `depth`, even if each step that is
+    left gained as much as the model predicts for the next one.
     """
     u = np.clip(start, surface.low, surface.high)
     value = surface.value(u)
@@ -51,12 +60,16 @@ def gauss_newton(
     gain = np.full(len(u), np.inf)
     under_way = np.isfinite(value)
     model = _second_order_model if exact else _gauss_newton_model
-    for _ in range(steps):
+    for left in range(steps, 0, -1):
         now = np.flatnonzero(under_way)
         if len(now) == 0:
             break
         here = model(surface, u[now])
         gain[now] = newton_gain(surface, u[now], here)
+        hopeful = value[now] + left * gain[now] >= value.max() - depth
+        under_way[now], now, here = hopeful, now[hopeful], here.rows(hopeful)
+        if len(now) == 0:
+            break
         moved = _best_step(surface, u[now], value[now], damping[now], here)
         u[now], value[now], damping[now], advanced = moved
         under_way[now] = (gain[now] > MIN_GAIN) & (advanced | (damping[now] < MAX_DAMPING))

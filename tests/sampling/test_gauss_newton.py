@@ -160,6 +160,20 @@ def test_a_point_without_density_stays_where_it_is() -> None:
     assert result.u[1] == pytest.approx(surface.means[1], abs=1e-3)
 
 
+@run_cases("steps, depth, goes_on", [(5, 3.0, False), (40, 3.0, True), (5, 30.0, True)])
+def test_a_climb_stops_that_would_end_far_below_the_highest(
+    steps: int, depth: float, goes_on: bool
+) -> None:
+    """The lower hump is 20.7 below the higher.  From two sds a step gains 2: 40 might suffice."""
+    surface = humps(2, (1.0, 1e-9), (1.0, 1.0), 20.0)
+    start = surface.means + 2.0 * surface.roots[:, :, 0]
+    result = gauss_newton(surface, start, steps, depth=depth)
+    assert result.u[0] == pytest.approx(surface.means[0], abs=1e-3)
+    assert result.u[1] == pytest.approx((surface.means if goes_on else start)[1], abs=1e-3)
+    assert result.value == pytest.approx(surface.value(result.u))
+    assert list(result.converged) == [True, goes_on]
+
+
 def test_the_expected_gain_is_that_of_the_next_step() -> None:
     surface, _, _ = random_squares(3, 5)
     start = 0.3 * surface.spread[None]

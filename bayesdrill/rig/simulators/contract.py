@@ -169,11 +169,12 @@ class Simulator(ABC):
         scales = whitening_scales(weights)
         chunk = max(1, int(MAX_SENSITIVITY_BYTES / (8 * q * max(observed.size, 1))))
         for rows in (slice(k, k + chunk) for k in range(0, n, chunk)):
-            signals, slopes_here = self.course(full[rows], along[rows])
-            both = np.concatenate([(y - signals)[:, None], slopes_here], axis=1)
-            both[:, :, ~observed] = 0.0
-            both = whitened(both, observed, scales[rows])
-            residuals, shown = both[:, 0], both[:, 1:]
+            signals, shown = self.course(full[rows], along[rows])
+            missing, here = y - signals, scales[rows]
+            if not observed.all():
+                missing, shown = np.where(observed, missing, 0.0), np.where(observed, shown, 0.0)
+            shown = whitened(shown, observed, here)
+            residuals = whitened(missing[:, None], observed, here)[:, 0]
             flat = shown.reshape(*shown.shape[:2], -1)
             products[rows] = flat @ flat.swapaxes(1, 2)
             slopes[rows] = (flat @ residuals.reshape(len(flat), -1, 1))[..., 0]

@@ -258,12 +258,14 @@ class Response(Unstepped):
         walkers: Array | Dual = full
         if along is not None:
             n, q, p = along.shape
-            walkers = Dual(full.repeat(q, axis=0), along.reshape(n * q, p))
+            # Only numbers of sensors have slopes that depend on the walker.
+            times = 1 if self.sensing.empty else q
+            walkers = Dual(full.repeat(times, axis=0), along.reshape(n * q, p))
         with np.errstate(all="ignore"):
             numbers, ahead = self._walkers(walkers)
         if along is not None:
             blocks["along"] = in_groups(numbers.slope.reshape(len(full), -1))
-            numbers = numbers.value[::q]  # the values are the same in all directions
+            numbers = numbers.value[::times]  # the values are the same in all directions
         if weights is None and along is not None:  # signals need no weights
             weights = np.zeros((len(full), shape.channels))
         own = (numbers,) if weights is None else (numbers, weights)

@@ -145,7 +145,7 @@ class Stepped(Simulator):
         with np.errstate(all="ignore"):
             duals = self._run(self._grid, points, along.reshape(n * q, p))
         duals = self.sensors.drop_start(duals).reshape(n, q, *self.experiment.y.shape, 2)
-        return np.ascontiguousarray(duals[:, 0, ..., 0]), np.ascontiguousarray(duals[..., 1])
+        return duals[:, 0, ..., 0], duals[..., 1]
 
     def motion(self, full: Array) -> Motion:
         """See `Simulator.motion`."""
