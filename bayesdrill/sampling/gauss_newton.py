@@ -51,8 +51,8 @@ def gauss_newton(
 
     With `exact`, Newton's method with second derivatives replaces Gauss-Newton, for the last steps.
     A point nearer to a higher one than `merged`, in the priors' spreads, gets the value -inf.  A climb
-    stops if it would end lower than the highest point by more than `depth`, even if each step that is
-    left gained as much as the model predicts for the next one.
+    stops if it cannot come within `depth` of the highest point.  Each remaining step is assumed to
+    gain as much as the model predicts for the next one.
     """
     u = np.clip(start, surface.low, surface.high)
     value = surface.value(u)

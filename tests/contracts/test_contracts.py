@@ -55,7 +55,7 @@ OBSERVATIONS = (Observation, LatentTorqueObservation)
 DENSITY = (
     *("by_channel", "pointwise", "whiten", "whitened_jacobian", "quadratic_terms", "expected"),
     *("fitted", "predict", "draw", "replicate", "with_fixed_covariance", "unknowns", "white"),
-    *("kind", "torque", "scores"),
+    *("torque", "scores"),
 )
 EXECUTORS = (RefitExecutor, Cluster)
 PRIORS = tuple(prior for prior in priors.PRIORS.values() if inspect.isclass(prior))
