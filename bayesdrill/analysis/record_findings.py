@@ -18,6 +18,9 @@ MAX_SAMPLES = 20_000  # of longer records, so many samples are enough for these 
 MIN_VARIANCE_RATIO = 1.5  # residual variance of a speed without the input over that with it
 MIN_R_SQUARED = 0.5  # R^2 of a speed by its input, below which its sign is not judged
 TURNED_CORRELATION = -0.9  # correlation of two angles, below which one of them counts backwards
+FALLING_CORRELATION = (
+    -0.5
+)  # correlation of speed and input, below which one falls as the other rises
 ONE_WAY_SHARE = 0.98  # share of samples on one side of zero in a record of one direction
 MAX_PERIOD = 20  # rows between two measured values of a slower sensor, at most
 MIN_HELD_SHARE = 0.9  # share of the runs of equal values with the typical length
@@ -98,11 +101,14 @@ def _motion(
     one_way = float(np.mean(w * np.sign(w.sum()) > 0)) > ONE_WAY_SHARE
     keeps_sign = bool(np.all(u >= 0) or np.all(u <= 0)) and bool(np.any(u))
     names = {"channel": channel.name, "input": drive}
-    same_sign = sign * float(np.sum(w)) * float(np.sum(u)) > 0
-    if response < 0 and one_way and keeps_sign and same_sign:
-        yield Finding("speed falls", names)
-    elif response < 0:
+    # From rest, a drive feeds in more energy than it takes back, whatever controls it.
+    fed = sign * float(np.sum(u * w))
+    if response < 0 and fed < 0:
         yield Finding("opposite signs", names)
+    elif (
+        response < 0 and one_way and keeps_sign and sign * _correlation(u, w) < FALLING_CORRELATION
+    ):
+        yield Finding("speed falls", names)
     else:
         for other, _, its_sign, its_t, its_angle, _ in motions:
             if other is channel:
@@ -142,8 +148,8 @@ def _integral(x: Array, t: Array) -> Array:
 def _response(w: Array, angle: Array, u: Array, others: Sequence[Array], t: Array) -> float:
     """Return the sign of a speed's response to an input; 0 if the record does not show it.
 
-    The equation of motion, integrated once, is w = a * integral of u - b * angle + c * t + d, with a
-    positive `a` whatever the friction, the load and a controller are.
+    The equation of motion, integrated once, is w = a * integral of u - b * angle + c * t + d. Its `a`
+    is positive whatever the friction, the load and a controller are.
     """
     if np.ptp(u) < 1e-9 * np.abs(u).max(initial=0.0) or not u.any():
         mean = float(np.mean(w))

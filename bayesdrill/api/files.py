@@ -174,6 +174,7 @@ def init(
     from bayesdrill.config import yaml_source
     from bayesdrill.drafting import draft, record_files
     from bayesdrill.drafting.columns import named_column
+    from bayesdrill.report.findings import finding_sentences
     from bayesdrill.rig.models import MODELS
 
     limits = {"voltage": (voltage, -1e6, 1e6), "gear": (gear, 1, 1e6), "rate": (rate, 1e-6, 1e9)}
@@ -201,7 +202,7 @@ def init(
     values = None if sheet is None else yaml_source.read(read[-1])
     if values is not None and values.repeated:
         raise InputError(values.repeated)
-    drafted = draft.guess(records, target, known, values)
+    drafted = draft.guess(records, target, known, values, finding_sentences)
     draft.check_draft_path(target, read, force=force)  # the guess took a while
     output_files.write_text(target, drafted.text)
     return drafted

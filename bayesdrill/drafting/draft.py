@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 
 from bayesdrill import output_files
+from bayesdrill.analysis.findings import Finding
+from bayesdrill.analysis.record_findings import findings_of_record
 from bayesdrill.basics.errors import InputError, Issue
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.config import loading
@@ -24,6 +26,7 @@ from bayesdrill.drafting.entries import REVIEW, DraftContext, comment, review, s
 from bayesdrill.drafting.record_files import GivenFacts, RecordFile
 from bayesdrill.drafting.roles import StartGuess
 from bayesdrill.drafting.signals import Sensor
+from bayesdrill.inference.posterior import Problem
 from bayesdrill.rig.models.linear import Model, with_named
 from bayesdrill.rig.models.roles import GEAR_POWERS
 from bayesdrill.rig.models.train import LINEAR
@@ -32,8 +35,13 @@ SHEET_SD = 1.0  # prior sd of the logarithm of a parameter in a data sheet
 MAX_UNUSED = 20  # unused columns that a terminal lists
 
 
-def config_text(context: DraftContext, name: str, sheet: Mapping[str, Any]) -> str:
-    """Write the whole config, called `name`; `sheet` has the entries of `nominal:` in a data sheet."""
+def config_text(
+    context: DraftContext, name: str, sheet: Mapping[str, Any], findings: Sequence[str] = ()
+) -> str:
+    """Write the whole config, called `name`; `sheet` has the entries of `nominal:` in a data sheet.
+
+    `findings` are sentences on the record, each of which is to be reviewed.
+    """
     assigned, start, nominal = context.lead.roles, context.starts[context.lead.label], []
     files = [file for record in context.records for file in (record, *record.companions)]
     names = ", ".join(context.file_name(file.path) for file in files)
@@ -58,6 +66,7 @@ def config_text(context: DraftContext, name: str, sheet: Mapping[str, Any]) -> s
         f"name: {scalar(name)}",
         "seed: 1                 # any whole number; the same seed gives the same result",
         "",
+        *review(findings, 0),
         *entries.record_lines(context),
         "",
         *entries.input_lines(context),
@@ -279,9 +288,16 @@ class Guess:
 
 
 def guess(
-    paths: Sequence[Path], target: Path, given: GivenFacts, sheet: Source | None = None
+    paths: Sequence[Path],
+    target: Path,
+    given: GivenFacts,
+    sheet: Source | None = None,
+    describe: Callable[[Iterable[Finding]], Sequence[str]] = lambda findings: (),
 ) -> Guess:
-    """Guess a config at `target` for files; `sheet` is a data sheet. Raises `InputError`."""
+    """Guess a config at `target` for files; raises `InputError`.
+
+    `sheet` is a data sheet, and `describe` puts findings on the record into sentences.
+    """
     records, lead = record_files.read_records(paths, given)
     pairs = [(record.roles, record.segment.dt) for record in records]
     hints = [hint for pair in pairs for hint in roles.find_lags(*pair)]
@@ -289,11 +305,28 @@ def guess(
     starts = {record.label: _start(record, given.voltage) for record in records}
     context = DraftContext(records, lead, starts, clearest, given.voltage, target.parent)
     name = re.sub(r"[^A-Za-z0-9_.-]+", "_", target.stem).lstrip("_.-")[:100] or "my_rig"
-    text = config_text(context, name, {} if sheet is None else sheet.data)
+    values: Mapping[str, Any] = {} if sheet is None else sheet.data
+    text = config_text(context, name, values)
+    asks, problem = _asks(text, target, paths[0], sheet)
+    if findings := _findings(problem, describe):
+        text = config_text(context, name, values, findings)
     channels = tuple(channel.name for channel in context.channels)
     labels = tuple(record.label for record in records if record.label)
-    columns, asks = tuple(_how_read(lead)), _asks(text, target, paths[0], sheet)
+    columns = (*_how_read(lead), *(f"REVIEW: {finding}" for finding in findings))
     return Guess(target, text, channels, labels, columns, asks)
+
+
+def _findings(
+    problem: Problem, describe: Callable[[Iterable[Finding]], Sequence[str]]
+) -> tuple[str, ...]:
+    """Return sentences on the records before any model, with the experiments that each is of."""
+    said: dict[str, list[str]] = {}
+    for observation in problem.observations:
+        free = problem.posterior.space.free
+        findings = findings_of_record(observation.experiment, problem.model, free)
+        for sentence in describe(findings):
+            said.setdefault(sentence, []).append(observation.label)
+    return tuple(f"{', '.join(labels)}, {s}" if labels[0] else s for s, labels in said.items())
 
 
 def _how_read(record: RecordFile) -> Iterator[str]:
@@ -326,12 +359,14 @@ def _start(record: RecordFile, voltage: float | None) -> StartGuess:
     return roles.guess_start(record.roles, record.segment, measured=measured, inputs_begin=begin)
 
 
-def _asks(text: str, target: Path, record: Path, sheet: Source | None) -> tuple[Issue, ...]:
-    """Return the missing voltage as an issue, if it is one; raises `InputError` for all others."""
+def _asks(
+    text: str, target: Path, record: Path, sheet: Source | None
+) -> tuple[tuple[Issue, ...], Problem]:
+    """Return the missing voltage as an issue, and the posterior; raises `InputError` for all others."""
     asked = entries.ASKED_VOLTAGE
     whole = parse(target, text.replace(asked, asked.replace("# ", "")))
     try:
-        assemble(loading.validate(whole))
+        problem = assemble(loading.validate(whole)).problem
     except InputError as error:
         if sheet is not None:
             entries_of_sheet = ("nominal", *(f"parameters.{name}" for name in sheet.data))
@@ -348,5 +383,5 @@ def _asks(text: str, target: Path, record: Path, sheet: Source | None) -> tuple[
     try:
         loading.validate(parse(target, text))
     except InputError as error:
-        return error.problems
-    return ()
+        return error.problems, problem
+    return (), problem

@@ -100,8 +100,7 @@ def assign_roles(
         if not {*_NAMED_STATES.findall(channel.measures or name)} <= {*rig.states}:
             unused[channel.sensor.name] = f"is {name}, which the rig {rig.name} does not have"
             del channels[name]
-    checked = tuple(_check_sign(channel, inputs.get("v")) for channel in channels.values())
-    return SensorRoles(checked, inputs, rig, value, why, doubt, unused)
+    return SensorRoles(tuple(channels.values()), inputs, rig, value, why, doubt, unused)
 
 
 def add_channel(
@@ -257,19 +256,6 @@ def mark_differenced(
             alike = whole and anomalies.differenced(first.si, second.si, dt)
             if alike or signals.differenced(first.raw.x[rows], second.raw.x[others], t):
                 channels[speed] = dataclasses.replace(channels[speed], derived=angle)
-
-
-def _check_sign(channel: DraftChannel, v: Sensor | None) -> DraftChannel:
-    """Return the channel, with a doubt if its speed goes against the voltage."""
-    sensor = channel.sensor
-    if v is None or np.ptp(v.values) == 0 or sensor.kind != "speed" or sensor.location == TWIST:
-        return channel
-    x, w = signals.centred(v.si), signals.centred(sensor.values)
-    correlation = float(x @ w) / math.sqrt(float(x @ x) * float(w @ w))
-    if not correlation < -0.3 or channel.measures.startswith("-"):
-        return channel
-    doubt = "it goes against the voltage; if it counts backwards, write `measures: -...`"
-    return dataclasses.replace(channel, sensor=sensor.revised(doubt=doubt))
 
 
 def turns_both_ways(roles: SensorRoles) -> bool:

@@ -10,7 +10,7 @@ from typing import Any
 from bayesdrill.basics.entries import NoEntries, entries_model
 from bayesdrill.basics.errors import InputError, did_you_mean
 from bayesdrill.basics.registry import Registry
-from bayesdrill.record.formats import arrays, csv, json, matlab
+from bayesdrill.record.formats import arrays, csv, json, matlab, mcap, mdf, parquet, wpilog
 from bayesdrill.record.formats.csv import CsvOptions
 from bayesdrill.record.formats.table import RecordTable
 
@@ -48,7 +48,10 @@ FORMATS: Registry[Format] = Registry(
         "hdf5": Format((".h5", ".hdf5"), lambda path, _, wanted: arrays.read_hdf5(path, wanted)),
         "npz": Format((".npz",), lambda path, _, wanted: arrays.read_npz(path, wanted)),
         "json": Format((".json", ".jsonl", ".ndjson"), lambda path, _, __: json.read(path)),
-        "parquet": Format((".parquet",), lambda path, _, wanted: arrays.read_parquet(path, wanted)),
+        "parquet": Format((".parquet",), lambda path, _, wanted: parquet.read(path, wanted)),
+        "wpilog": Format((".wpilog",), lambda path, _, wanted: wpilog.read(path, wanted)),
+        "mcap": Format((".mcap",), lambda path, _, wanted: mcap.read(path, wanted)),
+        "mdf": Format((".mf4", ".mdf"), lambda path, _, wanted: mdf.read(path, wanted)),
     },
     judge=_is_format,
 )
@@ -57,7 +60,8 @@ FORMATS: Registry[Format] = Registry(
 _OTHERS = {
     **dict.fromkeys((".gz", ".zip", ".bz2", ".xz", ".7z"), ". Unpack the file first"),
     **dict.fromkeys((".xlsx", ".xls", ".ods"), ". Export the spreadsheet as CSV"),
-    **dict.fromkeys((".tdms", ".mf4", ".lvm"), ". Export the recording as CSV or .mat"),
+    **dict.fromkeys((".tdms", ".lvm"), ". Export the recording as CSV or .mat"),
+    **dict.fromkeys((".bag", ".db3"), ". Convert the recording as docs/record.md says"),
     ".npy": ". Save it with numpy.savez('run.npz', t=t, w_1=w_1)",
 }
 

@@ -1,4 +1,4 @@
-"""Read files of named arrays: HDF5, `numpy.savez` and Parquet. Pickled objects are never opened."""
+"""Read files of named arrays: HDF5 and `numpy.savez`. Pickled objects are never opened."""
 
 from __future__ import annotations
 
@@ -10,10 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError, report_damage
 from bayesdrill.output_files import LARGEST_FILE
-from bayesdrill.record.formats.table import RecordTable, keys_of, read_bytes
+from bayesdrill.record.formats.table import RecordTable, read_bytes
 
 _NUMERIC = "fiub"  # numpy dtype kinds of real numbers and logicals
 ITSELF = "save the numbers themselves in this file"
@@ -204,59 +203,3 @@ def _unfit_array(name: str, file: zipfile.ZipFile, member: str) -> str:
         seconds = f"({name} - {name}[0]) / np.timedelta64(1, 's')"
         return f"holds dates or durations; save seconds: {seconds}"
     return too_large(shape, dtype.itemsize)
-
-
-_MISSING = (
-    "a Parquet file needs the package pyarrow, which is missing; install it with pip install "
-    "'bayesdrill[parquet]', or save the record as CSV"
-)
-
-
-def read_parquet(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
-    """Read the `wanted` columns with `pyarrow`; None stands for all, and empty cells become NaN."""
-    if read_bytes(path, 4) != b"PAR1":
-        message = "is not a Parquet file; save it as one, or give it the ending of what it is"
-        raise InputError.at(str(path), message)
-    try:
-        from pyarrow import default_memory_pool, float64
-        from pyarrow.parquet import ParquetFile
-    except ImportError:
-        raise InputError.at(str(path), _MISSING) from None
-    damage = report_damage(str(path), f"the Parquet file {CUT_SHORT}")
-    with damage, ParquetFile(path, pre_buffer=False) as file:
-        schema, rows = file.schema_arrow, file.metadata.num_rows
-        keys, ignored = keys_of(schema.names)
-        kinds = zip(keys, schema.types, strict=True)
-        unfit = {name: why for name, kind in kinds if (why := _unfit_column(name, kind, rows))}
-        fit = [name for name in keys if name not in unfit and (wanted is None or name in wanted)]
-        # Columns are read one by one, by name; or together if two have the same name.
-        whole = file.read(use_threads=False) if ignored else None
-        variables = dict[str, Array]()
-        for name in fit:
-            table = file.read(columns=[name], use_threads=False) if whole is None else whole
-            column = table.column(0 if whole is None else keys.index(name))
-            variables[name] = np.array(column.cast(float64(), safe=False).to_numpy())
-    default_memory_pool().release_unused()
-    return RecordTable(
-        path=path,
-        variables=variables,
-        lines=np.arange(1, rows + 1),
-        called="row",
-        columns=tuple(keys),
-        ignored=ignored | unfit,
-        unread=[name for name in keys if name not in variables and name not in unfit],
-    )
-
-
-def _unfit_column(name: str, kind: Any, rows: int) -> str:
-    """Return why a column holds no numbers; empty if it does."""
-    from pyarrow import types
-
-    if types.is_temporal(kind):
-        seconds = f"in pandas (df[{name!r}] - df[{name!r}].iloc[0]).dt.total_seconds()"
-        dates = f"holds dates, times or durations ({kind})"
-        return f"{dates}; save seconds since the start as numbers, {seconds}"
-    numeric = (types.is_integer, types.is_floating, types.is_boolean, types.is_decimal)
-    if any(is_one(kind) for is_one in numeric):
-        return too_large((rows,), 8)
-    return f"is of type {kind}, not numbers; save it as a column of double"

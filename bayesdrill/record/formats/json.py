@@ -16,6 +16,14 @@ from bayesdrill.record.formats.table import RecordTable, decode
 _BLANK = re.compile(r"[\s,]*")
 MAX_KEYS = 1000  # names of the records in a list, each of which becomes a column
 FRC_TEST = re.compile("(slow|fast)-(forward|backward)")  # frc-characterization writes no names
+# Columns of a mechanism and of a drive that SysId logs, by the number of columns.
+SYSID_COLUMNS = {
+    4: ("time [s]", "voltage [V]", "position", "speed"),
+    9: (
+        *("time [s]", "left voltage [V]", "right voltage [V]", "left position", "right position"),
+        *("left speed", "right speed", "gyro angle", "gyro rate"),
+    ),
+}
 FRC_COLUMNS = (
     *("time [s]", "battery voltage [V]", "autospeed", "left voltage [V]", "right voltage [V]"),
     *("left position", "right position", "left speed", "right speed", "gyro angle"),
@@ -40,13 +48,28 @@ def _parse(text: str) -> Any:
     return values[0] if len(values) == 1 else values
 
 
+def _with_names(log: dict[str, Any]) -> dict[str, Any]:
+    """Return a log with names above the rows of the tests of a robot, which have none."""
+    drive = SYSID_COLUMNS[9] if log.get("sysid") is True else FRC_COLUMNS
+    named = dict(log)
+    for key, rows in log.items():
+        if (
+            FRC_TEST.fullmatch(key)
+            and isinstance(rows, list)
+            and rows
+            and isinstance(rows[0], list)
+        ):
+            count = len(rows[0])
+            names = SYSID_COLUMNS[4] if count == 4 else drive[:count] if count in (9, 10) else ()
+            named[key] = [[*names], *rows] if len(names) == count else rows
+    return named
+
+
 def _walk(name: str, value: Any, table: RecordTable) -> None:
     """Add all columns below `name`, recursively: mappings, lists of records, rows; `null` is NaN."""
     if isinstance(value, dict) and [*value] == [*map(str, range(len(value)))]:  # as pandas writes
         value = [*value.values()]
     if isinstance(value, list) and {*map(type, value)} == {list} and value[0]:
-        if FRC_TEST.fullmatch(name) and len(value[0]) in (9, 10):  # with a gyro, or without
-            value = [[*FRC_COLUMNS[: len(value[0])]], *value]
         named = len(value) > 1 and {*map(type, value[0])} == {str}
         if named and {*map(len, value)} == {len(value[0])}:
             value = [dict(zip(value[0], row, strict=True)) for row in value[1:]]
@@ -56,7 +79,7 @@ def _walk(name: str, value: Any, table: RecordTable) -> None:
             raise ValueError(f"records with {len(keys)} names are too many")
         value = {key: [(item or {}).get(key) for item in value] for key in keys}
     if isinstance(value, dict):
-        for key, item in value.items():
+        for key, item in (value if name else _with_names(value)).items():
             _walk(f"{name}.{key}" if name else str(key), item, table)
         return
     try:

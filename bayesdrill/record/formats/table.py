@@ -144,6 +144,12 @@ class RecordTable:
         return (*self.variables, *self.unread)
 
 
+def missing_package(path: Path, what: str, extra: str) -> InputError:
+    """Return the error for a format whose package is not installed; `extra` installs it."""
+    way = f"install it with pip install 'bayesdrill[{extra}]', or save the record as CSV"
+    return InputError.at(str(path), f"{what} needs a package that is missing; {way}")
+
+
 def keys_of(names: Sequence[str]) -> tuple[list[str], dict[str, str]]:
     """Return a unique name per column, and why repeated names cannot be picked."""
     ignored = {}

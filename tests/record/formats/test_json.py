@@ -84,6 +84,10 @@ def test_a_test_of_an_frc_log_has_the_names_of_its_columns(tmp_path: Path) -> No
     np.testing.assert_array_equal(table.pick("fast-forward.left voltage [V]"), rows[:, 3])
     np.testing.assert_array_equal(table.pick("fast-forward.right speed"), rows[:, 8])
     assert table.variables["other"].shape == (9, 3)
+    table = load(tmp_path, {"sysid": True, "test": "Arm", "slow-forward": rows.tolist()})
+    np.testing.assert_array_equal(table.pick("slow-forward.right voltage [V]"), rows[:, 2])
+    table = load(tmp_path, {"sysid": True, "slow-backward": rows[:, :4].tolist()})
+    np.testing.assert_array_equal(table.pick("slow-backward.speed"), rows[:, 3])
 
 
 @run_cases(
