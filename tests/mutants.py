@@ -5,8 +5,6 @@ so is a killer that fails without one.  Words choose the mutants that have one o
 killer.  `tests/contracts/test_mutants.py` sees that each mutant changes a line of the code.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import shutil

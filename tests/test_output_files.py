@@ -1,7 +1,5 @@
 """Files are written whole, over nothing of others, and JSON with a checksum is believed or refused."""
 
-from __future__ import annotations
-
 import errno
 import os
 import stat

@@ -72,3 +72,16 @@ def weighed(
         middle = some @ u
         covariance = ((u - middle).T * some) @ (u - middle)
     raise AssertionError(f"record {seed}: {share:.2f} of the draws count")
+
+
+def points_near(
+    posterior: Posterior, theta: np.ndarray, n: int, rng: np.random.Generator
+) -> np.ndarray:
+    """Return `(n, D)` points of finite density around `theta (D,)`, in the sampler's coordinates."""
+    centre = posterior.coordinates.from_physical(theta[None])[0]
+    root = laplace.matrix_root(laplace.covariance(posterior, theta))
+    points = np.empty((0, len(theta)))
+    while len(points) < n:
+        z = centre + rng.standard_normal((n, len(theta))) @ root.T
+        points = np.concatenate([points, z[np.isfinite(posterior(z))]])
+    return points[:n]

@@ -11,7 +11,6 @@ from typing import ClassVar
 import numpy as np
 import pytest
 from arviz_stats.base import array_stats
-from support.small_problems import points_near
 
 from bayesdrill.basics import seeds
 from bayesdrill.basics.progress import Silent
@@ -20,6 +19,7 @@ from bayesdrill.inference.posterior import Posterior
 from bayesdrill.sampling.convergence import autocorrelation_time
 from bayesdrill.sampling.samplers.ensemble import State, advance
 from bayesdrill.tasks import pipeline
+from benchmarks.rates.records import points_near
 
 CONFIG = Path(__file__).parents[2] / "configs" / "nominal_step.yaml"
 WALKERS = 128

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support import simulated_posteriors
 from support.case_tables import run_cases
 from support.linear_study import off_by
-from support.simulated_posteriors import Trial
 
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.identifiability.study import study_of
 from bayesdrill.config.records import simulation
+from benchmarks.rates import simulated_posteriors
+from benchmarks.rates.simulated_posteriors import Trial
 from benchmarks.zoo import entries as e
 from benchmarks.zoo.friction import DryFriction
 from benchmarks.zoo.row import Row

@@ -16,7 +16,6 @@ from scipy.optimize import least_squares
 from support.case_tables import run_cases
 from support.command_line import cli
 from support.document_blocks import DOCS, ROOT, files
-from support.small_problems import points_near
 from support.unexplained_records import causes_of
 
 import bayesdrill as bd
@@ -27,6 +26,7 @@ from bayesdrill.analysis.latent_torque import regress_torque, torque_estimates
 from bayesdrill.basics import seeds
 from bayesdrill.config.job import prepare
 from bayesdrill.report.sections.torque import stand_ins
+from benchmarks.rates.records import points_near
 
 SHARED = ROOT.parent / "shared" / "data"
 STRING = SHARED / "ufrj_drillstring_rig" / "175_completo_1.mat"

@@ -1,7 +1,5 @@
 """Ranks of true values: exact bands, and verdicts that tell right posteriors from wrong ones."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Candidates that would explain a bad fit: the right one is first, with its size, and mends it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any

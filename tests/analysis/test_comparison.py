@@ -1,7 +1,5 @@
 """Runs compared by evidence and by distance, and experiments compared with each other."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from dataclasses import replace
@@ -34,7 +32,6 @@ from bayesdrill.inference.priors import Uniform
 from bayesdrill.inference.unknowns import ParameterSpace
 from bayesdrill.report.sections.comparison import comparison_table, comparison_verdict, odds
 from bayesdrill.report.sections.nominal import repeats_sentence, repeats_table
-from bayesdrill.report.sections.overlay import overlay_table
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators.linear import Response
 
@@ -176,15 +173,6 @@ def test_settings_that_are_not_the_same_everywhere_are_named() -> None:
     layers = [layer("a", seed="1", k_s="normal"), layer("b", seed="1", k_e="held")]
     assert differing(layers) == {"k_s": ("normal", None), "k_e": (None, "held")}
     assert differing([layer("a", seed="1"), layer("b", seed="1")]) == {}
-
-
-def test_a_table_of_runs_without_nominal_values_has_no_column_of_them() -> None:
-    """Nor one of distances, where no unknown is shared."""
-    symbols = problem().symbols
-    problems = [replace(problem(), nominal={}, symbols=own) for own in (symbols[:3], symbols[3:6])]
-    layers = [replace(GIVEN.layer, name=n, problem=p) for n, p in zip("ab", problems, strict=True)]
-    heads = overlay_table(layers, overlay_rows(layers)).heads
-    assert heads == ("", "unit", "a", "b")
 
 
 # --- experiments with one rig ------------------------------------------------------------------------

@@ -1,7 +1,5 @@
 """Rows of unknowns: ends of priors, ranks of ensembles, dependence on priors, and sandwich sds."""
 
-from __future__ import annotations
-
 import dataclasses
 from functools import cache
 

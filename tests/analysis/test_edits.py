@@ -1,7 +1,5 @@
 """Physics that a rig may lack: what is tried, and tables that are right once a rig has it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from support.case_tables import for_each, run_cases

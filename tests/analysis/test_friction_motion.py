@@ -1,7 +1,5 @@
 """Laws of friction over the speeds of a record."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 

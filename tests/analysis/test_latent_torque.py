@@ -1,6 +1,4 @@
-"""A missing torque: draws of it given the record, what it moves, and the law that it follows."""
-
-from __future__ import annotations
+"""A missing torque: draws of it, what it moves, the law that it follows, and what it can replace."""
 
 import csv
 import dataclasses
@@ -12,12 +10,15 @@ import pytest
 from numpy.typing import NDArray
 from support.case_tables import run_cases
 from support.missing_torque_cases import SIZE, posterior_with_torque
+from support.scipy_oracles import NOMINAL
 
+import bayesdrill as bd
 from bayesdrill.analysis.latent_torque import TorqueEstimate, regress_torque, torque_estimates
 from bayesdrill.analysis.run_analysis import torque_summary
 from bayesdrill.basics.units import Unit
 from bayesdrill.report.sections.torque import (
     law_sentences,
+    stand_ins,
     torque_csv,
     torque_figure,
     torque_sentence,
@@ -169,3 +170,34 @@ def test_a_torque_that_follows_no_law_is_said_to() -> None:
     text = law_sentences(torque_summary(estimate), RIG)
     assert "follows no speed" in text
     assert regress_torque(dataclasses.replace(estimate, expected=np.zeros(len(T)))) == ()
+
+
+# --- what it can replace -----------------------------------------------------------------------
+
+
+def test_identify_says_what_a_missing_torque_can_replace_and_what_would_help() -> None:
+    """Where the speed at the gearbox alone is measured, a torque at rotor 1 can replace the rotor's."""
+    t = 0.01 * np.arange(1001)
+    volts = 6 * np.sin(0.5 * np.pi * t) + 4 * np.sin(1.24 * np.pi * t + 0.5)
+    w_2 = bd.respond("motor_shaft", {**NOMINAL, "t_f": 0.0}, t, {"v": volts}, "w_2")["w_2"]
+    box = {"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}
+    free = dict.fromkeys(("j_m", "k_e", "k_s", "j_1"), box)
+    time = {"prior": "log_uniform", "low": 0.01, "high": 10}
+    identified = bd.case(
+        t,
+        {"w_2": bd.Channel(w_2, "rad/s", 0.1)},
+        {"v": bd.Input(volts, "V")},
+        {**dict.fromkeys(NOMINAL, "nominal"), **free, "t_f": 0.0},
+        nominal="tables_2_3",
+        missing_torque={"at": "rotor_1", "smoothness": "1/2", "size": 1, "time": time},
+    ).identify()
+    study = identified.study
+    assert [stand_in.name for stand_in in study.stand_ins] == ["k_s", "j_1"]
+    first = study.stand_ins[0]
+    assert first.sd > 0.1
+    assert first.alone < 0.02
+    helps = {(way.kind, way.name) for way in first.helps}
+    assert helps >= {("measure", "w_1"), ("hold", "j_1")}
+    sentences = stand_ins(study, identified.job.problem.model)
+    assert "at rotor 1 it can stand in for k_s" in sentences
+    assert "a sensor of w_1" in sentences

@@ -1,7 +1,5 @@
 """Warnings of implausible values and priors, against numbers that can be worked out by hand."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,7 +9,7 @@ import numpy as np
 import pytest
 from support import command_line, two_experiments
 from support.case_tables import run_cases
-from support.scipy_oracles import NOMINAL, ORDER, by_expm, matrices
+from support.scipy_oracles import NOMINAL, ORDER, by_expm
 from support.small_problems import experiment, posterior
 
 import bayesdrill as bd
@@ -56,12 +54,6 @@ def kinds(of: Problem) -> list[str]:
 
 def draws(n: int = 50, **changes: float) -> np.ndarray:
     return np.tile([{**NOMINAL, **changes}[name] for name in ORDER], (n, 1))
-
-
-def test_poles_are_the_eigenvalues_of_the_matrix_of_the_rig() -> None:
-    poles = plausibility.poles(MotorShaft(), {name: np.array([NOMINAL[name]]) for name in ORDER})
-    expected = np.linalg.eigvals(matrices(NOMINAL)[0])
-    assert np.sort_complex(poles[0].round(6)) == pytest.approx(np.sort_complex(expected.round(6)))
 
 
 def test_a_motor_that_gives_more_than_it_takes_is_named() -> None:

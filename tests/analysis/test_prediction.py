@@ -1,7 +1,5 @@
 """Predictions of samples without themselves, of samples held out, and of channels by frequency."""
 
-from __future__ import annotations
-
 import dataclasses
 from functools import cache
 

@@ -1,7 +1,5 @@
 """Refits of candidates: their evidence, what they hide, where they start, what they cannot tell."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,6 @@
 """Runs whose unknowns are determined only as far as their residuals are not correlated."""
 
-from __future__ import annotations
-
+import json
 from functools import cache
 from pathlib import Path
 
@@ -9,9 +8,12 @@ import numpy as np
 import pytest
 from support import command_line
 from support.case_tables import run_cases
+from support.command_line import CONFIGS
 from support.missing_physics import ar1
+from support.unexplained_records import try_only
 
 import bayesdrill as bd
+from bayesdrill.report.publish import drawings
 from bayesdrill.tasks import conclusions
 
 T = 0.02 * np.arange(1000)
@@ -72,6 +74,7 @@ def test_a_run_is_not_believed_whose_sandwich_sds_do_not_determine_an_unknown() 
     assert "the record says" not in report.text
     assert "determined:" not in report.text
     assert "verdict: none, because the model does not fit" in report.text
+    assert drawings("residuals", doubted._view)  # though nobody asks for it
     assert analysis.judged is not None
     for q in analysis.judged.verdict.products:  # each has a sandwich sd from the covariance of logs
         names = zip(analysis.judged.verdict.names, q.exponents, strict=True)
@@ -84,6 +87,7 @@ def test_a_run_is_believed_whose_sandwich_sds_determine_as_well() -> None:
     wide, white = run(WIDE), run(NARROW, 0.0)
     assert wide.analysis.sandwich["c_m"] > 1.5 * np.std(wide.draws["c_m"])
     assert not white.analysis.sandwich
+    assert not drawings("residuals", white._view)
     for believed in (wide, white):
         assert believed.judge().reasons == ()
         assert {row.word for row in believed.analysis.unknowns} == {"determined"}
@@ -102,29 +106,11 @@ def test_identify_at_a_maximum_says_determined_by_the_same_rule(
     assert ("determined" in findings.text.replace("does not determine", "")) != doubted
 
 
-CONFIG = """\
-name: c
-seed: 1
-record:
-  file: r.csv
-  time: {column: t, unit: s}
-  channels: {w_2: {column: w, unit: rad/s, sigma: {prior: log_uniform, low: 0.01, high: 1}}}
-inputs: {v: {column: v, unit: V}}
-model: {name: motor}
-parameters:
-  j_m: {prior: normal, mean: 0.02, sd: 2.08e-4}
-  c_m: {prior: normal, mean: 0.05, sd: 1.56e-4}
-  k_e: 0.5
-  k_T: 0.5
-  r_m: 1.0
-  l_m: 0.001
-map: {starts: 1}
-sampler: {walkers: 16, r_hat: 1.1, n_tau: 10, ess: 200}
-output: {predictive_draws: 10, figures: []}
-"""
+CONFIG = (CONFIGS / "motor.yaml").read_text(encoding="utf-8")
 
 
-def test_commands_end_with_status_3(tmp_path: Path) -> None:
+def test_commands_end_with_status_3(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    try_only({"offset_w_2"}, monkeypatch)
     rows, config, folder = (
         np.stack([T, record(RHO), V], axis=-1),
         tmp_path / "c.yaml",
@@ -135,6 +121,11 @@ def test_commands_end_with_status_3(tmp_path: Path) -> None:
     posterior = command_line.cli("posterior", config, "-o", folder, "--processes", "1")
     assert posterior.status == 3, posterior.text
     assert "the record does not determine c_m" in posterior.out
+    analysis = json.loads((folder / "run.json").read_text())["analysis"]
+    summary = (folder / "summary.md").read_text(encoding="utf-8")
+    assert "sd if residuals remember (sandwich)" in summary
+    for row in analysis["unknowns"]:
+        assert f"{analysis['sandwich'][row['name']] / row['sd']:.3g}" in summary
     for status, *arguments in (
         (0, "verify", folder),
         (3, "report", folder, "--processes", "1"),

@@ -1,7 +1,5 @@
 """What is suspected of columns, and what half a sample of an input would move."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

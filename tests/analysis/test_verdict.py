@@ -1,7 +1,5 @@
 """The verdict on Gaussian posteriors, whose tails, entropies and products are known exactly."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from types import SimpleNamespace

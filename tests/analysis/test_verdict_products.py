@@ -3,13 +3,11 @@
 Of each rig the posterior of a record is exact: Gaussian in the logs, by the information of its study.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
 import pytest
-from support import document_blocks, simulated_posteriors
+from support import document_blocks
 from support.linear_study import off_by
 
 import bayesdrill as bd
@@ -18,6 +16,7 @@ from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy, stud
 from bayesdrill.analysis.verdict import Verdict, basis, judge
 from bayesdrill.config.job import Job
 from bayesdrill.config.schema.config import Thresholds
+from benchmarks.rates import simulated_posteriors
 from benchmarks.zoo import entries as e
 
 SHARED = Path(__file__).resolve().parents[3] / "shared" / "data" / "simulated_servo"

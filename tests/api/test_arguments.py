@@ -1,7 +1,5 @@
 """Every wrong argument of the API gives an `InputError` that names it, and no other exception."""
 
-from __future__ import annotations
-
 import dataclasses
 import datetime
 import inspect

@@ -1,7 +1,5 @@
 """Cases of arrays and of configs: the same posterior, mistakes with their names, and their jobs."""
 
-from __future__ import annotations
-
 import runpy
 import subprocess
 import sys
@@ -17,7 +15,6 @@ from support.command_line import ROOT
 from support.scipy_oracles import NOMINAL
 
 import bayesdrill as bd
-from bayesdrill.config import job
 from bayesdrill.record.formats.csv import CsvOptions, read
 
 CONFIG = ROOT / "configs" / "nominal_step.yaml"
@@ -126,10 +123,6 @@ def test_a_mistake_in_a_case_of_arrays_is_named(changes: dict[str, object], mess
 
 def test_a_wrong_start_of_sampling_or_nominal_table_is_refused() -> None:
     best = bd.Best(run().job, run().mode)
-    with pytest.raises(bd.InputError, match="processes: 1000000000 are more than 256"):
-        two().find_map(processes=10**9)
-    with pytest.raises(bd.InputError, match="give what find_map found, not int"):
-        two().sample(1)  # type: ignore[arg-type]
     with pytest.raises(bd.InputError, match="the maximum of another case"):
         two(initial={"w_1": 1.0}).sample(best)
     with pytest.raises(bd.InputError, match="did you mean"):
@@ -137,14 +130,6 @@ def test_a_wrong_start_of_sampling_or_nominal_table_is_refused() -> None:
 
 
 # --- files -------------------------------------------------------------------------------------------
-
-
-def test_columns_that_are_written_as_text_are_read_back_exactly(tmp_path: Path) -> None:
-    columns = {"t": np.array([0.0, 0.1, 1 / 3]), "w_1": np.array([1e-9, -2.5, 1e12])}
-    (tmp_path / "record.csv").write_text(job.arrays_as_csv(columns))
-    table = read(tmp_path / "record.csv", CsvOptions())
-    for name, values in columns.items():
-        assert np.array_equal(table.variables[name], values)
 
 
 def test_a_case_of_a_config_does_what_the_commands_do(tmp_path: Path) -> None:

@@ -1,7 +1,5 @@
 """The examples in the docstrings of the public API run and print what they say."""
 
-from __future__ import annotations
-
 import doctest
 import inspect
 from collections.abc import Iterator

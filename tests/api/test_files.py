@@ -1,7 +1,5 @@
 """The examples are written into a folder: all of them, and over nothing of others."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """The response of a rig at given parameters: exact, at any times, and refused where there is none."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from support.array_cases import SHAFT, T

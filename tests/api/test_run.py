@@ -1,7 +1,5 @@
 """Runs: what they say, save and draw; in other processes they are the same, and threads may save."""
 
-from __future__ import annotations
-
 import dataclasses
 import multiprocessing
 import pickle

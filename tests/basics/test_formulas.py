@@ -1,7 +1,5 @@
 """Formulas and linear combinations: their values and slopes, their signs, and what they may not say."""
 
-from __future__ import annotations
-
 import math
 import pickle
 

@@ -1,7 +1,5 @@
 """Reports of progress: a line for each stage and now and then, or a bar with the time left."""
 
-from __future__ import annotations
-
 import io
 
 import pytest

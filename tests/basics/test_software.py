@@ -1,7 +1,5 @@
 """Citations are as their authors ask for; `citation.bib` and `CITATION.cff` hold the same works."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 

@@ -1,7 +1,5 @@
 """The table of symbols against the paper and against its own geometry."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Units of users are converted to SI, as pint has them."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

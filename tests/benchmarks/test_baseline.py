@@ -1,7 +1,5 @@
 """The comparison of the baseline reports every kind of change, and passes equal results."""
 
-from __future__ import annotations
-
 import copy
 import json
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """The benchmark compares like with like: every peer has our density, and verdicts are honest."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable
 from pathlib import Path
@@ -119,15 +117,6 @@ def test_modal_coordinates_go_back_and_know_their_jacobian(
         assert log_det == pytest.approx(true, abs=1e-5)
 
 
-def test_modal_coordinates_of_no_positive_parameters_have_no_density(job: problem.Job) -> None:
-    target = straightened(job)
-    nominal = target.space.vector(job.problem.nominal)
-    z = target.coordinates.from_physical(np.stack([nominal, nominal]))
-    z[1, COORDINATES.index("c_m")] += 30.0
-    assert np.isnan(target.coordinates.to_physical(z)[1]).any()
-    assert list(np.isfinite(target(z))) == [True, False]
-
-
 def test_chains_of_peers_begin_on_the_ridge(job: problem.Job, points: Array) -> None:
     """As wide as the posterior along it, and hardly lower than its top; starts around the MAP in logs,
     where the ridge is bent, would be thousands below.
@@ -221,12 +210,6 @@ def test_the_long_run_is_evaluations_over_the_autocorrelation_time() -> None:
     combined = naive.in_the_long_run(short, long)
     assert combined.rate == pytest.approx(2.0)
     assert not combined.converged
-
-
-def test_a_result_survives_its_file(tmp_path: Path) -> None:
-    result = verdict.result("a", "b", verdict.judge(NOISE[:, :, 0]), seconds=2.0, work=3.0)
-    result.save(tmp_path / "result.json")
-    assert verdict.read(tmp_path / "result.json") == result
 
 
 def test_tables_are_put_between_their_marks(tmp_path: Path) -> None:

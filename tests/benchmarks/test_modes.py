@@ -1,7 +1,5 @@
 """Modes of a posterior: a grid over all of the prior says where they are and what each holds."""
 
-from __future__ import annotations
-
 import dataclasses
 from functools import cached_property
 from pathlib import Path
@@ -25,8 +23,7 @@ KINDS = {"gap", "delay", "aliases", "friction", "signs", "mixed"}
 
 
 @pytest.mark.parametrize(
-    "puzzle",
-    [pytest.param(p, id=p.name, marks=() if p.quick else pytest.mark.slow) for p in EVERY],
+    "puzzle", [pytest.param(p, id=p.name, marks=() if p.quick else pytest.mark.slow) for p in EVERY]
 )
 def test_every_mode_is_sampled_with_its_mass(puzzle: Puzzle, tmp_path: Path) -> None:
     outcome = judge.run(puzzle, tmp_path)

@@ -1,7 +1,5 @@
 """A few records of each rate, which show already what hundreds show."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from support.case_tables import run_cases

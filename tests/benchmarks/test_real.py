@@ -1,7 +1,5 @@
 """Configs of rigs that others measured are sound without their data, and the table is consistent."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import re
@@ -85,10 +83,3 @@ def test_a_bench_without_data_is_skipped_in_one_line(capsys: pytest.CaptureFixtu
     assert absent.absent == absent.files
     assert real.run_each([absent], fetch=False, figures=False) == 0
     assert capsys.readouterr().out.count("\n") == 1
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(bool(EPFL.absent), reason="its data are not there")
-def test_a_bench_has_the_two_resonances_that_its_group_read() -> None:
-    line, passed = real.run(EPFL)
-    assert passed, line

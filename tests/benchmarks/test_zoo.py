@@ -1,7 +1,5 @@
 """The zoo's judge rejects what it must, and the parts that make its records are right."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import subprocess
@@ -210,26 +208,6 @@ def test_tables_and_figure_show_every_kind_of_row(tmp_path: Path) -> None:
     path = tmp_path / "zoo.csv"
     table.save(every, path)
     assert report.markdown(table.read(path), [row("servo_slow")], SECONDS) == lines
-
-
-def test_what_is_run_again_takes_the_place_of_what_was(tmp_path: Path) -> None:
-    """The rest stays, in the order of the zoo; what is no row any more goes."""
-    path, names = tmp_path / "zoo.csv", ["bundled", "chirp", "samples_300"]
-    assert table.read(path) == []
-
-    def measured(name: str, wall: float) -> table.Measured:
-        pair = (run(wall=wall), run(wall=wall + 1))
-        return table.measured(judge.judged(row(name), pair, 300, SECONDS))
-
-    before = [measured("samples_300", 5.0), measured("gear_one", 6.0), measured("chirp", 7.0)]
-    table.save(before, path)
-    after = [measured("bundled", 8.0), measured("chirp", 9.0)]
-    merged = table.merged(table.read(path), after, names)
-    assert [(of.name, of.numbers("wall_s")) for of in merged] == [
-        ("bundled", [8.0, 9.0]),
-        ("chirp", [9.0, 10.0]),
-        ("samples_300", [5.0, 6.0]),
-    ]
 
 
 def _noiseless(job_path: Path) -> tuple[Experiment, np.ndarray, np.ndarray]:

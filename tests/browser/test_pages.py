@@ -180,7 +180,7 @@ def hostile_pages(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 
 def test_no_text_of_a_user_runs(browser: Browser, hostile_pages: list[Path]) -> None:
-    """And the script of the page does.  Mutants killed: `latex:` as HTML, scripts that are not known."""
+    """And the script of the page does."""
     for path in hostile_pages:
         page, heard = opened(browser, path, "desktop")
         assert page.evaluate("window.owned") is None, path

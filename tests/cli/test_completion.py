@@ -1,7 +1,5 @@
 """Shells complete commands, options and files; asked of the shell, or as a shell asks."""
 
-from __future__ import annotations
-
 import os
 import pty
 import shutil

@@ -1,7 +1,5 @@
 """Mistakes, signals and full disks end in a message and a status."""
 
-from __future__ import annotations
-
 import errno
 import os
 import resource

@@ -1,7 +1,5 @@
 """Users may write in formulas what both LaTeX and mathtext take, alone and in products."""
 
-from __future__ import annotations
-
 import random
 import re
 import shutil

@@ -1,7 +1,5 @@
 """Configs are loaded: what the bundled one says, defaults, and what decides a chain."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

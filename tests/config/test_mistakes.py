@@ -1,7 +1,5 @@
 """Every mistake in a config is told once, with its line, its entry and a way out (`mistakes.yaml`)."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Configs are YAML 1.2."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from bayesdrill.config.yaml_source import parse

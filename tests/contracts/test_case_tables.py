@@ -1,7 +1,5 @@
 """Cases that run in one test lose nothing: each of them runs, and each that fails is named."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from pathlib import Path

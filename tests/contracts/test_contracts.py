@@ -4,8 +4,6 @@
 ask, or by an attribute that a contract has.
 """
 
-from __future__ import annotations
-
 import ast
 import functools
 import inspect
@@ -66,7 +64,7 @@ MEMBERS = {
 }
 # By file and what is asked there.
 ALLOWED = {
-    ("inference/display_units.py", "getattr(si, key, None)"): "a row of a table, and no prior",
+    ("inference/display_units.py", "getattr(si, key, None)"): "a row of a table, and no prior"
 }
 
 

@@ -3,8 +3,6 @@
 `tests/toys` is a package as others would install it: a file and an entry point for each member.
 """
 
-from __future__ import annotations
-
 import csv
 import dataclasses
 import json

@@ -3,8 +3,6 @@
 Nothing overlaps, warnings are on it, and its files are known.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import pickle
 from functools import cache

@@ -1,7 +1,5 @@
 """Every file format reads columns as they were written, and names a file that it cannot read."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Mapping
 from importlib.util import find_spec

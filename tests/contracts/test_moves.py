@@ -4,8 +4,6 @@ No chain has to converge and no error has to be estimated: after any number of s
 the walkers of one ensemble are still independent draws, so a Kolmogorov-Smirnov test is exact.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 

@@ -1,7 +1,5 @@
 """The list of `make mutants` names lines and tests that exist: it cannot rot between its runs."""
 
-from __future__ import annotations
-
 import runpy
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 Steps with derivatives go the rest of the way, so it need not come nearer.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

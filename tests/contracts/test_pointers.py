@@ -4,8 +4,6 @@ A name in backticks is a pointer where it ends with `.py`, where it is a path be
 where its parts are joined by dots and begin with a folder or a module of the package.
 """
 
-from __future__ import annotations
-
 import ast
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Every rig has symbols, entries of a config and exact responses, alone and with all that it offers."""
 
-from __future__ import annotations
-
 import dataclasses
 from functools import cache
 from typing import Any

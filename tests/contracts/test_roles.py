@@ -1,7 +1,5 @@
 """A rig of a package, in names of its own, has every analysis of `motor_shaft`, to the word."""
 
-from __future__ import annotations
-
 import ast
 import dataclasses
 import json

@@ -4,8 +4,6 @@ Private words that were retired do not come back, a public class has a name of i
 that users read is longer than `LONGEST_SENTENCE`.
 """
 
-from __future__ import annotations
-
 import ast
 import re
 from collections import Counter

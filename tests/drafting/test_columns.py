@@ -1,7 +1,5 @@
 """What heads, names and counters of columns say, and files of which no column can be used."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

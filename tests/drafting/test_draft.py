@@ -1,7 +1,5 @@
 """Whole drafts: what they say where the truth is known, and that a config that is written is valid."""
 
-from __future__ import annotations
-
 from functools import reduce
 from pathlib import Path
 from typing import Any
@@ -9,7 +7,6 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-import scipy.io
 import yaml
 from support import command_line, first_configs
 from support.case_tables import run_cases
@@ -157,35 +154,6 @@ def test_every_guess_is_marked_and_what_the_record_says_is_not(tmp_path: Path) -
     assert "REVIEW" not in above("time:")
 
 
-def test_decimal_commas_a_row_of_units_and_blanks(tmp_path: Path) -> None:
-    t, v, x = reversing_rig()
-    columns = {"Zeit": t, "Spannung": v, "Winkel Getriebe": x[:, 1] * DEG, "Drehzahl Last": x[:, 2]}
-    path = write_table(tmp_path / "r.csv", columns, ";", ",")
-    head, _, rest = path.read_text().partition("\n")
-    path.write_text(f"{head}\ns;V;Grad;rad/s\n{rest}")
-    draft = draft_of(path)
-    assert channels_of(draft) == {
-        "theta_2": ("Winkel Getriebe", "deg"),
-        "w_1": ("Drehzahl Last", "rad/s"),
-    }
-    assert draft["record"]["time"] == {"column": "Zeit", "unit": "s"}
-
-
-def test_a_matlab_file_of_structs_and_a_nameless_matrix(tmp_path: Path) -> None:
-    t, v, x = reversing_rig()
-    y = x + np.random.default_rng(4).normal(0, 0.02, x.shape)
-    path = tmp_path / "r.mat"
-    scipy.io.savemat(path, {"rig": {"t": t, "u": v, "theta_1": y[:, 0], "i": y[:, 4]}, "J": 0.01})
-    draft = draft_of(path)
-    assert channels_of(draft) == {"theta_1": ("rig.theta_1", "rad"), "i": ("rig.i", "A")}
-    assert "J: has one value" in draft["words"]
-    scipy.io.savemat(path, {"data": np.column_stack([t, y[:, 1], v, y[:, 3]])})
-    draft = draft_of(path, voltage=1.0)
-    assert channels_of(draft) == {"theta_2": ("2", "rad"), "w_2": ("4", "rad/s")}
-    assert draft["record"]["time"] == {"variable": "data", "column": 1, "unit": "s"}
-    assert "data, column 3: (" in draft["words"]
-
-
 @run_cases("ending", ["npz", "h5"])
 def test_a_record_is_drafted_from_a_file_of_arrays(ending: str, tmp_path: Path) -> None:
     t, v, x = reversing_rig()
@@ -314,13 +282,6 @@ def test_hopeless_files_are_refused_and_nothing_is_written(
     assert command_line.listing(tmp_path) == before
 
 
-def test_a_folder_is_no_record(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    done = command_line.cli("init", ".")
-    assert done.status == 2
-    assert "Traceback" not in done.err
-
-
 @pytest.mark.parametrize("name", ["gear", "voltage", "rate"])
 def test_impossible_numbers_are_input_errors(name: str, tmp_path: Path) -> None:
     path = write_table(tmp_path / "r.csv", RECORD)
@@ -438,18 +399,3 @@ def test_screw_drives_in_exports_of_their_controller(tmp_path: Path) -> None:
         draft_of(path, *names, config=tmp_path / "s.yaml", rig="motor")
         record = reading.read(loading.load(tmp_path / "s.yaml").experiments[0])
         assert len(record.t) == 500
-
-
-def test_configs_of_recorders_with_heads_and_semicolons_are_read(tmp_path: Path) -> None:
-    config = tmp_path / "s.yaml"
-    names = "1=t [ms]", "2=w_2 [rpm]", "3=t_m [% of 9.84 mN*m]"
-    draft_of(shared("cases/small/epos_head/e.csv"), *names, config=config, rig="motor")
-    record = bd.load(config).job.problem.experiment
-    assert record.series["t_m"][0] == pytest.approx(0.3 * 9.84e-3)
-    names = "cigan.Y(2).Data=w_rotor [rad/s]", "cigan.Y(3).Data=u_rotor [V]"
-    draft_of(shared("cases/dspace_bldc/dataset.mat"), *names, config=config)
-    record = reading.read(loading.load(config).experiments[0])
-    assert len(record.t) == 8334
-    assert record.dt == pytest.approx(0.72e-3)
-    for name in ("epos_head/e2.yaml", "trailing_semicolon/r2.yaml"):
-        assert bd.load(shared("cases/small") / name)

@@ -1,7 +1,5 @@
 """Several files of one rig, and several records in one file."""
 
-from __future__ import annotations
-
 import itertools
 from pathlib import Path
 
@@ -11,7 +9,6 @@ import scipy.io
 from support.case_tables import run_cases
 from support.first_configs import (
     DEG,
-    RECORD,
     RPM,
     SPEED,
     T,
@@ -201,15 +198,3 @@ def test_records_one_after_the_other_are_split(tmp_path: Path) -> None:
     (tmp_path / "r.yaml").write_text(text)
     with pytest.raises(bd.InputError, match="has no rows from 9000 to 9999"):
         bd.load(tmp_path / "r.yaml")
-
-
-def test_other_files_and_rigs_are_split_too(tmp_path: Path) -> None:
-    twice = {name: np.concatenate([x, x[:250]]) for name, x in RECORD.items()}
-    scipy.io.savemat(tmp_path / "r.mat", twice)
-    names = "t=t [s]", "u=u_motor [V]", "speed=w_motor [rad/s]"
-    draft = draft_of(tmp_path / "r.mat", *names, split=True)
-    rows = [entry["record"]["rows"] for entry in draft["experiments"].values()]
-    assert rows == [[1, 400], [401, 650]]
-    assert draft["model"]["name"] == "train"
-    second = reading.read(loading.load(tmp_path / "r.yaml").experiments[1])
-    np.testing.assert_array_equal(second.y[:, 0], SPEED[:250])

@@ -1,7 +1,5 @@
 """Which column drives, how a record begins, and which channel is late."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 
@@ -9,14 +7,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 from support.case_tables import run_cases
-from support.first_configs import (
-    RPM,
-    draft_of,
-    german_record,
-    reversing_rig,
-    shared,
-    write_table,
-)
+from support.first_configs import RPM, draft_of, german_record, reversing_rig, shared, write_table
 
 import bayesdrill as bd
 

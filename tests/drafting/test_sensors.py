@@ -1,7 +1,5 @@
 """Kinds and units of columns, told by the sizes and derivatives of what they measure."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A long record is compressed: its posterior is that of all samples, which the run checks."""
 
-from __future__ import annotations
-
 import dataclasses
 from functools import cache
 from pathlib import Path
@@ -52,10 +50,7 @@ def case_of(
     """Return the case of two speeds, the noise of the second unknown."""
     return bd.case(
         t,
-        {
-            "w_1": bd.Channel(w[0], "rad/s", 0.1),
-            "w_2": bd.Channel(w[1], "rad/s", LEVEL, **noise),
-        },
+        {"w_1": bd.Channel(w[0], "rad/s", 0.1), "w_2": bd.Channel(w[1], "rad/s", LEVEL, **noise)},
         {"v": bd.Input(v, "V")},
         parameters={name: BOX if name in free else "nominal" for name in NOMINAL},
         nominal="tables_2_3",
@@ -185,22 +180,13 @@ def test_an_excerpt_without_information_grows(monkeypatch: pytest.MonkeyPatch) -
     v = np.where(rng.random(205) < 0.5, 4.0, 12.0).repeat(100)[: len(t)]
     v[:2500] = 0.0
     exact = bd.respond(MotorShaft(), {**NOMINAL, "t_f": 0.0}, t, {"v": v}, ["w_1", "w_2"])
-    resting = bd.case(
-        t,
-        {
-            name: bd.Channel(values + 0.1 * rng.standard_normal(len(t)), "rad/s", 0.1)
-            for name, values in exact.items()
-            if name != "t"
-        },
-        {"v": bd.Input(v, "V")},
-        parameters={
-            **dict.fromkeys(NOMINAL, "nominal"),
-            **dict.fromkeys(("k_e", "k_s", "j_1"), BOX),
-            "t_f": 0.0,
-        },
-        nominal="tables_2_3",
-        name="resting",
-    )
+    channels = {
+        name: bd.Channel(exact[name] + 0.1 * rng.standard_normal(len(t)), "rad/s", 0.1)
+        for name in ("w_1", "w_2")
+    }
+    unknown = dict.fromkeys(("k_e", "k_s", "j_1"), BOX)
+    parameters = {**dict.fromkeys(NOMINAL, "nominal"), **unknown, "t_f": 0.0}
+    resting = bd.case(t, channels, {"v": bd.Input(v, "V")}, parameters, nominal="tables_2_3")
     plan = find_map.fit_plan(resting.job)
     with WorkerPool(resting.job.problem.posterior, 1) as pool:
         under_way = fits.begin_searches(pool, plan, Silent())

@@ -1,7 +1,5 @@
 """Derived quantities against what the response does, closed forms, and rigs of other parts."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np
@@ -129,7 +127,7 @@ def test_the_typical_input_is_the_size_of_a_drive_and_the_mean_of_a_load() -> No
 
 
 @cache
-def with_ties() -> tuple[Problem, np.ndarray, derived.DerivedDraws]:
+def with_ties() -> tuple[Problem, np.ndarray, derived.Derived]:
     """Return a problem with formulas, draws of it `(2, 15, 9)`, and what is derived from them."""
     problem = job.prepare(ROOT / "configs" / "example_ties.yaml").problem
     draws = problem.posterior.space.draw(30, np.random.default_rng(3)).reshape(2, 15, 9)

@@ -1,7 +1,5 @@
 """Starts of searches by inverse dynamics, from configured starts that are far from the truth."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

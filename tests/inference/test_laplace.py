@@ -1,7 +1,5 @@
 """Slopes, curvatures and information of a posterior against differences of its density."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cache
 

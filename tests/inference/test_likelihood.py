@@ -1,7 +1,5 @@
 """Likelihoods of several experiments, of sensors and starts, and of rigs that lack a torque."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

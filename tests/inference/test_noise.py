@@ -1,7 +1,5 @@
 """Noises against dense covariances, quadrature and the densities of SciPy, with samples missing."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """The density of a posterior against SciPy, term by term, and posteriors that are edited."""
 
-from __future__ import annotations
-
 import pickle
 from dataclasses import replace
 

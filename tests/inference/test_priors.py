@@ -1,7 +1,5 @@
 """Families of priors against the distributions of SciPy."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a fit leaves: as much as noise, more, less, or correlated with itself and with inputs."""
 
-from __future__ import annotations
-
 import dataclasses
 import re
 from functools import cache

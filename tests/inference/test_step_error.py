@@ -1,14 +1,20 @@
-"""How fine steps are: chosen from the noise, by errors that are those from the oracle."""
+"""How fine steps are: chosen from the noise, by errors as those from the oracle, and used by runs."""
 
-from __future__ import annotations
+from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
+from ruamel.yaml import YAML
 from support.case_tables import run_cases
 from support.friction_cases import CASES, moved
+from support.scipy_oracles import NOMINAL
 from support.small_problems import posterior_of
 from support.stepped_friction import experiment_of, model_of, parameters
 
+import bayesdrill as bd
+from bayesdrill.config.job import Job
+from bayesdrill.inference import step_error
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.step_error import (
     CANDIDATE_STEPS,
@@ -57,3 +63,104 @@ def test_the_fewest_steps_are_chosen_whose_error_is_small_beside_the_noise(sigma
     assert errors_from_oracle(stepped(*chosen)).max() < limit
     for fewer in CANDIDATE_STEPS[: CANDIDATE_STEPS.index(chosen)]:
         assert errors_from_oracle(stepped(*fewer)).max() > 0.5 * limit
+
+
+# --- steps of runs ----------------------------------------------------------------------------------
+
+T = np.linspace(0.0, 4.0, 161)
+STRIBECK = {"t_cm": 0.01, "t_sm": 0.03, "w_sm": 20.0}
+YAML_SAFE = YAML(typ="safe", pure=True)
+NAMED = {**dict.fromkeys(NOMINAL, "nominal"), **STRIBECK}
+BOX = {"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}
+UNKNOWN = {"prior": "log_uniform", "low": 0.01, "high": 100.0, "start": 20.0}
+
+
+@cache
+def case(*, known: bool = False) -> bd.Case:
+    """Return a case whose noise is a thousandth of its start, where any step would be fine enough.
+
+    If `known`, all but an inertia is held.
+    """
+    v = np.where(np.arange(len(T)) // 40 % 2 == 0, 6.0, -6.0)
+    inputs = {"v": bd.Input(v, "V", hold="zero")}
+    exact = bd.respond("motor_shaft", {**NOMINAL, **STRIBECK}, T, {"v": v}, "w_2")["w_2"]
+    noise = 0.02 * np.random.default_rng(6).standard_normal(len(T))
+    return bd.case(
+        T,
+        channels={"w_2": bd.Channel(exact + noise, "rad/s", 0.02 if known else UNKNOWN)},
+        inputs=inputs,
+        parameters={**NAMED, "j_1": BOX} if known else {**NAMED, "k_s": BOX, "j_1": BOX},
+        map={"starts": 1},
+        sampler={"ensembles": 4, "walkers": 16, "r_hat": 1.1, "n_tau": 5, "ess": 100},
+        seed=3,
+    )
+
+
+@cache
+def run(*, known: bool = False) -> bd.Run:
+    return case(known=known).sample()
+
+
+def steps_of(job: Job) -> dict[str, step_error.StepSizes]:
+    return step_error.chosen_steps(job.problem.posterior)
+
+
+def test_steps_are_as_fine_as_the_maximum_needs() -> None:
+    best = case().find_map()
+    start, end = steps_of(case().job), best.mode.pieces
+    assert start[""][0] == 1
+    assert end[""][0] > 1
+    theta = case().job.problem.posterior.space.vector(best.values)
+    (few,) = step_errors(case().job.problem.posterior.likelihood, theta)
+    (enough,) = step_errors(case().job.with_steps_at(best.mode).problem.posterior.likelihood, theta)
+    assert not few.fine
+    assert enough.fine
+    assert "TOO FEW" not in best.table
+    assert best.mode.gain < 1e-6
+
+
+@pytest.mark.slow
+def test_all_processes_use_the_steps_of_the_maximum(tmp_path: Path) -> None:
+    run().save(tmp_path / "out")
+    bd.load(tmp_path / "out" / "config.yaml").run(tmp_path / "two", processes=2)
+    other = bd.open(tmp_path / "two")
+    assert steps_of(run().job) == steps_of(other.job) == run().mode.pieces
+    for name, draws in run().draws.items():
+        assert np.array_equal(draws, other.draws[name])
+
+
+def test_the_evidence_is_that_of_the_rig_and_not_of_its_steps() -> None:
+    """Oracle: the integral over its only unknown, in far finer steps than those of any run."""
+    evidence, posterior = run(known=True).evidence, run(known=True).job.problem.posterior
+    x = run(known=True).draws["j_1"]
+    at = np.linspace(x.mean() - 8 * x.std(), x.mean() + 8 * x.std(), 400)
+    prior = posterior.space.priors["j_1"]
+
+    def log_z(steps: dict[str, step_error.StepSizes]) -> float:
+        logs = step_error.with_steps(posterior, steps).likelihood(at[:, None])
+        whole = np.trapezoid(np.exp(logs - logs.max()), at) / (prior.high - prior.low)
+        return float(logs.max() + np.log(whole))
+
+    true = log_z({"": (256, REVERSAL_SUBSTEPS)})
+    assert evidence is not None
+    assert abs(log_z(dict(run(known=True).mode.pieces)) - true) > 0.03
+    assert abs(evidence.log_z - true) < 2 * evidence.error < 0.1
+    assert "for the error of its steps" in str(run(known=True))
+
+
+def test_a_saved_run_goes_on_in_its_steps(tmp_path: Path) -> None:
+    mine = run(known=True)
+    mine.save(tmp_path / "out")
+    again = bd.open(tmp_path / "out")
+    assert steps_of(again.job) == steps_of(mine.job)
+    assert again.mode.pieces == mine.mode.pieces
+    posterior = mine.job.problem.posterior
+    last = mine.sampled.segments[0][-1]
+    assert posterior(last.z[-1]) == pytest.approx(last.log_p[-1], abs=1e-9)
+
+    config = YAML_SAFE.load((tmp_path / "out" / "config.yaml").read_text())
+    config["model"] = {**config.get("model", {}), "name": "motor_shaft", "pieces": 2}
+    with (tmp_path / "out" / "given.yaml").open("w") as file:
+        YAML_SAFE.dump(config, file)
+    given = bd.load(tmp_path / "out" / "given.yaml").job
+    assert steps_of(given) == {}  # steps of the config stay

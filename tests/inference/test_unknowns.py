@@ -1,7 +1,5 @@
 """The coordinates of unknowns: round trips, slopes and Jacobians, and which unknown has which."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

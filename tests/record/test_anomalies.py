@@ -1,7 +1,5 @@
 """Spikes, stuck and clipped samples, turns and differences: detected where they are, and only there."""
 
-from __future__ import annotations
-
 from itertools import product
 from pathlib import Path
 
@@ -233,16 +231,6 @@ def test_all_glitches_of_a_drill_string_are_detected_and_nothing_else() -> None:
     assert sum(dense) > 0.7 * len(spikes)
     for name in ("Bit_Speed", "Bit_Torque", "WOB"):
         assert len(anomalies.spikes(table.pick(variable=f"{name}_Sample_175_complete"))) == 0
-
-
-@run_cases("name", ["square", "sweep", "slow"])
-def test_a_servo_with_coarse_sensors_has_no_anomalies(name: str) -> None:
-    table = read(SHARED / "simulated_servo" / f"{name}.csv")
-    for x in table.variables.values():
-        assert len(anomalies.spikes(x)) == 0
-    for column in ("theta [deg]", "alpha [deg]"):
-        assert len(anomalies.saturated(table.pick(column))) == 0
-        assert len(anomalies.stuck(table.pick(column))) == 0
 
 
 @run_cases("force, number", product(["06", "065"], [1, 2, 3]))

@@ -1,7 +1,5 @@
 """Times of records: grids, several clocks as one, inputs between their samples, and decimation."""
 
-from __future__ import annotations
-
 from itertools import product
 
 import numpy as np
@@ -48,10 +46,7 @@ def test_times_with_jitter_have_no_grid() -> None:
     "missing, words",
     [
         ([], "a sample every 0.01 s (100 Hz), the first at 0 s"),
-        (
-            [*range(20, 25), 60],
-            "6 missing in 2 gaps, the longest of 5 between 0.19 and 0.25 s",
-        ),
+        ([*range(20, 25), 60], "6 missing in 2 gaps, the longest of 5 between 0.19 and 0.25 s"),
         ([5, 6], "2 missing in 1 gap, of 2 between 0.04 and 0.07 s"),
     ],
 )

@@ -3,8 +3,6 @@
 Figures of whole runs: `tests/contracts/test_figures.py`; drawings of rigs: `test_rig_drawing.py`.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterator
 from functools import partial

@@ -1,7 +1,5 @@
 """Each finding of an analysis has a sentence, with the names and numbers that it brings."""
 
-from __future__ import annotations
-
 import string
 
 from support.case_tables import run_cases

@@ -1,7 +1,5 @@
 """Sections as HTML, Markdown, LaTeX and text: whatever users write stays text."""
 
-from __future__ import annotations
-
 import dataclasses
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The drawing of a rig as it is rendered."""
 
-from __future__ import annotations
-
 import re
 from functools import cache
 

@@ -1,7 +1,5 @@
 """The report of a run: one page that needs nothing beside it, the same list in Markdown and terminal."""
 
-from __future__ import annotations
-
 import base64
 import dataclasses
 import hashlib

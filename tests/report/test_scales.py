@@ -1,7 +1,5 @@
 """Axes: few, distinct and true ticks, labels with powers, origins and units; logarithmic axes."""
 
-from __future__ import annotations
-
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st

@@ -1,7 +1,5 @@
 """Files of figures, which figures and formats are written, and warnings upon them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

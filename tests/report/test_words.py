@@ -1,7 +1,5 @@
 """What stands over a fit that must not be believed, and of several maxima."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

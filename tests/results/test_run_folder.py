@@ -1,7 +1,5 @@
 """Files of a results folder whose bytes are not what they were: an error, or the same numbers."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Files of others in a results folder: none is removed, replaced or written through."""
 
-from __future__ import annotations
-
 import stat
 from pathlib import Path
 

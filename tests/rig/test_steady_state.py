@@ -1,7 +1,5 @@
 """Steady states: the solution of the equations of a turn, and none where there is none."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import scipy.linalg

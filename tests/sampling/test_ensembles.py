@@ -1,7 +1,5 @@
 """Ensembles that know nothing of each other, where their walkers start, and runs that are cut."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 from functools import cache

@@ -1,7 +1,5 @@
 """The evidence beside integrals that are known, and its standard error beside repetitions."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """The search for the MAP, on a problem with a known answer: where it ends, and what is said of it."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

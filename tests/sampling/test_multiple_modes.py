@@ -1,9 +1,6 @@
 """Several maxima: which points belong to one, aliases of frequencies, and branches that can swap."""
 
-from __future__ import annotations
-
 import dataclasses
-import warnings
 from functools import cache
 from pathlib import Path
 
@@ -231,27 +228,6 @@ def test_aliases_that_the_prior_rules_out_are_not_missed(tmp_path: Path) -> None
         missed.append(starts.missed_share)
     assert missed[0] < 1e-3
     assert missed[1] > 0.2
-
-
-def test_points_that_do_not_oscillate_warn_of_nothing() -> None:
-    """A pendulum of springs that is damped aperiodically there has no frequency to go on from."""
-    t, count = np.arange(200) * 0.05, 0
-    priors = {
-        "j_load": {"prior": "log_uniform", "low": 1e-3, "high": 1e3},
-        "k_spring": {"prior": "log_uniform", "low": 1e-3, "high": 1e4},
-        "c_load": {"prior": "log_uniform", "low": 1e-4, "high": 1e3},
-    }
-    decay = bd.Channel(np.exp(-0.3 * t) * np.cos(7.0 * t), "rad", sigma=0.01)
-    rig = bd.Train(inertias=("load",), shafts={"spring": ("load", "ground")}, added=("c_load",))
-    case = bd.case(t, {"theta_load": decay}, {}, priors, rig=rig, initial={"theta_load": 1.0})
-    target = case.job.problem.posterior
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        for theta in target.space.draw(40, np.random.default_rng(5)):
-            u = target.coordinates.from_physical(theta[None])[0]
-            starts = multiple_modes.alias_starts(LogDensity(target), u)
-            count += sum(len(each.u) for each in starts)
-    assert count > 0
 
 
 def test_the_window_of_two_bursts_peaks_at_multiples_of_the_inverse_gap() -> None:

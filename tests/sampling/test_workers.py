@@ -1,7 +1,5 @@
 """Processes that share the work: what they hold, and how many threads each has."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Candidate models: each is a valid config, which differs in what its name says."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Changes of a config: what may be tried of a job, and what its config says then."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -44,10 +42,7 @@ def job(folder: Path, channels: dict[str, str], rest: str, parameters: str) -> J
 
 
 def motor(
-    folder: Path,
-    inputs: str = DRIVEN,
-    channels: dict[str, str] = HUB,
-    numbers: str = MOTOR_NUMBERS,
+    folder: Path, inputs: str = DRIVEN, channels: dict[str, str] = HUB, numbers: str = MOTOR_NUMBERS
 ) -> Job:
     """A hub that a voltage drives."""
     model = "model: {name: train, inertias: [hub], drives: {hub: voltage}}"

@@ -1,7 +1,5 @@
 """Cases of arrays, for tests of the API."""
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any
 

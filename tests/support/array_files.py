@@ -1,7 +1,5 @@
 """Files of arrays in all formats: the same numbers in the layouts of users, and what is no number."""
 
-from __future__ import annotations
-
 import datetime
 import decimal
 import sys

@@ -1,7 +1,5 @@
 """Surfaces that are known in closed form: humps between walls, and a bent ridge."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 

@@ -1,7 +1,5 @@
 """The command line with a small experiment, run in this process or in one of its own."""
 
-from __future__ import annotations
-
 import functools
 import os
 import signal
@@ -27,34 +25,10 @@ from bayesdrill.results.run_folder import Folder
 from bayesdrill.tasks import remote
 
 ROOT = Path(__file__).parents[2]
+CONFIGS = Path(__file__).parent / "configs"  # tests change them by replacements
 STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
-SMALL = """\
-name: small
-seed: 7
-record:
-  file: small.csv
-  time: {column: t, unit: s}
-  channels:
-    theta_1: {column: theta_1, unit: rad, sigma: 0.05}
-    w_1: {column: w_1, unit: rad/s, sigma: 0.05}
-inputs:
-  v: 8.0
-parameters:
-  j_m: nominal
-  c_m: nominal
-  k_e: {prior: uniform, low: 0.5, high: 1.5, relative: true}
-  k_T: nominal
-  r_m: nominal
-  l_m: nominal
-  k_s: nominal
-  j_1: {prior: uniform, low: 0.5, high: 1.5, relative: true}
-  t_f: nominal
-map: {starts: 1, evaluations: 500}
-sampler: {walkers: 8, r_hat: 1.2, n_tau: 5, ess: 100, max_steps: 500}
-output: {predictive_draws: 10, figures: []}
-simulation: {duration: 5, rate: 20}
-"""
+SMALL = (CONFIGS / "small.yaml").read_text(encoding="utf-8")
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,5 @@
 """Models of one record that are only said to be: for what is made of their evidence."""
 
-from __future__ import annotations
-
 import dataclasses
 from functools import cache
 from pathlib import Path

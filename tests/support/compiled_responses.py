@@ -1,7 +1,5 @@
 """Responses of the nominal rig with records, compiled once for all tests."""
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any
 

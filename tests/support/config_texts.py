@@ -1,11 +1,10 @@
 """Configs of small rigs as text, which tests change by replacements, and records beside them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
 from support import command_line
+from support.command_line import CONFIGS
 
 from bayesdrill.config import loading
 from bayesdrill.config.records import reading
@@ -36,18 +35,7 @@ def save(folder: Path, name: str, **columns: np.ndarray | list[str]) -> None:
 # A speed and an angle of the paper's rig, of which only the stiffness is unknown.
 
 HELD = ("j_m", "c_m", "k_e", "k_T", "r_m", "l_m", "j_1", "t_f")
-MEASURED = """\
-name: measured
-seed: 1
-record:
-  file: r.csv
-  time: {column: t, unit: s}
-  channels:
-    w_1: {column: w, unit: rad/s, sigma: 0.1}
-inputs: {v: 8}
-parameters:
-  k_s: {prior: uniform, low: 0.5, high: 1.5, relative: true}
-""" + "".join(f"  {name}: nominal\n" for name in HELD)
+MEASURED = (CONFIGS / "measured.yaml").read_text(encoding="utf-8")
 T = 0.3 + np.arange(240) * 0.01
 RNG = np.random.default_rng(6)
 SPEED = 9.0 + 4.0 * np.sin(7.0 * T) + 0.01 * RNG.standard_normal(len(T))
@@ -99,24 +87,7 @@ def write_composed(folder: Path, *lines: str, **sections: str) -> Path:
 
 # A shaft that a speed and a torque drive.
 
-SHAFT = """\
-name: shaft
-seed: 4
-record:
-  file: drill.csv
-  time: {column: t, unit: s}
-  channels:
-    w_1: {column: bit, unit: rpm, sigma: 2}
-inputs:
-  w_2: {column: top, unit: rpm}
-  t_1: {column: torque, unit: mN*m}
-initial: {w_1: {prior: normal, mean: 90, sd: 20, unit: rpm}, theta_1: {prior: normal, mean: 0, sd: 1}}
-model: {name: driven_shaft}
-parameters:
-  k_s: {prior: uniform, low: 1, high: 9}
-  j_1: 8.0e-3
-simulation: {truth: {w_1_0: 95, theta_1_0: -0.4}}
-"""
+SHAFT = (CONFIGS / "shaft.yaml").read_text(encoding="utf-8")
 DRILL_T = 5.0 + 0.01 * np.arange(200)
 TOP_SPEED = 9.0 + 3.0 * np.sin(18.0 * DRILL_T)
 TOP_ANGLE = 140.0 + 9.0 * (DRILL_T - 5.0) - np.cos(18.0 * DRILL_T) / 6.0

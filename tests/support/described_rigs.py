@@ -1,68 +1,15 @@
 """Drive trains that configs describe: their configs, their equations typed anew, and records of them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import scipy.integrate
+from support.command_line import CONFIGS
 from support.config_texts import save
 
-ROTARY = """\
-name: arm
-seed: 3
-record:
-  file: arm.csv
-  time: {column: t, unit: s}
-  channels:
-    w_load: {column: w, unit: rpm, sigma: 2.0}
-    twist: {column: twist, unit: deg, sigma: 0.2, measures: theta_arm - theta_load}
-    theta_motor: {column: motor, unit: revolution, sigma: 0.05}
-inputs:
-  i_motor: {column: i, unit: mA}
-initial: {w_load: {value: 30, unit: rpm}}
-model:
-  name: train
-  inertias: [motor, arm, load]
-  gears: {box: {between: [motor, arm], ratio: 0.125}}
-  shafts: {coupling: [arm, load]}
-  drives: {motor: current}
-nominal: {k_coupling: {value: 250, unit: mN*m/rad}}
-parameters:
-  j_motor: {prior: log_normal, median: 4.0e-4, sd_log: 0.5}
-  j_arm: 1.0e-3
-  j_load: {prior: log_normal, median: 2.0e-2, sd_log: 0.5}
-  k_coupling: {prior: uniform, low: 0.5, high: 1.5, relative: true}
-  k_T_motor: 0.12
-  c_load: {prior: log_normal, median: 2.0e-3, sd_log: 0.5}
-"""
-
-LINEAR = """\
-name: carts
-seed: 4
-record:
-  file: carts.csv
-  time: {column: t, unit: ms}
-  channels:
-    x_second: {column: x, unit: mm, sigma: 0.5}
-    v_first: {column: v, unit: mm/s, sigma: 3.0}
-inputs:
-  f_first: {column: f, unit: mN}
-initial: {state: given, x_second: {value: 2, unit: mm}}
-model:
-  name: train
-  motion: linear
-  inertias: [first, second]
-  shafts: {spring: [first, second], wall: [second, ground]}
-  drives: {first: torque}
-parameters:
-  m_first: {prior: log_normal, median: 0.8, sd_log: 0.3}
-  m_second: 1.2
-  k_spring: {prior: log_normal, median: 400.0, sd_log: 0.3}
-  k_wall: {prior: log_normal, median: 300.0, sd_log: 0.3}
-  c_first: {prior: log_normal, median: 0.5, sd_log: 0.3}
-"""
+ROTARY = (CONFIGS / "arm.yaml").read_text(encoding="utf-8")
+LINEAR = (CONFIGS / "carts.yaml").read_text(encoding="utf-8")
 
 T = np.arange(120) * 0.01
 CURRENT = np.where(np.arange(120) // 30 % 2, -0.4, 0.8)  # A

@@ -1,7 +1,5 @@
 """What stands in the documents: blocks of code, files that they show, cells of notebooks, anchors."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Draws that are hard to picture, what overlaps in a picture, and where its points are."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Mapping, Sequence
 

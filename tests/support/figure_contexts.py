@@ -1,7 +1,5 @@
 """Made contexts of figures, and figures of them as they are rendered."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Collection
 from functools import cache

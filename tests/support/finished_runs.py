@@ -1,15 +1,13 @@
 """Finished runs of the small experiment, made once for a whole run of the suite, and copied."""
 
-from __future__ import annotations
-
 import fcntl
 import hashlib
 import json
 import os
 import shutil
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import pytest
@@ -57,16 +55,16 @@ class FinishedRun:
             arrays[f"random {k}"] = backend.random_state[1]
         return arrays
 
-    def assert_same_chains(self, other: FinishedRun) -> None:
+    def assert_same_chains(self, other: Self) -> None:
         theirs = other.chains()
         for name, values in self.chains().items():
             assert np.array_equal(values, theirs[name]), name
 
-    def copy(self, place: Path) -> FinishedRun:
+    def copy(self, place: Path) -> Self:
         """Copy config, record and results into the new folder `place`."""
         shutil.copytree(self.config.parent, place)
         name = self.folder.relative_to(self.config.parent)
-        return FinishedRun(place / self.config.name, place / name, self.result)
+        return replace(self, config=place / self.config.name, folder=place / name)
 
 
 def run(factory: pytest.TempPathFactory, *changes: tuple[str, str]) -> FinishedRun:

@@ -1,7 +1,5 @@
 """A newcomer's records, and the entries of the configs that are written for them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Files of others in the places of results, and what stands there instead of files."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Mapping
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The command line in a child forked from this process, with bounds on its time and memory."""
 
-from __future__ import annotations
-
 import os
 import resource
 import select

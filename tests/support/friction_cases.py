@@ -1,7 +1,5 @@
 """Rigs with dry friction and their inputs; what `friction_oracle` says of them is kept for all tests."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import math
@@ -58,9 +56,6 @@ class Case:
     def added(self) -> tuple[str, ...]:
         """Its parameters beside the nine."""
         return tuple(name for name in self.rig.p if name not in ORDER)
-
-    def with_parameters(self, **values: float) -> Rig:
-        return dataclasses.replace(self.rig, p={**self.rig.p, **values})
 
 
 def _loop(t: np.ndarray):

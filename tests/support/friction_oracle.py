@@ -14,8 +14,6 @@ the size at rest.  Sizes: `t_c + (t_s - t_c) exp(-(|w|/w_s)^power)`, where only 
 motor (1/eta - 1) i_m k_s |theta_1 - theta_2| more; v_d of the current.  With sizes of zero nothing rubs.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Independence proposals made by hand: unlike their target, since exactness asks for no likeness."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from functools import cache
 

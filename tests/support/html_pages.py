@@ -1,7 +1,5 @@
 """Pages of reports as they are parsed."""
 
-from __future__ import annotations
-
 from html.parser import HTMLParser
 from pathlib import Path
 

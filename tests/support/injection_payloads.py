@@ -1,7 +1,5 @@
 """A config and a record each of whose texts would run in a browser, draw a table or obey a terminal."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 Each turns its draws into independent uniform variables, so that a Kolmogorov-Smirnov test is exact.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 

@@ -4,8 +4,6 @@ Of the package it takes the matrices of a rig alone; `rig/models/test_motor_shaf
 `rig/models/test_equations.py` hold these against the balances of the bodies.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

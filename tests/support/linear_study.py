@@ -1,7 +1,5 @@
 """A study that is exactly linear, and the exact posterior of any record of it; what a record shows."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Collection
@@ -9,11 +7,7 @@ from collections.abc import Collection
 import numpy as np
 from support.scipy_oracles import NOMINAL
 
-from bayesdrill.analysis.identifiability.information import (
-    Information,
-    root_of,
-    simple_exponents,
-)
+from bayesdrill.analysis.identifiability.information import Information, root_of, simple_exponents
 from bayesdrill.analysis.identifiability.structure import ScalingStructure
 from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy, KnownProduct, products
 from bayesdrill.analysis.verdict import Verdict, judge
@@ -49,10 +43,7 @@ def linear_study(prior_sd: np.ndarray) -> IdentifiabilityStudy:
         at="the start",
         of_interest=NAMES,
         structure=ScalingStructure(
-            names=NAMES,
-            symmetries=((1, 1, 0),),
-            invariants=((0, 0, 1), (1, -1, 0)),
-            unexplained=0,
+            names=NAMES, symmetries=((1, 1, 0),), invariants=((0, 0, 1), (1, -1, 0)), unexplained=0
         ),
         parameters=tuple(product(e) for e in ((1, 0, 0), (0, 1, 0), (0, 0, 1))),
         products=products(known, prior_sd, simple_exponents(3), words),

@@ -1,7 +1,5 @@
 """Records of rigs with physics that is then left out, made by the oracle in `friction_oracle`."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

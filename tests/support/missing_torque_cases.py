@@ -1,7 +1,5 @@
 """Posteriors of records of the nominal rig that a drawn torque has moved."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

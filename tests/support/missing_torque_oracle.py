@@ -1,7 +1,5 @@
 """Oracles of a missing torque: covariances and a filter by matrices of all samples, with SciPy alone."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm

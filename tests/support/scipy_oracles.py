@@ -1,7 +1,5 @@
 """Responses of the paper's rig by SciPy and plain loops, without any of the package's own."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

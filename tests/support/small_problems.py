@@ -1,7 +1,5 @@
 """Small experiments and problems for tests."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import islice
@@ -11,7 +9,6 @@ import numpy as np
 from support.scipy_oracles import NOMINAL, ORDER
 
 from bayesdrill.basics.symbols import PARAMETERS, own_symbol
-from bayesdrill.inference import laplace
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.noise.contract import Noise, NoisyChannel
 from bayesdrill.inference.noise.white import White
@@ -166,19 +163,6 @@ def with_priors(space: ParameterSpace, priors: Mapping[str, Prior]) -> Parameter
     """Return the same unknowns with other priors of some."""
     unknowns = (replace(u, prior=priors.get(u.name, u.prior)) for u in space.unknowns)
     return replace(space, unknowns=tuple(unknowns))
-
-
-def points_near(
-    posterior: Posterior, theta: np.ndarray, n: int, rng: np.random.Generator
-) -> np.ndarray:
-    """Return `(n, D)` points of finite density around `theta (D,)`, in the sampler's coordinates."""
-    centre = posterior.coordinates.from_physical(theta[None])[0]
-    root = laplace.matrix_root(laplace.covariance(posterior, theta))
-    points = np.empty((0, len(theta)))
-    while len(points) < n:
-        z = centre + rng.standard_normal((n, len(theta))) @ root.T
-        points = np.concatenate([points, z[np.isfinite(posterior(z))]])
-    return points[:n]
 
 
 def replace_only(likelihood: Likelihood, **changes: Any) -> Likelihood:

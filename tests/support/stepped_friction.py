@@ -1,7 +1,5 @@
 """`Stepped` at the cases of dry friction, as the tests of it want it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any

@@ -5,8 +5,6 @@ an inertia acts on the coordinates by T'.  Dry friction is integrated from event
 slips with the sign of its speed until that is zero, and sticks up to its friction.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Records in files with configs, what would explain what their fit leaves, and configs that say so."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What tests of whole runs share."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import signal

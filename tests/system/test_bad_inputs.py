@@ -3,8 +3,6 @@
 Mistakes in configs and records are in `bad_inputs.yaml`, whose head explains its entries.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import time

@@ -1,7 +1,5 @@
 """`bayesdrill calibrate CONFIG`: the same ranks wherever and however they are computed."""
 
-from __future__ import annotations
-
 import csv
 import dataclasses
 import json
@@ -149,7 +147,7 @@ def test_the_measured_record_plays_no_part(copy: Calibration) -> None:
 def test_a_calibration_leaves_a_complete_folder_and_nothing_else(finished: Calibration) -> None:
     assert set(command_line.listing(finished.folder)) == FILES
     assert {name for name in FILES if not output_files.CALIBRATE.is_output(name)} == {
-        *(".lock", "figures", ".refits"),
+        *(".lock", "figures", ".refits")
     }
     run = finished.run
     assert (run["status"], run["refits"], run["seed"]) == ("finished", 10, 7)

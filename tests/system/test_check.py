@@ -1,7 +1,5 @@
 """`bayesdrill check CONFIG`: what it shows of a record, and what it compares with nominal values."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

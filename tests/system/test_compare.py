@@ -1,7 +1,5 @@
 """`bayesdrill compare RUN RUN ...`: models of one record, and the verdict that they come to."""
 
-from __future__ import annotations
-
 import csv
 import json
 import shutil
@@ -11,7 +9,6 @@ import pytest
 from support import command_line, finished_runs
 from support.command_line import assert_refused, cli
 
-import bayesdrill as bd
 from bayesdrill.output_files import dumps_checksummed, loads_checksummed
 
 HELD_OUT = ("  time: {column: t, unit: s}", "  time: {column: t, unit: s}\n  held_out: [3, 4]")
@@ -25,7 +22,6 @@ CHANGES = {
     "wrong": [HELD_OUT, WRONG],
     "unsure": [HELD_OUT, UNKNOWN_NOISE],
     "whole": [],
-    "seeded": [HELD_OUT, ("seed: 7", "seed: 8")],
 }
 
 
@@ -84,15 +80,6 @@ def test_a_wrong_model_is_found_and_no_noise_makes_up_for_it(runs: Path) -> None
 
 
 @pytest.mark.slow
-def test_the_same_model_twice_is_neither(runs: Path) -> None:
-    comparison = bd.compare([runs / "given", bd.open(runs / "seeded")], names=["a", "b"])
-    assert comparison.decision.word == "neither"
-    assert abs(comparison.log_evidence["a"] - comparison.log_evidence["b"]) < 0.1
-    assert "NEITHER" in comparison._repr_markdown_()
-    assert comparison.plot().axes
-
-
-@pytest.mark.slow
 def test_a_run_that_has_seen_what_another_holds_out_is_of_another_record(runs: Path) -> None:
     result = cli("compare", runs / "given", runs / "whole", "-o", runs / "out")
     message = "this run is of another record, and odds compare models of one record"
@@ -114,22 +101,3 @@ def test_a_run_without_evidence_gets_it_by_resuming(runs: Path) -> None:
     resumed = command_line.posterior(runs / "given.yaml", runs / "given", "--resume")
     assert resumed.status == 0
     assert evidence(runs / "given") == before
-
-
-@pytest.mark.slow
-def test_a_comparison_overwrites_nothing_unasked(runs: Path) -> None:
-    out, two = runs / "out", (runs / "given", runs / "unsure")
-    assert cli("compare", *two, "-o", out).status == 0
-    (out / "notes.md").write_text("mine")
-    before = command_line.listing(runs)
-    for arguments, message in (
-        ([*two, "-o", out], "results exist already; make them anew with --force"),
-        ([*two, "-o", runs / "given", "--force"], "is one of these runs"),
-        ([runs / "given", "-o", runs / "new"], "1 given; 2 to 24 runs"),
-        ([runs / "given", runs / "none", "-o", runs / "new"], "none: no results here"),
-        ([out, runs / "given", "-o", runs / "new"], "results of `bayesdrill compare`"),
-    ):
-        assert_refused(cli("compare", *arguments), message)
-        assert command_line.listing(runs) == before
-    assert cli("compare", *two, "-o", out, "--force").status == 0
-    assert (out / "notes.md").read_text() == "mine"

@@ -1,7 +1,5 @@
 """The documents: commands and scripts run, configs are valid, statements are true of the program."""
 
-from __future__ import annotations
-
 import csv
 import math
 import os

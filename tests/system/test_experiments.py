@@ -1,7 +1,5 @@
 """Several experiments in one config, from simulated records to reports; and experiments held out."""
 
-from __future__ import annotations
-
 import csv
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What simulators take away from a run, read back by other code."""
 
-from __future__ import annotations
-
 import json
 import warnings
 from xml.etree import ElementTree

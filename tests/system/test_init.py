@@ -1,7 +1,5 @@
 """`bayesdrill init RECORD`: tables of any size are read in seconds, or refused."""
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 

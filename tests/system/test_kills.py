@@ -3,8 +3,6 @@
 Where only a worker is killed, as the kernel does when memory runs out, the command says so.
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os
@@ -140,12 +138,7 @@ def test_a_folder_is_locked_while_a_run_writes_and_an_interrupted_run_can_be_res
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("number", "processes", "saved"),
-    [
-        (signal.SIGINT, 1, 0),
-        (signal.SIGINT, 2, 3),
-        (signal.SIGTERM, 1, 3),
-        (signal.SIGKILL, 2, 3),
-    ],
+    [(signal.SIGINT, 1, 0), (signal.SIGINT, 2, 3), (signal.SIGTERM, 1, 3), (signal.SIGKILL, 2, 3)],
     ids=lambda value: getattr(value, "name", value),
 )
 def test_an_interrupted_and_resumed_run_equals_one_without_interruption(

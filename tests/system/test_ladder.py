@@ -1,7 +1,5 @@
 """`bayesdrill ladder CONFIG`: a run of each candidate model, a comparison, and a recommended config."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import math
@@ -14,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support import command_line
-from support.command_line import assert_refused, replace_text
+from support.command_line import CONFIGS, assert_refused, replace_text
 
 from bayesdrill.analysis.refits import RefitMaximum, refit_candidate
 from bayesdrill.basics.errors import Interrupted
@@ -24,24 +22,7 @@ from bayesdrill.config.job import prepare
 from bayesdrill.selection.candidates import CandidateModel
 from bayesdrill.tasks import ladder, ranking, remote
 
-CONFIG = """\
-name: turned
-seed: 7
-record:
-  file: turned.csv
-  time: {column: t, unit: s}
-  channels:
-    w_2: {column: w_2, unit: rad/s, sigma: {prior: log_uniform, low: 0.01, high: 10}}
-inputs:
-  t_m: {column: t_m, unit: N*m, hold: zero}
-model: {name: motor}
-parameters:
-  j_m: {prior: uniform, low: 1.0e-4, high: 1.0e-3}
-  c_m: {prior: uniform, low: 1.0e-4, high: 1.0e-2}
-map: {starts: 1, evaluations: 500}
-sampler: {walkers: 16, r_hat: 1.05, ess: 200, n_tau: 5}
-output: {predictive_draws: 10, figures: []}
-"""
+CONFIG = (CONFIGS / "turned.yaml").read_text(encoding="utf-8")
 J_M, C_M, FRICTION, SIGMA = 4e-4, 1e-3, 0.02, 0.1
 DT, N, FINER = 0.02, 150, 400
 

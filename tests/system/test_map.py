@@ -1,7 +1,5 @@
 """`bayesdrill map CONFIG`: the maximum of the posterior, what it predicts, and why a fit is bad."""
 
-from __future__ import annotations
-
 import csv
 import shutil
 from functools import cache
@@ -9,14 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from support import command_line
 from support.command_line import assert_refused, cli
 from support.document_blocks import ROOT
-from support.figure_checks import clashes, drawn, legend_texts
 from support.scipy_oracles import NOMINAL, by_expm
-from support.unexplained_records import write
+from support.unexplained_records import try_only, write
 
 import bayesdrill as bd
 from bayesdrill.output_files import loads_checksummed
@@ -96,15 +92,6 @@ def test_a_maximum_of_arrays_is_kept_with_its_record(tmp_path: Path) -> None:
     assert {name: float(row["map"]) for name, row in rows.items()} == dict(best().values)
     assert float(rows["k_s"]["nominal"]) == NOMINAL["k_s"]
     assert loads_checksummed((out / "map.json").read_bytes())["values"] == dict(best().values)
-
-
-def test_the_fit_is_drawn() -> None:
-    figure = best().plot()
-    assert isinstance(figure, Figure)
-    assert list(clashes(drawn(figure))) == []
-    texts = legend_texts(figure)
-    assert not any("predictive" in text for text in texts)
-    assert sum("of the noise" in text for text in texts) == 1  # about the model, and about zero
 
 
 @pytest.fixture(scope="module")
@@ -249,10 +236,17 @@ NARROW = {
 
 
 @pytest.mark.parametrize(
-    "name", ["LOAD", *(pytest.param(x, marks=pytest.mark.slow) for x in ("SHAFT", "LAG"))]
+    ("name", "parts"),
+    [
+        ("LOAD", {"prior_j_load", "gain_w_motor", "gain_w_load", "offset_w_load", "damping_load"}),
+        *(pytest.param(x, {}, marks=pytest.mark.slow) for x in ("LOAD", "SHAFT", "LAG")),
+    ],
 )
-def test_a_prior_that_ends_too_early_is_widened(name: str, tmp_path: Path) -> None:
-    """And the config that `--apply` writes fits."""
+def test_a_prior_that_ends_too_early_is_widened(
+    name: str, parts: set[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And the config that `--apply` writes fits; few of the candidates are tried, or all."""
+    try_only(parts, monkeypatch)
     rig = bd.Train(
         inertias=("motor", "load"),
         shafts={"s": ["motor", "load"]},

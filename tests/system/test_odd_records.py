@@ -3,8 +3,6 @@
 Those that are refused are in `bad_inputs.yaml`.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import h5py

@@ -1,7 +1,5 @@
 """No command replaces a file that it reads, or one of others, under whatever name it is given."""
 
-from __future__ import annotations
-
 import os
 import shutil
 from collections.abc import Callable, Iterator

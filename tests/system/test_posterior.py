@@ -1,7 +1,5 @@
 """`bayesdrill posterior CONFIG`: what a run leaves and prints, what it repeats, when it is believed."""
 
-from __future__ import annotations
-
 import itertools
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Results that are published are those of today's configs and records, and others are detected."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 The record does not come with the project: where it is absent, these tests are skipped.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,29 +1,122 @@
 """A release: one version, the files of `dist/`, and what they do where no checkout is."""
 
-from __future__ import annotations
-
+import os
 import re
 import shutil
+import subprocess
 import sys
 import tarfile
 import tomllib
 import zipfile
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from support import command_line, release_builds
-from support.release_builds import PINNED, Dist, Installed
+from support import command_line
 
 import bayesdrill
 from bayesdrill.api import files as api_files
 
 ROOT = command_line.ROOT
 LARGEST = {".whl": 1_200_000, ".gz": 4_000_000}  # bytes
+# What work in a checkout leaves there.
+MADE = (".venv", ".venv-bench", ".git", "results", "dist", ".hypothesis")
+PINNED = ROOT / "requirements.lock"
+
+
+@dataclass(frozen=True)
+class Dist:
+    """`tree`: the copy that the two files are made of."""
+
+    tree: Path
+    wheel: Path
+    sdist: Path
+
+
+def build(folder: Path) -> Dist:
+    """As `make dist` does, of a checkout in which work was done."""
+    tree = folder / "bayesdrill"
+    shutil.copytree(ROOT, tree, ignore=_made)
+    for name in (
+        "results/mine/chain.h5",
+        "results/published/run/report.html",
+        ".venv/pyvenv.cfg",
+        "bayesdrill/__pycache__/cli.pyc",
+    ):
+        (tree / name).parent.mkdir(parents=True)
+        (tree / name).write_text("not to be released")
+    command = [sys.executable, "-m", "build", "--no-isolation", "--outdir", "dist"]
+    done = subprocess.run(command, cwd=tree, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    (wheel,), (sdist,) = (tree / "dist").glob("*.whl"), (tree / "dist").glob("*.tar.gz")
+    return Dist(tree, wheel, sdist)
+
+
+def _made(folder: str, names: list[str]) -> set[str]:
+    top = MADE if Path(folder) == ROOT else ()
+    return {name for name in names if name in (*top, "__pycache__") or name.endswith("_cache")}
+
+
+def interpreter(version: str) -> str | None:
+    """One of this version that runs: on PATH, or of pyenv."""
+    pyenv = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv")) / "versions"
+    places = [
+        shutil.which(f"python{version}"),
+        *sorted(map(str, pyenv.glob(f"{version}.*/bin/python"))),
+    ]
+    for place in places:
+        if place is not None:
+            ask = [place, "-c", "import sys; print('%d.%d' % sys.version_info[:2])"]
+            told = subprocess.run(ask, capture_output=True, text=True, check=False)
+            if told.stdout.strip() == version:
+                return place
+    return None
+
+
+@dataclass(frozen=True)
+class Installed:
+    """An environment with bayesdrill and what it needs, and a folder that is no checkout."""
+
+    bin: Path
+    folder: Path
+
+    def run(self, *command: str | Path, status: int = 0) -> str:
+        clean = {k: v for k, v in os.environ.items() if not k.startswith(("PYTHON", "VIRTUAL_ENV"))}
+        done = subprocess.run(
+            [self.bin / command[0], *command[1:]],
+            cwd=self.folder,
+            env={**clean, "PATH": f"{self.bin}{os.pathsep}{os.defpath}", "MPLBACKEND": "agg"},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.returncode == status, f"{command}\n{done.stdout}\n{done.stderr}"
+        assert "Traceback" not in done.stderr
+        return done.stdout
+
+
+def empty(version: str, folder: Path) -> Installed:
+    """An environment of nothing but pip."""
+    python = interpreter(version)
+    if python is None:
+        pytest.skip(f"there is no Python {version} here")
+    (folder / "work").mkdir(parents=True)
+    subprocess.run([python, "-m", "venv", folder / "venv"], check=True, capture_output=True)
+    return Installed(folder / "venv" / "bin", folder / "work")
+
+
+def reach_packages(at: Installed) -> None:
+    """Skips where pip finds no packages at all; what is wrong after that is wrong with ours."""
+    pin = PINNED.read_text().splitlines()[0]
+    probe = [at.bin / "pip", "download", "-q", "--no-deps", "-d", at.folder.parent / "probe", pin]
+    done = subprocess.run(probe, capture_output=True, text=True, check=False)
+    if done.returncode:
+        pytest.skip(f"pip finds no packages here: {done.stderr.strip().splitlines()[-1]}")
 
 
 @pytest.fixture(scope="module")
 def dist(tmp_path_factory: pytest.TempPathFactory) -> Dist:
-    return release_builds.build(tmp_path_factory.mktemp("release"))
+    return build(tmp_path_factory.mktemp("release"))
 
 
 def test_the_version_stands_in_one_place() -> None:
@@ -87,8 +180,8 @@ PYTHONS = ("3.12", "3.13", "3.14", "3.15")
 @pytest.mark.parametrize("version", PYTHONS)
 def test_the_wheel_works_where_no_checkout_is(version: str, dist: Dist, tmp_path: Path) -> None:
     """On each Python that is here, with pinned versions: the first commands of a newcomer."""
-    at = release_builds.empty(version, tmp_path)
-    release_builds.reach_packages(at)
+    at = empty(version, tmp_path)
+    reach_packages(at)
     at.run("pip", "install", "-q", "--constraint", PINNED, dist.wheel)
     at.run("pip", "check")
     number = f"bayesdrill {bayesdrill.__version__}\n"
@@ -131,10 +224,8 @@ def test_the_source_installs_as_the_wheel_does(dist: Dist, tmp_path: Path) -> No
     """File by file; it says its version without any other package."""
     contents = []
     for archive in (dist.wheel, dist.sdist):
-        at = release_builds.empty(
-            f"{sys.version_info[0]}.{sys.version_info[1]}", tmp_path / archive.suffix
-        )
-        release_builds.reach_packages(at)
+        at = empty(f"{sys.version_info[0]}.{sys.version_info[1]}", tmp_path / archive.suffix)
+        reach_packages(at)
         at.run("pip", "install", "-q", "--no-deps", "--no-compile", archive)
         (place,) = (at.bin.parent / "lib").glob("python*/site-packages")
         record = next(place.glob("bayesdrill-*.dist-info")) / "RECORD"
@@ -174,8 +265,8 @@ def test_the_dockerfile_copies_files_that_are_there_and_runs_as_a_user() -> None
 def test_the_commands_of_the_dockerfile_run_by_hand(dist: Dist, tmp_path: Path) -> None:
     """One after the other, with no other files than those that the image gets."""
     version = re.search(r"python:(3\.\d+)", instructions()[0][1]).group(1)
-    at = release_builds.empty(version, tmp_path)
-    release_builds.reach_packages(at)
+    at = empty(version, tmp_path)
+    reach_packages(at)
     source, wheel = at.folder / "source", at.folder / "wheel"
     for line in (ROOT / ".dockerignore").read_text().splitlines():
         if line.startswith("!"):

@@ -3,8 +3,6 @@
 What is said of a run is evaluated once, kept in `run.json`, and shown from there.
 """
 
-from __future__ import annotations
-
 import csv
 import dataclasses
 import json

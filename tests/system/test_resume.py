@@ -1,7 +1,5 @@
 """`bayesdrill posterior --resume` and `--force`: what goes on, what is refused, what is damaged."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

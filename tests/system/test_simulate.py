@@ -1,7 +1,5 @@
 """`bayesdrill simulate CONFIG`: records that their config can read, and that replace no other file."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 
@@ -98,19 +96,6 @@ def test_another_simulation_is_overwritten_with_force_only(tmp_path: Path) -> No
     (tmp_path / "small.csv").unlink()
     assert cli("simulate", config).status == 0
     assert (tmp_path / "small.csv").read_bytes() == record
-
-
-@run_cases("option", ["", "--force"])
-@run_cases("name", [None, "small.csv", "../rig/small.csv", "hard.csv"])
-def test_the_record_that_a_config_names_is_never_overwritten(
-    name: str | None, option: str, tmp_path: Path
-) -> None:
-    config = command_line.small_config(tmp_path / "rig")
-    os.link(tmp_path / "rig" / "small.csv", tmp_path / "rig" / "hard.csv")
-    output = [] if name is None else ["-o", tmp_path / "rig" / name]
-    command = ("simulate", config, *output, *option.split())
-    message = "or named by its config, and never replaced"
-    assert_refused_unchanged(tmp_path, message, *command)
 
 
 @run_cases("force", [False, True])

@@ -1,7 +1,5 @@
 """`bayesdrill verify RUN`: tables, figures, configs and records that do not belong together."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -1,7 +1,5 @@
 """Clusters that fail: each ends in a sentence within half a minute, or the work goes on."""
 
-from __future__ import annotations
-
 import asyncio
 import os
 import signal

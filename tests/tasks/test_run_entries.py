@@ -1,7 +1,5 @@
 """The record of a finished run in `run.json`."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

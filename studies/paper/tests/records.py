@@ -1,7 +1,5 @@
 """Records of the nominal rig for the tests of the studies."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from support.scipy_oracles import NOMINAL

@@ -1,7 +1,5 @@
 """`python -m studies.paper`: refused, and whole."""
 
-from __future__ import annotations
-
 import csv
 import re
 import shutil
@@ -108,7 +106,6 @@ def test_what_is_no_folder_of_studies_is_told(given: str, tmp_path: Path) -> Non
 
 
 def test_results_and_files_of_others_are_left_alone(tmp_path: Path) -> None:
-    """Mutant killed: the folders of the posteriors are looked into after minutes."""
     (tmp_path / "file").write_text("mine")
     says = "a file is in the way; give another --output"
     refused("-o", tmp_path / "file", below=tmp_path, says=says)

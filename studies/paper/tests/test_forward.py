@@ -1,7 +1,5 @@
 """The printed matrix and the integrator, against exponentials and laws of the trapezoidal rule."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import scipy.interpolate
@@ -60,7 +58,7 @@ def augmented(reading: str, p: dict[str, float]) -> Array:
     ],
 )
 def test_the_matrix_of_the_equations_and_the_printed_one(model: Model, at: str, i_n: float) -> None:
-    """Typed in from the paper: what A(5,1) is over, and i_n. Mutant killed: a misprint is mended."""
+    """Typed in from the paper: what A(5,1) is over, and i_n."""
     p = skewed()
     k, j1, jm, lm, g = p["k_s"], p["j_1"], p["j_m"], p["l_m"], I_M**2
     typed = np.array(
@@ -101,10 +99,7 @@ def test_speeds_that_the_misprints_lead_to(
 
 
 def test_readings_settle_where_they_are_after_hours_and_their_errors_are_the_largest() -> None:
-    """From exponentials of the six states, one per sample and one of 20 000 s.
-
-    Mutants killed: the end of the record for the end; any other error.
-    """
+    """From exponentials of the six states, one per sample and one of 20 000 s."""
     for reading in forward.readings(experiment(51, 0.02), skewed()):
         whole = augmented(reading.row["name"], skewed())
         end = scipy.linalg.expm(2e4 * whole)[W_2, 6]
@@ -142,7 +137,6 @@ def test_the_integrators_error_in_each_channel() -> None:
 
 
 def test_the_integrator_starts_where_the_state_is_given() -> None:
-    """Mutant killed: the state of the time zero taken for that of the first sample."""
     start = {"theta_1": 0.3, "w_2": -1.0}
     record = experiment(41, 0.02, first=0.5, t_start=0.1, start=start)
     at_start = np.array([0.3, 0.0, 0.0, -1.0, 0.0])
@@ -167,7 +161,6 @@ def boxed() -> Posterior:
 
 
 def test_the_misfit_with_the_integrator_is_its_own(boxed: Posterior) -> None:
-    """Mutants killed: the exact misfit, twice the density, noise that is the same everywhere."""
     y = boxed.likelihood.only_observation.response.experiment.y
     rows, expected = np.array([[0.8, 1.1], [1.4, 0.6]]), []
     for factors in rows:
@@ -184,7 +177,6 @@ def test_the_misfit_with_the_integrator_is_its_own(boxed: Posterior) -> None:
 
 
 def test_a_search_with_the_integrator_ends_at_the_priors(boxed: Posterior) -> None:
-    """Mutant killed: a density beyond them."""
     theta = np.array([[1.6, 1.0], [1.0, 0.4], [1.0, 1.0]]) * [NOMINAL[name] for name in BOX]
     found = forward.stepped_task(precision.misfit_task(boxed), boxed.likelihood).density(theta)
     assert list(found[:2]) == [-np.inf, -np.inf]
@@ -201,7 +193,7 @@ def test_agrees_with_the_exact_response_within_thirty_tolerances(p: dict[str, fl
 
 
 def test_is_of_second_order() -> None:
-    """Errors fall as steps^-2, and so as rtol^(2/3). Mutants killed: Euler, a wrong error power."""
+    """Errors fall as steps^-2, and so as rtol^(2/3)."""
     runs = [(rtol, *both(NOMINAL, rtol)) for rtol in (1e-3, 1e-4, 1e-5, 1e-6)]
     errors = np.log([worst(found, true) for _, _, found, true in runs])
     steps = np.log([solution.steps for _, solution, _, _ in runs])
@@ -228,7 +220,6 @@ def test_the_energy_of_a_swing_without_loss_is_kept_to_rounding() -> None:
 
 
 def test_a_parabola_is_exact_between_the_steps_too() -> None:
-    """Mutant killed: a straight line between the steps."""
     t = np.linspace(1.0, 3.0, 301)
     solution = integrate(CHAIN[:2, :2], np.array([0.0, 3.0]), np.array([0.5, -2.0]), t)
     s = t - 1.0
@@ -261,8 +252,6 @@ def test_steps_are_as_long_as_a_known_error_allows() -> None:
     """x_1''' = 1e3, all sizes 1e9: the error is h^3/12 1e3, and four fifths of h = 2.29 s fit.
 
     x_4 only makes the first step short, 0.08 s; then 0.4 s, then as many as are left of 100 s.
-    Mutants killed: an error as if all steps were equal; steps as if errors grew as h^2; an error
-    of the first step as if the slope had been constant before it.
     """
     matrix = np.zeros((4, 4))
     matrix[:3, :3] = CHAIN[:3, :3]

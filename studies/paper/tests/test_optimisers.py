@@ -1,7 +1,5 @@
 """fminsearch against what MATLAB documents, and the heuristic that searches pairs of unknowns."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
@@ -53,7 +51,6 @@ def searched(way: str, evaluations: int) -> tuple[TracedOptimum, list[tuple[floa
 
 @run_cases("way", WAYS)
 def test_a_search_finds_the_maximum_and_what_it_may_spend_only_cuts_it_short(way: str) -> None:
-    """Mutant killed: the best point lost with the iteration that was cut."""
     whole, asked = searched(way, 8000)
     assert whole.theta == pytest.approx([6.0, 0.02], rel=0.02)
     assert whole.history[-1] == pytest.approx(whole.value)
@@ -99,7 +96,6 @@ def test_pairs_are_the_papers_for_its_nine_and_a_circle_for_fewer() -> None:
 
 
 def test_pairwise_moves_two_unknowns_at_a_time_in_the_order_given() -> None:
-    """Mutants killed: pairs in another order, other unknowns that move, iterations not counted."""
     seen: list[Array] = []
 
     def bowl(x: Array) -> Array:

@@ -1,7 +1,5 @@
 """The numbers in `docs/paper.md` are those of the tables."""
 
-from __future__ import annotations
-
 import re
 import runpy
 import shutil

@@ -1,7 +1,5 @@
 """Figures of the studies: nothing overlaps, and every mark is in its place."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """Bounds, misfits and records of known truth."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 
@@ -38,10 +36,7 @@ def test_misfit_is_the_papers() -> None:
 
 
 def test_records_have_the_misfit_that_is_expected_in_nineteen_of_twenty() -> None:
-    """400 records; the share has a standard deviation of 1.1 %.
-
-    Mutant killed: an interval of half of the records.
-    """
+    """400 records; the share has a standard deviation of 1.1 %."""
     rig = target(("k_s",), UNEVEN, 40, at(("k_s",), 1.0))
     truth = vector(NOMINAL)[[ORDER.index("k_s")]]
     found = np.array(
@@ -59,7 +54,6 @@ def test_records_have_the_misfit_that_is_expected_in_nineteen_of_twenty() -> Non
 
 
 def test_bounds_of_lengths_are_those_at_a_thousandth_and_repeats_attain_what_is_wanted() -> None:
-    """Mutant killed: a factor of a thousand in the bounds."""
     rig = target(("c_m", "k_e"), UNEVEN, 51, {})
     one = rig.likelihood.only_observation
     grid = ((0.7, 50.0), (2.0, 120.0))

@@ -1,7 +1,5 @@
 """The numbers of the paper against its LaTeX, and what follows from them against the equations."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The drawing of the pairwise search as it is rendered."""
 
-from __future__ import annotations
-
 import itertools
 import re
 from functools import cache

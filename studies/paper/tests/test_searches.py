@@ -1,7 +1,5 @@
 """The searches of the paper against least squares, and what is said of their ends."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -30,7 +28,7 @@ TWO = ("c_m", "k_e")
 @run_cases("way", precision.WAYS)
 @run_cases("sigma", [0.001, 0.3])
 def test_estimates_are_those_of_least_squares(way: str, sigma: float) -> None:
-    """Negative ones too.  Mutant killed: the prior kept in the density (it ends at zero)."""
+    """Negative ones too."""
     priors = {"c_m": Uniform(0.0, 0.02), "k_e": Uniform(0.0, 0.2)}
     start = {"c_m": 1e-3, "k_e": 1e-2}
     target = with_start(posterior(noisy_step(SIGMA), SIGMA, free=TWO, priors=priors), start)
@@ -89,7 +87,6 @@ def test_path_of_the_heuristic_begins_and_ends_at_its_misfits() -> None:
 
 
 def test_the_heuristic_ends_lower_in_the_misfit_that_it_searches() -> None:
-    """Mutants killed: the exact misfit for the integrator's, in the search and in what is told."""
     names = ("k_e", "t_f")
     rig = target(names, np.full(4, 0.002), 101, at(names, 1.1, 0.9))
     with WorkerPool(rig, 1) as pool:
@@ -156,7 +153,7 @@ def verified() -> Verified:
 def test_bounds_and_posteriors_grow_with_the_noise(verified: Verified, sigma: float) -> None:
     """The priors, ten sd wide at least, do not matter: the posterior is as wide as the bound.
 
-    Its sd is known to 10 % or better.  Mutants killed: a bound of sigma 1; twice the sd.
+    Its sd is known to 10 % or better.
     """
     _, found, _, one = verified
     bound = sigma * one
@@ -189,7 +186,6 @@ def test_records_differ_in_the_size_of_their_noise_alone(verified: Verified) -> 
 def test_each_search_ends_low_in_the_misfit_of_its_own_record_and_model(
     verified: Verified, sigma: float
 ) -> None:
-    """Mutants killed: an exact record for the integrator's own; noise where there is to be none."""
     rig, found, truth, _ = verified
     sized = precision.with_sigma(rig, sigma)
     noisy, clean = precision.made_record(sized, truth, 3, 0), precision.clean_record(sized, truth)
@@ -234,7 +230,6 @@ def test_ends_of_searches_are_told_apart_by_their_misfits(
     """Little but k_s/j_1 shows in the swing, which has a second best frequency.
 
     In loud noise that one is within the noise, but not as good; in less it is not within it.
-    Mutants killed: `reached` the other way round, `best` a hundred times as easy.
     """
     truth = np.array([NOMINAL[name] for name in swinging.space.free])
     rig = precision.made_record(precision.with_sigma(swinging, sigma), truth, 8, 0)
@@ -269,10 +264,7 @@ def test_ends_of_searches_are_told_apart_by_their_misfits(
 
 
 def test_the_control_tells_the_largest_of_what_a_search_makes_of_records_with_that_noise() -> None:
-    """By a search whose estimates are off by the noise that it finds, and by where its turn is.
-
-    Mutants killed: the least of the distances, records with another noise, one record for all.
-    """
+    """By a search whose estimates are off by the noise that it finds, and by where its turn is."""
     names = ("k_e", "j_1")
     rig = target(names, np.full(4, 0.3), 101, at(names, 0.9, 1.2))
     truth = rig.space.vector(rig.space.start)

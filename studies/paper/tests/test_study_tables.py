@@ -1,7 +1,5 @@
 """Tables of the paper's studies, of numbers that no study has found: each says what it was given."""
 
-from __future__ import annotations
-
 import csv
 import io
 import math
@@ -294,7 +292,6 @@ def check(cell: str, name: str, record: Mapping[str, str]) -> None:
 
 @run_cases("stem, k", IN_ROWS)
 def test_every_row_is_that_of_the_csv_to_the_digits_shown(stem: str, k: int) -> None:
-    """Mutants killed: one column in the place of another, digits lost, a scale forgotten."""
     heads, rows = grids(tables()[stem].markdown)[k]
     names = COLUMNS[stem][k].split()
     assert len(heads) == len(names)
@@ -361,7 +358,6 @@ def test_the_control_has_a_column_for_each_noise() -> None:
 
 
 def test_lines_of_table_2_lead_back_to_what_was_found() -> None:
-    """Mutants killed: the spread of one way for the other's, a deviation of another estimate."""
     found = findings().verification
     cells = [(sigma, name) for sigma in found.values for name in found.names]
     for line, (sigma, name) in zip(lines_2(found), cells, strict=True):
@@ -384,7 +380,6 @@ def test_lines_of_table_2_lead_back_to_what_was_found() -> None:
 
 @run_cases("known", [True, False])
 def test_lines_of_table_3_lead_back_to_what_was_found(known: bool) -> None:
-    """Mutants killed: off the guess where it says off the truth, another parameter's number."""
     found = findings().nines[0 if known else 1]
     lines = lines_3(found)
     assert [line["parameter"] for line in lines] == list(ORDER)
@@ -432,7 +427,6 @@ def test_lines_of_table_3_lead_back_to_what_was_found(known: bool) -> None:
 
 
 def test_a_way_without_a_best_end_has_no_scatter() -> None:
-    """Mutants killed: the scatter of all ends for that of the best; zero where there is none."""
     lines = {line["way"]: line for line in ways(findings())}
     none, some = lines["fminsearch"], lines["scaled"]
     assert (none["searches"], none["reached"], none["best"], none["settled"]) == (5, 2, 0, 3)
@@ -485,7 +479,6 @@ def test_the_words_name_the_worst_parameter_and_count_those_that_are_held() -> N
 
 
 def test_doubts_are_said_in_words_and_above_the_tables_of_their_record() -> None:
-    """Mutants killed: a bad fit, or a posterior that did not converge, without a word."""
     one, two = findings().nines
     bad = replace(one, misfits={**one.misfits, "map": 2716.846, "high": 1.0443})
     lost = replace(two, converged=False)

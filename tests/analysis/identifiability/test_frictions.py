@@ -1,7 +1,5 @@
 """Frictions that a record can hardly tell from other parameters, or that it does not show at all."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

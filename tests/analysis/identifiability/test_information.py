@@ -1,7 +1,5 @@
 """Sensitivities and information: slopes of the response, bounds by algebra, what nuisances hide."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from support import two_experiments

@@ -1,7 +1,5 @@
 """Profile likelihoods of unknowns that the record bounds, and of one that it does not show."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from support.scipy_oracles import NOMINAL, ORDER

@@ -1,17 +1,13 @@
 """Symmetries that are proven, directions without any, and scales that held numbers settle."""
 
-from __future__ import annotations
-
 import dataclasses
-import importlib
 
 import numpy as np
 import pytest
 from support.case_tables import run_cases
-from support.command_line import ROOT
 from support.linear_study import TABLE, gaussian, verdict
 from support.scipy_oracles import ORDER
-from support.small_problems import likelihood_of, noisy_step, posterior
+from support.small_problems import noisy_step, posterior
 
 from bayesdrill.analysis.identifiability.information import (
     Information,
@@ -28,11 +24,7 @@ from bayesdrill.analysis.identifiability.structure import (
     scaled_by_two,
     sparse_basis,
 )
-from bayesdrill.analysis.identifiability.study import (
-    IdentifiabilityStudy,
-    prior_spreads,
-    study_of,
-)
+from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy, prior_spreads, study_of
 from bayesdrill.config.schema.config import Asked
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.report.sections.identifiability import (
@@ -42,7 +34,6 @@ from bayesdrill.report.sections.identifiability import (
 )
 from bayesdrill.report.sections.nominal import verdict_sentences
 from bayesdrill.rig.models.motor_shaft import MotorShaft
-from bayesdrill.rig.simulators.linear import Response
 
 # Slopes by a, b, c at some points, where the record shows a + b and c.
 SUMS = [
@@ -203,17 +194,3 @@ def test_dependences_are_named_before_sampling_and_in_the_verdict() -> None:
     assert "\nr_m depends on l_m, which the config holds fixed" in texts[0]
     assert "depends on the prior of r_m, as the record by itself tells little" in texts[1]
     assert " depend" not in texts[2]
-
-
-def test_parameters_that_only_an_extension_has_may_be_held(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.syspath_prepend(ROOT / "tests" / "toys")
-    rig = importlib.import_module("toy_rig").Damped()
-    plain = target_with("j_1", "r_m")
-    (one,) = plain.likelihood.observations
-    fixed = {**plain.space.fixed, "tau_s": 0.01}
-    space = dataclasses.replace(plain.space, model=rig.parameters, fixed=fixed)
-    likelihood = likelihood_of(space, (Response(rig, one.experiment), one.noise))
-    target = Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates)
-    assert scales(target) == {scale(MECHANICAL, "j_1"), scale(ELECTRICAL, "r_m")}

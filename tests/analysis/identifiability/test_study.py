@@ -1,7 +1,5 @@
 """What a record of the nominal rig can show: symmetries, products, bounds, remedies, and their words."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

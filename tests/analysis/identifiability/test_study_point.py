@@ -1,7 +1,5 @@
 """Where a record is studied before a search: at the start, or where the rig moves as its record does."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """One column is cleaned: glitches, masks, ends of a range, angles that wrap, derived channels."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A record is read into an experiment in SI: units, times, missing samples, windows."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

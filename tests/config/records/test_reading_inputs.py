@@ -1,7 +1,5 @@
 """Inputs of rigs that no voltage drives: as columns, or as an angle that is imposed."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

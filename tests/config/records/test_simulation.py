@@ -1,7 +1,5 @@
 """Records are simulated from configs: the bundled ones, by seed, and with the true values given."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

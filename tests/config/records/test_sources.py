@@ -1,7 +1,5 @@
 """The files of a record: columns of several files and clocks, and records that are decimated."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

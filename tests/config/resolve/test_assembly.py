@@ -1,7 +1,5 @@
 """A described drive train becomes a posterior: its density is that of its equations, typed anew."""
 
-from __future__ import annotations
-
 import pickle
 from pathlib import Path
 

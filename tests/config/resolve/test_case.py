@@ -1,7 +1,5 @@
 """Physics that a config switches on by naming its parameter."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Several experiments in one config: what each reads, holds and shares, and how each begins."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

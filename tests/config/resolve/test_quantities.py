@@ -1,7 +1,5 @@
 """Ties and formulas of a config: the parameters they give, their slopes, and where they count."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The JSON schema of configs, by which editors complete and describe entries."""
 
-from __future__ import annotations
-
 import json
 import re
 from typing import Any

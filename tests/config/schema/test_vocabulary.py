@@ -1,7 +1,5 @@
 """Which names a config may have: those that rigs share, or those of a described train."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from support.described_rigs import LINEAR, ROTARY

@@ -1,7 +1,5 @@
 """HDF5, NumPy and Parquet: the same numbers in the layouts of users, and what cannot be picked."""
 
-from __future__ import annotations
-
 import pickle
 import sys
 from itertools import product

@@ -1,7 +1,5 @@
 """Text tables: one set of numbers in many spellings, and what the errors say."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -22,12 +20,7 @@ NAMES = ("t [s]", "w_1 [rpm]", "theta")
 # Unequal, off the origin, negative, with exponents and whole numbers: no column can stand in
 # for another, and no mark for another.
 DATA = np.array(
-    [
-        [10.0, 101.25, -3.5e-07],
-        [10.5, 99.0, 4.75],
-        [11.25, -98.5, 1.0 / 3.0],
-        [12.0, 2.5e11, -7.0],
-    ]
+    [[10.0, 101.25, -3.5e-07], [10.5, 99.0, 4.75], [11.25, -98.5, 1.0 / 3.0], [12.0, 2.5e11, -7.0]]
 )
 
 

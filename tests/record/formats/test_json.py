@@ -1,7 +1,5 @@
 """JSON: columns in all shapes that loggers write, and what is said where there are none."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """MATLAB files of both kinds: one set of numbers, and what the errors say."""
 
-from __future__ import annotations
-
 import struct
 import zlib
 from pathlib import Path
@@ -17,10 +15,8 @@ from support.case_tables import run_cases
 from bayesdrill.basics.entries import NoEntries
 from bayesdrill.basics.errors import InputError
 from bayesdrill.record.formats import FORMATS
-from bayesdrill.record.formats.matlab import MAX_DEPTH, read, too_deep
+from bayesdrill.record.formats.matlab import MAX_DEPTH, read
 from bayesdrill.record.formats.table import RecordTable
-
-SHARED = Path(__file__).parents[4] / "shared" / "data"
 
 
 @pytest.fixture(scope="module", params=["v5", "v73"])
@@ -118,15 +114,15 @@ def test_a_damaged_or_huge_variable_that_is_not_wanted_does_no_harm(tmp_path: Pa
     np.testing.assert_array_equal(read(path, {"t"}).pick("t"), T)
 
 
-def nested(depth: int, *, packed: bool, lies: bool = False) -> bytes:
-    """A number in cells in cells; what `lies` says in each tag that nothing follows its head."""
+def nested(depth: int, *, packed: bool) -> bytes:
+    """Return a file of a number in cells in cells."""
     number = element(14, element(6, struct.pack("<II", 6, 0)) + ONE + element(1, b"") + SEVEN)
     heads, size = [], len(number)
     for k in reversed(range(depth)):
         flags, name = element(6, struct.pack("<II", 1, 0)), element(1, b"" if k else b"deep")
         head = flags + ONE + name
         size += len(head)
-        heads.append(struct.pack("<II", 14, len(head) if lies else size) + head)
+        heads.append(struct.pack("<II", 14, size) + head)
         size += 8
     content = b"".join(reversed(heads)) + number
     if packed:
@@ -152,50 +148,3 @@ def test_cells_in_cells_end_no_process(
     path.write_bytes(nested(20_000, packed=packed))
     with pytest.raises(InputError, match=f"more than {MAX_DEPTH} deep; save plain arrays"):
         read(path, wanted)
-
-
-def test_how_deep_is_counted_as_scipy_counts(tmp_path: Path) -> None:
-    """By what a cell holds, whatever stands in its tag; fields and empty cells are no depth."""
-    for packed in (False, True):
-        assert not too_deep(nested(MAX_DEPTH, packed=packed))
-        assert too_deep(nested(MAX_DEPTH + 1, packed=packed))
-    path = tmp_path / "run.mat"
-    path.write_bytes(nested(5, packed=False, lies=True))
-    assert "deep" in scipy.io.loadmat(path)
-    assert too_deep(nested(MAX_DEPTH + 1, packed=False, lies=True))
-    deep: object = T
-    for k in range(MAX_DEPTH // 2):
-        cell = np.empty((1, 3), dtype=object)
-        cell[:] = [["text", {f"field_{k}": deep, "other": W}, np.zeros((0, 0))]]
-        deep = cell
-    for content, expected in ((deep, False), ({"last": deep}, True)):
-        scipy.io.savemat(path, {"a": T, "deep": content, "z": W}, do_compression=True)
-        assert too_deep(path.read_bytes()) is expected
-
-
-def shared(name: str) -> RecordTable:
-    path = SHARED / name
-    if not path.exists():
-        pytest.skip(f"{name} is not here")
-    return read(path)
-
-
-def test_a_drillstring_rig_of_a_laboratory_is_read() -> None:
-    table = shared("ufrj_drillstring_rig/175_completo_1.mat")
-    time = table.pick("Time_Sample_175_complete")
-    assert time.shape == (59000,)
-    np.testing.assert_allclose(np.diff(time), 1e-3, atol=1e-6)
-    window = (time >= 37) & (time <= 41)
-    torque = table.pick(None, "Bit_Torque_Sample_175_complete")[window]
-    assert 0.4 < torque.min() < torque.max() < 4.0
-    assert np.sum(table.pick("Top_Speed_Sample_175_complete") < 0) == 1790
-
-
-def test_a_pair_of_servos_is_read_by_the_columns_of_a_matrix() -> None:
-    table = shared("hsm150_servo/idf_pos_0.06_1.mat")
-    time, current = table.pick(1, "data"), table.pick(7, "data")
-    assert time.shape == current.shape == (20000,)
-    np.testing.assert_allclose(np.diff(time), 1e-3, atol=1e-9)
-    assert table.pick("N") == [2500.0]
-    with pytest.raises(InputError, match="20000 rows and 7 columns"):
-        table.pick("data")

@@ -1,7 +1,5 @@
 """Columns and variables of all formats: the same numbers, or what cannot be picked and a way out."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Figures of several runs: marks stand where the numbers are, and runs differ without colours."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgb

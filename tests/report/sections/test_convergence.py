@@ -1,7 +1,5 @@
 """Figures of convergence: traces, ranks, autocorrelation."""
 
-from __future__ import annotations
-
 import itertools
 
 import emcee

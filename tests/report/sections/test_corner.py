@@ -1,7 +1,5 @@
 """The corner plot: places of draws, contours, nominal values and the MAP; logarithmic axes."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The figure of a fit: record, model, inputs and residuals in units of users; long records."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Figures and words of friction, over time and over speed; nothing of it where nothing rubs."""
 
-from __future__ import annotations
-
 import dataclasses
 from functools import cache
 

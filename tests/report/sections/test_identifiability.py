@@ -1,7 +1,5 @@
 """Figures of `identify`: profiles over plain and logarithmic axes, and the spectrum of what is known."""
 
-from __future__ import annotations
-
 import numpy as np
 from support.case_tables import for_each
 from support.figure_checks import SYMBOLS, TABLE, drawn, si

@@ -1,7 +1,5 @@
 """The sentences, the table and the entries of a verdict on Gaussian posteriors."""
 
-from __future__ import annotations
-
 import csv
 import dataclasses
 

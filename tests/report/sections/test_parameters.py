@@ -1,7 +1,5 @@
 """Figures of parameters: densities on one scale, ridges along symmetries, products in per cent."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from support.case_tables import for_each

@@ -1,7 +1,5 @@
 """Figures of residuals: correlations, frequency responses, predictive checks."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from matplotlib.collections import LineCollection

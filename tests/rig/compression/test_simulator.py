@@ -1,7 +1,5 @@
 """A record in a few numbers: its sums of squares against 80-bit simulation, bounds, fallbacks."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable
 

@@ -1,7 +1,5 @@
 """The cache of machine code: what is wrong with it is never an error, and never a wrong number."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

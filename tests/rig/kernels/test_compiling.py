@@ -1,7 +1,5 @@
 """Compiled code takes little memory, and lives as long as what computes with it."""
 
-from __future__ import annotations
-
 import ctypes
 import gc
 import weakref

@@ -1,7 +1,5 @@
 """Equations of random trains, with motors and imposed speeds, against the matrices of an `Oracle`."""
 
-from __future__ import annotations
-
 from contextlib import suppress
 
 import numpy as np

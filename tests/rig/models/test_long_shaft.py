@@ -1,7 +1,5 @@
 """A shaft with an inertia of its own: against the exact wave equation, and the rig without it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp

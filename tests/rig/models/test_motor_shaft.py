@@ -1,7 +1,5 @@
 """A rig that is composed: each added physics against the balances of motor, gear, shaft and rotor."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The rig with a second rotor, constants of rigs, and what a rig has no value for."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A shaft that is moved from above: against SciPy's solver on equations typed in here."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """A motor alone: against closed forms and matrix exponentials typed in here, and the paper's rig."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

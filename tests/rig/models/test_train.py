@@ -1,7 +1,5 @@
 """Trains against integration from event to event by other code, and what does not go together."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp

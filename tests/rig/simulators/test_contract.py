@@ -4,8 +4,6 @@ Signals and slopes are those of the oracle, sums those of the samples that they 
 walker has its own numbers whatever its neighbours do.
 """
 
-from __future__ import annotations
-
 import functools
 import pickle
 from collections.abc import Callable
@@ -275,8 +273,9 @@ SENSED = {
     "start": ObservationModel(states={"theta_d0": "theta_2_0", "w_d0": "w_1_0"}),
     "steady": ObservationModel(steady=True),
 }
-# Every pair of a number of states, times, and what walkers have of their own.
-for row, count in enumerate((1, 3, 5, 6, 20)):
+# Every pair of a number of states, times, and what walkers have of their own.  Kernels of more than
+# ten states are others, and those of forty keep matrices elsewhere.
+for row, count in enumerate((1, 5, 6, 20)):
     for column, (what, sensing) in enumerate(SENSED.items()):
         at = ("even", "gaps", "jitter", "two clocks")[(row + column) % 4]
         MAKE[f"{2 * count} states, {at}, {what}"] = functools.partial(

@@ -1,7 +1,5 @@
 """Rigs that rub, in steps: against the oracle in `friction_oracle`, and laws that no step may break."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 

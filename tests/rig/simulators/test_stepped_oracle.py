@@ -1,7 +1,5 @@
 """The oracle of dry friction itself: against formulas, another rule of motion, and energies."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

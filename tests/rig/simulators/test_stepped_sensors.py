@@ -1,7 +1,5 @@
 """Rigs that rub as sensors show them: other times, lags, gains, starts, against the oracle at those."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Simplices: the points of SciPy's, in any number at once, and cut short only by what they may spend."""
 
-from __future__ import annotations
-
 import math
 from functools import partial
 

@@ -1,7 +1,5 @@
 """What is learnt before any walker steps: weights of maxima, bent ridges, the same in any chunks."""
 
-from __future__ import annotations
-
 from functools import cache
 from types import SimpleNamespace
 

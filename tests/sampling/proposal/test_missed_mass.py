@@ -1,7 +1,5 @@
 """Posterior mass that a proposal misses, and the ridges to which Gauss and Newton bring every point."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

@@ -1,7 +1,5 @@
 """Ridges that are traced: whether they follow a known one, and which directions are loose."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np
@@ -12,16 +10,6 @@ from support.closed_form_densities import Walled, humps, ridge_point, ridged
 from bayesdrill.inference.laplace import QuadraticModel
 from bayesdrill.sampling.proposal import ridge_tracing
 from bayesdrill.sampling.samplers import ridge
-
-
-def test_roots_are_those_of_the_inverse_curvature() -> None:
-    """Lower triangles, however unequal the units are."""
-    mixed = np.random.default_rng(5).standard_normal((6, 4, 4)) * np.geomspace(1e-4, 1e4, 4)
-    curvature = mixed.swapaxes(1, 2) @ mixed
-    roots = ridge_tracing.covariance_roots(curvature)
-    assert np.array_equal(roots, np.tril(roots))
-    white = roots.swapaxes(1, 2) @ curvature @ roots
-    assert white == pytest.approx(np.broadcast_to(np.eye(4), white.shape), abs=1e-6)
 
 
 @run_cases("seed", [1, 2])

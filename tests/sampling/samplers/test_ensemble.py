@@ -1,7 +1,5 @@
 """One ensemble: seeds, segments, and what is counted."""
 
-from __future__ import annotations
-
 import numpy as np
 from support.known_targets import WILD
 

@@ -1,7 +1,5 @@
 """Densities, draws and fits of independence proposals; `contracts/test_moves.py` tests their move."""
 
-from __future__ import annotations
-
 from dataclasses import fields, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Coordinates along a ridge: there and back, their volume, and the polynomials behind them."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 

@@ -3,8 +3,6 @@
 Nothing of proposal, coordinates or chain density is shared with the package.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from functools import cache

@@ -1,7 +1,5 @@
 """Whole posteriors of simulated records and their verdicts, as `bayesdrill posterior` finds them."""
 
-from __future__ import annotations
-
 import multiprocessing
 from collections.abc import Iterable
 from concurrent.futures import ProcessPoolExecutor
