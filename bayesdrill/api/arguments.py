@@ -1,4 +1,4 @@
-"""Checks of the API's arguments, and a base of jobs with many fits."""
+"""Check the API's arguments, and define a base class of jobs with many fits."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ MOST_PROCESSES = 256  # each takes the memory of an interpreter with all librari
 
 
 def series(location: str, values: Any, issues: list[Issue]) -> Array:
-    """Return numbers `(T,)`, with NaN where masked; a mistake is added to `issues`."""
+    """Return numbers `(T,)`, NaN where they are masked; a mistake is added to `issues`."""
     try:
         masked = np.ma.getmaskarray(values) if isinstance(values, np.ma.MaskedArray) else None
         raw = np.asarray(values)
@@ -165,7 +165,7 @@ def times(t: Any, issues: list[Issue]) -> Array:
 @check_arguments
 @dataclass(frozen=True, slots=True, eq=False)
 class ManyFits[T](Value):
-    """A job of many fits of one config, which can run in several processes or on a cluster.
+    """A job with many fits of one config can run in several processes or on a cluster.
 
     `kind` is the end of the name of its folder.
     """
@@ -201,6 +201,11 @@ class ManyFits[T](Value):
             See `Case.sample`.
         scheduler : str, optional
             The address of the scheduler of a Dask cluster, which is used in place of processes.
+
+        Returns
+        -------
+        CalibrationOutcome or LadderOutcome
+            The folder and the results; `said` is their text.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Cases: a record, a rig and priors, with methods to check, fit and sample them."""
+"""Cases are made here of a record, a rig and priors; they can be checked, fitted and sampled."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ POINTS_AT_ONCE = 50  # points of a log density, since some noises keep all sampl
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Channel(Value):
-    """A measured channel of a case of arrays, whose mistakes are reported by `case`.
+    """A channel is one measured signal of the rig; `bd.case` checks it.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ class Channel(Value):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Input(Value):
-    """A measured input of a case of arrays, whose mistakes are reported by `case`.
+    """An input is one measured signal that drives the rig; `bd.case` checks it.
 
     Parameters
     ----------
@@ -87,8 +87,8 @@ class Input(Value):
     unit : str
         The unit, such as `"V"`.
     hold : {"zero", "first"}, optional
-        Whether it is constant between samples or linear; by default angles are linear and other inputs
-        constant.
+        How the input continues between samples: constant (zero-order hold) or linear (first-order
+        hold).  By default angles are linear, and all other inputs are constant.
     gain, offset, lag : float or mapping, optional
         Errors of its sensor, see `Channel`.
 
@@ -117,16 +117,24 @@ def _figure_file(job: Job, option: str, path: str | Path) -> Path:
 @arguments.check_arguments
 @dataclass(frozen=True, eq=False, repr=False)
 class Case(Value):
-    """A record, a rig and priors of its unknowns, which together define a posterior.
+    """A case is an identification problem: a record, a model of the rig, and priors.
 
-    Make one with `bd.load`, from a config, or with `bd.case`, from arrays; `print(case)` shows its
-    unknowns and their priors.  The usual order of work is:
+    The record has T samples of measured channels, such as speeds, and of inputs, such as a voltage.
+    The rig is a drive train with unknown parameters, such as inertias and stiffnesses.  Each unknown
+    has a prior, its probability density before the record is seen.  Prior, record and noise define
+    the posterior, the probability density of the unknowns after the record is seen.
 
-    1. `identify` tells what the record can show of each unknown, before any fit.
-    2. `find_map` finds the maximum of the posterior, a `bd.Best`; look at its `plot()`.
-    3. `sample` samples the posterior, a `bd.Run`; its `judge()` compares it with the nominal values.
+    Make a case from a config with `bd.load`, or from arrays with `bd.case`.  `print(case)` shows its
+    unknowns and their priors.  All values are in SI.  The usual order of work is:
 
-    `run` does all of this for a config and saves the results in a folder.  All values are in SI.
+    1. `case.identify()` predicts how well the record determines each unknown, before any fit.
+    2. `case.find_map()` finds the maximum of the posterior, a `bd.Best`.  Look at its `plot()`: the
+       residuals should look like the noise.
+    3. `case.sample()` draws from the posterior.  The result is a `bd.Run` with means, intervals,
+       correlations and figures.  Check that it has `converged`.
+    4. `run.judge()` compares the posterior with nominal values, such as those of a data sheet.
+
+    `case.run(folder)` does all of this for a config, and saves the results in a folder.
 
     Parameters
     ----------
@@ -135,8 +143,15 @@ class Case(Value):
     columns : mapping of str to array, shape (T,), optional
         The record, if it is in no file.
 
+    See Also
+    --------
+    bayesdrill.load, bayesdrill.case : Make a case.
+    bayesdrill.respond : Simulate a rig without a record.
+
     Examples
     --------
+    A simulated step of the motor's voltage shows the stiffness of the shaft, here the only unknown:
+
     >>> t = np.linspace(0.0, 4.0, 81)
     >>> w_1 = bd.respond("motor_shaft", bd.nominal(), t, {"v": 8.0}, "w_1")["w_1"]
     >>> stiffness = {"prior": "uniform", "low": 0.1, "high": 1.0}  # N m/rad
@@ -157,7 +172,7 @@ class Case(Value):
 
     @property
     def unknowns(self) -> tuple[str, ...]:
-        """The names of all unknowns, in the order of draws."""
+        """Return the names of all unknowns, in the order of draws."""
         return self.job.problem.names
 
     def __str__(self) -> str:
@@ -166,7 +181,18 @@ class Case(Value):
     __repr__ = __str__
 
     def preview(self) -> str:
-        """Return the text of `bayesdrill check`: columns, priors, sizes, and what the record shows."""
+        """Return the text of `bayesdrill check`: columns, priors, sizes, and what the record shows.
+
+        Returns
+        -------
+        str
+            A text of several lines for the terminal.
+
+        Examples
+        --------
+        >>> "k_s" in case.preview()
+        True
+        """
         problem, config = self.job.problem, self.job.config
         first = identify.preflight(self.job, SensitivityStudy(problem.posterior.likelihood))
         columns = [] if self.columns is not None else [words.record_columns(problem, self.job.case)]
@@ -229,6 +255,11 @@ class Case(Value):
         ------
         InputError
             If the file is of another kind, or is one of the record.
+
+        Examples
+        --------
+        >>> case.draw_rig("rig.svg")
+        'figure: rig.svg'
         """
         from bayesdrill.report.rig_drawing import save_rig  # late: it loads what draws
 
@@ -236,7 +267,23 @@ class Case(Value):
         return f"figure: {save_rig(problem.model, to)}"
 
     def draw_record(self, path: str | Path) -> str:
-        """Draw channels and inputs over time, a figure for each experiment; see `draw_rig`."""
+        """Draw channels and inputs over time, a figure for each experiment.
+
+        Parameters
+        ----------
+        path : str or path
+            The file, a .pdf, .png or .svg.  Several experiments get files with their names.
+
+        Returns
+        -------
+        str
+            A line that names the files.
+
+        Raises
+        ------
+        InputError
+            If the file is of another kind, or is one of the record.
+        """
         from bayesdrill.report.sections.fit import save_record  # late: few draw a record
 
         to = _figure_file(self.job, "--figure-record", path)
@@ -250,7 +297,10 @@ class Case(Value):
         at: Best | None = None,
         report: Reporter | None = None,
     ) -> identify.Findings:
-        """Compute what the record can show of each unknown, before any sampling.
+        """Predict how well the record determines each unknown, before any sampling.
+
+        The Fisher information of the record, from the sensitivities of its channels, bounds the standard
+        deviation of each unknown (Cramer and Rao).
 
         Parameters
         ----------
@@ -260,7 +310,7 @@ class Case(Value):
             The maximum at which the sensitivities are evaluated; by default the start values or, if
             the rig stands still there, a draw from the priors.
         report : Reporter, optional
-            It is told the progress, see `sample`.
+            Receives the progress, see `sample`.
 
         Returns
         -------
@@ -284,7 +334,7 @@ class Case(Value):
 
     @staticmethod
     def check_place(folder: str | Path, *, force: bool = False) -> None:
-        """Raise `InputError` if findings could not be saved in `folder`, before minutes of profiles."""
+        """Raise `InputError` if `folder` cannot take findings; check it before slow profiles."""
         identify.check_place(Path(folder).expanduser(), force=force)
 
     def find_map(
@@ -292,12 +342,13 @@ class Case(Value):
     ) -> Best:
         """Find the maximum of the posterior (MAP).
 
-        Searches by a simplex (Nelder and Mead 1965) and Gauss-Newton start at several points.
+        Searches by a simplex (Nelder and Mead 1965) start at several points, and Gauss-Newton steps
+        finish them.
 
         Parameters
         ----------
         quick : bool
-            Whether one search is enough, which may miss the highest of several maxima.
+            Whether to stop after one search, which may miss the highest of several maxima.
         processes, report
             See `sample`.
 
@@ -305,6 +356,16 @@ class Case(Value):
         -------
         Best
             The maximum; its `reasons` tell why it must not be believed.
+
+        Raises
+        ------
+        InputError
+            If no unknown is left, or an argument is wrong.
+
+        Examples
+        --------
+        >>> sorted(case.find_map(quick=True).values)
+        ['k_s', 't_f']
         """
         from bayesdrill.api.run import Best  # late: it loads all that sampling needs
         from bayesdrill.tasks import find_map
@@ -314,7 +375,7 @@ class Case(Value):
         return Best(self.job, mode, self.columns)
 
     def check_new_config(self, path: str | Path, *, force: bool = False) -> None:
-        """Raise `InputError` if `Candidates.apply` could not write `path`, before the searches."""
+        """Raise `InputError` if `Candidates.apply` could not write `path`, before slow searches."""
         from bayesdrill.tasks import find_map
 
         find_map.check_new_config(self.job, Path(path).expanduser(), force=force)
@@ -322,7 +383,18 @@ class Case(Value):
     def candidates(
         self, *, processes: int | None = 1, report: Reporter | None = None
     ) -> Candidates:
-        """Find the maximum, and rank models that would explain its residuals; see `Best.candidates`."""
+        """Find the maximum, and rank models that would explain its residuals.
+
+        Parameters
+        ----------
+        processes, report
+            See `sample`.
+
+        Returns
+        -------
+        Candidates
+            The models, see `Best.candidates`.
+        """
         best = self.find_map(processes=processes, report=report)
         return best.candidates(processes=processes, report=report)
 
@@ -338,8 +410,8 @@ class Case(Value):
     ) -> Outcome:
         """Identify, fit, sample and judge a case that was loaded from a config, and save the results.
 
-        This is `bayesdrill posterior`.  The chain is saved as it grows, so an interrupted run can be
-        resumed.
+        The command `bayesdrill posterior` does the same.  The chain is saved as it grows, so that an
+        interrupted run can be resumed.
 
         Parameters
         ----------
@@ -360,7 +432,7 @@ class Case(Value):
         Raises
         ------
         InputError
-            If the folder cannot be used, or the case is one of arrays.
+            If the folder cannot be used, or the case was made from arrays.
         Interrupted
             When asked to stop.
         """
@@ -376,7 +448,13 @@ class Case(Value):
         return pipeline.run_posterior(self.job, path, how, workers, progress, details)
 
     def place(self, folder: str | Path | None = None) -> Path:
-        """Return the folder of the results of `run`, by default `results/<name>`."""
+        """Return the folder of the results of `run`, by default `results/<name>`.
+
+        Examples
+        --------
+        >>> case.place().as_posix()
+        'results/case'
+        """
         return arguments.results_folder(folder, Path("results") / self.job.config.name)
 
     def sample(
@@ -389,9 +467,9 @@ class Case(Value):
     ) -> Run:
         """Sample the posterior by ensembles of walkers until they converge.
 
-        Affine invariant ensembles (Goodman and Weare 2010; emcee) draw from a learnt independence
-        proposal.  They stop at the targets of R-hat, effective sample size and length in
-        autocorrelation times, or at `sampler.max_steps` of the config.
+        Affine invariant ensembles (Goodman and Weare 2010; emcee) also use an independence proposal,
+        which is learnt before the first step.  They stop once R-hat, effective sample size and length
+        in autocorrelation times meet their targets, or at `sampler.max_steps` of the config.
 
         Parameters
         ----------
@@ -403,7 +481,7 @@ class Case(Value):
             The number of processes; None means one for each processor.  With more than one, a script
             needs `if __name__ == "__main__":`.
         report : Reporter, optional
-            An object with `say(text)` and `update(fraction, text)`, which are told the progress.
+            An object with `say(text)` and `update(fraction, text)`, which receive the progress.
 
         Returns
         -------

@@ -1,4 +1,4 @@
-"""Several runs: overlays, comparisons of models of one record, and ladders of models."""
+"""Compare several runs: overlays, models of one record, and ladders of models."""
 
 from __future__ import annotations
 
@@ -35,10 +35,11 @@ MOST = 9  # models that a ladder may sample
 @arguments.check_arguments
 @dataclass(frozen=True, slots=True, eq=False)
 class Ladder(ManyFits["LadderOutcome"]):
-    """A ladder of models: that of a config, and candidates with more physics; made by `bd.ladder`.
+    """A ladder compares the model of a config with candidates that have more physics.
 
-    Candidates are ranked by their maxima, and the best ones are sampled and compared.  The result of
-    `run` has the `decision` in its `report`, and its `config` is that of the recommended model.
+    Make it with `bd.ladder`.  Candidates are ranked by their maxima, and the best ones are sampled and
+    compared.  The result of `run` has the `decision` in its `report`, and its `config` is that of the
+    recommended model.
 
     Parameters
     ----------
@@ -95,7 +96,9 @@ def ladder(config: str | Path, *, sample: int = 2) -> Ladder:
 @arguments.check_arguments
 @dataclass(frozen=True, eq=False, repr=False)
 class Comparison(Value):
-    """Several runs side by side, made by `bd.overlay` or `bd.compare`; `print` shows it.
+    """A comparison shows several runs side by side; `bd.overlay` or `bd.compare` makes it.
+
+    `print` shows its tables and, for models of one record, its decision.
 
     Parameters
     ----------
@@ -103,6 +106,12 @@ class Comparison(Value):
         The compared numbers, tables and figures.
     runs : tuple of path or None
         The folder of each run; None for one in memory.
+
+    Examples
+    --------
+    >>> comparison = bd.overlay([run, run], ["a", "b"])
+    >>> [round(place.mean, 1) for place in comparison.rows[0].places]  # k_s, N m/rad
+    [0.3, 0.3]
     """
 
     report: ComparisonReport
@@ -110,37 +119,37 @@ class Comparison(Value):
 
     @property
     def rows(self) -> tuple[OverlayRow, ...]:
-        """A row for each unknown: its posterior in each run, in SI, and their distance in sds."""
+        """Return a row for each unknown: its posterior in each run, in SI, and their distance."""
         return self.report.rows
 
     @property
     def models(self) -> tuple[RunSummary, ...]:
-        """The `evidence`, residuals `left`, `held_out` and `loo` of each run; empty for an overlay."""
+        """Return `evidence`, `residuals`, `held_out` and `loo` of each compared model."""
         return self.report.models
 
     @property
     def decision(self) -> ModelDecision | None:
-        """The decision with its `word` (model, noise, both, either, priors, neither), and the `best`."""
+        """Return the decision: its `word` says what differs between models, `best` which is better."""
         return self.report.decision
 
     @property
     def best(self) -> str | None:
-        """The name of the most probable model, or None."""
+        """Return the name of the most probable model, or None."""
         return None if self.report.best is None else self.report.best.name
 
     @property
     def log_evidence(self) -> dict[str, float]:
-        """The natural log of the evidence of each model, by its name."""
+        """Return the natural logarithm of the evidence of each model, by its name."""
         return {model.name: model.log_z for model in self.models}
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """The reasons why a run of an overlay, or the best model, must not be believed."""
+        """Return the reasons not to believe a run of an overlay, or the best model."""
         return self.report.reasons
 
     @property
     def text(self) -> str:
-        """The whole comparison as text, with its tables."""
+        """Return the whole comparison as text, with its tables."""
         return self.report.text
 
     def plot(self, name: str | None = None) -> Figure:
@@ -173,9 +182,24 @@ class Comparison(Value):
         return arguments.results_folder(folder, default)
 
     def save(self, folder: str | Path | None = None, *, force: bool = False) -> Path:
-        """Save table, page and figures, and return their folder.
+        """Save table, page and figures.
 
-        Raises `InputError` if the folder has other contents, or a comparison without `force`.
+        Parameters
+        ----------
+        folder : str or path, optional
+            The folder, see `place`.
+        force : bool
+            Whether to replace an earlier comparison.
+
+        Returns
+        -------
+        path
+            The folder.
+
+        Raises
+        ------
+        InputError
+            If the folder has other contents, or a comparison without `force`.
         """
         path = self.place(folder)
         comparison.publish(self.report, self.runs, path, force=force)
@@ -230,6 +254,9 @@ def compare(
     runs: Sequence[single.Run | str | Path], names: Sequence[str] | None = None
 ) -> Comparison:
     """Compare models of one record by their evidence (bridge sampling, Meng and Wong 1996).
+
+    The evidence is the probability of the record under a model, averaged over its priors.  So wider
+    priors lower it; see `docs/compare.md`.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Functions on files and folders: examples, drafts, simulation, calibration, reports."""
+"""Work on files and folders: examples, drafts, simulation, calibration, reports."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def _in_the_way(folder: Path, wanted: Iterable[Path]) -> list[Issue]:
 
 @dataclass(frozen=True, slots=True)
 class Example:
-    """The files that `example` has written; `print` shows a command to try."""
+    """An example is the result of `bd.example`; `print` shows a command to try."""
 
     folder: Path
     files: tuple[Path, ...]
@@ -105,6 +105,11 @@ def example(folder: str | Path = "configs") -> Example:
 
 def citation() -> str:
     """Return BibTeX entries of bayesdrill and of the works on which its results are based.
+
+    Returns
+    -------
+    str
+        The entries, for a .bib file.
 
     Examples
     --------
@@ -210,18 +215,18 @@ def init(
 
 @dataclass(frozen=True, slots=True)
 class Simulated:
-    """The files that `simulate` has written, each with its number of samples."""
+    """A simulated record is in files, each with its number of samples."""
 
     files: Mapping[Path, int]
 
     @property
     def path(self) -> Path:
-        """The path of the first file."""
+        """Return the path of the first file."""
         return next(iter(self.files))
 
     @property
     def samples(self) -> int:
-        """The number of samples of all files."""
+        """Return the number of samples of all files."""
         return sum(self.files.values())
 
 
@@ -317,6 +322,11 @@ def publish(
     ------
     InputError
         If there is no run.
+
+    Examples
+    --------
+    >>> bd.publish(run.save("results/mine")).missing
+    ()
     """
     from bayesdrill.tasks import pipeline
 
@@ -342,12 +352,17 @@ def verify(folder: str | Path) -> Verified:
     Returns
     -------
     Verified
-        The files that differ; `print` shows it.
+        The files that differ; `print` shows them.
 
     Raises
     ------
     InputError
         If there is no finished run.
+
+    Examples
+    --------
+    >>> bd.verify(run.save("results/mine")).together
+    True
     """
     from bayesdrill.tasks import verify as verifying
 
@@ -423,10 +438,10 @@ def export(
 
 @arguments.check_arguments
 class Calibration(ManyFits["Calibrated"]):
-    """A calibration test: refits of records simulated from the prior; made by `bd.calibration`.
+    """A calibration tests the posterior by refits of records that are simulated from the prior.
 
-    If the posterior is computed correctly, the ranks of the true values are uniform
-    (simulation-based calibration, Talts et al. 2018).
+    Make it with `bd.calibration`.  If the posterior is computed correctly, the ranks of the true values
+    among the draws are uniform (simulation-based calibration, Talts et al. 2018).
 
     Parameters
     ----------
@@ -504,9 +519,22 @@ def schema(of: str = "config") -> str:
 
 @arguments.check_arguments
 def cache(*, clear: bool = False) -> str:
-    """Describe the cache of compiled kernels: its folder and size; `clear` removes them first.
+    """Describe the cache of compiled kernels, by its folder and size.
 
-    Raises `InputError` if the folder is refused or cannot be cleared.
+    Parameters
+    ----------
+    clear : bool
+        Whether to remove all kernels first.
+
+    Returns
+    -------
+    str
+        A line that names the folder.
+
+    Raises
+    ------
+    InputError
+        If the folder is refused or cannot be cleared.
     """
     from bayesdrill.rig.kernels.cache import CACHE_OFF, CACHE_VARIABLE, user_cache
 

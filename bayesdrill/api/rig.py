@@ -1,4 +1,4 @@
-"""A rig without a record: nominal values of its parameters, and its response."""
+"""Use a rig without a record: nominal values of its parameters, and its response."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def respond(
     initial: Annotated[Mapping[str, float] | None, "a number for each state"] = None,
     hold: str = "zero",
 ) -> dict[str, Array]:
-    """Simulate the response of a rig; a linear rig exactly, by matrix exponentials.
+    """Simulate the response of a rig; for a linear rig it is exact (Van Loan 1978).
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Results of a case: the maximum, the sampled posterior, its report, and figures for notebooks."""
+"""Results of a case are the maximum, the sampled posterior, its report, and figures."""
 
 from __future__ import annotations
 
@@ -68,9 +68,10 @@ def _drawn(drawings: Sequence[Drawing], part: int, count: str, warning: str) -> 
 @arguments.check_arguments
 @dataclass(frozen=True, eq=False)
 class Best(Value):
-    """The maximum of the posterior (MAP), which `case.find_map()` returns and `print` shows.
+    """A best fit is the maximum of the posterior (MAP), which `case.find_map()` returns.
 
-    Look at `reasons` and `plot()` before sampling: a model that does not fit has no useful posterior.
+    `print` shows its values and residuals.  Look at `reasons` and `plot()` before sampling: a model that
+    does not fit has no useful posterior.
 
     Parameters
     ----------
@@ -96,17 +97,17 @@ class Best(Value):
 
     @property
     def values(self) -> Mapping[str, float]:
-        """The value of each unknown at the maximum, in SI."""
+        """Return the value of each unknown at the maximum, in SI."""
         return self.mode.values
 
     @property
     def table(self) -> str:
-        """The text of a table: values, nominal values, and the residuals of each channel."""
+        """Return a table as text: values, nominal values, and the residuals of each channel."""
         return self._report.text
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """The reasons why the maximum must not be believed, such as a bad fit; empty without any."""
+        """Return the reasons not to believe the maximum, such as a bad fit; empty without any."""
         return self._report.reasons
 
     @cached_property
@@ -153,6 +154,11 @@ class Best(Value):
         ------
         InputError
             If there is no such experiment.
+
+        Examples
+        --------
+        >>> figure = case.find_map(quick=True).plot()
+        >>> figure.savefig("fit.png")
         """
         drawings = list(self._report.figures.values())
         count = f"there are {len(drawings)} experiments"
@@ -160,7 +166,7 @@ class Best(Value):
 
     @staticmethod
     def check_place(folder: str | Path, *, force: bool = False) -> None:
-        """Raise `InputError` if a maximum could not be saved in `folder`, before minutes of searches."""
+        """Raise `InputError` if `folder` cannot take a maximum; check it before slow searches."""
         find_map.check_place(Path(folder).expanduser(), force=force)
 
     def save(self, folder: str | Path, *, force: bool = False) -> Path:
@@ -196,13 +202,13 @@ class Best(Value):
 @arguments.check_arguments
 @dataclass(frozen=True, eq=False, repr=False)
 class Candidates(Value):
-    """Models that explain the residuals of a config, which `case.candidates()` returns.
+    """Candidates are models that would explain the residuals; `case.candidates()` returns them.
 
     Parameters
     ----------
     ranked : tuple of Cause
         The models, the recommended one first; empty if the config fits.  Each has its `parts`, a
-        sentence `about` it, and the `lines` that a config needs.  Numbers are the `gain` of the log
+        sentence `about` it, and the `lines` that a config needs.  Its numbers are the `gain` of the log
         posterior, the log Bayes factor `bayes` by Laplace's method, and the `fit` of each channel.
     table : str
         The text of a table of the models.
@@ -252,9 +258,9 @@ class Candidates(Value):
 @arguments.check_arguments
 @dataclass(frozen=True, eq=False, repr=False)
 class Run(SampledRun):
-    """A sampled posterior, which `case.sample` and `bd.open` return and `print` reports.
+    """A run is a sampled posterior, which `case.sample` and `bd.open` return.
 
-    Look at `converged` and `judge()` before using `draws`.
+    `print` shows its report.  Look at `converged` and `judge()` before using `draws`.
 
     Parameters
     ----------
@@ -289,17 +295,17 @@ class Run(SampledRun):
 
     @property
     def draws(self) -> dict[str, Array]:
-        """The nearly independent draws of each unknown in SI, with the shape `(ensembles, draws)`."""
+        """Return the nearly independent draws of each unknown in SI, as `(ensembles, draws)`."""
         return {name: self.sampled.draws[..., d] for d, name in enumerate(self.job.problem.names)}
 
     @property
     def evidence(self) -> Evidence | None:
-        """The evidence of the model: its natural log `log_z`, with the standard `error`, or None."""
+        """Return the evidence: its natural logarithm `log_z` and standard `error`; None without one."""
         return self.sampled.evidence
 
     @property
     def analysis(self) -> RunAnalysis:
-        """All numbers of the report; `RunAnalysis.describe` gives the unit of each."""
+        """Return all numbers of the report; `RunAnalysis.describe` gives the unit of each."""
         return self._view.analysis
 
     def judge(self) -> RunReport:
@@ -355,6 +361,10 @@ class Run(SampledRun):
         ------
         InputError
             If this run has no such figure.
+
+        Examples
+        --------
+        >>> run.plot("prior_posterior").savefig("prior_posterior.pdf")
         """
         arguments.known(FIGURES, name, "plot", "figure")
         drawn = list(drawings(name, self._view).values())
@@ -363,7 +373,13 @@ class Run(SampledRun):
         return _drawn(drawn, part, f"the figure {name} has {len(drawn)}", self._view.warning)
 
     def plot_corner(self) -> Figure:
-        """Draw the corner plot: the draws of each unknown and of each pair; see `plot`."""
+        """Draw the corner plot: histograms of each unknown, and contours of each pair.
+
+        Returns
+        -------
+        Figure
+            See `plot`.
+        """
         return self.plot("corner")
 
     def save(self, folder: str | Path, *, force: bool = False) -> Path:
@@ -408,7 +424,7 @@ class Run(SampledRun):
 @arguments.check_arguments
 @dataclass(frozen=True, eq=False)
 class RunReport(Value):
-    """The report of a run, which `run.judge()` returns and `print` shows.
+    """A run's report has its tables and its verdict; `run.judge()` returns it, and `print` shows it.
 
     Parameters
     ----------
@@ -427,23 +443,23 @@ class RunReport(Value):
 
     @property
     def verdict(self) -> Verdict | None:
-        """The verdict on the nominal values; None if no unknown has one."""
+        """Return the verdict on the nominal values; None if no unknown has one."""
         judgement = self.view.analysis.judged
         return None if judgement is None else judgement.verdict
 
     @property
     def rows(self) -> list[dict[str, Any]]:
-        """The summary of each unknown as a mapping, such as for a data frame."""
+        """Return the summary of each unknown as a mapping, such as for a data frame."""
         return [as_record(row) for row in self.view.analysis.unknowns]
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """The reasons why the run must not be believed: no convergence or a bad fit."""
+        """Return the reasons not to believe the run: no convergence, or a bad fit."""
         return self.view.reasons
 
     @property
     def text(self) -> str:
-        """The whole report as text, with its tables."""
+        """Return the whole report as text, with its tables."""
         return "\n\n".join(as_text(sections(self.view)))
 
     def __str__(self) -> str:

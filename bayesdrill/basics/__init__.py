@@ -1,4 +1,4 @@
-"""Give every room its tools: errors, registries, symbols, units, formulas, dual numbers, streams.
+"""The tools of all rooms are here: errors, registries, symbols, units, formulas, dual numbers, streams.
 
 Nothing here reads or writes a file, draws a figure, or knows a command. What the rest of the
 package writes to disk goes through `output_files`, one floor up.

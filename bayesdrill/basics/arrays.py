@@ -1,4 +1,4 @@
-"""Name types of arrays by their numbers: floats, flags, indices and counts."""
+"""Define types of arrays by their numbers: floats, flags, indices and counts."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ PART = 1 << 18  # numbers of a long series that are checked at a time, which lim
 
 
 class _Stored:
-    """Give pydantic the schema by which it reads and describes an array of numbers in a record."""
+    """The annotation tells pydantic how to read and describe an array of numbers in a record."""
 
     @classmethod
     def __get_pydantic_core_schema__(cls, *_: Any) -> Any:

@@ -11,7 +11,7 @@ import numpy as np
 
 
 class Value:
-    """Make frozen dataclasses (`eq=False`) equal by their fields, and pickle them without caches."""
+    """A value is a frozen dataclass (`eq=False`) equal by its fields; pickles omit its caches."""
 
     __slots__ = ()
 

@@ -25,7 +25,7 @@ class Issue:
 
 
 class InputError(Exception):
-    """Report wrong input, with all mistakes at once; the command line exits with status 2.
+    """An input error has all mistakes of the user at once; the command line exits with status 2.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ class InputError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class ErrorCollector:
-    """Collects failures in `missing`, so that the remaining results are still made."""
+    """An error collector keeps failures in `missing`, so that the remaining results are still made."""
 
     missing: list[str] = field(default_factory=list)
 
@@ -116,11 +116,11 @@ def shortened(text: str, most: int = MAX_VALUE_LETTERS) -> str:
 
 
 class Stopped(KeyboardInterrupt):
-    """It is raised when a signal asks to stop; other packages may raise `KeyboardInterrupt`."""
+    """The exception says that a signal asks to stop; other packages may raise `KeyboardInterrupt`."""
 
 
 class Interrupted(Exception):
-    """It is raised when user or system asked to stop, and says how to continue. Exit status 130."""
+    """The exception says that user or system asked to stop, and how to continue. Exit status 130."""
 
 
 def was_stopped(error: BaseException | None) -> bool:

@@ -38,7 +38,7 @@ _OPERATORS: Mapping[type[ast.operator], Callable[[Any, Any], Any]] = MappingProx
 
 @dataclass(frozen=True, slots=True)
 class Expression:
-    """A formula is parsed; two with the same `text` are equal."""
+    """An expression is a parsed formula; two with the same `text` are equal."""
 
     text: str
     tree: ast.expr = field(repr=False, compare=False)
@@ -95,7 +95,7 @@ def _readable(text: str, example: str) -> Iterator[None]:
 
 
 class RelationError(ValueError):
-    """It is raised if the relation of `name` cannot be resolved together with the others."""
+    """The exception says that the relation of `name` cannot be resolved together with the others."""
 
     def __init__(self, name: str, message: str) -> None:
         super().__init__(message)

@@ -15,7 +15,7 @@ from bayesdrill.basics.errors import printable
 
 @runtime_checkable
 class Reporter(Protocol):
-    """Reports the progress of long work."""
+    """A reporter shows the progress of long work."""
 
     def say(self, text: str) -> None:
         """Print a line."""
@@ -26,7 +26,7 @@ class Reporter(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Silent:
-    """Say nothing of the progress."""
+    """A silent reporter shows nothing."""
 
     def say(self, text: str) -> None:
         """Do nothing."""
@@ -40,7 +40,7 @@ SILENT = Silent()
 
 @dataclass(slots=True)
 class Lines:
-    """Print a line for each stage, and one every `interval` seconds, for files and logs."""
+    """The reporter prints a line a stage, and one every `interval` seconds, for files and logs."""
 
     stream: TextIO
     interval: float = 10.0
@@ -67,7 +67,7 @@ class Lines:
 
 
 class Bar:
-    """Show a progress bar of rich with the estimated time left, for terminals."""
+    """The reporter shows a progress bar of rich with the estimated time left, for terminals."""
 
     def __init__(self, console: Any, progress: Any) -> None:
         self._console, self._progress = console, progress

@@ -1,4 +1,4 @@
-"""Name the versions of the software that made a result, and its citation."""
+"""Return the versions of the software that made a result, and its citation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Hold the table of symbols with meaning, unit and LaTeX, and the tables of nominal values.
+"""Define the table of symbols with meaning, unit and LaTeX, and the tables of nominal values.
 
 The first nine parameters are those of the paper (Sandoval, Cunha Jr and Sampaio, ENIEF 2013, Table
 1); the others belong to further physics.  Note that `t_f` is a torque, whereas `t` is time.

@@ -1,4 +1,4 @@
-"""Say what a fit leaves, and why a result must not be believed."""
+"""Describe the residuals of a fit, and the reasons not to believe a result."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Put findings of an analysis into sentences."""
+"""Describe findings of an analysis in sentences."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Give tables and figures what they show of a finished run; each is made when first asked for."""
+"""Collect what tables and figures show of a finished run; each part is made when first asked for."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Drawing:
-    """The drawing is a function that draws a figure, perhaps in another process, and its arguments.
+    """A drawing is a function that draws a figure, perhaps in another process, and its arguments.
 
-    `says`: what is seen in it, for its caption and for those who do not see it.
+    `says` describes the figure, for its caption and for readers who do not see it.
     """
 
     figure: Callable[..., Figure]
@@ -51,10 +51,11 @@ type Recipe = Callable[[ReportContext], Drawing | tuple[Drawing, ...] | None]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReportPart:
-    """The part is one module's share of the report of a run.
+    """A report part is the contribution of one module to the report of a run.
 
-    `sections`: what it says, with the pictures of its figures; `figures`: what draws each of them,
-    by name; `files`: its tables as texts, None where a run has no such table.
+    `sections` returns its text, with the pictures of its figures. `figures` has the function that
+    draws each figure, by name. `files` has the functions that return its tables as texts, None if a
+    run has no such table.
     """
 
     sections: Callable[[ReportContext, Sequence[Picture]], Iterable[Section]]
@@ -77,10 +78,10 @@ def for_each_experiment(
 
 @dataclass(frozen=True, eq=False)
 class ReportContext(Value):
-    """The context is a finished run, as tables and figures look at it.
+    """The context is a finished run, as tables and figures need it.
 
-    `chain`: its draws; `analyse`: what evaluates its analysis, when that is first asked for;
-    `seconds`: how long its parts took, where that is known.
+    `chain` has its draws. `analyse` evaluates its analysis, when that is first asked for. `seconds`
+    says how long its parts took, if that is known.
     """
 
     chain: RunDraws

@@ -78,7 +78,7 @@ def _of_experiment(observation: Observation, sentences: Sequence[str]) -> list[s
 
 
 def record_suspicions(problem: Problem, most: int = FEW) -> tuple[str, ...]:
-    """Say what looks wrong in columns and units; of what is odd, at most `most` places each."""
+    """Describe what looks wrong in columns and units, with at most `most` places of each anomaly."""
     sentences: list[str] = []
     for observation in problem.observations:
         odd = [each.in_words(most) for each in observation.experiment.odd]
@@ -106,7 +106,7 @@ def _line(name: str, measures: str, spec: ColumnSpec, values: Array) -> tuple[st
 
 
 def headline(problem: Problem, config: Config) -> str:
-    """Return what a run is of, in one line."""
+    """Describe a run in one line."""
     experiments = problem.observations
     samples = sum(len(experiment.experiment.t) for experiment in experiments)
     channels = ", ".join(

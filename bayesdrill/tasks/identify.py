@@ -50,7 +50,7 @@ MARK = "<!-- bayesdrill identify -->"  # first line of the text, which identifie
 @check_arguments
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Findings(Value):
-    """Hold the results of `case.identify()`, which `print` shows and `save` writes.
+    """The findings are the results of `case.identify()`, which `print` shows and `save` writes.
 
     Parameters
     ----------

@@ -110,7 +110,7 @@ def ladder(
 
 
 class _Sampling:
-    """Sample models: `done` has the summary of each, `left_out` the reasons why others were not."""
+    """The sampling of a ladder has the summaries of models in `done`, and reasons in `left_out`."""
 
     def __init__(
         self, job: Job, folder: Folder, pool: RefitExecutor, report: Reporter, *, again: bool

@@ -101,7 +101,7 @@ def _check_answers(scheduler: str) -> None:
 
 
 class RefitExecutor:
-    """Submit tasks to processes of this machine; a caller that waits calls `watch` at intervals."""
+    """An executor gives tasks to processes of this machine; it needs calls of `watch` at intervals."""
 
     def __init__(self, pool: Executor) -> None:
         self.pool = pool
@@ -118,7 +118,7 @@ class RefitExecutor:
 
 
 class Cluster(RefitExecutor):
-    """Submit tasks to the workers of a Dask scheduler."""
+    """A cluster executor gives tasks to the workers of a Dask scheduler."""
 
     def __init__(self, client: Any) -> None:
         super().__init__(client.get_executor(pure=False))

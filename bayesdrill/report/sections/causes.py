@@ -81,7 +81,7 @@ def candidates(causes: Causes | None) -> tuple[Sentences | Table | Plain, ...]:
 
 
 def doubt(doubt: Doubt) -> str:
-    """Say why the evidence of a candidate cannot be trusted."""
+    """Describe why the evidence of a candidate cannot be trusted."""
     sentence = {
         "end": "{names} is at an end of its prior",
         "maxima": "there is another maximum, about as high",

@@ -42,7 +42,7 @@ REPEATS_EXPLAINED = (
 
 
 def repeats_sentence(repeats: Sequence[RepeatedProduct], names: Sequence[str]) -> str:
-    """Say whether the experiments agree; empty if there are not two that could differ."""
+    """Describe whether the experiments agree; empty if there are not two that could differ."""
     if not repeats:
         return ""
     far = [repeat for repeat in repeats if repeat.differs]
@@ -90,7 +90,7 @@ VERDICT_EXPLAINED = (
 
 
 def verdict_rule(verdict: Verdict) -> str:
-    """Say what the words of the verdict mean."""
+    """Describe what the words of the verdict mean."""
     return (
         f"*disagrees*: more than {verdict.limit:.2f} sigma. If the rig were as the table and its "
         f"tolerances say, at most {100 * FALSE_ALARM:g} % of records would show any disagreement, all "

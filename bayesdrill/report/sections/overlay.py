@@ -97,7 +97,7 @@ def overlay_table(layers: Sequence[PosteriorSummary], rows: Sequence[OverlayRow]
 
 
 def farthest(layers: Sequence[PosteriorSummary], rows: Sequence[OverlayRow]) -> Iterator[str]:
-    """Say which unknowns of two runs are farthest apart."""
+    """Describe which unknowns of two runs are farthest apart."""
     pairs = [(row.distance, row) for row in rows if row.distance is not None]
     ordered = sorted(pairs, key=lambda pair: -pair[0])
     if not ordered:
@@ -115,7 +115,7 @@ def farthest(layers: Sequence[PosteriorSummary], rows: Sequence[OverlayRow]) -> 
 def what_differs(
     layers: Sequence[PosteriorSummary], differs: dict[str, tuple[str | None, ...]]
 ) -> str:
-    """Say in which settings and beliefs the runs differ."""
+    """Describe the settings and beliefs in which the runs differ."""
     spaces = [layer.problem.posterior.space for layer in layers]
     unknown = {name for s in spaces for name in (*s.free, *s.fixed, *s.relations)}
     believed = [name for name in differs if name in unknown]

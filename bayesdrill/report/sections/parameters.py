@@ -106,7 +106,7 @@ def sandwich_table(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModeRow:
-    """The row is a line of `map.csv`."""
+    """A mode row is a line of `map.csv`."""
 
     name: str
     unit: str
@@ -137,7 +137,7 @@ def of_mode(rows: Sequence[ModeRow]) -> Table:
 
 
 def in_words(rows: Sequence[ParameterRow]) -> list[str]:
-    """Say which unknowns the record determines, and which it cannot."""
+    """Describe which unknowns the record determines, and which it cannot."""
     named = {word: [row.name for row in rows if row.word == word] for word in MEANING}
     return [f"{word}: {', '.join(named[word])} ({MEANING[word]})" for word in named if named[word]]
 
@@ -332,7 +332,7 @@ MIN_CORRELATION = 0.5  # of a pair worth showing
 
 @dataclass(frozen=True, slots=True)
 class CorrelatedPair:
-    """The pair holds the columns of two unknowns, and their exponents in one symmetry."""
+    """A correlated pair has the columns of two unknowns, and their exponents in one symmetry."""
 
     columns: tuple[int, int]
     exponents: tuple[int, int]

@@ -31,9 +31,10 @@ TORQUE = Symbol("d", "N*m", "d", r"N\,m", "missing torque")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Against:
-    """What a torque may follow: `values (T,)`.
+    """The record has a quantity that a torque may follow, with its `values (T,)`.
 
-    By `centres (B,)` of bins: the torque's means `(B,)`, with a `band (2, B)` of the means of draws.
+    By `centres (B,)` of bins it has the torque's means `(B,)`, with a `band (2, B)` of the means of
+    draws.
     """
 
     label: Symbol
@@ -95,7 +96,7 @@ def _where(at: str, rig: Model) -> str:
 
 
 def torque_sentence(summary: TorqueSummary, rig: Model) -> str:
-    """Say how large a missing torque is, and how well it is known."""
+    """Describe how large a missing torque is, and how well it is known."""
     of, motion = f" in {summary.label}" if summary.label else "", rig.roles.motion
     return (
         f"missing {motion.torque}{of}: {_where(summary.at, rig)} {summary.low:.3g} to "

@@ -344,7 +344,7 @@ def write_filter(module: Module, system: StateSpace, name: str) -> None:
 
 
 class _Writer:
-    """Write the parts that the filter, the smoother and the sampler have in common."""
+    """The writer has the code that the filter, the smoother and the sampler have in common."""
 
     def __init__(
         self, a: dict[str, ir.Value], m: Numbers, system: StateSpace, group: ir.Value
