@@ -5,7 +5,7 @@
 
 `Friction` names an effort of a rig and its law.  Its effort is a column of the rig's `B`, whose
 entry in the row that it is `against` is negative.  Laws give sizes, never signs: they see how fast
-it moves.
+it moves, and a law that differs by direction sees `DIRECTION` too, 1 forwards and -1 backwards.
 """
 
 from __future__ import annotations
@@ -17,10 +17,11 @@ from typing import Any, ClassVar, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.basics.duals import exp, sin, size
+from bayesdrill.basics.duals import below, exp, sin, size, where
 from bayesdrill.basics.symbols import Symbol
 
 Named = Mapping[str, NDArray[np.float64] | float]
+DIRECTION = "direction"  # what a law sees of the sign of the speed, among states and inputs
 
 
 class Law(Protocol):
@@ -32,11 +33,11 @@ class Law(Protocol):
 
     @property
     def seen(self) -> tuple[str, ...]:
-        """States and inputs that it needs beside the speed."""
+        """States and inputs that it needs beside the speed, and `DIRECTION` if it differs by that."""
 
     @property
     def steady(self) -> bool:
-        """Whether its size is that of the parameters alone."""
+        """Whether its size is that of the parameters alone, in each direction."""
 
     def size(self, p: Named, speed: Any, seen: Mapping[str, Any]) -> Any:
         """Return the size at a `speed` that is not negative."""
@@ -109,28 +110,34 @@ class Gravity:
 
 @dataclass(frozen=True, slots=True)
 class Coulomb:
-    """Coulomb friction: as much as the parameter `sliding`, at any speed."""
+    """Coulomb friction: as much as the parameter `sliding` at any speed, or `backward` (if named)."""
 
     sliding: str
+    backward: str = ""
 
-    seen: ClassVar[tuple[str, ...]] = ()
     steady: ClassVar[bool] = True
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """The name of the sliding friction."""
-        return (self.sliding,)
+        """The name of the sliding friction, and that backwards."""
+        return (self.sliding, *filter(None, [self.backward]))
+
+    @property
+    def seen(self) -> tuple[str, ...]:
+        """The direction, if it differs by that."""
+        return (DIRECTION,) if self.backward else ()
 
     def size(self, p: Named, speed: Any, seen: Mapping[str, Any]) -> Any:
         """See `Law.size`."""
-        return p[self.sliding]
+        return _by_direction(p, seen, self.sliding, self.backward)
 
 
 @dataclass(frozen=True, slots=True)
 class Stribeck:
     """Stribeck's law, `sliding + (static - sliding) exp(-(|w|/scale)^power)`.
 
-    `times`: w for one of the state.
+    `times`: w for one of the state.  `backward`: names of sliding and static friction backwards,
+    empty where they do not differ by direction.
     """
 
     sliding: str
@@ -138,19 +145,25 @@ class Stribeck:
     scale: str
     power: int = 1
     times: float = 1.0
+    backward: tuple[str, str] = ("", "")
 
-    seen: ClassVar[tuple[str, ...]] = ()
     steady: ClassVar[bool] = False
 
     @property
     def parameters(self) -> tuple[str, ...]:
         """Names of sliding friction, static friction, and the speed over which that is lost."""
-        return (self.sliding, self.static, self.scale)
+        return (self.sliding, self.static, self.scale, *filter(None, self.backward))
+
+    @property
+    def seen(self) -> tuple[str, ...]:
+        """The direction, if it differs by that."""
+        return (DIRECTION,) if any(self.backward) else ()
 
     def size(self, p: Named, speed: Any, seen: Mapping[str, Any]) -> Any:
         """See `Law.size`."""
-        sliding: Any = p[self.sliding]
-        return sliding + (p[self.static] - sliding) * exp(-self._exponent(p, speed))
+        sliding = _by_direction(p, seen, self.sliding, self.backward[0])
+        static = _by_direction(p, seen, self.static, self.backward[1])
+        return sliding + (static - sliding) * exp(-self._exponent(p, speed))
 
     def decay_terms(self, p: Named, speed: Any) -> tuple[Any, Any]:
         """See `SettlingLaw.decay_terms`."""
@@ -179,6 +192,31 @@ class QuadraticDrag:
     def size(self, p: Named, speed: Any, seen: Mapping[str, Any]) -> Any:
         """See `Law.size`."""
         return p[self.drag] * (self.times * speed) ** 2
+
+
+@dataclass(frozen=True, slots=True)
+class BackwardDamping:
+    """What viscous friction `backward` has beyond that forwards, `(backward - forward) |w|`.
+
+    That forwards stands in the rig's `A`, for both directions.  `times`: w for one of the state.
+    """
+
+    forward: str
+    backward: str
+    times: float = 1.0
+
+    seen: ClassVar[tuple[str, ...]] = (DIRECTION,)
+    steady: ClassVar[bool] = False
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of both coefficients."""
+        return (self.forward, self.backward)
+
+    def size(self, p: Named, speed: Any, seen: Mapping[str, Any]) -> Any:
+        """See `Law.size`."""
+        more: Any = p[self.backward] - p[self.forward]
+        return where(below(seen[DIRECTION], 0.0), more, 0.0) * (self.times * speed)
 
 
 @dataclass(frozen=True, slots=True)
@@ -281,26 +319,40 @@ class GearLoss:
     """The loss of a gear with an efficiency: (1/eta - 1) of the torque that it passes on to `loads`.
 
     On the side of the friction that torque is `factor` times theirs.  Where the load drives, the
-    gear's efficiency is 2 - 1/eta.
+    gear's efficiency is the one called `driven_back`, else 2 - 1/eta.
     """
 
     efficiency: str
     loads: tuple[LoadSpring | Gravity, ...]
     factor: float
+    driven_back: str = ""
 
     steady: ClassVar[bool] = False
 
     @property
     def parameters(self) -> tuple[str, ...]:
         """Names of the efficiency, of stiffnesses and weights."""
-        return (self.efficiency, *(name for load in self.loads for name in load.parameters))
+        back = filter(None, [self.driven_back])
+        return (self.efficiency, *back, *(n for load in self.loads for n in load.parameters))
 
     @property
     def seen(self) -> tuple[str, ...]:
-        """The angles of the loads."""
-        return (*dict.fromkeys(name for load in self.loads for name in load.angles),)
+        """The angles of the loads, and the direction where it matters which side drives."""
+        angles = dict.fromkeys(name for load in self.loads for name in load.angles)
+        return (*angles, *((DIRECTION,) if self.driven_back else ()))
 
     def size(self, p: Named, speed: Any, seen: Mapping[str, Any]) -> Any:
         """See `Law.size`."""
         first, *others = (load.load(p, seen) for load in self.loads)
-        return (1.0 / p[self.efficiency] - 1.0) * (size(sum(others, first)) * self.factor)
+        total, lost = sum(others, first), 1.0 / p[self.efficiency] - 1.0
+        if self.driven_back:
+            drives = below(total * seen[DIRECTION], 0.0)  # the load pushes where it moves
+            lost = where(drives, 1.0 - p[self.driven_back], lost)
+        return lost * (size(total) * self.factor)
+
+
+def _by_direction(p: Named, seen: Mapping[str, Any], forward: str, backward: str) -> Any:
+    """Return the parameter `forward`, or in the other direction `backward` where that is named."""
+    if not backward:
+        return p[forward]
+    return where(below(seen[DIRECTION], 0.0), p[backward], p[forward])

@@ -52,10 +52,12 @@ class InertiaRoles:
     `angle`, `speed`: states that are `reduction` times its own (it is before a gear); a `speed` that
     is an input is imposed.  `friction`: of constant sign; `sliding`, `static`: dry friction, of which
     the second is lost over the speed `fading`; `drag`: that grows with the square of the speed;
-    `torque`, `load`: inputs that push it forwards, and back; `efficiency`: of the gear that it drives;
-    `weight`: the largest torque of gravity, which is zero where its angle is minus `tilt`; `cutting`:
-    coefficients of rock, which it cuts under the input `bit_weight`; `effort`: the symbol of its dry
-    friction; `latex`: of its own angle, where that is no state.
+    `sliding_back`, `static_back`, `damping_back`: the same backwards, where they differ by direction;
+    `torque`, `load`: inputs that push it forwards, and back; `efficiency`: of the gear that it drives,
+    and `efficiency_back` while the load drives; `weight`: the largest torque of gravity, which is zero
+    where its angle is minus `tilt`; `cutting`: coefficients of rock, which it cuts under the input
+    `bit_weight`; `effort`: the symbol of its dry friction; `latex`: of its own angle, where that is no
+    state.
     """
 
     name: str
@@ -74,6 +76,10 @@ class InertiaRoles:
     torque: str = ""
     load: str = ""
     efficiency: str = ""
+    sliding_back: str = ""
+    static_back: str = ""
+    damping_back: str = ""
+    efficiency_back: str = ""
     weight: str = ""
     tilt: str = ""
     cutting: tuple[str, ...] = ()
