@@ -18,6 +18,7 @@ from bayesdrill.inference.posterior import Likelihood, Posterior
 from bayesdrill.inference.priors import Uniform
 from bayesdrill.inference.unknowns import Unknown
 from bayesdrill.record.experiment import with_states
+from bayesdrill.rig.models.friction import DIRECTION
 from bayesdrill.rig.models.linear import Linear, Model, with_named
 from bayesdrill.rig.models.roles import GEAR_POWERS, Roles
 
@@ -97,6 +98,7 @@ def _size(model: Model, name: str, p: Mapping[str, float], states: Array) -> flo
             if name in friction.law.parameters and (row, friction.name) in alone.B:
                 push, speed = np.asarray(alone.B[row, friction.name]), named[friction.against]
                 seen = {state: named.get(state, ZERO) for state in friction.law.seen}
+                seen[DIRECTION] = np.sign(speed)
                 law = friction.law.size
                 none, unit = (law({**p, name: x}, np.abs(speed), seen) for x in (0.0, 1.0))
                 added = added + push * np.sign(speed) * (unit - none)

@@ -10,7 +10,7 @@ import numpy as np
 from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.rig.models.friction import Friction
+from bayesdrill.rig.models.friction import DIRECTION, Friction
 from bayesdrill.rig.simulators.contract import Simulator
 
 CURVE_POINTS = 200  # number of speeds of each sign at which a law is drawn
@@ -120,7 +120,8 @@ def friction_curve(observation: Observation, rubbing: FrictionMotion, full: Arra
     speeds = np.concatenate([-one_way[::-1], [0.0], one_way])
     arguments = observation.simulator_parameters(full)
     p = {name: arguments[:, k, None] for k, name in enumerate(rig.model.parameters)}
-    sizes = friction.law.size(p, np.abs(speeds), _law_inputs(rig, friction, arguments[:1]))
+    seen = {**_law_inputs(rig, friction, arguments[:1]), DIRECTION: np.sign(speeds)}
+    sizes = friction.law.size(p, np.abs(speeds), seen)
     signed = np.broadcast_to(sizes, (len(arguments), len(speeds))) * np.sign(speeds)
     return FrictionCurve(speeds=speeds * rubbing.gear, sizes=np.asarray(signed))
 
@@ -133,7 +134,7 @@ def _law_inputs(rig: Simulator, friction: Friction, arguments: Array) -> dict[st
         return float(rig.sensors.column(names[name], arguments)[0]) if name in names else default
 
     values = {}
-    for name in (name for name in friction.law.seen if name not in states):
+    for name in (n for n in friction.law.seen if n not in (*states, DIRECTION)):
         u = experiment.series.get(name, np.array(experiment.constant.get(name, 0.0)))
         gain = sensor_value(sensing.input_gains, name, 1.0)
         values[name] = _rms(gain * u + sensor_value(sensing.input_offsets, name, 0.0))

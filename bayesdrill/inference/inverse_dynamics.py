@@ -22,6 +22,7 @@ from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.record.experiment import Experiment
+from bayesdrill.rig.models.friction import DIRECTION
 from bayesdrill.rig.models.linear import Model
 
 BUMP_COUNTS = (3, 10, 30, 100)  # numbers of bumps along the record
@@ -95,7 +96,8 @@ def _motion(observation: Observation) -> Callable[[Array], Array] | None:
         acting = {**states, **inputs}
         for friction in model.frictions:
             speed = states[friction.against]
-            acting[friction.name] = np.sign(speed) * friction.law.size(p, np.abs(speed), acting)
+            seen = {**acting, DIRECTION: np.sign(speed)}
+            acting[friction.name] = np.sign(speed) * friction.law.size(p, np.abs(speed), seen)
         for gravity in model.gravities:
             acting[gravity.name] = gravity.torque(p, states[gravity.angle])
         linear = model.linear(p)

@@ -172,7 +172,8 @@ class _RigDrawing:
         turns = rf"${angle},\,\dot {angle}$"
         above = [self._formula(pushes), constant, self._latex(inertia.inertia), turns]
         rubs = (inertia.damping, inertia.friction, inertia.sliding, inertia.static, inertia.fading)
-        others = (inertia.drag, *inertia.cutting, inertia.weight, inertia.tilt)
+        backwards = (inertia.damping_back, inertia.sliding_back, inertia.static_back)
+        others = (*backwards, inertia.drag, *inertia.cutting, inertia.weight, inertia.tilt)
         known = [name for name in (*rubs, *others) if name in rig.parameters]
         below = [self._latex(*pair) for pair in batched(known, 2)]
         if circuit:  # takes all the room above

@@ -60,6 +60,7 @@ DRAG_MARGIN = 4.0  # largest drag over the one that acts as strongly as all else
 # Physics is sought from starts between these shares of its largest size.  A rig without a drive comes
 # to rest after some number of oscillations, each of which has its own maximum, so it needs more.
 SOUGHT_SIZES, DRIVEN_STARTS, FREE_STARTS = (0.003, 0.8), 14, 30
+BACKWARD_STARTS = (0.5, 0.9, 1.1, 2.0)  # friction backwards, over that forwards
 INERTIA_RANGE = (0.01, 10.0)  # range of a further inertia, over the one to which it is attached
 # Searches for a further inertia begin at this share of the first, with this number of stiffnesses,
 # and with this damping over inertia times frequency.
@@ -105,13 +106,13 @@ class Setting:
     """A setting has the information by which changes of `job` are chosen.
 
     `sizes` are values at which parameters would act as strongly as all else.  `speeds` are the largest
-    speeds of inertias, and `weights` their values at the maximum.  `numbers` are constants of changes.
+    speeds of inertias, `values` of parameters those at the maximum, and `numbers` constants of changes.
     """
 
     job: Job
     sizes: Mapping[str, float] = NOTHING
     speeds: Mapping[str, float] = NOTHING
-    weights: Mapping[str, float] = NOTHING
+    values: Mapping[str, float] = NOTHING
     numbers: Mapping[str, float] = NOTHING
 
     @classmethod
@@ -124,8 +125,7 @@ class Setting:
             sizes, speeds = edits.rig_candidates(observations, full), _speeds(observations, full)
             setting = setting.at_least(sizes, speeds)
             p = edits.rig_parameters(observations[0], full)
-        inertias = job.problem.model.roles.inertias
-        return replace(setting, weights={i.name: p[i.inertia] for i in inertias if i.inertia in p})
+        return replace(setting, values=p)
 
     def with_numbers(self, **numbers: float) -> Self:
         """Return the setting with these constants of changes."""
@@ -145,6 +145,12 @@ class Setting:
         return {change.name: change for change in changes if change.entries}
 
     # Properties of the job.
+
+    @property
+    def weights(self) -> dict[str, float]:
+        """Return the inertia of each part of the rig that has a parameter for it, by its name."""
+        inertias = self.job.problem.model.roles.inertias
+        return {i.name: self.values[i.inertia] for i in inertias if i.inertia in self.values}
 
     @property
     def _data(self) -> Entries:
@@ -378,6 +384,31 @@ class Setting:
                 priors = {i.efficiency: uniform(1.0, MIN_EFFICIENCY)}
                 part = _physics(f"load_friction_{i.name}", words, priors, OTHER_LAW)
                 yield replace(part, neutral={i.efficiency: 1.0})
+            yield from self._by_direction(i)
+
+    def _by_direction(self, at: InertiaRoles) -> Iterator[Change]:
+        """Yield frictions with another size backwards, each with the prior of that forwards."""
+        kinds = (
+            ("direction", "dry friction", at.sliding, at.sliding_back),
+            ("direction_rest", "friction at rest", at.static, at.static_back),
+            ("direction_damping", "viscous damping", at.damping, at.damping_back),
+        )
+        for name, words, forward, backward in kinds:
+            if not self._offered(backward):
+                continue
+            priors, value = {}, self.values.get(forward, 0.0)
+            if forward in self.sizes:
+                priors = dict.fromkeys((forward, backward), uniform(self.sizes[forward]))
+            elif value > 0:
+                given = (self._prior(forward) or ((), None))[1]
+                priors = {backward: given or log_uniform(value / WIDER, value * WIDER)}
+            starts = tuple({backward: value * factor} for factor in BACKWARD_STARTS)
+            part = _physics(
+                f"{name}_{at.name}", f"{words} {at.at} that differs by direction", priors
+            )
+            if priors:
+                part = replace(part, neutral=NOTHING, lacks=())
+                yield replace(part, starts=starts) if value > 0 else part
 
     def _offered(self, *names: str) -> bool:
         model = self.job.problem.model

@@ -111,6 +111,8 @@ def _quantities(
             ("armature", inertia.inertia, 2),
             ("damping", inertia.damping, 2),
             ("frictionloss", inertia.sliding, 1),
+            ("damping_backward", inertia.damping_back, 2),
+            ("frictionloss_backward", inertia.sliding_back, 1),
             ("constant_friction", inertia.friction, 1),
             ("gravity", inertia.weight, 1),
         )
@@ -184,6 +186,9 @@ def as_mjcf(model: SimulatorModel) -> str:
     world = SubElement(root, "worldbody")
     for joint in model.joints.values():
         means = model.means(joint)
+        for name in ("damping", "frictionloss"):  # MuJoCo has one number for both directions
+            if name in means:
+                means[name] = (means[name] + means.get(f"{name}_backward", means[name])) / 2.0
         body = SubElement(world, "body", name=_body(joint, model))
         # Every body must have a mass; this one is negligible.
         SubElement(body, "inertial", pos="0 0 0", mass="1e-9", diaginertia="1e-12 1e-12 1e-12")

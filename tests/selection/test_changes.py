@@ -190,6 +190,21 @@ def test_a_train_gets_one_more_inertia_at_each(tmp_path: Path) -> None:
     assert {"j_arm_end", "k_arm_end_spring", "c_arm_end_spring"} <= {*longer.problem.names}
 
 
+def test_friction_backwards_has_the_prior_of_that_forwards(tmp_path: Path) -> None:
+    """Where the config has none, both are sought, each up to what acts as strongly as all else."""
+    numbers = "{j_hub: J, k_T_hub: 1.0, r_hub: 1.0, c_hub: 0.3, t_c_hub: J}"
+    lines, other = changed(motor(tmp_path, numbers=numbers), "direction_hub")
+    prior = {"prior": "log_uniform", "low": 1.0e-3, "high": 1.0}
+    assert lines["parameters"] == {"t_c_hub_backward": prior}
+    assert "t_c_hub_backward" in other.problem.names
+    damping = changed(motor(tmp_path, numbers=numbers), "direction_damping_hub")[0]["parameters"]
+    assert damping == {"c_hub_backward": {"prior": "log_uniform", "low": 0.03, "high": 3.0}}
+    lines, _ = changed(motor(tmp_path), "direction_hub")
+    assert [*lines["parameters"]] == ["t_c_hub", "t_c_hub_backward"]
+    first, second = lines["parameters"].values()
+    assert first == second
+
+
 def test_neutral_physics_changes_no_likelihood(tmp_path: Path) -> None:
     """Candidates of a kind share kernels: what each has beside its own does nothing."""
     model = (

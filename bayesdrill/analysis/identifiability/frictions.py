@@ -18,6 +18,7 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.record.experiment import typical_inputs
 from bayesdrill.rig import steady_state
+from bayesdrill.rig.models.friction import DIRECTION
 from bayesdrill.rig.models.linear import Model, constant_forcing, dynamics
 from bayesdrill.rig.models.roles import Roles
 
@@ -52,6 +53,8 @@ def rivals(roles: Roles) -> dict[str, tuple[str, ...]]:
         similar[shaft.damping] = tuple(inertia.damping for inertia in inertias)
     for here in inertias:
         similar[here.efficiency] = (here.sliding, here.friction, here.damping)
+        similar[here.sliding_back] = (here.friction, here.damping_back, here.sliding)
+        similar[here.efficiency_back] = (here.sliding_back, here.sliding, here.friction)
     return {name: names for name, names in similar.items() if name}
 
 
@@ -297,7 +300,7 @@ def stall_voltage(model: Model, p: Mapping[str, float]) -> float:
     if moved is None or moved[0].speed not in model.states:
         return 0.0
     frictions = model.frictions
-    others = dict.fromkeys((*model.states, *model.inputs), 0.0)
+    others = {**dict.fromkeys((*model.states, *model.inputs), 0.0), DIRECTION: 1.0}
     # At this speed static friction is gone.
     sizes = {f.name: float(np.asarray(f.law.size(p, 1e6, others))) for f in frictions}
     linear = model.linear(p)

@@ -19,11 +19,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, reduce
+from typing import Any
 
 from llvmlite import ir
 
-from bayesdrill.basics.duals import Dual, dual, size, where
-from bayesdrill.rig.kernels.lanes import Mask, Vector, vector
+from bayesdrill.basics.duals import Dual, below, dual, size, where
+from bayesdrill.rig.kernels.lanes import Builder, Mask, Vector, vector
 from bayesdrill.rig.kernels.numbers import (
     Column,
     Number,
@@ -35,7 +36,41 @@ from bayesdrill.rig.kernels.numbers import (
     slip_direction,
     sum_products,
 )
-from bayesdrill.rig.models.friction import Law
+from bayesdrill.rig.models.friction import DIRECTION, Law
+
+
+@dataclass(frozen=True, slots=True)
+class Sizes:
+    """The sizes of a friction in both directions, one number where they are equal."""
+
+    forward: Number
+    backward: Number
+
+    @classmethod
+    def by_law(
+        cls, b: Builder, law: Law, p: Mapping[str, Number], speed: Any, seen: Mapping[str, Number]
+    ) -> Sizes:
+        """Evaluate a law in both directions, or once if it does not differ."""
+        ways = (1.0, -1.0) if DIRECTION in law.seen else (1.0,)
+        signs = [Vector(b, vector(way)) for way in ways]
+        sizes = [law.size(p, speed, {**seen, DIRECTION: sign}) for sign in signs]
+        return cls(sizes[0], sizes[-1])
+
+    @property
+    def differ(self) -> bool:
+        """Whether they are two numbers."""
+        return self.forward is not self.backward
+
+    def along(self, speed: Number, *, back: bool = False) -> Number:
+        """Return the size in the direction of a speed, or with `back` in the other."""
+        if not self.differ:
+            return self.forward
+        both = (self.backward, self.forward)
+        return where(below(speed, 0.0), *(reversed(both) if back else both))
+
+    def exceeded(self, effort: Number) -> Mask:
+        """Tell where an effort is larger than friction of its sign."""
+        return above(size(effort), self.along(effort))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,7 +80,7 @@ class StepFriction:
     `row` is the index of its speed, and `angle` that of its angle. `column` is the effect of a unit
     effort on the states in a step, and `stop_gain` minus one over that on its own speed.
     `holding_row` and `holding_base` give the effort that keeps its speed, from states and drive.
-    `steady` is its size if its law is steady.
+    `steady` has its sizes if its law is steady.
     """
 
     row: int
@@ -55,7 +90,7 @@ class StepFriction:
     holding_row: Column
     holding_base: Number
     law: Law
-    steady: Number | None
+    steady: Sizes | None
 
     def holding_effort(self, state: Sequence[Number], drive: Column) -> Number:
         """Return the effort that keeps the speed as it is."""
@@ -115,17 +150,17 @@ class Step:
         named = {i for i, name in enumerate(self.states) if name in names}
         return sorted(named | {friction.row for friction in unsteady})
 
-    def sizes(self, state: Sequence[Number], inputs: Mapping[str, Number]) -> list[Number]:
+    def sizes(self, state: Sequence[Number], inputs: Mapping[str, Number]) -> list[Sizes]:
         """Return the sizes of all frictions."""
         values = {**dict(zip(self.states, state, strict=True)), **inputs}
         return [
-            f.law.size(self.parameters, size(state[f.row]), values)
+            Sizes.by_law(self.kind.b, f.law, self.parameters, size(state[f.row]), values)
             if f.steady is None
             else f.steady
             for f in self.frictions
         ]
 
-    def rest_sizes(self, state: Sequence[Number], inputs: Mapping[str, Number]) -> list[Number]:
+    def rest_sizes(self, state: Sequence[Number], inputs: Mapping[str, Number]) -> list[Sizes]:
         """Return the sizes that frictions would have at rest."""
         still = list(state)
         for friction in self.frictions:
@@ -134,7 +169,7 @@ class Step:
 
     def mean_sizes(
         self, state: Sequence[Number], ahead: Sequence[Number], inputs: Mapping[str, Number]
-    ) -> list[Number]:
+    ) -> list[Sizes]:
         """Return the sizes at the mean of both ends of a step."""
         speeds, middle = {friction.row for friction in self.frictions}, list(state)
         for i in self.size_states:
@@ -194,7 +229,7 @@ class FrictionMode:
         for e, (friction, direction) in enumerate(zip(step.frictions, directions, strict=True)):
             b.write(direction.value, self.block, e)
             if friction.steady is not None:
-                effort = multiply_add(friction.steady, direction, None)
+                effort = multiply_add(friction.steady.along(direction), direction, None)
                 for row in (row for row in rows if first + e in row):
                     entry = row.pop(first + e)
                     row[constant] = multiply_add(entry, effort, row.get(constant))
@@ -277,7 +312,7 @@ class FrictionMode:
             likely = [last + trend for last, trend in zip(past.sizes, past.trends, strict=True)]
             ahead = with_sizes(likely, step.size_states)
             mean_sizes = step.mean_sizes(state, ahead, now.inputs)
-            sizes = [mean_sizes[e] for e in varying]
+            sizes = [mean_sizes[e].along(directions[e]) for e in varying]
         trends = [current - before for current, before in zip(sizes, past.sizes, strict=True)]
         return [*with_sizes(sizes, range(len(rows))), *sizes, *trends]
 
@@ -294,7 +329,7 @@ class FrictionMode:
         sizes, later = step.rest_sizes(new, now.inputs), step.drive_after(now.drive, step.span)
         changed = []
         for (direction, friction), most in zip(self._pairs(directions), sizes, strict=True):
-            beyond = above(size(friction.holding_effort(new, later)), most)
+            beyond = most.exceeded(friction.holding_effort(new, later))
             still = is_sticking(direction)
             turned = keeps_direction(direction, new[friction.row]).negate()
             changed.append(beyond.both(still).either(turned.without(still)))

@@ -31,7 +31,14 @@ from dataclasses import dataclass, replace
 from llvmlite import ir
 
 from bayesdrill.basics.duals import below, signed, size, where
-from bayesdrill.rig.kernels.friction import FrictionHistory, FrictionMode, Step, StepStart, any_of
+from bayesdrill.rig.kernels.friction import (
+    FrictionHistory,
+    FrictionMode,
+    Sizes,
+    Step,
+    StepStart,
+    any_of,
+)
 from bayesdrill.rig.kernels.lanes import F64, NOWHERE, Loop, Mask, Vector
 from bayesdrill.rig.kernels.numbers import (
     Column,
@@ -76,13 +83,13 @@ def advance_step(
 
 @dataclass(frozen=True, slots=True)
 class RestState:
-    """The record has, at the beginning of a step, the holding `effort` and the `size` at rest.
+    """The record has, at the beginning of a step, the holding `effort` and the `sizes` at rest.
 
     The effort is what keeps the friction's speed at zero.
     """
 
     effort: Number
-    size: Number
+    sizes: Sizes
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,12 +140,13 @@ class ReversalStep:
     def _whole(self, now: StepStart, *, shows: bool) -> list[Number]:
         """Return what `advance` returns, for one part."""
         step, state, drive, inputs = self.step, now.state, now.drive, now.inputs
-        sizes = [friction.steady for friction in self.step.frictions]
+        rest_sizes = step.rest_sizes(state, inputs)
+        sizes = [*rest_sizes]  # of what differs by direction, as its past is of one direction alone
         for e, magnitude in zip(step.varying, now.past.sizes, strict=True):
-            sizes[e] = magnitude
+            if not sizes[e].differ:
+                sizes[e] = Sizes(magnitude, magnitude)
         free, later = step.frictionless(state, drive), step.drive_after(drive, step.span)
         holding = [friction.holding_effort(state, drive) for friction in self.step.frictions]
-        rest_sizes = step.rest_sizes(state, inputs)
         at_rest = [RestState(*both) for both in zip(holding, rest_sizes, strict=True)]
         efforts, slips = self._efforts(free, state, later, sizes, at_rest)
         if step.varying:
@@ -147,7 +155,7 @@ class ReversalStep:
             efforts, slips = self._efforts(free, state, later, sizes, at_rest)
         new = self._held(self._stopped(self._moved(free, efforts), slips), state, slips)
         shown = efforts if shows else []
-        varying = [sizes[e] for e in step.varying]
+        varying = [sizes[e].along(new[step.frictions[e].row]) for e in step.varying]
         return [*new, *shown, *varying, *(self.step.kind.zero() for _ in varying)]
 
     def _efforts(
@@ -155,13 +163,14 @@ class ReversalStep:
         free: list[Number],
         state: list[Number],
         drive: Column,
-        sizes: list[Number],
+        sizes: list[Sizes],
         at_rest: list[RestState],
     ) -> tuple[list[Number], list[Mask]]:
         """Return the efforts, and the lanes where they allow slip; `drive` is that at the step's end."""
+        speeds = [state[friction.row] for friction in self.step.frictions]
         known = [
-            where(is_moving(state[friction.row]), signed(most, state[friction.row]), at.effort)
-            for friction, most, at in zip(self.step.frictions, sizes, at_rest, strict=True)
+            where(is_moving(speed), signed(most.along(speed), speed), at.effort)
+            for speed, most, at in zip(speeds, sizes, at_rest, strict=True)
         ]
         slips: dict[int, Mask] = {}
         for e in self._order:
@@ -184,7 +193,7 @@ class ReversalStep:
         return known, [slips[e] for e in range(len(self.step.frictions))]
 
     def _effort_from_slip(
-        self, stop: Number, speed: Number, over: Number, most: Number, at_rest: RestState
+        self, stop: Number, speed: Number, over: Number, sizes: Sizes, at_rest: RestState
     ) -> tuple[Number, Mask]:
         """Return the mean effort over a step that begins in slip, and whether it ends in slip.
 
@@ -193,37 +202,44 @@ class ReversalStep:
         crosses zero after a share of the step. It sticks if the effort that drives it there, stop -
         speed, is no more than friction can hold. If it is more, it slips backwards.
         """
-        back = below(speed, 0.0)
+        back, most = below(speed, 0.0), sizes.along(speed)
         ahead, rate = where(back, -stop, stop), size(speed) * over
         against = rate - ahead + most  # the effort that drives it backwards, plus the friction
-        keeps, passes = above(ahead, most), above(against, most + at_rest.size)
+        beyond = at_rest.sizes.along(speed, back=True)
+        keeps, passes = above(ahead, most), above(against, most + beyond)
         turned = where(keeps, most, ahead)
-        (turned,) = self.step.kind.select_if_any(
-            passes.without(keeps), [turned], lambda: [most * (rate / against * 2.0 - 1.0)]
-        )
+
+        def reversed_effort() -> list[Number]:
+            share = rate / against  # of the step until the crossing
+            if not sizes.differ:
+                return [most * (share * 2.0 - 1.0)]
+            other = sizes.along(speed, back=True)
+            return [(most + other) * share - other]
+
+        (turned,) = self.step.kind.select_if_any(passes.without(keeps), [turned], reversed_effort)
         return where(back, -turned, turned), keeps.either(passes)
 
     def _effort_from_stick(
-        self, stop: Number, later: Number, most: Number, at_rest: RestState
+        self, stop: Number, later: Number, sizes: Sizes, at_rest: RestState
     ) -> tuple[Number, Mask]:
         """Return the mean effort over a step that begins in stick, and where it slips at the end.
 
         The effort to be held goes from `at_rest.effort` to `later`, with mean `stop`. Once it
         exceeds the size at rest, the speed slips under `most`.
         """
-        back = below(stop, 0.0)
+        back, most, held = below(stop, 0.0), sizes.along(stop), at_rest.sizes.along(stop)
         efforts = (stop, at_rest.effort, later)
         mean, first, last = (where(back, -effort, effort) for effort in efforts)
-        slips = above(last, at_rest.size).either(above(mean, at_rest.size))
+        slips = above(last, held).either(above(mean, held))
 
         def slipping() -> list[Number]:
             # The course is two straight lines: from the first to the middle, and on to the last.
             middle = (mean * 6.0 - first - last) * 0.25
-            halves = [_beyond(*ends, at_rest.size) for ends in ((first, middle), (middle, last))]
+            halves = [_beyond(*ends, held) for ends in ((first, middle), (middle, last))]
             share = (halves[0][0] + halves[1][0]) * 0.5
             driving = (halves[0][1] + halves[1][1]) * 0.5
             bent = mean - (first + middle * 2.0 + last) * 0.25
-            return [mean - driving - share * (at_rest.size - most + bent)]
+            return [mean - driving - share * (held - most + bent)]
 
         (turned,) = self.step.kind.select_if_any(slips, [mean], slipping)
         return where(back, -turned, turned), slips

@@ -14,10 +14,11 @@ from bayesdrill.rig.kernels.exponential import (
     formulas,
     with_slopes,
 )
+from bayesdrill.rig.kernels.friction import Sizes
 from bayesdrill.rig.kernels.lanes import NUMBERS, VECTORS, WHOLE, Builder, Vector, vector
 from bayesdrill.rig.kernels.numbers import Number, sum_products
 from bayesdrill.rig.kernels.sums import ResidualSums
-from bayesdrill.rig.models.friction import SettlingLaw
+from bayesdrill.rig.models.friction import DIRECTION, Law, SettlingLaw
 from bayesdrill.rig.models.linear import Model
 
 # T samples; N steps; parts of a step with a reversal; 1 if signals are stored instead of sums.
@@ -88,7 +89,7 @@ class SteppedShape:
             law, speed = friction.law, named[friction.against]
             described += [index(friction.against), friction.holds and index(friction.holds)]
             seen = sorted(index(name) for name in law.seen if name in self.model.states)
-            described += [law.steady, seen, law.size(named, 0.0 if law.steady else speed, named)]
+            described += [law.steady, seen, *self._sizes(lanes[0].b, law, named, speed)]
             if self.long_steps and isinstance(law, SettlingLaw):
                 described.append(law.decay_terms(named, speed))
             else:
@@ -98,12 +99,19 @@ class SteppedShape:
             described += [index(gravity.angle), index(gravity.speed), gravity.torque(named, at)]
         return described
 
+    def _sizes(self, b: Builder, law: Law, named: Any, speed: Any) -> list[Any]:
+        """Return the size of a law, or that in each direction if these differ."""
+        sizes = Sizes.by_law(b, law, named, 0.0 if law.steady else speed, named)
+        return [sizes.forward, sizes.backward] if sizes.differ else [sizes.forward]
+
     @property
     def long_steps(self) -> bool:
         """Return whether there are several steps to a sample, and all varying sizes settle."""
         if self.single or self.read or self.late or self.model.gravities:
             return False
         laws = [friction.law for friction in self.model.frictions if not friction.law.steady]
+        if any(DIRECTION in friction.law.seen for friction in self.model.frictions):
+            return False
         return bool(laws) and all(isinstance(law, SettlingLaw) for law in laws)
 
     @property

@@ -22,6 +22,7 @@ from bayesdrill.rig.kernels.exponential import addresses, number, store_exponent
 from bayesdrill.rig.kernels.friction import (
     FrictionHistory,
     FrictionMode,
+    Sizes,
     Step,
     StepFriction,
     StepStart,
@@ -135,7 +136,7 @@ class Writer:
         for column, friction in enumerate(shape.model.frictions, start=first):
             row, law = index(friction.against), friction.law
             acts = -rates.rows[row][column]  # effect of a unit effort on the rate
-            steady = law.size(self.parameters, 0.0, {}) if law.steady else None
+            steady = Sizes.by_law(self.b, law, self.parameters, 0.0, {}) if law.steady else None
             holding = {k: entry / acts for k, entry in rates.rows[row].items() if k < first}
             acting.append(
                 StepFriction(
@@ -212,7 +213,7 @@ class Writer:
             return self.kind.flat(state)
         self.set_mode(state)
         sizes_now = step.sizes(state, self.drive(0, state)[1])
-        sizes = [sizes_now[e] for e in step.varying]
+        sizes = [sizes_now[e].along(state[step.frictions[e].row]) for e in step.varying]
         return self.kind.flat([*state, *sizes, *(self.kind.zero() for _ in sizes)])
 
     def advance(

@@ -16,6 +16,7 @@ from typing import Any, ClassVar, Literal
 
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.rig.models.friction import (
+    BackwardDamping,
     BitRock,
     CombinedLaw,
     Coulomb,
@@ -242,18 +243,22 @@ class _Parts:
                 yield inertia, friction
 
     def _laws(self, inertia: InertiaRoles) -> list[Law]:
-        laws = list[Law]()
+        laws, times = list[Law](), 1 / inertia.reduction
         sliding, static, fading = inertia.sliding, inertia.static, inertia.fading
+        back = inertia.sliding_back, inertia.static_back
+        backward = back[0] if self._has(back[0]) else "", back[1] if self._has(back[1]) else ""
         if self._has(sliding, static, fading):
-            times, power = 1 / inertia.reduction, self.model.stribeck
-            laws.append(Stribeck(sliding, static, fading, power, times))
+            laws.append(Stribeck(sliding, static, fading, self.model.stribeck, times, backward))
         elif self._has(sliding):
-            laws.append(Coulomb(sliding))
+            laws.append(Coulomb(sliding, backward[0]))
+        if self._has(inertia.damping, inertia.damping_back):
+            laws.append(BackwardDamping(inertia.damping, inertia.damping_back, times))
         if self._has(inertia.drag):
-            laws.append(QuadraticDrag(inertia.drag, 1 / inertia.reduction))
+            laws.append(QuadraticDrag(inertia.drag, times))
         if self._has(inertia.efficiency):
+            driven = inertia.efficiency_back if self._has(inertia.efficiency_back) else ""
             loads = self._loads(inertia)
-            laws.append(GearLoss(inertia.efficiency, loads, inertia.reduction))
+            laws.append(GearLoss(inertia.efficiency, loads, inertia.reduction, driven))
         if inertia.cutting and self._has(*inertia.cutting):
             factor, stiff, hump, width = inertia.cutting
             laws.append(BitRock(factor, stiff, hump, width, inertia.bit_weight))

@@ -5,7 +5,7 @@
 
 `Friction` names an effort of a rig and its law.  Its effort is a column of the rig's `B`, whose
 entry in the row that it is `against` is negative.  Laws give sizes, never signs: they see how fast
-it moves.
+it moves, and a law that differs by direction sees `DIRECTION` too, 1 forwards and -1 backwards.
 """
 
 from __future__ import annotations
@@ -17,10 +17,11 @@ from typing import Any, ClassVar, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.basics.duals import exp, sin, size
+from bayesdrill.basics.duals import below, exp, sin, size, where
 from bayesdrill.basics.symbols import Symbol
 
 Named = Mapping[str, NDArray[np.float64] | float]
+DIRECTION = "direction"  # what a law sees of the sign of the speed, among states and inputs
 
 
 class Law(Protocol):
@@ -32,11 +33,14 @@ class Law(Protocol):
 
     @property
     def seen(self) -> tuple[str, ...]:
-        """Return the states and inputs that the law needs beside the speed."""
+        """Return the states and inputs that the law needs beside the speed.
+
+        `DIRECTION` is among them if the size differs by direction.
+        """
 
     @property
     def steady(self) -> bool:
-        """Return whether the size depends on the parameters alone."""
+        """Return whether the size depends on the parameters and the direction alone."""
 
     def size(self, p: Named, speed: Any, seen: Mapping[str, Any]) -> Any:
         """Return the size at a `speed` that is not negative."""
@@ -109,28 +113,34 @@ class Gravity:
 
 @dataclass(frozen=True, slots=True)
 class Coulomb:
-    """Coulomb friction has the size of the parameter `sliding` at any speed."""
+    """Coulomb friction has the size of `sliding` at any speed, or of `backward` (if named)."""
 
     sliding: str
+    backward: str = ""
 
-    seen: ClassVar[tuple[str, ...]] = ()
     steady: ClassVar[bool] = True
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Return the name of the sliding friction."""
-        return (self.sliding,)
+        """Return the names of the sliding friction, and of that backwards."""
+        return (self.sliding, *filter(None, [self.backward]))
+
+    @property
+    def seen(self) -> tuple[str, ...]:
+        """Return the direction if the size differs by it."""
+        return (DIRECTION,) if self.backward else ()
 
     def size(self, p: Named, speed: Any, seen: Mapping[str, Any]) -> Any:
         """See `Law.size`."""
-        return p[self.sliding]
+        return _by_direction(p, seen, self.sliding, self.backward)
 
 
 @dataclass(frozen=True, slots=True)
 class Stribeck:
     """Stribeck's law is `sliding + (static - sliding) exp(-(|w|/scale)^power)`.
 
-    `times` is the speed w for a unit of the state.
+    `times` is the speed w for a unit of the state. `backward` has the names of sliding and static
+    friction backwards, which are empty if they do not differ by direction.
     """
 
     sliding: str
@@ -138,19 +148,25 @@ class Stribeck:
     scale: str
     power: int = 1
     times: float = 1.0
+    backward: tuple[str, str] = ("", "")
 
-    seen: ClassVar[tuple[str, ...]] = ()
     steady: ClassVar[bool] = False
 
     @property
     def parameters(self) -> tuple[str, ...]:
         """Return the names of sliding friction, static friction, and the speed scale of its decay."""
-        return (self.sliding, self.static, self.scale)
+        return (self.sliding, self.static, self.scale, *filter(None, self.backward))
+
+    @property
+    def seen(self) -> tuple[str, ...]:
+        """Return the direction if the size differs by it."""
+        return (DIRECTION,) if any(self.backward) else ()
 
     def size(self, p: Named, speed: Any, seen: Mapping[str, Any]) -> Any:
         """See `Law.size`."""
-        sliding: Any = p[self.sliding]
-        return sliding + (p[self.static] - sliding) * exp(-self._exponent(p, speed))
+        sliding = _by_direction(p, seen, self.sliding, self.backward[0])
+        static = _by_direction(p, seen, self.static, self.backward[1])
+        return sliding + (static - sliding) * exp(-self._exponent(p, speed))
 
     def decay_terms(self, p: Named, speed: Any) -> tuple[Any, Any]:
         """See `SettlingLaw.decay_terms`."""
@@ -179,6 +195,32 @@ class QuadraticDrag:
     def size(self, p: Named, speed: Any, seen: Mapping[str, Any]) -> Any:
         """See `Law.size`."""
         return p[self.drag] * (self.times * speed) ** 2
+
+
+@dataclass(frozen=True, slots=True)
+class BackwardDamping:
+    """The excess of viscous friction backwards is `(backward - forward) |w|`.
+
+    The friction forwards is in the rig's matrix `A`, for both directions. `times` is the speed w for
+    a unit of the state.
+    """
+
+    forward: str
+    backward: str
+    times: float = 1.0
+
+    seen: ClassVar[tuple[str, ...]] = (DIRECTION,)
+    steady: ClassVar[bool] = False
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Return the names of both coefficients."""
+        return (self.forward, self.backward)
+
+    def size(self, p: Named, speed: Any, seen: Mapping[str, Any]) -> Any:
+        """See `Law.size`."""
+        more: Any = p[self.backward] - p[self.forward]
+        return where(below(seen[DIRECTION], 0.0), more, 0.0) * (self.times * speed)
 
 
 @dataclass(frozen=True, slots=True)
@@ -281,26 +323,40 @@ class GearLoss:
     """The loss is (1/eta - 1) of the torque that a gear of efficiency eta passes on to `loads`.
 
     `factor` refers the torque of the loads to the side of the friction. If the load drives, the
-    efficiency of the gear is 2 - 1/eta.
+    efficiency of the gear is `driven_back`, or 2 - 1/eta if that is not named.
     """
 
     efficiency: str
     loads: tuple[LoadSpring | Gravity, ...]
     factor: float
+    driven_back: str = ""
 
     steady: ClassVar[bool] = False
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Return the names of the efficiency, and of stiffnesses and weights of the loads."""
-        return (self.efficiency, *(name for load in self.loads for name in load.parameters))
+        """Return the names of the efficiencies, and of stiffnesses and weights of the loads."""
+        back = filter(None, [self.driven_back])
+        return (self.efficiency, *back, *(n for load in self.loads for n in load.parameters))
 
     @property
     def seen(self) -> tuple[str, ...]:
-        """Return the angles of the loads."""
-        return (*dict.fromkeys(name for load in self.loads for name in load.angles),)
+        """Return the angles of the loads, and the direction if it matters which side drives."""
+        angles = dict.fromkeys(name for load in self.loads for name in load.angles)
+        return (*angles, *((DIRECTION,) if self.driven_back else ()))
 
     def size(self, p: Named, speed: Any, seen: Mapping[str, Any]) -> Any:
         """See `Law.size`."""
         first, *others = (load.load(p, seen) for load in self.loads)
-        return (1.0 / p[self.efficiency] - 1.0) * (size(sum(others, first)) * self.factor)
+        total, lost = sum(others, first), 1.0 / p[self.efficiency] - 1.0
+        if self.driven_back:
+            drives = below(total * seen[DIRECTION], 0.0)  # the load pushes where it moves
+            lost = where(drives, 1.0 - p[self.driven_back], lost)
+        return lost * (size(total) * self.factor)
+
+
+def _by_direction(p: Named, seen: Mapping[str, Any], forward: str, backward: str) -> Any:
+    """Return the parameter `forward`, or in the other direction `backward` where that is named."""
+    if not backward:
+        return p[forward]
+    return where(below(seen[DIRECTION], 0.0), p[backward], p[forward])

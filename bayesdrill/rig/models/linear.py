@@ -293,7 +293,10 @@ def missing_requirements(rig: Model) -> dict[str, tuple[str, ...]]:
 def weak_statics(rig: Model, p: Mapping[str, Any]) -> dict[str, str]:
     """Return a message for each static friction that is below the sliding one at all of `p`."""
     why = "is below {}; static friction is at least as large as sliding friction"
-    pairs = ((i.static, i.sliding) for i in rig.roles.inertias if {i.static, i.sliding} <= {*p})
+    inertias = rig.roles.inertias
+    pairs = [(i.static, i.sliding) for i in inertias if {i.static, i.sliding} <= {*p}]
+    for back, other in ((i.static_back, i.sliding_back) for i in inertias):
+        pairs += [(back, other)] if {back, other} <= {*p} else []
     return {s: why.format(c) for s, c in pairs if np.all(np.asarray(p[s]) < p[c])}
 
 

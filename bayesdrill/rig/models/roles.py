@@ -54,11 +54,13 @@ class InertiaRoles:
     `angle` and `speed` are states, `reduction` times those of the inertia itself if it is before a
     gear; a `speed` that is an input is imposed. `friction` has a constant sign. `sliding` and
     `static` are dry friction; the excess of the second decays over the speed `fading`. `drag` grows
-    with the square of the speed. `torque` and `load` are inputs that push the inertia forwards and
-    backwards. `efficiency` belongs to the gear that it drives. `weight` is the largest torque of
-    gravity, which is zero at an angle of minus `tilt`. `cutting` has the coefficients of rock,
-    which the inertia cuts under the input `bit_weight`. `effort` is the symbol of its dry friction,
-    and `latex` that of its own angle if this is no state.
+    with the square of the speed. `sliding_back`, `static_back` and `damping_back` are the values
+    backwards if they differ by direction. `torque` and `load` are inputs that push the inertia
+    forwards and backwards. `efficiency` belongs to the gear that it drives, and `efficiency_back` is
+    that while the load drives. `weight` is the largest torque of gravity, which is zero at an angle
+    of minus `tilt`. `cutting` has the coefficients of rock, which the inertia cuts under the input
+    `bit_weight`. `effort` is the symbol of its dry friction, and `latex` that of its own angle if
+    this is no state.
     """
 
     name: str
@@ -77,6 +79,10 @@ class InertiaRoles:
     torque: str = ""
     load: str = ""
     efficiency: str = ""
+    sliding_back: str = ""
+    static_back: str = ""
+    damping_back: str = ""
+    efficiency_back: str = ""
     weight: str = ""
     tilt: str = ""
     cutting: tuple[str, ...] = ()

@@ -20,6 +20,7 @@ import functools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any, ClassVar, Literal
 
 from bayesdrill.basics.entries import set_constants
@@ -151,7 +152,8 @@ def _check_frictions(train: Train) -> None:
 class Row:
     """A row describes one parameter of a part: role, letter, unit and meaning for a rotary train.
 
-    `needs` has the roles that the parameter requires; None if the part always has it.
+    `needs` has the roles that the parameter requires; None if the part always has it. `after` follows
+    the name of the part in the name of the parameter.
     """
 
     role: str
@@ -161,8 +163,10 @@ class Row:
     needs: tuple[str, ...] | None = None
     held: Literal["positive", "not negative", "any"] = "positive"
     at_most: float = math.inf
+    after: str = ""
 
 
+BACKWARD = "_backward"
 INERTIA = (
     Row("inertia", "j", "kg*m**2", "moment of inertia of"),
     Row("damping", "c", "N*m*s/rad", "viscous damping at", (), "not negative"),
@@ -173,8 +177,18 @@ RUBBING = (
     Row("static", "t_s", "N*m", "static friction at", ("sliding", "fading"), "not negative"),
     Row("fading", "w_s", "rad/s", "speed of lost static friction at", ("sliding", "static")),
     Row("drag", "d", "N*m*s**2/rad**2", "quadratic drag at", (), "not negative"),
-)
-GEAR = (Row("efficiency", "eta", "1", "efficiency of", (), at_most=1.0),)
+    Row("sliding_back", "t_c", "N*m", "backward sliding friction at", ("sliding",), "not negative",
+        after=BACKWARD),
+    Row("static_back", "t_s", "N*m", "backward static friction at",
+        ("sliding", "static", "fading"), "not negative", after=BACKWARD),
+    Row("damping_back", "c", "N*m*s/rad", "backward viscous damping at", ("damping",),
+        "not negative", after=BACKWARD),
+)  # fmt: skip
+GEAR = (
+    Row("efficiency", "eta", "1", "efficiency of", (), at_most=1.0),
+    Row("efficiency_back", "eta", "1", "efficiency, while the load drives, of", ("efficiency",),
+        "not negative", at_most=1.0, after=BACKWARD),
+)  # fmt: skip
 PENDULUM = (
     Row("weight", "g", "N*m", "largest torque of gravity at"),
     Row("tilt", "a", "rad", "tilt of", (), "any"),
@@ -226,6 +240,9 @@ LINEAR: Mapping[str, str] = {
 }
 
 
+NO_NAMES: Mapping[str, str] = MappingProxyType({})
+
+
 def words(name: str) -> str:
     """Return the name of a part in sentences, such as `the load` or `cart 1`."""
     text = name.replace("_", " ")
@@ -271,9 +288,11 @@ class Description:
         """Return a letter, unit or word as the motion of the train requires it."""
         return LINEAR.get(text, text) if self.train.motion == "linear" else text
 
-    def _symbol(self, letter: str, part: str, unit: str, meaning: str, **more: Any) -> Symbol:
+    def _symbol(
+        self, letter: str, part: str, unit: str, meaning: str, after: str = "", **more: Any
+    ) -> Symbol:
         """Return the symbol of a part, from `letter`, `unit` and `meaning` for a rotary train."""
-        name = f"{self._word(letter)}_{part}"
+        name = f"{self._word(letter)}_{part}{after}"
         text = f"{self._word(meaning)} {words(part)}"
         return dataclasses.replace(own_symbol(name, self._word(unit), None, text), **more)
 
@@ -286,15 +305,19 @@ class Description:
         self.symbols[symbol.name] = symbol
         return symbol.name
 
-    def _add_rows(self, rows: Sequence[Row], part: str) -> dict[str, str]:
-        """Add the numbers of a part, and return their names by role."""
-        names = {row.role: f"{self._word(row.letter)}_{part}" for row in rows}
+    def _add_rows(
+        self, rows: Sequence[Row], part: str, known: Mapping[str, str] = NO_NAMES
+    ) -> dict[str, str]:
+        """Add the numbers of a part, and return their names by role; `known`: those of others."""
+        names = {row.role: f"{self._word(row.letter)}_{part}{row.after}" for row in rows}
         for row in rows:
             if row.needs is None:
                 self.parameters.append(names[row.role])
             else:
-                self.offers[names[row.role]] = tuple(names[role] for role in row.needs)
-            self._add(row.letter, part, row.unit, row.meaning, held=row.held, at_most=row.at_most)
+                needs = {**known, **names}
+                self.offers[names[row.role]] = tuple(needs[role] for role in row.needs)
+            more: dict[str, Any] = {"held": row.held, "at_most": row.at_most}
+            self._add(row.letter, part, row.unit, row.meaning, after=row.after, **more)
         return names
 
     def _inertia(self, name: str) -> InertiaRoles:
@@ -315,7 +338,7 @@ class Description:
         names |= self._add_rows(INERTIA, name)
         joined = [n for n in train.inertias if self._reductions[n][0] == root]
         if name == _rubbing(train, joined):
-            names |= self._add_rows(RUBBING, name)
+            names |= self._add_rows(RUBBING, name, names)
             loaded = {*train.gravity, *(end for shaft in train.shafts for end in shaft.ends)}
             behind = loaded & {*joined} - {name}  # a gear without load has no loss
             for gear in [gear.name for gear in train.gears if behind and gear.ends[0] == name][:1]:

@@ -10,6 +10,7 @@ import numpy as np
 from bayesdrill.basics import symbols
 from bayesdrill.basics.duals import Dual
 from bayesdrill.basics.entries import entries_model
+from bayesdrill.rig.models.friction import DIRECTION
 from bayesdrill.rig.models.linear import Model, with_all
 
 REQUIRED = ("name", "parameters", "states", "inputs", "declares", "linear")
@@ -93,7 +94,7 @@ def _check_frictions(rig: Any) -> None:
         holds = [] if friction.holds is None else [friction.holds]
         strange = [name for name in (friction.against, *holds) if name not in rig.states]
         strange += [name for name in friction.law.parameters if name not in rig.parameters]
-        strange += [n for n in friction.law.seen if n not in (*rig.states, *rig.inputs)]
+        strange += [n for n in friction.law.seen if n not in (*rig.states, *rig.inputs, DIRECTION)]
         if strange:
             raise ValueError(
                 f"the friction {friction.name} names {', '.join(strange)}, which the rig has not"

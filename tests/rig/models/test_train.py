@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from support.case_tables import run_cases
 from support.train_oracle import Oracle, springs
 
 import bayesdrill as bd
@@ -161,6 +162,29 @@ def test_a_gear_loses_of_the_weight_behind_it():
     found = bd.respond(train, p, t, {"t_motor": 0.5}, ["theta_arm"])["theta_arm"]
     assert expected[-1] > 2 * np.pi
     assert found == pytest.approx(expected, abs=1e-4 * expected[-1])
+
+
+@run_cases("held", [True, False])
+def test_a_gear_that_is_driven_back_has_an_efficiency_of_its_own(held: bool) -> None:
+    """At rest power flows nowhere: the arm falls, and the motor is driven by (eta) of its weight."""
+    gears = {"box": {"between": ("motor", "arm"), "ratio": 0.5}}
+    train = Train(
+        inertias=("motor", "arm"), gears=gears, drives={"motor": "torque"}, gravity=("arm",),
+        added=("eta_box", "eta_box_backward"),
+    )  # fmt: skip
+    p = {"j_motor": 0.02, "j_arm": 0.1, "g_arm": 0.5, "eta_box": 0.7, "eta_box_backward": 0.4}
+    inertia, share = p["j_arm"] + 4 * p["j_motor"], p["eta_box_backward"]
+    push = 2 * -0.05 if held else 0.0
+    t = 0.005 * np.arange(121)
+
+    def slope(_, x):  # it falls towards zero from 2 rad: the load drives all the time
+        return x[1], (push - share * p["g_arm"] * np.sin(x[0])) / inertia
+
+    expected = solve_ivp(slope, (0, t[-1]), (2.0, 0.0), t_eval=t, rtol=1e-10, atol=1e-10).y[0]
+    drive = {"t_motor": -0.05 if held else 0.0}
+    found = bd.respond(train, p, t, drive, ["theta_arm"], initial={"theta_arm": 2.0})["theta_arm"]
+    assert expected[-1] > 0.2
+    assert found == pytest.approx(expected, abs=1e-4)
 
 
 def test_a_gear_that_passes_nothing_on_has_no_efficiency():

@@ -1,0 +1,96 @@
+"""Friction that differs by direction: against an integration from event to event, and its own laws."""
+
+from __future__ import annotations
+
+import numpy as np
+from support.case_tables import run_cases
+from support.servo_oracle import Servo
+
+from bayesdrill.basics.arrays import Array
+from bayesdrill.record.experiment import Channel, Experiment
+from bayesdrill.rig.models.linear import weak_statics, with_named
+from bayesdrill.rig.models.train import Train
+from bayesdrill.rig.simulators import simulator
+from bayesdrill.rig.simulators.sensors import ObservationModel
+
+ARM = Train(inertias=("arm",), drives={"arm": "torque"})
+COULOMB = {"j_arm": 0.02, "c_arm": 0.03, "t_c_arm": 0.2, "t_c_arm_backward": 0.1}
+STRIBECK = {**COULOMB, "t_s_arm": 0.3, "w_s_arm": 0.5}
+LAWS = {
+    "Coulomb": COULOMB,
+    "sliding": STRIBECK,
+    "static": {**STRIBECK, "t_s_arm_backward": 0.15},
+    "viscous": {**COULOMB, "c_arm_backward": 0.08},
+}
+LEVELS, TIME = (0.5, -0.4, 0.1, -0.25, 0.28, -0.08, 0.6, 0.0, -0.5, -0.12), 0.2
+
+
+def simulated(values: dict[str, float], samples: int, substeps: int = 1) -> tuple[Array, Array]:
+    """Times, and angle and speed under torques that jump, of a rig at rest."""
+    train = with_named(ARM, [*values])
+    t = np.linspace(0.0, TIME * len(LEVELS), samples * len(LEVELS) + 1)
+    u = np.append(np.repeat(LEVELS, samples), LEVELS[-1])
+    channels = tuple(
+        Channel(name=name, weights={name: 1.0}, unit="", latex="", latex_unit="")
+        for name in train.states
+    )
+    record = Experiment(
+        t=t,
+        y=np.zeros((len(t), 2)),
+        channels=channels,
+        constant={},
+        series={"t_arm": u},
+        first_order=False,
+        start={},
+        t_start=0.0,
+    )
+    full = np.array([[values[name] for name in train.parameters]])
+    return t, simulator(train, record, ObservationModel(), substeps).signals(full)[0]
+
+
+def believed(values: dict[str, float], t: Array) -> Array:
+    """What the oracle has."""
+    corners = TIME * np.arange(1, len(LEVELS))
+    later = 1e-12 * TIME
+
+    def both(name: str) -> tuple[float, float]:
+        return values[name], values.get(f"{name}_backward", values[name])
+
+    oracle = Servo(
+        j=values["j_arm"],
+        c=both("c_arm"),
+        t_c=both("t_c_arm"),
+        t_s=both("t_s_arm") if "t_s_arm" in values else None,
+        w_s=values.get("w_s_arm", 1.0),
+        torque=lambda s: LEVELS[min(int((s + later) / TIME), len(LEVELS) - 1)],
+    )
+    return oracle.simulate(t, corners=corners)
+
+
+@run_cases("law", LAWS)
+def test_a_rig_that_rubs_more_one_way_moves_as_from_event_to_event(law: str) -> None:
+    """The error falls with the square of the step, and what sticks stays exactly where it is."""
+    errors = []
+    for samples in (100, 400):
+        t, y = simulated(LAWS[law], samples)
+        truth = believed(LAWS[law], t[:: samples // 50])
+        y = y[:: samples // 50]
+        errors.append(np.max(np.abs(y - truth).max(axis=0) / np.ptp(truth, axis=0)))
+        assert np.array_equal(y[:, 1] == 0.0, truth[:, 1] == 0.0)
+    assert errors[1] < 2e-5
+    assert errors[0] / errors[1] > 8.0
+
+
+def test_static_friction_backwards_is_at_least_the_sliding_one() -> None:
+    train = with_named(ARM, [*LAWS["static"], "t_s_arm_backward"])
+    assert not weak_statics(train, LAWS["static"])
+    weak = {**LAWS["static"], "t_s_arm_backward": 0.05}
+    assert [*weak_statics(train, weak)] == ["t_s_arm_backward"]
+
+
+def test_what_has_no_direction_keeps_its_law() -> None:
+    """Its size is one number, so that kernels of such rigs are those that they were."""
+    (plain,) = with_named(ARM, ["t_c_arm", "c_arm"]).frictions
+    (by_direction,) = with_named(ARM, [*COULOMB]).frictions
+    assert plain.law.seen == ()
+    assert by_direction.law.seen == ("direction",)
