@@ -58,10 +58,11 @@ class Job:
     def with_data(self, data: Mapping[str, Any], text: str = "") -> Job:
         """Return the job of other entries of the config, of the same files; raises `InputError`.
 
-        No file is read again, and experiments keep the record that is made of the same entries.
+        No file is read again, and no entry that is the same is validated again. Experiments keep the
+        record that is made of the same entries.
         """
         source = Source(self.source.path, text, data, {}, ())
-        return assemble(loading.validate(source), self.files)
+        return assemble(loading.validate(source, self.case), self.files)
 
     def with_steps_at(self, mode: Mode) -> Job:
         """Return the job with the integration steps that `mode` needs; only a stepped rig has any."""

@@ -60,13 +60,17 @@ def load(path: Path) -> ResolvedCase:
     return validate(read(path))
 
 
-def validate(source: Source) -> ResolvedCase:
-    """Validate a config that has been read; see `load`."""
+def validate(source: Source, before: ResolvedCase | None = None) -> ResolvedCase:
+    """Validate a config that has been read; see `load`.
+
+    Entries that are the same in a case `before` it are not validated again.
+    """
     words = load_vocabulary(source)
+    known = {} if before is None else {each.label: each for each in before.experiments}
     if experiments.EXPERIMENTS in source.data:
-        config, resolved = _load_several(source, words)
+        config, resolved = _load_several(source, words, known)
     else:
-        alone = _load_single(source, words)
+        alone = _load_single(source, words, known.get(""))
         config, resolved = alone.config, {"": alone}
     experiments_ = tuple(resolved.values())
     config = _with_walkers(config, experiments_[0].model)
@@ -111,7 +115,7 @@ def _with_walkers(config: Config, model: Model) -> Config:
 
 
 def _load_several(
-    source: Source, words: Vocabulary
+    source: Source, words: Vocabulary, known: Mapping[str, ResolvedExperiment]
 ) -> tuple[Config, dict[str, ResolvedExperiment]]:
     """Return the config of the first experiment, which lists them all, and all experiments by label."""
     alone, resolved = experiments.split_experiments(source), dict[str, ResolvedExperiment]()
@@ -125,12 +129,13 @@ def _load_several(
             location = (experiments.EXPERIMENTS, label, "record", "file")
             problems += [source.issue(location, NO_RECORD)] if alone else []
         try:
-            resolved[label] = _load_single(local_source, words, label)
+            resolved[label] = _load_single(local_source, words, known.get(label), label)
         except InputError as error:
             problems += error.problems
     whole, config = experiments.join_experiments(source, alone), None
     if alone or source.data[experiments.EXPERIMENTS]:
-        config, errors = read_config(whole, words)
+        first = next(iter(resolved.values()), None)
+        config, errors = read_config(whole, words, first and first.validated)
         problems += [  # other mistakes are reported by the experiments
             source.issue(location, _message(item, location))
             for location, item in _by_location(errors, source).items()
@@ -150,10 +155,11 @@ def _by_location(errors: list[EntryError], source: Source) -> dict[Location, Ent
     return {_location(item["loc"], source.data): item for item in errors}
 
 
-def _load_single(source: Source, words: Vocabulary, label: str = "") -> ResolvedExperiment:
-    problems = list(source.repeated)
-    pruned = copy.deepcopy(source.data)
-    config, found = read_config(source.data, words)
+def _load_single(
+    source: Source, words: Vocabulary, known: ResolvedExperiment | None, label: str = ""
+) -> ResolvedExperiment:
+    problems, resolved = list(source.repeated), None
+    config, found = read_config(source.data, words, known and known.validated)
     if config is None:
         errors = _by_location(found, source)
         messages = {location: _message(item, location) for location, item in errors.items()}
@@ -162,12 +168,14 @@ def _load_single(source: Source, words: Vocabulary, label: str = "") -> Resolved
         implied = {at for at, item in errors.items() if at in meant and item["type"] == "missing"}
         problems += [source.issue(at, messages[at]) for at in errors if at not in implied]
         spoilt = [*errors, *filter(None, meant)]
-        problems += _check_remaining(pruned, spoilt, source, words)
+        problems += _check_remaining(copy.deepcopy(source.data), spoilt, source, words)
+    elif known is not None and config is known.config and source.labels == known.source.labels:
+        resolved = dataclasses.replace(known, source=source)
     else:
         broken, resolved = _resolve(config, source, frozenset(), label)
         problems += broken
-        if not problems and resolved is not None:
-            return resolved
+    if not problems and resolved is not None:
+        return resolved
     raise InputError(sorted(dict.fromkeys(problems), key=_line))
 
 

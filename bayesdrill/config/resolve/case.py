@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -151,6 +152,11 @@ class ResolvedExperiment:
     free_states: tuple[str, ...]  # their initial values have priors from the record
     torque: Mapping[str, float | Unknown]  # size and time of a missing torque
     local_numbers: LocalNumbers
+
+    @property
+    def validated(self) -> tuple[Any, Config]:
+        """Return the plain data of its entries, and the config that was made of them."""
+        return self.source.data, self.config
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

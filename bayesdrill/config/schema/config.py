@@ -213,7 +213,7 @@ class IdentifySpec(Strict):
 class Config(Strict):
     """A config describes a record, a rig, the prior knowledge of it, and how to infer more."""
 
-    _vocabulary: Vocabulary = PrivateAttr(HOUSE)
+    _vocabulary: Vocabulary = PrivateAttr()
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=100)]
     seed: Annotated[int, Field(ge=0, lt=2**64)]
