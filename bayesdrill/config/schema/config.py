@@ -1,7 +1,7 @@
 """Define the experiment config as validated records with defaults; its JSON schema follows.
 
 Unknown keys, wrong types and values out of range are errors. What needs more than one entry to be
-checked (a start inside its prior, symbols of the model, units) is checked in `resolve`.
+checked (a start inside its prior, symbols of the model, units) is checked in `building`.
 """
 
 from __future__ import annotations
