@@ -22,7 +22,7 @@ from matplotlib.figure import Figure
 
 from bayesdrill.basics.progress import Silent
 from bayesdrill.config import loading
-from bayesdrill.config.resolve import assembly
+from bayesdrill.config.building.assembly import build_problem
 from bayesdrill.inference import compression
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.report import scales, style
@@ -57,11 +57,11 @@ def variant(
     empty = dataclasses.replace(
         original, t=t, y=np.zeros((samples, channels)), channels=tuple(entries)
     )
-    quiet = assembly.build_problem(case, [empty]).posterior
+    quiet = build_problem(case, [empty]).posterior
     truth = quiet.space.vector({name: job.problem.nominal[name] for name in quiet.space.free})
     y = quiet.likelihood.signals(truth[None])[0]
     y = y + 0.1 * np.random.default_rng(2).standard_normal(y.shape)
-    return assembly.build_problem(case, [dataclasses.replace(empty, y=y)])
+    return build_problem(case, [dataclasses.replace(empty, y=y)])
 
 
 def cost(made: Problem, batch: int = BATCH) -> float:

@@ -50,7 +50,8 @@ class NoEntries:
     """A member may have no entries."""
 
 
-def entries_of(kind: type) -> dict[str, Any]:
+@functools.cache
+def entries_of(kind: type) -> Mapping[str, Any]:
     """Return the annotation of each entry of a member; raises `ValueError` if it is no dataclass."""
     if not dataclasses.is_dataclass(kind):
         raise ValueError(f"{getattr(kind, '__name__', kind)} is no dataclass")

@@ -1,6 +1,6 @@
 """Turn a config into objects, or report all of its mistakes at once.
 
-`schema/` defines what may be written and `loading` reads it. `resolve/` builds objects from it and
+`schema/` defines what may be written and `loading` reads it. `building/` makes objects of it and
 finds contradictions; `records/` reads the files that are named; `job` joins them. Nothing here samples.
 """
 
@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 from bayesdrill.basics.registry import lazy_attributes
 
 if TYPE_CHECKING:
+    from bayesdrill.config.building.case import ResolvedCase as ResolvedCase
+    from bayesdrill.config.building.settings import optimiser as optimiser
     from bayesdrill.config.job import Job as Job
     from bayesdrill.config.records.simulation import simulate as simulate
     from bayesdrill.config.records.simulation import truth as truth
     from bayesdrill.config.records.sources import path_of as path_of
-    from bayesdrill.config.resolve.case import ResolvedCase as ResolvedCase
-    from bayesdrill.config.resolve.work import optimiser as optimiser
 
 __getattr__ = lazy_attributes(__name__)

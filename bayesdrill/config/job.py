@@ -14,10 +14,10 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.entries import entries_of
 from bayesdrill.basics.errors import InputError, Issue, collect_each
 from bayesdrill.config import loading
+from bayesdrill.config.building.assembly import build_problem
+from bayesdrill.config.building.case import ResolvedCase
 from bayesdrill.config.records import reading
 from bayesdrill.config.records.sources import Files
-from bayesdrill.config.resolve import assembly
-from bayesdrill.config.resolve.case import ResolvedCase
 from bayesdrill.config.schema.config import Asked, Config, Thresholds
 from bayesdrill.config.yaml_source import Source, as_yaml, parse
 from bayesdrill.inference import derived, step_error
@@ -58,10 +58,11 @@ class Job:
     def with_data(self, data: Mapping[str, Any], text: str = "") -> Job:
         """Return the job of other entries of the config, of the same files; raises `InputError`.
 
-        No file is read again, and experiments keep the record that is made of the same entries.
+        No file is read again, and no entry that is the same is validated again. Experiments keep the
+        record that is made of the same entries.
         """
         source = Source(self.source.path, text, data, {}, ())
-        return assemble(loading.validate(source), self.files)
+        return assemble(loading.validate(source, self.case), self.files)
 
     def with_steps_at(self, mode: Mode) -> Job:
         """Return the job with the integration steps that `mode` needs; only a stepped rig has any."""
@@ -88,7 +89,7 @@ def assemble(case: ResolvedCase, files: Files | None = None) -> Job:
     """Read the records of a case, unless they are in `files`, and build the job."""
     source, files = case.source, Files() if files is None else files
     records = collect_each(lambda resolved: reading.read(resolved, files), case.experiments)
-    problem = assembly.build_problem(case, records)
+    problem = build_problem(case, records)
     posterior = problem.posterior
     start = posterior.space.vector(posterior.space.start)
     if not np.isfinite(posterior.density(start[None])[0]):

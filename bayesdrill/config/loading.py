@@ -6,24 +6,28 @@ import copy
 import dataclasses
 import functools
 import operator
-import typing
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel
-
-from bayesdrill.basics.entries import SMALLEST, build_member, members_by_entry, unknown_keys
-from bayesdrill.basics.errors import InputError, Issue, did_you_mean, shortened
+from bayesdrill.basics.entries import build_member, members_by_entry, unknown_keys
+from bayesdrill.basics.errors import InputError, Issue
 from bayesdrill.basics.registry import lookup
-from bayesdrill.config.resolve import case, experiments, quantities, record, sensors, work
-from bayesdrill.config.resolve.case import LocalNumbers, ResolvedCase, ResolvedExperiment
+from bayesdrill.config.building.case import ResolvedCase, ResolvedExperiment
+from bayesdrill.config.building.experiment import build_experiment
+from bayesdrill.config.building.experiments import (
+    EXPERIMENTS,
+    SHARING_KEYS,
+    check_experiments,
+    experiment_source,
+    join_experiments,
+    split_experiments,
+)
 from bayesdrill.config.schema.config import Config, ModelSpec
-from bayesdrill.config.schema.numbers import PriorSpec, families_of
+from bayesdrill.config.schema.messages import message_of
 from bayesdrill.config.schema.validation import EntryError, read_config, read_entry
 from bayesdrill.config.schema.vocabulary import HOUSE, Vocabulary, described_rigs, vocabulary_of
 from bayesdrill.config.yaml_source import IssueCollector, Location, Source, read
-from bayesdrill.inference.priors import PRIORS
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.linear import Model
 
@@ -60,13 +64,17 @@ def load(path: Path) -> ResolvedCase:
     return validate(read(path))
 
 
-def validate(source: Source) -> ResolvedCase:
-    """Validate a config that has been read; see `load`."""
+def validate(source: Source, before: ResolvedCase | None = None) -> ResolvedCase:
+    """Validate a config that has been read; see `load`.
+
+    Entries that are the same in a case `before` it are not validated again.
+    """
     words = load_vocabulary(source)
-    if experiments.EXPERIMENTS in source.data:
-        config, resolved = _load_several(source, words)
+    known = {} if before is None else {each.label: each for each in before.experiments}
+    if EXPERIMENTS in source.data:
+        config, resolved = _load_several(source, words, known)
     else:
-        alone = _load_single(source, words)
+        alone = _load_single(source, words, known.get(""))
         config, resolved = alone.config, {"": alone}
     experiments_ = tuple(resolved.values())
     config = _with_walkers(config, experiments_[0].model)
@@ -96,7 +104,7 @@ def load_vocabulary(source: Source) -> Vocabulary:
                 return words
     for item in wrong:
         location = _location(item["loc"], data)
-        errors.add(location, _message(item, location))
+        errors.add(location, message_of(item, location))
     raise InputError(sorted({*source.repeated, *errors.issues}, key=_line))
 
 
@@ -111,35 +119,36 @@ def _with_walkers(config: Config, model: Model) -> Config:
 
 
 def _load_several(
-    source: Source, words: Vocabulary
+    source: Source, words: Vocabulary, known: Mapping[str, ResolvedExperiment]
 ) -> tuple[Config, dict[str, ResolvedExperiment]]:
     """Return the config of the first experiment, which lists them all, and all experiments by label."""
-    alone, resolved = experiments.split_experiments(source), dict[str, ResolvedExperiment]()
+    alone, resolved = split_experiments(source), dict[str, ResolvedExperiment]()
     problems = [*source.repeated]
-    local_sources = alone or {"": experiments.experiment_source(source, "", {})}
+    local_sources = alone or {"": experiment_source(source, "", {})}
     for label, local_source in local_sources.items():
         record = local_source.data.get("record", {})
         if isinstance(record, Mapping) and "file" not in record:
             data = {**local_source.data, "record": {**record, "file": _FILE}}
             local_source = dataclasses.replace(local_source, data=data)
-            location = (experiments.EXPERIMENTS, label, "record", "file")
+            location = (EXPERIMENTS, label, "record", "file")
             problems += [source.issue(location, NO_RECORD)] if alone else []
         try:
-            resolved[label] = _load_single(local_source, words, label)
+            resolved[label] = _load_single(local_source, words, known.get(label), label)
         except InputError as error:
             problems += error.problems
-    whole, config = experiments.join_experiments(source, alone), None
-    if alone or source.data[experiments.EXPERIMENTS]:
-        config, errors = read_config(whole, words)
+    whole, config = join_experiments(source, alone), None
+    if alone or source.data[EXPERIMENTS]:
+        first = next(iter(resolved.values()), None)
+        config, errors = read_config(whole, words, first and first.validated)
         problems += [  # other mistakes are reported by the experiments
-            source.issue(location, _message(item, location))
+            source.issue(location, message_of(item, location))
             for location, item in _by_location(errors, source).items()
-            if location and location[0] in (experiments.EXPERIMENTS, *experiments.SHARING_KEYS)
+            if location and location[0] in (EXPERIMENTS, *SHARING_KEYS)
         ]
     else:
-        problems.append(source.issue((experiments.EXPERIMENTS,), NO_EXPERIMENT))
+        problems.append(source.issue((EXPERIMENTS,), NO_EXPERIMENT))
     if not problems and config is not None:
-        problems += experiments.check_experiments(config, source, resolved)
+        problems += check_experiments(config, source, resolved)
     if problems or config is None:
         raise InputError(sorted(dict.fromkeys(problems), key=_line))
     return config, resolved
@@ -150,24 +159,27 @@ def _by_location(errors: list[EntryError], source: Source) -> dict[Location, Ent
     return {_location(item["loc"], source.data): item for item in errors}
 
 
-def _load_single(source: Source, words: Vocabulary, label: str = "") -> ResolvedExperiment:
-    problems = list(source.repeated)
-    pruned = copy.deepcopy(source.data)
-    config, found = read_config(source.data, words)
+def _load_single(
+    source: Source, words: Vocabulary, known: ResolvedExperiment | None, label: str = ""
+) -> ResolvedExperiment:
+    problems, resolved = list(source.repeated), None
+    config, found = read_config(source.data, words, known and known.validated)
     if config is None:
         errors = _by_location(found, source)
-        messages = {location: _message(item, location) for location, item in errors.items()}
+        messages = {location: message_of(item, location) for location, item in errors.items()}
         intended = {_intended_location(item, at, messages[at]) for at, item in errors.items()}
         meant = intended - {None, *source.lines}
         implied = {at for at, item in errors.items() if at in meant and item["type"] == "missing"}
         problems += [source.issue(at, messages[at]) for at in errors if at not in implied]
         spoilt = [*errors, *filter(None, meant)]
-        problems += _check_remaining(pruned, spoilt, source, words)
+        problems += _check_remaining(copy.deepcopy(source.data), spoilt, source, words)
+    elif known is not None and config is known.config and source.labels == known.source.labels:
+        resolved = dataclasses.replace(known, source=source)
     else:
-        broken, resolved = _resolve(config, source, frozenset(), label)
+        broken, resolved = build_experiment(config, source, frozenset(), label)
         problems += broken
-        if not problems and resolved is not None:
-            return resolved
+    if not problems and resolved is not None:
+        return resolved
     raise InputError(sorted(dict.fromkeys(problems), key=_line))
 
 
@@ -182,7 +194,7 @@ def _check_remaining(
         if not parent.get(location[-1]):
             parent[location[-1]] = copy.deepcopy(stand_in)
     config, _ = read_config(data, words)
-    return [] if config is None else _resolve(config, source, frozenset(spoilt))[0]
+    return [] if config is None else build_experiment(config, source, frozenset(spoilt))[0]
 
 
 def _intended_location(error: EntryError, location: Location, hint: str) -> Location | None:
@@ -190,76 +202,6 @@ def _intended_location(error: EntryError, location: Location, hint: str) -> Loca
     suggestion = hint.rpartition("did you mean ")[2].rstrip("?")
     misspelt = error["type"] == "extra_forbidden" and suggestion != hint
     return (*location[:-1], suggestion) if misspelt else None
-
-
-def _resolve(
-    config: Config, source: Source, spoilt: frozenset[Location], label: str = ""
-) -> tuple[list[Issue], ResolvedExperiment | None]:
-    """Build an experiment of a config with valid entries; return the issues and the experiment.
-
-    Mistakes at `spoilt` locations were reported already.
-    """
-    errors, alone = IssueCollector(source, spoilt), not source.labels
-    names = config.vocabulary.parameters
-    spoilt_names = [name for name in names if errors.is_reported(("parameters", name))]
-    model = errors.run(("model", "name"), case.build_model, config, spoilt_names)
-    given_nominal = {} if model is None else case.check_nominal(errors, config, model)
-    nominal = errors.run(("nominal", "table"), quantities.nominal_table, config, given_nominal)
-    resolved = None
-    if model is not None:
-        vain = unknown_keys(("name", "model"), MODELS.usable(), type(model), config.model)
-        errors.add_all(("model",), vain)
-        rig = None if nominal is None else case.check_rig(errors, config, model, nominal)
-        channels = record.check_channels(errors, config, model)
-        free = sensors.free_states(config, model)
-        sensor_numbers, sensing = record.check_sensors(errors, config, model, free)
-        torque = case.check_torque(errors, config, model, sensing)
-        local_numbers = record.local_numbers(config, channels, sensor_numbers, free, torque)
-        _check_own_names(errors, config, local_numbers)
-        work.check_settings(errors, config)
-        if alone:
-            unknown = experiments.unknown_names(config, model, local_numbers)
-            tied = [name for name in names if quantities.is_tied(config.parameters.get(name))]
-            work.check_unknown(errors, config, unknown, tied)
-            experiments.check_truth(errors, config, {"": local_numbers})
-        if nominal is not None and rig is not None and sensing is not None:
-            resolved = ResolvedExperiment(
-                label=label,
-                config=config,
-                source=source,
-                model=model,
-                nominal=nominal,
-                rig_numbers=rig,
-                channels=tuple(channel for channel in channels.values() if channel is not None),
-                sensor_numbers={e: x for e, x in sensor_numbers.items() if x is not None},
-                sensing=sensing,
-                free_states=free,
-                torque={name: x for name, x in torque.items() if x is not None},
-                local_numbers=local_numbers,
-            )
-    message = "there is one experiment alone; remove this entry, or add `experiments:`"
-    for key in ("shared", "own"):
-        if getattr(config, key) and alone:
-            errors.add((key,), message)
-    record.check_record(errors, config)
-    record.check_inputs(errors, config, model)
-    work.check_simulation(errors, config)
-    work.check_calibration(errors, config)
-    if alone:
-        work.check_identify(errors, config, case.free_parameters(config, names))
-    return errors.issues, None if errors.issues else resolved
-
-
-def _check_own_names(errors: IssueCollector, config: Config, local: LocalNumbers) -> None:
-    """Check that no quantity or formula has the name of an unknown of sensors, noise or torque.
-
-    With several experiments these names have a label, and formulas are checked against them later.
-    """
-    for section in ("quantities",) if errors.source.labels else ("quantities", "derived"):
-        for name in getattr(config, section):
-            if name in local.numbers and not name.startswith("sigma_"):  # refused for any quantity
-                message = "a sensor's number, or one of noise or torque, has this name"
-                errors.add((section, name), f"{message}; choose another one")
 
 
 def _remove(data: Any, location: Location) -> None:
@@ -286,124 +228,6 @@ def _location(loc: tuple[str | int, ...], data: Any) -> Location:
         elif index == len(loc) - 1 and isinstance(node, dict) and not str(part).startswith("<"):
             location.append(part)
     return tuple(location)
-
-
-def _message(error: EntryError, location: Location) -> str:
-    kind, value, context = error["type"], error["input"], error.get("ctx", {})
-    match kind:
-        case "extra_forbidden":
-            word = "symbol" if location[0] == "parameters" and len(location) == 2 else "key"
-            if value is None and str(location[-1]).isdigit():
-                return f"unknown {word}; if a decimal comma made it, write a point"
-            if "<tie>" in error["loc"]:
-                return "a tied parameter has nothing else; remove this entry, or the tie"
-            near = did_you_mean(str(location[-1]), _keys_at(error))
-            return f"unknown {word}{near}"
-        case "missing":
-            return "this entry is missing; see `bayesdrill schema` or configs/nominal_step.yaml"
-        case "union_tag_not_found":
-            return f"the entry `prior:` is missing{did_you_mean('', PRIORS)}"
-        case "union_tag_invalid" if str(context["tag"]).startswith("<"):
-            if "<number>" in context["expected_tags"]:
-                way_out = _hint(value) or "; a number or `{key: value}` entries can stand here"
-                return f"{_shown(value)} is not a number{way_out}"
-            return f"{_shown(value)} stands where `key: value` entries are wanted"
-        case "union_tag_invalid" | "literal_error":
-            tag = context.get("tag", value)
-            if kind == "literal_error" and location[0] == "parameters":
-                hint = _hint(value)
-                return f"{_shown(value)} is neither a number, nor `nominal`, nor a prior{hint}"
-            return f"'{tag}' is not possible{did_you_mean(str(tag), _known(error))}"
-        case "float_type" | "int_type" | "int_from_float":
-            adjective = "whole " if kind.startswith("int") else ""
-            return f"{_shown(value)} is not a {adjective}number{_hint(value)}"
-        case "greater_than_equal" | "less_than_equal":
-            lower_bound = context.get("ge")
-            if lower_bound == SMALLEST and value <= 0:
-                return f"{_shown(value)}: it should be greater than 0"
-            side, bound = ("greater", lower_bound) if "ge" in context else ("less", context["le"])
-            return f"{_shown(value)}: it should be {side} than or equal to {bound}"
-        case "bool_type":
-            return f"{_shown(value)} is neither `true` nor `false`"
-        case "too_short":
-            return f"{len(value)} entries stand here, wanted are at least {context['min_length']}"
-        case "too_long":
-            max_length = context["max_length"]
-            surplus = ", ".join(map(str, [*value][max_length:]))
-            there = f"{len(value)} entries stand here, wanted are at most {max_length}"
-            return f"{there}; take out {surplus}"
-        case "string_type":
-            return f"{_shown(value)} is not text; put it in quotes if it is meant"
-        case "model_type" | "model_attributes_type" | "dict_type":
-            return f"{_shown(value)} stands where `key: value` entries are wanted, indented below"
-        case "value_error":
-            return str(context["error"])
-        case "tuple_type":
-            return f"{_shown(value)} stands where a list is wanted, such as [motor, load]"
-        case "string_pattern_mismatch" if location[0] == "model":
-            return f"{_shown(value)} is no name; write a letter, then letters, digits and `_`"
-        case "string_pattern_mismatch":
-            return f"{_shown(value)} may only have letters, digits, `_`, `-` and `.`"
-    text = str(error["msg"]).replace("Input should", "it should")
-    return f"{_shown(value)}: {text[0].lower()}{text[1:]}"
-
-
-def _known(error: EntryError) -> list[str]:
-    context = error.get("ctx", {})
-    text = str(context.get("expected_tags") or context.get("expected") or "")
-    return [word.strip(" '") for word in text.replace(" or ", ", ").split(",") if word.strip(" '<")]
-
-
-def _shown(value: Any) -> str:
-    if value is None:
-        return "nothing"
-    if isinstance(value, bool):
-        return str(value).lower()
-    plain = isinstance(value, str | int | float | list)
-    text = "a mapping" if isinstance(value, dict) else repr(value) if plain else str(value)
-    return shortened(text, 40)
-
-
-def _hint(value: Any) -> str:
-    if isinstance(value, str):
-        if "/" in value:
-            return "; fractions are not computed, write for example 0.125 for 1/8"
-        if "," in value:
-            return "; the decimal sign is a point"
-        if any(letter.isdigit() for letter in value) and value[-1:].isalpha():
-            other = "write {value: ..., unit: ...} where that is possible"
-            return f"; leave out the unit (SI), or {other}"
-    if isinstance(value, bool) or value is None:
-        return "; write the value itself"
-    return ""
-
-
-def _keys_at(error: EntryError) -> list[str]:
-    """Return the keys that are allowed where an unknown key stands."""
-    *path, unknown = error["loc"]
-    if "known" in error:
-        return sorted(error["known"])
-    sections = _sections(error["kind"])
-    for part in path[error["depth"] :]:
-        annotations = [section[str(part)] for section in sections if str(part) in section]
-        if annotations:
-            sections = [mapping for annotation in annotations for mapping in _sections(annotation)]
-        tagged = [section for section in sections if part in typing.get_args(section.get("prior"))]
-        sections = tagged or sections
-    return sorted({key for section in sections for key in section} - {str(unknown)})
-
-
-def _sections(annotation: Any) -> list[Mapping[str, Any]]:
-    """Return the annotations, by key, of each mapping that the annotation allows."""
-    if isinstance(annotation, type) and issubclass(annotation, PriorSpec):
-        return [_entries(family) for family in families_of(annotation) or (annotation,)]
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return [_entries(annotation)]
-    return [mapping for inner in typing.get_args(annotation) for mapping in _sections(inner)]
-
-
-def _entries(kind: type[BaseModel]) -> Mapping[str, Any]:
-    return {name: field.annotation for name, field in kind.model_fields.items()}
 
 
 def _line(problem: Issue) -> tuple[int, str]:

@@ -12,8 +12,8 @@ from bayesdrill.analysis import suspicions as suspected
 from bayesdrill.analysis.record_findings import findings_of_record
 from bayesdrill.basics import units
 from bayesdrill.basics.arrays import Array
-from bayesdrill.config.resolve import quantities
-from bayesdrill.config.resolve.case import ResolvedCase
+from bayesdrill.config.building.case import ResolvedCase
+from bayesdrill.config.building.inputs import inputs_as_given
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.schema.records import ColumnSpec, TimeColumn
 from bayesdrill.inference.likelihood import Observation
@@ -46,7 +46,7 @@ def _columns(observation: Observation, config: Config) -> str:
         name, spec = channel.name, config.record.channels[channel.name]
         lines.append(_line(name, spec.measures or name, spec, values / channel.factor))
     held = "first" if experiment.first_order else "zero"
-    for entry, given, values in quantities.inputs_as_given(config, experiment):
+    for entry, given, values in inputs_as_given(config, experiment):
         how = f"hold: {held}" if entry in experiment.series else "angle"
         lines.append(_line(entry, f"input, {how}", given, values))
     sampling = clocks.describe_times(experiment.t)

@@ -23,11 +23,10 @@ from bayesdrill.basics.arrays import PART, Array
 from bayesdrill.basics.errors import InputError, Interrupted, was_stopped
 from bayesdrill.basics.software import DECISIVE, installed_versions, versions_text
 from bayesdrill.basics.symbols import noise_name
+from bayesdrill.config.building.case import ResolvedCase
+from bayesdrill.config.building.experiments import EXPERIMENTS, SECTIONS, SHARING_KEYS, joint_name
 from bayesdrill.config.job import Job
 from bayesdrill.config.records import sources
-from bayesdrill.config.resolve import experiments
-from bayesdrill.config.resolve.case import ResolvedCase
-from bayesdrill.config.resolve.experiments import SHARING_KEYS
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import as_yaml
 from bayesdrill.inference.display_units import DisplayUnits
@@ -159,7 +158,7 @@ def _noise_held(config: Config, problem: Problem, display_units: DisplayUnits) -
         for k, sigma in observation.noise.fixed_values().items():
             if isinstance(sigma, float):
                 channel = observation.experiment.names[k]
-                shown = experiments.joint_name(config, noise_name(channel), observation.label)
+                shown = joint_name(config, noise_name(channel), observation.label)
                 text = display_units.format_value(shown, sigma, 6)
                 entries[observation.entitled(f"the noise of {channel}")] = text
     return entries
@@ -173,16 +172,14 @@ def resolved(case: ResolvedCase, folder: Path) -> str:
         sections = data
         if experiment.label:
             entries = experiment.config.model_dump(exclude_none=True)
-            sections = {key: entries[key] for key in experiments.SECTIONS}
+            sections = {key: entries[key] for key in SECTIONS}
             spec, its_sections = config.experiments[experiment.label], {"parameters", "held_out"}
             own_entries = spec.model_dump(include=its_sections, exclude_defaults=True)
             data["experiments"][experiment.label] = sections | own_entries
         _remove_defaults(sections, experiment.config, case.model)
         sources.rebase(sections, case.source.path.parent, folder)
     # With several experiments the top level has those of the first, which are no defaults of others.
-    for key in (
-        experiments.SECTIONS if config.experiments else (experiments.EXPERIMENTS, *SHARING_KEYS)
-    ):
+    for key in SECTIONS if config.experiments else (EXPERIMENTS, *SHARING_KEYS):
         del data[key]
     made_by = "".join(f"# {name} {number}\n" for name, number in installed_versions().items())
     opening = "# Every entry of the config with its default filled in, and what read it:\n"

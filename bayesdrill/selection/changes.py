@@ -15,8 +15,8 @@ import numpy as np
 from bayesdrill.analysis import edits
 from bayesdrill.analysis.causes import NOISE, TORQUE
 from bayesdrill.basics.symbols import noise_name
+from bayesdrill.config.building.experiments import EXPERIMENTS
 from bayesdrill.config.job import Job
-from bayesdrill.config.resolve import experiments
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.record.experiment import Experiment, typical_inputs
 from bayesdrill.rig.models.roles import InertiaRoles
@@ -182,7 +182,7 @@ class Setting:
 
     def _shared(self, *names: str) -> Entries:
         """Return the entry by which names are unknowns of all experiments, if there are several."""
-        return {SHARED: [*names]} if self._data.get(experiments.EXPERIMENTS) else {}
+        return {SHARED: [*names]} if self._data.get(EXPERIMENTS) else {}
 
     # Priors that end too early.
 
@@ -330,12 +330,12 @@ class Setting:
 
     def window(self, begin: float, end: float, later: float = 0.0) -> Entries:
         """Return lines that limit all experiments to shares of their times, with a free start."""
-        several, lines = self._data.get(experiments.EXPERIMENTS), []
+        several, lines = self._data.get(EXPERIMENTS), []
         for observation in self._observations:  # experiments that are held out do not change
             first, *_, last = observation.experiment.t.tolist()
             ends = [(1.0 - share) * first + share * last for share in (begin, end)]
             window = [rounded(ends[0] + later, 9), ends[1]]
-            place = (experiments.EXPERIMENTS, observation.label) if several else ()
+            place = (EXPERIMENTS, observation.label) if several else ()
             lines.append(nested(place, {"record": {"window": window}, "initial": "free"}))
         return merged({}, *lines)
 
@@ -508,7 +508,7 @@ class Setting:
                 if known:
                     prior = log_uniform(known / WIDER, known * WIDER) | {"start": float(known)}
                     lines = merged(lines, nested((*place, "sigma"), prior))
-                    if len(entries) == 1 and place[0] != experiments.EXPERIMENTS:
+                    if len(entries) == 1 and place[0] != EXPERIMENTS:
                         shared.add(noise_name(name))
                         lines = merged(lines, self._shared(noise_name(name)))
                 if remembers:

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from bayesdrill.analysis.causes import Cause
+from bayesdrill.config.building.experiments import EXPERIMENTS
 from bayesdrill.config.job import Job
 from bayesdrill.config.records import sources
-from bayesdrill.config.resolve import experiments
 from bayesdrill.config.yaml_source import Source, as_yaml, parse
 
 Entries = dict[str, Any]
@@ -67,8 +67,8 @@ def leaves(lines: Mapping[str, Any], place: Place = ()) -> Iterator[Place]:
 def sections(data: Mapping[str, Any]) -> Iterator[tuple[Place, Entries]]:
     """Yield the top of a config, and each experiment, with their places."""
     yield (), dict(data)
-    for label, entries in (data.get(experiments.EXPERIMENTS) or {}).items():
-        yield (experiments.EXPERIMENTS, label), entries
+    for label, entries in (data.get(EXPERIMENTS) or {}).items():
+        yield (EXPERIMENTS, label), entries
 
 
 def columns(data: Mapping[str, Any], name: str) -> Iterator[tuple[Place, Entries]]:

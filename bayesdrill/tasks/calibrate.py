@@ -18,9 +18,9 @@ from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.json_records import from_data
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.config import loading
+from bayesdrill.config.building.assembly import build_problem
 from bayesdrill.config.job import Job
 from bayesdrill.config.records import reading, simulation, sources
-from bayesdrill.config.resolve import assembly
 from bayesdrill.output_files import FIGURES, REFITS, dumps_checksummed, loads_checksummed
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.report import run_report
@@ -71,7 +71,7 @@ def prepare(path: Path) -> Job:
     paths = [path for experiment in case.experiments for path in sources.paths(experiment)]
     measured = all(path.exists() for path in paths)
     read: Callable[..., Experiment] = reading.read if measured else simulation.simulation_grid
-    problem = assembly.build_problem(case, [read(experiment) for experiment in case.experiments])
+    problem = build_problem(case, [read(experiment) for experiment in case.experiments])
     # Samples matter only for the priors of free states.  They are set to zero, so that a calibration
     # can be resumed with another record.
     blank = [np.where(o.experiment.seen, 0.0, np.nan) for o in problem.observations]

@@ -18,10 +18,10 @@ from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy
 from bayesdrill.analysis.run_analysis import RunAnalysis, RunDraws, analyse
 from bayesdrill.basics.equality import Value
 from bayesdrill.basics.progress import SILENT, Reporter
+from bayesdrill.config.building.case import ResolvedCase
+from bayesdrill.config.building.experiments import EXPERIMENTS, SECTIONS
 from bayesdrill.config.job import Job
 from bayesdrill.config.records import sources
-from bayesdrill.config.resolve import experiments
-from bayesdrill.config.resolve.case import ResolvedCase
 from bayesdrill.config.schema.config import Config
 from bayesdrill.inference import residual_checks
 from bayesdrill.inference.derived import product_name
@@ -128,11 +128,11 @@ def doubts(job: Job, mode: Mode, study: IdentifiabilityStudy) -> tuple[str, ...]
 
 def settings(case: ResolvedCase) -> dict[str, Any]:
     """Return all entries of a config except the places of records and the formats of figures."""
-    sections = (*experiments.SECTIONS, experiments.EXPERIMENTS)
+    sections = (*SECTIONS, EXPERIMENTS)
     entries = case.config.model_dump(exclude_none=True, exclude=set(sections))
     entries["output"].pop("formats", None)
     for experiment in case.experiments:
-        alone = experiment.config.model_dump(exclude_none=True, include=set(experiments.SECTIONS))
+        alone = experiment.config.model_dump(exclude_none=True, include=set(SECTIONS))
         for section, key in sources.named_files(alone):
             del section[key]
         if experiment.label and (held := case.config.experiments[experiment.label].parameters):

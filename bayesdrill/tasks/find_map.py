@@ -15,8 +15,8 @@ from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.json_records import as_data, from_data
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.basics.units import Unit
+from bayesdrill.config.building.settings import optimiser
 from bayesdrill.config.job import Job, prepare
-from bayesdrill.config.resolve import work
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.residual_checks import ResidualSummary
 from bayesdrill.output_files import MAP, dumps_checksummed, loads_checksummed
@@ -100,7 +100,7 @@ def fit_plan(job: Job) -> FitPlan:
     """Return how a job fits its posterior, as its config says it."""
     settings = job.config.map
     return FitPlan(
-        optimiser=work.optimiser(job.config),
+        optimiser=optimiser(job.config),
         starts=settings.starts,
         evaluations=settings.evaluations,
         chains=plan(job.config),

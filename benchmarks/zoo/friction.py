@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdrill.config.building.case import ResolvedCase
 from bayesdrill.config.records import simulation
-from bayesdrill.config.resolve.case import ResolvedCase
 
 Array = NDArray[np.float64]
 

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdrill.config.building.case import ResolvedCase
 from bayesdrill.config.records import simulation
-from bayesdrill.config.resolve.case import ResolvedCase
 from bayesdrill.record.experiment import times
 from benchmarks.zoo.friction import DryFriction
 from benchmarks.zoo.plant import Plant

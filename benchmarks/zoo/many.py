@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bayesdrill.config.resolve.case import ResolvedCase
+from bayesdrill.config.building.case import ResolvedCase
 from bayesdrill.inference.posterior import Posterior
 from benchmarks.modes import collection
 from benchmarks.modes.grid import Modes

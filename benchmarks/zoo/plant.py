@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
+from bayesdrill.config.building.case import ResolvedCase
+from bayesdrill.config.building.inputs import measured_inputs
 from bayesdrill.config.records import simulation
-from bayesdrill.config.resolve import quantities
-from bayesdrill.config.resolve.case import ResolvedCase
 from bayesdrill.rig.models.linear import dynamics
 
 Array = NDArray[np.float64]
@@ -41,7 +41,7 @@ class Plant:
             whole[k, n + 1] = linear.B.get((state, "v"), 0.0)
         whole[n + 1, n + 2] = 1.0 / dt
         after = expm(whole * dt)
-        measured = quantities.measured_inputs(case.config)
+        measured = measured_inputs(case.config)
         return cls(
             states=model.states,
             first_order=any(spec.hold == "first" for spec in measured.values()),

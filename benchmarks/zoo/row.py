@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.config.resolve.case import ResolvedCase
+from bayesdrill.config.building.case import ResolvedCase
 
 Array = NDArray[np.float64]
 Entry = dict[str, Any]  # a part of a config, as YAML has it

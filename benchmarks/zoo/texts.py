@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ruamel.yaml import YAML
 
 from bayesdrill.config import loading
-from bayesdrill.config.resolve.case import ResolvedCase
+from bayesdrill.config.building.case import ResolvedCase
 from bayesdrill.config.yaml_source import parse
 from benchmarks.zoo.row import Entry
 

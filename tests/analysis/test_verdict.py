@@ -36,7 +36,7 @@ from bayesdrill.analysis.verdict import (
     tension,
 )
 from bayesdrill.basics.symbols import PARAMETERS
-from bayesdrill.config.resolve.quantities import nominal_table
+from bayesdrill.config.building.nominal import nominal_table
 from bayesdrill.config.schema.config import Nominal, Thresholds
 from bayesdrill.config.schema.validation import read_config
 from bayesdrill.config.schema.vocabulary import HOUSE

@@ -281,7 +281,7 @@ def unpadded(value: Any) -> Any:
 
 
 # Modules in which a name is one of an input, or stands in for what a config lacks.
-EXCEPTIONS = ("record/experiment.py", "config/resolve/quantities.py", "config/schema/records.py")
+EXCEPTIONS = ("record/experiment.py", "config/building/inputs.py", "config/schema/records.py")
 EXCEPTIONS += ("analysis/identifiability/study.py", "config/loading.py")
 EXCEPTIONS += ("rig/models/", "basics/symbols.py", "drafting/")
 

@@ -11,11 +11,12 @@ from bayesdrill.basics import units
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.entries import build_member
 from bayesdrill.basics.units import Unit
+from bayesdrill.config.building.case import ResolvedExperiment
+from bayesdrill.config.building.initial import initial_state
+from bayesdrill.config.building.inputs import constant_inputs, input_entry, measured_inputs
 from bayesdrill.config.records import column_cleaning, sources
 from bayesdrill.config.records.column_cleaning import RecordColumn
 from bayesdrill.config.records.sources import Files, Sources, column_location
-from bayesdrill.config.resolve import quantities
-from bayesdrill.config.resolve.case import ResolvedExperiment, initial_state
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.schema.numbers import SensorFields
 from bayesdrill.config.schema.records import (
@@ -76,7 +77,7 @@ def _origin(resolved: ResolvedExperiment) -> tuple[object, ...]:
         config.record.model_copy(update={"channels": {}}),
         columns,
         tuple(entry.channel for entry in resolved.channels),
-        quantities.constant_inputs(config, model),
+        constant_inputs(config, model),
         initial_state(config, model),
         config.initial.time,
     )
@@ -99,8 +100,8 @@ class _Reader:
         except ValueError as error:
             raise self._source.error(("record", "file"), str(error)) from None
         held_out = self._held_out(t, y)
-        measured = quantities.measured_inputs(config)
-        inputs = {n: columns["inputs", quantities.input_entry(config, n)] for n in measured}
+        measured = measured_inputs(config)
+        inputs = {n: columns["inputs", input_entry(config, n)] for n in measured}
         series, turned = self._inputs(t, inputs)
         raise_if_any(self._sources.issues)
         time, numbers = config.record.time, self._resolved.local_numbers.numbers.values()
@@ -113,7 +114,7 @@ class _Reader:
             t=frozen(t),
             y=frozen(y),
             channels=tuple(entry.channel for entry in self._resolved.channels),
-            constant=quantities.constant_inputs(config, self._resolved.model),
+            constant=constant_inputs(config, self._resolved.model),
             series={name: frozen(values) for name, values in series.items()},
             first_order=any(map(_is_first_order, measured.values())),
             start=initial_state(config, self._resolved.model) | turned,
@@ -205,7 +206,7 @@ class _Reader:
     ) -> tuple[dict[str, Array], dict[str, float]]:
         """Return the inputs in SI at every time, and the initial values of imposed angles."""
         series, start_angles = dict[str, Array](), dict[str, float]()
-        for name, spec in quantities.measured_inputs(self._config).items():
+        for name, spec in measured_inputs(self._config).items():
             column, entry = inputs[name], inputs[name].name
             if missing := int(np.isnan(column.values).sum()):
                 note = f"{entry}: {missing} samples are bridged, hold: {spec.hold}"

@@ -15,9 +15,12 @@ from bayesdrill import output_files
 from bayesdrill.basics import seeds, units
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError, Issue
+from bayesdrill.config.building.case import ResolvedCase, ResolvedExperiment
+from bayesdrill.config.building.channels import build_noise
+from bayesdrill.config.building.initial import initial_state, state_name
+from bayesdrill.config.building.inputs import constant_inputs, inputs_as_given, measured_inputs
+from bayesdrill.config.building.missing_torque import latent_torque
 from bayesdrill.config.records import reading, sources
-from bayesdrill.config.resolve import quantities, sensors
-from bayesdrill.config.resolve.case import ResolvedCase, ResolvedExperiment, initial_state
 from bayesdrill.config.schema.records import ChannelSpec, ColumnSpec, TimeColumn
 from bayesdrill.config.yaml_source import Location
 from bayesdrill.inference import step_error
@@ -85,7 +88,7 @@ def _columns(resolved: ResolvedExperiment, grid: Experiment, y: Array) -> list[t
         entries.append((("record", "time"), time, grid.t / units.factor(time.unit, "s")))
     for (name, spec), channel in zip(config.record.channels.items(), y.T, strict=True):
         entries.append((("record", "channels", name), spec, channel))
-    for entry, spec_of_input, values in quantities.inputs_as_given(config, grid):
+    for entry, spec_of_input, values in inputs_as_given(config, grid):
         entries.append((("inputs", entry), spec_of_input, values))
     columns = []
     for location, column, values in entries:
@@ -158,9 +161,9 @@ def simulate_one(
     full = np.array([[values[name] for name in response.parameters]])
     signals = response.signals(full)[0]
     noisy_channels = [_with_known_sigma(resolved, entry) for entry in resolved.channels]
-    noise = sensors.build_noise(noisy_channels, len(signals))
+    noise = build_noise(noisy_channels, len(signals))
     noise = noise_for_record(noise, experiment.t, experiment.seen)
-    acts = sensors.latent_torque(resolved.config)
+    acts = latent_torque(resolved.config)
     observed = observe(response, noise, torque=acts, process=resolved.torque)
     noise_values = [_noise_truth(resolved, unknown) for unknown in observed.unknowns]
     rng = seeds.stream(seed, "record", index)
@@ -189,7 +192,7 @@ def simulation_grid(resolved: ResolvedExperiment) -> Experiment:
     """Return times and inputs of `simulation:` or of the record; the channels' values do not matter."""
     config = resolved.config
     simulation: Any = config.simulation
-    series = list(quantities.measured_inputs(config))
+    series = list(measured_inputs(config))
     if simulation is None or simulation.duration is None:
         return reading.read(resolved)
     if series:
@@ -202,7 +205,7 @@ def simulation_grid(resolved: ResolvedExperiment) -> Experiment:
         t=frozen(t),
         y=frozen(np.zeros((len(t), len(channels)))),
         channels=channels,
-        constant=quantities.constant_inputs(config, resolved.model),
+        constant=constant_inputs(config, resolved.model),
         series={},
         first_order=False,
         start=initial_state(config, resolved.model),
@@ -229,7 +232,7 @@ def truth(resolved: ResolvedExperiment) -> dict[str, float]:
 
 def _sensor_truth(resolved: ResolvedExperiment) -> dict[str, float]:
     """Return true values of sensors and the start, in SI; free states are zero unless they are given."""
-    values = {sensors.state_name(name): 0.0 for name in resolved.free_states}
+    values = {state_name(name): 0.0 for name in resolved.free_states}
     factors = dict.fromkeys(values, 1.0)
     for number in resolved.sensor_numbers.values():
         values[number.name], factors[number.name] = number.start, number.factor

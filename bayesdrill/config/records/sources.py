@@ -17,8 +17,8 @@ from bayesdrill.basics import units
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.entries import build_member
 from bayesdrill.basics.errors import InputError, Issue, encodable
-from bayesdrill.config.resolve import quantities
-from bayesdrill.config.resolve.case import ResolvedCase, ResolvedExperiment
+from bayesdrill.config.building.case import ResolvedCase, ResolvedExperiment
+from bayesdrill.config.building.inputs import input_entry, measured_inputs
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.schema.records import (
     ColumnSpec,
@@ -41,8 +41,8 @@ OTHER_TIMES_HINT = "; if the times of this file stand elsewhere, give this entry
 def file_entries(config: Config) -> dict[Location, Series]:
     """Return the entries of channels, then of measured inputs, by location."""
     channels = {("record", "channels", name): s for name, s in config.record.channels.items()}
-    inputs = quantities.measured_inputs(config).items()
-    return channels | {("inputs", quantities.input_entry(config, name)): s for name, s in inputs}
+    inputs = measured_inputs(config).items()
+    return channels | {("inputs", input_entry(config, name)): s for name, s in inputs}
 
 
 def file_of(spec: Series) -> FileSpec | None:

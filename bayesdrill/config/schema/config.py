@@ -1,7 +1,7 @@
 """Define the experiment config as validated records with defaults; its JSON schema follows.
 
 Unknown keys, wrong types and values out of range are errors. What needs more than one entry to be
-checked (a start inside its prior, symbols of the model, units) is checked in `resolve`.
+checked (a start inside its prior, symbols of the model, units) is checked in `building`.
 """
 
 from __future__ import annotations
@@ -213,7 +213,7 @@ class IdentifySpec(Strict):
 class Config(Strict):
     """A config describes a record, a rig, the prior knowledge of it, and how to infer more."""
 
-    _vocabulary: Vocabulary = PrivateAttr(HOUSE)
+    _vocabulary: Vocabulary = PrivateAttr()
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=100)]
     seed: Annotated[int, Field(ge=0, lt=2**64)]

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from functools import cache
 from typing import Annotated, Any, Literal, Union
 
-from pydantic import Field, Tag, TypeAdapter, ValidationError
+from pydantic import BaseModel, Field, Tag, TypeAdapter, ValidationError
 
 from bayesdrill.basics.entries import NonNegative, Number, Positive, Strict
 from bayesdrill.basics.symbols import Symbol
@@ -97,9 +97,16 @@ def adapter(kind: Any) -> TypeAdapter[Any]:
     return TypeAdapter(kind, config=None if section else Strict.model_config)
 
 
-def read_config(data: Any, words: Vocabulary) -> tuple[Config | None, list[EntryError]]:
-    """Return the config of plain data, and the errors of all entries; with an error it is None."""
+def read_config(
+    data: Any, words: Vocabulary, known: tuple[Any, Config] | None = None
+) -> tuple[Config | None, list[EntryError]]:
+    """Return the config of plain data, and the errors of all entries; with an error it is None.
+
+    Entries that stand alike in the plain data of a `known` config are not validated again.
+    """
     errors: list[EntryError] = []
+    if known is not None and known[1].vocabulary == words:
+        data = _with_known(data, *known)
     read = _with_named_entries((), data, words, errors)
     config, others = read_entry(Config, read, (), words)
     return (None if errors else config), [*others, *errors]  # the last error of an entry counts
@@ -117,6 +124,20 @@ def read_entry(
     except ValidationError as error:
         more = {"kind": kind, "depth": len(place)}
         return None, [{**item, "loc": (*place, *item["loc"]), **more} for item in error.errors()]
+
+
+def _with_known(data: Any, plain: Any, validated: Any) -> Any:
+    """Return data with the `validated` entries of other `plain` data wherever both are alike."""
+    if repr(data) == repr(plain):  # `==` would take 1, 1.0 and true for the same
+        return validated
+    if not (isinstance(data, dict) and isinstance(plain, dict)):
+        return data
+    entries = dict(validated) if isinstance(validated, dict | BaseModel) else {}
+    both = plain.keys() & entries.keys()
+    return {
+        key: _with_known(value, plain[key], entries[key]) if key in both else value
+        for key, value in data.items()
+    }
 
 
 def _with_named_entries(

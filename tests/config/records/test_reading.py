@@ -9,8 +9,8 @@ from support.config_texts import RNG, SPEED, SUPPLY, T, load_measured, read_meas
 
 from bayesdrill.basics.errors import InputError
 from bayesdrill.config import loading
+from bayesdrill.config.building.assembly import build_problem
 from bayesdrill.config.records import reading
-from bayesdrill.config.resolve import assembly
 from bayesdrill.record.experiment import Experiment
 
 HELD = ("j_m", "c_m", "k_T", "r_m", "l_m", "k_s", "j_1", "t_f")
@@ -82,7 +82,7 @@ def test_all_columns_are_converted_to_si(tmp_path: Path, table: np.ndarray) -> N
 @pytest.mark.usefixtures("table")
 def test_sigma_and_its_prior_are_in_the_unit_of_the_column(tmp_path: Path) -> None:
     experiment = read(tmp_path, RECORD)
-    problem = assembly.build_problem(loading.load(tmp_path / "mine.yaml"), [experiment])
+    problem = build_problem(loading.load(tmp_path / "mine.yaml"), [experiment])
     noise, space = problem.posterior.likelihood.only_observation.noise, problem.posterior.space
     assert noise.known == {0: pytest.approx(np.radians(2)), 2: pytest.approx(1.5 * np.pi / 30)}
     assert problem.names == ("k_e", "sigma_w_1")

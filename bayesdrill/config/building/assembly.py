@@ -9,11 +9,13 @@ from dataclasses import replace
 from bayesdrill.basics import symbols, units
 from bayesdrill.basics.errors import collect_each
 from bayesdrill.basics.units import SECOND, Unit
-from bayesdrill.config.resolve import experiments, sensors
-from bayesdrill.config.resolve.case import ResolvedCase, ResolvedExperiment
-from bayesdrill.config.resolve.experiments import joint_name
-from bayesdrill.config.resolve.quantities import ParsedNumber
-from bayesdrill.config.resolve.sensors import build_noise
+from bayesdrill.config.building.case import ResolvedCase, ResolvedExperiment
+from bayesdrill.config.building.channels import build_noise
+from bayesdrill.config.building.experiments import joint_name
+from bayesdrill.config.building.initial import check_at_rest, free_start
+from bayesdrill.config.building.missing_torque import latent_torque
+from bayesdrill.config.building.parsed_numbers import ParsedNumber
+from bayesdrill.config.building.sensors import check_lag, start_beyond_lags, without_sensors
 from bayesdrill.config.yaml_source import IssueCollector, Location
 from bayesdrill.inference import step_error
 from bayesdrill.inference.display_units import DisplayUnits
@@ -108,7 +110,7 @@ def _sensors_and_observation(
     try:
         noise_model = noise_for_record(noise_model, experiment.t, experiment.seen)
         section = "missing_torque"
-        acts = sensors.latent_torque(resolved.config)
+        acts = latent_torque(resolved.config)
         observed = observe(response, noise_model, resolved.label, acts, resolved.torque)
         return sensor_numbers, observed
     except ValueError as error:
@@ -123,20 +125,20 @@ def build_simulator(
     errors = IssueCollector(resolved.source, frozenset())
     late = {e: n for e, n in resolved.sensor_numbers.items() if e.kind in ("lag", "delay")}
     for entry, number in late.items():
-        errors.run(entry.location, experiments.check_lag, number, experiment)
+        errors.run(entry.location, check_lag, number, experiment)
     sensor_numbers = [*resolved.sensor_numbers.values()]
-    read = experiments.without_sensors(experiment, sensing, sensor_numbers) if free else experiment
+    read = without_sensors(experiment, sensing, sensor_numbers) if free else experiment
     for name in free:
         arguments = (name, read, model, _at_start(resolved))
-        if start := errors.run(("initial", name), experiments.free_start, *arguments):
+        if start := errors.run(("initial", name), free_start, *arguments):
             sensor_numbers.append(start)
     window, declared = resolved.config.record.window, resolved.config.initial.model_fields_set
     if window is not None and experiment.series and not declared - {"time"}:
         sigmas = [channel.start for channel in resolved.channels]
-        errors.run(("record", "window"), experiments.check_at_rest, experiment, sigmas)
+        errors.run(("record", "window"), check_at_rest, experiment, sigmas)
     raise_if_any(errors.issues)
     values = {number.name: number.value for number in sensor_numbers}
-    visible = experiments.start_beyond_lags(experiment, model, sensing, values)
+    visible = start_beyond_lags(experiment, model, sensing, values)
     delays = [entry.location for entry in late if entry.location[0] == "inputs"]
     _check_hidden(errors, visible, delays)
     raise_if_any(errors.issues)

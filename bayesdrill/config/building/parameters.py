@@ -1,30 +1,32 @@
-"""Hold a resolved config: the rig, and each experiment with channels, sensors and nominal values.
-
-After loading, nothing reads the YAML again. The numbers of the rig are built here, and mistakes in
-them are reported at their entries.
-"""
+"""Build the rig with the optional physics that is named, and its parameters."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from bayesdrill.basics.entries import LARGEST, SMALLEST, build_member
-from bayesdrill.basics.formulas import Expression, RelationError, resolve_relations
+from bayesdrill.basics.errors import did_you_mean
+from bayesdrill.basics.formulas import Expression, RelationError, expression, resolve_relations
 from bayesdrill.basics.registry import lookup
 from bayesdrill.config import latex
-from bayesdrill.config.resolve import quantities, sensors
-from bayesdrill.config.resolve.quantities import NominalValues, ParsedNumber
-from bayesdrill.config.resolve.sensors import SensorEntry
+from bayesdrill.config.building.nominal import NominalValues
+from bayesdrill.config.building.parsed_numbers import (
+    ParsedNumber,
+    build_prior,
+    is_tied,
+    search_start,
+)
+from bayesdrill.config.building.quantities import formula_names, parse_formula, parse_quantity
 from bayesdrill.config.schema import numbers
 from bayesdrill.config.schema.config import Config
-from bayesdrill.config.yaml_source import IssueCollector, Location, Source
-from bayesdrill.inference.noise.contract import NoisyChannel
+from bayesdrill.config.schema.numbers import ParameterPrior
+from bayesdrill.config.yaml_source import IssueCollector, Location
 from bayesdrill.inference.posterior import Formula
-from bayesdrill.inference.priors import Prior
-from bayesdrill.inference.unknowns import ParameterSpace, Unknown, labelled_name
+from bayesdrill.inference.unknowns import ParameterSpace, Unknown
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.friction import Named
 from bayesdrill.rig.models.linear import (
@@ -35,7 +37,6 @@ from bayesdrill.rig.models.linear import (
     with_all,
     with_named,
 )
-from bayesdrill.rig.simulators.sensors import ObservationModel
 
 
 def build_model(config: Config, extra_names: Collection[str] = ()) -> Model:
@@ -44,18 +45,6 @@ def build_model(config: Config, extra_names: Collection[str] = ()) -> Model:
     names = config.vocabulary.parameters
     named = {name for name in names if config.parameters.get(name) is not None}
     return with_named(rig, {*named, *extra_names})
-
-
-def initial_state(config: Config, model: Model) -> dict[str, float]:
-    """Return the fixed initial states, in SI; with a steady start only those that are named."""
-    initial = config.initial
-    entries = {name: initial.get(name) for name in model.outer}
-    return {
-        name: quantities.to_si(value, model.symbols[name].unit)
-        for name, value in entries.items()
-        if isinstance(value, float | int | numbers.Quantity)
-        and (initial.state != "steady" or name in initial.model_fields_set)
-    }
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,10 +63,10 @@ class RigNumbers:
 
     def space(self) -> ParameterSpace:
         """Return the unknowns of one experiment alone; see `ResolvedCase.space`."""
-        return _space([("", self, {name: name for name in self.parameters})])
+        return joint_space([("", self, {name: name for name in self.parameters})])
 
 
-def _space(
+def joint_space(
     experiments: Sequence[tuple[str, RigNumbers, Mapping[str, str]]],
     sensors: Sequence[ParsedNumber] = (),
     noise: Sequence[Unknown] = (),
@@ -121,113 +110,7 @@ def _space(
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LocalNumbers:
-    """The local numbers of an experiment are those of sensors, start, noise and torque, by name."""
-
-    # None stands for a prior that the record gives, and for a number with a mistake.
-    numbers: Mapping[str, float | Prior | Unknown | None]
-    channels: tuple[str, ...]
-
-    @property
-    def unknown(self) -> list[str]:
-        """Return the names of the numbers that are not fixed."""
-        return [name for name, number in self.numbers.items() if not isinstance(number, float)]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ResolvedExperiment:
-    """A resolved experiment has a `label`, which is empty if it is the only one."""
-
-    label: str
-    config: Config  # its own, as if it were the only one
-    source: Source  # its entries, and the path from which relative paths start
-    model: Model
-    nominal: NominalValues
-    rig_numbers: RigNumbers
-    channels: tuple[NoisyChannel, ...]  # those that are evidence
-    sensor_numbers: Mapping[SensorEntry, ParsedNumber]  # those of the start too
-    sensing: ObservationModel
-    free_states: tuple[str, ...]  # their initial values have priors from the record
-    torque: Mapping[str, float | Unknown]  # size and time of a missing torque
-    local_numbers: LocalNumbers
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ResolvedCase:
-    """A resolved case is a valid config, with its rig and all its experiments."""
-
-    config: Config  # that of the first experiment, with the names of all
-    source: Source  # the whole file
-    experiments: tuple[ResolvedExperiment, ...]
-
-    @property
-    def model(self) -> Model:
-        """Return the rig, which all experiments share."""
-        return self.experiments[0].model
-
-    @property
-    def joint_names(self) -> dict[str, dict[str, str]]:
-        """Return, by label, the joint name of each parameter of an experiment.
-
-        A parameter has the label if it is `own`, held by this experiment, or follows from such ones.
-        """
-        names = {}
-        for each in self.experiments:
-            label, numbers_, spec = each.label, each.rig_numbers, self.config.experiments
-            local = {*self.config.own, *(spec[label].parameters if label else ())}
-            local |= {name for name, x in numbers_.related.items() if local & {*x.names}}
-            parameters = numbers_.parameters
-            names[label] = {n: labelled_name(n, label if n in local else "") for n in parameters}
-        return names
-
-    def space(
-        self, sensors: Sequence[ParsedNumber] = (), noise: Sequence[Unknown] = ()
-    ) -> ParameterSpace:
-        """Return the unknowns: parameters, quantities, numbers of `sensors` and starts, then `noise`.
-
-        Raises `RelationError`.
-        """
-        names = self.joint_names
-        experiments = [(x.label, x.rig_numbers, names[x.label]) for x in self.experiments]
-        return _space(experiments, sensors, noise)
-
-    @property
-    def held_out(self) -> list[str]:
-        """Return the names of experiments that are no evidence."""
-        return [label for label, spec in self.config.experiments.items() if spec.held_out]
-
-    def experiment(self, label: str) -> ResolvedExperiment:
-        """Return the experiment of this name."""
-        return next(experiment for experiment in self.experiments if experiment.label == label)
-
-
 TRIED_DRAWS = 4096  # draws from the priors at which formulas are evaluated
-
-
-def check_nominal(errors: IssueCollector, config: Config, model: Model) -> dict[str, float]:
-    """Return the nominal values in the config, in SI and at their own sides of the gear."""
-    values = {
-        name: errors.run(("nominal", name), quantities.nominal_value, config, model, name)
-        for name in config.vocabulary.parameters
-        if config.nominal.get(name) is not None
-    }
-    return {name: value for name, value in values.items() if value is not None}
-
-
-def check_torque(
-    errors: IssueCollector, config: Config, model: Model, sensing: ObservationModel | None
-) -> dict[str, float | Unknown | None]:
-    """Return size and time of the missing torque; the inertia on which it acts must exist."""
-    acts = sensors.latent_torque(config)
-    if acts is None:
-        return {}
-    if sensing is not None:
-        errors.run(("missing_torque",), sensors.check_latent_torque, model, acts, sensing)
-    return {
-        name: errors.run(("missing_torque", entry), sensors.latent_torque_number, config, name)
-        for name, entry in sensors.TORQUE_ENTRIES.items()
-    }
 
 
 def check_rig(
@@ -247,9 +130,57 @@ def check_rig(
             errors.add(location, f"the model {model.name} has no {name}; {_removal_hint(name)}")
         else:
             arguments = (config, model, table, name)
-            parsed_parameters[name] = errors.run(location, quantities.parse_parameter, *arguments)
+            parsed_parameters[name] = errors.run(location, parse_parameter, *arguments)
     _check_added(errors, config, model)
     return _check_relations(errors, config, model, parsed_parameters)
+
+
+def parse_parameter(
+    config: Config, model: Model, table: NominalValues, name: str
+) -> ParsedNumber | Expression:
+    """Return the number of a parameter of the rig, or the expression from which it follows."""
+    if (related := parse_relation(config, model, name)) is not None:
+        return related
+    spec, symbol, value = config.parameters.get(name), model.symbols[name], table.values.get(name)
+    no_table = f"no table has {name}" + (f" ({symbol.typical})" if symbol.typical else "")
+    if not isinstance(spec, ParameterPrior):
+        fixed = float(spec) if isinstance(spec, float | int) else value
+        if fixed is None:
+            raise ValueError(f"{no_table}; give a number, or `nominal: {{{name}: ...}}`")
+        return ParsedNumber(symbol=symbol, role="rig", value=fixed, start=fixed)
+    if spec.relative and value is None:
+        way_out = f"`nominal: {{{name}: ...}}`, or leave out `relative:`"
+        raise ValueError(f"{no_table}, to be relative to; give {way_out}")
+    built, upper_limit = build_prior(spec, value), symbol.at_most
+    if built.high > upper_limit:
+        reaches = "has no end" if math.isinf(built.high) else f"goes up to {built.high:.6g}"
+        example = f"such as {{prior: uniform, low: {0.5 * upper_limit:g}, high: {upper_limit:g}}}"
+        above = f"the prior {reaches}, and {name} is at most {upper_limit:g}"
+        raise ValueError(f"{above}; let it end, {example}")
+    begin = search_start(spec, built, table.compared.get(name))
+    return ParsedNumber(symbol=symbol, role="rig", value=built, start=begin)
+
+
+def parse_relation(config: Config, model: Model, name: str) -> Expression | None:
+    """Return the expression from which parameter `name` follows; None for a value or a prior."""
+    entry, known_names = config.parameters.get(name), formula_names(config, model)
+    if isinstance(entry, numbers.Tie):
+        spec = entry.tie
+        if spec not in known_names:
+            hint = did_you_mean(spec, known_names)
+            raise ValueError(f"'{spec}' is no parameter or quantity{hint}")
+    elif isinstance(entry, str) and entry != "nominal":
+        spec = entry
+    else:
+        return None
+    if spec.isidentifier() and spec not in known_names:
+        hint = did_you_mean(spec, ("nominal", *known_names))
+        raise ValueError(f"'{spec}' is neither `nominal` nor a parameter or quantity{hint}")
+    parsed = expression(spec, known_names)
+    if not parsed.names:
+        value = f"write for example {parsed.value({}):g}"
+        raise ValueError(f"'{spec}' names no parameter or quantity; to hold this value {value}")
+    return parsed
 
 
 def _removal_hint(name: str) -> str:
@@ -285,19 +216,19 @@ def _check_relations(
     before = len(errors.issues)
     quantities_, derived = dict[str, ParsedNumber](), list[Formula]()
     for name, spec in config.quantities.items():
-        number = errors.run(("quantities", name), quantities.parse_quantity, config, name, spec)
+        number = errors.run(("quantities", name), parse_quantity, config, name, spec)
         if number is not None:
             quantities_[name] = number
             if getattr(spec, "latex", None) is not None:
                 errors.run(("quantities", name, "latex"), latex.check, number.symbol)
     for name, formula in config.derived.items():
         arguments = (config, model, name, errors.source.labels)
-        parsed = errors.run(("derived", name), quantities.parse_formula, *arguments)
+        parsed = errors.run(("derived", name), parse_formula, *arguments)
         if parsed is not None:
             derived.append(parsed)
             if formula.latex is not None:
                 errors.run(("derived", name, "latex"), latex.check, parsed.symbol)
-    tied = [name for name in parsed_parameters if quantities.is_tied(config.parameters.get(name))]
+    tied = [name for name in parsed_parameters if is_tied(config.parameters.get(name))]
     related = {name: x for name, x in parsed_parameters.items() if isinstance(x, Expression)}
     wrong = any(parsed_parameters[name] is None for name in tied) or len(errors.issues) > before
     if wrong or not {*model.parameters} <= {*parsed_parameters}:

@@ -1,36 +1,23 @@
-"""Resolve several experiments in one config: each as its own config, and how each begins."""
+"""Build several experiments of one config: each as its own config, and what they share."""
 
 from __future__ import annotations
 
 import copy
 import dataclasses
-import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import Any
 
-import numpy as np
-
 from bayesdrill.basics import symbols
-from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import Issue
-from bayesdrill.basics.symbols import SPEED_UNITS, Symbol
-from bayesdrill.config.resolve import case, quantities, sensors, work
-from bayesdrill.config.resolve.case import (
-    LocalNumbers,
-    ResolvedCase,
-    ResolvedExperiment,
-    RigNumbers,
-)
-from bayesdrill.config.resolve.quantities import ParsedNumber
+from bayesdrill.config.building.case import LocalNumbers, ResolvedCase, ResolvedExperiment
+from bayesdrill.config.building.missing_torque import TORQUE_ENTRIES
+from bayesdrill.config.building.parameters import RigNumbers, check_used, free_parameters
+from bayesdrill.config.building.settings import check_identify, check_unknown
 from bayesdrill.config.schema import numbers
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import IssueCollector, Location, Source
-from bayesdrill.inference.priors import Prior, TruncatedNormal
 from bayesdrill.inference.unknowns import ParameterSpace, Unknown, labelled_name
-from bayesdrill.record.experiment import Experiment, frozen
-from bayesdrill.rig.models.friction import Named
 from bayesdrill.rig.models.linear import Model
-from bayesdrill.rig.simulators.sensors import ObservationModel
 
 SECTIONS = ("record", "inputs", "initial")  # those that an experiment may have for itself
 PARAMETERS = "parameters"  # an experiment may fix some of them
@@ -98,182 +85,6 @@ def _entry_kind(entry: Mapping[str, Any]) -> str:
     return next((key for key in ("prior", "value", "rate") if key in entry), "")
 
 
-FREE_START_WIDTH = 2.0  # prior sd of a free state, over the span of channels of its kind
-LAG_TAIL = 1e-6  # prior probability that a lag is longer than the samples that are left out
-N_FIRST_SAMPLES = 5  # they show whether a record begins in motion
-MIN_MOTION_OVER_NOISE = 12.0  # initial motion over its standard error
-MIN_MOTION_SHARE = 0.2  # initial motion over the range of the channel
-LAG_TAIL_BEYOND_RECORD = 0.025  # prior probability, at either end, of a lag beyond the record
-SPEED_QUANTILE = 0.99  # quantile of an angle's difference quotients that counts as its speed
-
-
-def free_start(name: str, experiment: Experiment, model: Model, values: Named) -> ParsedNumber:
-    """Return a normal prior of a state around the first samples, as wide as the channels' span.
-
-    If no channel measures the state, the width is how far the inputs would drive it at the parameters
-    `values`. Raises `ValueError` if neither gives a width.
-    """
-    symbol = model.symbols[name]
-    middle, width = _measured_start(symbol, experiment)
-    if width is None:
-        width = _span_of_unit(experiment, symbol.unit)
-    if not width:
-        width = _driven_width(name, experiment, model, values)
-    if not (math.isfinite(width) and width > 0):
-        way_out = f"give it a prior, such as `{name}: {{prior: normal, mean: 0, sd: 1}}`"
-        silent = f"no channel says how far {name} may be from zero at the start"
-        raise ValueError(f"{silent}; {way_out}")
-    prior = TruncatedNormal(middle, FREE_START_WIDTH * width, -math.inf, math.inf)
-    shown = sensors.symbol_of_state(model, name)
-    return ParsedNumber(symbol=shown, role="start", value=prior, start=middle)
-
-
-def without_sensors(
-    experiment: Experiment, sensing: ObservationModel, numbers: Iterable[ParsedNumber]
-) -> Experiment:
-    """Return the experiment with known or initial gains and offsets of its sensors removed."""
-    values = {n.name: n.value if isinstance(n.value, float) else n.start for n in numbers}
-    y = experiment.y.copy()
-    for k, channel in enumerate(experiment.channels):
-        offset = values.get(sensing.offsets.get(channel.name, ""))
-        gain = values.get(sensing.gains.get(channel.name, ""))
-        y[:, k] = (y[:, k] - (offset or 0.0)) / (gain or 1.0)
-    return dataclasses.replace(experiment, y=frozen(y))
-
-
-def _channels_of_unit(experiment: Experiment, unit: str) -> list[tuple[Mapping[str, float], Array]]:
-    channels = zip(experiment.channels, experiment.y.T, strict=True)
-    return [(c.weights, y[~np.isnan(y)]) for c, y in channels if c.unit == unit]
-
-
-def _measured_start(state: Symbol, experiment: Experiment) -> tuple[float, float | None]:
-    """Return first value and span of the state's channel; without it, another's first value and None."""
-    middle, name = 0.0, state.name
-    for weights, y in _channels_of_unit(experiment, state.unit):
-        if set(weights) == {name}:
-            return float(y[0] / weights[name]), float(np.ptp(y) / abs(weights[name]))
-        if len(weights) == 1 and state.unit in (*SPEED_UNITS, *SPEED_UNITS.values()):
-            middle = float(y[0] / next(iter(weights.values())))
-    return middle, None
-
-
-def _span_of_unit(experiment: Experiment, unit: str) -> float:
-    """Return the span of states with this unit; angles and speeds are derived from each other."""
-    if unit in SPEED_UNITS:
-        if spans := [float(np.ptp(y)) for _, y in _channels_of_unit(experiment, unit)]:
-            return max(spans)
-        moving = _channels_of_unit(experiment, SPEED_UNITS[unit])
-        speeds = [float(np.abs(y).max()) for _, y in moving]
-        return float(experiment.t[-1] - experiment.t[0]) * max(speeds, default=0)
-    sizes = [float(np.abs(y).max()) for _, y in _channels_of_unit(experiment, unit)]
-    for k, channel in enumerate(experiment.channels):
-        if unit == SPEED_UNITS.get(channel.unit):
-            measured = ~np.isnan(experiment.y[:, k])
-            steps = np.diff(experiment.y[measured, k]) / np.diff(experiment.t[measured])
-            sizes.append(float(np.quantile(np.abs(steps), SPEED_QUANTILE)) if len(steps) else 0.0)
-    return max(sizes, default=0.0)
-
-
-def _driven_width(name: str, experiment: Experiment, model: Model, values: Named) -> float:
-    """Return the equilibrium to which the inputs, or else turning parts, would drive a state."""
-    linear = model.linear(values)
-    decay = abs(float(linear.A.get((name, name), 0.0)))
-    largest = {n: abs(x) for n, x in experiment.constant.items()}
-    largest |= {n: float(np.abs(u).max()) for n, u in experiment.series.items()}
-    push = sum(
-        abs(float(value)) * largest.get(column, 0.0)
-        for (row, column), value in linear.B.items()
-        if row == name
-    )
-    if push == 0:
-        turning = [n for n in model.states if model.symbols[n].unit in SPEED_UNITS.values()]
-        for turns in turning:
-            unit = model.symbols[turns].unit
-            channels = _channels_of_unit(experiment, unit)
-            speeds = [float(np.abs(y / w[turns]).max()) for w, y in channels if w.get(turns)]
-            speed = max(speeds, default=_span_of_unit(experiment, unit))
-            push = max(push, abs(float(linear.A.get((name, turns), 0.0))) * speed)
-    return push / decay if decay > 0 else 0.0
-
-
-def start_beyond_lags(
-    experiment: Experiment,
-    model: Model,
-    sensing: ObservationModel,
-    values: Mapping[str, float | Prior],
-) -> Experiment:
-    """Return the experiment without the samples that lags leave undetermined.
-
-    If the rig moves at the start, the first samples show motion before it. If the record shows an input
-    late, the last samples depend on the input after its end.
-    """
-    y, notes = np.array(experiment.y), list(experiment.told)
-    late = sensing.shifts or bool(sensing.input_lags)
-    moves, t = late and sensing.moves(experiment.start, model.angles), experiment.t
-    felt = [quantities.ends_of(values[name], LAG_TAIL) for name in sensing.input_lags.values()]
-    first = min([0.0, *(low for low, _ in felt)])
-    last = max([0.0, *(high for _, high in felt)])
-    if sensing.delay is not None:
-        last += quantities.ends_of(values[sensing.delay], LAG_TAIL)[1]
-    for k, channel in enumerate(experiment.channels):
-        lag = sensing.lags.get(channel.name)
-        lag_value = 0.0 if lag is None else values[lag]
-        lowest_lag, highest_lag = quantities.ends_of(lag_value, LAG_TAIL)
-        measured = ~np.isnan(y[:, k])
-        before = measured & (t < experiment.t_start + last + highest_lag) & moves
-        after = measured & (t > t[-1] + first + lowest_lag + 1e-9 * experiment.dt) & (first < 0.0)
-        for undetermined, origin in (
-            (before, "was before the start (lag)"),
-            (after, "an input did after the end of the record (lag)"),
-        ):
-            if undetermined.any():
-                y[undetermined, k] = np.nan
-                count = f"{channel.name}: {int(undetermined.sum())} samples"
-                notes.append(f"{count} are left out, as they may show what {origin}")
-    if len(notes) == len(experiment.told):
-        return experiment
-    return dataclasses.replace(experiment, y=frozen(y), told=tuple(notes))
-
-
-def check_lag(lag: ParsedNumber, experiment: Experiment) -> None:
-    """Raise `ValueError` for a lag, or a delay, for which the record is too short."""
-    duration = float(experiment.t[-1] - experiment.t_start)
-    low, high = quantities.ends_of(lag.value, LAG_TAIL_BEYOND_RECORD)
-    if not max(abs(low), abs(high)) < duration:
-        raise ValueError(
-            f"lags from {low:.4g} to {high:.4g} s are allowed, and the record has "
-            f"{duration:.4g} s: what it shows would be no answer to its inputs; check the unit, or "
-            "narrow the prior"
-        )
-
-
-def check_at_rest(experiment: Experiment, sigmas: Sequence[float]) -> None:
-    """Raise `ValueError` if a channel begins in motion, given its noise sds `sigmas (K,)`."""
-    channels = zip(experiment.channels, experiment.y.T, sigmas, strict=True)
-    for channel, y, sigma in channels:
-        measured = ~np.isnan(y)
-        first, t = y[measured][:N_FIRST_SAMPLES], experiment.t[measured][:N_FIRST_SAMPLES]
-        if len(first) < N_FIRST_SAMPLES:
-            continue
-        reach = float(np.ptp(y[measured]))
-        if channel.unit in SPEED_UNITS.values():
-            size, error = float(np.mean(first)), sigma / math.sqrt(N_FIRST_SAMPLES)
-            unit = f"{channel.unit} (its value there)"
-        elif channel.unit in SPEED_UNITS:
-            spread = float(np.sqrt(((t - t.mean()) ** 2).sum()))
-            slope = float(np.polyfit(t - t.mean(), first, 1)[0])
-            size, error, unit = slope, sigma / spread, SPEED_UNITS[channel.unit]
-            reach = reach / float(experiment.t[-1] - experiment.t[0])
-        else:
-            continue
-        if abs(size) > MIN_MOTION_OVER_NOISE * error and abs(size) > MIN_MOTION_SHARE * reach:
-            raise ValueError(
-                f"it begins in motion ({channel.name} changes by {size:.3g} {unit} at its beginning), "
-                "and the config says nothing of it; write `initial: free`, `initial: steady`, or the "
-                "states there"
-            )
-
-
 # The key is an experiment's name, which is empty if there is only one.
 NumbersByLabel = Mapping[str, LocalNumbers]
 
@@ -302,15 +113,15 @@ def check_experiments(
         _check_derived(errors, joint, space)
         local = [joint_name(config, n, label) for label, x in by_label.items() for n in x.unknown]
         unknown = list(dict.fromkeys([*space.free, *local]))
-        work.check_unknown(errors, config, unknown, space.relations)
-        work.check_identify(errors, config, [x for x in space.free if x not in config.quantities])
+        check_unknown(errors, config, unknown, space.relations)
+        check_identify(errors, config, [x for x in space.free if x not in config.quantities])
     check_truth(errors, config, by_label)
     return errors.issues
 
 
 def unknown_names(config: Config, model: Model, local: LocalNumbers) -> list[str]:
     """Return the names of all unknowns of a single experiment."""
-    every = case.free_parameters(config, model.parameters)
+    every = free_parameters(config, model.parameters)
     every += [n for n, q in config.quantities.items() if isinstance(q, numbers.QuantityPrior)]
     return list(dict.fromkeys([*every, *local.unknown]))
 
@@ -360,7 +171,7 @@ def _truth_names(config: Config, by_label: NumbersByLabel) -> list[str]:
     """Return the names of unknowns, beside those of the rig, that `simulation.truth` may contain."""
     pairs = [(label, name) for label in by_label for name in config.own]
     if config.missing_torque is not None:
-        pairs += [(label, name) for label in by_label for name in sensors.TORQUE_ENTRIES]
+        pairs += [(label, name) for label in by_label for name in TORQUE_ENTRIES]
     for label, local in by_label.items():
         sizes = {symbols.noise_name(name) for name in local.channels}  # given by `simulation.sigma`
         pairs += [(label, name) for name in local.numbers if name not in sizes]
@@ -371,8 +182,8 @@ def _truth_names(config: Config, by_label: NumbersByLabel) -> list[str]:
 def _check_local(
     errors: IssueCollector, config: Config, model: Model, each: Iterable[RigNumbers]
 ) -> None:
-    free = case.free_parameters(config, model.parameters)
-    related_names = case.check_used(errors, config, each)
+    free = free_parameters(config, model.parameters)
+    related_names = check_used(errors, config, each)
     for k, name in enumerate(config.own):
         errors.expect(("own", k), name, free, f"{name} is no unknown parameter of the rig")
         if name in related_names:

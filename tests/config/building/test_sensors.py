@@ -11,9 +11,8 @@ from support.config_texts import DRILL_T, write, write_shaft
 
 from bayesdrill.basics.errors import InputError
 from bayesdrill.config import loading
+from bayesdrill.config.building.channels import build_channel, build_noise
 from bayesdrill.config.job import prepare
-from bayesdrill.config.resolve import sensors
-from bayesdrill.config.resolve.sensors import build_channel
 from bayesdrill.config.schema.records import ChannelSpec
 from bayesdrill.inference.noise.quantised import Quantised
 from bayesdrill.inference.posterior import Problem
@@ -147,7 +146,7 @@ def test_a_number_of_noise_that_is_held_needs_no_walkers(kind: str, tmp_path: Pa
 def test_a_step_is_in_the_unit_of_its_column(tmp_path: Path) -> None:
     quantised = noisy("{name: quantised, step: 6.0}", "0.5", "rpm")
     case = loading.load(command_line.small_config(tmp_path, quantised))
-    noise = sensors.build_noise(case.experiments[0].channels, 5)
+    noise = build_noise(case.experiments[0].channels, 5)
     parts = [part.noise for part in noise.parts]  # type: ignore[attr-defined]
     (step,) = [part.steps[0] for part in parts if isinstance(part, Quantised)]
     assert step == pytest.approx(0.2 * np.pi)

@@ -1,0 +1,129 @@
+"""Build the inputs: constant ones, measured ones, and imposed angles."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from bayesdrill.basics import units
+from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.symbols import SPEED_UNITS
+from bayesdrill.config.building.parsed_numbers import check_quantity, to_si
+from bayesdrill.config.building.record import check_series
+from bayesdrill.config.schema import numbers
+from bayesdrill.config.schema.config import Config
+from bayesdrill.config.schema.records import AngleColumn, InputColumn
+from bayesdrill.config.yaml_source import IssueCollector, Location
+from bayesdrill.record import anomalies
+from bayesdrill.record.experiment import Experiment
+from bayesdrill.rig.models.linear import Model, missing_requirements, with_named
+
+
+def input_entry(config: Config, name: str) -> str:
+    """Return the entry of `inputs:` that gives the input `name`: itself, or an imposed angle."""
+    angle = config.vocabulary.imposed.get(name, name)
+    return name if config.inputs.get(angle) is None else angle
+
+
+def measured_inputs(config: Config) -> dict[str, InputColumn]:
+    """Return the measured inputs, by name."""
+    names = config.vocabulary.inputs
+    specs = {name: config.inputs.get(input_entry(config, name)) for name in names}
+    return {name: spec for name, spec in specs.items() if isinstance(spec, InputColumn)}
+
+
+def constant_inputs(config: Config, model: Model) -> dict[str, float]:
+    """Return the constant inputs of the model, SI."""
+    series, given = measured_inputs(config), config.inputs
+    return {
+        name: to_si(given.get(name), model.symbols[name].unit)
+        for name in model.inputs
+        if name not in series and given.get(name) is not None
+    }
+
+
+def inputs_as_given(
+    config: Config, experiment: Experiment
+) -> Iterator[tuple[str, InputColumn, Array]]:
+    """Yield entry, column and values `(T,)`, in the column's unit, of each input or imposed angle."""
+    for name, spec in measured_inputs(config).items():
+        entry, values = input_entry(config, name), experiment.series[name]
+        if entry != name:
+            values = anomalies.integrate_speeds(values, experiment.t, experiment.start[entry])
+        yield entry, spec, values / units.factor(spec.unit, config.vocabulary.entries[entry].unit)
+
+
+def check_inputs(errors: IssueCollector, config: Config, model: Model | None) -> None:
+    """Check the inputs: their units, and that the model has them."""
+    for entry, symbol in config.vocabulary.entries.items():
+        spec = config.inputs.get(entry)
+        location: Location = ("inputs", entry)
+        if isinstance(spec, InputColumn):
+            errors.run((*location, "unit"), units.factor, spec.unit, symbol.unit)
+            check_series(errors, location, spec)
+        elif spec is not None:
+            check_quantity(errors, location, spec, symbol.unit)
+    if model is not None and not missing_requirements(model):
+        _check_required(errors, config, model)
+    _check_angles(errors, config)
+    _check_holds(errors, config)
+    if measured_inputs(config) and config.initial.time is not None:
+        message = "with measured inputs the initial state is that of the first sample"
+        errors.add(("initial", "time"), f"{message}; remove this entry")
+
+
+def _check_required(errors: IssueCollector, config: Config, model: Model) -> None:
+    """Check that the inputs are those of the model."""
+    words, inputs = config.vocabulary, config.inputs
+    given_entries = {n for n in inputs.model_fields_set if inputs.get(n) is not None}
+    entries = [e for name in model.inputs for e in (name, words.imposed.get(name, name))]
+    for entry in [e for e in words.entries if e in given_entries]:
+        if entry not in entries:
+            input_names = ", ".join(dict.fromkeys(entries)) or "none"
+            having = ((name, *needs) for name, needs in model.offers.items())
+            needed = next((n for n in having if entry in with_named(model, n).inputs), ())
+            also = f", or name {' and '.join(needed)}, with which it has it" if needed else ""
+            also = f"remove it (its own: {input_names}){also}"
+            errors.add(("inputs", entry), f"the model {model.name} has no such input; {also}")
+    for name in model.inputs:
+        angle = ("inputs", words.imposed.get(name, name))
+        none = config.inputs.get(input_entry(config, name)) is None
+        if none and not errors.is_reported(angle):
+            errors.add(("inputs", name), _missing_message(config, name))
+
+
+def _missing_message(config: Config, name: str) -> str:
+    if name in config.inputs.model_fields_set:
+        return "nothing is not a number; write the value itself"
+    if name == "v":
+        return "this entry is missing; see `bayesdrill schema` or configs/nominal_step.yaml"
+    symbol, angle = config.vocabulary.inputs[name], config.vocabulary.imposed.get(name)
+    what = "angle" if symbol.unit == SPEED_UNITS["rad"] else "position"
+    other = f" (or `{angle}:`, the {what})" if angle else ""
+    way_out = f"give a number in {symbol.plain_unit}, or `{{column: ..., unit: ...}}`{other}"
+    return f"missing: the model wants the {symbol.meaning}; {way_out}"
+
+
+def _check_angles(errors: IssueCollector, config: Config) -> None:
+    """Check that no entry contradicts an imposed angle, which gives its speed and its start."""
+    for name, entry in config.vocabulary.imposed.items():
+        spec = config.inputs.get(entry)
+        if spec is None:
+            continue
+        if config.inputs.get(name) is not None:
+            message = f"{name} is what it says as well; remove one of the two"
+            errors.add(("inputs", entry), message)
+        if entry in config.initial.model_fields_set:
+            message = "the angle that is imposed begins at its first sample; remove this entry"
+            errors.add(("initial", entry), message)
+        for kind in numbers.SensorFields.model_fields:
+            if getattr(spec, kind) is not None:
+                message = "all else is measured against the angle that is imposed; remove this"
+                errors.add(("inputs", entry, kind), f"{message}, or give `{name}:`, its speed")
+
+
+def _check_holds(errors: IssueCollector, config: Config) -> None:
+    specs = measured_inputs(config).values()
+    angle = any(isinstance(spec, AngleColumn) for spec in specs)
+    if len({"zero" if isinstance(spec, AngleColumn) else spec.hold for spec in specs}) > 1:
+        also = "; the speed of an imposed angle is held (zero)" if angle else ""
+        errors.add(("inputs",), f"all measured inputs need the same `hold:`{also}")

@@ -1,0 +1,126 @@
+"""Turn numbers and priors of a config into SI; raise `ValueError` with a message for users."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayesdrill.basics import units
+from bayesdrill.basics.symbols import Symbol
+from bayesdrill.config.schema import numbers
+from bayesdrill.config.schema.numbers import ParameterPrior, PriorSpec, SensorPrior
+from bayesdrill.config.yaml_source import IssueCollector, Location
+from bayesdrill.inference.priors import PRIORS, Prior
+from bayesdrill.inference.unknowns import Role, labelled_symbol
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ParsedNumber:
+    """A parsed number is fixed, or unknown with a `start`, in SI; one `unit` has `factor` SI units."""
+
+    symbol: Symbol
+    role: Role
+    value: float | Prior
+    start: float
+    factor: float = 1.0
+    unit: str = ""
+
+    @property
+    def name(self) -> str:
+        """Return the name of the number's symbol."""
+        return self.symbol.name
+
+    def for_experiment(self, label: str) -> ParsedNumber:
+        """Return a copy that belongs to the experiment `label`."""
+        return dataclasses.replace(self, symbol=labelled_symbol(self.symbol, label))
+
+
+_MAX_TRUNCATION = 5  # sds by which the mean of a normal, cut at zero, may lie below zero
+MIN_RELATIVE_WIDTH = 1e-9  # a narrower prior holds hardly more than one floating-point number
+
+
+def build_prior(spec: PriorSpec, nominal_value: float | None = None) -> Prior:
+    """Return the prior in its entry's unit; a `relative` one is scaled by `nominal_value`."""
+    values, positive = spec.numbers, spec.families is PRIORS
+    if "low" in values and not values["low"] < values["high"]:
+        ends = f"low {values['low']:g} is not below high {values['high']:g}"
+        raise ValueError(f"{ends}; exchange or mend them")
+    if positive and "mean" in values and values["mean"] < -_MAX_TRUNCATION * values["sd"]:
+        below = f"mean {values['mean']:g} lies more than {_MAX_TRUNCATION} sd below zero"
+        nothing = "nothing of the prior is left; all unknowns are positive"
+        raise ValueError(f"{below}, so that {nothing}")
+    built = spec.families[spec.family](**values)
+    if is_relative(spec) and nominal_value is not None:
+        built = built.scaled(nominal_value)
+    with np.errstate(all="ignore"):
+        low, middle, high = built.quantile(np.array([0.01, 0.5, 0.99]))
+    if not high - low > MIN_RELATIVE_WIDTH * abs(middle):
+        way_out = "hold the value as a number, or mend the prior"
+        raise ValueError(f"{built.describe()}: nearly all of it is at {middle:.6g}; {way_out}")
+    return built
+
+
+def is_relative(spec: object) -> bool:
+    """Return whether a prior is relative to the nominal value."""
+    return isinstance(spec, ParameterPrior) and spec.relative
+
+
+def is_tied(spec: object) -> bool:
+    """Return whether a parameter follows from others."""
+    return isinstance(spec, numbers.Tie) or (isinstance(spec, str) and spec != "nominal")
+
+
+def search_start(
+    spec: ParameterPrior | SensorPrior, built: Prior, nominal_value: float | None = None
+) -> float:
+    """Return where the MAP search begins; raises `ValueError` if the prior excludes it."""
+    default = nominal_value or float(built.quantile(np.array([0.5]))[0])
+    value = default if spec.start is None else spec.start
+    if not np.isfinite(built.logpdf(np.array([value]))[0]):
+        outside = f"{value:g} is outside the prior ({built.describe()})"
+        start_label = "the nominal value" if spec.start is None else "the start"
+        way_out = "widen the prior, or give a `start:` inside it"
+        raise ValueError(f"{start_label} {outside}; {way_out}")
+    return value
+
+
+def number_in_si(
+    spec: float | numbers.Quantity | ParameterPrior | SensorPrior,
+    factor: float,
+    label: str = "it",
+    unit: str = "",
+) -> tuple[float | Prior, float]:
+    """Return a value or a prior, and its start, in SI; one unit of the entry has `factor` SI units.
+
+    The number has no nominal value; messages call it `label` and ask for a prior in `unit`.
+    """
+    if isinstance(spec, float | int | numbers.Quantity):
+        value = (spec.value if isinstance(spec, numbers.Quantity) else float(spec)) * factor
+        return value, value
+    if is_relative(spec):
+        raise ValueError(f"{label} has no nominal value; write its prior in {unit}")
+    built = build_prior(spec)
+    return built.scaled(factor), search_start(spec, built) * factor
+
+
+def ends_of(value: float | Prior, tail: float) -> tuple[float, float]:
+    """Return lower and upper ends of a number, with the prior probability `tail` beyond each."""
+    if isinstance(value, float):
+        return value, value
+    low, high = value.quantile(np.array([tail, 1 - tail]))
+    return float(low), float(high)
+
+
+def to_si(value: float | numbers.Quantity, unit: str) -> float:
+    """Return a value in SI, in which a plain number is given already."""
+    if isinstance(value, numbers.Quantity):
+        return value.value * units.factor(value.unit, unit)
+    return value
+
+
+def check_quantity(errors: IssueCollector, location: Location, value: object, unit: str) -> None:
+    """Check the unit of a value, if it has one."""
+    if isinstance(value, numbers.Quantity):
+        errors.run((*location, "unit"), units.factor, value.unit, unit)

@@ -1,0 +1,249 @@
+"""Build the numbers of sensors in SI, and the observation model; leave out samples that lags hide."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from bayesdrill.basics import symbols, units
+from bayesdrill.basics.symbols import Symbol
+from bayesdrill.config.building.initial import check_steady, state_name, symbol_of_state
+from bayesdrill.config.building.inputs import measured_inputs
+from bayesdrill.config.building.parsed_numbers import (
+    ParsedNumber,
+    check_quantity,
+    ends_of,
+    number_in_si,
+)
+from bayesdrill.config.schema import numbers
+from bayesdrill.config.schema.config import Config
+from bayesdrill.config.schema.numbers import Quantity, SensorPrior
+from bayesdrill.config.schema.records import DELAY, InputColumn, InputQuantity
+from bayesdrill.config.yaml_source import IssueCollector, Location
+from bayesdrill.inference.priors import Prior
+from bayesdrill.inference.unknowns import Role
+from bayesdrill.record.experiment import Experiment, frozen
+from bayesdrill.rig.models.linear import Model
+from bayesdrill.rig.simulators.sensors import ObservationModel
+
+SensorKind = Literal["gain", "offset", "lag", "delay", "state"]
+SensorNumber = float | Quantity | SensorPrior
+
+
+@dataclass(frozen=True, slots=True)
+class SensorEntry:
+    """A sensor entry gives one number of the channel, input or state `target`, in `unit`."""
+
+    location: Location
+    kind: SensorKind  # all inputs have one delay, or each its own lag
+    target: str
+    symbol: Symbol
+    spec: SensorNumber
+    unit: str
+
+
+SensorNumbers = Mapping[SensorEntry, ParsedNumber | None]  # None for a number with a mistake
+
+
+def check_sensors(
+    errors: IssueCollector, config: Config, model: Model, free: Sequence[str]
+) -> tuple[SensorNumbers, ObservationModel | None]:
+    """Return the numbers of sensors and initial state, and the observation model with `free` states."""
+    for name in model.outer:
+        start, unit = config.initial.get(name), model.symbols[name].unit
+        check_quantity(errors, ("initial", name), start, unit)
+    checked = {e: _sensor_number(errors, e) for e in sensor_entries(config, model)}
+    sensing = errors.run(("inputs",), build_sensing, config, [*checked], free)
+    _check_ineffective(errors, config)
+    if config.initial.state == "steady":
+        check_steady(errors, config, model)
+    return checked, sensing
+
+
+def sensor_entries(config: Config, model: Model) -> Iterator[SensorEntry]:
+    """Yield the entries in the order of their unknowns: channels, inputs, the start."""
+    for name, spec in config.record.channels.items():
+        if spec.derived_from is not None:
+            continue
+        location: Location = ("record", "channels", name)
+        signals = (*model.states, *model.combinations)
+        measured = (s for s in signals if s == name or s in (spec.measures or ""))
+        si = next((model.symbols[signal].unit for signal in measured), "1")  # "1" if misspelt
+        signal = config.vocabulary.signals.get(name) or symbols.own_symbol(name, "1", None, "")
+        yield from _column_entries(location, "lag", spec, si, signal.latex)
+    for name, symbol in config.vocabulary.inputs.items():
+        input_spec = config.inputs.get(name)
+        if isinstance(input_spec, InputColumn | InputQuantity):
+            late: SensorKind = "delay" if len(measured_inputs(config)) == 1 else "lag"
+            at: Location = ("inputs", name)
+            yield from _column_entries(at, late, input_spec, symbol.unit, symbol.latex)
+    if (shift := config.inputs.get(DELAY)) is not None:
+        delay = Symbol(DELAY, "s", "t_0", "s", "delay of the inputs")
+        yield SensorEntry(("inputs", DELAY), "delay", "", delay, shift, "s")
+    for name in model.outer:
+        start = config.initial.get(name)
+        if isinstance(start, SensorPrior):  # fixed and `free` states have no entry
+            symbol = symbol_of_state(model, name)
+            yield SensorEntry(("initial", name), "state", name, symbol, start, symbol.unit)
+
+
+def _column_entries(
+    location: Location, late: SensorKind, spec: Any, si: str, latex: str
+) -> Iterator[SensorEntry]:
+    """Yield the entries of a column, whose lag is its own or, by `late`, the delay of all inputs."""
+    name = str(location[-1])
+    lag = f"lag of the sensor of {name}" if late == "lag" else f"delay of {name}"
+    kinds: tuple[tuple[str, SensorKind, str, str, str, str], ...] = (
+        ("gain", "gain", "1", "1", "g", f"gain of the sensor of {name}"),
+        ("offset", "offset", spec.unit, si, "b", f"offset of {name}"),
+        ("lag", late, "s", "s", r"\tau", lag),
+    )
+    for key, kind, unit, unit_in_si, sign, meaning in kinds:
+        entry = getattr(spec, key, None)
+        if entry is not None:
+            drawn, shown_unit = rf"{sign}_{{{latex}}}", symbols.latex_unit(unit_in_si)
+            symbol = Symbol(f"{key}_{name}", unit_in_si, drawn, shown_unit, meaning)
+            yield SensorEntry((*location, key), kind, name, symbol, entry, unit)
+
+
+def _sensor_number(errors: IssueCollector, entry: SensorEntry) -> ParsedNumber | None:
+    """Return the number of an entry; None if it, or the column whose unit it takes, has a mistake."""
+    if entry.kind == "offset" and not getattr(entry.spec, "unit", None):
+        try:
+            units.factor(entry.unit, entry.symbol.unit)
+        except ValueError:
+            return None
+    return errors.run(entry.location, parse_sensor_number, entry)
+
+
+def parse_sensor_number(entry: SensorEntry) -> ParsedNumber:
+    """Return the number of an entry in SI."""
+    unit = getattr(entry.spec, "unit", None) or entry.unit
+    factor = 1.0 if entry.kind == "gain" else units.factor(unit, entry.symbol.unit)
+    value, start = number_in_si(entry.spec, factor)
+    if not isinstance(value, float) and getattr(entry.spec, "start", None) is None:
+        start = float(value.quantile(np.array([0.5]))[0])
+    low, high = ends_of(value, 1e-6)
+    if entry.kind == "gain" and low <= 0 <= high:
+        raise ValueError(
+            "a gain of zero shows nothing; keep its prior on one side of zero, such as `prior: "
+            "log_normal, median: 1, sd_log: 0.02`"
+        )
+    role: Role = "start" if entry.kind == "state" else "sensor"
+    return ParsedNumber(
+        symbol=entry.symbol, role=role, value=value, start=start, factor=factor, unit=unit
+    )
+
+
+def _check_ineffective(errors: IssueCollector, config: Config) -> None:
+    """Add an issue for each number of a sensor that has no effect."""
+    for name, spec in config.record.channels.items():
+        for kind in numbers.SensorFields.model_fields if spec.derived_from is not None else ():
+            if getattr(spec, kind) is not None:
+                evidence = f"{name} is derived from {spec.derived_from}, and no evidence"
+                errors.add(("record", "channels", name, kind), f"{evidence}; remove this")
+    for name in config.vocabulary.inputs:
+        input_spec = config.inputs.get(name)
+        is_zero = isinstance(input_spec, InputQuantity) and input_spec.value == 0
+        if is_zero and input_spec.gain is not None:
+            message = "a gain of nothing changes nothing; give `offset:`, or another value"
+            errors.add(("inputs", name, "gain"), message)
+
+
+def build_sensing(
+    config: Config, entries: Sequence[SensorEntry], free: Sequence[str]
+) -> ObservationModel:
+    """Return the observation model of an experiment: its sensor `entries` and `free` states."""
+    names: dict[tuple[SensorKind, bool], dict[str, str]] = defaultdict(dict)
+    for entry in entries:
+        names[entry.kind, entry.location[0] == "inputs"][entry.target] = entry.symbol.name
+    delays = [*names["delay", True].values()]
+    if len(delays) > 1 or (delays and names["lag", True]):
+        raise ValueError(
+            "all inputs have one delay, `t_0:`, or each that is measured its own, `lag:`; give one of "
+            "the two"
+        )
+    return ObservationModel(
+        gains=names["gain", False],
+        offsets=names["offset", False],
+        lags=names["lag", False],
+        input_gains=names["gain", True],
+        input_offsets=names["offset", True],
+        input_lags=names["lag", True],
+        delay=delays[0] if delays else None,
+        states=names["state", False] | {name: state_name(name) for name in free},
+        steady=config.initial.state == "steady",
+    )
+
+
+def without_sensors(
+    experiment: Experiment, sensing: ObservationModel, numbers: Iterable[ParsedNumber]
+) -> Experiment:
+    """Return the experiment with known or initial gains and offsets of its sensors removed."""
+    values = {n.name: n.value if isinstance(n.value, float) else n.start for n in numbers}
+    y = experiment.y.copy()
+    for k, channel in enumerate(experiment.channels):
+        offset = values.get(sensing.offsets.get(channel.name, ""))
+        gain = values.get(sensing.gains.get(channel.name, ""))
+        y[:, k] = (y[:, k] - (offset or 0.0)) / (gain or 1.0)
+    return dataclasses.replace(experiment, y=frozen(y))
+
+
+LAG_TAIL = 1e-6  # prior probability that a lag is longer than the samples that are left out
+LAG_TAIL_BEYOND_RECORD = 0.025  # prior probability, at either end, of a lag beyond the record
+
+
+def start_beyond_lags(
+    experiment: Experiment,
+    model: Model,
+    sensing: ObservationModel,
+    values: Mapping[str, float | Prior],
+) -> Experiment:
+    """Return the experiment without the samples that lags leave undetermined.
+
+    If the rig moves at the start, the first samples show motion before it. If the record shows an input
+    late, the last samples depend on the input after its end.
+    """
+    y, notes = np.array(experiment.y), list(experiment.told)
+    late = sensing.shifts or bool(sensing.input_lags)
+    moves, t = late and sensing.moves(experiment.start, model.angles), experiment.t
+    felt = [ends_of(values[name], LAG_TAIL) for name in sensing.input_lags.values()]
+    first = min([0.0, *(low for low, _ in felt)])
+    last = max([0.0, *(high for _, high in felt)])
+    if sensing.delay is not None:
+        last += ends_of(values[sensing.delay], LAG_TAIL)[1]
+    for k, channel in enumerate(experiment.channels):
+        lag = sensing.lags.get(channel.name)
+        lag_value = 0.0 if lag is None else values[lag]
+        lowest_lag, highest_lag = ends_of(lag_value, LAG_TAIL)
+        measured = ~np.isnan(y[:, k])
+        before = measured & (t < experiment.t_start + last + highest_lag) & moves
+        after = measured & (t > t[-1] + first + lowest_lag + 1e-9 * experiment.dt) & (first < 0.0)
+        for undetermined, origin in (
+            (before, "was before the start (lag)"),
+            (after, "an input did after the end of the record (lag)"),
+        ):
+            if undetermined.any():
+                y[undetermined, k] = np.nan
+                count = f"{channel.name}: {int(undetermined.sum())} samples"
+                notes.append(f"{count} are left out, as they may show what {origin}")
+    if len(notes) == len(experiment.told):
+        return experiment
+    return dataclasses.replace(experiment, y=frozen(y), told=tuple(notes))
+
+
+def check_lag(lag: ParsedNumber, experiment: Experiment) -> None:
+    """Raise `ValueError` for a lag, or a delay, for which the record is too short."""
+    duration = float(experiment.t[-1] - experiment.t_start)
+    low, high = ends_of(lag.value, LAG_TAIL_BEYOND_RECORD)
+    if not max(abs(low), abs(high)) < duration:
+        raise ValueError(
+            f"lags from {low:.4g} to {high:.4g} s are allowed, and the record has "
+            f"{duration:.4g} s: what it shows would be no answer to its inputs; check the unit, or "
+            "narrow the prior"
+        )
