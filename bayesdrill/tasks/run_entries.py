@@ -28,7 +28,9 @@ from bayesdrill.report.view import ReportContext
 from bayesdrill.sampling.evidence import Evidence
 from bayesdrill.sampling.proposal.learning import LearnedProposal
 
-FORM = 2  # version of `RunRecord`; the first repeated the numbers of the analysis
+# Version of `RunRecord`. The first repeated the numbers of the analysis; the second, whose analysis had
+# sentences where findings are now, is read without its analysis, which is evaluated again.
+FORM, READ_TOO = 3, 2
 OLDER = (
     "was written by an older version of bayesdrill, and is not read any more; `bayesdrill posterior "
     "CONFIG --resume` goes on with its chain and writes it anew"
@@ -78,7 +80,7 @@ class RunRecord:
     compression: how the compressed likelihood of long records compares with the exact one
     maxima: maxima of the posterior, and the share of each [SI]
     importance: posterior means that the proposal gives without a chain [SI]
-    analysis: all that is said of the run, evaluated once
+    analysis: all that is said of the run, evaluated once; null where another version has written it
     analysis_of: a digest of what the analysis was made of
     """
 
@@ -138,7 +140,7 @@ def read_record(run: Mapping[str, Any], folder: Path) -> RunRecord | None:
     if run.get("form") is None and run.get("status") != "finished":
         return None
     try:
-        if run.get("form") == FORM:
+        if run.get("form") in (FORM, READ_TOO):
             return from_data(RunRecord, run)
     except ValueError:
         pass

@@ -76,9 +76,10 @@ def test_published_results_are_read_whole_or_refused_with_the_reason(folder: Pat
     assert data == {name: run[name] for name in data}
 
 
-def test_an_analysis_of_another_form_is_left_out() -> None:
+@run_cases("form", [2, 3])
+def test_an_analysis_of_another_form_is_left_out(form: int) -> None:
     """So that it is evaluated again, from a chain that can be read."""
-    run = FINISHED | {"analysis": {"unknowns": "other records"}}
+    run = FINISHED | {"form": form, "analysis": {"unknowns": "other records"}}
     read = read_record(run, Path("run"))
     assert read is not None
     assert read.analysis is None
