@@ -25,6 +25,7 @@ from bayesdrill.report.sections.nominal import (
     verdict_sentence,
 )
 from bayesdrill.report.view import ReportContext
+from bayesdrill.results.run_folder import FolderEntries
 from bayesdrill.sampling.evidence import Evidence
 from bayesdrill.sampling.proposal.learning import LearnedProposal
 
@@ -35,17 +36,6 @@ OLDER = (
     "was written by an older version of bayesdrill, and is not read any more; `bayesdrill posterior "
     "CONFIG --resume` goes on with its chain and writes it anew"
 )
-FOLDER_ENTRIES: Mapping[str, str] = {  # entries of `run.json` that a folder has from its beginning
-    "job": "the command that made the folder",
-    "fingerprint": "what decides the chain, by name",
-    "status": "running, interrupted or finished",
-    "seed": "the seed of all random numbers",
-    "versions": "of bayesdrill, Python and the libraries",
-    "seconds": "how long the parts of the run took [s]",
-    "missing": "tables and figures that could not be made, and why",
-    "files": "digests of all files that were written, by name",
-    "checksum": "of all other entries",
-}
 
 
 def _analysis_of_this_form(value: Any, read: Callable[[Any], RunAnalysis]) -> RunAnalysis | None:
@@ -183,13 +173,15 @@ class _RunSchema(GenerateJsonSchema):
 
 def run_schema() -> str:
     """Return the JSON schema of `run.json` as text."""
-    record = TypeAdapter(RunRecord).json_schema(schema_generator=_RunSchema, mode="serialization")
-    others = {name: {"description": text} for name, text in FOLDER_ENTRIES.items()}
+    record, folder = (
+        TypeAdapter(kind).json_schema(schema_generator=_RunSchema, mode="serialization")
+        for kind in (RunRecord, FolderEntries)
+    )
     described = {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "run.json of bayesdrill posterior",
         "type": "object",
-        "properties": record["properties"] | others,
+        "properties": record["properties"] | folder["properties"],
         "$defs": record["$defs"],
     }
     return json.dumps(described, indent=2) + "\n"
