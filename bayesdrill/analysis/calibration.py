@@ -28,6 +28,7 @@ import scipy
 from bayesdrill.basics import seeds
 from bayesdrill.basics.arrays import Array, Counts
 from bayesdrill.basics.errors import InputError
+from bayesdrill.basics.findings import Finding
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.sampling.fit import FitPlan, fit
 
@@ -190,7 +191,7 @@ class Refit:
     r_hat: float
     ess: float
     steps: int
-    reasons: tuple[str, ...]
+    reasons: tuple[Finding, ...]
     seconds: float = field(compare=False)  # the time that it took is not part of the result
 
     @property
@@ -212,7 +213,7 @@ def refit(study: CalibrationStudy, index: int) -> Refit:
     try:
         _, sampled = fit(posterior, dataclasses.replace(study.plan, chains=chains))
     except ValueError as error:  # the record may be so unreasonable that numbers overflow
-        reasons: tuple[str, ...] = (f"nothing could be sampled: {error}",)
+        reasons: tuple[Finding, ...] = (Finding("nothing sampled", {"why": str(error)}),)
     else:
         # The truth is ranked among L of the nearly independent draws, selected at random.
         pool = sampled.draws.reshape(-1, len(theta))
@@ -298,33 +299,36 @@ class CalibrationVerdict:
         return not self.faults and not self.doubts
 
     @cached_property
-    def faults(self) -> tuple[str, ...]:
-        """Return sentences on faults that chance does not explain, the worst first."""
-        faults = []
-        for quantity in sorted(self.quantities, key=lambda q: -q.reach):
-            if not quantity.holds:
-                why = f" ({quantity.shape})" if quantity.shape else ""
-                faults.append(f"ranks of {quantity.name} leave the band{why}")
-        faults += [
-            f"{100 * interval.share:.3g} % intervals of {quantity.name} hold the truth in "
-            f"{100 * interval.inside / self.band.n:.0f} % of the refits"
+    def faults(self) -> tuple[Finding, ...]:
+        """Return faults that chance does not explain, the worst first."""
+        ranks = (
+            Finding("ranks outside the band", {"quantity": each.name, "shape": each.shape or ""})
+            for each in sorted(self.quantities, key=lambda q: -q.reach)
+            if not each.holds
+        )
+        intervals = (
+            Finding(
+                "intervals of a wrong share",
+                {"quantity": quantity.name},
+                {"percent": 100 * interval.share, "inside": 100 * interval.inside / self.band.n},
+            )
             for quantity in self.quantities
             for interval in quantity.intervals
             if not interval.holds
-        ]
-        return tuple(faults)
+        )
+        return (*ranks, *intervals)
 
     @cached_property
-    def doubts(self) -> tuple[str, ...]:
-        """Return sentences on why there is no verdict, however good the ranks look."""
+    def doubts(self) -> tuple[Finding, ...]:
+        """Return why there is no verdict, however good the ranks look."""
         doubts = []
         if len(self.not_converged) > MAX_NOT_CONVERGED * self.refits:
-            doubts.append(
-                f"{len(self.not_converged)} of {self.refits} refits did not converge (at most "
-                f"{100 * MAX_NOT_CONVERGED:g} % may)"
-            )
+            numbers = {"count": len(self.not_converged), "refits": self.refits}
+            most = {"most": 100 * MAX_NOT_CONVERGED}
+            doubts.append(Finding("refits not converged", {}, numbers | most))
         if self.lost:
-            doubts.append(f"{len(self.lost)} of {self.refits} refits gave no draws at all")
+            numbers = {"count": len(self.lost), "refits": self.refits}
+            doubts.append(Finding("refits without draws", {}, numbers))
         return tuple(doubts)
 
 

@@ -24,6 +24,7 @@ from bayesdrill.analysis.identifiability.structure import Exponents
 from bayesdrill.analysis.plausibility import DiffusePrior
 from bayesdrill.analysis.prediction import HeldOutScore, LooScore
 from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.findings import Finding
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.derived import hdi
 from bayesdrill.inference.posterior import Problem
@@ -141,7 +142,7 @@ class RunSummary:
     """A run is compared with others by its evidence and scores.
 
     Runs with the same settings `rig` or `noise` have the same rig or noise, apart from priors, which
-    are in `beliefs` by unknown.  `loo` is a score, or says why there is none.
+    are in `beliefs` by unknown.  `loo` is a score, or why there is none.
     """
 
     layer: PosteriorSummary
@@ -153,7 +154,7 @@ class RunSummary:
     noise: Mapping[str, str]
     beliefs: Mapping[str, str]
     held_out: HeldOutScore | None
-    loo: LooScore | str
+    loo: LooScore | Finding
 
     @property
     def name(self) -> str:

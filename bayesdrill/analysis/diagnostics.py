@@ -31,13 +31,6 @@ PRIOR_ONLY_SHRINKAGE = 0.1
 PRIOR_ONLY_DISTANCE = 0.1
 DETERMINED_SHRINKAGE = 0.5  # an unknown with more shrinkage is determined
 
-MEANING: dict[Word, str] = {
-    "determined": "the record, with what is believed of the others, narrows the prior to less than half",
-    "weak": "the record narrows the prior, but to no less than half",
-    "through others": "narrower than the prior only by the priors of others: the record knows ratios",
-    "prior only": "the posterior is just the prior: this record does not determine it",
-}
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ParameterRow:

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.analysis.findings import Finding
 from bayesdrill.analysis.identifiability.information import Information, SensitivityStudy
 from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.findings import Finding
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.priors import Prior, prior_log_sd, prior_sd
 from bayesdrill.rig.models.linear import Model, dynamics

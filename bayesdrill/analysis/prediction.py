@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from bayesdrill.analysis.calibration import RankBand, ecdf_band, shape
 from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.findings import Finding
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.basics.units import Unit
 from bayesdrill.inference.likelihood import Observation
@@ -145,19 +146,17 @@ def held_out(posterior: Posterior, theta: Array) -> HeldOutScore | None:
 
 def leave_one_out(
     posterior: Posterior, theta: Array, residual_rows: tuple[ResidualSummary, ...]
-) -> LooScore | str:
-    """Score each sample without itself, by draws `theta (N, D)`, or say why this is impossible."""
+) -> LooScore | Finding:
+    """Score each sample without itself, by draws `theta (N, D)`, or return why this is impossible."""
     observations = posterior.likelihood.observations
     if sum(observation.n_measured for observation in observations) > MAX_SCORED:
-        return f"more than {MAX_SCORED} samples"
+        return Finding("too many samples to leave out", {}, {"most": MAX_SCORED})
     if any(has_memory(observation, theta) for observation in observations):
-        return "its noise remembers: a sample that is left out is told by those beside it"
+        return Finding("noise with memory")
     if coloured := [row for row in residual_rows if row.correlated]:
         worst = max(coloured, key=lambda row: abs(row.correlation))
-        return (
-            f"what it leaves is not white (correlation of neighbours {worst.correlation:.2f} in "
-            f"{worst.name}): a sample that is left out is told by those beside it"
-        )
+        numbers = {"correlation": worst.correlation}
+        return Finding("residuals with memory", {"channel": worst.name}, numbers)
     from arviz_stats.base import array_stats  # imported here, as loading takes half a second
 
     smoothed: Any = array_stats.psislw

@@ -6,8 +6,8 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 
 import numpy as np
 
-from bayesdrill.analysis.findings import Finding
 from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.findings import Finding
 from bayesdrill.record.experiment import Channel, Experiment
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.models.roles import InertiaRoles

@@ -13,7 +13,6 @@ from bayesdrill.analysis import causes, diagnostics, latent_torque, plausibility
 from bayesdrill.analysis.causes import Causes, EquivalentExplanation
 from bayesdrill.analysis.comparison import RepeatedProduct, repeats
 from bayesdrill.analysis.diagnostics import DETERMINED_SHRINKAGE, ParameterRow
-from bayesdrill.analysis.findings import Finding
 from bayesdrill.analysis.friction_motion import FrictionMotion, friction_motions
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.latent_torque import (
@@ -23,12 +22,17 @@ from bayesdrill.analysis.latent_torque import (
     regress_torque,
 )
 from bayesdrill.analysis.plausibility import DiffusePrior
-from bayesdrill.analysis.suspicions import InputTiming, half_sample_shift
+from bayesdrill.analysis.suspicions import (
+    InputTiming,
+    half_sample_shift,
+    suspicions_of_problem,
+)
 from bayesdrill.analysis.verdict import Judgement, basis, conclude
 from bayesdrill.basics import json_records, seeds
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.equality import Value
 from bayesdrill.basics.errors import ErrorCollector
+from bayesdrill.basics.findings import Finding
 from bayesdrill.config.schema.config import Asked
 from bayesdrill.inference import derived
 from bayesdrill.inference.derived import Derived, DerivedRow, product_name
@@ -36,7 +40,7 @@ from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.residual_checks import (
     ResidualSummary,
     correlations,
-    input_sentences,
+    followed_inputs,
     like_noise,
     residual_summaries,
 )
@@ -147,7 +151,7 @@ class RunAnalysis:
 
     unknowns: what the draws say of each unknown [its own unit, SI]
     fit: what the MAP leaves of each channel [sd of the noise]
-    inputs: sentences on inputs that residuals follow, where the fit leaves more than noise
+    inputs: inputs that residuals follow, where the fit leaves more than noise
     sandwich: sds of unknowns and products that allow for what the fit leaves [its own unit, SI]
     judged: what the record can show, and the verdict, if there is a table [SI, sigma, natural logs]
     repeats: products of unknowns as each of several experiments has them [natural logs]
@@ -166,12 +170,12 @@ class RunAnalysis:
     moment: what inputs half a sample later would move [s, sd of the unknown]
     course: friction that drives instead of braking
     rig: what is wrong with roles and gear of the rig
-    suspicions: sentences on columns, units and sensors of the record
+    suspicions: what looks wrong with columns, units and sensors of the record
     """
 
     unknowns: tuple[ParameterRow, ...]
     fit: tuple[ResidualSummary, ...]
-    inputs: tuple[str, ...]
+    inputs: tuple[Finding, ...]
     sandwich: Mapping[str, float]
     judged: Judgement | None
     repeats: tuple[RepeatedProduct, ...]
@@ -190,7 +194,7 @@ class RunAnalysis:
     moment: InputTiming | None
     course: tuple[Finding, ...]
     rig: tuple[Finding, ...]
-    suspicions: tuple[str, ...]
+    suspicions: tuple[Finding, ...]
 
     @property
     def numbers(self) -> Mapping[str, Any]:
@@ -220,7 +224,6 @@ def analyse(
     run: RunDraws,
     asked: Asked,
     sensitivity: SensitivityStudy,
-    suspicions: tuple[str, ...] = (),
     *,
     alone: bool = True,
     explained: Causes | None = None,
@@ -243,7 +246,7 @@ def analyse(
     return RunAnalysis(
         unknowns=rows,
         fit=run.fit,
-        inputs=() if fits else input_sentences(correlations(posterior.likelihood, best)),
+        inputs=() if fits else followed_inputs(correlations(posterior.likelihood, best)),
         sandwich={} if fits else diagnostics.sandwich_sds(posterior, best, compared),
         judged=judged,
         repeats=repeats(sensitivity, best, products),
@@ -263,7 +266,7 @@ def analyse(
         moment=half_sample_shift(sensitivity, best) if fits else None,
         course=tuple(plausibility.plausibility_of_course(sensitivity, best)),
         rig=(*plausibility.of_roles(problem), *plausibility.plausibility_of_gear(problem)),
-        suspicions=suspicions,
+        suspicions=tuple(suspicions_of_problem(problem)),
     )
 
 

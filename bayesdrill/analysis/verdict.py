@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 
 from bayesdrill.analysis import plausibility
 from bayesdrill.analysis.diagnostics import ParameterRow, Word, end_at_nominal, summarise
-from bayesdrill.analysis.findings import Finding
 from bayesdrill.analysis.identifiability.information import SensitivityStudy, simple_exponents
 from bayesdrill.analysis.identifiability.structure import Exponents
 from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy, products, study_of
 from bayesdrill.basics import seeds
 from bayesdrill.basics.arguments import check_arguments
 from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.findings import Finding
 from bayesdrill.config.schema.config import Asked, Thresholds
 from bayesdrill.inference.derived import hdi
 from bayesdrill.inference.posterior import Problem

@@ -139,7 +139,7 @@ def _load_several(
     whole, config = join_experiments(source, alone), None
     if alone or source.data[EXPERIMENTS]:
         first = next(iter(resolved.values()), None)
-        config, errors = read_config(whole, words, first and first.validated)
+        config, errors = read_config(whole, words, None if first is None else first.validated)
         problems += [  # other mistakes are reported by the experiments
             source.issue(location, message_of(item, location))
             for location, item in _by_location(errors, source).items()
@@ -163,7 +163,7 @@ def _load_single(
     source: Source, words: Vocabulary, known: ResolvedExperiment | None, label: str = ""
 ) -> ResolvedExperiment:
     problems, resolved = list(source.repeated), None
-    config, found = read_config(source.data, words, known and known.validated)
+    config, found = read_config(source.data, words, None if known is None else known.validated)
     if config is None:
         errors = _by_location(found, source)
         messages = {location: message_of(item, location) for location, item in errors.items()}

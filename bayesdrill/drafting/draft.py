@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from bayesdrill import output_files
-from bayesdrill.analysis.findings import Finding
 from bayesdrill.analysis.record_findings import findings_of_record
 from bayesdrill.basics.errors import InputError, Issue
+from bayesdrill.basics.findings import Finding
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.config import loading
 from bayesdrill.config.job import assemble

@@ -17,6 +17,7 @@ import numpy as np
 import scipy
 
 from bayesdrill.basics.arrays import Array, Indices
+from bayesdrill.basics.findings import Finding
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Likelihood
 from bayesdrill.record.experiment import Channel
@@ -203,25 +204,24 @@ def correlations(likelihood: Likelihood, theta: Array) -> tuple[ResidualCorrelat
     return tuple(chain.from_iterable(pairs))
 
 
-def input_sentences(correlations: Sequence[ResidualCorrelation]) -> tuple[str, ...]:
-    """Say which residuals follow an input more than chance explains, allowing for all lags."""
+def followed_inputs(correlations: Sequence[ResidualCorrelation]) -> tuple[Finding, ...]:
+    """Return which residuals follow an input more than chance explains, allowing for all lags."""
     of_inputs = [correlation for correlation in correlations if correlation.input]
     looks = sum(len(correlation.lags) for correlation in of_inputs)
-    sentences = []
+    findings = []
     for correlation in of_inputs:
         z_scores = np.abs(correlation.values) / correlation.sds
         k = int(z_scores.argmax())
         limit = -float(scipy.special.ndtri(0.5 * FALSE_ALARM / looks))
-        lag, sd = int(correlation.lags[k]), correlation.sds[k]
         if z_scores[k] > limit:
             where = f" in {correlation.experiment}" if correlation.experiment else ""
-            sentences.append(
-                f"the residuals of {correlation.channel.name}{where} follow the input "
-                f"{correlation.input}, {lag:+d} samples ({lag * correlation.step:.3g} s) after it "
-                f"(correlation {correlation.values[k]:.2g}, chance gives at most {limit * sd:.2g})"
-                + (": the input answers to the rig, or times are off" if lag < 0 else "")
-            )
-    return tuple(sentences)
+            lag, sd = int(correlation.lags[k]), float(correlation.sds[k])
+            names = {"channel": correlation.channel.name + where, "input": correlation.input}
+            numbers = {"lag": lag, "seconds": lag * correlation.step}
+            numbers |= {"correlation": float(correlation.values[k]), "chance": limit * sd}
+            kind = "residuals before an input" if lag < 0 else "residuals after an input"
+            findings.append(Finding(kind, names, numbers))
+    return tuple(findings)
 
 
 def _correlations(

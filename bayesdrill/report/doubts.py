@@ -13,6 +13,7 @@ from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.residual_checks import ResidualSummary, like_noise
 from bayesdrill.inference.step_error import MAX_ERROR_OVER_NOISE, TRUTH_REFINEMENT, StepError
 from bayesdrill.record.clocks import median_step
+from bayesdrill.report.findings import finding_sentences
 from bayesdrill.sampling.ensembles import SamplingResult
 from bayesdrill.sampling.mode_search import Mode
 
@@ -22,7 +23,7 @@ def run_doubts(
 ) -> tuple[str, ...]:
     """Return reasons not to believe a run (it did not converge, or does not fit), or none."""
     fit = (*residual_reasons(left), *sandwich_reasons(unsupported))
-    return (*sampled.convergence.reasons, *fit)
+    return (*finding_sentences(sampled.convergence.reasons), *fit)
 
 
 def figure_warning(sampled: SamplingResult, left: Sequence[ResidualSummary]) -> str:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from itertools import starmap
 
-from bayesdrill.analysis.findings import Finding
+from bayesdrill.basics.findings import Finding
 
 IDEAL_MOTOR = (
     "In SI units the two are equal in an ideal motor, and losses make {constant} the smaller one. "
@@ -14,7 +15,20 @@ POWER_OF_DRAWS = (
     "energy: {constant} is more than {margin:g} % above {back_emf} in {percent:.3g} % of the draws "
     "(median ratio {ratio:.3g}). Such a motor would give more power than it takes up, which none does. "
 )
-# By kind of finding; `{draws}` and `{mostly}` are left empty where nothing is known of them.
+FOLLOWED = (
+    "the residuals of {channel} follow the input {input}, {lag:+.0f} samples ({seconds:.3g} s) after it "
+    "(correlation {correlation:.2g}, chance gives at most {chance:.2g})"
+)
+AT_WALKER = (
+    "walker {walker:.0f} of ensemble {ensemble:.0f}, at {unknown} {mean:.4g} where the others have "
+    "{centre:.4g} +- {sd:.2g} in SI"
+)
+MISSED = (
+    "coverage: about {{percent:.2g}} % of the posterior lies where the proposal hardly ever leads, "
+    "so {}; narrow the priors that span decades"
+)
+NEIGHBOURS = "a sample that is left out is told by those beside it"
+# By kind of finding; `_phrases` makes the phrases that depend on whether something is known.
 SENTENCES: Mapping[str, str] = {
     "unlikely nominal value": (
         "the nominal value {value:.4g} of {name} is far outside its prior, which goes from {low:.4g} to "
@@ -110,20 +124,130 @@ SENTENCES: Mapping[str, str] = {
         "one direction: {channel} never turns back, so {offset} cannot be told from {frictions}. Record "
         "the other direction too, or hold one of them"
     ),
+    "anomaly": "{text}",
     "differentiated angle": (
         "derived: the noise of {speed} is that of differences of {angle}. If it is no measurement of "
         "its own, it must not count twice: say derived_from: {angle} at {speed}, or leave it out"
     ),
+    "residuals after an input": FOLLOWED,
+    "residuals before an input": FOLLOWED + ": the input answers to the rig, or times are off",
+    "walkers that hardly move": (
+        "{count:.0f} of {walkers:.0f} walkers did not move for {share:.0%} of {steps:.0f} steps or "
+        "longer: the moves do not suit this posterior. Give sampler.moves other shares"
+    ),
+    "stuck walkers": (
+        "{counted} stuck: the longest did not move for {stay:.0f} of {steps:.0f} steps ("
+        + AT_WALKER
+        + "). Start over with another seed. If it happens there again, look at what the model does at "
+        "this place"
+    ),
+    "walkers at a low density": (
+        "{counted} far from where the posterior is: log density {density:.1f}, the others' {others:.1f} "
+        "("
+        + AT_WALKER
+        + "). This is a lesser maximum, or the chain is still on its way. Start over with another seed, "
+        "or let an end of the prior exclude this place"
+    ),
+    "two groups of walkers": (
+        "the walkers sit in two places and hardly ever cross between them (SI; {places} by "
+        "{walkers:.0f} walkers in {steps:.0f} steps). The shares are those of the start, not of the "
+        "posterior. Give the prior an end that leaves one place out, or add a record that tells them "
+        "apart"
+    ),
+    "growing autocorrelation time": (
+        "the autocorrelation time of {unknown} still grows with the chain: {quarter:.0f} steps from "
+        "quarters of it, {half:.0f} from halves, {whole:.0f} from the whole. Its correlations only seem "
+        "to fade after {tau:.0f}. The chain is at most {times:.0f} of these times long, which is too "
+        "short"
+    ),
+    "burn-in too short to judge": (
+        "the run is too short to judge its burn-in: {taus:.0f} autocorrelation times are {wanted:.0f} "
+        "steps, half of the run is {burn_in:.0f}"
+    ),
+    "the ensembles disagree": (
+        "the ensembles disagree on {unknown}: R-hat {r_hat:.4f}, wanted at most {wanted:g}"
+    ),
+    "the chain is too short": (
+        "the chain is {n_tau:.0f} autocorrelation times long (tau {tau:.0f} steps, {unknown}), wanted "
+        "at least {wanted:g}"
+    ),
+    "too few effective draws": (
+        "{ess:.0f} effective draws of {unknown}, wanted at least {wanted:g}"
+    ),
+    "stopped early, as tau grows": (
+        "stopped early: tau grows with the chain, {tau:.0f} steps after {steps:.0f} and {late_tau:.0f} "
+        "after {late_steps:.0f}. More steps do not help. Hold an unknown, give the priors nearer ends, "
+        "or check whether the model can make this record at all"
+    ),
+    "more steps than max_steps": (
+        "stopped early: it would take about {needed:.0f} steps, more than sampler.max_steps "
+        "({most:.0f}); raise that and continue with --resume, or hold an unknown"
+    ),
+    "more steps than fit in memory": (
+        "stopped early: it would take about {needed:.0f} steps, more than the {most:.0f} that a chain "
+        "of so many walkers and unknowns may have; give sampler.walkers a smaller number, or hold an "
+        "unknown"
+    ),
+    "more maxima than were followed": (
+        "the search for maxima stopped at {maxima:.0f} of them: others, which the record cannot tell "
+        "from these, may hold about {missed:.0%} of the posterior; give the priors nearer ends, or hold "
+        "an unknown"
+    ),
+    "some missed": MISSED.format("the ends of intervals are rough"),
+    "much missed": MISSED.format("all numbers are rough"),
+    "too many samples to leave out": "more than {most:.0f} samples",
+    "noise with memory": f"its noise remembers: {NEIGHBOURS}",
+    "residuals with memory": (
+        "what it leaves is not white (correlation of neighbours {correlation:.2f} in {channel}): "
+        f"{NEIGHBOURS}"
+    ),
+    "nothing sampled": "nothing could be sampled: {why}",
+    "ranks outside the band": "ranks of {quantity} leave the band{reason}",
+    "intervals of a wrong share": (
+        "{percent:.3g} % intervals of {quantity} hold the truth in {inside:.0f} % of the refits"
+    ),
+    "refits not converged": (
+        "{count:.0f} of {refits:.0f} refits did not converge (at most {most:g} % may)"
+    ),
+    "refits without draws": "{count:.0f} of {refits:.0f} refits gave no draws at all",
 }
 
 
 def finding_sentences(findings: Iterable[Finding]) -> tuple[str, ...]:
     """Return the sentence of each finding."""
-    sentences = []
-    for finding in findings:
-        names, numbers = finding.names, finding.numbers
-        share = f" (in {numbers['percent']:.3g} % of the draws)" if "percent" in numbers else ""
-        mostly = f", mostly {names['constants']}," if names.get("constants") else ""
-        words = SENTENCES[finding.kind]
-        sentences.append(words.format(**names, **numbers, draws=share, mostly=mostly))
-    return tuple(sentences)
+    return tuple(map(finding_sentence, findings))
+
+
+def finding_sentence(finding: Finding) -> str:
+    """Return the sentence of a finding; that on one of several experiments begins with its label."""
+    names, numbers = finding.names, finding.numbers
+    phrases = _phrases(finding)
+    if finding.kind == "two groups of walkers":
+        phrases["places"] = "; ".join(starmap(_place, finding.rows.items()))
+    said = SENTENCES[finding.kind].format(**names, **numbers, **phrases)
+    return f"{names['experiment']}, {said}" if "experiment" in names else said
+
+
+def _phrases(finding: Finding) -> dict[str, str]:
+    """Return phrases of a sentence, which are empty where a finding does not have what they say."""
+    names, numbers, rows = finding.names, finding.numbers, finding.rows
+    share = f" (in {numbers['percent']:.3g} % of the draws)" if "percent" in numbers else ""
+    walkers = ""
+    if counts := rows.get("ensembles"):
+        where = ", ".join(f"{count:.0f} in ensemble {k}" for k, count in enumerate(counts) if count)
+        verb = "is" if sum(counts) == 1 else "are"
+        walkers = f"{sum(counts):.0f} of {numbers['walkers']:.0f} walkers ({where}) {verb}"
+    return {
+        "draws": share,
+        "mostly": f", mostly {names['constants']}," if names.get("constants") else "",
+        "reason": f" ({names['shape']})" if names.get("shape") else "",
+        "counted": walkers,
+    }
+
+
+def _place(unknown: str, row: tuple[float, ...]) -> str:
+    low, high, upper, crossings = row
+    return (
+        f"{unknown}: {1 - upper:.1%} of the draws near {low:.4g}, {upper:.1%} near {high:.4g}, "
+        f"{crossings:.0f} crossings"
+    )

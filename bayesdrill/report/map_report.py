@@ -24,6 +24,7 @@ from bayesdrill.report.doubts import (
     step_sentences,
     unbelievable,
 )
+from bayesdrill.report.findings import finding_sentences
 from bayesdrill.report.render import as_html
 from bayesdrill.report.run_report import made_of, provenance_of_records
 from bayesdrill.report.scales import WIDTHS
@@ -84,7 +85,7 @@ class MapReport:
         doubts = unbelievable(self.reasons, converged=False)
         shape = output_files.preferred_format(self.config.output.formats_or_default)
         pictures = [Picture(stem, drawing.says, shape) for stem, drawing in figures.items()]
-        inputs = residual_checks.input_sentences(self.correlations)
+        inputs = finding_sentences(residual_checks.followed_inputs(self.correlations))
         notes = map_notes(self.problem, self.mode)
         fit = "\n".join(filter(None, [*notes, said, *(f"fit: {line}" for line in inputs), steps]))
         return (

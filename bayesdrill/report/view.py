@@ -12,6 +12,7 @@ from bayesdrill.analysis.run_analysis import RunAnalysis, RunDraws
 from bayesdrill.basics import seeds
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.equality import Value
+from bayesdrill.basics.findings import Finding
 from bayesdrill.config.schema.config import Config
 from bayesdrill.inference.derived import Derived
 from bayesdrill.inference.display_units import DisplayedUnknowns, DisplayUnits
@@ -128,16 +129,19 @@ class ReportContext(Value):
     def notes(self) -> tuple[str, ...]:
         """Return sentences on priors, record and rig that are no reason to doubt the draws."""
         analysis = self.analysis
-        missed = self.sampled.coverage("the ends of intervals are rough")
+        missed = self.sampled.missed
+        coverage = (
+            [Finding("some missed", {}, {"percent": 100 * missed})] if missed <= MOST_MISSED else []
+        )
         others = (
+            *finding_sentences(coverage if missed else ()),
             *describe_timing(analysis.moment),
             *finding_sentences((*analysis.course, *analysis.rig)),
             *(f"record: {sentence}" for sentence in words.record_made(self.problem)),
-            *(f"record, {sentence}" for sentence in analysis.suspicions),
+            *(f"record, {sentence}" for sentence in finding_sentences(analysis.suspicions)),
         )
         return (
             *prior_notes(analysis.unknowns, self.units),
-            *([f"note: {missed}"] if missed and self.sampled.missed <= MOST_MISSED else ()),
             *(f"note: {sentence}" for sentence in others),
         )
 

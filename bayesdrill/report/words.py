@@ -8,8 +8,7 @@ import numpy as np
 
 from bayesdrill import output_files
 from bayesdrill.analysis import plausibility
-from bayesdrill.analysis import suspicions as suspected
-from bayesdrill.analysis.record_findings import findings_of_record
+from bayesdrill.analysis.suspicions import ALL, suspicions_of_problem
 from bayesdrill.basics import units
 from bayesdrill.basics.arrays import Array
 from bayesdrill.config.building.case import ResolvedCase
@@ -24,7 +23,6 @@ from bayesdrill.report.section import aligned
 from bayesdrill.rig.models.linear import Model, constants
 from bayesdrill.rig.simulators import COMPRESSED_FROM
 
-FEW, ALL = 3, 50  # places of what is odd that a report names, and `check`
 HEADERS = ("", "measures", "column", "unit", "first", "from", "to")
 
 
@@ -75,22 +73,6 @@ def record_made(problem: Problem) -> tuple[str, ...]:
 
 def _of_experiment(observation: Observation, sentences: Sequence[str]) -> list[str]:
     return [f"{observation.label}, {each}" if observation.label else each for each in sentences]
-
-
-def record_suspicions(problem: Problem, most: int = FEW) -> tuple[str, ...]:
-    """Describe what looks wrong in columns and units, with at most `most` places of each anomaly."""
-    sentences: list[str] = []
-    for observation in problem.observations:
-        odd = [each.in_words(most) for each in observation.experiment.odd]
-        factors = [channel.factor for channel in observation.experiment.channels]
-        said = [
-            *findings_of_record(
-                observation.experiment, problem.model, problem.posterior.space.free
-            ),
-            *suspected.suspicions_of_record(observation.experiment, factors, problem.model),
-        ]
-        sentences += _of_experiment(observation, [*odd, *finding_sentences(said)])
-    return (*sentences, *finding_sentences(suspected.suspicions_of_start(problem)))
 
 
 def _line(name: str, measures: str, spec: ColumnSpec, values: Array) -> tuple[str, ...]:
@@ -201,7 +183,7 @@ def preview(problem: Problem, config: Config) -> str:
         *(f"{kind} values, {doubt}" for doubt in doubts),
         *finding_sentences(findings),
         *(f"record: {note}" for note in record_made(problem)),
-        *(f"record, {note}" for note in record_suspicions(problem, ALL)),
+        *(f"record, {note}" for note in finding_sentences(suspicions_of_problem(problem, ALL))),
     )
     return (
         f"priors:\n{priors}\n"

@@ -11,14 +11,14 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Literal, Required, Self, TypedDict
+from typing import Any, Literal, Self
 
 import numpy as np
 from filelock import FileLock, Timeout
 
 from bayesdrill import output_files
 from bayesdrill.basics.errors import InputError, Issue, report_damage, shortened
-from bayesdrill.basics.json_records import from_data
+from bayesdrill.basics.json_records import as_data, from_data
 from bayesdrill.output_files import LOCK, PIECES, RUN, Kind, atomic_write
 from bayesdrill.sampling.samplers.ensemble import ChainSegment, State
 
@@ -166,24 +166,49 @@ VERSION_OF = "the version of "  # prefix of entries of a fingerprint in which a 
 LONGEST = 120  # most letters of a value in a message
 
 
-class _Listed(TypedDict):
-    """An overlay or a comparison has such an entry for each run."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FolderEntries:
+    """The `run.json` of a folder has these entries, whatever job made it.
 
-    name: str
-    run: str
-    folder: str | None
+    job: the command that made the folder
+    fingerprint: what decides the chain, by name
+    status: running, interrupted or finished
+    seed: the seed of all random numbers
+    versions: of bayesdrill, Python and the libraries
+    seconds: how long the parts of the run took [s]
+    missing: tables and figures that could not be made, and why
+    files: digests of all files that were written, by name
+    checksum: of all other entries
+    """
+
+    job: str
+    fingerprint: Mapping[str, str]
+    status: str = ""
+    seed: int | None = None
+    versions: Mapping[str, str] = field(default_factory=dict)
+    seconds: Mapping[str, float] | float = field(default_factory=dict)
+    missing: tuple[str, ...] = ()
+    files: Mapping[str, str] = field(default_factory=dict)
+    checksum: str = ""
 
 
-class _Entries(TypedDict, total=False):
-    """A folder keeps these entries of `run.json`, which are read here."""
+def dump_record(record: Any, form: int, **others: Any) -> str:
+    """Return the text of a file with a record, the version of its form, and other entries."""
+    return output_files.dumps_checksummed({"form": form, **others, **as_data(record)})
 
-    job: Required[str]
-    fingerprint: Required[dict[str, str]]
-    status: str
-    versions: dict[str, str]
-    files: dict[str, str]
-    runs: list[_Listed]
-    seconds: dict[str, float] | float
+
+def load_record[T](
+    path: Path, kind: type[T], form: int, *, strict: bool = True
+) -> tuple[T, dict[str, Any]]:
+    """Read a text of `dump_record`; raises `InputError` if it is damaged or of another form."""
+    why = COMPUTED_AGAIN
+    try:
+        data = output_files.loads_checksummed(path.read_bytes())
+        if data.get("form", 1) != form:  # the first forms had no number
+            why = f"was written by another version of bayesdrill; {AGAIN}"
+        return from_data(kind, data, strict=strict), data
+    except ValueError:
+        raise InputError.at(str(path), why) from None
 
 
 @dataclass(slots=True)
@@ -433,7 +458,7 @@ def read_run(folder: Path) -> dict[str, Any] | None:
     output_files.refuse_endless(path)
     try:
         entries = output_files.loads_checksummed(path.read_bytes())
-        from_data(_Entries, entries, strict=True)
+        from_data(FolderEntries, entries, strict=True)
         return entries
     except ValueError:
         message = "is damaged, or not of this bayesdrill; put back a copy, or give another folder"

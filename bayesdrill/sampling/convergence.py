@@ -11,7 +11,7 @@ sample size comes from the autocorrelation time of an ensemble, averaged over it
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,6 +19,7 @@ import numpy as np
 import scipy
 
 from bayesdrill.basics.arrays import Array, Flags, Indices, StoredArray
+from bayesdrill.basics.findings import Finding
 
 # The longest stay of a stuck walker is at least this share of the kept steps, and this many times
 # that of the median walker.
@@ -43,8 +44,8 @@ class PostBurnInChain:
     n_tau: float  # the target length in autocorrelation times
 
 
-def walker_troubles(chain: PostBurnInChain) -> tuple[str, ...]:
-    """Return a sentence for each trouble of single walkers: value, place, and what to do.
+def walker_troubles(chain: PostBurnInChain) -> tuple[Finding, ...]:
+    """Return the troubles of single walkers, each with its place.
 
     A walker that one check names is left out of the next, so that each trouble is named once.
     """
@@ -124,61 +125,41 @@ def long_run_tau(theta: Array, selected: Flags, sd: Array, parts: int = 1) -> Ar
     return np.asarray(length * total / max(freedom, 1) / np.where(sd > 0, sd, 1.0) ** 2)
 
 
-def _stuck_walkers(chain: PostBurnInChain, stuck: Flags, stay: Indices) -> Iterator[str]:
-    n_steps = chain.theta.shape[1]
+def _stuck_walkers(chain: PostBurnInChain, stuck: Flags, stay: Indices) -> Iterator[Finding]:
+    steps = chain.theta.shape[1]
     if stuck.mean() > 0.5:
-        yield (
-            f"{stuck.sum()} of {stuck.size} walkers did not move for {STUCK_SHARE:.0%} of "
-            f"{n_steps} steps or longer: the moves do not suit this posterior. Give sampler.moves "
-            "other shares"
-        )
+        counts = {"count": int(stuck.sum()), "walkers": stuck.size, "steps": steps}
+        yield Finding("walkers that hardly move", {}, {**counts, "share": STUCK_SHARE})
     elif stuck.any():
         stay = np.where(stuck, stay, 0)
-        yield (
-            f"{_counted(stuck)} stuck: the longest did not move for {stay.max()} of {n_steps} steps "
-            f"({_where(chain, int(np.argmax(stay)), ~stuck)}). Start over with another seed. If "
-            "it happens there again, look at what the model does at this place"
-        )
+        stays = {"stay": int(stay.max()), "steps": steps}
+        yield _at_walker("stuck walkers", stays, chain, int(np.argmax(stay)), stuck, ~stuck)
 
 
 def _low_density_walkers(
     chain: PostBurnInChain, low: Flags, sound: Flags, medians: Array
-) -> Iterator[str]:
+) -> Iterator[Finding]:
     if not low.any():
         return
     lowest = int(np.argmin(np.where(low, medians, np.inf)))
-    yield (
-        f"{_counted(low)} far from where the posterior is: log density {medians.flat[lowest]:.1f}"
-        f", the others' {np.median(medians[sound]):.1f} "
-        f"({_where(chain, lowest, sound)}). This is a lesser maximum, or "
-        "the chain is still on its way. Start over with another seed, or let an end of the prior "
-        "exclude this place"
-    )
+    densities = {"density": float(medians.flat[lowest]), "others": float(np.median(medians[sound]))}
+    yield _at_walker("walkers at a low density", densities, chain, lowest, low, sound)
 
 
-def _two_groups_of_walkers(chain: PostBurnInChain, sound: Flags, sd: Array) -> list[str]:
+def _two_groups_of_walkers(chain: PostBurnInChain, sound: Flags, sd: Array) -> list[Finding]:
     means = chain.theta.mean(axis=1)[sound]
-    places = []
+    places = dict[str, tuple[float, ...]]()
     for d, name in enumerate(chain.names):
         low, high = group_centres(means[:, d])
         if not high - low > MIN_GROUP_DISTANCE * sd[d]:
             continue
         if groups := find_two_groups(np.swapaxes(chain.theta[..., d], 1, 2)[sound].T):
-            places.append(
-                f"{name}: {1 - groups.upper_share:.1%} of the draws near {groups.low:.4g}, "
-                f"{groups.upper_share:.1%} near {groups.high:.4g}, {groups.crossings} crossings"
-            )
-    if not places:
-        return []
-    return [
-        f"the walkers sit in two places and hardly ever cross between them (SI; {'; '.join(places)} by "
-        f"{len(means)} walkers in {chain.theta.shape[1]} steps). The shares are those of the start, "
-        "not of the posterior. Give the prior an end that leaves one place out, or add a record that "
-        "tells them apart"
-    ]
+            places[name] = groups.low, groups.high, groups.upper_share, groups.crossings
+    counts = {"walkers": len(means), "steps": chain.theta.shape[1]}
+    return [Finding("two groups of walkers", {}, counts, places)] if places else []
 
 
-def _growing_tau(chain: PostBurnInChain, sound: Flags, sd: Array) -> list[str]:
+def _growing_tau(chain: PostBurnInChain, sound: Flags, sd: Array) -> list[Finding]:
     n_steps, freedom = chain.theta.shape[1], int((sound.sum(axis=1) - 1).clip(0).sum())
     whole = long_run_tau(chain.theta, sound, sd)
     by_chance = float(scipy.special.chdtri(freedom, FALSE_ALARM_PROBABILITY)) / freedom
@@ -187,12 +168,9 @@ def _growing_tau(chain: PostBurnInChain, sound: Flags, sd: Array) -> list[str]:
         return []
     worst = int(np.argmax(np.where(grown, whole, 0.0)))
     quarter, half = (float(long_run_tau(chain.theta, sound, sd, n)[worst]) for n in (4, 2))
-    return [
-        f"the autocorrelation time of {chain.names[worst]} still grows with the chain: {quarter:.0f} "
-        f"steps from quarters of it, {half:.0f} from halves, {whole[worst]:.0f} from the whole. Its "
-        f"correlations only seem to fade after {chain.tau[worst]:.0f}. The chain is at most "
-        f"{n_steps / whole[worst]:.0f} of these times long, which is too short"
-    ]
+    numbers = {"quarter": quarter, "half": half, "whole": float(whole[worst])}
+    numbers |= {"tau": float(chain.tau[worst]), "times": n_steps / float(whole[worst])}
+    return [Finding("growing autocorrelation time", {"unknown": chain.names[worst]}, numbers)]
 
 
 def _pooled_steps(theta: Array, selected: Flags) -> Array:
@@ -201,23 +179,28 @@ def _pooled_steps(theta: Array, selected: Flags) -> Array:
     return steps.reshape(-1, theta.shape[-1])
 
 
-def _counted(flags: Flags) -> str:
-    n, counts = int(flags.sum()), flags.sum(axis=1)
-    where = ", ".join(f"{count} in ensemble {k}" for k, count in enumerate(counts) if count)
-    return f"{n} of {flags.size} walkers ({where}) {'is' if n == 1 else 'are'}"
+def _at_walker(
+    kind: str,
+    numbers: Mapping[str, float],
+    chain: PostBurnInChain,
+    k: int,
+    doubtful: Flags,
+    sound: Flags,
+) -> Finding:
+    """Return a finding on doubtful walkers, of which the k-th is the worst.
 
-
-def _where(chain: PostBurnInChain, k: int, sound: Flags) -> str:
-    """Describe the k-th walker by the unknown that is the most of their sd from the sound ones."""
+    It is described by the unknown in which it is the most sds from the sound ones.
+    """
     ensemble, walker = np.unravel_index(k, sound.shape)
     others = _pooled_steps(chain.theta, sound)
     mean, centre = chain.theta[ensemble, :, walker].mean(axis=0), others.mean(axis=0)
     sd = others.std(axis=0)
     d = int(np.argmax(np.abs(mean - centre) / np.where(sd > 0, sd, 1.0)))
-    return (
-        f"walker {walker} of ensemble {ensemble}, at {chain.names[d]} {mean[d]:.4g} where the others "
-        f"have {centre[d]:.4g} +- {sd[d]:.2g} in SI"
-    )
+    place: dict[str, float] = {"walker": int(walker), "ensemble": int(ensemble)}
+    place |= {"mean": float(mean[d]), "centre": float(centre[d]), "sd": float(sd[d])}
+    place |= {"walkers": doubtful.size, **numbers}
+    ensembles = tuple(doubtful.sum(axis=1).tolist())
+    return Finding(kind, {"unknown": chain.names[d]}, place, {"ensembles": ensembles})
 
 
 BURN_IN_TAUS = 5  # length of the burn-in, in autocorrelation times
@@ -242,21 +225,22 @@ class Convergence:
     """The ensembles of a run have this convergence.
 
     Of the `steps` per ensemble, `burn_in` are dropped and every `thin`-th is kept.  `tau` in steps,
-    `r_hat`, `ess_bulk` and `ess_tail` have the shape `(D,)`.  `reasons` are sentences why the result
-    must not be believed, and `burn_in_rule` says how `burn_in` was chosen.  `slowest` is the unknown
-    with the longest `tau`.  `enough` estimates the steps needed if only length is missing, else None.
+    `r_hat`, `ess_bulk` and `ess_tail` have the shape `(D,)`.  By `reasons` the result must not be
+    believed.  `late_tau` is the longest tau of the second half in steps, which decides `burn_in`, and
+    `slowest` the unknown with the longest `tau`.  `enough` estimates the steps needed if only length
+    is missing, else None.
     """
 
     steps: int
     burn_in: int
-    burn_in_rule: str
+    late_tau: float
     thin: int
     tau: StoredArray
     r_hat: StoredArray
     ess_bulk: StoredArray
     ess_tail: StoredArray
     n_tau: float
-    reasons: tuple[str, ...]
+    reasons: tuple[Finding, ...]
     slowest: str
     enough: int | None
 
@@ -265,17 +249,21 @@ class Convergence:
         """Return whether there is no reason to distrust the result."""
         return not self.reasons
 
+    @property
+    def too_short_for_burn_in(self) -> bool:
+        """Return whether the burn-in is half of the run, and shorter than it should be."""
+        return burn_in_wanted(self.late_tau) > self.burn_in
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChainLength:
     """A chain is `n_tau` times as long as the longest of `tau (D,)`, after `burn_in` steps.
 
-    `wanted_burn_in` is `BURN_IN_TAUS` times `late_tau`, the longest tau of the second half in steps;
-    `burn_in` is that or half of the chain, whichever is less.
+    `late_tau` is the longest tau of the second half in steps; `burn_in` is what it wants, or half of
+    the chain, whichever is less.
     """
 
     burn_in: int
-    wanted_burn_in: int
     late_tau: float
     tau: Array
     n_tau: float
@@ -286,15 +274,19 @@ class ChainLength:
         return math.ceil(min(max(foreseen, MIN_CHECK_GROWTH * steps), MAX_CHECK_GROWTH * steps))
 
 
+def burn_in_wanted(late_tau: float) -> int:
+    """Return the steps that a burn-in should have, for the longest tau of the second half."""
+    return math.ceil(BURN_IN_TAUS * late_tau)
+
+
 def chain_length(theta: Array) -> ChainLength:
     """Measure the length of physical chains `(E, S, W, D)` in autocorrelation times."""
     half = theta.shape[1] // 2
     late = float(autocorrelation_time(theta[:, half:]).max())
-    wanted = math.ceil(BURN_IN_TAUS * late)
-    burn_in = min(wanted, half)
+    burn_in = min(burn_in_wanted(late), half)
     tau = autocorrelation_time(theta[:, burn_in:])
     n_tau = (theta.shape[1] - burn_in) / float(tau.max())
-    return ChainLength(burn_in=burn_in, wanted_burn_in=wanted, late_tau=late, tau=tau, n_tau=n_tau)
+    return ChainLength(burn_in=burn_in, late_tau=late, tau=tau, n_tau=n_tau)
 
 
 def assess(
@@ -314,7 +306,6 @@ def assess(
     n_steps = theta.shape[1]
     measured = measured or chain_length(theta)
     burn_in, tau, n_tau = measured.burn_in, measured.tau, measured.n_tau
-    capped = measured.wanted_burn_in > burn_in
     post_burn_in = theta[:, burn_in:]
     thin = max(1, min(math.ceil(float(tau.max())), post_burn_in.shape[1] // 4))
     draws = thinned(theta, burn_in, thin)
@@ -327,7 +318,7 @@ def assess(
     ess_bulk = np.minimum(arviz.ess(draws, **axes, method="bulk"), by_walkers)
     ess_tail = np.minimum(arviz.ess(draws, **axes, method="tail", prob=0.9), by_walkers)
     missing = list(_reasons(names, targets, measured, r_hat, ess_bulk))
-    troubles: tuple[str, ...] = ()
+    troubles: tuple[Finding, ...] = ()
     if post_burn_in.shape[1] >= MIN_STEPS_FOR_WALKERS:
         density = np.zeros(post_burn_in.shape[:-1]) if log_p is None else log_p[:, burn_in:]
         chain = PostBurnInChain(
@@ -335,17 +326,14 @@ def assess(
         )
         troubles = walker_troubles(chain)
     unsound = bool(troubles) or not (r_hat <= targets.r_hat).all()
-    if capped and not troubles:
-        missing.append(
-            f"the run is too short to judge its burn-in: {BURN_IN_TAUS} autocorrelation times are "
-            f"{measured.wanted_burn_in} steps, half of the run is {burn_in}"
-        )
+    wanted = burn_in_wanted(measured.late_tau)
+    if wanted > burn_in and not troubles:
+        steps = {"taus": BURN_IN_TAUS, "wanted": wanted, "burn_in": burn_in}
+        missing.append(Finding("burn-in too short to judge", {}, steps))
     return Convergence(
         steps=n_steps,
         burn_in=burn_in,
-        burn_in_rule=f"half of the run, too short for {BURN_IN_TAUS} autocorrelation times"
-        if capped
-        else f"{BURN_IN_TAUS} autocorrelation times of {measured.late_tau:.1f} steps",
+        late_tau=measured.late_tau,
         thin=thin,
         tau=tau,
         r_hat=r_hat,
@@ -370,33 +358,27 @@ def thinned(chains: Array, burn_in: int, thin: int) -> Array:
     return np.ascontiguousarray(steps.reshape(steps.shape[0], -1, *steps.shape[3:]))
 
 
-def futility(trail: Sequence[tuple[int, float]], wanted: float, allowed: int, most: int) -> str:
-    """Return why more steps would not help, or an empty text.
+def futility(
+    trail: Sequence[tuple[int, float]], wanted: float, allowed: int, most: int
+) -> Finding | None:
+    """Return why more steps would not help, or None.
 
     `trail` has the steps and N/tau at each check, and `wanted` is the target of N/tau.  `allowed` is
     `sampler.max_steps`, and `most` is that or the largest length for which there is memory.
     """
     steps, n_tau = trail[-1]
     if steps < MIN_STEPS_TO_STOP or n_tau >= wanted:
-        return ""
+        return None
     earlier = [(n, count) for n, count in trail if n <= steps / 2]
     if earlier and n_tau < MIN_N_TAU_GROWTH * earlier[-1][1]:
         n, count = earlier[-1]
-        return (
-            f"stopped early: tau grows with the chain, {n / count:.0f} steps after {n} and "
-            f"{steps / n_tau:.0f} after {steps}. More steps do not help. Hold an unknown, give the "
-            "priors nearer ends, or check whether the model can make this record at all"
-        )
+        numbers = {"tau": n / count, "steps": n, "late_tau": steps / n_tau, "late_steps": steps}
+        return Finding("stopped early, as tau grows", {}, numbers)
     needed = steps * wanted / n_tau
-    if needed > most:
-        return f"stopped early: it would take about {needed:.0f} steps, more than " + (
-            f"sampler.max_steps ({allowed}); raise that and continue with --resume, or hold an "
-            "unknown"
-            if most == allowed
-            else f"the {most} that a chain of so many walkers and unknowns may have; give "
-            "sampler.walkers a smaller number, or hold an unknown"
-        )
-    return ""
+    if needed <= most:
+        return None
+    kind = "more steps than max_steps" if most == allowed else "more steps than fit in memory"
+    return Finding(kind, {}, {"needed": needed, "most": most})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -440,19 +422,17 @@ def autocorrelation_time(chains: Array) -> Array:
 
 def _reasons(
     names: tuple[str, ...], targets: Targets, measured: ChainLength, r_hat: Array, ess: Array
-) -> Iterator[str]:
+) -> Iterator[Finding]:
     if not np.all(np.isfinite(r_hat)) or r_hat.max() > targets.r_hat:
         worst = int(np.argmax(np.nan_to_num(r_hat, nan=np.inf)))
-        yield (
-            f"the ensembles disagree on {names[worst]}: R-hat {r_hat[worst]:.4f}, "
-            f"wanted at most {targets.r_hat:g}"
-        )
+        numbers = {"r_hat": float(r_hat[worst]), "wanted": targets.r_hat}
+        yield Finding("the ensembles disagree", {"unknown": names[worst]}, numbers)
     if measured.n_tau < targets.n_tau:
         worst = int(np.argmax(measured.tau))
-        yield (
-            f"the chain is {measured.n_tau:.0f} autocorrelation times long (tau "
-            f"{measured.tau[worst]:.0f} steps, {names[worst]}), wanted at least {targets.n_tau:g}"
-        )
+        numbers = {"n_tau": measured.n_tau, "tau": float(measured.tau[worst])}
+        numbers["wanted"] = targets.n_tau
+        yield Finding("the chain is too short", {"unknown": names[worst]}, numbers)
     if not np.all(np.isfinite(ess)) or ess.min() < targets.ess:
         worst = int(np.argmin(np.nan_to_num(ess, nan=0.0)))
-        yield f"{ess[worst]:.0f} effective draws of {names[worst]}, wanted at least {targets.ess:g}"
+        numbers = {"ess": float(ess[worst]), "wanted": targets.ess}
+        yield Finding("too few effective draws", {"unknown": names[worst]}, numbers)

@@ -13,6 +13,7 @@ import numpy as np
 from bayesdrill.basics import seeds
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError
+from bayesdrill.basics.findings import Finding
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.inference.compression import CompressionCheck
 from bayesdrill.inference.laplace import LogDensity, QuadraticModel, concatenate_models
@@ -214,19 +215,11 @@ class SamplingResult:
 
     def with_missed(self, missed: float) -> SamplingResult:
         """Return a copy with the `missed` mass, and a reason not to believe it if that is too much."""
-        sampled = dataclasses.replace(self, missed=missed)
         much = missed > MOST_MISSED
-        return sampled.with_reasons((sampled.coverage("all numbers are rough"),) if much else ())
+        sampled, percent = dataclasses.replace(self, missed=missed), {"percent": 100 * missed}
+        return sampled.with_reasons((Finding("much missed", {}, percent),) if much else ())
 
-    def coverage(self, consequence: str) -> str:
-        """Describe the mass that the proposal misses and the `consequence`; empty without any."""
-        share = (
-            f"about {100 * self.missed:.2g} % of the posterior lies where the proposal hardly ever"
-        )
-        text = f"coverage: {share} leads, so {consequence}; narrow the priors that span decades"
-        return text if self.missed else ""
-
-    def with_reasons(self, reasons: tuple[str, ...]) -> SamplingResult:
+    def with_reasons(self, reasons: tuple[Finding, ...]) -> SamplingResult:
         """Return a copy with additional `reasons` not to believe it."""
         all_reasons = (*self.convergence.reasons, *reasons)
         convergence = dataclasses.replace(self.convergence, reasons=all_reasons)
@@ -378,7 +371,7 @@ def _run_until_converged(under_way: _Walk, most: int, report: Reporter) -> Sampl
         measured = chain_length(theta)
         trail.append((goal, measured.n_tau))
         hopeless = futility(trail, plan.targets.n_tau, plan.max_steps, most)
-        ending = bool(hopeless) or goal == last
+        ending = hopeless is not None or goal == last
         following = min(measured.next_check(goal, plan.targets.n_tau), last)
         # A resumed run has assessed shorter lengths before its interruption, and rejected them.
         if goal >= have and (ending or measured.n_tau >= plan.targets.n_tau):
@@ -389,7 +382,7 @@ def _run_until_converged(under_way: _Walk, most: int, report: Reporter) -> Sampl
             ess_share = float(np.min(convergence.ess_bulk)) / plan.targets.ess
             share = min(float(np.clip(min(n_tau_share, ess_share), 0.0, 0.99)), goal / following)
             report.update(share, _state_of(convergence))
-            if hopeless and not convergence.converged:
+            if hopeless is not None and not convergence.converged:
                 reasons = (*convergence.reasons, hopeless)
                 convergence = dataclasses.replace(convergence, reasons=reasons, enough=None)
             if convergence.converged or ending:
@@ -429,8 +422,8 @@ def _stack(
 
 
 def _state_of(c: Convergence) -> str:
-    """Describe the state of the chains, with the beginning of the first reason to go on."""
-    missing = f"; {c.reasons[0].partition(':')[0]}" if c.reasons else ""
+    """Describe the state of the chains, with the first reason to go on."""
+    missing = f"; {c.reasons[0].kind}" if c.reasons else ""
     return (
         f"{c.steps} steps: R-hat {np.max(c.r_hat):.4f}, {c.n_tau:.0f} autocorrelation times, "
         f"ESS {np.min(c.ess_bulk):.0f}{missing}"

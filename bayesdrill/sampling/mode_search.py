@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.findings import Finding
 from bayesdrill.inference import inverse_dynamics, laplace, step_error
 from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.inference.posterior import Posterior
@@ -77,15 +78,12 @@ class Mode:
     left_out: float = 0.0
 
     @property
-    def doubts(self) -> tuple[str, ...]:
+    def doubts(self) -> tuple[Finding, ...]:
         """Return the reasons why a posterior about these maxima must not be believed."""
         if self.left_out < MAX_MISSED_MASS:
             return ()
-        return (
-            f"the search for maxima stopped at {len(self.maxima)} of them: others, which the record "
-            f"cannot tell from these, may hold about {self.left_out:.0%} of the posterior; give the "
-            "priors nearer ends, or hold an unknown",
-        )
+        numbers = {"maxima": len(self.maxima), "missed": self.left_out}
+        return (Finding("more maxima than were followed", {}, numbers),)
 
     @property
     def maxima(self) -> tuple[LocalMaximum, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,13 +15,13 @@ from bayesdrill.analysis import calibration
 from bayesdrill.analysis.calibration import CalibrationStudy, CalibrationVerdict, Refit
 from bayesdrill.basics import software
 from bayesdrill.basics.errors import InputError
-from bayesdrill.basics.json_records import from_data
+from bayesdrill.basics.json_records import as_data
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.config import loading
 from bayesdrill.config.building.assembly import build_problem
 from bayesdrill.config.job import Job
 from bayesdrill.config.records import reading, simulation, sources
-from bayesdrill.output_files import FIGURES, REFITS, dumps_checksummed, loads_checksummed
+from bayesdrill.output_files import FIGURES, REFITS
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.report import run_report
 from bayesdrill.report.render import as_html
@@ -38,12 +38,28 @@ from bayesdrill.report.sections.calibration import (
 )
 from bayesdrill.results import provenance, run_folder
 from bayesdrill.results.provenance import begin, interruptions
-from bayesdrill.results.run_folder import COMPUTED_AGAIN, Folder
+from bayesdrill.results.run_folder import COMPUTED_AGAIN, Folder, dump_record, load_record
 from bayesdrill.sampling.convergence import Targets
 from bayesdrill.tasks.find_map import fit_plan
 from bayesdrill.tasks.remote import RefitExecutor, packed, run_jobs
 
 RANKS = "ranks.csv"
+REFIT_FORM = 2  # version of the files of refits; the first had sentences as reasons
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CalibrationRecord:
+    """The `run.json` of a finished calibration has these fields.
+
+    `verdict` is a sentence, and `not_converged` lists refits by index.
+    """
+
+    form: int = 1
+    units: Mapping[str, str]
+    calibrated: bool
+    verdict: str
+    not_converged: tuple[int, ...]
+    seconds_of_a_refit: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -131,8 +147,7 @@ def run(
     report.update(0.0, f"{len(done)} of {n} refits")
 
     def finish(index: int, refit: Refit) -> str:
-        text = dumps_checksummed(dataclasses.asdict(refit))
-        output_files.write_text(folder / f"{index:06d}.json", text)
+        output_files.write_text(folder / f"{index:06d}.json", dump_record(refit, REFIT_FORM))
         done[index] = refit
         strayed = sum(not value.converged for value in done.values())
         doubt = f", {strayed} not converged" if strayed else ""
@@ -152,17 +167,14 @@ def saved(folder: Path, study: CalibrationStudy) -> list[Refit]:
 
 
 def _read(path: Path, study: CalibrationStudy) -> Refit:
-    try:
-        stored = from_data(Refit, loads_checksummed(path.read_bytes()), strict=True)
-        ranked = {len(study.names), *([0] if stored.reasons else [])}
-        right = len(stored.truth) == len(study.names) and len(stored.ranks) in ranked
-        right &= 0 <= stored.steps <= study.plan.chains.max_steps
-        right &= all(0 <= rank <= study.draws for rank in stored.ranks)
-        if not right or stored.index != int(path.stem) or not np.isfinite(stored.truth).all():
-            raise ValueError("of another study")
-        return stored
-    except ValueError:
-        raise InputError.at(str(path), COMPUTED_AGAIN) from None
+    stored, _ = load_record(path, Refit, REFIT_FORM, strict=False)
+    ranked = {len(study.names), *([0] if stored.reasons else [])}
+    right = len(stored.truth) == len(study.names) and len(stored.ranks) in ranked
+    right &= 0 <= stored.steps <= study.plan.chains.max_steps
+    right &= all(0 <= rank <= study.draws for rank in stored.ranks)
+    if not right or stored.index != int(path.stem) or not np.isfinite(stored.truth).all():
+        raise InputError.at(str(path), COMPUTED_AGAIN)  # it is of another study
+    return stored
 
 
 def _publish(job: Job, folder: Folder, refits: Sequence[Refit]) -> CalibrationVerdict:
@@ -179,14 +191,14 @@ def _publish(job: Job, folder: Folder, refits: Sequence[Refit]) -> CalibrationVe
     every = (*said, run_report.made_of(lines, folder.path), run_report.cite())
     page = as_html(title, "calibration", every, folder.path / FIGURES, symbols)
     folder.write_text("report.html", page)
-    folder.write_run(
-        status="finished",
+    record = CalibrationRecord(
         units={symbol.name: symbol.unit for symbol in symbols},
         calibrated=verdict.calibrated,
         verdict=describe_calibration(verdict),
-        not_converged=list(verdict.not_converged),
+        not_converged=verdict.not_converged,
         seconds_of_a_refit=round(float(np.mean([refit.seconds for refit in refits])), 3),
     )
+    folder.write_run(status="finished", **as_data(record))
     return verdict
 
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from bayesdrill import output_files
 from bayesdrill.analysis import prediction
@@ -13,6 +14,7 @@ from bayesdrill.analysis.comparison import PosteriorSummary, RunSummary
 from bayesdrill.analysis.plausibility import diffuse_priors
 from bayesdrill.basics import software
 from bayesdrill.basics.errors import InputError, encodable
+from bayesdrill.basics.json_records import as_data, from_data
 from bayesdrill.basics.units import Unit
 from bayesdrill.config.job import Job
 from bayesdrill.inference.display_units import DisplayUnits
@@ -168,6 +170,31 @@ def write(report: ComparisonReport, folder: Folder) -> None:
     folder.write_text("report.html", report.page(figures))
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ComparedRun:
+    """A run that was compared has a name, the mark of its results and a folder, or None in memory."""
+
+    name: str
+    run: str
+    folder: str | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ComparisonRecord:
+    """The `run.json` of a finished comparison, an overlay or a ladder has these fields.
+
+    By `reasons` it must not be believed.  The last four are those of models of one record.
+    """
+
+    form: int = 1
+    runs: tuple[ComparedRun, ...]
+    reasons: tuple[str, ...] = ()
+    verdict: str | None = None
+    best: str | None = None
+    log_evidence: Mapping[str, float] = field(default_factory=dict)
+    log_evidence_error: Mapping[str, float] = field(default_factory=dict)
+
+
 def entries(
     report: ComparisonReport, runs: Sequence[Path | None], folder: Folder
 ) -> dict[str, object]:
@@ -177,22 +204,27 @@ def entries(
         None if run is None else Path(os.path.relpath(run.resolve(), home)).as_posix()
         for run in runs
     ]
-    text: dict[str, object] = {
-        "runs": [
-            {"name": layer.name, "run": layer.mark, "folder": place}
+    record = ComparisonRecord(
+        runs=tuple(
+            ComparedRun(name=layer.name, run=layer.mark, folder=place)
             for layer, place in zip(report.layers, places, strict=True)
-        ],
-        "files": folder.digests(),
-        "reasons": list(report.reasons),
-    }
-    if report.decision is None or report.best is None:
-        return text
-    return text | {
-        "verdict": report.decision.word,
-        "best": report.best.name,
-        "log_evidence": {model.name: model.log_z for model in report.models},
-        "log_evidence_error": {model.name: model.evidence.error for model in report.models},
-    }
+        ),
+        reasons=report.reasons,
+        verdict=None if report.decision is None else report.decision.word,
+        best=None if report.best is None else report.best.name,
+        log_evidence={model.name: model.log_z for model in report.models},
+        log_evidence_error={model.name: model.evidence.error for model in report.models},
+    )
+    return {"files": folder.digests(), **as_data(record)}
+
+
+def read_record(run: Mapping[str, Any], folder: Path) -> ComparisonRecord:
+    """Return the record in the `run.json` of `folder`; raises `InputError` if there is none."""
+    try:
+        return from_data(ComparisonRecord, run)
+    except ValueError:
+        message = "is damaged, or of another version; compare the runs again"
+        raise InputError.at(str(folder / output_files.RUN), message) from None
 
 
 def check_same_record(runs: Sequence[NamedRun]) -> None:

@@ -26,7 +26,6 @@ from bayesdrill.config.schema.config import Config
 from bayesdrill.inference import residual_checks
 from bayesdrill.inference.derived import product_name
 from bayesdrill.inference.residual_checks import ResidualSummary
-from bayesdrill.report import words
 from bayesdrill.report.doubts import residual_reasons, sandwich_reasons
 from bayesdrill.report.view import ReportContext
 from bayesdrill.results import provenance
@@ -77,11 +76,10 @@ def _analysis(
 ) -> RunAnalysis:
     if run.kept is not None:
         return run.kept
-    posterior, suspicions = run.job.problem.posterior, words.record_suspicions(run.job.problem)
-    scenery = scenery or SensitivityStudy(posterior.likelihood)
+    scenery = scenery or SensitivityStudy(run.job.problem.posterior.likelihood)
     if alone and explained is None:
         explained = causes(run.job, run.mode, chain.fit)
-    return analyse(chain, run.job.asked, scenery, suspicions, alone=alone, explained=explained)
+    return analyse(chain, run.job.asked, scenery, alone=alone, explained=explained)
 
 
 def causes(

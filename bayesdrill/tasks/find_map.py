@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -12,21 +11,21 @@ from bayesdrill import output_files
 from bayesdrill.analysis.causes import Cause
 from bayesdrill.basics import software
 from bayesdrill.basics.errors import InputError
-from bayesdrill.basics.json_records import as_data, from_data
+from bayesdrill.basics.json_records import as_data
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.basics.units import Unit
 from bayesdrill.config.building.settings import optimiser
 from bayesdrill.config.job import Job, prepare
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.residual_checks import ResidualSummary
-from bayesdrill.output_files import MAP, dumps_checksummed, loads_checksummed
+from bayesdrill.output_files import MAP
 from bayesdrill.report import publish
 from bayesdrill.report.doubts import residual_reasons, residual_sentences
 from bayesdrill.report.map_report import MapReport
 from bayesdrill.report.sections.convergence import describe_searches
 from bayesdrill.results import provenance
 from bayesdrill.results.provenance import begin, check_record
-from bayesdrill.results.run_folder import COMPUTED_AGAIN, Folder
+from bayesdrill.results.run_folder import COMPUTED_AGAIN, Folder, dump_record, load_record
 from bayesdrill.rig.simulators import COMPRESSED_FROM
 from bayesdrill.sampling.fit import FitPlan, PendingSearches, begin_searches, end_searches
 from bayesdrill.sampling.mode_search import Mode
@@ -143,12 +142,12 @@ def write_config(job: Job, cause: Cause, path: Path, *, force: bool) -> None:
     output_files.write_text(path, text)
 
 
-MAP_FILE = "map.json"
+MAP_FILE, MODE_FORM = "map.json", 1
 
 
 def write_mode(folder: Folder, mode: Mode) -> None:
     """Write `map.json`."""
-    folder.write_text(MAP_FILE, dumps_checksummed({"run": folder.run, **dataclasses.asdict(mode)}))
+    folder.write_text(MAP_FILE, dump_record(mode, MODE_FORM, run=folder.run))
 
 
 def read_mode(folder: Folder, problem: Problem) -> Mode | None:
@@ -156,15 +155,11 @@ def read_mode(folder: Folder, problem: Problem) -> Mode | None:
     path = folder.path / MAP_FILE
     if not path.exists():
         return None
-    try:
-        data = loads_checksummed(path.read_bytes())
-        folder.refuse_foreign(MAP_FILE, data.get("run"))
-        mode = from_data(Mode, data, strict=True)
-        if not _possible(mode, problem):
-            raise ValueError("of other unknowns")
-        return mode
-    except ValueError:
-        raise InputError.at(str(path), COMPUTED_AGAIN) from None
+    mode, data = load_record(path, Mode, MODE_FORM)
+    folder.refuse_foreign(MAP_FILE, data.get("run"))
+    if not _possible(mode, problem):
+        raise InputError.at(str(path), COMPUTED_AGAIN)
+    return mode
 
 
 def _possible(mode: Mode, problem: Problem) -> bool:

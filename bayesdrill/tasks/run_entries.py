@@ -25,25 +25,17 @@ from bayesdrill.report.sections.nominal import (
     verdict_sentence,
 )
 from bayesdrill.report.view import ReportContext
+from bayesdrill.results.run_folder import FolderEntries
 from bayesdrill.sampling.evidence import Evidence
 from bayesdrill.sampling.proposal.learning import LearnedProposal
 
-FORM = 2  # version of `RunRecord`; the first repeated the numbers of the analysis
+# Version of `RunRecord`. The first repeated the numbers of the analysis; the second, whose analysis had
+# sentences where findings are now, is read without its analysis, which is evaluated again.
+FORM, READ_TOO = 3, 2
 OLDER = (
     "was written by an older version of bayesdrill, and is not read any more; `bayesdrill posterior "
     "CONFIG --resume` goes on with its chain and writes it anew"
 )
-FOLDER_ENTRIES: Mapping[str, str] = {  # entries of `run.json` that a folder has from its beginning
-    "job": "the command that made the folder",
-    "fingerprint": "what decides the chain, by name",
-    "status": "running, interrupted or finished",
-    "seed": "the seed of all random numbers",
-    "versions": "of bayesdrill, Python and the libraries",
-    "seconds": "how long the parts of the run took [s]",
-    "missing": "tables and figures that could not be made, and why",
-    "files": "digests of all files that were written, by name",
-    "checksum": "of all other entries",
-}
 
 
 def _analysis_of_this_form(value: Any, read: Callable[[Any], RunAnalysis]) -> RunAnalysis | None:
@@ -78,7 +70,7 @@ class RunRecord:
     compression: how the compressed likelihood of long records compares with the exact one
     maxima: maxima of the posterior, and the share of each [SI]
     importance: posterior means that the proposal gives without a chain [SI]
-    analysis: all that is said of the run, evaluated once
+    analysis: all that is said of the run, evaluated once; null where another version has written it
     analysis_of: a digest of what the analysis was made of
     """
 
@@ -138,7 +130,7 @@ def read_record(run: Mapping[str, Any], folder: Path) -> RunRecord | None:
     if run.get("form") is None and run.get("status") != "finished":
         return None
     try:
-        if run.get("form") == FORM:
+        if run.get("form") in (FORM, READ_TOO):
             return from_data(RunRecord, run)
     except ValueError:
         pass
@@ -181,13 +173,15 @@ class _RunSchema(GenerateJsonSchema):
 
 def run_schema() -> str:
     """Return the JSON schema of `run.json` as text."""
-    record = TypeAdapter(RunRecord).json_schema(schema_generator=_RunSchema, mode="serialization")
-    others = {name: {"description": text} for name, text in FOLDER_ENTRIES.items()}
+    record, folder = (
+        TypeAdapter(kind).json_schema(schema_generator=_RunSchema, mode="serialization")
+        for kind in (RunRecord, FolderEntries)
+    )
     described = {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "run.json of bayesdrill posterior",
         "type": "object",
-        "properties": record["properties"] | others,
+        "properties": record["properties"] | folder["properties"],
         "$defs": record["$defs"],
     }
     return json.dumps(described, indent=2) + "\n"

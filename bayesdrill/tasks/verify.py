@@ -98,33 +98,33 @@ def _of_several(
     form: Form, folder: Path, run: Mapping[str, Any], kind: Kind | None = None
 ) -> Iterator[Issue]:
     """Yield the problems of an overlay or a comparison; runs that were in memory are skipped."""
-    compared = run.get("runs", [])
+    compared = comparison.read_record(run, folder).runs
     if len(compared) < 2:
         yield Issue(str(folder / output_files.RUN), "names no two runs")
         return
     for entry in compared:
-        if entry["folder"] is None:
+        if entry.folder is None:
             continue
-        place = folder / entry["folder"]
+        place = folder / entry.folder
         try:
-            if comparison.mark(pipeline.read_result(place)) != entry["run"]:
+            if comparison.mark(pipeline.read_result(place)) != entry.run:
                 done = "laid over" if form is OVERLAID else "compared with"
                 yield Issue(str(place), f"is another run than the one that was {done} others")
         except InputError as error:
             yield from error.problems
-    mark = " ".join(entry["run"] for entry in compared)
+    mark = " ".join(entry.run for entry in compared)
     yield from _figures(folder, kind or form.kind, mark, form.name)
 
 
 def _of_ladder(folder: Path, run: Mapping[str, Any]) -> Iterator[Issue]:
     """Yield the problems of a ladder: of each rung, which is a run, and of their comparison."""
     yield from _configs(folder)
-    for entry in run.get("runs", []):
-        if entry["folder"] not in LADDER.nested:
-            yield Issue(str(folder / output_files.RUN), f"{entry['folder']} is no rung of a ladder")
+    for entry in comparison.read_record(run, folder).runs:
+        if entry.folder not in LADDER.nested:
+            yield Issue(str(folder / output_files.RUN), f"{entry.folder} is no rung of a ladder")
             continue
         try:
-            yield from verify(folder / entry["folder"]).problems
+            yield from verify(folder / entry.folder).problems
         except InputError as error:  # the rung is no finished run
             yield from error.problems
     yield from _of_several(COMPARED, folder, run, LADDER)

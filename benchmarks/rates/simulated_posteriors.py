@@ -17,6 +17,7 @@ from bayesdrill.config import job
 from bayesdrill.config.job import Job
 from bayesdrill.inference.residual_checks import like_noise, residual_summaries
 from bayesdrill.report.doubts import residual_reasons
+from bayesdrill.report.findings import finding_sentences
 from bayesdrill.sampling.fit import fit
 from bayesdrill.tasks import calibrate
 from benchmarks.zoo import entries as e
@@ -51,7 +52,8 @@ class Trial:
         fits = like_noise(left)
         _, judged = conclude(own.problem, own.asked, found, sampled, scenery, fits=fits)
         assert judged is not None
-        return judged.verdict, [*sampled.convergence.reasons, *residual_reasons(left)]
+        reasons = finding_sentences(sampled.convergence.reasons)
+        return judged.verdict, [*reasons, *residual_reasons(left)]
 
 
 @dataclass(frozen=True)

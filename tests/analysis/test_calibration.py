@@ -17,6 +17,7 @@ from bayesdrill.analysis.calibration import (
     judge_calibration,
     rank,
 )
+from bayesdrill.report.findings import finding_sentences
 from bayesdrill.report.sections.calibration import describe_calibration, describe_refits
 
 N, L = 200, 99
@@ -134,7 +135,7 @@ def test_a_wrong_posterior_is_not_calibrated(fault: dict[str, float], shape: str
     result = verdict(conjugate(**fault))
     assert not result.calibrated
     assert shape in {quantity.shape for quantity in result.quantities[:2]}
-    assert result.faults[0].startswith("ranks of ")
+    assert result.faults[0].kind == "ranks outside the band"
     assert shape in describe_calibration(result)
 
 
@@ -147,7 +148,8 @@ def test_a_posterior_that_ignores_the_record_is_noticed_by_its_log_likelihood() 
         row[:] = rank(truth, draws, rng), rank(-((y - truth) ** 2), -((y - draws) ** 2), rng)
     result = verdict(ranks)
     assert result.quantities[0].holds
-    assert result.faults == (f"ranks of {LOG_LIKELIHOOD} leave the band (posterior too wide)",)
+    said = f"ranks of {LOG_LIKELIHOOD} leave the band (posterior too wide)"
+    assert finding_sentences(result.faults) == (said,)
 
 
 @pytest.mark.parametrize("alike", [pytest.param(False, marks=pytest.mark.slow), True])

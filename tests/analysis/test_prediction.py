@@ -24,9 +24,11 @@ from bayesdrill.analysis.prediction import (
     leave_one_out_check,
     prediction_checks,
 )
+from bayesdrill.basics.findings import Finding
 from bayesdrill.inference import residual_checks
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Uniform
+from bayesdrill.report.findings import finding_sentence
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators import simulator
 from bayesdrill.rig.simulators.sensors import ObservationModel
@@ -107,8 +109,8 @@ def test_samples_are_not_left_out_one_by_one_where_residuals_are_correlated() ->
     target, theta = case(), draws(ALL) + 0.5
     left = residual_checks.residual_summaries(target.likelihood, theta.mean(axis=0))
     refusal = leave_one_out(target, theta, left)
-    assert isinstance(refusal, str)
-    assert "not white (correlation of neighbours" in refusal
+    assert isinstance(refusal, Finding)
+    assert "not white (correlation of neighbours" in finding_sentence(refusal)
 
 
 def test_held_out_samples_are_predicted_by_the_rest() -> None:

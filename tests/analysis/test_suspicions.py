@@ -15,12 +15,11 @@ from support.small_problems import posterior_of, vector
 import bayesdrill as bd
 from bayesdrill.analysis import suspicions
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
-from bayesdrill.analysis.suspicions import half_sample_shift
+from bayesdrill.analysis.suspicions import half_sample_shift, suspicions_of_problem
 from bayesdrill.inference.priors import Uniform
 from bayesdrill.inference.residual_checks import like_noise
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.record.formats import FORMATS, format_of
-from bayesdrill.report import words
 from bayesdrill.report.findings import finding_sentences
 from bayesdrill.rig import MotorShaft
 from bayesdrill.rig.simulators import simulator
@@ -56,7 +55,7 @@ def kinds(of: Experiment, *factors: float) -> list[str]:
 
 @run_cases("path", CONFIGS)
 def test_nothing_is_suspected_of_the_bundled_records(path: Path) -> None:
-    assert words.record_suspicions(bd.load(path).job.problem) == ()
+    assert tuple(suspicions_of_problem(bd.load(path).job.problem)) == ()
 
 
 def columns_of(name: str, *columns: str | int, variable: str | None = None) -> list[np.ndarray]:

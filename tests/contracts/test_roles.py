@@ -26,6 +26,7 @@ from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.latent_torque import regress_torque, torque_estimates
 from bayesdrill.analysis.refits import refit_candidate
 from bayesdrill.analysis.run_analysis import torque_summary
+from bayesdrill.analysis.suspicions import suspicions_of_problem
 from bayesdrill.basics import symbols
 from bayesdrill.basics.progress import SILENT
 from bayesdrill.config import loading
@@ -96,7 +97,7 @@ def analyses_of_record(of: bd.Case) -> Iterator[Any]:
     problem, posterior = of.job.problem, of.job.problem.posterior
     theta = posterior.space.vector(posterior.space.start)
     yield words.model(problem)
-    yield words.record_suspicions(problem)
+    yield finding_sentences(suspicions_of_problem(problem))
     yield finding_sentences(plausibility.plausibility_of_nominal(problem))
     yield finding_sentences(plausibility.plausibility_of_gear(problem))
     yield derived.values_at(problem, theta[None])

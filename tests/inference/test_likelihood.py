@@ -113,10 +113,10 @@ def test_a_torque_of_no_size_is_no_torque() -> None:
 
 def test_a_missing_torque_is_identified_by_its_place_and_process() -> None:
     observation = with_torque()[0].likelihood.only_observation
-    key = {"at": "rotor_1", "smoothness": "3/2", "size": "s_d", "time": "tau_d"}
+    key = {"at": "rotor_1", "smoothness": "3/2", "s_d": "s_d", "tau_d": "tau_d"}
     assert observation.key == key
-    held = replace(observation, process={**observation.process, "size": 0.2})
-    assert held.key == {**key, "size": 0.2}
+    held = replace(observation, process={**observation.process, "s_d": 0.2})
+    assert held.key == {**key, "s_d": 0.2}
 
 
 def test_the_terms_of_all_samples_sum_to_the_likelihood_and_samples_may_be_missing() -> None:

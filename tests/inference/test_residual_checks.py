@@ -21,10 +21,11 @@ from bayesdrill.inference.residual_checks import (
     ResidualCorrelation,
     ResidualSummary,
     correlations,
-    input_sentences,
+    followed_inputs,
     residual_summaries,
 )
 from bayesdrill.report.doubts import residual_reasons, residual_sentences
+from bayesdrill.report.findings import finding_sentences
 
 Array = NDArray[np.float64]
 
@@ -263,7 +264,7 @@ def test_bands_hold_residuals_that_know_nothing_of_the_input(rho: float) -> None
         with_input = [one for (_, name), one in result.items() if name]
         outside += [np.abs(one.values) > one.band for one in with_input]
         white_outside.append(np.abs(result["w_2", ""].values) > result["w_2", ""].band)
-        followed += bool(input_sentences(with_input))
+        followed += bool(followed_inputs(with_input))
     assert 0.003 < np.mean(outside) < 0.02
     assert followed <= 7  # 2 on average
     assert rho > 0 or 0.005 < np.mean(white_outside) < 0.02
@@ -276,7 +277,7 @@ def test_residuals_that_follow_an_input_are_named_with_the_lag(
     """Also deep in correlated residuals, and where the input comes after them."""
     residuals = TWO_SIGMAS * ar1(0.9, (LONG, 2), 3)
     residuals[:, channel] += size * np.roll(VOLTAGE - 6.0, lag)
-    (text,) = input_sentences(list(correlations_of(residuals).values()))
+    (text,) = finding_sentences(followed_inputs(list(correlations_of(residuals).values())))
     name = ("theta_1", "w_2")[channel]
     assert text.startswith(f"the residuals of {name} follow the input v, {lag:+} samples (")
     assert text.endswith(": the input answers to the rig, or times are off") == (lag < 0)

@@ -15,6 +15,7 @@ import bayesdrill as bd
 from bayesdrill.basics.progress import Silent
 from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.inference.posterior import Posterior
+from bayesdrill.report.findings import finding_sentence
 from bayesdrill.rig.simulators.linear import Response
 from bayesdrill.rig.simulators.sensors import ObservationModel
 from bayesdrill.rig.simulators.stepped import Stepped
@@ -216,7 +217,7 @@ def whole() -> tuple[SamplingResult, MemoryBackend]:
 def test_a_run_that_would_take_too_long_is_given_up() -> None:
     convergence = whole()[0].convergence
     assert 1000 <= convergence.steps < 1250  # a check is made whenever a quarter is added
-    assert "more than sampler.max_steps (20000)" in convergence.reasons[-1]
+    assert "more than sampler.max_steps (20000)" in finding_sentence(convergence.reasons[-1])
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,7 @@ from bayesdrill.basics.symbols import Symbol
 from bayesdrill.config.schema.config import Config
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.report import scales, style
+from bayesdrill.report.findings import finding_sentence, finding_sentences
 from bayesdrill.report.pages import build_page, departures, label_outside, legend_above, ranks_panel
 from bayesdrill.report.section import (
     Badge,
@@ -50,9 +51,9 @@ def calibration_opening(problem: Problem, config: Config) -> str:
 def describe_calibration(verdict: CalibrationVerdict) -> str:
     """Return the verdict in one sentence."""
     if verdict.faults:
-        return f"not calibrated: {'; '.join(verdict.faults)}"
+        return f"not calibrated: {'; '.join(finding_sentences(verdict.faults))}"
     if verdict.doubts:
-        return f"no verdict: {'; '.join(verdict.doubts)}"
+        return f"no verdict: {'; '.join(finding_sentences(verdict.doubts))}"
     return (
         f"calibrated: over {verdict.refits} refits the truth ranks among the draws as chance has it"
     )
@@ -77,7 +78,7 @@ def describe_refits(verdict: CalibrationVerdict, every: Sequence[Refit]) -> str:
     more = ", ..." if len(verdict.not_converged) > MOST_NAMED else ""
     return (
         f"{len(verdict.not_converged)} of {verdict.refits} refits did not converge: {listed}{more}\n"
-        f"  refit {first.index}: {first.reasons[0]}"
+        f"  refit {first.index}: {finding_sentence(first.reasons[0])}"
     )
 
 

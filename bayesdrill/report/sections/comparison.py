@@ -22,9 +22,11 @@ from bayesdrill.analysis.comparison import (
 )
 from bayesdrill.analysis.plausibility import DiffusePrior
 from bayesdrill.analysis.prediction import MAX_BAD_SHARE, HeldOutScore, LooScore
+from bayesdrill.basics.findings import Finding
 from bayesdrill.inference.display_units import DisplayUnits
 from bayesdrill.inference.residual_checks import ResidualSummary
 from bayesdrill.report import scales, style
+from bayesdrill.report.findings import finding_sentence
 from bayesdrill.report.pages import build_page, is_first_column, legend_above
 from bayesdrill.report.section import (
     Note,
@@ -194,8 +196,8 @@ def predicted(models: Sequence[RunSummary]) -> Iterator[str]:
         )
     refused: dict[str, list[str]] = {}
     for model in models:
-        if isinstance(model.loo, str):
-            refused.setdefault(model.loo, []).append(model.name)
+        if isinstance(model.loo, Finding):
+            refused.setdefault(finding_sentence(model.loo), []).append(model.name)
         elif model.loo.doubtful > MAX_BAD_SHARE:
             yield f"LOO of {model.name}: {model.loo.doubtful:.0%} of the samples lean on a few draws"
     for reason, names in refused.items():
@@ -217,7 +219,11 @@ def comparison_csv(models: Sequence[RunSummary], rows: Sequence[OverlayRow]) -> 
         said = [model.name, len(model.layer.problem.symbols), "yes" if model.converged else "no"]
         said += [model.log_z, model.evidence.error, model.log_z - top, share[k]]
         said += none if held is None else (held.score, held.samples)
-        said += (None, model.loo) if isinstance(model.loo, str) else (model.loo.elpd, None)
+        said += (
+            (None, finding_sentence(model.loo))
+            if isinstance(model.loo, Finding)
+            else (model.loo.elpd, None)
+        )
         said += [x for name in channels for x in residuals.get(name, none)]
         said += [x for p in places for x in (none if p is None else (p.mean, p.sd))]
         lines.append(said)

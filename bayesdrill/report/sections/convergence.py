@@ -22,11 +22,12 @@ from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.display_units import DisplayedUnknowns, DisplayUnits
 from bayesdrill.inference.priors import Prior, flat_in_logs
 from bayesdrill.report import scales, style
+from bayesdrill.report.findings import finding_sentences
 from bayesdrill.report.pages import build_page, difference_panel, label_outside, legend_above
 from bayesdrill.report.section import Note, Picture, Section, build
 from bayesdrill.report.style import Axes, Figure
 from bayesdrill.report.view import Drawing, ReportContext, ReportPart
-from bayesdrill.sampling.convergence import SOKAL_WINDOW, autocorrelation
+from bayesdrill.sampling.convergence import BURN_IN_TAUS, SOKAL_WINDOW, autocorrelation
 from bayesdrill.sampling.ensembles import SamplingResult
 from bayesdrill.sampling.mode_search import SAME_POINT, Mode
 
@@ -143,9 +144,14 @@ def describe_convergence(sampled: SamplingResult) -> str:
     """Describe whether the ensembles converged, and what is missing if they did not."""
     c = sampled.convergence
     n_ensembles, _, n_walkers, _ = sampled.theta.shape
+    rule = f"{BURN_IN_TAUS} autocorrelation times"
+    if c.too_short_for_burn_in:
+        rule = f"half of the run, too short for {rule}"
+    else:
+        rule = f"{rule} of {c.late_tau:.1f} steps"
     lines = [
         f"{n_ensembles} ensembles of {n_walkers} walkers, {c.steps} steps, of which the first "
-        f"{c.burn_in} are dropped ({c.burn_in_rule})",
+        f"{c.burn_in} are dropped ({rule})",
         f"R-hat at most {c.r_hat.max():.4f}, {c.n_tau:.0f} autocorrelation times of "
         f"{c.tau.max():.0f} steps, at least {c.ess_bulk.min():.0f} effective draws, "
         f"acceptance {sampled.acceptance.mean():.2f}",
@@ -163,7 +169,7 @@ def describe_convergence(sampled: SamplingResult) -> str:
         lines.append("converged: all targets are met")
     else:
         lines.append("NOT CONVERGED, do not use these numbers:")
-        lines += [f"  - {reason}" for reason in c.reasons]
+        lines += [f"  - {reason}" for reason in finding_sentences(c.reasons)]
         if c.enough is not None:
             lines.append(
                 f"  only length is missing: about {c.enough} steps should do. Raise sampler.max_steps "

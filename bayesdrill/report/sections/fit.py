@@ -25,6 +25,7 @@ from bayesdrill.inference.unknowns import labelled_name
 from bayesdrill.output_files import numbered
 from bayesdrill.report import scales, style
 from bayesdrill.report.doubts import percent, residual_sentences, step_sentences
+from bayesdrill.report.findings import finding_sentences
 from bayesdrill.report.pages import build_page, legend_above
 from bayesdrill.report.scales import time_symbol
 from bayesdrill.report.section import CREDIBLE, Picture, Section, build
@@ -422,7 +423,7 @@ def _sections(run: ReportContext, pictures: Sequence[Picture]) -> Iterator[Secti
         "Fit",
         maxima(run.mode, run.sampled.mode_shares, run.units),
         residual_sentences(analysis.fit, run.problem.clock),
-        "\n".join(f"fit: {each}" for each in analysis.inputs),
+        "\n".join(f"fit: {each}" for each in finding_sentences(analysis.inputs)),
         step_sentences(analysis.step_errors),
         *pictures,
     )

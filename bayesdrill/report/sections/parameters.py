@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from bayesdrill.analysis.causes import FittedValue
-from bayesdrill.analysis.diagnostics import MEANING, ParameterRow
+from bayesdrill.analysis.diagnostics import ParameterRow, Word
 from bayesdrill.analysis.identifiability.structure import ScalingStructure
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol, plain
@@ -134,6 +134,14 @@ def of_mode(rows: Sequence[ModeRow]) -> Table:
     }
     lines = ({head: cell(row) for head, cell in columns.items()} for row in rows)
     return table_of(lines, "", "unit").filled()
+
+
+MEANING: Mapping[Word, str] = {
+    "determined": "the record, with what is believed of the others, narrows the prior to less than half",
+    "weak": "the record narrows the prior, but to no less than half",
+    "through others": "narrower than the prior only by the priors of others: the record knows ratios",
+    "prior only": "the posterior is just the prior: this record does not determine it",
+}
 
 
 def in_words(rows: Sequence[ParameterRow]) -> list[str]:

@@ -1,4 +1,4 @@
-"""Findings on a rig, its values or its record, which `report.findings` puts into sentences."""
+"""Findings on a rig, its values, its record or its chains, which `report.findings` words."""
 
 from __future__ import annotations
 
@@ -13,8 +13,10 @@ class Finding:
     kind: which sentence says it
     names: names, units and parts, by the places that they have in the sentence
     numbers: numbers, by the places that they have in the sentence
+    rows: several numbers of each unknown, or of each ensemble
     """
 
     kind: str
-    names: Mapping[str, str]
+    names: Mapping[str, str] = field(default_factory=dict)
     numbers: Mapping[str, float] = field(default_factory=dict)
+    rows: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
