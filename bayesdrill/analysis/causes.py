@@ -60,7 +60,8 @@ class Cause:
 
     `words` describe the parts, `lines` are their lines of a config, and `lacks` are parameters that
     the rig lacks.  `gain` and `bayes` are the increase of log posterior and log evidence (Laplace)
-    over the config as given.  `new` are its further unknowns, and `fit` its residuals.
+    over the config as given.  `new` are its further unknowns, and `fit` its residuals.  A refit that is
+    not `finished` was stopped, as it could not become as probable as the best.
     """
 
     parts: tuple[str, ...]
@@ -72,6 +73,7 @@ class Cause:
     bayes: float
     fit: tuple[ResidualSummary, ...]
     doubts: tuple[Doubt, ...]
+    finished: bool = True
 
     @property
     def name(self) -> str:

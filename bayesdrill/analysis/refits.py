@@ -44,7 +44,8 @@ class RefitMaximum:
     `at_ends` maps unknowns at an end of their prior to -1 (lower) or 1 (upper).  `several` is true if
     another maximum with other values of new unknowns is about as high.  `alike` are pairs of new
     unknowns that are interchangeable.  `vague` are unknowns that the record hardly determines.  An
-    evaluation takes `seconds`.  `hidden` is the share of samples that the candidate leaves out.
+    evaluation takes `seconds`, and the whole refit `took` so many.  `hidden` is the share of samples
+    that the candidate leaves out.  A search that is not `finished` was stopped below its maximum.
     """
 
     values: Mapping[str, float]
@@ -57,7 +58,9 @@ class RefitMaximum:
     alike: tuple[tuple[str, str], ...]
     vague: tuple[str, ...]
     seconds: float
+    took: float
     hidden: float
+    finished: bool
 
 
 Records = Mapping[tuple[str, str], Array]
@@ -79,18 +82,21 @@ def refit_candidate(
     alone: Mapping[str, float] = MappingProxyType({}),
     records: Records = MappingProxyType({}),
     starts: Sequence[Mapping[str, float]] = (),
+    rival: float = -math.inf,
 ) -> RefitMaximum | None:
     """Return the maximum of a candidate's `posterior`, or None without a finite response.
 
     Searches start from values `known` of given unknowns, from the maximum `alone` of this change,
     and from `starts` or else quantiles of the priors of new unknowns.  A search that promises no
-    more than the log density `least` is not finished.
+    more than the log density `least` is not finished.  Nor is one whose pace is too slow to reach the
+    log evidence `rival` (`gauss_newton`).
 
     The log evidence is that of a Gaussian with the curvature at the maximum (MacKay 2003, ch. 27).
     Priors count in it as Gaussians of their spread, so that an undetermined direction costs each
     candidate the same.  Samples of the `records` that it leaves out are Gaussian with the mean and
     variance of their channel.  Those at the beginning may have the noise of a rig that is held.
     """
+    started = time.perf_counter()
     space, coordinates = posterior.space, posterior.coordinates
     surface = LogDensity(posterior, physical=True)
     unseen, _ = _hidden(posterior.likelihood, records)
@@ -105,12 +111,14 @@ def refit_candidate(
     best = np.argsort(-first.value, kind="stable")[:CLIMBED_STARTS]
     best = best[np.isfinite(first.value[best])]  # if a value is infinite, its gain may be, too
     u = first.u[best]
-    promising = (first.value[best] + first.gain[best]).max() + unseen > least
+    value, gain = first.value[best], first.gain[best]
+    needed = _height_of(surface, u[:1], records, rival)
+    promising = (value + gain).max() + unseen > least and (value + LAST_STEPS * gain).max() > needed
     if promising and step_error.chosen_steps(posterior):
         posterior = step_error.choose_steps(posterior, coordinates.to_physical(u)[0])
         surface = LogDensity(posterior, physical=True)
-    steps = LAST_STEPS if promising else 0
-    top = gauss_newton(surface, u, steps, merged=MERGED, depth=OTHER_MAXIMUM_DEPTH)
+    steps, depth = LAST_STEPS if promising else 0, OTHER_MAXIMUM_DEPTH
+    top = gauss_newton(surface, u, steps, merged=MERGED, depth=depth, least=needed)
     order = np.argsort(-top.value, kind="stable")
     u, heights = top.u[order], top.value[order]
     if not np.isfinite(heights[0]):
@@ -140,7 +148,9 @@ def refit_candidate(
         alike=tuple((space.free[j], space.free[k]) for j, k in pairs if alike[j, k]),
         vague=tuple(itertools.compress(space.free, own_sds > VAGUE * surface.spread)),
         seconds=seconds,
+        took=time.perf_counter() - started,
         hidden=1.0 - samples[0] / max(samples),
+        finished=bool(promising and heights[0] >= needed),
     )
 
 
@@ -165,6 +175,16 @@ def _starts(
         probabilities = np.roll(START_QUANTILES, ROTATION * place)
         rows[:, k] = space.unknowns[k].prior.quantile(probabilities)
     return np.concatenate([vectors, rows])
+
+
+def _height_of(surface: LogDensity, u: Array, records: Records, log_z: float) -> float:
+    """Return the log density with the log evidence `log_z`, if both differ as they do at `u (1, D)`."""
+    if not math.isfinite(log_z):
+        return log_z
+    posterior = surface.posterior
+    theta = posterior.coordinates.to_physical(u)[0]
+    unseen, _ = _hidden(posterior.likelihood, records, theta)
+    return log_z + float(surface.value(u)[0]) - _laplace(posterior, u)[0] - unseen
 
 
 def _laplace(posterior: Posterior, u: Array) -> tuple[float, Array]:

@@ -18,6 +18,7 @@ TIGHT_DAMPING = 100.0  # damping on the way back, over the priors' precision: lo
 MAX_CORRECTIONS = 3  # steps back to a bent ridge, after a step along it
 MIN_DAMPING, MAX_DAMPING = 1e-10, 1e18  # a point that needs more than the largest has arrived
 DAMPING_DECREASE = 0.3  # factor on the best damping of a step, for the next one
+PACE_STEPS = 3  # a step that fails is followed by this number of short ones, as dampings say
 RELEASE_SLOPE = 1e-9  # least scaled slope away from a bound that releases an unknown from it
 DIAGONAL_ROUNDING = 1e-12  # added to the scaled diagonal, so that flat directions stay solvable
 DIFFERENCE_STEP = 1e-4  # in priors' spreads, for differences of slopes
@@ -46,19 +47,20 @@ def gauss_newton(
     exact: bool = False,
     merged: float = 0.0,
     depth: float = math.inf,
+    least: float = -math.inf,
 ) -> GaussNewtonResult:
     """Climb from each point of `start (W, D)` in at most `steps` steps.
 
     With `exact`, Newton's method with second derivatives replaces Gauss-Newton, for the last steps.
-    A point nearer to a higher one than `merged`, in the priors' spreads, gets the value -inf.  A climb
-    stops if it cannot come within `depth` of the highest point.  Each remaining step is assumed to
-    gain as much as the model predicts for the next one.
+    A point nearer to a higher one than `merged`, in the priors' spreads, gets the value -inf.  A climb's
+    pace is the gain that the model predicts, or the best of the last steps if that is less.  It stops
+    if at this pace it would end below `least`, or lower than the highest by more than `depth`.
     """
     u = np.clip(start, surface.low, surface.high)
     value = surface.value(u)
     damping = np.full(len(u), INITIAL_DAMPING)
     gain = np.full(len(u), np.inf)
-    under_way = np.isfinite(value)
+    under_way, gained = np.isfinite(value), np.full((PACE_STEPS, len(u)), np.inf)
     model = _second_order_model if exact else _gauss_newton_model
     for left in range(steps, 0, -1):
         now = np.flatnonzero(under_way)
@@ -66,11 +68,14 @@ def gauss_newton(
             break
         here = model(surface, u[now])
         gain[now] = newton_gain(surface, u[now], here)
-        hopeful = value[now] + left * gain[now] >= value.max() - depth
+        pace = np.minimum(gain[now], gained[:, now].max(axis=0))
+        hopeful = value[now] + left * pace >= max(value.max() - depth, least)
         under_way[now], now, here = hopeful, now[hopeful], here.rows(hopeful)
         if len(now) == 0:
             break
         moved = _best_step(surface, u[now], value[now], damping[now], here)
+        gained = np.roll(gained, 1, axis=0)
+        gained[0, now] = moved[1] - value[now]
         u[now], value[now], damping[now], advanced = moved
         under_way[now] = (gain[now] > MIN_GAIN) & (advanced | (damping[now] < MAX_DAMPING))
         if merged:

@@ -139,30 +139,62 @@ class Ranking:
         singles = [change.name for change in changes if not change.absorbs and not change.needs]
         for more in ((*first[:FEW], *physics), singles):
             before = 0.0
-            while (best := self._best()) is not None:
+            while (best := self._foundation()) is not None:
                 if self._explained or best.bayes < before + SURE_LOG_ODDS:
                     break
                 before = best.bayes
                 self._beside(best.parts, more)
         before = -math.inf
-        while (best := self._best()) is not None and best.bayes > before:
+        while (best := self._foundation()) is not None and best.bayes > before:
             before = best.bayes
             fewer = self.models.without_each(best.parts)
-            self.refit_all(fewer, self.maxima[best.parts].values)
+            self.refit_all(fewer, self.maxima[best.parts].values, self._rival)
 
     def _beside(self, parts: tuple[str, ...], more: Iterable[str]) -> None:
-        """Refit a candidate that was refitted, with each of `more`, from where its maximum is."""
-        self.refit_all(self.models.beyond(parts, more), self.maxima[parts].values)
+        """Refit a candidate that was refitted, with each of `more`, from where its maximum is.
+
+        What gained most before comes first, since others are not finished once they fall behind it.
+        """
+        wider = sorted(
+            self.models.beyond(parts, more), key=lambda rung: -self._gained(rung.names[-1])
+        )
+        self.refit_all(wider, self.maxima[parts].values, self._rival)
+
+    def _gained(self, part: str) -> float:
+        """Return how much more probable a part made what it was last added to."""
+        causes = self.causes_by_parts
+        heights = {parts: cause.bayes for parts, cause in causes.items()} | {(): 0.0}
+        last = (parts for parts in reversed(causes) if parts[-1] == part and parts[:-1] in heights)
+        return next((heights[parts] - heights[parts[:-1]] for parts in last), 0.0)
+
+    def _rival(self) -> float:
+        """Return the log evidence below which a candidate is of no interest beside the best one."""
+        trusted = (c.bayes for c in self._trusted())
+        return max(trusted, default=-math.inf) - SURE_LOG_ODDS + self.given.log_z
+
+    def _trusted(self) -> Iterator[Cause]:
+        """Yield those that are shown and may be recommended, the most probable first."""
+        return (cause for cause in self._shown() if not cause.doubts and cause.finished)
+
+    def _foundation(self) -> Cause | None:
+        """Return the most probable that can be trusted, or else the best: wider ones inherit doubts."""
+        return next(self._trusted(), None) or self._best()
 
     def _all(self) -> list[Cause]:
         """Return all candidates, the most probable first."""
         return sorted(self.causes_by_parts.values(), key=lambda cause: -round(cause.bayes, 3))
 
     def _best(self) -> Cause | None:
-        """Return the most probable that names causes alone; what hides much has to leave noise only."""
+        """Return the most probable of those that are shown."""
+        return next(self._shown(), None)
+
+    def _shown(self) -> Iterator[Cause]:
+        """Yield those that name causes alone, the most probable first.
+
+        What hides much has to leave noise only.
+        """
         named = (cause for cause in self._all() if not cause.absorbing)
-        shown = (c for c in named if c.explains_all or self.maxima[c.parts].hidden <= MAX_HIDDEN)
-        return next(shown, None)
+        return (c for c in named if c.explains_all or self.maxima[c.parts].hidden <= MAX_HIDDEN)
 
     def _ranked(self) -> tuple[Cause, ...]:
         """Return the recommended, then all others."""
@@ -213,8 +245,16 @@ class Ranking:
 
     # Refits.
 
-    def refit_all(self, candidates: Sequence[CandidateModel], near: Mapping[str, float]) -> None:
-        """Refit those that were not yet, from `near`, a few handed over at a time."""
+    def refit_all(
+        self,
+        candidates: Sequence[CandidateModel],
+        near: Mapping[str, float],
+        rival: Callable[[], float] = lambda: -math.inf,
+    ) -> None:
+        """Refit those that were not yet, from `near`, a few handed over at a time.
+
+        One that cannot reach the log evidence of its `rival` is not finished.
+        """
         under_way: list[tuple[CandidateModel, Job, Future[Any]]] = []
         known = {*map(frozenset, self.causes_by_parts)}
         remaining = [rung for rung in candidates if frozenset(rung.names) not in known]
@@ -234,12 +274,15 @@ class Ranking:
                 alone = {} if single is None else single.values
                 sought = (change.starts for change in rung.changes if change.starts)
                 starts = next((each for each in sought if not {*each[0]} <= {*near}), ())
-                arguments = job.problem.posterior, near, least, alone, self.records, starts
+                arguments = job.problem.posterior, near, least, alone, self.records, starts, rival()
                 under_way.append((rung, job, self.submit(refit_candidate, *arguments)))
             if under_way:
                 rung, job, future = under_way.pop(0)
-                self._keep(rung, job, future.result())
-            report.update(1.0 - (len(remaining) + len(under_way)) / total, said)
+                top: RefitMaximum | None = future.result()
+                self._keep(rung, job, top)
+                last = "" if top is None else f"; {rung.name} took {top.took:.1f} s"
+                done = 1.0 - (len(remaining) + len(under_way)) / total
+                report.update(done, f"{said}{last}")
 
     def _keep(self, rung: CandidateModel, job: Job, top: RefitMaximum | None) -> None:
         if top is None:
@@ -257,6 +300,7 @@ class Ranking:
             bayes=float(top.log_z - self.given.log_z) - math.log(tries),
             fit=top.fit,
             doubts=(*_doubts(top, {*self.maximum}, rung), *self._redundant(top, rung)),
+            finished=top.finished,
         )
         self.maxima[rung.names] = top
 

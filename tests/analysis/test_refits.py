@@ -115,6 +115,17 @@ def test_a_start_of_a_candidate_is_used() -> None:
     assert result.values["j_arm"] == pytest.approx(0.02, rel=0.02)
 
 
+@run_cases("above, finished", [(-1.0, True), (1.0, False)])
+def test_a_refit_that_cannot_reach_its_rival_is_not_finished(above: float, finished: bool) -> None:
+    """A rival that is a little less probable changes nothing."""
+    posterior = hub(5.0 * np.sign(np.sin(7.0 * T)), HUB, UNKNOWN)
+    alone = refit(posterior, posterior.space.start)
+    result = refit(posterior, posterior.space.start, {}, {}, (), alone.log_z + above)
+    assert (alone.finished, result.finished) == (True, finished)
+    assert (result.values == alone.values) == finished
+    assert result.log_z == pytest.approx(alone.log_z)
+
+
 @run_cases("high, at_end", [(0.1, True), (10.0, False)])
 def test_a_maximum_at_the_end_of_a_prior_is_noticed(high: float, at_end: bool) -> None:
     unknown = UNKNOWN | {"c_hub": {"prior": "uniform", "low": 0.05, "high": high, "start": 0.09}}

@@ -4,7 +4,7 @@ import dataclasses
 import json
 import math
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -108,18 +108,23 @@ def test_a_cause_that_explains_nothing_alone_is_tried_with_the_best(tmp_path: Pa
     worth = {"missing_torque_motor": 120.0, "friction_motor": 50.0, "friction_both": 100.0}
 
     class Guessing(ranking.Ranking):
-        enough = math.inf
+        enough, doubtful = math.inf, ""
 
         def refit_all(
-            self, candidates: Sequence[CandidateModel], near: Mapping[str, float]
+            self,
+            candidates: Sequence[CandidateModel],
+            near: Mapping[str, float],
+            rival: Callable[[], float] = lambda: -math.inf,
         ) -> None:
             for rung in candidates:
+                assert rival() == -math.inf or rival() > self.given.log_z + 40.0
                 parts = {*rung.names}
                 log_z = sum(worth.get(part, -1.0) for part in parts)
                 log_z += 30.0 * ({"friction_both", "damping_shaft"} <= parts)
                 log_z += 20.0 * ({"friction_both", "lag_w_1"} <= parts)
                 fit = template.fit if log_z >= self.enough else MISFIT
-                top = dataclasses.replace(template, log_z=self.given.log_z + log_z, fit=fit)
+                heights = {"log_z": self.given.log_z + log_z, "several": self.doubtful in parts}
+                top = dataclasses.replace(template, fit=fit, **heights)
                 self._keep(rung, job, top)
 
     def submit(*_: object) -> Future[RefitMaximum]:
@@ -137,6 +142,11 @@ def test_a_cause_that_explains_nothing_alone_is_tried_with_the_best(tmp_path: Pa
     few.enough = 110.0
     assert few.causes().ranked[0].parts == ("friction_both", "damping_shaft")
     assert max(map(len, few.causes_by_parts)) == 2
+    doubtful = Guessing(job, job.problem.posterior.space.start, template, submit, Silent())
+    doubtful.doubtful = "friction_both"
+    doubtful.causes()  # what cannot be trusted is not built upon
+    assert max(len(parts) for parts in doubtful.causes_by_parts if "friction_both" in parts) == 2
+    assert any(len(parts) == 2 and "friction_motor" in parts for parts in doubtful.causes_by_parts)
 
 
 @pytest.mark.slow

@@ -61,6 +61,7 @@ def candidates(causes: Causes | None) -> tuple[Sentences | Table | Plain, ...]:
         )
         return (Sentences("\n".join(filter(None, [tried, notes, LOOK]))),)
     best = causes.best
+    stopped = sum(not cause.finished for cause in causes.good)
     doubtful = [cause for cause in causes.good[:SHOWN] if cause.doubts]
     doubts = "; ".join(f"{_beside(c, best)}: {', '.join(map(doubt, c.doubts))}" for c in doubtful)
     caution = _absorbing(causes.good, best)
@@ -68,6 +69,10 @@ def candidates(causes: Causes | None) -> tuple[Sentences | Table | Plain, ...]:
         f"{refitted} from the MAP, each with all unknowns free. The best are listed: log Bayes factor "
         "(by Laplace's approximation), gain of the log posterior, and what stays unexplained of each "
         "channel.",
+        f"fit: {stopped} refits were stopped, as they could not become as probable as the best: their "
+        "numbers are lower bounds."
+        if stopped
+        else "",
         f"fit: A is the config with {listed(best.words, AND)}." if best else "",
         doubts and f"fit: do not trust the Bayes factor of {doubts}.",
         caution and f"fit: {caution} It names no cause.",
