@@ -8,6 +8,7 @@ from functools import cached_property
 from pathlib import Path
 
 from bayesdrill import output_files
+from bayesdrill.analysis.delay_confounding import delays_and_time_constants
 from bayesdrill.basics.arrays import Array
 from bayesdrill.config.schema.config import Config
 from bayesdrill.inference import residual_checks
@@ -24,6 +25,7 @@ from bayesdrill.report.doubts import (
     step_sentences,
     unbelievable,
 )
+from bayesdrill.report.findings import finding_sentences
 from bayesdrill.report.render import as_html
 from bayesdrill.report.run_report import made_of, provenance_of_records
 from bayesdrill.report.scales import WIDTHS
@@ -85,7 +87,8 @@ class MapReport:
         shape = output_files.preferred_format(self.config.output.formats_or_default)
         pictures = [Picture(stem, drawing.says, shape) for stem, drawing in figures.items()]
         inputs = residual_checks.input_sentences(self.correlations)
-        notes = map_notes(self.problem, self.mode)
+        delays = delays_and_time_constants(self.problem.posterior, self.best)
+        notes = [*map_notes(self.problem, self.mode), *finding_sentences(delays)]
         fit = "\n".join(filter(None, [*notes, said, *(f"fit: {line}" for line in inputs), steps]))
         return (
             *([build("", doubts)] if doubts else []),
