@@ -249,8 +249,9 @@ def input_lines(context: DraftContext) -> list[str]:
     after = max(start.max_delay for start in starts) * step
     doubt = "when it acts is known to one sample at best, and an error of half a one shifts "
     doubt += "inertias by many standard deviations: an unknown"
-    if context.has_measured_input and after > step:
-        doubt += ". The motion seems to follow late"
+    if dead := max(start.dead for start in starts):
+        doubt += f". The speed follows about {1e3 * dead * step:.3g} ms late. A delay and a time "
+        doubt += "constant can stand for each other: `bayesdrill map` says so if they do here"
     entry = f"  t_0: {{prior: uniform, low: {-step:.4g}, high: {after:.4g}}}    # s"
     return [*lines, *review([doubt], 2), entry]
 

@@ -375,6 +375,7 @@ class StartGuess:
     window: str
     zero_sds: Mapping[str, float]  # prior sds of offsets, for angles at rest but not at zero
     max_delay: float  # samples after which an input acts at the latest
+    dead: int  # samples by which a speed follows its input; 0 if that is not clear
     rest_end: float  # s, nothing moves before; NaN if something moves at the start
     window_doubt: str
     doubts: tuple[str, ...]
@@ -395,8 +396,9 @@ def guess_start(
     rest = _onset(roles)
     onset = math.nan if measured or moving else rest
     sensors = [channel.sensor for channel in roles.channels], [*roles.inputs.values()]
-    if measured and (dead := signals.dead_samples(*sensors)):
-        late = dead + 2.0
+    dead, margin = signals.dead_samples(*sensors) if measured else (0, 0)
+    if dead:
+        late = dead + 2.0 * margin
     driven = measured or "v" in roles.rig.inputs  # a voltage without a column is constant
     if roles.train is not None:
         window = "" if begin is None else f"[{begin:.12g}, {float(t[-1]):.12g}]"
@@ -404,7 +406,7 @@ def guess_start(
         seen = any(sensor.kind in ("angle", "position") for sensor in sensors[0])
         twists = ", ".join(f"{name}: free" for name in roles.rig.states[1:])
         free = "free" if seen else f"{{{twists}}}"  # the first angle stays zero
-        return StartGuess(free, True, window, {}, late, rest, cut, (why,))
+        return StartGuess(free, True, window, {}, late, dead, rest, cut, (why,))
     if not math.isnan(onset):
         begin, late = max(float(t[0]), onset - 2 * dt if driven else onset), 3.0
         why = f"nothing moves before {begin:.6g} s"
@@ -437,7 +439,7 @@ def guess_start(
         initial = f"{{{', '.join(filter(None, (at, state and f'state: {state}', angle)))}}}"
     window = "" if begin is None else f"[{begin:.12g}, {float(t[-1]):.12g}]"
     zeros = {} if moving else _zeros(roles)
-    return StartGuess(initial, moving, window, zeros, late, rest, why, tuple(doubts))
+    return StartGuess(initial, moving, window, zeros, late, dead, rest, why, tuple(doubts))
 
 
 def _begins_steadily(roles: SensorRoles) -> bool:

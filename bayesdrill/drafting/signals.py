@@ -20,6 +20,7 @@ TYPICAL_RATE = 300.0  # Hz; the geometric centre of usual sampling rates
 GIVEN_REASON = "as `--columns` says"
 REVERSAL_RATIO, CLEAR_REVERSAL_RATIO = 0.1, 0.3  # smaller over larger extent of a signal
 MAX_DEAD_SAMPLES, N_PAST, MAX_ROWS = 5, 3, 20_000  # largest delay, past samples, used rows
+STRIDES, MIN_BLOCKS = (1, 2, 4, 8), 100  # samples of a mean, and means from which a delay is found
 MAX_RESIDUAL_RATIO = 0.64  # residual of a speed with the delayed input over that without delay
 
 
@@ -447,18 +448,30 @@ def reverses(sensor: Sensor, share: float = REVERSAL_RATIO) -> bool:
     return bool(min(-low, high) > share * max(-low, high))
 
 
-def dead_samples(channels: Sequence[Sensor], inputs: Sequence[Sensor]) -> int:
-    """Return by how many samples the first speed follows the first input; 0 if it is not clear."""
+def dead_samples(channels: Sequence[Sensor], inputs: Sequence[Sensor]) -> tuple[int, int]:
+    """Return by how many samples the first speed follows the first input, and to how many that is known.
+
+    Both are 0 if it is not clear. Means of several samples show a delay that is long beside the step,
+    which the noise of single ones hides.
+    """
     speeds = [sensor for sensor in channels if sensor.kind in ("speed", "velocity")]
     driving = [sensor for sensor in inputs if sensor.kind in DRIVES and sensor.varies]
     if not speeds or not driving:
-        return 0
-    x, u = speeds[0].values, driving[0].values
-    k = np.arange(N_PAST + MAX_DEAD_SAMPLES, min(len(x), MAX_ROWS))
-    past = [x[k - j] for j in range(1, N_PAST + 1)]
-    residuals = [1 - explained(x[k], *past, u[k - d - 1])[1] for d in range(MAX_DEAD_SAMPLES + 1)]
-    best = int(np.argmin(residuals))
-    return best if residuals[best] < MAX_RESIDUAL_RATIO * residuals[0] else 0
+        return 0, 0
+    clearest, found = MAX_RESIDUAL_RATIO, (0, 0)
+    for stride in STRIDES:
+        n = len(speeds[0].values) // stride
+        if stride > 1 and n < MIN_BLOCKS:
+            break
+        x, u = (s.values[: n * stride].reshape(n, -1).mean(axis=1) for s in (speeds[0], driving[0]))
+        k = np.arange(N_PAST + MAX_DEAD_SAMPLES, min(n, MAX_ROWS))
+        past = [x[k - j] for j in range(1, N_PAST + 1)]
+        lags = range(MAX_DEAD_SAMPLES + 1)
+        residuals = [1 - explained(x[k], *past, u[k - d - 1])[1] for d in lags]
+        best = int(np.argmin(residuals))
+        if residuals[best] < clearest * residuals[0]:
+            clearest, found = residuals[best] / residuals[0], (best * stride, stride)
+    return found
 
 
 def is_plausible(values: Array) -> bool:

@@ -91,6 +91,11 @@ SENTENCES: Mapping[str, str] = {
         "{first:.6g} s; a counter that ran over? Say wraps: {period:.6g} at {channel}, or unwrap the "
         "column: np.unwrap(x, period={period:.6g})"
     ),
+    "delay and time constant": (
+        "timing: {delay_name} and a time constant stand for each other (correlation {correlation:.3f}): "
+        "{delay:.3g} ms, sd {delay_sd:.2g}, and {tau:.3g} ms, sd {tau_sd:.2g}. Hold the delay if it is "
+        "known, or record faster changes of the input"
+    ),
     "nothing moved": (
         "nothing moved: {channels} are the same in every row. Mend the sensor and record again, or name "
         "another column"

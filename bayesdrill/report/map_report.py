@@ -8,6 +8,7 @@ from functools import cached_property
 from pathlib import Path
 
 from bayesdrill import output_files
+from bayesdrill.analysis.delay_confounding import delays_and_time_constants
 from bayesdrill.basics.arrays import Array
 from bayesdrill.config.schema.config import Config
 from bayesdrill.inference import residual_checks
@@ -86,7 +87,8 @@ class MapReport:
         shape = output_files.preferred_format(self.config.output.formats_or_default)
         pictures = [Picture(stem, drawing.says, shape) for stem, drawing in figures.items()]
         inputs = finding_sentences(residual_checks.followed_inputs(self.correlations))
-        notes = map_notes(self.problem, self.mode)
+        delays = delays_and_time_constants(self.problem.posterior, self.best)
+        notes = [*map_notes(self.problem, self.mode), *finding_sentences(delays)]
         fit = "\n".join(filter(None, [*notes, said, *(f"fit: {line}" for line in inputs), steps]))
         return (
             *([build("", doubts)] if doubts else []),

@@ -23,6 +23,27 @@ def test_a_delay_of_more_than_a_sample_lies_inside_the_prior(tmp_path: Path) -> 
     sigma = draft["record"]["channels"]["w_rotor"]["sigma"]
     assert sigma["low"] == pytest.approx(6.43 / np.sqrt(6) / 10, rel=0.01)
     assert "a difference of counts? It goes in steps of 6.4286 deg/s" in draft["words"]
+    assert "The speed follows about 20 ms late" in draft["words"]
+
+
+@run_cases("late, expected", [(0.020, True), (0.0, False)])
+def test_a_delay_of_many_samples_is_proposed_with_a_reason(
+    late: float, expected: bool, tmp_path: Path
+) -> None:
+    """A motor with a time constant of 50 ms, sampled every millisecond."""
+    rng, n = np.random.default_rng(4), 3000
+    voltage = np.repeat(rng.choice([-6.0, 6.0], n // 60), 60)
+    delayed = np.concatenate([np.zeros(round(1000 * late)), voltage])[:n]
+    w = np.zeros(n)
+    for k in range(n - 1):
+        w[k + 1] = w[k] + 0.02 * (20.0 * delayed[k] - w[k])
+    rows = np.column_stack([0.001 * np.arange(n), voltage, w + 2.0 * rng.standard_normal(n)])
+    np.savetxt(tmp_path / "r.csv", rows, "%.5g", ",", header="t,u,y", comments="")
+    names = "t=t [s]", "u=u_rotor [V]", "y=w_rotor [rad/s]"
+    draft = draft_of(tmp_path / "r.csv", *names, config=tmp_path / "s.yaml")
+    words = "A delay and a time constant can stand for each other"
+    assert (words in draft["words"]) == expected
+    assert (draft["inputs"]["t_0"]["high"] > late + 0.002) == expected
 
 
 def angle_and_twist(t: np.ndarray, late: float, w: float) -> tuple[np.ndarray, np.ndarray]:
