@@ -23,7 +23,7 @@ from bayesdrill.report.section import aligned
 from bayesdrill.rig.models.linear import Model, constants
 from bayesdrill.rig.simulators import COMPRESSED_FROM
 
-FEW, ALL = 3, 50  # places of what is odd that a report names, and `check`
+FEW, ALL = 3, 50  # most places of an anomaly that a report names, and that `check` names
 HEADERS = ("", "measures", "column", "unit", "first", "from", "to")
 
 

@@ -30,8 +30,8 @@ from bayesdrill.sampling.proposal.learning import LearnedProposal
 
 FORM = 2  # version of `RunRecord`; the first repeated the numbers of the analysis
 OLDER = (
-    "was written by an older version of bayesdrill, and is not read any more; `bayesdrill posterior "
-    "CONFIG --resume` goes on with its chain and writes it anew"
+    "was written by an older version of bayesdrill, and is not read any more. `bayesdrill posterior "
+    "CONFIG --resume` continues its chain and writes it again"
 )
 FOLDER_ENTRIES: Mapping[str, str] = {  # entries of `run.json` that a folder has from its beginning
     "job": "the command that made the folder",
