@@ -55,12 +55,13 @@ def output_option(text: str) -> Any:
 
 
 ConfigPath = Annotated[Path, folder_argument("Experiment config (YAML).", "CONFIG")]
-Force = Annotated[bool, option("Discard what is there and start over.", "--force")]
+Force = Annotated[bool, option("Discard existing results and start over.", "--force")]
 Scheduler = Annotated[
-    str | None, option("Of a Dask cluster, such as tcp://host:8786.", metavar="ADDRESS")
+    str | None,
+    option("The scheduler of a Dask cluster, such as tcp://host:8786.", metavar="ADDRESS"),
 ]
 Processes = Annotated[
-    int | None, option("Processes; the result does not depend on it.", min=1, max=256)
+    int | None, option("Number of processes; the result does not depend on it.", min=1, max=256)
 ]
 
 
@@ -130,7 +131,9 @@ def _top(
 
 @command("example my_rig")
 def example(
-    folder: Annotated[Path, folder_argument("Nothing in it is overwritten.")] = Path("configs"),
+    folder: Annotated[Path, folder_argument("Folder; nothing in it is overwritten.")] = Path(
+        "configs"
+    ),
 ) -> None:
     """Write the bundled configs and records into a folder, to begin with."""
     say(str(bd.example(folder)))
@@ -138,26 +141,31 @@ def example(
 
 @command("init configs/records/example_rig.csv --output my_rig.yaml")
 def init(
-    records: Annotated[list[Path], folder_argument("What was measured.", "RECORD...")],
-    output: Annotated[Path | None, output_option("The config; default: beside the record.")] = None,
+    records: Annotated[list[Path], folder_argument("Files of the record.", "RECORD...")],
+    output: Annotated[
+        Path | None, output_option("The config; default: next to the record.")
+    ] = None,
     voltage: Annotated[
-        float | None, option("The supply, where it is constant and in no column.", metavar="VOLTS")
+        float | None,
+        option("The supply voltage, if it is constant and in no column.", metavar="VOLTS"),
     ] = None,
     gear: Annotated[
-        float | None, option("Of a gear N:1 between motor and shaft.", metavar="N")
+        float | None, option("The reduction N of a gear N:1 between motor and shaft.", metavar="N")
     ] = None,
-    rig: Annotated[str, option("Of the rig.", metavar="NAME")] = "motor_shaft",
+    rig: Annotated[str, option("The kind of rig.", metavar="NAME")] = "motor_shaft",
     columns: Annotated[
         list[str] | None,
-        option('As "data:3=theta_2 [deg]"; these alone are used.', metavar="COLUMN=WHAT"),
+        option('The columns to use, such as "data:3=theta_2 [deg]".', metavar="COLUMN=WHAT"),
     ] = None,
     rate: Annotated[
-        float | None, option("Samples a second, where no column is a time.", metavar="HZ")
+        float | None, option("The sampling rate, if no column is a time.", metavar="HZ")
     ] = None,
     sheet: Annotated[
         Path | None, option("A data sheet: entries of `nominal:`.", metavar="YAML")
     ] = None,
-    split: Annotated[bool, option("A record begins where times go back.", "--split")] = False,
+    split: Annotated[
+        bool, option("Begin a new record where the time decreases.", "--split")
+    ] = False,
     force: Annotated[bool, option("Overwrite a config.", "--force")] = False,
 ) -> None:
     """Look at records and write a first config for them, with every guess marked and its reason."""
@@ -173,7 +181,7 @@ def check(
         Path | None, option("Draw the rig into this .pdf, .png or .svg.", metavar="FILE")
     ] = None,
     figure_record: Annotated[
-        Path | None, option("Draw the record, over time, as the rig.", metavar="FILE")
+        Path | None, option("Draw the record over time into such a file.", metavar="FILE")
     ] = None,
 ) -> None:
     """Validate config and record and say what would run; samples nothing."""
@@ -192,13 +200,14 @@ def identify(
         option("Profile likelihood of a parameter, or of `all`.", "--profile", metavar="NAME"),
     ] = None,
     at_map: Annotated[
-        bool, option("At the MAP, which is searched first; default: the start.", "--at-map")
+        bool,
+        option("Evaluate at the MAP, which is searched first; default: at the start.", "--at-map"),
     ] = False,
     output: Annotated[
         Path | None, output_option("Folder for text and figures; default: print only.")
     ] = None,
     force: Annotated[
-        bool, option("Overwrite text and figures of an `identify` before.", "--force")
+        bool, option("Overwrite text and figures of an earlier `identify`.", "--force")
     ] = False,
     processes: Processes = None,
 ) -> None:
@@ -250,7 +259,7 @@ def map_(
             say(candidates.table)
         if apply is not None:
             written = candidates.apply(apply, force=force)
-            why = "" if candidates.table else ": the fit leaves what looks like the noise"
+            why = "" if candidates.table else ": the residuals look like the noise"
             say(f"{written}: written" if written else f"{apply}: nothing to write{why}")
     if output is not None:
         path = best.save(output, force=force)
@@ -270,7 +279,7 @@ def posterior(
     processes: Processes = None,
     verbose: Annotated[bool, option("Print the whole report.", "--verbose")] = False,
 ) -> None:
-    """MAP, sampling, diagnostics, tables and figures: the main job."""
+    """Search the MAP, sample the posterior, and make diagnostics, tables and figures: the main job."""
     options = {"resume": resume, "force": force, "processes": processes, "verbose": verbose}
     finish(_run("load", config, output, **options), verbose=verbose)
 
@@ -280,7 +289,7 @@ def calibrate(
     config: ConfigPath,
     output: Annotated[Path | None, output_option("Default: results/<name>-calibration.")] = None,
     resume: Annotated[
-        bool, option("Go on with an interrupted calibration, or extend one.", "--resume")
+        bool, option("Continue an interrupted calibration, or extend a finished one.", "--resume")
     ] = False,
     force: Force = False,
     processes: Processes = None,
@@ -296,18 +305,19 @@ def calibrate(
 @command("report results/nominal_step")
 def report(
     folders: Annotated[
-        list[Path], folder_argument("Of finished runs, one or several.", "FOLDER...")
+        list[Path], folder_argument("The folders of one or several finished runs.", "FOLDER...")
     ],
     output: Annotated[
-        Path | None, output_option("Default: of one where it is, of several results/<name>-<name>.")
+        Path | None,
+        output_option("Default: for one run its folder, for several results/<name>-<name>."),
     ] = None,
     force: Force = False,
     pdf: Annotated[
-        bool, option("Write every figure of a run as PDF too, and not corner plots alone.", "--pdf")
+        bool, option("Write every figure of a run as PDF too, not only corner plots.", "--pdf")
     ] = False,
     processes: Processes = None,
 ) -> None:
-    """Make tables and figures again from a stored chain; of several runs, lay them over each other."""
+    """Make tables and figures again from a stored chain; show several runs over each other."""
     if len(folders) > 1:
         _compare("overlay", folders, output, force=force)
         return
@@ -321,12 +331,13 @@ def report(
 @command("compare results/nominal_step results/damped")
 def compare(
     folders: Annotated[
-        list[Path], folder_argument("Of finished runs of one record, two or more.", "FOLDER...")
+        list[Path],
+        folder_argument("The folders of two or more finished runs of one record.", "FOLDER..."),
     ],
     output: Annotated[Path | None, output_option("Default: results/compare-<name>-<name>.")] = None,
     force: Force = False,
 ) -> None:
-    """Say which model of a record is the more probable, and whether model or noise makes it so."""
+    """Say which model of a record is more probable, and whether rig or noise makes the difference."""
     _compare("comparison", folders, output, force=force)
 
 
@@ -335,9 +346,9 @@ def ladder(
     config: ConfigPath,
     output: Annotated[Path | None, output_option("Default: results/<name>-ladder.")] = None,
     sample: Annotated[
-        int, option("How many of the best candidates are sampled.", min=2, max=9)
+        int, option("The number of candidates to sample, the best first.", min=2, max=9)
     ] = 2,
-    resume: Annotated[bool, option("Go on with an interrupted ladder.", "--resume")] = False,
+    resume: Annotated[bool, option("Continue an interrupted ladder.", "--resume")] = False,
     force: Force = False,
     processes: Processes = None,
     scheduler: Scheduler = None,
@@ -361,11 +372,13 @@ def verify(folder: Annotated[Path, folder_argument("Folder of a finished run.")]
 @command("simulate configs/nominal_step.yaml --output my_record.csv")
 def simulate(
     config: ConfigPath,
-    output: Annotated[Path | None, output_option("Default: what the config names.")] = None,
+    output: Annotated[
+        Path | None, output_option("Default: the record that the config names.")
+    ] = None,
     seed: Annotated[int | None, option("Default: the config's.", min=0)] = None,
     force: Annotated[bool, option("Overwrite simulated records.", "--force")] = False,
 ) -> None:
-    """Make a record from the config (of several experiments, one each): response plus noise, as CSV."""
+    """Simulate a record from the config, one for each experiment: response plus noise, as CSV."""
     simulated = bd.simulate(config, output, seed=seed, force=force)
     for path, samples in simulated.files.items():
         say(f"{path}: {samples} samples")
@@ -374,7 +387,8 @@ def simulate(
 @command("schema > schema.json")
 def schema(
     of: Annotated[
-        Literal["config", "run"], option("Of configs, or of the run.json of a posterior.", "--of")
+        Literal["config", "run"],
+        option("The schema of configs, or of the run.json of a posterior.", "--of"),
     ] = "config",
 ) -> None:
     """Print the JSON schema of configs, for editors that complete and check them."""
@@ -383,26 +397,28 @@ def schema(
 
 @command("export results/nominal_step --to mjcf --output rig.xml")
 def export(
-    folder: Annotated[Path, folder_argument("Of a finished run.")],
-    to: Annotated[Literal["json", "mjcf"], option("For any program, or MuJoCo.", "--to")],
-    output: Annotated[Path | None, output_option("Default: it is printed.")] = None,
-    draws: Annotated[int, option("Of the posterior, at most.", min=2, max=100_000)] = 100,
+    folder: Annotated[Path, folder_argument("Folder of a finished run.")],
+    to: Annotated[
+        Literal["json", "mjcf"], option("JSON for any program, or MJCF for MuJoCo.", "--to")
+    ],
+    output: Annotated[Path | None, output_option("Default: print it.")] = None,
+    draws: Annotated[int, option("The most draws of the posterior.", min=2, max=100_000)] = 100,
     force: Annotated[bool, option("Overwrite a file.", "--force")] = False,
 ) -> None:
-    """Write what simulators take: armatures, damping and friction, with their spread and draws."""
+    """Write the rig for simulators: armatures, damping and friction, with their spread and draws."""
     text = bd.export(folder, to, output, draws=draws, force=force)
     typer.echo(text if output is None else f"{output}: written", nl=output is not None)
 
 
 @command("cite")
 def cite() -> None:
-    """Print BibTeX entries of bayesdrill and of the works that a result stands on."""
+    """Print BibTeX entries of bayesdrill and of the works on which a result is based."""
     say(bd.citation().rstrip("\n"))
 
 
 @command("cache --clear")
-def cache(clear: Annotated[bool, option("Remove all of them.", "--clear")] = False) -> None:
-    """Say where compiled kernels are kept, and how large they are; the next command finds them there."""
+def cache(clear: Annotated[bool, option("Remove all kernels.", "--clear")] = False) -> None:
+    """Say where compiled kernels are kept for later commands, and how large they are."""
     from bayesdrill.api import files
 
     say(files.cache(clear=clear))

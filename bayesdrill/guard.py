@@ -100,7 +100,7 @@ def finish(outcome: Any, *, verbose: bool = False) -> None:
         say(f"could not be made: {file}", err=True)
     if outcome.missing:
         command = f"`bayesdrill report {outcome.folder}`"
-        say(f"all else is written; once this is mended, {command} makes it", err=True)
+        say(f"everything else is written; once this is corrected, {command} makes it", err=True)
     if outcome.reasons:
         raise typer.Exit(NOT_CONVERGED)
     if outcome.missing:
@@ -140,7 +140,7 @@ def never_silent(silence: float = SILENCE) -> Iterator[None]:
         while not done.wait(silence / 10):
             if time.monotonic() - max(out.written, err.written) >= silence:
                 with suppress(OSError, ValueError):
-                    err.write(f"  still at work, for {time.monotonic() - begun:.0f} s by now\n")
+                    err.write(f"  still working, for {time.monotonic() - begun:.0f} s by now\n")
                     err.flush()
 
     watcher = Thread(target=watch, daemon=True)

@@ -44,9 +44,11 @@ def series(location: str, values: Any, issues: list[Issue]) -> Array:
         issues.append(Issue(location, "these are dates or durations; give seconds, as numbers"))
     elif raw.dtype.kind not in "iufbO" or (raw.dtype.kind == "O" and raw.ndim == 0):
         kind = type(values).__name__ if raw.ndim == 0 else raw.dtype
-        issues.append(Issue(location, f"wanted is an array of numbers, not {kind}"))
+        issues.append(Issue(location, f"give an array of numbers, not {kind}"))
     elif raw.ndim != 1:
-        issues.append(Issue(location, f"wanted is one row of numbers, not the shape {raw.shape}"))
+        issues.append(
+            Issue(location, f"give one row of numbers, not an array of shape {raw.shape}")
+        )
     else:
         try:
             numbers = raw.astype(np.float64)

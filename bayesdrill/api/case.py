@@ -515,7 +515,7 @@ class Case(Value):
         from bayesdrill.api.run import Best
 
         if not isinstance(best, Best):
-            raise InputError.at("best", f"give what find_map found, not {type(best).__name__}")
+            raise InputError.at("best", f"give a result of find_map, not {type(best).__name__}")
         if not equal_content(best.job.problem.posterior, self.job.problem.posterior):
             message = "this is the maximum of another case; find that of this one"
             raise InputError.at("best", message)

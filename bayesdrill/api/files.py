@@ -335,7 +335,7 @@ def publish(
     if output is not None:
         pipeline.copy_result(source, path, force=force)
     elif force:
-        message = "goes with --output, or several folders; one is written again where it is"
+        message = "needs --output, or several folders; a single one is written again in place"
         raise InputError.at("--force", message)
     return pipeline.republish(path, workers, report or SILENT, pdf=pdf)
 

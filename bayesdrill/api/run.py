@@ -250,7 +250,7 @@ class Candidates(Value):
         return target
 
     def __str__(self) -> str:
-        return self.table or "the fit leaves what looks like the noise: nothing more is tried"
+        return self.table or "the residuals look like the noise: no other model is tried"
 
     __repr__ = __str__
 

@@ -42,7 +42,7 @@ def lazy_attributes(package: str) -> Callable[[str], Any]:
 def check_callable(_: str, member: Any) -> None:
     """Raise `ValueError` if a member of another package is not callable."""
     if not callable(member):
-        raise ValueError(f"a function is wanted, not {type(member).__name__}")
+        raise ValueError(f"give a function, not {type(member).__name__}")
 
 
 class Registry[T](Mapping[str, T]):

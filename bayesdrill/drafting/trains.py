@@ -68,8 +68,8 @@ def assign_train(sensors: Sequence[Sensor], dt: float) -> SensorRoles:
         train=plain,
         gear=1.0,
         gear_reason="",
-        gear_doubt="inertias stand in the order of their columns, each joined to the next; mend what is "
-        "otherwise (a gear is `gears: {box: {between: [motor, load], ratio: 0.1}}`)",
+        gear_doubt="inertias are in the order of their columns, each joined to the next. Correct what "
+        "is otherwise (a gear is `gears: {box: {between: [motor, load], ratio: 0.1}}`)",
         unused=unused,
     )
 

@@ -11,7 +11,7 @@ from bayesdrill.report.scales import DOUBLE
 
 Point = tuple[float, float]
 LINE = 0.8
-SMALL = 7.5  # size of a font
+SMALL = 7.5  # font size in points
 SOLID: dict[str, Any] = {"facecolor": style.LIGHT, "edgecolor": style.BLACK, "linewidth": LINE}
 HOLLOW: dict[str, Any] = SOLID | {"facecolor": "white"}
 

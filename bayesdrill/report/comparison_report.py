@@ -30,12 +30,12 @@ from bayesdrill.report.sections.comparison import (
 from bayesdrill.report.sections.overlay import intervals_figure, overlay_corner_figure, overlay_csv
 from bayesdrill.report.view import Drawing
 
-RANKED = 10  # candidates that are shown
+RANKED = 10  # number of candidates that are shown
 MODELS = (
-    "Of each model the log odds against the most probable, what its fit leaves of each channel, and "
-    "where it has each unknown."
+    "For each model the log odds against the most probable one, the residuals of each channel, and "
+    "the estimate of each unknown."
 )
-INTERVALS = "Where each run has each unknown: mean, interval and nominal value."
+INTERVALS = "The estimate of each unknown in each run: mean, interval and nominal value."
 CORNER = "The posteriors of all runs over each other, for each unknown and each pair (corner plot)."
 
 
@@ -59,7 +59,7 @@ OVERLAID = Form(
     name="overlay",
     kind=OVERLAY,
     figure="corner",
-    most=6,  # that can be told apart in grey
+    most=6,  # more runs cannot be distinguished in grey
     purpose="laid over each other",
     between=" beside ",
 )

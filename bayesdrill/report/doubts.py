@@ -34,10 +34,10 @@ def figure_warning(sampled: SamplingResult, left: Sequence[ResidualSummary]) -> 
 def misfit(left: Sequence[ResidualSummary]) -> str:
     """Return the warning that figures of a fit carry; empty if it leaves only noise."""
     if any(summary.far_too_large for summary in left):
-        return "DOES NOT FIT: far more than the noise is left"
+        return "DOES NOT FIT: the residuals are far larger than the noise"
     if any(summary.unbelievable for summary in left):
-        return "DOES NOT FIT: what is left is far from white"
-    return "" if like_noise(left) else "MORE THAN NOISE IS LEFT by the fit"
+        return "DOES NOT FIT: the residuals are far from white"
+    return "" if like_noise(left) else "THE RESIDUALS ARE MORE THAN NOISE"
 
 
 def unbelievable(reasons: Sequence[str], *, converged: bool) -> str:
@@ -50,7 +50,7 @@ def unbelievable(reasons: Sequence[str], *, converged: bool) -> str:
 
 
 SHOWN = 5  # unknowns that a sentence names
-MAX_SHARE = 10.0  # of a channel's spread: more is left only of one that hardly changes
+MAX_SHARE = 10.0  # relative to a channel's spread: larger residuals occur only if it hardly changes
 
 
 def residual_sentences(summaries: Sequence[ResidualSummary], clock: Unit) -> str:
@@ -94,7 +94,7 @@ def residual_sentences(summaries: Sequence[ResidualSummary], clock: Unit) -> str
         lines.append(
             f"fit: {_correlated(correlated)} (white noise gives at most "
             f"{correlated[0].limits.correlation:.2g} either way). The model misses something, or the "
-            "column was filtered or differenced. Sandwich sds, in the report of a posterior, count that."
+            "column was filtered or differenced. Sandwich sds in the report of a posterior allow for it."
         )
     if small := _worst(summaries, "small", "rms"):
         lines.append(
@@ -125,7 +125,7 @@ def sandwich_reasons(unsupported: Mapping[str, float]) -> tuple[str, ...]:
     worst = sorted(unsupported.items(), key=lambda pair: -pair[1])
     each = ", ".join(f"{name} ({times:.3g} times as large)" for name, times in worst[:SHOWN])
     more = ", ..." if len(worst) > SHOWN else ""
-    allowed = "with the sds that allow for what the fit leaves (sandwich), the record"
+    allowed = "with the sds that allow for correlated residuals (sandwich), the record"
     return (f"{allowed} does not determine {each}{more}",) if worst else ()
 
 
@@ -155,7 +155,7 @@ def percent(share: float) -> str:
     return f"{100 * share:.2g} %" if not share >= 0.995 else f"{100 * share:.0f} %"
 
 
-EARLY = 0.1  # of a sample: inputs that act so much before they are recorded are worth a word
+EARLY = 0.1  # in samples: inputs that act earlier than this before their record are reported
 
 
 def map_notes(problem: Problem, mode: Mode) -> Iterator[str]:
@@ -165,7 +165,7 @@ def map_notes(problem: Problem, mode: Mode) -> Iterator[str]:
     for name in mode.at_bound:
         value, prior = mode.values[name], priors[name]
         if abs(value - prior.low) < abs(value - prior.high) and prior.low == 0:
-            yield f"prior: {name} is at zero, where its prior ends: the record shows none of it."
+            yield f"prior: {name} is at zero, where its prior ends: the record shows no sign of it."
         else:
             symbol = units.symbol(si[name])
             shown = f"{value / units.factor(name):.4g} {symbol.plain_unit}".removesuffix(" 1")
@@ -178,7 +178,7 @@ def map_notes(problem: Problem, mode: Mode) -> Iterator[str]:
             if (early := mode.values.get(name, 0.0)) < -EARLY * step:
                 yield (
                     f"timing: by {name} the inputs act {-1e3 * early:.3g} ms before they are recorded. "
-                    "Their column is late, as one that was filtered, or the clocks do not agree."
+                    "Their column is late, for instance by a filter, or the clocks do not agree."
                 )
 
 
@@ -212,10 +212,10 @@ def step_sentences(errors: Sequence[StepError]) -> str:
             f"{steps} to a sample{where}; {TRUTH_REFINEMENT} times as many would move samples by"
         )
         worst = f"{error.worst:.2g} of the noise ({each})"
-        said = f"{moved} at most {worst}. That does no harm."
+        said = f"{moved} at most {worst}. That is harmless."
         if not error.fine:
             said = (
-                f"TOO FEW: {moved} up to {worst}. At most a tenth of the noise does no harm. Say "
+                f"TOO FEW: {moved} up to {worst}. Up to a tenth of the noise is harmless. Say "
                 f"`model: {{pieces: {steps_wanted(error)}}}`."
             )
         lines.append(f"steps: {said}")
@@ -232,7 +232,7 @@ def prior_notes(rows: Sequence[ParameterRow], display_units: DisplayUnits) -> li
     return [
         f"note: {row.name} is pressed against the end "
         f"{display_units.format_value(row.name, row.pressed_against)} of its prior, which ends "
-        "where the record pulls. Widen it, or doubt the model, the units and what is held."
+        "where the record pulls. Widen it, or check the model, the units and the held values."
         for row in rows
         if row.pressed_against is not None
     ]

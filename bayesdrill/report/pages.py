@@ -14,7 +14,7 @@ from bayesdrill.report import style
 from bayesdrill.report.scales import DOUBLE, Scale
 from bayesdrill.report.style import Axes, Figure
 
-NARROW_ROW = 0.85  # of the height of a row, in a figure as wide as one column of text
+NARROW_ROW = 0.85  # height of a row in a figure of one column, relative to one of two
 
 
 def build_page(
@@ -145,15 +145,15 @@ def difference_panel(
 
 Ends = tuple[float, float]
 LEVELS = tuple(1.0 - math.exp(-0.5 * sigma**2) for sigma in (1.0, 2.0))  # 39.3 %, 86.5 %
-BINS = 52  # across the draws of one unknown and a margin for the smoothing
+BINS = 52  # bins across the draws of one unknown, with a margin for the smoothing
 CENTRAL_SHARE = 0.999  # share of the draws inside an axis
 # correlation from which on bins are sheared, and reflect at ends no more
 MIN_SHEARED_CORRELATION = 0.9
-BANDWIDTH_FACTOR = 1.3  # than Scott's rule, which is for bells: a box has no top
+BANDWIDTH_FACTOR = 1.3  # relative to Scott's rule, which suits normal distributions but not boxes
 # sds of its noise that a density falls across a bandwidth at a contour; 0.8 of noise alone
 MIN_SLOPE_SDS = 2.0
 CONTOUR = {"colors": style.BLACK}
-INNER_GREY, OUTER_GREY = "0.68", "0.85"  # greys between the contours
+INNER_GREY, OUTER_GREY = "0.68", "0.85"  # greys inside the inner and the outer contour
 
 
 def contours(
@@ -228,7 +228,7 @@ def _resolved_levels(counts: Array, smooth: Sequence[float]) -> tuple[float, ...
     ordered = np.sort(density, axis=None)[::-1]
     cumulative = np.cumsum(ordered) / ordered.sum()
     slope = np.hypot(*np.gradient(density)) * math.sqrt(smooth[0] * smooth[1])
-    kernel = 4.0 * math.pi * smooth[0] * smooth[1]  # bins that one of them is a mean over
+    kernel = 4.0 * math.pi * smooth[0] * smooth[1]  # number of bins that the smoothing averages
     levels = []
     for level in LEVELS:
         height = ordered[np.searchsorted(cumulative, level)]

@@ -81,7 +81,7 @@ def write_results(
     others = {name: formats[name] for name in wanted if name not in of_draws}
     tasks = _begin_figures(of_draws, view, figures, pool, report, sparing)
     report.update(0.0, "looking at what the draws say")
-    _ = view.analysis  # while others draw
+    _ = view.analysis  # evaluate the analysis while other processes draw
     report.update(0.0, "making tables and figures")
     tasks |= _begin_figures(others, view, figures, pool, report, sparing)
     report.update(0.5, "tables")

@@ -18,7 +18,7 @@ from bayesdrill.basics.symbols import Symbol
 from bayesdrill.report.scales import DPI, Typesetter, printed
 from bayesdrill.report.section import WORDS, Picture, Section, items
 
-_PNG_SIZE = slice(16, 24)  # of a file: width and height, big endian
+_PNG_SIZE = slice(16, 24)  # bytes of a PNG file with width and height, big endian
 _SVG_SIZE = re.compile(rb'<svg[^>]*\bwidth="([\d.]+)pt" height="([\d.]+)pt"')
 
 
@@ -43,7 +43,7 @@ def as_html(
     `what`: the kind of report; `figures`: where the PNG or SVG of pictures are; those without
     either are left out.
     """
-    import jinja2  # late: templates are for pages alone
+    import jinja2  # late: only pages need templates
 
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("bayesdrill.report", "page"),

@@ -25,8 +25,8 @@ from bayesdrill.rig.models.roles import GROUND, ROTARY, InertiaRoles, MotorRoles
 # Inches; a place is the middle of a part.
 PAD, LINE_HEIGHT, SPRING, DISC = 0.1, 0.19, 0.62, (0.16, 0.8)
 CART = (0.62, 0.4)
-BESIDE_EACH_OTHER = 1.0  # distance of shafts between the same inertias
-FOLDED = 1.1 * scales.DOUBLE  # a longer chain goes on in another row
+BESIDE_EACH_OTHER = 1.0  # distance of parallel shafts between the same inertias
+FOLDED = 1.1 * scales.DOUBLE  # width in inches beyond which a chain continues in another row
 # Heights of a motor above what it turns, of its circuit, and of the symbols above that.
 MACHINE, MESH, SYMBOLS = 0.62, 0.66, 0.34
 
@@ -138,7 +138,7 @@ class _RigDrawing:
             self.sheet.write(0.1, y, note, ha="left", va="bottom", fontsize=SMALL)
         return figure
 
-    # What there is.
+    # Parts of the drawing.
 
     def _formula(self, names: Sequence[str]) -> str:
         known = [self.rig.symbols[name].latex for name in names if name]
@@ -176,7 +176,7 @@ class _RigDrawing:
         others = (*backwards, inertia.drag, *inertia.cutting, inertia.weight, inertia.tilt)
         known = [name for name in (*rubs, *others) if name in rig.parameters]
         below = [self._latex(*pair) for pair in batched(known, 2)]
-        if circuit:  # takes all the room above
+        if circuit:  # a circuit takes all the room above
             above, below = [], [*reversed(above), *below]
         return _Part(
             inertia.name,
@@ -191,7 +191,7 @@ class _RigDrawing:
     def _inputs(self, inertia: InertiaRoles) -> list[str]:
         motor = self.roles.motor(inertia.name)
         inputs = [inertia.torque, inertia.load, inertia.bit_weight]
-        inputs += [inertia.speed] * (not inertia.latex)  # it is imposed where it is a state itself
+        inputs += [inertia.speed] * (not inertia.latex)  # a speed that is a state itself is imposed
         inputs += [motor.voltage, motor.current] if motor else []
         return [name for name in inputs if name in self.rig.inputs]
 
@@ -199,7 +199,7 @@ class _RigDrawing:
         names = (motor.resistance, motor.series, motor.inductance, motor.drop)
         return [name for name in names if name in self.rig.parameters]
 
-    # Where it is.
+    # Positions of the parts.
 
     def _rows(self) -> list[_Row]:
         rows: list[_Row] = []
@@ -294,7 +294,7 @@ class _RigDrawing:
             x += self._width(name) / 2
         return x + 0.1
 
-    # How it is drawn.
+    # Shapes and lines of the parts.
 
     def _edge(self, name: str, side: int) -> Point:
         """Return where the body of a part ends on its left (-1) or right (1)."""

@@ -137,7 +137,7 @@ def details(run: ReportContext) -> str:
     return "\n\n".join((said, *as_text(sections(run))))
 
 
-MOST_LINES = 16  # of a table on a screen
+MOST_LINES = 16  # most lines of a table on a screen
 ON_SCREEN = ("", "unit", "nominal", "mean", "sd", "dev. %", "the record says")
 
 

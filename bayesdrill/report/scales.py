@@ -28,12 +28,12 @@ def time_symbol(clock: Unit) -> Symbol:
     return dataclasses.replace(TIME, latex_unit=clock.latex)
 
 
-SINGLE, DOUBLE = 3.4, 7.0  # inches: of one column and of two
-DPI = 220  # of pixels in them
+SINGLE, DOUBLE = 3.4, 7.0  # widths in inches of one column of text and of two
+DPI = 220  # resolution of PNG figures
 WIDTHS: Mapping[str, float] = MappingProxyType({"single": SINGLE, "double": DOUBLE})
 # Of each decade of a logarithmic axis, from many numbers to few.
 SERIES: tuple[tuple[float, ...], ...] = ((1.0, 2.0, 5.0), (1.0, 3.0), (1.0,))
-CURVED_RATIO = 4.0  # the ratio of its ends from which on a logarithmic axis has numbers of a series
+CURVED_RATIO = 4.0  # ratio of its ends above which a logarithmic axis has numbers of a series
 
 
 def even_numbers(low: float, high: float, most: int) -> tuple[list[float], list[str]]:

@@ -208,7 +208,7 @@ def _in_markdown(block: Block) -> str:
         case Badges(badges):
             return _no_html(", ".join(f"**{mark.text}**" for mark in badges))
         case Picture(stem, says, ending):
-            picture = "" if ending == "pdf" else "!"  # which no page shows
+            picture = "" if ending == "pdf" else "!"  # pages cannot show a PDF
             return _no_html(f"{picture}[{says}](figures/{stem}.{ending})")
 
 

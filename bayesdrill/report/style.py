@@ -30,7 +30,7 @@ else:  # for annotations, which nothing evaluates
 
 Look = Mapping[str, Any]  # how something is drawn, as matplotlib takes it
 NONE = np.empty(0)
-SMALL = 0.83  # of the letters of a figure in one column, in those of one in two
+SMALL = 0.83  # font size in a figure of one column, relative to one of two
 
 
 def fix_look(**entries: Any) -> Look:
@@ -86,7 +86,7 @@ HATCHED = fix_look(facecolor="none", edgecolor=MIDDLE, linewidth=0)
 PRIOR_LINE = fix_look(color=MIDDLE, linestyle=(0, (6, 1, 1, 1)), linewidth=0.8)
 _DOT = fix_look(marker="o", markersize=1.2, markeredgewidth=0, linestyle="none")
 DOTS = fix_look(color=DARK, alpha=0.35, zorder=-1, rasterized=True, **_DOT)
-WORDS = fix_look(linestyle="none")  # of an entry of a legend that is words alone
+WORDS = fix_look(linestyle="none")  # look of a legend entry that has only words
 # Matplotlib has one style for the whole process, and one parser of formulas.
 _ONE_AT_A_TIME = threading.RLock()
 

@@ -32,7 +32,7 @@ FEWEST = 2  # runs
 LONGEST = 100  # letters of a folder's name
 OF_NOISE = ("the noise of", "the kind of noise")  # begin the names of settings
 WITHOUT = (
-    "has no log evidence: it was made before there was any, or its proposal failed. "
+    "has no log evidence: it is older than this result, or its proposal failed. "
     "`bayesdrill posterior CONFIG --resume` computes it from the existing chain"
 )
 

@@ -180,7 +180,7 @@ def identify(job: Job, best: Mode | None, wanted: Sequence[str], report: Reporte
 def preflight(job: Job, sensitivities: SensitivityStudy) -> str:
     """Describe in a few lines what the record can show at the start, or where the rig moves."""
     if not sensitivities.unknowns:
-        return "no parameter of the rig is unknown: only sensors, starts or noise are looked for"
+        return "no parameter of the rig is unknown, only those of sensors, starts or noise"
     posterior = job.problem.posterior
     point, rig = study_point(sensitivities, posterior, job.config.seed), job.problem.model
     at_rest = describe_study_point(point, job.problem)

@@ -83,7 +83,7 @@ def _check_answers(scheduler: str) -> None:
 
     call: dict[str, Any] = Security().get_connection_args("client")  # type: ignore[no-untyped-call]
     if scheduler.startswith(("tls", "wss")) and call.get("ssl_context") is None:
-        message = "no certificates are configured, without which tls:// and wss:// cannot be; "
+        message = "no certificates are configured, which tls:// and wss:// need; "
         message += "name them in distributed.comm.tls of Dask's configuration, or take tcp://"
         raise InputError.at("--scheduler", message)
 
@@ -181,13 +181,13 @@ class Cluster(RefitExecutor):
                 self._heard[address] = worker["last_seen"], now
         self._last = max([self._last, *(since for _, since in self._heard.values())])
         if now - self._last > SILENT_SECONDS:
-            return f"no worker has been heard of for {SILENT_SECONDS:g} s"
+            return f"no worker has answered for {SILENT_SECONDS:g} s"
         silent = {
             worker for worker, (_, since) in self._heard.items() if now - since > SILENT_SECONDS
         }
         for address in silent - self._given_up:
             self._given_up.add(address)
-            say(f"worker {address} is silent; what it had is done by the others")
+            say(f"worker {address} is silent; its work goes to the others")
             leave = {"address": address, "stimulus_id": f"silent-{time.time()}"}
             # Dask's own time limit for a silent worker is longer.
             with suppress(OSError):

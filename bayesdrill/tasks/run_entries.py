@@ -33,8 +33,8 @@ from bayesdrill.sampling.proposal.learning import LearnedProposal
 # sentences where findings are now, is read without its analysis, which is evaluated again.
 FORM, READ_TOO = 3, 2
 OLDER = (
-    "was written by an older version of bayesdrill, and is not read any more; `bayesdrill posterior "
-    "CONFIG --resume` goes on with its chain and writes it anew"
+    "was written by an older version of bayesdrill, and is not read any more. `bayesdrill posterior "
+    "CONFIG --resume` continues its chain and writes it again"
 )
 
 

@@ -26,11 +26,11 @@ def main(
         Path, typer.Option("--output", "-o", help="Folder for tables and figures.")
     ] = Path("results/paper"),
     force: Annotated[
-        bool, typer.Option("--force", help="Discard what is there and start over.")
+        bool, typer.Option("--force", help="Discard existing results and start over.")
     ] = False,
     processes: Annotated[
         int | None,
-        typer.Option(min=1, max=256, help="Processes; the result does not depend on it."),
+        typer.Option(min=1, max=256, help="Number of processes; the result does not depend on it."),
     ] = None,
 ) -> None:
     """Repeat the studies of the paper, each beside what a full posterior says of it (minutes)."""

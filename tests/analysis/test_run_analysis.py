@@ -92,7 +92,7 @@ def test_a_run_is_believed_whose_sandwich_sds_determine_as_well() -> None:
         assert believed.judge().reasons == ()
         assert {row.word for row in believed.analysis.unknowns} == {"determined"}
         assert "determined: j_m, c_m" in believed.judge().text
-    assert "Sandwich sds, in the report of a posterior, count that" in wide.judge().text
+    assert "Sandwich sds in the report of a posterior allow for it" in wide.judge().text
 
 
 @run_cases("widths, doubted", [(NARROW, True), (WIDE, False)])

@@ -81,8 +81,8 @@ DATES = np.datetime64("2026-01-01") + np.arange(len(T)) * np.timedelta64(20, "ms
     [
         ({"t": DATES}, "t: these are dates or durations; give seconds"),
         ({"t": T[::-1]}, "does not increase"),
-        ({"t": None}, "t: wanted is an array of numbers, not NoneType"),
-        ({"t": T * 1j}, "t: wanted is an array of numbers, not complex128"),
+        ({"t": None}, "t: give an array of numbers, not NoneType"),
+        ({"t": T * 1j}, "t: give an array of numbers, not complex128"),
         ({"t": T[:-1]}, "w_1: 241 values, but there are 240 times"),
         ({"channels": {}}, "nothing is measured; give a bd.Channel"),
         ({"channels": None}, "channels: give a bd.Channel.* not NoneType"),
@@ -91,7 +91,7 @@ DATES = np.datetime64("2026-01-01") + np.arange(len(T)) * np.timedelta64(20, "ms
         ({"w_1": (GAP, "rpm", 0.1)}, "sample 18"),
         ({"w_1": (T.reshape(1, -1, 1), "rad/s", 0.1)}, "one row of numbers"),
         ({"w_1": ([[1.0], [1.0, 2.0]], "rad/s", 0.1)}, "w_1: wanted"),
-        ({"w_1": ("rad/s", T, 0.1)}, "channels.w_1: wanted is an array"),
+        ({"w_1": ("rad/s", T, 0.1)}, "channels.w_1: give an array"),
         ({"w_1": (T, "rad/s", T)}, "channels.w_1.sigma: no entry can be nda"),
         ({"w_1": (T, "rad/s", 0.1, "whit")}, "'whit' is not a noise; did you mean white"),
         (

@@ -151,7 +151,7 @@ def test_points_lie_between_the_draws_and_on_their_ridge_and_are_all_different()
 PRINTED = """mine: 1001 samples of w_1; rig motor_shaft; 1 unknowns
   searching the MAP ...
 MAP: 4 of 4 searches reached the same maximum
-  still at work, for 12 s by now
+  still working, for 12 s by now
 next: add these lines to the config
 parameters:
   v_d: {prior: uniform, low: 0.0, high: 8.0}

@@ -232,4 +232,4 @@ def test_a_long_silence_says_that_it_is_at_work(capsys: Capture) -> None:
     assert shown.out == 12 * "mine\n"
     lines = shown.err.splitlines()
     assert 1 <= len(lines) <= 2
-    assert all(line.startswith("  still at work, for ") for line in lines)
+    assert all(line.startswith("  still working, for ") for line in lines)

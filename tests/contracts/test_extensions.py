@@ -197,8 +197,8 @@ MESSAGES = {
     "no_column": "`linear` has no column of the friction friction_1 in `B`",
     "no_state": "the friction friction_1 names w_3, t_x, which the rig has",
     "taken_name": "a friction is called t_1, which is something else",
-    "no_law": "the friction friction_1: its law wants what it does not name",
-    "no_default": "each field wants a default (TypeError",
+    "no_law": "the friction friction_1: its law uses values that it does not name",
+    "no_default": "each field needs a default (TypeError",
     "other_state": "`linear` names w_3, no state or input of it",
 }
 ASK = """

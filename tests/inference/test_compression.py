@@ -234,10 +234,10 @@ def test_a_compression_that_fails_after_the_search_is_refused(
     job = case("compressed").job
 
     def refuse(*_: object) -> None:
-        raise CompressionError("poles of the rig are known too little")
+        raise CompressionError("the poles of the rig are too uncertain")
 
     monkeypatch.setattr(compression, "compress", refuse)
-    with pytest.raises(InputError, match="cannot be compressed: the record: poles of the rig"):
+    with pytest.raises(InputError, match="cannot be compressed: the record: the poles of the rig"):
         pipeline.sample_in_memory(job, mode, 1, Silent())
 
 

@@ -17,7 +17,7 @@ from bayesdrill.report.sections.convergence import trace_figure
 from bayesdrill.report.sections.corner import corner_figure
 from bayesdrill.report.style import warned
 
-WARNING = "DOES NOT FIT: far more than the noise is left"
+WARNING = "DOES NOT FIT: the residuals are far larger than the noise"
 
 
 # Files

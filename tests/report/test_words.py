@@ -21,9 +21,15 @@ def test_the_warning_says_what_is_wrong_with_the_residuals() -> None:
     cases = [
         (WHITE, ""),
         (replace(WHITE, rms=0.2), ""),
-        (replace(WHITE, rms=1.2), "MORE THAN NOISE IS LEFT by the fit"),
-        (replace(WHITE, rms=9.0, correlation=0.9), "DOES NOT FIT: far more than the noise is left"),
-        (replace(WHITE, rms=0.4, correlation=0.9), "DOES NOT FIT: what is left is far from white"),
+        (replace(WHITE, rms=1.2), "THE RESIDUALS ARE MORE THAN NOISE"),
+        (
+            replace(WHITE, rms=9.0, correlation=0.9),
+            "DOES NOT FIT: the residuals are far larger than the noise",
+        ),
+        (
+            replace(WHITE, rms=0.4, correlation=0.9),
+            "DOES NOT FIT: the residuals are far from white",
+        ),
     ]
 
     def check(found: ResidualSummary, said: str) -> None:

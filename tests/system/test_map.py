@@ -290,5 +290,5 @@ def test_apply_writes_a_new_config_and_never_over_another_file(tmp_path: Path) -
     other.unlink()
     result = cli("map", config, "--processes", "1", "--apply", new)
     assert result.status == 0
-    assert "nothing to write: the fit leaves what looks like the noise" in result.out
+    assert "nothing to write: the residuals look like the noise" in result.out
     assert command_line.listing(tmp_path) == before

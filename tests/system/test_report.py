@@ -383,8 +383,8 @@ def test_the_table_of_an_overlay_is_that_of_its_runs(runs: Path) -> None:
     for name, run in (("j_1", "held"), ("k_s", "plain")):
         assert rows[name, run]["held"] == "yes"
         assert rows[name, run]["sd"] == rows[name, run]["apart"] == ""
-    assert "not the same: what is believed of k_e, j_1, k_s" not in result.out  # k_e is the same
-    assert "not the same: what is believed of" in result.out
+    assert "not the same: priors or values of k_e, j_1, k_s" not in result.out  # k_e is the same
+    assert "not the same: priors or values of" in result.out
     page = (out / "overlay.md").read_text(encoding="utf-8")
     assert "| k_s | held at 0.26 | normal 0.26 +- 0.01" in page
     assert "the record" not in page.split("## What differs")[1]

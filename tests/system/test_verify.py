@@ -428,7 +428,7 @@ def test_a_run_is_reported_elsewhere_in_a_folder_of_its_own(rig: Path) -> None:
         ([out, "-o", out, "--force"], "holds this very run"),
         ([out, "-o", rig, "--force"], "this folder holds other files"),
         ([out, "-o", rig / "other"], "results exist already"),
-        ([out, "--force"], "--force: goes with --output"),
+        ([out, "--force"], "--force: needs --output"),
     ):
         assert_refused(cli("report", *arguments), message)
         assert command_line.listing(rig) == before

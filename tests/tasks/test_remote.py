@@ -167,7 +167,7 @@ def test_work_ends_where_no_worker_is_heard_of(workers: dict[str, object]) -> No
     """A stopped worker is as good as dead, though its socket stays open."""
     client = Client(**workers)
     text = end(client)
-    assert "no worker has been heard of for" in text
+    assert "no worker has answered for" in text
     assert "continue with --resume" in text
     assert client.seen.keys() == workers.keys()  # there are no others to take their work
 
@@ -190,7 +190,7 @@ def test_the_work_of_a_silent_worker_goes_to_the_others() -> None:
     client.unregister, client.identity = unregister, identity  # type: ignore[method-assign]
     assert list(remote.results(Cluster(client), [future], OUT, Recording())) == [(future, 7)]
     assert client.seen.keys() == {"a"}
-    assert messages == ["worker b is silent; what it had is done by the others"]
+    assert messages == ["worker b is silent; its work goes to the others"]
 
 
 def test_work_ends_where_the_scheduler_is_silent_or_gone() -> None:

@@ -32,7 +32,7 @@ from bayesdrill.report.section import (
 )
 from bayesdrill.report.style import Axes, Figure
 
-MOST_NAMED = 20  # refits that did not converge
+MOST_NAMED = 20  # most refits that are named as not converged
 
 
 def calibration_opening(problem: Problem, config: Config) -> str:
@@ -131,7 +131,7 @@ def ranks_csv(names: Sequence[str], refits: Sequence[Refit]) -> str:
     return lines_as_csv(lines)
 
 
-MARKERS = ("o", "s", "^")  # of the levels
+MARKERS = ("o", "s", "^")  # markers of the levels
 
 
 def calibration_figure(

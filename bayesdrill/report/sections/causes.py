@@ -21,10 +21,10 @@ from bayesdrill.report.view import ReportPart
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.models.roles import Roles
 
-WIDER = 2.0  # times what was found, of a prior that is proposed
-SHOWN = 5  # candidates, or unknowns
+WIDER = 2.0  # upper end of a proposed prior, relative to the estimate
+SHOWN = 5  # most candidates, or unknowns, that are shown
 AND = ", and "  # after a comma, because the words of a candidate may contain an "and"
-WANDERS = 3.0  # sds: more than by chance, from window to window
+WANDERS = 3.0  # change between windows, in sds, that chance does not explain
 STEPS = (
     "next: bayesdrill map CONFIG --apply NEW writes the config with these lines; map NEW shows whether "
     "it fits.\n"
@@ -35,7 +35,7 @@ NONE_TRUSTED = (
 )
 LOOK = (
     "next: bayesdrill check CONFIG says what is odd in columns and units.\n"
-    "next: look at the inputs and the gear: does something drive the rig that no column has?\n"
+    "next: look at the inputs and the gear: does anything drive the rig that no column records?\n"
     "next: a window (`record: {window: [from, to]}`) shows where in the record the misfit begins."
 )
 
@@ -91,7 +91,7 @@ def doubt(doubt: Doubt) -> str:
         "end": "{names} is at an end of its prior",
         "maxima": "there is another maximum, about as high",
         "alike": "{names} stand for each other",
-        "hidden": "it hides {share:.2g} % of the samples, and leaves more than noise of the others",
+        "hidden": "it hides {share:.2g} % of the samples, and does not fit the others",
     }[doubt.kind]
     return sentence.format(names=" and ".join(doubt.said_of), share=100 * doubt.share)
 
@@ -100,12 +100,10 @@ def _absorbing(good: Sequence[Cause], best: Cause | None) -> str:
     if best is not None and best.absorbing:
         words = dict(zip(best.parts, best.words, strict=True))
         absorbing = listed([words[part] for part in best.absorbing], AND)
-        return (
-            f"{absorbing} absorbs what is left, as it does of any misfit, and does not explain it."
-        )
+        return f"{absorbing} absorbs the misfit, as it would any other, and does not explain it."
     most = max((c for c in good if c.absorbing == c.parts), key=lambda c: c.bayes, default=None)
     if most is not None and (best is None or most.bayes > best.bayes):
-        return f"{most.about} absorbs more, as it does of any misfit, and does not explain it."
+        return f"{most.about} absorbs more, as it would of any misfit, and does not explain it."
     return ""
 
 
@@ -113,7 +111,7 @@ def _left(best: Cause) -> str:
     if not best.absorbing:
         return f"That leaves {'what looks like the noise' if best.explains_all else 'more than noise'}."
     left = ", ".join(f"{percent(row.simulated)} of {row.name}" for row in best.fit)
-    return f"That absorbs, and does not explain: the rig itself leaves {left}."
+    return f"That absorbs the misfit without explaining it: the rig itself leaves {left}."
 
 
 def _reference(causes: Causes) -> str:
@@ -121,8 +119,8 @@ def _reference(causes: Causes) -> str:
         return ""
     name, channel = causes.reference
     return (
-        f"fit: {channel} follows {name} as a set point is followed, and not as the rig would. If {name} "
-        "is a reference, record what the motor gets instead: its voltage, current or torque."
+        f"fit: {channel} follows {name} as it would follow a set point, and not as the rig would. If "
+        f"{name} is a reference, record the voltage, current or torque of the motor instead."
     )
 
 
@@ -171,8 +169,8 @@ def wandering(causes: Causes) -> str:
         return f"{opening}. No unknown changes by more than {WANDERS:g} sds."
     most = ", ".join(said for _, said in sorted(changes, reverse=True)[:SHOWN])
     return (
-        f"{opening}. What changes most: {most}. Constants of a rig do not: the model lacks something "
-        "that changes with time or with the motion."
+        f"{opening}. What changes most: {most}. Constants of a rig do not change: the model lacks "
+        "something that varies with time or with the motion."
     )
 
 

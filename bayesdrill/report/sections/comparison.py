@@ -74,19 +74,19 @@ def comparison_sections(
         build("Verdict", "\n".join(comparison_verdict(models))),
         *drawn,
         build("Models", comparison_table(models), Note(COMPARISON_READ), scores),
-        # Also where nothing is said of it: a terminal then shows an empty line.
+        # An empty section too, for which a terminal shows an empty line.
         build("How the unknowns move", moved, read, Sentences("\n".join(far))),
         build("What differs between the models", settings, brief=False),
     )
 
 
-TIMES = math.log(1e4)  # odds up to which they are said as a number
+TIMES = math.log(1e4)  # log of the largest odds that are written as a number
 COMPARISON_READ = (
-    "Log evidence: the log of how probable the record is under the model with all that its priors "
-    "allow. `against best` is the log of the odds against the most probable model, if all were equally "
+    "`log evidence` is the logarithm of the record's probability under the model, averaged over its "
+    "priors. `against best` is the log of the odds against the most probable model, if all were equally "
     "likely before. `held out` and `LOO` are differences of predictive scores to the best of the "
     "column, with standard errors. `rms` and `correlation` are those of the residuals over the noise, "
-    "in the worst channel: 1 and 0 where only noise is left."
+    "in the worst channel: 1 and 0 if only noise is left."
 )
 
 
@@ -105,7 +105,7 @@ def comparison_verdict(models: Sequence[RunSummary]) -> Iterator[str]:
     if decision.vague:
         yield (
             f"  VAGUE PRIORS: {', '.join(decision.vague)}. They are so wide that a model may have lost "
-            "by that alone. Give them the range that you believe."
+            "for this reason alone. Give them a plausible range."
         )
     for model in models:
         if not model.converged:
@@ -125,8 +125,8 @@ def _decided(models: Sequence[RunSummary], decision: ModelDecision) -> str:
         "model": f"MODEL: {best} is {rig}",
         "noise": f"NOISE: {lead}, with the same rig, and {noise}",
         "both": f"MODEL AND NOISE: {best} is {rig}, and {noise}",
-        "either": f"MODEL OR NOISE, not told apart: {lead}, and another noise or another rig does about "
-        "as well",
+        "either": f"MODEL OR NOISE, not distinguished: {lead}, and another noise or another rig does "
+        "about as well",
     }[decision.word]
 
 
@@ -199,7 +199,7 @@ def predicted(models: Sequence[RunSummary]) -> Iterator[str]:
         if isinstance(model.loo, Finding):
             refused.setdefault(finding_sentence(model.loo), []).append(model.name)
         elif model.loo.doubtful > MAX_BAD_SHARE:
-            yield f"LOO of {model.name}: {model.loo.doubtful:.0%} of the samples lean on a few draws"
+            yield f"LOO of {model.name}: {model.loo.doubtful:.0%} of the samples depend on a few draws"
     for reason, names in refused.items():
         yield f"LOO refused for {', '.join(names)}: {reason}"
 
@@ -230,10 +230,10 @@ def comparison_csv(models: Sequence[RunSummary], rows: Sequence[OverlayRow]) -> 
     return lines_as_csv(lines)
 
 
-FEW_MODELS, MAX_UNKNOWNS = 4, 12  # models of which all is shown, and unknowns
-SCORE_PANELS = 3  # panels that are not of unknowns
-MAX_MODEL_LETTERS = 42  # letters of a name
-MARKS = ("o", "s", "^", "D", "v", "P", "X", "*")  # of channels
+FEW_MODELS, MAX_UNKNOWNS = 4, 12  # models up to which all unknowns are shown, and most unknowns
+SCORE_PANELS = 3  # panels of scores
+MAX_MODEL_LETTERS = 42  # most letters of a name
+MARKS = ("o", "s", "^", "D", "v", "P", "X", "*")  # markers of channels
 MARK: dict[str, Any] = {"markersize": 4.2, "linestyle": "none"}
 LIMIT: dict[str, Any] = {"color": style.MIDDLE, "linewidth": 0.7, "linestyle": (0, (1, 1.5))}
 READ = (
@@ -343,11 +343,11 @@ def _model_looks(models: Sequence[RunSummary]) -> dict[str, style.Look]:
     }
 
 
-POOR = 0.1  # error, from which on it is said to be rough
+POOR = 0.1  # standard error above which an evidence is called rough
 EVIDENCE_EXPLAINED = (
-    "The log evidence is the natural log of how probable the samples are under the model, with all "
-    "that its priors allow. By itself it says nothing. The difference of two models of one record is "
-    "the log of their odds, if both were equally likely before (`bayesdrill compare`)."
+    "The log evidence is the natural logarithm of the samples' probability under the model, averaged "
+    "over its priors. It has no meaning by itself. The difference of two models of one record is the "
+    "log of their odds, if both were equally likely before (`bayesdrill compare`)."
 )
 
 
@@ -370,15 +370,15 @@ def evidence_sentences(
     if rough:
         lines.append(f"  ROUGH: {rough}")
     wide = [
-        f"that of {prior.name} is {prior.times:.0f} times as wide as what was found is large"
+        f"that of {prior.name} is {prior.times:.0f} times as wide as its estimate is large"
         if prior.decades is None
         else f"that of {prior.name} is {prior.decades:.1f} decades wide"
         for prior in priors
     ]
     if wide:
         lines.append(
-            f"  VAGUE PRIORS: {', '.join(wide)}. Each doubling of a range halves the evidence, and may "
-            "hide all else when models are compared. Give these priors the range that you believe."
+            f"  VAGUE PRIORS: {', '.join(wide)}. Each doubling of a range halves the evidence, which "
+            "may decide a comparison of models. Give these priors a plausible range."
         )
     return "\n".join(lines)
 

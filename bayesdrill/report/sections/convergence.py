@@ -59,12 +59,12 @@ def maxima(mode: Mode, weights: NDArray[np.float64] | None, units: DisplayUnits)
 
 
 DIAGNOSTICS = (
-    "R-hat compares the independent ensembles with each other: it is 1 where they have forgotten where "
-    "they started. An autocorrelation time is the number of steps that one fresh draw costs. Effective "
-    "draws are the number of fresh ones: a mean is known to the sd over their square root. Acceptance "
-    "is the share of proposed steps that were taken."
+    "R-hat compares the independent ensembles with each other: it is 1 once they have forgotten their "
+    "starts. An autocorrelation time is the number of steps for one independent draw. Effective draws "
+    "count the independent ones: the error of a mean is the sd over their square root. Acceptance is "
+    "the share of proposed steps that were taken."
 )
-MOST_NAMED, MOST_LISTED = 4, 6  # unknowns of a maximum elsewhere, and maxima
+MOST_NAMED, MOST_LISTED = 4, 6  # most unknowns of another maximum that are named, and most maxima
 
 
 def _apart(value: float, other: float) -> bool:
@@ -85,11 +85,11 @@ def describe_map(mode: Mode, units: DisplayUnits) -> str:
         )
     elif same == 0:
         lines.append(
-            "     it was reached from a point of the prior, or from around another maximum; give "
-            "map.starts or map.evaluations more"
+            "     it was reached from a point of the prior, or from around another maximum; increase "
+            "map.starts or map.evaluations"
         )
     elif same < 2 and n > 1:
-        lines.append("     no second search confirms it; give map.starts or map.evaluations more")
+        lines.append("     no second search confirms it; increase map.starts or map.evaluations")
     for other in mode.others[:MOST_LISTED]:
         moved = {n: abs(x - other.values[n]) / max(abs(x), 1e-300) for n, x in mode.values.items()}
         apart = [name for name, x in other.values.items() if _apart(x, mode.values[name])]
@@ -120,7 +120,7 @@ def describe_searches(mode: Mode) -> str:
     if not same:
         said = "MAP: draws from the priors led higher than the searches from the starts"
     if same < 2 and n > 1:
-        said += "; no second one confirms it (more: map.starts, map.evaluations)"
+        said += "; no second one confirms it (increase map.starts or map.evaluations)"
     if mode.others:
         said += f"; {len(mode.others)} other maxima were found"
     if mode.at_bound:
@@ -173,19 +173,19 @@ def describe_convergence(sampled: SamplingResult) -> str:
         if c.enough is not None:
             lines.append(
                 f"  only length is missing: about {c.enough} steps should do. Raise sampler.max_steps "
-                "to that in the config, and go on with --resume."
+                "to this number in the config, and continue with --resume."
             )
         lines.append(
-            f"  {c.slowest} moves slowest. Fewer steps do if you hold it, give its prior nearer ends, "
-            "or add what `bayesdrill identify` proposes. figures/trace shows the walkers."
+            f"  {c.slowest} moves slowest. Fewer steps suffice if you hold it, narrow its prior, or add "
+            "what `bayesdrill identify` proposes. figures/trace shows the walkers."
         )
     return "\n".join(lines)
 
 
-STEPS = 300  # drawn at most
-QUANTILES = (0.05, 0.5, 0.95)  # of the walkers
+STEPS = 300  # most steps that are drawn
+QUANTILES = (0.05, 0.5, 0.95)  # quantiles of the walkers
 EXCURSION = 1.0  # how far burn-in may stretch an axis, in widths of what comes after it
-REACH = 0.5  # and how far the nominal value may
+REACH = 0.5  # how far the nominal value may stretch it
 # Of the ensembles: greys, widths and dashes, each apart from the next in print.
 LOOKS: tuple[tuple[str, float, Any], ...] = (
     ("0.0", 0.9, "-"),
@@ -195,9 +195,9 @@ LOOKS: tuple[tuple[str, float, Any], ...] = (
     ("0.0", 0.9, (0, (6, 1.5, 1, 1.5))),
     ("0.5", 1.5, (0, (5, 2))),
 )
-THIN = 0.8  # lines of all ensembles in a small panel
+THIN = 0.8  # line width in a panel with all ensembles
 STRETCHES = 45  # over which a median is averaged: in a jagged line no dashes are seen
-MARKS = 4  # numbers in a panel, of the ensembles on their medians
+MARKS = 4  # ensemble numbers along each median
 MARK = style.fix_look(linestyle="none", marker="o", markersize=6.5, markeredgewidth=0.5)
 BURN_IN: dict[str, Any] = {**style.HATCHED, "hatch": "////"}
 BANDS = 0.24  # opacity of all bands together
@@ -298,7 +298,7 @@ def _step_axis(panel: Axes, n: int, most: int = 3) -> None:
     panel.xaxis.set_major_formatter(lambda step, _: f"{step:.0f}")
 
 
-BEYOND = 2.0  # windows, the longest of which are shown
+BEYOND = 2.0  # lags that are shown, in windows
 TAU: dict[str, Any] = {"color": style.BLACK, "linestyle": (0, (4, 2)), "linewidth": 0.8}
 
 
@@ -358,20 +358,20 @@ def rank_figure(
 def _draw_trace(run: ReportContext) -> Drawing:
     shown, theta = run.shown(run.config.output.parameters), run.sampled.theta
     given = (shown.select(theta), shown, run.sampled.convergence.burn_in, run.width)
-    return Drawing(trace_figure, given, "What the walkers of each ensemble did, step by step.")
+    return Drawing(trace_figure, given, "The walkers of each ensemble, step by step.")
 
 
 def _draw_rank(run: ReportContext) -> Drawing:
     c = run.sampled.convergence
     draws = independent_draws(run.sampled.theta, c.burn_in, float(c.tau.max()))
     histograms = rank_histograms(draws, seeds.stream(run.config.seed, "rank"))
-    says = "Whether the ensembles see the same: ranks of the draws of each among those of all."
+    says = "Whether the ensembles agree: ranks of the draws of each among those of all."
     return Drawing(rank_figure, (histograms, run.problem.symbols, run.width), says)
 
 
 def _draw_autocorrelation(run: ReportContext) -> Drawing:
     after_burn_in = run.sampled.theta[:, run.sampled.convergence.burn_in :]
-    says = "How long the walkers remember: autocorrelation, its time and its window."
+    says = "The memory of the walkers: autocorrelation, its time and its window."
     return Drawing(autocorrelation_figure, (after_burn_in, run.problem.symbols, run.width), says)
 
 

@@ -32,13 +32,13 @@ from bayesdrill.report.sections.products import derived_shown
 from bayesdrill.report.style import Axes, Axis, Figure
 from bayesdrill.report.view import Drawing, ReportContext
 
-GAP = 0.06  # between panels, in panels
+GAP = 0.06  # gap between panels, relative to a panel
 LARGEST = 2.2 * (1 + GAP)  # inches from one panel to the next
-LEAST = 13.0 / 72  # a page grows rather than have less
+LEAST = 13.0 / 72  # least inches of a panel, below which the page grows
 READABLE = 5.7  # points: below, labels are turned by a right angle, and say the ends of their axes
-SMALLEST = 5.2  # numbers at an axis, points
+SMALLEST = 5.2  # smallest font size of numbers at an axis, in points
 BELOW = 0.11  # inches that a turned label stands below its panel, and its margin
-CLEAR = 0.1  # of an axis, without numbers at its ends
+CLEAR = 0.1  # share of an axis at each end that has no numbers
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -125,7 +125,7 @@ class CornerPage:
         self._add_legend(style.legend_handles(looks))
 
     def _number(self) -> None:
-        letter = 0.43 * self.letters / (72 * self.pitch)  # of a number, in panels
+        letter = 0.43 * self.letters / (72 * self.pitch)  # width of a letter, relative to a panel
 
         def number(axis: Axis, k: int, outer: bool) -> None:
             scale, symbol = self.shown[k]
@@ -201,7 +201,7 @@ def _looks(columns: Sequence[CornerColumn]) -> dict[str, style.Look]:
     return looks | dict.fromkeys(notes, style.WORDS)
 
 
-POINTS = 2000  # drawn in a panel; contours and histograms count all draws
+POINTS = 2000  # most points in a panel; contours and histograms use all draws
 REACH = 1.0  # the axis grows by this share of its width at most to show the nominal value
 
 

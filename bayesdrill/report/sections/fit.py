@@ -148,7 +148,7 @@ def every_fit(
         )
 
 
-DOTS = 3000  # measured samples drawn in a panel
+DOTS = 3000  # most measured samples that are drawn in a panel
 SHOWN_STRETCHES = 20_000  # stretches of a long record, of which a figure is given both extremes
 
 
@@ -225,7 +225,7 @@ def _prediction(observation: Observation, full: Array) -> str:
 # Heights in inches, each with its numbers: of inputs or frictions, of signals, and of the residuals
 # below these where a figure is as wide as one column of text.
 WIDE_HEIGHTS, NARROW_HEIGHTS = (0.85, 1.55), (0.65, 1.05, 0.65)
-SHARES = (0.6, 0.4)  # of the width, of signals and of the residuals beside them
+SHARES = (0.6, 0.4)  # shares of the width, for signals and for residuals
 
 
 def build_fit_page(fit: Fit, width: float) -> tuple[Figure, list[Axes], list[tuple[Axes, Axes]]]:
@@ -258,7 +258,7 @@ def build_fit_page(fit: Fit, width: float) -> tuple[Figure, list[Axes], list[tup
     return figure, [*courses, *rubs], rows
 
 
-LINE_POINTS = 2000  # corners of a line
+LINE_POINTS = 2000  # most points of a line
 SIGMAS = NormalDist().inv_cdf(TAILS[1])  # 1.88: half the width of the band of the noise
 
 
@@ -401,8 +401,8 @@ def _looks(fit: Fit, at: str) -> dict[str, style.Look]:
     return looks | ({f"constant input: {', '.join(each)}": style.WORDS} if each else {})
 
 
-FIT = "Record, model at the MAP and posterior predictive band; beside them what is left, and the noise."
-FIT_ALONE = "Record and model at the MAP; beside them what is left, and the noise."
+FIT = "Record, model at the MAP and posterior predictive band; beside them residuals and noise."
+FIT_ALONE = "Record and model at the MAP; beside them residuals and noise."
 
 
 def draw_fit(run: ReportContext) -> tuple[Drawing, ...]:
@@ -413,7 +413,7 @@ def draw_fit(run: ReportContext) -> tuple[Drawing, ...]:
     best, rubbing = run.chain.best, run.chain.friction_motions
     fits = every_fit(run.problem, best, run.analysis.fit, draws, rubbing)
     said = FIT if predicted else FIT_ALONE
-    says = f"{said} Below: what rubs, and when it sticks." if rubbing else said
+    says = f"{said} Below: each friction, and when it sticks." if rubbing else said
     return for_each_experiment(fit_figure, ((fit.label, fit) for fit in fits), run.width, says)
 
 

@@ -119,10 +119,10 @@ def _alike(tied: Confounded, model: Model) -> str:
     roles = model.roles
     known = "it were" if len(tied.rivals) == 1 else "these were"
     free = [inertia for inertia in roles.inertias if roles.motor(inertia.name) is None]
-    reasons = {}  # where it is not by what the rig did
+    reasons = {}  # reasons that do not depend on the motion
     for shaft, inertia in itertools.product(roles.shafts, free):
         reasons[frozenset((shaft.damping, inertia.damping))] = (
-            f"both take from each swing, and only {inertia.damping} from steady turning"
+            f"both damp an oscillation, and only {inertia.damping} brakes steady turning"
         )
     for inertia in roles.inertias:
         if inertia.efficiency:
@@ -135,8 +135,8 @@ def _alike(tied: Confounded, model: Model) -> str:
         why.append(f"in these records {did}")
     because = f" ({'; '.join(why)})" if why else ""
     return (
-        f"friction: {tied.name} can hardly be told from {listed(tied.rivals)}{because}. If {known} "
-        f"known, its sd would be {_about(tied.fall)} times smaller."
+        f"friction: {tied.name} can hardly be distinguished from {listed(tied.rivals)}{because}. If "
+        f"{known} known, its sd would be {_about(tied.fall)} times smaller."
         f"{_proposed(tied.name, tied.proposals, model)}"
     )
 
@@ -178,8 +178,8 @@ def _about(times: float) -> str:
 
 
 BINS = 60
-FOOT = 0.2  # of a panel: for the speeds of the record
-HEAD = 1.12  # of the largest effort
+FOOT = 0.2  # share of a panel for the histogram of speeds
+HEAD = 1.12  # upper end of an axis, relative to the largest effort
 BEST: dict[str, Any] = {"color": style.BLACK, "linewidth": 1.0}
 SEEN: dict[str, Any] = {"facecolor": style.MIDDLE, "linewidth": 0}
 
@@ -204,7 +204,7 @@ def _law(panel: Axes, law: LawShown) -> None:
     room = FOOT / (1.0 - FOOT) * (y.high - y.low)
     for side, outside, beside in ((law.speeds <= 0, -1, -2), (law.speeds >= 0, 0, 1)):
         band = law.band[:, side]
-        band[:, outside] = band[:, beside]  # where a law has both signs
+        band[:, outside] = band[:, beside]  # a law jumps between both signs at zero
         panel.fill_between(x(law.speeds[side]), *y(band), zorder=1, **style.BAND)
     if law.nominal is not None:
         panel.plot(x(law.speeds), y(law.nominal), zorder=2, **style.NOMINAL)

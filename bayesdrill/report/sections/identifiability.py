@@ -51,9 +51,7 @@ def describe_study_point(point: StudyPoint, problem: Problem) -> str:
     values = ", ".join(f"{name} = {problem.units.format_value(name, x)}" for name, x in named)
     what = f"What follows is computed at {point.at} ({values})"
     if not point.at:
-        what = (
-            "Nor does it at likely draws from the priors, so that nothing can be said of the record"
-        )
+        what = "Nor does it at likely draws from the priors, so that the record cannot be judged"
     holds = ", as friction may hold it" if problem.model.frictions else ""
     return (
         f"AT REST: at the start values the rig does not move{holds}, and in the record it does "
@@ -159,7 +157,7 @@ def knowledge(study: IdentifiabilityStudy) -> str:
         aligned([header, *(_row(study, known) for known in shown)], left={0, 4})
         for shown in (study.parameters, study.products)
     )
-    best = "what the record knows best: simple products, each independent of those above it"
+    best = "what the record determines best: simple products, each independent of those above it"
     return "\n".join([opening, every, best, products])
 
 
@@ -176,8 +174,8 @@ def nuisances(study: IdentifiabilityStudy) -> str:
             each = ", ".join(f"{other} ({times:.2g} times)" for other, times in nuisance.like)
             others = listed([other for other, _ in nuisance.like])
             lines.append(
-                f"{nuisance.name} can hardly be told from {others}. If it were known, sds would be "
-                f"smaller: {each}."
+                f"{nuisance.name} can hardly be distinguished from {others}. If it were known, sds "
+                f"would be smaller: {each}."
             )
     return "\n".join(lines)
 
@@ -230,10 +228,11 @@ def _of_each(study: IdentifiabilityStudy) -> str:
         return f"the record determines every parameter of the rig; {sensors}"
     parts = ["no symmetry hides an unknown from this record"]
     if loose:
-        parts.append(f"without their priors it would know {listed(loose)} at best")
+        parts.append(f"without priors it would determine {listed(loose)} at best")
     if left:
         parts.append(f"with them it leaves {listed(left)} largely to the prior")
-    parts += [f"{n.name} can hardly be told from {listed([o for o, _ in n.like])}" for n in tied]
+    for n in tied:
+        parts.append(f"{n.name} can hardly be distinguished from {listed([o for o, _ in n.like])}")
     return "; ".join(parts)
 
 
@@ -286,9 +285,9 @@ def _count(n: int, text: str, many: str) -> str:
     return f"{n} {text if n == 1 else many}"
 
 
-LETTER = 0.04  # of a number at an axis, in widths of a panel
-HIGHEST = 8.0  # of the loss that is shown
-MARGIN = 0.04  # of the width of a panel, so that walls can be seen
+LETTER = 0.04  # width of a letter, relative to a panel
+HIGHEST = 8.0  # largest loss that is shown
+MARGIN = 0.04  # margin of a panel, so that steep ends can be seen
 
 
 def profile_figure(

@@ -36,8 +36,8 @@ from bayesdrill.report.style import Figure
 from bayesdrill.report.view import Drawing, ReportContext, ReportPart
 
 REPEATS_EXPLAINED = (
-    "Each experiment alone, around the joint maximum: how far it puts a product from all of them "
-    "together, and its own standard deviation. `spread` is what is left between experiments beyond that."
+    "Each experiment alone, around the joint maximum: how far its estimate of a product is from that of "
+    "all of them, and its standard deviation. `spread` is the variation between experiments beyond that."
 )
 
 
@@ -48,7 +48,7 @@ def repeats_sentence(repeats: Sequence[RepeatedProduct], names: Sequence[str]) -
     far = [repeat for repeat in repeats if repeat.differs]
     if not far:
         return (
-            "experiments: as far as each can tell, all of them show the same rig "
+            "experiments: within their uncertainty, all of them show the same rig "
             f"({len(repeats)} products compared)."
         )
     each = ", ".join(
@@ -265,9 +265,9 @@ def run_verdict(run: ReportContext) -> str:
 
 _HOLDS = (
     "which the config holds fixed. If that is wrong by some factor, they are wrong too, and the fit is "
-    "as good. A prior in its place shows what the record tells by itself"
+    "as good. A prior in its place shows what the record alone determines"
 )
-_LEANS = "as the record by itself tells little but ratios"
+_LEANS = "as the record alone determines little but ratios"
 
 
 def verdict_sentences(

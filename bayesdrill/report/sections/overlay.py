@@ -46,9 +46,9 @@ def in_logs(row: OverlayRow, layers: Sequence[PosteriorSummary]) -> bool:
     return flat_in_logs(next(priors, None))
 
 
-LONGEST = 60  # letters of a setting
-SAID = 3  # unknowns that are farthest apart
-FAR = 0.5  # sds, below which nothing is said of it
+LONGEST = 60  # most letters of a setting
+SAID = 3  # most unknowns that are named
+FAR = 0.5  # distance in sds below which no unknown is named
 APART = "apart [sd]"
 OVERLAY_READ = (
     "Mean and sd of each run, in the unit of the first. "
@@ -105,7 +105,7 @@ def farthest(layers: Sequence[PosteriorSummary], rows: Sequence[OverlayRow]) -> 
         return
     far = [(apart, row) for apart, row in ordered if apart >= FAR]
     if not far:
-        yield f"nowhere are two of them more than {ordered[0][0]:.2g} sd apart"
+        yield f"no two of them are more than {ordered[0][0]:.2g} sd apart"
     for apart, row in far[:SAID]:
         assert row.pair is not None
         first, other = (layers[k].name for k in row.pair)
@@ -126,7 +126,7 @@ def what_differs(
         for name in differs
         if name not in unknown
     )
-    listed = [*([f"what is believed of {', '.join(believed)}"] if believed else []), *others]
+    listed = [*([f"priors or values of {', '.join(believed)}"] if believed else []), *others]
     if not listed:
         return "record, noise, priors and seed are the same"
     return f"not the same: {'; '.join(listed)}"
@@ -138,7 +138,7 @@ def elided(text: str, most: int) -> str:
     return text if len(text) <= most else f"{text[: left // 2]}...{text[-(left - left // 2) :]}"
 
 
-MAX_NAME_LETTERS = 48  # letters of a name in a legend
+MAX_NAME_LETTERS = 48  # most letters of a name in a legend
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,9 +178,9 @@ def run_looks(layers: Sequence[PosteriorSummary], *, marked: bool = False) -> di
     return looks
 
 
-CENTRAL_SHARE = 0.998  # of the draws of each run, inside an axis
+CENTRAL_SHARE = 0.998  # share of the draws of each run inside an axis
 CORNER_REACH = 0.5  # the axis grows by this share of its width at most to show the nominal value
-BINS = 40  # across an axis
+BINS = 40  # bins across an axis
 MIN_FILLED_SHARE = 0.02  # of an axis that a run fills less of, its histogram would be a spike
 
 

@@ -77,8 +77,8 @@ def of_rows(rows: Sequence[ParameterRow], bars: tuple[IntervalBar, ...] = ()) ->
 
 
 SANDWICH_EXPLAINED = (
-    "Correlated residuals tell less than as many independent ones. The sandwich sds count that. They "
-    "say how far the MAP would scatter from record to record, if only the noise of the model were wrong."
+    "Correlated residuals have less information than as many independent ones. The sandwich sds allow "
+    "for that. They are the scatter of the MAP from record to record, if only the noise were wrong."
 )
 
 
@@ -156,8 +156,8 @@ def describe_dependence(priors_of: Mapping[str, tuple[str, ...]]) -> str:
     for name, others in priors_of.items():
         groups.setdefault(others, []).append(name)
     return "\n".join(
-        f"leaning: {', '.join(names)} on the prior of {', '.join(others)}. The record says nothing of "
-        "that, and they are known only as far as it is."
+        f"leaning: {', '.join(names)} on the prior of {', '.join(others)}. The record does not "
+        "determine the latter, so the former are only as certain as this prior."
         for others, names in groups.items()
     )
 
@@ -167,8 +167,8 @@ def believed_columns(run: ReportContext, table: Table) -> Table:
     return table.only([head for head in table.heads if not (run.reasons and head in WORDS)])
 
 
-TAIL = 0.001  # of a prior, outside of the range
-DECADES = 1.5  # from which on a range that is flat in logs is drawn so
+TAIL = 0.001  # probability of a prior outside the range on each side
+DECADES = 1.5  # decades above which a log-uniform range has a logarithmic axis
 
 
 def interval_bar(row: ParameterRow, prior: Prior) -> IntervalBar:
@@ -194,7 +194,7 @@ _HEADS = (
     "the record says",
 )
 _NOMINAL = _HEADS.index("nominal")
-_USUAL = range(-1, 3)  # powers of ten that are written out
+_USUAL = range(-1, 3)  # exponents of numbers that are written without a power of ten
 _BEYOND = re.compile(r"[^\x00-\x7f]+")  # ASCII; in names, and in LaTeX outside of formulas alone
 
 
@@ -245,9 +245,9 @@ def _exponent(x: float) -> int:
     return math.floor(math.log10(x)) if x > 0 else 0
 
 
-TAIL = 0.001  # of a prior without an end: where its axis ends
+TAIL = 0.001  # probability beyond the axis of a prior without an end
 BINS = 60
-HEAD = 1.12  # of the highest density: where a panel ends
+HEAD = 1.12  # upper end of a panel, relative to the highest density
 DARK_PRIOR: dict[str, Any] = {**style.PRIOR_LINE, "color": style.DARK}
 BOX = style.fix_look(
     facecolor="none",
@@ -330,12 +330,12 @@ def _sections(run: ReportContext, pictures: Sequence[Picture]) -> Iterator[Secti
     yield build("Parameters", *blocks, *pictures)
 
 
-SIZE = 3.4  # of a ridge with its labels, inches
+SIZE = 3.4  # size of the figure in inches
 POINTS = 3000
 REACH, CORNERS = 1e4, 4001  # the line is drawn over this factor, and cut by the axes
 BAND: dict[str, Any] = {"color": style.LIGHT, "linewidth": 6.0, "solid_capstyle": "butt"}
 DOTS: dict[str, Any] = {**style.DOTS, "markersize": 1.8, "alpha": 0.6, "zorder": 3}
-MIN_CORRELATION = 0.5  # of a pair worth showing
+MIN_CORRELATION = 0.5  # least correlation of a pair that is shown
 
 
 @dataclass(frozen=True, slots=True)
@@ -402,7 +402,9 @@ def _draw_ridge(run: ReportContext) -> Drawing | None:
     pair = None if judged is None else strongest_pair(run.draws, judged.study.structure)
     if pair is None:
         return None
-    says = "The ridge: parameters that no such record can tell apart, and the line along which they go."
+    says = (
+        "The ridge: parameters that no such record can distinguish, and the line on which they lie."
+    )
     return Drawing(ridge_figure, (shown.select(run.draws), pair, shown), says)
 
 

@@ -30,7 +30,7 @@ from bayesdrill.report.style import Axes, Figure
 from bayesdrill.report.view import Drawing, ReportContext, ReportPart, for_each_experiment
 from bayesdrill.rig.models.linear import Model
 
-FARTHEST = 4.5  # sds shown; what lies beyond stands in the last bin
+FARTHEST = 4.5  # largest deviation in sds; larger ones are counted in the last bin
 BINS = 36
 
 
@@ -105,7 +105,7 @@ def residuals_figure(
             for inside, look in ((True, STEM), (False, dict(style.OUTSIDE))):
                 shown = (np.abs(c.values) <= c.band) == inside
                 panel.vlines(c.lags[shown], 0.0, c.values[shown], zorder=2, **look)
-            panel.set_ylim(low, high + 0.3 * (high - low))  # the name is above
+            panel.set_ylim(low, high + 0.3 * (high - low))  # room for the name
             style.set_ticks(panel.yaxis, *scales.Scale(0.0, 0, low, high).ticks(4))
             panel.locator_params("x", nbins=4, integer=True, prune="both")
             panel.set_xlim(c.lags[0] - 1, c.lags[-1] + 1)

@@ -24,7 +24,7 @@ from bayesdrill.report.view import Drawing, ReportContext, ReportPart, for_each_
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.models.roles import ROTARY
 
-BINS = 24  # of a panel; each needs some samples
+BINS = 24  # most bins of a panel, as each needs some samples
 FEWEST = 5
 TORQUE = Symbol("d", "N*m", "d", r"N\,m", "missing torque")
 
@@ -78,9 +78,9 @@ def _binned(torque: TorqueEstimate, label: Symbol, values: Array) -> Against:
     )
 
 
-HARMLESS = 0.5  # of the noise: how far a rig that rubs may stray from what is shown of it
-FULL = 0.95  # of the samples: no word of the rest
-WIDE = 3.0  # times either way: the prior that is proposed
+HARMLESS = 0.5  # relative to the noise: admissible error of the linear approximation
+FULL = 0.95  # share of the samples above which the rest is not mentioned
+WIDE = 3.0  # factor of a proposed prior to both sides
 HEADS = ("channel", "left without it", "left with it", "moved by it")
 READ = (
     "Root mean squares over the spread of the channel, at the mean of the draws. *left with it*: what "
@@ -111,12 +111,12 @@ def beside(rig: Model) -> str:
     if not rig.frictions:
         return (
             "missing torque: beside gravity it is an approximation, as if a pendulum were a spring. It "
-            "is good as far as the torque moves it little."
+            "is good if the torque moves the pendulum little."
         )
     return (
         "missing torque: beside friction it is an approximation, as if no friction changed its sign. A "
-        "torque much smaller than the friction is found well. For a larger one leave the friction out: "
-        "the torque then shows it."
+        "torque much smaller than the friction is estimated well. For a larger one leave the friction "
+        "out: the torque then shows it."
     )
 
 
@@ -168,7 +168,7 @@ def _line(summary: TorqueSummary, law: TorqueRegression, rig: Model) -> str:
         said += f" viscous damping {here.at} of {size:.3g} {unit} (sd {sd})"
     else:
         said += f" {law.size:.3g} {unit} (sd {sd})"
-    # What a config names in the place of the torque.
+    # The parameter that replaces the torque in a config.
     name = {"sign": here.sliding, "speed": here.damping}.get(law.kind)
     if not name or law.of != here.speed or not against:
         return said
@@ -199,8 +199,8 @@ def stand_ins(study: IdentifiabilityStudy, rig: Model) -> str:
         every = listed(others)
         lines.append(
             f"missing torque: {every} and {size} can be changed together and leave every measured "
-            "signal as it is. A stiffer spring with a larger torque cannot be told from a softer one "
-            f"with a smaller. Hold one of {every}, or measure the torque."
+            "signal as it is. A stiffer spring with a larger torque cannot be distinguished from a "
+            f"softer one with a smaller torque. Hold one of {every}, or measure the torque."
         )
     do = {"hold": "holding", "measure": "a sensor of"}
     for confounding in study.stand_ins:
@@ -240,7 +240,7 @@ def torque_csv(every: Sequence[TorqueEstimate]) -> str | None:
     return section.lines_as_csv(lines)
 
 
-TORQUE_POINTS = 1200  # of a line over time, and dots of a panel
+TORQUE_POINTS = 1200  # most points of a line over time, and dots of a panel
 
 
 def torque_figure(torque: TorqueEstimate, width: float = scales.DOUBLE, *, clock: Unit) -> Figure:

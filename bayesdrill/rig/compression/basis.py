@@ -24,7 +24,7 @@ MAX_ORDER = 30  # functions of a pole: with more of them the exact response cost
 MAX_SHARED = 1e-9  # relative to rates: a state with a smaller effect at all points is an integrator
 NEARLY_ONE = 0.3  # relative distance of real modes: nearer ones are treated as a pair
 LEAST_TURN = 0.25  # least rotation or shear of a pair, relative to its decay or distance from -1
-UNKNOWN = "poles of the rig are known too little"
+UNKNOWN = "the poles of the rig are too uncertain"
 
 
 class CompressionError(Exception):

@@ -45,7 +45,7 @@ class Drive:
 def _ends(name: str, value: Any) -> tuple[str, str]:
     pair = isinstance(value, list | tuple) and len(value) == 2
     if not (pair and all(isinstance(end, str) for end in value)):
-        raise ValueError(f"{name} wants the names of two inertias, such as [motor, load]")
+        raise ValueError(f"{name} needs the names of two inertias, such as [motor, load]")
     return (value[0], value[1])
 
 
@@ -81,7 +81,7 @@ def _gears(value: Any) -> Any:
 
 def _gear(name: str, entry: Any) -> Gear:
     if not isinstance(entry, Mapping) or {*entry} != {"between", "ratio"}:
-        raise ValueError(f"{name} wants `between: [motor, arm]` and `ratio:`, and nothing else")
+        raise ValueError(f"{name} needs `between: [motor, arm]` and `ratio:`, and nothing else")
     ratio, number = entry["ratio"], isinstance(entry["ratio"], int | float)
     if not number or isinstance(ratio, bool) or not 1e-6 <= abs(ratio) <= 1e6:
         raise ValueError(

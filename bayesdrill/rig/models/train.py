@@ -111,7 +111,10 @@ def _issues(train: Train) -> Iterator[tuple[str, str]]:
             if name not in known:
                 yield entry, f"'{name}' is no inertia{did_you_mean(name, known)}"
     if train.gravity and train.motion == "linear":
-        yield "gravity", "what moves along a line is no pendulum; remove it, or `motion: linear`"
+        yield (
+            "gravity",
+            "a mass that moves along a line is no pendulum; remove it, or `motion: linear`",
+        )
     called = [*known, *(s.name for s in train.shafts), *(gear.name for gear in train.gears)]
     for name in dict.fromkeys(name for name in called if called.count(name) > 1 or name == GROUND):
         yield "inertias", f"two parts are called {name}; give each a name of its own"

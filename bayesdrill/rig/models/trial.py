@@ -42,7 +42,7 @@ def _create(kind: Any) -> Any:
     try:
         return kind()
     except Exception as error:
-        raise ValueError(f"each field wants a default ({type(error).__name__}: {error})") from None
+        raise ValueError(f"each field needs a default ({type(error).__name__}: {error})") from None
 
 
 def _check_names(rig: Any) -> None:
@@ -106,7 +106,7 @@ def _check_frictions(rig: Any) -> None:
         try:
             friction.law.size(p, some, signals)
         except Exception as error:
-            wanted = "its law wants what it does not name, or more than `basics.duals`"
+            wanted = "its law uses values that it does not name, or functions beyond `basics.duals`"
             why = f"{type(error).__name__}: {error}"
             raise ValueError(f"the friction {friction.name}: {wanted} ({why})") from None
 
@@ -115,9 +115,7 @@ def _check_linear(rig: Any) -> None:
     try:
         linear = rig.linear({name: _Number() for name in rig.parameters})
     except Exception as error:
-        wanted = (
-            "`linear` wants a parameter that is not there, or more than + - * / and whole powers"
-        )
+        wanted = "`linear` uses an unknown parameter, or more than + - * / and whole powers"
         raise ValueError(f"{wanted} ({type(error).__name__}: {error})") from None
     rows = {row for row, _ in (*linear.A, *linear.B)} | {*linear.c}
     strange = {*rows, *(column for _, column in linear.A)} - {*rig.states}

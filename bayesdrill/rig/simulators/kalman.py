@@ -60,8 +60,8 @@ def step_lengths(experiment: Experiment) -> StepLengths:
         if len(spans) > MAX_STEP_LENGTHS:
             raise ValueError(
                 f"its samples are {len(spans)} different lengths of time apart, and a missing torque "
-                f"allows for {MAX_STEP_LENGTHS}; give `record.time: {{rate: ...}}` where only its clock "
-                "trembles, or put the record on a grid of times"
+                f"allows for {MAX_STEP_LENGTHS}. Give `record.time: {{rate: ...}}` if only its clock "
+                "jitters, or put the record on a grid of times"
             )
     ahead = experiment.lead
     if ahead > 0.0:

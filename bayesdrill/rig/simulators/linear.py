@@ -202,7 +202,7 @@ class Response(Unstepped):
 
     @cached_property
     def _high(self) -> int:
-        """Return the rungs of the ladder from its width on, so many that they cover all spans."""
+        """Return the number of rungs from the width on; late channels need the longest step."""
         g = self._grid
         if not any(self._late):
             return 0 if g.width > 0.0 else -1

@@ -86,7 +86,7 @@ CONFOUNDED: dict[str, tuple[Any, ...]] = {
     "a short swing": (
         ("c_s", "c_1"), {"c_s": 5e-3, "c_1": 5e-3},
         (0.02 * np.sin(3 * T), {"theta_1": 1.0}, 3.0), {"c_1"},
-        "only c_1 from steady turning", SQUARE,
+        "only c_1 brakes steady turning", SQUARE,
     ),
     "a loaded gear": (
         ("t_cm", "eta"), {"t_cm": 0.03, "eta": 0.85, "c_1": 0.1},
@@ -112,7 +112,7 @@ def test_a_friction_that_the_record_confounds_is_named_with_its_rivals(
     assert set(alike.rivals) <= rivals
     assert alike.fall > 5
     text = friction_sentences(result, RIG)
-    assert f"{alike.name} can hardly be told from {alike.rivals[0]}" in text
+    assert f"{alike.name} can hardly be distinguished from {alike.rivals[0]}" in text
     assert words in text
     start = record[1] if free[0] == "v_d" else None
     assert confounding(believed(free, values, other, start)).alike == ()
@@ -126,7 +126,7 @@ def test_the_best_proposal_shrinks_the_sd_as_much_as_is_said() -> None:
         study = study_of(SensitivityStudy(target.likelihood), target, theta, Asked())
         sds.append(study.parameters[0].sd)
         text = describe_study(study, RIG)
-        assert ("friction: t_cm can hardly be told from t_f" in text) == (len(sds) == 1)
+        assert ("friction: t_cm can hardly be distinguished from t_f" in text) == (len(sds) == 1)
     (alike,) = confounding(posteriors[0]).alike
     proposal = max(alike.proposals, key=lambda one: one.shrink)
     assert proposal.what == "turned half-way"

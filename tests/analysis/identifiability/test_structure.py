@@ -192,5 +192,5 @@ def test_dependences_are_named_before_sampling_and_in_the_verdict() -> None:
     unrelated = dataclasses.replace(own, names=("k_s", "j_1", "l_m", "r_m"), exponents=(1, 1, 1, 0))
     texts = [verdict_sentences(judged, "table", rests=(one,)) for one in (own, on_prior, unrelated)]
     assert "\nr_m depends on l_m, which the config holds fixed" in texts[0]
-    assert "depends on the prior of r_m, as the record by itself tells little" in texts[1]
+    assert "depends on the prior of r_m, as the record alone determines little" in texts[1]
     assert " depend" not in texts[2]

@@ -141,7 +141,7 @@ def test_numbers_of_steps_are_said_to_be_enough_or_too_few() -> None:
     fine = StepError(label="", channels=("w_1", "alpha"), pieces=2, errors=(0.03, 0.004))
     assert step_sentences([fine]) == (
         "steps: 2 steps to a sample; 16 times as many would move samples by at most 0.03 of the noise "
-        "(w_1 0.03, alpha 0.004). That does no harm."
+        "(w_1 0.03, alpha 0.004). That is harmless."
     )
     few = StepError(label="slow", channels=("w_1",), pieces=1, errors=(0.45,))
     sentences = step_sentences([few])
