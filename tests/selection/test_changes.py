@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from ruamel.yaml import YAML
 from support.case_tables import run_cases
+from support.small_problems import believe_starts
 from support.unexplained_records import write
 
 import bayesdrill as bd
@@ -66,8 +67,11 @@ def changed(job: Job, name: str, **numbers: float) -> tuple[dict[str, Any], Job]
     return YAML(typ="safe").load(candidate.config_lines), candidate.job()
 
 
-def test_no_lag_is_tried_where_nothing_fixes_time(tmp_path: Path) -> None:
+def test_no_lag_is_tried_where_nothing_fixes_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """An input that changes does, or one that is switched on at a known start, or another channel."""
+    believe_starts(monkeypatch)
     late = f"{DRIVEN[:-1]}, t_0: {{prior: uniform, low: -0.1, high: 0.1}}}}"
     both = {"theta_arm": "rad", "w_arm": "rad/s"}
     step, free = "inputs: {u_hub: 3.0}", "\ninitial: free"
@@ -201,7 +205,9 @@ def test_neutral_physics_changes_no_likelihood(tmp_path: Path) -> None:
     wanted = ("friction_hub", "drag_rim", "damping_rim", "load_friction_hub")
     for candidate in models.rungs((name,) for name in wanted):
         assert candidate.neutral
-        jobs = (candidate.job(), candidate.job(shared=True))
+        with pytest.MonkeyPatch.context() as patch:
+            believe_starts(patch)
+            jobs = (candidate.job(), candidate.job(shared=True))
         # In fine steps, as laws act in the middle of each.
         alone, shared = (with_steps(each.problem.posterior, {"": (64, 4)}) for each in jobs)
         start = alone.space.vector(alone.space.start)[None]
