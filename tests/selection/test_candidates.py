@@ -7,7 +7,7 @@ import pytest
 from ruamel.yaml import YAML
 from support import command_line
 from support.case_tables import run_cases
-from support.small_problems import believe_starts
+from support.small_problems import starts_believed
 from support.unexplained_records import merged
 
 from bayesdrill.config import loading, yaml_source
@@ -56,10 +56,8 @@ def unknowns(candidate: CandidateModel) -> set[str]:
     return {*candidate.job().problem.names}
 
 
-def test_each_candidate_frees_what_its_name_says(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    believe_starts(monkeypatch)
+@starts_believed()
+def test_each_candidate_frees_what_its_name_says(tmp_path: Path) -> None:
     models = candidates(tmp_path)
     every = singles(models)
     assert {*every} == {"unknown_noise", "ar1", *PHYSICS, *TORQUES, *OF_SENSORS}
@@ -119,10 +117,10 @@ def calls_of(monkeypatch: pytest.MonkeyPatch, owner: Any, name: str) -> list[Any
 
 
 @pytest.mark.parametrize("rig", CONSTANTS)
+@starts_believed()
 def test_pasted_lines_make_the_posterior_of_a_candidate_which_reads_nothing_again(
     rig: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    believe_starts(monkeypatch)
     several = ("inputs:", EXPERIMENTS.replace(", lag: 0.01", ""))
     changes = [several] if rig == "experiments" else []
     config = command_line.small_config(tmp_path, ("walkers: 8", "walkers: 40"), *changes)

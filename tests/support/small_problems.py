@@ -1,6 +1,7 @@
 """Small experiments and problems for tests."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from itertools import islice
 from typing import Any
@@ -27,14 +28,17 @@ from bayesdrill.rig.simulators.linear import Response
 STATES = ("theta_1", "theta_2", "w_1", "w_2", "i")
 
 
-def believe_starts(patch: pytest.MonkeyPatch) -> None:
+@contextmanager
+def starts_believed() -> Iterator[None]:
     """Let no job look whether its start has a finite density, or how fine steps there have to be.
 
     For tests of many rigs that only read configs: kernels would be compiled for each.
     """
-    patch.setattr(step_error, "choose_steps", lambda posterior, *_: posterior)
-    patch.setattr(Likelihood, "__call__", lambda _, theta: np.zeros(len(theta)))
-    patch.setattr(Likelihood, "mean_square", lambda _, theta: np.ones(len(theta)))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(step_error, "choose_steps", lambda posterior, *_: posterior)
+        patch.setattr(Likelihood, "__call__", lambda _, theta: np.zeros(len(theta)))
+        patch.setattr(Likelihood, "mean_square", lambda _, theta: np.ones(len(theta)))
+        yield
 
 
 class UnevenShaft(MotorShaft):
