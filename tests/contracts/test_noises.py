@@ -1,7 +1,5 @@
 """Density, slopes, whitening and draws of every noise belong to the same distribution."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
