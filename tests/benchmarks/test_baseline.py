@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from support.array_cases import run
 from support.case_tables import run_cases
+from support.small_problems import starts_believed
 
 import bayesdrill as bd
 from benchmarks import baseline
@@ -203,6 +204,7 @@ def test_a_results_folder_is_read_with_its_errors_and_compares_equal(tmp_path: P
     assert "log_density" not in baseline.read(config, folder, {"k_s": read["draws"]["k_s"]})
 
 
+@starts_believed()
 def test_variants_of_rows_of_the_zoo_are_what_their_names_say(tmp_path: Path) -> None:
     unknowns = {}
     for name in ("jitter", "latent_torque", "two_experiments"):

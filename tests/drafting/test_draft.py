@@ -24,6 +24,7 @@ from support.first_configs import (
     spoilt_record,
     write_table,
 )
+from support.small_problems import starts_believed
 
 import bayesdrill as bd
 from bayesdrill.config import loading
@@ -63,6 +64,7 @@ def entry(draft: dict[str, Any], place: str) -> object:
 
 
 @pytest.mark.parametrize("case", CASES, ids=[case["name"] for case in CASES])
+@starts_believed()
 def test_a_draft_says_what_its_record_shows(case: dict[str, Any], tmp_path: Path) -> None:
     records = records_of(case, tmp_path)
     assert records

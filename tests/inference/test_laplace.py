@@ -46,7 +46,8 @@ def tied() -> Posterior:
 
 @cache
 def with_missing_torque() -> Posterior:
-    sigmas, t = {"theta_1": 0.1, "w_2": 0.2}, 0.03 * np.arange(151)
+    sigmas = {"theta_1": 0.1, "theta_2": 0.1, "w_1": 0.2, "w_2": 0.2}
+    t = 0.03 * np.arange(151)
     rng = np.random.default_rng(8)
     return posterior_with_torque(t, 8.0, sigmas, rng, unknown_sigmas=("w_2",))[0]
 

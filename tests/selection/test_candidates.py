@@ -8,6 +8,7 @@ from pydantic import BaseModel
 from ruamel.yaml import YAML
 from support import command_line
 from support.case_tables import run_cases
+from support.small_problems import starts_believed
 from support.unexplained_records import merged
 
 from bayesdrill.config import loading, yaml_source
@@ -56,6 +57,7 @@ def unknowns(candidate: CandidateModel) -> set[str]:
     return {*candidate.job().problem.names}
 
 
+@starts_believed()
 def test_each_candidate_frees_what_its_name_says(tmp_path: Path) -> None:
     models = candidates(tmp_path)
     every = singles(models)
@@ -116,6 +118,7 @@ def calls_of(monkeypatch: pytest.MonkeyPatch, owner: Any, name: str) -> list[Any
 
 
 @pytest.mark.parametrize("rig", CONSTANTS)
+@starts_believed()
 def test_pasted_lines_make_the_posterior_of_a_candidate_which_reads_nothing_again(
     rig: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,14 +1,17 @@
 """Small experiments and problems for tests."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from itertools import islice
 from typing import Any
 
 import numpy as np
+import pytest
 from support.scipy_oracles import NOMINAL, ORDER
 
 from bayesdrill.basics.symbols import PARAMETERS, own_symbol
+from bayesdrill.inference import step_error
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.noise.contract import Noise, NoisyChannel
 from bayesdrill.inference.noise.white import White
@@ -23,6 +26,19 @@ from bayesdrill.rig.simulators.contract import Simulator
 from bayesdrill.rig.simulators.linear import Response
 
 STATES = ("theta_1", "theta_2", "w_1", "w_2", "i")
+
+
+@contextmanager
+def starts_believed() -> Iterator[None]:
+    """Let no job look whether its start has a finite density, or how fine steps there have to be.
+
+    For tests of many rigs that only read configs: kernels would be compiled for each.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(step_error, "choose_steps", lambda posterior, *_: posterior)
+        patch.setattr(Likelihood, "__call__", lambda _, theta: np.zeros(len(theta)))
+        patch.setattr(Likelihood, "mean_square", lambda _, theta: np.ones(len(theta)))
+        yield
 
 
 class UnevenShaft(MotorShaft):
