@@ -109,7 +109,8 @@ class MotorRoles:
     """Names of a motor's circuit, which turns an `inertia` (its name).
 
     `current`, `voltage`: a state or an input; `series`: a second resistance; `drop`: a voltage
-    against the current's sign, whose symbol is `effort`.
+    against the current's sign, whose symbol is `effort`.  A servo has the input `goal` in the place
+    of a voltage, and its numbers are those of `models.servo`.
     """
 
     inertia: str
@@ -123,6 +124,13 @@ class MotorRoles:
     inductance: str = ""
     drop: str = ""
     effort: Symbol | None = None
+    goal: str = ""
+    supply: str = ""
+    duty: str = ""
+    proportional: str = ""
+    derivative: str = ""
+    limit: str = ""
+    band: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -167,6 +175,8 @@ class Roles:
                     return inertia, how
             if motor is not None and drive in (motor.voltage, motor.current):
                 return inertia, "voltage" if drive == motor.voltage else "current"
+            if motor is not None and drive == motor.goal:
+                return inertia, "goal"
         return None
 
     @property
