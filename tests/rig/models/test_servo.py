@@ -8,9 +8,13 @@ import scipy.linalg
 from support.case_tables import run_cases
 from support.servo_oracle import Servo
 
+import bayesdrill as bd
+from bayesdrill.analysis.identifiability.information import SensitivityStudy
+from bayesdrill.analysis.plausibility import plausibility_of_course
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError
 from bayesdrill.record.experiment import Channel, Experiment
+from bayesdrill.report.findings import finding_sentences
 from bayesdrill.rig.models.linear import with_named
 from bayesdrill.rig.models.train import Train
 from bayesdrill.rig.simulators import simulator
@@ -138,3 +142,29 @@ def test_only_one_servo_of_a_train_may_saturate() -> None:
     assert Train(inertias=("a", "b"), drives=drives).smooth
     with pytest.raises(InputError, match="only one servo of a train"):
         Train(inertias=("a", "b"), drives=drives, added=("limit_a", "band_b"))
+
+
+@run_cases("limited", [True, False])
+def test_check_says_how_often_a_servo_saturates(limited: bool) -> None:
+    """Of a goal far away at first: half of the supply would be exceeded until it is near."""
+    values = {**PLAIN, "k_d_arm": 0.0, **({"limit_arm": 0.5} if limited else {})}
+    rig = with_named(ARM, [*values])
+    t = 0.004 * np.arange(401)
+    goal = np.where(t < 0.8, 0.6, 0.0)
+    y = bd.respond(rig, values, t, {"goal_arm": goal}, ["theta_arm"])["theta_arm"]
+    duty = values["duty_arm"] * values["k_p_arm"] * (goal - y)
+    share = 100.0 * float(np.mean(np.abs(duty) > (0.5 if limited else 1.0)))
+    case = bd.case(
+        t,
+        {"theta_arm": bd.Channel(y, "rad", sigma=0.01)},
+        {"goal_arm": bd.Input(goal, "rad")},
+        {**values, "j_arm": {"prior": "log_uniform", "low": 0.01, "high": 0.1}},
+        rig=rig,
+    )
+    posterior = case.job.problem.posterior
+    theta = posterior.space.vector({"j_arm": values["j_arm"]})
+    (finding,) = plausibility_of_course(SensitivityStudy(posterior.likelihood), theta)
+    assert finding.numbers["percent"] == pytest.approx(share, abs=0.3)
+    assert 3.0 < share < 50.0
+    said = "saturates in" if limited else "Name limit_arm"
+    assert said in finding_sentences([finding])[0]
