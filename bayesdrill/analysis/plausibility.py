@@ -107,6 +107,34 @@ def plausibility_of_draws(
 
 
 def plausibility_of_course(sensitivity: SensitivityStudy, theta: Array) -> Iterator[Finding]:
+    """Yield frictions that drive, and servos that saturate, in the motion at `theta (D,)`."""
+    yield from _driving_frictions(sensitivity, theta)
+    yield from _saturations(sensitivity, theta)
+
+
+def _saturations(sensitivity: SensitivityStudy, theta: Array) -> Iterator[Finding]:
+    """Yield in what share of all samples servos are at their limits, or want more than a supply."""
+    model, p = sensitivity.model, sensitivity.rig_at(theta)
+    records = [each.experiment for each in sensitivity.likelihood.observations]
+    for motor in (motor for motor in model.roles.motors if motor.goal):
+        inertia, gain = model.roles.inertia(motor.inertia), p.get(motor.proportional, 1.0)
+        largest, beyond = p.get(motor.limit, 1.0), list[Array]()
+        for record, motion in zip(records, sensitivity.motions(theta), strict=True):
+            x = dict(zip(model.states, motion.T, strict=True))
+            goal = record.series.get(motor.goal, record.constant.get(motor.goal, 0.0))
+            duty = gain * (goal - x[inertia.angle] / inertia.reduction)
+            duty -= p.get(motor.derivative, 0.0) * x[inertia.speed] / inertia.reduction
+            dead = gain * p.get(motor.band, 0.0)
+            beyond.append(p[motor.duty] * (np.abs(duty) - dead) > largest)
+        share = float(np.mean(np.concatenate(beyond)))
+        names = {"motor": inertia.words, "limit": motor.limit}
+        if motor.limit in p:
+            yield Finding("servo that saturates", names, {"percent": 100 * share, "duty": largest})
+        elif share > FEW:
+            yield Finding("servo beyond its supply", names, {"percent": 100 * share})
+
+
+def _driving_frictions(sensitivity: SensitivityStudy, theta: Array) -> Iterator[Finding]:
     """Yield frictions that drive instead of braking in the motion at unknowns `theta (D,)`."""
     rig, p = sensitivity.model, sensitivity.rig_at(theta)
     for inertia in rig.roles.inertias:

@@ -100,6 +100,9 @@ def _motion(observation: Observation) -> Callable[[Array], Array] | None:
             acting[friction.name] = np.sign(speed) * friction.law.size(p, np.abs(speed), seen)
         for gravity in model.gravities:
             acting[gravity.name] = gravity.torque(p, states[gravity.angle])
+        if (servo := model.saturation) is not None:
+            wanted = servo.wanted(model.linear, p, {**states, **inputs})
+            acting[servo.name] = servo.voltage(p, wanted) - wanted
         linear = model.linear(p)
         rates: dict[str, Any] = dict(linear.c)
         for (row, name), factor in (*linear.A.items(), *linear.B.items()):

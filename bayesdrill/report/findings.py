@@ -48,6 +48,14 @@ SENTENCES: Mapping[str, str] = {
         "always {moves} so, turn the signs of {drives} and of all channels. Or hold {friction} at 0 and "
         "name {sliding}, friction that changes its sign"
     ),
+    "servo that saturates": (
+        "servo: {motor} saturates in {percent:.3g} % of the record, at a duty cycle of {duty:.3g} "
+        "({limit}). Only there the record shows {limit}, and there it shows nothing of the loop"
+    ),
+    "servo beyond its supply": (
+        "servo: {motor} would need more than its whole supply in {percent:.3g} % of the record. Name "
+        "{limit}, its largest duty cycle, so that it saturates there"
+    ),
     "power of nominal values": (
         "energy: {constant} = {constant_value:.4g} {newtons}/A is {ratio:.3g} times {back_emf} = "
         "{back_emf_value:.4g} V s/{angle}. The motor would give {ratio:.3g} times the power that it "

@@ -60,6 +60,7 @@ DRAG_MARGIN = 4.0  # largest drag over the one that acts as strongly as all else
 # Physics is sought from starts between these shares of its largest size.  A rig without a drive comes
 # to rest after some number of oscillations, each of which has its own maximum, so it needs more.
 SOUGHT_SIZES, DRIVEN_STARTS, FREE_STARTS = (0.003, 0.8), 14, 30
+LIMIT_STARTS = (0.2, 0.4, 0.7, 0.95)  # largest duty cycles of a servo
 BACKWARD_STARTS = (0.5, 0.9, 1.1, 2.0)  # friction backwards, over that forwards
 INERTIA_RANGE = (0.01, 10.0)  # range of a further inertia, over the one to which it is attached
 # Searches for a further inertia begin at this share of the first, with this number of stiffnesses,
@@ -385,6 +386,12 @@ class Setting:
                 part = _physics(f"load_friction_{i.name}", words, priors, OTHER_LAW)
                 yield replace(part, neutral={i.efficiency: 1.0})
             yield from self._by_direction(i)
+        for motor in roles.motors:
+            if self._offered(motor.limit):
+                words = f"a largest duty cycle of the servo of {motor.words}"
+                part = _physics(f"saturation_{motor.inertia}", words, {motor.limit: uniform(1.0)})
+                starts = tuple({motor.limit: duty} for duty in LIMIT_STARTS)
+                yield replace(part, neutral=NOTHING, lacks=(), starts=starts)
 
     def _by_direction(self, at: InertiaRoles) -> Iterator[Change]:
         """Yield frictions with another size backwards, each with the prior of that forwards."""

@@ -128,6 +128,12 @@ def _quantities(
             "series_resistance": motor.series,
             "inductance": motor.inductance,
             "voltage_drop": motor.drop,
+            "supply": motor.supply,
+            "duty": motor.duty,
+            "proportional_gain": motor.proportional,
+            "derivative_gain": motor.derivative,
+            "largest_duty": motor.limit,
+            "dead_band": motor.band,
         }
         terms += [(f"motor_{motor.inertia}", name, symbol, 1.0) for name, symbol in circuit.items()]
     sums: dict[tuple[str, str, str], Array] = {}
@@ -210,9 +216,15 @@ def as_mjcf(model: SimulatorModel) -> str:
         means = model.means(name)
         resistance = means.get("resistance", 1.0) + means.get("series_resistance", 0.0)
         gain = means.get("torque_constant", 1.0) / resistance
+        stiffness, brake = 0.0, gain * means.get("back_emf", 0.0)
+        if "duty" in means:  # a servo: what it is given is its goal, and only its limit is left out
+            gain *= means["supply"] * means["duty"]
+            brake += gain * means.get("derivative_gain", 0.0)
+            gain = stiffness = gain * means.get("proportional_gain", 1.0)
         entries = {"name": name, "joint": joint, "gear": f"{turns:.9g}", "gainprm": f"{gain:.9g}"}
-        if "back_emf" in means:
-            entries |= {"biastype": "affine", "biasprm": f"0 0 {-gain * means['back_emf']:.9g}"}
+        if stiffness or "back_emf" in means:
+            bias = f"0 {-stiffness or 0:.9g} {-brake:.9g}"
+            entries |= {"biastype": "affine", "biasprm": bias}
         SubElement(actuators, "general", entries)
     return _written(root)
 

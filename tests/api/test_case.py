@@ -123,6 +123,10 @@ def test_a_mistake_in_a_case_of_arrays_is_named(changes: dict[str, object], mess
 
 def test_a_wrong_start_of_sampling_or_nominal_table_is_refused() -> None:
     best = bd.Best(run().job, run().mode)
+    with pytest.raises(bd.InputError, match="processes: 1000000000 are more than 256"):
+        two().find_map(processes=10**9)
+    with pytest.raises(bd.InputError, match="give a result of find_map, not int"):
+        two().sample(1)  # type: ignore[arg-type]
     with pytest.raises(bd.InputError, match="the maximum of another case"):
         two(initial={"w_1": 1.0}).sample(best)
     with pytest.raises(bd.InputError, match="did you mean"):

@@ -17,6 +17,7 @@ from bayesdrill.config.schema.config import ModelSpec
 from bayesdrill.config.schema.validation import named_entries
 from bayesdrill.config.schema.vocabulary import vocabulary_of
 from bayesdrill.rig.models import MODELS
+from bayesdrill.rig.models.friction import DIRECTION
 from bayesdrill.rig.models.linear import Model, dynamics, with_all
 from bayesdrill.rig.simulators.linear import Response
 
@@ -84,7 +85,7 @@ def test_its_frictions_brake_and_have_names_of_their_own(name: str) -> None:
         assert columns[friction.against, friction.name] < 0
         assert friction.holds is None or friction.holds in rig.angles
         assert {*law.parameters} <= {*rig.parameters}
-        assert {*law.seen} <= {*rig.states, *rig.inputs}
+        assert {*law.seen} <= {*rig.states, *rig.inputs, DIRECTION}
         assert friction.where
         seen = {state: np.array([0.3, -0.2]) for state in law.seen}
         for speed in (0.0, 1e-3, 2.0, 1e3):

@@ -252,3 +252,13 @@ def test_another_gear_is_other_numbers_at_the_motor() -> None:
     same = float(with_gear(here, 0.4).likelihood(theta)[0])
     assert same == pytest.approx(float(there.likelihood(theta)[0]), rel=1e-7)
     assert same != pytest.approx(float(here.likelihood(theta)[0]), rel=1e-3)
+
+
+def test_a_servo_without_a_limit_is_tried_with_one(tmp_path: Path) -> None:
+    model = "model: {name: train, inertias: [hub], drives: {hub: servo}}"
+    inputs = "inputs: {goal_hub: {column: u, unit: rad}}"
+    numbers = "{j_hub: J, k_T_hub: 1.0, r_hub: 1.0, supply_hub: 12.0, duty_hub: 0.5, c_hub: 0.3}"
+    servo = job(tmp_path, HUB, f"{inputs}\n{model}", numbers)
+    lines, limited = changed(servo, "saturation_hub")
+    assert lines["parameters"] == {"limit_hub": {"prior": "uniform", "low": 0.0, "high": 1.0}}
+    assert limited.problem.model.saturation is not None

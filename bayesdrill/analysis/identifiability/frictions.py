@@ -282,6 +282,8 @@ def drive_words(model: Model, drive: str) -> tuple[str, str]:
     match moved:
         case (_, "voltage"):
             return f"voltage{several}", "motor terminals shorted"
+        case (_, "goal"):
+            return f"goal{several}", ""
         case (_, "current"):
             return f"current{several}", "no current"
         case (inertia, "torque"):

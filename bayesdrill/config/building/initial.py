@@ -56,6 +56,7 @@ def check_steady(errors: IssueCollector, config: Config, model: Model) -> None:
     """Check a steady start: inputs determine it, but for a single angle that may be named."""
     if not model.smooth:
         how = "rubs turns steadily, or sticks" if model.frictions else "swings comes to rest"
+        how = how if model.frictions or model.gravities else "may saturate comes to rest"
         where = f"where a rig that {how}, is not worked out"
         errors.add(("initial",), f"{where}; write `initial: free`, or the states there")
         return

@@ -108,6 +108,11 @@ def torque_sentence(summary: TorqueSummary, rig: Model) -> str:
 
 def beside(rig: Model) -> str:
     """Describe the approximation for a rig that is not linear, before anything is sampled."""
+    if rig.saturation and not rig.frictions:
+        return (
+            "missing torque: beside a servo that saturates it is an approximation, as if it "
+            "never did. It is good as far as the torque moves it little."
+        )
     if not rig.frictions:
         return (
             "missing torque: beside gravity it is an approximation, as if a pendulum were a spring. It "
@@ -127,6 +132,8 @@ def strayed(summary: TorqueSummary, rig: Model) -> str:
         return ""
     parts = ", ".join(f"{course.strayed:.2g} (`{course.channel}`)" for course in every)
     what, unsure, then = "gravity", "Weight", ""
+    if rig.saturation:
+        what, unsure = "a servo that saturates", "The loop"
     if rig.frictions:
         what, unsure = "friction", "Friction"
         then = ". Leave the friction out: the torque then shows it"

@@ -97,6 +97,9 @@ class SteppedShape:
         for gravity in self.model.gravities:
             at = named[gravity.angle]
             described += [index(gravity.angle), index(gravity.speed), gravity.torque(named, at)]
+        if (servo := self.model.saturation) is not None:
+            opened = self.model.parameters.index(servo.duty)
+            described += [index(servo.row), opened, servo.reach(named), servo.dead(named)]
         return described
 
     def _sizes(self, b: Builder, law: Law, named: Any, speed: Any) -> list[Any]:
@@ -107,7 +110,7 @@ class SteppedShape:
     @property
     def long_steps(self) -> bool:
         """Return whether there are several steps to a sample, and all varying sizes settle."""
-        if self.single or self.read or self.late or self.model.gravities:
+        if self.single or self.read or self.late or self.model.gravities or self.model.saturation:
             return False
         laws = [friction.law for friction in self.model.frictions if not friction.law.steady]
         if any(DIRECTION in friction.law.seen for friction in self.model.frictions):
@@ -121,8 +124,10 @@ class SteppedShape:
 
     @property
     def drives(self) -> tuple[str, ...]:
-        """Return the columns that drive a step: inputs, then gravity."""
-        return (*self.columns, *(gravity.name for gravity in self.model.gravities))
+        """Return the columns that drive a step: inputs, then gravity, then a servo that saturates."""
+        servo = self.model.saturation
+        gravities = (gravity.name for gravity in self.model.gravities)
+        return (*self.columns, *gravities, *((servo.name,) if servo else ()))
 
     @property
     def driven(self) -> tuple[str, ...]:

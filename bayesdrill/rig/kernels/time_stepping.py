@@ -13,7 +13,8 @@ the second node.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from llvmlite import ir
 
@@ -30,6 +31,7 @@ from bayesdrill.rig.kernels.friction import (
 from bayesdrill.rig.kernels.lanes import (
     F64,
     INT_VEC,
+    NOWHERE,
     Builder,
     Integer,
     Loop,
@@ -41,6 +43,7 @@ from bayesdrill.rig.kernels.lanes import (
 )
 from bayesdrill.rig.kernels.numbers import Number, Numbers, multiply_add, sum_products
 from bayesdrill.rig.kernels.reversals import ReversalStep, advance_step, advance_stride
+from bayesdrill.rig.kernels.servo import ServoLoop, merged_step
 from bayesdrill.rig.kernels.step_arguments import BLOCKS, COUNTS, Rates, SteppedShape
 from bayesdrill.rig.kernels.sums import SQUARES, ResidualSums, Sample
 
@@ -63,7 +66,8 @@ class Writer:
         }
         self.span = number(b, self.a["numbers"], 0)
         self.stored = b.icmp_signed("!=", self.a["stored"], 0)
-        # Exponentials of a step, a substep and, if there is one, a long step.
+        # Exponentials of a step, a substep and, if there is one, a long step; of a servo, whose loop
+        # may be open, those of its open loop behind them.
         count = 2 + shape.long_steps
         whole, part, *stride = self.exponentials = [
             self.kind.room(shape.layout.size**2) for _ in range(count)
@@ -71,6 +75,12 @@ class Writer:
         self._exponential(self.span, whole)
         if model.frictions:
             self._part_exponential(whole, part)
+        self.servo = self._servo() if model.saturation else None
+        self.opened = [self.kind.room(shape.layout.size**2) for _ in range(2 if self.servo else 0)]
+        if self.servo:
+            for span, room in zip((self.span, self.span * self._part), self.opened, strict=True):
+                self._exponential(span, room, opened=True)
+            self.closed, self.regime = Mask(b, NOWHERE), b.room(1)
         count, rows = shape.r_count, self.walker_numbers("rows")
         self.rows = [
             {r: rows[k * count + r] for r, used in enumerate(pattern) if used}
@@ -95,9 +105,12 @@ class Writer:
         for mode in filter(None, (self.mode, self.stride)):
             mode.set(state)
 
-    def _exponential(self, span: Vector, room: ir.Value) -> None:
+    def _exponential(self, span: Vector, room: ir.Value, *, opened: bool = False) -> None:
         b, constants = self.b, self.b.offset(self.a["numbers"], 2)
         parameters, layout = self.walker["parameters"], self.shape.layout
+        if opened:
+            parameters = b.room(layout.n_parameters * self.kind.width)
+            b.write_row(self.kind.flat([*self._opened_parameters.values()]), parameters)
         numbers = [parameters, span.value]
         if self.shape.dual:
             numbers += [b.offset(parameters, layout.n_parameters), vector(0.0)]
@@ -125,13 +138,73 @@ class Writer:
         reached = layout.reach[row][column]
         return self.kind.get(e, row * layout.size + column) if reached else None
 
-    def _step(self, e: ir.Value, span: Vector) -> Step:
+    @property
+    def _opened_parameters(self) -> dict[str, Number]:
+        """Return the parameters of the open loop of a servo."""
+        assert self.shape.model.saturation is not None
+        return {**self.parameters, self.shape.model.saturation.duty: self.kind.zero()}
+
+    def _rates(self, *, opened: bool = False) -> Rates:
+        parameters = self._opened_parameters if opened else self.parameters
+        return Rates(self.b, self.shape, parameters, self.constant)
+
+    def _servo(self) -> ServoLoop:
+        """Return the servo, whose wanted voltage is the difference of closed and open loop."""
+        law, shape = self.shape.model.saturation, self.shape
+        assert law is not None
+        closed, opened = self._rates(), self._rates(opened=True)
+        i = shape.model.states.index(law.row)
+        column = self.x_count + 1 + len(shape.drives) - 1
+        volt = closed.rows[i][column]
+        before, after = closed.rows[i], opened.rows[i]
+        row = {k: (before[k] - after[k]) / volt for k in before if k < column and k != self.x_count}
+        base = (closed.base[i] - opened.base[i]) / volt
+        return ServoLoop(law, column, row, base, self.parameters)
+
+    def _step_of_loops(self, closed: Mask, place: int, span: Vector) -> Step:
+        """Return a step with the loop of a servo closed or open, as it is in each lane."""
+        first = self._step(self.exponentials[place], span)
+        return merged_step(closed, first, self._step(self.opened[place], span, opened=True))
+
+    def _enter_loop(self, state: list[Number], drive: Mapping[int, Number]) -> None:
+        """Close or open the loop of the servo as it is at a state; friction has another mode then."""
+        assert self.servo is not None
+        b, zero = self.b, Vector(self.b, vector(0.0))
+        self.closed = self.servo.is_closed(self.servo.wanted(state, drive))
+        self.step = self._step_of_loops(self.closed, 0, self.span)
+        self.mode = replace(self.mode, step=self.step)
+        regime, before = where(self.closed, zero + 1.0, zero), Vector(b, b.read(self.regime, 0))
+        changed = Mask(b, b.fcmp_unordered("!=", regime.value, before.value))
+
+        def entered() -> list[Number]:
+            b.write(regime.value, self.regime, 0)
+            if self.step.frictions:
+                self.set_mode(state)
+            return []
+
+        self.kind.replace_if_any(changed, [], entered)
+
+    def _corrected(self, now: StepStart) -> StepStart:
+        """Return the step with the voltage that a servo has in the mean, if it changes its range."""
+        assert self.servo is not None
+        servo, step, x = self.servo, self.step, self.x_count
+        if step.frictions:
+            ahead = self.mode.advance(now, self.mode.directions())[:x]
+        else:
+            ahead = step.frictionless(now.state, now.drive)
+        begin = servo.wanted(now.state, now.drive)
+        end = servo.wanted(ahead, step.drive_after(now.drive, step.span))
+        acting = now.drive[servo.column]
+        more = servo.mean_correction(begin, end, self.closed, acting)
+        return replace(now, drive={**now.drive, servo.column: acting + more})
+
+    def _step(self, e: ir.Value, span: Vector, *, opened: bool = False) -> Step:
         shape, x, s = self.shape, self.x_count, len(self.shape.series)
         first = x + 1 + len(shape.drives)
         columns = range(first + len(shape.model.frictions))
         entries = [{k: self._entry(e, i, k) for k in columns} for i in range(x)]
         matrix = [{k: v for k, v in row.items() if v is not None} for row in entries]
-        acting, rates = [], Rates(self.b, shape, self.parameters, self.constant)
+        acting, rates = [], self._rates(opened=opened)
         index = shape.model.states.index
         for column, friction in enumerate(shape.model.frictions, start=first):
             row, law = index(friction.against), friction.law
@@ -188,7 +261,12 @@ class Writer:
             angle, speed = (state[states.index(name)] for name in (gravity.angle, gravity.speed))
             ahead = angle + speed * (self.span * 0.5)
             driving.append(gravity.torque(self.parameters, ahead))
-        return {first + k: number for k, number in enumerate(driving)}, middle
+        drive = {first + k: number for k, number in enumerate(driving)}
+        if self.servo:
+            wanted = self.servo.wanted(state, drive)
+            closed = self.servo.is_closed(wanted)
+            drive[self.servo.column] = self.servo.beyond_matrix(wanted, closed)
+        return drive, middle
 
     def _input(self, node: Integer, k: int) -> Number:
         """Load an input; a late one is between two rows of the block, each lane at its own."""
@@ -208,7 +286,11 @@ class Writer:
 
     def start(self) -> list[ir.Value]:
         """Return what is carried from step to step: the state and, if sizes vary, the history."""
-        state, step = self.walker_numbers("x0"), self.step
+        state = self.walker_numbers("x0")
+        if self.servo:
+            self.b.write(vector(-1.0), self.regime, 0)
+            self._enter_loop(state, self.drive(0, state)[0])
+        step = self.step
         if not step.frictions:
             return self.kind.flat(state)
         self.set_mode(state)
@@ -220,12 +302,15 @@ class Writer:
         self, node: Integer, registers: Sequence[ir.Value]
     ) -> tuple[list[Number], list[Number], list[ir.Value]]:
         """Advance a step: new state, efforts (where they are shown), and what is carried on."""
-        step, (state, past) = self.step, self._shaped(registers)
-        drive, inputs = self.drive(node, state)
+        (state, past), x = self._shaped(registers), self.x_count
+        now = StepStart(state, past, *self.drive(node, state))
+        if self.servo:
+            self._enter_loop(state, now.drive)
+            now = self._corrected(now)
+        step = self.step
         if not step.frictions:
-            new = step.frictionless(state, drive)
+            new = step.frictionless(state, now.drive)
             return new, [], self.kind.flat(new)
-        now, x = StepStart(state, past, drive, inputs), self.x_count
         result = advance_step(self.mode, self._turning, now, self.set_mode)
         end, new = len(result) - 2 * len(step.varying), result[:x]
         return new, result[x:end], self.kind.flat([*new, *result[end:]])
@@ -235,7 +320,11 @@ class Writer:
         return numbers[:x], FrictionHistory(numbers[x : x + v], numbers[x + v :])
 
     def _turning(self) -> ReversalStep:
-        step = self._step(self.exponentials[1], self.span * self._part)
+        span = self.span * self._part
+        if self.servo:
+            step = self._step_of_loops(self.closed, 1, span)
+        else:
+            step = self._step(self.exponentials[1], span)
         return ReversalStep(step, self.a["turns"], self._part)
 
     def run_samples(self) -> None:
@@ -277,6 +366,21 @@ class Writer:
         state, past = self._shaped(registers)
         now = StepStart(state, past, *self.drive(node, state))
         return self.kind.flat(advance_stride(self.stride, wanted, now, steps))
+
+    def evaluate_rates(
+        self,
+        state: Sequence[Number],
+        drive: dict[int, Number],
+        efforts: Sequence[Number],
+        *,
+        later: Number | None = None,
+    ) -> list[Number]:
+        """Evaluate the rig's equations, with the loop of a servo as it is in this step."""
+        rates = self._rates().evaluate(state, drive, efforts, later=later)
+        if not self.servo:
+            return rates
+        opened = self._rates(opened=True).evaluate(state, drive, efforts, later=later)
+        return [where(self.closed, *both) for both in zip(rates, opened, strict=True)]
 
     def output(self, k: int, state: Sequence[Number], efforts: Sequence[Number]) -> Number:
         """Return what channel k shows of states and efforts."""
@@ -357,13 +461,12 @@ TRACE_VALUES = 3  # the value, and the rates after it and before the next one, t
 def emit_trace(w: Writer) -> None:
     """Store the trace of all nodes; the last has a value alone."""
     b = w.b
-    rates = Rates(b, w.shape, w.parameters, w.constant)
     nodes = Loop(b, w.a["nodes"], w.start(), "nodes")
     state = w.kind.shaped(nodes.carried)[: w.x_count]
     drive, _ = w.drive(nodes.index, state)
     new, efforts, last = w.advance(nodes.index, nodes.carried)
-    after = rates.evaluate(state, drive, efforts)
-    before = rates.evaluate(new, drive, efforts, later=w.span)
+    after = w.evaluate_rates(state, drive, efforts)
+    before = w.evaluate_rates(new, drive, efforts, later=w.span)
     for k in range(w.k_count):
         entries = [w.output(k, state, []), *(_seen_rate(w, k, rate) for rate in (after, before))]
         _keep(w, nodes.index, k, entries)

@@ -12,7 +12,7 @@ from pydantic import BeforeValidator, Field, PlainSerializer, WithJsonSchema
 
 from bayesdrill.basics.errors import short_repr
 
-DRIVES = ("torque", "current", "voltage", "speed")
+DRIVES = ("torque", "current", "voltage", "speed", "servo")
 MAX_PARTS = 40
 NAME = r"^[A-Za-z][A-Za-z0-9_]{0,29}$"
 

@@ -2,6 +2,7 @@
 
     J w' = sum of torques,  J = j + sum of (i / i_b)^2 j_b        at the first of them, before its gear
     l i' = u - (r + r_s) i - k_e w_b                              of each motor with an inductance
+    u = supply duty (k_p (goal - theta_b) - k_d w_b)              of a servo (see `servo`)
 
 An inertia whose `reduction` is i turns 1/i times as fast as the state that is its speed: a torque on
 it does i times as much to that state as one that acts behind the gear.  A shaft or a damper acts at
@@ -31,6 +32,7 @@ from bayesdrill.rig.models.friction import (
 )
 from bayesdrill.rig.models.linear import Linear, Model
 from bayesdrill.rig.models.roles import GROUND, InertiaRoles, MotorRoles, ShaftRoles
+from bayesdrill.rig.models.servo import Saturation
 
 CONSTANT = ""  # the column of constant forcing, `c`
 Entry = tuple[str, str, Any]  # row, column of A, of B or `CONSTANT`, value
@@ -56,6 +58,11 @@ class PartsModel(Model):
     def gravities(self) -> tuple[Gravity, ...]:
         """Return the pendulums among the inertias."""
         return tuple(_parts(self).pendulums())
+
+    @property
+    def saturation(self) -> Saturation | None:
+        """See `Model.saturation`."""
+        return next(_parts(self).saturations(), None)
 
     def linear(self, p: Named) -> Linear:
         """See `Model.linear`."""
@@ -202,17 +209,48 @@ class _Parts:
                 turned = _times(inertia.reduction, inductance)
                 yield motor.current, inertia.speed, -p[motor.back_emf] / turned
             yield motor.current, motor.current, -resistance / inductance
-            yield motor.current, motor.voltage, 1.0 / inductance
+            yield from self._volts(motor, inertia, motor.current, 1.0 / inductance, p)
             for drop in self.voltage_drops():
                 if drop.against == motor.current:
                     yield motor.current, drop.name, -1.0 / inductance
         elif torque is not None:
-            yield inertia.speed, motor.voltage, torque / resistance
+            yield from self._volts(motor, inertia, inertia.speed, torque / resistance, p)
             if self._has(motor.back_emf):
                 braked = p[motor.back_emf] / _times(inertia.reduction, resistance)
                 yield inertia.speed, inertia.speed, -torque * braked
 
-    # Gravity and frictions.
+    def _volts(
+        self, motor: MotorRoles, inertia: InertiaRoles, row: str, volt: Any, p: Named
+    ) -> Iterator[Entry]:
+        """Yield what a motor's voltage does to a row, where one volt does `volt`."""
+        if not motor.goal:
+            yield row, motor.voltage, volt
+            return
+        turned = volt * p[motor.supply] * p[motor.duty]
+        error = turned * p[motor.proportional] if self._has(motor.proportional) else turned
+        yield row, motor.goal, error
+        yield row, inertia.angle, -error / inertia.reduction
+        if self._has(motor.derivative):
+            yield row, inertia.speed, -turned * p[motor.derivative] / inertia.reduction
+        if {motor.limit, motor.band} & self.names:
+            yield row, f"servo_{motor.inertia}", volt
+
+    # Gravity, frictions and servos.
+
+    def saturations(self) -> Iterator[Saturation]:
+        """Yield the servos with a limit or a dead band."""
+        for motor in self.roles.motors:
+            if motor.goal and {motor.limit, motor.band} & self.names:
+                turns = self.roles.inertia(motor.inertia).speed
+                yield Saturation(
+                    name=f"servo_{motor.inertia}",
+                    row=motor.current if motor.current in self.states else turns,
+                    duty=motor.duty,
+                    supply=motor.supply,
+                    proportional=motor.proportional if self._has(motor.proportional) else "",
+                    limit=motor.limit if self._has(motor.limit) else "",
+                    band=motor.band if self._has(motor.band) else "",
+                )
 
     def pendulums(self) -> Iterator[Gravity]:
         """Yield the effect of gravity at each inertia with a weight."""

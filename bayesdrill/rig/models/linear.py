@@ -23,6 +23,7 @@ from bayesdrill.basics.errors import InputError, did_you_mean, short_repr
 from bayesdrill.basics.symbols import SPEED_UNITS, Symbol
 from bayesdrill.rig.models.friction import Friction, Gravity, Named
 from bayesdrill.rig.models.roles import GEAR_POWERS, Roles, usual_roles
+from bayesdrill.rig.models.servo import Saturation
 
 HOUSE_SYMBOLS: Mapping[str, Symbol] = MappingProxyType(
     {**symbols.PARAMETERS, **symbols.STATES, **symbols.INPUTS}
@@ -154,9 +155,14 @@ class Model(Protocol):
         return ()
 
     @property
+    def saturation(self) -> Saturation | None:
+        """Return the servo that saturates or has a dead band, a column of `B`, or None."""
+        return None
+
+    @property
     def smooth(self) -> bool:
-        """Return whether the rig is linear: it has no dry friction and no pendulum."""
-        return not self.frictions and not self.gravities
+        """Return whether the rig is linear: it has no dry friction, pendulum or servo that saturates."""
+        return not self.frictions and not self.gravities and self.saturation is None
 
     @property
     def combinations(self) -> Mapping[str, Mapping[str, float]]:
@@ -232,6 +238,7 @@ class WrappedModel(Model):
     inputs: ClassVar[Any] = property(lambda self: self.rig.inputs)
     frictions: ClassVar[Any] = property(lambda self: self.rig.frictions)
     gravities: ClassVar[Any] = property(lambda self: self.rig.gravities)
+    saturation: ClassVar[Any] = property(lambda self: self.rig.saturation)
     inner: ClassVar[Any] = property(lambda self: self.rig.inner)
     roles: ClassVar[Any] = property(lambda self: self.rig.roles)
     gear_ratio: ClassVar[Any] = property(lambda self: self.rig.gear_ratio)

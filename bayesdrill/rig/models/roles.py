@@ -115,7 +115,8 @@ class MotorRoles:
     """The record contains the names of the circuit of a motor that turns an `inertia`.
 
     `current` and `voltage` are each a state or an input. `series` is a second resistance. `drop` is
-    a voltage that opposes the current, and `effort` its symbol.
+    a voltage that opposes the current, and `effort` its symbol. A servo has the input `goal` in place
+    of a voltage, and its numbers are those of `models.servo`.
     """
 
     inertia: str
@@ -129,6 +130,13 @@ class MotorRoles:
     inductance: str = ""
     drop: str = ""
     effort: Symbol | None = None
+    goal: str = ""
+    supply: str = ""
+    duty: str = ""
+    proportional: str = ""
+    derivative: str = ""
+    limit: str = ""
+    band: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -176,6 +184,8 @@ class Roles:
                     return inertia, how
             if motor is not None and drive in (motor.voltage, motor.current):
                 return inertia, "voltage" if drive == motor.voltage else "current"
+            if motor is not None and drive == motor.goal:
+                return inertia, "goal"
         return None
 
     @property

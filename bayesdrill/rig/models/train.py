@@ -106,6 +106,10 @@ def _issues(train: Train) -> Iterator[tuple[str, str]]:
         if drive.kind not in DRIVES:
             hint = did_you_mean(drive.kind, DRIVES)
             yield "drives", f"{drive.inertia} cannot be moved by '{drive.kind}'{hint}"
+    servos = [drive.inertia for drive in train.drives if drive.kind == "servo"]
+    limited = [n for n in servos if {f"limit_{n}", f"band_{n}"} & {*train.added}]
+    if len(limited) > 1:
+        yield "drives", f"{' and '.join(limited)} may saturate; only one servo of a train can"
     for entry in ("gravity", "rock"):
         for name in getattr(train, entry):
             if name not in known:
@@ -204,6 +208,14 @@ SHAFT = (
     Row("stiffness", "k", "N*m/rad", "torsional stiffness of"),
     Row("damping", "c", "N*m*s/rad", "damping of", (), "not negative"),
 )
+SERVO = (
+    Row("supply", "supply", "V", "supply of"),
+    Row("duty", "duty", "1/rad", "duty cycle for a unit of error times k_p of"),
+    Row("proportional", "k_p", "1", "proportional gain of", ()),
+    Row("derivative", "k_d", "s", "derivative gain of", (), "not negative"),
+    Row("limit", "limit", "1", "largest duty cycle of", (), at_most=1.0),
+    Row("band", "band", "rad", "dead band of", (), "not negative"),
+)
 MOTOR = (Row("torque_constant", "k_T", "N*m/A", "torque constant of"),)
 CIRCUIT = (
     Row("resistance", "r", "ohm", "resistance of"),
@@ -232,6 +244,7 @@ LINEAR: Mapping[str, str] = {
     "N*m*s/rad": "N*s/m",
     "N*m/A": "N/A",
     "V*s/rad": "V*s/m",
+    "1/rad": "1/m",
     "s/rad": "s/m",
     "s**2/rad**2": "s**2/m**2",
     "N*m*s**2/rad**2": "N*s**2/m**2",
@@ -268,7 +281,7 @@ class Description:
         self._reductions = _reductions(train)
         inertias = tuple(map(self._inertia, train.inertias))
         shafts = tuple(map(self._shaft, train.shafts))
-        wired = [n for n in train.inertias if self._kinds.get(n) in ("current", "voltage")]
+        wired = [n for n in train.inertias if self._kinds.get(n) in ("current", "voltage", "servo")]
         motors = tuple(map(self._motor, wired))
         self.roles: Roles = Roles(
             inertias=inertias, shafts=shafts, motors=motors, motion=MOTIONS[train.motion]
@@ -283,7 +296,7 @@ class Description:
         self.inputs: tuple[str, ...] = (
             *imposed,
             *(inertia.torque for inertia in inertias if inertia.torque),
-            *(motor.voltage or motor.current for motor in motors),
+            *(motor.goal or motor.voltage or motor.current for motor in motors),
             *(inertia.bit_weight for inertia in inertias if inertia.bit_weight),
         )
 
@@ -365,8 +378,12 @@ class Description:
         kind, names = self._kinds[name], dict[str, Any](inertia=name, words=words(name))
         names["current"] = self._add("i", name, "A", "current of", drives=kind == "current")
         names |= self._add_rows(MOTOR, name)
-        if kind == "voltage":
+        if kind == "servo":
+            names["goal"] = self._add("goal", name, "rad", "goal of", drives=True)
+            names |= self._add_rows(SERVO, name)
+        elif kind == "voltage":
             names["voltage"] = self._add("u", name, "V", "voltage of", drives=True)
+        if kind in ("voltage", "servo"):
             names |= self._add_rows(CIRCUIT, name)
             drop = f"drop_{name}"
             names["effort"] = self._symbol("v_d", name, "V", "voltage drop at", name=drop)

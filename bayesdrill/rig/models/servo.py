@@ -1,0 +1,71 @@
+"""The voltage of a servo that saturates, and its dead band.
+
+    wanted = supply duty (k_p (goal - angle) - k_d speed)       the voltage of a linear closed loop
+    voltage = clip(wanted -+ dead, +-reach), and zero where |wanted| is below dead
+    reach = supply limit,  dead = supply duty k_p band
+
+The rig's `A` and `B` are those of the linear closed loop.  With the parameter `duty` at zero the loop
+is open, and the column `name` of `B` is what one volt more does to the state `row`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from bayesdrill.basics.duals import below, signed, size, where
+from bayesdrill.rig.models.friction import Named
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Saturation:
+    """Names of the numbers of a servo, empty where it has none, and of what its voltage moves."""
+
+    name: str
+    row: str
+    duty: str
+    supply: str
+    proportional: str = ""
+    limit: str = ""
+    band: str = ""
+
+    def reach(self, p: Named) -> Any:
+        """Return its largest voltage; None where nothing limits it."""
+        return p[self.supply] * p[self.limit] if self.limit else None
+
+    def dead(self, p: Named) -> Any:
+        """Return how much a voltage has to be wanted before there is any; None without a band."""
+        if not self.band:
+            return None
+        dead: Any = p[self.supply] * p[self.duty] * p[self.band]
+        return dead * p[self.proportional] if self.proportional else dead
+
+    def is_linear(self, p: Named, wanted: Any) -> Any:
+        """Return where a wanted voltage changes the voltage: it neither saturates nor is dead."""
+        inner, reach, dead = size(wanted), self.reach(p), self.dead(p)
+        inner = inner if dead is None else inner - dead
+        if reach is None:
+            return below(0.0, inner)
+        if dead is None:
+            return below(inner, reach)
+        return below(size(inner * 2.0 - reach), reach)  # between zero and reach
+
+    def voltage(self, p: Named, wanted: Any) -> Any:
+        """Return the voltage at a wanted one."""
+        reach, dead, most = self.reach(p), self.dead(p), size(wanted)
+        if dead is not None:
+            most = where(below(most, dead), 0.0, most - dead)
+        if reach is not None:
+            most = where(below(most, reach), most, reach)
+        return signed(most, wanted)
+
+    def wanted(self, linear: Any, p: Named, values: Mapping[str, Any]) -> Any:
+        """Return the wanted voltage at states and inputs, by `Model.linear` of closed and open loop."""
+        closed, opened = linear(p), linear({**p, self.duty: 0.0})
+        total: Any = closed.c.get(self.row, 0.0) - opened.c.get(self.row, 0.0)
+        for both in ("A", "B"):
+            here, there = getattr(closed, both), getattr(opened, both)
+            for row, column in (key for key in here if key[0] == self.row and key[1] in values):
+                total = total + (here[row, column] - there[row, column]) * values[column]
+        return total / closed.B[self.row, self.name]

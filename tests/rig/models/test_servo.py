@@ -1,0 +1,170 @@
+"""Servos: against the closed loop in closed form, and an integration from event to event."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy.linalg
+from support.case_tables import run_cases
+from support.servo_oracle import Servo
+
+import bayesdrill as bd
+from bayesdrill.analysis.identifiability.information import SensitivityStudy
+from bayesdrill.analysis.plausibility import plausibility_of_course
+from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.errors import InputError
+from bayesdrill.record.experiment import Channel, Experiment
+from bayesdrill.report.findings import finding_sentences
+from bayesdrill.rig.models.linear import with_named
+from bayesdrill.rig.models.train import Train
+from bayesdrill.rig.simulators import simulator
+from bayesdrill.rig.simulators.contract import Simulator
+from bayesdrill.rig.simulators.linear import Response
+from bayesdrill.rig.simulators.sensors import ObservationModel
+
+ARM = Train(inertias=("arm",), drives={"arm": "servo"})
+PENDULUM = Train(inertias=("arm",), drives={"arm": "servo"}, gravity=("arm",))
+PLAIN = {"j_arm": 0.03, "k_T_arm": 2.4, "r_arm": 4.9, "k_e_arm": 2.4, "supply_arm": 12.0,
+         "duty_arm": 0.16, "k_p_arm": 16.0, "k_d_arm": 0.05}  # fmt: skip
+LIMITED = {**PLAIN, "limit_arm": 0.4}
+RUBBING = {**LIMITED, "t_c_arm": 0.35, "t_c_arm_backward": 0.2}
+SERVOS = {
+    "limit": LIMITED,
+    "band": {**PLAIN, "band_arm": 0.05},
+    "both": {**LIMITED, "band_arm": 0.03},
+    "friction": RUBBING,
+    "all": {**RUBBING, "t_s_arm": 0.45, "w_s_arm": 0.3, "band_arm": 0.02, "c_arm": 0.05},
+}
+GOALS, TIME = (0.6, -0.3, 0.1, 1.2, 0.0, -0.9, -0.85, 0.4), 0.4
+
+
+def response(train: Train, values: dict[str, float], samples: int) -> tuple[Simulator, Array]:
+    """A servo that is at rest at first, whose goal jumps; `samples` between two jumps."""
+    rig = with_named(train, [*values])
+    t = np.linspace(0.0, TIME * len(GOALS), samples * len(GOALS) + 1)
+    channels = tuple(
+        Channel(name=name, weights={name: 1.0}, unit="", latex="", latex_unit="")
+        for name in rig.states
+    )
+    record = Experiment(
+        t=t,
+        y=np.zeros((len(t), len(channels))),
+        channels=channels,
+        constant={},
+        series={"goal_arm": np.append(np.repeat(GOALS, samples), GOALS[-1])},
+        first_order=False,
+        start={},
+        t_start=0.0,
+    )
+    full = np.array([[values[name] for name in rig.parameters]])
+    return simulator(rig, record, ObservationModel()), full
+
+
+def oracle(values: dict[str, float]) -> Servo:
+    def both(name: str) -> tuple[float, float]:
+        forward = values.get(name, 0.0)
+        return forward, values.get(f"{name}_backward", forward)
+
+    return Servo(
+        j=values["j_arm"], k=values["k_T_arm"], r=values["r_arm"], k_e=values["k_e_arm"],
+        g=values.get("g_arm", 0.0), c=both("c_arm"), t_c=both("t_c_arm"),
+        t_s=both("t_s_arm") if "t_s_arm" in values else None, w_s=values.get("w_s_arm", 1.0),
+        supply=values["supply_arm"], gain=values["duty_arm"], k_p=values["k_p_arm"],
+        k_d=values["k_d_arm"], limit=values.get("limit_arm", np.inf),
+        band=values.get("band_arm", 0.0),
+        goal=lambda t: GOALS[min(int((t + 1e-12) / TIME), len(GOALS) - 1)],
+    )  # fmt: skip
+
+
+def test_a_servo_without_a_limit_is_a_linear_closed_loop() -> None:
+    """`J w' = (k/r) (supply duty (k_p (goal - theta) - k_d w) - k_e w)`, in exact steps."""
+    made, full = response(ARM, PLAIN, 20)
+    assert isinstance(made, Response)
+    v = PLAIN
+    push = v["k_T_arm"] / v["r_arm"] / v["j_arm"]
+    stiff = push * v["supply_arm"] * v["duty_arm"]
+    brake = push * v["k_e_arm"] + stiff * v["k_d_arm"]
+    rates = np.array([[0, 1, 0], [-stiff * v["k_p_arm"], -brake, stiff * v["k_p_arm"]], [0, 0, 0]])
+    step = scipy.linalg.expm(rates * TIME / 20)
+    x, expected = np.zeros(2), [np.zeros(2)]
+    for goal in np.repeat(GOALS, 20):
+        x = (step @ [*x, goal])[:2]
+        expected.append(x)
+    assert made.signals(full)[0] == pytest.approx(np.array(expected), abs=1e-11)
+
+
+@run_cases("kind", SERVOS)
+def test_a_servo_that_saturates_moves_as_from_event_to_event(kind: str) -> None:
+    """At one step to a sample: 1e-6 of the swing, and of second order in the step."""
+    values, corners = SERVOS[kind], TIME * np.arange(1, len(GOALS))
+    errors = []
+    for samples in (100, 1000):
+        made, full = response(ARM, values, samples)
+        t, y = made.experiment.t, made.signals(full)[0]
+        shown = slice(None, None, samples // 20)
+        truth = oracle(values).simulate(t[shown], corners=corners)
+        errors.append(np.abs(y[shown] - truth).max(axis=0) / np.ptp(truth, axis=0))
+    (angle, speed), coarse = errors[1], errors[0]
+    assert angle < 1e-6
+    assert speed < 5e-6
+    assert coarse[0] / angle > 50
+
+
+@run_cases("kind", ["limit", "all"])
+def test_slopes_of_a_servo_are_differences_of_its_signals(kind: str) -> None:
+    values = SERVOS[kind]
+    made, full = response(ARM, values, 50)
+    names = with_named(ARM, [*values]).parameters
+    for name in ("duty_arm", "supply_arm", "limit_arm", "j_arm", "k_e_arm"):
+        step = np.zeros_like(full)
+        step[0, names.index(name)] = 1e-6 * values[name]
+        _, slopes = made.course(full, step[:, None])
+        later, before = (made.signals(full + way * step)[0] for way in (0.5, -0.5))
+        assert slopes[0, 0] == pytest.approx(later - before, abs=1e-4 * np.ptp(later - before))
+
+
+def test_a_channel_between_steps_is_the_servo_at_its_own_time() -> None:
+    """It is read from the course between steps, with the rates of the loop as it is there."""
+    values = SERVOS["both"]
+    made, full = response(PENDULUM, {**values, "g_arm": 1.2}, 200)
+    record = made.experiment
+    late = ObservationModel(lags={"theta_arm": "lag_theta_arm"})
+    delay = 0.3 * record.dt
+    shifted = simulator(made.model, record, late)
+    shown = shifted.signals(np.append(full, [[delay]], axis=1))[0][:, 0]
+    fine, _ = response(PENDULUM, {**values, "g_arm": 1.2}, 2000)
+    expected = fine.signals(full)[0][:, 0]
+    assert shown[1:] == pytest.approx(expected[7::10], abs=2e-5)
+
+
+def test_only_one_servo_of_a_train_may_saturate() -> None:
+    drives = {"a": "servo", "b": "servo"}
+    assert Train(inertias=("a", "b"), drives=drives).smooth
+    with pytest.raises(InputError, match="only one servo of a train"):
+        Train(inertias=("a", "b"), drives=drives, added=("limit_a", "band_b"))
+
+
+@run_cases("limited", [True, False])
+def test_check_says_how_often_a_servo_saturates(limited: bool) -> None:
+    """Of a goal far away at first: half of the supply would be exceeded until it is near."""
+    values = {**PLAIN, "k_d_arm": 0.0, **({"limit_arm": 0.5} if limited else {})}
+    rig = with_named(ARM, [*values])
+    t = 0.004 * np.arange(401)
+    goal = np.where(t < 0.8, 0.6, 0.0)
+    y = bd.respond(rig, values, t, {"goal_arm": goal}, ["theta_arm"])["theta_arm"]
+    duty = values["duty_arm"] * values["k_p_arm"] * (goal - y)
+    share = 100.0 * float(np.mean(np.abs(duty) > (0.5 if limited else 1.0)))
+    case = bd.case(
+        t,
+        {"theta_arm": bd.Channel(y, "rad", sigma=0.01)},
+        {"goal_arm": bd.Input(goal, "rad")},
+        {**values, "j_arm": {"prior": "log_uniform", "low": 0.01, "high": 0.1}},
+        rig=rig,
+    )
+    posterior = case.job.problem.posterior
+    theta = posterior.space.vector({"j_arm": values["j_arm"]})
+    (finding,) = plausibility_of_course(SensitivityStudy(posterior.likelihood), theta)
+    assert finding.numbers["percent"] == pytest.approx(share, abs=0.3)
+    assert 3.0 < share < 50.0
+    said = "saturates in" if limited else "Name limit_arm"
+    assert said in finding_sentences([finding])[0]
