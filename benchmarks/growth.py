@@ -22,7 +22,7 @@ from matplotlib.figure import Figure
 
 from bayesdrill.basics.progress import Silent
 from bayesdrill.config import loading
-from bayesdrill.config.building.assembly import build_problem
+from bayesdrill.config.assembly.problem import build_problem
 from bayesdrill.inference import compression
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.report import scales, style

@@ -143,7 +143,7 @@ def members_by_entry(members: Mapping[str, type]) -> dict[str, list[str]]:
 
 def build_member[T](kind: type[T], section: Strict) -> T:
     """Build a member from the entries of its section, with its defaults for the others."""
-    given = {entry: getattr(section, entry) for entry in entries_of(kind)}
+    given = {entry: getattr(section, entry) for entry in entries_of(cast("Hashable", kind))}
     return kind(**{entry: value for entry, value in given.items() if value is not None})
 
 

@@ -1,7 +1,8 @@
 """Turn a config into objects, or report all of its mistakes at once.
 
 `schema/` defines what may be written and `loading` reads it. `building/` makes objects of it and
-finds contradictions; `records/` reads the files that are named; `job` joins them. Nothing here samples.
+finds contradictions. `records/` reads the files that are named, and `assembly/` makes the `Problem` of
+both; `job` calls one after the other. Nothing here samples.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.entries import entries_of
 from bayesdrill.basics.errors import InputError, Issue, collect_each
 from bayesdrill.config import loading
-from bayesdrill.config.building.assembly import build_problem
+from bayesdrill.config.assembly.problem import build_problem
 from bayesdrill.config.building.case import ResolvedCase
 from bayesdrill.config.records import reading
 from bayesdrill.config.records.sources import Files

@@ -12,7 +12,7 @@ from bayesdrill.analysis.suspicions import ALL, suspicions_of_problem
 from bayesdrill.basics import units
 from bayesdrill.basics.arrays import Array
 from bayesdrill.config.building.case import ResolvedCase
-from bayesdrill.config.building.inputs import inputs_as_given
+from bayesdrill.config.records.sources import inputs_as_given
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.schema.records import ColumnSpec, TimeColumn
 from bayesdrill.inference.likelihood import Observation

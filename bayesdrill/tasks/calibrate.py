@@ -18,7 +18,7 @@ from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.json_records import as_data
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.config import loading
-from bayesdrill.config.building.assembly import build_problem
+from bayesdrill.config.assembly.problem import build_problem
 from bayesdrill.config.job import Job
 from bayesdrill.config.records import reading, simulation, sources
 from bayesdrill.output_files import FIGURES, REFITS

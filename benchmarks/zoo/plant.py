@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from bayesdrill.config.building.case import ResolvedCase
-from bayesdrill.config.building.inputs import measured_inputs
 from bayesdrill.config.records import simulation
 from bayesdrill.rig.models.linear import dynamics
 
@@ -41,7 +40,7 @@ class Plant:
             whole[k, n + 1] = linear.B.get((state, "v"), 0.0)
         whole[n + 1, n + 2] = 1.0 / dt
         after = expm(whole * dt)
-        measured = measured_inputs(case.config)
+        measured = case.config.measured_inputs
         return cls(
             states=model.states,
             first_order=any(spec.hold == "first" for spec in measured.values()),

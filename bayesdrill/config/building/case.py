@@ -78,6 +78,8 @@ class ResolvedExperiment:
     channels: tuple[NoisyChannel, ...]  # those that are evidence
     sensor_numbers: Mapping[SensorEntry, ParsedNumber]  # those of the start too
     sensing: ObservationModel
+    constant_inputs: Mapping[str, float]  # in SI
+    initial_state: Mapping[str, float]  # the fixed states at the start, in SI
     free_states: tuple[str, ...]  # their initial values have priors from the record
     torque: Mapping[str, float | Unknown]  # size and time of a missing torque
     local_numbers: LocalNumbers

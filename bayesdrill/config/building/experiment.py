@@ -8,8 +8,8 @@ from bayesdrill.config.building import case
 from bayesdrill.config.building.case import LocalNumbers, ResolvedExperiment
 from bayesdrill.config.building.channels import check_channels
 from bayesdrill.config.building.experiments import check_truth, unknown_names
-from bayesdrill.config.building.initial import free_states
-from bayesdrill.config.building.inputs import check_inputs
+from bayesdrill.config.building.initial import free_states, initial_state
+from bayesdrill.config.building.inputs import check_inputs, constant_inputs
 from bayesdrill.config.building.missing_torque import check_torque
 from bayesdrill.config.building.nominal import check_nominal, nominal_table
 from bayesdrill.config.building.parameters import build_model, check_rig, free_parameters
@@ -41,7 +41,7 @@ def build_experiment(
     model = errors.run(("model", "name"), build_model, config, spoilt_names)
     given_nominal = {} if model is None else check_nominal(errors, config, model)
     nominal = errors.run(("nominal", "table"), nominal_table, config, given_nominal)
-    resolved = None
+    rig = sensing = None
     if model is not None:
         vain = unknown_keys(("name", "model"), MODELS.usable(), type(model), config.model)
         errors.add_all(("model",), vain)
@@ -58,21 +58,6 @@ def build_experiment(
             tied = [name for name in names if is_tied(config.parameters.get(name))]
             check_unknown(errors, config, unknown, tied)
             check_truth(errors, config, {"": local_numbers})
-        if nominal is not None and rig is not None and sensing is not None:
-            resolved = ResolvedExperiment(
-                label=label,
-                config=config,
-                source=source,
-                model=model,
-                nominal=nominal,
-                rig_numbers=rig,
-                channels=tuple(channel for channel in channels.values() if channel is not None),
-                sensor_numbers={e: x for e, x in sensor_numbers.items() if x is not None},
-                sensing=sensing,
-                free_states=free,
-                torque={name: x for name, x in torque.items() if x is not None},
-                local_numbers=local_numbers,
-            )
     message = "there is one experiment alone; remove this entry, or add `experiments:`"
     for key in ("shared", "own"):
         if getattr(config, key) and alone:
@@ -83,7 +68,25 @@ def build_experiment(
     check_calibration(errors, config)
     if alone:
         check_identify(errors, config, free_parameters(config, names))
-    return errors.issues, None if errors.issues else resolved
+    if errors.issues or model is None or nominal is None or rig is None or sensing is None:
+        return errors.issues, None
+    experiment = ResolvedExperiment(
+        label=label,
+        config=config,
+        source=source,
+        model=model,
+        nominal=nominal,
+        rig_numbers=rig,
+        channels=tuple(channel for channel in channels.values() if channel is not None),
+        sensor_numbers={e: x for e, x in sensor_numbers.items() if x is not None},
+        sensing=sensing,
+        constant_inputs=constant_inputs(config, model),
+        initial_state=initial_state(config, model),
+        free_states=free,
+        torque={name: x for name, x in torque.items() if x is not None},
+        local_numbers=local_numbers,
+    )
+    return [], experiment
 
 
 def _check_own_names(errors: IssueCollector, config: Config, local: LocalNumbers) -> None:

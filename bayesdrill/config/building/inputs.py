@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 from bayesdrill.basics import units
-from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import SPEED_UNITS
 from bayesdrill.config.building.parsed_numbers import check_quantity, to_si
 from bayesdrill.config.building.record import check_series
@@ -13,43 +10,17 @@ from bayesdrill.config.schema import numbers
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.schema.records import AngleColumn, InputColumn
 from bayesdrill.config.yaml_source import IssueCollector, Location
-from bayesdrill.record import anomalies
-from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.models.linear import Model, missing_requirements, with_named
-
-
-def input_entry(config: Config, name: str) -> str:
-    """Return the entry of `inputs:` that gives the input `name`: itself, or an imposed angle."""
-    angle = config.vocabulary.imposed.get(name, name)
-    return name if config.inputs.get(angle) is None else angle
-
-
-def measured_inputs(config: Config) -> dict[str, InputColumn]:
-    """Return the measured inputs, by name."""
-    names = config.vocabulary.inputs
-    specs = {name: config.inputs.get(input_entry(config, name)) for name in names}
-    return {name: spec for name, spec in specs.items() if isinstance(spec, InputColumn)}
 
 
 def constant_inputs(config: Config, model: Model) -> dict[str, float]:
     """Return the constant inputs of the model, SI."""
-    series, given = measured_inputs(config), config.inputs
+    series, given = config.measured_inputs, config.inputs
     return {
         name: to_si(given.get(name), model.symbols[name].unit)
         for name in model.inputs
         if name not in series and given.get(name) is not None
     }
-
-
-def inputs_as_given(
-    config: Config, experiment: Experiment
-) -> Iterator[tuple[str, InputColumn, Array]]:
-    """Yield entry, column and values `(T,)`, in the column's unit, of each input or imposed angle."""
-    for name, spec in measured_inputs(config).items():
-        entry, values = input_entry(config, name), experiment.series[name]
-        if entry != name:
-            values = anomalies.integrate_speeds(values, experiment.t, experiment.start[entry])
-        yield entry, spec, values / units.factor(spec.unit, config.vocabulary.entries[entry].unit)
 
 
 def check_inputs(errors: IssueCollector, config: Config, model: Model | None) -> None:
@@ -66,7 +37,7 @@ def check_inputs(errors: IssueCollector, config: Config, model: Model | None) ->
         _check_required(errors, config, model)
     _check_angles(errors, config)
     _check_holds(errors, config)
-    if measured_inputs(config) and config.initial.time is not None:
+    if config.measured_inputs and config.initial.time is not None:
         message = "with measured inputs the initial state is that of the first sample"
         errors.add(("initial", "time"), f"{message}; remove this entry")
 
@@ -86,7 +57,7 @@ def _check_required(errors: IssueCollector, config: Config, model: Model) -> Non
             errors.add(("inputs", entry), f"the model {model.name} has no such input; {also}")
     for name in model.inputs:
         angle = ("inputs", words.imposed.get(name, name))
-        none = config.inputs.get(input_entry(config, name)) is None
+        none = config.inputs.get(config.input_entry(name)) is None
         if none and not errors.is_reported(angle):
             errors.add(("inputs", name), _missing_message(config, name))
 
@@ -122,7 +93,7 @@ def _check_angles(errors: IssueCollector, config: Config) -> None:
 
 
 def _check_holds(errors: IssueCollector, config: Config) -> None:
-    specs = measured_inputs(config).values()
+    specs = config.measured_inputs.values()
     angle = any(isinstance(spec, AngleColumn) for spec in specs)
     if len({"zero" if isinstance(spec, AngleColumn) else spec.hold for spec in specs}) > 1:
         also = "; the speed of an imposed angle is held (zero)" if angle else ""

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -13,7 +12,6 @@ import numpy as np
 from bayesdrill.basics import symbols, units
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.config.building.initial import check_steady, state_name, symbol_of_state
-from bayesdrill.config.building.inputs import measured_inputs
 from bayesdrill.config.building.parsed_numbers import (
     ParsedNumber,
     check_quantity,
@@ -25,9 +23,7 @@ from bayesdrill.config.schema.config import Config
 from bayesdrill.config.schema.numbers import Quantity, SensorPrior
 from bayesdrill.config.schema.records import DELAY, InputColumn, InputQuantity
 from bayesdrill.config.yaml_source import IssueCollector, Location
-from bayesdrill.inference.priors import Prior
 from bayesdrill.inference.unknowns import Role
-from bayesdrill.record.experiment import Experiment, frozen
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulators.sensors import ObservationModel
 
@@ -79,7 +75,7 @@ def sensor_entries(config: Config, model: Model) -> Iterator[SensorEntry]:
     for name, symbol in config.vocabulary.inputs.items():
         input_spec = config.inputs.get(name)
         if isinstance(input_spec, InputColumn | InputQuantity):
-            late: SensorKind = "delay" if len(measured_inputs(config)) == 1 else "lag"
+            late: SensorKind = "delay" if len(config.measured_inputs) == 1 else "lag"
             at: Location = ("inputs", name)
             yield from _column_entries(at, late, input_spec, symbol.unit, symbol.latex)
     if (shift := config.inputs.get(DELAY)) is not None:
@@ -179,71 +175,3 @@ def build_sensing(
         states=names["state", False] | {name: state_name(name) for name in free},
         steady=config.initial.state == "steady",
     )
-
-
-def without_sensors(
-    experiment: Experiment, sensing: ObservationModel, numbers: Iterable[ParsedNumber]
-) -> Experiment:
-    """Return the experiment with known or initial gains and offsets of its sensors removed."""
-    values = {n.name: n.value if isinstance(n.value, float) else n.start for n in numbers}
-    y = experiment.y.copy()
-    for k, channel in enumerate(experiment.channels):
-        offset = values.get(sensing.offsets.get(channel.name, ""))
-        gain = values.get(sensing.gains.get(channel.name, ""))
-        y[:, k] = (y[:, k] - (offset or 0.0)) / (gain or 1.0)
-    return dataclasses.replace(experiment, y=frozen(y))
-
-
-LAG_TAIL = 1e-6  # prior probability that a lag is longer than the samples that are left out
-LAG_TAIL_BEYOND_RECORD = 0.025  # prior probability, at either end, of a lag beyond the record
-
-
-def start_beyond_lags(
-    experiment: Experiment,
-    model: Model,
-    sensing: ObservationModel,
-    values: Mapping[str, float | Prior],
-) -> Experiment:
-    """Return the experiment without the samples that lags leave undetermined.
-
-    If the rig moves at the start, the first samples show motion before it. If the record shows an input
-    late, the last samples depend on the input after its end.
-    """
-    y, notes = np.array(experiment.y), list(experiment.told)
-    late = sensing.shifts or bool(sensing.input_lags)
-    moves, t = late and sensing.moves(experiment.start, model.angles), experiment.t
-    felt = [ends_of(values[name], LAG_TAIL) for name in sensing.input_lags.values()]
-    first = min([0.0, *(low for low, _ in felt)])
-    last = max([0.0, *(high for _, high in felt)])
-    if sensing.delay is not None:
-        last += ends_of(values[sensing.delay], LAG_TAIL)[1]
-    for k, channel in enumerate(experiment.channels):
-        lag = sensing.lags.get(channel.name)
-        lag_value = 0.0 if lag is None else values[lag]
-        lowest_lag, highest_lag = ends_of(lag_value, LAG_TAIL)
-        measured = ~np.isnan(y[:, k])
-        before = measured & (t < experiment.t_start + last + highest_lag) & moves
-        after = measured & (t > t[-1] + first + lowest_lag + 1e-9 * experiment.dt) & (first < 0.0)
-        for undetermined, origin in (
-            (before, "was before the start (lag)"),
-            (after, "an input did after the end of the record (lag)"),
-        ):
-            if undetermined.any():
-                y[undetermined, k] = np.nan
-                count = f"{channel.name}: {int(undetermined.sum())} samples"
-                notes.append(f"{count} are left out, as they may show what {origin}")
-    if len(notes) == len(experiment.told):
-        return experiment
-    return dataclasses.replace(experiment, y=frozen(y), told=tuple(notes))
-
-
-def check_lag(lag: ParsedNumber, experiment: Experiment) -> None:
-    """Raise `ValueError` for a lag, or a delay, for which the record is too short."""
-    duration = float(experiment.t[-1] - experiment.t_start)
-    low, high = ends_of(lag.value, LAG_TAIL_BEYOND_RECORD)
-    if not max(abs(low), abs(high)) < duration:
-        raise ValueError(
-            f"lags from {low:.4g} to {high:.4g} s are allowed, and the record has "
-            f"{duration:.4g} s: what it shows would be no answer to its inputs; check the unit, or "
-            "narrow the prior"
-        )

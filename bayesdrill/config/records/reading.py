@@ -12,8 +12,6 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.entries import build_member
 from bayesdrill.basics.units import Unit
 from bayesdrill.config.building.case import ResolvedExperiment
-from bayesdrill.config.building.initial import initial_state
-from bayesdrill.config.building.inputs import constant_inputs, input_entry, measured_inputs
 from bayesdrill.config.records import column_cleaning, sources
 from bayesdrill.config.records.column_cleaning import RecordColumn
 from bayesdrill.config.records.sources import Files, Sources, column_location
@@ -68,7 +66,7 @@ def read(resolved: ResolvedExperiment, files: Files | None = None) -> Experiment
 
 def _origin(resolved: ResolvedExperiment) -> tuple[object, ...]:
     """Return all that decides the record of an experiment: nothing of noise and sensors does."""
-    config, model = resolved.config, resolved.model
+    config = resolved.config
     measured = dict.fromkeys((*SensorFields.model_fields, "sigma", "noise"))
     columns = {
         place: {**dict(spec), **measured} for place, spec in sources.file_entries(config).items()
@@ -77,8 +75,8 @@ def _origin(resolved: ResolvedExperiment) -> tuple[object, ...]:
         config.record.model_copy(update={"channels": {}}),
         columns,
         tuple(entry.channel for entry in resolved.channels),
-        constant_inputs(config, model),
-        initial_state(config, model),
+        resolved.constant_inputs,
+        resolved.initial_state,
         config.initial.time,
     )
 
@@ -100,8 +98,8 @@ class _Reader:
         except ValueError as error:
             raise self._source.error(("record", "file"), str(error)) from None
         held_out = self._held_out(t, y)
-        measured = measured_inputs(config)
-        inputs = {n: columns["inputs", input_entry(config, n)] for n in measured}
+        measured = config.measured_inputs
+        inputs = {n: columns["inputs", config.input_entry(n)] for n in measured}
         series, turned = self._inputs(t, inputs)
         raise_if_any(self._sources.issues)
         time, numbers = config.record.time, self._resolved.local_numbers.numbers.values()
@@ -114,10 +112,10 @@ class _Reader:
             t=frozen(t),
             y=frozen(y),
             channels=tuple(entry.channel for entry in self._resolved.channels),
-            constant=constant_inputs(config, self._resolved.model),
+            constant=self._resolved.constant_inputs,
             series={name: frozen(values) for name, values in series.items()},
             first_order=any(map(_is_first_order, measured.values())),
-            start=initial_state(config, self._resolved.model) | turned,
+            start={**self._resolved.initial_state, **turned},
             t_start=self._t_start(t, has_series=bool(series)),
             told=tuple(self._sources.notes),
             odd=tuple(self._sources.anomalies),
@@ -206,7 +204,7 @@ class _Reader:
     ) -> tuple[dict[str, Array], dict[str, float]]:
         """Return the inputs in SI at every time, and the initial values of imposed angles."""
         series, start_angles = dict[str, Array](), dict[str, float]()
-        for name, spec in measured_inputs(self._config).items():
+        for name, spec in self._config.measured_inputs.items():
             column, entry = inputs[name], inputs[name].name
             if missing := int(np.isnan(column.values).sum()):
                 note = f"{entry}: {missing} samples are bridged, hold: {spec.hold}"

@@ -17,8 +17,7 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError, Issue
 from bayesdrill.config.building.case import ResolvedCase, ResolvedExperiment
 from bayesdrill.config.building.channels import build_noise
-from bayesdrill.config.building.initial import initial_state, state_name
-from bayesdrill.config.building.inputs import constant_inputs, inputs_as_given, measured_inputs
+from bayesdrill.config.building.initial import state_name
 from bayesdrill.config.building.missing_torque import latent_torque
 from bayesdrill.config.records import reading, sources
 from bayesdrill.config.schema.records import ChannelSpec, ColumnSpec, TimeColumn
@@ -88,7 +87,7 @@ def _columns(resolved: ResolvedExperiment, grid: Experiment, y: Array) -> list[t
         entries.append((("record", "time"), time, grid.t / units.factor(time.unit, "s")))
     for (name, spec), channel in zip(config.record.channels.items(), y.T, strict=True):
         entries.append((("record", "channels", name), spec, channel))
-    for entry, spec_of_input, values in inputs_as_given(config, grid):
+    for entry, spec_of_input, values in sources.inputs_as_given(config, grid):
         entries.append((("inputs", entry), spec_of_input, values))
     columns = []
     for location, column, values in entries:
@@ -192,7 +191,7 @@ def simulation_grid(resolved: ResolvedExperiment) -> Experiment:
     """Return times and inputs of `simulation:` or of the record; the channels' values do not matter."""
     config = resolved.config
     simulation: Any = config.simulation
-    series = list(measured_inputs(config))
+    series = list(config.measured_inputs)
     if simulation is None or simulation.duration is None:
         return reading.read(resolved)
     if series:
@@ -205,10 +204,10 @@ def simulation_grid(resolved: ResolvedExperiment) -> Experiment:
         t=frozen(t),
         y=frozen(np.zeros((len(t), len(channels)))),
         channels=channels,
-        constant=constant_inputs(config, resolved.model),
+        constant=resolved.constant_inputs,
         series={},
         first_order=False,
-        start=initial_state(config, resolved.model),
+        start=resolved.initial_state,
         t_start=min(0.0, config.initial.time or 0.0),
         input_symbols=dict(config.vocabulary.inputs),
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,18 +18,18 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.entries import build_member
 from bayesdrill.basics.errors import InputError, Issue, encodable
 from bayesdrill.config.building.case import ResolvedCase, ResolvedExperiment
-from bayesdrill.config.building.inputs import input_entry, measured_inputs
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.schema.records import (
     ColumnSpec,
     FileSpec,
+    InputColumn,
     Series,
     TimeColumn,
     TimeRate,
     window_spans,
 )
 from bayesdrill.config.yaml_source import Location
-from bayesdrill.record import clocks
+from bayesdrill.record import anomalies, clocks
 from bayesdrill.record.clocks import on_grid
 from bayesdrill.record.experiment import Anomaly, Experiment, check_time, frozen
 from bayesdrill.record.formats import FORMATS, format_of
@@ -41,8 +41,19 @@ OTHER_TIMES_HINT = "; if the times of this file stand elsewhere, give this entry
 def file_entries(config: Config) -> dict[Location, Series]:
     """Return the entries of channels, then of measured inputs, by location."""
     channels = {("record", "channels", name): s for name, s in config.record.channels.items()}
-    inputs = measured_inputs(config).items()
-    return channels | {("inputs", input_entry(config, name)): s for name, s in inputs}
+    inputs = config.measured_inputs.items()
+    return channels | {("inputs", config.input_entry(name)): s for name, s in inputs}
+
+
+def inputs_as_given(
+    config: Config, experiment: Experiment
+) -> Iterator[tuple[str, InputColumn, Array]]:
+    """Yield entry, column and values `(T,)`, in the column's unit, of each input or imposed angle."""
+    for name, spec in config.measured_inputs.items():
+        entry, values = config.input_entry(name), experiment.series[name]
+        if entry != name:
+            values = anomalies.integrate_speeds(values, experiment.t, experiment.start[entry])
+        yield entry, spec, values / units.factor(spec.unit, config.vocabulary.entries[entry].unit)
 
 
 def file_of(spec: Series) -> FileSpec | None:

@@ -37,6 +37,7 @@ from bayesdrill.config.schema.records import (
     MAX_NAMED,
     ExperimentSpec,
     Initial,
+    InputColumn,
     Inputs,
     OutputSpec,
     RecordSpec,
@@ -250,6 +251,17 @@ class Config(Strict):
     def vocabulary(self) -> Vocabulary:
         """Return the names that the config may use, which are those of its rig."""
         return self._vocabulary
+
+    def input_entry(self, name: str) -> str:
+        """Return the entry of `inputs:` that gives the input `name`: itself, or an imposed angle."""
+        angle = self.vocabulary.imposed.get(name, name)
+        return name if self.inputs.get(angle) is None else angle
+
+    @property
+    def measured_inputs(self) -> dict[str, InputColumn]:
+        """Return the measured inputs, by name."""
+        specs = {n: self.inputs.get(self.input_entry(n)) for n in self.vocabulary.inputs}
+        return {name: spec for name, spec in specs.items() if isinstance(spec, InputColumn)}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

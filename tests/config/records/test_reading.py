@@ -9,7 +9,7 @@ from support.config_texts import RNG, SPEED, SUPPLY, T, load_measured, read_meas
 
 from bayesdrill.basics.errors import InputError
 from bayesdrill.config import loading
-from bayesdrill.config.building.assembly import build_problem
+from bayesdrill.config.assembly.problem import build_problem
 from bayesdrill.config.records import reading
 from bayesdrill.record.experiment import Experiment
 

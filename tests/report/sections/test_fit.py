@@ -146,7 +146,7 @@ def test_corners_of_stairs_are_where_they_rise(n: int, length: int) -> None:
 def test_times_of_very_many_units_are_in_seconds(
     many: float, unit: str, end: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("bayesdrill.config.building.assembly.MAX_SHOWN_TIME", many)
+    monkeypatch.setattr("bayesdrill.config.assembly.problem.MAX_SHOWN_TIME", many)
     problem = bd.load(ROOT / "configs" / "example_rig.yaml").job.problem
     space, likelihood = problem.posterior.space, problem.posterior.likelihood
     at = space.vector(space.start)

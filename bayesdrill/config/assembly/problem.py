@@ -9,13 +9,13 @@ from dataclasses import replace
 from bayesdrill.basics import symbols, units
 from bayesdrill.basics.errors import collect_each
 from bayesdrill.basics.units import SECOND, Unit
+from bayesdrill.config.assembly.lags import check_lag, start_beyond_lags, without_sensors
+from bayesdrill.config.assembly.starts import check_at_rest, free_start
 from bayesdrill.config.building.case import ResolvedCase, ResolvedExperiment
 from bayesdrill.config.building.channels import build_noise
 from bayesdrill.config.building.experiments import joint_name
-from bayesdrill.config.building.initial import check_at_rest, free_start
 from bayesdrill.config.building.missing_torque import latent_torque
 from bayesdrill.config.building.parsed_numbers import ParsedNumber
-from bayesdrill.config.building.sensors import check_lag, start_beyond_lags, without_sensors
 from bayesdrill.config.yaml_source import IssueCollector, Location
 from bayesdrill.inference import step_error
 from bayesdrill.inference.display_units import DisplayUnits
