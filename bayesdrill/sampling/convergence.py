@@ -196,7 +196,7 @@ def _at_walker(
     mean, centre = chain.theta[ensemble, :, walker].mean(axis=0), others.mean(axis=0)
     sd = others.std(axis=0)
     d = int(np.argmax(np.abs(mean - centre) / np.where(sd > 0, sd, 1.0)))
-    place = {"walker": int(walker), "ensemble": int(ensemble)}
+    place: dict[str, float] = {"walker": int(walker), "ensemble": int(ensemble)}
     place |= {"mean": float(mean[d]), "centre": float(centre[d]), "sd": float(sd[d])}
     place |= {"walkers": doubtful.size, **numbers}
     ensembles = tuple(doubtful.sum(axis=1).tolist())
