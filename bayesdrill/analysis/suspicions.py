@@ -37,23 +37,20 @@ FACTORS = (
 )
 NEAR_FACTOR = 0.05  # tolerance of the log of a factor between two columns
 NEAR_START_FACTOR = 0.2  # the same for a factor to the start's prediction, which may be off
-
-
 FEW, ALL = 3, 50  # places of an anomaly that a report names, and `check`
 
 
 def suspicions_of_problem(problem: Problem, most: int = FEW) -> Iterator[Finding]:
     """Yield what looks wrong in columns and units, and anomalies with at most `most` places each."""
     for observation in problem.observations:
-        experiment, label = observation.experiment, {"experiment": observation.label}
+        experiment = observation.experiment
+        label = {"experiment": observation.label} if observation.label else {}
         factors = [channel.factor for channel in experiment.channels]
         odd = [Finding("anomaly", {"text": each.in_words(most)}) for each in experiment.odd]
         general = findings_of_record(experiment, problem.model, problem.posterior.space.free)
         columns = suspicions_of_record(experiment, factors, problem.model)
         for finding in (*odd, *general, *columns):
-            yield replace(
-                finding, names={**finding.names, **(label if label["experiment"] else {})}
-            )
+            yield replace(finding, names={**finding.names, **label})
     yield from suspicions_of_start(problem)
 
 

@@ -1,4 +1,4 @@
-"""Findings on a rig, its values, its record or its chains, which `report.findings` words."""
+"""Record what looks wrong with a rig, its values, a record or its chains, without sentences."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """Something that looks wrong: its kind, and the names and numbers that its sentence has.
+    """A finding is something that looks wrong, with the names and numbers that its sentence has.
 
     kind: which sentence says it
     names: names, units and parts, by the places that they have in the sentence

@@ -129,12 +129,9 @@ class ReportContext(Value):
     def notes(self) -> tuple[str, ...]:
         """Return sentences on priors, record and rig that are no reason to doubt the draws."""
         analysis = self.analysis
-        missed = self.sampled.missed
-        coverage = (
-            [Finding("some missed", {}, {"percent": 100 * missed})] if missed <= MOST_MISSED else []
-        )
+        missed = Finding("some missed", {}, {"percent": 100 * self.sampled.missed})
         others = (
-            *finding_sentences(coverage if missed else ()),
+            *finding_sentences([missed] if 0 < self.sampled.missed <= MOST_MISSED else ()),
             *describe_timing(analysis.moment),
             *finding_sentences((*analysis.course, *analysis.rig)),
             *(f"record: {sentence}" for sentence in words.record_made(self.problem)),

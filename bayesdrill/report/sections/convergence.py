@@ -144,11 +144,9 @@ def describe_convergence(sampled: SamplingResult) -> str:
     """Describe whether the ensembles converged, and what is missing if they did not."""
     c = sampled.convergence
     n_ensembles, _, n_walkers, _ = sampled.theta.shape
-    rule = f"{BURN_IN_TAUS} autocorrelation times"
+    rule = f"{BURN_IN_TAUS} autocorrelation times of {c.late_tau:.1f} steps"
     if c.too_short_for_burn_in:
-        rule = f"half of the run, too short for {rule}"
-    else:
-        rule = f"{rule} of {c.late_tau:.1f} steps"
+        rule = f"half of the run, too short for {BURN_IN_TAUS} autocorrelation times"
     lines = [
         f"{n_ensembles} ensembles of {n_walkers} walkers, {c.steps} steps, of which the first "
         f"{c.burn_in} are dropped ({rule})",
