@@ -35,7 +35,7 @@ app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
-    help="What a record says about the nine parameters of a torsional drilling rig.",
+    help="Identify drive trains of inertias, shafts, gears, motors and servos from their records.",
 )
 
 
@@ -384,7 +384,10 @@ def schema(
 @command("export results/nominal_step --to mjcf --output rig.xml")
 def export(
     folder: Annotated[Path, folder_argument("Of a finished run.")],
-    to: Annotated[Literal["json", "mjcf"], option("For any program, or MuJoCo.", "--to")],
+    to: Annotated[
+        Literal["json", "mjcf", "dcmotor"],
+        option("For any program, MuJoCo, or MuJoCo with its motors (3.5 and newer).", "--to"),
+    ],
     output: Annotated[Path | None, output_option("Default: it is printed.")] = None,
     draws: Annotated[int, option("Of the posterior, at most.", min=2, max=100_000)] = 100,
     force: Annotated[bool, option("Overwrite a file.", "--force")] = False,

@@ -7,6 +7,7 @@ between joints are fixed tendons, and motors are actuators.
 
 from __future__ import annotations
 
+import functools
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -175,8 +176,11 @@ def _body(joint: str, model: SimulatorModel) -> str:
     return name if joint in ("world", "base") else joint
 
 
-def as_mjcf(model: SimulatorModel) -> str:
-    """Return a MuJoCo model at the posterior means, with a joint for each coordinate."""
+def as_mjcf(model: SimulatorModel, *, dcmotor: bool = False) -> str:
+    """Return a MuJoCo model at the posterior means, with a joint for each coordinate.
+
+    With `dcmotor`, motors with a circuit are actuators of that kind, which MuJoCo has since 3.5.
+    """
     root = Element("mujoco", model=model.title)
     root.append(Comment(_spread(model)))
     SubElement(root, "compiler", angle="radian", inertiafromgeom="false")
@@ -202,17 +206,44 @@ def as_mjcf(model: SimulatorModel) -> str:
             SubElement(fixed, "joint", joint=joint, coef=f"{sign * turns:.9g}")
     actuators = SubElement(root, "actuator")
     for name, (joint, turns) in model.drives.items():
-        means = model.means(name)
-        resistance = means.get("resistance", 1.0) + means.get("series_resistance", 0.0)
-        gain = means.get("torque_constant", 1.0) / resistance
-        entries = {"name": name, "joint": joint, "gear": f"{turns:.9g}", "gainprm": f"{gain:.9g}"}
-        if "back_emf" in means:
-            entries |= {"biastype": "affine", "biasprm": f"0 0 {-gain * means['back_emf']:.9g}"}
-        SubElement(actuators, "general", entries)
+        entries = {"name": name, "joint": joint, "gear": f"{turns:.9g}"}
+        circuit = _circuit(model.means(name)) if dcmotor else {}
+        if circuit:
+            SubElement(actuators, "dcmotor", entries | circuit)
+        else:
+            SubElement(actuators, "general", entries | _gains(model.means(name)))
     return _written(root)
 
 
-FORMS: Mapping[str, Callable[[SimulatorModel], str]] = {"json": as_json, "mjcf": as_mjcf}
+def _gains(means: Mapping[str, float]) -> dict[str, str]:
+    """Return the entries of a general actuator: torque for each volt, and against each rad/s."""
+    resistance = means.get("resistance", 1.0) + means.get("series_resistance", 0.0)
+    gain = means.get("torque_constant", 1.0) / resistance
+    entries = {"gainprm": f"{gain:.9g}"}
+    if "back_emf" in means:
+        entries |= {"biastype": "affine", "biasprm": f"0 0 {-gain * means['back_emf']:.9g}"}
+    return entries
+
+
+def _circuit(means: Mapping[str, float]) -> dict[str, str]:
+    """Return the entries of MuJoCo's `dcmotor`; none of a drive without resistance and constants."""
+    if not {"resistance", "torque_constant", "back_emf"} <= means.keys():
+        return {}
+    resistance = means["resistance"] + means.get("series_resistance", 0.0)
+    entries = {
+        "resistance": f"{resistance:.9g}",
+        "motorconst": f"{means['torque_constant']:.9g} {means['back_emf']:.9g}",
+    }
+    if "inductance" in means:
+        entries["inductance"] = f"{means['inductance']:.9g} 0"
+    return entries
+
+
+FORMS: Mapping[str, Callable[[SimulatorModel], str]] = {
+    "json": as_json,
+    "mjcf": as_mjcf,
+    "dcmotor": functools.partial(as_mjcf, dcmotor=True),
+}
 
 
 def _spread(model: SimulatorModel) -> str:
