@@ -35,7 +35,7 @@ app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
-    help="What a record says about the nine parameters of a torsional drilling rig.",
+    help="Identify drive trains of inertias, shafts, gears, motors and servos from their records.",
 )
 
 
@@ -399,7 +399,8 @@ def schema(
 def export(
     folder: Annotated[Path, folder_argument("Folder of a finished run.")],
     to: Annotated[
-        Literal["json", "mjcf"], option("JSON for any program, or MJCF for MuJoCo.", "--to")
+        Literal["json", "mjcf", "dcmotor"],
+        option("JSON, MJCF for MuJoCo, or MJCF with its motors (MuJoCo 3.5 and newer).", "--to"),
     ],
     output: Annotated[Path | None, output_option("Default: print it.")] = None,
     draws: Annotated[int, option("The most draws of the posterior.", min=2, max=100_000)] = 100,

@@ -91,38 +91,42 @@ def _motion(
         return
     channel, _, sign, t, angle, w = driven[0]
     sign = sign if inertia.reduction > 0 else -sign
-    u = experiment.series.get(drive, np.zeros(len(experiment.t))) + experiment.constant.get(
-        drive, 0
-    )
-    u = np.interp(t, experiment.t, u)
+    constant = np.full(len(experiment.t), experiment.constant.get(drive, 0.0))
+    u = np.interp(t, experiment.t, experiment.series.get(drive, constant))
     others = [x for name, x in experiment.series.items() if name != drive]
     by_time = [np.interp(t, experiment.t, x) for x in others]
     response = sign * _response(w, angle, u, by_time, t)
     one_way = float(np.mean(w * np.sign(w.sum()) > 0)) > ONE_WAY_SHARE
-    keeps_sign = bool(np.all(u >= 0) or np.all(u <= 0)) and bool(np.any(u))
+    one_way &= bool(np.all(u >= 0) or np.all(u <= 0)) and bool(np.any(u))
     names = {"channel": channel.name, "input": drive}
     # From rest, a drive feeds in more energy than it takes back, whatever controls it.
     fed = sign * float(np.sum(u * w))
     if response < 0 and fed < 0:
         yield Finding("opposite signs", names)
-    elif (
-        response < 0 and one_way and keeps_sign and sign * _correlation(u, w) < FALLING_CORRELATION
-    ):
+        return
+    if response < 0 and one_way and sign * _correlation(u, w) < FALLING_CORRELATION:
         yield Finding("speed falls", names)
-    else:
-        for other, _, its_sign, its_t, its_angle, _ in motions:
-            if other is channel:
-                continue
-            here = np.interp(its_t, t, angle)
-            if sign * its_sign * _correlation(here, its_angle) < TURNED_CORRELATION:
-                yield Finding("channel turned", {"channel": other.name, "other": channel.name})
-    offset = next((name for name in unknowns if name.startswith(f"offset_{drive}")), "")
-    if one_way and keeps_sign and offset:
-        motor = model.roles.motor(inertia.name)
-        rubbing = (inertia.sliding, inertia.friction, motor.drop if motor else "")
-        named = ", ".join(name for name in rubbing if name and name in unknowns)
-        names |= {"offset": offset, "frictions": named or f"dry friction {inertia.at}"}
-        yield Finding("one direction", names)
+        return
+    for other, _, its_sign, its_t, its_angle, _ in motions:
+        correlation = _correlation(np.interp(its_t, t, angle), its_angle)
+        if sign * its_sign * correlation < TURNED_CORRELATION:
+            yield Finding("channel turned", {"channel": other.name, "other": channel.name})
+    if response >= 0 and one_way and np.ptp(u) > 0:
+        yield from _one_direction(names, inertia, model, unknowns)
+
+
+def _one_direction(
+    names: Mapping[str, str], inertia: InertiaRoles, model: Model, unknowns: Collection[str]
+) -> Iterator[Finding]:
+    """Yield a finding unless dry friction is unknown and the input has no offset, as someone decided."""
+    offset = next((name for name in unknowns if name.startswith(f"offset_{names['input']}")), "")
+    motor = model.roles.motor(inertia.name)
+    rubbing = (inertia.sliding, inertia.friction, motor.drop if motor else "")
+    frictions = ", ".join(name for name in rubbing if name and name in unknowns)
+    if offset or not frictions:
+        said = {"offset": offset or f"an offset of {names['input']}"}
+        said["frictions"] = frictions or f"dry friction {inertia.at}"
+        yield Finding("one direction", {**names, **said})
 
 
 def _motion_of(

@@ -388,8 +388,8 @@ def export(
     ----------
     folder : str or path
         The folder of the run.
-    to : {"json", "mjcf"}
-        The format; MJCF is that of MuJoCo.
+    to : {"json", "mjcf", "dcmotor"}
+        The format; MJCF is that of MuJoCo, whose motors `dcmotor` uses (since 3.5).
     output : str or path, optional
         A file to which the text is written too.
     draws, seed : int

@@ -71,7 +71,9 @@ _LOCATIONS = {
     MOTOR: "motor mot m antrieb moteur engine",
     TWIST: "twist torsion verdrehung verdrillung deflection torcao torsione alpha windup",
 }
-_REFERENCE_WORDS = "ref reference soll set setpoint cmd command desired target sollwert goal demand"
+_REFERENCE_WORDS = (
+    "ref reference soll set setpoint cmd command desired target sollwert goal demand action"
+)
 
 
 def _group_by_word(groups: dict[str, str]) -> dict[str, str]:
@@ -97,6 +99,20 @@ class Meaning:
     kind_word: str = ""  # the word that shows the kind
     is_reversed: bool = False  # positive values are negative ones of the state
     is_given: bool = False  # by the user, not by the head
+
+
+_ALIKE = {"position": "angle", "velocity": "speed", "force": "torque"}  # kinds that share words
+
+
+def contradiction(meaning: Meaning) -> str:
+    """Return how the name of a column contradicts its unit; empty if it does not."""
+    by_name = _KIND_WORDS.get(meaning.kind_word, "") if len(meaning.kind_word) > 1 else ""
+    kind = kind_of(meaning.unit) if meaning.unit and not meaning.is_given else ""
+    if not by_name or not kind or _ALIKE.get(by_name, by_name) == _ALIKE.get(kind, kind):
+        return ""
+    article = "an" if kind == "angle" else "a"
+    names = f"its name says {by_name}, and its unit {meaning.unit} is that of {article} {kind}"
+    return f"{names}: taken as the unit says; one of the two is wrong"
 
 
 STATES = {
@@ -396,7 +412,8 @@ def _refuse_stillness(table: RecordTable, columns: Sequence[FileColumn]) -> None
     """Raise `InputError` if no angle and no speed changes."""
     moving = [c for c in columns if c.meaning.kind in MOTIONS and not c.meaning.is_setpoint]
     moving = [c for c in moving if MIN_SAMPLES <= np.isfinite(c.values).sum() <= MOST_GUESSED]
-    if moving and not any((np.abs(c.steps) > 1 / MAX_NUMBER).any() for c in moving):
+    known = [c.values[np.isfinite(c.values)] for c in moving]
+    if moving and not any((np.abs(np.diff(x)) > 1 / MAX_NUMBER).any() for x in known):
         names = ", ".join([column.name for column in moving[:4]] + ["..."] * (len(moving) > 4))
         message = f"nothing moved: {names} are the same in every row; mend the sensor, and "
         raise InputError.at(str(table.path), message + "record again, or name another column")
@@ -465,6 +482,7 @@ def _meaning(name: str, unit_below: str) -> Meaning:
         meaning,
         kind=meaning.kind or (whole.kind if len(whole.kind_word) > 1 else ""),  # `T1.x` is no time
         location=meaning.location or whole.location,
+        is_setpoint=meaning.is_setpoint or whole.is_setpoint,
         kind_word=meaning.kind_word or whole.kind_word,
     )
 

@@ -9,7 +9,16 @@ import numpy as np
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.drafting import signals
-from bayesdrill.drafting.columns import DRIVES, GEARBOX, MOTOR, ROTOR, SI, TWIST, FileColumn
+from bayesdrill.drafting.columns import (
+    DRIVES,
+    GEARBOX,
+    MOTOR,
+    ROTOR,
+    SI,
+    TWIST,
+    FileColumn,
+    contradiction,
+)
 from bayesdrill.drafting.signals import TURNS, RawSamples, Segment, Sensor
 
 FAST_SPEED = 60.0  # larger speeds are hardly in rad/s, nor changes of an angle in rad per second
@@ -185,7 +194,8 @@ def _with_unit(sensor: Sensor, sensors: Sequence[Sensor], dt: float) -> Sensor:
     meaning = sensor.column.meaning
     if sensor.unit:
         source = signals.GIVEN_REASON if meaning.is_given else "by its head"
-        return sensor.revised(why=f"unit {sensor.unit}, {source}" if meaning.unit else "")
+        why = f"unit {sensor.unit}, {source}" if meaning.unit else ""
+        return sensor.revised(why=why, doubt=contradiction(meaning))
     if sensor.kind in TURNS:
         for other in sensors:
             if other.kind == sensor.kind and other.unit:

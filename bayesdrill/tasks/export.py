@@ -7,6 +7,7 @@ between joints are fixed tendons, and motors are actuators.
 
 from __future__ import annotations
 
+import functools
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -183,8 +184,11 @@ def _body(joint: str, model: SimulatorModel) -> str:
     return name if joint in ("world", "base") else joint
 
 
-def as_mjcf(model: SimulatorModel) -> str:
-    """Return a MuJoCo model at the posterior means, with a joint for each coordinate."""
+def as_mjcf(model: SimulatorModel, *, dcmotor: bool = False) -> str:
+    """Return a MuJoCo model at the posterior means, with a joint for each coordinate.
+
+    With `dcmotor`, motors with a circuit are actuators of that kind, which MuJoCo has since 3.5.
+    """
     root = Element("mujoco", model=model.title)
     root.append(Comment(_spread(model)))
     SubElement(root, "compiler", angle="radian", inertiafromgeom="false")
@@ -213,23 +217,56 @@ def as_mjcf(model: SimulatorModel) -> str:
             SubElement(fixed, "joint", joint=joint, coef=f"{sign * turns:.9g}")
     actuators = SubElement(root, "actuator")
     for name, (joint, turns) in model.drives.items():
-        means = model.means(name)
-        resistance = means.get("resistance", 1.0) + means.get("series_resistance", 0.0)
-        gain = means.get("torque_constant", 1.0) / resistance
-        stiffness, brake = 0.0, gain * means.get("back_emf", 0.0)
-        if "duty" in means:  # a servo: what it is given is its goal, and only its limit is left out
-            gain *= means["supply"] * means["duty"]
-            brake += gain * means.get("derivative_gain", 0.0)
-            gain = stiffness = gain * means.get("proportional_gain", 1.0)
-        entries = {"name": name, "joint": joint, "gear": f"{turns:.9g}", "gainprm": f"{gain:.9g}"}
-        if stiffness or "back_emf" in means:
-            bias = f"0 {-stiffness or 0:.9g} {-brake:.9g}"
-            entries |= {"biastype": "affine", "biasprm": bias}
-        SubElement(actuators, "general", entries)
+        entries = {"name": name, "joint": joint, "gear": f"{turns:.9g}"}
+        circuit = _circuit(model.means(name)) if dcmotor else {}
+        if circuit:
+            SubElement(actuators, "dcmotor", entries | circuit)
+        else:
+            SubElement(actuators, "general", entries | _gains(model.means(name)))
     return _written(root)
 
 
-FORMS: Mapping[str, Callable[[SimulatorModel], str]] = {"json": as_json, "mjcf": as_mjcf}
+def _gains(means: Mapping[str, float]) -> dict[str, str]:
+    """Return the entries of a general actuator: the effort for its input, an angle and a speed.
+
+    The input is a voltage, or the goal of a servo, whose limit is left out.
+    """
+    resistance = means.get("resistance", 1.0) + means.get("series_resistance", 0.0)
+    gain = means.get("torque_constant", 1.0) / resistance
+    stiffness, brake = 0.0, gain * means.get("back_emf", 0.0)
+    if _is_servo(means):
+        gain *= means["supply"] * means["duty"]
+        brake += gain * means.get("derivative_gain", 0.0)
+        gain = stiffness = gain * means.get("proportional_gain", 1.0)
+    entries = {"gainprm": f"{gain:.9g}"}
+    if stiffness or "back_emf" in means:
+        entries |= {"biastype": "affine", "biasprm": f"0 {-stiffness or 0:.9g} {-brake:.9g}"}
+    return entries
+
+
+def _is_servo(means: Mapping[str, float]) -> bool:
+    return "duty" in means
+
+
+def _circuit(means: Mapping[str, float]) -> dict[str, str]:
+    """Return the entries of MuJoCo's `dcmotor`; none of a servo, or without resistance and constants."""
+    if _is_servo(means) or not {"resistance", "torque_constant", "back_emf"} <= means.keys():
+        return {}
+    resistance = means["resistance"] + means.get("series_resistance", 0.0)
+    entries = {
+        "resistance": f"{resistance:.9g}",
+        "motorconst": f"{means['torque_constant']:.9g} {means['back_emf']:.9g}",
+    }
+    if "inductance" in means:
+        entries["inductance"] = f"{means['inductance']:.9g} 0"
+    return entries
+
+
+FORMS: Mapping[str, Callable[[SimulatorModel], str]] = {
+    "json": as_json,
+    "mjcf": as_mjcf,
+    "dcmotor": functools.partial(as_mjcf, dcmotor=True),
+}
 
 
 def _spread(model: SimulatorModel) -> str:

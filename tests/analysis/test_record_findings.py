@@ -67,6 +67,7 @@ ZEROS = np.where(np.arange(N) % 3 == 1, BOTH, 0.0)
         ("the speed falls", record(STEPS, w_2=speed_of(10 - STEPS) + NOISE), (), ["speed falls"]),
         ("one direction", record(STEPS, w_2=FORWARD), ("offset_v", "t_f"), ["one direction"]),
         ("one direction, and nothing to confuse", record(STEPS, w_2=FORWARD), ("t_f",), []),
+        ("one direction, and neither is named", record(STEPS, w_2=FORWARD), (), ["one direction"]),
         ("nothing moves", record(SQUARE, w_2=np.full(N, 2.4e-311)), (), ["nothing moved"]),
         ("one column is still", record(SQUARE, w_2=BOTH, i=np.zeros(N)), (), ["still channel"]),
         ("cells are repeated", record(SQUARE, w_2=SLOW), (), ["repeated cells"]),

@@ -22,7 +22,7 @@ from support.first_configs import (
 )
 
 import bayesdrill as bd
-from bayesdrill.drafting.columns import named_column, parse_head
+from bayesdrill.drafting.columns import contradiction, named_column, parse_head
 
 TABLE = yaml.safe_load(Path(__file__).with_name("heads.yaml").read_text(encoding="utf-8"))
 
@@ -38,6 +38,25 @@ def test_a_row_of_units_completes_a_head_and_a_unit_of_no_turn_is_unknown() -> N
     assert parse_head("position [mm]").kind == "position"  # of what moves along a line
     assert parse_head("w [rpm]", "ignored").unit == "rpm"
     assert parse_head("w", "[rpm]").unit == "rpm"
+
+
+@run_cases(
+    "head, says",
+    [
+        ("speed [deg]", "its name says speed, and its unit deg is that of an angle"),
+        ("motor current [V]", "its name says current, and its unit V is that of a voltage"),
+        ("angle [rpm]", "its name says angle, and its unit rpm is that of a speed"),
+        ("position [mm]", ""),
+        ("Position velocity [rpm]", ""),
+        ("n [rpm]", ""),
+        ("theta_dot [deg/s]", ""),
+        ("signal [V]", ""),
+    ],
+)
+def test_a_head_whose_name_contradicts_its_unit_is_doubted(head: str, says: str) -> None:
+    text = contradiction(parse_head(head))
+    assert text.startswith(says)
+    assert bool(text) == bool(says)
 
 
 def test_the_name_of_a_file_may_stand_before_a_column() -> None:

@@ -1,5 +1,6 @@
 """What simulators take away from a run, read back by other code."""
 
+import dataclasses
 import json
 import warnings
 from xml.etree import ElementTree
@@ -59,6 +60,27 @@ def test_mjcf_has_the_rig(run, model):
     turns, gain = float(motor.get("gear")), float(motor.get("gainprm"))
     assert turns * gain == pytest.approx(p["k_T"] / p["r_m"] / rig.i_m, rel=1e-7)
     assert float(motor.get("biasprm").split()[2]) == pytest.approx(-gain * p["k_e"], rel=1e-7)
+
+
+def test_dcmotor_has_the_circuit_and_all_else_as_before(run, model):
+    root = ElementTree.fromstring(export.FORMS["dcmotor"](model))
+    (motor,) = root.iter("dcmotor")
+    p, plain = means(run), ElementTree.fromstring(export.as_mjcf(model))
+    assert [*root.iter("general")] == []
+    assert float(motor.get("resistance")) == pytest.approx(p["r_m"], rel=1e-7)
+    assert [*map(float, motor.get("motorconst").split())] == pytest.approx(
+        [p["k_T"], p["k_e"]], rel=1e-7
+    )
+    assert float(motor.get("inductance").split()[0]) == pytest.approx(p["l_m"], rel=1e-7)
+    (general,) = plain.iter("general")
+    assert (motor.get("joint"), motor.get("gear")) == (general.get("joint"), general.get("gear"))
+    for tree in (root, plain):
+        tree.remove(tree.find("actuator"))
+    assert ElementTree.tostring(root) == ElementTree.tostring(plain)
+    torque_driven = dataclasses.replace(
+        model, quantities=tuple(q for q in model.quantities if q.name != "resistance")
+    )
+    assert "<dcmotor" not in export.FORMS["dcmotor"](torque_driven)
 
 
 def test_json_has_spread_and_draws(run, model):

@@ -13,6 +13,7 @@ from bayesdrill.basics.errors import InputError
 from bayesdrill.output_files import LARGEST_FILE
 from bayesdrill.record.formats.table import RecordTable
 
+ONE_PASS = 0.05  # steps of the fastest signal, within which samples are of one pass of a loop
 TIME = "log_time"  # name of the column with the union of all times
 
 
@@ -50,6 +51,18 @@ class Samples:
         return [*self._parts]
 
 
+def _union(times: Sequence[Array]) -> Array:
+    """Return all times [s], where those of one pass of the logger's loop are one, the first of them."""
+    union = np.unique(np.concatenate([np.zeros(0), *times]))
+    steps = [float(np.median(np.diff(t))) for t in times if len(t) > 1]
+    nearest = ONE_PASS * min((step for step in steps if step > 0), default=0.0)
+    kept = list[float]()
+    for time in union.tolist():
+        if not kept or time > kept[-1] + nearest:
+            kept.append(time)
+    return np.array(kept, dtype=np.float64)
+
+
 def merged_table(
     path: Path,
     samples: Samples,
@@ -61,15 +74,14 @@ def merged_table(
     signals = samples.arrays(wanted)
     if not samples.names:
         raise InputError.at(str(path), "holds no numbers; record again, or name another file")
-    times = [t for t, _ in signals.values()]
-    union = np.unique(np.concatenate(times)) if times else np.zeros(0)
+    union = _union([t for t, _ in signals.values()])
     if 8.0 * len(union) * (len(signals) + 1) > LARGEST_FILE:
         size = f"has {len(signals)} signals at {len(union)} times, too many for one table"
         raise InputError.at(str(path), f"{size}; save those of the rig alone")
     variables = {TIME: union}
     for name, (t, x) in signals.items():
         column = np.full(len(union), np.nan)
-        column[np.searchsorted(union, t)] = x
+        column[np.searchsorted(union, t, "right") - 1] = x
         variables[name] = column
     unread = [name for name in samples.names if name not in variables]
     return RecordTable(
