@@ -116,7 +116,7 @@ def _figure_file(job: Job, option: str, path: str | Path) -> Path:
 
 @arguments.check_arguments
 @dataclass(frozen=True, eq=False, repr=False)
-class Case(Value):
+class Case(arguments.ExperimentPlanner, Value):
     """A record, a rig and priors of its unknowns, which together define a posterior.
 
     Make one with `bd.load`, from a config, or with `bd.case`, from arrays; `print(case)` shows its

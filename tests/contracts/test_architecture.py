@@ -29,6 +29,7 @@ FLOORS = (
     "sampling",
     "config",
     "analysis",
+    "design",
     "drafting",
     "results",
     "report",
