@@ -36,8 +36,6 @@ EXCHANGED = 5  # levels that are tried in each hold interval
 HALVINGS = 8  # of the way to a waveform that keeps the limits
 CONSTANTS = 13  # constant levels among which a waveform that keeps the limits is sought
 
-Progress = Callable[[float], None]
-
 
 @dataclass(frozen=True, slots=True)
 class LimitCheck:
@@ -126,15 +124,13 @@ def best_levels(
     safe: Array,
     known: Mapping[str, Array],
     rng: np.random.Generator,
-    progress: Progress,
+    progress: Callable[[float], None],
 ) -> Array:
     """Return the best levels of all searches, which begin at `known` waveforms and random ones."""
     source = evaluation.coming.source
     ranked = sorted(known.values(), key=lambda levels: value(evaluation, levels))
     if isinstance(evaluation, SimulatedSlopes):
-        best = _exchange(evaluation, check, ranked[0], rng, progress)
-        return min([best, ranked[0]], key=lambda levels: value(evaluation, levels))
-    assert isinstance(evaluation, SuperposedPulses)
+        return _exchange(evaluation, check, ranked[0], rng, progress)
     starts = [*ranked[:2], *_random(evaluation, rng)]
     coarse, ends = evaluation.with_first(COARSE_DRAWS), [ranked[0]]
     for number, start in enumerate(starts):
@@ -149,7 +145,8 @@ def best_levels(
 
 def _descend(evaluation: SuperposedPulses, levels: Array) -> Array:
     """Minimise with penalties of increasing weight, if there are limits."""
-    for weight in PENALTIES if _constrained(evaluation) else PENALTIES[:1]:
+    constrained = evaluation.coming.limits or evaluation.coming.source.slew < np.inf
+    for weight in PENALTIES if constrained else PENALTIES[:1]:
         levels = _minimise(evaluation, levels, weight)
     return levels
 
@@ -161,10 +158,6 @@ def _random(evaluation: Evaluation, rng: np.random.Generator) -> Iterator[Array]
         yield source.low + (source.high - source.low) * (np.round(x) if number % 2 else x)
 
 
-def _constrained(evaluation: Evaluation) -> bool:
-    return bool(evaluation.coming.limits) or evaluation.coming.source.slew < np.inf
-
-
 def _minimise(
     evaluation: SuperposedPulses, start: Array, weight: float, *, criterion: bool = True
 ) -> Array:
@@ -172,7 +165,7 @@ def _minimise(
     from scipy.optimize import minimize  # late: few commands need it
 
     source = evaluation.coming.source
-    size, most = max(abs(source.low), abs(source.high)), source.slew * source.hold
+    size, most = max(abs(source.low), abs(source.high)), source.slew * source.interval
 
     def objective(scaled: Array) -> tuple[float, Array]:
         levels = scaled * size
@@ -206,7 +199,7 @@ def _exchange(
     check: LimitCheck,
     start: Array,
     rng: np.random.Generator,
-    progress: Progress,
+    progress: Callable[[float], None],
 ) -> Array:
     """Exchange the level of each interval for the best of a few, in random order, until none helps."""
     source, best = evaluation.coming.source, start.copy()

@@ -45,6 +45,11 @@ class SourceLimits:
         return max(1, round(self.hold * self.rate))
 
     @property
+    def interval(self) -> float:
+        """Return the time for which a level is held [s], a whole number of samples."""
+        return self.samples_of_level / self.rate
+
+    @property
     def count(self) -> int:
         """Return the number of levels."""
         return max(1, round(self.duration * self.rate / self.samples_of_level))
@@ -52,7 +57,7 @@ class SourceLimits:
     @property
     def t(self) -> Array:
         """Return the times of the record, `(T,)`."""
-        return times(self.count * self.samples_of_level / self.rate, self.rate)
+        return times(self.count * self.interval, self.rate)
 
     def series(self, levels: Array) -> Array:
         """Return the input `(..., T)` at the times of the record, of `levels (..., S)`."""
@@ -61,7 +66,7 @@ class SourceLimits:
 
     def within(self, levels: Array) -> Array:
         """Return the nearest levels that the source can make, going forward from the first."""
-        step, before, out = self.slew * self.hold, 0.0, np.clip(levels, self.low, self.high)
+        step, before, out = self.slew * self.interval, 0.0, np.clip(levels, self.low, self.high)
         if step < math.inf:
             for k, level in enumerate(out):
                 before = out[k] = np.clip(level, before - step, before + step)

@@ -79,7 +79,6 @@ class ExperimentDesign:
     levels: StoredArray
     targets: tuple[TargetOutlook, ...]
     criteria: Mapping[str, float]
-    waveforms: Mapping[str, StoredArray]
     experiment: Experiment
     bands: StoredArray
     limited: StoredArray
@@ -133,7 +132,6 @@ def design_experiment(
         levels=levels,
         targets=targets,
         criteria={name: chosen.criterion(x)[0] for name, x in informations.items()},
-        waveforms=waveforms,
         experiment=coming.observation.experiment,
         bands=np.quantile(signals, BAND, axis=0),
         limited=np.quantile(limited, BAND, axis=0),

@@ -58,7 +58,7 @@ class Designed(Value):
     def times(self) -> Array:
         """Return the times [s] at which levels begin, and the end, `(S + 1,)`."""
         source = self.design.request.source
-        starts = np.arange(source.count) * source.samples_of_level / source.rate
+        starts = np.arange(source.count) * source.interval
         return np.append(starts, source.t[-1])
 
     @property

@@ -38,7 +38,7 @@ def _opening(design: ExperimentDesign) -> str:
     return (
         f"a waveform of {source.input} for {source.t[-1]:g} s: {source.count} levels "
         f"from {source.low:g} to {source.high:g}, each held for "
-        f"{source.samples_of_level / source.rate:g} s ({family})\n"
+        f"{source.interval:g} s ({family})\n"
         f"promised relative sds, averaged over {where}:"
     )
 
@@ -128,7 +128,7 @@ USUAL_MARK = style.fix_look(
 
 def _waveform(panel: Axes, design: ExperimentDesign, symbol: Symbol, time: scales.Scale) -> None:
     source = design.request.source
-    edges = np.append(np.arange(source.count) * source.samples_of_level / source.rate, source.t[-1])
+    edges = np.append(np.arange(source.count) * source.interval, source.t[-1])
     y = scales.scale(source.low, source.high, margin=0.08)
     levels = np.append(design.levels, design.levels[-1])
     panel.plot(time(edges), y(levels), drawstyle="steps-post", **style.BLACK_LINE)
