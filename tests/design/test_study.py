@@ -91,10 +91,7 @@ def test_the_coming_record_keeps_the_promise(tmp_path: Path) -> None:
 def _power(product: str, name: str) -> float:
     """Return the exponent of a name in a product, by its effect when it doubles."""
     names = dict.fromkeys(bd.nominal(), 1.0)
-    first, second = (
-        eval(product, {}, {**names, name: value})
-        for value in (1.0, 2.0)
-    )
+    first, second = (eval(product, {}, {**names, name: value}) for value in (1.0, 2.0))
     return float(np.log2(second / first))
 
 
