@@ -225,6 +225,59 @@ def identify(
         raise typer.Exit(NOT_CONVERGED)
 
 
+@command("design configs/nominal_step.yaml --high 12 --limit w_2=0: --output next")
+def design(
+    source: Annotated[Path, folder_argument("A config, or the folder of a run.", "CONFIG|RUN")],
+    learn: Annotated[
+        str,
+        option(
+            "Parameters or formulas to learn, with commas; default: all that can be.",
+            metavar="NAMES",
+        ),
+    ] = "",
+    drive: Annotated[
+        str | None, option("The input that is driven.", "--input", metavar="NAME")
+    ] = None,
+    low: Annotated[float | None, option("Least level, SI; default: of the record.")] = None,
+    high: Annotated[float | None, option("Greatest level, SI; default: of the record.")] = None,
+    hold: Annotated[float | None, option("Time of each level [s]; default: 1/40 of all.")] = None,
+    duration: Annotated[float | None, option("Length [s]; default: of the record.")] = None,
+    rate: Annotated[float | None, option("Of the record [Hz]; default: as recorded.")] = None,
+    slew: Annotated[float | None, option("Largest change of the source, SI per s.")] = None,
+    limit: Annotated[
+        list[str] | None,
+        option(
+            "Of a sum of states, SI, such as w_2=0: or 'theta_1 - theta_2=-1:1'.",
+            metavar="SUM=LOW:HIGH",
+        ),
+    ] = None,
+    family: Annotated[
+        str | None, option("free, step, prbs, chirp, multisine, steps or coast.", metavar="NAME")
+    ] = None,
+    draws: Annotated[
+        int, option("Of prior or posterior, over which it is averaged.", min=1, max=64)
+    ] = 8,
+    output: Annotated[
+        Path | None, output_option("Folder for waveform, config and figure; default: print only.")
+    ] = None,
+    force: Annotated[bool, option("Overwrite a design.", "--force")] = False,
+) -> None:
+    """Design the next experiment: the waveform that tells most within the limits, and its promise."""
+    planner = bd.open(source) if source.is_dir() else _read(source)
+    if output is not None:
+        planner.check_design_place(output, force=force)
+    names = [name for name in learn.split(",") if name.strip()]
+    numbers = {"low": low, "high": high, "hold": hold, "duration": duration, "rate": rate}
+    with reporter() as report:
+        designed = planner.design(
+            names, input=drive, slew=slew, limits=limit or [], family=family, draws=draws,
+            report=report, **numbers,
+        )  # fmt: skip
+    say(designed.text)
+    if output is not None:
+        say("\nwritten: " + designed.save(output, force=force))
+
+
 @command("map configs/nominal_step.yaml", "map")
 def map_(
     config: ConfigPath,

@@ -153,6 +153,11 @@ MAP = Kind(
     kept_files=(RECORD,),
 )
 IDENTIFY = Kind("identify", figure_files("spectrum", "profiles", formats=FORMATS), "identify.md")
+DESIGN = Kind(
+    "design",
+    ("waveform.csv", "coming.yaml", *figure_files("design", formats=FORMATS)),
+    "design.md",
+)
 
 
 LADDER = Kind(  # models of one record, each with a posterior in its own folder
@@ -298,6 +303,28 @@ def refuse_unwritable(folder: Path, below: Iterable[str] = ()) -> None:
         except OSError as error:
             message = f"nothing can be written here ({error.strerror}); give another --output"
             raise InputError.at(str(path), message) from None
+
+
+def refuse_other_text(folder: Path, kind: Kind, *, force: bool) -> None:
+    """Raise `InputError` if text and figures of a kind would replace other files.
+
+    Its own are replaced with `force`: the text begins with `text_mark(kind)`.
+    """
+    refuse_unwritable(folder, kind.folders)
+    if obstacles := misplaced_paths(folder, kind):
+        raise InputError(obstacles)
+    present, text = output_names(folder, kind), folder / kind.mark
+    if present and not force:
+        message = "exists already; give --force or another --output"
+        raise InputError.at(str(folder / present[0]), message)
+    if present and not (text.exists() and text.read_bytes().startswith(text_mark(kind).encode())):
+        message = f"was not written by `bayesdrill {kind.job}`; give another --output"
+        raise InputError.at(str(folder / present[0]), message)
+
+
+def text_mark(kind: Kind) -> str:
+    """Return the first line of the text of a kind, which identifies the folder."""
+    return f"<!-- bayesdrill {kind.job} -->"
 
 
 def refuse_endless(path: Path) -> None:

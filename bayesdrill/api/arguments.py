@@ -1,9 +1,9 @@
-"""Check the API's arguments, and define a base class of jobs with many fits."""
+"""Check the API's arguments, and define bases of its classes: jobs with many fits, and planners."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +25,7 @@ from bayesdrill.sampling.workers import available_processors
 
 if TYPE_CHECKING:
     from bayesdrill.results.run_folder import WriteMode
+    from bayesdrill.tasks.design import Designed
     from bayesdrill.tasks.remote import RefitExecutor
 
 
@@ -223,3 +224,95 @@ class ManyFits[T](Value):
     @abstractmethod
     def _run(self, path: Path, how: WriteMode, executor: RefitExecutor, report: Reporter) -> T:
         """Run all fits with checked arguments."""
+
+
+@check_arguments
+class ExperimentPlanner:
+    """A planner has a job, and designs experiments with the channels and noise of its record."""
+
+    job: Job
+
+    def _known_draws(self) -> Array | None:
+        """Return draws `(N, D)` of the posterior, or None if only the priors are known."""
+        return None
+
+    @staticmethod
+    def check_design_place(folder: str | Path, *, force: bool = False) -> None:
+        """Raise `InputError` if a design could not be saved in `folder`, before the search."""
+        from bayesdrill.tasks import design
+
+        design.check_place(Path(folder).expanduser(), force=force)
+
+    def design(
+        self,
+        learn: Sequence[str] | str = (),
+        *,
+        input: str | None = None,
+        low: float | None = None,
+        high: float | None = None,
+        hold: float | None = None,
+        duration: float | None = None,
+        rate: float | None = None,
+        slew: float | None = None,
+        limits: Sequence[str] | str = (),
+        family: str | None = None,
+        draws: int = 8,
+        report: Reporter | None = None,
+    ) -> Designed:
+        """Design the next experiment: the waveform of an input that tells most.
+
+        Of a case the priors are known before, and of a run its posterior.  The sensitivities of a
+        linear rig are linear in its input, so the search has an exact gradient.  A rig with friction
+        is simulated for each waveform.
+
+        Parameters
+        ----------
+        learn : str or sequence of str
+            Parameters, derived quantities, or formulas such as `"k_s/j_1"`; by default all products
+            that can be determined.
+        input : str, optional
+            The input that the source drives; by default the one that drives the rig.
+        low, high : float, optional
+            The range of the source in SI; by default that of the record and zero.
+        hold : float, optional
+            The time in s for which each level is held; by default a 40th of the duration.
+        duration, rate : float, optional
+            The length of the coming record in s and its rate in Hz; by default those of the record.
+        slew : float, optional
+            The largest change of the source per s; by default none.
+        limits : str or sequence of str
+            Limits of states or sums of them in SI, such as `"w_2=0:"`, which keeps a motor from
+            turning back, or `"theta_1 - theta_2=-1:1"`.  They hold for 99 % of the draws.
+        family : str, optional
+            `free` levels (the default), or `step`, `prbs`, `chirp`, `multisine`, `steps` or `coast`.
+        draws : int
+            The number of draws over which the design is averaged; 1 takes the start values of a case.
+        report : Reporter, optional
+            It is told the progress, see `sample`.
+
+        Returns
+        -------
+        Designed
+            The levels and the promised standard deviations; `print` shows them.
+
+        Raises
+        ------
+        InputError
+            If numbers or limits contradict each other, or if no waveform helps; it says what would.
+
+        Examples
+        --------
+        >>> case.design("k_s", high=12.0, hold=0.5, draws=1).levels.shape
+        (12,)
+        """
+        from bayesdrill.tasks import design  # late: it loads all that draws figures
+
+        options = {
+            "input": input, "low": low, "high": high, "hold": hold, "duration": duration,
+            "rate": rate, "slew": slew, "family": family,
+        }  # fmt: skip
+        names, kept = ((x,) if isinstance(x, str) else tuple(x) for x in (learn, limits))
+        count = whole("draws", draws, 1)
+        return design.design(
+            self.job, self._known_draws(), names, options, kept, count, report or SILENT
+        )

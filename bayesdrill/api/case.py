@@ -116,7 +116,7 @@ def _figure_file(job: Job, option: str, path: str | Path) -> Path:
 
 @arguments.check_arguments
 @dataclass(frozen=True, eq=False, repr=False)
-class Case(Value):
+class Case(arguments.ExperimentPlanner, Value):
     """A case is an identification problem: a record, a model of the rig, and priors.
 
     The record has T samples of measured channels, such as speeds, and of inputs, such as a voltage.

@@ -257,7 +257,7 @@ class Candidates(Value):
 
 @arguments.check_arguments
 @dataclass(frozen=True, eq=False, repr=False)
-class Run(SampledRun):
+class Run(arguments.ExperimentPlanner, SampledRun):
     """A run is a sampled posterior, which `case.sample` and `bd.open` return.
 
     `print` shows its report.  Look at `converged` and `judge()` before using `draws`.
@@ -297,6 +297,10 @@ class Run(SampledRun):
     def draws(self) -> dict[str, Array]:
         """Return the nearly independent draws of each unknown in SI, as `(ensembles, draws)`."""
         return {name: self.sampled.draws[..., d] for d, name in enumerate(self.job.problem.names)}
+
+    def _known_draws(self) -> Array:
+        """Return all draws of the posterior, `(N, D)`."""
+        return self.sampled.draws.reshape(-1, self.sampled.draws.shape[-1])
 
     @property
     def evidence(self) -> Evidence | None:

@@ -23,6 +23,7 @@ Purpose = Literal[
     "rank",
     "evidence",
     "torque",
+    "design",
 ]
 
 _ORDER: tuple[Purpose, ...] = get_args(Purpose)

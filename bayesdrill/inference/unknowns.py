@@ -254,18 +254,22 @@ class ParameterSpace:
 
         The m unknowns are those of the simulator, on their natural scales.
         """
-        columns, steps = self.columns(*SIMULATOR_ROLES), self.coordinates.natural(theta)
-        duals: dict[str, Dual | float] = dict(self.fixed)
-        for column, unit in zip(columns, np.eye(len(columns)), strict=True):
-            name, x = self.free[column], theta[:, column, None]
-            duals[name] = Dual(x, steps[:, column, None] * unit)
-        duals |= {name: r.value(duals) for name, r in self.relations.items()}
-        out = np.zeros((len(theta), len(columns), len(self.model)))
+        duals = self.named_slopes(theta)
+        out = np.zeros((len(theta), len(self.columns(*SIMULATOR_ROLES)), len(self.model)))
         for column, name in enumerate(self.model):
             value = duals[name]
             if isinstance(value, Dual):
                 out[:, :, column] = value.slope
         return out
+
+    def named_slopes(self, theta: Array) -> dict[str, Dual | float]:
+        """Return `named` with slopes `(W, m)` by the unknowns of the simulator; see `slopes`."""
+        columns, steps = self.columns(*SIMULATOR_ROLES), self.coordinates.natural(theta)
+        duals: dict[str, Dual | float] = dict(self.fixed)
+        for column, unit in zip(columns, np.eye(len(columns)), strict=True):
+            name, x = self.free[column], theta[:, column, None]
+            duals[name] = Dual(x, steps[:, column, None] * unit)
+        return duals | {name: r.value(duals) for name, r in self.relations.items()}
 
     def vector(self, values: Mapping[str, float]) -> Array:
         """Return `(D,)` from named values."""

@@ -35,6 +35,7 @@ from bayesdrill.report.sections.identifiability import (
     describe_profiles,
     describe_study,
     describe_study_point,
+    next_experiment,
     profile_figure,
     spectrum_figure,
     summarise_study,
@@ -44,7 +45,6 @@ from bayesdrill.sampling.mode_search import Mode
 from bayesdrill.tasks import conclusions
 
 ALL = "all"
-MARK = "<!-- bayesdrill identify -->"  # first line of the text, which identifies the folder
 
 
 @check_arguments
@@ -82,6 +82,8 @@ class Findings(Value):
         if self.point.at:
             parts += [describe_study(self.study, self.job.problem.model, self.reasons)]
             parts += describe_timing(self.moment)
+            config = "CONFIG" if self.job.files.given else str(self.job.source.path)
+            parts.append(next_experiment(self.study, config))
         if self.profiles:
             parts.append(describe_profiles(self.shown, self.study, self.symbols))
         return "\n\n".join(filter(None, parts))
@@ -197,17 +199,7 @@ def preflight(job: Job, sensitivities: SensitivityStudy) -> str:
 
 def check_place(folder: Path, *, force: bool) -> None:
     """Raise `InputError` if `Findings.save` would replace other files, or its own without `force`."""
-    output_files.refuse_unwritable(folder, IDENTIFY.folders)
-    if obstacles := output_files.misplaced_paths(folder, IDENTIFY):
-        raise InputError(obstacles)
-    present = output_files.output_names(folder, IDENTIFY)
-    if present and not force:
-        message = "exists already; give --force or another --output"
-        raise InputError.at(str(folder / present[0]), message)
-    text = folder / IDENTIFY.mark
-    if present and not (text.exists() and text.read_bytes().startswith(MARK.encode())):
-        message = "was not written by `bayesdrill identify`; give another --output"
-        raise InputError.at(str(folder / present[0]), message)
+    output_files.refuse_other_text(folder, IDENTIFY, force=force)
 
 
 def _columns(unknowns: tuple[str, ...], wanted: Sequence[str]) -> list[int]:
@@ -223,7 +215,8 @@ def _columns(unknowns: tuple[str, ...], wanted: Sequence[str]) -> list[int]:
 def _markdown(findings: Findings, figures: Iterable[str]) -> str:
     config = findings.job.config
     ending = output_files.preferred_format(config.output.formats_or_default)
-    mark = "" if ending == "pdf" else "!"  # Markdown pages cannot show a PDF
-    pictures = "\n\n".join(f"{mark}[{name}](figures/{name}.{ending})" for name in figures)
+    shown = "" if ending == "pdf" else "!"  # Markdown pages cannot show a PDF
+    pictures = "\n\n".join(f"{shown}[{name}](figures/{name}.{ending})" for name in figures)
     title = f"# What {config.name} can say"
-    return f"{MARK}\n{title}\n\n```text\n{findings.text}\n```\n\n{pictures}\n"
+    mark = output_files.text_mark(IDENTIFY)
+    return f"{mark}\n{title}\n\n```text\n{findings.text}\n```\n\n{pictures}\n"

@@ -27,6 +27,7 @@ FLOORS = (
     "sampling",
     "config",
     "analysis",
+    "design",
     "drafting",
     "results",
     "report",

@@ -13,7 +13,6 @@ from typer.main import get_command
 
 from bayesdrill import output_files
 from bayesdrill.cli import app
-from bayesdrill.tasks.identify import MARK
 
 
 @pytest.fixture(scope="module")
@@ -112,7 +111,8 @@ def test_results_never_replace_a_record_that_has_the_name_of_a_result(
     (out / "run.json").write_text(output_files.dumps_checksummed(mark))
     if command == "identify":
         (out / "run.json").rename(out / "identify.md")
-        (out / "identify.md").write_text(MARK)
+        mark = output_files.text_mark(output_files.IDENTIFY)
+        (out / "identify.md").write_text(mark)
     few_refits = ("seed: 7\n", "seed: 7\ncalibration: {refits: 10}\n")
     for name in names:
         record = out / name

@@ -12,6 +12,7 @@ from bayesdrill.analysis.identifiability.profile import THRESHOLD, Profile
 from bayesdrill.analysis.identifiability.structure import Exponents
 from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy, KnownProduct, StudyPoint
 from bayesdrill.basics.symbols import Symbol, fraction
+from bayesdrill.design.targets import invariant_products, product_target
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.report import scales, style
 from bayesdrill.report.doubts import unbelievable
@@ -199,6 +200,23 @@ def remedies(study: IdentifiabilityStudy) -> str:
         rows.append((f"  {remedy.what}", f"{remedy.shrink:.1f} x", effect if n else ""))
     lines.append(aligned(rows, left={0, 2}))
     return "\n".join(lines)
+
+
+def next_experiment(study: IdentifiabilityStudy, config: str) -> str:
+    """Return the command that designs an experiment for what a record leaves open; empty if nothing.
+
+    Products that an exact symmetry changes are left out, as no experiment with these channels helps.
+    """
+    prior_sd = np.array([known.prior_sd for known in study.parameters])
+    open_products = [
+        product_target(study.names, product.exponents).name
+        for product in invariant_products(study.structure, study.information, prior_sd)
+        if product.word != "determined"
+    ]
+    if not open_products:
+        return ""
+    command = f"bayesdrill design {config} --learn '{','.join(open_products)}'"
+    return f"to search the experiment that would tell: {command}"
 
 
 def summarise_study(study: IdentifiabilityStudy) -> str:

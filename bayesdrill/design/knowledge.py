@@ -1,0 +1,62 @@
+"""Hold what is known before an experiment: the priors, or the draws of a posterior."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayesdrill.analysis.identifiability.information import SensitivityStudy
+from bayesdrill.basics import seeds
+from bayesdrill.basics.arrays import Array, StoredArray
+from bayesdrill.inference.posterior import Problem
+from bayesdrill.inference.unknowns import SIMULATOR_ROLES
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PresentKnowledge:
+    """It has `draws (W, D)` for a design, `checked (C, D)` for its limits, and a precision.
+
+    `precision (m, m)` belongs to the unknowns of the simulator on their natural scales.  `source`
+    says in words where it comes from.
+    """
+
+    draws: StoredArray
+    checked: StoredArray
+    precision: StoredArray
+    source: str
+
+
+def prior_knowledge(problem: Problem, draws: int, checked: int, seed: int) -> PresentKnowledge:
+    """Return the knowledge of the priors; a single draw is the start."""
+    space = problem.posterior.space
+    start = space.vector(space.start)[None]
+    drawn = space.draw(draws + 4 * checked, seeds.stream(seed, "design"))
+    drawn = drawn[np.isfinite(space.log_prior(drawn))]
+    return PresentKnowledge(
+        draws=start if draws <= 1 else drawn[:draws],
+        checked=start if draws <= 1 else drawn[draws : draws + checked],
+        precision=np.diag(SensitivityStudy(problem.posterior.likelihood).prior_spreads ** -2.0),
+        source="the prior",
+    )
+
+
+def posterior_knowledge(
+    problem: Problem, chain: Array, draws: int, checked: int
+) -> PresentKnowledge:
+    """Return the knowledge of a posterior with draws `chain (N, D)`, a Gaussian on natural scales."""
+    posterior = problem.posterior
+    m = len(posterior.space.columns(*SIMULATOR_ROLES))
+    logs = np.array([not unknown.signed for unknown in posterior.space.unknowns[:m]])
+    scales = np.array([unknown.scale for unknown in posterior.space.unknowns[:m]])
+    natural = np.where(logs, np.log(np.where(logs, chain[:, :m], 1.0)), chain[:, :m] / scales)
+    spread = np.cov(natural, rowvar=False).reshape(m, m)
+    sds = np.sqrt(np.diag(spread))
+    precision = np.linalg.pinv(spread / np.outer(sds, sds), hermitian=True) / np.outer(sds, sds)
+
+    def thinned(count: int) -> Array:
+        return np.asarray(chain[np.linspace(0, len(chain) - 1, min(count, len(chain))).astype(int)])
+
+    return PresentKnowledge(
+        draws=thinned(draws), checked=thinned(checked), precision=precision, source="the posterior"
+    )

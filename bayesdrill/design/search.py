@@ -1,0 +1,223 @@
+"""Search the levels that minimise the criterion within all limits.
+
+For a linear rig a bounded quasi-Newton method (L-BFGS-B; Byrd, Lu, Nocedal and Zhu 1995) has the exact
+gradient, and limits of rig and slew are penalties.  For a rig with friction, levels are exchanged
+one after another (Meyer and Nachtsheim 1995).  Penalties are never exact: the result is therefore moved
+towards a waveform that keeps all limits, as far as the draws need.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayesdrill.basics.arrays import Array, Flags
+from bayesdrill.basics.errors import InputError
+from bayesdrill.design.responses import (
+    TOLERANCE,
+    ComingExperiment,
+    Evaluation,
+    SimulatedSlopes,
+    SuperposedPulses,
+    excess,
+)
+from bayesdrill.design.waveforms import FAMILIES
+
+KEPT_SHARE = 0.99  # of the draws have to keep every limit
+PENALTIES = (1e1, 1e3, 1e5)  # weights of squared excesses, in turn
+MAX_ITERATIONS = 120  # of each search with one weight
+COARSE_DRAWS = 2  # of which the criterion is averaged in the searches from all starts
+POLISHED = 2  # best ends of these, from which all draws are searched for
+RANDOM_STARTS = 6  # beside the best waveforms of the usual families
+SWEEPS = 2  # of the exchange through all levels
+EXCHANGED = 5  # levels that are tried in each hold interval
+HALVINGS = 8  # of the way to a waveform that keeps the limits
+CONSTANTS = 13  # constant levels among which a waveform that keeps the limits is sought
+
+
+@dataclass(frozen=True, slots=True)
+class LimitCheck:
+    """A check knows at `theta (W, D)` which draws keep the limits of the rig."""
+
+    coming: ComingExperiment
+    theta: Array
+
+    def kept(self, levels: Array) -> float:
+        """Return the share of the draws that keep all limits."""
+        if not self.coming.limits:
+            return 1.0
+        return float(np.mean(~self.broken(levels).any(axis=1)))
+
+    def broken(self, levels: Array) -> Flags:
+        """Return which draws break which limit, `(W, L)`."""
+        limited = self.coming.simulate(self.theta, levels)[1]
+        finite = np.where(np.isfinite(limited), limited, 0.0)
+        allowed = TOLERANCE * np.abs(finite).max(axis=(0, 1), initial=0.0)
+        kept = np.abs(excess(limited, self.coming.limits)) <= allowed
+        return np.asarray(~kept.all(axis=1))
+
+    def shorten(self, start: Array, end: Array) -> Array:
+        """Return the waveform nearest to `end`, on the way from `start`, that keeps the limits."""
+        if self.kept(end) >= KEPT_SHARE:
+            return end
+        low, high = 0.0, 1.0
+        for _ in range(HALVINGS):
+            middle = 0.5 * (low + high)
+            good = self.kept(start + middle * (end - start)) >= KEPT_SHARE
+            low, high = (middle, high) if good else (low, middle)
+        return np.asarray(start + low * (end - start))
+
+
+def safe_waveform(evaluation: Evaluation, check: LimitCheck) -> Array:
+    """Return a waveform that keeps all limits; raises `InputError` if none is found.
+
+    Constant levels are tried first, of which the middle one that keeps them is taken.
+    """
+    source = evaluation.coming.source
+    levels = np.linspace(source.low, source.high, CONSTANTS)
+    constants = [source.within(np.full(source.count, level)) for level in levels]
+    kept = np.array([check.kept(each) for each in constants])
+    good = np.flatnonzero(kept >= KEPT_SHARE)
+    if len(good):
+        return constants[int(good[len(good) // 2])]
+    best = constants[int(np.argmax(kept))]
+    if isinstance(evaluation, SuperposedPulses):
+        best = _minimise(evaluation, best, PENALTIES[-1], criterion=False)
+        if check.kept(best) >= KEPT_SHARE:
+            return best
+    shares = zip(evaluation.coming.limits, check.broken(best).mean(axis=0), strict=True)
+    failed = "; ".join(f"{x.describe()} fails in {100 * s:.3g} %" for x, s in shares if s > 0)
+    message = (
+        f"no waveform from {source.low:g} to {source.high:g} keeps all limits in 99 % of draws"
+    )
+    raise InputError.at("--limit", f"{message} ({failed}); widen a limit or the range")
+
+
+def usual_waveforms(
+    evaluation: Evaluation,
+    check: LimitCheck,
+    safe: Array,
+    rng: np.random.Generator,
+) -> dict[str, Array]:
+    """Return the best waveform of each family that keeps the limits."""
+    source, best = evaluation.coming.source, {}
+    for name, family in FAMILIES.items():
+        kept = [check.shorten(safe, source.within(levels)) for levels in family(source, rng)]
+        best[name] = min(kept, key=lambda levels: value(evaluation, levels))
+    return best
+
+
+def value(evaluation: Evaluation, levels: Array) -> float:
+    """Return the criterion of a waveform; inf if it cannot be computed."""
+    with np.errstate(all="ignore"):
+        information = evaluation.information(levels)
+        if not np.isfinite(information).all():
+            return np.inf
+        return evaluation.knowledge.criterion(information)[0]
+
+
+def best_levels(
+    evaluation: Evaluation,
+    check: LimitCheck,
+    safe: Array,
+    known: Mapping[str, Array],
+    rng: np.random.Generator,
+    progress: Callable[[float], None],
+) -> Array:
+    """Return the best levels of all searches, which begin at `known` waveforms and random ones."""
+    source = evaluation.coming.source
+    ranked = sorted(known.values(), key=lambda levels: value(evaluation, levels))
+    if isinstance(evaluation, SimulatedSlopes):
+        return _exchange(evaluation, check, ranked[0], rng, progress)
+    starts = [*ranked[:2], *_random(evaluation, rng)]
+    coarse, ends = evaluation.with_first(COARSE_DRAWS), [ranked[0]]
+    for number, start in enumerate(starts):
+        progress(number / (len(starts) + POLISHED))
+        ends.append(check.shorten(safe, source.within(_descend(coarse, start))))
+    ends.sort(key=lambda levels: value(evaluation, levels))
+    for number, end in enumerate(ends[:POLISHED]):
+        progress((len(starts) + number) / (len(starts) + POLISHED))
+        ends.append(check.shorten(safe, source.within(_descend(evaluation, end))))
+    return min(ends, key=lambda levels: value(evaluation, levels))
+
+
+def _descend(evaluation: SuperposedPulses, levels: Array) -> Array:
+    """Minimise with penalties of increasing weight, if there are limits."""
+    constrained = evaluation.coming.limits or evaluation.coming.source.slew < np.inf
+    for weight in PENALTIES if constrained else PENALTIES[:1]:
+        levels = _minimise(evaluation, levels, weight)
+    return levels
+
+
+def _random(evaluation: Evaluation, rng: np.random.Generator) -> Iterator[Array]:
+    source = evaluation.coming.source
+    for number in range(RANDOM_STARTS):
+        x = rng.random(source.count)
+        yield source.low + (source.high - source.low) * (np.round(x) if number % 2 else x)
+
+
+def _minimise(
+    evaluation: SuperposedPulses, start: Array, weight: float, *, criterion: bool = True
+) -> Array:
+    """Minimise the criterion plus `weight` times the penalties, or these alone, from `start`."""
+    from scipy.optimize import minimize  # late: few commands need it
+
+    source = evaluation.coming.source
+    size, most = max(abs(source.low), abs(source.high)), source.slew * source.interval
+
+    def objective(scaled: Array) -> tuple[float, Array]:
+        levels = scaled * size
+        total, slope = (
+            evaluation.penalty(levels) if evaluation.coming.limits else (0.0, 0.0 * levels)
+        )
+        if most < np.inf:
+            steps = np.diff(levels, prepend=0.0) / size
+            over = np.sign(steps) * np.maximum(np.abs(steps) - most / size, 0.0)
+            total += float(over @ over)
+            slope = slope + 2.0 * (over - np.append(over[1:], 0.0)) / size
+        total, slope = weight * total, weight * slope
+        if criterion:
+            gain, along = evaluation.value_and_slope(levels)
+            total, slope = total + gain, slope + along
+        return total, slope * size
+
+    result = minimize(
+        objective,
+        start / size,
+        jac=True,
+        method="L-BFGS-B",
+        bounds=[(source.low / size, source.high / size)] * source.count,
+        options={"maxiter": MAX_ITERATIONS, "maxcor": 20, "ftol": 1e-10, "gtol": 1e-6},
+    )
+    return np.asarray(result.x * size)
+
+
+def _exchange(
+    evaluation: SimulatedSlopes,
+    check: LimitCheck,
+    start: Array,
+    rng: np.random.Generator,
+    progress: Callable[[float], None],
+) -> Array:
+    """Exchange the level of each interval for the best of a few, in random order, until none helps."""
+    source, best = evaluation.coming.source, start.copy()
+    height, tried = value(evaluation, best), np.linspace(source.low, source.high, EXCHANGED)
+    for sweep in range(SWEEPS):
+        before = height
+        for number, k in enumerate(rng.permutation(source.count)):
+            progress((sweep + number / source.count) / SWEEPS)
+            for level in tried[tried != best[k]]:
+                levels = best.copy()
+                levels[k] = level
+                if not np.array_equal(source.within(levels), levels):
+                    continue
+                if (new := value(evaluation, levels)) < height and (
+                    not np.abs(evaluation.search_excess(levels)).max(initial=0.0) > TOLERANCE
+                    and check.kept(levels) >= KEPT_SHARE
+                ):
+                    best, height = levels, new
+        if height > before - 1e-3:
+            break
+    return best

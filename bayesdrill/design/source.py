@@ -1,0 +1,142 @@
+"""Describe the source of the coming experiment, and the limits of the rig.
+
+The source holds each of its levels for a time, so that a waveform is a vector of levels.  A limit of
+the rig bounds a sum of its states, such as a current, a speed or a twist.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.errors import InputError, Issue
+from bayesdrill.basics.formulas import linear_combination
+from bayesdrill.record.experiment import raise_if_any, times
+from bayesdrill.rig.models.linear import Model
+
+MAX_LEVELS = 200  # of a waveform: the memory of its information grows with their square
+LEAST_MOTION = 0.05  # share of its range through which a source can go within the experiment
+MAX_SAMPLES = 20_000  # of a coming record, whose sensitivities to each level are kept
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SourceLimits:
+    """A source drives `input` between `low` and `high`, SI, and holds each level for `hold` [s].
+
+    The record lasts `duration` [s] at `rate` [Hz].  Levels change by at most `slew` times the hold
+    time, also from zero before the first one.
+    """
+
+    input: str
+    low: float
+    high: float
+    hold: float
+    duration: float
+    rate: float
+    slew: float = math.inf
+
+    @property
+    def samples_of_level(self) -> int:
+        """Return the number of samples for which a level is held."""
+        return max(1, round(self.hold * self.rate))
+
+    @property
+    def interval(self) -> float:
+        """Return the time for which a level is held [s], a whole number of samples."""
+        return self.samples_of_level / self.rate
+
+    @property
+    def count(self) -> int:
+        """Return the number of levels."""
+        return max(1, round(self.duration * self.rate / self.samples_of_level))
+
+    @property
+    def t(self) -> Array:
+        """Return the times of the record, `(T,)`."""
+        return times(self.count * self.interval, self.rate)
+
+    def series(self, levels: Array) -> Array:
+        """Return the input `(..., T)` at the times of the record, of `levels (..., S)`."""
+        held = np.arange(self.count * self.samples_of_level + 1) // self.samples_of_level
+        return np.asarray(levels[..., np.minimum(held, self.count - 1)])
+
+    def within(self, levels: Array) -> Array:
+        """Return the nearest levels that the source can make, going forward from the first."""
+        step, before, out = self.slew * self.interval, 0.0, np.clip(levels, self.low, self.high)
+        if step < math.inf:
+            for k, level in enumerate(out):
+                before = out[k] = np.clip(level, before - step, before + step)
+        return np.clip(out, self.low, self.high)
+
+    def check(self) -> None:
+        """Raise `InputError` with all contradictions between the numbers of the source."""
+        finite = all(map(math.isfinite, (self.low, self.high, self.hold, self.duration, self.rate)))
+        if not finite or min(self.hold, self.duration, self.rate, self.slew) <= 0:
+            numbers = f"--hold {self.hold:g}, --duration {self.duration:g}, --rate {self.rate:g}"
+            message = f"times, rates and slew must be positive and levels finite, not {numbers}"
+            raise InputError.at("design", message)
+        levels, samples = self.count, self.count * self.samples_of_level
+        moved, width = self.slew * self.duration, self.high - self.low
+        rules = [
+            ("--low", width <= 0, f"{self.low:g} is not below --high {self.high:g}"),
+            (
+                "--hold",
+                2 * self.hold > self.duration,
+                f"a source that holds each level for {self.hold:g} s cannot change within "
+                f"{self.duration:g} s; shorten it, or give a longer --duration",
+            ),
+            (
+                "--hold",
+                self.hold * self.rate < 1 - 1e-9,
+                f"{self.hold:g} s are shorter than a sample at {self.rate:g} Hz; hold longer",
+            ),
+            (
+                "--slew",
+                moved < max(LEAST_MOTION * width, self.low, -self.high),
+                f"the source is too slow: from rest it moves by {moved:g} in {self.duration:g} s",
+            ),
+            ("--hold", levels > MAX_LEVELS, f"{levels} levels are more than {MAX_LEVELS}"),
+            ("--rate", samples > MAX_SAMPLES, f"{samples} samples are more than {MAX_SAMPLES}"),
+        ]
+        raise_if_any([Issue(option, message) for option, broken, message in rules if broken])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RigLimit:
+    """A limit keeps a sum of states, with these `weights`, between `low` and `high`, SI."""
+
+    text: str
+    weights: Mapping[str, float]
+    low: float = -math.inf
+    high: float = math.inf
+
+    def describe(self) -> str:
+        """Return the limit as an inequality."""
+        lower = f"{self.low:g} <= " if self.low > -math.inf else ""
+        upper = f" <= {self.high:g}" if self.high < math.inf else ""
+        return f"{lower}{self.text}{upper}"
+
+
+def parse_limits(texts: Sequence[str], model: Model) -> tuple[RigLimit, ...]:
+    """Return limits such as `w_2=0:` or `theta_1 - theta_2=-1:1`; raises `InputError`."""
+    limits, issues = [], []
+    for text in texts:
+        name, _, ends = text.partition("=")
+        first, colon, last = ends.partition(":")
+        try:
+            low, high = float(first or -math.inf), float(last or math.inf)
+            if not colon or not low < high or not (math.isfinite(low) or math.isfinite(high)):
+                raise ValueError(f"give two ends, the lower first, such as {name or 'w_2'}=0:20")
+            weights = linear_combination(name, model.states)
+            limits.append(RigLimit(text=name.strip(), weights=weights, low=low, high=high))
+        except ValueError as error:
+            shown = str(error)
+            if shown.startswith("could not convert"):
+                shown = f"an end is not a number; write for example {name}=0:20"
+            issues.append(Issue("--limit", f"'{text}': {shown}"))
+    raise_if_any(issues)
+    return tuple(limits)

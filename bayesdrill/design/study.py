@@ -1,0 +1,185 @@
+"""Design an experiment for named targets, and compare it with the record and the usual waveforms."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayesdrill.analysis.identifiability.information import SensitivityStudy
+from bayesdrill.basics import seeds
+from bayesdrill.basics.arrays import Array, StoredArray
+from bayesdrill.basics.errors import InputError
+from bayesdrill.basics.progress import Reporter
+from bayesdrill.config.schema.config import Thresholds
+from bayesdrill.design import search
+from bayesdrill.design.knowledge import PresentKnowledge
+from bayesdrill.design.responses import (
+    ComingExperiment,
+    Evaluation,
+    Knowledge,
+    SimulatedSlopes,
+    SuperposedPulses,
+)
+from bayesdrill.design.source import RigLimit, SourceLimits
+from bayesdrill.design.visibility import TargetVisibility, examine_targets
+from bayesdrill.design.waveforms import FREE
+from bayesdrill.inference.posterior import Problem
+from bayesdrill.record.experiment import Experiment
+
+RECORDED, DESIGNED = "as recorded", "designed"  # beside the names of families
+BAND = (0.01, 0.5, 0.99)  # quantiles of the expected response
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DesignRequest:
+    """A request names what is to be learnt: `learn` is empty for all that can be determined.
+
+    `family` is one of `waveforms.FAMILIES`, or `FREE`.
+    """
+
+    source: SourceLimits
+    limits: tuple[RigLimit, ...] = ()
+    learn: tuple[str, ...] = ()
+    family: str = FREE
+    seed: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TargetOutlook:
+    """An outlook gives relative sds of a target: `now`, and after each waveform in `after`.
+
+    `hidden_by` names unknowns that an exact symmetry scales together with the target.  `remedies` are
+    actions that would break it, with the factors by which sds would fall.
+    """
+
+    name: str
+    now: float
+    after: Mapping[str, float]
+    hidden_by: tuple[tuple[str, ...], ...] = ()
+    remedies: tuple[tuple[str, float], ...] = ()
+
+    @property
+    def designed(self) -> float:
+        """Return the sd after the designed experiment."""
+        return self.after[DESIGNED]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExperimentDesign:
+    """A design has `levels (S,)` of its source, and what they promise for each target.
+
+    `criteria` are mean log determinants of the targets' covariance by waveform.  `bands (3, T, K)`
+    are quantiles `BAND` of the channels, `limited (3, T, L)` those of the limited sums, and `kept` is
+    the share of draws that keep the limits.
+    """
+
+    request: DesignRequest
+    levels: StoredArray
+    targets: tuple[TargetOutlook, ...]
+    criteria: Mapping[str, float]
+    experiment: Experiment
+    bands: StoredArray
+    limited: StoredArray
+    kept: float
+    known_from: str
+    draws: int
+
+
+def design_experiment(
+    problem: Problem,
+    request: DesignRequest,
+    known: PresentKnowledge,
+    thresholds: Thresholds,
+    report: Reporter,
+) -> ExperimentDesign:
+    """Design an experiment with the channels and noise of the first record of a problem.
+
+    Raises `InputError` if limits contradict each other, or if no waveform helps.
+    """
+    request.source.check()
+    report.update(0.0, "responses to pulses of the input")
+    coming = ComingExperiment.like(problem.observations[0], request.source, request.limits)
+    rng = seeds.stream(request.seed, "design", 1)
+    visibility = examine_targets(problem, coming, request.learn, known, rng)
+    chosen = Knowledge(
+        slopes=visibility.slopes[:, visibility.independent], precision=known.precision
+    )
+    kind = SuperposedPulses if problem.model.smooth else SimulatedSlopes
+    evaluation: Evaluation = kind(coming, known.draws, chosen)
+    check = search.LimitCheck(coming, known.checked)
+    safe = search.safe_waveform(evaluation, check)
+    report.update(0.1, "waveforms of the usual families")
+    waveforms = search.usual_waveforms(evaluation, check, safe, rng)
+
+    def progress(share: float) -> None:
+        report.update(0.2 + 0.75 * share, "search of the levels")
+
+    if request.family == FREE:
+        levels = search.best_levels(evaluation, check, safe, waveforms, rng, progress)
+    else:
+        levels = waveforms[request.family]
+    informations = {RECORDED: _recorded(problem, known.draws)}
+    informations |= {name: evaluation.information(u) for name, u in waveforms.items()}
+    informations[DESIGNED] = evaluation.information(levels)
+    targets = _outlooks(visibility, known, informations)
+    _refuse_hopeless([targets[k] for k in visibility.visible], thresholds)
+    signals, limited = coming.simulate(known.checked, levels)
+    report.update(1.0, "")
+    return ExperimentDesign(
+        request=request,
+        levels=levels,
+        targets=targets,
+        criteria={name: chosen.criterion(x)[0] for name, x in informations.items()},
+        experiment=coming.observation.experiment,
+        bands=np.quantile(signals, BAND, axis=0),
+        limited=np.quantile(limited, BAND, axis=0),
+        kept=check.kept(levels),
+        known_from=known.source,
+        draws=len(known.draws),
+    )
+
+
+def _outlooks(
+    visibility: TargetVisibility, known: PresentKnowledge, informations: Mapping[str, Array]
+) -> tuple[TargetOutlook, ...]:
+    every = Knowledge(slopes=visibility.slopes, precision=known.precision)
+    now = _sds(every, np.zeros_like(informations[DESIGNED]))
+    after = {name: _sds(every, information) for name, information in informations.items()}
+    return tuple(
+        TargetOutlook(
+            name=target.name,
+            now=float(now[k]),
+            after={name: float(sds[k]) for name, sds in after.items()},
+            hidden_by=visibility.hidden_by[k],
+            remedies=visibility.remedies[k],
+        )
+        for k, target in enumerate(visibility.targets)
+    )
+
+
+def _recorded(problem: Problem, draws: Array) -> Array:
+    """Return the information `(W, m, m)` of the records, were they made again."""
+    study = SensitivityStudy(problem.posterior.likelihood)
+    rows = [study.with_nuisances(theta) for theta in draws]
+    return np.stack([each.T @ each for each in rows])
+
+
+def _sds(knowledge: Knowledge, information: Array) -> Array:
+    """Return relative sds of the targets, as geometric means over draws, `(k,)`."""
+    variances = np.diagonal(knowledge.covariances(information), axis1=1, axis2=2)
+    return np.asarray(np.exp(0.5 * np.log(variances).mean(axis=0)))
+
+
+def _refuse_hopeless(targets: Sequence[TargetOutlook], thresholds: Thresholds) -> None:
+    """Raise `InputError` if the best waveform leaves every target to what is known before."""
+    ratios = [target.designed / target.now for target in targets]
+    if all(thresholds.classify(ratio) == "left to the prior" for ratio in ratios):
+        pairs = zip(targets, ratios, strict=True)
+        falls = ", ".join(f"{x.name} to {100 * ratio:.3g} % of its sd" for x, ratio in pairs)
+        message = f"the best waveform within these limits narrows nothing: {falls}"
+        way_out = (
+            "measure longer, with less noise, or with further channels (`bayesdrill identify`)"
+        )
+        raise InputError.at("--learn", f"{message}; {way_out}")

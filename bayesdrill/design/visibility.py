@@ -1,0 +1,129 @@
+"""Determine which targets some waveform can show, and what would help for the others."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayesdrill.analysis.identifiability.information import SensitivityStudy, from_sensitivities
+from bayesdrill.analysis.identifiability.structure import (
+    Exponents,
+    ScalingStructure,
+    structure_of,
+)
+from bayesdrill.analysis.identifiability.study import remedies
+from bayesdrill.basics.arrays import StoredArray
+from bayesdrill.basics.errors import InputError
+from bayesdrill.design.knowledge import PresentKnowledge
+from bayesdrill.design.responses import ComingExperiment
+from bayesdrill.design.targets import (
+    DesignTarget,
+    gradients,
+    hidden_by,
+    independent,
+    invariant_products,
+    parse_targets,
+    product_target,
+)
+from bayesdrill.inference.posterior import Problem
+
+MOST_REMEDIES = 3  # that are named for a target
+LEAST_FALL = 1.05  # factor by which the sd of a target falls at least with a remedy that is named
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TargetVisibility:
+    """Targets have relative derivatives `slopes (W, k, m)`, of which the `visible` can be learnt.
+
+    For each target, `hidden_by` has the names that exact symmetries scale together with it.
+    `remedies` are actions that would break these, with the factors by which its sd would fall.
+    """
+
+    targets: tuple[DesignTarget, ...]
+    slopes: StoredArray
+    visible: tuple[int, ...]
+    hidden_by: tuple[tuple[tuple[str, ...], ...], ...]
+    remedies: tuple[tuple[tuple[str, float], ...], ...]
+
+    @property
+    def independent(self) -> list[int]:
+        """Return the indices of visible targets that do not follow from earlier ones."""
+        return [self.visible[k] for k in independent(self.slopes[:, list(self.visible)])]
+
+
+def examine_targets(
+    problem: Problem,
+    coming: ComingExperiment,
+    learn: Sequence[str],
+    known: PresentKnowledge,
+    rng: np.random.Generator,
+) -> TargetVisibility:
+    """Examine the targets called `learn`, or all that can be learnt if there are none.
+
+    Raises `InputError` if no waveform can show any of them.
+    """
+    source = coming.source
+    # Random levels show every symmetry that any waveform has.
+    levels = source.low + (source.high - source.low) * rng.random(source.count)
+    posterior = coming.posterior(source.within(levels))
+    sensitivity = SensitivityStudy(posterior.likelihood)
+    structure = structure_of(posterior, sensitivity, known.draws[0], rng)
+    names = sensitivity.unknowns
+    shown = from_sensitivities(names, sensitivity.sensitivities(known.draws[0]))
+    known_best = invariant_products(structure, shown, sensitivity.prior_spreads[: len(names)])
+    invariants = tuple(product_target(names, product.exponents) for product in known_best)
+    targets = parse_targets(problem, learn, known.draws) if learn else invariants
+    if not targets:
+        raise InputError.at("--learn", "no product of the unknowns changes any channel")
+    slopes = gradients(targets, posterior.space, known.draws)
+    hidden = [hidden_by(slopes[:, k], structure) for k in range(len(targets))]
+    visibility = TargetVisibility(
+        targets=targets,
+        slopes=slopes,
+        visible=tuple(k for k, symmetries in enumerate(hidden) if not symmetries),
+        hidden_by=tuple(tuple(_moved(structure, e) for e in each) for each in hidden),
+        remedies=tuple(
+            _remedies(target, symmetries, sensitivity, structure, known)
+            for target, symmetries in zip(targets, hidden, strict=True)
+        ),
+    )
+    if not visibility.visible:
+        raise InputError.at("--learn", _nothing_to_learn(visibility, invariants))
+    return visibility
+
+
+def _remedies(
+    target: DesignTarget,
+    symmetries: Sequence[Exponents],
+    sensitivity: SensitivityStudy,
+    structure: ScalingStructure,
+    known: PresentKnowledge,
+) -> tuple[tuple[str, float], ...]:
+    """Return actions that break a symmetry, each with the factor by which sds of the target fall."""
+    names = [name for name in target.formula.names if name in structure.names]
+    if not symmetries or not names:
+        return ()
+    prior_sd = sensitivity.prior_spreads[: len(structure.names)]
+    tried = remedies(sensitivity, known.draws[0], symmetries, prior_sd, names)
+    useful = [x for x in tried if x.breaks and x.shrink > LEAST_FALL]
+    others = [x for x in useful if x.what.split(" to ")[0] != f"weigh or measure {target.name}"]
+    best = sorted(others, key=lambda remedy: -remedy.shrink)[:MOST_REMEDIES]
+    return tuple((remedy.what, remedy.shrink) for remedy in best)
+
+
+def _moved(structure: ScalingStructure, exponents: Exponents) -> tuple[str, ...]:
+    return tuple(name for name, e in zip(structure.names, exponents, strict=True) if e)
+
+
+def _nothing_to_learn(visibility: TargetVisibility, invariants: Sequence[DesignTarget]) -> str:
+    sentences = []
+    for k, target in enumerate(visibility.targets):
+        moved = "; ".join(map(", ".join, visibility.hidden_by[k]))
+        scaled = f"no channel changes if these are scaled together: {moved}"
+        sentences.append(f"no waveform shows {target.name}: {scaled}")
+        actions = visibility.remedies[k]
+        sentences += [f"  {what}: its sd falls {shrink:.3g} times" for what, shrink in actions]
+    others = ", ".join(target.name for target in invariants)
+    return "\n".join([*sentences, f"a waveform can determine: {others}"])

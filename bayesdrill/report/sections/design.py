@@ -1,0 +1,197 @@
+"""Describe a designed experiment: sds before and after it, what no waveform shows, and a figure."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.symbols import Symbol
+from bayesdrill.design.study import DESIGNED, RECORDED, ExperimentDesign, TargetOutlook
+from bayesdrill.design.waveforms import FREE
+from bayesdrill.inference.posterior import Problem
+from bayesdrill.report import scales, style
+from bayesdrill.report.pages import build_page, legend_above
+from bayesdrill.report.section import aligned, listed
+from bayesdrill.report.sections.identifiability import percent
+from bayesdrill.report.style import Axes, Figure
+
+SHOWN = (RECORDED, "step", "prbs", "chirp")  # waveforms of the table, beside the designed one
+ALIKE = 1.05  # ratio of sds up to which two waveforms are called equally sharp
+CRITERION = "log det"
+
+
+def describe_design(design: ExperimentDesign) -> str:
+    """Return the whole text of a design for the terminal."""
+    parts = [_opening(design), design_table(design), target_sentences(design), _limits(design)]
+    return "\n\n".join(filter(None, parts))
+
+
+def _opening(design: ExperimentDesign) -> str:
+    source = design.request.source
+    family = "free levels" if design.request.family == FREE else design.request.family
+    where = (
+        "the start values" if design.draws == 1 else f"{design.draws} draws of {design.known_from}"
+    )
+    return (
+        f"a waveform of {source.input} for {source.t[-1]:g} s: {source.count} levels "
+        f"from {source.low:g} to {source.high:g}, each held for "
+        f"{source.interval:g} s ({family})\n"
+        f"promised relative sds, averaged over {where}:"
+    )
+
+
+def design_table(design: ExperimentDesign) -> str:
+    """Return the table of sds before and after the recorded, the usual and the designed waveform."""
+    names = [name for name in (*SHOWN, DESIGNED) if name in design.criteria]
+    head = ("", "now", *names)
+    rows = [
+        (f"  {target.name}", percent(target.now), *(percent(target.after[name]) for name in names))
+        for target in design.targets
+    ]
+    total = (f"  {CRITERION}", "", *(f"{design.criteria[name]:.1f}" for name in names))
+    return aligned([head, *rows, total], left={0})
+
+
+def target_sentences(design: ExperimentDesign) -> str:
+    """Return a sentence for each target, and what would help where no waveform does."""
+    lines: list[str] = []
+    for target in design.targets:
+        lines += [_sentence(target)]
+        lines += [f"  {what}: its sd falls {fall:.3g} times" for what, fall in target.remedies]
+    return "\n".join(lines)
+
+
+def _sentence(target: TargetOutlook) -> str:
+    if target.hidden_by:
+        scaled = "; ".join(", ".join(names) for names in target.hidden_by)
+        return f"{target.name}: no waveform shows it, as none tells a common factor of {scaled}"
+    usual = {n: sd for n, sd in target.after.items() if n not in (RECORDED, DESIGNED)}
+    best = min(usual, key=lambda name: usual[name])
+    ratio = usual[best] / target.designed
+    if target.designed > 0.9 * target.now:
+        return f"{target.name}: hardly any waveform within these limits shows it above the noise"
+    if ratio > ALIKE:
+        compared = f"{ratio:.2g} times as sharp as {best}, the best usual waveform for it"
+    elif ratio * ALIKE >= 1.0:
+        compared = f"as sharp as {best}, the best usual waveform for it"
+    else:
+        compared = f"{best} would be {1 / ratio:.2g} times as sharp for it alone"
+    return f"{target.name}: from {percent(target.now)} to {percent(target.designed)}, {compared}"
+
+
+def _limits(design: ExperimentDesign) -> str:
+    if not design.request.limits:
+        return ""
+    limits = listed([limit.describe() for limit in design.request.limits])
+    return f"{100 * design.kept:.3g} % of the draws keep the limits {limits}"
+
+
+def design_figure(
+    design: ExperimentDesign, problem: Problem, width: float = scales.DOUBLE
+) -> Figure:
+    """Draw the waveform, the expected response with limits, and the sds of the targets."""
+    panels_of = [*_responses(design, problem)]
+    with style.styled(width):
+        columns = 2 if len(panels_of) > 1 else 1
+        last = 0.5 + 0.24 * len(design.targets)
+        figure, panels = build_page(len(panels_of), columns, 1.25, width, first=1.1, last=last)
+        source = design.request.source
+        time = scales.scale(0.0, float(source.t[-1]))
+        _waveform(panels[0], design, problem.model.symbols[source.input], time)
+        for panel, (label, band, ends) in zip(panels[1:-1], panels_of, strict=True):
+            _response(panel, source.t, time, label, band, ends)
+        _sds(panels[-1], design.targets)
+        looks: dict[str, style.Look] = {
+            "designed": style.BLACK_LINE,
+            "98 % of the draws": style.BAND,
+            "as recorded": RECORDED_MARK,
+            "best usual": USUAL_MARK,
+            "now": style.PRIOR_LINE,
+        }
+        if design.request.limits:
+            looks["limit"] = LIMIT_LINE
+        return legend_above(figure, looks)
+
+
+LIMIT_LINE = style.fix_look(color=style.MAP_COLOUR, linestyle=(0, (5, 2)), linewidth=1.0)
+DESIGNED_MARK = style.fix_look(color=style.BLACK, marker="o", markersize=4, linestyle="none")
+RECORDED_MARK = style.fix_look(
+    color=style.MIDDLE, marker="s", markersize=3.5, linestyle="none", markerfacecolor="white"
+)
+USUAL_MARK = style.fix_look(
+    color=style.NOMINAL["color"], marker="D", markersize=3.5, linestyle="none"
+)
+
+
+def _waveform(panel: Axes, design: ExperimentDesign, symbol: Symbol, time: scales.Scale) -> None:
+    source = design.request.source
+    edges = np.append(np.arange(source.count) * source.interval, source.t[-1])
+    y = scales.scale(source.low, source.high, margin=0.08)
+    levels = np.append(design.levels, design.levels[-1])
+    panel.plot(time(edges), y(levels), drawstyle="steps-post", **style.BLACK_LINE)
+    style.scale_axis(panel.yaxis, y, y.label(symbol, "\n"), 4)
+    style.scale_axis(panel.xaxis, time, time.label(scales.TIME), 10)
+
+
+def _responses(
+    design: ExperimentDesign, problem: Problem
+) -> Iterator[tuple[scales.Labelled, Array, tuple[float, ...]]]:
+    """Yield label, band `(3, T)` and limits of each channel and each further limited sum."""
+    limits = design.request.limits
+    ends = {limit.text: tuple(filter(np.isfinite, (limit.low, limit.high))) for limit in limits}
+    for k, channel in enumerate(design.experiment.channels):
+        unit = channel.display_unit
+        label = dataclasses.replace(channel, latex_unit=unit.latex)
+        here = tuple(x / unit.factor for x in ends.pop(channel.name, ()))
+        yield label, design.bands[..., k] / unit.factor, here
+    for k, limit in enumerate(limits):
+        if limit.text in ends:
+            known: Mapping[str, Symbol] = problem.model.symbols
+            plain = Symbol(limit.text, "", rf"\mathrm{{{limit.text}}}".replace("_", r"\_"), "", "")
+            yield known.get(limit.text, plain), design.limited[..., k], ends[limit.text]
+
+
+def _response(
+    panel: Axes,
+    t: Array,
+    time: scales.Scale,
+    label: scales.Labelled,
+    band: Array,
+    ends: tuple[float, ...],
+) -> None:
+    low, middle, high = band
+    reach = [float(low.min()), float(high.max()), *ends]
+    y = scales.scale(min(reach), max(reach), margin=0.08)
+    panel.fill_between(time(t), y(low), y(high), **style.BAND)
+    panel.plot(time(t), y(middle), **style.BLACK_LINE)
+    for end in ends:
+        panel.axhline(float(y(end)), **LIMIT_LINE)
+    style.scale_axis(panel.yaxis, y, y.label(label, "\n"), 4)
+    style.scale_axis(panel.xaxis, time, time.label(scales.TIME), 5)
+
+
+def _sds(panel: Axes, targets: tuple[TargetOutlook, ...]) -> None:
+    rows = np.arange(len(targets))
+    every = [sd for target in targets for sd in (target.now, *target.after.values())]
+    x = scales.scale(100 * min(every), 100 * max(every), log=True, margin=0.05)
+    usual = [
+        min(sd for name, sd in target.after.items() if name not in (RECORDED, DESIGNED))
+        for target in targets
+    ]
+    now = [target.now for target in targets]
+    for row, sd in zip(rows, now, strict=True):
+        panel.plot([float(x(100 * sd))] * 2, [row - 0.3, row + 0.3], **style.PRIOR_LINE)
+    for sds, look in (
+        ([target.after[RECORDED] for target in targets], RECORDED_MARK),
+        (usual, USUAL_MARK),
+        ([target.designed for target in targets], DESIGNED_MARK),
+    ):
+        panel.plot(x(100 * np.array(sds)), rows, **look)
+    panel.set_ylim(len(targets) - 0.4, -0.6)
+    panel.set_yticks(rows, [target.name.replace("**", "^") for target in targets])
+    panel.yaxis.tick_right()  # at the left they would move the labels of all other panels
+    panel.tick_params(axis="y", length=0)
+    style.scale_axis(panel.xaxis, x, "relative standard deviation [%]", 8)

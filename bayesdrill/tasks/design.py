@@ -1,0 +1,210 @@
+"""Design the next experiment of a config or a run (`bayesdrill design`), and write its files."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from bayesdrill import output_files
+from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.equality import Value
+from bayesdrill.basics.errors import InputError, did_you_mean
+from bayesdrill.basics.progress import Reporter
+from bayesdrill.config.job import Job
+from bayesdrill.config.records import sources
+from bayesdrill.config.yaml_source import as_yaml
+from bayesdrill.design.knowledge import posterior_knowledge, prior_knowledge
+from bayesdrill.design.source import SourceLimits, parse_limits
+from bayesdrill.design.study import DesignRequest, ExperimentDesign, design_experiment
+from bayesdrill.design.waveforms import FAMILIES, FREE
+from bayesdrill.output_files import DESIGN, FIGURES, RECORD
+from bayesdrill.report.scales import WIDTHS
+from bayesdrill.report.section import lines_as_csv
+from bayesdrill.report.sections.design import describe_design, design_figure
+
+WAVEFORM, COMING = "waveform.csv", "coming.yaml"
+LEVELS = 40  # that a waveform has unless a hold time is given
+CHECKED_DRAWS = 200  # that have to keep the limits
+DIGITS = 6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Designed(Value):
+    """Hold a designed experiment, which `print` shows and `save` writes.
+
+    Parameters
+    ----------
+    job : Job
+        The config with its record.
+    design : ExperimentDesign
+        Levels, promised standard deviations and the expected response, in SI.
+    """
+
+    job: Job
+    design: ExperimentDesign
+
+    @property
+    def text(self) -> str:
+        """Return the whole text for the terminal."""
+        return describe_design(self.design)
+
+    @property
+    def times(self) -> Array:
+        """Return the times [s] at which levels begin, and the end, `(S + 1,)`."""
+        source = self.design.request.source
+        starts = np.arange(source.count) * source.interval
+        return np.append(starts, source.t[-1])
+
+    @property
+    def levels(self) -> Array:
+        """Return the levels of the input in SI, `(S,)`."""
+        return self.design.levels
+
+    def save(self, folder: str | Path, *, force: bool = False) -> str:
+        """Save waveform, config of the coming record, text and figure in a folder.
+
+        Parameters
+        ----------
+        folder : str or path
+            The folder, which is made if needed.
+        force : bool
+            Whether to replace the files of an earlier design.
+
+        Returns
+        -------
+        str
+            A line that names the files.
+
+        Raises
+        ------
+        InputError
+            If other files have these names, or earlier ones without `force`.
+        """
+        from bayesdrill.report import style  # late: matplotlib takes a second to load
+
+        place, job, output = Path(folder).expanduser(), self.job, self.job.config.output
+        check_place(place, force=force)
+        replaced = [place / name for name in output_files.output_names(place, DESIGN)]
+        output_files.refuse_replacing(sources.files(job.case), replaced)
+        figure = design_figure(self.design, job.problem, WIDTHS[output.size])
+        mark = output_files.text_mark(DESIGN)
+        text = f"{mark}\n# The next experiment of {job.config.name}\n\n```text\n{self.text}\n```\n"
+        ending = output_files.preferred_format(output.formats_or_default)
+        picture = f"\n{'' if ending == 'pdf' else '!'}[design](figures/design.{ending})\n"
+        with output_files.renewed(place, DESIGN):
+            (place / FIGURES).mkdir(parents=True, exist_ok=True)
+            output_files.write_text(place / DESIGN.mark, text + picture)
+            output_files.write_text(place / WAVEFORM, self.waveform_csv())
+            output_files.write_text(place / COMING, coming_config(job, self.design))
+            look: dict[str, Any] = {"formats": output.formats_or_default, "dpi": output.dpi}
+            style.save(figure, place / FIGURES, "design", {"Title": job.config.name}, **look)
+        return f"{place}/ ({WAVEFORM}, {COMING}, {DESIGN.mark}, figures/)"
+
+    def waveform_csv(self) -> str:
+        """Return the waveform as CSV: the time at which each level begins [s], and the level."""
+        held = np.append(self.levels, self.levels[-1])
+        rows = [[f"{t:.9g}", f"{u:.{DIGITS}g}"] for t, u in zip(self.times, held, strict=True)]
+        return lines_as_csv([["t", self.design.request.source.input], *rows])
+
+    def __str__(self) -> str:
+        return self.text
+
+    __repr__ = __str__
+
+
+def design(
+    job: Job,
+    chain: Array | None,
+    learn: Sequence[str],
+    options: dict[str, Any],
+    limits: Sequence[str],
+    draws: int,
+    report: Reporter,
+) -> Designed:
+    """Design an experiment for a job, with the knowledge of its prior or of draws `chain (N, D)`.
+
+    `options` are numbers of `SourceLimits` and a `family`, None where not given.  Raises `InputError`.
+    """
+    problem, seed = job.problem, job.config.seed
+    family = options.pop("family", None) or FREE
+    if family not in (FREE, *FAMILIES):
+        hint = did_you_mean(family, [FREE, *FAMILIES])
+        raise InputError.at("--family", f"{family} is none of {', '.join((FREE, *FAMILIES))}{hint}")
+    request = DesignRequest(
+        source=_source(job, options),
+        limits=parse_limits(limits, problem.model),
+        learn=tuple(learn),
+        family=family,
+        seed=seed,
+    )
+    if chain is None:
+        known = prior_knowledge(problem, draws, CHECKED_DRAWS, seed)
+    else:
+        known = posterior_knowledge(problem, chain, draws, CHECKED_DRAWS)
+    with threadpool_limits(
+        1
+    ):  # matrices are so small that further threads only wait for each other
+        made = design_experiment(problem, request, known, job.asked.thresholds, report)
+    return Designed(job=job, design=made)
+
+
+def _source(job: Job, options: dict[str, Any]) -> SourceLimits:
+    """Return the source of the options, with defaults from the record."""
+    experiment, model = job.problem.observations[0].experiment, job.problem.model
+    given = {name: value for name, value in options.items() if value is not None}
+    driven = [n for n in model.inputs if n in experiment.drives] or [*model.inputs]
+    name = given.pop("input", driven[0])
+    if name not in model.inputs:
+        hint = did_you_mean(name, model.inputs)
+        raise InputError.at("--input", f"{name} is no input of the rig{hint}")
+    recorded = experiment.series.get(name, np.array([experiment.constant.get(name, 0.0)]))
+    low, high = min(0.0, float(recorded.min())), max(0.0, float(recorded.max()))
+    if low == high and not {"low", "high"} <= {*given}:
+        message = f"the record does not show which levels {name} may have; give --low and --high"
+        raise InputError.at("--high", message)
+    duration = given.pop("duration", float(experiment.t[-1] - experiment.t[0]))
+    defaults = {"low": low, "high": high, "hold": duration / LEVELS, "rate": 1.0 / experiment.dt}
+    return SourceLimits(input=name, duration=duration, **{**defaults, **given})
+
+
+def coming_config(job: Job, design: ExperimentDesign) -> str:
+    """Return the config of the coming record, whose columns are called as channels and input are."""
+    first, source = job.case.experiments[0], design.request.source
+    data = copy.deepcopy(dict(first.source.data))
+    channels = {}
+    for name, spec in data["record"]["channels"].items():
+        kept = {key: entry for key, entry in spec.items() if key not in ("file", "time")}
+        channels[name] = {**kept, "column": name}
+    data["record"] = {
+        "file": RECORD,
+        "time": {"column": "t", "unit": "s"},
+        "channels": channels,
+    }
+    entries = {**(data.get("inputs") or {})}
+    for name, value in design.experiment.constant.items():
+        if name != source.input and isinstance(entries.get(name), dict):
+            entries[name] = value
+    unit = job.problem.model.symbols[source.input].plain_unit
+    entries[source.input] = {"column": source.input, "unit": unit, "hold": "zero"}
+    data["inputs"] = entries
+    simulation = data.get("simulation") or {}
+    data["simulation"] = {k: v for k, v in simulation.items() if k not in ("duration", "rate")}
+    if not data["simulation"]:
+        del data["simulation"]
+    data["name"] = f"{job.config.name}_designed"
+    about = (
+        f"# The record of {WAVEFORM}: measure it at {source.rate:g} Hz into {RECORD}, with the columns\n"
+        f"# t, {source.input}, {', '.join(channels)}; then run `bayesdrill posterior {COMING}`.\n"
+    )
+    return about + as_yaml(data)
+
+
+def check_place(folder: Path, *, force: bool) -> None:
+    """Raise `InputError` if `Designed.save` would replace other files, or its own without `force`."""
+    output_files.refuse_other_text(folder, DESIGN, force=force)

@@ -1,0 +1,95 @@
+"""What waveforms show: superposed pulses against the simulator, and slopes against differences."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from support.array_cases import two
+
+import bayesdrill as bd
+from bayesdrill.analysis.identifiability.information import SensitivityStudy
+from bayesdrill.design.responses import ComingExperiment, Knowledge, SuperposedPulses
+from bayesdrill.design.source import SourceLimits, parse_limits
+from bayesdrill.design.targets import gradients, parse_targets
+
+SOURCE = SourceLimits(input="v", low=0.0, high=12.0, hold=0.5, duration=4.0, rate=40.0)
+LEVELS = np.array([12.0, 3.0, 0.0, 11.0, 7.0, 12.0, 1.0, 5.0])
+
+
+def evaluation(case: bd.Case, names: tuple[str, ...] = ("k_s", "t_f")) -> SuperposedPulses:
+    problem = case.job.problem
+    space = problem.posterior.space
+    draws = space.draw(3, np.random.default_rng(1))
+    limits = parse_limits(["w_2=0:20", "theta_1 - theta_2=-2:2"], problem.model)
+    coming = ComingExperiment.like(problem.observations[0], SOURCE, limits)
+    slopes = gradients(parse_targets(problem, names, draws), space, draws)
+    precision = np.diag(SensitivityStudy(problem.posterior.likelihood).prior_spreads ** -2.0)
+    return SuperposedPulses(coming, draws, Knowledge(slopes=slopes, precision=precision))
+
+
+@cache
+def small() -> SuperposedPulses:
+    return evaluation(two())
+
+
+def test_superposed_pulses_have_the_information_of_the_simulated_waveform() -> None:
+    """Those of a late channel with an unknown offset and AR(1) noise too."""
+    lagged = {
+        "values": two().columns["theta_2"], "unit": "deg", "sigma": 3.0, "noise": "ar1",
+        "offset": {"prior": "normal", "mean": 0.0, "sd": 5.0}, "lag": 0.013,
+    }  # fmt: skip
+    rows = bd.Channel(**lagged)
+    for each in (small(), evaluation(two(channels={"theta_2": rows}), ("k_s",))):
+        posterior = each.coming.posterior(LEVELS)
+        study = SensitivityStudy(posterior.likelihood)
+        draws = posterior.space.draw(3, np.random.default_rng(1))
+        for theta, information in zip(draws, each.information(LEVELS), strict=True):
+            rows_there = study.with_nuisances(theta)
+            expected = rows_there.T @ rows_there
+            scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
+            np.testing.assert_allclose(information / scale, expected / scale, atol=1e-8)
+
+
+def test_the_information_is_that_of_differences_of_signals() -> None:
+    case = two()
+    each, step = small(), 1e-4
+    theta = case.job.problem.posterior.space.draw(3, np.random.default_rng(1))
+    sigma = np.array([0.05, 0.1])
+    columns = []
+    for k in range(2):
+        moved = [theta * np.exp(sign * step * np.eye(2)[k]) for sign in (1.0, -1.0)]
+        up, down = (each.coming.simulate(point, LEVELS)[0] for point in moved)
+        columns.append(((up - down) / (2 * step) / sigma).reshape(3, -1))
+    rows = np.stack(columns, axis=2)
+    expected = rows.swapaxes(1, 2) @ rows
+    np.testing.assert_allclose(each.information(LEVELS), expected, rtol=1e-5)
+
+
+def test_slopes_of_the_criterion_and_of_penalties_are_those_of_differences() -> None:
+    each, step = small(), 1e-5
+    value, slope = each.value_and_slope(LEVELS)
+    assert np.isclose(value, each.knowledge.criterion(each.information(LEVELS))[0])
+    assert each.penalty(LEVELS)[0] > 0.0
+    for function, tolerance in ((each.value_and_slope, 1e-6), (each.penalty, 1e-6)):
+        slope = function(LEVELS)[1]
+        moves = step * np.eye(len(LEVELS))
+        pairs = [(function(LEVELS + m)[0], function(LEVELS - m)[0]) for m in moves]
+        expected = np.array([(up - down) / (2 * step) for up, down in pairs])
+        np.testing.assert_allclose(slope, expected, atol=tolerance * np.abs(expected).max())
+
+
+def test_a_target_may_be_a_parameter_a_product_or_a_formula_of_the_config() -> None:
+    case = bd.load(Path("configs/nominal_step.yaml"))
+    problem, space = case.job.problem, case.job.problem.posterior.space
+    theta = space.vector(space.start)[None]
+    names = ("k_s", "k_s/(j_1*r_m**2)", "sqrt(k_s/j_1)")
+    slopes = gradients(parse_targets(problem, names, theta), space, theta)[0]
+    expected = np.zeros((3, 9))
+    for row, powers in enumerate(
+        ({"k_s": 1}, {"k_s": 1, "j_1": -1, "r_m": -2}, {"k_s": 0.5, "j_1": -0.5})
+    ):
+        for name, power in powers.items():
+            expected[row, problem.names.index(name)] = power
+    np.testing.assert_allclose(slopes, expected, atol=1e-14)

@@ -1,0 +1,81 @@
+"""`bayesdrill design`: what it prints and writes, and what it refuses."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from support.case_tables import run_cases
+from support.command_line import assert_refused, cli, listing, posterior, small_config
+
+NUMBERS = ("--high", "12", "--hold", "0.5", "--draws", "2")
+
+
+def test_a_design_is_printed_and_written(tmp_path: Path) -> None:
+    config, out = small_config(tmp_path), tmp_path / "next"
+    command = ("design", config, "--learn", "k_e, j_1", *NUMBERS, "--limit", "w_2=0:", "-o", out)
+    result = cli(*command)
+    assert result.status == 0, result.text
+    for text in (
+        "designed",
+        "as recorded",
+        "prbs",
+        "k_e: from 31 % to",
+        "keep the limits 0 <= w_2",
+    ):
+        assert text in result.out
+    figures = {"figures", "figures/design.pdf", "figures/design.png"}
+    assert {*listing(out)} == {"waveform.csv", "coming.yaml", "design.md"} | figures
+    waveform = np.genfromtxt(out / "waveform.csv", delimiter=",", names=True)
+    assert waveform["t"][-1] == 5.0
+    assert 0.0 <= waveform["v"].min() < waveform["v"].max() <= 12.0
+    assert_refused(cli(*command), "exists already")
+    assert cli(*command, "--force").status == 0
+
+
+def test_a_run_is_designed_for_with_its_posterior(tmp_path: Path) -> None:
+    config = small_config(tmp_path)
+    posterior(config, tmp_path / "run")
+    known, unknown = (cli("design", path, *NUMBERS) for path in (tmp_path / "run", config))
+    assert known.status == unknown.status == 0, known.text
+    assert "2 draws of the posterior" in known.out
+    assert "2 draws of the prior" in unknown.out
+
+
+@run_cases(
+    "options, words",
+    [
+        ("--duration 0", "must be positive"),
+        ("--low 13 --high 12", "13 is not below --high 12"),
+        ("--hold 3", "cannot change within 5 s"),
+        ("--hold 0.01", "shorter than a sample at 20 Hz"),
+        ("--high 12 --slew 0.01", "the source is too slow"),
+        ("--limit w_2=5:5", "give two ends, the lower first"),
+        ("--limit w_3=0:", "'w_3' is not a state; did you mean"),
+        ("--learn k_x", "'k_x' is not a known name; did you mean"),
+        ("--learn k_s", "k_s depends on no unknown of the rig"),
+        ("--family sweep", "sweep is none of free, step"),
+        ("--input w", "w is no input of the rig"),
+        ("--high 12 --limit w_2=5:", "no waveform from 0 to 12 keeps all limits"),
+    ],
+)
+def test_mistakes_end_in_a_sentence_and_no_waveform(
+    options: str, words: str, tmp_path: Path
+) -> None:
+    config, out = small_config(tmp_path), tmp_path / "next"
+    assert_refused(cli("design", config, "--draws", "1", *options.split(), "-o", out), words)
+    assert not out.exists()
+
+
+def test_a_parameter_below_the_noise_is_refused(tmp_path: Path) -> None:
+    box = "{prior: uniform, low: 0.5, high: 1.5, relative: true}"
+    config = small_config(tmp_path, ("c_m: nominal", f"c_m: {box}"))
+    short = ("--duration", "0.5", "--hold", "0.1", "--learn", "c_m", "--draws", "1")
+    assert_refused(cli("design", config, *short), "narrows nothing", "c_m to")
+
+
+def test_what_no_waveform_shows_comes_with_what_would(tmp_path: Path) -> None:
+    result = cli("design", "configs/nominal_step.yaml", "--learn", "k_s", "--draws", "1")
+    assert_refused(
+        result, "no waveform shows k_s", "weigh or measure j_1 to 1 %", "a waveform can determine"
+    )
