@@ -26,10 +26,10 @@ from bayesdrill.basics.registry import lazy_attributes, public_names
 
 if TYPE_CHECKING:
     from bayesdrill.analysis.verdict import Verdict as Verdict
+    from bayesdrill.api.array_case import Channel as Channel
+    from bayesdrill.api.array_case import Input as Input
+    from bayesdrill.api.array_case import case as case
     from bayesdrill.api.case import Case as Case
-    from bayesdrill.api.case import Channel as Channel
-    from bayesdrill.api.case import Input as Input
-    from bayesdrill.api.case import case as case
     from bayesdrill.api.case import load as load
     from bayesdrill.api.comparison import Comparison as Comparison
     from bayesdrill.api.comparison import Ladder as Ladder

@@ -54,7 +54,7 @@ POINTS, DRAWS = 1000, 32  # where densities are compared; draws that are stored 
 DENSITY_TOLERANCE, MOST_ERRORS = 1e-9, 5.0
 TABLES = {"summary.csv": "name", "derived.csv": "name", "verdict.csv": "quantity"}
 LEFT_OUT = re.compile(
-    r"sampling: |results: | +\d+ %  |  .* \.\.\.$|  still at work, "
+    r"sampling: |results: | +\d+ %  |  .* \.\.\.$|  still working, "
 )  # of a run's lines
 ROUNDING = 1e-12  # relative, of means and sds with no Monte Carlo error
 

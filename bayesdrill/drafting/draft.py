@@ -59,8 +59,8 @@ def config_text(
         nominal = [*head, "nominal:", *rows, ""]
     lines = [
         *comment(
-            f"A first config of {names}, by `bayesdrill init`. What was guessed stands below a line "
-            "with REVIEW and its reason: look at each, mend it or not, and take the line away."
+            f"A first config of {names}, by `bayesdrill init`. A line with REVIEW and its reason stands "
+            "above each guess: check it, correct it if necessary, and delete the line."
         ),
         "",
         f"name: {scalar(name)}",
@@ -227,7 +227,7 @@ def _prior_scales(context: DraftContext) -> tuple[PriorEnds, str]:
         ends["N*m/rad"] = (1e-2 * j / duration**2, far * j / dt**2)
     ends |= {LINEAR[unit]: pair for unit, pair in ends.items() if unit in LINEAR}
     return ends, (
-        "nobody has said anything of this rig: priors go as far as its record allows, by the largest "
+        "there is no data sheet: priors span the scale of the record, by its largest "
         f"{known}{more}. Hold what you have weighed or measured"
     )
 
