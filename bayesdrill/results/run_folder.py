@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import re
 import shutil
@@ -18,7 +19,7 @@ from filelock import FileLock, Timeout
 
 from bayesdrill import output_files
 from bayesdrill.basics.errors import InputError, Issue, report_damage, shortened
-from bayesdrill.basics.json_records import as_data, from_data
+from bayesdrill.basics.json_records import from_data
 from bayesdrill.output_files import LOCK, PIECES, RUN, Kind, atomic_write
 from bayesdrill.sampling.samplers.ensemble import ChainSegment, State
 
@@ -194,19 +195,18 @@ class FolderEntries:
 
 def dump_record(record: Any, form: int, **others: Any) -> str:
     """Return the text of a file with a record, the version of its form, and other entries."""
-    return output_files.dumps_checksummed({"form": form, **others, **as_data(record)})
+    fields = dataclasses.asdict(record)
+    return output_files.dumps_checksummed({"form": form, **others, **fields})
 
 
-def load_record[T](
-    path: Path, kind: type[T], form: int, *, strict: bool = True
-) -> tuple[T, dict[str, Any]]:
+def load_record[T](path: Path, kind: type[T], form: int) -> tuple[T, dict[str, Any]]:
     """Read a text of `dump_record`; raises `InputError` if it is damaged or of another form."""
     why = COMPUTED_AGAIN
     try:
         data = output_files.loads_checksummed(path.read_bytes())
         if data.get("form", 1) != form:  # the first forms had no number
             why = f"was written by another version of bayesdrill; {AGAIN}"
-        return from_data(kind, data, strict=strict), data
+        return from_data(kind, data, strict=True), data
     except ValueError:
         raise InputError.at(str(path), why) from None
 

@@ -167,7 +167,7 @@ def saved(folder: Path, study: CalibrationStudy) -> list[Refit]:
 
 
 def _read(path: Path, study: CalibrationStudy) -> Refit:
-    stored, _ = load_record(path, Refit, REFIT_FORM, strict=False)
+    stored, _ = load_record(path, Refit, REFIT_FORM)
     ranked = {len(study.names), *([0] if stored.reasons else [])}
     right = len(stored.truth) == len(study.names) and len(stored.ranks) in ranked
     right &= 0 <= stored.steps <= study.plan.chains.max_steps

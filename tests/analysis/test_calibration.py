@@ -17,6 +17,7 @@ from bayesdrill.analysis.calibration import (
     judge_calibration,
     rank,
 )
+from bayesdrill.basics.findings import Finding
 from bayesdrill.report.findings import finding_sentences
 from bayesdrill.report.sections.calibration import describe_calibration, describe_refits
 
@@ -33,7 +34,7 @@ def refits(ranks: np.ndarray, strayed: int = 0, lost: int = 0) -> list[Refit]:
             r_hat=1.0,
             ess=500.0,
             steps=800,
-            reasons=("R-hat",) if k < strayed else (),
+            reasons=(Finding("nothing sampled", {"why": "R-hat"}),) if k < strayed else (),
             seconds=0.0,
         )
         for k, row in enumerate(ranks)

@@ -19,6 +19,7 @@ from support.scipy_oracles import NOMINAL
 
 import bayesdrill as bd
 from bayesdrill import output_files
+from bayesdrill.basics.findings import Finding
 from bayesdrill.output_files import POSTERIOR
 from bayesdrill.report.publish import FIGURES, drawings
 from bayesdrill.report.scales import WIDTHS
@@ -173,7 +174,9 @@ def test_its_parameters_are_those_that_the_config_names(name: str) -> None:
 def test_in_a_notebook_it_carries_its_warning(name: str) -> None:
     good = run()
     assert not any("NOT" in text.get_text() for text in good.plot(name).texts)
-    bad = dataclasses.replace(good.sampled.convergence, reasons=("too short",))
+    bad = dataclasses.replace(
+        good.sampled.convergence, reasons=(Finding("nothing sampled", {"why": "too short"}),)
+    )
     unconverged = dataclasses.replace(good.sampled, convergence=bad)
     figure = drawn(dataclasses.replace(good, sampled=unconverged).plot(name))
     assert any(text.get_text() == "NOT CONVERGED" for text in figure.texts)

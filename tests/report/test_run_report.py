@@ -19,6 +19,7 @@ from bayesdrill import output_files
 from bayesdrill.analysis.diagnostics import ParameterRow
 from bayesdrill.analysis.run_analysis import RunAnalysis
 from bayesdrill.api.run import RunReport
+from bayesdrill.basics.findings import Finding
 from bayesdrill.inference.priors import LogUniform, Uniform
 from bayesdrill.report import publish, run_report
 from bayesdrill.report.map_report import MapReport
@@ -175,7 +176,9 @@ def unfit() -> ReportContext:
 
 def stopped() -> ReportContext:
     view = run()._view
-    convergence = dataclasses.replace(view.sampled.convergence, reasons=("too short",))
+    convergence = dataclasses.replace(
+        view.sampled.convergence, reasons=(Finding("nothing sampled", {"why": "too short"}),)
+    )
     sampled = dataclasses.replace(view.sampled, convergence=convergence)
     return dataclasses.replace(view, chain=dataclasses.replace(view.chain, sampled=sampled))
 
