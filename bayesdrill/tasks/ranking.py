@@ -177,8 +177,12 @@ class Ranking:
         return (cause for cause in self._shown() if not cause.doubts and cause.finished)
 
     def _foundation(self) -> Cause | None:
-        """Return the most probable that can be trusted, or else the best: wider ones inherit doubts."""
-        return next(self._trusted(), None) or self._best()
+        """Return the most probable that can be trusted, if there is evidence for it, or else the best.
+
+        What adds to a candidate inherits its doubts.
+        """
+        good = (cause for cause in self._trusted() if cause.bayes > SURE_LOG_ODDS)
+        return next(good, None) or self._best()
 
     def _all(self) -> list[Cause]:
         """Return all candidates, the most probable first."""
