@@ -396,7 +396,8 @@ def guess_start(
     rest = _onset(roles)
     onset = math.nan if measured or moving else rest
     sensors = [channel.sensor for channel in roles.channels], [*roles.inputs.values()]
-    dead, margin = signals.dead_samples(*sensors) if measured else (0, 0)
+    rigid = len(roles.rig.roles.moving(roles.rig.states, roles.rig.parameters)) == 1
+    dead, margin = signals.dead_samples(*sensors, rigid=rigid) if measured else (0, 0)
     if dead:
         late = dead + 2.0 * margin
     driven = measured or "v" in roles.rig.inputs  # a voltage without a column is constant

@@ -448,18 +448,20 @@ def reverses(sensor: Sensor, share: float = REVERSAL_RATIO) -> bool:
     return bool(min(-low, high) > share * max(-low, high))
 
 
-def dead_samples(channels: Sequence[Sensor], inputs: Sequence[Sensor]) -> tuple[int, int]:
+def dead_samples(
+    channels: Sequence[Sensor], inputs: Sequence[Sensor], *, rigid: bool
+) -> tuple[int, int]:
     """Return by how many samples the first speed follows the first input, and to how many that is known.
 
-    Both are 0 if it is not clear. Means of several samples show a delay that is long beside the step,
-    which the noise of single ones hides.
+    Both are 0 if it is not clear. Of a `rigid` drive, means of several samples show a delay that is long
+    beside the step, which the noise of single ones hides; a flexible one swings too fast for them.
     """
     speeds = [sensor for sensor in channels if sensor.kind in ("speed", "velocity")]
     driving = [sensor for sensor in inputs if sensor.kind in DRIVES and sensor.varies]
     if not speeds or not driving:
         return 0, 0
     clearest, found = MAX_RESIDUAL_RATIO, (0, 0)
-    for stride in STRIDES:
+    for stride in STRIDES if rigid else STRIDES[:1]:
         n = len(speeds[0].values) // stride
         if stride > 1 and n < MIN_BLOCKS:
             break
