@@ -20,13 +20,13 @@ LISTS = """
 accept add advance apply ask assign broadcast build calibrate call change check choose clean climb
 combine compare compile compress compute continue convert copy correct count create cut decide define
 describe design determine diagnose do draft draw drop end estimate evaluate export fill filter find fit
-give group guess handle hold identify infer integrate join judge keep lay learn list load look make
-map mark match measure merge minimise move multiply name note observe open parse pick place pose prepare
-print profile project put raise rank read record redirect reduce refine refit refuse register regress remove
-render repeat replace report reserve resolve return rewrite run sample save say score search see select
-set show shut simulate solve split start step store strip study submit subtract sum tag take tell test
-thin trace transform transpose treat try turn typeset unwrap update use validate verify wait write yield
-approximate block declare derive edit expand interpret let maximise predict stop
+give group guess handle hold identify infer integrate join judge keep lay learn list load look make map
+mark match measure merge minimise move multiply name note observe open parse pick place pose prepare
+print profile project put raise rank read record redirect reduce refine refit refuse register regress
+remove render repeat replace report reserve resolve return rewrite run sample save say score search see
+select set show shut simulate solve split start step store strip study submit subtract sum tag take
+tell test thin trace transform transpose treat try turn typeset unwrap update use validate verify wait
+write yield approximate block declare derive edit expand interpret let maximise predict stop
 summarise work
 / allow allows are asks become becomes begin begins belong belongs can cannot collect collects come
 comes contain contains could depend depends describe did differ differs does excludes follow follows
