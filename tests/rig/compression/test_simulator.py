@@ -347,7 +347,7 @@ def test_what_cannot_be_compressed_says_why() -> None:
     uneven = simulator(MotorShaft(), dataclasses.replace(even.experiment, t=t), ObservationModel())
     with pytest.raises(CompressionError, match="evenly"):
         compress(uneven, near(2), np.ones(5), np.ones((5, 1)))
-    with pytest.raises(CompressionError, match=r"too little|too large"):
+    with pytest.raises(CompressionError, match=r"too uncertain|too large"):
         compress(even, near(64, 0.5), np.full(5, SIGMA**2), np.full((5, 1), SIGMA**-2))
 
 
@@ -383,7 +383,7 @@ def test_pairs_that_turn_nearly_half_round_in_a_step() -> None:
 
 def test_pairs_whose_turns_are_known_too_little_are_refused() -> None:
     """Mutant killed: a middle of pairs that is none."""
-    with pytest.raises(CompressionError, match="known too little"):
+    with pytest.raises(CompressionError, match="too uncertain"):
         basis_of(turning(0.3, 0.1, 0.5), np.zeros((2, 0)), 1e-12)
 
 
