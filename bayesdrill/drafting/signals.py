@@ -453,8 +453,8 @@ def dead_samples(
 ) -> tuple[int, int]:
     """Return by how many samples the first speed follows the first input, and to how many that is known.
 
-    Both are 0 if it is not clear. Of a `rigid` drive, means of several samples show a delay that is long
-    beside the step, which the noise of single ones hides; a flexible one swings too fast for them.
+    Both are 0 if it is not clear. Noise hides a delay that is long beside the step. For a `rigid` drive,
+    means of several samples show it.
     """
     speeds = [sensor for sensor in channels if sensor.kind in ("speed", "velocity")]
     driving = [sensor for sensor in inputs if sensor.kind in DRIVES and sensor.varies]
