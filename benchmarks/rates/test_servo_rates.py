@@ -27,7 +27,7 @@ UNKNOWN = ("j_horn", "k_T_horn", "limit_horn", "t_c_horn", "t_c_horn_backward")
 
 
 def deviations(truth: dict[str, float], rng: np.random.Generator) -> np.ndarray:
-    """Of each unknown of a simulated record, its error over its sd, both of its log or probit."""
+    """Of each unknown of a simulated record, its error over its sd, in the sampler's coordinates."""
     rig = with_named(SERVO, [*truth])
     t = 0.01 * np.arange(301)
     goal = np.repeat(rng.uniform(-0.9, 0.9, 7), 43)[:301]
@@ -51,7 +51,8 @@ def deviations(truth: dict[str, float], rng: np.random.Generator) -> np.ndarray:
     found = posterior.space.vector(case.find_map(quick=True).values)
     sds = np.sqrt(np.diag(laplace.covariance(posterior, found)))
     right = posterior.space.vector({name: truth[name] for name in UNKNOWN})
-    return np.asarray((found - right) / sds)
+    apart = posterior.coordinates.from_physical(np.array([found, right]))
+    return np.asarray((apart[0] - apart[1]) / sds)
 
 
 @pytest.mark.slow

@@ -1,0 +1,62 @@
+"""A lead screw at constant speeds of both signs: its friction differs by the way it turns.
+
+Torques of a real drive (Mablekos-Alexiou and others, IEEE T-RO 37, 2021), block after block.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from support.first_configs import shared
+
+import bayesdrill as bd
+
+RATED = 9.84e-3  # N m at 100 %
+SPEEDS = ("10", "20", "50", "100", "200", "n10", "n20", "n50", "n100", "n200", "2", "n2")
+PRIOR = {"prior": "log_uniform", "low": 1e-4, "high": 1e-1}
+
+
+def blocks(folder: Path) -> list[tuple[float, np.ndarray]]:
+    """The speed of each block [rad/s], and its torque [N m], the mean of ten samples each."""
+    made = []
+    for name in SPEEDS:
+        lines = (folder / f"steady_{name}.csv").read_text().splitlines()[14:]
+        _, speed, torque = np.array([[float(x) for x in line.split(";")[:3]] for line in lines]).T
+        means = torque[: len(torque) // 10 * 10].reshape(-1, 10).mean(axis=1)
+        made.append((float(speed.mean()) * math.pi / 30, means * RATED / 100))
+    return made
+
+
+def screw(made: list[tuple[float, np.ndarray]], **more: Any) -> bd.Case:
+    """The speed is imposed, and a coupling of 1 N m/rad shows the torque as its twist."""
+    w = np.concatenate([np.full(len(torque), speed) for speed, torque in made])
+    torque = np.concatenate([[np.nan], *(torque for _, torque in made)])[:-1]
+    rig = bd.Train(
+        inertias=("motor", "screw"),
+        shafts={"coupling": ("motor", "screw")},
+        drives={"motor": "speed"},
+    )
+    sigma = {"prior": "log_uniform", "low": 1e-5, "high": 1e-2}
+    return bd.case(
+        0.02 * np.arange(len(w)),
+        {"torque": bd.Channel(torque, "rad", sigma=sigma, measures="theta_motor - theta_screw")},
+        {"w_motor": bd.Input(w, "rad/s")},
+        {"j_screw": 2.186e-6, "k_coupling": 1.0, "c_coupling": 1e-3, "t_c_screw": PRIOR,
+         "c_screw": {"prior": "log_uniform", "low": 1e-6, "high": 1e-3}, **more},
+        rig=rig,
+        record={"missing": "drop"},
+    )  # fmt: skip
+
+
+def test_friction_forwards_and_backwards_is_that_of_the_means() -> None:
+    made = blocks(shared("cases/ucl_screw_drives/drive1"))
+    found = screw(made, t_c_screw_backward=PRIOR).find_map(quick=True).values
+    for name, way in (("t_c_screw", 1), ("t_c_screw_backward", -1)):
+        each = [(abs(w), abs(torque.mean())) for w, torque in made if w * way > 0]
+        model = np.mean([found[name] + found["c_screw"] * w for w, _ in each])
+        assert model == pytest.approx(np.mean([torque for _, torque in each]), rel=0.05)
+    assert found["t_c_screw_backward"] < 0.85 * found["t_c_screw"]
