@@ -73,7 +73,7 @@ def parameters(folder: Path, config: Path) -> list[Interval]:
     priors = bd.load(config).job.config.parameters
     intervals = []
     for row in _rows(folder / "summary.csv"):
-        prior: Any = priors[row["name"]]
+        prior: Any = priors.get(row["name"])
         ends = (100 * (prior.low - 1), 100 * (prior.high - 1))
         interval = _interval(row["name"], row, float(row["map"]))
         intervals.append(Interval(interval.name, interval.low, interval.high, interval.map, ends))

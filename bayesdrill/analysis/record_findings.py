@@ -57,11 +57,11 @@ def _odd_cells(name: str, y: Array) -> Iterator[Finding]:
     """Yield a finding if a slower sensor left zeros between its values, or repeated each of them."""
     known = y[~np.isnan(y)][:MAX_SAMPLES]
     zero = known == 0
-    for period in range(2, MAX_PERIOD + 1):
+    for period in range(2, min(MAX_PERIOD, len(known) // MIN_SAMPLES) + 1):
         kept = [zero[k::period] for k in range(period)]
         filled = [k for k, cells in enumerate(kept) if cells.mean() < 1 - MIN_HELD_SHARE]
         empty = all(cells.all() for k, cells in enumerate(kept) if k not in filled)
-        if len(known) >= MIN_SAMPLES * period and len(filled) == 1 and empty:
+        if len(filled) == 1 and empty:
             yield Finding("zeros between", {"channel": name}, {"period": float(period)})
             return
     changes = np.flatnonzero(np.diff(known)) + 1

@@ -14,7 +14,7 @@ from functools import cache
 from typing import Any
 
 from pydantic import TypeAdapter
-from pydantic_core import to_json
+from pydantic_core import to_jsonable_python
 
 _adapter: Callable[[Any], TypeAdapter[Any]] = cache(
     TypeAdapter
@@ -27,7 +27,9 @@ def as_data(value: Any) -> Any:
     def plain(content: Any) -> Any:
         return dict(content) if isinstance(content, Mapping) else content.tolist()
 
-    return json.loads(to_json(value, inf_nan_mode="strings", fallback=plain))
+    # Numbers that are not finite become strings.  Names of files may be no UTF-8, as JSON here is ASCII.
+    text = json.dumps(to_jsonable_python(value, fallback=plain))
+    return json.loads(text, parse_constant=str)
 
 
 def from_data[T](kind: type[T], data: Any, *, strict: bool = False) -> T:

@@ -130,7 +130,7 @@ def parse_limits(texts: Sequence[str], model: Model) -> tuple[RigLimit, ...]:
         try:
             low, high = float(first or -math.inf), float(last or math.inf)
             if not colon or not low < high or not (math.isfinite(low) or math.isfinite(high)):
-                raise ValueError(f"give two ends, the lower first, such as {name or 'w_2'}=0:20")
+                raise ValueError(f"give two ends, the lower first, such as {name or 'SUM'}=0:20")
             weights = linear_combination(name, model.states)
             limits.append(RigLimit(text=name.strip(), weights=weights, low=low, high=high))
         except ValueError as error:

@@ -160,7 +160,7 @@ class _RigDrawing:
             if inertia is not root:
                 ratio = root.reduction / inertia.reduction
                 turns = f"{ratio:.4g} : 1" if abs(ratio) >= 1 else f"1 : {1 / ratio:.4g}"
-                below = self._latex(inertia.efficiency)
+                below = self._latex(inertia.efficiency, inertia.efficiency_back)
                 yield _Link((inertia.name, root.name), turns, below, "gear", ratio)
 
     def _part(self, inertia: InertiaRoles) -> _Part:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -221,7 +221,11 @@ def entries(
 def read_record(run: Mapping[str, Any], folder: Path) -> ComparisonRecord:
     """Return the record in the `run.json` of `folder`; raises `InputError` if there is none."""
     try:
-        return from_data(ComparisonRecord, run)
+        record = from_data(ComparisonRecord, run)
+        # Names of folders may be no UTF-8, which pydantic replaces.
+        places = [each["folder"] for each in run["runs"]]
+        pairs = zip(record.runs, places, strict=True)
+        return replace(record, runs=tuple(replace(each, folder=place) for each, place in pairs))
     except ValueError:
         message = "is damaged, or of another version; compare the runs again"
         raise InputError.at(str(folder / output_files.RUN), message) from None

@@ -173,7 +173,7 @@ def test_a_wrong_value_within_an_argument_is_named(value: object) -> None:
         nothing = isinstance(value, list | tuple | dict) and not value  # as good as none
         if not nothing and (name != "inertias" or not isinstance(value, list)):
             assert f"{name}: " in message(bd.Train, **{name: value})
-    with pytest.raises(bd.InputError, match="give what find_map found"):
+    with pytest.raises(bd.InputError, match="give a result of find_map, not"):
         two().sample(value)  # type: ignore[arg-type]
 
 

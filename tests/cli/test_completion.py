@@ -37,7 +37,7 @@ def test_shells_that_show_helps_are_answered_with_them(shell: str) -> None:
     text = answer(shell, "bayesdrill po")
     assert "posterior" in text
     assert "verify" not in text
-    assert "MAP, sampling, diagnostics" in text
+    assert "Search the MAP, sample the posterior" in text
 
 
 def test_options_and_their_words_are_completed() -> None:

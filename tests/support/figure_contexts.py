@@ -25,7 +25,6 @@ from bayesdrill.analysis.comparison import PosteriorSummary, RunSummary, overlay
 from bayesdrill.analysis.diagnostics import rank_histograms
 from bayesdrill.analysis.identifiability.profile import Profile
 from bayesdrill.analysis.prediction import FrequencyResponse, PredictionCheck
-from bayesdrill.basics.findings import Finding
 from bayesdrill.basics.symbols import INPUTS, Symbol
 from bayesdrill.basics.units import Unit
 from bayesdrill.inference.display_units import SI, DisplayedUnknowns
@@ -270,9 +269,7 @@ def layers(n_runs: int, n_unknowns: int) -> list[PosteriorSummary]:
                 draws=mean + (x - mean) / (1 + 0.5 * k) + 0.8 * k * sd,
                 settings={"seed": str(k)},
                 warning="NOT CONVERGED" if k == 1 else "",
-                reasons=(Finding("nothing sampled", {"why": "no finite response"}),)
-                if k == 1
-                else (),
+                reasons=("the ensembles disagree",) if k == 1 else (),
             )
         )
     return summaries

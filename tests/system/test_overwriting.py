@@ -45,7 +45,16 @@ def commands_and_inputs(command: str, home: Path) -> Iterator[tuple[list[str | P
             yield ["init", record, "--sheet", sheet], [record, sheet]
         case "export":
             yield ["export", run, "--to", "json"], [record, *files]
-        case "check" | "simulate" | "map" | "posterior" | "calibrate" | "ladder" | "identify":
+        case (
+            "check"
+            | "simulate"
+            | "map"
+            | "posterior"
+            | "calibrate"
+            | "ladder"
+            | "identify"
+            | "design"
+        ):
             yield [command, config], [config, record]
         case "report":
             yield ["report", run], files
