@@ -139,13 +139,13 @@ class Ranking:
         singles = [change.name for change in changes if not change.absorbs and not change.needs]
         for more in ((*first[:FEW], *physics), singles):
             before = 0.0
-            while (best := self._foundation()) is not None:
+            while (best := self._best()) is not None:
                 if self._explained or best.bayes < before + SURE_LOG_ODDS:
                     break
                 before = best.bayes
                 self._beside(best.parts, more)
         before = -math.inf
-        while (best := self._foundation()) is not None and best.bayes > before:
+        while (best := self._best()) is not None and best.bayes > before:
             before = best.bayes
             fewer = self.models.without_each(best.parts)
             self.refit_all(fewer, self.maxima[best.parts].values, self._rival)
@@ -175,14 +175,6 @@ class Ranking:
     def _trusted(self) -> Iterator[Cause]:
         """Yield those that are shown and may be recommended, the most probable first."""
         return (cause for cause in self._shown() if not cause.doubts and cause.finished)
-
-    def _foundation(self) -> Cause | None:
-        """Return the most probable that can be trusted, if there is evidence for it, or else the best.
-
-        What adds to a candidate inherits its doubts.
-        """
-        good = (cause for cause in self._trusted() if cause.bayes > SURE_LOG_ODDS)
-        return next(good, None) or self._best()
 
     def _all(self) -> list[Cause]:
         """Return all candidates, the most probable first."""

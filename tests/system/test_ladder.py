@@ -109,7 +109,7 @@ def test_a_cause_that_explains_nothing_alone_is_tried_with_the_best(tmp_path: Pa
     worth = {"missing_torque_motor": 120.0, "friction_motor": 50.0, "friction_both": 100.0}
 
     class Guessing(ranking.Ranking):
-        enough, doubtful = math.inf, ""
+        enough = math.inf
 
         def refit_all(
             self,
@@ -124,8 +124,7 @@ def test_a_cause_that_explains_nothing_alone_is_tried_with_the_best(tmp_path: Pa
                 log_z += 30.0 * ({"friction_both", "damping_shaft"} <= parts)
                 log_z += 20.0 * ({"friction_both", "lag_w_1"} <= parts)
                 fit = template.fit if log_z >= self.enough else MISFIT
-                heights = {"log_z": self.given.log_z + log_z, "several": self.doubtful in parts}
-                top = dataclasses.replace(template, fit=fit, **heights)
+                top = dataclasses.replace(template, fit=fit, log_z=self.given.log_z + log_z)
                 self._keep(rung, job, top)
 
     def submit(*_: object) -> Future[RefitMaximum]:
@@ -146,14 +145,6 @@ def test_a_cause_that_explains_nothing_alone_is_tried_with_the_best(tmp_path: Pa
     few.enough = 110.0
     assert few.causes().ranked[0].parts == ("friction_both", "damping_shaft")
     assert max(map(len, few.causes_by_parts)) == 2
-    for other, most in ((50.0, 2), (-1.0, 3)):
-        worth["friction_motor"] = other
-        doubtful = Guessing(job, job.problem.posterior.space.start, template, submit, Silent())
-        doubtful.doubtful = "friction_both"
-        doubtful.causes()  # what cannot be trusted is not built upon, if there is anything else
-        done = {frozenset(parts) for parts in doubtful.causes_by_parts}
-        assert (max(len(parts) for parts in done if "friction_both" in parts) == 2) == (most == 2)
-        assert frozenset({"friction_motor", "damping_shaft"}) in done or most > 2
 
 
 @pytest.mark.slow
@@ -172,7 +163,7 @@ def test_the_missing_friction_is_named_and_recommended(finished: Ladder) -> None
     assert checked.status == 0, checked.text
     config = loading.load(recommended).config
     assert config.name == "turned_friction_motor"
-    assert config.parameters["t_cm"] is not None
+    assert config.parameters.get("t_cm") is not None
 
 
 def test_a_rung_is_the_run_of_its_config(finished: Ladder, tmp_path: Path) -> None:
