@@ -311,12 +311,12 @@ def weak_statics(rig: Model, p: Mapping[str, Any]) -> dict[str, str]:
 def surplus_frictions(rig: Model, unknown: Collection[str]) -> dict[str, str]:
     """Return a message for each unknown friction of constant sign beside two by direction."""
     messages = {}
-    for one, other in itertools.product(rig.roles.inertias, repeat=2):
-        by_direction = {one.sliding, one.sliding_back}
-        if one.speed == other.speed and {other.friction, *by_direction} <= {*unknown}:
-            messages[other.friction] = (
-                f"{one.sliding} and {one.sliding_back} differ by direction already; hold "
-                f"{other.friction} at 0 or remove it, or remove {one.sliding_back}"
+    for rubbing, joined in itertools.product(rig.roles.inertias, repeat=2):
+        by_direction = {rubbing.sliding, rubbing.sliding_back}
+        if rubbing.speed == joined.speed and {joined.friction, *by_direction} <= {*unknown}:
+            messages[joined.friction] = (
+                f"{rubbing.sliding} and {rubbing.sliding_back} differ by direction already; hold "
+                f"{joined.friction} at 0 or remove it, or remove {rubbing.sliding_back}"
             )
     return messages
 
