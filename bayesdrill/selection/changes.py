@@ -19,6 +19,7 @@ from bayesdrill.config.building.experiments import EXPERIMENTS
 from bayesdrill.config.job import Job
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.record.experiment import Experiment, typical_inputs
+from bayesdrill.rig.models.linear import surplus_frictions
 from bayesdrill.rig.models.roles import InertiaRoles
 from bayesdrill.selection.config_edits import (
     SHARED,
@@ -400,8 +401,10 @@ class Setting:
             ("direction_rest", "friction at rest", at.static, at.static_back),
             ("direction_damping", "viscous damping", at.damping, at.damping_back),
         )
+        model = self.job.problem.model
         for name, words, forward, backward in kinds:
-            if not self._offered(backward):
+            surplus = surplus_frictions(model, {*self.job.problem.names, forward, backward})
+            if surplus or not self._offered(backward):
                 continue
             priors, value = {}, self.values.get(forward, 0.0)
             if forward in self.sizes:

@@ -206,6 +206,9 @@ def test_friction_backwards_has_the_prior_of_that_forwards(tmp_path: Path) -> No
     assert [*lines["parameters"]] == ["t_c_hub", "t_c_hub_backward"]
     first, second = lines["parameters"].values()
     assert first == second
+    constant = "{j_hub: J, k_T_hub: 1.0, r_hub: 1.0, c_hub: 0.3, t_c_hub: J, t_f_hub: J}"
+    offered = models_of(motor(tmp_path, numbers=constant))
+    assert offered.rungs([("direction_hub",)]) == []  # a third number for two sizes
 
 
 def test_neutral_physics_changes_no_likelihood(tmp_path: Path) -> None:

@@ -33,6 +33,7 @@ from bayesdrill.rig.models.linear import (
     Model,
     missing_requirements,
     requirement_text,
+    surplus_frictions,
     weak_statics,
     with_all,
     with_named,
@@ -246,6 +247,7 @@ def _check_relations(
         return None
     named = _check_values(errors, config, space, related)
     errors.add_all(("parameters",), weak_statics(model, named))
+    errors.add_all(("parameters",), surplus_frictions(model, free_parameters(config, parameters)))
     return rig
 
 

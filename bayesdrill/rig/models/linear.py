@@ -9,6 +9,7 @@ class-level `offers` maps each optional parameter to the parameters that it requ
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -305,6 +306,19 @@ def weak_statics(rig: Model, p: Mapping[str, Any]) -> dict[str, str]:
     for back, other in ((i.static_back, i.sliding_back) for i in inertias):
         pairs += [(back, other)] if {back, other} <= {*p} else []
     return {s: why.format(c) for s, c in pairs if np.all(np.asarray(p[s]) < p[c])}
+
+
+def surplus_frictions(rig: Model, unknown: Collection[str]) -> dict[str, str]:
+    """Return a message for each unknown friction of constant sign beside two by direction."""
+    messages = {}
+    for rubbing, joined in itertools.product(rig.roles.inertias, repeat=2):
+        by_direction = {rubbing.sliding, rubbing.sliding_back}
+        if rubbing.speed == joined.speed and {joined.friction, *by_direction} <= {*unknown}:
+            messages[joined.friction] = (
+                f"{rubbing.sliding} and {rubbing.sliding_back} differ by direction already; hold "
+                f"{joined.friction} at 0 or remove it, or remove {rubbing.sliding_back}"
+            )
+    return messages
 
 
 def requirement_text(name: str, missing: Collection[str]) -> str:
