@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayesdrill.basics.arrays import Array
-from bayesdrill.basics.errors import InputError, Issue
+from bayesdrill.basics.errors import Issue
 from bayesdrill.basics.formulas import linear_combination
 from bayesdrill.record.experiment import raise_if_any, times
 from bayesdrill.rig.models.linear import Model
@@ -74,15 +74,29 @@ class SourceLimits:
 
     def check(self) -> None:
         """Raise `InputError` with all contradictions between the numbers of the source."""
-        finite = all(map(math.isfinite, (self.low, self.high, self.hold, self.duration, self.rate)))
-        if not finite or min(self.hold, self.duration, self.rate, self.slew) <= 0:
-            numbers = f"--hold {self.hold:g}, --duration {self.duration:g}, --rate {self.rate:g}"
-            message = f"times, rates and slew must be positive and levels finite, not {numbers}"
-            raise InputError.at("design", message)
+        levels_of = {"--low": self.low, "--high": self.high}
+        positive = {"--duration": self.duration, "--rate": self.rate, "--slew": self.slew}
+        if 0 < self.duration < math.inf:  # else it follows from the duration, unless it is given
+            positive["--hold"] = self.hold
+        wrong = [
+            Issue(option, f"levels must be finite, not {level:g}; give a number in SI")
+            for option, level in levels_of.items()
+            if not math.isfinite(level)
+        ]
+        wrong += [
+            Issue(option, f"must be positive and finite, not {number:g}")
+            for option, number in positive.items()
+            if not 0 < number < math.inf and (option, number) != ("--slew", math.inf)
+        ]
+        raise_if_any(wrong)
         levels, samples = self.count, self.count * self.samples_of_level
         moved, width = self.slew * self.duration, self.high - self.low
         rules = [
-            ("--low", width <= 0, f"{self.low:g} is not below --high {self.high:g}"),
+            (
+                "--low",
+                width <= 0,
+                f"{self.low:g} is not below --high {self.high:g}; give a wider range",
+            ),
             (
                 "--hold",
                 2 * self.hold > self.duration,

@@ -45,8 +45,10 @@ def test_a_run_is_designed_for_with_its_posterior(tmp_path: Path) -> None:
 @run_cases(
     "options, words",
     [
-        ("--duration 0", "must be positive"),
-        ("--low 13 --high 12", "13 is not below --high 12"),
+        ("--duration 0", "--duration: must be positive and finite, not 0"),
+        ("--slew nan", "--slew: must be positive and finite, not nan"),
+        ("--hold -1 --high inf", "--high: levels must be finite, not inf"),
+        ("--low 13 --high 12", "13 is not below --high 12; give a wider range"),
         ("--hold 3", "cannot change within 5 s"),
         ("--hold 0.01", "shorter than a sample at 20 Hz"),
         ("--high 12 --slew 0.01", "the source is too slow"),
