@@ -9,6 +9,7 @@ import numpy as np
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.findings import Finding
 from bayesdrill.record.experiment import Channel, Experiment
+from bayesdrill.record.regression import integral, linear_fit
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.models.roles import InertiaRoles
 
@@ -58,9 +59,9 @@ def _odd_cells(name: str, y: Array) -> Iterator[Finding]:
     known = y[~np.isnan(y)][:MAX_SAMPLES]
     zero = known == 0
     for period in range(2, min(MAX_PERIOD, len(known) // MIN_SAMPLES) + 1):
-        kept = [zero[k::period] for k in range(period)]
-        filled = [k for k, cells in enumerate(kept) if cells.mean() < 1 - MIN_HELD_SHARE]
-        empty = all(cells.all() for k, cells in enumerate(kept) if k not in filled)
+        phases = [zero[k::period] for k in range(period)]
+        filled = [k for k, cells in enumerate(phases) if cells.mean() < 1 - MIN_HELD_SHARE]
+        empty = all(cells.all() for k, cells in enumerate(phases) if k not in filled)
         if len(filled) == 1 and empty:
             yield Finding("zeros between", {"channel": name}, {"period": float(period)})
             return
@@ -142,11 +143,7 @@ def _motion_of(
         return speeds[state], float(np.sign(weight)), t, y, np.gradient(y, t)
     if state not in speeds.values():
         return None
-    return state, float(np.sign(weight)), t, _integral(y, t), y
-
-
-def _integral(x: Array, t: Array) -> Array:
-    return np.concatenate([[0.0], np.cumsum((x[1:] + x[:-1]) * np.diff(t) / 2)])
+    return state, float(np.sign(weight)), t, integral(y, np.diff(t)), y
 
 
 def _response(w: Array, angle: Array, u: Array, others: Sequence[Array], t: Array) -> float:
@@ -159,22 +156,15 @@ def _response(w: Array, angle: Array, u: Array, others: Sequence[Array], t: Arra
         mean = float(np.mean(w))
         clear = abs(mean) > MIN_R_SQUARED * float(np.sqrt(np.mean(w**2))) and not others
         return float(np.sign(mean) * np.sign(u[0])) if clear else 0.0
-    causes = [angle, t - t[0], *(_integral(x, t) for x in others)]
-    without, _ = _fit(w, causes)
-    residual, slopes = _fit(w, [*causes, _integral(u - u.mean(), t)])
+    steps = np.diff(t)
+    causes = [angle, t - t[0], *(integral(x, steps) for x in others)]
+    every = slice(None, None, -(-len(w) // MAX_SAMPLES))
+    causes = [cause[every] for cause in (*causes, integral(u - u.mean(), steps))]
+    _, without = linear_fit(w[every], causes[:-1])
+    slopes, residual = linear_fit(w[every], causes)
     total = float(np.var(w))
     clear = without > MIN_VARIANCE_RATIO * residual and residual < (1 - MIN_R_SQUARED) * total
-    return float(np.sign(slopes[-1])) if clear else 0.0
-
-
-def _fit(y: Array, causes: Sequence[Array]) -> tuple[float, Array]:
-    """Return the residual variance and the coefficients of a linear fit with a constant."""
-    every = slice(None, None, -(-len(y) // MAX_SAMPLES))
-    y = y[every]
-    design = np.stack([np.ones(len(y)), *(cause[every] for cause in causes)], axis=-1)
-    scale = np.maximum(np.abs(design).max(axis=0), 1e-300)
-    slopes = np.linalg.lstsq(design / scale, y, rcond=None)[0] / scale
-    return float(np.var(y - design @ slopes)), slopes
+    return float(np.sign(slopes[-2])) if clear else 0.0
 
 
 def _correlation(x: Array, y: Array) -> float:

@@ -20,6 +20,7 @@ from bayesdrill.drafting.columns import (
     contradiction,
 )
 from bayesdrill.drafting.signals import TURNS, RawSamples, Segment, Sensor
+from bayesdrill.record.regression import integral
 
 FAST_SPEED = 60.0  # larger speeds are hardly in rad/s, nor changes of an angle in rad per second
 MIN_GEAR = 0.8  # turns of a motor per turn of the shaft; fewer show a wrong unit
@@ -93,7 +94,7 @@ def _derivatives(
     angles, integrals = dict[int, Array](), dict[int, Array]()
     for sensor, x in zip(sensors, values, strict=True):
         angles[id(sensor)] = signals.centred(x)
-        integrals[id(sensor)] = signals.centred(signals.integral(x, dt))
+        integrals[id(sensor)] = signals.centred(integral(x, dt))
     pairs = [
         (angle, speed)
         for angle, speed in itertools.permutations(sensors, 2)
@@ -175,7 +176,7 @@ def _by_twist(sensors: Sequence[Sensor], dt: float) -> list[Sensor]:
     if not (len(twists) == 1 and rotors and others):
         return list(sensors)
     twist, rotor, other = twists[0], rotors[0], others[0]
-    causes = [signals.integral(speed.values, dt) for speed in (rotor, other)]
+    causes = [integral(speed.values, dt) for speed in (rotor, other)]
     (factor, _), share = signals.explained(twist.values, *causes)
     fitting = signals.units_by_factor(factor, twist.unit, rotor.unit)
     if share < 0.8 or not fitting or (len(fitting) > 1 and not (twist.unit or rotor.unit)):

@@ -15,6 +15,7 @@ from bayesdrill.basics import units
 from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.drafting.columns import DRIVES, MAX_NUMBER, MIN_SAMPLES, SI, TWIST, FileColumn
 from bayesdrill.record import anomalies
+from bayesdrill.record.regression import integral, linear_fit
 
 TYPICAL_RATE = 300.0  # Hz; the geometric centre of usual sampling rates
 GIVEN_REASON = "as `--columns` says"
@@ -148,17 +149,10 @@ FACTOR_TOLERANCE = 0.15  # error of the logarithm of a derivative's factor
 EXPLAINED_SHARE = 0.98  # share of an angle's variance that its speed has to explain
 
 
-def integral(speed: Array, dt: float) -> Array:
-    """Integrate `speed (T,)` by the trapezoidal rule; the result `(T,)` begins at zero."""
-    return np.concatenate([[0.0], np.cumsum((speed[1:] + speed[:-1]) * (0.5 * dt))])
-
-
 def explained(y: Array, *causes: Array) -> tuple[list[float], float]:
     """Fit `y (T,)` by causes `(T,)` and a constant; return their factors and the explained variance."""
-    design = np.stack([*causes, np.ones(len(y))], axis=-1)
-    scale = np.maximum(np.abs(design).max(axis=0), 1e-300)
-    factors = np.linalg.lstsq(design / scale, y, rcond=None)[0] / scale
-    total, remaining = float(np.var(y)), float(np.var(y - design @ factors))
+    factors, remaining = linear_fit(y, causes)
+    total = float(np.var(y))
     return factors[:-1].tolist(), 1 - remaining / total if total > 0 else 0.0
 
 
