@@ -6,8 +6,9 @@ No finding is an error; `report.findings` has the sentences.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -108,18 +109,21 @@ def plausibility_of_draws(
 
 def plausibility_of_course(sensitivity: SensitivityStudy, theta: Array) -> Iterator[Finding]:
     """Yield frictions that drive, and servos that saturate, in the motion at `theta (D,)`."""
-    yield from _driving_frictions(sensitivity, theta)
-    yield from _saturations(sensitivity, theta)
+    motions, p = cache(partial(sensitivity.motions, theta)), sensitivity.rig_at(theta)
+    yield from _driving_frictions(sensitivity, p, motions)
+    yield from _saturations(sensitivity, p, motions)
 
 
-def _saturations(sensitivity: SensitivityStudy, theta: Array) -> Iterator[Finding]:
+def _saturations(
+    sensitivity: SensitivityStudy, p: Mapping[str, float], motions: Callable[[], list[Array]]
+) -> Iterator[Finding]:
     """Yield in what share of all samples servos are at their limits, or want more than a supply."""
-    model, p = sensitivity.model, sensitivity.rig_at(theta)
+    model = sensitivity.model
     records = [each.experiment for each in sensitivity.likelihood.observations]
     for motor in (motor for motor in model.roles.motors if motor.goal):
         inertia, gain = model.roles.inertia(motor.inertia), p.get(motor.proportional, 1.0)
         largest, beyond = p.get(motor.limit, 1.0), list[Array]()
-        for record, motion in zip(records, sensitivity.motions(theta), strict=True):
+        for record, motion in zip(records, motions(), strict=True):
             x = dict(zip(model.states, motion.T, strict=True))
             goal = record.series.get(motor.goal, record.constant.get(motor.goal, 0.0))
             duty = gain * (goal - x[inertia.angle] / inertia.reduction)
@@ -134,15 +138,17 @@ def _saturations(sensitivity: SensitivityStudy, theta: Array) -> Iterator[Findin
             yield Finding("servo beyond its supply", names, {"percent": 100 * share})
 
 
-def _driving_frictions(sensitivity: SensitivityStudy, theta: Array) -> Iterator[Finding]:
-    """Yield frictions that drive instead of braking in the motion at unknowns `theta (D,)`."""
-    rig, p = sensitivity.model, sensitivity.rig_at(theta)
+def _driving_frictions(
+    sensitivity: SensitivityStudy, p: Mapping[str, float], motions: Callable[[], list[Array]]
+) -> Iterator[Finding]:
+    """Yield frictions that drive instead of braking in the `motions` with rig parameters `p`."""
+    rig = sensitivity.model
     for inertia in rig.roles.inertias:
         if inertia.friction not in p or inertia.speed not in sensitivity.states:
             continue
         column, moves = sensitivity.states.index(inertia.speed), rig.roles.motion.moves
         forwards = np.sign(p[inertia.friction] * inertia.reduction)
-        speeds = [motion[:, column] for motion in sensitivity.motions(theta)]
+        speeds = [motion[:, column] for motion in motions()]
         other_way = [forwards * w < -APPRECIABLE * np.abs(w).max() for w in speeds]
         share = float(np.mean(np.concatenate(other_way)))
         if share > FEW:
