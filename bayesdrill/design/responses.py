@@ -123,8 +123,8 @@ def excess(limited: Array, limits: tuple[RigLimit, ...]) -> Array:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Knowledge:
-    """It has `slopes (W, k, m)` of the targets, and the `precision (m, m)` that is known before."""
+class TargetCovariance:
+    """Covariances follow from `slopes (W, k, m)` of targets, and the `precision (m, m)` known before."""
 
     slopes: Array
     precision: Array
@@ -145,11 +145,11 @@ class Knowledge:
 
 
 class SuperposedPulses:
-    """For linear rigs, slopes are those without input, plus levels times those of pulses."""
+    """The evaluation of a linear rig adds the slopes of pulses, times their levels, to those at rest."""
 
-    def __init__(self, coming: ComingExperiment, theta: Array, knowledge: Knowledge) -> None:
-        self.coming, self.knowledge = coming, knowledge
-        self._m = knowledge.slopes.shape[2]
+    def __init__(self, coming: ComingExperiment, theta: Array, targets: TargetCovariance) -> None:
+        self.coming, self.targets = coming, targets
+        self._m = targets.slopes.shape[2]
         shape = coming.observation.experiment.y.shape
         size = 8.0 * (coming.source.count + 1) * self._m * shape[0] * shape[1]
         if size > MAX_BYTES:
@@ -167,8 +167,8 @@ class SuperposedPulses:
         """Return the evaluation of the first draws alone, which is faster."""
         fewer = copy.copy(self)
         fewer._roots, fewer._limited = self._roots[:draws], self._limited[:draws]
-        slopes, precision = self.knowledge.slopes[:draws], self.knowledge.precision
-        fewer.knowledge = Knowledge(slopes=slopes, precision=precision)
+        slopes, precision = self.targets.slopes[:draws], self.targets.precision
+        fewer.targets = TargetCovariance(slopes=slopes, precision=precision)
         return fewer
 
     def _reduce(self, theta: Array) -> tuple[Array, Array]:
@@ -203,7 +203,7 @@ class SuperposedPulses:
     def value_and_slope(self, levels: Array) -> tuple[float, Array]:
         """Return the criterion and its derivative by the levels, `(S,)`."""
         root = self._root(levels)
-        value, pull = self.knowledge.criterion(root.swapaxes(1, 2) @ root)
+        value, pull = self.targets.criterion(root.swapaxes(1, 2) @ root)
         flat = (root @ pull).reshape(len(root), 1, -1)
         return value, -2.0 * (flat @ self._roots)[:, 0].sum(axis=0)[1:]
 
@@ -221,10 +221,10 @@ class SuperposedPulses:
 
 
 class SimulatedSlopes:
-    """For rigs with friction, each waveform is simulated at each draw, with its slopes."""
+    """The evaluation of a rig with friction simulates each waveform at each draw, with its slopes."""
 
-    def __init__(self, coming: ComingExperiment, theta: Array, knowledge: Knowledge) -> None:
-        self.coming, self.knowledge, self._theta = coming, knowledge, theta
+    def __init__(self, coming: ComingExperiment, theta: Array, targets: TargetCovariance) -> None:
+        self.coming, self.targets, self._theta = coming, targets, theta
         drive = max(coming.source.low, coming.source.high, key=abs)
         limited = coming.simulate(theta, np.full(coming.source.count, drive))[1]
         self._size = np.maximum(np.abs(limited).max(axis=(0, 1), initial=0.0), 1e-300)

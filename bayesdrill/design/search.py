@@ -44,7 +44,7 @@ class LimitCheck:
     coming: ComingExperiment
     theta: Array
 
-    def kept(self, levels: Array) -> float:
+    def kept_share(self, levels: Array) -> float:
         """Return the share of the draws that keep all limits."""
         if not self.coming.limits:
             return 1.0
@@ -55,40 +55,39 @@ class LimitCheck:
         limited = self.coming.simulate(self.theta, levels)[1]
         finite = np.where(np.isfinite(limited), limited, 0.0)
         allowed = TOLERANCE * np.abs(finite).max(axis=(0, 1), initial=0.0)
-        kept = np.abs(excess(limited, self.coming.limits)) <= allowed
-        return np.asarray(~kept.all(axis=1))
+        within = np.abs(excess(limited, self.coming.limits)) <= allowed
+        return np.asarray(~within.all(axis=1))
 
     def shorten(self, start: Array, end: Array) -> Array:
         """Return the waveform nearest to `end`, on the way from `start`, that keeps the limits."""
-        if self.kept(end) >= KEPT_SHARE:
+        if self.kept_share(end) >= KEPT_SHARE:
             return end
         low, high = 0.0, 1.0
         for _ in range(HALVINGS):
             middle = 0.5 * (low + high)
-            good = self.kept(start + middle * (end - start)) >= KEPT_SHARE
+            good = self.kept_share(start + middle * (end - start)) >= KEPT_SHARE
             low, high = (middle, high) if good else (low, middle)
         return np.asarray(start + low * (end - start))
 
 
-def safe_waveform(evaluation: Evaluation, check: LimitCheck) -> Array:
+def safe_waveform(check: LimitCheck, repair: Callable[[Array], Array]) -> Array:
     """Return a waveform that keeps all limits; raises `InputError` if none is found.
 
-    Constant levels are tried first, of which the middle one that keeps them is taken.
+    Constant levels are tried first, of which the middle one that keeps them is taken.  If none does,
+    `repair` moves the best of them towards the limits.
     """
-    source = evaluation.coming.source
+    source = check.coming.source
     levels = np.linspace(source.low, source.high, CONSTANTS)
     constants = [source.within(np.full(source.count, level)) for level in levels]
-    kept = np.array([check.kept(each) for each in constants])
-    good = np.flatnonzero(kept >= KEPT_SHARE)
+    shares = np.array([check.kept_share(each) for each in constants])
+    good = np.flatnonzero(shares >= KEPT_SHARE)
     if len(good):
         return constants[int(good[len(good) // 2])]
-    best = constants[int(np.argmax(kept))]
-    if isinstance(evaluation, SuperposedPulses):
-        best = _minimise(evaluation, best, PENALTIES[-1], criterion=False)
-        if check.kept(best) >= KEPT_SHARE:
-            return best
-    shares = zip(evaluation.coming.limits, check.broken(best).mean(axis=0), strict=True)
-    failed = "; ".join(f"{x.describe()} fails in {100 * s:.3g} %" for x, s in shares if s > 0)
+    best = repair(constants[int(np.argmax(shares))])
+    if check.kept_share(best) >= KEPT_SHARE:
+        return best
+    pairs = zip(check.coming.limits, check.broken(best).mean(axis=0), strict=True)
+    failed = "; ".join(f"{x.describe()} fails in {100 * s:.3g} %" for x, s in pairs if s > 0)
     message = (
         f"no waveform from {source.low:g} to {source.high:g} keeps all limits in 99 % of draws"
     )
@@ -104,8 +103,8 @@ def usual_waveforms(
     """Return the best waveform of each family that keeps the limits."""
     source, best = evaluation.coming.source, {}
     for name, family in FAMILIES.items():
-        kept = [check.shorten(safe, source.within(levels)) for levels in family(source, rng)]
-        best[name] = min(kept, key=lambda levels: value(evaluation, levels))
+        allowed = [check.shorten(safe, source.within(levels)) for levels in family(source, rng)]
+        best[name] = min(allowed, key=lambda levels: value(evaluation, levels))
     return best
 
 
@@ -115,22 +114,25 @@ def value(evaluation: Evaluation, levels: Array) -> float:
         information = evaluation.information(levels)
         if not np.isfinite(information).all():
             return np.inf
-        return evaluation.knowledge.criterion(information)[0]
+        return evaluation.targets.criterion(information)[0]
 
 
-def best_levels(
-    evaluation: Evaluation,
+def least_excess(evaluation: SuperposedPulses, levels: Array) -> Array:
+    """Return the levels, near to these, that are least beyond the limits."""
+    return _minimise(evaluation, levels, PENALTIES[-1], criterion=False)
+
+
+def descend(
+    evaluation: SuperposedPulses,
     check: LimitCheck,
     safe: Array,
     known: Mapping[str, Array],
     rng: np.random.Generator,
     progress: Callable[[float], None],
 ) -> Array:
-    """Return the best levels of all searches, which begin at `known` waveforms and random ones."""
+    """Return the best levels of all descents, which begin at `known` waveforms and random ones."""
     source = evaluation.coming.source
     ranked = sorted(known.values(), key=lambda levels: value(evaluation, levels))
-    if isinstance(evaluation, SimulatedSlopes):
-        return _exchange(evaluation, check, ranked[0], rng, progress)
     starts = [*ranked[:2], *_random(evaluation, rng)]
     coarse, ends = evaluation.with_first(COARSE_DRAWS), [ranked[0]]
     for number, start in enumerate(starts):
@@ -194,15 +196,20 @@ def _minimise(
     return np.asarray(result.x * size)
 
 
-def _exchange(
+def exchange(
     evaluation: SimulatedSlopes,
     check: LimitCheck,
-    start: Array,
+    safe: Array,
+    known: Mapping[str, Array],
     rng: np.random.Generator,
     progress: Callable[[float], None],
 ) -> Array:
-    """Exchange the level of each interval for the best of a few, in random order, until none helps."""
-    source, best = evaluation.coming.source, start.copy()
+    """Exchange levels of the best of `known` waveforms, all of which keep the limits, as `safe` does.
+
+    Each interval gets the best of a few levels, in random order, until none helps.
+    """
+    source = evaluation.coming.source
+    best = min(known.values(), key=lambda levels: value(evaluation, levels))
     height, tried = value(evaluation, best), np.linspace(source.low, source.high, EXCHANGED)
     for sweep in range(SWEEPS):
         before = height
@@ -215,7 +222,7 @@ def _exchange(
                     continue
                 if (new := value(evaluation, levels)) < height and (
                     not np.abs(evaluation.search_excess(levels)).max(initial=0.0) > TOLERANCE
-                    and check.kept(levels) >= KEPT_SHARE
+                    and check.kept_share(levels) >= KEPT_SHARE
                 ):
                     best, height = levels, new
         if height > before - 1e-3:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -18,9 +19,9 @@ from bayesdrill.design.knowledge import PresentKnowledge
 from bayesdrill.design.responses import (
     ComingExperiment,
     Evaluation,
-    Knowledge,
     SimulatedSlopes,
     SuperposedPulses,
+    TargetCovariance,
 )
 from bayesdrill.design.source import RigLimit, SourceLimits
 from bayesdrill.design.visibility import TargetVisibility, examine_targets
@@ -103,13 +104,19 @@ def design_experiment(
     coming = ComingExperiment.like(problem.observations[0], request.source, request.limits)
     rng = seeds.stream(request.seed, "design", 1)
     visibility = examine_targets(problem, coming, request.learn, known, rng)
-    chosen = Knowledge(
+    chosen = TargetCovariance(
         slopes=visibility.slopes[:, visibility.independent], precision=known.precision
     )
-    kind = SuperposedPulses if problem.model.smooth else SimulatedSlopes
-    evaluation: Evaluation = kind(coming, known.draws, chosen)
+    evaluation: Evaluation
+    if problem.model.smooth:
+        evaluation = pulses = SuperposedPulses(coming, known.draws, chosen)
+        repair: Callable[[Array], Array] = partial(search.least_excess, pulses)
+        improve = partial(search.descend, pulses)
+    else:
+        evaluation = simulated = SimulatedSlopes(coming, known.draws, chosen)
+        repair, improve = np.copy, partial(search.exchange, simulated)
     check = search.LimitCheck(coming, known.checked)
-    safe = search.safe_waveform(evaluation, check)
+    safe = search.safe_waveform(check, repair)
     report.update(0.1, "waveforms of the usual families")
     waveforms = search.usual_waveforms(evaluation, check, safe, rng)
 
@@ -117,7 +124,7 @@ def design_experiment(
         report.update(0.2 + 0.75 * share, "search of the levels")
 
     if request.family == FREE:
-        levels = search.best_levels(evaluation, check, safe, waveforms, rng, progress)
+        levels = improve(check, safe, waveforms, rng, progress)
     else:
         levels = waveforms[request.family]
     informations = {RECORDED: _recorded(problem, known.draws)}
@@ -135,7 +142,7 @@ def design_experiment(
         experiment=coming.observation.experiment,
         bands=np.quantile(signals, BAND, axis=0),
         limited=np.quantile(limited, BAND, axis=0),
-        kept=check.kept(levels),
+        kept=check.kept_share(levels),
         known_from=known.source,
         draws=len(known.draws),
     )
@@ -144,7 +151,7 @@ def design_experiment(
 def _outlooks(
     visibility: TargetVisibility, known: PresentKnowledge, informations: Mapping[str, Array]
 ) -> tuple[TargetOutlook, ...]:
-    every = Knowledge(slopes=visibility.slopes, precision=known.precision)
+    every = TargetCovariance(slopes=visibility.slopes, precision=known.precision)
     now = _sds(every, np.zeros_like(informations[DESIGNED]))
     after = {name: _sds(every, information) for name, information in informations.items()}
     return tuple(
@@ -166,9 +173,9 @@ def _recorded(problem: Problem, draws: Array) -> Array:
     return np.stack([each.T @ each for each in rows])
 
 
-def _sds(knowledge: Knowledge, information: Array) -> Array:
+def _sds(covariance: TargetCovariance, information: Array) -> Array:
     """Return relative sds of the targets, as geometric means over draws, `(k,)`."""
-    variances = np.diagonal(knowledge.covariances(information), axis1=1, axis2=2)
+    variances = np.diagonal(covariance.covariances(information), axis1=1, axis2=2)
     return np.asarray(np.exp(0.5 * np.log(variances).mean(axis=0)))
 
 

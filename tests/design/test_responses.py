@@ -1,4 +1,4 @@
-"""What waveforms show: superposed pulses against the simulator, and slopes against differences."""
+"""Superposed pulses agree with the simulator, and slopes of a criterion with differences."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from support.array_cases import two
 
 import bayesdrill as bd
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
-from bayesdrill.design.responses import ComingExperiment, Knowledge, SuperposedPulses
+from bayesdrill.design.responses import ComingExperiment, SuperposedPulses, TargetCovariance
 from bayesdrill.design.source import SourceLimits, parse_limits
 from bayesdrill.design.targets import gradients, parse_targets
 
@@ -26,7 +26,7 @@ def evaluation(case: bd.Case, names: tuple[str, ...] = ("k_s", "t_f")) -> Superp
     coming = ComingExperiment.like(problem.observations[0], SOURCE, limits)
     slopes = gradients(parse_targets(problem, names, draws), space, draws)
     precision = np.diag(SensitivityStudy(problem.posterior.likelihood).prior_spreads ** -2.0)
-    return SuperposedPulses(coming, draws, Knowledge(slopes=slopes, precision=precision))
+    return SuperposedPulses(coming, draws, TargetCovariance(slopes=slopes, precision=precision))
 
 
 @cache
@@ -35,7 +35,7 @@ def small() -> SuperposedPulses:
 
 
 def test_superposed_pulses_have_the_information_of_the_simulated_waveform() -> None:
-    """Those of a late channel with an unknown offset and AR(1) noise too."""
+    """They agree for a late channel with an unknown offset and AR(1) noise, too."""
     lagged = {
         "values": two().columns["theta_2"], "unit": "deg", "sigma": 3.0, "noise": "ar1",
         "offset": {"prior": "normal", "mean": 0.0, "sd": 5.0}, "lag": 0.013,
@@ -70,7 +70,7 @@ def test_the_information_is_that_of_differences_of_signals() -> None:
 def test_slopes_of_the_criterion_and_of_penalties_are_those_of_differences() -> None:
     each, step = small(), 1e-5
     value, slope = each.value_and_slope(LEVELS)
-    assert np.isclose(value, each.knowledge.criterion(each.information(LEVELS))[0])
+    assert np.isclose(value, each.targets.criterion(each.information(LEVELS))[0])
     assert each.penalty(LEVELS)[0] > 0.0
     for function, tolerance in ((each.value_and_slope, 1e-6), (each.penalty, 1e-6)):
         slope = function(LEVELS)[1]
