@@ -18,6 +18,7 @@ from bayesdrill.basics.errors import InputError, Issue, did_you_mean, short_repr
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.basics.registry import lookup
 from bayesdrill.config.job import Job
+from bayesdrill.output_files import DESIGN, refuse_other_text
 from bayesdrill.record.experiment import check_time
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.linear import Model
@@ -239,9 +240,7 @@ class ExperimentPlanner:
     @staticmethod
     def check_design_place(folder: str | Path, *, force: bool = False) -> None:
         """Raise `InputError` if a design could not be saved in `folder`, before the search."""
-        from bayesdrill.tasks import design
-
-        design.check_place(Path(folder).expanduser(), force=force)
+        refuse_other_text(Path(folder).expanduser(), DESIGN, force=force)
 
     def design(
         self,
@@ -311,8 +310,8 @@ class ExperimentPlanner:
             "input": input, "low": low, "high": high, "hold": hold, "duration": duration,
             "rate": rate, "slew": slew, "family": family,
         }  # fmt: skip
-        names, kept = ((x,) if isinstance(x, str) else tuple(x) for x in (learn, limits))
+        names, bounds = ((x,) if isinstance(x, str) else tuple(x) for x in (learn, limits))
         count = whole("draws", draws, 1)
         return design.design(
-            self.job, self._known_draws(), names, options, kept, count, report or SILENT
+            self.job, self._known_draws(), names, options, bounds, count, report or SILENT
         )

@@ -18,7 +18,7 @@ from bayesdrill.basics.errors import InputError, Issue
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.config.job import Job, prepare
 from bayesdrill.config.records import sources
-from bayesdrill.output_files import FORMATS, refuse_replacing
+from bayesdrill.output_files import FORMATS, IDENTIFY, refuse_other_text, refuse_replacing
 from bayesdrill.record.experiment import raise_if_any
 from bayesdrill.report import words
 from bayesdrill.tasks import identify
@@ -263,7 +263,7 @@ class Case(arguments.ExperimentPlanner, Value):
     @staticmethod
     def check_place(folder: str | Path, *, force: bool = False) -> None:
         """Raise `InputError` if `folder` cannot take findings; check it before slow profiles."""
-        identify.check_place(Path(folder).expanduser(), force=force)
+        refuse_other_text(Path(folder).expanduser(), IDENTIFY, force=force)
 
     def find_map(
         self, *, quick: bool = False, processes: int | None = 1, report: Reporter | None = None

@@ -9,24 +9,23 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
-from bayesdrill import output_files
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.equality import Value
 from bayesdrill.basics.errors import InputError, did_you_mean
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.config.job import Job
-from bayesdrill.config.records import sources
 from bayesdrill.config.yaml_source import as_yaml
 from bayesdrill.design.knowledge import posterior_knowledge, prior_knowledge
 from bayesdrill.design.source import SourceLimits, parse_limits
 from bayesdrill.design.study import DesignRequest, ExperimentDesign, design_experiment
 from bayesdrill.design.waveforms import FAMILIES, FREE
-from bayesdrill.output_files import DESIGN, FIGURES, RECORD
+from bayesdrill.output_files import DESIGN, RECORD
 from bayesdrill.report.scales import WIDTHS
 from bayesdrill.report.section import lines_as_csv
 from bayesdrill.report.sections.design import describe_design, design_figure
+from bayesdrill.sampling.workers import ONE_THREAD
+from bayesdrill.tasks.text_folder import save_text
 
 WAVEFORM, COMING = "waveform.csv", "coming.yaml"
 LEVELS = 40  # that a waveform has unless a hold time is given
@@ -36,7 +35,7 @@ DIGITS = 6
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Designed(Value):
-    """Hold a designed experiment, which `print` shows and `save` writes.
+    """The designed experiment is the result of `design`, which `print` shows and `save` writes.
 
     Parameters
     ----------
@@ -86,24 +85,19 @@ class Designed(Value):
         InputError
             If other files have these names, or earlier ones without `force`.
         """
-        from bayesdrill.report import style  # late: matplotlib takes a second to load
-
-        place, job, output = Path(folder).expanduser(), self.job, self.job.config.output
-        check_place(place, force=force)
-        replaced = [place / name for name in output_files.output_names(place, DESIGN)]
-        output_files.refuse_replacing(sources.files(job.case), replaced)
-        figure = design_figure(self.design, job.problem, WIDTHS[output.size])
-        mark = output_files.text_mark(DESIGN)
-        text = f"{mark}\n# The next experiment of {job.config.name}\n\n```text\n{self.text}\n```\n"
-        ending = output_files.preferred_format(output.formats_or_default)
-        picture = f"\n{'' if ending == 'pdf' else '!'}[design](figures/design.{ending})\n"
-        with output_files.renewed(place, DESIGN):
-            (place / FIGURES).mkdir(parents=True, exist_ok=True)
-            output_files.write_text(place / DESIGN.mark, text + picture)
-            output_files.write_text(place / WAVEFORM, self.waveform_csv())
-            output_files.write_text(place / COMING, coming_config(job, self.design))
-            look: dict[str, Any] = {"formats": output.formats_or_default, "dpi": output.dpi}
-            style.save(figure, place / FIGURES, "design", {"Title": job.config.name}, **look)
+        job, width = self.job, WIDTHS[self.job.config.output.size]
+        title = f"The next experiment of {job.config.name}"
+        others = {WAVEFORM: self.waveform_csv(), COMING: coming_config(job, self.design)}
+        place = save_text(
+            folder,
+            DESIGN,
+            job,
+            title,
+            self.text,
+            lambda: {"design": design_figure(self.design, job.problem, width)},
+            others,
+            force=force,
+        )
         return f"{place}/ ({WAVEFORM}, {COMING}, {DESIGN.mark}, figures/)"
 
     def waveform_csv(self) -> str:
@@ -147,9 +141,7 @@ def design(
         known = prior_knowledge(problem, draws, CHECKED_DRAWS, seed)
     else:
         known = posterior_knowledge(problem, chain, draws, CHECKED_DRAWS)
-    with threadpool_limits(
-        1
-    ):  # matrices are so small that further threads only wait for each other
+    with ONE_THREAD:  # matrices are so small that further threads only wait for each other
         made = design_experiment(problem, request, known, job.asked.thresholds, report)
     return Designed(job=job, design=made)
 
@@ -179,20 +171,20 @@ def coming_config(job: Job, design: ExperimentDesign) -> str:
     data = copy.deepcopy(dict(first.source.data))
     channels = {}
     for name, spec in data["record"]["channels"].items():
-        kept = {key: entry for key, entry in spec.items() if key not in ("file", "time")}
-        channels[name] = {**kept, "column": name}
+        entries = {key: entry for key, entry in spec.items() if key not in ("file", "time")}
+        channels[name] = {**entries, "column": name}
     data["record"] = {
         "file": RECORD,
         "time": {"column": "t", "unit": "s"},
         "channels": channels,
     }
-    entries = {**(data.get("inputs") or {})}
+    inputs = {**(data.get("inputs") or {})}
     for name, value in design.experiment.constant.items():
-        if name != source.input and isinstance(entries.get(name), dict):
-            entries[name] = value
+        if name != source.input and isinstance(inputs.get(name), dict):
+            inputs[name] = value
     unit = job.problem.model.symbols[source.input].plain_unit
-    entries[source.input] = {"column": source.input, "unit": unit, "hold": "zero"}
-    data["inputs"] = entries
+    inputs[source.input] = {"column": source.input, "unit": unit, "hold": "zero"}
+    data["inputs"] = inputs
     simulation = data.get("simulation") or {}
     data["simulation"] = {k: v for k, v in simulation.items() if k not in ("duration", "rate")}
     if not data["simulation"]:
@@ -203,8 +195,3 @@ def coming_config(job: Job, design: ExperimentDesign) -> str:
         f"# t, {source.input}, {', '.join(channels)}; then run `bayesdrill posterior {COMING}`.\n"
     )
     return about + as_yaml(data)
-
-
-def check_place(folder: Path, *, force: bool) -> None:
-    """Raise `InputError` if `Designed.save` would replace other files, or its own without `force`."""
-    output_files.refuse_other_text(folder, DESIGN, force=force)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from bayesdrill import output_files
 from bayesdrill.analysis import plausibility
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.identifiability.profile import Fitter, Profile, profile
@@ -24,9 +24,8 @@ from bayesdrill.basics.errors import InputError, did_you_mean
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.config.job import Job
-from bayesdrill.config.records import sources
 from bayesdrill.inference.priors import flat_in_logs
-from bayesdrill.output_files import FIGURES, IDENTIFY
+from bayesdrill.output_files import IDENTIFY
 from bayesdrill.report.doubts import describe_timing
 from bayesdrill.report.findings import finding_sentences
 from bayesdrill.report.scales import WIDTHS
@@ -43,6 +42,10 @@ from bayesdrill.report.sections.identifiability import (
 from bayesdrill.report.sections.torque import beside, stand_ins
 from bayesdrill.sampling.mode_search import Mode
 from bayesdrill.tasks import conclusions
+from bayesdrill.tasks.text_folder import save_text
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 ALL = "all"
 
@@ -119,28 +122,23 @@ class Findings(Value):
         InputError
             If other files have these names, or earlier ones without `force`.
         """
-        from bayesdrill.report import style  # late: matplotlib takes a second to load
+        title = f"What {self.job.config.name} can say"
+        draw = self._drawn
+        place = save_text(folder, IDENTIFY, self.job, title, self.text, draw, force=force)
+        return f"{place}/ ({IDENTIFY.mark}, figures/)"
 
-        place, problem, output = Path(folder).expanduser(), self.job.problem, self.job.config.output
-        check_place(place, force=force)
-        replaced = [place / name for name in output_files.output_names(place, IDENTIFY)]
-        output_files.refuse_replacing(sources.files(self.job.case), replaced)
-        figures, width = place / FIGURES, WIDTHS[output.size]
+    def _drawn(self) -> dict[str, Figure]:
+        """Return all figures by the stems of their files."""
+        problem, width = self.job.problem, WIDTHS[self.job.config.output.size]
         symbols = {symbol.name: symbol for symbol in self.symbols}
         latex = {name: symbol.latex for name, symbol in symbols.items()}
-        drawn = {"spectrum": spectrum_figure(self.study, latex, width)}
+        figures = {"spectrum": spectrum_figure(self.study, latex, width)}
         if self.profiles:
             priors = problem.posterior.space.priors
             logs = [name for name, prior in priors.items() if flat_in_logs(prior)]
             nominal = problem.units.values(problem.nominal)
-            drawn["profiles"] = profile_figure(self.shown, symbols, nominal, logs, width)
-        note, formats = {"Title": self.job.config.name}, output.formats_or_default
-        with output_files.renewed(place, IDENTIFY):
-            figures.mkdir(parents=True, exist_ok=True)
-            output_files.write_text(place / IDENTIFY.mark, _markdown(self, drawn))
-            for name, figure in drawn.items():
-                style.save(figure, figures, name, note, formats=formats, dpi=output.dpi)
-        return f"{place}/ ({IDENTIFY.mark}, figures/)"
+            figures["profiles"] = profile_figure(self.shown, symbols, nominal, logs, width)
+        return figures
 
     def __str__(self) -> str:
         return self.text
@@ -197,11 +195,6 @@ def preflight(job: Job, sensitivities: SensitivityStudy) -> str:
     return "\n".join([*filter(None, lines), *timing, *course])
 
 
-def check_place(folder: Path, *, force: bool) -> None:
-    """Raise `InputError` if `Findings.save` would replace other files, or its own without `force`."""
-    output_files.refuse_other_text(folder, IDENTIFY, force=force)
-
-
 def _columns(unknowns: tuple[str, ...], wanted: Sequence[str]) -> list[int]:
     if ALL in wanted:
         return list(range(len(unknowns)))
@@ -210,13 +203,3 @@ def _columns(unknowns: tuple[str, ...], wanted: Sequence[str]) -> list[int]:
             hint = did_you_mean(name, [*unknowns, ALL])
             raise InputError.at("--profile", f"{name} is not an unknown of this config{hint}")
     return [unknowns.index(name) for name in wanted]
-
-
-def _markdown(findings: Findings, figures: Iterable[str]) -> str:
-    config = findings.job.config
-    ending = output_files.preferred_format(config.output.formats_or_default)
-    shown = "" if ending == "pdf" else "!"  # Markdown pages cannot show a PDF
-    pictures = "\n\n".join(f"{shown}[{name}](figures/{name}.{ending})" for name in figures)
-    title = f"# What {config.name} can say"
-    mark = output_files.text_mark(IDENTIFY)
-    return f"{mark}\n{title}\n\n```text\n{findings.text}\n```\n\n{pictures}\n"

@@ -1,0 +1,56 @@
+"""Save what a command prints, with its figures, in a folder (`identify`, `design`)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+from bayesdrill import output_files
+from bayesdrill.config.job import Job
+from bayesdrill.config.records import sources
+from bayesdrill.output_files import FIGURES, Kind
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+NO_TEXTS: Mapping[str, str] = MappingProxyType({})
+
+
+def save_text(
+    folder: str | Path,
+    kind: Kind,
+    job: Job,
+    title: str,
+    text: str,
+    draw: Callable[[], Mapping[str, Figure]],
+    others: Mapping[str, str] = NO_TEXTS,
+    *,
+    force: bool,
+) -> Path:
+    """Save a text, the figures that `draw` makes, and `others` by the names of their files.
+
+    Returns the folder.  Raises `InputError` if files of another kind, of the record, or without
+    `force` of the same kind would be replaced.
+    """
+    from bayesdrill.report import style  # late: matplotlib takes a second to load
+
+    place, output = Path(folder).expanduser(), job.config.output
+    output_files.refuse_other_text(place, kind, force=force)
+    replaced = [place / name for name in output_files.output_names(place, kind)]
+    output_files.refuse_replacing(sources.files(job.case), replaced)
+    figures, formats = draw(), output.formats_or_default
+    ending = output_files.preferred_format(formats)
+    shown = "" if ending == "pdf" else "!"  # Markdown pages cannot show a PDF
+    pictures = "\n\n".join(f"{shown}[{name}]({FIGURES}/{name}.{ending})" for name in figures)
+    mark = output_files.text_mark(kind)
+    page = f"{mark}\n# {title}\n\n```text\n{text}\n```\n\n{pictures}\n"
+    with output_files.renewed(place, kind):
+        (place / FIGURES).mkdir(parents=True, exist_ok=True)
+        for name, content in {kind.mark: page, **others}.items():
+            output_files.write_text(place / name, content)
+        for name, figure in figures.items():
+            note = {"Title": job.config.name}
+            style.save(figure, place / FIGURES, name, note, formats=formats, dpi=output.dpi)
+    return place
