@@ -128,8 +128,8 @@ def _with_member_entries[B: Strict](
         default_ = "" if plain in (None, "", dataclasses.MISSING) else f"; default: {plain}"
         description = f"{', '.join(having)}: {_about(hint)}{default_}."
         fields[entry] = (hint | None, Field(None, description=description))
-    kept: Any = {"__doc__": base.__doc__, "__module__": base.__module__}
-    return create_model(base.__name__, __base__=base, **kept, **fields)
+    identity: Any = {"__doc__": base.__doc__, "__module__": base.__module__}
+    return create_model(base.__name__, __base__=base, **identity, **fields)
 
 
 def members_by_entry(members: Mapping[str, type]) -> dict[str, list[str]]:

@@ -176,7 +176,7 @@ def test_a_torque_that_follows_no_law_is_said_to() -> None:
 
 
 def test_identify_says_what_a_missing_torque_can_replace_and_what_would_help() -> None:
-    """Where the speed at the gearbox alone is measured, a torque at rotor 1 can replace the rotor's."""
+    """A torque at rotor 1 can replace the rotor's if the speed at the gearbox alone is measured."""
     t = 0.01 * np.arange(1001)
     volts = 6 * np.sin(0.5 * np.pi * t) + 4 * np.sin(1.24 * np.pi * t + 0.5)
     w_2 = bd.respond("motor_shaft", {**NOMINAL, "t_f": 0.0}, t, {"v": volts}, "w_2")["w_2"]

@@ -1,4 +1,4 @@
-"""What a record says before any model: stillness, turned signs, one direction, odd cells."""
+"""Findings on a record before any model name stillness, turned signs, one direction, odd cells."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How fine steps are: chosen from the noise, by errors as those from the oracle, and used by runs."""
+"""Runs take steps as fine as the noise asks for, by errors that agree with the oracle."""
 
 from functools import cache
 from pathlib import Path

@@ -131,8 +131,8 @@ def _spec(base: type[PriorSpec], name: str) -> type[PriorSpec]:
     fields: dict[str, Any] = {"prior": (Literal[name], ...)}
     fields |= {entry: (overrides.get(entry, hint), ...) for entry, hint in _entries(family).items()}
     title = f"{name.title().replace('_', '')}{base.__name__}"
-    kept: Any = {"__doc__": family.__doc__, "__module__": __name__}
-    spec = create_model(title, __base__=base, **kept, **fields)
+    identity: Any = {"__doc__": family.__doc__, "__module__": __name__}
+    spec = create_model(title, __base__=base, **identity, **fields)
     spec.family = name
     return spec
 

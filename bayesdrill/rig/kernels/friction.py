@@ -58,7 +58,7 @@ class Sizes:
 
     @property
     def differ(self) -> bool:
-        """Whether they are two numbers."""
+        """Return whether the sizes of both directions are two numbers."""
         return self.forward is not self.backward
 
     def along(self, speed: Number, *, back: bool = False) -> Number:
