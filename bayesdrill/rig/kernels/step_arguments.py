@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
-from bayesdrill.basics.duals import Dual
+from bayesdrill.basics.duals import Dual, where
 from bayesdrill.rig.kernels.exponential import (
     AugmentedMatrix,
     Layout,
@@ -99,7 +99,9 @@ class SteppedShape:
             described += [index(gravity.angle), index(gravity.speed), gravity.torque(named, at)]
         if (servo := self.model.saturation) is not None:
             opened = self.model.parameters.index(servo.duty)
-            described += [index(servo.row), opened, servo.reach(named), servo.dead(named)]
+            any_voltage = named[servo.row]  # a number that stands for any wanted voltage
+            linear = where(servo.is_linear(named, any_voltage), any_voltage, 0.0)
+            described += [index(servo.row), opened, servo.voltage(named, any_voltage), linear]
         return described
 
     def _sizes(self, b: Builder, law: Law, named: Any, speed: Any) -> list[Any]:

@@ -26,7 +26,10 @@ from bayesdrill.rig.kernels.linear import SUMS, write_linear
 from bayesdrill.rig.kernels.step_arguments import SteppedShape
 from bayesdrill.rig.kernels.sums import LOGS, SQUARES
 from bayesdrill.rig.kernels.time_stepping import write_stepping
+from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.models.motor_shaft import MotorShaft
+from bayesdrill.rig.models.servo import Saturation
+from bayesdrill.rig.models.train import Train
 from bayesdrill.rig.simulators.linear import Response
 from bayesdrill.rig.simulators.sensors import ObservationModel
 from bayesdrill.rig.simulators.stepped import Stepped
@@ -305,7 +308,7 @@ def code(write: Callable[..., None], *structures: Any) -> str:
     return str(module)
 
 
-def rubbing(model: MotorShaft, **own: Any) -> SteppedShape:
+def rubbing(model: Model, **own: Any) -> SteppedShape:
     pattern = ((True,) * (len(model.states) + 1),)
     usual = {"tally": SQUARES, "dual": False, "read": False, "single": False, "efforts": False}
     named = {"series": ("v",), "late": (), "constant": (), "first_order": True}
@@ -329,6 +332,16 @@ def test_kernels_have_one_text_where_they_have_one_code() -> None:
     codes = [code(write_stepping, shape) for shape in steps]
     assert len(set(texts)) == len(set(codes)) == len(steps)
     assert [rubbing(shape.model).text for shape in steps[:4]] == texts[:4]
+
+
+@run_cases("law", ["voltage", "is_linear"])
+def test_another_law_of_a_servo_is_another_text(law: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Otherwise the law of an older version would be loaded from the cache."""
+    servo = Train(inertias=("arm",), drives={"arm": "servo"}, added=("limit_arm",))
+    shape = rubbing(servo, series=("goal_arm",))
+    before, former = shape.text, getattr(Saturation, law)
+    monkeypatch.setattr(Saturation, law, lambda law, p, wanted: former(law, p, 0.5 * wanted))
+    assert shape.text != before
 
 
 def test_equal_formulas_are_one_kernel_wherever_they_come_from() -> None:
