@@ -106,7 +106,9 @@ class ExactMotion:
             term = total = z
             for k in range(1, 60):
                 term = m @ term / k
-                total = total + term
+                total, before = total + term, total
+                if k > 8 and np.array_equal(total, before):
+                    break
             return total[: len(x)]
         if step not in self.powers:
             self.powers[step] = exponential(m)
@@ -114,10 +116,10 @@ class ExactMotion:
 
     def states(self) -> np.ndarray:
         """Return the states at the knots, `(N, X)`."""
-        out = [self.start()]
+        out, uniform = [self.start()], self.record.uniform
         for j in range(len(self.t) - 1):
             step = self.t[j + 1] - self.t[j]
-            if self.record.uniform:  # as it was meant, whatever the times were rounded to
+            if uniform:  # as it was meant, whatever the times were rounded to
                 step = LONG(float(f"{float(step):.12g}"))
             out.append(self.on(out[j], j, step))
         return np.array(out)
