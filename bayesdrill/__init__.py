@@ -11,9 +11,9 @@
     bd.compare(["results/mine", run])               # the more probable of two models of one record
 
 The commands on files and folders are functions too: `bd.init`, `bd.example`, `bd.simulate`,
-`case.run`, `bd.publish`, `bd.calibration`, `bd.ladder`, `bd.citation`.  Only these and the `save`
-methods write files.  Results are frozen records, and `print` shows them.  `help(bd.Case)` explains
-the usual order of work.
+`case.run`, `bd.publish`, `bd.calibration`, `bd.ladder`, `bd.campaign`, `bd.citation`.  Only these and
+the `save` methods write files.  Results are frozen records, and `print` shows them.  `help(bd.Case)`
+explains the usual order of work.
 """
 
 from __future__ import annotations
@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     from bayesdrill.api.array_case import Channel as Channel
     from bayesdrill.api.array_case import Input as Input
     from bayesdrill.api.array_case import case as case
+    from bayesdrill.api.campaign import Campaign as Campaign
+    from bayesdrill.api.campaign import campaign as campaign
     from bayesdrill.api.case import Case as Case
     from bayesdrill.api.case import load as load
     from bayesdrill.api.comparison import Comparison as Comparison

@@ -184,7 +184,17 @@ def check(
         Path | None, option("Draw the record over time into such a file.", metavar="FILE")
     ] = None,
 ) -> None:
-    """Validate config and record and say what would run; samples nothing."""
+    """Validate config and record, or all of a campaign, and say what would run; samples nothing."""
+    from bayesdrill.api.campaign import is_campaign
+
+    if is_campaign(config):
+        if figure or figure_record:
+            message = "a campaign has no such figure; give this option with its base config"
+            raise InputError.at(str(config), message)
+        with reporter() as report:
+            preview = bd.campaign(config).preview(report)
+        say(preview)
+        return
     case = _read(config)
     say(case.preview())
     for draw, file in ((case.draw_rig, figure), (case.draw_record, figure_record)):
@@ -431,10 +441,9 @@ def simulate(
     seed: Annotated[int | None, option("Default: the config's.", min=0)] = None,
     force: Annotated[bool, option("Overwrite simulated records.", "--force")] = False,
 ) -> None:
-    """Simulate a record from the config, one for each experiment: response plus noise, as CSV."""
+    """Simulate a record, one for each experiment, or all of a campaign: response plus noise, as CSV."""
     simulated = bd.simulate(config, output, seed=seed, force=force)
-    for path, samples in simulated.files.items():
-        say(f"{path}: {samples} samples")
+    say(simulated.said)
 
 
 @command("schema > schema.json")

@@ -12,10 +12,12 @@ from bayesdrill import output_files
 from bayesdrill.api import arguments
 from bayesdrill.api.arguments import ManyFits
 from bayesdrill.basics import software as citing
+from bayesdrill.basics.equality import Value
 from bayesdrill.basics.errors import InputError, Issue, collect_each, short_repr
 from bayesdrill.basics.progress import SILENT, Reporter
 
 if TYPE_CHECKING:
+    from bayesdrill.config.job import Job
     from bayesdrill.drafting.draft import Guess
     from bayesdrill.results.run_folder import WriteMode
     from bayesdrill.tasks.calibrate import CalibrationOutcome as Calibrated
@@ -213,6 +215,9 @@ def init(
     return drafted
 
 
+MOST_SAID = 20  # files that are listed
+
+
 @dataclass(frozen=True, slots=True)
 class Simulated:
     """A simulated record is in files, each with its number of samples."""
@@ -229,6 +234,13 @@ class Simulated:
         """Return the number of samples of all files."""
         return sum(self.files.values())
 
+    @property
+    def said(self) -> str:
+        """Return a line for each of the first files, and how many more there are."""
+        lines = [f"{path}: {samples} samples" for path, samples in self.files.items()]
+        more = [f"... and {len(lines) - MOST_SAID} more"] if len(lines) > MOST_SAID else []
+        return "\n".join([*lines[:MOST_SAID], *more])
+
 
 @arguments.check_arguments
 def simulate(
@@ -240,12 +252,15 @@ def simulate(
 ) -> Simulated:
     """Simulate the record of a config and write it as CSV: the response with noise.
 
+    Of a campaign, all records, their table and the true parameters (`truth.csv`) are written.
+
     Parameters
     ----------
     config : str or path
-        The config, whose section `simulation:` has the values.
+        The config, or the file of a campaign, whose section `simulation:` has the values.
     output : str or path, optional
         The file, or the folder for several experiments; by default the record that the config names.
+        A campaign names its files.
     seed : int, optional
         The seed of the noise, by default the config's.
     force : bool
@@ -266,10 +281,19 @@ def simulate(
     >>> bd.simulate("configs/nominal_step.yaml", "mine.csv", seed=7).path.name
     'mine.csv'
     """
+    from bayesdrill.api.campaign import is_campaign
     from bayesdrill.config import loading
     from bayesdrill.config.records import reading, simulation, sources
 
-    case = loading.load(Path(config).expanduser())
+    path = Path(config).expanduser()
+    if is_campaign(path):
+        from bayesdrill.campaign.simulation import simulate_campaign
+
+        if output is not None:
+            raise InputError.at("--output", f"{path} is a campaign, which names its files itself")
+        number = None if seed is None else arguments.whole("seed", seed, 0)
+        return Simulated(simulate_campaign(path, number, force=force))
+    case = loading.load(path)
     used_seed = case.config.seed if seed is None else arguments.whole("seed", seed, 0)
     given, several = None if output is None else Path(output).expanduser(), case.config.experiments
     if several and given is not None and given.exists() and not given.is_dir():
@@ -437,7 +461,8 @@ def export(
 
 
 @arguments.check_arguments
-class Calibration(ManyFits["Calibrated"]):
+@dataclass(frozen=True, slots=True, eq=False)
+class Calibration(ManyFits["Calibrated"], Value):
     """A calibration tests the posterior by refits of records that are simulated from the prior.
 
     Make it with `bd.calibration`.  If the posterior is computed correctly, the ranks of the true values
@@ -448,6 +473,8 @@ class Calibration(ManyFits["Calibrated"]):
     job : Job
         The config.
     """
+
+    job: Job
 
     kind: ClassVar[str] = "calibration"
 

@@ -1,0 +1,140 @@
+"""Make the job of each run, and check all records before anything is computed."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.errors import InputError, Issue
+from bayesdrill.basics.progress import Reporter
+from bayesdrill.campaign.runs import CampaignPlan, CampaignRun
+from bayesdrill.config import loading
+from bayesdrill.config.building.case import ResolvedCase
+from bayesdrill.config.job import Job, assemble
+from bayesdrill.config.records import sources
+from bayesdrill.results import provenance
+
+# Factors between units that are easily exchanged, with their words.
+EXCHANGED: Mapping[str, float] = {
+    "rpm and rad/s": 30.0 / math.pi,
+    "degrees and radians": 180.0 / math.pi,
+    "revolutions and radians": 2.0 * math.pi,
+    "revolutions and degrees": 360.0,
+    "a unit and a thousandth of it": 1000.0,
+}
+FACTOR_TOLERANCE = 0.05  # relative; runs of one rig that scatter by more hide such a factor
+
+
+@dataclass(frozen=True, slots=True)
+class CheckedRuns:
+    """All records are read: `digests` of all that decides the draws of each run, and `notes`."""
+
+    digests: Mapping[str, str]
+    notes: tuple[str, ...]
+
+
+def base_job(plan: CampaignPlan) -> Job:
+    """Return the job of the base config with its own record, or that of the first run without one."""
+    case = loading.validate(plan.base)
+    if all(path.exists() for path in sources.paths(case.experiments[0])):
+        return assemble(case)
+    return run_job(plan, plan.runs[0])
+
+
+def run_case(plan: CampaignPlan, run: CampaignRun, before: ResolvedCase | None) -> ResolvedCase:
+    """Return the case of a run; entries that are the same in the case `before` are known to be valid."""
+    data = _merged(plan.base.data, run.changes)
+    folder = plan.base.path.parent.resolve()
+    name = sources.relative_name(folder, run.path.resolve())
+    data["record"] = {**data.get("record", {}), "file": name}
+    return loading.validate(replace(plan.base, data=data, text=""), before)
+
+
+def run_job(plan: CampaignPlan, run: CampaignRun, before: ResolvedCase | None = None) -> Job:
+    """Return the job of a run; raises `InputError` with all mistakes, each at the name of the run."""
+    try:
+        return assemble(run_case(plan, run, before))
+    except InputError as error:
+        place = f"run {run.name} ({run.path})"
+        raise InputError([Issue(place, str(problem)) for problem in error.problems]) from None
+
+
+def _merged(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return nested entries with `changes`; None removes an entry."""
+    merged = dict(data)
+    for key, value in changes.items():
+        inner = merged.get(key)
+        if isinstance(value, Mapping) and isinstance(inner, Mapping):
+            merged[key] = _merged(inner, value)
+        elif value is None:
+            merged.pop(key, None)
+        else:
+            merged[key] = value
+    return merged
+
+
+def check_runs(
+    plan: CampaignPlan, report: Reporter, problems: list[Issue] | None = None
+) -> CheckedRuns:
+    """Read all records; raises `InputError` with the mistakes of all runs.
+
+    With a list of `problems`, mistakes are added to it instead.
+    """
+    issues = list[Issue]() if problems is None else problems
+    digests, spreads = dict[str, str](), dict[str, dict[str, float]]()
+    case, wanted = loading.validate(plan.base), tuple[str, ...]()
+    for k, run in enumerate(plan.runs):
+        report.update(k / len(plan.runs), f"reading record {k + 1} of {len(plan.runs)}")
+        try:
+            made = run_job(plan, run, case)
+        except InputError as error:
+            issues += error.problems
+            continue
+        wanted = wanted or made.problem.names
+        if lacking := [name for name in wanted if name not in made.problem.names]:
+            message = f"has no unknown {', '.join(lacking)}, as other runs have; mend `overrides`"
+            issues.append(Issue(f"run {run.name} ({run.path})", message))
+            continue
+        digests[run.name] = digest_of(plan, made)
+        experiment = made.problem.experiment
+        sds = _spreads(experiment.y)
+        spreads[run.name] = dict(zip(experiment.names, sds.tolist(), strict=True))
+    report.update(1.0, "")
+    if issues and problems is None:
+        bad = f"{len({*(run.name for run in plan.runs)} - {*digests})} of {len(plan.runs)} runs"
+        message = f"{bad} cannot be used; mend them, or leave them out by name: `leave_out: [...]`"
+        raise InputError([plan.source.issue(("leave_out",), message), *issues])
+    return CheckedRuns(digests, (*plan.notes, *_exchanged_units(spreads)))
+
+
+def digest_of(plan: CampaignPlan, job: Job) -> str:
+    """Return a digest of all that decides the draws of a run, beside the reference."""
+    marks = provenance.fingerprint(job.config, job.problem)
+    text = repr((sorted(marks.items()), plan.spec.seed, plan.spec.effort))
+    return hashlib.sha256(text.encode("utf-8", "replace")).hexdigest()[:16]
+
+
+def _spreads(y: Array) -> Array:
+    """Return the standard deviation of each channel of a record `(T, K)`."""
+    return np.asarray(np.nanstd(y, axis=0))
+
+
+def _exchanged_units(spreads: Mapping[str, Mapping[str, float]]) -> Iterator[str]:
+    """Yield which channels of which runs look as if their unit was another one than in the others."""
+    for channel in dict.fromkeys(name for each in spreads.values() for name in each):
+        sds = {run: x for run, each in spreads.items() if (x := each.get(channel, 0.0)) > 0.0}
+        middle = float(np.median([*sds.values()])) if sds else 1.0
+        for run, sd in sds.items():
+            ratio = max(sd / middle, middle / sd)
+            for words, factor in EXCHANGED.items():
+                if abs(ratio / factor - 1.0) < FACTOR_TOLERANCE:
+                    yield (
+                        f"{channel} of {run} is {sd / middle:.3g} times as large as in other runs, as "
+                        f"if {words} were exchanged; say its unit in `overrides`, or leave the run out"
+                    )
