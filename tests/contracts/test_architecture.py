@@ -33,6 +33,7 @@ FLOORS = (
     "report",
     "selection",
     "tasks",
+    "campaign",
     "api",
     "cli",
     "__main__",
