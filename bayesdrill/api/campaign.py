@@ -13,8 +13,8 @@ from bayesdrill.basics.equality import Value
 from bayesdrill.basics.progress import SILENT, Reporter
 
 if TYPE_CHECKING:
-    from bayesdrill.campaign.runs import CampaignPlan
-    from bayesdrill.campaign.study import CampaignOutcome
+    from bayesdrill.campaigns.runs import CampaignPlan
+    from bayesdrill.campaigns.study import CampaignOutcome
     from bayesdrill.results.run_folder import WriteMode
     from bayesdrill.tasks.remote import RefitExecutor
 
@@ -63,8 +63,8 @@ class Campaign(ManyFits["CampaignOutcome"], Value):
         >>> print(bd.campaign("configs/campaign/shaft.yaml").preview())  # doctest: +ELLIPSIS
         campaign shaft: 12 runs...
         """
-        from bayesdrill.campaign import records
-        from bayesdrill.campaign.pages import describe_plan
+        from bayesdrill.campaigns import records
+        from bayesdrill.campaigns.pages import describe_plan
 
         checked = records.check_runs(self.plan, report or SILENT)
         return describe_plan(self.plan, checked)
@@ -72,7 +72,7 @@ class Campaign(ManyFits["CampaignOutcome"], Value):
     def _run(
         self, path: Path, how: WriteMode, crew: RefitExecutor, report: Reporter
     ) -> CampaignOutcome:
-        from bayesdrill.campaign import study
+        from bayesdrill.campaigns import study
 
         return study.run_campaign(self.plan, path, how, crew, report)
 
@@ -103,7 +103,7 @@ def campaign(path: str | Path, *, seed: int | None = None) -> Campaign:
     >>> bd.campaign("configs/campaign/shaft.yaml").place().name
     'shaft'
     """
-    from bayesdrill.campaign.runs import read_plan
+    from bayesdrill.campaigns.runs import read_plan
 
     plan = read_plan(Path(path).expanduser())
     if seed is not None:

@@ -287,7 +287,7 @@ def simulate(
 
     path = Path(config).expanduser()
     if is_campaign(path):
-        from bayesdrill.campaign.simulation import simulate_campaign
+        from bayesdrill.campaigns.simulation import simulate_campaign
 
         if output is not None:
             raise InputError.at("--output", f"{path} is a campaign, which names its files itself")

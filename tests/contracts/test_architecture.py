@@ -33,7 +33,7 @@ FLOORS = (
     "report",
     "selection",
     "tasks",
-    "campaign",
+    "campaigns",
     "api",
     "cli",
     "__main__",

@@ -11,7 +11,7 @@ PACKAGE = Path(__file__).parents[2] / "bayesdrill"
 LONGEST_SENTENCE = 30  # words
 # By room: the most fragments [%], and the most long sentences. Rooms beyond 3 % are not edited yet.
 ROWS = """
-campaign 3 0, config 3 0, design 3 0, drafting 3 0, record 3 0, modules 3 0, analysis 3 0, api 3 0,
+campaigns 3 0, config 3 0, design 3 0, drafting 3 0, record 3 0, modules 3 0, analysis 3 0, api 3 0,
 basics 3 0, inference 3 0, report 3 0, results 3 0, rig 3 0, sampling 3 0, selection 3 0, tasks 3 0
 """
 LIMITS = {row.split()[0]: [int(limit) for limit in row.split()[1:]] for row in ROWS.split(",")}

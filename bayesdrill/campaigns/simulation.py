@@ -12,8 +12,8 @@ import numpy as np
 from bayesdrill import output_files
 from bayesdrill.basics import seeds
 from bayesdrill.basics.errors import InputError, did_you_mean
-from bayesdrill.campaign.records import run_case
-from bayesdrill.campaign.runs import CampaignPlan, CampaignRun, read_spec
+from bayesdrill.campaigns.records import run_case
+from bayesdrill.campaigns.runs import CampaignPlan, CampaignRun, read_spec
 from bayesdrill.config import loading
 from bayesdrill.config.records import simulation
 from bayesdrill.config.schema.campaign import CampaignSimulation, CampaignSpec

@@ -13,7 +13,7 @@ import numpy as np
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError, Issue
 from bayesdrill.basics.progress import Reporter
-from bayesdrill.campaign.runs import CampaignPlan, CampaignRun
+from bayesdrill.campaigns.runs import CampaignPlan, CampaignRun
 from bayesdrill.config import loading
 from bayesdrill.config.building.case import ResolvedCase
 from bayesdrill.config.job import Job, assemble

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bayesdrill.campaign.draws import MAX_DRAWS, CampaignDraws, InterimDraws
+from bayesdrill.campaigns.draws import MAX_DRAWS, CampaignDraws, InterimDraws
 
 
 def run(name: str, shape: tuple[int, int] = (10, 2), **changes: object) -> InterimDraws:

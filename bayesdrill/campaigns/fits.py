@@ -19,10 +19,10 @@ from bayesdrill.analysis.identifiability.study import study_of
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import Reporter, Silent
-from bayesdrill.campaign.draws import MAX_DRAWS
-from bayesdrill.campaign.interim_prior import log_density_of_products
-from bayesdrill.campaign.records import run_job
-from bayesdrill.campaign.runs import CampaignPlan, CampaignRun
+from bayesdrill.campaigns.draws import MAX_DRAWS
+from bayesdrill.campaigns.interim_prior import log_density_of_products
+from bayesdrill.campaigns.records import run_job
+from bayesdrill.campaigns.runs import CampaignPlan, CampaignRun
 from bayesdrill.config.job import Job
 from bayesdrill.inference.posterior import Likelihood, Posterior
 from bayesdrill.inference.residual_checks import residual_summaries

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from bayesdrill.campaign.records import CheckedRuns
-from bayesdrill.campaign.runs import CampaignPlan
+from bayesdrill.campaigns.records import CheckedRuns
+from bayesdrill.campaigns.runs import CampaignPlan
 
 
 def describe_plan(plan: CampaignPlan, checked: CheckedRuns) -> str:

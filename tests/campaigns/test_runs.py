@@ -10,7 +10,7 @@ from support.case_tables import run_cases
 from support.command_line import assert_refused, cli
 
 from bayesdrill.basics.errors import InputError
-from bayesdrill.campaign.runs import natural_key, read_plan
+from bayesdrill.campaigns.runs import natural_key, read_plan
 
 DAY = 86400.0
 HEAD = "file,name,time,temperature"
@@ -25,11 +25,23 @@ MISTAKES = [
         "",
         ["has no column temprature; did you mean temperature"],
     ),
-    ("noted:", "leave_out: [run_9]\nnoted:", "", "", ["no run is called run_9; did you mean run_"]),
-    ("noted:", "overrides: {run_9: {}}\nnoted:", "", "", ["overrides.run_9: no run is called"]),
     (
-        "noted:",
-        "leave_ot: [run_1]\nnoted:",
+        "time_unit:",
+        "leave_out: [run_9]\ntime_unit:",
+        "",
+        "",
+        ["no run is called run_9; did you mean run_"],
+    ),
+    (
+        "time_unit:",
+        "overrides: {run_9: {}}\ntime_unit:",
+        "",
+        "",
+        ["overrides.run_9: no run is called"],
+    ),
+    (
+        "time_unit:",
+        "leave_ot: [run_1]\ntime_unit:",
         "",
         "",
         ["leave_ot: unknown key; did you mean leave_out"],
@@ -44,7 +56,7 @@ MISTAKES = [
     ("", "", ",1.0,", ",1.0,warm,", ["row 3: has 5 cells, the header 4"]),
     ("", "", "run_2.csv,", ",", ["row 3: names no file"]),
     ("", "", "file,", "files,", ["has no column file; did you mean files?"]),
-    ("noted:", "by_name: true\nnoted:", "", "", ["runs have times; remove `by_name`"]),
+    ("time_unit:", "by_name: true\ntime_unit:", "", "", ["runs have times; remove `by_name`"]),
 ]
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy
 
-from bayesdrill.campaign.interim_prior import log_density_of_products
+from bayesdrill.campaigns.interim_prior import log_density_of_products
 from bayesdrill.inference.priors import LogNormal, LogUniform, Uniform
 
 
