@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from bayesdrill.api.array_case import case as case
     from bayesdrill.api.campaign import Campaign as Campaign
     from bayesdrill.api.campaign import campaign as campaign
+    from bayesdrill.api.campaign import watch as watch
     from bayesdrill.api.case import Case as Case
     from bayesdrill.api.case import load as load
     from bayesdrill.api.comparison import Comparison as Comparison
@@ -46,7 +47,6 @@ if TYPE_CHECKING:
     from bayesdrill.api.files import init as init
     from bayesdrill.api.files import publish as publish
     from bayesdrill.api.files import schema as schema
-    from bayesdrill.api.files import simulate as simulate
     from bayesdrill.api.files import verify as verify
     from bayesdrill.api.rig import nominal as nominal
     from bayesdrill.api.rig import respond as respond
@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     from bayesdrill.api.run import Run as Run
     from bayesdrill.api.run import RunReport as RunReport
     from bayesdrill.api.run import open as open
+    from bayesdrill.api.simulation import simulate as simulate
     from bayesdrill.basics.errors import InputError as InputError
     from bayesdrill.rig.models.long_shaft import LongShaft as LongShaft
     from bayesdrill.rig.models.motor_shaft import DrivenShaft as DrivenShaft

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
@@ -110,6 +111,55 @@ def campaign(path: str | Path, *, seed: int | None = None) -> Campaign:
         spec = plan.spec.model_copy(update={"seed": arguments.whole("seed", seed, 0)})
         plan = dataclasses.replace(plan, spec=spec)
     return Campaign(plan)
+
+
+@arguments.check_arguments
+def watch(
+    path: str | Path,
+    folder: str | Path | None = None,
+    *,
+    once: bool = False,
+    interval: float = 10.0,
+    processes: int | None = 1,
+    scheduler: str | None = None,
+    report: Reporter | None = None,
+) -> Iterator[str]:
+    """Watch a campaign: runs join as their files come, and all results are made anew.
+
+    Parameters
+    ----------
+    path : str or path
+        The file of the campaign, or the folder in which it is the `campaign.yaml`.
+    folder : str or path, optional
+        The folder of the results, by default `results/<name>`; it is continued if it has any.
+    once : bool
+        Whether to look only once.
+    interval : float
+        Seconds from one look to the next.
+    processes, scheduler, report
+        See `Campaign.run`.
+
+    Yields
+    ------
+    str
+        Each alarm that was not raised before, as a line of JSON.
+
+    Raises
+    ------
+    InputError
+        With all mistakes of the file.  A bad record is an alarm.
+
+    Examples
+    --------
+    >>> alarms = bd.watch("configs/campaign/shaft.yaml", once=True)
+    """
+    from bayesdrill.campaigns import watch
+
+    file = Path(path).expanduser()
+    file = file / "campaign.yaml" if file.is_dir() else file
+    place = campaign(file).place(folder)
+    with arguments.crew(processes, scheduler) as crew:
+        yield from watch.watch(file, place, crew, report or SILENT, interval, once=once)
 
 
 def is_campaign(path: Path) -> bool:

@@ -6,11 +6,11 @@ import hashlib
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError, Issue
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.campaigns.runs import CampaignPlan, CampaignRun
@@ -39,12 +39,24 @@ class CheckedRuns:
     notes: tuple[str, ...]
 
 
-def base_job(plan: CampaignPlan) -> Job:
+@dataclass(frozen=True, slots=True)
+class KnownRecord:
+    """A record with this size and time of change has a digest, and standard deviations of channels."""
+
+    stamp: tuple[int, int]
+    digest: str
+    sds: Mapping[str, float]
+
+
+KnownRecords = dict[str, KnownRecord]  # by run
+
+
+def base_job(plan: CampaignPlan, checked: CheckedRuns) -> Job:
     """Return the job of the base config with its own record, or that of the first run without one."""
     case = loading.validate(plan.base)
     if all(path.exists() for path in sources.paths(case.experiments[0])):
         return assemble(case)
-    return run_job(plan, plan.runs[0])
+    return run_job(plan, next(run for run in plan.runs if run.name in checked.digests))
 
 
 def run_case(plan: CampaignPlan, run: CampaignRun, before: ResolvedCase | None) -> ResolvedCase:
@@ -80,37 +92,55 @@ def _merged(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, An
 
 
 def check_runs(
-    plan: CampaignPlan, report: Reporter, problems: list[Issue] | None = None
+    plan: CampaignPlan,
+    report: Reporter,
+    problems: list[Issue] | None = None,
+    known: KnownRecords | None = None,
 ) -> CheckedRuns:
     """Read all records; raises `InputError` with the mistakes of all runs.
 
-    With a list of `problems`, mistakes are added to it instead.
+    With a list of `problems`, mistakes are added to it instead.  Records that are in `known`, to which
+    new ones are added, are not read again unless they have changed.
     """
     issues = list[Issue]() if problems is None else problems
-    digests, spreads = dict[str, str](), dict[str, dict[str, float]]()
-    case, wanted = loading.validate(plan.base), tuple[str, ...]()
+    records = KnownRecords() if known is None else known
+    case, wanted, good = loading.validate(plan.base), tuple[str, ...](), list[str]()
     for k, run in enumerate(plan.runs):
-        report.update(k / len(plan.runs), f"reading record {k + 1} of {len(plan.runs)}")
-        try:
-            made = run_job(plan, run, case)
-        except InputError as error:
-            issues += error.problems
-            continue
-        wanted = wanted or made.problem.names
-        if lacking := [name for name in wanted if name not in made.problem.names]:
-            message = f"has no unknown {', '.join(lacking)}, as other runs have; mend `overrides`"
-            issues.append(Issue(f"run {run.name} ({run.path})", message))
-            continue
-        digests[run.name] = digest_of(plan, made)
-        experiment = made.problem.experiment
-        sds = _spreads(experiment.y)
-        spreads[run.name] = dict(zip(experiment.names, sds.tolist(), strict=True))
+        stamp = stamp_of(run.path)
+        if run.name not in records or records[run.name].stamp != stamp:
+            report.update(k / len(plan.runs), f"reading record {k + 1} of {len(plan.runs)}")
+            try:
+                made = run_job(plan, run, case)
+            except InputError as error:
+                issues += error.problems
+                continue
+            wanted = wanted or made.problem.names
+            if lacking := [name for name in wanted if name not in made.problem.names]:
+                message = (
+                    f"has no unknown {', '.join(lacking)}, as other runs have; mend `overrides`"
+                )
+                issues.append(Issue(f"run {run.name} ({run.path})", message))
+                continue
+            experiment = made.problem.experiment
+            sds = dict(zip(experiment.names, np.nanstd(experiment.y, axis=0).tolist(), strict=True))
+            records[run.name] = KnownRecord(stamp, digest_of(plan, made), sds)
+        good.append(run.name)
     report.update(1.0, "")
     if issues and problems is None:
-        bad = f"{len({*(run.name for run in plan.runs)} - {*digests})} of {len(plan.runs)} runs"
+        bad = f"{len(plan.runs) - len(good)} of {len(plan.runs)} runs"
         message = f"{bad} cannot be used; mend them, or leave them out by name: `leave_out: [...]`"
         raise InputError([plan.source.issue(("leave_out",), message), *issues])
-    return CheckedRuns(digests, (*plan.notes, *_exchanged_units(spreads)))
+    digests, sds = ({name: getattr(records[name], x) for name in good} for x in ("digest", "sds"))
+    return CheckedRuns(digests, (*plan.notes, *_exchanged_units(sds)))
+
+
+def stamp_of(path: Path) -> tuple[int, int]:
+    """Return size and time of change [ns] of a file; zeros if it is missing."""
+    try:
+        status = path.stat()
+    except (OSError, ValueError):
+        return 0, 0
+    return status.st_size, status.st_mtime_ns
 
 
 def digest_of(plan: CampaignPlan, job: Job) -> str:
@@ -118,11 +148,6 @@ def digest_of(plan: CampaignPlan, job: Job) -> str:
     marks = provenance.fingerprint(job.config, job.problem)
     text = repr((sorted(marks.items()), plan.spec.seed, plan.spec.effort))
     return hashlib.sha256(text.encode("utf-8", "replace")).hexdigest()[:16]
-
-
-def _spreads(y: Array) -> Array:
-    """Return the standard deviation of each channel of a record `(T, K)`."""
-    return np.asarray(np.nanstd(y, axis=0))
 
 
 def _exchanged_units(spreads: Mapping[str, Mapping[str, float]]) -> Iterator[str]:

@@ -17,7 +17,7 @@ from bayesdrill.campaigns.runs import CampaignPlan, CampaignRun, read_spec
 from bayesdrill.config import loading
 from bayesdrill.config.records import simulation
 from bayesdrill.config.schema.campaign import CampaignSimulation, CampaignSpec
-from bayesdrill.config.yaml_source import Source, read
+from bayesdrill.config.yaml_source import Location, Source, read
 from bayesdrill.report.section import lines_as_csv
 
 TRUTH = "truth.csv"
@@ -78,8 +78,10 @@ def _asked(source: Source, spec: CampaignSpec) -> tuple[CampaignSimulation, Path
 
 def _check_names(source: Source, asked: CampaignSimulation, known: Mapping[str, float]) -> None:
     """Raise `InputError` for names that are no parameters of the rig."""
-    places = {name: ("simulation", part, name) for part in ("spread", "rig_spread", "drift")
-              for name in getattr(asked, part)}  # fmt: skip
+    parts = ("spread", "rig_spread", "drift")
+    places: dict[str, Location] = {
+        name: ("simulation", part, name) for part in parts for name in getattr(asked, part)
+    }
     for part, change in (("jump", asked.jump), ("foreign", asked.foreign)):
         places |= {n: ("simulation", part, "change", n) for n in (change.change if change else ())}
     for column, effects in asked.noted.items():
