@@ -12,9 +12,9 @@ from bayesdrill.api import arguments
 from bayesdrill.api.arguments import ManyFits
 from bayesdrill.basics.equality import Value
 from bayesdrill.basics.progress import SILENT, Reporter
+from bayesdrill.campaigns.runs import CampaignPlan, read_plan
 
 if TYPE_CHECKING:
-    from bayesdrill.campaigns.runs import CampaignPlan
     from bayesdrill.campaigns.study import CampaignOutcome
     from bayesdrill.results.run_folder import WriteMode
     from bayesdrill.tasks.remote import RefitExecutor
@@ -104,8 +104,6 @@ def campaign(path: str | Path, *, seed: int | None = None) -> Campaign:
     >>> bd.campaign("configs/campaign/shaft.yaml").place().name
     'shaft'
     """
-    from bayesdrill.campaigns.runs import read_plan
-
     plan = read_plan(Path(path).expanduser())
     if seed is not None:
         spec = plan.spec.model_copy(update={"seed": arguments.whole("seed", seed, 0)})
