@@ -276,7 +276,7 @@ def campaign_sections(record: CampaignRecord, ending: str) -> tuple[Section, ...
     bad = [f"{name}: {reason}" for name, reason in record.not_used.items()]
     history = [f"{finding} ({details})" for _, finding, details in history_sentences(population)]
     weak = [f"{name}: {reasons[0]}" for name, reasons in record.doubts.items()]
-    return (
+    sections = (
         build(
             "Verdict",
             Badges((Badge(badge, tone),)),
@@ -295,6 +295,7 @@ def campaign_sections(record: CampaignRecord, ending: str) -> tuple[Section, ...
         build("Runs that are not used", "\n".join(bad) or "none", brief=bool(bad)),
         build("Runs whose fit is doubtful", "\n".join(weak) or "none", brief=False),
     )
+    return tuple(section for section in sections if section.blocks)
 
 
 def screen(record: CampaignRecord) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import glob
 import math
+import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -144,8 +145,8 @@ def _rows(source: Source, spec: CampaignSpec, issues: list[Issue]) -> list[_Row]
         message = "a glob has no columns; name a table of runs, with the columns file and these"
         issues.append(source.issue(("noted",), message))
     inside = "" if Path(spec.runs).is_absolute() else f"{glob.escape(str(source.path.parent))}/"
-    matches = map(Path, sorted(glob.iglob(inside + spec.runs, recursive=True), key=natural_key))
-    files = [file for file in matches if file.suffix and not file.is_dir()]
+    matches = sorted(glob.iglob(inside + spec.runs, recursive=True), key=natural_key)
+    files = [Path(match) for match in matches if os.path.splitext(match)[1]]
     if not files:
         message = f"no file matches {spec.runs}, in the folder of this file; check both"
         issues.append(source.issue(("runs",), message))
@@ -211,9 +212,9 @@ def _number(cell: Any, name: str, place: str, issues: list[Issue]) -> float:
 
 def _repeated(rows: Sequence[_Row]) -> Iterable[Issue]:
     """Yield an issue for each name, and each file, that stands for a second run."""
-    names, files = dict[str, _Row](), dict[Path, _Row]()
+    names, files = dict[str, _Row](), dict[str, _Row]()
     for row in rows:
-        path = row.path.resolve()
+        path = os.path.abspath(row.path)  # `resolve` would look at each file of a million
         if path in files:
             other = files[path].place
             yield Issue(row.place, f"{row.path} is a run already ({other}); take out one of them")
