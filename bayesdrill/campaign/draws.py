@@ -36,10 +36,10 @@ class InterimDraws:
     log_products: Array
     log_interim: Array
 
-    def thinned(self) -> tuple[Array, Array]:
-        """Return at most `MAX_DRAWS` evenly spaced draws, and their log interim densities."""
+    def thinned(self, most: int = MAX_DRAWS) -> tuple[Array, Array]:
+        """Return at most `most` evenly spaced draws, and their log interim densities."""
         count = len(self.log_interim)
-        kept = np.unique(np.linspace(0, count - 1, min(count, MAX_DRAWS)).astype(np.intp))
+        kept = np.unique(np.linspace(0, count - 1, min(count, most)).astype(np.intp))
         return self.log_products[kept], self.log_interim[kept]
 
 
