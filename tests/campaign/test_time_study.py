@@ -130,3 +130,12 @@ def test_no_change_is_between_runs_of_equal_time() -> None:
     y[50] = 0.0  # the first run of its hour seems to be before the change
     (change,) = level_history(t, y, np.full(100, 1e-6), np.ones((100, 1)), 0.1).changes
     assert change.run == 50
+
+
+def test_runs_that_differ_less_than_records_know_have_a_constant_level() -> None:
+    y = 0.001 * np.random.default_rng(9).standard_normal(12)
+    flat = level_history(np.arange(12.0), y, np.full(12, 1e-2), np.ones((12, 1)), 0.1)
+    assert flat.best == "constant"
+    assert sum(flat.probabilities.values()) == pytest.approx(1.0)
+    same = level_history(np.arange(12.0), np.zeros(12), np.zeros(12), np.ones((12, 1)), 0.1)
+    assert same.best == "constant"
