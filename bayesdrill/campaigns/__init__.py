@@ -1,6 +1,10 @@
-"""Combine the runs of a campaign: their determined products, as a population.
+"""Fit the many runs of a campaign, and combine their determined products as a population.
+
+`runs` lists the runs, `records` checks all of their records, `fits` fits each run and keeps its draws,
+and `study` does all of it; `watch` repeats that as new files come, and `simulation` makes campaigns.
+`charts` and `pages` show the result.
 
 `draws` holds what is known of each run, and `interim_prior` the density under which it was sampled.
 `population` samples the population by reweighting these draws.  `time_study` looks for drift and
-changes, and `outcomes` says what follows for runs, the table and the next run.
+changes, and `outcomes` says what follows for runs, the table and the next run; `fit` does all of it.
 """

@@ -31,6 +31,7 @@ PRIOR_OF_ANOTHER = 0.1  # prior probability of a change beside those before
 ANOTHER_PROBABILITY = 0.9  # posterior probability with which a further change is accepted
 MAX_CHANGES = 10
 HALF_T_FREEDOM = 2.0  # of the prior of s, as of the population's sds
+SMALLEST_SPREAD = 1e-5  # s is not resolved below this, so that sums keep their digits
 REGRESSOR_SD = 10.0  # prior sd of coefficients of regressors
 MIN_SPREADS, MAX_SPREADS = 12, 40  # values of s on its grid, whose steps follow its uncertainty
 WALKS = 8  # values of q on its grid
@@ -185,12 +186,13 @@ def _series(t: Array, y: Array, c: Array, h: Array, spread_scale: float) -> _Ser
     windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * NEIGHBOURS + 1)
     others = np.delete(windows, NEIGHBOURS, axis=1)
     deviation = np.abs(residuals - np.nanmedian(others, axis=1))
-    sd = max(1.4826 * float(np.median(deviation)), 1e-9)
+    sd = max(1.4826 * float(np.median(deviation)), SMALLEST_SPREAD)
     inflation = np.maximum(1.0, deviation / (FOREIGN_SDS * sd)) ** 4  # its influence falls beyond
-    low, high = 0.5 * sd, 1.5 * max(float(residuals.std()), sd)
+    known = float(np.sqrt(np.median(c)))  # records may know runs worse than they differ
+    low, high = max(0.5 * sd, known), 1.5 * max(float(residuals.std()), sd, known)
     count = int(np.clip(1.5 * np.log(high / low) * np.sqrt(2 * len(y)), MIN_SPREADS, MAX_SPREADS))
     total = np.geomspace(low, high, count + 1) ** 2
-    ends = np.sqrt(np.maximum(total - np.median(c), 0.0))
+    ends = np.sqrt(np.maximum(total - known**2, 0.0))
     ends[0] = 0.0
     x = ends / spread_scale
     mass = np.diff(x / np.sqrt(HALF_T_FREEDOM + x**2))
