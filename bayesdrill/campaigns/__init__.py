@@ -1,7 +1,7 @@
 """Fit the many runs of a campaign, and combine their determined products as a population.
 
-`runs` lists the runs, `records` checks all of their records, `fits` fits each run and keeps its draws,
-and `study` does all of it; `watch` repeats that as new files come, and `simulation` makes campaigns.
+`runs` lists the runs, `records` checks all records, and `fits` fits each run and keeps its draws.
+`study` does all of it.  `watch` repeats that as new files come, and `simulation` makes campaigns.
 `charts` and `pages` show the result.
 
 `draws` holds what is known of each run, and `interim_prior` the density under which it was sampled.

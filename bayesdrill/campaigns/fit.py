@@ -39,7 +39,7 @@ ALARM = 0.05  # a constant level that is less probable than this raises an alarm
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PopulationSettings:
-    """These settings say how a population is fitted.
+    """A population is fitted with these settings.
 
     spread_scale: scale of the half-t prior (two degrees of freedom) of all spreads, in logs
     nominal: nominal values of products by name, none if they are not to be compared

@@ -2,7 +2,7 @@
 
 All levels, spreads and intervals are in natural logarithms of the products, so that 0.05 is about 5 %.
 A spread is half the width of the central 68 % of the runs, which is the standard deviation of normal
-ones; a few foreign runs widen the tails of the population rather than its spread.
+ones.  A few foreign runs widen the tails of the population rather than its spread.
 """
 
 from __future__ import annotations
@@ -145,7 +145,7 @@ class NotedEffect:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlatDraws:
-    """M draws of the population after all chains: the parameters that outcomes need.
+    """The M draws of the population after all chains have the parameters that outcomes need.
 
     `extra_sd (K,)` is the uncertainty of the last level of a random walk, which widens what is ahead.
     """

@@ -39,7 +39,7 @@ RUNS_EACH_SWEEP = 500  # with more runs, their terms are stored in fewer sweeps
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunArrays:
-    """Arrays of R runs for the sampler: draws `(R, S, K)` and `log_interim (R, S)`, inf in padding.
+    """The arrays of R runs are draws `(R, S, K)` and `log_interim (R, S)`, with inf in padding.
 
     `counts (R,)` are the draws of each, and `rig (R,)` the index of its rig among `n_rigs`.
     `design (R, p)` has the covariates, NaN where missing, and `precision (p,)` the prior precision of

@@ -21,10 +21,10 @@ accept add advance apply ask assign broadcast build calibrate call change check 
 combine compare compile compress compute continue convert copy correct count create cut decide define
 describe design determine diagnose do draft draw drop end estimate evaluate export fill filter find fit
 give group guess handle hold identify infer integrate join judge keep lay learn list load look make map
-mark match measure merge minimise move multiply name note observe open parse pick place pose prepare
+mark match measure merge minimise move multiply name note observe open pad parse pick place pose prepare
 print profile project put raise rank read record redirect reduce refine refit refuse register regress
 remove render repeat replace report reserve resolve return rewrite run sample save say score search see
-select set show shut simulate solve split start step store strip study submit subtract sum tag take
+select set show shut simulate solve split stack start step store strip study submit subtract sum tag take
 tell test thin trace transform transpose treat try turn typeset unwrap update use validate verify wait
 write yield approximate block declare derive edit expand interpret let maximise predict stop
 summarise work
