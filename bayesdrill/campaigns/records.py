@@ -41,10 +41,11 @@ class CheckedRuns:
 
 @dataclass(frozen=True, slots=True)
 class KnownRecord:
-    """A record with this size and time of change has a digest, and standard deviations of channels."""
+    """A record with this size and time of change has a digest, unknowns, and sds of its channels."""
 
     stamp: tuple[int, int]
     digest: str
+    unknowns: tuple[str, ...]
     sds: Mapping[str, float]
 
 
@@ -104,7 +105,8 @@ def check_runs(
     """
     issues = list[Issue]() if problems is None else problems
     records = KnownRecords() if known is None else known
-    case, wanted, good = loading.validate(plan.base), tuple[str, ...](), list[str]()
+    case, good = loading.validate(plan.base), list[str]()
+    wanted = next((record.unknowns for record in records.values()), ())
     for k, run in enumerate(plan.runs):
         stamp = stamp_of(run.path)
         if run.name not in records or records[run.name].stamp != stamp:
@@ -123,7 +125,8 @@ def check_runs(
                 continue
             experiment = made.problem.experiment
             sds = dict(zip(experiment.names, np.nanstd(experiment.y, axis=0).tolist(), strict=True))
-            records[run.name] = KnownRecord(stamp, digest_of(plan, made), sds)
+            digest, unknowns = digest_of(plan, made), made.problem.names
+            records[run.name] = KnownRecord(stamp, digest, unknowns, sds)
         good.append(run.name)
     report.update(1.0, "")
     if issues and problems is None:

@@ -135,7 +135,11 @@ def _publish(
     population = fit_population(draws, settings, rng, report)
     doubts = {run.name: fitted.reasons for run, fitted in used if fitted.reasons}
     misfit = {run.name: fitted.misfit for run, fitted in used if fitted.misfit}
-    not_used = {run.name: fitted.reasons[0] for run, fitted in kept if len(fitted.log_interim) < 2}
+    not_used = {
+        run.name: (*fitted.reasons, "its draws are beyond the priors")[0]
+        for run, fitted in kept
+        if len(fitted.log_interim) < 2
+    }
     not_used |= {issue.place: issue.message for issue in problems}
     record = CampaignRecord(
         name=plan.spec.name,
