@@ -11,9 +11,9 @@
     bd.compare(["results/mine", run])               # the more probable of two models of one record
 
 The commands on files and folders are functions too: `bd.init`, `bd.example`, `bd.simulate`,
-`case.run`, `bd.publish`, `bd.calibration`, `bd.ladder`, `bd.citation`.  Only these and the `save`
-methods write files.  Results are frozen records, and `print` shows them.  `help(bd.Case)` explains
-the usual order of work.
+`case.run`, `bd.publish`, `bd.calibration`, `bd.ladder`, `bd.campaign`, `bd.citation`.  Only these and
+the `save` methods write files.  Results are frozen records, and `print` shows them.  `help(bd.Case)`
+explains the usual order of work.
 """
 
 from __future__ import annotations
@@ -29,6 +29,9 @@ if TYPE_CHECKING:
     from bayesdrill.api.array_case import Channel as Channel
     from bayesdrill.api.array_case import Input as Input
     from bayesdrill.api.array_case import case as case
+    from bayesdrill.api.campaign import Campaign as Campaign
+    from bayesdrill.api.campaign import campaign as campaign
+    from bayesdrill.api.campaign import watch as watch
     from bayesdrill.api.case import Case as Case
     from bayesdrill.api.case import load as load
     from bayesdrill.api.comparison import Comparison as Comparison
@@ -44,7 +47,6 @@ if TYPE_CHECKING:
     from bayesdrill.api.files import init as init
     from bayesdrill.api.files import publish as publish
     from bayesdrill.api.files import schema as schema
-    from bayesdrill.api.files import simulate as simulate
     from bayesdrill.api.files import verify as verify
     from bayesdrill.api.rig import nominal as nominal
     from bayesdrill.api.rig import respond as respond
@@ -52,6 +54,7 @@ if TYPE_CHECKING:
     from bayesdrill.api.run import Run as Run
     from bayesdrill.api.run import RunReport as RunReport
     from bayesdrill.api.run import open as open
+    from bayesdrill.api.simulation import simulate as simulate
     from bayesdrill.basics.errors import InputError as InputError
     from bayesdrill.rig.models.long_shaft import LongShaft as LongShaft
     from bayesdrill.rig.models.motor_shaft import DrivenShaft as DrivenShaft

@@ -55,6 +55,7 @@ def output_option(text: str) -> Any:
 
 
 ConfigPath = Annotated[Path, folder_argument("Experiment config (YAML).", "CONFIG")]
+CampaignPath = Annotated[Path, folder_argument("File of a campaign (YAML).", "CAMPAIGN")]
 Force = Annotated[bool, option("Discard existing results and start over.", "--force")]
 Scheduler = Annotated[
     str | None,
@@ -85,15 +86,16 @@ def _read(config: Path, read: str = "load", **more: Any) -> Any:
         return getattr(bd, read)(config, **more)
 
 
-def _run(
-    read: str, config: Path, output: Path | None, /, sample: Any = None, **options: Any
-) -> Any:
-    """Run a case, a calibration or a ladder; if that fails, say how to continue."""
+def _run(read: str, config: Path, output: Path | None, /, given: Any = None, **options: Any) -> Any:
+    """Run a case, a calibration, a ladder or a campaign; if that fails, say how to continue.
+
+    `given`: further arguments of the function that reads it.
+    """
     if options["resume"] and options["force"]:
         from bayesdrill.api.arguments import mode
 
         mode(resume=True, force=True)  # refuses, before the record is read
-    case = _read(config, read, **({} if sample is None else {"sample": sample}))
+    case = _read(config, read, **(given or {}))
     with saved_in(case.place(output)), reporter() as report:
         return case.run(output, report=report, **options)
 
@@ -184,7 +186,17 @@ def check(
         Path | None, option("Draw the record over time into such a file.", metavar="FILE")
     ] = None,
 ) -> None:
-    """Validate config and record and say what would run; samples nothing."""
+    """Validate config and record, or all of a campaign, and say what would run; samples nothing."""
+    from bayesdrill.api.campaign import is_campaign
+
+    if is_campaign(config):
+        if figure or figure_record:
+            message = "a campaign has no such figure; give this option with its base config"
+            raise InputError.at(str(config), message)
+        with reporter() as report:
+            preview = bd.campaign(config).preview(report)
+        say(preview)
+        return
     case = _read(config)
     say(case.preview())
     for draw, file in ((case.draw_rig, figure), (case.draw_record, figure_record)):
@@ -408,9 +420,47 @@ def ladder(
 ) -> None:
     """Rank what a config may be missing, sample the best candidates, compare, and recommend a config."""
     options = {"resume": resume, "force": force, "processes": processes, "scheduler": scheduler}
-    done = _run("ladder", config, output, sample=sample, **options)
+    done = _run("ladder", config, output, {"sample": sample}, **options)
     files = "report.html, comparison.md, recommended.yaml, ..."
     _end(done.said, done.folder, files, good=not done.report.reasons)
+
+
+@command("campaign configs/campaign/shaft.yaml")
+def campaign(
+    campaign: CampaignPath,
+    output: Annotated[Path | None, output_option("Default: results/<name>.")] = None,
+    resume: Annotated[
+        bool, option("Continue an interrupted campaign, or add new runs.", "--resume")
+    ] = False,
+    force: Force = False,
+    seed: Annotated[int | None, option("Default: the campaign's.", min=0)] = None,
+    processes: Processes = None,
+    scheduler: Scheduler = None,
+) -> None:
+    """Fit many runs of a config, each alone, and then their population: spread, drift, outliers."""
+    options = {"resume": resume, "force": force, "processes": processes, "scheduler": scheduler}
+    done = _run("campaign", campaign, output, {"seed": seed}, **options)
+    files = "report.html, summary.md, population.csv, runs.parquet, ..."
+    _end(done.said, done.folder, files, good=not done.reasons)
+
+
+@command("watch configs/campaign/shaft.yaml --once")
+def watch(
+    campaign: CampaignPath,
+    output: Annotated[Path | None, output_option("Default: results/<name>.")] = None,
+    once: Annotated[
+        bool, option("Look once and stop, as a timer of the system needs.", "--once")
+    ] = False,
+    interval: Annotated[float, option("Seconds from one look to the next.", min=0.1)] = 10.0,
+    processes: Processes = None,
+    scheduler: Scheduler = None,
+) -> None:
+    """Take up new runs of a campaign as their files come; alarms are lines of JSON on stdout."""
+    options: dict[str, Any] = {"processes": processes, "scheduler": scheduler}
+    with reporter() as report:
+        alarms = bd.watch(campaign, output, once=once, interval=interval, report=report, **options)
+        for alarm in alarms:
+            typer.echo(alarm)
 
 
 @command("verify results/nominal_step")
@@ -431,10 +481,9 @@ def simulate(
     seed: Annotated[int | None, option("Default: the config's.", min=0)] = None,
     force: Annotated[bool, option("Overwrite simulated records.", "--force")] = False,
 ) -> None:
-    """Simulate a record from the config, one for each experiment: response plus noise, as CSV."""
+    """Simulate a record, one for each experiment, or all of a campaign: response plus noise, as CSV."""
     simulated = bd.simulate(config, output, seed=seed, force=force)
-    for path, samples in simulated.files.items():
-        say(f"{path}: {samples} samples")
+    say(simulated.said)
 
 
 @command("schema > schema.json")

@@ -28,6 +28,7 @@ LOCK = ".lock"
 FIGURES = "figures"
 PIECES = ".pieces"
 REFITS = ".refits"
+DRAWS = "draws"  # of a campaign
 RECOMMENDED = "recommended.yaml"  # of a ladder
 RECORD = "record.csv"  # the record of a case that was built from arrays
 CONFIG_FILE, RESOLVED_FILE = "config.yaml", "config.resolved.yaml"
@@ -160,6 +161,14 @@ DESIGN = Kind(
 )
 
 
+CAMPAIGN = Kind(
+    "campaign",
+    (
+        *("campaign.yaml", "campaign.json", "reference.json", "population.csv", "runs.parquet"),
+        *("summary.md", "report.html", f"{DRAWS}/#.parquet"),
+        *figure_files("runs", "drift", formats=FORMATS),
+    ),
+)
 LADDER = Kind(  # models of one record, each with a posterior in its own folder
     "ladder",
     (*COMPARE.files, *CONFIGS, RECOMMENDED),

@@ -5,7 +5,6 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -13,7 +12,6 @@ import numpy as np
 
 from bayesdrill.basics.arguments import check_arguments as check_arguments
 from bayesdrill.basics.arrays import Array
-from bayesdrill.basics.equality import Value
 from bayesdrill.basics.errors import InputError, Issue, did_you_mean, short_repr
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.basics.registry import lookup
@@ -167,9 +165,8 @@ def times(t: Any, issues: list[Issue]) -> Array:
 
 
 @check_arguments
-@dataclass(frozen=True, slots=True, eq=False)
-class ManyFits[T](Value):
-    """A job with many fits of one config can run in several processes or on a cluster.
+class ManyFits[T]:
+    """A job with many fits can run in several processes or on a cluster.
 
     `kind` is the end of the name of its folder.
     """
@@ -208,7 +205,7 @@ class ManyFits[T](Value):
 
         Returns
         -------
-        CalibrationOutcome or LadderOutcome
+        CalibrationOutcome, LadderOutcome or CampaignOutcome
             The folder and the results; `said` is their text.
 
         Raises

@@ -34,7 +34,7 @@ MOST = 9  # models that a ladder may sample
 
 @arguments.check_arguments
 @dataclass(frozen=True, slots=True, eq=False)
-class Ladder(ManyFits["LadderOutcome"]):
+class Ladder(ManyFits["LadderOutcome"], Value):
     """A ladder compares the model of a config with candidates that have more physics.
 
     Make it with `bd.ladder`.  Candidates are ranked by their maxima, and the best ones are sampled and

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
@@ -12,10 +12,12 @@ from bayesdrill import output_files
 from bayesdrill.api import arguments
 from bayesdrill.api.arguments import ManyFits
 from bayesdrill.basics import software as citing
+from bayesdrill.basics.equality import Value
 from bayesdrill.basics.errors import InputError, Issue, collect_each, short_repr
 from bayesdrill.basics.progress import SILENT, Reporter
 
 if TYPE_CHECKING:
+    from bayesdrill.config.job import Job
     from bayesdrill.drafting.draft import Guess
     from bayesdrill.results.run_folder import WriteMode
     from bayesdrill.tasks.calibrate import CalibrationOutcome as Calibrated
@@ -30,6 +32,8 @@ FILES = (
     *("example_torque.yaml", "schema.json"),
     *(f"records/{name}.csv" for name in ("nominal_step", "example_rig", "example_ties")),
     *(f"records/{name}.csv" for name in ("example_step", "example_rundown", "example_torque")),
+    *("campaign/base.yaml", "campaign/shaft.yaml", "campaign/runs/runs.csv"),
+    *("campaign/runs/truth.csv", *(f"campaign/runs/run_{k:02d}.csv" for k in range(1, 13))),
 )
 
 
@@ -213,81 +217,6 @@ def init(
     return drafted
 
 
-@dataclass(frozen=True, slots=True)
-class Simulated:
-    """A simulated record is in files, each with its number of samples."""
-
-    files: Mapping[Path, int]
-
-    @property
-    def path(self) -> Path:
-        """Return the path of the first file."""
-        return next(iter(self.files))
-
-    @property
-    def samples(self) -> int:
-        """Return the number of samples of all files."""
-        return sum(self.files.values())
-
-
-@arguments.check_arguments
-def simulate(
-    config: str | Path,
-    output: str | Path | None = None,
-    *,
-    seed: int | None = None,
-    force: bool = False,
-) -> Simulated:
-    """Simulate the record of a config and write it as CSV: the response with noise.
-
-    Parameters
-    ----------
-    config : str or path
-        The config, whose section `simulation:` has the values.
-    output : str or path, optional
-        The file, or the folder for several experiments; by default the record that the config names.
-    seed : int, optional
-        The seed of the noise, by default the config's.
-    force : bool
-        Whether to replace existing files.
-
-    Returns
-    -------
-    Simulated
-        The files with their numbers of samples.
-
-    Raises
-    ------
-    InputError
-        If the config is wrong or a file exists; then nothing is written.
-
-    Examples
-    --------
-    >>> bd.simulate("configs/nominal_step.yaml", "mine.csv", seed=7).path.name
-    'mine.csv'
-    """
-    from bayesdrill.config import loading
-    from bayesdrill.config.records import reading, simulation, sources
-
-    case = loading.load(Path(config).expanduser())
-    used_seed = case.config.seed if seed is None else arguments.whole("seed", seed, 0)
-    given, several = None if output is None else Path(output).expanduser(), case.config.experiments
-    if several and given is not None and given.exists() and not given.is_dir():
-        message = "is no folder; name one for the records of several experiments"
-        raise InputError.at(str(given), message)
-    texts = simulation.simulate_all(case, used_seed, given)
-    for target, text in texts.items():
-        simulation.check_target(text, target, sources.files(case), force=force)
-    files = {}
-    for (target, text), experiment in zip(texts.items(), case.experiments, strict=True):
-        if several:
-            target.parent.mkdir(parents=True, exist_ok=True)
-        output_files.write_text(target, text)
-        skipped = reading.csv_options(experiment.config.record).skip_rows
-        files[target] = len(text.splitlines()) - 1 - skipped
-    return Simulated(files)
-
-
 @arguments.check_arguments
 def publish(
     folder: str | Path,
@@ -437,7 +366,8 @@ def export(
 
 
 @arguments.check_arguments
-class Calibration(ManyFits["Calibrated"]):
+@dataclass(frozen=True, slots=True, eq=False)
+class Calibration(ManyFits["Calibrated"], Value):
     """A calibration tests the posterior by refits of records that are simulated from the prior.
 
     Make it with `bd.calibration`.  If the posterior is computed correctly, the ranks of the true values
@@ -448,6 +378,8 @@ class Calibration(ManyFits["Calibrated"]):
     job : Job
         The config.
     """
+
+    job: Job
 
     kind: ClassVar[str] = "calibration"
 

@@ -24,6 +24,7 @@ Purpose = Literal[
     "evidence",
     "torque",
     "design",
+    "campaign",
 ]
 
 _ORDER: tuple[Purpose, ...] = get_args(Purpose)

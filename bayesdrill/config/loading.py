@@ -81,6 +81,17 @@ def validate(source: Source, before: ResolvedCase | None = None) -> ResolvedCase
     return ResolvedCase(config=config, source=source, experiments=experiments_)
 
 
+def read_document[T](kind: type[T], source: Source) -> T:
+    """Return a file that is one section of the class `kind`; raises `InputError` with every issue."""
+    section, errors = read_entry(kind, source.data, ())
+    located = _by_location(errors, source).items()
+    problems = [source.issue(location, message_of(item, location)) for location, item in located]
+    if problems or source.repeated:
+        raise InputError(sorted({*source.repeated, *problems}, key=_line))
+    document: T = section
+    return document
+
+
 def load_vocabulary(source: Source) -> Vocabulary:
     """Return the names that a config may use; raises `InputError` if there is no such rig.
 

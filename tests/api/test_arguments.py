@@ -23,6 +23,7 @@ from bayesdrill.api.comparison import Overlay
 from bayesdrill.rig.models.drive_parts import Drive, Gear, Shaft
 
 CONFIG = ROOT / "configs" / "nominal_step.yaml"
+CAMPAIGN = ROOT / "configs" / "campaign" / "shaft.yaml"
 HUGE = 10**5000
 CLOSED = io.StringIO()
 CLOSED.close()
@@ -69,6 +70,7 @@ def public_calls() -> Iterator[tuple[str, Callable[..., Any]]]:
         "Comparison": bd.compare([run(), dataclasses.replace(run())]),
         "Ladder": bd.ladder(CONFIG),
         "Calibration": bd.calibration(CONFIG),
+        "Campaign": bd.campaign(CAMPAIGN),
     }
     for name in bd.__all__:
         if inspect.isfunction(getattr(bd, name)):

@@ -33,6 +33,7 @@ FLOORS = (
     "report",
     "selection",
     "tasks",
+    "campaigns",
     "api",
     "cli",
     "__main__",

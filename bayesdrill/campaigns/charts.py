@@ -1,0 +1,113 @@
+"""Draw the runs of a campaign over time, with their population and its history."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.symbols import Symbol, product_latex
+from bayesdrill.campaigns.fit import PopulationFit
+from bayesdrill.campaigns.runs import CampaignPlan
+from bayesdrill.campaigns.time_study import LevelHistory
+from bayesdrill.config.schema.campaign import SECONDS
+from bayesdrill.report import scales, style
+from bayesdrill.report.pages import build_page, label_outside, legend_above
+from bayesdrill.report.style import Axes, Figure
+
+MOST_SHOWN = 2000  # runs; outliers are always shown
+BAR = style.fix_look(color=style.MIDDLE, linewidth=0.6, zorder=2)
+DOT = style.fix_look(color=style.BLACK, marker="o", markersize=2.2, linestyle="none")
+FOREIGN = style.fix_look(
+    color=style.MAP_COLOUR, marker="x", markersize=4.5, markeredgewidth=1.2, linestyle="none"
+)
+LEVEL = style.fix_look(color=style.BLACK, linewidth=0.7, linestyle=(0, (4, 2)))
+
+
+def level_over_time(history: LevelHistory, t: Array) -> Array:
+    """Return the level of a log product at the runs `(R,)` in order of time, less that at the end."""
+    if history.best == "drift":
+        return np.asarray(history.drift * (t - t[-1]) / (t[-1] - t[0]))
+    if history.best == "walk":
+        return np.asarray(history.level - history.level[-1])
+    level = np.zeros(len(t))
+    if history.best == "changes":
+        for change in history.changes:
+            level[: change.run] -= change.size
+    return level
+
+
+def runs_figure(
+    plan: CampaignPlan,
+    population: PopulationFit,
+    exponents: Sequence[Sequence[int]],
+    symbols: Sequence[Symbol],
+    width: float = scales.DOUBLE,
+) -> Figure:
+    """Draw a panel for each product: runs over time, or in order, in percent of the centre."""
+    times = {run.name: run.time for run in plan.runs}
+    names = [run.name for run in population.runs]
+    known = [times[name] for name in names]
+    timed = None not in known and len({*known}) > 1
+    x, label = np.arange(1.0, len(names) + 1.0), "run"
+    if timed:
+        x = np.array(known, dtype=float) / SECONDS[plan.spec.time_unit]
+        label = f"time [{plan.spec.time_unit}]"
+    with style.styled(width):
+        figure, panels = build_page(len(population.products), 2, 1.5, width)
+        for k, panel in enumerate(panels):
+            _panel(panel, population, k, x)
+            latex = product_latex(exponents[k], symbols)
+            panel.set_ylabel(rf"$\Delta\,{latex}$ [%]")
+        label_outside(panels, label, "", share_y=False)
+        looks: dict[str, style.Look] = {
+            "run by itself": BAR,
+            "run in the population": DOT,
+            "next run, 50 %": style.BAND,
+            "next run, 90 %": style.FAINT_BAND,
+        }
+        if any(run.outlier for run in population.runs):
+            looks["does not belong"] = FOREIGN
+        if any(p.table is not None for p in population.populations):
+            looks["nominal value"] = style.NOMINAL
+        return legend_above(figure, looks)
+
+
+def _panel(panel: Axes, population: PopulationFit, k: int, x: Array) -> None:
+    """Draw the runs of product `k` at `x (R,)`, above the interval of a next run at their level."""
+    known, runs = population.populations[k], population.runs
+    centre = known.centre.mean
+
+    def relative(log: Array | float) -> Array:
+        return np.asarray(100.0 * np.expm1(np.asarray(log) - centre))
+
+    place = {run.name: i for i, run in enumerate(runs)}
+    order, level = np.argsort(x, kind="stable"), np.zeros(len(x))
+    if population.charts:
+        order = np.array([place[name] for name in population.timed])
+        level = level_over_time(population.charts[k].history, x[order])
+    ahead = known.next_run
+    for low, high, look in (
+        (ahead.low_90, ahead.high_90, style.FAINT_BAND),
+        (ahead.low_50, ahead.high_50, style.BAND),
+    ):
+        ends = relative(low + level), relative(high + level)
+        panel.fill_between(x[order], *ends, step="mid", zorder=0, **look)
+    foreign = np.array([run.outlier for run in runs])
+    shown = np.zeros(len(runs), dtype=bool)
+    shown[style.thin(len(runs), MOST_SHOWN)] = True
+    alone, sd = (np.array([getattr(run, n)[k] for run in runs]) for n in ("alone", "alone_sd"))
+    shrunk = np.array([run.shrunk[k] for run in runs])
+    bars = shown | foreign
+    panel.vlines(x[bars], relative(alone - sd)[bars], relative(alone + sd)[bars], **BAR)
+    panel.plot(x[shown & ~foreign], relative(shrunk)[shown & ~foreign], zorder=3, **DOT)
+    panel.plot(x[foreign], relative(alone)[foreign], zorder=4, **FOREIGN)
+    inside = np.concatenate([relative(alone - sd)[bars], relative(alone + sd)[bars]])
+    reach = [*inside, *map(float, (relative(ahead.low_90), relative(ahead.high_90)))]
+    low, high = min(reach), max(reach)
+    margin = 0.06 * (high - low)
+    scale = scales.Scale(0.0, 0, low - margin, high + margin)
+    style.scale_axis(panel.yaxis, scale, "", 5)
+    if known.table is not None:
+        style.mark_values(panel, scale, float(relative(known.table.nominal)), vertical=True)

@@ -1,0 +1,320 @@
+"""Fit the population of a campaign: history over time, population, and what follows for all."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from bayesdrill.basics.arrays import Array, Indices, StoredArray
+from bayesdrill.basics.progress import Reporter
+from bayesdrill.campaigns.draws import CampaignDraws
+from bayesdrill.campaigns.outcomes import (
+    NotedEffect,
+    ProductPopulation,
+    RigLevel,
+    RunOutcome,
+    flat_draws,
+    moments_alone,
+    noted_effects,
+    product_populations,
+    rig_levels,
+    run_outcomes,
+)
+from bayesdrill.campaigns.population import RunArrays, run_arrays, sample_population
+from bayesdrill.campaigns.time_study import LevelHistory, level_history
+from bayesdrill.sampling.convergence import Convergence, Targets
+
+MIN_RUNS = 3  # fewer runs say next to nothing about their spread
+MIN_TIMED_RUNS = 8  # fewer runs show no history
+MIN_EFFECTIVE = 100.0  # effective draws of a run, below which it has to be sampled again
+NOTED_PRECISION = 0.1  # prior precision of a coefficient of a noted column, over that of the runs
+EWMA_WEIGHT = (
+    0.2  # weight of the newest run in the moving average of a control chart (Roberts 1959)
+)
+CHART_LIMIT = 3.0  # standard deviations at which a control chart has its limits
+ALARM = 0.05  # a constant level that is less probable than this raises an alarm
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PopulationSettings:
+    """A population is fitted with these settings.
+
+    spread_scale: scale of the half-t prior (two degrees of freedom) of all spreads, in logs
+    nominal: nominal values of products by name, none if they are not to be compared
+    targets: targets at which the sampler stops
+    max_sweeps: most sweeps of each chain
+    chains: number of chains
+    draws: most draws of the population that outcomes use
+    """
+
+    spread_scale: float = 0.1
+    nominal: Mapping[str, float] = field(default_factory=dict)
+    targets: Targets = field(default_factory=lambda: Targets(r_hat=1.01, n_tau=50.0, ess=400.0))
+    max_sweeps: int = 20_000
+    chains: int = 4
+    draws: int = 1000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ControlChart:
+    """A log product has a control chart over the runs with a time, in order.
+
+    history: its history, and the probabilities of its descriptions
+    score: distance of each run from the median run, in standard deviations of run and population
+    moving_average: exponentially weighted average of the scores
+    moving_limit: limit of that average at each run
+    alarm: whether the level is hardly constant
+    """
+
+    product: str
+    history: LevelHistory
+    score: StoredArray
+    moving_average: StoredArray
+    moving_limit: StoredArray
+    alarm: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LeaveOneOut:
+    """Runs are compared with intervals for them by the population of all other runs.
+
+    within_50: share of runs and products inside their 50 % intervals
+    within_90: share of runs and products inside their 90 % intervals
+    """
+
+    within_50: float
+    within_90: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PopulationFit:
+    """The population of a campaign has its history and its runs; all levels are natural logarithms.
+
+    products: names of the log products
+    populations: population of each
+    correlation: mean correlation of the products over runs, `(K, K)`
+    tails: mean of the degrees of freedom of the t distribution of runs
+    rigs: levels of the rigs, none if there is only one
+    runs: each run, by itself and in the population, in the given order
+    noted: effects of the noted columns
+    missing: numbers that are missing in each noted column
+    ignored: noted columns that are constant or nearly empty
+    timed: names of the runs with a time, in order of time
+    charts: control chart and history of each product, none without enough times
+    leave_one_out: check of the intervals for a next run
+    resample: runs whose draws do not carry the population, and have to be sampled again
+    convergence: convergence of the chains
+    """
+
+    products: tuple[str, ...]
+    populations: tuple[ProductPopulation, ...]
+    correlation: StoredArray
+    tails: float
+    rigs: tuple[RigLevel, ...]
+    runs: tuple[RunOutcome, ...]
+    noted: tuple[NotedEffect, ...]
+    missing: Mapping[str, int]
+    ignored: tuple[str, ...]
+    timed: tuple[str, ...]
+    charts: tuple[ControlChart, ...]
+    leave_one_out: LeaveOneOut
+    resample: tuple[str, ...]
+    convergence: Convergence
+
+
+def fit_population(
+    draws: CampaignDraws,
+    settings: PopulationSettings,
+    rng: np.random.Generator,
+    report: Reporter,
+) -> PopulationFit:
+    """Fit the population of all runs.
+
+    The levels of products that drift or change are taken into account: the population is that at the
+    end of the campaign.  A drift and changes have coefficients of their own in the population.  A
+    random walk is subtracted.
+
+    Parameters
+    ----------
+    draws : CampaignDraws
+        Draws of each run under its interim prior.
+    settings : PopulationSettings
+        Priors, targets and nominal values.
+    rng : numpy.random.Generator
+        The stream of random numbers.
+    report : Reporter
+        It shows the progress.
+
+    Returns
+    -------
+    PopulationFit
+        The population and what follows from it.  Runs in `resample` make it doubtful.
+
+    Raises
+    ------
+    ValueError
+        If there are too few runs, or a nominal value is of no product or not positive.
+    """
+    nominal = _log_nominal(draws, settings)
+    rigs, runs, products = draws.rigs, draws.runs, draws.products
+    rig = np.array([rigs.index(run.rig) for run in runs])
+    noted, missing, ignored = _noted(draws)
+    precision = np.full(noted.shape[1], NOTED_PRECISION)
+    plain = run_arrays(runs, rig, np.zeros((len(runs), len(products))), noted, precision)
+    order = _order_of_time(draws)
+    histories = _histories(draws, plain, noted, order, settings.spread_scale)
+    offset, trends, extra_sd = _trends(histories, draws, order)
+    design = np.column_stack([noted, trends])
+    precision = np.append(precision, np.zeros(trends.shape[1]))
+    data = run_arrays(runs, rig, offset, design, precision)
+    sampled = sample_population(
+        data,
+        products,
+        settings.spread_scale,
+        settings.targets,
+        settings.max_sweeps,
+        settings.chains,
+        rng,
+        report,
+    )
+    flat = flat_draws(sampled, settings.draws, extra_sd)
+    ahead = np.column_stack([np.nan_to_num(noted), np.zeros_like(trends)])
+    populations = product_populations(flat, products, nominal, ahead, rng)
+    labels = tuple((run.name, run.rig) for run in runs)
+    outcomes = run_outcomes(data, sampled, flat, labels, products, offset)
+    mean = flat.covariance.mean(axis=0)
+    sds = np.sqrt(np.diagonal(mean))
+    columns = tuple(missing)
+    ranks = np.array([run.ranks for run in outcomes])
+    return PopulationFit(
+        products=products,
+        populations=populations,
+        correlation=mean / np.outer(sds, sds),
+        tails=float(flat.nu.mean()),
+        rigs=rig_levels(flat, rigs, products, ahead, rng) if len(rigs) > 1 else (),
+        runs=outcomes,
+        noted=noted_effects(flat, columns, products),
+        missing=missing,
+        ignored=ignored,
+        timed=tuple(runs[r].name for r in order),
+        charts=_charts(histories, populations, outcomes, order),
+        leave_one_out=LeaveOneOut(
+            within_50=float((np.abs(ranks - 0.5) < 0.25).mean()),
+            within_90=float((np.abs(ranks - 0.5) < 0.45).mean()),
+        ),
+        resample=tuple(run.name for run in outcomes if run.effective < MIN_EFFECTIVE),
+        convergence=sampled.convergence,
+    )
+
+
+def _log_nominal(draws: CampaignDraws, settings: PopulationSettings) -> dict[str, float]:
+    """Return the logs of the nominal values; raise `ValueError` for what cannot be fitted."""
+    faults = [
+        f"The nominal value {value} of {name} is not positive, or {name} is none of the products."
+        for name, value in settings.nominal.items()
+        if name not in draws.products or not value > 0
+    ]
+    if len(draws.runs) < MIN_RUNS:
+        faults.append(f"A population needs at least {MIN_RUNS} runs, but has {len(draws.runs)}.")
+    if faults:
+        raise ValueError(" ".join(faults))
+    return {name: float(np.log(value)) for name, value in settings.nominal.items()}
+
+
+def _noted(draws: CampaignDraws) -> tuple[Array, dict[str, int], tuple[str, ...]]:
+    """Return noted columns with mean 0 and variance 1, missing numbers of each, and ignored ones."""
+    columns, missing, ignored = [], {}, []
+    for name in draws.noted:
+        x = np.array([run.noted.get(name, np.nan) for run in draws.runs])
+        x[~np.isfinite(x)] = np.nan
+        present = x[~np.isnan(x)]
+        if len(present) < MIN_RUNS or np.ptp(present) <= 1e-9 * np.abs(present).max():
+            ignored.append(name)
+            continue
+        columns.append((x - present.mean()) / present.std())
+        missing[name] = len(x) - len(present)
+    stacked = np.array(columns).T if columns else np.zeros((len(draws.runs), 0))
+    return stacked, missing, tuple(ignored)
+
+
+def _order_of_time(draws: CampaignDraws) -> Indices:
+    """Return the runs with a time in its order; none if there are too few different times."""
+    times = np.array([np.nan if run.time is None else run.time for run in draws.runs])
+    order = np.argsort(times, kind="stable")[: int(np.isfinite(times).sum())]
+    return order if len(np.unique(times[order])) >= MIN_TIMED_RUNS else order[:0]
+
+
+def _histories(
+    draws: CampaignDraws, data: RunArrays, noted: Array, order: Indices, spread_scale: float
+) -> tuple[LevelHistory, ...]:
+    """Study each log product over time, with rigs and noted columns as regressors."""
+    if len(order) == 0:
+        return ()
+    mean, covariance = moments_alone(data)
+    times = np.array([draws.runs[r].time for r in order], dtype=float)
+    rigs = np.eye(data.n_rigs)[data.rig]
+    regressors = np.column_stack([rigs, np.nan_to_num(noted)])[order]
+    regressors = regressors[:, regressors.any(axis=0)]
+    return tuple(
+        level_history(times, mean[order, k], covariance[order, k, k], regressors, spread_scale)
+        for k in range(mean.shape[1])
+    )
+
+
+def _trends(
+    histories: tuple[LevelHistory, ...], draws: CampaignDraws, order: Indices
+) -> tuple[Array, Array, Array]:
+    """Return offsets of runs by walks `(R, K)`, columns of drifts and changes, and sds ahead `(K,)`.
+
+    All are zero at the end of the campaign.  Runs without a time are as those at the end.
+    """
+    n_runs, n_products = len(draws.runs), len(draws.products)
+    offset, extra_sd = np.zeros((n_runs, n_products)), np.zeros(n_products)
+    columns: dict[int, Array] = {}
+    for k, history in enumerate(histories):
+        if history.best == "walk":
+            offset[order, k] = history.level - history.level[-1]
+            extra_sd[k] = history.level_sd[-1]
+        elif history.best == "drift":
+            t = np.array([draws.runs[r].time for r in order], dtype=float)
+            columns[0] = np.zeros(n_runs)
+            columns[0][order] = (t - t[-1]) / (t[-1] - t[0])
+        elif history.best == "changes":
+            for change in history.changes:
+                columns[change.run] = np.zeros(n_runs)
+                columns[change.run][order[: change.run]] = -1.0
+    trends = np.array([columns[key] for key in sorted(columns)]).reshape(-1, n_runs).T
+    return offset, trends, extra_sd
+
+
+def _charts(
+    histories: tuple[LevelHistory, ...],
+    populations: tuple[ProductPopulation, ...],
+    outcomes: tuple[RunOutcome, ...],
+    order: Indices,
+) -> tuple[ControlChart, ...]:
+    """Return the control chart of each product, about the median run."""
+    charts = []
+    for k, history in enumerate(histories):
+        alone = np.array([outcomes[r].alone[k] for r in order])
+        sd = np.array([outcomes[r].alone_sd[k] for r in order])
+        score = (alone - np.median(alone)) / np.hypot(sd, populations[k].spread.mean)
+        moving, average = np.zeros(len(order)), 0.0
+        for i, value in enumerate(score):
+            average += EWMA_WEIGHT * (value - average)
+            moving[i] = average
+        share = 1.0 - (1.0 - EWMA_WEIGHT) ** (2.0 * np.arange(1, len(order) + 1))
+        limit = CHART_LIMIT * np.sqrt(EWMA_WEIGHT / (2.0 - EWMA_WEIGHT) * share)
+        charts.append(
+            ControlChart(
+                product=populations[k].product,
+                history=history,
+                score=score,
+                moving_average=moving,
+                moving_limit=limit,
+                alarm=history.probabilities["constant"] < ALARM,
+            )
+        )
+    return tuple(charts)

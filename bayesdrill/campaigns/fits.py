@@ -1,0 +1,271 @@
+"""Fit each run of a campaign, and keep the draws of its determined products in a Parquet file."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass, replace
+from itertools import batched
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayesdrill import output_files
+from bayesdrill.analysis.identifiability.information import SensitivityStudy
+from bayesdrill.analysis.identifiability.study import study_of
+from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.errors import InputError
+from bayesdrill.basics.progress import Reporter, Silent
+from bayesdrill.campaigns.draws import MAX_DRAWS
+from bayesdrill.campaigns.interim_prior import log_density_of_products
+from bayesdrill.campaigns.records import run_job
+from bayesdrill.campaigns.runs import CampaignPlan, CampaignRun
+from bayesdrill.config.job import Job
+from bayesdrill.inference.posterior import Likelihood, Posterior
+from bayesdrill.inference.residual_checks import residual_summaries
+from bayesdrill.output_files import DRAWS
+from bayesdrill.report.doubts import residual_reasons
+from bayesdrill.report.findings import finding_sentences
+from bayesdrill.report.sections.identifiability import product
+from bayesdrill.sampling.convergence import Targets
+from bayesdrill.sampling.fit import FitPlan, fit
+from bayesdrill.tasks.find_map import fit_plan
+from bayesdrill.tasks.ladder import search
+from bayesdrill.tasks.remote import RefitExecutor, packed, run_jobs
+
+FORM = 1  # version of the files of draws
+SEARCHES = 3  # of a run: from the reference, and from two draws of the prior
+WALKERS = 64  # of each ensemble, at most; as many draws as wanted need no more
+BATCH = 200  # runs whose records are in memory at the same time
+INTERIM = "log_interim"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reference:
+    """The reference of a campaign is the maximum of its base config.
+
+    Searches of all runs begin at its `values`.  `products` are those that it determines, with powers
+    `exponents` of the unknowns `names`.
+    """
+
+    names: tuple[str, ...]
+    products: tuple[str, ...]
+    exponents: tuple[tuple[int, ...], ...]
+    values: Mapping[str, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FittedRun:
+    """A fitted run has draws, as `InterimDraws` has them, and reasons not to believe them.
+
+    `misfit` are the reasons among them why its residuals are no noise.  Without draws nothing could
+    be sampled.
+    """
+
+    log_products: Array
+    log_interim: Array
+    reasons: tuple[str, ...]
+    misfit: tuple[str, ...] = ()
+
+
+def find_reference(job: Job, crew: RefitExecutor) -> Reference:
+    """Search the maximum of the base config, and say what it determines; raises `InputError`."""
+    mode = crew.submit(search, job.problem.posterior, fit_plan(job)).result()
+    posterior = job.with_steps_at(mode).problem.posterior
+    sensitivity = SensitivityStudy(posterior.likelihood)
+    theta = posterior.space.vector(mode.values)
+    study = study_of(sensitivity, posterior, theta, job.asked, "the maximum")
+    exponents = tuple(each.exponents for each in study.products if each.word == "determined")
+    if not exponents:
+        message = "no product of parameters is determined by its record; see `bayesdrill identify`"
+        raise InputError.at(str(job.source.path), message)
+    return Reference(
+        names=study.names,
+        products=tuple(product(study.names, powers) for powers in exponents),
+        exponents=exponents,
+        values=mode.values,
+    )
+
+
+def seed_of(plan: CampaignPlan, run: CampaignRun) -> int:
+    """Return the seed of a run, which follows from its name and the seed of the campaign alone."""
+    digest = hashlib.sha256(f"{plan.spec.seed} {run.name}".encode("utf-8", "replace")).digest()
+    return int.from_bytes(digest[:8])
+
+
+def run_plan(plan: CampaignPlan, run: CampaignRun, job: Job) -> FitPlan:
+    """Return how a run is fitted: as in a calibration, with as many effective draws as wanted."""
+    settings, given = job.config.calibration, fit_plan(job)
+    effort = float(plan.spec.effort)
+    targets = Targets(r_hat=job.config.sampler.r_hat, n_tau=settings.n_tau, ess=effort)
+    chains = replace(
+        given.chains,
+        targets=targets,
+        walkers=max(min(given.chains.walkers, WALKERS), 4 * len(job.problem.names)),
+        max_steps=max(settings.max_steps, given.chains.max_steps),
+        seed=seed_of(plan, run),
+    )
+    return replace(given, starts=SEARCHES, chains=chains, brief=True)
+
+
+def fit_run(posterior: Posterior, plan: FitPlan, reference: Reference) -> FittedRun:
+    """Fit a run in a worker, with searches that begin at the reference."""
+    names, powers = posterior.space.free, np.array(reference.exponents, dtype=float)
+    columns = [names.index(name) for name in reference.names]
+    posterior = started_at(posterior, reference.values)
+    try:
+        mode, sampled = fit(posterior, plan)
+    except ValueError as error:
+        none = np.zeros((0, len(powers)))
+        return FittedRun(log_products=none, log_interim=none[:, 0], reasons=(str(error),))
+    draws = sampled.draws.reshape(-1, len(names))
+    kept = np.unique(np.linspace(0, len(draws) - 1, min(len(draws), MAX_DRAWS)).astype(np.intp))
+    logs = np.log(draws[kept][:, columns]) @ powers.T
+    priors = [posterior.space.priors[name] for name in reference.names]
+    log_interim = log_density_of_products(logs, powers, priors)
+    sure = np.isfinite(log_interim)  # none elsewhere, as the quadrature has no node at their ends
+    summaries = residual_summaries(posterior.likelihood, posterior.space.vector(mode.values))
+    misfit = residual_reasons(summaries)
+    return FittedRun(
+        log_products=logs[sure],
+        log_interim=log_interim[sure],
+        reasons=(*finding_sentences(sampled.convergence.reasons), *misfit),
+        misfit=misfit,
+    )
+
+
+def started_at(posterior: Posterior, values: Mapping[str, float]) -> Posterior:
+    """Return the posterior whose search begins at `values`, where the priors allow them."""
+    space = posterior.space
+    unknowns = tuple(
+        replace(unknown, start=x) if unknown.prior.low < x < unknown.prior.high else unknown
+        for unknown in space.unknowns
+        for x in [values.get(unknown.name, unknown.start)]
+    )
+    space = replace(space, unknowns=unknowns)
+    observations, held_out = (
+        tuple(observation.bind(space) for observation in group)
+        for group in (posterior.likelihood.observations, posterior.likelihood.held_out)
+    )
+    return Posterior(space, Likelihood(observations, space, held_out), posterior.coordinates)
+
+
+@dataclass(frozen=True, slots=True)
+class _Stage(Silent):
+    """The stage of a batch says how many runs of all are done."""
+
+    report: Reporter
+    share: Callable[[], float]
+
+    def say(self, text: str) -> None:
+        self.report.say(text)
+
+    def update(self, fraction: float, text: str) -> None:
+        if text:
+            self.report.update(self.share(), text)
+
+
+def fit_runs(
+    plan: CampaignPlan,
+    job: Job,
+    reference: Reference,
+    digests: Mapping[str, str],
+    folder: Path,
+    crew: RefitExecutor,
+    report: Reporter,
+) -> None:
+    """Fit those runs of `digests` of which `folder` has no draws, and write each as soon as it is done.
+
+    The draws of a run depend on its record, its name and the reference alone.
+    """
+    marks = {name: _mark(digest, reference) for name, digest in digests.items()}
+    runs = [run for run in plan.runs if run.name in marks]
+    missing = [run for run in runs if read_draws(folder, run.name, marks[run.name]) is None]
+    total, begun, done = len(runs), time.monotonic(), len(runs) - len(missing)
+    first = done
+    if missing:
+        report.update(0.0, f"{done} of {total} runs")
+
+    def finish(name: str, fitted: FittedRun) -> str:
+        nonlocal done
+        write_draws(folder, name, marks[name], reference, fitted)
+        done += 1
+        rate = 60.0 * (done - first) / (time.monotonic() - begun)
+        return f"{done} of {total} runs, {rate:.3g} a minute"
+
+    stage = _Stage(report, lambda: max(done - first, 0.001) / len(missing))
+    for batch in batched(missing, BATCH):
+        made = ((run, run_job(plan, run, job.case)) for run in batch)
+        jobs = {
+            run.name: (packed(each.problem.posterior, run_plan(plan, run, each), reference),)
+            for run, each in made
+        }
+        run_jobs(crew, fit_run, jobs, finish, folder.parent, stage)
+    report.update(1.0, "")
+
+
+def _mark(digest: str, reference: Reference) -> str:
+    text = f"{digest} {json.dumps(asdict(reference), sort_keys=True)}"
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def path_of(folder: Path, name: str) -> Path:
+    """Return the path of the draws of a run, whose name may be none that a file can have."""
+    number = int.from_bytes(hashlib.sha256(name.encode("utf-8", "replace")).digest()[:7])
+    return folder / DRAWS / f"{number}.parquet"
+
+
+def write_draws(
+    folder: Path, name: str, mark: str, reference: Reference, fitted: FittedRun
+) -> None:
+    """Write the draws of a run, a column for each log product, with its name and its reasons."""
+    import pyarrow
+    from pyarrow import parquet
+
+    columns: dict[str, Any] = dict(zip(reference.products, fitted.log_products.T, strict=True))
+    about = {"form": FORM, "run": name, "mark": mark}
+    about |= {"reasons": fitted.reasons, "misfit": fitted.misfit}
+    table = pyarrow.table({**columns, INTERIM: fitted.log_interim})
+    table = table.replace_schema_metadata({"bayesdrill": json.dumps(about)})
+    sink = pyarrow.BufferOutputStream()
+    parquet.write_table(table, sink)
+    path = path_of(folder, name)
+    path.parent.mkdir(exist_ok=True)
+    output_files.write(path, sink.getvalue().to_pybytes())
+
+
+def read_draws(folder: Path, name: str, mark: str) -> FittedRun | None:
+    """Return the draws of a run; None if they are missing, damaged, or of another record."""
+    from pyarrow import ArrowException, parquet
+
+    path = path_of(folder, name)
+    if not path.exists():
+        return None
+    try:
+        with parquet.ParquetFile(path) as file:
+            about = json.loads(file.schema_arrow.metadata[b"bayesdrill"])
+            if (about["form"], about["run"], about["mark"]) != (FORM, name, mark):
+                return None
+            columns = [column.to_numpy() for column in file.read().columns]
+    except (OSError, ValueError, KeyError, TypeError, ArrowException):
+        return None
+    return FittedRun(
+        log_products=np.stack(columns[:-1], axis=-1),
+        log_interim=columns[-1],
+        reasons=tuple(about["reasons"]),
+        misfit=tuple(about["misfit"]),
+    )
+
+
+def kept_draws(
+    plan: CampaignPlan, reference: Reference, digests: Mapping[str, str], folder: Path
+) -> Iterator[tuple[CampaignRun, FittedRun]]:
+    """Yield all runs that are fitted, with their draws."""
+    for run in plan.runs:
+        if run.name in digests:
+            fitted = read_draws(folder, run.name, _mark(digests[run.name], reference))
+            if fitted is not None:
+                yield run, fitted

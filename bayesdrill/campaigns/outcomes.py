@@ -1,0 +1,364 @@
+"""Say what the population means for its products, its runs, the nominal table and the next run.
+
+All levels, spreads and intervals are in natural logarithms of the products, so that 0.05 is about 5 %.
+A spread is half the width of the central 68 % of the runs, which is the standard deviation of normal
+ones.  A few foreign runs widen the tails of the population rather than its spread.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+
+from bayesdrill.basics.arrays import Array, StoredArray
+from bayesdrill.campaigns.population import PopulationDraws, RunArrays
+
+CENTRAL = float(scipy.special.ndtr(1.0))  # the quantile at one standard deviation
+SAME_RUNS = 0.05  # a table agrees if more than this share of runs is as far from the centre
+FALSE_OUTLIERS = 0.01  # expected number of runs of a sound campaign that are called outliers
+FOLLOWERS = 20  # next runs that are drawn for each draw of the population
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Estimate:
+    """A number has these mean, standard deviation, and ends of central 50 and 90 % intervals."""
+
+    mean: float
+    sd: float
+    low_90: float
+    low_50: float
+    high_50: float
+    high_90: float
+
+
+def estimate(draws: Array) -> Estimate:
+    """Return the estimate of a number from its draws."""
+    ends = map(float, np.quantile(draws, [0.05, 0.25, 0.75, 0.95]))
+    low_90, low_50, high_50, high_90 = ends
+    return Estimate(
+        mean=float(draws.mean()),
+        sd=float(draws.std()),
+        low_90=low_90,
+        low_50=low_50,
+        high_50=high_50,
+        high_90=high_90,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TableComparison:
+    """The nominal value of a product is compared with the population.
+
+    nominal: logarithm of the nominal value
+    offset: the centre of the population minus the nominal value
+    probability: probability that another run is as far from the median run as the nominal value
+    agrees: whether runs differ so much that the nominal value could be one of them
+    """
+
+    nominal: float
+    offset: Estimate
+    probability: float
+    agrees: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ProductPopulation:
+    """The log product has this population, over runs and over rigs.
+
+    product: name of the product
+    centre: level at the end of the campaign, at average noted numbers
+    spread: spread over runs of a rig
+    rig_spread: spread over rigs, None if there is only one
+    next_run: log product of the next run, of a new rig if there are several
+    table: comparison with the nominal value, None if there is none
+    """
+
+    product: str
+    centre: Estimate
+    spread: Estimate
+    rig_spread: Estimate | None
+    next_run: Estimate
+    table: TableComparison | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RigLevel:
+    """A rig has this level of a log product, and expects this of its next run."""
+
+    rig: str
+    product: str
+    level: Estimate
+    next_run: Estimate
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunOutcome:
+    """A run has these log products by itself and as one of the population, `(K,)` each.
+
+    name: name of the run
+    rig: name of its rig
+    alone: mean by its record alone, without its interim prior
+    alone_sd: standard deviation of that
+    shrunk: mean as one of the population
+    shrunk_sd: standard deviation of that
+    effective: median of the effective draws under the population
+    ranks: probability that a run like it is lower, by the population of all other runs
+    worst: product in which it is farthest from these
+    sds: distance from them in that product, in standard deviations of run and population
+    tail: probability of a run as far as this one in the t distribution
+    core_tail: the same if the runs were normal with the spread of the population
+    outlier: whether it does not belong to the population
+    """
+
+    name: str
+    rig: str
+    alone: StoredArray
+    alone_sd: StoredArray
+    shrunk: StoredArray
+    shrunk_sd: StoredArray
+    effective: float
+    ranks: StoredArray
+    worst: str
+    sds: float
+    tail: float
+    core_tail: float
+    outlier: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NotedEffect:
+    """A noted column changes a log product.
+
+    column: name of the column
+    product: name of the product
+    slope: change of the log product for one standard deviation of the column
+    share: share of the spread of all runs that the column explains
+    """
+
+    column: str
+    product: str
+    slope: Estimate
+    share: Estimate
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlatDraws:
+    """The M draws of the population after all chains have the parameters that outcomes need.
+
+    `extra_sd (K,)` is the uncertainty of the last level of a random walk, which widens what is ahead.
+    """
+
+    mean: Array
+    slopes: Array
+    levels: Array
+    covariance: Array
+    rig_covariance: Array
+    nu: Array
+    log_likelihood: Array
+    extra_sd: Array
+
+    @property
+    def spread(self) -> Array:
+        """Return the spread over runs of a rig, `(M, K)`."""
+        scales = np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
+        return np.asarray(scales * self.spread_of_t[:, None])
+
+    @property
+    def spread_of_t(self) -> Array:
+        """Return half the width of the central 68 % of a standard t, `(M,)`."""
+        return np.asarray(scipy.special.stdtrit(self.nu, CENTRAL))
+
+
+def flat_draws(draws: PopulationDraws, most: int, extra_sd: Array) -> FlatDraws:
+    """Return at most `most` draws, evenly spaced, of all chains together."""
+    n_terms = draws.log_likelihood.shape[1]
+    n_chains = len(draws.mean)
+    kept = np.unique(np.linspace(0, n_terms - 1, min(n_terms, most // n_chains)).astype(np.intp))
+
+    def flat(values: Array, stride: int = draws.stride) -> Array:
+        part = values[:, kept * stride]
+        return part.reshape(part.shape[0] * part.shape[1], *part.shape[2:])
+
+    return FlatDraws(
+        mean=flat(draws.mean),
+        slopes=flat(draws.slopes),
+        levels=flat(draws.levels),
+        covariance=flat(draws.covariance),
+        rig_covariance=flat(draws.rig_covariance),
+        nu=flat(draws.nu),
+        log_likelihood=flat(draws.log_likelihood, 1),
+        extra_sd=extra_sd,
+    )
+
+
+def next_runs(flat: FlatDraws, start: Array, design: Array, rng: np.random.Generator) -> Array:
+    """Draw log products of next runs, `(M FOLLOWERS, K)`, about levels `start (M, K)`.
+
+    Their covariates are those of runs of the campaign, `design (R, p)`, taken at random.
+    """
+    n_draws, n_products = flat.mean.shape
+    shape = (n_draws, FOLLOWERS, n_products)
+    x = design[rng.integers(len(design), size=shape[:2])]
+    root = np.linalg.cholesky(flat.covariance)
+    t = np.einsum("mij,mfj->mfi", root, rng.standard_normal(shape))
+    t /= np.sqrt(rng.chisquare(flat.nu[:, None], shape[:2]) / flat.nu[:, None])[..., None]
+    z = start[:, None] + x @ flat.slopes + t + flat.extra_sd * rng.standard_normal(shape)
+    return np.asarray(z.reshape(-1, n_products))
+
+
+def product_populations(
+    flat: FlatDraws,
+    products: tuple[str, ...],
+    nominal: dict[str, float],
+    design: Array,
+    rng: np.random.Generator,
+) -> tuple[ProductPopulation, ...]:
+    """Describe the population of each log product; `nominal` has logs of nominal values by name."""
+    several = bool(flat.rig_covariance.any())
+    noise = rng.standard_normal(flat.mean.shape)
+    start, rig_spread = flat.mean, np.zeros_like(flat.mean)
+    if several:
+        root = np.linalg.cholesky(flat.rig_covariance)
+        start = start + (root @ rng.standard_normal((*noise.shape, 1)))[..., 0]
+        rig_spread = np.sqrt(np.diagonal(flat.rig_covariance, axis1=1, axis2=2))
+    following = next_runs(flat, start, design, rng)
+    centres = flat.mean + flat.extra_sd * noise
+    return tuple(
+        ProductPopulation(
+            product=product,
+            centre=estimate(centres[:, k]),
+            spread=estimate(flat.spread[:, k]),
+            rig_spread=estimate(rig_spread[:, k]) if several else None,
+            next_run=estimate(following[:, k]),
+            table=(
+                _compare(nominal[product], centres[:, k], following[:, k])
+                if product in nominal
+                else None
+            ),
+        )
+        for k, product in enumerate(products)
+    )
+
+
+def _compare(nominal: float, centres: Array, following: Array) -> TableComparison:
+    middle = np.median(following)
+    probability = float((np.abs(following - middle) >= abs(nominal - middle)).mean())
+    return TableComparison(
+        nominal=nominal,
+        offset=estimate(centres - nominal),
+        probability=probability,
+        agrees=probability > SAME_RUNS,
+    )
+
+
+def rig_levels(
+    flat: FlatDraws,
+    rigs: tuple[str, ...],
+    products: tuple[str, ...],
+    design: Array,
+    rng: np.random.Generator,
+) -> tuple[RigLevel, ...]:
+    """Describe the level of each rig, and its next run."""
+    outcomes = []
+    for g, rig in enumerate(rigs):
+        following = next_runs(flat, flat.levels[:, g], design, rng)
+        outcomes += [
+            RigLevel(
+                rig=rig,
+                product=product,
+                level=estimate(flat.levels[:, g, k]),
+                next_run=estimate(following[:, k]),
+            )
+            for k, product in enumerate(products)
+        ]
+    return tuple(outcomes)
+
+
+def noted_effects(
+    flat: FlatDraws, columns: tuple[str, ...], products: tuple[str, ...]
+) -> tuple[NotedEffect, ...]:
+    """Describe what each noted column, whose variance is one, does to each log product."""
+    rest = flat.spread**2 + np.diagonal(flat.rig_covariance, axis1=1, axis2=2)
+    total = (flat.slopes[:, : len(columns)] ** 2).sum(axis=1) + rest
+    return tuple(
+        NotedEffect(
+            column=column,
+            product=product,
+            slope=estimate(flat.slopes[:, j, k]),
+            share=estimate(flat.slopes[:, j, k] ** 2 / total[:, k]),
+        )
+        for j, column in enumerate(columns)
+        for k, product in enumerate(products)
+    )
+
+
+def moments_alone(data: RunArrays) -> tuple[Array, Array]:
+    """Return mean `(R, K)` and covariance `(R, K, K)` of each run without its interim prior.
+
+    Draws are weighted by the inverse density of the interim prior.
+    """
+    highest = -data.log_interim.min(axis=1, keepdims=True)
+    weights = np.exp(-data.log_interim - highest)
+    weights /= weights.sum(axis=1, keepdims=True)
+    mean = np.einsum("rs,rsk->rk", weights, data.draws)
+    deviations = data.draws - mean[:, None]
+    return mean, np.einsum("rs,rsi,rsj->rij", weights, deviations, deviations, optimize=True)
+
+
+def run_outcomes(
+    data: RunArrays,
+    draws: PopulationDraws,
+    flat: FlatDraws,
+    labels: tuple[tuple[str, str], ...],
+    products: tuple[str, ...],
+    offset: Array,
+) -> tuple[RunOutcome, ...]:
+    """Describe each run, by itself and against the population of all others.
+
+    `labels` are names and rigs.  The population without a run has weights in inverse proportion to
+    the run's likelihood, which are cut at sqrt(M) times their mean (Ionides 2008).
+    """
+    alone, covariance = moments_alone(data)
+    design = np.nan_to_num(data.design[:, data.design.shape[1] - flat.slopes.shape[1] :])
+    index = draws.index.reshape(-1, len(labels))
+    outcomes = []
+    for r, (name, rig) in enumerate(labels):
+        inverse = np.exp(flat.log_likelihood[:, r].min() - flat.log_likelihood[:, r])
+        weights = np.minimum(inverse, np.sqrt(len(inverse)) * inverse.mean())
+        weights /= weights.sum()
+        centres = flat.levels[:, data.rig[r]] + design[r] @ flat.slopes
+        deviation = alone[r] - centres
+        core = flat.covariance * (flat.spread_of_t**2)[:, None, None] + covariance[r]
+        wide = flat.covariance + covariance[r]
+        squares = np.einsum(
+            "mk,mk->m", deviation, np.linalg.solve(core, deviation[..., None])[..., 0]
+        )
+        t_squares = np.einsum(
+            "mk,mk->m", deviation, np.linalg.solve(wide, deviation[..., None])[..., 0]
+        )
+        n_products = len(products)
+        core_tail = float(weights @ scipy.special.chdtrc(n_products, squares))
+        tail = weights @ scipy.special.fdtrc(n_products, flat.nu, t_squares / n_products)
+        sds = np.abs(weights @ (deviation / np.sqrt(np.diagonal(core, axis1=1, axis2=2))))
+        scales = np.sqrt(np.diagonal(wide, axis1=1, axis2=2))
+        chosen = data.draws[r, index[:, r]]
+        outcomes.append(
+            RunOutcome(
+                name=name,
+                rig=rig,
+                alone=alone[r] + offset[r],
+                alone_sd=np.sqrt(np.diagonal(covariance[r])),
+                shrunk=chosen.mean(axis=0) + offset[r],
+                shrunk_sd=chosen.std(axis=0),
+                effective=float(np.median(draws.effective[..., r])),
+                ranks=weights @ scipy.special.stdtr(flat.nu[:, None], deviation / scales),
+                worst=products[int(np.argmax(sds))],
+                sds=float(sds.max()),
+                tail=float(tail),
+                core_tail=core_tail,
+                outlier=core_tail < FALSE_OUTLIERS / len(labels),
+            )
+        )
+    return tuple(outcomes)

@@ -1,0 +1,168 @@
+"""Make the job of each run, and check all records before anything is computed."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayesdrill.basics.errors import InputError, Issue
+from bayesdrill.basics.progress import Reporter
+from bayesdrill.campaigns.runs import CampaignPlan, CampaignRun
+from bayesdrill.config import loading
+from bayesdrill.config.building.case import ResolvedCase
+from bayesdrill.config.job import Job, assemble
+from bayesdrill.config.records import sources
+from bayesdrill.results import provenance
+
+# Factors between units that are easily exchanged, with their words.
+EXCHANGED: Mapping[str, float] = {
+    "rpm and rad/s": 30.0 / math.pi,
+    "degrees and radians": 180.0 / math.pi,
+    "revolutions and radians": 2.0 * math.pi,
+    "revolutions and degrees": 360.0,
+    "a unit and a thousandth of it": 1000.0,
+}
+FACTOR_TOLERANCE = 0.05  # relative; runs of one rig that scatter by more hide such a factor
+
+
+@dataclass(frozen=True, slots=True)
+class CheckedRuns:
+    """All records are read: `digests` of all that decides the draws of each run, and `notes`."""
+
+    digests: Mapping[str, str]
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class KnownRecord:
+    """A record with this size and time of change has a digest, unknowns, and sds of its channels."""
+
+    stamp: tuple[int, int]
+    digest: str
+    unknowns: tuple[str, ...]
+    sds: Mapping[str, float]
+
+
+KnownRecords = dict[str, KnownRecord]  # by run
+
+
+def base_job(plan: CampaignPlan, checked: CheckedRuns) -> Job:
+    """Return the job of the base config with its own record, or that of the first run without one."""
+    case = loading.validate(plan.base)
+    if all(path.exists() for path in sources.paths(case.experiments[0])):
+        return assemble(case)
+    return run_job(plan, next(run for run in plan.runs if run.name in checked.digests))
+
+
+def run_case(plan: CampaignPlan, run: CampaignRun, before: ResolvedCase | None) -> ResolvedCase:
+    """Return the case of a run; entries that are the same in the case `before` are known to be valid."""
+    data = _merged(plan.base.data, run.changes)
+    folder = plan.base.path.parent.resolve()
+    name = sources.relative_name(folder, run.path.resolve())
+    data["record"] = {**data.get("record", {}), "file": name}
+    return loading.validate(replace(plan.base, data=data, text=""), before)
+
+
+def run_job(plan: CampaignPlan, run: CampaignRun, before: ResolvedCase | None = None) -> Job:
+    """Return the job of a run; raises `InputError` with all mistakes, each at the name of the run."""
+    try:
+        return assemble(run_case(plan, run, before))
+    except InputError as error:
+        place = f"run {run.name} ({run.path})"
+        raise InputError([Issue(place, str(problem)) for problem in error.problems]) from None
+
+
+def _merged(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return nested entries with `changes`; None removes an entry."""
+    merged = dict(data)
+    for key, value in changes.items():
+        inner = merged.get(key)
+        if isinstance(value, Mapping) and isinstance(inner, Mapping):
+            merged[key] = _merged(inner, value)
+        elif value is None:
+            merged.pop(key, None)
+        else:
+            merged[key] = value
+    return merged
+
+
+def check_runs(
+    plan: CampaignPlan,
+    report: Reporter,
+    problems: list[Issue] | None = None,
+    known: KnownRecords | None = None,
+) -> CheckedRuns:
+    """Read all records; raises `InputError` with the mistakes of all runs.
+
+    With a list of `problems`, mistakes are added to it instead.  Records that are in `known`, to which
+    new ones are added, are not read again unless they have changed.
+    """
+    issues = list[Issue]() if problems is None else problems
+    records = KnownRecords() if known is None else known
+    case, good = loading.validate(plan.base), list[str]()
+    wanted = next((record.unknowns for record in records.values()), ())
+    for k, run in enumerate(plan.runs):
+        stamp = stamp_of(run.path)
+        if run.name not in records or records[run.name].stamp != stamp:
+            report.update(k / len(plan.runs), f"reading record {k + 1} of {len(plan.runs)}")
+            try:
+                made = run_job(plan, run, case)
+            except InputError as error:
+                issues += error.problems
+                continue
+            wanted = wanted or made.problem.names
+            if lacking := [name for name in wanted if name not in made.problem.names]:
+                message = (
+                    f"has no unknown {', '.join(lacking)}, as other runs have; mend `overrides`"
+                )
+                issues.append(Issue(f"run {run.name} ({run.path})", message))
+                continue
+            experiment = made.problem.experiment
+            sds = dict(zip(experiment.names, np.nanstd(experiment.y, axis=0).tolist(), strict=True))
+            digest, unknowns = digest_of(plan, made), made.problem.names
+            records[run.name] = KnownRecord(stamp, digest, unknowns, sds)
+        good.append(run.name)
+    report.update(1.0, "")
+    if issues and problems is None:
+        bad = f"{len(plan.runs) - len(good)} of {len(plan.runs)} runs"
+        message = f"{bad} cannot be used; mend them, or leave them out by name: `leave_out: [...]`"
+        raise InputError([plan.source.issue(("leave_out",), message), *issues])
+    digests, sds = ({name: getattr(records[name], x) for name in good} for x in ("digest", "sds"))
+    return CheckedRuns(digests, (*plan.notes, *_exchanged_units(sds)))
+
+
+def stamp_of(path: Path) -> tuple[int, int]:
+    """Return size and time of change [ns] of a file; zeros if it is missing."""
+    try:
+        status = path.stat()
+    except (OSError, ValueError):
+        return 0, 0
+    return status.st_size, status.st_mtime_ns
+
+
+def digest_of(plan: CampaignPlan, job: Job) -> str:
+    """Return a digest of all that decides the draws of a run, beside the reference."""
+    marks = provenance.fingerprint(job.config, job.problem)
+    text = repr((sorted(marks.items()), plan.spec.seed, plan.spec.effort))
+    return hashlib.sha256(text.encode("utf-8", "replace")).hexdigest()[:16]
+
+
+def _exchanged_units(spreads: Mapping[str, Mapping[str, float]]) -> Iterator[str]:
+    """Yield which channels of which runs look as if their unit was another one than in the others."""
+    for channel in dict.fromkeys(name for each in spreads.values() for name in each):
+        sds = {run: x for run, each in spreads.items() if (x := each.get(channel, 0.0)) > 0.0}
+        middle = float(np.median([*sds.values()])) if sds else 1.0
+        for run, sd in sds.items():
+            ratio = max(sd / middle, middle / sd)
+            for words, factor in EXCHANGED.items():
+                if abs(ratio / factor - 1.0) < FACTOR_TOLERANCE:
+                    yield (
+                        f"{channel} of {run} is {sd / middle:.3g} times as large as in other runs, as "
+                        f"if {words} were exchanged; say its unit in `overrides`, or leave the run out"
+                    )

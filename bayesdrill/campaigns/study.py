@@ -1,0 +1,173 @@
+"""Run a campaign: check all records, fit each run, sample the population, and write the results."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from bayesdrill import output_files
+from bayesdrill.basics import seeds, software
+from bayesdrill.basics.errors import InputError, Issue
+from bayesdrill.basics.json_records import as_data
+from bayesdrill.basics.progress import Reporter
+from bayesdrill.campaigns import fits, pages
+from bayesdrill.campaigns.draws import CampaignDraws, InterimDraws
+from bayesdrill.campaigns.fit import PopulationSettings, fit_population
+from bayesdrill.campaigns.fits import Reference
+from bayesdrill.campaigns.pages import CampaignRecord, say_alarms
+from bayesdrill.campaigns.records import CheckedRuns, KnownRecords, base_job, check_runs
+from bayesdrill.campaigns.runs import NO_PARQUET, CampaignPlan
+from bayesdrill.config.job import Job
+from bayesdrill.output_files import CAMPAIGN, DRAWS
+from bayesdrill.record.formats.table import missing_package
+from bayesdrill.results.provenance import interruptions
+from bayesdrill.results.run_folder import VERSION_OF, Folder, WriteMode, dump_record, load_record
+from bayesdrill.tasks.remote import RefitExecutor
+
+REFERENCE, RECORD = "reference.json", "campaign.json"
+FORM = 1  # version of both files
+LEAST_RUNS = 3  # of a population
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CampaignOutcome:
+    """A campaign has a folder, its results, and the text for the terminal in `said`.
+
+    `reasons` say why they must not be believed.
+    """
+
+    folder: Path
+    record: CampaignRecord
+    said: str
+    reasons: tuple[str, ...]
+
+
+def run_campaign(
+    plan: CampaignPlan,
+    output: Path,
+    how: WriteMode,
+    crew: RefitExecutor,
+    report: Reporter,
+    known: KnownRecords | None = None,
+) -> CampaignOutcome:
+    """Run a campaign into `output`; raises `Interrupted` when asked to stop.
+
+    What is known of records is kept in `known`, with which bad records are left out instead of raised.
+    """
+    _need_parquet(plan)
+    problems = None if known is None else list[Issue]()
+    with Folder(output, how, _marks(plan), CAMPAIGN) as folder:
+        checked = check_runs(plan, report, problems, known)
+        if len(checked.digests) < LEAST_RUNS:
+            few = f"{len(checked.digests)} runs are too few; a population needs {LEAST_RUNS}"
+            raise InputError([plan.source.issue(("runs",), few), *(problems or ())])
+        report.say(pages.describe_plan(plan, checked))
+        job = base_job(plan, checked)
+        folder.begin(status="running", seed=plan.spec.seed, versions=software.installed_versions())
+        folder.write_text("campaign.yaml", plan.source.text)
+
+        def progress() -> str:
+            done = len(list((output / DRAWS).glob("*.parquet")))
+            return f"{done} of {len(plan.runs)} runs are kept in {output}"
+
+        with interruptions(folder, progress, (InputError,)):
+            reference = _reference(job, folder, crew, report)
+            fits.fit_runs(plan, job, reference, checked.digests, output, crew, report)
+            return _publish(plan, job, reference, checked, folder, problems or [], report)
+
+
+def _need_parquet(plan: CampaignPlan) -> None:
+    try:
+        import pyarrow  # noqa: F401
+    except ImportError:
+        raise missing_package(plan.source.path, NO_PARQUET, "parquet") from None
+
+
+def _marks(plan: CampaignPlan) -> dict[str, str]:
+    """Return what decides the draws of all runs, by name; runs may be added, changed or left out."""
+    base = hashlib.sha256(repr(plan.base.data).encode("utf-8", "replace")).hexdigest()[:12]
+    versions = {f"{VERSION_OF}{name}": x for name, x in software.installed_versions().items()}
+    settings = {"the seed": str(plan.spec.seed), "effort": str(plan.spec.effort)}
+    return {"the base config": base, **settings, **versions}
+
+
+def _reference(job: Job, folder: Folder, crew: RefitExecutor, report: Reporter) -> Reference:
+    """Return the reference of a folder, which is found once and kept."""
+    path = folder.path / REFERENCE
+    if path.exists():
+        return load_record(path, Reference, FORM)[0]
+    report.update(0.0, "searching the maximum of the base config")
+    reference = fits.find_reference(job, crew)
+    folder.write_text(REFERENCE, dump_record(reference, FORM))
+    report.update(1.0, "")
+    return reference
+
+
+def _publish(
+    plan: CampaignPlan,
+    job: Job,
+    reference: Reference,
+    checked: CheckedRuns,
+    folder: Folder,
+    problems: list[Issue],
+    report: Reporter,
+) -> CampaignOutcome:
+    """Sample the population of what is fitted, and write all tables and pages."""
+    kept = list(fits.kept_draws(plan, reference, checked.digests, folder.path))
+    used = [(run, fitted) for run, fitted in kept if len(fitted.log_interim) > 1]
+    runs = tuple(
+        InterimDraws(
+            name=run.name,
+            rig=run.rig,
+            time=run.time,
+            noted=run.noted,
+            log_products=fitted.log_products,
+            log_interim=fitted.log_interim,
+        )
+        for run, fitted in used
+    )
+    draws = CampaignDraws(products=reference.products, runs=runs)
+    rng = seeds.stream(plan.spec.seed, "campaign", 1)
+    settings = PopulationSettings(nominal=_nominal(job, reference))
+    population = fit_population(draws, settings, rng, report)
+    doubts = {run.name: fitted.reasons for run, fitted in used if fitted.reasons}
+    misfit = {run.name: fitted.misfit for run, fitted in used if fitted.misfit}
+    not_used = {
+        run.name: (*fitted.reasons, "its draws are beyond the priors")[0]
+        for run, fitted in kept
+        if len(fitted.log_interim) < 2
+    }
+    not_used |= {issue.place: issue.message for issue in problems}
+    record = CampaignRecord(
+        name=plan.spec.name,
+        verdict=pages.describe_population(population, not_used),
+        not_used=not_used,
+        doubts=doubts,
+        misfit=misfit,
+        alarms=tuple(say_alarms(population, misfit, not_used)),
+        population=population,
+    )
+    pages.write(plan, job, reference, record, folder)
+    folder.write_text(RECORD, output_files.dumps_checksummed({"form": FORM, **as_data(record)}))
+    folder.write_run(status="finished", files=folder.digests())
+    reasons = (*pages.population_reasons(population), *not_used.values())
+    said = pages.screen(record)
+    return CampaignOutcome(folder=folder.path, record=record, said=said, reasons=reasons)
+
+
+def _nominal(job: Job, reference: Reference) -> dict[str, float]:
+    """Return the nominal values of those products whose parameters all have one."""
+    values = job.problem.nominal
+    powers = zip(reference.products, reference.exponents, strict=True)
+    products = {
+        name: [(n, e) for n, e in zip(reference.names, exponents, strict=True) if e]
+        for name, exponents in powers
+    }
+    return {
+        name: float(np.prod([values[n] ** e for n, e in factors]))
+        for name, factors in products.items()
+        if all(n in values for n, _ in factors)
+    }

@@ -1,0 +1,366 @@
+"""Tell constant levels, a steady drift, sudden changes and a random walk of a log product apart.
+
+The estimate of run i, in order of time, is y_i = h_i' b + level_i + e_i, where e_i is normal with the
+variance s^2 + c_i: the spread over runs, and what the record of run i leaves unknown.  Regressors h
+(rigs and noted columns) have wide normal priors.  Four descriptions of the level are compared by their
+evidence, which is summed over grids of s, of the moment of a change, and of the scale of the walk:
+
+    constant   level = 0
+    drift      level = d (t_i - t_last) / (t_last - t_first),  d ~ N(0, SIZE^2)
+    changes    level = sum of sizes of the changes before i,   size ~ N(0, SIZE^2), any moment alike
+    walk       level_i - level_(i-1) ~ N(0, q^2 (t_i - t_(i-1)) / (t_last - t_first))
+
+All but the grids is exact linear-Gaussian algebra: sums over the runs after each moment give the
+evidence of all changes at once (Smith 1975), and a Kalman filter that of the walk.  A further change
+is sought beside those before, until another is improbable.  A run that is far from its neighbours
+in time counts less, so that a foreign record is no change.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy
+
+from bayesdrill.basics.arrays import Array, StoredArray
+
+SIZE = 0.1  # prior sd of a drift over the whole campaign and of a change, in logs
+PRIOR = {"constant": 0.7, "drift": 0.1, "changes": 0.1, "walk": 0.1}
+PRIOR_OF_ANOTHER = 0.1  # prior probability of a change beside those before
+ANOTHER_PROBABILITY = 0.9  # posterior probability with which a further change is accepted
+MAX_CHANGES = 10
+HALF_T_FREEDOM = 2.0  # of the prior of s, as of the population's sds
+SMALLEST_SPREAD = 1e-5  # s is not resolved below this, so that sums keep their digits
+REGRESSOR_SD = 10.0  # prior sd of coefficients of regressors
+MIN_SPREADS, MAX_SPREADS = 12, 40  # values of s on its grid, whose steps follow its uncertainty
+WALKS = 8  # values of q on its grid
+NEIGHBOURS = 4  # runs before and after, whose median shows whether a run is foreign
+FOREIGN_SDS = 4.0  # robust standard deviations from the neighbours, from which a run counts less
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LevelChange:
+    """A level changes between two runs, by `size` with standard deviation `size_sd`, in logs.
+
+    run: index of the first run after the change, in order of time
+    first: least such index in the 90 % interval of the moment
+    last: greatest such index in the 90 % interval of the moment
+    time: time of that first run [s]
+    size: mean of the change of the log product
+    size_sd: standard deviation of the change of the log product
+    probability: probability that there is this change, given those found before it
+    """
+
+    run: int
+    first: int
+    last: int
+    time: float
+    size: float
+    size_sd: float
+    probability: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LevelHistory:
+    """A log product has a history: probabilities of the descriptions, and what each says.
+
+    probabilities: posterior probability of each description
+    drift: mean of a steady drift over the campaign, in logs
+    drift_sd: standard deviation of that drift, in logs
+    changes: sudden changes in order of time
+    walk_sd: mean of the standard deviation of a random walk over the campaign, in logs
+    level: mean of the level of a random walk at each run, at average regressors
+    level_sd: standard deviation of that level
+    """
+
+    probabilities: dict[str, float]
+    drift: float
+    drift_sd: float
+    changes: tuple[LevelChange, ...]
+    walk_sd: float
+    level: StoredArray
+    level_sd: StoredArray
+
+    @property
+    def best(self) -> str:
+        """Return the most probable description."""
+        return max(self.probabilities, key=lambda name: self.probabilities[name])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Series:
+    """Estimates `y (R,)` at times `t (R,)` in order have regressors `h (R, p)` with prior sds `(p,)`.
+
+    `variance (n, R)` is given at each s of a grid, with prior log probabilities `log_prior (n,)`.
+    """
+
+    t: Array
+    y: Array
+    h: Array
+    prior_sd: Array
+    variance: Array
+    log_prior: Array
+
+    def with_column(self, column: Array) -> _Series:
+        """Return the series with another regressor, a drift or a change."""
+        h = np.column_stack([self.h, column])
+        return replace(self, h=h, prior_sd=np.append(self.prior_sd, SIZE))
+
+    @property
+    def ramp(self) -> Array:
+        """Return the time since the last run, over the length of the campaign: from -1 to 0."""
+        return np.asarray((self.t - self.t[-1]) / (self.t[-1] - self.t[0]))
+
+    def step(self, run: int) -> Array:
+        """Return the column of a change before a run: -1 before it, and 0 from it on."""
+        return np.asarray(np.where(np.arange(len(self.t)) < run, -1.0, 0.0))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _LinearFit:
+    """A linear fit has log evidence `(..., )`, and the mean and inverse covariance of coefficients."""
+
+    log_evidence: Array
+    mean: Array
+    precision: Array
+
+
+def _fit(y: Array, h: Array, variance: Array, prior_sd: Array) -> _LinearFit:
+    """Fit `y (..., R)` by `h (..., R, p)` with independent errors of `variance (..., R)`."""
+    weighted = h / variance[..., None]
+    precision = np.swapaxes(weighted, -1, -2) @ h + np.diag(prior_sd**-2.0)
+    moment = (np.swapaxes(weighted, -1, -2) @ y[..., None])[..., 0]
+    mean = np.linalg.solve(precision, moment[..., None])[..., 0]
+    squares = (y**2 / variance + np.log(2.0 * np.pi * variance)).sum(axis=-1)
+    squares += np.linalg.slogdet(precision)[1] + 2.0 * np.log(prior_sd).sum()
+    evidence = -0.5 * (squares - (moment * mean).sum(axis=-1))
+    return _LinearFit(log_evidence=evidence, mean=mean, precision=precision)
+
+
+def level_history(
+    t: Array, y: Array, variance: Array, regressors: Array, spread_scale: float
+) -> LevelHistory:
+    """Study the level of estimates `y (R,)` with `variance (R,)` at times `t (R,)` in order.
+
+    `regressors (R, p)` must span the constant.  The spread s over runs has a half-t prior with two
+    degrees of freedom and the scale `spread_scale`.
+    """
+    series = _series(t, y, variance, regressors, spread_scale)
+    constant = _fit(series.y, series.h, series.variance, series.prior_sd).log_evidence
+    log_constant = _log_sum(constant + series.log_prior)
+    ramped = series.with_column(series.ramp)
+    drift = _fit(ramped.y, ramped.h, ramped.variance, ramped.prior_sd)
+    log_changes, runs, last_probability = _find_changes(series, log_constant)
+    walk = _walk(series)
+    log_z = {
+        "constant": log_constant,
+        "drift": _log_sum(drift.log_evidence + series.log_prior),
+        "changes": log_changes,
+        "walk": _log_sum(walk.log_evidence),
+    }
+    logs = np.array([log_z[name] + np.log(PRIOR[name]) for name in PRIOR])
+    shares = _normalised(logs)
+    probabilities = {name: float(share) for name, share in zip(PRIOR, shares, strict=True)}
+    weights = _normalised(drift.log_evidence + series.log_prior)
+    mean, sd = _mixture(weights, drift.mean[:, -1], np.linalg.inv(drift.precision)[:, -1, -1])
+    changes = tuple(
+        _change(series, runs, k, min([probabilities["changes"], *last_probability[: k + 1]]))
+        for k in range(len(runs))
+    )
+    return LevelHistory(
+        probabilities=probabilities,
+        drift=mean,
+        drift_sd=sd,
+        changes=tuple(sorted(changes, key=lambda change: change.run)),
+        walk_sd=walk.scale,
+        level=walk.level,
+        level_sd=walk.level_sd,
+    )
+
+
+def _series(t: Array, y: Array, c: Array, h: Array, spread_scale: float) -> _Series:
+    """Make the grid of s, and give runs that are far from their neighbours a larger variance."""
+    residuals = y - h @ np.linalg.lstsq(h, y, rcond=None)[0]
+    padded = np.pad(residuals, NEIGHBOURS, constant_values=np.nan)
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * NEIGHBOURS + 1)
+    others = np.delete(windows, NEIGHBOURS, axis=1)
+    deviation = np.abs(residuals - np.nanmedian(others, axis=1))
+    sd = max(1.4826 * float(np.median(deviation)), SMALLEST_SPREAD)
+    inflation = np.maximum(1.0, deviation / (FOREIGN_SDS * sd)) ** 4  # its influence falls beyond
+    known = float(np.sqrt(np.median(c)))  # records may know runs worse than they differ
+    low, high = max(0.5 * sd, known), 1.5 * max(float(residuals.std()), sd, known)
+    count = int(np.clip(1.5 * np.log(high / low) * np.sqrt(2 * len(y)), MIN_SPREADS, MAX_SPREADS))
+    total = np.geomspace(low, high, count + 1) ** 2
+    ends = np.sqrt(np.maximum(total - known**2, 0.0))
+    ends[0] = 0.0
+    x = ends / spread_scale
+    mass = np.diff(x / np.sqrt(HALF_T_FREEDOM + x**2))
+    s = 0.5 * (ends[1:] + ends[:-1])[mass > 0]
+    return _Series(
+        t=t,
+        y=y,
+        h=h,
+        prior_sd=np.full(h.shape[1], REGRESSOR_SD),
+        variance=(s[:, None] ** 2 + c) * inflation,
+        log_prior=np.log(mass[mass > 0]),
+    )
+
+
+def _moments(series: _Series) -> tuple[Array, Array, Array]:
+    """Return log Bayes factor, size and its variance of a change before each run: `(n, R - 1)` each.
+
+    The factors include the evidence and prior of each s.  There is no change between equal times.
+    """
+    base = _fit(series.y, series.h, series.variance, series.prior_sd)
+    weights = 1.0 / series.variance
+
+    def sums(values: Array) -> Array:  # the column of a change is -1 in all runs before it
+        return -np.cumsum(values, axis=1)[:, :-1]
+
+    with_h = sums(weights[..., None] * series.h)
+    explained = np.linalg.solve(base.precision[:, None], with_h[..., None])[..., 0]
+    precision = -sums(weights) + SIZE**-2.0 - (with_h * explained).sum(axis=-1)
+    moment = sums(weights * series.y) - (with_h * base.mean[:, None]).sum(axis=-1)
+    log_bf = 0.5 * moment**2 / precision - 0.5 * np.log(SIZE**2 * precision)
+    possible = np.diff(series.t) > 0
+    log_bf = np.where(possible, log_bf - np.log(possible.sum()), -np.inf)
+    return (
+        log_bf + (base.log_evidence + series.log_prior)[:, None],
+        moment / precision,
+        1 / precision,
+    )
+
+
+def _find_changes(series: _Series, log_constant: float) -> tuple[float, list[int], list[float]]:
+    """Add changes while another is probable: log evidence of one or more, runs and probabilities."""
+    runs: list[int] = []
+    probabilities: list[float] = []
+    log_changes, log_base = -np.inf, log_constant
+    while len(runs) < min(MAX_CHANGES, len(series.t) // 3):
+        log_p = _moments(series)[0]
+        gain = _log_sum(log_p.ravel()) - log_base
+        odds = gain + np.log(PRIOR_OF_ANOTHER / (1 - PRIOR_OF_ANOTHER))
+        probability = float(scipy.special.expit(odds))
+        if runs and probability < ANOTHER_PROBABILITY:
+            break
+        log_changes = (
+            log_constant + gain if not runs else log_changes + gain + np.log(PRIOR_OF_ANOTHER)
+        )
+        probabilities.append(probability if runs else 1.0)
+        runs.append(int(np.argmax(np.logaddexp.reduce(log_p, axis=0))) + 1)
+        series = series.with_column(series.step(runs[-1]))
+        log_base = _log_sum(
+            _fit(series.y, series.h, series.variance, series.prior_sd).log_evidence
+            + series.log_prior
+        )
+    return log_changes, runs, probabilities
+
+
+def _change(series: _Series, runs: list[int], k: int, probability: float) -> LevelChange:
+    """Describe a change by the posterior of its moment and size, given the moments of the others."""
+    for other in runs[:k] + runs[k + 1 :]:
+        series = series.with_column(series.step(other))
+    log_p, size, variance = _moments(series)
+    weights = _normalised(log_p)
+    moments = np.cumsum(weights.sum(axis=0))
+    run = int(np.argmax(weights.sum(axis=0))) + 1
+    first, last = np.searchsorted(moments, [0.05, 0.95]) + 1
+    mean, sd = _mixture(weights, size, variance)
+    return LevelChange(
+        run=run,
+        first=int(first),
+        last=int(last),
+        time=float(series.t[run]),
+        size=mean,
+        size_sd=sd,
+        probability=probability,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Walk:
+    """A random walk has log evidences with priors `(n q,)`, its mean scale, and its level `(R,)`."""
+
+    log_evidence: Array
+    scale: float
+    level: Array
+    level_sd: Array
+
+
+def _walk(series: _Series) -> _Walk:
+    """Filter estimates and regressors, and smooth the level that explains what regressors do not."""
+    scales = SIZE * np.geomspace(0.03, 3.0, WALKS)
+    log_prior = _log_normalised(np.log(scales) - 0.5 * (scales / SIZE) ** 2)  # half-normal
+    shape = (len(series.variance), WALKS)
+    log_prior = (series.log_prior[:, None] + log_prior).ravel()
+    step = np.diff(series.ramp, append=0.0)[:, None] * np.tile(scales**2, shape[0])
+    variance = np.repeat(series.variance, WALKS, axis=0).T
+    innovations, total, _, _ = _filter(np.column_stack([series.y, series.h]), variance, step, 0.0)
+    columns = np.moveaxis(innovations, 0, 1)
+    fit = _fit(columns[..., 0], columns[..., 1:], total.T, series.prior_sd)
+    weights = _normalised(fit.log_evidence + log_prior)
+    effect = series.h @ (weights @ fit.mean)
+    y = series.y - effect + effect.mean()
+    _, _, mean, spread = _filter(y[:, None], variance, step, REGRESSOR_SD**2)
+    mean = mean[..., 0]
+    for i in range(len(y) - 2, -1, -1):  # Rauch, Tung and Striebel (1965)
+        gain = spread[i] / (spread[i] + step[i])
+        mean[i] += gain * (mean[i + 1] - mean[i])
+        spread[i] += gain**2 * (spread[i + 1] - spread[i] - step[i])
+    level = mean @ weights
+    variance = (spread + (mean - level[:, None]) ** 2) @ weights
+    return _Walk(
+        log_evidence=fit.log_evidence + log_prior,
+        scale=float(weights @ np.tile(scales, shape[0])),
+        level=level,
+        level_sd=np.sqrt(variance),
+    )
+
+
+def _filter(
+    columns: Array, variance: Array, step: Array, start: float
+) -> tuple[Array, Array, Array, Array]:
+    """Run the Kalman filter of a level over `columns (R, c)` at each of G pairs of s and q.
+
+    `variance` and `step (R, G)` are those of errors and of the walk after each run; `start` is the
+    variance of the first level.  Returns innovations `(R, G, c)`, their variances `(R, G)`, and the
+    filtered levels and their variances, of the same shapes.
+    """
+    n_runs, n_pairs = variance.shape
+    innovations = np.empty((n_runs, n_pairs, columns.shape[1]))
+    levels, total, spread = (
+        np.empty_like(innovations),
+        np.empty_like(variance),
+        np.empty_like(variance),
+    )
+    level, p = np.zeros(innovations.shape[1:]), np.full(n_pairs, start)
+    for i in range(n_runs):
+        innovations[i], total[i] = columns[i] - level, p + variance[i]
+        gain = p / total[i]
+        level = level + gain[:, None] * innovations[i]
+        p = p * variance[i] / total[i]
+        levels[i], spread[i] = level, p
+        p = p + step[i]
+    return innovations, total, levels, spread
+
+
+def _log_sum(logs: Array) -> float:
+    """Return the logarithm of the sum of numbers with these logarithms."""
+    return float(np.logaddexp.reduce(logs))
+
+
+def _log_normalised(logs: Array) -> Array:
+    """Return the logs of numbers, scaled to the sum 1."""
+    return np.asarray(logs - _log_sum(logs.ravel()))
+
+
+def _normalised(logs: Array) -> Array:
+    """Return the numbers with these logs, scaled to the sum 1."""
+    return np.asarray(np.exp(_log_normalised(logs)))
+
+
+def _mixture(weights: Array, means: Array, variances: Array) -> tuple[float, float]:
+    """Return mean and standard deviation of a mixture of normal distributions."""
+    mean = float((weights * means).sum())
+    return mean, float(np.sqrt((weights * (variances + (means - mean) ** 2)).sum()))

@@ -1,0 +1,83 @@
+"""Take up new runs of a campaign as their files come, and raise each alarm once."""
+
+from __future__ import annotations
+
+import glob
+import json
+import time
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+
+from bayesdrill.basics.json_records import from_data
+from bayesdrill.basics.progress import Reporter
+from bayesdrill.campaigns.pages import Alarm
+from bayesdrill.campaigns.records import KnownRecords, stamp_of
+from bayesdrill.campaigns.runs import CampaignPlan, read_plan
+from bayesdrill.campaigns.study import LEAST_RUNS, RECORD, run_campaign
+from bayesdrill.output_files import RUN, loads_checksummed
+from bayesdrill.results.run_folder import WriteMode
+from bayesdrill.tasks.remote import RefitExecutor
+
+SETTLED = 2.0  # seconds without a change, after which a file counts as written
+
+
+def watch(
+    path: Path, output: Path, crew: RefitExecutor, report: Reporter, interval: float, *, once: bool
+) -> Iterator[str]:
+    """Yield new alarms as lines of JSON; `output` is made anew whenever files have come or changed."""
+    known, raised = KnownRecords(), {_subject(alarm) for alarm in _alarms_before(output)}
+    while True:
+        plan = read_plan(path)
+        _wait_until_written(plan, known)
+        listing = _listing(plan)
+        if len(plan.runs) >= LEAST_RUNS:
+            how: WriteMode = "resume" if (output / RUN).exists() else "fresh"
+            done = run_campaign(plan, output, how, crew, report, known)
+            for alarm in done.record.alarms:
+                if _subject(alarm) not in raised:
+                    raised.add(_subject(alarm))
+                    yield json.dumps({"campaign": plan.spec.name, **asdict(alarm)})
+        if once:
+            return
+        report.say(f"watching {plan.source.path}; Ctrl-C stops")
+        bad = [run.path for run in plan.runs if run.name not in known]
+        seen = _state(plan, listing, bad)
+        while _state(plan, _listing(plan), bad) == seen:
+            time.sleep(interval)
+
+
+def _listing(plan: CampaignPlan) -> frozenset[str]:
+    """Return the names of all files of a glob; no other campaign needs them."""
+    runs = plan.spec.runs
+    if not isinstance(runs, str) or not glob.has_magic(runs):
+        return frozenset()
+    return frozenset(glob.iglob(runs, root_dir=plan.source.path.parent, recursive=True))
+
+
+def _state(plan: CampaignPlan, listing: frozenset[str], bad: list[Path]) -> tuple[object, ...]:
+    """Return what changes when runs come: the listing, the campaign's files, and bad records."""
+    runs, path = plan.spec.runs, plan.source.path
+    table = path.parent / runs if isinstance(runs, str) else path
+    return (listing, *map(stamp_of, (path, table, *bad)))
+
+
+def _wait_until_written(plan: CampaignPlan, known: KnownRecords) -> None:
+    """Sleep until all new records have not changed for a while."""
+    new = [run.path for run in plan.runs if run.name not in known]
+    newest = max((stamp_of(path)[1] for path in new), default=0) / 1e9
+    time.sleep(min(max(newest + SETTLED - time.time(), 0.0), SETTLED))
+
+
+def _alarms_before(output: Path) -> tuple[Alarm, ...]:
+    """Return the alarms of earlier results; none if these are damaged, so that they come again."""
+    try:
+        data = loads_checksummed((output / RECORD).read_bytes())
+        return from_data(tuple[Alarm, ...], data["alarms"])
+    except (OSError, ValueError, KeyError):
+        return ()
+
+
+def _subject(alarm: Alarm) -> tuple[str, str, str]:
+    """Return what an alarm is about; its sentence has numbers, which change with each run."""
+    return alarm.kind, alarm.run, alarm.product

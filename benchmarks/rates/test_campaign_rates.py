@@ -1,0 +1,56 @@
+"""Rates of intervals of campaigns: population, single runs, and the next run.
+
+pytest benchmarks/rates/test_campaign_rates.py
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import stats
+from support.simulated_campaigns import BRIEF, SimulatedRuns
+
+from bayesdrill.basics.progress import SILENT
+from bayesdrill.campaigns.fit import PopulationSettings, fit_population
+from bayesdrill.campaigns.outcomes import Estimate
+
+CAMPAIGNS, RUNS, PRODUCTS = 100, 12, 2
+
+
+def inside(estimate: Estimate, truth: float) -> list[bool]:
+    """Return whether the truth is inside the 50 and the 90 % interval."""
+    in_50 = estimate.low_50 < truth < estimate.high_50
+    return [in_50, estimate.low_90 < truth < estimate.high_90]
+
+
+def hits_of_campaign(seed: int) -> dict[str, list[list[bool]]]:
+    """Fit a campaign, and return for each kind of number whether its intervals hold the truth."""
+    rng = np.random.default_rng(seed)
+    spread = np.exp(rng.uniform(np.log(0.01), np.log(0.08), PRODUCTS))
+    correlation = rng.uniform(-0.8, 0.8)
+    root = np.diag(spread) @ np.linalg.cholesky([[1.0, correlation], [correlation, 1.0]])
+    mean = rng.normal(0.0, 0.1, PRODUCTS)
+    z = mean + rng.standard_normal((RUNS + 1, PRODUCTS)) @ root.T
+    known = np.exp(rng.uniform(np.log(0.005), np.log(0.03), (RUNS, PRODUCTS)))
+    draws = SimulatedRuns(z=z[:-1], sd=known).draws(rng, 300)
+    fit = fit_population(draws, PopulationSettings(targets=BRIEF), rng, SILENT)
+    hits: dict[str, list[list[bool]]] = {"centre": [], "spread": [], "next run": [], "run": []}
+    for k, population in enumerate(fit.populations):
+        hits["centre"].append(inside(population.centre, mean[k]))
+        hits["spread"].append(inside(population.spread, spread[k]))
+        hits["next run"].append(inside(population.next_run, z[-1, k]))
+    for r, run in enumerate(fit.runs):
+        sds = np.abs(run.shrunk - z[r]) / run.shrunk_sd
+        hits["run"] += [[bool(x < 0.674), bool(x < 1.645)] for x in sds]
+    return hits
+
+
+def test_intervals_of_campaigns_hold_the_truth_at_their_rate() -> None:
+    campaigns = [hits_of_campaign(seed) for seed in range(CAMPAIGNS)]
+    for kind in campaigns[0]:
+        hits = np.array([campaign[kind] for campaign in campaigns])
+        rates = hits.mean(axis=(0, 1))
+        print(f"{kind}: {100 * rates[0]:.1f} % in 50 %, {100 * rates[1]:.1f} % in 90 %")
+        # Numbers of a campaign depend on one another, so campaigns are what is counted.
+        for rate, level in zip(rates, (0.5, 0.9), strict=True):
+            low, high = stats.binom(CAMPAIGNS, level).interval(0.9999)
+            assert low <= CAMPAIGNS * rate <= high, (kind, level, rate)

@@ -1,0 +1,89 @@
+"""The fit of one run of a campaign, and the file of its draws."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support import campaigns
+
+from bayesdrill.basics.errors import Issue
+from bayesdrill.basics.progress import SILENT
+from bayesdrill.campaigns import fits, records
+from bayesdrill.campaigns.fits import FittedRun, Reference
+from bayesdrill.campaigns.runs import CampaignPlan, read_plan
+from bayesdrill.sampling.proposal.learning import NoSupportError
+
+pytest.importorskip("pyarrow")
+
+REFERENCE = Reference(
+    names=("k_e", "j_1"),
+    products=("k_e", "j_1/k_e"),
+    exponents=((1, 0), (-1, 1)),
+    values={"k_e": 0.06, "j_1": 0.0283},
+)
+
+
+@pytest.fixture
+def plan(tmp_path: Path) -> CampaignPlan:
+    return read_plan(campaigns.campaign(tmp_path))
+
+
+def test_the_seed_of_a_run_follows_from_its_name_and_that_of_the_campaign(
+    plan: CampaignPlan,
+) -> None:
+    first, second = plan.runs[:2]
+    other = dataclasses.replace(plan, spec=plan.spec.model_copy(update={"seed": 1}))
+    seeds = [fits.seed_of(plan, run) for run in (first, second, first)]
+    assert seeds[0] == seeds[2]
+    assert len({*seeds, fits.seed_of(other, first)}) == 3
+
+
+def test_draws_are_read_as_they_were_written_and_not_for_another_record(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    logs, density = rng.normal(size=(5, 2)), rng.normal(size=5)
+    fitted = FittedRun(log_products=logs, log_interim=density, reasons=("a", "b"), misfit=("b",))
+    name = "../odd: name"
+    fits.write_draws(tmp_path, name, "mark", REFERENCE, fitted)
+    again = fits.read_draws(tmp_path, name, "mark")
+    assert again is not None
+    assert np.array_equal(again.log_products, logs)
+    assert np.array_equal(again.log_interim, density)
+    assert (again.reasons, again.misfit) == (("a", "b"), ("b",))
+    assert fits.read_draws(tmp_path, name, "other") is None
+    assert fits.read_draws(tmp_path, "run_1", "mark") is None
+
+
+def test_a_run_that_cannot_be_sampled_has_a_reason_and_no_draws(
+    plan: CampaignPlan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object) -> None:
+        raise NoSupportError("the priors exclude the record")
+
+    monkeypatch.setattr(fits, "fit", refuse)
+    run = plan.runs[0]
+    job = records.run_job(plan, run)
+    fitted = fits.fit_run(job.problem.posterior, fits.run_plan(plan, run, job), REFERENCE)
+    assert fitted.reasons == ("the priors exclude the record",)
+    fits.write_draws(tmp_path, run.name, "mark", REFERENCE, fitted)
+    again = fits.read_draws(tmp_path, run.name, "mark")
+    assert again is not None
+    assert again.log_products.shape == (0, 2)
+
+
+def test_a_search_begins_at_the_reference_where_the_priors_allow_it(plan: CampaignPlan) -> None:
+    posterior = records.run_job(plan, plan.runs[0]).problem.posterior
+    start = fits.started_at(posterior, {"k_e": 0.065, "j_1": 5.0}).space.start
+    assert start == {"k_e": 0.065, "j_1": posterior.space.start["j_1"]}
+
+
+def test_a_new_run_is_compared_with_the_unknowns_of_those_before(plan: CampaignPlan) -> None:
+    known, problems = records.KnownRecords(), list[Issue]()
+    first = dataclasses.replace(plan, runs=plan.runs[:3])
+    records.check_runs(first, SILENT, problems, known)
+    held = dataclasses.replace(plan.runs[3], changes={"parameters": {"j_1": "nominal"}})
+    checked = records.check_runs(
+        dataclasses.replace(plan, runs=(*plan.runs[:3], held)), SILENT, problems, known
+    )
+    assert [*checked.digests] == ["run_1", "run_2", "run_3"]
+    assert "has no unknown j_1" in problems[0].message

@@ -1,0 +1,174 @@
+"""Which runs a campaign has, and the mistakes of its file, its table and its records."""
+
+import math
+import re
+from pathlib import Path
+
+import pytest
+from support import campaigns
+from support.case_tables import run_cases
+from support.command_line import assert_refused, cli
+
+from bayesdrill.basics.errors import InputError
+from bayesdrill.campaigns.runs import natural_key, read_plan
+
+DAY = 86400.0
+HEAD = "file,name,time,temperature"
+# What is replaced in the file of a campaign, and in its table; the words of the message.
+MISTAKES = [
+    ("runs/runs.csv", "runs/*.dat", "", "", ["no file matches runs/*.dat", "noted: a glob has no"]),
+    ("runs/runs.csv", "runs/run.csv", "", "", ["there is no such file", "runs.csv?"]),
+    (
+        "[temperature]",
+        "[temprature]",
+        "",
+        "",
+        ["has no column temprature; did you mean temperature"],
+    ),
+    (
+        "time_unit:",
+        "leave_out: [run_9]\ntime_unit:",
+        "",
+        "",
+        ["no run is called run_9; did you mean run_"],
+    ),
+    (
+        "time_unit:",
+        "overrides: {run_9: {}}\ntime_unit:",
+        "",
+        "",
+        ["overrides.run_9: no run is called"],
+    ),
+    (
+        "time_unit:",
+        "leave_ot: [run_1]\ntime_unit:",
+        "",
+        "",
+        ["leave_ot: unknown key; did you mean leave_out"],
+    ),
+    ("small.yaml", "larger.yaml", "", "", ["larger.yaml: there is no such file"]),
+    ("", "", "run_2.csv", "run_1.csv", ["row 3: ", "run_1.csv is a run already", "row 2)"]),
+    ("", "", ",run_2,", ",run_1,", ["row 3", "have the name run_1; give `name`"]),
+    ("", "", ",1.0,", ",0.0,", ["row 3: run_2 has the time of run_1; give each its own"]),
+    ("", "", ",1.0,", ",soon,", ["row 3: time: 'soon' is neither a number nor a date"]),
+    ("", "", ",1.0,", ",2026-03-01,", ["some times are numbers and others dates"]),
+    ("", "", ",1.0,", ",,", ["row 3: has no time, and other runs have"]),
+    ("", "", ",1.0,", ",1.0,warm,", ["row 3: has 5 cells, the header 4"]),
+    ("", "", "run_2.csv,", ",", ["row 3: names no file"]),
+    ("", "", "file,", "files,", ["has no column file; did you mean files?"]),
+    ("time_unit:", "by_name: true\ntime_unit:", "", "", ["runs have times; remove `by_name`"]),
+]
+
+
+def names(path: Path) -> list[str]:
+    return [run.name for run in read_plan(path).runs]
+
+
+@run_cases("old, new, cell, other, words", MISTAKES)
+def test_mistakes_of_file_and_table_are_named(
+    old: str, new: str, cell: str, other: str, words: list[str], tmp_path: Path
+) -> None:
+    path = campaigns.campaign(tmp_path, *([(old, new)] if old else []))
+    table = tmp_path / "runs" / "runs.csv"
+    assert cell in table.read_text()
+    table.write_text(table.read_text().replace(cell, other, 1) if cell else table.read_text())
+    assert_refused(cli("check", path), *words)
+
+
+def test_all_mistakes_of_a_table_are_named_at_once(tmp_path: Path) -> None:
+    path = campaigns.campaign(tmp_path)
+    table = tmp_path / "runs" / "runs.csv"
+    lines = table.read_text().splitlines()
+    changed = [lines[0], lines[1], "run_1.csv,run_2,,hot", "run_4.csv,run_4,0.0,1", *lines[5:]]
+    table.write_text("\n".join(changed))
+    with pytest.raises(InputError) as raised:
+        read_plan(path)
+    text = str(raised.value)
+    for word in ("'hot' is not a number", "a run already", "no time", "has the time of run_1"):
+        assert word in text
+
+
+def test_a_run_without_a_noted_number_is_kept_and_named(tmp_path: Path) -> None:
+    path = campaigns.campaign(tmp_path)
+    table = tmp_path / "runs" / "runs.csv"
+    table.write_text(re.sub(r"(run_3,2.0,).*", r"\1", table.read_text()))
+    plan = read_plan(path)
+    assert math.isnan(plan.runs[2].noted["temperature"])
+    assert plan.notes == ("temperature was not noted in 1 of 6 runs: run_3",)
+    assert [run.time for run in plan.runs] == [DAY * k for k in range(6)]
+
+
+def test_dates_become_seconds_since_the_first_run(tmp_path: Path) -> None:
+    path = campaigns.campaign(tmp_path)
+    table = tmp_path / "runs" / "runs.csv"
+    text = table.read_text()
+    for k in range(6):
+        text = text.replace(f",{k}.0,", f",2026-03-{20 - 2 * k}T12:00,")
+    table.write_text(text)
+    plan = read_plan(path)
+    assert [run.name for run in plan.runs] == [f"run_{k}" for k in range(6, 0, -1)]
+    assert [run.time for run in plan.runs] == [2 * DAY * k for k in range(6)]
+
+
+def test_a_glob_a_list_and_a_parquet_table_list_the_same_runs(tmp_path: Path) -> None:
+    pyarrow = pytest.importorskip("pyarrow")
+    from pyarrow import parquet
+
+    path = campaigns.campaign(tmp_path)
+    wanted = names(path)
+    assert wanted == [f"run_{k}" for k in range(1, 7)]
+    plain = campaigns.CAMPAIGN.replace("noted: [temperature]", "by_name: true")
+    path.write_text(plain.replace("runs/runs.csv", "runs/run_*.csv"))
+    assert names(path) == wanted
+    assert [run.time for run in read_plan(path).runs] == [DAY * k for k in range(6)]
+    listed = ", ".join(f"{{file: runs/{name}.csv}}" for name in wanted)
+    path.write_text(plain.replace("runs/runs.csv", f"[{listed}]"))
+    assert names(path) == wanted
+    table = pyarrow.table({"file": [f"{name}.csv" for name in wanted]})
+    parquet.write_table(table, tmp_path / "runs" / "runs.parquet")
+    path.write_text(plain.replace("runs.csv", "runs.parquet"))
+    assert names(path) == wanted
+    whole = (tmp_path / "runs" / "runs.parquet").read_bytes()
+    (tmp_path / "runs" / "runs.parquet").write_bytes(whole[:-40])
+    with pytest.raises(InputError, match="damaged or cut short"):
+        read_plan(path)
+
+
+def test_numbers_in_names_are_counted() -> None:
+    assert sorted(["run_10", "run_9", "run_1b"], key=natural_key) == ["run_1b", "run_9", "run_10"]
+
+
+def test_a_long_table_is_listed_in_seconds(tmp_path: Path) -> None:
+    path = campaigns.campaign(tmp_path)
+    rows = [f"run_{k}.csv,run_{k},{k},0" for k in range(100_000)]
+    (tmp_path / "runs" / "runs.csv").write_text("\n".join([HEAD, *rows]))
+    assert len(read_plan(path).runs) == 100_000
+
+
+def test_all_bad_records_are_named_and_can_be_left_out(tmp_path: Path) -> None:
+    path = campaigns.campaign(tmp_path)
+    runs = tmp_path / "runs"
+    (runs / "run_2.csv").unlink()
+    (runs / "run_3.csv").write_text((runs / "run_3.csv").read_text().replace("w_1", "w_9"))
+    (runs / "run_4.csv").write_text("")
+    result = cli("check", path)
+    assert_refused(result, "3 of 6 runs cannot be used", "run run_2 (", "there is no such file")
+    assert_refused(result, "run run_3 (", "no column 'w_1'; did you mean w_9", "run run_4 (")
+    path.write_text(campaigns.CAMPAIGN + "leave_out: [run_2, run_3, run_4]\n")
+    result = cli("check", path)
+    assert result.status == 0, result.err
+    assert "campaign many: 3 runs" in result.out
+    assert "left out by name: run_2, run_3, run_4" in result.out
+
+
+def test_a_channel_in_another_unit_is_named(tmp_path: Path) -> None:
+    path = campaigns.campaign(tmp_path)
+    change = "overrides: {run_5: {record: {channels: {w_1: {unit: rpm, sigma: 0.5}}}}}\n"
+    path.write_text(campaigns.CAMPAIGN + change)
+    assert "w_1 of run_5 is 0.10" in cli("check", path).out
+
+
+def test_a_run_that_lacks_an_unknown_of_the_others_is_named(tmp_path: Path) -> None:
+    path = campaigns.campaign(tmp_path)
+    path.write_text(campaigns.CAMPAIGN + "overrides: {run_5: {parameters: {j_1: nominal}}}\n")
+    assert_refused(cli("check", path), "run run_5 (", "has no unknown j_1, as other runs have")

@@ -1,0 +1,208 @@
+"""`bayesdrill campaign` and `watch`: the same draws however they are computed, and alarms once."""
+
+import csv
+import json
+import os
+import shutil
+import signal
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from support import campaigns, command_line
+from support.command_line import CommandResult, assert_refused, cli, replace_text
+
+from bayesdrill.output_files import CAMPAIGN
+
+parquet = pytest.importorskip("pyarrow.parquet")
+
+QUICK = campaigns.CAMPAIGN.replace("noted:", "effort: 100\nnoted:", 1).replace("runs: 6", "runs: 4")
+PAGES = {"report.html", "summary.md", "population.csv", "runs.parquet", "campaign.json"}
+FILES = {*PAGES, ".lock", "run.json", "reference.json", "campaign.yaml", "draws", "figures"}
+
+
+@dataclass(frozen=True)
+class Finished:
+    path: Path
+    folder: Path
+    result: CommandResult
+
+    def command(self, name: str, *options: str) -> CommandResult:
+        return cli(name, self.path, "-o", self.folder, "--processes", "1", *options)
+
+    @property
+    def draws(self) -> dict[str, bytes]:
+        return {path.name: path.read_bytes() for path in (self.folder / "draws").iterdir()}
+
+    @property
+    def times(self) -> dict[str, int]:
+        return {path.name: path.stat().st_mtime_ns for path in (self.folder / "draws").iterdir()}
+
+    @property
+    def record(self) -> dict[str, Any]:
+        return dict(json.loads((self.folder / "campaign.json").read_text()))
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Finished:
+    """A finished campaign, not to be changed."""
+    place = tmp_path_factory.mktemp("campaign")
+    path = campaigns.campaign(place, text=QUICK)
+    folder = place / "out"
+    return Finished(path, folder, cli("campaign", path, "-o", folder, "--processes", "1"))
+
+
+@pytest.fixture
+def copy(finished: Finished, tmp_path: Path) -> Finished:
+    """The same, to be changed."""
+    shutil.copytree(finished.path.parent, tmp_path / "copy")
+    path = tmp_path / "copy" / "campaign.yaml"
+    return Finished(path, tmp_path / "copy" / "out", finished.result)
+
+
+def test_a_campaign_leaves_its_pages_tables_and_draws(finished: Finished) -> None:
+    assert "Traceback" not in finished.result.text
+    assert finished.result.out.splitlines()[-2].startswith("4 runs: too few runs have a time")
+    listed = {*command_line.listing(finished.folder)}
+    assert {name for name in listed if "/" not in name} == FILES
+    assert all(CAMPAIGN.is_output(name) for name in listed - {".lock", "draws", "figures"})
+    assert len(finished.draws) == 4
+    table = parquet.read_table(finished.folder / "runs.parquet").to_pydict()
+    assert table["name"] == [f"run_{k}" for k in range(1, 5)]
+    assert table["time"] == [86400.0 * k for k in range(4)]
+
+
+def test_each_run_and_the_population_are_those_that_were_simulated(finished: Finished) -> None:
+    with (finished.path.parent / "runs" / "truth.csv").open() as file:
+        truth = [*csv.DictReader(file)]
+    table = parquet.read_table(finished.folder / "runs.parquet").to_pydict()
+    names = finished.record["population"]["products"]
+    assert {*names} == {"k_e", "j_1"}
+    for name in names:
+        true = np.log([float(row[name]) for row in truth])
+        off = (np.array(table[f"{name} alone"]) - true) / np.array(table[f"{name} alone_sd"])
+        assert np.all(np.abs(off) < 4.0)
+        (known,) = (p for p in finished.record["population"]["populations"] if p["product"] == name)
+        assert abs(known["centre"]["mean"] - true.mean()) < 3 * known["centre"]["sd"]
+
+
+def test_existing_results_are_not_replaced_unasked(finished: Finished) -> None:
+    message = "results exist already; continue them with --resume"
+    options = ("-o", finished.folder, "--processes", "1")
+    command_line.assert_refused_unchanged(
+        finished.folder, message, "campaign", finished.path, *options
+    )
+
+
+def test_another_seed_is_refused_on_resuming(copy: Finished) -> None:
+    assert_refused(copy.command("campaign", "--resume", "--seed", "5"), "the seed was 0 and is 5")
+
+
+def test_resuming_fits_only_missing_damaged_and_changed_runs(copy: Finished) -> None:
+    """The missing one gets the same bytes, though it is now computed first."""
+    before, times = copy.draws, copy.times
+    missing, damaged = sorted(before)[:2]
+    (copy.folder / "draws" / missing).unlink()
+    (copy.folder / "draws" / damaged).write_bytes(before[damaged][:-20])
+    assert "Traceback" not in copy.command("campaign", "--resume").text
+    assert copy.draws == before
+    assert {name for name in before if copy.times[name] != times[name]} == {missing, damaged}
+    times = copy.times
+    record = copy.path.parent / "runs" / "run_2.csv"
+    record.write_text("\n".join(record.read_text().splitlines()[:-10]) + "\n")
+    copy.command("campaign", "--resume")
+    assert sum(copy.draws[name] != before[name] for name in before) == 1
+    assert sum(copy.times[name] != times[name] for name in before) == 1
+
+
+def test_watch_takes_up_new_runs_and_raises_each_alarm_once(copy: Finished) -> None:
+    """A run that cannot be read is an alarm, and joins when it is mended."""
+    before = copy.draws
+    runs = copy.path.parent / "runs"
+    replace_text(copy.path, "runs/runs.csv", "runs/run_*.csv")
+    replace_text(copy.path, "noted: [temperature]\nsimulation", "by_name: true\nsimulation")
+    good = (runs / "run_1.csv").read_text()
+    (runs / "run_5.csv").write_text(good.replace("w_1", "w_9"))
+    os.utime(runs / "run_5.csv", (1e9, 1e9))
+    first = copy.command("watch", "--once")
+    (alarm,) = [json.loads(line) for line in first.out.splitlines() if "run_5" in line]
+    assert (alarm["campaign"], alarm["kind"]) == ("many", "not used")
+    assert "no column 'w_1'" in alarm["sentence"]
+    assert copy.draws == before
+    assert "run_5" not in copy.command("watch", "--once").out
+    (runs / "run_5.csv").write_text(good)
+    copy.command("watch", "--once")
+    assert len(copy.draws) == 5
+    assert [run["name"] for run in copy.record["population"]["runs"]][-1] == "run_5"
+    assert copy.record["not_used"] == {}
+
+
+def test_too_few_runs_are_no_population(tmp_path: Path) -> None:
+    path = campaigns.campaign(tmp_path, text=QUICK)
+    path.write_text(QUICK + "leave_out: [run_1, run_2]\n")
+    result = cli("campaign", path, "-o", tmp_path / "out", "--processes", "1")
+    assert_refused(result, "2 runs are too few; a population needs 3")
+    assert not (tmp_path / "out" / "run.json").exists()
+
+
+def test_without_pyarrow_a_campaign_says_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    path = campaigns.campaign(tmp_path, text=QUICK)
+    result = cli("campaign", path, "-o", tmp_path / "out", "--processes", "1")
+    assert_refused(result, "pip install 'bayesdrill[parquet]'")
+
+
+def test_simulated_campaigns_have_drift_jump_and_foreign_runs(tmp_path: Path) -> None:
+    text = """\
+name: many
+base: small.yaml
+runs: runs/runs.csv
+simulation:
+  runs: 5
+  rigs: 2
+  drift: {k_s: 0.04}
+  jump: {after: 3, change: {j_1: 0.1}}
+  foreign: {count: 1, change: {k_e: 0.5}}
+"""
+    path = campaigns.campaign(tmp_path, text=text)
+    with (tmp_path / "runs" / "truth.csv").open() as file:
+        rows = [*csv.DictReader(file)]
+    k_s, j_1, k_e = (np.array([float(row[n]) for row in rows]) for n in ("k_s", "j_1", "k_e"))
+    assert k_s[1:] / k_s[0] == pytest.approx([1.01, 1.02, 1.03, 1.04], rel=1e-6)
+    assert j_1 / j_1[0] == pytest.approx([1, 1, 1, 1.1, 1.1], rel=1e-6)
+    assert sorted(k_e / k_e.min()) == pytest.approx([1, 1, 1, 1, 1.5], rel=1e-6)
+    assert "5 runs of 2 rigs" in cli("check", path).out
+    assert_refused(cli("simulate", path), "exists already; give --force")
+    replace_text(path, "drift: {k_s", "drift: {k_x")
+    assert_refused(cli("simulate", path), "drift.k_x: the rig has no parameter k_x; did you mean")
+
+
+@pytest.mark.slow
+def test_two_workers_write_the_same_bytes_as_one(finished: Finished, tmp_path: Path) -> None:
+    other = Finished(finished.path, tmp_path / "out", finished.result)
+    cli("campaign", finished.path, "-o", other.folder, "--processes", "2")
+    assert other.draws == finished.draws
+    assert other.record["population"] == finished.record["population"]
+
+
+@pytest.mark.slow
+def test_a_killed_campaign_is_resumed_with_the_same_bytes(
+    finished: Finished, tmp_path: Path
+) -> None:
+    other = Finished(finished.path, tmp_path / "out", finished.result)
+    options = ("campaign", finished.path, "-o", other.folder, "--processes", "1")
+    process = command_line.start_process(*options, cwd=tmp_path)
+    deadline = time.monotonic() + 120
+    while not list(other.folder.glob("draws/*.parquet")) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.communicate()
+    assert 0 < len(other.draws) < 4
+    other.command("campaign", "--resume")
+    assert other.draws == finished.draws
