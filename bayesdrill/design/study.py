@@ -8,7 +8,6 @@ from functools import partial
 
 import numpy as np
 
-from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.basics import seeds
 from bayesdrill.basics.arrays import Array, StoredArray
 from bayesdrill.basics.errors import InputError
@@ -16,6 +15,7 @@ from bayesdrill.basics.progress import Reporter
 from bayesdrill.config.schema.config import Thresholds
 from bayesdrill.design import search
 from bayesdrill.design.knowledge import PresentKnowledge
+from bayesdrill.design.promise import present_sds, promise
 from bayesdrill.design.responses import (
     ComingExperiment,
     Evaluation,
@@ -26,7 +26,7 @@ from bayesdrill.design.responses import (
 from bayesdrill.design.source import RigLimit, SourceLimits
 from bayesdrill.design.visibility import TargetVisibility, examine_targets
 from bayesdrill.design.waveforms import FREE
-from bayesdrill.inference.posterior import Problem
+from bayesdrill.inference.posterior import Posterior, Problem
 from bayesdrill.record.experiment import Experiment
 
 RECORDED, DESIGNED = "as recorded", "designed"  # beside the names of families
@@ -127,10 +127,10 @@ def design_experiment(
         levels = improve(check, safe, waveforms, rng, progress)
     else:
         levels = waveforms[request.family]
-    informations = {RECORDED: _recorded(problem, known.draws)}
-    informations |= {name: evaluation.information(u) for name, u in waveforms.items()}
-    informations[DESIGNED] = evaluation.information(levels)
-    targets = _outlooks(visibility, known, informations)
+    posteriors = {RECORDED: problem.posterior}
+    posteriors |= {name: coming.posterior(u) for name, u in waveforms.items()}
+    posteriors[DESIGNED] = coming.posterior(levels)
+    targets, informations = _outlooks(visibility, known, posteriors, request.seed)
     _refuse_hopeless([targets[k] for k in visibility.visible], thresholds)
     signals, limited = coming.simulate(known.checked, levels)
     report.update(1.0, "")
@@ -149,12 +149,19 @@ def design_experiment(
 
 
 def _outlooks(
-    visibility: TargetVisibility, known: PresentKnowledge, informations: Mapping[str, Array]
-) -> tuple[TargetOutlook, ...]:
-    every = TargetCovariance(slopes=visibility.slopes, precision=known.precision)
-    now = _sds(every, np.zeros_like(informations[DESIGNED]))
-    after = {name: _sds(every, information) for name, information in informations.items()}
-    return tuple(
+    visibility: TargetVisibility,
+    known: PresentKnowledge,
+    posteriors: Mapping[str, Posterior],
+    seed: int,
+) -> tuple[tuple[TargetOutlook, ...], dict[str, Array]]:
+    """Return the outlook of each target, and informations, after records with these posteriors."""
+    slopes, after, informations = visibility.slopes, {}, {}
+    for name, posterior in posteriors.items():
+        rng = seeds.stream(seed, "design", 2)  # the same numbers, so that waveforms compare well
+        after[name], informations[name] = promise(posterior, known, slopes, rng)
+    space = posteriors[DESIGNED].space
+    now = present_sds(space, known, slopes, seeds.stream(seed, "design", 2))
+    outlooks = tuple(
         TargetOutlook(
             name=target.name,
             now=float(now[k]),
@@ -164,19 +171,7 @@ def _outlooks(
         )
         for k, target in enumerate(visibility.targets)
     )
-
-
-def _recorded(problem: Problem, draws: Array) -> Array:
-    """Return the information `(W, m, m)` of the records, were they made again."""
-    study = SensitivityStudy(problem.posterior.likelihood)
-    rows = [study.with_nuisances(theta) for theta in draws]
-    return np.stack([each.T @ each for each in rows])
-
-
-def _sds(covariance: TargetCovariance, information: Array) -> Array:
-    """Return relative sds of the targets, as geometric means over draws, `(k,)`."""
-    variances = np.diagonal(covariance.covariances(information), axis1=1, axis2=2)
-    return np.asarray(np.exp(0.5 * np.log(variances).mean(axis=0)))
+    return outlooks, informations
 
 
 def _refuse_hopeless(targets: Sequence[TargetOutlook], thresholds: Thresholds) -> None:
