@@ -235,6 +235,10 @@ def design(
             metavar="NAMES",
         ),
     ] = "",
+    tell: Annotated[
+        Path | None,
+        option("Another config, from whose model the experiment is to tell.", metavar="CONFIG"),
+    ] = None,
     drive: Annotated[
         str | None, option("The input that is driven.", "--input", metavar="NAME")
     ] = None,
@@ -266,12 +270,13 @@ def design(
     planner = bd.open(source) if source.is_dir() else _read(source)
     if output is not None:
         planner.check_design_place(output, force=force)
+    other = None if tell is None else _read(tell)
     names = [name for name in learn.split(",") if name.strip()]
     numbers = {"low": low, "high": high, "hold": hold, "duration": duration, "rate": rate}
     with reporter() as report:
         designed = planner.design(
             names, input=drive, slew=slew, limits=limit or [], family=family, draws=draws,
-            report=report, **numbers,
+            tell=other, report=report, **numbers,
         )  # fmt: skip
     say(designed.text)
     if output is not None:

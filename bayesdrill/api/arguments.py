@@ -246,6 +246,7 @@ class ExperimentPlanner:
         self,
         learn: Sequence[str] | str = (),
         *,
+        tell: ExperimentPlanner | None = None,
         input: str | None = None,
         low: float | None = None,
         high: float | None = None,
@@ -269,6 +270,8 @@ class ExperimentPlanner:
         learn : str or sequence of str
             Parameters, derived quantities, or formulas such as `"k_s/j_1"`; by default all products
             that can be determined.
+        tell : Case, optional
+            Another model of the same channels, from which the experiment is to tell this one.
         input : str, optional
             The input that the source drives; by default the one that drives the rig.
         low, high : float, optional
@@ -313,5 +316,6 @@ class ExperimentPlanner:
         names, bounds = ((x,) if isinstance(x, str) else tuple(x) for x in (learn, limits))
         count = whole("draws", draws, 1)
         return design.design(
-            self.job, self._known_draws(), names, options, bounds, count, report or SILENT
-        )
+            self.job, self._known_draws(), names, options, bounds, count, report or SILENT,
+            rival=None if tell is None else tell.job,
+        )  # fmt: skip

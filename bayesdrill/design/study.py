@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from types import MappingProxyType
 
 import numpy as np
 
@@ -30,6 +31,7 @@ from bayesdrill.inference.posterior import Posterior, Problem
 from bayesdrill.record.experiment import Experiment
 
 RECORDED, DESIGNED = "as recorded", "designed"  # beside the names of families
+NOTHING: Mapping[str, float] = MappingProxyType({})
 BAND = (0.01, 0.5, 0.99)  # quantiles of the expected response
 
 
@@ -73,13 +75,15 @@ class ExperimentDesign:
 
     `criteria` are mean log determinants of the targets' covariance by waveform.  `bands (3, T, K)`
     are quantiles `BAND` of the channels, `limited (3, T, L)` those of the limited sums, and `kept` is
-    the share of draws that keep the limits.
+    the share of draws that keep the limits.  `log_odds` against a rival are given in place of targets,
+    by waveform.
     """
 
     request: DesignRequest
     levels: StoredArray
     targets: tuple[TargetOutlook, ...]
     criteria: Mapping[str, float]
+    log_odds: Mapping[str, float]
     experiment: Experiment
     bands: StoredArray
     limited: StoredArray
@@ -107,38 +111,72 @@ def design_experiment(
     chosen = TargetCovariance(
         slopes=visibility.slopes[:, visibility.independent], precision=known.precision
     )
-    evaluation: Evaluation
-    if problem.model.smooth:
-        evaluation = pulses = SuperposedPulses(coming, known.draws, chosen)
-        repair: Callable[[Array], Array] = partial(search.least_excess, pulses)
-        improve = partial(search.descend, pulses)
-    else:
-        evaluation = simulated = SimulatedSlopes(coming, known.draws, chosen)
-        repair, improve = np.copy, partial(search.exchange, simulated)
     check = search.LimitCheck(coming, known.checked)
-    safe = search.safe_waveform(check, repair)
-    report.update(0.1, "waveforms of the usual families")
-    waveforms = search.usual_waveforms(evaluation, check, safe, rng)
 
     def progress(share: float) -> None:
-        report.update(0.2 + 0.75 * share, "search of the levels")
+        report.update(0.1 + 0.85 * share, "search of the levels")
 
-    if request.family == FREE:
-        levels = improve(check, safe, waveforms, rng, progress)
-    else:
-        levels = waveforms[request.family]
+    waveforms, levels = search_levels(
+        coming, known.draws, chosen, check, request, rng, progress, smooth=problem.model.smooth
+    )
     posteriors = {RECORDED: problem.posterior}
     posteriors |= {name: coming.posterior(u) for name, u in waveforms.items()}
     posteriors[DESIGNED] = coming.posterior(levels)
     targets, informations = _outlooks(visibility, known, posteriors, request.seed)
     _refuse_hopeless([targets[k] for k in visibility.visible], thresholds)
-    signals, limited = coming.simulate(known.checked, levels)
     report.update(1.0, "")
+    criteria = {name: chosen.criterion(x)[0] for name, x in informations.items()}
+    return describe_expected(coming, request, levels, known, check, targets, criteria)
+
+
+def search_levels(
+    coming: ComingExperiment,
+    theta: Array,
+    targets: TargetCovariance,
+    check: search.LimitCheck,
+    request: DesignRequest,
+    rng: np.random.Generator,
+    progress: Callable[[float], None],
+    *,
+    smooth: bool,
+) -> tuple[dict[str, Array], Array]:
+    """Return the usual waveforms by name, and the levels that are requested.
+
+    They are the best for `targets` at `theta (W, D)`; a `smooth` rig is linear in its input.
+    """
+    evaluation: Evaluation
+    if smooth:
+        evaluation = pulses = SuperposedPulses(coming, theta, targets)
+        repair: Callable[[Array], Array] = partial(search.least_excess, pulses)
+        improve = partial(search.descend, pulses)
+    else:
+        evaluation = simulated = SimulatedSlopes(coming, theta, targets)
+        repair, improve = np.copy, partial(search.exchange, simulated)
+    safe = search.safe_waveform(check, repair)
+    waveforms = search.usual_waveforms(evaluation, check, safe, rng)
+    if request.family != FREE:
+        return waveforms, waveforms[request.family]
+    return waveforms, improve(check, safe, waveforms, rng, progress)
+
+
+def describe_expected(
+    coming: ComingExperiment,
+    request: DesignRequest,
+    levels: Array,
+    known: PresentKnowledge,
+    check: search.LimitCheck,
+    targets: tuple[TargetOutlook, ...] = (),
+    criteria: Mapping[str, float] = NOTHING,
+    odds: Mapping[str, float] = NOTHING,
+) -> ExperimentDesign:
+    """Return the design that has these levels, with the motion that they are expected to cause."""
+    signals, limited = coming.simulate(known.checked, levels)
     return ExperimentDesign(
         request=request,
         levels=levels,
         targets=targets,
-        criteria={name: chosen.criterion(x)[0] for name, x in informations.items()},
+        criteria=criteria,
+        log_odds=odds,
         experiment=coming.observation.experiment,
         bands=np.quantile(signals, BAND, axis=0),
         limited=np.quantile(limited, BAND, axis=0),

@@ -17,6 +17,7 @@ from bayesdrill.basics.progress import Reporter
 from bayesdrill.config.job import Job
 from bayesdrill.config.yaml_source import as_yaml
 from bayesdrill.design.knowledge import posterior_knowledge, prior_knowledge
+from bayesdrill.design.rivals import design_against
 from bayesdrill.design.source import SourceLimits, parse_limits
 from bayesdrill.design.study import DesignRequest, ExperimentDesign, design_experiment
 from bayesdrill.design.waveforms import FAMILIES, FREE
@@ -120,16 +121,22 @@ def design(
     limits: Sequence[str],
     draws: int,
     report: Reporter,
+    rival: Job | None = None,
 ) -> Designed:
     """Design an experiment for a job, with the knowledge of its prior or of draws `chain (N, D)`.
 
-    `options` are numbers of `SourceLimits` and a `family`, None where not given.  Raises `InputError`.
+    `options` are numbers of `SourceLimits` and a `family`, None where not given.  If there is a `rival`,
+    the experiment is to tell its model from that of the job.  Raises `InputError`.
     """
     problem, seed = job.problem, job.config.seed
     family = options.pop("family", None) or FREE
     if family not in (FREE, *FAMILIES):
         hint = did_you_mean(family, [FREE, *FAMILIES])
         raise InputError.at("--family", f"{family} is none of {', '.join((FREE, *FAMILIES))}{hint}")
+    if rival is not None and learn:
+        raise InputError.at(
+            "--tell", "a design tells models apart or learns targets; give one of both"
+        )
     request = DesignRequest(
         source=_source(job, options),
         limits=parse_limits(limits, problem.model),
@@ -142,7 +149,10 @@ def design(
     else:
         known = posterior_knowledge(problem, chain, draws, CHECKED_DRAWS)
     with ONE_THREAD:  # matrices are so small that further threads only wait for each other
-        made = design_experiment(problem, request, known, job.asked.thresholds, report)
+        if rival is None:
+            made = design_experiment(problem, request, known, job.asked.thresholds, report)
+        else:
+            made = design_against(problem, rival.problem, request, known, report)
     return Designed(job=job, design=made)
 
 

@@ -34,7 +34,7 @@ def test_elliptical_slices_sample_a_gaussian_with_ends() -> None:
 
 
 def test_the_promise_for_the_bundled_record_is_what_its_published_run_has() -> None:
-    """`k_e` rests on `c_m`, which stays between the ends of its prior, and changes with it by a curve."""
+    """`k_e` depends by a curve on `c_m`, which stays between the ends of its prior."""
     published = {}
     for table in ("summary.csv", "derived.csv"):
         with (PUBLISHED / table).open(encoding="utf-8") as file:

@@ -25,7 +25,8 @@ CRITERION = "log det"
 
 def describe_design(design: ExperimentDesign) -> str:
     """Return the whole text of a design for the terminal."""
-    parts = [_opening(design), design_table(design), target_sentences(design), _limits(design)]
+    parts = [_opening(design), design_table(design), target_sentences(design)]
+    parts += [odds_sentence(design), _limits(design)]
     return "\n\n".join(filter(None, parts))
 
 
@@ -35,17 +36,21 @@ def _opening(design: ExperimentDesign) -> str:
     where = (
         "the start values" if design.draws == 1 else f"{design.draws} draws of {design.known_from}"
     )
+    promised = "expected log odds" if design.log_odds else "promised relative sds"
     return (
         f"a waveform of {source.input} for {source.t[-1]:g} s: {source.count} levels "
         f"from {source.low:g} to {source.high:g}, each held for "
         f"{source.interval:g} s ({family})\n"
-        f"promised relative sds, averaged over {where}:"
+        f"{promised}, averaged over {where}:"
     )
 
 
 def design_table(design: ExperimentDesign) -> str:
     """Return the table of sds before and after the recorded, the usual and the designed waveform."""
-    names = [name for name in (*SHOWN, DESIGNED) if name in design.criteria]
+    names = [n for n in (*SHOWN, DESIGNED) if n in design.criteria or n in design.log_odds]
+    if design.log_odds:
+        odds = ("  log odds", *(f"{design.log_odds[name]:.3g}" for name in names))
+        return aligned([("", *names), odds], left={0})
     head = ("", "now", *names)
     rows = [
         (f"  {target.name}", percent(target.now), *(percent(target.after[name]) for name in names))
@@ -82,6 +87,20 @@ def _sentence(target: TargetOutlook) -> str:
     return f"{target.name}: from {percent(target.now)} to {percent(target.designed)}, {compared}"
 
 
+def odds_sentence(design: ExperimentDesign) -> str:
+    """Say what log odds mean, and how many times those of the best usual waveform a design has."""
+    if not design.log_odds:
+        return ""
+    usual = {n: odds for n, odds in design.log_odds.items() if n not in (RECORDED, DESIGNED)}
+    best = max(usual, key=lambda name: usual[name])
+    ratio = design.log_odds[DESIGNED] / usual[best]
+    return (
+        "The config is taken to be true, and the other model is fitted to its record. Odds of 20 to 1 "
+        f"are log odds of 3.\nThe designed waveform has {ratio:.2g} times the log odds of {best}, the "
+        "best usual waveform."
+    )
+
+
 def _limits(design: ExperimentDesign) -> str:
     if not design.request.limits:
         return ""
@@ -96,21 +115,24 @@ def design_figure(
     panels_of = [*_responses(design, problem)]
     with style.styled(width):
         columns = 2 if len(panels_of) > 1 else 1
-        last = 0.5 + 0.24 * len(design.targets)
+        last = 0.5 + 0.24 * len(design.targets) if design.targets else 0
         figure, panels = build_page(len(panels_of), columns, 1.25, width, first=1.1, last=last)
         source = design.request.source
         time = scales.scale(0.0, float(source.t[-1]))
         _waveform(panels[0], design, problem.model.symbols[source.input], time)
-        for panel, (label, band, ends) in zip(panels[1:-1], panels_of, strict=True):
-            _response(panel, source.t, time, label, band, ends)
-        _sds(panels[-1], design.targets)
         looks: dict[str, style.Look] = {
             "designed": style.BLACK_LINE,
             "98 % of the draws": style.BAND,
-            "as recorded": RECORDED_MARK,
-            "best usual": USUAL_MARK,
-            "now": style.PRIOR_LINE,
         }
+        if design.targets:
+            _sds(panels.pop(), design.targets)
+            looks |= {
+                "as recorded": RECORDED_MARK,
+                "best usual": USUAL_MARK,
+                "now": style.PRIOR_LINE,
+            }
+        for panel, (label, band, ends) in zip(panels[1:], panels_of, strict=True):
+            _response(panel, source.t, time, label, band, ends)
         if design.request.limits:
             looks["limit"] = LIMIT_LINE
         return legend_above(figure, looks)
