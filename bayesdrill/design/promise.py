@@ -1,4 +1,4 @@
-"""Promise standard deviations of targets under the priors as they are, and not as Gaussians.
+"""Compute promised standard deviations under the priors as they are, and not as Gaussians.
 
 Where a coming record leaves a direction open, its posterior follows the priors and their ends.  The
 likelihood near a draw is Gaussian in the unknowns on their natural scales.  Its product with the priors

@@ -43,7 +43,7 @@ LEAST_LOG_ODDS = 1.0  # that a design has, or else it tells nothing
 
 @dataclass(frozen=True, kw_only=True)
 class ComparedExperiment(ComingExperiment):
-    """The same experiment as two models have it, at `theta (W, D + E)` of both.
+    """Describe the same experiment by two models, at `theta (W, D + E)` of both.
 
     The slopes are those of `rival`, followed by the difference of the signals.  Limits and sources are
     those of the first model.

@@ -33,9 +33,13 @@ def test_a_design_is_printed_and_written(tmp_path: Path) -> None:
     assert cli(*command, "--force").status == 0
 
 
-def test_a_run_is_designed_for_with_its_posterior(tmp_path: Path) -> None:
-    config = small_config(tmp_path)
-    posterior(config, tmp_path / "run")
+def test_a_run_ends_with_the_line_that_starts_a_design_with_its_posterior(tmp_path: Path) -> None:
+    box = "{prior: uniform, low: 0.5, high: 1.5, relative: true}"
+    config = small_config(tmp_path, ("c_m: nominal", f"c_m: {box}"))
+    run = posterior(config, tmp_path / "run")
+    line = f"bayesdrill design {tmp_path / 'run'} --learn 'c_m"
+    assert ("Not determined" in run.out) == (line in run.out), run.out
+    assert line in run.out
     known, unknown = (cli("design", path, *NUMBERS) for path in (tmp_path / "run", config))
     assert known.status == unknown.status == 0, known.text
     assert "2 draws of the posterior" in known.out
@@ -79,5 +83,10 @@ def test_a_parameter_below_the_noise_is_refused(tmp_path: Path) -> None:
 def test_what_no_waveform_shows_comes_with_what_would(tmp_path: Path) -> None:
     result = cli("design", "configs/nominal_step.yaml", "--learn", "k_s", "--draws", "1")
     assert_refused(
-        result, "no waveform shows k_s", "weigh or measure j_1 to 1 %", "a waveform can determine"
+        result,
+        "no waveform shows k_s",
+        "weigh or measure j_1 to 1 %",
+        "(to 1 %) added to j_1: its sd falls",
+        "apply a known load torque",
+        "a waveform can determine",
     )
