@@ -104,6 +104,9 @@ class Designed(Value):
     def waveform_csv(self) -> str:
         """Return the waveform as CSV: the time at which each level begins [s], and the level."""
         held = np.append(self.levels, self.levels[-1])
+        held[np.abs(held) < 10.0**-DIGITS * np.abs(held).max()] = (
+            0.0  # what rounding leaves of zero
+        )
         rows = [[f"{t:.9g}", f"{u:.{DIGITS}g}"] for t, u in zip(self.times, held, strict=True)]
         return lines_as_csv([["t", self.design.request.source.input], *rows])
 
@@ -203,5 +206,9 @@ def coming_config(job: Job, design: ExperimentDesign) -> str:
     about = (
         f"# The record of {WAVEFORM}: measure it at {source.rate:g} Hz into {RECORD}, with the columns\n"
         f"# t, {source.input}, {', '.join(channels)}; then run `bayesdrill posterior {COMING}`.\n"
+        f"# Until then no command can use this config; {DESIGN.mark} has the expected record.\n"
     )
+    if len(job.case.experiments) > 1:
+        label = job.problem.observations[0].label
+        about += f"# Channels, sensors and noise are those of the first experiment, {label}.\n"
     return about + as_yaml(data)

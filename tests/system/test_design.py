@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
+import pytest
+from support.array_cases import two
 from support.case_tables import run_cases
 from support.command_line import assert_refused, cli, listing, posterior, small_config
+
+import bayesdrill as bd
+from bayesdrill.report import style
 
 NUMBERS = ("--high", "12", "--hold", "0.5", "--draws", "2")
 
@@ -44,6 +50,34 @@ def test_a_run_ends_with_the_line_that_starts_a_design_with_its_posterior(tmp_pa
     assert known.status == unknown.status == 0, known.text
     assert "2 draws of the posterior" in known.out
     assert "2 draws of the prior" in unknown.out
+
+
+def test_an_interrupted_save_leaves_no_half_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    designed = bd.load(small_config(tmp_path)).design("k_e", family="step", hold=0.5, draws=1)
+    monkeypatch.setattr(style, "save", interrupt)
+    for folder in (tmp_path / "new", tmp_path / "old"):
+        if folder.name == "old":
+            folder.mkdir()
+            (folder / "notes.txt").write_text("mine")
+        with pytest.raises(KeyboardInterrupt):
+            designed.save(folder)
+    assert not (tmp_path / "new").exists()
+    assert {*listing(tmp_path / "old")} == {"notes.txt"}
+
+
+def test_the_waveform_has_no_rests_of_rounding() -> None:
+    designed = two().design("k_s", family="prbs", high=12.0, hold=0.5, draws=1)
+    levels = designed.levels.copy()
+    levels[0] = 8.9e-16
+    changed = dataclasses.replace(
+        designed, design=dataclasses.replace(designed.design, levels=levels)
+    )
+    assert changed.waveform_csv().splitlines()[1] == "0,0"
 
 
 @run_cases(
