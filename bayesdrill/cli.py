@@ -258,6 +258,7 @@ def design(
     family: Annotated[
         str | None, option("free, step, prbs, chirp, multisine, steps or coast.", metavar="NAME")
     ] = None,
+    experiments: Annotated[int, option("The number of coming experiments.", min=1, max=9)] = 1,
     draws: Annotated[
         int, option("Of prior or posterior, over which it is averaged.", min=1, max=64)
     ] = 8,
@@ -276,6 +277,7 @@ def design(
     with reporter() as report:
         designed = planner.design(
             names, input=drive, slew=slew, limits=limit or [], family=family, draws=draws,
+            experiments=experiments,
             tell=other, report=report, **numbers,
         )  # fmt: skip
     say(designed.text)

@@ -256,6 +256,7 @@ class ExperimentPlanner:
         slew: float | None = None,
         limits: Sequence[str] | str = (),
         family: str | None = None,
+        experiments: int = 1,
         draws: int = 8,
         report: Reporter | None = None,
     ) -> Designed:
@@ -287,6 +288,8 @@ class ExperimentPlanner:
             turning back, or `"theta_1 - theta_2=-1:1"`.  They hold for 99 % of the draws.
         family : str, optional
             `free` levels (the default), or `step`, `prbs`, `chirp`, `multisine`, `steps` or `coast`.
+        experiments : int
+            The number of coming experiments, each of which knows what those before it determine.
         draws : int
             The number of draws over which the design is averaged; 1 takes the start values of a case.
         report : Reporter, optional
@@ -312,6 +315,7 @@ class ExperimentPlanner:
         options = {
             "input": input, "low": low, "high": high, "hold": hold, "duration": duration,
             "rate": rate, "slew": slew, "family": family,
+            "experiments": whole("experiments", experiments, 1),
         }  # fmt: skip
         names, bounds = ((x,) if isinstance(x, str) else tuple(x) for x in (learn, limits))
         count = whole("draws", draws, 1)

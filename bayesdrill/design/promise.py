@@ -8,8 +8,6 @@ then simulated, and moved to the curved ridge of the likelihood by a step of Gau
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
@@ -17,13 +15,11 @@ from bayesdrill.basics.arrays import Array, Flags, Indices
 from bayesdrill.design.knowledge import PresentKnowledge
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.unknowns import ParameterSpace
+from bayesdrill.sampling.samplers.elliptical_slices import elliptical_slices
 
 CHAINS = 1024  # for all draws together, of which each has its share
 WARM_STEPS, KEPT_STEPS = 40, 60  # of each chain
-MAX_SHRINKS = 60  # of an ellipse, after which a chain stays: the angle is below rounding then
 SIMULATED = 256  # samples for all draws together that are moved to the ridge
-
-LogWeight = Callable[[Array, Indices], Array]  # of points `(n, m)` and their chains `(n,)`
 
 
 def promise(
@@ -36,17 +32,24 @@ def promise(
     """
     study, space, draws = SensitivityStudy(posterior.likelihood), posterior.space, known.draws
     rows = [study.with_nuisances(theta) for theta in draws]
-    information = np.stack([each.T @ each for each in rows])
-    path = sample_deviations(space, known, information, rng)
+    gain = np.stack([each.T @ each for each in rows])
+    path = sample_deviations(space, known, gain, rng)
     sds = spreads(path, slopes)
     for w, theta in enumerate(draws):
         linear = path[-1, w, : max(2, SIMULATED // len(draws))]
         points = _moved(space, np.repeat(theta[None], len(linear), axis=0), linear)
         beyond = study.changes(theta, points) - linear @ rows[w].T
-        back = np.linalg.solve(information[w] + known.precision, rows[w].T @ beyond.T).T
+        back = np.linalg.solve(gain[w] + known.precision, rows[w].T @ beyond.T).T
         # The sd of all samples has less noise than that of the simulated ones, so it is corrected.
         sds[w] *= ((linear - back) @ slopes[w].T).std(axis=0) / (linear @ slopes[w].T).std(axis=0)
-    return geometric_mean(sds), information
+    return geometric_mean(sds), gain
+
+
+def information(posterior: Posterior, draws: Array) -> Array:
+    """Return the information `(W, m, m)` of the records of a posterior at each of its draws."""
+    study = SensitivityStudy(posterior.likelihood)
+    rows = [study.with_nuisances(theta) for theta in draws]
+    return np.stack([each.T @ each for each in rows])
 
 
 def present_sds(
@@ -68,15 +71,15 @@ def geometric_mean(sds: Array) -> Array:
 
 
 def sample_deviations(
-    space: ParameterSpace, known: PresentKnowledge, information: Array, rng: np.random.Generator
+    space: ParameterSpace, known: PresentKnowledge, gain: Array, rng: np.random.Generator
 ) -> Array:
     """Return deviations `(S, W, C, m)` from draws, on natural scales, after C chains for each draw.
 
-    `information (W, m, m)` is that of a record at each draw.
+    `gain (W, m, m)` is the information of a record at each draw.
     """
     draws, m, chains = known.draws, known.precision.shape[0], max(2, CHAINS // len(known.draws))
     # The inverse of a triangular root keeps the digits of directions that are known well.
-    roots = np.linalg.inv(np.linalg.cholesky(information + known.precision))
+    roots = np.linalg.inv(np.linalg.cholesky(gain + known.precision))
     bases, logs = draws.repeat(chains, axis=0), _logs(space, m)
 
     def log_weight(points: Array, here: Indices) -> Array:
@@ -104,36 +107,3 @@ def _moved(space: ParameterSpace, theta: Array, deviations: Array) -> Array:
     with np.errstate(over="ignore"):
         out[:, :m] = np.where(logs, theta[:, :m] * np.exp(deviations), plain)
     return out
-
-
-def elliptical_slices(
-    roots: Array, log_weight: LogWeight, steps: int, rng: np.random.Generator
-) -> Array:
-    """Sample N(0, R' R) times exp(log_weight) by a chain for each root R in `roots (N, m, m)`.
-
-    All chains begin at zero.  Returns all points, `(steps, N, m)`.
-    """
-    count, m = roots.shape[:2]
-    points, every = np.zeros((count, m)), np.arange(count)
-    heights, path = log_weight(points, every), np.empty((steps, count, m))
-    for step in range(steps):
-        others = (rng.standard_normal((count, 1, m)) @ roots)[:, 0]
-        levels = heights - rng.exponential(size=(count,))
-        angles = 2.0 * np.pi * rng.random((count,))
-        low, high = angles - 2.0 * np.pi, angles.copy()
-        before, moving = points.copy(), every
-        for _ in range(MAX_SHRINKS):
-            angle = angles[moving, None]
-            trial = before[moving] * np.cos(angle) + others[moving] * np.sin(angle)
-            value = log_weight(trial, moving)
-            good = value >= levels[moving]
-            points[moving[good]], heights[moving[good]] = trial[good], value[good]
-            moving = moving[~good]
-            if not len(moving):
-                break
-            backward = angles[moving] < 0.0
-            low[moving[backward]] = angles[moving[backward]]
-            high[moving[~backward]] = angles[moving[~backward]]
-            angles[moving] = low[moving] + (high - low)[moving] * rng.random(len(moving))
-        path[step] = points
-    return path

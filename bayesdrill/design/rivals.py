@@ -85,6 +85,10 @@ def design_against(
     `problem` is taken to be true.  Raises `InputError` if no waveform tells both apart.
     """
     request.source.check()
+    if request.experiments > 1:
+        raise InputError.at(
+            "--experiments", "models are told apart by one experiment; give --tell alone"
+        )
     ours, theirs = problem.observations[0], rival.observations[0]
     if ours.experiment.names != theirs.experiment.names:
         message = f"the channels {', '.join(theirs.experiment.names)} are not those of the config"
@@ -99,7 +103,8 @@ def design_against(
     check, rng = LimitCheck(coming, known.checked), seeds.stream(request.seed, "design", 1)
     start = prior_knowledge(rival, FIRST_STARTS, 0, request.seed)
     precision = np.diag(np.append(start.precision.diagonal(), LEAST_INFORMATION))
-    slopes = np.zeros((len(known.draws), 1, len(precision)))
+    precision = np.tile(precision, (len(known.draws), 1, 1))
+    slopes = np.zeros_like(precision[:, :1])
     slopes[..., -1] = 1.0
     targets = TargetCovariance(slopes=slopes, precision=precision)
     levels = next(FAMILIES["prbs"](request.source, rng))
@@ -136,7 +141,7 @@ def design_against(
         way_out = "measure longer, with less noise, or with further channels"
         raise InputError.at("--tell", f"{message}, so that nothing tells both apart; {way_out}")
     report.update(1.0, "")
-    return describe_expected(coming, request, levels, known, check, odds=odds)
+    return describe_expected(coming, request, levels[None], known, check, odds=odds)
 
 
 def fitted_rivals(

@@ -16,7 +16,7 @@ from bayesdrill.basics.progress import Reporter
 from bayesdrill.config.schema.config import Thresholds
 from bayesdrill.design import search
 from bayesdrill.design.knowledge import PresentKnowledge
-from bayesdrill.design.promise import present_sds, promise
+from bayesdrill.design.promise import information, present_sds, promise
 from bayesdrill.design.responses import (
     ComingExperiment,
     Evaluation,
@@ -30,7 +30,7 @@ from bayesdrill.design.waveforms import FREE
 from bayesdrill.inference.posterior import Posterior, Problem
 from bayesdrill.record.experiment import Experiment
 
-RECORDED, DESIGNED = "as recorded", "designed"  # beside the names of families
+RECORDED, REPEATED, DESIGNED = "as recorded", "repeated", "designed"  # beside names of families
 NOTHING: Mapping[str, float] = MappingProxyType({})
 BAND = (0.01, 0.5, 0.99)  # quantiles of the expected response
 
@@ -39,13 +39,15 @@ BAND = (0.01, 0.5, 0.99)  # quantiles of the expected response
 class DesignRequest:
     """A request names what is to be learnt: `learn` is empty for all that can be determined.
 
-    `family` is one of `waveforms.FAMILIES`, or `FREE`.
+    `family` is one of `waveforms.FAMILIES`, or `FREE`.  The number of coming experiments is
+    `experiments`.
     """
 
     source: SourceLimits
     limits: tuple[RigLimit, ...] = ()
     learn: tuple[str, ...] = ()
     family: str = FREE
+    experiments: int = 1
     seed: int = 0
 
 
@@ -68,15 +70,21 @@ class TargetOutlook:
         """Return the sd after the designed experiment."""
         return self.after[DESIGNED]
 
+    @property
+    def usual(self) -> dict[str, float]:
+        """Return the sds after the usual waveforms."""
+        special = (RECORDED, REPEATED, DESIGNED)
+        return {name: sd for name, sd in self.after.items() if name not in special}
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExperimentDesign:
-    """A design has `levels (S,)` of its source, and what they promise for each target.
+    """A design has `levels (E, S)` of each experiment, and what they promise for each target.
 
     `criteria` are mean log determinants of the targets' covariance by waveform.  `bands (3, T, K)`
-    are quantiles `BAND` of the channels, `limited (3, T, L)` those of the limited sums, and `kept` is
-    the share of draws that keep the limits.  `log_odds` against a rival are given in place of targets,
-    by waveform.
+    are quantiles `BAND` of the channels in the first experiment, and `limited (3, T, L)` those of the
+    limited sums.  `kept` is the least share of draws that keep the limits.  `log_odds` against a rival
+    are given in place of targets, by waveform.
     """
 
     request: DesignRequest
@@ -108,25 +116,39 @@ def design_experiment(
     coming = ComingExperiment.like(problem.observations[0], request.source, request.limits)
     rng = seeds.stream(request.seed, "design", 1)
     visibility = examine_targets(problem, coming, request.learn, known, rng)
-    chosen = TargetCovariance(
-        slopes=visibility.slopes[:, visibility.independent], precision=known.precision
-    )
-    check = search.LimitCheck(coming, known.checked)
+    slopes, smooth = visibility.slopes[:, visibility.independent], problem.model.smooth
+    check, batch = search.LimitCheck(coming, known.checked), list[Array]()
+    usual = dict[str, Array]()
+    precision = np.tile(known.precision, (len(known.draws), 1, 1))
+    chosen = TargetCovariance(slopes=slopes, precision=precision)
+    for number in range(request.experiments):  # each knows what those before it will determine
 
-    def progress(share: float) -> None:
-        report.update(0.1 + 0.85 * share, "search of the levels")
+        def progress(share: float, number: int = number) -> None:
+            report.update(
+                0.1 + 0.85 * (number + share) / request.experiments, "search of the levels"
+            )
 
-    waveforms, levels = search_levels(
-        coming, known.draws, chosen, check, request, rng, progress, smooth=problem.model.smooth
-    )
+        before = precision + (information(coming.posterior(*batch), known.draws) if batch else 0.0)
+        targets_after = TargetCovariance(slopes=slopes, precision=before)
+        waveforms, levels = search_levels(
+            coming, known.draws, targets_after, check, request, rng, progress, smooth=smooth
+        )
+        usual = usual or waveforms
+        batch.append(levels)
+
+    def repeated(levels: Array) -> Posterior:
+        return coming.posterior(*[levels] * request.experiments)
+
     posteriors = {RECORDED: problem.posterior}
-    posteriors |= {name: coming.posterior(u) for name, u in waveforms.items()}
-    posteriors[DESIGNED] = coming.posterior(levels)
+    posteriors |= {name: repeated(levels) for name, levels in usual.items()}
+    if request.experiments > 1:
+        posteriors[REPEATED] = repeated(batch[0])
+    posteriors[DESIGNED] = coming.posterior(*batch)
     targets, informations = _outlooks(visibility, known, posteriors, request.seed)
     _refuse_hopeless([targets[k] for k in visibility.visible], thresholds)
     report.update(1.0, "")
     criteria = {name: chosen.criterion(x)[0] for name, x in informations.items()}
-    return describe_expected(coming, request, levels, known, check, targets, criteria)
+    return describe_expected(coming, request, np.array(batch), known, check, targets, criteria)
 
 
 def search_levels(
@@ -169,8 +191,8 @@ def describe_expected(
     criteria: Mapping[str, float] = NOTHING,
     odds: Mapping[str, float] = NOTHING,
 ) -> ExperimentDesign:
-    """Return the design that has these levels, with the motion that they are expected to cause."""
-    signals, limited = coming.simulate(known.checked, levels)
+    """Return the design with `levels (E, S)`, with the motion that they are expected to cause."""
+    signals, limited = coming.simulate(known.checked, levels[0])
     return ExperimentDesign(
         request=request,
         levels=levels,
@@ -180,7 +202,7 @@ def describe_expected(
         experiment=coming.observation.experiment,
         bands=np.quantile(signals, BAND, axis=0),
         limited=np.quantile(limited, BAND, axis=0),
-        kept=check.kept_share(levels),
+        kept=min(map(check.kept_share, levels)),
         known_from=known.source,
         draws=len(known.draws),
     )

@@ -18,6 +18,7 @@ from support.case_tables import run_cases
 import bayesdrill as bd
 from bayesdrill.design.responses import ComingExperiment
 from bayesdrill.design.targets import parse_targets
+from bayesdrill.output_files import numbered
 
 CONFIG = Path(__file__).parents[2] / "configs" / "nominal_step.yaml"
 FITS = 4
@@ -62,23 +63,26 @@ def achieved(
     problem, request = case.job.problem, designed.design.request
     known = [target for target in designed.design.targets if target.designed < 0.2 * target.now]
     coming = ComingExperiment.like(problem.observations[0], request.source, ())
-    posterior = coming.posterior(designed.levels)
+    batch = designed.design.levels
+    posterior = coming.posterior(*batch)
     space, rng = posterior.space, np.random.default_rng(5)
     truth = space.vector(space.start)[None]
     formulas = [x.formula for x in parse_targets(problem, [x.name for x in known], truth)]
-    observation = posterior.likelihood.only_observation
-    signals, source = observation.signals(space.full(truth)), request.source
+    observation, source = posterior.likelihood.observations[0], request.source
+    signals = posterior.likelihood.all_signals(truth)
     header = ",".join(["t", source.input, *observation.experiment.names])
     factors = [channel.display_unit.factor for channel in observation.experiment.channels]
     errors, sds = (np.empty((FITS, len(formulas))) for _ in range(2))
     for k in range(FITS):
-        record = observation.draw(signals, truth, rng)[0] / factors
-        columns = np.column_stack([source.t, source.series(designed.levels), record])
-        np.savetxt(folder / "record.csv", columns, "%.9g", ",", header=header, comments="")
+        files = numbered("record", [*batch])
+        for file, levels, exact in zip(files, batch, signals, strict=True):
+            record = observation.draw(exact, truth, rng)[0] / factors
+            columns = np.column_stack([source.t, source.series(levels), record])
+            np.savetxt(folder / f"{file}.csv", columns, "%.9g", ",", header=header, comments="")
         draws = bd.load(folder / "coming.yaml").sample().draws
         for number, formula in enumerate(formulas):
-            exact = float(np.squeeze(formula.value(space.named(truth))))
-            logs = np.log(formula.value({**space.fixed, **draws}) / exact)
+            true = float(np.squeeze(formula.value(space.named(truth))))
+            logs = np.log(formula.value({**space.fixed, **draws}) / true)
             errors[k, number], sds[k, number] = logs.mean() / logs.std(), logs.std()
     ratios = np.exp(np.log(sds).mean(axis=0)) / [target.designed for target in known]
     pairs = zip(errors.mean(axis=0).tolist(), ratios.tolist(), strict=True)
@@ -94,6 +98,7 @@ def achieved(
         ("unknown noise", FORWARD),
         ("AR(1)", FORWARD),
         ("two channels", FORWARD),
+        ("two experiments", {**FORWARD, "duration": 5.0, "experiments": 2}),
         ("friction", BOTH_WAYS),
     ],
 )

@@ -10,7 +10,7 @@ import scipy
 
 import bayesdrill as bd
 from bayesdrill.basics.arrays import Array, Indices
-from bayesdrill.design.promise import elliptical_slices
+from bayesdrill.sampling.samplers.elliptical_slices import elliptical_slices
 
 PUBLISHED = Path("results/published/nominal_step")
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol
-from bayesdrill.design.study import DESIGNED, RECORDED, ExperimentDesign, TargetOutlook
+from bayesdrill.design.study import DESIGNED, RECORDED, REPEATED, ExperimentDesign, TargetOutlook
 from bayesdrill.design.waveforms import FREE
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.report import scales, style
@@ -18,7 +18,13 @@ from bayesdrill.report.section import aligned, listed
 from bayesdrill.report.sections.identifiability import percent
 from bayesdrill.report.style import Axes, Figure
 
-SHOWN = (RECORDED, "step", "prbs", "chirp")  # waveforms of the table, beside the designed one
+SHOWN = (
+    RECORDED,
+    "step",
+    "prbs",
+    "chirp",
+    REPEATED,
+)  # waveforms of the table, beside the designed one
 ALIKE = 1.05  # ratio of sds up to which two waveforms are called equally sharp
 CRITERION = "log det"
 
@@ -36,9 +42,10 @@ def _opening(design: ExperimentDesign) -> str:
     where = (
         "the start values" if design.draws == 1 else f"{design.draws} draws of {design.known_from}"
     )
+    waveform = "a waveform" if len(design.levels) == 1 else f"{len(design.levels)} waveforms"
     promised = "expected log odds" if design.log_odds else "promised relative sds"
     return (
-        f"a waveform of {source.input} for {source.t[-1]:g} s: {source.count} levels "
+        f"{waveform} of {source.input} for {source.t[-1]:g} s: {source.count} levels "
         f"from {source.low:g} to {source.high:g}, each held for "
         f"{source.interval:g} s ({family})\n"
         f"{promised}, averaged over {where}:"
@@ -73,7 +80,7 @@ def _sentence(target: TargetOutlook) -> str:
     if target.hidden_by:
         scaled = "; ".join(", ".join(names) for names in target.hidden_by)
         return f"{target.name}: no waveform shows it, as none tells a common factor of {scaled}"
-    usual = {n: sd for n, sd in target.after.items() if n not in (RECORDED, DESIGNED)}
+    usual = target.usual
     best = min(usual, key=lambda name: usual[name])
     ratio = usual[best] / target.designed
     if target.designed > 0.9 * target.now:
@@ -152,8 +159,8 @@ def _waveform(panel: Axes, design: ExperimentDesign, symbol: Symbol, time: scale
     source = design.request.source
     edges = np.append(np.arange(source.count) * source.interval, source.t[-1])
     y = scales.scale(source.low, source.high, margin=0.08)
-    levels = np.append(design.levels, design.levels[-1])
-    panel.plot(time(edges), y(levels), drawstyle="steps-post", **style.BLACK_LINE)
+    levels = np.hstack([design.levels, design.levels[:, -1:]])
+    panel.plot(time(edges), y(levels.T), drawstyle="steps-post", **style.BLACK_LINE)
     style.scale_axis(panel.yaxis, y, y.label(symbol, "\n"), 4)
     style.scale_axis(panel.xaxis, time, time.label(scales.TIME), 10)
 
@@ -199,10 +206,7 @@ def _sds(panel: Axes, targets: tuple[TargetOutlook, ...]) -> None:
     rows = np.arange(len(targets))
     every = [sd for target in targets for sd in (target.now, *target.after.values())]
     x = scales.scale(100 * min(every), 100 * max(every), log=True, margin=0.05)
-    usual = [
-        min(sd for name, sd in target.after.items() if name not in (RECORDED, DESIGNED))
-        for target in targets
-    ]
+    usual = [min(target.usual.values()) for target in targets]
     now = [target.now for target in targets]
     for row, sd in zip(rows, now, strict=True):
         panel.plot([float(x(100 * sd))] * 2, [row - 0.3, row + 0.3], **style.PRIOR_LINE)
