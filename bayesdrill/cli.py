@@ -247,6 +247,10 @@ def design(
             metavar="NAMES",
         ),
     ] = "",
+    tell: Annotated[
+        Path | None,
+        option("Another config, from whose model the experiment is to tell.", metavar="CONFIG"),
+    ] = None,
     drive: Annotated[
         str | None, option("The input that is driven.", "--input", metavar="NAME")
     ] = None,
@@ -266,6 +270,7 @@ def design(
     family: Annotated[
         str | None, option("free, step, prbs, chirp, multisine, steps or coast.", metavar="NAME")
     ] = None,
+    experiments: Annotated[int, option("The number of coming experiments.", min=1, max=9)] = 1,
     draws: Annotated[
         int, option("Of prior or posterior, over which it is averaged.", min=1, max=64)
     ] = 8,
@@ -278,12 +283,14 @@ def design(
     planner = bd.open(source) if source.is_dir() else _read(source)
     if output is not None:
         planner.check_design_place(output, force=force)
+    other = None if tell is None else _read(tell)
     names = [name for name in learn.split(",") if name.strip()]
     numbers = {"low": low, "high": high, "hold": hold, "duration": duration, "rate": rate}
     with reporter() as report:
         designed = planner.design(
             names, input=drive, slew=slew, limits=limit or [], family=family, draws=draws,
-            report=report, **numbers,
+            experiments=experiments,
+            tell=other, report=report, **numbers,
         )  # fmt: skip
     say(designed.text)
     if output is not None:

@@ -243,6 +243,7 @@ class ExperimentPlanner:
         self,
         learn: Sequence[str] | str = (),
         *,
+        tell: ExperimentPlanner | None = None,
         input: str | None = None,
         low: float | None = None,
         high: float | None = None,
@@ -252,6 +253,7 @@ class ExperimentPlanner:
         slew: float | None = None,
         limits: Sequence[str] | str = (),
         family: str | None = None,
+        experiments: int = 1,
         draws: int = 8,
         report: Reporter | None = None,
     ) -> Designed:
@@ -266,6 +268,8 @@ class ExperimentPlanner:
         learn : str or sequence of str
             Parameters, derived quantities, or formulas such as `"k_s/j_1"`; by default all products
             that can be determined.
+        tell : Case, optional
+            Another model of the same channels, from which the experiment is to tell this one.
         input : str, optional
             The input that the source drives; by default the one that drives the rig.
         low, high : float, optional
@@ -281,6 +285,8 @@ class ExperimentPlanner:
             turning back, or `"theta_1 - theta_2=-1:1"`.  They hold for 99 % of the draws.
         family : str, optional
             `free` levels (the default), or `step`, `prbs`, `chirp`, `multisine`, `steps` or `coast`.
+        experiments : int
+            The number of coming experiments, each of which knows what those before it determine.
         draws : int
             The number of draws over which the design is averaged; 1 takes the start values of a case.
         report : Reporter, optional
@@ -306,9 +312,11 @@ class ExperimentPlanner:
         options = {
             "input": input, "low": low, "high": high, "hold": hold, "duration": duration,
             "rate": rate, "slew": slew, "family": family,
+            "experiments": whole("experiments", experiments, 1),
         }  # fmt: skip
         names, bounds = ((x,) if isinstance(x, str) else tuple(x) for x in (learn, limits))
         count = whole("draws", draws, 1)
         return design.design(
-            self.job, self._known_draws(), names, options, bounds, count, report or SILENT
-        )
+            self.job, self._known_draws(), names, options, bounds, count, report or SILENT,
+            rival=None if tell is None else tell.job,
+        )  # fmt: skip

@@ -18,13 +18,14 @@ class PresentKnowledge:
     """It has `draws (W, D)` for a design, `checked (C, D)` for its limits, and a precision.
 
     `precision (m, m)` belongs to the unknowns of the simulator on their natural scales.  `source`
-    says in words where it comes from.
+    says in words where it comes from.  Without `gaussian` it approximates the priors.
     """
 
     draws: StoredArray
     checked: StoredArray
     precision: StoredArray
     source: str
+    gaussian: bool = False
 
 
 def prior_knowledge(problem: Problem, draws: int, checked: int, seed: int) -> PresentKnowledge:
@@ -58,5 +59,9 @@ def posterior_knowledge(
         return np.asarray(chain[np.linspace(0, len(chain) - 1, min(count, len(chain))).astype(int)])
 
     return PresentKnowledge(
-        draws=thinned(draws), checked=thinned(checked), precision=precision, source="the posterior"
+        draws=thinned(draws),
+        checked=thinned(checked),
+        precision=precision,
+        source="the posterior",
+        gaussian=True,
     )

@@ -61,14 +61,15 @@ class ComingExperiment:
         coming = observation.for_record(experiment).bind(observation.space)
         return cls(observation=coming, source=source, limits=limits)
 
-    def posterior(self, levels: Array) -> Posterior:
-        """Return the posterior of a record with this waveform, whose samples are zero."""
-        space = self.observation.space
+    def posterior(self, *batch: Array) -> Posterior:
+        """Return the posterior of records with these waveforms, whose samples are zero."""
+        space, parts = self.observation.space, []
         assert space is not None
-        record = self._driven(self.observation.experiment, levels)
-        response = self.observation.response.of(record)
-        observation = dataclasses.replace(self.observation, response=response)
-        return Posterior(space, Likelihood((observation,), space), space.coordinates)
+        for levels in batch:
+            record = self._driven(self.observation.experiment, levels)
+            response = self.observation.response.of(record)
+            parts.append(dataclasses.replace(self.observation, response=response))
+        return Posterior(space, Likelihood(tuple(parts), space), space.coordinates)
 
     @cached_property
     def _shown(self) -> Experiment:
@@ -124,7 +125,7 @@ def excess(limited: Array, limits: tuple[RigLimit, ...]) -> Array:
 
 @dataclass(frozen=True, kw_only=True)
 class TargetCovariance:
-    """Covariances follow from `slopes (W, k, m)` of targets, and the `precision (m, m)` known before."""
+    """Covariances follow from `slopes (W, k, m)` of targets, and `precision (W, m, m)` before."""
 
     slopes: Array
     precision: Array
@@ -167,7 +168,7 @@ class SuperposedPulses:
         """Return the evaluation of the first draws alone, which is faster."""
         fewer = copy.copy(self)
         fewer._roots, fewer._limited = self._roots[:draws], self._limited[:draws]
-        slopes, precision = self.targets.slopes[:draws], self.targets.precision
+        slopes, precision = self.targets.slopes[:draws], self.targets.precision[:draws]
         fewer.targets = TargetCovariance(slopes=slopes, precision=precision)
         return fewer
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from types import MappingProxyType
 
 import numpy as np
 
-from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.basics import seeds
 from bayesdrill.basics.arrays import Array, StoredArray
 from bayesdrill.basics.errors import InputError
@@ -16,6 +16,7 @@ from bayesdrill.basics.progress import Reporter
 from bayesdrill.config.schema.config import Thresholds
 from bayesdrill.design import search
 from bayesdrill.design.knowledge import PresentKnowledge
+from bayesdrill.design.promise import information, present_sds, promise
 from bayesdrill.design.responses import (
     ComingExperiment,
     Evaluation,
@@ -26,10 +27,11 @@ from bayesdrill.design.responses import (
 from bayesdrill.design.source import RigLimit, SourceLimits
 from bayesdrill.design.visibility import TargetVisibility, examine_targets
 from bayesdrill.design.waveforms import FREE
-from bayesdrill.inference.posterior import Problem
+from bayesdrill.inference.posterior import Posterior, Problem
 from bayesdrill.record.experiment import Experiment
 
-RECORDED, DESIGNED = "as recorded", "designed"  # beside the names of families
+RECORDED, REPEATED, DESIGNED = "as recorded", "repeated", "designed"  # beside names of families
+NOTHING: Mapping[str, float] = MappingProxyType({})
 BAND = (0.01, 0.5, 0.99)  # quantiles of the expected response
 
 
@@ -37,13 +39,15 @@ BAND = (0.01, 0.5, 0.99)  # quantiles of the expected response
 class DesignRequest:
     """A request names what is to be learnt: `learn` is empty for all that can be determined.
 
-    `family` is one of `waveforms.FAMILIES`, or `FREE`.
+    `family` is one of `waveforms.FAMILIES`, or `FREE`.  The number of coming experiments is
+    `experiments`.
     """
 
     source: SourceLimits
     limits: tuple[RigLimit, ...] = ()
     learn: tuple[str, ...] = ()
     family: str = FREE
+    experiments: int = 1
     seed: int = 0
 
 
@@ -66,20 +70,28 @@ class TargetOutlook:
         """Return the sd after the designed experiment."""
         return self.after[DESIGNED]
 
+    @property
+    def usual(self) -> dict[str, float]:
+        """Return the sds after the usual waveforms."""
+        special = (RECORDED, REPEATED, DESIGNED)
+        return {name: sd for name, sd in self.after.items() if name not in special}
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExperimentDesign:
-    """A design has `levels (S,)` of its source, and what they promise for each target.
+    """A design has `levels (E, S)` of each experiment, and what they promise for each target.
 
     `criteria` are mean log determinants of the targets' covariance by waveform.  `bands (3, T, K)`
-    are quantiles `BAND` of the channels, `limited (3, T, L)` those of the limited sums, and `kept` is
-    the share of draws that keep the limits.
+    are quantiles `BAND` of the channels in the first experiment, and `limited (3, T, L)` those of the
+    limited sums.  `kept` is the least share of draws that keep the limits.  `log_odds` against a rival
+    are given in place of targets, by waveform.
     """
 
     request: DesignRequest
     levels: StoredArray
     targets: tuple[TargetOutlook, ...]
     criteria: Mapping[str, float]
+    log_odds: Mapping[str, float]
     experiment: Experiment
     bands: StoredArray
     limited: StoredArray
@@ -104,57 +116,112 @@ def design_experiment(
     coming = ComingExperiment.like(problem.observations[0], request.source, request.limits)
     rng = seeds.stream(request.seed, "design", 1)
     visibility = examine_targets(problem, coming, request.learn, known, rng)
-    chosen = TargetCovariance(
-        slopes=visibility.slopes[:, visibility.independent], precision=known.precision
-    )
+    slopes, smooth = visibility.slopes[:, visibility.independent], problem.model.smooth
+    check, batch = search.LimitCheck(coming, known.checked), list[Array]()
+    usual = dict[str, Array]()
+    precision = np.tile(known.precision, (len(known.draws), 1, 1))
+    chosen = TargetCovariance(slopes=slopes, precision=precision)
+    for number in range(request.experiments):  # each knows what those before it will determine
+
+        def progress(share: float, number: int = number) -> None:
+            report.update(
+                0.1 + 0.85 * (number + share) / request.experiments, "search of the levels"
+            )
+
+        before = precision + (information(coming.posterior(*batch), known.draws) if batch else 0.0)
+        targets_after = TargetCovariance(slopes=slopes, precision=before)
+        waveforms, levels = search_levels(
+            coming, known.draws, targets_after, check, request, rng, progress, smooth=smooth
+        )
+        usual = usual or waveforms
+        batch.append(levels)
+
+    def repeated(levels: Array) -> Posterior:
+        return coming.posterior(*[levels] * request.experiments)
+
+    posteriors = {RECORDED: problem.posterior}
+    posteriors |= {name: repeated(levels) for name, levels in usual.items()}
+    if request.experiments > 1:
+        posteriors[REPEATED] = repeated(batch[0])
+    posteriors[DESIGNED] = coming.posterior(*batch)
+    targets, informations = _outlooks(visibility, known, posteriors, request.seed)
+    _refuse_hopeless([targets[k] for k in visibility.visible], thresholds)
+    report.update(1.0, "")
+    criteria = {name: chosen.criterion(x)[0] for name, x in informations.items()}
+    return describe_expected(coming, request, np.array(batch), known, check, targets, criteria)
+
+
+def search_levels(
+    coming: ComingExperiment,
+    theta: Array,
+    targets: TargetCovariance,
+    check: search.LimitCheck,
+    request: DesignRequest,
+    rng: np.random.Generator,
+    progress: Callable[[float], None],
+    *,
+    smooth: bool,
+) -> tuple[dict[str, Array], Array]:
+    """Return the usual waveforms by name, and the levels that are requested.
+
+    They are the best for `targets` at `theta (W, D)`; a `smooth` rig is linear in its input.
+    """
     evaluation: Evaluation
-    if problem.model.smooth:
-        evaluation = pulses = SuperposedPulses(coming, known.draws, chosen)
+    if smooth:
+        evaluation = pulses = SuperposedPulses(coming, theta, targets)
         repair: Callable[[Array], Array] = partial(search.least_excess, pulses)
         improve = partial(search.descend, pulses)
     else:
-        evaluation = simulated = SimulatedSlopes(coming, known.draws, chosen)
+        evaluation = simulated = SimulatedSlopes(coming, theta, targets)
         repair, improve = np.copy, partial(search.exchange, simulated)
-    check = search.LimitCheck(coming, known.checked)
     safe = search.safe_waveform(check, repair)
-    report.update(0.1, "waveforms of the usual families")
     waveforms = search.usual_waveforms(evaluation, check, safe, rng)
+    if request.family != FREE:
+        return waveforms, waveforms[request.family]
+    return waveforms, improve(check, safe, waveforms, rng, progress)
 
-    def progress(share: float) -> None:
-        report.update(0.2 + 0.75 * share, "search of the levels")
 
-    if request.family == FREE:
-        levels = improve(check, safe, waveforms, rng, progress)
-    else:
-        levels = waveforms[request.family]
-    informations = {RECORDED: _recorded(problem, known.draws)}
-    informations |= {name: evaluation.information(u) for name, u in waveforms.items()}
-    informations[DESIGNED] = evaluation.information(levels)
-    targets = _outlooks(visibility, known, informations)
-    _refuse_hopeless([targets[k] for k in visibility.visible], thresholds)
-    signals, limited = coming.simulate(known.checked, levels)
-    report.update(1.0, "")
+def describe_expected(
+    coming: ComingExperiment,
+    request: DesignRequest,
+    levels: Array,
+    known: PresentKnowledge,
+    check: search.LimitCheck,
+    targets: tuple[TargetOutlook, ...] = (),
+    criteria: Mapping[str, float] = NOTHING,
+    odds: Mapping[str, float] = NOTHING,
+) -> ExperimentDesign:
+    """Return the design with `levels (E, S)`, with the motion that they are expected to cause."""
+    signals, limited = coming.simulate(known.checked, levels[0])
     return ExperimentDesign(
         request=request,
         levels=levels,
         targets=targets,
-        criteria={name: chosen.criterion(x)[0] for name, x in informations.items()},
+        criteria=criteria,
+        log_odds=odds,
         experiment=coming.observation.experiment,
         bands=np.quantile(signals, BAND, axis=0),
         limited=np.quantile(limited, BAND, axis=0),
-        kept=check.kept_share(levels),
+        kept=min(map(check.kept_share, levels)),
         known_from=known.source,
         draws=len(known.draws),
     )
 
 
 def _outlooks(
-    visibility: TargetVisibility, known: PresentKnowledge, informations: Mapping[str, Array]
-) -> tuple[TargetOutlook, ...]:
-    every = TargetCovariance(slopes=visibility.slopes, precision=known.precision)
-    now = _sds(every, np.zeros_like(informations[DESIGNED]))
-    after = {name: _sds(every, information) for name, information in informations.items()}
-    return tuple(
+    visibility: TargetVisibility,
+    known: PresentKnowledge,
+    posteriors: Mapping[str, Posterior],
+    seed: int,
+) -> tuple[tuple[TargetOutlook, ...], dict[str, Array]]:
+    """Return the outlook of each target, and informations, after records with these posteriors."""
+    slopes, after, informations = visibility.slopes, {}, {}
+    for name, posterior in posteriors.items():
+        rng = seeds.stream(seed, "design", 2)  # the same numbers, so that waveforms compare well
+        after[name], informations[name] = promise(posterior, known, slopes, rng)
+    space = posteriors[DESIGNED].space
+    now = present_sds(space, known, slopes, seeds.stream(seed, "design", 2))
+    outlooks = tuple(
         TargetOutlook(
             name=target.name,
             now=float(now[k]),
@@ -164,19 +231,7 @@ def _outlooks(
         )
         for k, target in enumerate(visibility.targets)
     )
-
-
-def _recorded(problem: Problem, draws: Array) -> Array:
-    """Return the information `(W, m, m)` of the records, were they made again."""
-    study = SensitivityStudy(problem.posterior.likelihood)
-    rows = [study.with_nuisances(theta) for theta in draws]
-    return np.stack([each.T @ each for each in rows])
-
-
-def _sds(covariance: TargetCovariance, information: Array) -> Array:
-    """Return relative sds of the targets, as geometric means over draws, `(k,)`."""
-    variances = np.diagonal(covariance.covariances(information), axis1=1, axis2=2)
-    return np.asarray(np.exp(0.5 * np.log(variances).mean(axis=0)))
+    return outlooks, informations
 
 
 def _refuse_hopeless(targets: Sequence[TargetOutlook], thresholds: Thresholds) -> None:

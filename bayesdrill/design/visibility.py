@@ -29,7 +29,7 @@ from bayesdrill.design.targets import (
 )
 from bayesdrill.inference.posterior import Problem
 
-MOST_REMEDIES = 3  # that are named for a target
+MOST_REMEDIES = 4  # that are named for a target
 LEAST_FALL = 1.05  # factor by which the sd of a target falls at least with a remedy that is named
 
 
@@ -101,7 +101,10 @@ def _remedies(
     structure: ScalingStructure,
     known: PresentKnowledge,
 ) -> tuple[tuple[str, float], ...]:
-    """Return actions that break a symmetry, each with the factor by which sds of the target fall."""
+    """Return actions that break a symmetry, with the factors by which sds of the target fall.
+
+    They are the best to weigh, to measure, to add, and so on.
+    """
     names = [name for name in target.formula.names if name in structure.names]
     if not symmetries or not names:
         return ()
@@ -109,8 +112,10 @@ def _remedies(
     tried = remedies(sensitivity, known.draws[0], symmetries, prior_sd, names)
     useful = [x for x in tried if x.breaks and x.shrink > LEAST_FALL]
     others = [x for x in useful if x.what.split(" to ")[0] != f"weigh or measure {target.name}"]
-    best = sorted(others, key=lambda remedy: -remedy.shrink)[:MOST_REMEDIES]
-    return tuple((remedy.what, remedy.shrink) for remedy in best)
+    ranked = sorted(others, key=lambda remedy: -remedy.shrink)
+    # The first word says what kind of action it is.
+    best = {remedy.what.split()[0]: remedy for remedy in reversed(ranked)}.values()
+    return tuple((each.what, each.shrink) for each in ranked if each in best)[:MOST_REMEDIES]
 
 
 def _moved(structure: ScalingStructure, exponents: Exponents) -> tuple[str, ...]:

@@ -17,10 +17,11 @@ from bayesdrill.basics.progress import Reporter
 from bayesdrill.config.job import Job
 from bayesdrill.config.yaml_source import as_yaml
 from bayesdrill.design.knowledge import posterior_knowledge, prior_knowledge
+from bayesdrill.design.rivals import design_against
 from bayesdrill.design.source import SourceLimits, parse_limits
 from bayesdrill.design.study import DesignRequest, ExperimentDesign, design_experiment
 from bayesdrill.design.waveforms import FAMILIES, FREE
-from bayesdrill.output_files import DESIGN, RECORD
+from bayesdrill.output_files import DESIGN, RECORD, numbered
 from bayesdrill.report.scales import WIDTHS
 from bayesdrill.report.section import lines_as_csv
 from bayesdrill.report.sections.design import describe_design, design_figure
@@ -62,8 +63,8 @@ class Designed(Value):
 
     @property
     def levels(self) -> Array:
-        """Return the levels of the input in SI, `(S,)`."""
-        return self.design.levels
+        """Return the levels of the input in SI, `(S,)`; those of E > 1 experiments as `(E, S)`."""
+        return self.design.levels[0] if len(self.design.levels) == 1 else self.design.levels
 
     def save(self, folder: str | Path, *, force: bool = False) -> str:
         """Save waveform, config of the coming record, text and figure in a folder.
@@ -101,10 +102,18 @@ class Designed(Value):
         return f"{place}/ ({WAVEFORM}, {COMING}, {DESIGN.mark}, figures/)"
 
     def waveform_csv(self) -> str:
-        """Return the waveform as CSV: the time at which each level begins [s], and the level."""
-        held = np.append(self.levels, self.levels[-1])
-        rows = [[f"{t:.9g}", f"{u:.{DIGITS}g}"] for t, u in zip(self.times, held, strict=True)]
-        return lines_as_csv([["t", self.design.request.source.input], *rows])
+        """Return the waveform as CSV: the time at which each level begins [s], and the level.
+
+        Several experiments have a column each.
+        """
+        levels, name = self.design.levels, self.design.request.source.input
+        held = np.hstack([levels, levels[:, -1:]])
+        held[np.abs(held) < 10.0**-DIGITS * np.abs(held).max()] = (
+            0.0  # what rounding leaves of zero
+        )
+        numbers = [[f"{u:.{DIGITS}g}" for u in row] for row in held.T]
+        rows = [[f"{t:.9g}", *row] for t, row in zip(self.times, numbers, strict=True)]
+        return lines_as_csv([["t", *numbered(name, [*levels])], *rows])
 
     def __str__(self) -> str:
         return self.text
@@ -120,21 +129,28 @@ def design(
     limits: Sequence[str],
     draws: int,
     report: Reporter,
+    rival: Job | None = None,
 ) -> Designed:
     """Design an experiment for a job, with the knowledge of its prior or of draws `chain (N, D)`.
 
-    `options` are numbers of `SourceLimits` and a `family`, None where not given.  Raises `InputError`.
+    `options` are numbers of `SourceLimits`, a `family` and `experiments`, None where not given.  If
+    there is a `rival`, the experiment is to tell its model from that of the job.  Raises `InputError`.
     """
     problem, seed = job.problem, job.config.seed
-    family = options.pop("family", None) or FREE
+    family, experiments = options.pop("family", None) or FREE, options.pop("experiments", 1)
     if family not in (FREE, *FAMILIES):
         hint = did_you_mean(family, [FREE, *FAMILIES])
         raise InputError.at("--family", f"{family} is none of {', '.join((FREE, *FAMILIES))}{hint}")
+    if rival is not None and learn:
+        raise InputError.at(
+            "--tell", "a design tells models apart or learns targets; give one of both"
+        )
     request = DesignRequest(
         source=_source(job, options),
         limits=parse_limits(limits, problem.model),
         learn=tuple(learn),
         family=family,
+        experiments=experiments,
         seed=seed,
     )
     if chain is None:
@@ -142,7 +158,10 @@ def design(
     else:
         known = posterior_knowledge(problem, chain, draws, CHECKED_DRAWS)
     with ONE_THREAD:  # matrices are so small that further threads only wait for each other
-        made = design_experiment(problem, request, known, job.asked.thresholds, report)
+        if rival is None:
+            made = design_experiment(problem, request, known, job.asked.thresholds, report)
+        else:
+            made = design_against(problem, rival.problem, request, known, report)
     return Designed(job=job, design=made)
 
 
@@ -173,6 +192,8 @@ def coming_config(job: Job, design: ExperimentDesign) -> str:
     for name, spec in data["record"]["channels"].items():
         entries = {key: entry for key, entry in spec.items() if key not in ("file", "time")}
         channels[name] = {**entries, "column": name}
+    count = len(design.levels)
+    records = [name + ".csv" for name in numbered(RECORD.removesuffix(".csv"), [*design.levels])]
     data["record"] = {
         "file": RECORD,
         "time": {"column": "t", "unit": "s"},
@@ -189,9 +210,17 @@ def coming_config(job: Job, design: ExperimentDesign) -> str:
     data["simulation"] = {k: v for k, v in simulation.items() if k not in ("duration", "rate")}
     if not data["simulation"]:
         del data["simulation"]
+    if count > 1:
+        del data["record"]["file"]
+        parts = {f"coming_{k}": {"record": {"file": f}} for k, f in enumerate(records, start=1)}
+        data["experiments"] = parts
     data["name"] = f"{job.config.name}_designed"
     about = (
-        f"# The record of {WAVEFORM}: measure it at {source.rate:g} Hz into {RECORD}, with the columns\n"
+        f"# Measure {WAVEFORM} at {source.rate:g} Hz into {', '.join(records)}, with the columns\n"
         f"# t, {source.input}, {', '.join(channels)}; then run `bayesdrill posterior {COMING}`.\n"
+        f"# Until then no command can use this config; {DESIGN.mark} has the expected record.\n"
     )
+    if len(job.case.experiments) > 1:
+        label = job.problem.observations[0].label
+        about += f"# Channels, sensors and noise are those of the first experiment, {label}.\n"
     return about + as_yaml(data)

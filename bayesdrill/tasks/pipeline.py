@@ -22,6 +22,7 @@ from bayesdrill.output_files import POSTERIOR, RESOLVED_FILE
 from bayesdrill.report import publish, words
 from bayesdrill.report.run_report import details, screen
 from bayesdrill.report.sections.causes import describe_causes
+from bayesdrill.report.sections.identifiability import next_experiment
 from bayesdrill.report.view import ReportContext
 from bayesdrill.results import provenance, run_folder
 from bayesdrill.results.provenance import begin, check_record, interruptions
@@ -306,14 +307,17 @@ def _publish(
         files=folder.digests(),
         **run_entries.entries(view, analysis_mark(job, view.mode, view.sampled)),
     )
+    advice = ""
+    if judged is not None and judged.verdict.saying("not determined") and not view.reasons:
+        advice = next_experiment(judged.study, str(folder.path))
     return Outcome(
         folder=folder.path,
         mode=view.mode,
         sampled=view.sampled,
         rows=view.analysis.unknowns,
         verdict=None if judged is None else judged.verdict,
-        summary=screen(view),
-        details=details(view),
+        summary="\n".join(filter(None, [screen(view), advice])),
+        details="\n\n".join(filter(None, [details(view), advice])),
         reasons=view.reasons,
         missing=missing,
         seconds=seconds,

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING
@@ -32,7 +33,7 @@ def save_text(
     """Save a text, the figures that `draw` makes, and `others` by the names of their files.
 
     Returns the folder.  Raises `InputError` if files of another kind, of the record, or without
-    `force` of the same kind would be replaced.
+    `force` of the same kind would be replaced.  If it is interrupted, none of its files remain.
     """
     from bayesdrill.report import style  # late: matplotlib takes a second to load
 
@@ -46,7 +47,7 @@ def save_text(
     pictures = "\n\n".join(f"{shown}[{name}]({FIGURES}/{name}.{ending})" for name in figures)
     mark = output_files.text_mark(kind)
     page = f"{mark}\n# {title}\n\n```text\n{text}\n```\n\n{pictures}\n"
-    with output_files.renewed(place, kind):
+    with output_files.renewed(place, kind), _whole(place, kind):
         (place / FIGURES).mkdir(parents=True, exist_ok=True)
         for name, content in {kind.mark: page, **others}.items():
             output_files.write_text(place / name, content)
@@ -54,3 +55,16 @@ def save_text(
             note = {"Title": job.config.name}
             style.save(figure, place / FIGURES, name, note, formats=formats, dpi=output.dpi)
     return place
+
+
+@contextmanager
+def _whole(place: Path, kind: Kind) -> Iterator[None]:
+    """Remove the files of a kind, and folders that are empty then, if the block fails."""
+    try:
+        yield
+    except BaseException:
+        output_files.remove_outputs(place, kind)
+        (place / kind.mark).unlink(missing_ok=True)
+        with suppress(OSError):  # it contains other files
+            place.rmdir()
+        raise

@@ -1,7 +1,7 @@
-"""What designs promise against repeated fits of simulated records of their waveforms.
+"""What designs promise against sampled fits of simulated records of their waveforms.
 
-The damping c_m is held in rigs without dry friction, as no such record determines it: what depends on
-it then follows the form of its prior, and the promise takes that for Gaussian.
+The sds of posteriors are compared.  Maxima scatter by more where the priors decide, as they lie at the
+ends of these.
 """
 
 from __future__ import annotations
@@ -18,12 +18,11 @@ from support.case_tables import run_cases
 import bayesdrill as bd
 from bayesdrill.design.responses import ComingExperiment
 from bayesdrill.design.targets import parse_targets
-from bayesdrill.inference.laplace import LogDensity
-from bayesdrill.sampling.gauss_newton import gauss_newton
+from bayesdrill.output_files import numbered
 
 CONFIG = Path(__file__).parents[2] / "configs" / "nominal_step.yaml"
-FITS = 50
-STEPS = 30
+FITS = 4
+SAMPLER = {"ensembles": 4, "walkers": 64, "r_hat": 1.03, "n_tau": 20, "ess": 1000}
 BOX = {"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}
 SIGMA = {"prior": "log_uniform", "low": 0.01, "high": 1.0}
 FORWARD: Mapping[str, Any] = {"high": 12.0, "limits": "w_2=0:"}
@@ -35,6 +34,9 @@ def changed(case: str) -> bd.Case:
     job = bd.load(CONFIG).job
     data = copy.deepcopy(dict(job.source.data))
     channels = data["record"]["channels"]
+    data["sampler"] = SAMPLER
+    if case == "bundled":
+        return bd.Case(job.with_data(data))
     data["parameters"] = data["parameters"] | {"c_m": "nominal"}
     if case == "unknown noise":
         channels.update({name: spec | {"sigma": SIGMA} for name, spec in channels.items()})
@@ -49,49 +51,63 @@ def changed(case: str) -> bd.Case:
     return bd.Case(job.with_data(data))
 
 
-def achieved(case: bd.Case, numbers: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
-    """Return for each determined target the mean and sd of its log over fits, over the promise."""
-    design = case.design(draws=1, **numbers).design
-    problem, request = case.job.problem, design.request
-    known = [target for target in design.targets if target.designed < 0.2 * target.now]
+def achieved(
+    case: bd.Case, numbers: Mapping[str, Any], folder: Path
+) -> dict[str, tuple[float, float]]:
+    """Return for each determined target the mean error of its log over sds, and sds over the promise.
+
+    Both are those of sampled posteriors: the error is the mean over fits, the sd a geometric mean.
+    """
+    designed = case.design(draws=1, **numbers)
+    designed.save(folder, force=True)
+    problem, request = case.job.problem, designed.design.request
+    known = [target for target in designed.design.targets if target.designed < 0.2 * target.now]
     coming = ComingExperiment.like(problem.observations[0], request.source, ())
-    posterior = coming.posterior(design.levels)
+    batch = designed.design.levels
+    posterior = coming.posterior(*batch)
     space, rng = posterior.space, np.random.default_rng(5)
     truth = space.vector(space.start)[None]
     formulas = [x.formula for x in parse_targets(problem, [x.name for x in known], truth)]
-    (observation,) = posterior.likelihood.observations
-    signals = observation.signals(space.full(truth))
-    logs = np.empty((FITS, len(formulas)))
+    observation, source = posterior.likelihood.observations[0], request.source
+    signals = posterior.likelihood.all_signals(truth)
+    header = ",".join(["t", source.input, *observation.experiment.names])
+    factors = [channel.display_unit.factor for channel in observation.experiment.channels]
+    errors, sds = (np.empty((FITS, len(formulas))) for _ in range(2))
     for k in range(FITS):
-        record = observation.draw(signals, truth, rng)[0]
-        surface = LogDensity(posterior.edit(records=[record]), physical=True)
-        best = gauss_newton(surface, posterior.coordinates.from_physical(truth), STEPS).u
-        ratio = space.named(posterior.coordinates.to_physical(best)), space.named(truth)
-        logs[k] = [
-            float(np.squeeze(np.log(f.value(ratio[0]) / f.value(ratio[1])))) for f in formulas
-        ]
-    scaled = logs / np.array([target.designed for target in known])
-    means, sds = scaled.mean(axis=0), scaled.std(axis=0)
-    names = [target.name for target in known]
-    return {n: (float(m), float(s)) for n, m, s in zip(names, means, sds, strict=True)}
+        files = numbered("record", [*batch])
+        for file, levels, exact in zip(files, batch, signals, strict=True):
+            record = observation.draw(exact, truth, rng)[0] / factors
+            columns = np.column_stack([source.t, source.series(levels), record])
+            np.savetxt(folder / f"{file}.csv", columns, "%.9g", ",", header=header, comments="")
+        draws = bd.load(folder / "coming.yaml").sample().draws
+        for number, formula in enumerate(formulas):
+            true = float(np.squeeze(formula.value(space.named(truth))))
+            logs = np.log(formula.value({**space.fixed, **draws}) / true)
+            errors[k, number], sds[k, number] = logs.mean() / logs.std(), logs.std()
+    ratios = np.exp(np.log(sds).mean(axis=0)) / [target.designed for target in known]
+    pairs = zip(errors.mean(axis=0).tolist(), ratios.tolist(), strict=True)
+    return dict(zip([target.name for target in known], pairs, strict=True))
 
 
 @pytest.mark.slow
 @run_cases(
     "name, numbers",
     [
+        ("bundled", FORWARD),
         ("white noise", FORWARD),
         ("unknown noise", FORWARD),
         ("AR(1)", FORWARD),
         ("two channels", FORWARD),
+        ("two experiments", {**FORWARD, "duration": 5.0, "experiments": 2}),
         ("friction", BOTH_WAYS),
     ],
 )
-def test_repeated_fits_have_the_promised_spread(name: str, numbers: Mapping[str, Any]) -> None:
-    """With 50 fits, sds of fits are within a third of their value, and their mean within 10 %."""
-    results = achieved(changed(name), numbers)
-    print(name, {k: f"mean {m:+.2f}, sd {s:.2f}" for k, (m, s) in results.items()})
-    means, sds = np.array([*results.values()]).T
-    assert np.abs(means).max() < 4.0 / np.sqrt(FITS)
-    assert np.abs(sds - 1.0).max() < 0.34
-    assert abs(sds.mean() - 1.0) < 0.15
+def test_sampled_refits_have_the_promised_sds(
+    name: str, numbers: Mapping[str, Any], tmp_path: Path
+) -> None:
+    """The sds are within 10 % of the promise, and the errors of fits are their sds."""
+    results = achieved(changed(name), numbers, tmp_path)
+    print(name, {k: f"error {m:+.2f}, sd {s:.3f}" for k, (m, s) in results.items()})
+    errors, sds = np.array([*results.values()]).T
+    assert np.abs(errors).max() < 4.0 / np.sqrt(FITS)
+    assert np.abs(sds - 1.0).max() < 0.1

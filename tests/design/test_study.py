@@ -95,6 +95,33 @@ def _power(product: str, name: str) -> float:
     return float(np.log2(second / first))
 
 
+def test_a_batch_of_experiments_is_sharper_than_a_repeated_one(tmp_path: Path) -> None:
+    """Within short experiments one waveform cannot serve all targets, so that others complement it."""
+    case = two()
+    numbers = {"high": 12.0, "hold": 0.5, "duration": 2.0, "draws": 1}
+    designed = case.design(experiments=2, **numbers)
+    single = case.design(**numbers).design
+    criteria = designed.design.criteria
+    assert designed.levels.shape == (2, 4)
+    np.testing.assert_array_equal(designed.levels[0], single.levels[0])
+    assert criteria["designed"] <= criteria["repeated"] + 1e-9
+    # Twice the record has half the variance of each of both targets.
+    assert criteria["repeated"] == pytest.approx(
+        single.criteria["designed"] - 2.0 * np.log(2.0), abs=0.01
+    )
+    designed.save(tmp_path)
+    waveform = np.genfromtxt(tmp_path / "waveform.csv", delimiter=",", names=True)
+    assert waveform.dtype.names == ("t", "v_1", "v_2")
+    for number in (1, 2):
+        columns = ["t", "v", "theta_2", "w_1"]
+        rows = np.random.default_rng(number).standard_normal((81, 4))
+        rows[:, 0] = np.arange(81) / 40.0
+        text = "\n".join([",".join(columns), *(",".join(map(str, row)) for row in rows.tolist())])
+        (tmp_path / f"record_{number}.csv").write_text(text)
+    coming = bd.load(tmp_path / "coming.yaml")
+    assert [x.label for x in coming.job.problem.observations] == ["coming_1", "coming_2"]
+
+
 def test_friction_wants_coasts_or_reversals_rather_than_a_step() -> None:
     """Viscous and dry friction differ in how they depend on the speed, which a step does not show."""
     priors = dict.fromkeys(NOMINAL, "nominal") | {"t_f": 1e-6, "k_s": BOX, "c_m": BOX}

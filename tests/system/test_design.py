@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
+import pytest
+from support.array_cases import two
 from support.case_tables import run_cases
 from support.command_line import assert_refused, cli, listing, posterior, small_config
+
+import bayesdrill as bd
+from bayesdrill.report import style
 
 NUMBERS = ("--high", "12", "--hold", "0.5", "--draws", "2")
 
@@ -33,13 +39,45 @@ def test_a_design_is_printed_and_written(tmp_path: Path) -> None:
     assert cli(*command, "--force").status == 0
 
 
-def test_a_run_is_designed_for_with_its_posterior(tmp_path: Path) -> None:
-    config = small_config(tmp_path)
-    posterior(config, tmp_path / "run")
+def test_a_run_ends_with_the_line_that_starts_a_design_with_its_posterior(tmp_path: Path) -> None:
+    box = "{prior: uniform, low: 0.5, high: 1.5, relative: true}"
+    config = small_config(tmp_path, ("c_m: nominal", f"c_m: {box}"))
+    run = posterior(config, tmp_path / "run")
+    line = f"bayesdrill design {tmp_path / 'run'} --learn 'c_m"
+    assert ("Not determined" in run.out) == (line in run.out), run.out
+    assert line in run.out
     known, unknown = (cli("design", path, *NUMBERS) for path in (tmp_path / "run", config))
     assert known.status == unknown.status == 0, known.text
     assert "2 draws of the posterior" in known.out
     assert "2 draws of the prior" in unknown.out
+
+
+def test_an_interrupted_save_leaves_no_half_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    designed = bd.load(small_config(tmp_path)).design("k_e", family="step", hold=0.5, draws=1)
+    monkeypatch.setattr(style, "save", interrupt)
+    for folder in (tmp_path / "new", tmp_path / "old"):
+        if folder.name == "old":
+            folder.mkdir()
+            (folder / "notes.txt").write_text("mine")
+        with pytest.raises(KeyboardInterrupt):
+            designed.save(folder)
+    assert not (tmp_path / "new").exists()
+    assert {*listing(tmp_path / "old")} == {"notes.txt"}
+
+
+def test_the_waveform_has_no_rests_of_rounding() -> None:
+    designed = two().design("k_s", family="prbs", high=12.0, hold=0.5, draws=1)
+    levels = designed.levels.copy()
+    levels[0] = 8.9e-16
+    changed = dataclasses.replace(
+        designed, design=dataclasses.replace(designed.design, levels=levels)
+    )
+    assert changed.waveform_csv().splitlines()[1] == "0,0"
 
 
 @run_cases(
@@ -79,5 +117,10 @@ def test_a_parameter_below_the_noise_is_refused(tmp_path: Path) -> None:
 def test_what_no_waveform_shows_comes_with_what_would(tmp_path: Path) -> None:
     result = cli("design", "configs/nominal_step.yaml", "--learn", "k_s", "--draws", "1")
     assert_refused(
-        result, "no waveform shows k_s", "weigh or measure j_1 to 1 %", "a waveform can determine"
+        result,
+        "no waveform shows k_s",
+        "weigh or measure j_1 to 1 %",
+        "(to 1 %) added to j_1: its sd falls",
+        "apply a known load torque",
+        "a waveform can determine",
     )

@@ -110,6 +110,18 @@ class SensitivityStudy:
             parts = [*self.by_experiment(theta), *parts]
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
+    def changes(self, theta: Array, points: Array) -> Array:
+        """Return by how much signals change from `theta (D,)` to `points (N, D)`, `(N, n)`.
+
+        They are whitened as at `theta`, and their slopes there are `with_nuisances`.
+        """
+        observations, parts = self.likelihood.observations, []
+        moved = self.likelihood.all_signals(np.vstack([theta, points]))
+        for stage, observation, signals in zip(self._stages, observations, moved, strict=True):
+            rows = observation.whitened_jacobian_at(signals[1:] - signals[0], theta)
+            parts.append(rows.reshape(len(points), -1) * math.sqrt(stage.repeats))
+        return np.concatenate(parts, axis=1)
+
     def by_experiment(self, theta: Array, scene: DesignVariant = AS_RECORDED) -> list[Array]:
         """Return the rows of `with_nuisances` for each experiment."""
         both = self._full_and_slopes(theta)
@@ -136,7 +148,7 @@ class _ExtendedExperiment:
     """An experiment is extended by all states as channels, and all inputs as series."""
 
     def __init__(self, observation: Observation, repeats: float) -> None:
-        self._repeats = repeats  # the length of the record over that of its excerpt
+        self.repeats = repeats  # the length of the record over that of its excerpt
         model, experiment = observation.response.model, observation.experiment
         self._one, self._states, self.k = observation, model.states, len(experiment.channels)
         n, self.constant = len(experiment.t), experiment.constant
@@ -154,7 +166,7 @@ class _ExtendedExperiment:
         if scene.extra:
             more = slopes[:, :, [self.k + self._states.index(name) for name in scene.extra]]
             rows = np.concatenate([rows, more / np.array([*scene.extra.values()])], axis=2)
-        rows = rows.reshape(len(rows), -1).T * math.sqrt(self._repeats)
+        rows = rows.reshape(len(rows), -1).T * math.sqrt(self.repeats)
         readable = (np.abs(rows) < LARGEST_SLOPE).all(axis=1)
         return np.where(readable[:, None], rows, 0.0)
 

@@ -25,6 +25,8 @@ from bayesdrill.analysis.identifiability.information import (
     Information,
     SensitivityStudy,
     from_sensitivities,
+    project_out,
+    root_of,
     simple_exponents,
 )
 from bayesdrill.analysis.identifiability.structure import (
@@ -50,6 +52,7 @@ from bayesdrill.record.experiment import typical_inputs
 
 WEIGHED_TO = 0.01  # relative sd of a part that is weighed or tied
 LOAD_SHARE = 0.1  # largest effect of a known load on a channel, over its range
+ADDED_SHARE = 0.5  # of an inertia, which a known one adds in a further record
 OTHER_DRIVE = 0.5  # another drive, half-way or in a further record, over the present one
 
 
@@ -111,12 +114,42 @@ def _actions(
             equal = np.zeros(len(names))
             equal[names.index(first)], equal[names.index(second)] = 1.0, -1.0
             yield f"tie {first} = {second}", now.with_knowledge(equal, WEIGHED_TO)
+    yield from _added_inertias(sensitivity, theta, now)
     for what, scene in (
         *_other_drives(sensitivity),
         *_more_channels(sensitivity, theta),
         *_other_inputs(sensitivity, theta),
     ):
         yield what, from_sensitivities(names, sensitivity.sensitivities(theta, scene))
+
+
+def _added_inertias(
+    sensitivity: SensitivityStudy, theta: Array, now: Information
+) -> Iterator[tuple[str, Information]]:
+    """Yield a repetition of the experiments with a weighed inertia added to each unknown one."""
+    names, space = sensitivity.unknowns, sensitivity.likelihood.space
+    tied = {name for relation in space.relations.values() for name in relation.names}
+    for inertia in sensitivity.model.roles.inertias:
+        symbol = inertia.inertia
+        if symbol not in names or symbol in tied:
+            continue
+        column = space.free.index(symbol)
+        heavier = theta.copy()
+        heavier[column] *= 1.0 + ADDED_SHARE
+        rows = sensitivity.sensitivities(heavier)
+        total = rows[:, [names.index(symbol)]] / (1.0 + ADDED_SHARE)  # d / d log(j + J) per d log j
+        rows[:, [names.index(symbol)]] = total
+        weighed = np.append(np.zeros(len(names)), 1.0 / WEIGHED_TO)
+        repeated = project_out(
+            np.vstack([np.hstack([rows, ADDED_SHARE * total]), weighed]), len(names)
+        )
+        unit = sensitivity.model.symbols[symbol].unit
+        size = f"{ADDED_SHARE * theta[column]:.2g} {unit}"
+        root = root_of(np.vstack([now.root, repeated]))
+        yield (
+            f"repeat it with an inertia of {size} (to 1 %) added to {symbol}",
+            Information(names, root),
+        )
 
 
 def _other_drives(sensitivity: SensitivityStudy) -> Iterator[tuple[str, DesignVariant]]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol
-from bayesdrill.design.study import DESIGNED, RECORDED, ExperimentDesign, TargetOutlook
+from bayesdrill.design.study import DESIGNED, RECORDED, REPEATED, ExperimentDesign, TargetOutlook
 from bayesdrill.design.waveforms import FREE
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.report import scales, style
@@ -18,14 +18,21 @@ from bayesdrill.report.section import aligned, listed
 from bayesdrill.report.sections.identifiability import percent
 from bayesdrill.report.style import Axes, Figure
 
-SHOWN = (RECORDED, "step", "prbs", "chirp")  # waveforms of the table, beside the designed one
+SHOWN = (
+    RECORDED,
+    "step",
+    "prbs",
+    "chirp",
+    REPEATED,
+)  # waveforms of the table, beside the designed one
 ALIKE = 1.05  # ratio of sds up to which two waveforms are called equally sharp
 CRITERION = "log det"
 
 
 def describe_design(design: ExperimentDesign) -> str:
     """Return the whole text of a design for the terminal."""
-    parts = [_opening(design), design_table(design), target_sentences(design), _limits(design)]
+    parts = [_opening(design), design_table(design), target_sentences(design)]
+    parts += [odds_sentence(design), _limits(design)]
     return "\n\n".join(filter(None, parts))
 
 
@@ -35,17 +42,22 @@ def _opening(design: ExperimentDesign) -> str:
     where = (
         "the start values" if design.draws == 1 else f"{design.draws} draws of {design.known_from}"
     )
+    waveform = "a waveform" if len(design.levels) == 1 else f"{len(design.levels)} waveforms"
+    promised = "expected log odds" if design.log_odds else "promised relative sds"
     return (
-        f"a waveform of {source.input} for {source.t[-1]:g} s: {source.count} levels "
+        f"{waveform} of {source.input} for {source.t[-1]:g} s: {source.count} levels "
         f"from {source.low:g} to {source.high:g}, each held for "
         f"{source.interval:g} s ({family})\n"
-        f"promised relative sds, averaged over {where}:"
+        f"{promised}, averaged over {where}:"
     )
 
 
 def design_table(design: ExperimentDesign) -> str:
     """Return the table of sds before and after the recorded, the usual and the designed waveform."""
-    names = [name for name in (*SHOWN, DESIGNED) if name in design.criteria]
+    names = [n for n in (*SHOWN, DESIGNED) if n in design.criteria or n in design.log_odds]
+    if design.log_odds:
+        odds = ("  log odds", *(f"{design.log_odds[name]:.3g}" for name in names))
+        return aligned([("", *names), odds], left={0})
     head = ("", "now", *names)
     rows = [
         (f"  {target.name}", percent(target.now), *(percent(target.after[name]) for name in names))
@@ -68,7 +80,7 @@ def _sentence(target: TargetOutlook) -> str:
     if target.hidden_by:
         scaled = "; ".join(", ".join(names) for names in target.hidden_by)
         return f"{target.name}: no waveform shows it, as none tells a common factor of {scaled}"
-    usual = {n: sd for n, sd in target.after.items() if n not in (RECORDED, DESIGNED)}
+    usual = target.usual
     best = min(usual, key=lambda name: usual[name])
     ratio = usual[best] / target.designed
     if target.designed > 0.9 * target.now:
@@ -80,6 +92,20 @@ def _sentence(target: TargetOutlook) -> str:
     else:
         compared = f"{best} would be {1 / ratio:.2g} times as sharp for it alone"
     return f"{target.name}: from {percent(target.now)} to {percent(target.designed)}, {compared}"
+
+
+def odds_sentence(design: ExperimentDesign) -> str:
+    """Say what log odds mean, and how many times those of the best usual waveform a design has."""
+    if not design.log_odds:
+        return ""
+    usual = {n: odds for n, odds in design.log_odds.items() if n not in (RECORDED, DESIGNED)}
+    best = max(usual, key=lambda name: usual[name])
+    ratio = design.log_odds[DESIGNED] / usual[best]
+    return (
+        "The config is taken to be true, and the other model is fitted to its record. Odds of 20 to 1 "
+        f"are log odds of 3.\nThe designed waveform has {ratio:.2g} times the log odds of {best}, the "
+        "best usual waveform."
+    )
 
 
 def _limits(design: ExperimentDesign) -> str:
@@ -96,21 +122,24 @@ def design_figure(
     panels_of = [*_responses(design, problem)]
     with style.styled(width):
         columns = 2 if len(panels_of) > 1 else 1
-        last = 0.5 + 0.24 * len(design.targets)
+        last = 0.5 + 0.24 * len(design.targets) if design.targets else 0
         figure, panels = build_page(len(panels_of), columns, 1.25, width, first=1.1, last=last)
         source = design.request.source
         time = scales.scale(0.0, float(source.t[-1]))
         _waveform(panels[0], design, problem.model.symbols[source.input], time)
-        for panel, (label, band, ends) in zip(panels[1:-1], panels_of, strict=True):
-            _response(panel, source.t, time, label, band, ends)
-        _sds(panels[-1], design.targets)
         looks: dict[str, style.Look] = {
             "designed": style.BLACK_LINE,
             "98 % of the draws": style.BAND,
-            "as recorded": RECORDED_MARK,
-            "best usual": USUAL_MARK,
-            "now": style.PRIOR_LINE,
         }
+        if design.targets:
+            _sds(panels.pop(), design.targets)
+            looks |= {
+                "as recorded": RECORDED_MARK,
+                "best usual": USUAL_MARK,
+                "now": style.PRIOR_LINE,
+            }
+        for panel, (label, band, ends) in zip(panels[1:], panels_of, strict=True):
+            _response(panel, source.t, time, label, band, ends)
         if design.request.limits:
             looks["limit"] = LIMIT_LINE
         return legend_above(figure, looks)
@@ -130,8 +159,8 @@ def _waveform(panel: Axes, design: ExperimentDesign, symbol: Symbol, time: scale
     source = design.request.source
     edges = np.append(np.arange(source.count) * source.interval, source.t[-1])
     y = scales.scale(source.low, source.high, margin=0.08)
-    levels = np.append(design.levels, design.levels[-1])
-    panel.plot(time(edges), y(levels), drawstyle="steps-post", **style.BLACK_LINE)
+    levels = np.hstack([design.levels, design.levels[:, -1:]])
+    panel.plot(time(edges), y(levels.T), drawstyle="steps-post", **style.BLACK_LINE)
     style.scale_axis(panel.yaxis, y, y.label(symbol, "\n"), 4)
     style.scale_axis(panel.xaxis, time, time.label(scales.TIME), 10)
 
@@ -177,10 +206,7 @@ def _sds(panel: Axes, targets: tuple[TargetOutlook, ...]) -> None:
     rows = np.arange(len(targets))
     every = [sd for target in targets for sd in (target.now, *target.after.values())]
     x = scales.scale(100 * min(every), 100 * max(every), log=True, margin=0.05)
-    usual = [
-        min(sd for name, sd in target.after.items() if name not in (RECORDED, DESIGNED))
-        for target in targets
-    ]
+    usual = [min(target.usual.values()) for target in targets]
     now = [target.now for target in targets]
     for row, sd in zip(rows, now, strict=True):
         panel.plot([float(x(100 * sd))] * 2, [row - 0.3, row + 0.3], **style.PRIOR_LINE)

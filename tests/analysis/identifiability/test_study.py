@@ -167,6 +167,11 @@ def test_remedies_say_which_symmetry_they_break() -> None:
     assert remedies["tie k_T = k_e"].left == 1
     load = next(r for what, r in remedies.items() if what.startswith("apply a known load"))
     assert load.breaks == (mechanical,)
+    added = next(r for r in result.remedies if r.what.endswith("added to j_1"))
+    assert added.breaks == (mechanical,)
+    # The frequencies without and with it determine j_1 as well as the added part is weighed.
+    weighed = remedies["weigh or measure j_1 to 1 %"]
+    assert abs(added.shrink / weighed.shrink - 1.0) < 0.02
     for what, remedy in remedies.items():
         if "voltage" in what or "coast" in what or "k_e to" in what:
             assert (remedy.breaks, remedy.left) == ((), 2)

@@ -1,0 +1,109 @@
+"""Compute promised standard deviations under the priors as they are, and not as Gaussians.
+
+Where a coming record leaves a direction open, its posterior follows the priors and their ends.  The
+likelihood near a draw is Gaussian in the unknowns on their natural scales.  Its product with the priors
+is sampled by elliptical slices, which need no tuning (Murray, Adams and MacKay 2010).  Some samples are
+then simulated, and moved to the curved ridge of the likelihood by a step of Gauss and Newton.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bayesdrill.analysis.identifiability.information import SensitivityStudy
+from bayesdrill.basics.arrays import Array, Flags, Indices
+from bayesdrill.design.knowledge import PresentKnowledge
+from bayesdrill.inference.posterior import Posterior
+from bayesdrill.inference.unknowns import ParameterSpace
+from bayesdrill.sampling.samplers.elliptical_slices import elliptical_slices
+
+CHAINS = 1024  # for all draws together, of which each has its share
+WARM_STEPS, KEPT_STEPS = 40, 60  # of each chain
+SIMULATED = 256  # samples for all draws together that are moved to the ridge
+
+
+def promise(
+    posterior: Posterior, known: PresentKnowledge, slopes: Array, rng: np.random.Generator
+) -> tuple[Array, Array]:
+    """Return relative sds `(k,)` of targets with `slopes (W, k, m)` after a record of a posterior.
+
+    The sds are geometric means over draws.  The second result is the information `(W, m, m)` of the
+    record at each draw.
+    """
+    study, space, draws = SensitivityStudy(posterior.likelihood), posterior.space, known.draws
+    rows = [study.with_nuisances(theta) for theta in draws]
+    gain = np.stack([each.T @ each for each in rows])
+    path = sample_deviations(space, known, gain, rng)
+    sds = spreads(path, slopes)
+    for w, theta in enumerate(draws):
+        linear = path[-1, w, : max(2, SIMULATED // len(draws))]
+        points = _moved(space, np.repeat(theta[None], len(linear), axis=0), linear)
+        beyond = study.changes(theta, points) - linear @ rows[w].T
+        back = np.linalg.solve(gain[w] + known.precision, rows[w].T @ beyond.T).T
+        # The sd of all samples has less noise than that of the simulated ones, so it is corrected.
+        sds[w] *= ((linear - back) @ slopes[w].T).std(axis=0) / (linear @ slopes[w].T).std(axis=0)
+    return geometric_mean(sds), gain
+
+
+def information(posterior: Posterior, draws: Array) -> Array:
+    """Return the information `(W, m, m)` of the records of a posterior at each of its draws."""
+    study = SensitivityStudy(posterior.likelihood)
+    rows = [study.with_nuisances(theta) for theta in draws]
+    return np.stack([each.T @ each for each in rows])
+
+
+def present_sds(
+    space: ParameterSpace, known: PresentKnowledge, slopes: Array, rng: np.random.Generator
+) -> Array:
+    """Return relative sds `(k,)` of targets with `slopes (W, k, m)` without a further record."""
+    nothing = np.zeros((len(slopes), *known.precision.shape))
+    return geometric_mean(spreads(sample_deviations(space, known, nothing, rng), slopes))
+
+
+def spreads(path: Array, slopes: Array) -> Array:
+    """Return sds `(W, k)` of targets with `slopes (W, k, m)` over samples `path (S, W, C, m)`."""
+    return np.asarray(np.einsum("wkm,swcm->wksc", slopes, path).std(axis=(2, 3)))
+
+
+def geometric_mean(sds: Array) -> Array:
+    """Return the means `(k,)` of sds `(W, k)` over draws."""
+    return np.asarray(np.exp(np.log(sds).mean(axis=0)))
+
+
+def sample_deviations(
+    space: ParameterSpace, known: PresentKnowledge, gain: Array, rng: np.random.Generator
+) -> Array:
+    """Return deviations `(S, W, C, m)` from draws, on natural scales, after C chains for each draw.
+
+    `gain (W, m, m)` is the information of a record at each draw.
+    """
+    draws, m, chains = known.draws, known.precision.shape[0], max(2, CHAINS // len(known.draws))
+    # The inverse of a triangular root keeps the digits of directions that are known well.
+    roots = np.linalg.inv(np.linalg.cholesky(gain + known.precision))
+    bases, logs = draws.repeat(chains, axis=0), _logs(space, m)
+
+    def log_weight(points: Array, here: Indices) -> Array:
+        """Return the log of the priors over their Gaussian approximation."""
+        if known.gaussian:
+            return np.zeros(len(points))
+        gaussian = 0.5 * ((points @ known.precision) * points).sum(axis=1)
+        jacobian = points[:, logs].sum(axis=1)
+        return np.asarray(space.log_prior(_moved(space, bases[here], points)) + jacobian + gaussian)
+
+    steps = WARM_STEPS + KEPT_STEPS
+    path = elliptical_slices(roots.repeat(chains, axis=0), log_weight, steps, rng)[WARM_STEPS:]
+    return path.reshape(KEPT_STEPS, len(draws), chains, m)
+
+
+def _logs(space: ParameterSpace, m: int) -> Flags:
+    return np.array([not unknown.signed for unknown in space.unknowns[:m]])
+
+
+def _moved(space: ParameterSpace, theta: Array, deviations: Array) -> Array:
+    """Return unknowns `theta (N, D)`, moved by `deviations (N, m)` on natural scales."""
+    m = deviations.shape[1]
+    out, logs = theta.copy(), _logs(space, m)
+    plain = theta[:, :m] + space.coordinates.natural(theta)[:, :m] * deviations
+    with np.errstate(over="ignore"):
+        out[:, :m] = np.where(logs, theta[:, :m] * np.exp(deviations), plain)
+    return out

@@ -1,0 +1,174 @@
+"""Design an experiment that tells a model from a rival, which would be fitted to the same record.
+
+The rival's best fit is near to its fit of the expected record, where its signals are linear in its
+unknowns.  The difference of both signals then stands for one more unknown, whose value is one.  The
+information on this unknown is the squared difference, over the noise, that the rival cannot fit away
+(T-optimality; Atkinson and Fedorov 1975).  The search of a design maximises it as that on any target.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayesdrill.basics import seeds
+from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.errors import InputError
+from bayesdrill.basics.progress import Reporter
+from bayesdrill.design.knowledge import PresentKnowledge, prior_knowledge
+from bayesdrill.design.responses import ComingExperiment, TargetCovariance
+from bayesdrill.design.search import LimitCheck
+from bayesdrill.design.study import (
+    DESIGNED,
+    RECORDED,
+    DesignRequest,
+    ExperimentDesign,
+    describe_expected,
+    search_levels,
+)
+from bayesdrill.design.waveforms import FAMILIES
+from bayesdrill.inference.laplace import LogDensity
+from bayesdrill.inference.posterior import Posterior, Problem
+from bayesdrill.inference.unknowns import SIMULATOR_ROLES
+from bayesdrill.sampling.gauss_newton import gauss_newton
+
+FIRST_STARTS = 4  # of the first fit of a rival to each draw; later fits begin at the last one
+FIT_STEPS = 25  # of Gauss and Newton
+ROUNDS = 2  # of fits and searches, as the rival's best fit depends on the waveform
+LEAST_INFORMATION = 1e-6  # on a difference, so that equal signals have a criterion too
+LEAST_LOG_ODDS = 1.0  # that a design has, or else it tells nothing
+
+
+@dataclass(frozen=True, kw_only=True)
+class ComparedExperiment(ComingExperiment):
+    """Describe the same experiment by two models, at `theta (W, D + E)` of both.
+
+    The slopes are those of `rival`, followed by the difference of the signals.  Limits and sources are
+    those of the first model.
+    """
+
+    rival: ComingExperiment
+
+    def _split(self, theta: Array) -> tuple[Array, Array]:
+        space = self.observation.space
+        assert space is not None
+        return theta[..., : len(space.free)], theta[..., len(space.free) :]
+
+    def simulate(self, theta: Array, levels: Array) -> tuple[Array, Array]:
+        """Return channels `(W, T, K)` and limited sums `(W, T, L)` of the first model."""
+        return ComingExperiment.simulate(self, self._split(theta)[0], levels)
+
+    def course(self, theta: Array, levels: Array) -> tuple[Array, Array]:
+        """Return slopes `(W, m + 1, T, K)` and limited sums `(W, T, L)`."""
+        signals, limited = self.simulate(theta, levels)
+        other = self._split(theta)[1]
+        difference = signals - self.rival.simulate(other, levels)[0]
+        slopes = self.rival.course(other, levels)[0]
+        return np.concatenate([slopes, difference[:, None]], axis=1), limited
+
+    def whitened(self, slopes: Array, theta: Array) -> Array:
+        """Return slopes `(n, T, K)` over the noise of the rival, as `(n, T K)`."""
+        return self.rival.whitened(slopes, self._split(theta)[1])
+
+
+def design_against(
+    problem: Problem,
+    rival: Problem,
+    request: DesignRequest,
+    known: PresentKnowledge,
+    report: Reporter,
+) -> ExperimentDesign:
+    """Design an experiment after which a rival, fitted to its record, has the worst odds.
+
+    `problem` is taken to be true.  Raises `InputError` if no waveform tells both apart.
+    """
+    request.source.check()
+    if request.experiments > 1:
+        raise InputError.at(
+            "--experiments", "models are told apart by one experiment; give --tell alone"
+        )
+    ours, theirs = problem.observations[0], rival.observations[0]
+    if ours.experiment.names != theirs.experiment.names:
+        message = f"the channels {', '.join(theirs.experiment.names)} are not those of the config"
+        raise InputError.at("--tell", f"{message}, {', '.join(ours.experiment.names)}")
+    if request.source.input not in theirs.response.model.inputs:
+        raise InputError.at("--tell", f"its rig has no input {request.source.input}")
+    coming = ComingExperiment.like(ours, request.source, request.limits)
+    other = ComingExperiment.like(theirs, request.source, ())
+    compared = ComparedExperiment(
+        observation=coming.observation, source=coming.source, limits=coming.limits, rival=other
+    )
+    check, rng = LimitCheck(coming, known.checked), seeds.stream(request.seed, "design", 1)
+    start = prior_knowledge(rival, FIRST_STARTS, 0, request.seed)
+    precision = np.diag(np.append(start.precision.diagonal(), LEAST_INFORMATION))
+    precision = np.tile(precision, (len(known.draws), 1, 1))
+    slopes = np.zeros_like(precision[:, :1])
+    slopes[..., -1] = 1.0
+    targets = TargetCovariance(slopes=slopes, precision=precision)
+    levels = next(FAMILIES["prbs"](request.source, rng))
+    fits, designed = [start.draws] * len(known.draws), []
+    for number in range(ROUNDS):
+
+        def progress(share: float, number: int = number) -> None:
+            report.update(0.9 * (number + share) / ROUNDS, "search of the levels")
+
+        compared_at = coming.posterior(levels), other.posterior(levels)
+        fits = [fit[None] for fit in fitted_rivals(*compared_at, known.draws, fits)[1]]
+        theta = np.hstack([known.draws, np.concatenate(fits)])
+        smooth = problem.model.smooth and rival.model.smooth
+        waveforms, levels = search_levels(
+            compared, theta, targets, check, request, rng, progress, smooth=smooth
+        )
+        designed.append(levels)
+
+    def log_odds(ours: Posterior, theirs: Posterior) -> float:
+        information = fitted_rivals(ours, theirs, known.draws, fits)[0]
+        return float(np.exp(np.log(np.maximum(information, LEAST_INFORMATION)).mean()) / 2.0)
+
+    def expected(levels: Array) -> float:
+        return log_odds(coming.posterior(levels), other.posterior(levels))
+
+    levels = max(designed, key=expected)
+    odds = {DESIGNED: expected(levels)} | {name: expected(u) for name, u in waveforms.items()}
+    if _shapes(problem) == _shapes(rival):
+        odds[RECORDED] = log_odds(problem.posterior, rival.posterior)
+    if odds[DESIGNED] < LEAST_LOG_ODDS:
+        message = (
+            f"the best waveform within these limits has expected log odds of {odds[DESIGNED]:.2g}"
+        )
+        way_out = "measure longer, with less noise, or with further channels"
+        raise InputError.at("--tell", f"{message}, so that nothing tells both apart; {way_out}")
+    report.update(1.0, "")
+    return describe_expected(coming, request, levels[None], known, check, odds=odds)
+
+
+def fitted_rivals(
+    ours: Posterior, theirs: Posterior, draws: Array, starts: Sequence[Array]
+) -> tuple[Array, Array]:
+    """Fit a rival to the signals of each of `draws (W, D)`, from its starts `(n, E)`.
+
+    Returns the sums of squares `(W,)` that it cannot fit, over the noise, and the fits `(W, E)`.
+    """
+    squares, fits = [], []
+    for draw, begin in zip(draws, starts, strict=True):
+        signals = ours.likelihood.all_signals(draw[None])
+        seen = [each.experiment.seen for each in theirs.likelihood.observations]
+        pairs = zip(signals, seen, strict=True)
+        expected = theirs.edit(records=[np.where(s, x[0], np.nan) for x, s in pairs])
+        coordinates = expected.coordinates
+        surface = LogDensity(expected, physical=True)
+        climbed = gauss_newton(surface, coordinates.from_physical(begin), FIT_STEPS)
+        best = coordinates.to_physical(climbed.u[[np.argmax(climbed.value)]])[0]
+        # Signals without noise would have none, so that the level of the noise stays.
+        noise = len(expected.space.columns(*SIMULATOR_ROLES))
+        best[noise:] = begin[0, noise:]
+        rest = expected.likelihood.whitened_residuals(best)
+        squares.append(rest @ rest)
+        fits.append(best)
+    return np.array(squares), np.array(fits)
+
+
+def _shapes(problem: Problem) -> list[tuple[int, ...]]:
+    return [observation.experiment.y.shape for observation in problem.observations]
