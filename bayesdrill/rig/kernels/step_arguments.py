@@ -100,6 +100,7 @@ class SteppedShape:
         if (servo := self.model.saturation) is not None:
             opened = self.model.parameters.index(servo.duty)
             described += [index(servo.row), opened, servo.reach(named), servo.dead(named)]
+            described.append(servo.speed and self.model.parameters.index(servo.speed))
         return described
 
     def _sizes(self, b: Builder, law: Law, named: Any, speed: Any) -> list[Any]:
