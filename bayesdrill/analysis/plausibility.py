@@ -126,6 +126,8 @@ def _saturations(
         for record, motion in zip(records, motions(), strict=True):
             x = dict(zip(model.states, motion.T, strict=True))
             goal = record.series.get(motor.goal, record.constant.get(motor.goal, 0.0))
+            if (servo := model.saturation) is not None and servo.goal == motor.goal:
+                goal = servo.reference(p, record.t, goal)
             duty = gain * (goal - x[inertia.angle] / inertia.reduction)
             duty -= p.get(motor.derivative, 0.0) * x[inertia.speed] / inertia.reduction
             dead = gain * p.get(motor.band, 0.0)

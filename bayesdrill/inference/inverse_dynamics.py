@@ -101,7 +101,8 @@ def _motion(observation: Observation) -> Callable[[Array], Array] | None:
         for gravity in model.gravities:
             acting[gravity.name] = gravity.torque(p, states[gravity.angle])
         if (servo := model.saturation) is not None:
-            wanted = servo.wanted(model.linear, p, {**states, **inputs})
+            acting[servo.goal] = servo.reference(p, t[:-1], inputs[servo.goal])
+            wanted = servo.wanted(model.linear, p, acting)
             acting[servo.name] = servo.voltage(p, wanted) - wanted
         linear = model.linear(p)
         rates: dict[str, Any] = dict(linear.c)

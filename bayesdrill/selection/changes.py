@@ -62,6 +62,8 @@ DRAG_MARGIN = 4.0  # largest drag over the one that acts as strongly as all else
 # to rest after some number of oscillations, each of which has its own maximum, so it needs more.
 SOUGHT_SIZES, DRIVEN_STARTS, FREE_STARTS = (0.003, 0.8), 14, 30
 LIMIT_STARTS = (0.2, 0.4, 0.7, 0.95)  # largest duty cycles of a servo
+# Speeds of a goal, over its largest in the record: the smallest that is sought, and starts.
+SLOWEST_GOAL, GOAL_STARTS = 0.01, (0.03, 0.1, 0.3, 0.5, 0.8)
 BACKWARD_STARTS = (0.5, 0.9, 1.1, 2.0)  # friction backwards, over that forwards
 INERTIA_RANGE = (0.01, 10.0)  # range of a further inertia, over the one to which it is attached
 # Searches for a further inertia begin at this share of the first, with this number of stiffnesses,
@@ -393,6 +395,17 @@ class Setting:
                 part = _physics(f"saturation_{motor.inertia}", words, {motor.limit: uniform(1.0)})
                 starts = tuple({motor.limit: duty} for duty in LIMIT_STARTS)
                 yield replace(part, neutral=NOTHING, lacks=(), starts=starts)
+            if self._offered(motor.goal_speed) and (fastest := self._fastest(motor.goal)):
+                words = f"a largest speed of the goal of {motor.words}"
+                priors = {motor.goal_speed: log_uniform(SLOWEST_GOAL * fastest, fastest)}
+                part = _physics(f"goal_speed_{motor.inertia}", words, priors)
+                starts = tuple({motor.goal_speed: fastest * x} for x in GOAL_STARTS)
+                yield replace(part, neutral=NOTHING, lacks=(), starts=starts)
+
+    def _fastest(self, goal: str) -> float:
+        """Return the largest speed of a measured goal; a jump counts as one within a sample."""
+        records = [(each.t, each.series[goal]) for each in self._experiments if goal in each.series]
+        return max((float(np.abs(np.diff(u) / np.diff(t)).max()) for t, u in records), default=0.0)
 
     def _by_direction(self, at: InertiaRoles) -> Iterator[Change]:
         """Yield frictions with another size backwards, each with the prior of that forwards."""

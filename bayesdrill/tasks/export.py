@@ -135,6 +135,7 @@ def _quantities(
             "derivative_gain": motor.derivative,
             "largest_duty": motor.limit,
             "dead_band": motor.band,
+            "goal_speed": motor.goal_speed,
         }
         terms += [(f"motor_{motor.inertia}", name, symbol, 1.0) for name, symbol in circuit.items()]
     sums: dict[tuple[str, str, str], Array] = {}

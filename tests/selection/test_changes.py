@@ -265,3 +265,7 @@ def test_a_servo_without_a_limit_is_tried_with_one(tmp_path: Path) -> None:
     lines, limited = changed(servo, "saturation_hub")
     assert lines["parameters"] == {"limit_hub": {"prior": "uniform", "low": 0.0, "high": 1.0}}
     assert limited.problem.model.saturation is not None
+    lines, limited = changed(servo, "goal_speed_hub")
+    assert lines["parameters"]["w_goal_hub"]["prior"] == "log_uniform"
+    assert limited.problem.model.saturation is not None
+    assert limited.problem.model.saturation.speed == "w_goal_hub"

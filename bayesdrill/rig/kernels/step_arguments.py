@@ -99,9 +99,13 @@ class SteppedShape:
             described += [index(gravity.angle), index(gravity.speed), gravity.torque(named, at)]
         if (servo := self.model.saturation) is not None:
             opened = self.model.parameters.index(servo.duty)
-            any_voltage = named[servo.row]  # a number that stands for any wanted voltage
-            linear = where(servo.is_linear(named, any_voltage), any_voltage, 0.0)
-            described += [index(servo.row), opened, servo.voltage(named, any_voltage), linear]
+            # Each law at any number, so that another law is another text.
+            x, y = named[servo.row], named[servo.supply]
+            described += [index(servo.row), opened, servo.voltage(named, x)]
+            described.append(where(servo.is_linear(named, x), x, 0.0))
+            if servo.speed:
+                speed = self.model.parameters.index(servo.speed)
+                described += [speed, *servo.moved(named, named[servo.duty], x, y)]
         return described
 
     def _sizes(self, b: Builder, law: Law, named: Any, speed: Any) -> list[Any]:

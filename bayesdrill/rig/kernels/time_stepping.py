@@ -81,6 +81,9 @@ class Writer:
             for span, room in zip((self.span, self.span * self._part), self.opened, strict=True):
                 self._exponential(span, room, opened=True)
             self.closed, self.regime = Mask(b, NOWHERE), b.room(1)
+            self.reference = self.kind.room(
+                2
+            )  # of a goal of limited speed: now, and after the step
         count, rows = shape.r_count, self.walker_numbers("rows")
         self.rows = [
             {r: rows[k * count + r] for r, used in enumerate(pattern) if used}
@@ -250,6 +253,8 @@ class Writer:
         """
         shape, first = self.shape, self.x_count + 1
         driving = [self._input(node, k) for k in range(len(shape.columns))]
+        if (goal := self._limited_goal) is not None:
+            self._limit(driving, goal)
         middle: dict[str, Number] = dict.fromkeys(shape.model.inputs, 0.0) | self.constant
         for k, name in enumerate(shape.series):
             number = driving[k] + middle.get(name, 0.0)
@@ -267,6 +272,24 @@ class Writer:
             closed = self.servo.is_closed(wanted)
             drive[self.servo.column] = self.servo.beyond_matrix(wanted, closed)
         return drive, middle
+
+    @property
+    def _limited_goal(self) -> int | None:
+        """Return the place among the inputs of a goal whose speed is limited; None without one."""
+        servo, series = self.shape.model.saturation, self.shape.series
+        return series.index(servo.goal) if servo and servo.speed and servo.goal in series else None
+
+    def _limit(self, driving: list[Number], goal: int) -> None:
+        """Replace a goal by its reference, and store the reference after the step."""
+        assert self.servo is not None
+        reference, slope = self.kind.get(self.reference, 0), len(self.shape.series) + goal
+        straight, aim = self.shape.first_order, driving[goal]
+        aim = aim + driving[slope] * self.span if straight else aim
+        after, mean = self.servo.law.moved(self.parameters, self.span, reference, aim)
+        self.kind.put(after, self.reference, 1)
+        driving[goal] = reference if straight else mean
+        if straight:
+            driving[slope] = (after - reference) / self.span
 
     def _input(self, node: Integer, k: int) -> Number:
         """Load an input; a late one is between two rows of the block, each lane at its own."""
@@ -287,6 +310,8 @@ class Writer:
     def start(self) -> list[ir.Value]:
         """Return what is carried from step to step: the state and, if sizes vary, the history."""
         state = self.walker_numbers("x0")
+        if (goal := self._limited_goal) is not None:
+            self.kind.put(self._input(0, goal), self.reference, 0)
         if self.servo:
             self.b.write(vector(-1.0), self.regime, 0)
             self._enter_loop(state, self.drive(0, state)[0])
@@ -307,6 +332,8 @@ class Writer:
         if self.servo:
             self._enter_loop(state, now.drive)
             now = self._corrected(now)
+        if self._limited_goal is not None:
+            self.kind.put(self.kind.get(self.reference, 1), self.reference, 0)
         step = self.step
         if not step.frictions:
             new = step.frictionless(state, now.drive)

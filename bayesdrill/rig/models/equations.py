@@ -232,24 +232,26 @@ class _Parts:
         yield row, inertia.angle, -error / inertia.reduction
         if self._has(motor.derivative):
             yield row, inertia.speed, -turned * p[motor.derivative] / inertia.reduction
-        if {motor.limit, motor.band} & self.names:
+        if motor.limits & self.names:
             yield row, f"servo_{motor.inertia}", volt
 
     # Gravity, frictions and servos.
 
     def saturations(self) -> Iterator[Saturation]:
-        """Yield the servos with a limit or a dead band."""
+        """Yield the servos with a limit, a dead band or a goal of limited speed."""
         for motor in self.roles.motors:
-            if motor.goal and {motor.limit, motor.band} & self.names:
+            if motor.limits & self.names:
                 turns = self.roles.inertia(motor.inertia).speed
                 yield Saturation(
                     name=f"servo_{motor.inertia}",
                     row=motor.current if motor.current in self.states else turns,
                     duty=motor.duty,
                     supply=motor.supply,
+                    goal=motor.goal,
                     proportional=motor.proportional if self._has(motor.proportional) else "",
                     limit=motor.limit if self._has(motor.limit) else "",
                     band=motor.band if self._has(motor.band) else "",
+                    speed=motor.goal_speed if self._has(motor.goal_speed) else "",
                 )
 
     def pendulums(self) -> Iterator[Gravity]:

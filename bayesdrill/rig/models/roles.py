@@ -137,6 +137,12 @@ class MotorRoles:
     derivative: str = ""
     limit: str = ""
     band: str = ""
+    goal_speed: str = ""
+
+    @property
+    def limits(self) -> frozenset[str]:
+        """Return the names of parameters with which a servo is more than a linear closed loop."""
+        return frozenset({self.limit, self.band, self.goal_speed} - {""})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

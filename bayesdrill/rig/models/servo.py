@@ -1,4 +1,4 @@
-"""The voltage of a servo that saturates, and its dead band.
+"""The voltage of a servo that saturates, its dead band, and a goal of limited speed.
 
     wanted = supply duty (k_p (goal - angle) - k_d speed)       the voltage of a linear closed loop
     voltage = clip(wanted -+ dead, +-reach), and zero where |wanted| is below dead
@@ -6,6 +6,9 @@
 
 The rig's `A` and `B` are those of the linear closed loop.  With the parameter `duty` at zero the loop
 is open, and the column `name` of `B` is what one volt more does to the state `row`.
+
+A firmware that limits the speed of its goal follows a reference, which moves towards the goal at most
+at the parameter `speed`.  It depends on the goal alone, and is the `goal` of the equations above.
 """
 
 from __future__ import annotations
@@ -14,6 +17,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
+from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.duals import below, signed, size, where
 from bayesdrill.rig.models.friction import Named
 
@@ -26,9 +32,11 @@ class Saturation:
     row: str
     duty: str
     supply: str
+    goal: str
     proportional: str = ""
     limit: str = ""
     band: str = ""
+    speed: str = ""
 
     def reach(self, p: Named) -> Any:
         """Return its largest voltage; None where nothing limits it."""
@@ -46,7 +54,7 @@ class Saturation:
         inner, reach, dead = size(wanted), self.reach(p), self.dead(p)
         inner = inner if dead is None else inner - dead
         if reach is None:
-            return below(0.0, inner)
+            return below(-1.0 if dead is None else 0.0, inner)
         if dead is None:
             return below(inner, reach)
         return below(size(inner * 2.0 - reach), reach)  # between zero and reach
@@ -59,6 +67,24 @@ class Saturation:
         if reach is not None:
             most = where(below(most, reach), most, reach)
         return signed(most, wanted)
+
+    def moved(self, p: Named, span: Any, reference: Any, goal: Any) -> tuple[Any, Any]:
+        """Return the reference after a `span`, and its mean during it, while the goal stays."""
+        most, gap = p[self.speed] * span, goal - reference
+        share = where(
+            below(most, size(gap)), 1.0, size(gap) / most
+        )  # of the span, until it is there
+        step = signed(where(below(most, size(gap)), most, size(gap)), gap)
+        return reference + step, reference + step - step * share * 0.5
+
+    def reference(self, p: Mapping[str, float], t: Array, goal: Array | float) -> Array | float:
+        """Return the reference that follows a goal `(T,)` at times `t`; a constant one is its own."""
+        if not self.speed or np.ndim(goal) == 0:
+            return goal
+        reference = [float(goal[0])]  # type: ignore[index]
+        for most, aim in zip(p[self.speed] * np.diff(t), goal[:-1], strict=True):  # type: ignore[index]
+            reference.append(reference[-1] + max(-most, min(most, aim - reference[-1])))
+        return np.array(reference)
 
     def wanted(self, linear: Any, p: Named, values: Mapping[str, Any]) -> Any:
         """Return the wanted voltage at states and inputs, by `Model.linear` of closed and open loop."""

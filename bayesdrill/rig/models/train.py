@@ -82,6 +82,7 @@ class Train(PartsModel):
             raise InputError(issues)
         check_added(self)
         _check_frictions(self)
+        _check_servos(self)
 
 
 def _issues(train: Train) -> Iterator[tuple[str, str]]:
@@ -106,10 +107,6 @@ def _issues(train: Train) -> Iterator[tuple[str, str]]:
         if drive.kind not in DRIVES:
             hint = did_you_mean(drive.kind, DRIVES)
             yield "drives", f"{drive.inertia} cannot be moved by '{drive.kind}'{hint}"
-    servos = [drive.inertia for drive in train.drives if drive.kind == "servo"]
-    limited = [n for n in servos if {f"limit_{n}", f"band_{n}"} & {*train.added}]
-    if len(limited) > 1:
-        yield "drives", f"{' and '.join(limited)} may saturate; only one servo of a train can"
     for entry in ("gravity", "rock"):
         for name in getattr(train, entry):
             if name not in known:
@@ -153,6 +150,14 @@ def _check_frictions(train: Train) -> None:
             )
             raise InputError.at("gears", message)
         rubbing[friction.against] = place
+
+
+def _check_servos(train: Train) -> None:
+    """Raise `InputError` if several servos have a limit, a dead band or a goal of limited speed."""
+    limited = [motor.inertia for motor in train.roles.motors if motor.limits & {*train.added}]
+    if len(limited) > 1:
+        message = f"{' and '.join(limited)} may saturate; only one servo of a train can"
+        raise InputError.at("drives", message)
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,6 +220,7 @@ SERVO = (
     Row("derivative", "k_d", "s", "derivative gain of", (), "not negative"),
     Row("limit", "limit", "1", "largest duty cycle of", (), at_most=1.0),
     Row("band", "band", "rad", "dead band of", (), "not negative"),
+    Row("goal_speed", "w_goal", "rad/s", "largest speed of the goal of", ()),
 )
 MOTOR = (Row("torque_constant", "k_T", "N*m/A", "torque constant of"),)
 CIRCUIT = (
@@ -229,6 +235,7 @@ LINEAR: Mapping[str, str] = {
     "theta": "x",
     "w": "v",
     "w_s": "v_s",
+    "w_goal": "v_goal",
     "k_T": "k_F",
     "t": "f",
     "T": "F",

@@ -334,13 +334,17 @@ def test_kernels_have_one_text_where_they_have_one_code() -> None:
     assert [rubbing(shape.model).text for shape in steps[:4]] == texts[:4]
 
 
-@run_cases("law", ["voltage", "is_linear"])
+@run_cases("law", ["voltage", "is_linear", "moved"])
 def test_another_law_of_a_servo_is_another_text(law: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Otherwise the law of an older version would be loaded from the cache."""
-    servo = Train(inertias=("arm",), drives={"arm": "servo"}, added=("limit_arm",))
-    shape = rubbing(servo, series=("goal_arm",))
+    train = Train(inertias=("arm",), drives={"arm": "servo"}, added=("limit_arm", "speed_arm"))
+    shape = rubbing(train, series=("goal_arm",))
     before, former = shape.text, getattr(Saturation, law)
-    monkeypatch.setattr(Saturation, law, lambda law, p, wanted: former(law, p, 0.5 * wanted))
+
+    def other(servo: Saturation, p: Any, *numbers: Any) -> Any:
+        return former(servo, p, *numbers[:-1], 0.5 * numbers[-1])
+
+    monkeypatch.setattr(Saturation, law, other)
     assert shape.text != before
 
 

@@ -35,11 +35,14 @@ SERVOS = {
     "friction": RUBBING,
     "all": {**RUBBING, "t_s_arm": 0.45, "w_s_arm": 0.3, "band_arm": 0.02, "c_arm": 0.05},
 }
+GOAL = {**RUBBING, "w_goal_arm": 3.0}
 GOALS, TIME = (0.6, -0.3, 0.1, 1.2, 0.0, -0.9, -0.85, 0.4), 0.4
 
 
-def response(train: Train, values: dict[str, float], samples: int) -> tuple[Simulator, Array]:
-    """A servo that is at rest at first, whose goal jumps; `samples` between two jumps."""
+def response(
+    train: Train, values: dict[str, float], samples: int, *, slope: float = 0.0
+) -> tuple[Simulator, Array]:
+    """A servo that is at rest at first, whose goal jumps, or rises; `samples` between two jumps."""
     rig = with_named(train, [*values])
     t = np.linspace(0.0, TIME * len(GOALS), samples * len(GOALS) + 1)
     channels = tuple(
@@ -51,8 +54,10 @@ def response(train: Train, values: dict[str, float], samples: int) -> tuple[Simu
         y=np.zeros((len(t), len(channels))),
         channels=channels,
         constant={},
-        series={"goal_arm": np.append(np.repeat(GOALS, samples), GOALS[-1])},
-        first_order=False,
+        series={
+            "goal_arm": slope * t if slope else np.append(np.repeat(GOALS, samples), GOALS[-1])
+        },
+        first_order=slope > 0.0,
         start={},
         t_start=0.0,
     )
@@ -110,12 +115,43 @@ def test_a_servo_that_saturates_moves_as_from_event_to_event(kind: str) -> None:
     assert coarse[0] / angle > 50
 
 
-@run_cases("kind", ["limit", "all"])
+@run_cases("speed, apart", [(4.0, 1e-6), (1e6, 2e-5)])
+def test_a_servo_follows_a_goal_at_its_largest_speed(speed: float, apart: float) -> None:
+    """A goal that jumps is a ramp of that speed, as a ramp of many small steps; or else the jump."""
+    t, fine = np.linspace(0.0, 2.4, 481), 20
+    goal = np.where(t < 0.5, 0.0, np.where(t < 1.3, 1.0, -0.5))
+    followed, most = [0.0], speed * t[1] / fine
+    for aim in np.repeat(goal[:-1], fine):
+        followed.append(followed[-1] + np.clip(aim - followed[-1], -most, most))
+    middle = np.array(followed) + np.append(np.diff(followed) / 2, 0.0)
+    ramp = middle if most < 1.0 else np.append(np.repeat(goal[:-1], fine), goal[-1])
+    many = np.linspace(0.0, t[-1], len(ramp))
+    rig, limited = with_named(ARM, [*PLAIN]), {**PLAIN, "w_goal_arm": speed}
+    expected = bd.respond(rig, PLAIN, many, {"goal_arm": ramp}, ["theta_arm"])["theta_arm"]
+    rig = with_named(ARM, [*limited])
+    assert isinstance(rig, Train)
+    assert rig.saturation is not None
+    reference = rig.saturation.reference(limited, t, goal)
+    assert reference == pytest.approx(np.array(followed)[::fine], abs=1e-12)
+    y = bd.respond(rig, limited, t, {"goal_arm": goal}, ["theta_arm"])["theta_arm"]
+    assert y == pytest.approx(expected[::fine], abs=apart)
+
+
+def test_the_reference_of_a_straight_goal_is_straight_within_steps() -> None:
+    """A ramp that is slower than the largest speed is followed without any delay."""
+    values = {**PLAIN, "w_goal_arm": 3.0}
+    made = [response(ARM, each, 20, slope=2.0) for each in (PLAIN, values)]
+    linear, limited = (simulated.signals(full)[0] for simulated, full in made)
+    assert limited == pytest.approx(linear, abs=1e-10)
+
+
+@run_cases("kind", ["limit", "all", "goal"])
 def test_slopes_of_a_servo_are_differences_of_its_signals(kind: str) -> None:
-    values = SERVOS[kind]
+    values = {**SERVOS, "goal": GOAL}[kind]
     made, full = response(ARM, values, 50)
     names = with_named(ARM, [*values]).parameters
-    for name in ("duty_arm", "supply_arm", "limit_arm", "j_arm", "k_e_arm"):
+    asked = ("duty_arm", "supply_arm", "limit_arm", "j_arm", "k_e_arm", "w_goal_arm")
+    for name in (name for name in asked if name in values):
         step = np.zeros_like(full)
         step[0, names.index(name)] = 1e-6 * values[name]
         _, slopes = made.course(full, step[:, None])
