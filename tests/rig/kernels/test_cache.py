@@ -337,7 +337,7 @@ def test_kernels_have_one_text_where_they_have_one_code() -> None:
 @run_cases("law", ["voltage", "is_linear", "moved"])
 def test_another_law_of_a_servo_is_another_text(law: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Otherwise the law of an older version would be loaded from the cache."""
-    train = Train(inertias=("arm",), drives={"arm": "servo"}, added=("limit_arm", "speed_arm"))
+    train = Train(inertias=("arm",), drives={"arm": "servo"}, added=("limit_arm", "w_goal_arm"))
     shape = rubbing(train, series=("goal_arm",))
     before, former = shape.text, getattr(Saturation, law)
 
