@@ -44,9 +44,9 @@ def test_a_campaign_is_computed_again_only_when_files_come_or_change(
     monkeypatch.setattr(watch, "run_campaign", compute)
     monkeypatch.setattr(watch.time, "sleep", sleep)
     said = list[dict[str, str]]()
+    crew = cast("RefitExecutor", None)
+    lines = watch.watch(path, tmp_path / "out", crew, SILENT, 5.0, once=False)
     with pytest.raises(KeyboardInterrupt):
-        crew = cast("RefitExecutor", None)
-        lines = watch.watch(path, tmp_path / "out", crew, SILENT, 5.0, once=False)
         said.extend(map(json.loads, lines))
     assert computed == [6, 7]
     assert [(each["run"], each["sentence"]) for each in said] == [
