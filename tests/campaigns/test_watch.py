@@ -9,6 +9,7 @@ from typing import Any, cast
 import pytest
 from support import campaigns
 
+from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import SILENT
 from bayesdrill.campaigns import watch
 from bayesdrill.campaigns.pages import Alarm
@@ -19,10 +20,15 @@ def alarm(run: str, sentence: str) -> Alarm:
     return Alarm(kind="outlier", run=run, product="", sentence=sentence)
 
 
+def _write_empty(path: Path) -> None:
+    path.write_text("")
+    os.utime(path, (1e9, 1e9))
+
+
 def test_a_campaign_is_computed_again_only_when_files_come_or_change(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Its alarms come once, though their sentences change."""
+    """Too few good runs do not end it.  Alarms come once, though their sentences change."""
     plain = campaigns.CAMPAIGN.replace("noted: [temperature]\n", "by_name: true\n", 1)
     path = campaigns.campaign(tmp_path, text=campaigns.CAMPAIGN)
     path.write_text(plain.replace("runs/runs.csv", "runs/run_*.csv"))
@@ -30,15 +36,18 @@ def test_a_campaign_is_computed_again_only_when_files_come_or_change(
 
     def compute(plan: Any, *_: object) -> Any:
         computed.append(len(plan.runs))
+        if len(plan.runs) == 6:
+            raise InputError.at("runs", "too few are good")
         alarms = (alarm("run_1", f"{len(computed)}"), alarm(f"run_{len(plan.runs)}", "new"))
         return SimpleNamespace(record=SimpleNamespace(alarms=alarms))
 
     def sleep(seconds: float) -> None:
         sleeps.append(seconds)
         if sleeps.count(5.0) == 2:
-            (runs / "run_7.csv").write_text("")
-            os.utime(runs / "run_7.csv", (1e9, 1e9))
+            _write_empty(runs / "run_7.csv")
         if sleeps.count(5.0) == 4:
+            _write_empty(runs / "run_8.csv")
+        if sleeps.count(5.0) == 6:
             raise KeyboardInterrupt
 
     monkeypatch.setattr(watch, "run_campaign", compute)
@@ -48,11 +57,11 @@ def test_a_campaign_is_computed_again_only_when_files_come_or_change(
     lines = watch.watch(path, tmp_path / "out", crew, SILENT, 5.0, once=False)
     with pytest.raises(KeyboardInterrupt):
         said.extend(map(json.loads, lines))
-    assert computed == [6, 7]
+    assert computed == [6, 7, 8]
     assert [(each["run"], each["sentence"]) for each in said] == [
-        ("run_1", "1"),
-        ("run_6", "new"),
+        ("run_1", "2"),
         ("run_7", "new"),
+        ("run_8", "new"),
     ]
 
 
