@@ -22,7 +22,6 @@ DOT = style.fix_look(color=style.BLACK, marker="o", markersize=2.2, linestyle="n
 FOREIGN = style.fix_look(
     color=style.MAP_COLOUR, marker="x", markersize=4.5, markeredgewidth=1.2, linestyle="none"
 )
-LEVEL = style.fix_look(color=style.BLACK, linewidth=0.7, linestyle=(0, (4, 2)))
 
 
 def level_over_time(history: LevelHistory, t: Array) -> Array:

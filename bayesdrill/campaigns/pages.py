@@ -93,14 +93,14 @@ def named(names: list[str]) -> str:
     return listed(names) if more <= 0 else f"{', '.join(names[:MOST_NAMED])} and {more} more"
 
 
-def percent(log: float, *, signed: bool = False) -> str:
-    """Return a difference of logs in percent."""
-    return f"{100 * np.expm1(log):{'+' if signed else ''}.2g} %"
+def percent(log: float) -> str:
+    """Return a difference of logs in percent, with its sign."""
+    return f"{100 * np.expm1(log):+.2g} %"
 
 
 def with_sd(mean: float, sd: float) -> str:
     """Return a difference of logs and its standard deviation, in percent."""
-    return f"{percent(mean, signed=True)} +- {100 * sd:.2g} %"
+    return f"{percent(mean)} +- {100 * sd:.2g} %"
 
 
 def between(estimate: Estimate) -> str:
@@ -205,7 +205,7 @@ def products_table(population: PopulationFit) -> Table:
             "rigs differ by": "" if p.rig_spread is None else f"{100 * p.rig_spread.mean:.2g} %",
             "next run, 90 %": between(p.next_run),
             "nominal": "" if table is None else f"{np.exp(table.nominal):.4g}",
-            "nominal is off": "" if table is None else percent(-table.offset.mean, signed=True),
+            "nominal is off": "" if table is None else percent(-table.offset.mean),
             "verdict": says,
         }
 

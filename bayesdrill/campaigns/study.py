@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -62,8 +63,7 @@ def run_campaign(
     with Folder(output, how, _marks(plan), CAMPAIGN) as folder:
         checked = check_runs(plan, report, problems, known)
         if len(checked.digests) < LEAST_RUNS:
-            few = f"{len(checked.digests)} runs are too few; a population needs {LEAST_RUNS}"
-            raise InputError([plan.source.issue(("runs",), few), *(problems or ())])
+            raise _too_few(plan, len(checked.digests), problems or [])
         report.say(pages.describe_plan(plan, checked))
         job = base_job(plan, checked)
         folder.begin(status="running", seed=plan.spec.seed, versions=software.installed_versions())
@@ -77,6 +77,11 @@ def run_campaign(
             reference = _reference(job, folder, crew, report)
             fits.fit_runs(plan, job, reference, checked.digests, output, crew, report)
             return _publish(plan, job, reference, checked, folder, problems or [], report)
+
+
+def _too_few(plan: CampaignPlan, count: int, reasons: list[Issue]) -> InputError:
+    few = f"{count} runs are too few; a population needs {LEAST_RUNS}"
+    return InputError([plan.source.issue(("runs",), few), *reasons])
 
 
 def _need_parquet(plan: CampaignPlan) -> None:
@@ -129,17 +134,19 @@ def _publish(
         )
         for run, fitted in used
     )
+    not_used = {
+        run.name: (*fitted.reasons, "its draws are beyond the priors")[0]
+        for run, fitted in kept
+        if len(fitted.log_interim) < 2
+    }
+    if len(runs) < LEAST_RUNS:
+        raise _too_few(plan, len(runs), [*itertools.starmap(Issue, not_used.items()), *problems])
     draws = CampaignDraws(products=reference.products, runs=runs)
     rng = seeds.stream(plan.spec.seed, "campaign", 1)
     settings = PopulationSettings(nominal=_nominal(job, reference))
     population = fit_population(draws, settings, rng, report)
     doubts = {run.name: fitted.reasons for run, fitted in used if fitted.reasons}
     misfit = {run.name: fitted.misfit for run, fitted in used if fitted.misfit}
-    not_used = {
-        run.name: (*fitted.reasons, "its draws are beyond the priors")[0]
-        for run, fitted in kept
-        if len(fitted.log_interim) < 2
-    }
     not_used |= {issue.place: issue.message for issue in problems}
     record = CampaignRecord(
         name=plan.spec.name,

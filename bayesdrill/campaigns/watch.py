@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 
+from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.json_records import from_data
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.campaigns.pages import Alarm
@@ -33,8 +34,14 @@ def watch(
         listing = _listing(plan)
         if len(plan.runs) >= LEAST_RUNS:
             how: WriteMode = "resume" if (output / RUN).exists() else "fresh"
-            done = run_campaign(plan, output, how, crew, report, known)
-            for alarm in done.record.alarms:
+            alarms = tuple[Alarm, ...]()
+            try:
+                alarms = run_campaign(plan, output, how, crew, report, known).record.alarms
+            except InputError as error:  # too few runs are good by now
+                if once:
+                    raise
+                report.say(str(error))
+            for alarm in alarms:
                 if _subject(alarm) not in raised:
                     raised.add(_subject(alarm))
                     yield json.dumps({"campaign": plan.spec.name, **asdict(alarm)})

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support import campaigns
+from support.command_line import assert_refused, cli
 
 from bayesdrill.basics.errors import Issue
 from bayesdrill.basics.progress import SILENT
@@ -69,6 +70,19 @@ def test_a_run_that_cannot_be_sampled_has_a_reason_and_no_draws(
     again = fits.read_draws(tmp_path, run.name, "mark")
     assert again is not None
     assert again.log_products.shape == (0, 2)
+
+
+def test_runs_that_cannot_be_sampled_are_named_if_too_few_remain(
+    plan: CampaignPlan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object) -> FittedRun:
+        none = np.zeros((0, 2))
+        return FittedRun(log_products=none, log_interim=none[:, 0], reasons=("no support",))
+
+    monkeypatch.setattr(fits, "fit_run", refuse)
+    monkeypatch.setattr(fits, "find_reference", lambda *_: REFERENCE)
+    result = cli("campaign", plan.source.path, "-o", tmp_path / "out", "--processes", "1")
+    assert_refused(result, "0 runs are too few", "run_1: no support", "run_6: no support")
 
 
 def test_a_search_begins_at_the_reference_where_the_priors_allow_it(plan: CampaignPlan) -> None:
