@@ -28,7 +28,7 @@ from bayesdrill.design.study import (
     describe_expected,
     search_levels,
 )
-from bayesdrill.design.waveforms import FAMILIES
+from bayesdrill.design.waveforms import FAMILIES, FREE
 from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.inference.posterior import Posterior, Problem
 from bayesdrill.inference.unknowns import SIMULATOR_ROLES
@@ -130,8 +130,13 @@ def design_against(
     def expected(levels: Array) -> float:
         return log_odds(coming.posterior(levels), other.posterior(levels))
 
+    odds = {name: expected(u) for name, u in waveforms.items()}
+    if (
+        request.family == FREE
+    ):  # where a rival leaves its linear range, a usual waveform may be best
+        designed.append(waveforms[max(odds, key=lambda name: odds[name])])
     levels = max(designed, key=expected)
-    odds = {DESIGNED: expected(levels)} | {name: expected(u) for name, u in waveforms.items()}
+    odds[DESIGNED] = expected(levels)
     if _shapes(problem) == _shapes(rival):
         odds[RECORDED] = log_odds(problem.posterior, rival.posterior)
     if odds[DESIGNED] < LEAST_LOG_ODDS:
