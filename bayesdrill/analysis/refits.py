@@ -23,6 +23,7 @@ from bayesdrill.sampling.gauss_newton import gauss_newton
 # New unknowns start at these quantiles of their priors, beside the start that the config gives.
 # With the known maximum they fill a group of eight walkers, which takes no longer than one.
 START_QUANTILES = (0.58, 0.05, 0.42, 0.2, 0.8, 0.65)
+FEW_STARTS = 3  # number of such starts beside the maximum that a change has alone
 ROTATION = 2  # cyclic shift of the quantiles from one unknown to the next
 FIRST_STEPS, LAST_STEPS = 4, 30  # numbers of Gauss-Newton steps from all starts, and from the best
 CLIMBED_STARTS = 8  # number of the best starts that take the last steps
@@ -160,19 +161,24 @@ def _starts(
     alone: Mapping[str, float],
     starts: Sequence[Mapping[str, float]],
 ) -> Array:
-    """Return physical starts `(8, D)`: from `alone`, from `known`, and at quantiles of the priors.
+    """Return physical starts `(W, D)`: from `alone`, from `known`, and at quantiles of the priors.
 
-    If no unknown is new, quantiles of all unknowns are taken, as the model differs all the same.
+    If no unknown is new, quantiles of all unknowns are taken, as the model differs all the same.  A
+    change with a maximum of its own starts there, and needs few of `starts` or quantiles beside it.
     """
-    space, count = posterior.space, len(START_QUANTILES)
-    points = ({**alone}, {**known}, *({**known, **start} for start in starts))
+    space, quantiles = posterior.space, np.array(START_QUANTILES)
+    if alone:
+        few = math.ceil(len(starts) / FEW_STARTS)
+        starts, quantiles = starts[few // 2 :: few or 1], quantiles[:FEW_STARTS]
+    first = ({**known, **alone} if alone else {}), {**alone, **known}
+    points = (*first, *({**known, **start} for start in starts))
     vectors = [space.vector({n: at.get(n, x) for n, x in space.start.items()}) for at in points]
     if starts:
         return np.array(vectors)
     new = [k for k, name in enumerate(space.free) if name not in known]
-    rows = np.repeat(vectors[1][None], count, axis=0)
+    rows = np.repeat(vectors[1][None], len(quantiles), axis=0)
     for place, k in enumerate(new or range(len(space.free))):
-        probabilities = np.roll(START_QUANTILES, ROTATION * place)
+        probabilities = np.roll(quantiles, ROTATION * place)
         rows[:, k] = space.unknowns[k].prior.quantile(probabilities)
     return np.concatenate([vectors, rows])
 

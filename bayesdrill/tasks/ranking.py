@@ -33,7 +33,7 @@ from bayesdrill.selection.candidates import CandidateModel, CandidateModels
 from bayesdrill.selection.changes import GEAR, LATER, START, WIDENED
 
 Submit = Callable[..., Future[Any]]  # of a function and its arguments
-FEW, PAIRED = 8, 4  # candidates that are tried beside others; in all pairs of these
+PAIRED = 4  # candidates that are tried in all pairs
 # Constants that are sought on a grid, and then between the best and its neighbours.
 GEARS = (0.1, 0.2, 0.25, 1 / 3, 0.5, 0.7, 1.4, 2.0, 3.0, 4.0, 5.0, 10.0)  # times the given one
 CLOCKS = (0.95, 0.97, 0.98, 0.99, 0.995, 1.005, 1.01, 1.02, 1.03, 1.05)  # times the clock's own
@@ -127,23 +127,28 @@ class Ranking:
         for k, part in enumerate(first[:PAIRED]):
             self._beside((part,), first[k + 1 : PAIRED])
         if first:
-            self._climb(first)
+            self._climb()
         if (best := self._best()) is not None and not best.explains_all:
             absorbing = [change.name for change in self.models.changes.values() if change.absorbs]
             self._beside(best.parts, absorbing)
 
-    def _climb(self, first: Sequence[str]) -> None:
-        """Try what gained by itself beside the best, then all else; at last try without each part."""
+    def _climb(self) -> None:
+        """Add to the best what makes it more probable, and remove what no longer does, in turns.
+
+        What stands for another part is thus removed before more is built upon it.
+        """
         changes = self.models.changes.values()
-        physics = [change.name for change in changes if change.kind]
-        singles = [change.name for change in changes if not change.absorbs and not change.needs]
-        for more in ((*first[:FEW], *physics), singles):
-            before = 0.0
-            while (best := self._best()) is not None:
-                if self._explained or best.bayes < before + SURE_LOG_ODDS:
-                    break
-                before = best.bayes
-                self._beside(best.parts, more)
+        more = [change.name for change in changes if not change.absorbs and not change.needs]
+        before = 0.0
+        while (best := self._best()) is not None:
+            if self._explained or best.bayes < before + self._worth(before) + SURE_LOG_ODDS:
+                break
+            before = best.bayes
+            self._beside(best.parts, more)
+            self._reduce()
+
+    def _reduce(self) -> None:
+        """Refit the best without each of its parts, as long as that makes it more probable."""
         before = -math.inf
         while (best := self._best()) is not None and best.bayes > before:
             before = best.bayes
@@ -154,11 +159,22 @@ class Ranking:
         """Refit a candidate that was refitted, with each of `more`, from where its maximum is.
 
         What gained most before comes first, since others are not finished once they fall behind it.
+        Nor are those that do not make the candidate more probable, whether it can be trusted or not.
         """
         wider = sorted(
             self.models.beyond(parts, more), key=lambda rung: -self._gained(rung.names[-1])
         )
-        self.refit_all(wider, self.maxima[parts].values, self._rival)
+        base = self.causes_by_parts[parts].bayes
+        least = base + self._worth(base) - SURE_LOG_ODDS + self.given.log_z
+        self.refit_all(wider, self.maxima[parts].values, lambda: max(least, self._rival()))
+
+    def _worth(self, bayes: float) -> float:
+        """Return how much more is worth the search: a share of what a catch-all gains beyond `bayes`.
+
+        Where residuals are not noise, nearly anything gains much more than chance would allow.
+        """
+        most = max((cause.bayes for cause in self._all() if cause.absorbing), default=0.0)
+        return MIN_SHARE_WORTH_COMBINING * max(most - bayes, 0.0)
 
     def _gained(self, part: str) -> float:
         """Return how much more probable a part made what it was last added to."""
