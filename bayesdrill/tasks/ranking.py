@@ -42,7 +42,7 @@ LATER_SHARES = (0.01, 0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3)  # of the record
 SEEK_ROUNDS, SAME_HEIGHT = 8, 1.0  # rounds at most; of the log evidence: no more is gained
 HANDED_OVER = 4  # refits at a time
 PROMISE = 3.0  # natural logs of the density: what gains less is no candidate
-MIN_SHARE_WORTH_COMBINING = 0.05  # of what a catch-all gains, where that leaves noise alone
+MIN_SHARE_WORTH_COMBINING = 0.05  # of what a catch-all gains
 REDUNDANT = 0.99  # of what two parts gain together: where each gains so much, one is enough
 MAX_HIDDEN = 0.02  # of the samples: more may be hidden only where all others are explained
 WINDOWS = 4  # of the record, where nothing explains all
@@ -120,30 +120,33 @@ class Ranking:
 
     def _combine(self) -> None:
         """Try pairs of what gained by itself, and more beside the best as long as that gets better."""
-        most = max((c.bayes for c in self._all() if c.absorbing and c.explains_all), default=0.0)
-        least = max(SURE_LOG_ODDS, MIN_SHARE_WORTH_COMBINING * most)
+        least = SURE_LOG_ODDS + self._worth(0.0)
         first = [c.parts[0] for c in self._all() if not c.absorbing and c.bayes > least]
         first.sort(key=lambda name: not name.startswith(WIDENED))  # what ends priors hides the rest
         for k, part in enumerate(first[:PAIRED]):
             self._beside((part,), first[k + 1 : PAIRED])
+        absorbing = [change.name for change in self.models.changes.values() if change.absorbs]
         if first:
-            self._climb()
+            self._climb(absorbing)
         if (best := self._best()) is not None and not best.explains_all:
-            absorbing = [change.name for change in self.models.changes.values() if change.absorbs]
             self._beside(best.parts, absorbing)
 
-    def _climb(self) -> None:
+    def _climb(self, absorbing: Sequence[str]) -> None:
         """Add to the best what makes it more probable, and remove what no longer does, in turns.
 
-        What stands for another part is thus removed before more is built upon it.
+        What stands for another part is thus removed before more is built upon it.  A turned sign or an
+        exchange of columns that loses alone is not tried again.
         """
         changes = self.models.changes.values()
-        more = [change.name for change in changes if not change.absorbs and not change.needs]
+        lost = {c.name for c in self._all() if not c.new and c.bayes < -SURE_LOG_ODDS}
+        more = [c.name for c in changes if not c.absorbs and c.name not in lost]
         before = 0.0
         while (best := self._best()) is not None:
             if self._explained or best.bayes < before + self._worth(before) + SURE_LOG_ODDS:
                 break
             before = best.bayes
+            if self._worth(before) == 0.0:
+                self._beside(best.parts, absorbing)  # which tells what is left to gain
             self._beside(best.parts, more)
             self._reduce()
 
@@ -318,12 +321,15 @@ class Ranking:
 
     def _redundant(self, top: RefitMaximum, rung: CandidateModel) -> Iterator[Doubt]:
         """Yield parts of which each does nearly all that both do, and more than noise is left."""
-        least = REDUNDANT * float(top.log_z - self.given.log_z)
+        causes, both = self.causes_by_parts, float(top.log_z - self.given.log_z)
         for pair in [] if like_noise(top.fit) else itertools.combinations(rung.changes, 2):
-            alone = [tuple(n for n in rung.names if n != change.name) for change in pair]
-            if all(
-                n in self.causes_by_parts and self.causes_by_parts[n].bayes > least for n in alone
-            ):
+            rest, *alone = (
+                tuple(name for name in rung.names if name not in {*removed})
+                for removed in ([c.name for c in pair], *([c.name] for c in pair))
+            )
+            neither = causes[rest].bayes if rest in causes else 0.0
+            least = neither + REDUNDANT * (both - neither)
+            if all(names in causes and causes[names].bayes > least for names in alone):
                 yield Doubt("alike", tuple(change.words for change in pair))
 
     def _windows(self) -> tuple[tuple[FittedValue, ...], ...]:
