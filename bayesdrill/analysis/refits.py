@@ -117,7 +117,7 @@ def refit_candidate(
     u = first.u[best]
     value, gain = first.value[best], first.gain[best]
     needed = _height_of(surface, u[:1], records, rival)
-    promising = hopeful and (value + gain).max() + unseen > least
+    promising = bool(hopeful and (value + gain).max() + unseen > least)
     promising &= bool((value + LAST_STEPS * gain).max() > needed)
     if promising and step_error.chosen_steps(posterior):
         posterior = step_error.choose_steps(posterior, coordinates.to_physical(u)[0])
