@@ -125,11 +125,11 @@ class Causes:
 def recommended(causes: Sequence[Cause]) -> Cause | None:
     """Return the simplest candidate that is about as probable as the best of them.
 
-    Only candidates with evidence and without doubts count.  An absorbing part is replaced by a cause
-    that gains a good share of its evidence alone.  Otherwise a cause beside the absorbing part is
-    preferred to this part alone, if both together gain more.
+    Only finished candidates with evidence and without doubts count.  An absorbing part is replaced by
+    a cause that gains a good share of its evidence alone.  Otherwise a cause beside the absorbing part
+    is preferred to this part alone, if both together gain more.
     """
-    good = [cause for cause in causes if cause.bayes > SURE_LOG_ODDS and not cause.doubts]
+    good = [c for c in causes if c.bayes > SURE_LOG_ODDS and c.finished and not c.doubts]
     trusted = sorted(good, key=lambda cause: -round(cause.bayes, 3))
     if not trusted:
         return None

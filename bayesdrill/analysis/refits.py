@@ -18,11 +18,12 @@ from bayesdrill.inference import step_error
 from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.inference.posterior import Likelihood, Posterior
 from bayesdrill.inference.residual_checks import ResidualSummary, residual_summaries
-from bayesdrill.sampling.gauss_newton import gauss_newton
+from bayesdrill.sampling.gauss_newton import gauss_newton, newton_gain
 
 # New unknowns start at these quantiles of their priors, beside the start that the config gives.
 # With the known maximum they fill a group of eight walkers, which takes no longer than one.
 START_QUANTILES = (0.58, 0.05, 0.42, 0.2, 0.8, 0.65)
+FEW_STARTS = 3  # number of other starts, if a change has a maximum alone
 ROTATION = 2  # cyclic shift of the quantiles from one unknown to the next
 FIRST_STEPS, LAST_STEPS = 4, 30  # numbers of Gauss-Newton steps from all starts, and from the best
 CLIMBED_STARTS = 8  # number of the best starts that take the last steps
@@ -89,7 +90,8 @@ def refit_candidate(
     Searches start from values `known` of given unknowns, from the maximum `alone` of this change,
     and from `starts` or else quantiles of the priors of new unknowns.  A search that promises no
     more than the log density `least` is not finished.  Nor is one whose pace is too slow to reach the
-    log evidence `rival` (`gauss_newton`).
+    log evidence `rival` (`gauss_newton`).  With a maximum `alone`, it is not even begun if the first
+    step from the values `known` promises too little for that.
 
     The log evidence is that of a Gaussian with the curvature at the maximum (MacKay 2003, ch. 27).
     Priors count in it as Gaussians of their spread, so that an undetermined direction costs each
@@ -102,7 +104,9 @@ def refit_candidate(
     unseen, _ = _hidden(posterior.likelihood, records)
     physical = _starts(posterior, known, alone, starts)
     rows = np.clip(coordinates.from_physical(physical), surface.low, surface.high)
-    first = gauss_newton(surface, rows, FIRST_STEPS, merged=MERGED)
+    hopeful = not alone or _can_reach(surface, rows[:1], records, rival)
+    first_steps, rows = (FIRST_STEPS, rows) if hopeful else (0, rows[:1])
+    first = gauss_newton(surface, rows, first_steps, merged=MERGED)
     if not np.isfinite(first.value).any():
         return None
     begun = time.perf_counter()  # the kernels are compiled by now
@@ -113,7 +117,8 @@ def refit_candidate(
     u = first.u[best]
     value, gain = first.value[best], first.gain[best]
     needed = _height_of(surface, u[:1], records, rival)
-    promising = (value + gain).max() + unseen > least and (value + LAST_STEPS * gain).max() > needed
+    promising = bool(hopeful and (value + gain).max() + unseen > least)
+    promising &= bool((value + LAST_STEPS * gain).max() > needed)
     if promising and step_error.chosen_steps(posterior):
         posterior = step_error.choose_steps(posterior, coordinates.to_physical(u)[0])
         surface = LogDensity(posterior, physical=True)
@@ -160,21 +165,35 @@ def _starts(
     alone: Mapping[str, float],
     starts: Sequence[Mapping[str, float]],
 ) -> Array:
-    """Return physical starts `(8, D)`: from `alone`, from `known`, and at quantiles of the priors.
+    """Return physical starts `(W, D)`: from `known` and `alone`, and at quantiles of the priors.
 
-    If no unknown is new, quantiles of all unknowns are taken, as the model differs all the same.
+    If no unknown is new, quantiles of all unknowns are taken, as the model differs all the same.  A
+    change with a maximum of its own needs few of `starts` beside it, and no quantiles.
     """
-    space, count = posterior.space, len(START_QUANTILES)
-    points = ({**alone}, {**known}, *({**known, **start} for start in starts))
+    space = posterior.space
+    points = [{**known}, {**alone}, *({**known, **start} for start in starts)]
+    if alone:
+        stride = math.ceil(len(starts) / FEW_STARTS) or 1
+        points[1:] = {**known, **alone}, {**alone, **known}, *points[2 + stride // 2 :: stride]
     vectors = [space.vector({n: at.get(n, x) for n, x in space.start.items()}) for at in points]
-    if starts:
+    if alone or starts:
         return np.array(vectors)
     new = [k for k, name in enumerate(space.free) if name not in known]
-    rows = np.repeat(vectors[1][None], count, axis=0)
+    rows = np.repeat(vectors[0][None], len(START_QUANTILES), axis=0)
     for place, k in enumerate(new or range(len(space.free))):
         probabilities = np.roll(START_QUANTILES, ROTATION * place)
         rows[:, k] = space.unknowns[k].prior.quantile(probabilities)
     return np.concatenate([vectors, rows])
+
+
+def _can_reach(surface: LogDensity, u: Array, records: Records, rival: float) -> bool:
+    """Return whether steps as promising as the first from `u (1, D)` would reach a log evidence."""
+    value = float(surface.value(u)[0])
+    if not (math.isfinite(rival) and math.isfinite(value)):
+        return True
+    gain = newton_gain(surface, u, surface.curvature_model(u, np.eye(u.shape[1])))
+    needed = _height_of(surface, u, records, rival)
+    return value + (FIRST_STEPS + LAST_STEPS) * float(gain[0]) > needed
 
 
 def _height_of(surface: LogDensity, u: Array, records: Records, log_z: float) -> float:

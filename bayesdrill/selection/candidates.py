@@ -85,8 +85,7 @@ class CandidateModels(Setting):
         """Return the candidates with these changes and one of `more`, if they are compatible."""
         if len(names) >= MOST_PARTS:
             return []
-        dependent = [change.name for change in self.changes.values() if change.needs]
-        wanted = ((*names, n) for n in dict.fromkeys((*more, *dependent)) if n not in names)
+        wanted = ((*names, n) for n in more if n not in names)
         return self.rungs(filter(self.possible, wanted))
 
     def without_each(self, names: tuple[str, ...]) -> list[CandidateModel]:

@@ -33,7 +33,7 @@ from bayesdrill.selection.candidates import CandidateModel, CandidateModels
 from bayesdrill.selection.changes import GEAR, LATER, START, WIDENED
 
 Submit = Callable[..., Future[Any]]  # of a function and its arguments
-FEW, PAIRED = 8, 4  # candidates that are tried beside others; in all pairs of these
+PAIRED = 4  # candidates that are tried in all pairs
 # Constants that are sought on a grid, and then between the best and its neighbours.
 GEARS = (0.1, 0.2, 0.25, 1 / 3, 0.5, 0.7, 1.4, 2.0, 3.0, 4.0, 5.0, 10.0)  # times the given one
 CLOCKS = (0.95, 0.97, 0.98, 0.99, 0.995, 1.005, 1.01, 1.02, 1.03, 1.05)  # times the clock's own
@@ -42,7 +42,7 @@ LATER_SHARES = (0.01, 0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3)  # of the record
 SEEK_ROUNDS, SAME_HEIGHT = 8, 1.0  # rounds at most; of the log evidence: no more is gained
 HANDED_OVER = 4  # refits at a time
 PROMISE = 3.0  # natural logs of the density: what gains less is no candidate
-MIN_SHARE_WORTH_COMBINING = 0.05  # of what a catch-all gains, where that leaves noise alone
+MIN_SHARE_WORTH_COMBINING = 0.05  # of what a catch-all gains
 REDUNDANT = 0.99  # of what two parts gain together: where each gains so much, one is enough
 MAX_HIDDEN = 0.02  # of the samples: more may be hidden only where all others are explained
 WINDOWS = 4  # of the record, where nothing explains all
@@ -120,30 +120,38 @@ class Ranking:
 
     def _combine(self) -> None:
         """Try pairs of what gained by itself, and more beside the best as long as that gets better."""
-        most = max((c.bayes for c in self._all() if c.absorbing and c.explains_all), default=0.0)
-        least = max(SURE_LOG_ODDS, MIN_SHARE_WORTH_COMBINING * most)
+        least = SURE_LOG_ODDS + self._worth(0.0)
         first = [c.parts[0] for c in self._all() if not c.absorbing and c.bayes > least]
         first.sort(key=lambda name: not name.startswith(WIDENED))  # what ends priors hides the rest
         for k, part in enumerate(first[:PAIRED]):
             self._beside((part,), first[k + 1 : PAIRED])
+        absorbing = [change.name for change in self.models.changes.values() if change.absorbs]
         if first:
-            self._climb(first)
+            self._climb(absorbing)
         if (best := self._best()) is not None and not best.explains_all:
-            absorbing = [change.name for change in self.models.changes.values() if change.absorbs]
             self._beside(best.parts, absorbing)
 
-    def _climb(self, first: Sequence[str]) -> None:
-        """Try what gained by itself beside the best, then all else; at last try without each part."""
+    def _climb(self, absorbing: Sequence[str]) -> None:
+        """Add to the best what makes it more probable, and remove what no longer does, in turns.
+
+        What stands for another part is thus removed before more is built upon it.  A turned sign or an
+        exchange of columns that loses alone is not tried again.
+        """
         changes = self.models.changes.values()
-        physics = [change.name for change in changes if change.kind]
-        singles = [change.name for change in changes if not change.absorbs and not change.needs]
-        for more in ((*first[:FEW], *physics), singles):
-            before = 0.0
-            while (best := self._best()) is not None:
-                if self._explained or best.bayes < before + SURE_LOG_ODDS:
-                    break
-                before = best.bayes
-                self._beside(best.parts, more)
+        lost = {c.name for c in self._all() if not c.new and c.bayes < -SURE_LOG_ODDS}
+        more = [c.name for c in changes if not c.absorbs and c.name not in lost]
+        before = 0.0
+        while (best := self._best()) is not None:
+            if self._explained or best.bayes < before + self._worth(before) + SURE_LOG_ODDS:
+                break
+            before = best.bayes
+            if self._worth(before) == 0.0:
+                self._beside(best.parts, absorbing)  # which tells what is left to gain
+            self._beside(best.parts, more)
+            self._reduce()
+
+    def _reduce(self) -> None:
+        """Refit the best without each of its parts, as long as that makes it more probable."""
         before = -math.inf
         while (best := self._best()) is not None and best.bayes > before:
             before = best.bayes
@@ -154,11 +162,22 @@ class Ranking:
         """Refit a candidate that was refitted, with each of `more`, from where its maximum is.
 
         What gained most before comes first, since others are not finished once they fall behind it.
+        Nor are those that do not make the candidate more probable, whether it can be trusted or not.
         """
         wider = sorted(
             self.models.beyond(parts, more), key=lambda rung: -self._gained(rung.names[-1])
         )
-        self.refit_all(wider, self.maxima[parts].values, self._rival)
+        base = self.causes_by_parts[parts].bayes
+        least = base + self._worth(base) - SURE_LOG_ODDS + self.given.log_z
+        self.refit_all(wider, self.maxima[parts].values, lambda: max(least, self._rival()))
+
+    def _worth(self, bayes: float) -> float:
+        """Return how much more is worth the search: a share of what a catch-all gains beyond `bayes`.
+
+        Where residuals are not noise, nearly anything gains much more than chance would allow.
+        """
+        most = max((cause.bayes for cause in self._all() if cause.absorbing), default=0.0)
+        return MIN_SHARE_WORTH_COMBINING * max(most - bayes, 0.0)
 
     def _gained(self, part: str) -> float:
         """Return how much more probable a part made what it was last added to."""
@@ -302,12 +321,15 @@ class Ranking:
 
     def _redundant(self, top: RefitMaximum, rung: CandidateModel) -> Iterator[Doubt]:
         """Yield parts of which each does nearly all that both do, and more than noise is left."""
-        least = REDUNDANT * float(top.log_z - self.given.log_z)
+        causes, both = self.causes_by_parts, float(top.log_z - self.given.log_z)
         for pair in [] if like_noise(top.fit) else itertools.combinations(rung.changes, 2):
-            alone = [tuple(n for n in rung.names if n != change.name) for change in pair]
-            if all(
-                n in self.causes_by_parts and self.causes_by_parts[n].bayes > least for n in alone
-            ):
+            rest, *alone = (
+                tuple(name for name in rung.names if name not in {*removed})
+                for removed in ([c.name for c in pair], *([c.name] for c in pair))
+            )
+            neither = causes[rest].bayes if rest in causes else 0.0
+            least = neither + REDUNDANT * (both - neither)
+            if all(names in causes and causes[names].bayes > least for names in alone):
                 yield Doubt("alike", tuple(change.words for change in pair))
 
     def _windows(self) -> tuple[tuple[FittedValue, ...], ...]:

@@ -110,7 +110,7 @@ def analyses_of_record(of: bd.Case) -> Iterator[Any]:
     yield [[*instead(each, problem.model)] for each in explanations]
     models = CandidateModels.from_job(of.job, {})
     rungs = [*models.singles(), *models.singles(absorbing=True)]
-    rungs += models.beyond(("friction_both",), ())
+    rungs += models.beyond(("friction_both",), models.changes)
     yield [(rung.names, [each.words for each in rung.changes], rung.data) for rung in rungs]
 
 

@@ -229,7 +229,7 @@ def test_angles_of_many_turns_widen_no_prior(tmp_path: Path) -> None:
 
 def test_only_parts_that_go_together_are_combined(tmp_path: Path) -> None:
     models = candidates(tmp_path)
-    every = [*singles(models)]
+    every, rests_of = [*models.changes], ("static_motor", "static_rotor_1")
 
     def beyond(*parts: str) -> set[str]:
         return {x.names[-1] for x in models.beyond(parts, every)}
@@ -238,7 +238,7 @@ def test_only_parts_that_go_together_are_combined(tmp_path: Path) -> None:
     rubbing = {"voltage_drop", "drag_motor", "drag_rotor_1", "load_friction_motor"}
     assert beyond("friction_rotor_1", "ar1") == {*smooth, *rubbing, "static_rotor_1"}
     assert beyond("missing_torque_motor") == {"unknown_noise", *smooth}
-    rests = {x.names[-1]: x for x in models.beyond(("friction_both",), ())}
+    rests = {x.names[-1]: x for x in models.beyond(("friction_both",), rests_of)}
     assert {*rests} == {"static_motor", "static_rotor_1"}
     names = unknowns(rests["static_rotor_1"])
     assert {"t_cm", "t_c1", "t_s1", "w_s1"} <= names

@@ -98,19 +98,20 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Ladder:
     return Ladder(given, place / "out")
 
 
-def test_a_cause_that_explains_nothing_alone_is_tried_with_the_best(tmp_path: Path) -> None:
-    """Each part has a given log evidence, damping only together with friction; nothing is refitted.
+def guessed(
+    folder: Path, log_odds: Callable[[set[str]], float], enough: float = math.inf
+) -> tuple[ranking.Ranking, list[float]]:
+    """Return a ranking that refits nothing, and log odds that its candidates had to reach.
 
-    A missing torque, which absorbs any misfit, neither keeps friction out nor is recommended.
+    Parts have the `log_odds` that are given, and from `enough` on they leave noise.
     """
-    job = prepare(command_line.small_config(tmp_path, ("walkers: 8", "walkers: 24")))
+    job = prepare(command_line.small_config(folder, ("walkers: 8", "walkers: 24")))
     template = refit_candidate(job.problem.posterior, job.problem.posterior.space.start, -math.inf)
     assert template is not None
-    worth = {"missing_torque_motor": 120.0, "friction_motor": 50.0, "friction_both": 100.0}
+    misfit = tuple(dataclasses.replace(row, correlation=1.0) for row in template.fit)
+    rivals = list[float]()
 
     class Guessing(ranking.Ranking):
-        enough = math.inf
-
         def refit_all(
             self,
             candidates: Sequence[CandidateModel],
@@ -119,12 +120,9 @@ def test_a_cause_that_explains_nothing_alone_is_tried_with_the_best(tmp_path: Pa
         ) -> None:
             for rung in candidates:
                 rivals.append(rival() - self.given.log_z)
-                parts = {*rung.names}
-                log_z = sum(worth.get(part, -1.0) for part in parts)
-                log_z += 30.0 * ({"friction_both", "damping_shaft"} <= parts)
-                log_z += 20.0 * ({"friction_both", "lag_w_1"} <= parts)
-                fit = template.fit if log_z >= self.enough else MISFIT
-                top = dataclasses.replace(template, fit=fit, log_z=self.given.log_z + log_z)
+                odds = log_odds({*rung.names})
+                fit = template.fit if odds >= enough else misfit
+                top = dataclasses.replace(template, fit=fit, log_z=self.given.log_z + odds)
                 self._keep(rung, job, top)
 
     def submit(*_: object) -> Future[RefitMaximum]:
@@ -132,19 +130,52 @@ def test_a_cause_that_explains_nothing_alone_is_tried_with_the_best(tmp_path: Pa
         future.set_result(template)
         return future
 
-    MISFIT = tuple(dataclasses.replace(row, correlation=1.0) for row in template.fit)
-    rivals = list[float]()
-    every = Guessing(job, job.problem.posterior.space.start, template, submit, Silent())
+    start = job.problem.posterior.space.start
+    return Guessing(job, start, template, submit, Silent()), rivals
+
+
+def test_a_cause_that_explains_nothing_alone_is_tried_with_the_best(tmp_path: Path) -> None:
+    """Each part has a given log evidence, damping only together with friction.
+
+    A missing torque, which absorbs any misfit, neither keeps friction out nor is recommended.
+    """
+    worth = {"missing_torque_motor": 120.0, "friction_motor": 50.0, "friction_both": 100.0}
+
+    def log_odds(parts: set[str]) -> float:
+        together = 30.0 * ({"friction_both", "damping_shaft"} <= parts)
+        together += 20.0 * ({"friction_both", "lag_w_1"} <= parts)
+        return together + sum(worth.get(part, -1.0) for part in parts)
+
+    every, rivals = guessed(tmp_path, log_odds)
     best = every.causes().ranked[0]
     assert {*best.parts} == {"friction_both", "damping_shaft", "lag_w_1"}
     assert rivals[0] == -math.inf
     assert max(rivals) == pytest.approx(best.bayes - SURE_LOG_ODDS)
     done = {frozenset(parts) for parts in every.causes_by_parts}
     assert frozenset({*best.parts, "ar1"}) in done
-    few = Guessing(job, job.problem.posterior.space.start, template, submit, Silent())
-    few.enough = 110.0
+    few, _ = guessed(tmp_path, log_odds, 110.0)
     assert few.causes().ranked[0].parts == ("friction_both", "damping_shaft")
     assert max(map(len, few.causes_by_parts)) == 2
+
+
+def test_what_stands_for_a_part_is_removed_before_more_is_built_upon_it(tmp_path: Path) -> None:
+    """Drag does more than the lag at first, and each other physics a little of what is left."""
+    right = ("friction_both", "lag_w_1", "offset_w_1")
+
+    def log_odds(parts: set[str]) -> float:
+        friction, lag, offset = (part in parts for part in right)
+        others = {part for part in parts if part.startswith(("drag", "damping", "voltage", "load"))}
+        if "ar1" in parts:
+            return 1000.0
+        if friction and lag and offset:
+            return 1000.0 - 5.0 * (len(parts) - 3)
+        drags = (150.0 if lag else 250.0) * ("drag_motor" in parts)
+        return 300.0 * friction + 200.0 * (friction and lag) + drags + 20.0 * len(others)
+
+    ranked, _ = guessed(tmp_path, log_odds, 1000.0)
+    best = ranked.causes().best
+    assert best is not None
+    assert {*best.parts} == {*right}
 
 
 @pytest.mark.slow
