@@ -72,8 +72,8 @@ def test_an_interrupted_save_leaves_no_half_folder(
 
 def test_the_waveform_has_no_rests_of_rounding() -> None:
     designed = two().design("k_s", family="prbs", high=12.0, hold=0.5, draws=1)
-    levels = designed.levels.copy()
-    levels[0] = 8.9e-16
+    levels = designed.design.levels.copy()
+    levels[0, 0] = 8.9e-16
     changed = dataclasses.replace(
         designed, design=dataclasses.replace(designed.design, levels=levels)
     )
