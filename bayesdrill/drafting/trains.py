@@ -1,8 +1,8 @@
 """Describe a train by its columns: an inertia for each angle, shafts between them, drives.
 
 Columns have the symbols of the train: `theta_motor`, `w_load`, `x_cart`, `v_cart`, and for inputs
-`i_motor`, `u_motor`, `t_motor`, `f_cart`. A record with several angles and a current is one of a train
-even if nobody names its columns.
+`i_motor`, `u_motor`, `t_motor`, `f_cart`, and `goal_motor` of a servo. A record with several angles
+and a current is one of a train even if nobody names its columns.
 """
 
 from __future__ import annotations
@@ -38,7 +38,8 @@ def _symbol(sensor: Sensor) -> re.Match[str] | None:
 
 def assign_train(sensors: Sequence[Sensor], dt: float) -> SensorRoles:
     """Assign sensors to the channels and inputs of a train that they describe."""
-    moving = [sensor for sensor in sensors if sensor.kind in MOTIONS]
+    goals = [sensor for sensor in sensors if (match := _symbol(sensor)) and match[1] == "goal"]
+    moving = [sensor for sensor in sensors if sensor.kind in MOTIONS and sensor not in goals]
     names = _names(moving)
     inertias = [*dict.fromkeys(names[id(sensor)] for sensor in moving)]
     unused: dict[str, str] = {}
@@ -47,7 +48,7 @@ def assign_train(sensors: Sequence[Sensor], dt: float) -> SensorRoles:
         name = f"{LETTERS[sensor.kind]}_{names[id(sensor)]}"
         measures = f"-{name}" if sensor.column.meaning.is_reversed else ""
         add_channel(channels, DraftChannel(name, measures, sensor), unused)
-    inputs, drives = _inputs(sensors, inertias, channels, unused)
+    inputs, drives = _inputs(sensors, goals, inertias, channels, unused)
     inertias = [*dict.fromkeys((*inertias, *drives))]
     letters = (("theta", "w"), ("x", "v"))
     mark_differenced(channels, dt, [(f"{a}_{n}", f"{w}_{n}") for n in inertias for a, w in letters])
@@ -87,6 +88,7 @@ def _names(moving: Sequence[Sensor]) -> dict[int, str]:
 
 def _inputs(
     sensors: Sequence[Sensor],
+    goals: Sequence[Sensor],
     inertias: Sequence[str],
     channels: dict[str, DraftChannel],
     unused: dict[str, str],
@@ -94,6 +96,9 @@ def _inputs(
     """Return measured inputs, and the drive of each inertia; a current is a channel beside a voltage."""
     inputs: dict[str, Sensor] = {}
     drives: dict[str, str] = {}
+    for sensor in goals:
+        at = sensor.column.meaning.symbol.removeprefix("goal_")
+        drives[at], inputs[f"goal_{at}"] = "servo", sensor
     order = [*DRIVES]
     driving = [sensor for sensor in sensors if sensor.kind in DRIVES]
     for sensor in sorted(driving, key=lambda s: (s.kind == "current", order.index(s.kind))):
@@ -131,7 +136,8 @@ HELD_SCALE = (
 
 def held_scales(rig: Model, sensors: Sequence[Sensor]) -> set[str]:
     """Return the parameters that only scale all others; each is held at one."""
-    held = {motor.torque_constant for motor in rig.roles.motors}
+    motors = rig.roles.motors
+    held = {name for m in motors for name in (m.torque_constant, m.supply, m.duty)}
     if not any(sensor.kind == "current" for sensor in sensors):
-        held |= {motor.resistance for motor in rig.roles.motors}
+        held |= {motor.resistance for motor in motors}
     return held
