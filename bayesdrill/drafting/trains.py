@@ -36,10 +36,16 @@ def _symbol(sensor: Sensor) -> re.Match[str] | None:
     return train_symbol(sensor.column.meaning.symbol)
 
 
+def _is_goal(sensor: Sensor) -> bool:
+    """Return whether a sensor is called the goal of a servo."""
+    match = _symbol(sensor)
+    return match is not None and match[1] == "goal"
+
+
 def assign_train(sensors: Sequence[Sensor], dt: float) -> SensorRoles:
     """Assign sensors to the channels and inputs of a train that they describe."""
-    goals = [sensor for sensor in sensors if (match := _symbol(sensor)) and match[1] == "goal"]
-    moving = [sensor for sensor in sensors if sensor.kind in MOTIONS and sensor not in goals]
+    goals = [sensor for sensor in sensors if _is_goal(sensor)]
+    moving = [s for s in sensors if s.kind in MOTIONS and not _is_goal(s)]
     names = _names(moving)
     inertias = [*dict.fromkeys(names[id(sensor)] for sensor in moving)]
     unused: dict[str, str] = {}
