@@ -280,8 +280,9 @@ _NAMES = {**STATES, "v": ("voltage", ""), "t_1": ("torque", ROTOR), "t_m": ("tor
 
 
 # A symbol of a train has a letter for the quantity and the name of a part.
-_TRAIN_SYMBOL = re.compile(r"(theta|w|x|v|i|u|t|f)_([A-Za-z][A-Za-z0-9_]{0,29})")
+_TRAIN_SYMBOL = re.compile(r"(theta|goal|w|x|v|i|u|t|f)_([A-Za-z][A-Za-z0-9_]{0,29})")
 KIND_OF_LETTER = {
+    "goal": "angle",  # of a servo; an angle that is measured is called theta
     "theta": "angle",
     "w": "speed",
     "x": "position",
@@ -326,7 +327,8 @@ def named_column(text: str, files: Collection[str]) -> NamedColumn:
     if match is None or not fits:
         why = "names no known quantity with a unit of it" if match else "names no column"
         known = f"`data:3=theta_2 [deg]`. Known quantities are {', '.join(_NAMES)}, of trains such "
-        known += "as theta_load, i_motor, x_cart. Encoders count in count/2800 or count/(560/cm)"
+        known += "as theta_load, i_motor, goal_motor, x_cart. Encoders count in count/2800 or "
+        known += "count/(560/cm)"
         raise InputError.at("--columns", f"'{text}' {why}. Write for example {known}")
     meaning = dataclasses.replace(meaning, unit=unit, is_reversed=bool(sign), is_given=True)
     return NamedColumn(text, file, match[1], int(match[2]) if match[2] else None, meaning)

@@ -311,7 +311,7 @@ def _input(context: DraftContext, name: str) -> list[str]:
 def _opened_input(context: DraftContext, name: str, sensor: Sensor) -> str:
     """Return the entry of a measured input, without the closing brace."""
     entries = _column_entries(context, sensor)
-    if sensor.kind != "angle":
+    if sensor.kind != "angle" or name.startswith("goal_"):
         entries.append("hold: zero")
     if sensor.raw.wrap_period:
         entries.append(f"wraps: {sensor.raw.wrap_period:.10g}")

@@ -1,8 +1,8 @@
 """Describe a train by its columns: an inertia for each angle, shafts between them, drives.
 
 Columns have the symbols of the train: `theta_motor`, `w_load`, `x_cart`, `v_cart`, and for inputs
-`i_motor`, `u_motor`, `t_motor`, `f_cart`. A record with several angles and a current is one of a train
-even if nobody names its columns.
+`i_motor`, `u_motor`, `t_motor`, `f_cart`, and `goal_motor` of a servo. A record with several angles
+and a current is one of a train even if nobody names its columns.
 """
 
 from __future__ import annotations
@@ -36,9 +36,16 @@ def _symbol(sensor: Sensor) -> re.Match[str] | None:
     return train_symbol(sensor.column.meaning.symbol)
 
 
+def _is_goal(sensor: Sensor) -> bool:
+    """Return whether a sensor is called the goal of a servo."""
+    match = _symbol(sensor)
+    return match is not None and match[1] == "goal"
+
+
 def assign_train(sensors: Sequence[Sensor], dt: float) -> SensorRoles:
     """Assign sensors to the channels and inputs of a train that they describe."""
-    moving = [sensor for sensor in sensors if sensor.kind in MOTIONS]
+    goals = [sensor for sensor in sensors if _is_goal(sensor)]
+    moving = [s for s in sensors if s.kind in MOTIONS and not _is_goal(s)]
     names = _names(moving)
     inertias = [*dict.fromkeys(names[id(sensor)] for sensor in moving)]
     unused: dict[str, str] = {}
@@ -47,7 +54,7 @@ def assign_train(sensors: Sequence[Sensor], dt: float) -> SensorRoles:
         name = f"{LETTERS[sensor.kind]}_{names[id(sensor)]}"
         measures = f"-{name}" if sensor.column.meaning.is_reversed else ""
         add_channel(channels, DraftChannel(name, measures, sensor), unused)
-    inputs, drives = _inputs(sensors, inertias, channels, unused)
+    inputs, drives = _inputs(sensors, goals, inertias, channels, unused)
     inertias = [*dict.fromkeys((*inertias, *drives))]
     letters = (("theta", "w"), ("x", "v"))
     mark_differenced(channels, dt, [(f"{a}_{n}", f"{w}_{n}") for n in inertias for a, w in letters])
@@ -87,6 +94,7 @@ def _names(moving: Sequence[Sensor]) -> dict[int, str]:
 
 def _inputs(
     sensors: Sequence[Sensor],
+    goals: Sequence[Sensor],
     inertias: Sequence[str],
     channels: dict[str, DraftChannel],
     unused: dict[str, str],
@@ -94,6 +102,9 @@ def _inputs(
     """Return measured inputs, and the drive of each inertia; a current is a channel beside a voltage."""
     inputs: dict[str, Sensor] = {}
     drives: dict[str, str] = {}
+    for sensor in goals:
+        at = sensor.column.meaning.symbol.removeprefix("goal_")
+        drives[at], inputs[f"goal_{at}"] = "servo", sensor
     order = [*DRIVES]
     driving = [sensor for sensor in sensors if sensor.kind in DRIVES]
     for sensor in sorted(driving, key=lambda s: (s.kind == "current", order.index(s.kind))):
@@ -131,7 +142,8 @@ HELD_SCALE = (
 
 def held_scales(rig: Model, sensors: Sequence[Sensor]) -> set[str]:
     """Return the parameters that only scale all others; each is held at one."""
-    held = {motor.torque_constant for motor in rig.roles.motors}
+    motors = rig.roles.motors
+    held = {name for m in motors for name in (m.torque_constant, m.supply, m.duty)}
     if not any(sensor.kind == "current" for sensor in sensors):
-        held |= {motor.resistance for motor in rig.roles.motors}
+        held |= {motor.resistance for motor in motors}
     return held

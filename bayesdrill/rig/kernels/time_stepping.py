@@ -81,9 +81,8 @@ class Writer:
             for span, room in zip((self.span, self.span * self._part), self.opened, strict=True):
                 self._exponential(span, room, opened=True)
             self.closed, self.regime = Mask(b, NOWHERE), b.room(1)
-            self.reference = self.kind.room(
-                2
-            )  # of a goal of limited speed: now, and after the step
+            # The reference of a goal of limited speed, now and after the step.
+            self.reference = self.kind.room(2)
         count, rows = shape.r_count, self.walker_numbers("rows")
         self.rows = [
             {r: rows[k * count + r] for r, used in enumerate(pattern) if used}

@@ -71,10 +71,9 @@ class Saturation:
     def moved(self, p: Named, span: Any, reference: Any, goal: Any) -> tuple[Any, Any]:
         """Return the reference after a `span`, and its mean during it, while the goal stays."""
         most, gap = p[self.speed] * span, goal - reference
-        share = where(
-            below(most, size(gap)), 1.0, size(gap) / most
-        )  # of the span, until it is there
-        step = signed(where(below(most, size(gap)), most, size(gap)), gap)
+        is_behind = below(most, size(gap))
+        share = where(is_behind, 1.0, size(gap) / most)  # of the span, until it is there
+        step = signed(where(is_behind, most, size(gap)), gap)
         return reference + step, reference + step - step * share * 0.5
 
     def reference(self, p: Mapping[str, float], t: Array, goal: Array | float) -> Array | float:
