@@ -238,8 +238,7 @@ def _correlations(
         step = float(np.median(np.diff(t)))
         indices = np.round((t - t[0]) / step).astype(int)
         if (np.diff(indices) < 1).any() or indices[-1] > MAX_STEPS_PER_SAMPLE * len(t):
-            # Lags count samples, because the record has no regular step.
-            indices = np.arange(len(t))
+            indices = np.arange(len(t))  # lags count samples without a regular step
         residuals = np.full(indices[-1] + 1, np.nan)
         residuals[indices] = whitened[measured, k]
         lags = np.arange(min(MAX_MEMORY_LAG, len(t) // 4) + 1)

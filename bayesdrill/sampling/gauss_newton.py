@@ -18,8 +18,7 @@ TIGHT_DAMPING = 100.0  # damping on the way back, over the priors' precision: lo
 MAX_CORRECTIONS = 3  # steps back to a bent ridge, after a step along it
 MIN_DAMPING, MAX_DAMPING = 1e-10, 1e18  # a point that needs more than the largest has arrived
 DAMPING_DECREASE = 0.3  # factor on the best damping of a step, for the next one
-# The pace is the best gain of this number of steps, since short ones follow a failed step.
-PACE_STEPS = 3
+PACE_STEPS = 3  # number of steps in the pace, because short ones follow a failed step
 RELEASE_SLOPE = 1e-9  # least scaled slope away from a bound that releases an unknown from it
 DIAGONAL_ROUNDING = 1e-12  # added to the scaled diagonal, so that flat directions stay solvable
 DIFFERENCE_STEP = 1e-4  # in priors' spreads, for differences of slopes

@@ -29,8 +29,7 @@ CANDIDATES_PER_START = 4096  # prior draws, of which a search starts at the best
 LOWEST_LOG_DENSITY = -1e300  # log density of a search that ended where there is none
 MAX_MAXIMA = 64  # maxima that are kept, those with the most posterior mass
 NEGLIGIBLE_MASS = 1e-5  # maxima are dropped that together hold less than this posterior mass
-# With more posterior mass in maxima that were not followed, a doubt is reported.
-MAX_MISSED_MASS = 0.02
+MAX_MISSED_MASS = 0.02  # a doubt is reported if more mass is in maxima that were not followed
 MAX_STEPPED_STARTS = 32  # starts for a rig simulated in steps, whose climbs take seconds each
 MULTI_STARTS = 24  # prior draws from which Gauss-Newton climbs without a simplex
 SEARCH_ROUNDS, MAX_CENTRES = 2, 8  # rounds of searches around maxima, and maxima in a round

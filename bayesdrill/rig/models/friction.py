@@ -351,8 +351,7 @@ class GearLoss:
         first, *others = (load.load(p, seen) for load in self.loads)
         total, lost = sum(others, first), 1.0 / p[self.efficiency] - 1.0
         if self.driven_back:
-            # The load pushes in the direction of motion.
-            drives = below(total * seen[DIRECTION], 0.0)
+            drives = below(total * seen[DIRECTION], 0.0)  # the load pushes along the motion
             lost = where(drives, 1.0 - p[self.driven_back], lost)
         return lost * (size(total) * self.factor)
 

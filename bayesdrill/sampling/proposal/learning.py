@@ -39,8 +39,7 @@ from bayesdrill.sampling.samplers.independence import (
 Component = tuple[int, float, Array, Array]  # sheet, weight, mean, root
 
 DRAWS_PER_ROUND = 2400  # draws of the proposal in a round
-# Width of the wider proposal over that of the mixture, and its draws.
-WIDE_FACTOR, WIDE_DRAWS = 1.5, 800
+WIDE_FACTOR, WIDE_DRAWS = 1.5, 800  # width of the wider proposal over the mixture's, and its draws
 RIDGES_PER_BATCH = 6  # a round has one such batch of draws for each group of this number of ridges
 MAX_TRIES_PER_DRAW = 50  # draws for each that has to be inside the prior
 MAX_ROUNDS = 12  # rounds of drawing and fitting

@@ -19,8 +19,7 @@ from bayesdrill.sampling.samplers.independence import Mixture, Proposal, Random,
 from bayesdrill.sampling.samplers.ridge import RidgeMap
 
 ROUNDS = (400, 400, 1600)  # draws of each round; the estimate is that of the last
-# Mass counts as missed where log (p/q) exceeds its typical value by more than this.
-FAR_LOG_RATIO = 3.0
+FAR_LOG_RATIO = 3.0  # mass is missed where log (p/q) exceeds its typical value by more
 MAX_MISSED_MASS = 0.01  # share of the posterior that may be missed
 MIN_EFFECTIVE_SHARE = 0.02  # with fewer effective draws the first round does not decide
 MAX_TRIES_PER_DRAW = 10  # draws for each that has to be inside the prior

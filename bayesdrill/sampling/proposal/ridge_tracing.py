@@ -30,16 +30,14 @@ Expand = Callable[[Array, Array], QuadraticModel]
 # one would bend.
 TIGHT_RATIO, STRAIGHT_RATIO = 100.0, 0.003
 NEAR_END = 1e-6  # distance over the prior's spread, below which an unknown is at an end
-# Least part of an axis orthogonal to the separate directions; a smaller one is rounding.
-MIN_NEW_SHARE = 1e-6
+MIN_NEW_SHARE = 1e-6  # a smaller orthogonal part of an axis is rounding
 MAX_SDS_BEYOND_END = 0.5  # standard deviations that a maximum may lie beyond an end of a prior
 PROBES = 12  # points all over the prior at which flat directions are sought
 NEGLIGIBLE_CURVATURE = 1e-12  # curvature over the largest, below which it is a rounding error
 KNOWLEDGE_DISCOUNT = 9.0  # divides the precision of loose directions, which may be less elsewhere
 BEYOND_ENDS = 0.1  # distance from the priors over their ranges, up to which points are used
 SCATTER_WIDTH = 1.4  # width of the points over the expected width of the posterior
-# Distance up to which a fit guides the next stage, in radii of its points.
-TRUSTED_EXTRAPOLATION = 2.0
+TRUSTED_EXTRAPOLATION = 2.0  # a fit guides the next stage to this number of radii
 MAX_CORNER_GROWTH = 2.0  # growth of the highest power in corners without a point
 ITERATIONS = 6  # Gauss-Newton steps for each point
 CONVERGED_SDS = 0.03  # a step of fewer standard deviations is the last
@@ -53,11 +51,9 @@ FAIR_ERROR = 0.3  # standard deviations; with a larger error more points are add
 POINTS_PER_TERM = 2.5  # points for each term of a polynomial
 MAX_DEPTH = 100.0  # in log density below the highest point; a lower point is not on the ridge
 HELD_OUT_EVERY = 4  # every fourth point is held out of the fit
-# Points are kept if this factor times psi is inside the prior, so that some lie just beyond it.
-PRIOR_MARGIN = 0.9
+PRIOR_MARGIN = 0.9  # points are kept if this factor times psi is inside the prior
 NEAR_SDS = 0.5  # standard deviations from a Newton ridge at which one more step is enough
-# Gauss-Newton steps to a Newton ridge; half of them may be needed to leave a bad polynomial.
-NEWTON_ITERATIONS = 9
+NEWTON_ITERATIONS = 9  # steps to a Newton ridge; half may be needed to leave a bad polynomial
 
 
 def split_directions(
