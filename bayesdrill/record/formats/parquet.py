@@ -26,7 +26,7 @@ MAX_PLACES = 1000  # places of a list, each of which becomes a column
 def read(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
     """Read the `wanted` columns; None stands for all, and empty cells become NaN."""
     if read_bytes(path, 4) != b"PAR1":
-        message = "is not a Parquet file; save it as one, or give it the ending of what it is"
+        message = "is not a Parquet file; save it as one, or rename it to match its format"
         raise InputError.at(str(path), message)
     try:
         from pyarrow import default_memory_pool, float64, types
