@@ -1,9 +1,9 @@
 """Calibrate a posterior by simulation: refit many simulated records, and rank the truth.
 
-If the posterior is right, the rank of a true value among L draws is uniform on 0 ... L (Talts et al.
-2018).  The band for the empirical distribution function of N ranks is that of Saeilynoja, Buerkner
-and Vehtari (2022).  It has pointwise binomial intervals of one level.  Their recursion gives the
-exact probability that the whole function stays inside.
+If the posterior is right, the rank of a true value among L draws is uniform on 0 ... L (Talts et
+al. 2018).  The band for the empirical distribution function of N ranks is that of Saeilynoja,
+Buerkner and Vehtari (2022).  It consists of pointwise binomial intervals of one level.  Their
+recursion gives the exact probability that the whole function stays inside.
 
 `refit` depends on the study and the index alone: it can run anywhere, and be repeated.
 
@@ -44,9 +44,9 @@ def rank(truth: float, draws: Array, rng: np.random.Generator) -> int:
 def shape(ranks: Counts, n_draws: int, *, of_fit: bool = False) -> str | None:
     """Name what is wrong with a posterior whose `ranks (N,)` are not uniform; None if unclear.
 
-    Mean and spread of the ranks decide; a shift increases the spread, too, but at one end alone.
-    `of_fit` says that the ranks are those of the log likelihood.  If these draws are too narrow about
-    the best fit, they all fit the record better than the truth does.
+    Mean and spread of the ranks decide.  A shift alone increases the spread, too, but only at one
+    end.  `of_fit` says that the ranks are those of the log likelihood.  If these draws are too
+    narrow about the best fit, they all fit the record better than the truth does.
     """
     u = (ranks + 0.5) / (n_draws + 1) - 0.5
     n = len(u)
@@ -68,7 +68,7 @@ LEVEL_BISECTIONS = 40  # number of bisections by which the pointwise level is fo
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RankBand:
-    """A band holds counts, `low` to `high (L,)`, of `n` uniform ranks below each of `shares (L,)`.
+    """A band has limits `low` and `high (L,)` of how many of `n` uniform ranks are below `shares (L,)`.
 
     Uniform ranks leave the band with the exact probability `false_alarm`.
     """
@@ -183,7 +183,7 @@ class CalibrationStudy:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Refit:
-    """A refit has `truth` and `ranks`, as `CalibrationStudy.names`; no ranks if nothing was sampled."""
+    """A refit has `truth` and `ranks` in the order of the study's names; no ranks without draws."""
 
     index: int
     truth: tuple[float, ...]
@@ -257,7 +257,7 @@ MAX_NOT_CONVERGED = 0.05  # share of refits that may miss their targets
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IntervalCoverage:
-    """An interval of probability `share` holds `inside` truths; chance explains `low` to `high`."""
+    """Intervals of probability `share` contain `inside` true values; chance explains `low` to `high`."""
 
     share: float
     inside: int
@@ -335,7 +335,7 @@ class CalibrationVerdict:
 def judge_calibration(
     names: Sequence[str], refits: Sequence[Refit], n_draws: int
 ) -> CalibrationVerdict:
-    """Judge the ranks of all `refits` for the quantities `names`, of which the last is the fit."""
+    """Judge the ranks of all `refits` for the quantities `names`; the last is the log likelihood."""
     ranked = [refit for refit in refits if refit.ranks]
     table = np.array([refit.ranks for refit in ranked], dtype=np.int64).reshape(-1, len(names))
     band = ecdf_band(len(ranked), n_draws, 0.5 * FALSE_ALARM / len(names))

@@ -14,7 +14,7 @@ from bayesdrill.rig.models.friction import DIRECTION, Friction
 from bayesdrill.rig.simulators.contract import Simulator
 
 CURVE_POINTS = 200  # number of speeds of each sign at which a law is drawn
-# The smallest speed over the largest, as static friction falls near zero.
+# The smallest drawn speed over the largest; static friction falls steeply near zero speed.
 SMALLEST_SPEED = 1e-4
 SPEED_MARGIN = 1.05  # the largest speed at which a law is drawn, over that of the record
 
@@ -106,7 +106,7 @@ def _friction_motions(observation: Observation, full: Array) -> Iterator[Frictio
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrictionCurve:
-    """A friction law has values `sizes (W, G)`, with the signs of its own `speeds (G,)`."""
+    """A friction law has values `sizes (W, G)` at `speeds (G,)`, with the signs of the speeds."""
 
     speeds: Array
     sizes: Array

@@ -22,13 +22,13 @@ from bayesdrill.rig.models.linear import Model, dynamics
 
 APPRECIABLE = 0.05  # relative deviation from which on a finding is reported
 MOST_DRAWS = 2000  # draws are thinned to about this number
-UNSTABLE = 1e-9  # real part over the largest pole, below which it is a rounding error
+UNSTABLE = 1e-9  # a smaller real part of a pole, relative to the largest pole, is a rounding error
 FEW = 0.01  # share of the draws or samples below which a finding is not reported
 UNHEARD_OF = 1e-6  # mass at each end of a prior in which no nominal value should lie
 SAME_GEAR = 0.02  # relative tolerance of gear ratios, as data sheets round them
 
-# Values are from the paper's Table 1.  It calls 188 mm the radius of rotor 1, but the inertia printed
-# there follows from it as a diameter.  The modulus is that of steel, as the paper gives none.
+# Values are from the paper's Table 1. The paper calls 188 mm the radius of rotor 1, but its inertia
+# shows that 188 mm is the diameter. The modulus is that of steel, as the paper gives none.
 SHAFT_LENGTH, SHAFT_DIAMETER, STEEL = 2.4, 3e-3, 79.3e9  # m, m, Pa
 ROTOR_MASS, ROTOR_DIAMETER = 6.4, 0.188  # kg, m
 GEOMETRY: Mapping[str, tuple[float, str]] = {  # keys are names of shafts and inertias
@@ -59,7 +59,7 @@ def of_roles(problem: Problem) -> Iterator[Finding]:
 
 
 def plausibility_of_gear(problem: Problem) -> Iterator[Finding]:
-    """Yield channels that turn neither with the shaft nor, by the gear, with the motor."""
+    """Yield channels whose factor fits neither the shaft nor, with the gear ratio, the motor."""
     roles = problem.model.roles
     channels = [c for observation in problem.observations for c in observation.experiment.channels]
     for channel in {c.name: c for c in channels}.values():
@@ -80,7 +80,7 @@ def plausibility_of_gear(problem: Problem) -> Iterator[Finding]:
 
 
 def plausibility_of_nominal(problem: Problem) -> tuple[Finding, ...]:
-    """Return findings on nominal values, and fixed or start values of others, each once."""
+    """Return findings on nominal, fixed and start values, without repetitions."""
     space, model = problem.posterior.space, problem.model
     known = {**space.start, **problem.nominal, **space.fixed}
     known |= {name: float(relation.value(known)) for name, relation in space.relations.items()}
@@ -117,7 +117,7 @@ def plausibility_of_course(sensitivity: SensitivityStudy, theta: Array) -> Itera
 def _saturations(
     sensitivity: SensitivityStudy, p: Mapping[str, float], motions: Callable[[], list[Array]]
 ) -> Iterator[Finding]:
-    """Yield in what share of all samples servos are at their limits, or want more than a supply."""
+    """Yield the share of samples in which servos are at their limits, or need more than the supply."""
     model = sensitivity.model
     records = [each.experiment for each in sensitivity.likelihood.observations]
     for motor in (motor for motor in model.roles.motors if motor.goal):

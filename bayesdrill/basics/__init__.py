@@ -1,7 +1,7 @@
-"""The tools of all rooms are here: errors, registries, symbols, units, formulas, dual numbers, streams.
+"""Provide the tools of all subpackages: errors, registries, symbols, units, formulas, dual numbers.
 
-Nothing here reads or writes a file, draws a figure, or knows a command. What the rest of the
-package writes to disk goes through `output_files`, one floor up.
+Nothing here reads or writes a file, draws a figure, or knows a command. The rest of the package
+writes files through `bayesdrill.output_files`.
 """
 
 from __future__ import annotations

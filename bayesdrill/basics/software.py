@@ -8,8 +8,8 @@ from importlib.resources import files
 
 import bayesdrill
 
-# Another version of these may change the last bits of a chain: of its random streams and sums
-# (numpy), priors (scipy), steps (emcee) or compiled model (llvmlite).
+# Another version of these packages may change the last bits of a chain, through random streams and
+# sums (numpy), priors (scipy), steps (emcee) or compiled models (llvmlite).
 DECISIVE = ("numpy", "scipy", "emcee", "llvmlite")
 PACKAGES = (*DECISIVE, "arviz-stats", "arviz-base", "h5py")
 

@@ -1,8 +1,8 @@
 """Turn a config into objects, or report all of its mistakes at once.
 
-`schema/` defines what may be written and `loading` reads it. `building/` makes objects of it and
-finds contradictions. `records/` reads the files that are named, and `assembly/` makes the `Problem` of
-both; `job` calls one after the other. Nothing here samples.
+`schema/` defines what may be written and `loading` reads it. `building/` makes objects of a config
+and finds contradictions. `records/` reads the files that it names. `assembly/` joins objects and
+records to a `Problem`; `job` calls one after the other. Nothing here samples.
 """
 
 from __future__ import annotations

@@ -29,13 +29,13 @@ from bayesdrill.design.targets import (
 )
 from bayesdrill.inference.posterior import Problem
 
-MOST_REMEDIES = 4  # that are named for a target
-LEAST_FALL = 1.05  # factor by which the sd of a target falls at least with a remedy that is named
+MOST_REMEDIES = 4  # largest number of remedies that are named for a target
+LEAST_FALL = 1.05  # a remedy is named if it divides the sd of the target by at least this factor
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TargetVisibility:
-    """Targets have relative derivatives `slopes (W, k, m)`, of which the `visible` can be learnt.
+    """The k targets have relative derivatives `slopes (W, k, m)`; the `visible` ones can be learnt.
 
     For each target, `hidden_by` has the names that exact symmetries scale together with it.
     `remedies` are actions that would break these, with the factors by which its sd would fall.

@@ -22,7 +22,7 @@ from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Likelihood
 from bayesdrill.record.experiment import Channel
 
-FALSE_ALARM = 0.01  # probability of any finding in a record of the model with its noise
+FALSE_ALARM = 0.01  # probability of any finding if the model and its noise are right
 # Above this rms over sigma, statements that assume the noise are not believed.
 MAX_BELIEVABLE_RMS = 1.5
 # At this correlation of neighbours, sds are too small by a factor of two.
@@ -158,7 +158,8 @@ def _channel_summaries(
 def limits(samples: int, channels: int, unknowns: int) -> ResidualLimits:
     """Return the limits within which noise alone keeps the residuals of one channel.
 
-    A fit reduces residuals, so upper limits are those without a fit; the lower allows for unknowns.
+    Upper limits hold for residuals at the true values, since a fit only reduces them.  The lower
+    limit allows for the number of fitted unknowns.
     """
     tail = FALSE_ALARM / (TESTS_PER_CHANNEL * channels)
     return ResidualLimits(
@@ -237,7 +238,7 @@ def _correlations(
         step = float(np.median(np.diff(t)))
         indices = np.round((t - t[0]) / step).astype(int)
         if (np.diff(indices) < 1).any() or indices[-1] > MAX_STEPS_PER_SAMPLE * len(t):
-            indices = np.arange(len(t))  # samples are counted instead of steps
+            indices = np.arange(len(t))  # lags count samples without a regular step
         residuals = np.full(indices[-1] + 1, np.nan)
         residuals[indices] = whitened[measured, k]
         lags = np.arange(min(MAX_MEMORY_LAG, len(t) // 4) + 1)

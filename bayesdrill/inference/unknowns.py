@@ -34,8 +34,9 @@ class Coordinates:
     """Convert between physical unknowns `theta (W, D)` and the sampler's coordinates `z (W, D)`.
 
     `logs` says for each of the D unknowns whether its coordinate is its log.  `between` lists
-    `(column, low, high)` of unknowns whose coordinate is the probit between two ends.  `signed` lists
-    `(column, step)` of unknowns that need not be positive; a step is one on the natural scale.
+    `(column, low, high)` of unknowns whose coordinate is the probit between two ends.  `signed`
+    lists `(column, step)` of unknowns that need not be positive; `step` is the change that counts
+    as one on its natural scale.
     """
 
     logs: tuple[bool, ...]
@@ -115,7 +116,8 @@ class Directions:
 def directional_slope(slope: Array, directions: Array) -> Array:
     """Return `slope (W, D)` along `directions (D, q)`: `(W, q)`.
 
-    Each point has its own product: rounding in one product of all would depend on their number.
+    Each point is multiplied separately, since rounding in a joint product depends on the number of
+    points.
     """
     return np.asarray((slope[:, None, :] @ directions)[:, 0])
 
@@ -133,7 +135,7 @@ Transform = Literal["log", "plain"] | tuple[float, float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Unknown:
-    """An unknown is declared by the part that it belongs to, SI; a search begins at `start`.
+    """An unknown is declared by the part that it belongs to; a search begins at `start`, in SI.
 
     `transform` gives the coordinate of the sampler: "log", "plain", or the ends of a probit.  None
     takes the log if the prior allows that, and else the unknown itself.

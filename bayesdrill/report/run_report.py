@@ -1,4 +1,4 @@
-"""Write what is said of a finished run or of a maximum alone, in the order of reading."""
+"""Write the report of a finished run, or of a maximum alone, in the order of reading."""
 
 from __future__ import annotations
 
@@ -119,9 +119,9 @@ PARTS = (
 def sections(
     run: ReportContext, pictures: Mapping[str, Sequence[Picture]] = MappingProxyType({})
 ) -> tuple[Section, ...]:
-    """Return the sections of a run with `pictures` of its figures, by the names of these.
+    """Return the sections of a run; `pictures` maps names of figures to their pictures.
 
-    A terminal shows the brief ones, the last first.
+    A terminal shows the brief sections, in reverse order.
     """
     others, shown = dict(pictures), list[Section]()
     for part in PARTS:
@@ -132,7 +132,7 @@ def sections(
 
 
 def details(run: ReportContext) -> str:
-    """Return all that can be said of a run without figures."""
+    """Return the convergence and the sections of a run as text, without figures."""
     said = convergence.describe_convergence(run.sampled)
     return "\n\n".join((said, *as_text(sections(run))))
 

@@ -152,7 +152,7 @@ def _of_experiment(experiment: Experiment) -> dict[str, str]:
 
 
 def _noise_held(config: Config, problem: Problem, display_units: DisplayUnits) -> dict[str, str]:
-    """Return the noise of channels at which it is fixed."""
+    """Return the size of the noise of channels for which it is fixed."""
     entries = {}
     for observation in problem.observations:
         for k, sigma in observation.noise.fixed_values().items():
@@ -178,7 +178,8 @@ def resolved(case: ResolvedCase, folder: Path) -> str:
             data["experiments"][experiment.label] = sections | own_entries
         _remove_defaults(sections, experiment.config, case.model)
         sources.rebase(sections, case.source.path.parent, folder)
-    # With several experiments the top level has those of the first, which are no defaults of others.
+    # With several experiments the top level repeats the entries of the first, which are no
+    # defaults.
     for key in SECTIONS if config.experiments else (EXPERIMENTS, *SHARING_KEYS):
         del data[key]
     made_by = "".join(f"# {name} {number}\n" for name, number in installed_versions().items())
@@ -187,10 +188,10 @@ def resolved(case: ResolvedCase, folder: Path) -> str:
 
 
 def _remove_defaults(sections: dict[str, Any], config: Config, rig: Model) -> None:
-    """Remove defaults that would change the meaning of the config as entries.
+    """Remove defaults that would change the meaning of the config if they were written as entries.
 
-    Inputs that the rig lacks and states of a steady start would be refused, and states of a free start
-    would be fixed.
+    Written inputs that the rig lacks, and states of a steady start, would be refused. Written states
+    of a free start would be fixed.
     """
     removed = {
         "inputs": {*config.vocabulary.inputs} - {*rig.inputs} - config.inputs.model_fields_set
@@ -204,7 +205,7 @@ def _remove_defaults(sections: dict[str, Any], config: Config, rig: Model) -> No
 
 
 def _digest(series: Array) -> str:
-    """Return the digest of the text of the list of all numbers, computed in parts."""
+    """Return a digest of the numbers as a list, without holding the whole text in memory."""
     digest = hashlib.sha256(b"[")
     for first in range(0, len(series), PART):
         text = ", ".join(map(repr, series[first : first + PART].tolist()))
@@ -222,7 +223,7 @@ def check_record(job: Job, output: Path, record: str | None = None) -> None:
 
 
 def begin(job: Job, folder: Folder, record: str | None = None, **more: Any) -> None:
-    """Write the config, as given and with all defaults, and the text of a `record` without a file."""
+    """Write the config, as given and with defaults, and `record`, the text of one without a file."""
     if record is None:
         outputs = output_files.output_names(folder.path, folder.kind)
         replaced = [folder.path / name for name in outputs]

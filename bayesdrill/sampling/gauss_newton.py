@@ -18,7 +18,7 @@ TIGHT_DAMPING = 100.0  # damping on the way back, over the priors' precision: lo
 MAX_CORRECTIONS = 3  # steps back to a bent ridge, after a step along it
 MIN_DAMPING, MAX_DAMPING = 1e-10, 1e18  # a point that needs more than the largest has arrived
 DAMPING_DECREASE = 0.3  # factor on the best damping of a step, for the next one
-PACE_STEPS = 3  # a step that fails is followed by this number of short ones, as dampings say
+PACE_STEPS = 3  # number of steps in the pace, because short ones follow a failed step
 RELEASE_SLOPE = 1e-9  # least scaled slope away from a bound that releases an unknown from it
 DIAGONAL_ROUNDING = 1e-12  # added to the scaled diagonal, so that flat directions stay solvable
 DIFFERENCE_STEP = 1e-4  # in priors' spreads, for differences of slopes
@@ -52,9 +52,10 @@ def gauss_newton(
     """Climb from each point of `start (W, D)` in at most `steps` steps.
 
     With `exact`, Newton's method with second derivatives replaces Gauss-Newton, for the last steps.
-    A point nearer to a higher one than `merged`, in the priors' spreads, gets the value -inf.  A climb's
-    pace is the gain that the model predicts, or the best of the last steps if that is less.  It stops
-    if at this pace it would end below `least`, or lower than the highest by more than `depth`.
+    A point that is closer than `merged` (in the priors' spreads) to a higher point gets the value
+    -inf.  The pace of a climb is the gain that the model predicts, or the largest gain of the last
+    steps if that is less.  A climb stops if at this pace it would end below `least`, or more than
+    `depth` below the highest point.
     """
     u = np.clip(start, surface.low, surface.high)
     value = surface.value(u)

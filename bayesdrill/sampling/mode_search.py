@@ -28,8 +28,8 @@ RELATIVE_ROUNDING = 1e-12  # relative rounding error of a log posterior
 CANDIDATES_PER_START = 4096  # prior draws, of which a search starts at the best
 LOWEST_LOG_DENSITY = -1e300  # log density of a search that ended where there is none
 MAX_MAXIMA = 64  # maxima that are kept, those with the most posterior mass
-NEGLIGIBLE_MASS = 1e-5  # posterior mass: maxima that hold less all together are dropped
-MAX_MISSED_MASS = 0.02  # posterior mass of maxima that were not followed: with more, a doubt
+NEGLIGIBLE_MASS = 1e-5  # maxima are dropped that together hold less than this posterior mass
+MAX_MISSED_MASS = 0.02  # a doubt is reported if more mass is in maxima that were not followed
 MAX_STEPPED_STARTS = 32  # starts for a rig simulated in steps, whose climbs take seconds each
 MULTI_STARTS = 24  # prior draws from which Gauss-Newton climbs without a simplex
 SEARCH_ROUNDS, MAX_CENTRES = 2, 8  # rounds of searches around maxima, and maxima in a round
@@ -196,7 +196,7 @@ def summarise(
     if steps := step_error.chosen_steps(posterior):
         best = max(searches, key=lambda search: search.log_posterior)
         posterior = step_error.choose_steps(posterior, posterior.space.vector(best.end))
-        # The heights are compared, so all of them have to be those of the new steps.
+        # Heights are compared below, so all are computed with the new step sizes.
         if step_error.chosen_steps(posterior) != steps:
             searches = tuple(polished_again(posterior, searches))
             reached = [(theta, posterior.density(theta)) for theta, _ in reached]
@@ -289,7 +289,7 @@ def _polished(surface: LogDensity, u: Array) -> GaussNewtonResult:
 
 
 def polished_again(posterior: Posterior, searches: Sequence[Search]) -> list[Search]:
-    """Continue `searches` on a `posterior` that differs a little from that of their ends."""
+    """Continue `searches` on a `posterior` that differs a little from the one they maximised."""
     surface, space = LogDensity(posterior, physical=True), posterior.space
     ends = np.array([space.vector(search.end) for search in searches])
     polished = _polished(surface, posterior.coordinates.from_physical(ends))

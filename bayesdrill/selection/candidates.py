@@ -20,7 +20,8 @@ NOT_OF_MODEL = ("map", "sampler", "output", "simulation")  # they do not affect 
 class CandidateModel:
     """A candidate model is the model of the job `given`, with some `changes` or none.
 
-    `neutral` parameters of the rig have no effect, but with them its refit shares kernels of others.
+    `neutral` parameters of the rig have no effect, but they let its refit share the kernels of
+    other candidates.
     """
 
     given: Job
@@ -70,7 +71,7 @@ class CandidateModel:
 
 
 class CandidateModels(Setting):
-    """A setting has candidate models, which these methods build."""
+    """These methods build the candidate models of a setting."""
 
     def rungs(self, combinations: Iterable[tuple[str, ...]]) -> list[CandidateModel]:
         """Return a candidate for each combination of names whose changes all exist."""
@@ -94,7 +95,7 @@ class CandidateModels(Setting):
         return self.rungs(subset for subset in subsets if subset and self.possible(subset))
 
     def possible(self, names: Sequence[str]) -> bool:
-        """Tell whether changes are compatible, and their combination differs from single changes."""
+        """Return whether changes are compatible, and no single change is the same as all of them."""
         changes = [self.changes[name] for name in names if name in self.changes]
         decided = [place for change in changes for place in change.decides]
         needed = {change.needs for change in changes} - {""}

@@ -113,7 +113,7 @@ def calibrate(
 ) -> CalibrationOutcome:
     """Run a calibration; raises `Interrupted`, or `BrokenProcessPool` if a worker is killed."""
     settings = job.config.calibration
-    # Without the number of refits, on which no refit depends, a calibration can be extended.
+    # The fingerprint leaves out the number of refits, so that a calibration can be extended.
     marks = provenance.fingerprint(job.config, job.problem) | {
         f"calibration.{name}": repr(value) for name, value in settings if name != "refits"
     }

@@ -32,16 +32,16 @@ from bayesdrill.tasks.conclusions import SampledRun, concluded
 from bayesdrill.tasks.find_map import fit_plan
 from bayesdrill.tasks.remote import RefitExecutor, packed, run_jobs
 
-RANKED = "candidates"  # in `run.json`: what the ranking has found
+RANKED = "candidates"  # entry of `run.json` with the result of the ranking
 KEPT = 20  # candidates in `run.json`
-STEPS = 400  # of a walker, as a posterior of one maximum usually takes
+STEPS = 400  # steps of a walker that a posterior with one maximum usually needs
 GIVEN, AS_GIVEN = "as_given", "the config as it is"
-LONGEST_NAME = 100  # letters, of a config
+LONGEST_NAME = 100  # letters in the name of a config
 
 
 @dataclass(frozen=True, slots=True)
 class LadderModel:
-    """A model of a ladder has `parts` beside the config as given, a description and a job."""
+    """A model of a ladder adds `parts` to the config as given; `about` describes it."""
 
     name: str
     about: str
@@ -50,7 +50,7 @@ class LadderModel:
 
 
 def _with_lines(given: Job, cause: Cause) -> Job:
-    """Return the job of a config with the lines of a cause; raises `InputError` where there is none."""
+    """Return the job of a config with the lines of a cause; raise `InputError` if it is invalid."""
     data = config_edits.amended(given, cause)
     data["output"] = {**data.get("output", {}), "figures": ["fit"]}
     data.pop("simulation", None)
@@ -61,8 +61,8 @@ def _with_lines(given: Job, cause: Cause) -> Job:
 class LadderOutcome:
     """A ladder has a folder, a comparison of its models and a recommendation.
 
-    `rungs`: those that were run, in the order of `report.models`; `left_out`: why others were not;
-    `recommended`: one of them, whose config is at `config`.
+    `rungs` are the models that were run, in the order of `report.models`, and `left_out` has the
+    reasons why others were not. The config of the `recommended` model is at `config`.
     """
 
     folder: Path
@@ -110,7 +110,7 @@ def ladder(
 
 
 class _Sampling:
-    """The sampling of a ladder has the summaries of models in `done`, and reasons in `left_out`."""
+    """A sampling fits the models of a ladder; `left_out` has reasons why some have no result."""
 
     def __init__(
         self, job: Job, folder: Folder, pool: RefitExecutor, report: Reporter, *, again: bool
@@ -184,7 +184,7 @@ class _Sampling:
             return
         mode, sampled = made
         run = SampledRun(model.job.with_steps_at(mode), mode, sampled)
-        view = concluded(run, alone=False)  # what may be missing the ranking says
+        view = concluded(run, alone=False)  # the ranking says what may be missing
         pipeline.write_result(run.job, view, self.folder.path / place, None, force=True)
         if not self._known(place, model, dataclasses.replace(run, kept=view.analysis)):
             self.left_out[model.name] = "its evidence could not be computed"
@@ -211,7 +211,7 @@ def _fit(posterior: Posterior, plan: FitPlan) -> tuple[Mode, SamplingResult] | s
 
 
 def _published(job: Job, folder: Folder, work: _Sampling) -> LadderOutcome:
-    """Write the comparison, in which all are compared with the least probable by its maximum."""
+    """Write the comparison of all models with the one that the ranking found least probable."""
     if not work.done:
         raise InputError.at(str(job.source.path), "; ".join(work.left_out.values()))
     places = sorted(work.done, reverse=True)

@@ -230,7 +230,7 @@ def test_results_are_neither_overwritten_nor_mixed(copy: Calibration) -> None:
 @run_cases(
     "old, new, message",
     [
-        ("ess: 50,", "ess: 18,", "18 effective draws do not hold 19 independent ones"),
+        ("ess: 50,", "ess: 18,", "18 effective draws are fewer than 19 independent ones"),
         ("max_steps: 600", "max_steps: 99", "calibration.max_steps: 99"),
         ("refits: 10", "refits: 9", "calibration.refits"),
     ],

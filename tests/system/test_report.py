@@ -36,6 +36,24 @@ def report(*arguments: str | Path) -> command_line.CommandResult:
     return cli("report", *arguments, "--processes", "1")
 
 
+# --- formats -------------------------------------------------------------------------------------
+
+
+def test_report_with_pdf_makes_every_figure_as_pdf_beside_its_png(
+    drawn: FinishedRun, tmp_path: Path
+) -> None:
+    run = drawn.copy(tmp_path / "rig")
+    figures = run.folder / "figures"
+    before = {path.name: path.read_bytes() for path in figures.glob("*.png")}
+    stems = {Path(name).stem for name in before}
+    assert {path.stem for path in figures.glob("*.pdf")} < stems
+    result = report(run.folder, "--pdf")
+    assert result.status == 0, result.text
+    assert {path.name: path.read_bytes() for path in figures.glob("*.png")} == before
+    assert {path.stem for path in figures.glob("*.pdf")} == stems
+    assert all(path.read_bytes().startswith(b"%PDF") for path in figures.glob("*.pdf"))
+
+
 # --- tables and figures that fail ----------------------------------------------------------------
 
 BROKEN = {

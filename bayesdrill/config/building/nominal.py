@@ -19,8 +19,9 @@ from bayesdrill.rig.models.linear import Model, gear_factor
 class NominalValues:
     """Nominal values come from a table, unless the config gives them.
 
-    The verdict compares parameters with `compared`, which are values of this rig. A table's other values
-    belong to another rig if the config gives its own values or uses no table.
+    The verdict compares parameters with `compared`, the values of this rig. If the config does not
+    name the table, its values may be those of another rig. They are then left out unless the config
+    uses them, or uses some and gives none of its own.
     """
 
     values: Mapping[str, float]

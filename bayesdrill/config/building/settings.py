@@ -35,8 +35,8 @@ def check_settings(errors: IssueCollector, config: Config) -> None:
     if not moves_with_weights(known_moves, None, always_inside):
         alone = [(n, moves_with_weights({n: 1.0}, None, always_inside)) for n in MOVES.usable()]
         waiting = [name for name, moves in alone if not moves]
-        stays = "that never leaves a place that its proposal has missed; give another move one"
-        message = f"no move but {' or '.join(waiting)} has a share, and {stays}"
+        stays = "and a walker that its proposal misses would never move; give another move a weight"
+        message = f"no move but {' or '.join(waiting)} has a weight, {stays}"
         errors.add(("sampler", "moves"), message)
     for k, name in enumerate(config.output.figures or ()):
         errors.run(("output", "figures", k), lookup, RUN_FIGURES, name, "figure of a run")
@@ -71,7 +71,7 @@ def check_calibration(errors: IssueCollector, config: Config) -> None:
     """Check that a refit has enough effective draws for its ranks."""
     settings = config.calibration
     if settings.ess < settings.draws:
-        few = f"{settings.ess:g} effective draws do not hold {settings.draws} independent ones"
+        few = f"{settings.ess:g} effective draws are fewer than {settings.draws} independent ones"
         errors.add(("calibration", "ess"), f"{few}; make it larger")
 
 

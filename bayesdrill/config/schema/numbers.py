@@ -46,12 +46,12 @@ def _fixed_shape(value: Any) -> str:
 
 
 class NamedSection(Strict):
-    """A section has an entry for each name of the rig beside those of its class."""
+    """A section has the entries of its class, and one for each name of the rig."""
 
     model_config = ConfigDict(extra="allow")
 
     def model_post_init(self, context: Vocabulary | None, /) -> None:
-        """Add the defaults of a rig's names, whose vocabulary is the context of the validation."""
+        """Add the defaults of the rig's names; `context` is the rig's vocabulary."""
         entries: Any = self.__pydantic_extra__
         given = {**entries}
         entries.clear()
@@ -86,9 +86,9 @@ class ParameterPrior(PriorSpec):
     """Bounds and scales are multiples of the nominal value."""
     start: Positive | None = Field(
         None,
-        description="Where the search for the MAP begins, in the unit of the column (sigma), in its "
-        "`unit` (quantity) or in SI (parameter, also of a relative prior); default: the nominal value, "
-        "else the median.",
+        description="Start of the search for the MAP; default: the nominal value, or else the median. "
+        "Its unit is that of the column (sigma), `unit` (quantity) or SI (parameter, also with a "
+        "relative prior).",
     )
 
 
@@ -96,7 +96,7 @@ class QuantityPrior(ParameterPrior):
     """The prior of a quantity has a unit of its own."""
 
     unit: str
-    """Of the prior's numbers, such as Pa or mm; 1 where there is none."""
+    """Unit of the prior's numbers, such as Pa or mm; 1 for a pure number."""
     latex: Latex | None = Field(None, description="How figures write it, without dollars.")
 
 
@@ -108,7 +108,7 @@ class SensorPrior(PriorSpec):
     start: Number | None = None
     """Where the search for the MAP begins; default: the median."""
     unit: str | None = None
-    """Of the numbers; default: the column's, s of times, SI of states."""
+    """Unit of the numbers; default: the column's, s for times, SI for states."""
 
 
 def _entries(family: Callable[..., Prior]) -> dict[str, Any]:
@@ -151,7 +151,7 @@ def families_of(base: type[PriorSpec]) -> tuple[type[PriorSpec], ...]:
 
 
 class _OfAnyFamily:
-    """Annotates a kind of prior: its entries are those of the family that `prior:` names."""
+    """Annotate a kind of prior, so that `prior:` selects the family whose entries are read."""
 
     @staticmethod
     def __get_pydantic_core_schema__(base: Any, handler: GetCoreSchemaHandler) -> Any:
@@ -198,7 +198,7 @@ class NominalValue(Strict):
     value: Positive
     unit: str | None = Field(None, description="Default: SI.")
     side: Literal["motor", "load"] | None = None
-    """Of the gear, for which the sheet gives it; default: the symbol's own."""
+    """Side of the gear for which the data sheet gives the value; default: the parameter's own side."""
 
 
 NominalSpec = Annotated[
@@ -224,8 +224,7 @@ SensorSpec = Annotated[
 DelaySpec = Annotated[
     SensorSpec | None,
     Field(
-        description="[s] how much later than recorded all inputs act; of constant ones, the moment at "
-        "which they are switched on."
+        description="Delay [s] with which all inputs act. A constant input is switched on at this time."
     ),
 ]
 StateSpec = Annotated[

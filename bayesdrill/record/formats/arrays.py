@@ -69,7 +69,7 @@ def read_hdf5(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
     # `table.speed` is a field of `table`, or a name with a point in it.
     paths = [accumulate(name.lstrip("/").split("."), "{}.{}".format) for name in wanted or ()]
     used = None if wanted is None else {*chain.from_iterable(paths)}
-    broken = "is not an HDF5 file; save it with h5py, or give it the ending of what it is"
+    broken = "is not an HDF5 file; save it with h5py, or rename it to match its format"
     if head.startswith(b"\x89HDF\r\n\x1a\n"):
         broken = f"the HDF5 file {CUT_SHORT}"
     with report_damage(str(path), broken), h5py.File(path, "r") as file:

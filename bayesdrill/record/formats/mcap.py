@@ -1,4 +1,4 @@
-"""Read MCAP with the package `mcap`: topics with messages in JSON, each at the time of its log."""
+"""Read MCAP with the package `mcap`: topics with JSON messages, each at the time when it was logged."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ _MAGIC = b"\x89MCAP0\r\n"
 
 
 def read(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
-    """Read the `wanted` numbers (`topic.key`) at the union of their times [s]; None: all."""
+    """Read the `wanted` numbers (`topic.key`), or all if None, at the union of their times [s]."""
     if read_bytes(path, len(_MAGIC)) != _MAGIC:
-        raise InputError.at(str(path), "is not an MCAP file; give it the ending of what it is")
+        raise InputError.at(str(path), "is not an MCAP file; rename it to match its format")
     try:
         from mcap.reader import make_reader
     except ImportError:

@@ -16,7 +16,7 @@ from bayesdrill.record.formats.table import RecordTable, missing_package, read_b
 def read(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
     """Read the `wanted` channels of numbers at the union of their times [s]; None stands for all."""
     if not read_bytes(path, 3).startswith(b"MDF"):
-        raise InputError.at(str(path), "is not an MDF file; give it the ending of what it is")
+        raise InputError.at(str(path), "is not an MDF file; rename it to match its format")
     try:
         from asammdf import MDF
     except ImportError:

@@ -1,7 +1,8 @@
 """Read Parquet with `pyarrow`: columns of numbers, and of lists, as LeRobot writes them.
 
-A list column of equal lengths is a column for each place, `observation.state.shoulder`. The places are
-named in `meta/info.json` of the data set, or are counted from 0.
+A column of lists with equal lengths becomes a column for each place in the list, such as
+`observation.state.shoulder`. Names of places come from `meta/info.json` of the data set; places
+without a name are counted from 0.
 """
 
 from __future__ import annotations
@@ -18,14 +19,14 @@ from bayesdrill.basics.errors import InputError, report_damage
 from bayesdrill.record.formats.arrays import CUT_SHORT, too_large
 from bayesdrill.record.formats.table import RecordTable, keys_of, missing_package, read_bytes
 
-LEVELS = 4  # folders above a file of a data set, among which its own one is
+LEVELS = 4  # a data set's `meta` is searched in at most this number of folders above the file
 MAX_PLACES = 1000  # places of a list, each of which becomes a column
 
 
 def read(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
     """Read the `wanted` columns; None stands for all, and empty cells become NaN."""
     if read_bytes(path, 4) != b"PAR1":
-        message = "is not a Parquet file; save it as one, or give it the ending of what it is"
+        message = "is not a Parquet file; save it as one, or rename it to match its format"
         raise InputError.at(str(path), message)
     try:
         from pyarrow import default_memory_pool, float64, types

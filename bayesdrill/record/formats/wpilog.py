@@ -44,7 +44,7 @@ def read(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
     """Read the `wanted` entries of numbers at the union of their times [s]; None stands for all."""
     raw = read_bytes(path)
     if not raw.startswith(b"WPILOG") or len(raw) < _HEADER:
-        raise InputError.at(str(path), "is not a WPILOG file; give it the ending of what it is")
+        raise InputError.at(str(path), "is not a WPILOG file; rename it to match its format")
     names, signals, ignored = dict[int, tuple[str, str]](), Samples(), dict[str, str]()
     for entry, time, payload in _records(raw):
         if entry == 0 and payload[:1] == bytes([_START]) and len(payload) > 4:

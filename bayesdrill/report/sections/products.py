@@ -26,7 +26,7 @@ from bayesdrill.report.view import ReportContext, ReportPart
 
 
 def derived_csv(rows: Sequence[DerivedRow]) -> str:
-    """Return all digits, SI; `share` of the draws have the quantity, `deviation` is a fraction."""
+    """Return the rows as CSV in SI; `share` is the fraction of draws that have the quantity."""
     return records_as_csv(DerivedRow, rows)
 
 
@@ -36,7 +36,7 @@ def derived_table(rows: Sequence[DerivedRow], meanings: Mapping[str, str]) -> Ta
     def cells(row: DerivedRow) -> dict[str, str]:
         part = "" if row.share == 1.0 else f"; {100 * (1 - row.share):.2g} % of the draws have none"
         ratio = abs(row.mean) / row.sd if row.sd > 0 else 1.0
-        digits = max(4, min(12, 2 + math.ceil(math.log10(max(ratio, 1.0)))))  # down to the sd
+        digits = max(4, min(12, 2 + math.ceil(math.log10(max(ratio, 1.0)))))  # to show the sd
         return {
             "": row.name,
             "unit": plain(row.unit),
@@ -54,10 +54,10 @@ def derived_table(rows: Sequence[DerivedRow], meanings: Mapping[str, str]) -> Ta
 def derived_shown(
     problem: Problem, names: Sequence[str] | None, draws: Array, derived: Derived, theta: Array
 ) -> tuple[Array, DisplayedUnknowns]:
-    """Select `names` among the unknowns `draws (E, N, D)` and what is derived; None: all unknowns.
+    """Return draws of `names`, `(N, D)` in displayed units, and how to show them; None: all unknowns.
 
-    `theta (1, D)` is the MAP. Draws without a value, and columns of one value alone, are left out
-    of those that are returned, `(N, D)` in the units that are shown.
+    Names are those of the unknowns `draws (E, N, D)` or of derived quantities. `theta (1, D)` is the
+    MAP. Draws without a value, and quantities that are constant, are left out.
     """
     symbols, units = (*problem.symbols, *derived.symbols), problem.units
     order = [symbol.name for symbol in symbols]

@@ -4,8 +4,9 @@
                                          |T| <= size        while it sticks
 
 `Friction` names an effort of a rig and its law.  Its effort is a column of the rig's `B`, whose
-entry in the row that it is `against` is negative.  Laws give sizes, never signs: they see how fast
-it moves, and a law that differs by direction sees `DIRECTION` too, 1 forwards and -1 backwards.
+entry in the row that it is `against` is negative.  Laws give sizes, never signs.  Their argument is
+the magnitude of the speed.  A law that differs by direction also receives `DIRECTION`, which is 1
+forwards and -1 backwards.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from bayesdrill.basics.duals import below, exp, sin, size, where
 from bayesdrill.basics.symbols import Symbol
 
 Named = Mapping[str, NDArray[np.float64] | float]
-DIRECTION = "direction"  # what a law sees of the sign of the speed, among states and inputs
+DIRECTION = "direction"  # name of the sign of the speed among the arguments of a law
 
 
 class Law(Protocol):
@@ -107,7 +108,7 @@ class Gravity:
         return p[self.weight] * self._sine(p, _before_gear(seen[self.angle], self.reduction))
 
     def _sine(self, p: Named, turned: Any) -> Any:
-        """Return the sine of the pendulum's angle from where it hangs, `turned` plus the tilt."""
+        """Return the sine of the pendulum's angle from its lowest position, `turned` + tilt."""
         return sin(turned if self.tilt is None else turned + p[self.tilt])
 
 
@@ -139,7 +140,7 @@ class Coulomb:
 class Stribeck:
     """Stribeck's law is `sliding + (static - sliding) exp(-(|w|/scale)^power)`.
 
-    `times` is the speed w for a unit of the state. `backward` has the names of sliding and static
+    The speed w is `times` the state. `backward` has the names of sliding and static
     friction backwards, which are empty if they do not differ by direction.
     """
 
@@ -201,8 +202,8 @@ class QuadraticDrag:
 class BackwardDamping:
     """The excess of viscous friction backwards is `(backward - forward) |w|`.
 
-    The friction forwards is in the rig's matrix `A`, for both directions. `times` is the speed w for
-    a unit of the state.
+    The friction forwards is in the rig's matrix `A`, for both directions. The speed w is `times`
+    the state.
     """
 
     forward: str
@@ -350,7 +351,7 @@ class GearLoss:
         first, *others = (load.load(p, seen) for load in self.loads)
         total, lost = sum(others, first), 1.0 / p[self.efficiency] - 1.0
         if self.driven_back:
-            drives = below(total * seen[DIRECTION], 0.0)  # the load pushes where it moves
+            drives = below(total * seen[DIRECTION], 0.0)  # the load pushes along the motion
             lost = where(drives, 1.0 - p[self.driven_back], lost)
         return lost * (size(total) * self.factor)
 

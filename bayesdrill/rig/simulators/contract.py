@@ -120,9 +120,9 @@ class Simulator(ABC):
 
     @abstractmethod
     def sums(self, full: Array, tally: ResidualSums, weights: Array | None = None) -> Array:
-        """Return sums of residuals `(W, K, n)`, the n registers of a `tally` of `kernels.sums`.
+        """Return the n sums over residuals that `tally` (see `kernels.sums`) defines, `(W, K, n)`.
 
-        `weights (W, K, m)` has the m numbers that the tally needs for each channel; None for m = 0.
+        `weights (W, K, m)` are the m numbers that the tally needs for each channel; None if m is 0.
         """
 
     def squares(self, full: Array) -> Array:
@@ -161,7 +161,7 @@ class Simulator(ABC):
 
         They are weighted sums of squared residuals `(W, K)`, of products of residuals and
         sensitivities `(W, q)`, and of products of sensitivities `(W, q, q)`. `weights (W, K, n)`
-        are those of squares alone, or of the three sums of `neighbours`.
+        are weights of the squares (n = 1), or of the three sums of `neighbours` (n = 3).
         """
         n, q, _ = along.shape
         y, observed = self.experiment.y, self.experiment.seen
@@ -204,15 +204,15 @@ class Simulator(ABC):
 
 
 MAX_SENSITIVITY_BYTES = 6e7  # memory for sensitivities at a time [bytes]
-MAX_SQUARES = 1e200  # largest sum of squares whose product of logs cannot have overflowed
+MAX_SQUARES = 1e200  # above this sum of squares, the products for the logs may have overflowed
 
 
 def whitening_scales(weights: Array) -> Array:
     """Return scales `(W, K, n)` of samples from `weights` of sums, see `Simulator.normal`.
 
-    The first scale is of a sample. If n is 3, the second is of the sample before, which is
-    subtracted, and the third of the first sample. The squares of the scaled samples have these
-    weights in first-order autoregressive noise.
+    If n is 1, they multiply the samples. If n is 3, a whitened sample of first-order autoregressive
+    noise is the first scale times the sample, minus the second scale times the sample before it.
+    The third scale multiplies the first sample of the record.
     """
     if weights.shape[2] == 1:
         return np.sqrt(weights)
@@ -244,7 +244,8 @@ def log_sums(tally: Array) -> Array:
     return np.asarray(np.where(squares < MAX_SQUARES, logs, np.nan))
 
 
-# A block that a kernel does not read, and its address, as asking for it takes as long as some samples.
+# This empty block stands for arguments that a kernel does not read. Its address is kept, because
+# asking for it takes as long as simulating some samples.
 NO_BLOCK = np.zeros(0)
 NO_ADDRESS = NO_BLOCK.ctypes.data
 

@@ -39,8 +39,8 @@ from bayesdrill.sampling.samplers.independence import (
 Component = tuple[int, float, Array, Array]  # sheet, weight, mean, root
 
 DRAWS_PER_ROUND = 2400  # draws of the proposal in a round
-WIDE_FACTOR, WIDE_DRAWS = 1.5, 800  # width of a wider proposal over the first, and draws of it
-RIDGES_PER_BATCH = 6  # these numbers of draws are multiplied by the number of ridges over this
+WIDE_FACTOR, WIDE_DRAWS = 1.5, 800  # width of the wider proposal over the mixture's, and its draws
+RIDGES_PER_BATCH = 6  # a round has one such batch of draws for each group of this number of ridges
 MAX_TRIES_PER_DRAW = 50  # draws for each that has to be inside the prior
 MAX_ROUNDS = 12  # rounds of drawing and fitting
 FEW_ROUNDS, HOPELESS_DRAWS = 5, 2.0  # after these rounds, fewer effective draws end the learning
@@ -180,7 +180,7 @@ def _best_mixture(
 
 
 def _best(rounds: Sequence[_Round]) -> _Round:
-    """Return the most efficient round, each compared with the last, whose draws reach furthest."""
+    """Return the most efficient round, after comparing it with the last, which reaches furthest."""
     *candidates, last = rounds
     while candidates:
         k = int(np.argmax([candidate.efficiency for candidate in candidates]))
@@ -194,7 +194,7 @@ def _best(rounds: Sequence[_Round]) -> _Round:
 
 
 def _compared(candidate: _Round, other: _Round) -> tuple[_Round, _Round]:
-    """Return both rounds, each with the mass that it misses of the posterior seen by either.
+    """Return both rounds, each with the posterior mass that it misses, estimated from draws of both.
 
     Its own draws cannot show that a proposal misses a maximum.
     """
@@ -237,7 +237,7 @@ def _central_draws(learning_round: _Round) -> list[tuple[int, Array, tuple[Array
 
 @dataclass(frozen=True, slots=True)
 class _Round:
-    """A round tests a proposal by `draws`; `counts` are those of the mixture and of the wider one."""
+    """A round tests a proposal by `draws`: `counts` of the mixture, and of the wider one."""
 
     proposal: Proposal
     origin: tuple[int, ...]

@@ -1,7 +1,7 @@
 """Search along Newton ridges for posterior mass that a proposal misses.
 
 The draws of a proposal cannot show what it misses.  So draws are spread wider along the loose
-directions, and each is brought to the ridge by Gauss-Newton, with its density.
+directions, Gauss-Newton brings each to the ridge, and their density is computed there.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from bayesdrill.sampling.samplers.independence import Mixture, Proposal, Random,
 from bayesdrill.sampling.samplers.ridge import RidgeMap
 
 ROUNDS = (400, 400, 1600)  # draws of each round; the estimate is that of the last
-FAR_LOG_RATIO = 3.0  # log (p/q) above its typical value, from which on mass counts as missed
+FAR_LOG_RATIO = 3.0  # mass is missed where log (p/q) exceeds its typical value by more
 MAX_MISSED_MASS = 0.01  # share of the posterior that may be missed
 MIN_EFFECTIVE_SHARE = 0.02  # with fewer effective draws the first round does not decide
 MAX_TRIES_PER_DRAW = 10  # draws for each that has to be inside the prior
@@ -38,8 +38,8 @@ def missed_mass(
 ) -> float:
     """Estimate the share of the posterior that `proposal` hardly ever reaches, 0 if negligible.
 
-    The search goes along its `sheets` with these indices.  `weighted_draws` are draws of the posterior
-    `(N, D)`, and their weights for each of these sheets `(S, N)`.
+    The search follows the sheets of the proposal with indices `sheets`.  `weighted_draws` are draws
+    of the posterior `(N, D)`, and their weights for each of these sheets `(S, N)`.
     """
     selected = [proposal.mixture.sheets[s] for s in sheets]
     if all(sheet.n_loose in (0, len(sheet.frame.centre)) for sheet in selected):

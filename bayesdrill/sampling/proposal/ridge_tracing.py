@@ -25,18 +25,19 @@ from bayesdrill.sampling.samplers.ridge import LocalBasis, RidgeMap
 
 Expand = Callable[[Array, Array], QuadraticModel]
 
-# A direction is tight if its precision, over the prior's, is at least this number, and at least this
-# factor times the root of the largest one, since the tightest direction would bend along it.
+# A direction is tight if its precision over the prior's is at least `TIGHT_RATIO`, and at least
+# `STRAIGHT_RATIO` times the root of the largest such ratio. Along a looser direction the tightest
+# one would bend.
 TIGHT_RATIO, STRAIGHT_RATIO = 100.0, 0.003
 NEAR_END = 1e-6  # distance over the prior's spread, below which an unknown is at an end
-MIN_NEW_SHARE = 1e-6  # least length of an axis off the separate directions; less is rounding
+MIN_NEW_SHARE = 1e-6  # a smaller orthogonal part of an axis is rounding
 MAX_SDS_BEYOND_END = 0.5  # standard deviations that a maximum may lie beyond an end of a prior
 PROBES = 12  # points all over the prior at which flat directions are sought
 NEGLIGIBLE_CURVATURE = 1e-12  # curvature over the largest, below which it is a rounding error
 KNOWLEDGE_DISCOUNT = 9.0  # divides the precision of loose directions, which may be less elsewhere
 BEYOND_ENDS = 0.1  # distance from the priors over their ranges, up to which points are used
 SCATTER_WIDTH = 1.4  # width of the points over the expected width of the posterior
-TRUSTED_EXTRAPOLATION = 2.0  # reach of a fit, in radii of its points, that guides the next stage
+TRUSTED_EXTRAPOLATION = 2.0  # a fit guides the next stage to this number of radii
 MAX_CORNER_GROWTH = 2.0  # growth of the highest power in corners without a point
 ITERATIONS = 6  # Gauss-Newton steps for each point
 CONVERGED_SDS = 0.03  # a step of fewer standard deviations is the last
@@ -50,9 +51,9 @@ FAIR_ERROR = 0.3  # standard deviations; with a larger error more points are add
 POINTS_PER_TERM = 2.5  # points for each term of a polynomial
 MAX_DEPTH = 100.0  # in log density below the highest point; a lower point is not on the ridge
 HELD_OUT_EVERY = 4  # every fourth point is held out of the fit
-PRIOR_MARGIN = 0.9  # points are kept where this times psi is inside, and so reach a little beyond
+PRIOR_MARGIN = 0.9  # points are kept if this factor times psi is inside the prior
 NEAR_SDS = 0.5  # standard deviations from a Newton ridge at which one more step is enough
-NEWTON_ITERATIONS = 9  # steps to a Newton ridge, of which half may go over a bad polynomial
+NEWTON_ITERATIONS = 9  # steps to a Newton ridge; half may be needed to leave a bad polynomial
 
 
 def split_directions(
@@ -87,7 +88,7 @@ def split_directions(
 
 
 def _orthogonal(separate: Array, unknowns: Indices) -> tuple[Array, list[int]]:
-    """Return orthonormal columns `separate` with axes of `unknowns`, and those that were added."""
+    """Add axes of `unknowns` to `separate (D, n)`; return orthonormal columns, and the added axes."""
     added: list[int] = []
     for d in map(int, unknowns):
         axis = np.eye(len(separate))[d] - separate @ separate[d]
@@ -107,7 +108,8 @@ def _directions(curvature: Array, without: Array) -> tuple[Array, Array]:
 def flat_directions(surface: LogDensity, rng: np.random.Generator) -> Array:
     """Return directions `(D, f)`, in priors' spreads, along which the likelihood never changes.
 
-    They are flat at points all over the prior, since a direction that is flat at one may not be at all.
+    They are flat at points all over the prior, since a direction may be flat at a single point
+    only.
     """
     d = len(surface.middle)
     scattered = surface.middle + surface.spread * rng.standard_normal((PROBES, d))
