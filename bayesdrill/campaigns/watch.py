@@ -16,7 +16,7 @@ from bayesdrill.campaigns.pages import Alarm
 from bayesdrill.campaigns.records import KnownRecords, stamp_of
 from bayesdrill.campaigns.runs import CampaignPlan, read_plan
 from bayesdrill.campaigns.study import LEAST_RUNS, RECORD, run_campaign
-from bayesdrill.output_files import RUN, loads_checksummed
+from bayesdrill.output_files import RUN, loads_checksummed, refuse_unwritable
 from bayesdrill.results.run_folder import WriteMode
 from bayesdrill.tasks.remote import RefitExecutor
 
@@ -26,7 +26,11 @@ SETTLED = 2.0  # seconds without a change, after which a file counts as written
 def watch(
     path: Path, output: Path, crew: RefitExecutor, report: Reporter, interval: float, *, once: bool
 ) -> Iterator[str]:
-    """Yield new alarms as lines of JSON; `output` is made anew whenever files have come or changed."""
+    """Yield new alarms as lines of JSON; `output` is made anew whenever files have come or changed.
+
+    Raises `InputError` at once if the output cannot be written.
+    """
+    refuse_unwritable(output)
     known, raised = KnownRecords(), {_subject(alarm) for alarm in _alarms_before(output)}
     while True:
         plan = read_plan(path)

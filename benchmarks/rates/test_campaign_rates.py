@@ -6,6 +6,7 @@ pytest benchmarks/rates/test_campaign_rates.py
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from scipy import stats
 from support.simulated_campaigns import BRIEF, SimulatedRuns
 
@@ -13,6 +14,7 @@ from bayesdrill.basics.progress import SILENT
 from bayesdrill.campaigns.fit import PopulationSettings, fit_population
 from bayesdrill.campaigns.outcomes import Estimate
 
+pytestmark = pytest.mark.slow
 CAMPAIGNS, RUNS, PRODUCTS = 100, 12, 2
 
 

@@ -14,7 +14,8 @@ from bayesdrill.record.formats.table import RecordTable
 
 ROOT = Path(__file__).parents[2]
 SHARED = ROOT.parent / "shared" / "data"
-RECORDS = sorted((ROOT / "configs").rglob("*.csv"))
+TABLES = ("runs.csv", "truth.csv")  # of a campaign
+RECORDS = [p for p in sorted((ROOT / "configs").rglob("*.csv")) if p.name not in TABLES]
 
 T = np.arange(2001) * 0.005
 RNG = np.random.default_rng(11)

@@ -21,6 +21,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("rig")
     config = command_line.small_config(place)
     (place / "sheet.yaml").write_text("k_s: 0.3\n")
+    (place / "many.yaml").write_text("name: many\nbase: small.yaml\nruns: [{file: small.csv}]\n")
     for name, changes in (("posterior_run", ()), ("other", (("seed: 7", "seed: 8"),))):
         result = finished_runs.posterior(tmp_path_factory, place, name, *changes)
         assert result.status == 0, result.text
@@ -56,6 +57,8 @@ def commands_and_inputs(command: str, home: Path) -> Iterator[tuple[list[str | P
             | "design"
         ):
             yield [command, config], [config, record]
+        case "campaign" | "watch":
+            yield [command, home / "many.yaml"], [home / "many.yaml", config, record]
         case "report":
             yield ["report", run], files
             yield ["report", run, home / "other"], files
@@ -81,7 +84,7 @@ def unchanged(home: Path, files: list[Path]) -> Callable[[], None]:
 @run_cases("command", [*get_command(app).commands], home=copied)  # type: ignore[attr-defined]
 def test_an_output_is_never_a_file_that_a_command_reads(command: str, home: Path) -> None:
     """By its own name and by another one of it, with --force too."""
-    option = ["--figure"] if command == "check" else ["--force", "--output"]
+    option = {"check": ["--figure"], "watch": ["--output"]}.get(command, ["--force", "--output"])
     for arguments, files in commands_and_inputs(command, home):
         check = unchanged(home, files)
         for k, path in enumerate(files):
