@@ -25,7 +25,7 @@ from bayesdrill.analysis.calibration import CalibrationStudy, refit
 from bayesdrill.basics.errors import InputError, Interrupted
 from bayesdrill.basics.progress import Reporter, Silent
 from bayesdrill.output_files import dumps_checksummed, loads_checksummed
-from bayesdrill.rig.kernels.linear import SUMS
+from bayesdrill.rig.kernels.linear_arguments import SUMS
 from bayesdrill.rig.kernels.sums import SQUARES
 from bayesdrill.rig.simulators.linear import Response
 from bayesdrill.tasks import calibrate, remote

@@ -21,21 +21,17 @@ either: most of the code, and of the time to compile it, is that of the matrices
 from __future__ import annotations
 
 import itertools
-import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Sequence
+from functools import partial
 
 from llvmlite import ir
 
 from bayesdrill.basics.duals import Dual, dual, where
-from bayesdrill.rig.kernels.exponential import Layout, Pattern, number
+from bayesdrill.rig.kernels.exponential import number
 from bayesdrill.rig.kernels.lanes import (
     F64,
     INT_VEC,
     LANES,
-    NUMBERS,
-    VECTORS,
-    WHOLE,
     Builder,
     Integer,
     Loop,
@@ -47,128 +43,24 @@ from bayesdrill.rig.kernels.lanes import (
     kernel,
     vector,
 )
+from bayesdrill.rig.kernels.linear_arguments import (
+    BLOCKS,
+    COUNTS,
+    INNOVATIONS,
+    ROWS,
+    SCRATCH,
+    LinearShape,
+)
 from bayesdrill.rig.kernels.numbers import Number, Numbers, multiply_large, sum_products
-from bayesdrill.rig.kernels.sums import SQUARES, ResidualSums, Sample
+from bayesdrill.rig.kernels.sums import SQUARES, Record, ResidualSums, Sample
 from bayesdrill.rig.kernels.transitions import (
-    MAX_RUNGS,
     InputHold,
     State,
     Transitions,
-    table_entries,
 )
 
-# G groups of LANES walkers; T samples; N knots (samples, and others after the last); q directions;
-# nodes of the table; rungs of the ladder from its width on, -1 if all spans are in the table;
-# 1 if signals are stored, else 0.
-COUNTS = ("groups", "samples", "knots", "directions", "nodes", "high", "stored")
-BLOCKS = {
-    "own": VECTORS,  # (G, numbers of `LinearShape.parts`, then `LinearShape.weights`)
-    "along": VECTORS,  # (G, q, numbers of `LinearShape.with_slopes`): slopes
-    "numbers": NUMBERS,  # width of the ladder; constant inputs
-    "spans": NUMBERS,  # spans of nodes
-    "chained": WHOLE,  # 1 if a node's span is that of the node before plus a width
-    "node": WHOLE,  # (N,) node of the step from each knot
-    "share": NUMBERS,  # (N,) of a width by which that step is longer than its node, -1 for none
-    "t": NUMBERS,  # (N + 1,), the last infinity
-    "u": NUMBERS,  # (N, S or 2 S): sampled inputs and, with a first-order hold, their slopes
-    "y": NUMBERS,  # (T, K)
-    "places": WHOLE,  # where the parts of `SCRATCH` begin
-    "scratch": VECTORS,
-    "out": VECTORS,  # (G, planes, T, K); (G, K, n) sums; or (G, K + (1 + q)^2), see `_add_products`
-}
-SCRATCH = ("table", "states", "rungs", "planes", "before", "trace")
-SIGNALS, SUMS, NORMAL, INNOVATIONS = "signals", "sums", "normal", "innovations"
-ROWS = 64  # samples of a chunk
 FARTHEST = 2.0**40  # largest delay in steps; larger ones have the same effect
-JOINED = 4  # samples per step of large matrices; it divides ROWS
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LinearShape:
-    """The structure of a record is what a kernel is specialised for.
-
-    `rows (K, X)` says which states a channel shows; their weights, and offsets, are numbers of each
-    walker. `late (K,)` says which channels are late. `uneven` says that steps differ, or that there
-    is none. `output` is sums of a `tally`, or normal equations of white or autoregressive noise. A
-    kernel of sums of squares, or of normal equations, has signals too. `slopes` says that numbers
-    have slopes, and `sensed` that starts and rows have them, which perfect sensors never need.
-    """
-
-    layout: Layout
-    rows: Pattern
-    late: tuple[bool, ...]
-    uneven: bool
-    output: str
-    tally: ResidualSums | None
-    slopes: bool
-    sensed: bool
-
-    @property
-    def text(self) -> str:
-        """See `compile_kernel`."""
-        flags = (self.late, self.uneven, self.slopes, self.sensed)
-        return f"{self.rows} {flags} {self.output} {self.tally} {self.layout.text}"
-
-    @property
-    def channels(self) -> int:
-        """Return the number K of channels."""
-        return len(self.rows)
-
-    @property
-    def joined(self) -> int:
-        """Return the samples per step: large matrices multiply several samples at once faster."""
-        plain = self.layout.large and not (self.uneven or any(self.late))
-        return JOINED if plain else 1
-
-    @property
-    def joined_sizes(self) -> tuple[int, int]:
-        """Return rows and columns of the matrix of such a step, see `Transitions.join_steps`."""
-        x = self.layout.n_states
-        drives = self.layout.size - x - 1
-        return x + self.joined * self.channels, x + 1 + self.joined * drives
-
-    @property
-    def table_numbers(self) -> int:
-        """Return how many numbers a node of the table has."""
-        joined = math.prod(self.joined_sizes) if self.joined > 1 else 0
-        return len(table_entries(self.layout)) + joined
-
-    @property
-    def parts(self) -> dict[str, int]:
-        """Return how many numbers each part of a walker has, in their order."""
-        x, k = self.layout.n_states, self.channels
-        parts = {"parameters": self.layout.n_parameters, "start": x, "rows": k * (x + 1)}
-        return parts | ({"before": x, "delay": k} if any(self.late) else {})
-
-    @property
-    def with_slopes(self) -> int:
-        """Return how many of these numbers, from the first on, have slopes in such a kernel."""
-        return sum(self.parts.values()) if self.sensed else self.layout.n_parameters
-
-    @property
-    def weights(self) -> int:
-        """Return how many numbers have no slopes: weights of a tally, or scales of residuals."""
-        each = self.tally.weights if self.tally is not None else 0
-        return self.channels * {NORMAL: 1, INNOVATIONS: 3}.get(self.output, each)
-
-    @property
-    def single_chunk(self) -> bool:
-        """Return whether all samples are one chunk, so that directions are computed in turn."""
-        return self.tally is not None or any(self.late) or self.uneven
-
-    def scratch(self, counts: Mapping[str, int]) -> tuple[int, ...]:
-        """Return the vectors of each part of `SCRATCH`, for a run with these `COUNTS`."""
-        width, x, k = 2 if self.slopes else 1, self.layout.n_states, self.channels
-        count, directions = 1 + counts["directions"], max(1, counts["directions"])
-        copies = 1 if self.single_chunk else directions
-        rows = counts["samples"] if self.single_chunk else ROWS
-        normal = self.tally is None
-        late = x if self.uneven else sum(self.late)
-        rungs = MAX_RUNGS * len(table_entries(self.layout)) if counts["high"] >= 0 else 0
-        trace = counts["knots"] * late if any(self.late) else 0
-        table = copies * counts["nodes"] * self.table_numbers
-        planes = (count * rows * k * normal, count * k * 2 * normal)
-        return table * width, directions * x * width, rungs * width, *planes, trace * width
+VALUES, SLOPES, BOTH = [0], [1], [0, 1]  # parts of a number
 
 
 def write_linear(module: Module, shape: LinearShape) -> None:
@@ -190,20 +82,21 @@ class _Writer:
         self.layout, self.kind = shape.layout, Numbers(b, shape.slopes)
         self.x, self.k = shape.layout.n_states, shape.channels
         size = sum(shape.parts.values())
-        self.mine = b.offset(a["own"], group, size + shape.weights)
-        self.weights = b.offset(self.mine, size)
-        self.planes = b.add(a["directions"], 1)
+        self.walker = b.offset(a["own"], group, size + shape.weights)
+        self.weights = b.offset(self.walker, size)
+        self.record = Record(b, a["y"], a["begin"], self.k)
+        self.plane_count = b.add(a["directions"], 1)
         parts = [b.offset(a["scratch"], b.single(a["places"], n)) for n in range(len(SCRATCH))]
-        self.table, self.states, self.rungs, planes, self.before, self.trace = parts
+        self.table, self.states, self.rungs, planes, self.last_residuals, self.trace = parts
         self.table_size = b.mul(a["nodes"], shape.table_numbers * self.kind.width)
         self.stored = b.icmp_signed("!=", a["stored"], 0)
-        size = b.mul(self.planes, b.mul(a["samples"], self.k))
-        self.shown, self.length = b.offset(a["out"], group, size), a["samples"]
+        size = b.mul(self.plane_count, b.mul(a["samples"], self.k))
+        self.plane_memory, self.plane_rows = b.offset(a["out"], group, size), a["samples"]
         if shape.tally is None:
             length = a["samples"] if shape.single_chunk else integer(ROWS)
-            self.shown = b.select(self.stored, self.shown, planes)
-            self.length = b.select(self.stored, self.length, length)
-            size = b.add(self.k, b.mul(self.planes, self.planes))
+            self.plane_memory = b.select(self.stored, self.plane_memory, planes)
+            self.plane_rows = b.select(self.stored, self.plane_rows, length)
+            size = b.add(self.k, b.mul(self.plane_count, self.plane_count))
             self.products = b.offset(a["out"], group, size)
 
     def write(self) -> None:
@@ -238,53 +131,43 @@ class _Writer:
                 walker.advance(integer(0), a["samples"], [])
                 walker.show_late([])
         with b.if_then(b.not_(self.stored)):
-            self._begin_products()
+            b.clear(self.products, b.add(self.k, b.mul(self.plane_count, self.plane_count)))
         chunks = integer(1)
         if not single:
             chunks = b.sdiv(b.add(a["samples"], ROWS - 1), ROWS)
             chunks = b.select(self.stored, 1, chunks)
         with b.loop(chunks, "chunks") as chunk:
             first = b.mul(chunk, ROWS)
-            rows = b.least(b.sub(a["samples"], first), self.length)
+            rows = b.least(b.sub(a["samples"], first), self.plane_rows)
+            if self.shape.apart:
+                _Walker(self, integer(0), VALUES).advance(first, rows, [])
             if not single:
+                parts = SLOPES if self.shape.apart else BOTH
                 with b.loop(a["directions"], "directions") as direction:
-                    _Walker(self, direction).advance(first, rows, [])
+                    _Walker(self, direction, parts).advance(first, rows, [])
             with b.if_then(b.not_(self.stored)):
                 self._add_products(first, rows)
 
     def at(self, plane: Integer, row: Integer, k: int = 0) -> ir.Value:
         """Return the address of channel k in a row of a plane."""
         b = self.b
-        row = b.add(b.mul(plane, self.length), row)
-        return b.offset(self.shown, b.add(b.mul(row, self.k), k))
-
-    def measured(self, sample: ir.Value, k: int) -> ir.Value:
-        """Load the measured value of channel k at a sample."""
-        return self.b.shared(self.a["y"], self.b.add(self.b.mul(sample, self.k), k))
+        row = b.add(b.mul(plane, self.plane_rows), row)
+        return b.offset(self.plane_memory, b.add(b.mul(row, self.k), k))
 
     def add_sample(self, sample: ir.Value, k: int, value: ir.Value, totals: Values) -> Values:
         """Return the sums of all channels with one more sample of channel k."""
         b, tally = self.b, self.shape.tally
         assert tally is not None
-        y, count = self.measured(sample, k), tally.count
         weights = b.read_row(b.offset(self.weights, k * tally.weights), tally.weights)
-        known = Sample.from_measured(b, b.fsub(y, value), y, weights)
-        mine = slice(k * count, (k + 1) * count)
-        return [*totals[: mine.start], *tally.add(b, totals[mine], known), *totals[mine.stop :]]
+        residual = self.record.residual(sample, k, value)
+        return tally.add_if_observed(b, totals, Sample(self.record, sample, k, residual, weights))
 
     # Normal equations.
-
-    def _begin_products(self) -> None:
-        b = self.b
-        b.clear(self.products, b.add(self.k, b.mul(self.planes, self.planes)))
-        with b.loop(self.planes, "fresh") as plane:  # no sample before the first: see `_whiten`
-            before = b.offset(self.before, plane, 2 * self.k)
-            b.write_row([vector(0.0)] * self.k + [vector(1.0)] * self.k, before)
 
     def _add_products(self, first: ir.Value, rows: ir.Value) -> None:
         """Add up squares `(K,)` of residuals, and products `(1 + q, 1 + q)` of planes up to each."""
         b, k_count = self.b, self.k
-        with b.loop(self.planes, "whiten") as plane:
+        with b.loop(self.plane_count, "whiten") as plane:
             self._whiten(plane, first, rows)
 
         def products(plane: Integer, other: Integer) -> Values:
@@ -300,11 +183,14 @@ class _Writer:
 
         for k, square in enumerate(products(0, 0)):
             add(square, k)
-        with b.loop(self.planes, "planes") as plane, b.loop(b.add(plane, 1), "others") as other:
+        with (
+            b.loop(self.plane_count, "planes") as plane,
+            b.loop(b.add(plane, 1), "others") as other,
+        ):
             total, *more = products(plane, other)
             for value in more:
                 total = b.fadd(total, value)
-            add(total, b.add(b.add(b.mul(plane, self.planes), other), k_count))
+            add(total, b.add(b.add(b.mul(plane, self.plane_count), other), k_count))
 
     def _whiten(self, plane: ir.Value, first: ir.Value, rows: ir.Value) -> None:
         """Store in a plane the whitened residuals, or their slopes, in place of these.
@@ -314,36 +200,46 @@ class _Writer:
         """
         b, k_count, memory = self.b, self.k, self.shape.output == INNOVATIONS
         scales = b.read_row(self.weights, (3 if memory else 1) * k_count)
-        before = b.offset(self.before, plane, 2 * k_count)
-        samples = Loop(b, rows, b.read_row(before, 2 * k_count) if memory else [], "white")
-        last, fresh = samples.carried[:k_count], samples.carried[k_count:]
-        values = b.icmp_signed("==", plane, 0)
-        carried = [*samples.carried]
+        kept = b.offset(self.last_residuals, plane, k_count)
+        samples = Loop(b, rows, b.read_row(kept, k_count) if memory else [], "white")
+        sample, carried = b.add(first, samples.index), Values()
+        is_values = b.icmp_signed("==", plane, 0)
         for k in range(k_count):
-            at, y = self.at(plane, samples.index, k), self.measured(b.add(first, samples.index), k)
-            observed = b.fcmp_ordered("ord", y, y)
-            residual = b.fsub(b.select(values, y, vector(0.0)), b.read(at, 0))
-            if memory:
-                begins = b.fcmp_ordered(">", fresh[k], vector(0.0))
-                scale = b.select(begins, scales[2 * k_count + k], scales[k])
-                white = b.fsub(b.fmul(residual, scale), b.fmul(last[k], scales[k_count + k]))
-                carried[k] = b.select(observed, residual, last[k])
-                carried[k_count + k] = b.select(observed, vector(0.0), fresh[k])
-            else:
-                white = b.fmul(residual, scales[k])
-            b.write(b.select(observed, white, vector(0.0)), at, 0)
+            at, last = self.at(plane, samples.index, k), samples.carried[k : k + 1]
+            measured = b.select(is_values, self.record.measured(sample, k), F64(0.0))
+            residual = b.fsub(b.splat(measured), b.read(at, 0))
+            white = partial(self._white, sample, k, scales[k::k_count], residual, *last)
+            new, *residuals = self.record.if_observed(sample, k, [vector(0.0), *last], white)
+            b.write(new, at, 0)
+            carried += residuals
         samples.close(carried)
-        b.write_row(carried, before)
+        b.write_row(carried, kept)
+
+    def _white(
+        self, sample: ir.Value, k: int, scales: Values, residual: ir.Value, *last: ir.Value
+    ) -> Values:
+        """Return a residual with its scales and, of noise with a `last` one, the next last one."""
+        b = self.b
+        white = b.fmul(residual, scales[0])
+        if not last:
+            return [white]
+        later, first = b.fsub(white, b.fmul(*last, scales[1])), b.fmul(residual, scales[2])
+        return [*self.record.unless_first(sample, k, [later], [first]), residual]
 
 
 class _Walker:
-    """The walker has code for its numbers; with slopes, for one direction of them."""
+    """The walker has code for its numbers; with slopes, for one direction of them.
 
-    def __init__(self, w: _Writer, direction: Integer) -> None:
+    If only `VALUES` are advanced, states are kept in the trace. From there they are read if only
+    `SLOPES` are.
+    """
+
+    def __init__(self, w: _Writer, direction: Integer, parts: Sequence[int] = BOTH) -> None:
         b, shape = w.b, w.shape
+        self.parts = [part for part in parts if part < w.kind.width]
         self.w, self.b, self.shape, self.kind = w, b, shape, w.kind
         self.direction, self.x = direction, w.x
-        bases = [w.mine]
+        bases = [w.walker]
         if shape.slopes:
             row = b.add(b.mul(w.group, w.a["directions"]), direction)
             bases.append(b.offset(w.a["along"], row, shape.with_slopes))
@@ -450,9 +346,10 @@ class _Walker:
     def _advance(self, first: ir.Value, rows: ir.Value, totals: Values, *, shows: bool) -> Values:
         b, a, kind, shape = self.b, self.w.a, self.kind, self.shape
         step = None if shape.uneven else self.transitions.step(self.transitions.table, 0)
-        begin = kind.flat(kind.row(self.state, self.x))
+        begin = self._advanced(kind.row(self.state, self.x))
         steps = Loop(b, rows, [*begin, *totals], "steps")
-        state, totals = kind.shaped(steps.carried[: len(begin)]), steps.carried[len(begin) :]
+        state = self._completed(steps.carried[: len(begin)], steps.index)
+        totals = steps.carried[len(begin) :]
         knot = b.add(first, steps.index)
         drive = self.drive(knot)
         for k in range(shape.channels) if shows else ():
@@ -463,10 +360,27 @@ class _Walker:
         if shape.uneven:
             state, drive = self._share(b.single(a["share"], knot), state, drive)
         here = step or self.transitions.step(self.transitions.table, b.single(a["node"], knot))
-        new = kind.flat(here(state, drive))
+        new = self._advanced(here(state, drive))
         steps.close([*new, *totals])
-        kind.put_row(kind.shaped(new), self.state)
+        for n, register in enumerate(new):
+            b.write(register, self.state, n % self.x * kind.width + self.parts[n // self.x])
         return totals
+
+    def _advanced(self, state: State) -> Values:
+        """Return the registers of a state that are carried from step to step."""
+        registers = self.kind.flat(state)
+        return [x for part in self.parts for x in registers[part * self.x :][: self.x]]
+
+    def _completed(self, registers: Values, row: ir.Value) -> State:
+        """Return the state of which `_advanced` gives the registers, at a row of a chunk."""
+        if len(self.parts) < self.kind.width:
+            at = self.b.offset(self.w.trace, row, self.x)
+            if self.parts == VALUES:
+                self.b.write_row(registers, at)
+                registers = [*registers, *[vector(0.0)] * self.x]  # slopes that nothing needs
+            else:
+                registers = [*self.b.read_row(at, self.x), *registers]
+        return self.kind.shaped(registers)
 
     def _advance_joined(self, first: ir.Value, rows: ir.Value, totals: Values) -> Values:
         """Advance from the `first` knot on by steps of several samples, and show channels."""
@@ -511,8 +425,9 @@ class _Walker:
         values = self.kind.flat([value])
         if totals:
             return self.w.add_sample(sample, k, values[0], totals)
-        for plane, register in zip((0, self.b.add(self.direction, 1)), values, strict=False):
-            self.b.write(register, self.w.at(plane, row, k), 0)
+        for part in self.parts:
+            plane = self.b.add(self.direction, 1) if part else 0
+            self.b.write(values[part], self.w.at(plane, row, k), 0)
         return totals
 
     # Late channels.

@@ -31,6 +31,7 @@ BLOCKS = {
     "usual": WHOLE,  # (T,) 1 if that is the usual number of steps
     "t": NUMBERS,  # (T,) times of samples, in steps from the first node
     "y": NUMBERS,  # (T, K)
+    "begin": WHOLE,  # (K,) first observed sample of each channel
     "trace": VECTORS,  # scratch (N + 1, K, 3, numbers of one)
     "out": VECTORS,  # (G, K, n) sums, or (G, T, K, numbers of one) signals
 }

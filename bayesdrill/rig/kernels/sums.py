@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from llvmlite import ir
@@ -12,24 +12,48 @@ from bayesdrill.rig.kernels.lanes import INT_VEC, VEC, Builder, Values, Vector, 
 
 
 @dataclass(frozen=True, slots=True)
-class Sample:
-    """A sample is one value of a channel.
+class Record:
+    """A record has the address of its samples `y (T, K)`, which are the same for all walkers.
 
-    `observed` says whether it was measured; the `residual` is zero if not. `weights` are those of
-    the channel.
+    Samples that were not measured are NaN. `begin (K,)` has the first sample of each channel that
+    was. So code for samples that are missing, or the first, is skipped by a branch.
     """
 
-    residual: ir.Value
-    observed: ir.Value
-    weights: Sequence[ir.Value]
+    b: Builder
+    y: ir.Value
+    begin: ir.Value
+    channels: int
 
-    @classmethod
-    def from_measured(
-        cls, b: Builder, residual: ir.Value, measured: ir.Value, weights: Sequence[ir.Value]
-    ) -> Sample:
-        """Return a sample that is observed where it was `measured`."""
-        observed = b.fcmp_ordered("ord", measured, measured)
-        return cls(b.select(observed, residual, vector(0.0)), observed, weights)
+    def measured(self, sample: ir.Value, k: int) -> ir.Value:
+        """Load the value of channel k at a sample, one number."""
+        return self.b.single(self.y, self.b.add(self.b.mul(sample, self.channels), k))
+
+    def residual(self, sample: ir.Value, k: int, value: ir.Value) -> ir.Value:
+        """Return by how much a value of channel k for each walker is less than measured."""
+        return self.b.fsub(self.b.splat(self.measured(sample, k)), value)
+
+    def if_observed(
+        self, sample: ir.Value, k: int, default: Values, other: Callable[[], Values]
+    ) -> Values:
+        """Return the result of `other` if channel k was measured at a sample, else `default`."""
+        y = self.measured(sample, k)
+        return self.b.replace_if(self.b.fcmp_ordered("ord", y, y), default, other, likely=True)
+
+    def unless_first(self, sample: ir.Value, k: int, later: Values, first: Values) -> Values:
+        """Return `later`, or `first` at the first sample of channel k."""
+        begins = self.b.icmp_signed("==", sample, self.b.single(self.begin, k))
+        return self.b.replace_if(begins, later, lambda: first, likely=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """A sample of channel `k` of a record has a `residual`, and the `weights` of the channel."""
+
+    record: Record
+    index: ir.Value
+    k: int
+    residual: ir.Value
+    weights: Values
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,8 +77,17 @@ class ResidualSums:
         """Return the registers of so many channels before the first sample, in a row."""
         return [vector(value) for value in self.start] * channels
 
-    def add(self, b: Builder, totals: Sequence[ir.Value], sample: Sample) -> Values:
-        """Return the registers `totals` with one more sample."""
+    def add_if_observed(self, b: Builder, totals: Values, sample: Sample) -> Values:
+        """Return the registers of all channels with one more sample, if it was measured."""
+        first, last = sample.k * self.count, (sample.k + 1) * self.count
+        before = totals[first:last]
+        new = sample.record.if_observed(
+            sample.index, sample.k, before, lambda: self.add(b, before, sample)
+        )
+        return [*totals[:first], *new, *totals[last:]]
+
+    def add(self, b: Builder, totals: Values, sample: Sample) -> Values:
+        """Return the registers `totals` of a channel with one more sample of it."""
         return [b.fma(sample.residual, sample.residual, totals[0])]
 
 
@@ -62,20 +95,14 @@ class ResidualSums:
 class _Neighbours(ResidualSums):
     """These sums are of squares of residuals and of their increments, with both ends."""
 
-    start: tuple[float, ...] = (0.0, 0.0, 0.0, math.nan)
+    start: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
 
-    def add(self, b: Builder, totals: Sequence[ir.Value], sample: Sample) -> Values:
+    def add(self, b: Builder, totals: Values, sample: Sample) -> Values:
         squares, steps, last, first = totals
-        residual, observed = sample.residual, sample.observed
-        fresh = b.fcmp_unordered("uno", first, first)
-        step = b.select(fresh, vector(0.0), b.fsub(residual, last))
-        fresh, step = b.and_(fresh, observed), b.select(observed, step, vector(0.0))
-        return [
-            b.fma(residual, residual, squares),
-            b.fma(step, step, steps),
-            b.select(observed, residual, last),
-            b.select(fresh, residual, first),
-        ]
+        residual, begin = sample.residual, [vector(0.0), sample.residual]
+        later = [b.fsub(residual, last), first]
+        step, first = sample.record.unless_first(sample.index, sample.k, later, begin)
+        return [b.fma(residual, residual, squares), b.fma(step, step, steps), residual, first]
 
 
 _FRACTION = (1 << 52) - 1  # bits of the fraction of a double, ...
@@ -93,7 +120,7 @@ class _Logs(ResidualSums):
     start: tuple[float, ...] = (0.0, 1.0, 0.0)
     weights: int = 1
 
-    def add(self, b: Builder, totals: Sequence[ir.Value], sample: Sample) -> Values:
+    def add(self, b: Builder, totals: Values, sample: Sample) -> Values:
         squares, product, powers = totals
         square = b.fmul(sample.residual, sample.residual)
         factor = b.fma(sample.weights[0], square, vector(1.0))
@@ -157,15 +184,15 @@ class _Intervals(ResidualSums):
     start: tuple[float, ...] = (0.0, 1.0, 0.0, 0.0)
     weights: int = 2
 
-    def add(self, b: Builder, totals: Sequence[ir.Value], sample: Sample) -> Values:
-        residual, observed, (over, half) = sample.residual, sample.observed, sample.weights
-        middle = b.fmul(Vector(b, residual).size().value, over)
+    def add(self, b: Builder, totals: Values, sample: Sample) -> Values:
+        over, half = sample.weights
+        middle = b.fmul(b.absolute(sample.residual), over)
         near = b.fsub(middle, half)
         squares, *others = totals
-        squares = b.fma(residual, residual, squares)
+        squares = b.fma(sample.residual, sample.residual, squares)
 
         def moved() -> Values:
-            return self._moved(b, others, near, middle, half, observed)
+            return self._moved(b, others, near, middle, half)
 
         # Samples far inside their interval have probability one, so that the product stays.
         far = b.anywhere(b.fcmp_unordered(">", near, vector(MAX_INSIDE_SDS)))
@@ -174,11 +201,10 @@ class _Intervals(ResidualSums):
     def _moved(
         self,
         b: Builder,
-        totals: Sequence[ir.Value],
+        totals: Values,
         near: ir.Value,
         middle: ir.Value,
         half: ir.Value,
-        observed: ir.Value,
     ) -> Values:
         product, powers, logs = totals
         zero, minus = vector(0.0), vector(-0.5)
@@ -189,7 +215,6 @@ class _Intervals(ResidualSums):
         there = b.fmul(_tail(b, far), b.exp(b.fmul(b.fmul(middle, half), vector(-2.0))))
         outside = b.fmul(b.exp(log), b.fadd(here, there))
         mass = b.select(beyond, b.fsub(here, there), b.fsub(vector(1.0), outside))
-        mass = b.select(observed, mass, vector(1.0))
         return [*_times(b, product, powers, mass), b.fadd(logs, b.select(beyond, log, zero))]
 
 

@@ -41,11 +41,11 @@ from bayesdrill.rig.kernels.lanes import (
     kernel,
     vector,
 )
-from bayesdrill.rig.kernels.numbers import Number, Numbers, multiply_add, sum_products
+from bayesdrill.rig.kernels.numbers import Number, Numbers, sum_products
 from bayesdrill.rig.kernels.reversals import ReversalStep, advance_step, advance_stride
 from bayesdrill.rig.kernels.servo import ServoLoop, merged_step
 from bayesdrill.rig.kernels.step_arguments import BLOCKS, COUNTS, Rates, SteppedShape
-from bayesdrill.rig.kernels.sums import SQUARES, ResidualSums, Sample
+from bayesdrill.rig.kernels.sums import SQUARES, Record, ResidualSums, Sample
 
 
 class Writer:
@@ -421,7 +421,7 @@ class Writer:
         sample: ir.Value,
         state: Sequence[Number],
         efforts: Sequence[Number],
-        totals: Sequence[ir.Value],
+        totals: list[ir.Value],
     ) -> list[ir.Value]:
         """Return the new sums, or store signals."""
         b, shape = self.b, self.shape
@@ -445,32 +445,23 @@ class Writer:
         return [b.merged((old, storing), (sum_, adding)) for old, sum_ in pairs]
 
     def _added(
-        self, sample: ir.Value, state: Sequence[Number], totals: Sequence[ir.Value]
+        self, sample: ir.Value, state: Sequence[Number], totals: list[ir.Value]
     ) -> list[ir.Value]:
-        new_sums = []
-        for k, row in enumerate(self.rows):
-            residual = self.measured(sample, k)
-            for r, weight in row.items():
-                value = Vector(self.b, vector(1.0)) if r == self.x_count else state[r]
-                residual = multiply_add(-weight, value, residual)
-            new_sums += self.add_sample(sample, k, residual, totals)
-        return new_sums
-
-    def measured(self, sample: ir.Value, k: int) -> Vector:
-        """Load the measured value of channel k at a sample."""
-        flat = self.b.add(self.b.mul(sample, self.k_count), k)
-        return Vector(self.b, self.b.shared(self.a["y"], flat))
+        for k in range(self.k_count):
+            totals = self.add_sample(sample, k, self.output(k, state, []), totals)
+        return totals
 
     def add_sample(
-        self, sample: ir.Value, k: int, residual: Vector, totals: Sequence[ir.Value]
+        self, sample: ir.Value, k: int, value: Number, totals: list[ir.Value]
     ) -> list[ir.Value]:
-        """Return the sums of channel k, among `totals`, with one more residual if it was observed."""
+        """Return the sums of all channels with one more sample of channel k."""
         b, tally = self.b, self.shape.tally
         assert tally is not None
-        first, count = k * tally.weights, tally.count
+        first = k * tally.weights
         weights = [b.read(self.walker["weight"], first + n) for n in range(tally.weights)]
-        each = Sample.from_measured(b, residual.value, self.measured(sample, k).value, weights)
-        return tally.add(b, totals[k * count : (k + 1) * count], each)
+        record = Record(b, self.a["y"], self.a["begin"], self.k_count)
+        residual = record.residual(sample, k, value.value)
+        return tally.add_if_observed(b, totals, Sample(record, sample, k, residual, weights))
 
     def write_signal(self, sample: ir.Value, k: int, value: Number) -> None:
         """Store a value of channel k among the signals."""
@@ -534,13 +525,12 @@ def _read_samples(w: Writer, begins: Sequence[Number], tally: ResidualSums | Non
     sums = tally.initial(w.k_count) if tally is not None else []
     samples = Loop(b, w.a["samples"], sums, "read")
     t = Vector(b, b.shared(w.a["t"], samples.index))
-    totals: list[ir.Value] = []
+    totals = samples.carried
     for k in range(w.k_count):
         when = t - shifts[k] / w.span
         value = _read(w, k, when, begins[k])
         if tally is not None:
-            residual = w.measured(samples.index, k) - value
-            totals += w.add_sample(samples.index, k, residual, samples.carried)
+            totals = w.add_sample(samples.index, k, value, totals)
         else:
             w.write_signal(samples.index, k, value)
     samples.close(totals)

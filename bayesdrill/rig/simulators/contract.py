@@ -12,7 +12,7 @@ from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
-from bayesdrill.basics.arrays import Array, Flags
+from bayesdrill.basics.arrays import Array, Flags, Indices
 from bayesdrill.record.experiment import Experiment, frozen
 from bayesdrill.rig.kernels.lanes import LANES
 from bayesdrill.rig.kernels.sums import INTERVALS, LOGS, NEIGHBOURS, SQUARES, ResidualSums
@@ -250,6 +250,11 @@ NO_BLOCK = np.zeros(0)
 NO_ADDRESS = NO_BLOCK.ctypes.data
 
 
+def first_observed(y: Array) -> Indices:
+    """Return the number `(K,)` of the first sample of each channel that is not NaN."""
+    return np.isnan(y).argmin(axis=0).astype(np.int64)
+
+
 def aligned(scratch: Array) -> int:
     """Return an address in `scratch` at a cache line; vectors across two lines take twice as long."""
     start = scratch.ctypes.data
@@ -257,13 +262,20 @@ def aligned(scratch: Array) -> int:
 
 
 def in_groups(*parts: Array) -> Array:
-    """Put blocks `(W, ...)` side by side, `(G, n, LANES)`; the last walker fills the last group."""
-    count = len(parts[0])
-    groups = -(-count // LANES)
-    if missing := groups * LANES - count:
-        parts = tuple(np.concatenate([p, p[-1:].repeat(missing, axis=0)]) for p in parts)
-    turned = [part.reshape(groups, LANES, -1).transpose(0, 2, 1) for part in parts]
-    if len(turned) == 1:
-        return np.ascontiguousarray(turned[0])
-    groups_out = np.empty((groups, sum(part.shape[1] for part in turned), LANES))
-    return np.concatenate(turned, axis=1, out=groups_out)
+    """Put parts `(W, ...)`, or `(1, ...)` that walkers share, side by side: `(G, n, LANES)`.
+
+    The last walker fills the last group.
+    """
+    flats = [part.reshape(len(part), -1) for part in parts]
+    groups, missing = -(-max(map(len, flats)) // LANES), -max(map(len, flats)) % LANES
+    out, start = np.empty((groups, sum(flat.shape[1] for flat in flats), LANES)), 0
+    for flat in flats:
+        here = out[:, start : start + flat.shape[1]]
+        start += flat.shape[1]
+        if len(flat) == 1:
+            here[:] = flat.T.repeat(LANES, axis=1)
+            continue
+        if missing:
+            flat = np.concatenate([flat, flat[-1:].repeat(missing, axis=0)])
+        here[:] = flat.reshape(groups, LANES, -1).transpose(0, 2, 1)
+    return out

@@ -22,17 +22,17 @@ from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.kernels.compiling import Kernel, compile_kernel
 from bayesdrill.rig.kernels.exponential import present
 from bayesdrill.rig.kernels.lanes import LANES
-from bayesdrill.rig.kernels.linear import (
-    INNOVATIONS,
-    NORMAL,
-    SIGNALS,
-    SUMS,
-    LinearShape,
-    write_linear,
-)
+from bayesdrill.rig.kernels.linear import write_linear
+from bayesdrill.rig.kernels.linear_arguments import INNOVATIONS, NORMAL, SIGNALS, SUMS, LinearShape
 from bayesdrill.rig.kernels.sums import SQUARES, ResidualSums
 from bayesdrill.rig.models.linear import Model
-from bayesdrill.rig.simulators.contract import NO_ADDRESS, aligned, in_groups, whitening_scales
+from bayesdrill.rig.simulators.contract import (
+    NO_ADDRESS,
+    aligned,
+    first_observed,
+    in_groups,
+    whitening_scales,
+)
 from bayesdrill.rig.simulators.long_record import LongRecord, input_layout, record_blocks
 from bayesdrill.rig.simulators.sensors import ObservationModel, ObservedWalkers, beside
 from bayesdrill.rig.simulators.stepped import Unstepped
@@ -164,7 +164,8 @@ class Response(Unstepped):
         """Return the numbers that all walkers share, the nodes of the grid, and the record."""
         g, constants = self._grid, present(self.experiment.constant).values()
         numbers = np.array([g.width or g.usual, *constants])
-        return {"numbers": numbers, "spans": g.spans, "chained": g.chained, "y": self._padded}
+        record = {"y": self._padded, "begin": first_observed(self._padded)}
+        return {"numbers": numbers, "spans": g.spans, "chained": g.chained, **record}
 
     def _knots(self, ahead: int) -> dict[str, int]:
         """Return the addresses of blocks, with `ahead` further knots after the last one.
@@ -212,35 +213,34 @@ class Response(Unstepped):
     # Arguments of the kernel that depend on walkers.
 
     @cached_property
-    def _known_numbers(self) -> Array:
-        """Return start and rows of perfect sensors, `(X + K (X + 1),)`."""
+    def _perfect(self) -> Array | None:
+        """Return start and rows of perfect sensors, `(1, X + K (X + 1))`; None of others."""
+        if not self.sensing.empty:
+            return None
         weights = self.sensors.weights
         start = [self.experiment.start.get(name, 0.0) for name in self.model.states]
-        return np.append(start, np.column_stack([weights, np.zeros(len(weights))]))
+        return np.append(start, np.column_stack([weights, np.zeros(len(weights))]))[None]
 
-    def _beside_known(self, parameters: Any) -> Any:
-        """Return the numbers `(W, n)` of walkers with perfect sensors, and any slopes of these."""
-        values, known = dual(parameters).value, self._known_numbers
-        numbers = np.empty((len(values), values.shape[1] + len(known)))
-        numbers[:, : values.shape[1]], numbers[:, values.shape[1] :] = values, known
-        return Dual(numbers, parameters.slope) if isinstance(parameters, Dual) else numbers
+    def _walkers(self, full: Array | Dual) -> tuple[list[Any], int]:
+        """Return the numbers of walkers `(W, ...)` or, if all have the same, `(1, ...)`.
 
-    def _walkers(self, full: Array | Dual) -> tuple[Any, int]:
-        """Return the numbers of walkers `(W, n)`, and the knots that they need after the last one."""
+        Only the first can have slopes. The knots that are needed after the last one are counted.
+        """
+        if self._perfect is not None:
+            return [full, self._perfect], 0
         walkers = ObservedWalkers(self.sensors, full)
-        if self.sensing.empty:
-            return self._beside_known(walkers.parameters), 0
-        if not self.sensing.shifts:
-            return walkers.numbers, 0
-        delay = self.sensors.channel_delays(full)
-        value, step = dual(delay).value, self._median_step
-        farthest = MAX_AHEAD * (float(self._grid.t[-2]) + step)
-        lost = ~(value > -farthest) | ~np.isfinite(value)
-        rows = linear_map(lambda part: np.where(lost[:, :, None], np.nan, part), walkers.rows)
-        delay = linear_map(lambda part: np.where(lost, 0.0, part), delay)
-        ahead = int(-dual(delay).value.min(initial=0.0) / step)
-        parts = (walkers.parameters, walkers.start, rows, walkers.before, delay)
-        return beside(*parts), 1 << (ahead + 1).bit_length() if ahead else 1
+        with np.errstate(all="ignore"):
+            if not self.sensing.shifts:
+                return [walkers.numbers], 0
+            delay = self.sensors.channel_delays(full)
+            value, step = dual(delay).value, self._median_step
+            farthest = MAX_AHEAD * (float(self._grid.t[-2]) + step)
+            lost = ~(value > -farthest) | ~np.isfinite(value)
+            rows = linear_map(lambda part: np.where(lost[:, :, None], np.nan, part), walkers.rows)
+            delay = linear_map(lambda part: np.where(lost, 0.0, part), delay)
+            ahead = int(-dual(delay).value.min(initial=0.0) / step)
+            parts = (walkers.parameters, walkers.start, rows, walkers.before, delay)
+            return [beside(*parts)], 1 << (ahead + 1).bit_length() if ahead else 1
 
     def _run(
         self,
@@ -259,16 +259,15 @@ class Response(Unstepped):
         if along is not None:
             n, q, p = along.shape
             # Only numbers of sensors have slopes that depend on the walker.
-            times = 1 if self.sensing.empty else q
+            times = q if self._perfect is None else 1
             walkers = Dual(full.repeat(times, axis=0), along.reshape(n * q, p))
-        with np.errstate(all="ignore"):
-            numbers, ahead = self._walkers(walkers)
+        (numbers, *others), ahead = self._walkers(walkers)
         if along is not None:
             blocks["along"] = in_groups(numbers.slope.reshape(len(full), -1))
             numbers = numbers.value[::times]  # the values are the same in all directions
         if weights is None and along is not None:  # signals need no weights
-            weights = np.zeros((len(full), shape.channels))
-        own = (numbers,) if weights is None else (numbers, weights)
+            weights = np.zeros((1, shape.channels))
+        others += [] if weights is None else [weights]
         samples = len(self._padded)
         counts = {
             "samples": samples, "knots": samples + ahead, "directions": q,
@@ -281,6 +280,6 @@ class Response(Unstepped):
         places, address = self._known[wanted]
         scratch = np.empty((places[-1] + 1, LANES))
         return kernel.run(
-            "linear", len(full), out, own=in_groups(*own), **counts, **blocks,
+            "linear", len(full), out, own=in_groups(numbers, *others), **counts, **blocks,
             places=address, scratch=aligned(scratch), **self._knots(ahead),
         )  # fmt: skip

@@ -33,6 +33,7 @@ from bayesdrill.rig.simulators.contract import (
     Motion,
     Simulator,
     Stepping,
+    first_observed,
     in_groups,
 )
 from bayesdrill.rig.simulators.sensors import ObservationModel, ObservedWalkers
@@ -63,6 +64,7 @@ class BoundKernel:
             "usual": self.ahead.usual,
             "t": self.ahead.places,
             "y": NO_BLOCK if self.shape.efforts else self.y,
+            "begin": first_observed(self.y),
         }
         return {name: block.ctypes.data for name, block in blocks.items()}
 
@@ -75,7 +77,7 @@ class BoundKernel:
         shape, ahead = self.shape, self.ahead
         k, numbers = len(shape.pattern), shape.numbers
         after = ahead.steps_after(parts["shift"][0]) if shape.read else 0
-        walkers, nodes = self._in_lanes(n, parts), ahead.nodes + after
+        walkers, nodes = self._in_lanes(parts), ahead.nodes + after
         signals = (ahead.samples, k, numbers)
         out = signals if stored or shape.tally is None else (k, shape.tally.count)
         size = (nodes + 1) * k * 3 * numbers * LANES
@@ -87,18 +89,13 @@ class BoundKernel:
             **self._fixed_addresses,
         )  # fmt: skip
 
-    def _in_lanes(self, n: int, parts: Mapping[str, list[Array]]) -> Array:
+    def _in_lanes(self, parts: Mapping[str, list[Array]]) -> Array:
         """Return the parts `(G, width, LANES)`, see `walker_blocks`, of walkers in groups."""
         named = parts
         if self.shape.late:
             behind, *shares = self.ahead.delays(parts["lag"])
             named = {**parts, "share": shares, "behind": [behind] * len(shares)}
-        flats = [part.reshape(len(part), -1) for name in self._names for part in named[name]]
-        rows, start = np.empty((n, sum(flat.shape[1] for flat in flats))), 0
-        for flat in flats:
-            rows[:, start : start + flat.shape[1]] = flat
-            start += flat.shape[1]
-        return in_groups(rows)
+        return in_groups(*(part for name in self._names for part in named[name]))
 
     @cached_property
     def _names(self) -> tuple[str, ...]:

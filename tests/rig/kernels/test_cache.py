@@ -22,7 +22,8 @@ from bayesdrill.rig.kernels import cache
 from bayesdrill.rig.kernels.cache import CACHE_VARIABLE, CodeCache, user_cache
 from bayesdrill.rig.kernels.compiling import compile_kernel
 from bayesdrill.rig.kernels.lanes import Module
-from bayesdrill.rig.kernels.linear import SUMS, write_linear
+from bayesdrill.rig.kernels.linear import write_linear
+from bayesdrill.rig.kernels.linear_arguments import SUMS
 from bayesdrill.rig.kernels.step_arguments import SteppedShape
 from bayesdrill.rig.kernels.sums import LOGS, SQUARES
 from bayesdrill.rig.kernels.time_stepping import write_stepping

@@ -19,7 +19,8 @@ from bayesdrill.rig.kernels.compiling import (
     rows_of_walkers,
 )
 from bayesdrill.rig.kernels.lanes import LANES
-from bayesdrill.rig.kernels.linear import SUMS, write_linear
+from bayesdrill.rig.kernels.linear import write_linear
+from bayesdrill.rig.kernels.linear_arguments import SUMS
 from bayesdrill.rig.kernels.sums import SQUARES
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators.linear import Response

@@ -1,0 +1,131 @@
+"""Define the structure and the arguments of the kernel of linear rigs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from bayesdrill.rig.kernels.exponential import Layout, Pattern
+from bayesdrill.rig.kernels.lanes import NUMBERS, VECTORS, WHOLE
+from bayesdrill.rig.kernels.sums import ResidualSums
+from bayesdrill.rig.kernels.transitions import MAX_RUNGS, table_entries
+
+# G groups of LANES walkers; T samples; N knots (samples, and others after the last); q directions;
+# nodes of the table; rungs of the ladder from its width on, -1 if all spans are in the table;
+# 1 if signals are stored, else 0.
+COUNTS = ("groups", "samples", "knots", "directions", "nodes", "high", "stored")
+BLOCKS = {
+    "own": VECTORS,  # (G, numbers of `LinearShape.parts`, then `LinearShape.weights`)
+    "along": VECTORS,  # (G, q, numbers of `LinearShape.with_slopes`): slopes
+    "numbers": NUMBERS,  # width of the ladder; constant inputs
+    "spans": NUMBERS,  # spans of nodes
+    "chained": WHOLE,  # 1 if a node's span is that of the node before plus a width
+    "node": WHOLE,  # (N,) node of the step from each knot
+    "share": NUMBERS,  # (N,) of a width by which that step is longer than its node, -1 for none
+    "t": NUMBERS,  # (N + 1,), the last infinity
+    "u": NUMBERS,  # (N, S or 2 S): sampled inputs and, with a first-order hold, their slopes
+    "y": NUMBERS,  # (T, K)
+    "begin": WHOLE,  # (K,) first observed sample of each channel
+    "places": WHOLE,  # where the parts of `SCRATCH` begin
+    "scratch": VECTORS,
+    "out": VECTORS,  # (G, planes, T, K); (G, K, n) sums; or (G, K + (1 + q)^2), see `_add_products`
+}
+SCRATCH = ("table", "states", "rungs", "planes", "last residuals", "trace")
+SIGNALS, SUMS, NORMAL, INNOVATIONS = "signals", "sums", "normal", "innovations"
+ROWS = 64  # samples of a chunk
+JOINED = 4  # samples per step of large matrices; it divides ROWS
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LinearShape:
+    """The structure of a record is what a kernel is specialised for.
+
+    `rows (K, X)` says which states a channel shows; their weights, and offsets, are numbers of each
+    walker. `late (K,)` says which channels are late. `uneven` says that steps differ, or that there
+    is none. `output` is sums of a `tally`, or normal equations of white or autoregressive noise. A
+    kernel of sums of squares, or of normal equations, has signals too. `slopes` says that numbers
+    have slopes, and `sensed` that starts and rows have them, which perfect sensors never need.
+    """
+
+    layout: Layout
+    rows: Pattern
+    late: tuple[bool, ...]
+    uneven: bool
+    output: str
+    tally: ResidualSums | None
+    slopes: bool
+    sensed: bool
+
+    @property
+    def text(self) -> str:
+        """See `compile_kernel`."""
+        flags = (self.late, self.uneven, self.slopes, self.sensed)
+        return f"{self.rows} {flags} {self.output} {self.tally} {self.layout.text}"
+
+    @property
+    def channels(self) -> int:
+        """Return the number K of channels."""
+        return len(self.rows)
+
+    @property
+    def joined(self) -> int:
+        """Return the samples per step: large matrices multiply several samples at once faster."""
+        plain = self.layout.large and not (self.uneven or any(self.late))
+        return JOINED if plain else 1
+
+    @property
+    def joined_sizes(self) -> tuple[int, int]:
+        """Return rows and columns of the matrix of such a step, see `Transitions.join_steps`."""
+        x = self.layout.n_states
+        drives = self.layout.size - x - 1
+        return x + self.joined * self.channels, x + 1 + self.joined * drives
+
+    @property
+    def table_numbers(self) -> int:
+        """Return how many numbers a node of the table has."""
+        joined = math.prod(self.joined_sizes) if self.joined > 1 else 0
+        return len(table_entries(self.layout)) + joined
+
+    @property
+    def parts(self) -> dict[str, int]:
+        """Return how many numbers each part of a walker has, in their order."""
+        x, k = self.layout.n_states, self.channels
+        parts = {"parameters": self.layout.n_parameters, "start": x, "rows": k * (x + 1)}
+        return parts | ({"before": x, "delay": k} if any(self.late) else {})
+
+    @property
+    def with_slopes(self) -> int:
+        """Return how many of these numbers, from the first on, have slopes in such a kernel."""
+        return sum(self.parts.values()) if self.sensed else self.layout.n_parameters
+
+    @property
+    def weights(self) -> int:
+        """Return how many numbers have no slopes: weights of a tally, or scales of residuals."""
+        each = self.tally.weights if self.tally is not None else 0
+        return self.channels * {NORMAL: 1, INNOVATIONS: 3}.get(self.output, each)
+
+    @property
+    def single_chunk(self) -> bool:
+        """Return whether all samples are one chunk, so that directions are computed in turn."""
+        return self.tally is not None or any(self.late) or self.uneven
+
+    @property
+    def apart(self) -> bool:
+        """Return whether values are computed before slopes, and not again in each direction."""
+        return self.slopes and not self.single_chunk and self.joined == 1
+
+    def scratch(self, counts: Mapping[str, int]) -> tuple[int, ...]:
+        """Return the vectors of each part of `SCRATCH`, for a run with these `COUNTS`."""
+        width, x, k = 2 if self.slopes else 1, self.layout.n_states, self.channels
+        count, directions = 1 + counts["directions"], max(1, counts["directions"])
+        copies = 1 if self.single_chunk else directions
+        rows = counts["samples"] if self.single_chunk else ROWS
+        path = counts["samples"] if counts["stored"] else ROWS
+        normal = self.tally is None
+        late = x if self.uneven else sum(self.late)
+        rungs = MAX_RUNGS * len(table_entries(self.layout)) if counts["high"] >= 0 else 0
+        trace = counts["knots"] * late if any(self.late) else path * x * self.apart
+        table = copies * counts["nodes"] * self.table_numbers
+        planes = (count * rows * k * normal, count * k * normal)
+        return table * width, directions * x * width, rungs * width, *planes, trace * width
