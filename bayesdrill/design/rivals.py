@@ -84,17 +84,8 @@ def design_against(
 
     `problem` is taken to be true.  Raises `InputError` if no waveform tells both apart.
     """
-    request.source.check()
-    if request.experiments > 1:
-        raise InputError.at(
-            "--experiments", "models are told apart by one experiment; give --tell alone"
-        )
+    _check_comparable(problem, rival, request)
     ours, theirs = problem.observations[0], rival.observations[0]
-    if ours.experiment.names != theirs.experiment.names:
-        message = f"the channels {', '.join(theirs.experiment.names)} are not those of the config"
-        raise InputError.at("--tell", f"{message}, {', '.join(ours.experiment.names)}")
-    if request.source.input not in theirs.response.model.inputs:
-        raise InputError.at("--tell", f"its rig has no input {request.source.input}")
     coming = ComingExperiment.like(ours, request.source, request.limits)
     other = ComingExperiment.like(theirs, request.source, ())
     compared = ComparedExperiment(
@@ -131,9 +122,8 @@ def design_against(
         return log_odds(coming.posterior(levels), other.posterior(levels))
 
     odds = {name: expected(u) for name, u in waveforms.items()}
-    if (
-        request.family == FREE
-    ):  # where a rival leaves its linear range, a usual waveform may be best
+    if request.family == FREE:
+        # Where a rival leaves its linear range, a usual waveform may be best.
         designed.append(waveforms[max(odds, key=lambda name: odds[name])])
     levels = max(designed, key=expected)
     odds[DESIGNED] = expected(levels)
@@ -147,6 +137,21 @@ def design_against(
         raise InputError.at("--tell", f"{message}, so that nothing tells both apart; {way_out}")
     report.update(1.0, "")
     return describe_expected(coming, request, levels[None], known, check, odds=odds)
+
+
+def _check_comparable(problem: Problem, rival: Problem, request: DesignRequest) -> None:
+    """Raise `InputError` unless one experiment can have the source and the channels of both models."""
+    request.source.check()
+    if request.experiments > 1:
+        raise InputError.at(
+            "--experiments", "models are told apart by one experiment; give --tell alone"
+        )
+    ours, theirs = problem.observations[0], rival.observations[0]
+    if ours.experiment.names != theirs.experiment.names:
+        message = f"the channels {', '.join(theirs.experiment.names)} are not those of the config"
+        raise InputError.at("--tell", f"{message}, {', '.join(ours.experiment.names)}")
+    if request.source.input not in theirs.response.model.inputs:
+        raise InputError.at("--tell", f"its rig has no input {request.source.input}")
 
 
 def fitted_rivals(
