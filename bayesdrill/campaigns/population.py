@@ -34,6 +34,7 @@ FIRST_CHECK = 800  # sweeps
 MAX_NUMBERS = 4e7  # numbers in the draws of all runs, of which fewer are taken in a large campaign
 MIN_DRAWS = 100  # draws of a run that are always taken
 BATCH = 1 << 19  # numbers in memory at a time
+RIG_UPDATES = 8  # updates of the spread of rigs in a sweep, since few rigs leave it to its prior
 RUNS_EACH_SWEEP = 500  # with more runs, their terms are stored in fewer sweeps
 
 
@@ -343,10 +344,12 @@ def _update_levels(
     moment = (sums @ precision + state.mean @ rig_precision)[..., None]
     noise = rng.standard_normal((n_rigs, n_products, 1))
     levels = np.linalg.solve(np.swapaxes(root, 1, 2), np.linalg.solve(root, moment) + noise)[..., 0]
-    noise = rng.standard_normal(n_products) @ np.linalg.inv(state.rig_root)
-    mean = levels.mean(axis=0) + noise / np.sqrt(n_rigs)
-    scatter = (levels - mean).T @ (levels - mean)
-    rig_root, scales = _update_covariance(scatter, n_rigs, state.rig_scales, spread_scale, rng)
+    rig_root, scales = state.rig_root, state.rig_scales
+    for _ in range(RIG_UPDATES):
+        noise = rng.standard_normal(n_products) @ np.linalg.inv(rig_root)
+        mean = levels.mean(axis=0) + noise / np.sqrt(n_rigs)
+        scatter = (levels - mean).T @ (levels - mean)
+        rig_root, scales = _update_covariance(scatter, n_rigs, scales, spread_scale, rng)
     return replace(state, levels=levels, mean=mean, rig_root=rig_root, rig_scales=scales)
 
 
