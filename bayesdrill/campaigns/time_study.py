@@ -35,7 +35,8 @@ SMALLEST_SPREAD = 1e-5  # s is not resolved below this, so that sums keep their 
 REGRESSOR_SD = 10.0  # prior sd of coefficients of regressors
 MIN_SPREADS, MAX_SPREADS = 12, 40  # values of s on its grid, whose steps follow its uncertainty
 WALKS = 8  # values of q on its grid
-NEIGHBOURS = 4  # runs before and after, whose median shows whether a run is foreign
+NEIGHBOURS = 4  # runs before, and after; a run that is far from both medians is foreign
+MAD_FACTOR = 2.0  # sd of normal runs over the median of their distances from the nearer neighbours
 FOREIGN_SDS = 4.0  # robust standard deviations from the neighbours, from which a run counts less
 
 
@@ -182,11 +183,8 @@ def level_history(
 def _series(t: Array, y: Array, c: Array, h: Array, spread_scale: float) -> _Series:
     """Make the grid of s, and give runs that are far from their neighbours a larger variance."""
     residuals = y - h @ np.linalg.lstsq(h, y, rcond=None)[0]
-    padded = np.pad(residuals, NEIGHBOURS, constant_values=np.nan)
-    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * NEIGHBOURS + 1)
-    others = np.delete(windows, NEIGHBOURS, axis=1)
-    deviation = np.abs(residuals - np.nanmedian(others, axis=1))
-    sd = max(1.4826 * float(np.median(deviation)), SMALLEST_SPREAD)
+    deviation = np.minimum(_distance(residuals), _distance(residuals[::-1])[::-1])
+    sd = max(MAD_FACTOR * float(np.median(deviation)), SMALLEST_SPREAD)
     inflation = np.maximum(1.0, deviation / (FOREIGN_SDS * sd)) ** 4  # its influence falls beyond
     known = float(np.sqrt(np.median(c)))  # records may know runs worse than they differ
     low, high = max(0.5 * sd, known), 1.5 * max(float(residuals.std()), sd, known)
@@ -205,6 +203,13 @@ def _series(t: Array, y: Array, c: Array, h: Array, spread_scale: float) -> _Ser
         variance=(s[:, None] ** 2 + c) * inflation,
         log_prior=np.log(mass[mass > 0]),
     )
+
+
+def _distance(residuals: Array) -> Array:
+    """Return the distance of each run from the median of those before it; infinite for the first."""
+    padded = np.pad(residuals[:-1], (NEIGHBOURS, 0), constant_values=np.nan)
+    before = np.lib.stride_tricks.sliding_window_view(padded, NEIGHBOURS)
+    return np.asarray(np.abs(residuals - np.append(np.inf, np.nanmedian(before[1:], axis=1))))
 
 
 def _moments(series: _Series) -> tuple[Array, Array, Array]:
