@@ -36,7 +36,7 @@ def sampled(n_products: int, ess: float) -> PopulationDraws:
     data = run_arrays(runs, np.zeros(4, int), np.zeros((4, n_products)), nothing, np.zeros(0))
     names, rng = tuple("pq")[:n_products], np.random.default_rng(1)
     targets = Targets(r_hat=1.01, n_tau=50, ess=ess)
-    return sample_population(data, names, SCALE, targets, 30_000, 4, rng, SILENT)
+    return sample_population(data, names, SCALE, targets, 30_000, 4, 10**6, rng, SILENT)
 
 
 def assert_same(draws: np.ndarray, mean: float, sd: float, ess: float) -> None:
@@ -104,9 +104,9 @@ def test_two_products_of_four_runs_equal_an_ensemble_over_population_and_integra
     ensemble._random.seed(3)
     ensemble.run_mcmc(start, 5000)
     joint = ensemble.get_chain(discard=500, flat=True)
-    sds = np.sqrt(np.diagonal(draws.covariance, axis1=2, axis2=3))
+    sds = np.sqrt(np.diagonal(draws.covariance, axis1=1, axis2=2))
     rho = draws.covariance[..., 0, 1] / sds.prod(axis=-1)
-    sample = [*np.moveaxis(draws.mean, 2, 0), *np.moveaxis(np.log(sds), 2, 0), np.arctanh(rho)]
+    sample = [*draws.mean.T, *np.log(sds).T, np.arctanh(rho)]
     for k, values in enumerate(sample):
         assert_same(values, joint[:, k].mean(), joint[:, k].std(), 1500)  # both have errors
 
