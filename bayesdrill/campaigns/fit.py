@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -15,7 +15,6 @@ from bayesdrill.campaigns.outcomes import (
     ProductPopulation,
     RigLevel,
     RunOutcome,
-    flat_draws,
     moments_alone,
     noted_effects,
     product_populations,
@@ -176,15 +175,17 @@ def fit_population(
         settings.targets,
         settings.max_sweeps,
         settings.chains,
+        settings.draws,
         rng,
         report,
     )
-    flat = flat_draws(sampled, settings.draws, extra_sd)
+    shift = extra_sd * rng.standard_normal(sampled.mean.shape)
+    end = replace(sampled, mean=sampled.mean + shift, levels=sampled.levels + shift[:, None])
     ahead = np.column_stack([np.nan_to_num(noted), np.zeros_like(trends)])
-    populations = product_populations(flat, products, nominal, ahead, rng)
+    populations = product_populations(end, products, nominal, ahead, rng)
     labels = tuple((run.name, run.rig) for run in runs)
-    outcomes = run_outcomes(data, sampled, flat, labels, products, offset)
-    mean = flat.covariance.mean(axis=0)
+    outcomes = run_outcomes(data, sampled, labels, products, offset)
+    mean = sampled.covariance.mean(axis=0)
     sds = np.sqrt(np.diagonal(mean))
     columns = tuple(missing)
     ranks = np.array([run.ranks for run in outcomes])
@@ -192,10 +193,10 @@ def fit_population(
         products=products,
         populations=populations,
         correlation=mean / np.outer(sds, sds),
-        tails=float(flat.nu.mean()),
-        rigs=rig_levels(flat, rigs, products, ahead, rng) if len(rigs) > 1 else (),
+        tails=float(sampled.nu.mean()),
+        rigs=rig_levels(end, rigs, products, ahead, rng) if len(rigs) > 1 else (),
         runs=outcomes,
-        noted=noted_effects(flat, columns, products),
+        noted=noted_effects(sampled, columns, products),
         missing=missing,
         ignored=ignored,
         timed=tuple(runs[r].name for r in order),

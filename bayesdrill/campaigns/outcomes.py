@@ -13,9 +13,8 @@ import numpy as np
 import scipy
 
 from bayesdrill.basics.arrays import Array, StoredArray
-from bayesdrill.campaigns.population import PopulationDraws, RunArrays
+from bayesdrill.campaigns.population import PopulationDraws, RunArrays, sds_of
 
-CENTRAL = float(scipy.special.ndtr(1.0))  # the quantile at one standard deviation
 SAME_RUNS = 0.05  # a table agrees if more than this share of runs is as far from the centre
 FALSE_OUTLIERS = 0.01  # expected number of runs of a sound campaign that are called outliers
 FOLLOWERS = 20  # next runs that are drawn for each draw of the population
@@ -143,97 +142,47 @@ class NotedEffect:
     share: Estimate
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FlatDraws:
-    """The M draws of the population after all chains have the parameters that outcomes need.
-
-    `extra_sd (K,)` is the uncertainty of the last level of a random walk, which widens what is ahead.
-    """
-
-    mean: Array
-    slopes: Array
-    levels: Array
-    covariance: Array
-    rig_covariance: Array
-    nu: Array
-    log_likelihood: Array
-    extra_sd: Array
-
-    @property
-    def spread(self) -> Array:
-        """Return the spread over runs of a rig, `(M, K)`."""
-        scales = np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
-        return np.asarray(scales * self.spread_of_t[:, None])
-
-    @property
-    def spread_of_t(self) -> Array:
-        """Return half the width of the central 68 % of a standard t, `(M,)`."""
-        return np.asarray(scipy.special.stdtrit(self.nu, CENTRAL))
-
-
-def flat_draws(draws: PopulationDraws, most: int, extra_sd: Array) -> FlatDraws:
-    """Return at most `most` draws, evenly spaced, of all chains together."""
-    n_terms = draws.log_likelihood.shape[1]
-    n_chains = len(draws.mean)
-    kept = np.unique(np.linspace(0, n_terms - 1, min(n_terms, most // n_chains)).astype(np.intp))
-
-    def flat(values: Array, stride: int = draws.stride) -> Array:
-        part = values[:, kept * stride]
-        return part.reshape(part.shape[0] * part.shape[1], *part.shape[2:])
-
-    return FlatDraws(
-        mean=flat(draws.mean),
-        slopes=flat(draws.slopes),
-        levels=flat(draws.levels),
-        covariance=flat(draws.covariance),
-        rig_covariance=flat(draws.rig_covariance),
-        nu=flat(draws.nu),
-        log_likelihood=flat(draws.log_likelihood, 1),
-        extra_sd=extra_sd,
-    )
-
-
-def next_runs(flat: FlatDraws, start: Array, design: Array, rng: np.random.Generator) -> Array:
+def next_runs(
+    draws: PopulationDraws, start: Array, design: Array, rng: np.random.Generator
+) -> Array:
     """Draw log products of next runs, `(M FOLLOWERS, K)`, about levels `start (M, K)`.
 
     Their covariates are those of runs of the campaign, `design (R, p)`, taken at random.
     """
-    n_draws, n_products = flat.mean.shape
+    n_draws, n_products = draws.mean.shape
     shape = (n_draws, FOLLOWERS, n_products)
     x = design[rng.integers(len(design), size=shape[:2])]
-    root = np.linalg.cholesky(flat.covariance)
+    root = np.linalg.cholesky(draws.covariance)
     t = np.einsum("mij,mfj->mfi", root, rng.standard_normal(shape))
-    t /= np.sqrt(rng.chisquare(flat.nu[:, None], shape[:2]) / flat.nu[:, None])[..., None]
-    z = start[:, None] + x @ flat.slopes + t + flat.extra_sd * rng.standard_normal(shape)
+    t /= np.sqrt(rng.chisquare(draws.nu[:, None], shape[:2]) / draws.nu[:, None])[..., None]
+    z = start[:, None] + x @ draws.slopes + t
     return np.asarray(z.reshape(-1, n_products))
 
 
 def product_populations(
-    flat: FlatDraws,
+    draws: PopulationDraws,
     products: tuple[str, ...],
     nominal: dict[str, float],
     design: Array,
     rng: np.random.Generator,
 ) -> tuple[ProductPopulation, ...]:
     """Describe the population of each log product; `nominal` has logs of nominal values by name."""
-    several = bool(flat.rig_covariance.any())
-    noise = rng.standard_normal(flat.mean.shape)
-    start, rig_spread = flat.mean, np.zeros_like(flat.mean)
+    several = bool(draws.rig_covariance.any())
+    start, rig_spread = draws.mean, np.zeros_like(draws.mean)
     if several:
-        root = np.linalg.cholesky(flat.rig_covariance)
-        start = start + (root @ rng.standard_normal((*noise.shape, 1)))[..., 0]
-        rig_spread = np.sqrt(np.diagonal(flat.rig_covariance, axis1=1, axis2=2))
-    following = next_runs(flat, start, design, rng)
-    centres = flat.mean + flat.extra_sd * noise
+        root = np.linalg.cholesky(draws.rig_covariance)
+        start = start + (root @ rng.standard_normal((*start.shape, 1)))[..., 0]
+        rig_spread = sds_of(draws.rig_covariance)
+    following = next_runs(draws, start, design, rng)
     return tuple(
         ProductPopulation(
             product=product,
-            centre=estimate(centres[:, k]),
-            spread=estimate(flat.spread[:, k]),
+            centre=estimate(draws.mean[:, k]),
+            spread=estimate(draws.spread[:, k]),
             rig_spread=estimate(rig_spread[:, k]) if several else None,
             next_run=estimate(following[:, k]),
             table=(
-                _compare(nominal[product], centres[:, k], following[:, k])
+                _compare(nominal[product], draws.mean[:, k], following[:, k])
                 if product in nominal
                 else None
             ),
@@ -254,7 +203,7 @@ def _compare(nominal: float, centres: Array, following: Array) -> TableCompariso
 
 
 def rig_levels(
-    flat: FlatDraws,
+    draws: PopulationDraws,
     rigs: tuple[str, ...],
     products: tuple[str, ...],
     design: Array,
@@ -263,12 +212,12 @@ def rig_levels(
     """Describe the level of each rig, and its next run."""
     outcomes = []
     for g, rig in enumerate(rigs):
-        following = next_runs(flat, flat.levels[:, g], design, rng)
+        following = next_runs(draws, draws.levels[:, g], design, rng)
         outcomes += [
             RigLevel(
                 rig=rig,
                 product=product,
-                level=estimate(flat.levels[:, g, k]),
+                level=estimate(draws.levels[:, g, k]),
                 next_run=estimate(following[:, k]),
             )
             for k, product in enumerate(products)
@@ -277,17 +226,17 @@ def rig_levels(
 
 
 def noted_effects(
-    flat: FlatDraws, columns: tuple[str, ...], products: tuple[str, ...]
+    draws: PopulationDraws, columns: tuple[str, ...], products: tuple[str, ...]
 ) -> tuple[NotedEffect, ...]:
     """Describe what each noted column, whose variance is one, does to each log product."""
-    rest = flat.spread**2 + np.diagonal(flat.rig_covariance, axis1=1, axis2=2)
-    total = (flat.slopes[:, : len(columns)] ** 2).sum(axis=1) + rest
+    rest = draws.spread**2 + sds_of(draws.rig_covariance) ** 2
+    total = (draws.slopes[:, : len(columns)] ** 2).sum(axis=1) + rest
     return tuple(
         NotedEffect(
             column=column,
             product=product,
-            slope=estimate(flat.slopes[:, j, k]),
-            share=estimate(flat.slopes[:, j, k] ** 2 / total[:, k]),
+            slope=estimate(draws.slopes[:, j, k]),
+            share=estimate(draws.slopes[:, j, k] ** 2 / total[:, k]),
         )
         for j, column in enumerate(columns)
         for k, product in enumerate(products)
@@ -310,7 +259,6 @@ def moments_alone(data: RunArrays) -> tuple[Array, Array]:
 def run_outcomes(
     data: RunArrays,
     draws: PopulationDraws,
-    flat: FlatDraws,
     labels: tuple[tuple[str, str], ...],
     products: tuple[str, ...],
     offset: Array,
@@ -321,17 +269,16 @@ def run_outcomes(
     the run's likelihood, which are cut at sqrt(M) times their mean (Ionides 2008).
     """
     alone, covariance = moments_alone(data)
-    design = np.nan_to_num(data.design[:, data.design.shape[1] - flat.slopes.shape[1] :])
-    index = draws.index.reshape(-1, len(labels))
+    design = np.nan_to_num(data.design[:, data.design.shape[1] - draws.slopes.shape[1] :])
     outcomes = []
     for r, (name, rig) in enumerate(labels):
-        inverse = np.exp(flat.log_likelihood[:, r].min() - flat.log_likelihood[:, r])
+        inverse = np.exp(draws.log_likelihood[:, r].min() - draws.log_likelihood[:, r])
         weights = np.minimum(inverse, np.sqrt(len(inverse)) * inverse.mean())
         weights /= weights.sum()
-        centres = flat.levels[:, data.rig[r]] + design[r] @ flat.slopes
+        centres = draws.levels[:, data.rig[r]] + design[r] @ draws.slopes
         deviation = alone[r] - centres
-        core = flat.covariance * (flat.spread_of_t**2)[:, None, None] + covariance[r]
-        wide = flat.covariance + covariance[r]
+        core = draws.covariance * (draws.spread_of_t**2)[:, None, None] + covariance[r]
+        wide = draws.covariance + covariance[r]
         squares = np.einsum(
             "mk,mk->m", deviation, np.linalg.solve(core, deviation[..., None])[..., 0]
         )
@@ -340,20 +287,20 @@ def run_outcomes(
         )
         n_products = len(products)
         core_tail = float(weights @ scipy.special.chdtrc(n_products, squares))
-        tail = weights @ scipy.special.fdtrc(n_products, flat.nu, t_squares / n_products)
-        sds = np.abs(weights @ (deviation / np.sqrt(np.diagonal(core, axis1=1, axis2=2))))
-        scales = np.sqrt(np.diagonal(wide, axis1=1, axis2=2))
-        chosen = data.draws[r, index[:, r]]
+        tail = weights @ scipy.special.fdtrc(n_products, draws.nu, t_squares / n_products)
+        sds = np.abs(weights @ (deviation / sds_of(core)))
+        scales = sds_of(wide)
+        chosen = data.draws[r, draws.index[:, r]]
         outcomes.append(
             RunOutcome(
                 name=name,
                 rig=rig,
                 alone=alone[r] + offset[r],
-                alone_sd=np.sqrt(np.diagonal(covariance[r])),
+                alone_sd=sds_of(covariance[r]),
                 shrunk=chosen.mean(axis=0) + offset[r],
                 shrunk_sd=chosen.std(axis=0),
-                effective=float(np.median(draws.effective[..., r])),
-                ranks=weights @ scipy.special.stdtr(flat.nu[:, None], deviation / scales),
+                effective=float(np.median(draws.effective[:, r])),
+                ranks=weights @ scipy.special.stdtr(draws.nu[:, None], deviation / scales),
                 worst=products[int(np.argmax(sds))],
                 sds=float(sds.max()),
                 tail=float(tail),

@@ -29,11 +29,13 @@ from bayesdrill.campaigns.draws import MAX_DRAWS, InterimDraws
 from bayesdrill.sampling.convergence import Convergence, Targets, assess, chain_length
 
 HALF_T_FREEDOM = 2.0  # of the sds; with two, correlations are uniform between -1 and 1
+CENTRAL = float(scipy.special.ndtr(1.0))  # the quantile at one standard deviation
 FREEDOMS = np.geomspace(2.0, 200.0, 14)  # values of nu; with 200 the tails are normal
 FIRST_CHECK = 800  # sweeps
 MAX_NUMBERS = 4e7  # numbers in the draws of all runs, of which fewer are taken in a large campaign
 MIN_DRAWS = 100  # draws of a run that are always taken
 BATCH = 1 << 19  # numbers in memory at a time
+RIG_UPDATES = 8  # updates of the spread of rigs in a sweep, since few rigs leave it to its prior
 RUNS_EACH_SWEEP = 500  # with more runs, their terms are stored in fewer sweeps
 
 
@@ -107,11 +109,11 @@ class _State:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PopulationDraws:
-    """E chains of N sweeps have the parameters of the population, `(E, N, ...)` each.
+    """M draws of the population have its parameters, `(M, ...)` each, and the terms of R runs.
 
     `covariance` is Sigma, `rig_covariance` is Sigma_rig (zero with one rig), and `levels` are eta_g.
-    Every `stride`-th sweep, `index (E, n, R)` is the chosen draw of each run, `log_likelihood` its
-    term of the likelihood, and `effective` the effective number of its draws.
+    `index (M, R)` is the chosen draw of each run, `log_likelihood (M, R)` its term of the likelihood,
+    and `effective (M, R)` the effective number of its draws.
     """
 
     mean: Array
@@ -120,11 +122,25 @@ class PopulationDraws:
     covariance: Array
     rig_covariance: Array
     nu: Array
-    stride: int
     index: Indices
     log_likelihood: Array
     effective: Array
     convergence: Convergence
+
+    @property
+    def spread(self) -> Array:
+        """Return the spread over runs of a rig, `(M, K)`."""
+        return np.asarray(sds_of(self.covariance) * self.spread_of_t[:, None])
+
+    @property
+    def spread_of_t(self) -> Array:
+        """Return half the width of the central 68 % of a standard t, `(M,)`."""
+        return np.asarray(scipy.special.stdtrit(self.nu, CENTRAL))
+
+
+def sds_of(covariance: Array) -> Array:
+    """Return the standard deviations of covariances, `(..., K, K) -> (..., K)`."""
+    return np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
 
 
 def log_t(squares: Array, nu: Array | float, n_products: int) -> Array:
@@ -142,10 +158,14 @@ def sample_population(
     targets: Targets,
     max_sweeps: int,
     n_chains: int,
+    most_draws: int,
     rng: np.random.Generator,
     report: Reporter,
 ) -> PopulationDraws:
-    """Sample the population until `targets` are met; half-t priors of sds have the `spread_scale`."""
+    """Sample the population until `targets` are met, and return at most `most_draws`, evenly spaced.
+
+    Half-t priors of sds have the `spread_scale`.
+    """
     streams = rng.spawn(n_chains)
     states = [_start(data, spread_scale, stream) for stream in streams]
     stride = max(1, len(data.counts) // RUNS_EACH_SWEEP)
@@ -170,33 +190,32 @@ def sample_population(
             break
         wanted = max(length.next_check(wanted, targets.n_tau), int(1.25 * wanted))
     report.update(1.0, "")
-    return _population_draws(data, sweeps, terms, stride, checked)
+    first, end = -(-checked.burn_in // stride), len(terms[0])
+    count = min(end - first, most_draws // n_chains)
+    chosen = np.unique(np.linspace(first, end - 1, count).astype(np.intp))
+    states = [chain[i * stride] for chain in sweeps for i in chosen]
+    return _population_draws(data, states, [chain[i] for chain in terms for i in chosen], checked)
 
 
 def _population_draws(
     data: RunArrays,
-    sweeps: list[list[_State]],
-    terms: list[list[tuple[Indices, Array, Array]]],
-    stride: int,
+    states: list[_State],
+    terms: list[tuple[Indices, Array, Array]],
     checked: Convergence,
 ) -> PopulationDraws:
-    """Stack the chains after the burn-in; with one rig its level is taken from the coefficients."""
-    first = -(-checked.burn_in // stride)
-    kept = [chain[first * stride :] for chain in sweeps]
+    """Stack the states of all chains; with one rig its level is taken from the coefficients."""
 
     def stacked(name: str) -> Array:
-        return np.array([[getattr(state, name) for state in chain] for chain in kept])
+        return np.array([getattr(state, name) for state in states])
 
     slopes, levels, mean = stacked("slopes"), stacked("levels"), stacked("mean")
     rig_root, root = stacked("rig_root"), stacked("root")
     rig_covariance = np.zeros_like(root)
     if data.n_rigs == 1:
-        levels, mean, slopes = slopes[:, :, :1], slopes[:, :, 0], slopes[:, :, 1:]
+        levels, mean, slopes = slopes[:, :1], slopes[:, 0], slopes[:, 1:]
     else:
         rig_covariance = np.linalg.inv(rig_root @ np.swapaxes(rig_root, -1, -2))
-    index, log_likelihood, effective = (
-        np.array([[term[i] for term in chain[first:]] for chain in terms]) for i in range(3)
-    )
+    index, log_likelihood, effective = map(np.array, zip(*terms, strict=True))
     return PopulationDraws(
         mean=mean,
         slopes=slopes,
@@ -204,7 +223,6 @@ def _population_draws(
         covariance=np.linalg.inv(root @ np.swapaxes(root, -1, -2)),
         rig_covariance=rig_covariance,
         nu=stacked("nu"),
-        stride=stride,
         index=index,
         log_likelihood=log_likelihood,
         effective=effective,
@@ -343,10 +361,12 @@ def _update_levels(
     moment = (sums @ precision + state.mean @ rig_precision)[..., None]
     noise = rng.standard_normal((n_rigs, n_products, 1))
     levels = np.linalg.solve(np.swapaxes(root, 1, 2), np.linalg.solve(root, moment) + noise)[..., 0]
-    noise = rng.standard_normal(n_products) @ np.linalg.inv(state.rig_root)
-    mean = levels.mean(axis=0) + noise / np.sqrt(n_rigs)
-    scatter = (levels - mean).T @ (levels - mean)
-    rig_root, scales = _update_covariance(scatter, n_rigs, state.rig_scales, spread_scale, rng)
+    rig_root, scales = state.rig_root, state.rig_scales
+    for _ in range(RIG_UPDATES):
+        noise = rng.standard_normal(n_products) @ np.linalg.inv(rig_root)
+        mean = levels.mean(axis=0) + noise / np.sqrt(n_rigs)
+        scatter = (levels - mean).T @ (levels - mean)
+        rig_root, scales = _update_covariance(scatter, n_rigs, scales, spread_scale, rng)
     return replace(state, levels=levels, mean=mean, rig_root=rig_root, rig_scales=scales)
 
 
@@ -373,7 +393,7 @@ def _trace(data: RunArrays, state: _State) -> Array:
     above = np.triu_indices(len(state.root), 1)
     for root in roots:
         covariance = np.linalg.inv(root @ root.T)
-        sds = np.sqrt(np.diagonal(covariance))
+        sds = sds_of(covariance)
         parts += [np.log(sds), np.arctanh((covariance / np.outer(sds, sds))[above])]
     return np.concatenate([*parts, [np.log(state.nu)]])
 

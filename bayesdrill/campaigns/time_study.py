@@ -12,8 +12,11 @@ evidence, which is summed over grids of s, of the moment of a change, and of the
 
 All but the grids is exact linear-Gaussian algebra: sums over the runs after each moment give the
 evidence of all changes at once (Smith 1975), and a Kalman filter that of the walk.  A further change
-is sought beside those before, until another is improbable.  A run that is far from its neighbours
-in time counts less, so that a foreign record is no change.
+is sought beside those before, until another is improbable.
+
+Any run may be foreign: e_i then has a further variance FOREIGN_SD^2, with the prior probability
+FOREIGN.  The evidence is summed over sets of foreign runs among those that are farthest from their
+neighbours in time, so that a foreign record neither is a change nor hides one.
 """
 
 from __future__ import annotations
@@ -35,8 +38,15 @@ SMALLEST_SPREAD = 1e-5  # s is not resolved below this, so that sums keep their 
 REGRESSOR_SD = 10.0  # prior sd of coefficients of regressors
 MIN_SPREADS, MAX_SPREADS = 12, 40  # values of s on its grid, whose steps follow its uncertainty
 WALKS = 8  # values of q on its grid
-NEIGHBOURS = 4  # runs before and after, whose median shows whether a run is foreign
-FOREIGN_SDS = 4.0  # robust standard deviations from the neighbours, from which a run counts less
+NEIGHBOURS = 4  # runs before, and after; a run that is far from both medians may be foreign
+MAD_FACTOR = 2.0  # sd of normal runs over the median of their distances from the nearer neighbours
+FOREIGN = 0.03  # prior probability that a run is foreign
+FOREIGN_SD = 0.2  # prior sd of a foreign run about the level, in logs
+SUBSETS_OF = 3  # of so many farthest runs all subsets may be foreign, beyond them the k farthest
+MOST_FOREIGN = 0.3  # share of runs
+NEGLIGIBLE = (
+    1e-2  # probability, over that of the likeliest, of a set of foreign runs that is dropped
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,7 +102,8 @@ class LevelHistory:
 class _Series:
     """Estimates `y (R,)` at times `t (R,)` in order have regressors `h (R, p)` with prior sds `(p,)`.
 
-    `variance (n, R)` is given at each s of a grid, with prior log probabilities `log_prior (n,)`.
+    `variance (n, R)` is given at each s of a grid and each set of foreign runs, with prior log
+    probabilities `log_prior (n,)`.
     """
 
     t: Array
@@ -180,14 +191,10 @@ def level_history(
 
 
 def _series(t: Array, y: Array, c: Array, h: Array, spread_scale: float) -> _Series:
-    """Make the grid of s, and give runs that are far from their neighbours a larger variance."""
+    """Make the grid of s and of the sets of foreign runs that matter to any description."""
     residuals = y - h @ np.linalg.lstsq(h, y, rcond=None)[0]
-    padded = np.pad(residuals, NEIGHBOURS, constant_values=np.nan)
-    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * NEIGHBOURS + 1)
-    others = np.delete(windows, NEIGHBOURS, axis=1)
-    deviation = np.abs(residuals - np.nanmedian(others, axis=1))
-    sd = max(1.4826 * float(np.median(deviation)), SMALLEST_SPREAD)
-    inflation = np.maximum(1.0, deviation / (FOREIGN_SDS * sd)) ** 4  # its influence falls beyond
+    deviation = np.minimum(_distance(residuals), _distance(residuals[::-1])[::-1])
+    sd = max(MAD_FACTOR * float(np.median(deviation)), SMALLEST_SPREAD)
     known = float(np.sqrt(np.median(c)))  # records may know runs worse than they differ
     low, high = max(0.5 * sd, known), 1.5 * max(float(residuals.std()), sd, known)
     count = int(np.clip(1.5 * np.log(high / low) * np.sqrt(2 * len(y)), MIN_SPREADS, MAX_SPREADS))
@@ -197,14 +204,47 @@ def _series(t: Array, y: Array, c: Array, h: Array, spread_scale: float) -> _Ser
     x = ends / spread_scale
     mass = np.diff(x / np.sqrt(HALF_T_FREEDOM + x**2))
     s = 0.5 * (ends[1:] + ends[:-1])[mass > 0]
-    return _Series(
-        t=t,
-        y=y,
-        h=h,
-        prior_sd=np.full(h.shape[1], REGRESSOR_SD),
-        variance=(s[:, None] ** 2 + c) * inflation,
-        log_prior=np.log(mass[mass > 0]),
+    log_mass, prior_sd = np.log(mass[mass > 0]), np.full(h.shape[1], REGRESSOR_SD)
+    grids, evidences = [], []
+    for foreign in _foreign_sets(deviation):
+        variance = s[:, None] ** 2 + c + FOREIGN_SD**2 * foreign
+        log_prior = log_mass + foreign.sum() * np.log(FOREIGN / (1.0 - FOREIGN))
+        grid = _Series(t=t, y=y, h=h, prior_sd=prior_sd, variance=variance, log_prior=log_prior)
+        ramped = grid.with_column(grid.ramp)
+        drift = _fit(y, ramped.h, variance, ramped.prior_sd).log_evidence
+        constant = _fit(y, h, variance, prior_sd).log_evidence
+        grids.append(grid)
+        evidences.append(
+            [
+                *map(_log_sum, (constant + log_prior, drift + log_prior)),
+                _log_sum(_moments(grid)[0].ravel()),
+            ]
+        )
+    relative = np.array(evidences) - np.max(evidences, axis=0)
+    kept = [grids[i] for i in np.flatnonzero((relative > np.log(NEGLIGIBLE)).any(axis=1))]
+    return replace(
+        grids[0],
+        variance=np.concatenate([grid.variance for grid in kept]),
+        log_prior=np.concatenate([grid.log_prior for grid in kept]),
     )
+
+
+def _foreign_sets(deviation: Array) -> Array:
+    """Return sets of runs `(n, R)` that may be foreign, given distances from the neighbours."""
+    n_runs = len(deviation)
+    rank = np.argsort(np.argsort(-deviation, kind="stable"))
+    most = int(MOST_FOREIGN * n_runs)
+    first = min(SUBSETS_OF, most)
+    subsets = (np.arange(2**first)[:, None] >> np.minimum(rank, first)) & 1 == 1
+    sizes = np.unique(np.geomspace(first + 1, max(most, first + 1), 12).astype(int))
+    return np.concatenate([subsets, rank < sizes[sizes <= most, None]])
+
+
+def _distance(residuals: Array) -> Array:
+    """Return the distance of each run from the median of those before it; infinite for the first."""
+    padded = np.pad(residuals[:-1], (NEIGHBOURS, 0), constant_values=np.nan)
+    before = np.lib.stride_tricks.sliding_window_view(padded, NEIGHBOURS)
+    return np.asarray(np.abs(residuals - np.append(np.inf, np.nanmedian(before[1:], axis=1))))
 
 
 def _moments(series: _Series) -> tuple[Array, Array, Array]:

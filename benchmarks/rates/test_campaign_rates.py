@@ -1,6 +1,6 @@
 """Rates of intervals of campaigns: population, single runs, and the next run.
 
-pytest benchmarks/rates/test_campaign_rates.py
+pytest -m slow -s benchmarks/rates/test_campaign_rates.py
 """
 
 from __future__ import annotations
@@ -46,6 +46,7 @@ def hits_of_campaign(seed: int) -> dict[str, list[list[bool]]]:
     return hits
 
 
+@pytest.mark.slow
 def test_intervals_of_campaigns_hold_the_truth_at_their_rate() -> None:
     campaigns = [hits_of_campaign(seed) for seed in range(CAMPAIGNS)]
     for kind in campaigns[0]:

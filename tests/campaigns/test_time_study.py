@@ -123,6 +123,35 @@ def test_foreign_runs_are_no_changes() -> None:
     assert history(level, 3).best == "constant"
 
 
+def test_a_foreign_run_among_twelve_neither_hides_a_jump_of_8_percent_nor_is_a_change() -> None:
+    index, ones = np.arange(12.0), np.ones((12, 1))
+    named = {"jump": 0, "jump without the foreign run": 0, "alarms without a jump": 0}
+    for seed in range(50):
+        rng = np.random.default_rng(seed)
+        flat = np.hypot(0.015, 0.01) * rng.standard_normal(12)
+        foreign = rng.integers(12)
+        flat[foreign] += 0.4 * rng.choice([-1, 1])
+        y, kept = flat + np.where(index < 7, 0.0, 0.08), index != foreign
+        whole = level_history(index, y, np.full(12, 1e-4), ones, 0.1)
+        without = level_history(index[kept], y[kept], np.full(11, 1e-4), ones[kept], 0.1)
+        null = level_history(index, flat, np.full(12, 1e-4), ones, 0.1)
+        named["jump"] += whole.best == "changes"
+        named["jump without the foreign run"] += without.best == "changes"
+        named["alarms without a jump"] += null.probabilities["constant"] < 0.05
+    assert named["jump"] >= 0.9 * named["jump without the foreign run"] >= 36
+    assert named["alarms without a jump"] <= 1
+
+
+def test_sets_of_foreign_runs_hold_the_farthest_runs_and_none_twice() -> None:
+    sets = time_study._foreign_sets(np.array([0.1, 0.4, 0.2, 0.3]))
+    assert {tuple(row) for row in sets.astype(int)} == {(0, 0, 0, 0), (0, 1, 0, 0)}
+    sets = time_study._foreign_sets(np.linspace(1.0, 0.0, 40))
+    assert len(np.unique(sets, axis=0)) == len(sets)
+    assert max(sets.sum(axis=1)) == 12  # three tenths of them
+    assert sets[:, :12].any(axis=0).all()
+    assert not sets[:, 12:].any()
+
+
 def test_no_change_is_between_runs_of_equal_time() -> None:
     rng = np.random.default_rng(6)
     t = np.repeat(np.arange(20.0), 5)

@@ -1,0 +1,164 @@
+"""Populations of simulated runs: their runs, rigs, noted columns, nominal table and next run."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from support.simulated_campaigns import BRIEF, SimulatedRuns, interim_posterior, normal_runs
+
+from bayesdrill.basics.json_records import as_data, from_data
+from bayesdrill.basics.progress import SILENT
+from bayesdrill.campaigns.draws import CampaignDraws
+from bayesdrill.campaigns.fit import PopulationFit, PopulationSettings, fit_population
+
+RUNS, SPREAD = 40, np.array([0.04, 0.02])
+SETTINGS = PopulationSettings(targets=BRIEF)
+
+
+def sound_runs() -> SimulatedRuns:
+    return normal_runs(np.random.default_rng(11), RUNS, SPREAD, sd=0.015)
+
+
+@cache
+def sound_fit() -> PopulationFit:
+    settings = replace(SETTINGS, nominal={"p0": np.exp(0.02), "p1": np.exp(0.2)})
+    return fit_population(
+        sound_runs().draws(np.random.default_rng(12)), settings, np.random.default_rng(13), SILENT
+    )
+
+
+@cache
+def fit_of_three_rigs() -> PopulationFit:
+    """Fit three rigs, a temperature with a gap, a clock that stands still, and a jump of 10 %."""
+    rng = np.random.default_rng(21)
+    index = np.arange(60)
+    temperature = rng.standard_normal(60)
+    z = SPREAD * rng.standard_normal((60, 2))
+    z += np.array([[0.0, 0.0], [0.3, 0.0], [0.1, -0.2]])[index % 3]
+    z[:, 1] += 0.03 * temperature
+    z[:, 0] += np.where(index < 45, 0.0, 0.1)
+    noted = {"temperature": 20 + 5 * temperature, "clock": np.ones(60)}
+    noted["temperature"][[3, 30]] = np.nan
+    runs = SimulatedRuns(
+        z=z,
+        sd=np.full(z.shape, 0.01),
+        rigs=tuple("abc"[k % 3] for k in index),
+        hours=index.astype(float),
+        noted=noted,
+    )
+    return fit_population(runs.draws(rng), SETTINGS, rng, SILENT)
+
+
+def test_population_of_sound_runs_holds_the_truth_and_flags_none() -> None:
+    fit = sound_fit()
+    assert fit.convergence.converged
+    assert [run.name for run in fit.runs if run.outlier] == []
+    for population, spread in zip(fit.populations, SPREAD, strict=True):
+        assert abs(population.centre.mean) < 3 * population.centre.sd
+        assert population.spread.mean == pytest.approx(spread, rel=0.35)
+        # The next run is drawn from the population, whose spread the central 68 % show.
+        width = population.next_run.high_90 - population.next_run.low_90
+        assert width == pytest.approx(2 * 1.645 * spread, rel=0.4)
+    assert fit.leave_one_out.within_50 == pytest.approx(0.5, abs=0.15)
+    assert fit.leave_one_out.within_90 == pytest.approx(0.9, abs=0.08)
+
+
+def test_shrunk_runs_are_nearer_to_the_truth_than_runs_alone() -> None:
+    z = sound_runs().z
+    alone = np.array([run.alone for run in sound_fit().runs])
+    shrunk = np.array([run.shrunk for run in sound_fit().runs])
+    assert ((shrunk - z) ** 2).mean() < 0.9 * ((alone - z) ** 2).mean()
+    # Without its interim prior a run alone is its normal estimate.
+    sds = np.array([run.alone_sd for run in sound_fit().runs])
+    assert np.median(sds) == pytest.approx(0.015, rel=0.1)
+    assert all((run.shrunk_sd < run.alone_sd).mean() >= 0.5 for run in sound_fit().runs)
+
+
+def test_a_table_agrees_if_runs_differ_by_more_than_it_is_off() -> None:
+    near, far = (population.table for population in sound_fit().populations)
+    assert near is not None
+    assert far is not None
+    assert (near.agrees, far.agrees) == (True, False)
+    assert far.offset.mean == pytest.approx(-0.2, abs=0.02)
+
+
+def test_foreign_runs_are_flagged_and_leave_the_population_as_without_them() -> None:
+    runs = sound_runs()
+    strange = np.array([[0.4, 0.3], [0.0, -0.25]])  # another rig, and another gear
+    foreign = SimulatedRuns(z=np.vstack([runs.z, strange]), sd=np.full((RUNS + 2, 2), 0.015))
+    draws = foreign.draws(np.random.default_rng(12))
+    fit = fit_population(draws, SETTINGS, np.random.default_rng(13), SILENT)
+    flagged = [run for run in fit.runs if run.outlier]
+    assert [run.name for run in flagged] == [f"run {RUNS}", f"run {RUNS + 1}"]
+    assert flagged[1].worst == "p1"
+    assert all(run.sds > 4 for run in flagged)
+    for before, after in zip(sound_fit().populations, fit.populations, strict=True):
+        assert abs(after.centre.mean - before.centre.mean) < before.centre.sd
+        assert abs(after.spread.mean - before.spread.mean) < 1.5 * before.spread.sd
+
+
+def test_a_jump_moves_the_population_to_its_level_at_the_end() -> None:
+    fit = fit_of_three_rigs()
+    jumping, constant = fit.charts
+    (change,) = jumping.history.changes
+    assert abs(change.run - 45) <= 1
+    assert abs(change.size - 0.1) < 3 * change.size_sd
+    assert (jumping.alarm, constant.alarm) == (True, False)
+    outside = np.abs(jumping.moving_average) > jumping.moving_limit
+    assert outside[-5:].all()
+    levels = [rig.level for rig in fit.rigs if rig.product == "p0"]
+    for level, truth in zip(levels, (0.1, 0.4, 0.2), strict=True):
+        assert abs(level.mean - truth) < 3 * level.sd
+        assert level.sd < 0.03
+
+
+def test_rigs_have_levels_and_a_new_rig_is_less_certain() -> None:
+    fit = fit_of_three_rigs()
+    assert [(rig.rig, rig.product) for rig in fit.rigs[:3]] == [
+        ("a", "p0"),
+        ("a", "p1"),
+        ("b", "p0"),
+    ]
+    for population in fit.populations:
+        assert population.rig_spread is not None
+        known = [rig.next_run.sd for rig in fit.rigs if rig.product == population.product]
+        assert population.next_run.sd > 1.5 * max(known)
+
+
+def test_a_noted_column_with_gaps_explains_its_share_of_the_spread() -> None:
+    fit = fit_of_three_rigs()
+    assert fit.missing == {"temperature": 2}
+    assert fit.ignored == ("clock",)
+    none, slope = fit.noted
+    assert abs(none.slope.mean) < 3 * none.slope.sd
+    assert abs(slope.slope.mean - 0.03) < 3 * slope.slope.sd + 0.004  # its sd is one by chance only
+    without_rigs = 0.03**2 / (0.03**2 + 0.02**2)
+    assert none.share.mean < 0.05 < slope.share.mean < without_rigs
+
+
+def test_a_run_with_few_draws_in_the_population_has_to_be_sampled_again() -> None:
+    rng = np.random.default_rng(31)
+    draws = normal_runs(rng, 8, np.array([0.02]), sd=0.005).draws(rng, 300)
+    z, log_interim = interim_posterior(np.zeros(1), np.array([3.0]), rng, 300, width=1.0)
+    vague = replace(draws.runs[0], log_products=z, log_interim=log_interim)
+    campaign = CampaignDraws(products=draws.products, runs=(vague, *draws.runs[1:]))
+    fit = fit_population(campaign, SETTINGS, rng, SILENT)
+    assert fit.resample == ("run 0",)
+    assert fit.runs[0].effective < 100 < min(run.effective for run in fit.runs[1:])
+
+
+def test_a_fit_is_the_same_after_it_is_written_and_read() -> None:
+    data = as_data(fit_of_three_rigs())
+    assert as_data(from_data(PopulationFit, data)) == data
+
+
+def test_what_cannot_be_fitted_is_named_at_once() -> None:
+    rng = np.random.default_rng(41)
+    draws = normal_runs(rng, 2, SPREAD).draws(rng)
+    settings = PopulationSettings(nominal={"p0": -1.0, "other": 1.0})
+    with pytest.raises(ValueError, match="at least 3 runs, but has 2") as raised:
+        fit_population(draws, settings, rng, SILENT)
+    assert all(name in str(raised.value) for name in ("p0", "other"))
