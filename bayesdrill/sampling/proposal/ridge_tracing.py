@@ -374,7 +374,7 @@ def covariance_roots(curvature: Array) -> Array:
 def _best_fit(
     base: LocalBasis, bent: Indices, psi: Array, tau: Array, roots: Array, *, last: bool
 ) -> tuple[RidgeMap, float]:
-    """Fit polynomials whose degree has the least error at held-out points; return ridge and error."""
+    """Fit polynomials of the degree with least error at held-out points; return ridge and error."""
     held_out = np.arange(len(psi)) % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
     fitting = psi[~held_out], tau[~held_out], roots[~held_out]
     # Only held-out points within the ball of the fit count, since polynomials do not extrapolate.
