@@ -1,8 +1,8 @@
-"""Say what the population means for its products, its runs, the nominal table and the next run.
+"""Describe a fitted population: its products and runs, the next run, and the nominal table.
 
 All levels, spreads and intervals are in natural logarithms of the products, so that 0.05 is about 5 %.
-A spread is half the width of the central 68 % of the runs, which is the standard deviation of normal
-ones.  A few foreign runs widen the tails of the population rather than its spread.
+A spread is half the width of the interval that holds the central 68 % of the runs.  For normal runs
+it is the standard deviation.  A few foreign runs hardly change it, because they widen the tails.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ import scipy
 from bayesdrill.basics.arrays import Array, StoredArray
 from bayesdrill.campaigns.population import PopulationDraws, RunArrays, sds_of
 
-SAME_RUNS = 0.05  # a table agrees if more than this share of runs is as far from the centre
+SAME_RUNS = 0.05  # a nominal value agrees if more than this share of runs is as far out
 FALSE_OUTLIERS = 0.01  # expected number of runs of a sound campaign that are called outliers
-FOLLOWERS = 20  # next runs that are drawn for each draw of the population
+FOLLOWERS = 20  # number of possible next runs for each draw of the population
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Estimate:
-    """A number has these mean, standard deviation, and ends of central 50 and 90 % intervals."""
+    """An estimate has mean, standard deviation, and the ends of central 50 and 90 % intervals."""
 
     mean: float
     sd: float
@@ -53,7 +53,7 @@ class TableComparison:
     nominal: logarithm of the nominal value
     offset: the centre of the population minus the nominal value
     probability: probability that another run is as far from the median run as the nominal value
-    agrees: whether runs differ so much that the nominal value could be one of them
+    agrees: whether `probability` is so large that the nominal value may be that of a run
     """
 
     nominal: float
@@ -64,10 +64,10 @@ class TableComparison:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProductPopulation:
-    """The log product has this population, over runs and over rigs.
+    """The population of a log product has a centre, and spreads over runs and over rigs.
 
     product: name of the product
-    centre: level at the end of the campaign, at average noted numbers
+    centre: level at the end of the campaign, with noted columns at their averages
     spread: spread over runs of a rig
     rig_spread: spread over rigs, None if there is only one
     next_run: log product of the next run, of a new rig if there are several
@@ -84,7 +84,7 @@ class ProductPopulation:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RigLevel:
-    """A rig has this level of a log product, and expects this of its next run."""
+    """A rig has a level of a log product, and a predicted value of it in the next run."""
 
     rig: str
     product: str
@@ -94,20 +94,20 @@ class RigLevel:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunOutcome:
-    """A run has these log products by itself and as one of the population, `(K,)` each.
+    """A run has estimates of K log products, alone and as a member of the population.
 
     name: name of the run
     rig: name of its rig
-    alone: mean by its record alone, without its interim prior
-    alone_sd: standard deviation of that
-    shrunk: mean as one of the population
-    shrunk_sd: standard deviation of that
+    alone: means `(K,)` from its record alone, without its interim prior
+    alone_sd: standard deviations `(K,)` of these products
+    shrunk: means `(K,)` as a member of the population
+    shrunk_sd: standard deviations `(K,)` of these products
     effective: median of the effective draws under the population
-    ranks: probability that a run like it is lower, by the population of all other runs
-    worst: product in which it is farthest from these
+    ranks: probabilities `(K,)` that another such run is lower, from all other runs' population
+    worst: product in which it is farthest from the other runs
     sds: distance from them in that product, in standard deviations of run and population
-    tail: probability of a run as far as this one in the t distribution
-    core_tail: the same if the runs were normal with the spread of the population
+    tail: probability of a run at least as far out, under the t distribution
+    core_tail: the same probability under a normal distribution with the population's spread
     outlier: whether it does not belong to the population
     """
 
@@ -128,12 +128,12 @@ class RunOutcome:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NotedEffect:
-    """A noted column changes a log product.
+    """A noted column explains a part of the variation of a log product.
 
     column: name of the column
     product: name of the product
     slope: change of the log product for one standard deviation of the column
-    share: share of the spread of all runs that the column explains
+    share: share of the variance over all runs that the column explains
     """
 
     column: str
@@ -147,7 +147,7 @@ def next_runs(
 ) -> Array:
     """Draw log products of next runs, `(M FOLLOWERS, K)`, about levels `start (M, K)`.
 
-    Their covariates are those of runs of the campaign, `design (R, p)`, taken at random.
+    Each gets the covariates of a random run of the campaign, a row of `design (R, p)`.
     """
     n_draws, n_products = draws.mean.shape
     shape = (n_draws, FOLLOWERS, n_products)
@@ -265,8 +265,8 @@ def run_outcomes(
 ) -> tuple[RunOutcome, ...]:
     """Describe each run, by itself and against the population of all others.
 
-    `labels` are names and rigs.  The population without a run has weights in inverse proportion to
-    the run's likelihood, which are cut at sqrt(M) times their mean (Ionides 2008).
+    `labels` are pairs of name and rig.  To leave a run out, the M draws are weighted in inverse
+    proportion to its likelihood.  Weights are cut at sqrt(M) times their mean (Ionides 2008).
     """
     alone, covariance = moments_alone(data)
     design = np.nan_to_num(data.design[:, data.design.shape[1] - draws.slopes.shape[1] :])

@@ -1,4 +1,4 @@
-"""Determine which targets some waveform can show, and what would help for the others."""
+"""Find the targets that a suitable waveform can determine, and what would help with the others."""
 
 from __future__ import annotations
 
@@ -35,10 +35,11 @@ LEAST_FALL = 1.05  # a remedy is named if it divides the sd of the target by at 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TargetVisibility:
-    """The k targets have relative derivatives `slopes (W, k, m)`; the `visible` ones can be learnt.
+    """Of the k targets, with relative derivatives `slopes (W, k, m)`, the `visible` can be learnt.
 
-    For each target, `hidden_by` has the names that exact symmetries scale together with it.
-    `remedies` are actions that would break these, with the factors by which its sd would fall.
+    For each target, `hidden_by` names the unknowns that each exact symmetry changes together with
+    it.  `remedies` are actions that would break such a symmetry, and the factors by which the sd of
+    the target would fall.
     """
 
     targets: tuple[DesignTarget, ...]
@@ -60,12 +61,12 @@ def examine_targets(
     known: PresentKnowledge,
     rng: np.random.Generator,
 ) -> TargetVisibility:
-    """Examine the targets called `learn`, or all that can be learnt if there are none.
+    """Examine the targets named in `learn`; without names, all products that can be learnt.
 
     Raises `InputError` if no waveform can show any of them.
     """
     source = coming.source
-    # Random levels show every symmetry that any waveform has.
+    # What random levels do not reveal, no waveform reveals: they show all symmetries.
     levels = source.low + (source.high - source.low) * rng.random(source.count)
     posterior = coming.posterior(source.within(levels))
     sensitivity = SensitivityStudy(posterior.likelihood)
@@ -101,9 +102,9 @@ def _remedies(
     structure: ScalingStructure,
     known: PresentKnowledge,
 ) -> tuple[tuple[str, float], ...]:
-    """Return actions that break a symmetry, with the factors by which sds of the target fall.
+    """Return actions that break a symmetry, and the factors by which the sd of the target falls.
 
-    They are the best to weigh, to measure, to add, and so on.
+    They are the best action of each kind, such as to weigh, to measure or to add a part.
     """
     names = [name for name in target.formula.names if name in structure.names]
     if not symmetries or not names:
@@ -113,7 +114,7 @@ def _remedies(
     useful = [x for x in tried if x.breaks and x.shrink > LEAST_FALL]
     others = [x for x in useful if x.what.split(" to ")[0] != f"weigh or measure {target.name}"]
     ranked = sorted(others, key=lambda remedy: -remedy.shrink)
-    # The first word says what kind of action it is.
+    # The first word of an action gives its kind. The best of a kind replaces the others.
     best = {remedy.what.split()[0]: remedy for remedy in reversed(ranked)}.values()
     return tuple((each.what, each.shrink) for each in ranked if each in best)[:MOST_REMEDIES]
 

@@ -1,8 +1,9 @@
 """Search in an excerpt of a long record, and compress the whole to a few hundred numbers.
 
-A compression holds for rigs near a point.  A search therefore begins on the first part of a record,
-whose posterior shows which rigs are possible.  Counts of operations alone decide which records are
-compressed, so the same config gives the same results on every machine.
+A compression is accurate only for parameters near a point, which has to be known first.  A search
+therefore begins on the first part of a record, whose posterior shows which parameters are
+plausible.  Counted operations, and never measured times, decide which records are compressed.  The
+same config gives the same results on every machine.
 """
 
 from __future__ import annotations
@@ -22,17 +23,17 @@ from bayesdrill.rig.simulators import COMPRESSED_FROM
 
 EXCERPT = 16384  # number of samples in the first excerpt
 GROWTH = 4  # factor by which an excerpt grows if it does not suffice
-POINTS = 256  # number of points about a maximum for which functions are chosen
-POINT_SDS = (8.0, 3.0, 1.0)  # standard deviations of the points, in turn, in posterior sds
-# Points are not spread along directions with a larger sd: the excerpt cannot tell rigs apart there.
+POINTS = 256  # number of points about a maximum at which the compression has to be accurate
+POINT_SDS = (8.0, 3.0, 1.0)  # the points in turn have these sds, in sds of the posterior
+# Points are not spread along directions with a larger posterior sd, which are hardly determined.
 MAX_SPREAD = 0.05
-DEPTH = 40.0  # maxima whose log posterior is lower by more than this have no mass
+DEPTH = 40.0  # a maximum whose log posterior is lower than the highest by more has no mass
 
 Compressions = Mapping[str, Compression]  # keys are labels of observations
 
 
 def is_long(observation: Observation, shortest: int = COMPRESSED_FROM) -> bool:
-    """Tell whether a record can be compressed and has more than `shortest` samples."""
+    """Return whether a record has more than `shortest` samples and can be compressed."""
     return len(observation.experiment.t) > shortest and not observation.exact_reason
 
 
@@ -40,8 +41,8 @@ def is_long(observation: Observation, shortest: int = COMPRESSED_FROM) -> bool:
 class CompressionCheck:
     """A check compares a compressed likelihood with the exact one.
 
-    The longest record has `samples`, which were compressed to `functions`.  Of all `draws`, `exact`
-    needed the exact simulator.  Log likelihoods differ by at most `difference`.
+    The longest record has `samples` samples, compressed to `functions` basis functions.  Of `draws`
+    draws, `exact` needed the exact simulator.  Log likelihoods differ by at most `difference`.
     """
 
     samples: int
@@ -88,7 +89,7 @@ def excerpt(posterior: Posterior, samples: int = EXCERPT) -> Posterior | None:
 def longer_excerpt(posterior: Posterior, short: Posterior, known: Compressions) -> Posterior | None:
     """Return an excerpt longer than `short`, or None.
 
-    It is None if compressions of all long records are `known`, or no record is longer.
+    None means that no record is longer, or that compressions of all long records are `known`.
     """
     pairs = zip(posterior.likelihood.observations, short.likelihood.observations, strict=True)
     unknown = [
@@ -100,14 +101,14 @@ def longer_excerpt(posterior: Posterior, short: Posterior, known: Compressions) 
 
 
 def first_samples(observation: Observation, samples: int) -> Observation:
-    """Return the observation of the first samples of its record; itself if the record is short."""
+    """Return the observation with the first samples of its record, or unchanged if it is short."""
     if len(observation.experiment.t) <= samples or not is_long(observation):
         return observation
     return observation.for_record(observation.experiment.first(samples))
 
 
 def nearby(posterior: Posterior, maxima: Array) -> Array:
-    """Return physical points `(n, D)` about maxima `(M, D)`, as far away as the posterior extends."""
+    """Return physical points `(n, D)` about maxima `(M, D)`, spread by up to 8 posterior sds."""
     parts = []
     for theta in maxima:
         u, rng = posterior.coordinates.from_physical(theta[None]), np.random.default_rng(0)
@@ -124,7 +125,7 @@ def nearby(posterior: Posterior, maxima: Array) -> Array:
 def compressions(
     posterior: Posterior, points: Array, shortest: int = COMPRESSED_FROM, *, strict: bool = False
 ) -> dict[str, Compression]:
-    """Compress long records for rigs at `points (n, D)`, of which the first is the reference.
+    """Compress long records for parameters at `points (n, D)`; the first point is the reference.
 
     Records that cannot be compressed are left out, or raise `CompressionError` if `strict`.
     """

@@ -23,18 +23,19 @@ from bayesdrill.rig.steady_state import angle_indices, equilibrium, fix_rotation
 
 HDI_PROBABILITY = 0.94
 _N_PRIOR_DRAWS = 1000  # number of draws from the priors at which formulas are tried
-_LARGEST = 1e150  # its square is still a finite number
-# Pairs of poles faster than this many times the slowest are internal to a part, and not shown.
+_LARGEST = 1e150  # a larger value is refused, since its square, and thus the sd, may overflow
+# A pair of poles that exceeds the slowest by a larger factor is inside a part, and is not shown.
 _MAX_FREQUENCY_RATIO = 100.0
-# Relative imaginary part below which a pole is real, since rounding splits a double pole.
+# A pole with a smaller relative imaginary part is real: rounding splits a double pole into a pair.
 _REAL_POLE_TOLERANCE = 1e-7
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Derived:
-    """Derived quantities have `values (E, N, Q)`, SI, at N draws of each of E ensembles.
+    """Q derived quantities have `values (E, N, Q)`, in SI, at N draws of each of E ensembles.
 
-    Values are NaN if a quantity does not exist.  `nominal` has those at nominal parameters, or NaN.
+    A value is NaN where the quantity does not exist.  `nominal` gives the value at nominal
+    parameters, by name, or NaN.
     """
 
     symbols: tuple[Symbol, ...]
@@ -44,7 +45,7 @@ class Derived:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DerivedRow:
-    """A row of the table of derived quantities, SI, is based on the `share` of draws that have it."""
+    """A row summarises a derived quantity, in SI, over the `share` of draws at which it exists."""
 
     name: str
     unit: str
@@ -58,7 +59,7 @@ class DerivedRow:
 
 
 def impossible_formulas(problem: Problem) -> dict[str, str]:
-    """Return reasons, by name, why formulas have no mean or sd at draws from the priors."""
+    """Return, by name, why formulas have no mean or sd at draws from the priors."""
     if not problem.derived:
         return {}
     theta = problem.posterior.space.draw(_N_PRIOR_DRAWS, np.random.default_rng(0))
@@ -73,7 +74,7 @@ def impossible_formulas(problem: Problem) -> dict[str, str]:
             )
         elif x.max() > _LARGEST:
             reasons[name] = (
-                f"'{text}' reaches {x.max():.3g} where the priors allow it, too large for a mean; "
+                f"'{text}' reaches {x.max():.3g} at draws from the priors, too large for a mean; "
                 "rescale it"
             )
     return reasons
@@ -131,7 +132,7 @@ def product_name(names: Sequence[str], exponents: Sequence[int]) -> str:
 
 
 def derived_symbols(problem: Problem) -> tuple[Symbol, ...]:
-    """Return the symbols in the order of the values; speeds along a line are in m/s."""
+    """Return the symbols in the order of the values; the speed of a rig that slides is in m/s."""
     model, formulas = problem.model, (formula.symbol for formula in problem.derived)
     called = {
         x: labelled_symbol(model.symbols[n], each.label if x != n else "")
@@ -187,8 +188,8 @@ def _nominal(problem: Problem) -> dict[str, float]:
 def poles(model: Model, linear: Linear, n: int) -> dict[str, Array]:
     """Return frequency and damping of the least damped pair of poles, and time constants, `(n,)`.
 
-    A rig that turns as a whole has a pole at zero.  It is removed first, since only differences of
-    angles matter.  A value is NaN if there is no pair, or no pole for the time constant.
+    A rig that can turn freely as a whole has a pole at zero, which is removed first.  Frequency and
+    damping are NaN if no pair exists, and a time constant is NaN if its pole does not exist.
     """
     matrix = dynamics(linear, model.states, n)
     angles = angle_indices(model)
@@ -212,7 +213,8 @@ def poles(model: Model, linear: Linear, n: int) -> dict[str, Array]:
     fastest = np.argmax(np.where(swings & ~visible, 0.0, size), axis=1)[:, None]
     current = _current(model)
     n_currents = len({m.current for m in model.roles.motors} & {*model.states})
-    slow = (~swings).sum(axis=1) == n_currents + 1  # one real pole for each current and the motor
+    # There is a real pole for each current, and one more for the motor's speed.
+    slow = (~swings).sum(axis=1) == n_currents + 1
     undefined = np.full(n, np.nan)
     values = {
         "omega_n": np.where(none, np.nan, np.take_along_axis(size, least_damped, axis=1)[:, 0]),
@@ -228,7 +230,7 @@ def steady_values(
 ) -> dict[str, Array]:
     """Return the final speed and current `(n,)` at constant inputs; NaN if there are none.
 
-    All parts then turn at the same speed, which is zero if a spring holds the rig.
+    In the steady state all parts turn at the same speed, which is zero if a spring holds the rig.
     """
     matrix = dynamics(linear, model.states, n)
     pushed = constant_forcing(linear, model.states, n, inputs)

@@ -1,6 +1,7 @@
 """Find the maximum of a posterior (MAP) and sample it.
 
-It works on a log density, without knowledge of rigs or files. The draws are interpreted in `analysis`.
+All samplers see a log density alone, and know neither rigs nor files. The room `analysis`
+interprets the draws.
 """
 
 from __future__ import annotations

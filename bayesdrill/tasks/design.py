@@ -29,14 +29,14 @@ from bayesdrill.sampling.workers import ONE_THREAD
 from bayesdrill.tasks.text_folder import save_text
 
 WAVEFORM, COMING = "waveform.csv", "coming.yaml"
-LEVELS = 40  # that a waveform has unless a hold time is given
-CHECKED_DRAWS = 200  # that have to keep the limits
-DIGITS = 6
+LEVELS = 40  # number of levels of a waveform, unless a hold time is given
+CHECKED_DRAWS = 200  # number of draws at which the limits are checked
+DIGITS = 6  # significant digits of a level in the waveform's file
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Designed(Value):
-    """The designed experiment is the result of `design`, which `print` shows and `save` writes.
+    """A designed experiment is the result of `design`: `print` shows it, and `save` writes it.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ class Designed(Value):
         return self.design.levels[0] if len(self.design.levels) == 1 else self.design.levels
 
     def save(self, folder: str | Path, *, force: bool = False) -> str:
-        """Save waveform, config of the coming record, text and figure in a folder.
+        """Save the waveform, the config of the coming record, a text and a figure in a folder.
 
         Parameters
         ----------
@@ -84,7 +84,7 @@ class Designed(Value):
         Raises
         ------
         InputError
-            If other files have these names, or earlier ones without `force`.
+            If other files have these names, or an earlier design is there and `force` is false.
         """
         job, width = self.job, WIDTHS[self.job.config.output.size]
         title = f"The next experiment of {job.config.name}"
@@ -104,13 +104,12 @@ class Designed(Value):
     def waveform_csv(self) -> str:
         """Return the waveform as CSV: the time at which each level begins [s], and the level.
 
-        Several experiments have a column each.
+        If there are several experiments, each has its own column of levels.
         """
         levels, name = self.design.levels, self.design.request.source.input
         held = np.hstack([levels, levels[:, -1:]])
-        held[np.abs(held) < 10.0**-DIGITS * np.abs(held).max()] = (
-            0.0  # what rounding leaves of zero
-        )
+        # Levels that differ from zero by rounding alone are written as zero.
+        held[np.abs(held) < 10.0**-DIGITS * np.abs(held).max()] = 0.0
         numbers = [[f"{u:.{DIGITS}g}" for u in row] for row in held.T]
         rows = [[f"{t:.9g}", *row] for t, row in zip(self.times, numbers, strict=True)]
         return lines_as_csv([["t", *numbered(name, [*levels])], *rows])
@@ -131,10 +130,11 @@ def design(
     report: Reporter,
     rival: Job | None = None,
 ) -> Designed:
-    """Design an experiment for a job, with the knowledge of its prior or of draws `chain (N, D)`.
+    """Design an experiment for a job, given its prior or posterior draws `chain (N, D)`.
 
-    `options` are numbers of `SourceLimits`, a `family` and `experiments`, None where not given.  If
-    there is a `rival`, the experiment is to tell its model from that of the job.  Raises `InputError`.
+    `options` has the fields of `SourceLimits`, a `family` and a number of `experiments`, each of
+    them None if not given.  If there is a `rival`, the experiment is to distinguish its model from
+    that of the job.  Raises `InputError` for options that do not fit.
     """
     problem, seed = job.problem, job.config.seed
     family, experiments = options.pop("family", None) or FREE, options.pop("experiments", 1)
@@ -157,7 +157,7 @@ def design(
         known = prior_knowledge(problem, draws, CHECKED_DRAWS, seed)
     else:
         known = posterior_knowledge(problem, chain, draws, CHECKED_DRAWS)
-    with ONE_THREAD:  # matrices are so small that further threads only wait for each other
+    with ONE_THREAD:  # for such small matrices further threads only cost time
         if rival is None:
             made = design_experiment(problem, request, known, job.asked.thresholds, report)
         else:
@@ -166,7 +166,7 @@ def design(
 
 
 def _source(job: Job, options: dict[str, Any]) -> SourceLimits:
-    """Return the source of the options, with defaults from the record."""
+    """Return the limits of the source from the options, with defaults from the record."""
     experiment, model = job.problem.observations[0].experiment, job.problem.model
     given = {name: value for name, value in options.items() if value is not None}
     driven = [n for n in model.inputs if n in experiment.drives] or [*model.inputs]
@@ -185,7 +185,7 @@ def _source(job: Job, options: dict[str, Any]) -> SourceLimits:
 
 
 def coming_config(job: Job, design: ExperimentDesign) -> str:
-    """Return the config of the coming record, whose columns are called as channels and input are."""
+    """Return the config of the coming record, with columns named as the channels and the input."""
     first, source = job.case.experiments[0], design.request.source
     data = copy.deepcopy(dict(first.source.data))
     channels = {}

@@ -1,4 +1,4 @@
-"""Channels of one record may have different kinds of noise, which are independent."""
+"""Combine independent kinds of noise, each for some channels of a record."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from bayesdrill.basics.duals import linear_map
 from bayesdrill.inference.noise.contract import Noise, Residuals, as_matrix
 from bayesdrill.inference.unknowns import Unknown
 
-UNBOUNDED_HALF = 1e3  # half an interval over the sd, so wide that its probability is one
+UNBOUNDED_HALF = 1e3  # half-width, in sds, of an interval so wide that its probability is one
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,12 +25,15 @@ class ChannelNoise:
 
 
 def noise_key(noise: Noise) -> object:
-    """Return plain data by which results identify a kind of noise, beside its values."""
+    """Return plain data that identify a kind of noise in stored results, apart from its values."""
     return getattr(noise, "key", type(noise).__name__)
 
 
 def noise_for_record(noise: Noise, t: Array, seen: Flags) -> Noise:
-    """Return the noise at `t (T,)`, of channels `seen (T, K)`; raise `ValueError` if it needs all."""
+    """Return the noise for times `t (T,)`, at which the samples with `seen (T, K)` were recorded.
+
+    Raises `ValueError` if samples are missing and the noise needs every one.
+    """
     at_times = getattr(noise, "at_times", None)
     if at_times is not None:
         timed: Noise = at_times(t, seen)
@@ -40,8 +43,8 @@ def noise_for_record(noise: Noise, t: Array, seen: Flags) -> Noise:
     with_counts = getattr(noise, "with_counts", None)
     if with_counts is None:
         raise ValueError(
-            f"noise of the kind {type(noise).__name__} needs every sample, and this record misses some; "
-            "use white noise, or cut the record where none is missing (record.window)"
+            f"noise of the kind {type(noise).__name__} needs every sample, and the record lacks "
+            "some; use white noise, or a part of the record without gaps (record.window)"
         )
     counted: Noise = with_counts(tuple(int(n) for n in seen.sum(axis=0)))
     return counted
@@ -49,7 +52,7 @@ def noise_for_record(noise: Noise, t: Array, seen: Flags) -> Noise:
 
 @dataclass(frozen=True, slots=True)
 class _ChannelResiduals:
-    """These are the residuals of the channels `columns`, out of `n_channels`."""
+    """Residuals of a record are restricted to the channels `columns`, out of `n_channels`."""
 
     residuals: Residuals
     columns: tuple[int, ...]
@@ -76,7 +79,7 @@ class _ChannelResiduals:
         return self.residuals.intervals(*scaled)[:, self.columns]
 
     def _all_channels(self, numbers: Array, fill: float) -> Array:
-        """Return numbers of all channels for a kernel, with `fill` for channels of other noises."""
+        """Return `numbers` in their places among all channels, with `fill` in the others."""
         out = np.full((len(numbers), self.n_channels), fill)
         out[:, self.columns] = numbers
         return out
@@ -87,7 +90,7 @@ class _ChannelResiduals:
 
 @dataclass(frozen=True, slots=True)
 class Mixed:
-    """A mixed noise has several `parts`, whose unknowns come one after the other."""
+    """A mixed noise has several `parts`; theta lists the unknowns of each part in turn."""
 
     parts: tuple[ChannelNoise, ...]
 
@@ -114,7 +117,7 @@ class Mixed:
         return Mixed(tuple(parts))
 
     def at_times(self, t: Array, seen: Flags) -> Mixed:
-        """Return the same noise at times `t (T,)`, where channels were seen `(T, K)`."""
+        """Return the same noise for times `t (T,)`, at which only samples `seen (T, K)` exist."""
         noises = (noise_for_record(p.noise, t, seen[:, p.columns]) for p in self.parts)
         pairs = zip(noises, self.parts, strict=True)
         return Mixed(tuple(ChannelNoise(noise, part.columns) for noise, part in pairs))
@@ -158,7 +161,7 @@ class Mixed:
         return self._each(lambda p, at: p.noise.innovations(samples[..., p.columns], at), theta)
 
     def whitened_jacobian(self, shifts: Array, theta: Array) -> Array:
-        """Return whitened shifts of signals `(W, T, K)`."""
+        """Return small changes `shifts (W, T, K)` of the model signals, whitened."""
         return self._each(
             lambda p, at: p.noise.whitened_jacobian(shifts[..., p.columns], at), theta
         )
@@ -172,7 +175,7 @@ class Mixed:
         return self._each(lambda p, at: p.noise.draw(signals[..., p.columns], at, rng), theta)
 
     def noise_score(self, residuals: Residuals, theta: Array) -> tuple[Array, Array]:
-        """Return slopes and curvature by the unknowns of all parts."""
+        """Return gradient and curvature of the log likelihood by the unknowns of all parts."""
         parts = [
             part.noise.noise_score(self._residuals(residuals, part), at)
             for part, at in self._split(theta)

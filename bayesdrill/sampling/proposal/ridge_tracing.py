@@ -1,12 +1,13 @@
 """Trace the ridge through a maximum of a log density, without knowledge of the rig.
 
 The curvature at the maximum, in units of the priors' precision, splits the unknowns into tight
-directions, which the record determines far better than the priors, and loose ones.  Points are
-placed further and further along the loose directions, Gauss-Newton returns each to the ridge, and
-polynomials are fitted to the ends.
+directions, which the record determines far better than the priors, and loose ones.  In stages of
+growing length, points are placed along the loose directions, and Gauss-Newton returns each of them
+to the ridge.  Polynomials are fitted to the points at which it ends.
 
-A Newton ridge has no polynomials but returns every point by Gauss-Newton, for the check of missed
-mass: a draw from it costs about a hundred evaluations of the model.
+A Newton ridge begins at the polynomials, and moves every point to the exact ridge by Gauss-Newton.
+A draw from it costs about a hundred evaluations of the model, so that only the check of missed mass
+uses it.
 """
 
 from __future__ import annotations
@@ -25,35 +26,35 @@ from bayesdrill.sampling.samplers.ridge import LocalBasis, RidgeMap
 
 Expand = Callable[[Array, Array], QuadraticModel]
 
-# A direction is tight if its precision over the prior's is at least `TIGHT_RATIO`, and at least
-# `STRAIGHT_RATIO` times the root of the largest such ratio. Along a looser direction the tightest
-# one would bend.
+# A direction is tight if the ratio of its precision to the prior's is at least `TIGHT_RATIO`, and
+# at least `STRAIGHT_RATIO` times the square root of the largest ratio. Where only the second
+# condition fails, the tightest direction would bend along this one, which is therefore loose.
 TIGHT_RATIO, STRAIGHT_RATIO = 100.0, 0.003
-NEAR_END = 1e-6  # distance over the prior's spread, below which an unknown is at an end
-MIN_NEW_SHARE = 1e-6  # a smaller orthogonal part of an axis is rounding
+NEAR_END = 1e-6  # an unknown nearer to an end of its prior, in spreads of the prior, is at the end
+MIN_NEW_SHARE = 1e-6  # a shorter orthogonal part of a unit axis is only rounding error
 MAX_SDS_BEYOND_END = 0.5  # standard deviations that a maximum may lie beyond an end of a prior
-PROBES = 12  # points all over the prior at which flat directions are sought
+PROBES = 12  # random points of the prior at which a flat direction must be flat
 NEGLIGIBLE_CURVATURE = 1e-12  # curvature over the largest, below which it is a rounding error
-KNOWLEDGE_DISCOUNT = 9.0  # divides the precision of loose directions, which may be less elsewhere
-BEYOND_ENDS = 0.1  # distance from the priors over their ranges, up to which points are used
-SCATTER_WIDTH = 1.4  # width of the points over the expected width of the posterior
-TRUSTED_EXTRAPOLATION = 2.0  # a fit guides the next stage to this number of radii
-MAX_CORNER_GROWTH = 2.0  # growth of the highest power in corners without a point
+KNOWLEDGE_DISCOUNT = 9.0  # divides loose precisions at the maximum, which may be lower elsewhere
+BEYOND_ENDS = 0.1  # points are used up to this distance beyond the priors, in ranges of the priors
+SCATTER_WIDTH = 1.4  # ratio of the width of the points to the expected width of the posterior
+TRUSTED_EXTRAPOLATION = 2.0  # the next stage follows a fit up to this number of radii of its points
+MAX_CORNER_GROWTH = 2.0  # largest growth of the highest power outside the ball of fitted points
 ITERATIONS = 6  # Gauss-Newton steps for each point
-CONVERGED_SDS = 0.03  # a step of fewer standard deviations is the last
+CONVERGED_SDS = 0.03  # Gauss-Newton ends after a step of fewer standard deviations
 MAX_STEP = 0.5  # longest step, in priors' spreads
-MAX_SDS = 1e100  # standard deviations from the ridge; more comes from a response that overflows
+MAX_SDS = 1e100  # standard deviations from the ridge; if there are more, the response overflowed
 MAX_DEGREE = 14  # highest degree of the polynomials
 ERROR_QUANTILE = 0.98  # quantile of the errors at held-out points by which degrees are compared
 MIN_IMPROVEMENT = 0.8  # largest ratio of errors at which a higher degree is preferred
 GOOD_ERROR = 0.1  # standard deviations; with a smaller error no higher degree is tried
 FAIR_ERROR = 0.3  # standard deviations; with a larger error more points are added
 POINTS_PER_TERM = 2.5  # points for each term of a polynomial
-MAX_DEPTH = 100.0  # in log density below the highest point; a lower point is not on the ridge
+MAX_DEPTH = 100.0  # a point whose log density is lower than the highest by more is not on the ridge
 HELD_OUT_EVERY = 4  # every fourth point is held out of the fit
-PRIOR_MARGIN = 0.9  # points are kept if this factor times psi is inside the prior
-NEAR_SDS = 0.5  # standard deviations from a Newton ridge at which one more step is enough
-NEWTON_ITERATIONS = 9  # steps to a Newton ridge; half may be needed to leave a bad polynomial
+PRIOR_MARGIN = 0.9  # psi times this factor has to lie within the priors
+NEAR_SDS = 0.5  # nearer than this to a Newton ridge, in standard deviations, a step is the last
+NEWTON_ITERATIONS = 9  # most steps to a Newton ridge; a bad polynomial may cost half of them
 
 
 def split_directions(
@@ -62,8 +63,8 @@ def split_directions(
     """Return the basis at the maximum `centre (D,)`, and the precision of its loose part `(l,)`.
 
     `here` is the quadratic model at `centre`.  The flat directions `still (D, f)` come first.  An
-    unknown that is held at an end of its prior is loose by itself: the maximum of a tight direction
-    that contains it would lie outside the prior.
+    unknown that is pressed against an end of its prior becomes a loose direction of its own.  In a
+    tight direction, the maximum would otherwise lie outside the prior.
     """
     scale = surface.spread
     slope, curvature = here.slope[0] * scale, here.curvature[0] * np.outer(scale, scale)
@@ -88,7 +89,7 @@ def split_directions(
 
 
 def _orthogonal(separate: Array, unknowns: Indices) -> tuple[Array, list[int]]:
-    """Add axes of `unknowns` to `separate (D, n)`; return orthonormal columns, and the added axes."""
+    """Append orthonormal axes of `unknowns` to `separate (D, n)`; also return those appended."""
     added: list[int] = []
     for d in map(int, unknowns):
         axis = np.eye(len(separate))[d] - separate @ separate[d]
@@ -108,8 +109,8 @@ def _directions(curvature: Array, without: Array) -> tuple[Array, Array]:
 def flat_directions(surface: LogDensity, rng: np.random.Generator) -> Array:
     """Return directions `(D, f)`, in priors' spreads, along which the likelihood never changes.
 
-    They are flat at points all over the prior, since a direction may be flat at a single point
-    only.
+    A direction may be flat at one point by chance, so that the likelihood is examined at points all
+    over the prior.
     """
     d = len(surface.middle)
     scattered = surface.middle + surface.spread * rng.standard_normal((PROBES, d))
@@ -124,11 +125,12 @@ def flat_directions(surface: LogDensity, rng: np.random.Generator) -> Array:
     return np.asarray(vectors[:, values < NEGLIGIBLE_CURVATURE])
 
 
-MAX_SHRINKINGS, SHRINKING_DRAWS = 14, 200  # divisions of a box by ten, and draws that test each
-STAGES = (0.15, 0.3, 0.5, 0.75, 1.0)  # lengths of the ridge at which it is fitted, as shares of all
-# Least numbers of points of a stage and of the last one, and the largest number of all points.
+# A box is divided by ten up to `MAX_SHRINKINGS` times, and tested by `SHRINKING_DRAWS` each time.
+MAX_SHRINKINGS, SHRINKING_DRAWS = 14, 200
+STAGES = (0.15, 0.3, 0.5, 0.75, 1.0)  # lengths of a ridge to fit, as shares of its whole length
+# Smallest number of points in a stage and in the last stage, and largest number of points in all.
 MIN_POINTS, LAST_POINTS, MAX_POINTS = 40, 300, 1600
-MAX_HALVINGS = 4  # lengths of a ridge that are tried, each half the previous one
+MAX_HALVINGS = 4  # number of lengths that are tried for a ridge, each half of the one before
 USELESS_ERROR = 5.0  # error in standard deviations, above which a shorter length is tried
 
 
@@ -153,14 +155,15 @@ def trace(
 ) -> TracedRidge:
     """Trace the ridge through the maximum `centre (D,)`.
 
-    It is followed as far as draws of the posterior `(N, D)` with weights `(N,)` reach, or else as far
-    as the priors and the curvature at the maximum suggest.
+    If there are `weighted_draws`, draws of the posterior `(N, D)` and their weights `(N,)`, the
+    ridge is followed as far as they reach.  Otherwise priors and the curvature at the maximum give
+    its length.
     """
     here = surface.quadratic_model(centre[None], np.eye(len(centre)))
     still = flat_directions(surface, rng)
     base, known = split_directions(surface, centre, here, still)
     if len(known) == len(centre) and (known > TIGHT_RATIO).any():
-        # Nearly all unknowns are at ends of the priors, so each unknown is a loose direction itself.
+        # All directions are loose, as unknowns are pressed against ends: each is a direction.
         scale = surface.spread
         base = ridge.local_basis(centre, np.diag(scale), len(centre))
         known = np.diag(here.curvature[0]) * scale**2 + (here.slope[0] * scale) ** 2
@@ -170,12 +173,12 @@ def trace(
     else:
         drawn, weights = base.split(weighted_draws[0])[0], weighted_draws[1]
         psi, spread = moments(drawn, weights)
-        # Roots of the weights give more points in the tails.
+        # Square roots of the weights put more points into the tails.
         p = np.sqrt(weights) / np.sqrt(weights).sum()
         cloud = drawn[rng.choice(len(drawn), size=len(drawn), p=p)]
 
     def scattered_psi(n: int) -> Array:
-        """Draw psi `(n, l)` from the cloud or from a normal distribution, and wider than either."""
+        """Draw psi `(n, l)` from the cloud or a normal distribution, widened by `SCATTER_WIDTH`."""
         if cloud is None:
             return psi + SCATTER_WIDTH * rng.standard_normal((n, len(psi))) @ spread.T
         return psi + SCATTER_WIDTH * (cloud[rng.integers(len(cloud), size=n)] - psi)
@@ -193,11 +196,11 @@ def trace(
 
 
 def _expected(surface: LogDensity, base: LocalBasis, known: Array) -> tuple[Array, Array]:
-    """Return the expected mean `(l,)` and root `(l, l)` of psi, of prior and likelihood as Gaussian."""
+    """Return mean `(l,)` and covariance root `(l, l)` of psi for Gaussian prior and likelihood."""
     precision = known / KNOWLEDGE_DISCOUNT
     towards = base.split(surface.middle[None])[0][0]
     psi, sd = towards / (1.0 + precision), 1.0 / np.sqrt(1.0 + precision)
-    # An unknown held at an end of its prior can only lie on the inner side of it.
+    # An unknown that is pressed against an end of its prior can only move inwards.
     return psi + np.where(known > TIGHT_RATIO, np.sign(towards) * sd, 0.0), np.diag(sd)
 
 
@@ -210,13 +213,14 @@ def _follow(
 ) -> tuple[RidgeMap, float]:
     """Follow a ridge outward from the maximum in stages, each guided by the fit of the one before.
 
-    It ends at `length` times the points of `scattered_psi`.  Returns the ridge and its error.
+    The points of the last stage are `length` times those of `scattered_psi`.  The ridge is
+    returned with its error.
     """
     base = fitted.frame
     points: list[Array] = []
     error = 0.0
     for stage in STAGES:
-        # There are enough points for a degree of 2 at first, and of 4 in the end.
+        # The points suffice for polynomials of degree 2 at first, then 3, and 4 in the last stage.
         degree = 2 if stage < 0.4 else 3 if stage < 1.0 else 4
         least = MIN_POINTS if stage < 1.0 else LAST_POINTS
         n = int(np.clip(POINTS_PER_TERM * _terms(len(bent), degree), least, MAX_POINTS))
@@ -234,7 +238,7 @@ def _follow(
 
 
 def trace_box(surface: LogDensity, centre: Array, rng: np.random.Generator) -> TracedRidge:
-    """Return a box inside the priors at `centre (D,)`, shrunk until most of it has a density."""
+    """Return a box with a corner at `centre (D,)`, so small that most of it has finite density."""
     inward = np.where(centre - surface.low < surface.high - centre, 1.0, -1.0)
     size = surface.spread
     for _ in range(MAX_SHRINKINGS):
@@ -259,7 +263,7 @@ def moments(points: Array, weights: Array) -> tuple[Array, Array]:
 
 
 def distances(points: Array, weights: Array) -> Array:
-    """Return distances of `points (N, n)` from their weighted mean, in standard deviations: `(N,)`."""
+    """Return Mahalanobis distances `(N,)` of `points (N, n)` from their weighted mean."""
     middle, root = moments(points, weights)
     return np.asarray(np.linalg.norm(np.linalg.solve(root, (points - middle).T), axis=0))
 
@@ -275,9 +279,9 @@ def _ridge_at_maximum(base: LocalBasis, here: QuadraticModel) -> RidgeMap:
 
 
 def _within_priors(surface: LogDensity, fitted: RidgeMap, psi: Array, stage: float) -> Array:
-    """Select a fourth of `psi (4 n, l)`: `(n, l)`.
+    """Select n of the points `psi (4 n, l)`, and return them as `(n, l)`.
 
-    Points at which the ridge is outside the priors are first moved in towards the maximum.
+    Points at which the ridge leaves the priors are first moved towards the maximum.
     """
     n, scale = len(psi) // 4, np.ones(len(psi))
     for _ in range(12):
@@ -296,11 +300,11 @@ def _within_priors(surface: LogDensity, fitted: RidgeMap, psi: Array, stage: flo
 def _arrivals(
     surface: LogDensity, fitted: RidgeMap, psi: Array, previous: list[Array]
 ) -> list[Array]:
-    """Return points to the ridge, and append those that arrive to the `previous` ones.
+    """Move points to the ridge, and append those that reach it to the `previous` ones.
 
-    Psi, tau, covariance roots and log densities are returned.  Points a little beyond the ends of the
-    priors are kept, since polynomials are worst at the ends.  Points far below the others are not:
-    they have reached a lower maximum.
+    Return psi, tau, covariance roots and log densities.  Points a little beyond the ends of the
+    priors are kept, since polynomials are least accurate at their last points.  Points of much
+    lower density are dropped, because they have reached another, lower maximum.
     """
     tau, roots, value, arrived = return_to_ridge(
         surface.quadratic_model, fitted.frame, psi, fitted.at(psi)
@@ -325,8 +329,9 @@ def return_to_ridge(
 ) -> tuple[Array, Array, Array, Flags]:
     """Move points from `tau (N, t)` to the ridge at `psi (N, l)` by Gauss-Newton.
 
-    Returns `tau (N, t)`, covariance roots `(N, t, t)` and log densities `(N,)` before the last step,
-    and whether each arrived: its last step is below the `tolerance`, in standard deviations.
+    Returns `tau (N, t)`, and covariance roots `(N, t, t)` and log densities `(N,)` from before the
+    last step.  The last result says which points arrived: those whose last step was below the
+    `tolerance`, in standard deviations.
     """
     tau = tau.copy()
     n_tight = tau.shape[1]
@@ -357,7 +362,7 @@ def return_to_ridge(
 
 
 def covariance_roots(curvature: Array) -> Array:
-    """Return lower triangles R `(N, t, t)` with R R' the inverse of each curvature."""
+    """Return lower triangular R `(N, t, t)` such that R R' is the inverse of each curvature."""
     n = curvature.shape[1]
     scale = 1.0 / np.sqrt(np.maximum(np.einsum("nii->ni", curvature), 1e-300))
     scaled = curvature * scale[:, :, None] * scale[:, None, :] + 1e-12 * np.eye(n)
@@ -369,10 +374,10 @@ def covariance_roots(curvature: Array) -> Array:
 def _best_fit(
     base: LocalBasis, bent: Indices, psi: Array, tau: Array, roots: Array, *, last: bool
 ) -> tuple[RidgeMap, float]:
-    """Fit polynomials with the degree of least error at held-out points; return them and the error."""
+    """Fit polynomials of the degree with least error at held-out points; return ridge and error."""
     held_out = np.arange(len(psi)) % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
     fitting = psi[~held_out], tau[~held_out], roots[~held_out]
-    # The error is that within the fitted points, since polynomials do not extrapolate.
+    # Only held-out points within the ball of the fit count, since polynomials do not extrapolate.
     within = held_out & ridge.fit_ridge(base, *fitting, 0, 0, bent).within(psi)
     held_out = within if within.any() else held_out
     testing = psi[held_out], tau[held_out], roots[held_out]
@@ -396,7 +401,8 @@ def _best_fit(
 def _best_degree(degrees: Sequence[int], errors: Callable[[int], Array]) -> tuple[int, float]:
     """Return the degree with the least error, or the first that is good enough, and its error.
 
-    A quantile leaves out the few points at the ends of the ridge, where polynomials are worst.
+    The error of a degree is a quantile, which ignores the few worst points at the ends of the
+    ridge.
     """
     best, least = degrees[0], np.inf
     for degree in degrees:
@@ -415,7 +421,7 @@ def _terms(n: int, degree: int) -> int:
 def newton_ridge(fitted: RidgeMap, expand: Expand) -> RidgeMap:
     """Return a ridge map that moves points from the fitted polynomials to the ridge by Gauss-Newton.
 
-    It is a function of psi alone; a point that does not arrive stays on the polynomials.
+    The moved point depends on psi alone.  A point that does not arrive stays on the polynomials.
     """
 
     def correction(

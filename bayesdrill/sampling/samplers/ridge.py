@@ -1,8 +1,8 @@
 """Define coordinates along a ridge, in which a posterior is nearly Gaussian.
 
-A record determines some directions well (tight) and others hardly (loose).  The ridge is the
-maximum over the tight directions as a function of the loose ones.  With the unknowns in a fixed
-basis, x = (psi, tau) with psi loose and tau tight, the coordinates y are
+A record determines some directions well (tight) and others hardly (loose).  For each point of the
+loose directions, the ridge has the point of highest density along the tight ones.  With the
+unknowns in a fixed basis, x = (psi, tau) with psi loose and tau tight, the coordinates y are
 
     y = (psi, e)        tau = t(psi) + R(psi) e
 
@@ -19,14 +19,14 @@ import numpy as np
 
 from bayesdrill.basics.arrays import Array, Flags, Indices
 
-RANGE_MARGIN = 0.25  # entries of R stay within the range of the fit plus this share of it
+RANGE_MARGIN = 0.25  # entries of R may leave the range of the fitted points by this share of it
 
 
 @dataclass(frozen=True, slots=True)
 class Monomials:
     """The first of the monomials is 1, and each other is an earlier monomial times a variable.
 
-    `products` has the indices (monomial, variable) of all but the first.
+    `products` gives, for all monomials but the first, the indices of these two factors.
     """
 
     products: tuple[tuple[int, int], ...]
@@ -48,7 +48,7 @@ class Monomials:
 def build_monomials(n: int, degree: int) -> Monomials:
     """Build the monomials of `n` variables up to `degree`."""
     products: list[tuple[int, int]] = []
-    last = [(0, 0)]  # each monomial of the previous degree, and the largest variable in it
+    last = [(0, 0)]  # monomials of the previous degree, and the largest variable index of each
     for _ in range(degree):
         begin = 1 + len(products)
         pairs = [(m, v) for m, largest in last for v in range(largest, n)]
@@ -61,7 +61,8 @@ def build_monomials(n: int, degree: int) -> Monomials:
 class LocalBasis:
     """The fixed basis is u = centre + loose psi + tight tau, with columns `(D, l)` and `(D, t)`.
 
-    `back (D, D)` is the inverse of the matrix of all columns, `log_volume` the log of its determinant.
+    `back (D, D)` is the inverse of the matrix of all columns.  `log_volume` is the logarithm of
+    that matrix's absolute determinant.
     """
 
     centre: Array
@@ -88,8 +89,8 @@ def local_basis(centre: Array, columns: Array, n_loose: int) -> LocalBasis:
     return LocalBasis(centre, columns[:, :n_loose], columns[:, n_loose:], back, volume)
 
 
-# A correction takes a basis, psi `(W, l)`, and t `(W, t)`, R `(t, t, W)`, log det R `(W,)` of the
-# polynomials, and returns improved t, R and log det R.
+# A correction takes a basis, psi `(W, l)`, and what the polynomials give there: t `(W, t)`,
+# R `(t, t, W)` and log det R `(W,)`. It returns improved t, R and log det R.
 Correction = Callable[[LocalBasis, Array, Array, Array, Array], tuple[Array, Array, Array]]
 
 
@@ -97,12 +98,13 @@ Correction = Callable[[LocalBasis, Array, Array, Array, Array], tuple[Array, Arr
 class RidgeMap:
     """A ridge map describes a ridge by polynomials of the loose directions.
 
-    The polynomials have the coefficients `location (terms, t)` for t and `root (terms, t (t + 1) / 2)`
-    for R: the logs of its diagonal, and the entries below it over the diagonal of their column.  Their
-    variables are the components of psi in `bent`; along the others the ridge is straight.  These are
-    scaled by `middle` and `width (l,)`, so that the points of the fit lie in the unit ball.  Beyond
-    `reach` times that ball psi is cut back, since the polynomials do not hold there.  Entries of R stay
-    between `ends (2, t (t + 1) / 2)`.  A `correction` improves on the polynomials.
+    The coefficients are `location (terms, t)` for t, and `root (terms, t (t + 1) / 2)` for R.  R is
+    given by the logs of its diagonal, and by the entries below it, each divided by the diagonal
+    entry of its column.  The polynomials depend on the components `bent` of psi alone, shifted by
+    `middle` and divided by `width`, so that the points of the fit lie in the unit ball.  Psi
+    outside `reach` times this ball is moved to its surface, because polynomials do not extrapolate.
+    Entries of R are clipped to `ends (2, t (t + 1) / 2)`.  A `correction` improves on the
+    polynomials.
     """
 
     frame: LocalBasis
@@ -126,7 +128,7 @@ class RidgeMap:
         return self.along(psi)[0]
 
     def within(self, psi: Array) -> Flags:
-        """Return whether `psi (W, l)` is within the unit ball of the fit's points: `(W,)`."""
+        """Return whether each `psi (W, l)` lies in the ball of the fit's points: `(W,)`."""
         scaled = (psi[:, self.bent] - self.middle) / self.width
         return np.asarray((scaled**2).sum(axis=1) <= 1.0)
 
@@ -165,7 +167,7 @@ class RidgeMap:
 
 
 def _forward_substitution(root: Array, rhs: Array) -> Array:
-    """Solve root e = rhs `(W, t)` with lower triangles `root (t, t, W)`, for all walkers at once."""
+    """Solve root e = rhs for e `(W, t)`, with lower triangular `root (t, t, W)` of each walker."""
     e = np.empty((root.shape[0], len(rhs)))
     for row in range(len(root)):
         known = np.einsum("jw,jw->w", root[row, :row], e[:row])
@@ -185,7 +187,8 @@ def fit_ridge(
 ) -> RidgeMap:
     """Fit polynomials to points of a ridge: `psi (N, l)`, `tau (N, t)` and `roots (N, t, t)`.
 
-    They have these degrees in the components `bent` of psi, all by default.  See `RidgeMap.reach`.
+    The polynomials of t have this `degree`, and those of R at most `root_degree`.  Their variables
+    are the components `bent` of psi, by default all.  `RidgeMap` explains `reach`.
     """
     bent = np.arange(psi.shape[1]) if bent is None else bent
     psi = psi[:, bent]
@@ -194,7 +197,7 @@ def fit_ridge(
     radius = np.sqrt((((psi - middle) / width) ** 2).sum(axis=1)).max()
     width = width * max(float(radius), 1e-12)
     scaled = ((psi - middle) / width).T
-    # The entries of `RidgeMap.root`: logs of the diagonal, and the rest over their column's diagonal.
+    # `RidgeMap` describes these entries: logs of the diagonal, and scaled entries below it.
     diagonal = np.diagonal(roots, axis1=1, axis2=2)
     row, column = np.tril_indices(roots.shape[1], -1)
     below = roots[:, row, column] / diagonal[:, column]
@@ -224,7 +227,7 @@ def residuals(ridge: RidgeMap, psi: Array, tau: Array, roots: Array) -> Array:
 
 
 def root_residuals(ridge: RidgeMap, psi: Array, tau: Array, roots: Array) -> Array:
-    """Return the largest error of the log standard deviation in any direction at points: `(N,)`."""
+    """Return, for each point, the largest error of the log sd over all tight directions: `(N,)`."""
     predicted = np.moveaxis(ridge.along(psi)[1], 2, 0)
     ratio = np.linalg.solve(predicted, roots)
     return np.asarray(np.abs(np.log(np.linalg.svd(ratio, compute_uv=False))).max(axis=1))
