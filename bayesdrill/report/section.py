@@ -258,7 +258,10 @@ CSV_HEADS = {"hdi_low": HDI_ENDS[0], "hdi_high": HDI_ENDS[1], "word": "the_recor
 
 
 def records_as_csv(kind: type, rows: Sequence[object]) -> str:
-    """Return CSV with a column for each field of `kind` in full precision; shares are fractions."""
+    """Return CSV with a column for each field of `kind`, in full precision.
+
+    Units are SI, and shares are fractions.
+    """
     keys = [field.name for field in dataclasses.fields(kind)]
     heads = [CSV_HEADS.get(key, key) for key in keys]
     return lines_as_csv([heads, *([getattr(row, key) for key in keys] for row in rows)])

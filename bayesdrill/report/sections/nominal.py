@@ -132,7 +132,7 @@ def verdict_table(verdict: Verdict) -> Table:
 
 
 def verdict_csv(verdict: Verdict, symbols: Sequence[Symbol]) -> str:
-    """Return the verdict as CSV in full precision and the units of `symbols`, SI."""
+    """Return the verdict as CSV: full precision, SI units of `symbols`, shares as fractions."""
     units = {symbol.name: symbol.unit for symbol in symbols}
     heads = ("quantity", "unit", "nominal", "tolerance_low", "tolerance_high", "mean", "sd")
     more = ("deviation", "tension_sigma", "beyond_tolerance", "sd_ratio", "bits", "verdict")
