@@ -1,7 +1,7 @@
 """Build a report as a list of sections with their data.
 
-Terminal, Markdown and HTML show the same list, and tables have the same rows for the terminal, for
-CSV and for Markdown.
+Terminal, Markdown and HTML are made from the same list, though a terminal omits some blocks. A
+table has the same rows in all of them and in CSV.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ _TAG = re.compile(r"<(?=[A-Za-z/!?])")
 
 @dataclass(frozen=True, slots=True)
 class Sentences:
-    """The block is lines of text; lines that begin with blanks continue the one before."""
+    """The block has one sentence per line; an indented line continues the line above it."""
 
     text: str
 
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """The item is a sentence, with `more` that continue it."""
+    """The item is one sentence of a list; `more` has the sentences that are indented below it."""
 
     text: str
     more: tuple[str, ...] = ()
@@ -54,14 +54,14 @@ class Note:
 class Plain:
     """The text has aligned columns already; a terminal does not show it.
 
-    `folded`: under these words, where a page can fold it away.
+    If `folded` is not empty, an HTML page collapses the text under this heading.
     """
 
     text: str
     folded: str = ""
 
 
-# Heads of columns that say in a word what is known, which a page colours.
+# A page colours the cells of columns with these heads, which judge a quantity in a word.
 WORDS = frozenset(("verdict", "the record says"))
 Tone = Literal["good", "plain", "doubt", "bad"]
 
@@ -83,9 +83,9 @@ class Badges:
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """The picture is a figure of the same folder, by the stem of its files.
+    """The picture refers to a figure of the run by the `stem` of its files.
 
-    `says`: what is seen in it; `ending`: of the file for a page.
+    `says` is the caption, and `ending` is the type of the file that a page shows.
     """
 
     stem: str
@@ -107,8 +107,8 @@ class IntervalBar:
 class Table:
     """The table has cells of text.
 
-    `left`: heads of columns that begin at the left; `brief`: what a terminal shows, or else all;
-    `bars`: of each line, where a page can draw them, or none at all.
+    `left` has the heads of left-aligned columns. `brief` has the heads that a terminal shows; None
+    means all. `bars` has an interval for each line, which a page draws, or is empty.
     """
 
     heads: tuple[str, ...]
@@ -118,14 +118,14 @@ class Table:
     bars: tuple[IntervalBar, ...] = ()
 
     def filled(self, *heads: str) -> Table:
-        """Return the table without those of these columns, or of all, that are empty in every line."""
+        """Return the table without its empty columns; `heads` limits which may be removed."""
         needed = [any(cells) for cells in zip(*self.lines, strict=True)] or [True] * len(self.heads)
         return self._of(
             [k for k, head in enumerate(self.heads) if needed[k] or (heads and head not in heads)]
         )
 
     def only(self, heads: Sequence[str]) -> Table:
-        """Return those of these columns that there are, in this order."""
+        """Return the table with only these columns, in this order; unknown heads are ignored."""
         return self._of([self.heads.index(head) for head in heads if head in self.heads])
 
     def _of(self, columns: Sequence[int]) -> Table:
@@ -136,7 +136,10 @@ class Table:
 def table_of(
     lines: Iterable[Mapping[str, str]], *left: str, brief: tuple[str, ...] | None = None
 ) -> Table:
-    """Build a table of one or more lines, each with its cells by head; `left`, `brief`: see `Table`."""
+    """Build a table of one or more lines, each with its cells by head.
+
+    `Table` explains `left` and `brief`.
+    """
     every = [*lines]
     cells = tuple(tuple(line.values()) for line in every)
     return Table(tuple(every[0]), cells, frozenset(left), brief)
@@ -149,7 +152,7 @@ Block = Sentences | Note | Plain | Badges | Picture | Table
 class Section:
     """The section is a title and the blocks below it.
 
-    `title`: empty where it goes on; `brief`: whether a terminal shows it.
+    A section with an empty `title` continues the one before. A terminal shows only `brief` ones.
     """
 
     title: str
@@ -158,13 +161,13 @@ class Section:
 
 
 def build(title: str, *blocks: Block | str | None, brief: bool = True) -> Section:
-    """Build a section of these blocks; text is `Sentences`, and what is empty is left out."""
+    """Build a section of these blocks; strings become `Sentences`, and empty blocks are dropped."""
     selected = [Sentences(block) if isinstance(block, str) else block for block in blocks if block]
     return Section(title, tuple(selected), brief)
 
 
 def as_text(sections: Sequence[Section]) -> tuple[str, ...]:
-    """Return paragraphs for a terminal; what a page begins with stands last, where it is read."""
+    """Return paragraphs for a terminal, the first section last, where a reader looks first."""
     shown = [section for section in reversed(sections) if section.brief]
     return tuple(printable(text) for section in shown for text in _paragraphs(section))
 
@@ -213,7 +216,7 @@ def _in_markdown(block: Block) -> str:
 
 
 def items(text: str) -> list[Item]:
-    """Split sentences: lines, where those that begin with blanks go on with the one before."""
+    """Split text into items, one for each line; an indented line is added to the item above it."""
     sentences: list[Item] = []
     for line in text.splitlines():
         sentence = line.strip().removeprefix("- ")
@@ -225,7 +228,7 @@ def items(text: str) -> list[Item]:
 
 
 def markdown(table: Table) -> str:
-    """Return a table in Markdown, its last line ended."""
+    """Return a table in Markdown, with a line break at its end."""
     bar = "|" + " --- |" * len(table.heads)
     return "\n".join([_line(table.heads), bar, *map(_line, table.lines)]) + "\n"
 
@@ -250,19 +253,22 @@ def aligned(table: Sequence[tuple[str, ...]], left: set[int]) -> str:
 CREDIBLE = f"{100 * HDI_PROBABILITY:.0f} %"
 HDI = f"{CREDIBLE} HDI"
 HDI_ENDS = tuple(f"hdi{100 * HDI_PROBABILITY:.0f}_{end}" for end in ("low", "high"))
-# Of fields of records, the heads of their columns in files.
+# Heads in CSV files of fields whose column is not named like the field.
 CSV_HEADS = {"hdi_low": HDI_ENDS[0], "hdi_high": HDI_ENDS[1], "word": "the_record_says"}
 
 
 def records_as_csv(kind: type, rows: Sequence[object]) -> str:
-    """Return CSV with a column for each field of `kind`: all digits, SI, and shares as fractions."""
+    """Return CSV with a column for each field of `kind`, in full precision.
+
+    Units are SI, and shares are fractions.
+    """
     keys = [field.name for field in dataclasses.fields(kind)]
     heads = [CSV_HEADS.get(key, key) for key in keys]
     return lines_as_csv([heads, *([getattr(row, key) for key in keys] for row in rows)])
 
 
 def lines_as_csv(lines: Iterable[Sequence[object]]) -> str:
-    """Return CSV of lines; what is None is empty."""
+    """Return CSV of lines; None becomes an empty cell."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerows(["" if value is None else value for value in line] for line in lines)

@@ -25,16 +25,16 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes as Axes
     from matplotlib.axis import Axis as Axis
     from matplotlib.figure import Figure as Figure
-else:  # for annotations, which nothing evaluates
+else:  # annotations are never evaluated, so matplotlib need not load
     Axes = Axis = Figure = Any
 
-Look = Mapping[str, Any]  # how something is drawn, as matplotlib takes it
+Look = Mapping[str, Any]  # keyword arguments of matplotlib artists
 NONE = np.empty(0)
 SMALL = 0.83  # font size in a figure of one column, relative to one of two
 
 
 def fix_look(**entries: Any) -> Look:
-    """Return a look that nobody changes."""
+    """Return a look that cannot be changed."""
     return MappingProxyType(entries)
 
 
@@ -78,7 +78,7 @@ BAND = fix_look(facecolor=LIGHT, linewidth=0)
 FAINT_BAND = fix_look(facecolor=FAINT, linewidth=0)
 CROSS = fix_look(color=MAP_COLOUR, marker="+", markersize=8, markeredgewidth=1.2, linestyle="none")
 AWAY = fix_look(color=NOMINAL["color"], markersize=5, linestyle="none")  # a value beyond the axis
-# The band that chance allows, and what left it.
+# The looks of the band that chance allows, and of values outside it.
 CHANCE = fix_look(facecolor=FAINT, edgecolor=MIDDLE, linewidth=0.5)
 OUTSIDE = fix_look(color=MAP_COLOUR, linewidth=1.8)
 FILLED = fix_look(facecolor=LIGHT, edgecolor=BLACK, linewidth=0.7)
@@ -87,13 +87,13 @@ PRIOR_LINE = fix_look(color=MIDDLE, linestyle=(0, (6, 1, 1, 1)), linewidth=0.8)
 _DOT = fix_look(marker="o", markersize=1.2, markeredgewidth=0, linestyle="none")
 DOTS = fix_look(color=DARK, alpha=0.35, zorder=-1, rasterized=True, **_DOT)
 WORDS = fix_look(linestyle="none")  # look of a legend entry that has only words
-# Matplotlib has one style for the whole process, and one parser of formulas.
+# Matplotlib has one style and one parser of formulas per process, so one thread draws at a time.
 _ONE_AT_A_TIME = threading.RLock()
 
 
 @contextmanager
 def styled(width: float = DOUBLE) -> Iterator[None]:
-    """Build and save figures inside, of one thread; what the caller had set comes back after it."""
+    """Set the style of figures that one thread builds or saves inside, and restore it after."""
     import matplotlib
 
     rc: Any = dict(RC)
@@ -131,7 +131,7 @@ def scale_axis(axis: Axis, scale: Scale, label: str, most: int = 4) -> None:
 def set_ticks(
     axis: Axis, places: Iterable[float], texts: Sequence[str] | None = None, between: Array = NONE
 ) -> None:
-    """Set ticks with fixed texts or with none, and small ones `between`; no offset text appears."""
+    """Set major ticks with fixed texts or none, and minor ticks `between`; no offset is written."""
     from matplotlib.ticker import FixedFormatter, FixedLocator, NullFormatter
 
     axis.set_major_locator(FixedLocator([*places]))
@@ -141,7 +141,7 @@ def set_ticks(
 
 
 def finer(look: Mapping[str, Any], share: float) -> dict[str, Any]:
-    """Draw inside with lines and marks of this share of their sizes."""
+    """Return a look whose lines and marks are scaled by `share`."""
     sizes = ("linewidth", "markersize", "markeredgewidth")
     return {**look, **{name: look[name] * share for name in sizes if name in look}}
 
@@ -157,7 +157,7 @@ def mark_values(
     zorder: float = 2.0,
     fine: float = 1.0,
 ) -> int:
-    """Draw lines across the axis of `scale`, at the nominal value and the MAP."""
+    """Mark the nominal value and the MAP; return the side on which the first is off the axis."""
     line = panel.axhline if vertical else panel.axvline
     side = scale.side(nominal)
     if nominal is not None and side == 0:
@@ -201,7 +201,7 @@ def thin(n: int, most: int) -> NDArray[np.intp]:
     return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(np.intp))
 
 
-# What a writer of a format would put the date in, unless it is told not to.
+# The metadata entry to which the writer of a format sets the date, unless the entry is None.
 _DATES: Mapping[str, str] = MappingProxyType({"pdf": "CreationDate", "svg": "Date"})
 
 
@@ -238,7 +238,7 @@ def _entries(kind: str, metadata: Mapping[str, str]) -> dict[str, str | None]:
     return known | {_DATES[kind]: None}
 
 
-MARGIN, LINE, LETTER = 0.09, 0.16, 0.066  # inches: of the strip, a line of it, a letter of that
+MARGIN, LINE, LETTER = 0.09, 0.16, 0.066  # inches: of the strip, per line, per letter
 
 
 def warned(figure: Figure, warning: str) -> Figure:
@@ -258,13 +258,13 @@ def warned(figure: Figure, warning: str) -> Figure:
 
 
 def shrink(figure: Figure, across: float, up: float) -> None:
-    """Move all that is there to the lower left of the page, to these shares of its width and height."""
+    """Shrink what is drawn to these shares of the page's width and height, in its lower left."""
     from matplotlib.transforms import Affine2D
 
     smaller = Affine2D().scale(across, up) + figure.transFigure
     engine = figure.get_layout_engine()
     if engine is not None:
-        # It leaves room for a legend only where that has not been moved.
+        # The engine leaves no room for a legend that was moved, so leave it here.
         heights = [legend.get_window_extent().height / figure.dpi for legend in figure.legends]
         room = sum(height + 2 * engine.get()["h_pad"] for height in heights)
         engine.set(rect=(0, 0, across, up - room / figure.get_figheight()))  # type: ignore[call-arg]

@@ -23,18 +23,18 @@ from bayesdrill.rig.models.linear import Model, constant_forcing, dynamics
 from bayesdrill.rig.models.roles import Roles
 
 KNOWN_SD = 0.1  # a parameter with a smaller sd of its log is known, whatever it resembles
-MIN_FALL = 2.0  # factor by which an sd would fall if rivals that are named were known
-MIN_EXPLAINED_FALL = 0.8  # share of the log of that factor that the named rivals have to explain
+MIN_FALL = 2.0  # least factor by which knowing its rivals reduces the sd of a parameter
+MIN_EXPLAINED_FALL = 0.8  # share of the log of the whole factor that the reported rivals explain
 MIN_HELPFUL_FALL = 1.5  # factor by which a proposed experiment reduces an sd
 MAX_PROPOSED = 2  # number of experiments that are proposed
-STICTION_GONE_SPEEDS = 3.0  # speed over the scale of static friction, above which this is gone
+STICTION_GONE_SPEEDS = 3.0  # speed relative to the scale at which static friction fades
 LOST_SHARE = 0.9  # sd over that of the prior, above which the record shows nothing
 ONE_SPEED_SHARE = 0.25  # range of speeds over their mean, below which there is one speed
 BELOW_STALL = 0.8  # proposed voltage over that at which the rig comes to rest
 
 
 def rivals(roles: Roles) -> dict[str, tuple[str, ...]]:
-    """Return, by name of each friction, damping or drop, parameters that have a similar effect."""
+    """Return the parameters that act like each friction, damping or voltage drop, by its name."""
     inertias, motors = roles.inertias, roles.motors
     back_emfs = [motor.back_emf for motor in motors]
     similar: dict[str, tuple[str, ...]] = {}
@@ -60,10 +60,11 @@ def rivals(roles: Roles) -> dict[str, tuple[str, ...]]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Excitation:
-    """The excitation of a friction at `where`, against a state, is that of all records.
+    """The excitation describes the motion at a friction `where`, over all records.
 
-    It had `reversals`, and was `stuck` for a share of the time.  `slowest` and `fastest` are its least
-    and greatest speed after the start, SI, or the current [A].
+    `against` is the state that the friction opposes, `reversals` the number of its changes of sign,
+    and `stuck` the share of time at rest.  `slowest` and `fastest` are its least and greatest size
+    after the start: a speed, SI, or a current [A].
     """
 
     where: str
@@ -75,7 +76,7 @@ class Excitation:
 
     @property
     def one_speed(self) -> bool:
-        """Return whether its speed hardly changes."""
+        """Return whether the speed hardly changes."""
         return self.fastest - self.slowest < ONE_SPEED_SHARE * (self.fastest + self.slowest)
 
 
@@ -230,7 +231,7 @@ class _FrictionStudy:
 
     @cached_property
     def tried(self) -> list[tuple[str, float | None, Array]]:
-        """Return possible experiments: what each is, its voltage, and the precision with it."""
+        """Return possible experiments: the name, the voltage, and the precision with its record."""
         tried = []
         for what, volts, scene in self._scenes():
             rows = self.sensitivity.with_nuisances(self.theta, scene)
@@ -292,7 +293,7 @@ def drive_words(model: Model, drive: str) -> tuple[str, str]:
 
 
 def stall_voltage(model: Model, p: Mapping[str, float]) -> float:
-    """Return the voltage [V], or other first drive, at which the rig just turns against friction.
+    """Return the first drive, such as a voltage [V], at which the rig just turns against friction.
 
     Below it the rig comes to rest, as friction at rest is no less.  The result is zero without
     friction, without a drive, and if the drive is a speed.
@@ -303,7 +304,7 @@ def stall_voltage(model: Model, p: Mapping[str, float]) -> float:
         return 0.0
     frictions = model.frictions
     others = {**dict.fromkeys((*model.states, *model.inputs), 0.0), DIRECTION: 1.0}
-    # At this speed static friction is gone.
+    # At this speed static friction has faded.
     sizes = {f.name: float(np.asarray(f.law.size(p, 1e6, others))) for f in frictions}
     linear = model.linear(p)
     matrix, angles = dynamics(linear, model.states, 1), steady_state.angle_indices(model)

@@ -1,7 +1,7 @@
 """Find parameters that a missing torque can replace, and remedies.
 
-Fisher information of all unknowns, with the priors, is compared with that of a rig without a missing
-torque.  It is the Gauss-Newton curvature for records that are drawn at the point.
+The Fisher information of all unknowns, with the priors, is compared with that of a rig without a
+missing torque.  It is the mean Gauss-Newton curvature of records that are drawn at the given point.
 """
 
 from __future__ import annotations
@@ -140,7 +140,7 @@ def scaled_with_torque(
 
 
 def _information(posterior: Posterior, theta: Array, before: Array, seeds: Counts) -> Array:
-    """Return the information `(D, D)` on the logs, with the priors."""
+    """Return the Fisher information `(D, D)` of the logs of the unknowns, with the priors."""
     full, total = posterior.space.full(theta[None]), np.diag(1.0 / before**2)
     steps = posterior.coordinates.slopes_by_natural(theta[None])[0]
     for seed in seeds:

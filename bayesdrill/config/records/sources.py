@@ -35,7 +35,7 @@ from bayesdrill.record.experiment import Anomaly, Experiment, check_time, frozen
 from bayesdrill.record.formats import FORMATS, format_of
 from bayesdrill.record.formats.table import RecordTable, variable_name
 
-OTHER_TIMES_HINT = "; if the times of this file stand elsewhere, give this entry its own `time:`"
+OTHER_TIMES_HINT = "; if this file has its times in another column, give the entry its own `time:`"
 
 
 def file_entries(config: Config) -> dict[Location, Series]:
@@ -48,7 +48,7 @@ def file_entries(config: Config) -> dict[Location, Series]:
 def inputs_as_given(
     config: Config, experiment: Experiment
 ) -> Iterator[tuple[str, InputColumn, Array]]:
-    """Yield entry, column and values `(T,)`, in the column's unit, of each input or imposed angle."""
+    """Yield entry, column and values `(T,)` in its unit, of each input or imposed angle."""
     for name, spec in config.measured_inputs.items():
         entry, values = config.input_entry(name), experiment.series[name]
         if entry != name:
@@ -88,7 +88,7 @@ def named_files(data: Mapping[str, Any]) -> list[tuple[dict[str, Any], str]]:
 
 
 def rebase(data: Mapping[str, Any], old: Path, new: Path) -> None:
-    """Rewrite names of files that are relative to the folder `old`, relative to `new`.
+    """Rewrite file names relative to the folder `old` as names relative to the folder `new`.
 
     Links are resolved first, as `..` in a path goes up from the target of a link.
     """
@@ -111,7 +111,7 @@ class Clock:
 
     table: RecordTable
     t: Array
-    rows: NDArray[np.intp]  # with several clocks also one on either side of the windows
+    rows: NDArray[np.intp]  # with several clocks, also the nearest row before and after the windows
     in_window: NDArray[np.bool_]
     n_rows: int
 
@@ -125,17 +125,15 @@ class Clock:
         return np.asarray(self.table.numbers[self.rows], dtype=np.int64)
 
 
-MAX_KEPT = (
-    4_000_000  # numbers of a table that is kept: one that is larger takes memory of the sampler
-)
+MAX_KEPT = 4_000_000  # numbers in a table that is kept; larger ones take the sampler's memory
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Files:
-    """Keep what was read of files, for those who ask for the same again.
+    """Keep tables and records that were read, so that no file is read twice.
 
-    `tables`: by all that decides what a file is read as, if they are small; `records`: the first that
-    was made of each experiment, by its label.  `given`: the table of a record that is in no file.
+    `tables` holds small tables by path, format, options and variables. `records` holds the first
+    record of each experiment by its label. `given` is the table of a record passed as arrays.
     """
 
     given: RecordTable | None = None
@@ -145,7 +143,7 @@ class Files:
     def table(
         self, path: Path, form: str, options: Any, wanted: frozenset[str] | None
     ) -> RecordTable:
-        """Return the table of a file, with all variables or those `wanted`; raises as formats do."""
+        """Return the table of a file with all variables or those `wanted`; raises as formats do."""
         key = (path, form, options, wanted)
         if key in self.tables:
             return self.tables[key]
@@ -191,7 +189,7 @@ class Sources:
         return [clock for clock in self._clocks.values() if clock is not None]
 
     def column(self, location: Location, spec: Series) -> Array | None:
-        """Return all rows of a channel or an input, unscaled as in the file."""
+        """Return all rows of a channel or an input, in the unit of the file."""
         table = self._tables.get(file_of(spec))
         return None if table is None else self._pick(location, spec, table)
 
@@ -271,7 +269,7 @@ class Sources:
         return None
 
     def _wanted(self, file: FileSpec | None) -> frozenset[str] | None:
-        """Return the variables that the config names in a file; None if one has to be found there."""
+        """Return the variables that the config names in a file; None if one is given by number."""
         specs = [s for s in file_entries(self._config).values() if file_of(s) == file]
         times = [spec.time or self._config.record.time for spec in specs]
         columns = [*specs, *(time for time in times if isinstance(time, TimeColumn))]
@@ -291,14 +289,14 @@ def refuse_decimation(experiment: Experiment, factor: int, *, filtered: bool) ->
     """Return why a record cannot be decimated, with a way out; empty if it can."""
     rows = len(experiment.t)
     if filtered and not experiment.uniform:
-        way_out = "remove it, say `filter: false`, or cut the record at gaps"
+        way_out = "remove `decimate:`, say `filter: false`, or cut the record at gaps"
         return f"a filter needs equal time steps, and these are not; {way_out}"
     if filtered and not experiment.seen.all():
         k = int(np.argmin(experiment.counts))
         return (
-            f"a filter needs every sample, and {rows - experiment.counts[k]} of {experiment.names[k]} "
-            "are missing, masked or outside the windows; remove it, say `filter: false`, or name one "
-            "window without them"
+            f"a filter needs every sample, and {rows - experiment.counts[k]} of "
+            f"{experiment.names[k]} are missing, masked or outside the windows; remove "
+            "`decimate:`, say `filter: false`, or name one window without them"
         )
     available = rows if filtered else min(experiment.counts)
     need = (clocks.filter_length(factor) if filtered else 1) + (MIN_SAMPLES - 1) * factor
@@ -307,10 +305,10 @@ def refuse_decimation(experiment: Experiment, factor: int, *, filtered: bool) ->
 
 
 def decimate_filtered(experiment: Experiment, factor: int) -> Experiment:
-    """Return the experiment with filtered channels, of which one sample of `factor` is kept.
+    """Return the experiment with filtered channels that keep one sample in `factor`.
 
-    Measured inputs keep every sample, as the rig follows each of their steps. Between the kept samples
-    the channels are then NaN.
+    Measured inputs keep every sample, as the rig follows each of their steps. Then the channels are
+    NaN between the samples that they keep.
     """
     decimation = clocks.decimated(experiment.y, factor)
     if experiment.series:
@@ -327,8 +325,8 @@ def decimate_filtered(experiment: Experiment, factor: int) -> Experiment:
         f"{', '.join(experiment.names)}: filtered and decimated, one sample of {factor} is left "
         f"({len(decimation.samples)} of {len(experiment.t)}). The filter is a zero-phase FIR of {taps} "
         f"samples, half of the amplitude at {half:.6g} Hz. {taps // 2} samples at either end are "
-        f"dropped. It took away (sd) {removed}. Sigma is the noise of what is left; the model is not "
-        "filtered"
+        f"dropped. The filter took away (sd) {removed}. Sigma is the noise after the "
+        "filter; the model is not filtered"
     )
     return dataclasses.replace(experiment, t=frozen(t), y=frozen(y), told=(*experiment.told, note))
 
@@ -346,7 +344,8 @@ def decimate_unfiltered(experiment: Experiment, factor: int) -> Experiment:
         for k, name in enumerate(experiment.names)
     )
     note = (
-        f"decimated without a filter: one sample of {factor} is left ({counts}), as it was measured; "
-        "what is faster than half the new rate stays in it, and sigma is the noise of a single sample"
+        f"decimated without a filter: one sample of {factor} is left ({counts}), as it was "
+        "measured; motion above half the new rate stays as noise. Sigma is the noise of a single "
+        "sample"
     )
     return dataclasses.replace(experiment, t=frozen(t), y=frozen(y), told=(*experiment.told, note))

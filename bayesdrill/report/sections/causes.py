@@ -1,4 +1,4 @@
-"""Write what would explain a bad fit: candidates, which is recommended, and what to do next."""
+"""List what would explain a bad fit, which candidate is recommended, and what to do next."""
 
 from __future__ import annotations
 
@@ -30,9 +30,7 @@ STEPS = (
     "it fits.\n"
     "next: bayesdrill ladder CONFIG samples the best candidates and compares them."
 )
-NONE_TRUSTED = (
-    "fit: none of these can be trusted, so that no change of the config is recommended.\n"
-)
+NONE_TRUSTED = "fit: none of these can be trusted, so no change of the config is recommended.\n"
 LOOK = (
     "next: bayesdrill check CONFIG says what is odd in columns and units.\n"
     "next: look at the inputs and the gear: does anything drive the rig that no column records?\n"
@@ -56,8 +54,9 @@ def candidates(causes: Causes | None) -> tuple[Sentences | Table | Plain, ...]:
     notes = "\n".join(filter(None, [_reference(causes), wandering(causes)]))
     if not causes.good:
         tried = (
-            f"{refitted}, and none explains the misfit. They were signs, gains, lags and offsets of "
-            "columns, clocks, the start, the gear, physics that the rig may lack, and the noise."
+            f"{refitted}, and none explains the misfit. The candidates were signs, gains, lags and "
+            "offsets of columns, clocks, the start, the gear, physics that the rig may lack, and "
+            "the noise."
         )
         return (Sentences("\n".join(filter(None, [tried, notes, LOOK]))),)
     best = causes.best
@@ -91,7 +90,7 @@ def doubt(doubt: Doubt) -> str:
         "end": "{names} is at an end of its prior",
         "maxima": "there is another maximum, about as high",
         "alike": "{names} stand for each other",
-        "hidden": "it hides {share:.2g} % of the samples, and does not fit the others",
+        "hidden": "it ignores {share:.2g} % of the samples, and does not fit the others",
     }[doubt.kind]
     return sentence.format(names=" and ".join(doubt.said_of), share=100 * doubt.share)
 
@@ -119,7 +118,7 @@ def _reference(causes: Causes) -> str:
         return ""
     name, channel = causes.reference
     return (
-        f"fit: {channel} follows {name} as it would follow a set point, and not as the rig would. If "
+        f"fit: {channel} follows {name} like a set point, and does not respond like the rig. If "
         f"{name} is a reference, record the voltage, current or torque of the motor instead."
     )
 
@@ -151,7 +150,7 @@ def _beside(cause: Cause, best: Cause | None) -> str:
 
 
 def wandering(causes: Causes) -> str:
-    """Say which unknowns change from window to window of the record; empty where none was refitted."""
+    """Say which unknowns change from window to window; empty if no window was refitted."""
     if len(causes.windows) < 2:
         return ""
     changes, columns = [], dict[str, list[FittedValue]]()
@@ -195,8 +194,8 @@ def instead(explanation: EquivalentExplanation | None, rig: Model) -> Iterable[s
     missing = f"{_lacked(name, rig.roles)} of {value:.3g} {rig.symbols[name].plain_unit}"
     prior = f"{{prior: uniform, low: 0, high: {WIDER * value:.2g}}}"
     yield (
-        f"before you blame the table: its values with {missing} explain the record {how} any without. "
-        f"Try it: say `parameters: {{{name}: {prior}}}`."
+        f"before you blame the table: its values with {missing} explain the record {how} any "
+        f"values without. Try it: say `parameters: {{{name}: {prior}}}`."
     )
 
 

@@ -35,22 +35,22 @@ from bayesdrill.report.view import Drawing, ReportContext
 GAP = 0.06  # gap between panels, relative to a panel
 LARGEST = 2.2 * (1 + GAP)  # inches from one panel to the next
 LEAST = 13.0 / 72  # least inches of a panel, below which the page grows
-READABLE = 5.7  # points: below, labels are turned by a right angle, and say the ends of their axes
+READABLE = 5.7  # points; labels below this size are turned by 90 degrees, with the axis range
 SMALLEST = 5.2  # smallest font size of numbers at an axis, in points
-BELOW = 0.11  # inches that a turned label stands below its panel, and its margin
+BELOW = 0.11  # inches for the gap above a turned label and the margin under it
 CLEAR = 0.1  # share of an axis at each end that has no numbers
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CornerLayout:
-    """The layout gives margins in inches per point of the letters, and the pitch `across` in letters."""
+    """The layout has margins in inches per point of the font, and the pitch `across` in letters."""
 
     across: float
     left: float
     right: float
 
     def sizes(self, n: int, width: float) -> tuple[float, float]:
-        """Return letters in points, and inches from panel to panel, of `n` unknowns in a `width`."""
+        """Return the font size [points] and the panels' pitch [inches] for `n` unknowns."""
         most, margins = 10.0 if width >= DOUBLE else 8.5, self.left + self.right
         letters = min(most, width / (n * self.across / 72 + margins))
         pitch = min(max((width - margins * letters) / n, LEAST), LARGEST)
@@ -62,7 +62,7 @@ TURNED = CornerLayout(across=2.6, left=0.085, right=0.075)
 
 
 def _label_with_ends(scale: Scale, symbol: Symbol) -> str:
-    """Return what an axis says that is too short for numbers: its label, and its ends below it."""
+    """Return the text of an axis without room for numbers: its label, and its range below it."""
     ends = scale.number(scale.value(np.array([scale.low, scale.high])))
     low, high = (f"{end:.3g}".replace("-", "\N{MINUS SIGN}") for end in ends)
     return f"{scale.label(symbol)}\n{low} to {high}"
@@ -70,10 +70,11 @@ def _label_with_ends(scale: Scale, symbol: Symbol) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CornerPage:
-    """The page has `panels (n, n)`, None above the diagonal; `shown`: axes, at most `width` wide.
+    """The page has `panels (n, n)` of the axes `shown`; they are None above the diagonal.
 
-    `letters`: of labels, points; `pitch`: inches from panel to panel; `fine`: the factor by which
-    lines and marks are thinner than in a large panel.
+    `width` [inches] is its largest width, `letters` [points] the font size of labels, and `pitch`
+    [inches] the distance from panel to panel. Lines and marks are thinner by the factor `fine` than
+    in a large panel. Labels are `turned` if numbers would be too small.
     """
 
     figure: Figure
@@ -87,7 +88,7 @@ class CornerPage:
 
     @classmethod
     def build(cls, shown: Sequence[tuple[Scale, Symbol]], width: float) -> CornerPage:
-        """Lay out these axes in at most `width`, or as little more as they need."""
+        """Lay out these axes within `width`, or wider if panels would be smaller than `LEAST`."""
         from matplotlib.figure import Figure
 
         n, layout = len(shown), NUMBERED
@@ -161,7 +162,7 @@ class CornerPage:
                 self.panels[k, 0].set_ylabel(name, rotation=0, ha="right", va="center", **look)
 
     def _add_legend(self, handles: Sequence[Any]) -> None:
-        """Put a legend in the upper right; for it the page grows, up to its width and then upwards."""
+        """Put a legend in the upper right; the page grows for it, first sideways, then upwards."""
         figure = self.figure
         look: dict[str, Any] = {"loc": "upper right", "borderaxespad": 0.3}
         legend = figure.legend(handles=handles, **look)
@@ -207,7 +208,7 @@ REACH = 1.0  # the axis grows by this share of its width at most to show the nom
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CornerColumn:
-    """The column is one unknown on its axis, where its draws `(N,)` are at `x`."""
+    """The column has one unknown, its draws `(N,)`, and their places `x (N,)` on the axis."""
 
     symbol: Symbol
     scale: scales.Scale
@@ -226,7 +227,7 @@ class CornerColumn:
 
 
 def corner_figure(draws: Array, shown: DisplayedUnknowns, width: float = scales.DOUBLE) -> Figure:
-    """Draw a D by D corner of draws `(N, D)` of what is `shown`, at most `width` wide."""
+    """Draw a corner plot of draws `(N, D)` of what is `shown`, at most `width` inches wide."""
     columns = [_column(x, symbol, shown) for x, symbol in zip(draws.T, shown.symbols, strict=True)]
     with style.styled(width):
         page = CornerPage.build([(column.scale, column.symbol) for column in columns], width)
@@ -268,7 +269,7 @@ def _title(column: CornerColumn, interval: Array) -> str:
 
 
 def _points(columns: Sequence[CornerColumn], page: CornerPage) -> None:
-    """Draw some draws as one artist, because each rasterised artist costs a page of pixels."""
+    """Plot a part of the draws as one artist, as each rasterised artist costs a page of pixels."""
     from matplotlib.lines import Line2D
 
     shown = style.thin(len(columns[0].x), round(POINTS * page.fine**2))
@@ -288,7 +289,7 @@ def _points(columns: Sequence[CornerColumn], page: CornerPage) -> None:
 
 
 def _marginal(panel: Axes, column: CornerColumn, page: CornerPage) -> None:
-    """Draw a histogram of all draws, whose bins end where the prior does, and the prior to scale."""
+    """Draw a histogram of all draws, cut at the ends of the prior, and the prior scaled to it."""
     x, scale = column.x, column.scale
     interval = np.array(hdi(column.draws))
     near, far = scale(interval).tolist()
@@ -326,7 +327,7 @@ def _marks(panel: Axes, column: CornerColumn, row: CornerColumn, page: CornerPag
 def draw_corner(run: ReportContext) -> Drawing:
     """Return the drawing of the joint posterior."""
     names = run.config.output.corner or run.config.output.parameters
-    # Where it shows unknowns alone, it does not wait for what follows from them.
+    # A figure of unknowns alone does not wait until derived quantities are computed.
     derived = run.chain.nothing_derived if {*(names or ())} <= {*run.problem.names} else run.derived
     at = (run.sampled.draws, derived, run.chain.best[None])
     draws, shown = derived_shown(run.problem, names, *at)

@@ -36,8 +36,9 @@ from bayesdrill.report.style import Figure
 from bayesdrill.report.view import Drawing, ReportContext, ReportPart
 
 REPEATS_EXPLAINED = (
-    "Each experiment alone, around the joint maximum: how far its estimate of a product is from that of "
-    "all of them, and its standard deviation. `spread` is the variation between experiments beyond that."
+    "Each experiment alone, around the joint maximum: the deviation of its estimate of a product "
+    "from the joint one, and its standard deviation. `spread` is the variation between experiments "
+    "that these standard deviations do not explain."
 )
 
 
@@ -58,7 +59,7 @@ def repeats_sentence(repeats: Sequence[RepeatedProduct], names: Sequence[str]) -
     )
     return (
         f"experiments: they do not show the same rig: {each}. The joint posterior is too sure. The rig "
-        "changed between them, or the model lacks what differs. `own: [...]` lets a parameter differ."
+        "changed between them, or the model lacks an effect. `own: [...]` lets a parameter differ."
     )
 
 
@@ -81,22 +82,22 @@ def repeats_table(repeats: Sequence[RepeatedProduct], names: Sequence[str]) -> T
 SHORT = ("", "nominal", "mean", "dev. %", "tension", "beyond tol.", "bits", "verdict")
 VERDICT_EXPLAINED = (
     "All in SI. First come products of powers, which the record can show, then the parameters by "
-    "themselves. `dev. %` is the deviation of the posterior mean from the nominal value. `tension` says "
-    "how many sigma the nominal value lies from the posterior, or the nearest value within its "
-    "tolerance `tol. %`. `beyond tol.` is the probability that the deviation exceeds the tolerance. "
-    "`sd/prior` is the standard deviation of the log over that of the prior. `bits` is the information "
-    "gained on the prior: one bit halves a range."
+    "themselves. `dev. %` is the deviation of the posterior mean from the nominal value. `tension` "
+    "is the distance of the nominal value from the posterior, in sigma. With a tolerance `tol. %` "
+    "it counts from the nearest value within. `beyond tol.` is the probability that the deviation "
+    "exceeds the tolerance. `sd/prior` is the standard deviation of the log over that of the "
+    "prior. `bits` is the information gained on the prior: one bit halves a range."
 )
 
 
 def verdict_rule(verdict: Verdict) -> str:
     """Describe what the words of the verdict mean."""
     return (
-        f"*disagrees*: more than {verdict.limit:.2f} sigma. If the rig were as the table and its "
-        f"tolerances say, at most {100 * FALSE_ALARM:g} % of records would show any disagreement, all "
-        "quantities together. *In doubt*: as far, but the fit leaves more than noise: the model may "
-        "be to blame and not the table. *Not determined*: the record leaves it to the prior, and so "
-        "says nothing for or against the nominal value."
+        f"*disagrees*: more than {verdict.limit:.2f} sigma. If the table were right within its "
+        f"tolerances, at most {100 * FALSE_ALARM:g} % of records would show a disagreement of any "
+        "quantity. *In doubt*: just as far, but the fit leaves more than noise, so the model may "
+        "be wrong and not the table. *Not determined*: the posterior is mostly the prior, so the "
+        "record says nothing for or against the nominal value."
     )
 
 
@@ -107,7 +108,7 @@ def verdict_rows(verdict: Verdict) -> tuple[Quantity, ...]:
 
 
 def verdict_table(verdict: Verdict) -> Table:
-    """Return tension, tolerance and verdict of each quantity; tolerances only where there are any."""
+    """Return the table of the verdict, whose columns of tolerances may be missing."""
 
     def cells(quantity: Quantity) -> dict[str, str]:
         low, high = (100 * end for end in quantity.tolerance)
@@ -131,7 +132,7 @@ def verdict_table(verdict: Verdict) -> Table:
 
 
 def verdict_csv(verdict: Verdict, symbols: Sequence[Symbol]) -> str:
-    """Return CSV: all digits, SI, units by `symbols`, and shares as fractions."""
+    """Return the verdict as CSV: full precision, SI units of `symbols`, shares as fractions."""
     units = {symbol.name: symbol.unit for symbol in symbols}
     heads = ("quantity", "unit", "nominal", "tolerance_low", "tolerance_high", "mean", "sd")
     more = ("deviation", "tension_sigma", "beyond_tolerance", "sd_ratio", "bits", "verdict")
@@ -160,7 +161,7 @@ def quantity_name(verdict: Verdict, quantity: Quantity) -> str:
 def invariants_figure(
     verdict: Verdict, draws: Array, mode: Array, symbols: Sequence[Symbol], width: float = DOUBLE
 ) -> Figure:
-    """Draw products of SI draws `(N, D)` at the MAP `(D,)`: determined ones, or all if none is."""
+    """Draw the determined products, or all if none is; `draws (N, D)` and the MAP are in SI."""
     sure = [q for q in verdict.products if q.says != "not determined"]
     selected = sure or list(verdict.products)
     deviations = tuple(
@@ -214,7 +215,7 @@ def _verdict_file(run: ReportContext) -> str | None:
 
 
 def run_marks(run: ReportContext) -> tuple[Badge, ...]:
-    """Build the badges of a run; one that must not be believed has no good ones."""
+    """Build the badges of a run; none is green if the run must not be believed."""
     converged = run.sampled.convergence.converged
     first = Badge("converged", "good") if converged else Badge("not converged", "bad")
     fit = Badge("more than noise is left", "doubt")
@@ -267,7 +268,7 @@ _HOLDS = (
     "which the config holds fixed. If that is wrong by some factor, they are wrong too, and the fit is "
     "as good. A prior in its place shows what the record alone determines"
 )
-_LEANS = "as the record alone determines little but ratios"
+_LEANS = "as the record alone determines little more than ratios"
 
 
 def verdict_sentences(
@@ -281,10 +282,10 @@ def verdict_sentences(
     rests: Sequence[DependsOnFixed] = (),
     units: DisplayUnits = SI,
 ) -> str:
-    """Say the verdict in a sentence, then what it rests on and what stays undecided.
+    """Say the verdict in a sentence, then what it depends on and what stays undecided.
 
-    `believed`: whether the run may be; `records`: of how many experiments it is; `lacking`: what the
-    model may miss.
+    `believed` is false if the run must not be believed, `records` is the number of experiments, and
+    `lacking` names what the model may miss.
     """
     if not believed:
         return no_verdict(converged=converged)
@@ -306,7 +307,7 @@ def no_verdict(*, converged: bool) -> str:
 
 
 def verdict_sentence(verdict: Verdict, table: str, records: int = 1) -> str:
-    """Return the verdict: how much was determined, whether it agrees, and all taken together."""
+    """Return the verdict: how many products are determined, and whether each and all agree."""
     n, k = len(verdict.products), len(verdict.judged)
     determines, such, says = "this record determines", "such a record", "It says"
     if records > 1:
@@ -379,7 +380,7 @@ def _undecided(verdict: Verdict, units: DisplayUnits) -> Iterator[str]:
         ),
         "At an end of its prior": (
             verdict.saying("pressed against the prior"),
-            "The end decides there, so nothing is said of the nominal value.",
+            "The end of the prior decides, so nothing is said about the nominal value.",
         ),
         "Cannot judge": (
             verdict.saying("cannot judge"),

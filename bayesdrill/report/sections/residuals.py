@@ -35,7 +35,7 @@ BINS = 36
 
 
 def predictive_figure(checks: Sequence[PredictionCheck], width: float = scales.DOUBLE) -> Figure:
-    """Draw samples in standard deviations of their prediction, and their PIT, by channel."""
+    """Draw, for each channel, the standardised errors of the prediction and their PIT."""
     away = [100 * departures(check.band, check.ranks) for check in checks]
     most = max(float(np.abs(each).max()) for each in away)
     wide = width >= scales.DOUBLE
@@ -88,7 +88,7 @@ def residuals_figure(
     *,
     latex: Mapping[str, str],
 ) -> Figure:
-    """Draw correlations of residuals with themselves and inputs, whose `latex` is by name."""
+    """Draw correlations of residuals with themselves and with inputs; `latex` names the inputs."""
     beside = [c for c in correlations if c.channel == correlations[0].channel]
     high = 1.1 * max(float(np.maximum(c.values, c.band).max()) for c in correlations)
     low = 1.1 * min(float(np.minimum(c.values, -c.band).min()) for c in correlations)
@@ -117,7 +117,7 @@ def residuals_figure(
         return legend_above(figure, looks)
 
 
-RESIDUALS = "Whether residuals are white, and whether they follow an input (positive lags)."
+RESIDUALS = "Whether residuals are white, and whether they follow an input at positive lags."
 
 
 def _draw_residuals(run: ReportContext) -> tuple[Drawing, ...] | None:
@@ -181,7 +181,7 @@ def _draw_frequency_response(run: ReportContext) -> tuple[Drawing, ...]:
     responses = frequency_responses(run.problem.posterior, run.chain.best)
     each = groupby(responses, lambda response: response.label)
     shown = ((label, tuple(group)) for label, group in each)
-    says = "How inputs move channels: measured, where they excite, and by the model."
+    says = "Frequency responses: measured where the input excites the rig, and of the model."
     return for_each_experiment(frequency_figure, shown, run.width, says)
 
 

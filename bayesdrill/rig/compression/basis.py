@@ -1,8 +1,9 @@
-"""Choose rational functions for the response of rigs near a reference, and project a record on them.
+"""Choose rational functions for the response of rigs near a reference, and project a record.
 
-See `basis_kernel` for the functions. Poles are chosen for the rigs at given points. Then the record
-becomes, block by block, a triangle R of the functions as columns B = Q R, and Q' r of the
-reference's residuals r. Its size does not depend on the length of the record.
+See `basis_kernel` for the functions. Poles are chosen for the rigs at given points. The
+responses of the functions are the columns of a matrix B = Q R, and r are the residuals of the
+reference. Block by block, the record is reduced to the triangle R and to Q' r, whose size does not
+depend on the length of the record.
 """
 
 from __future__ import annotations
@@ -19,9 +20,9 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.rig.compression.basis_kernel import PAIR, REAL, ROUNDS, ROWS, PoleNumbers
 
 BLOCK = 1 << 14  # samples that are filtered at a time
-ROWS_AT_ONCE = 16  # rows per column that one QR decomposition adds: they stay in the cache
+ROWS_AT_ONCE = 16  # rows per column that one QR decomposition adds, so that they fit into the cache
 MAX_ORDER = 30  # functions of a pole: with more of them the exact response costs less
-MAX_SHARED = 1e-9  # relative to rates: a state with a smaller effect at all points is an integrator
+MAX_SHARED = 1e-9  # largest effect of an integrator on a rate, relative to that of any state
 NEARLY_ONE = 0.3  # relative distance of real modes: nearer ones are treated as a pair
 LEAST_TURN = 0.25  # least rotation or shear of a pair, relative to its decay or distance from -1
 UNKNOWN = "the poles of the rig are too uncertain"
@@ -33,14 +34,14 @@ class CompressionError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Pole:
-    """The pole of functions is 1 + `mu`, or a pair of such; each round has `order` functions of it."""
+    """The pole is 1 + `mu`, or a complex pair; each round has `order` functions of it."""
 
     mu: complex
     order: int
 
     @property
     def size(self) -> int:
-        """Return how many modal coordinates the pole has, which are also its functions at a time."""
+        """Return the number of modal coordinates of the pole, and of functions per order."""
         return PAIR if self.mu.imag else REAL
 
     @property
@@ -53,8 +54,8 @@ class Pole:
 class Basis:
     """The basis has functions, and coordinates that nearly diagonalise rigs near the reference.
 
-    `vectors (X, X)` are integrators, then modes of the reference, real and imaginary parts of a
-    pair in a row. `duals` is its inverse.
+    The columns of `vectors (X, X)` are integrators, then modes of the reference; a pair has two
+    adjacent columns. `duals` is the inverse of `vectors`.
     """
 
     poles: tuple[Pole, ...]
@@ -65,8 +66,8 @@ class Basis:
     def frame(self, sizes: Sequence[float], first: Array) -> Array:
         """Return the block `frame` of the kernels.
 
-        `sizes` are norms over time of all sources of the drive. `first` has the first value of each
-        series, see `Columns`.
+        `sizes` are the norms over time of all sources that drive the rig. `first` has the first
+        value of each measured input.
         """
         poles = [number for pole in self.poles for number in pole.numbers.all]
         parts = [self.vectors.ravel(), self.duals.ravel(), sizes, first, poles]
@@ -74,9 +75,9 @@ class Basis:
 
 
 def choose_basis(rates: Array, dt: float, left: float) -> Basis:
-    """Choose functions for rigs with `rates (n, X, X)`, their matrices A; the first is the reference.
+    """Choose functions for n rigs with the state matrices `rates`; the first is the reference.
 
-    `left` is the relative part of a mode's response that the functions may neglect. Raises
+    `rates` is `(n, X, X)`. `left` is the share of a mode's response that may be neglected. Raises
     `CompressionError` if a rig has modes that do not decay, or if poles are too far apart.
     """
     from scipy.linalg import expm  # slow to import, and rarely needed
@@ -86,9 +87,9 @@ def choose_basis(rates: Array, dt: float, left: float) -> Basis:
 
 
 def basis_of(falls: Array, shared: Array, left: float) -> Basis:
-    """Choose functions for `falls (n, X, X)`, their Phi - 1; `shared (X, d)` are integrators.
+    """Choose functions as `choose_basis` does, for rigs with the transitions `falls + 1`.
 
-    See `choose_basis`.
+    `falls (n, X, X)` is Phi - 1 of each rig, and the columns of `shared (X, d)` are integrators.
     """
     vectors, modes = _modes(falls[0], shared)
     duals = np.linalg.inv(vectors)
@@ -103,14 +104,14 @@ def basis_of(falls: Array, shared: Array, left: float) -> Basis:
 
 
 def _shared_integrators(rates: Array) -> Array:
-    """Return the directions of states `(X, d)` on which nothing depends, in any of the rigs."""
+    """Return the directions `(X, d)` of the state space that change no rate of any rig."""
     rows = rates.reshape(-1, rates.shape[2])
     size = np.abs(rows).max(axis=1, keepdims=True)
     rows = rows[size[:, 0] > 0] / size[size[:, 0] > 0]
     _, singular, turned = np.linalg.svd(rows, full_matrices=True)
     singular = np.append(singular, np.zeros(len(turned) - len(singular)))
     null = turned[singular < MAX_SHARED * singular[0]].T
-    if null.shape[1] == 1:  # all angles turn alike: make their ratios exact
+    if null.shape[1] == 1:  # a common rotation of all angles: make equal ones exactly equal
         null = null / null[np.argmax(np.abs(null[:, 0])), 0]
         near = np.round(null)
         null = np.where(np.abs(null - near) < MAX_SHARED, near, null)
@@ -118,9 +119,9 @@ def _shared_integrators(rates: Array) -> Array:
 
 
 def _modes(fall: Array, shared: Array) -> tuple[Array, list[complex]]:
-    """Return vectors `(X, X)` of integrators and modes, the fastest first, and the value of each.
+    """Return vectors `(X, X)` of integrators, then of modes from fast to slow, and modal values.
 
-    Modes that are complex, or nearly equal, form a pair, for which any two vectors will do.
+    Two modes that are conjugate or nearly equal form a pair: any two vectors of their plane serve.
     """
     values, vectors = np.linalg.eig(fall)
     order = np.argsort(-np.abs(values), kind="stable")[: len(fall) - shared.shape[1]]
@@ -143,7 +144,7 @@ def _modes(fall: Array, shared: Array) -> tuple[Array, list[complex]]:
 
 
 def _pair(fall: Array, both: Array) -> Array:
-    """Return vectors `(X, 2)` of a pair's plane, in which it rotates in circles or hardly shears."""
+    """Return vectors `(X, 2)` of a pair's plane, scaled so that it rotates or hardly shears."""
     from scipy.linalg import schur
 
     plane = np.linalg.qr(both)[0]
@@ -155,7 +156,7 @@ def _pair(fall: Array, both: Array) -> Array:
 
 
 def _chosen(poles: list[complex], values: Array, left: float) -> Iterator[Pole]:
-    """Yield the poles of the functions, each central among the rigs' poles nearest to its mode."""
+    """Yield a pole for each mode of the reference, amid the rigs' poles that are nearest to it."""
     flat = values.ravel()
     nearest = np.argmin([_passed(mu, flat) for mu in poles], axis=0)
     for index, mu in enumerate(poles):
@@ -166,7 +167,7 @@ def _chosen(poles: list[complex], values: Array, left: float) -> Iterator[Pole]:
             turns = np.abs(mine.imag)
             turn = max(0.5 * (turns.min() + turns.max()), _least_turn(middle.real))
             middle = complex(middle.real, turn)
-        # Round mu as 1 + mu is rounded.
+        # Round mu so that 1 + mu is exact.
         middle = complex((1.0 + middle.real) - 1.0, middle.imag)
         if abs(1.0 + middle) >= 1.0:
             raise CompressionError(UNKNOWN)
@@ -183,7 +184,7 @@ def _least_turn(real: float) -> float:
 
 
 def _passed(mu: complex, values: Array) -> Array:
-    """Return the part of modes with these values that a function of the pole does not represent."""
+    """Return the share of each mode, given by its value, that a function of the pole neglects."""
     numbers = PoleNumbers.of_pole(mu)
     over = np.polynomial.polynomial.polyval(values, numbers.over)
     first, second, third = numbers.along
@@ -211,7 +212,7 @@ class Columns:
         return np.array(columns).T
 
     def _filtered(self, stage: tuple[int, int], pole: Pole, u: Array) -> tuple[list[Array], Array]:
-        """Return the columns of a function, and its input after the all-pass."""
+        """Return the columns of one function, and the input of the next: `u` after the all-pass."""
         numbers, real, turn = pole.numbers, pole.mu.real, pole.mu.imag
         (_, _, square), even, odd = numbers.over, numbers.even, numbers.odd
         if pole.size == REAL:
@@ -224,7 +225,7 @@ class Columns:
         return [first, second], square * u + even * first - odd * second
 
     def _delayed(self, stage: tuple[int, int], a: complex, u: Array) -> Any:
-        """Return the filter 1 / (z - a) of a signal, which continues from the stage's last state."""
+        """Filter a signal by 1 / (z - a), beginning from the last state of the stage."""
         from scipy.signal import lfilter
 
         state = self._states.get(stage, np.zeros(1, dtype=type(a)))
@@ -234,11 +235,11 @@ class Columns:
 
 @dataclass(frozen=True, slots=True)
 class Triangle:
-    """The record has triangles for sums of squares of samples, of increments, and of both ends.
+    """The triangles give sums of squares of samples, of increments, and of both end samples.
 
-    `matrix (sums, K', n, n)` has K' of one if channels were observed alike. `projected (K, sums, n
-    + 1)` is the projection of the reference's residuals of each channel on the columns, then the
-    sum of squares of the rest.
+    `matrix (sums, K', n, n)` has a triangle for each of K' groups of channels that were observed at
+    the same times. `projected (K, sums, n + 1)` has, for each channel, the projection of the
+    reference's residuals on the columns. Its last entry is the sum of squares of the rest.
     """
 
     matrix: Array
@@ -247,7 +248,7 @@ class Triangle:
 
 @dataclass(slots=True)
 class _Rows:
-    """The rows of a record become triangles: of rows, of their increments, and of both ends."""
+    """The accumulator keeps triangles of a record's rows, of their increments, and of both ends."""
 
     parts: list[Array]
     first: Array | None = None
@@ -277,9 +278,9 @@ def triangle(
 ) -> Triangle:
     """Put blocks of columns `(m, n)` and of the reference's residuals `(m, K)` into triangles.
 
-    What was not measured is NaN. `columns` is n, which zeros extend to a multiple of `ROWS`. `sums`
-    is 1 for samples alone, and 3 with increments and ends. `alike` are channels that share a
-    triangle.
+    Missing samples are NaN. `columns` is n, and zeros pad triangles to a multiple of `ROWS`. `sums`
+    is 1 for samples alone, and 3 with increments and ends. `alike` are the groups of channels that
+    share a triangle.
     """
     parts = [_Rows([np.zeros((0, columns + k.stop - k.start))] * sums) for k in alike]
     for block, left in blocks:
