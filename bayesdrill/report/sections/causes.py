@@ -73,6 +73,7 @@ def candidates(causes: Causes | None) -> tuple[Sentences | Table | Plain, ...]:
         "numbers are lower bounds."
         if stopped
         else "",
+        _untried(causes.untried),
         f"fit: A is the config with {listed(best.words, AND)}." if best else "",
         doubts and f"fit: do not trust the Bayes factor of {doubts}.",
         caution and f"fit: {caution} It names no cause.",
@@ -112,6 +113,13 @@ def _left(best: Cause) -> str:
         return f"That leaves {'what looks like the noise' if best.explains_all else 'more than noise'}."
     left = ", ".join(f"{percent(row.simulated)} of {row.name}" for row in best.fit)
     return f"That absorbs the misfit without explaining it: the rig itself leaves {left}."
+
+
+def _untried(untried: Sequence[str]) -> str:
+    if not untried:
+        return ""
+    such = f"such as {'; '.join(untried[:SHOWN])}"
+    return f"fit: {len(untried)} combinations were not tried, as the refits took too long, {such}."
 
 
 def _reference(causes: Causes) -> str:
