@@ -102,7 +102,8 @@ class Causes:
 
     `given` are the residuals of the config as given.  `left_out` says why other candidates could not
     be tried.  If no candidate explains all, `windows` has unknowns refitted to windows of the record.
-    `reference` is an input with the channel that follows it as a set point.
+    `reference` is an input with the channel that follows it as a set point.  Combinations that are
+    `untried`, in words, would have taken more than the largest number of evaluations.
     """
 
     given: tuple[ResidualSummary, ...]
@@ -110,6 +111,7 @@ class Causes:
     left_out: Mapping[str, str] = field(default_factory=dict)
     windows: tuple[tuple[FittedValue, ...], ...] = ()
     reference: tuple[str, str] | None = None
+    untried: tuple[str, ...] = ()
 
     @property
     def good(self) -> tuple[Cause, ...]:

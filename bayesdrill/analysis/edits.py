@@ -51,8 +51,13 @@ def lacks(roles: Roles) -> tuple[Lack, ...]:
     return tuple(Lack(*effect, dry=effect in dry) for effect in effects)
 
 
-def rig_candidates(observations: Sequence[Observation], full: Array) -> dict[str, float]:
-    """Return parameters that the rig offers and lacks, with their largest values, at `full (1, P)`."""
+def rig_candidates(
+    observations: Sequence[Observation], full: Array, *, measured: bool = False
+) -> dict[str, float]:
+    """Return parameters that the rig offers and lacks, with their largest values, at `full (1, P)`.
+
+    The rig moves as simulated, or as `measured` where channels show its states.
+    """
     model = observations[0].response.model
     has, taken = {*model.parameters}, set[str]()
     for i, other in itertools.permutations(model.roles.inertias, 2):
@@ -64,7 +69,8 @@ def rig_candidates(observations: Sequence[Observation], full: Array) -> dict[str
     names = [lack.parameter for lack in lacks(model.roles) if lack.parameter in offered]
     if not names:
         return {}
-    motions = [(rig_parameters(each, full), state_motion(each, full)) for each in observations]
+    motion = measured_motion if measured else state_motion
+    motions = [(rig_parameters(each, full), motion(each, full)) for each in observations]
     sizes = {
         name: max(_size(with_named(model, (name,)), name, p, states) for p, states in motions)
         for name in names
@@ -83,6 +89,18 @@ def state_motion(observation: Observation, full: Array) -> Array:
     response = observation.response
     shown = with_states(observation.experiment, response.model.states, alone=True)
     return np.asarray(response.of(shown).signals(observation.simulator_parameters(full))[0])
+
+
+def measured_motion(observation: Observation, full: Array) -> Array:
+    """Return all states `(T, X)` as channels show them if these show all angles, else as simulated."""
+    experiment, model = observation.experiment, observation.response.model
+    simulated = state_motion(observation, full)
+    shown = dict(zip(experiment.names, experiment.y.T, strict=True))
+    if not {*model.angles} <= {*shown}:
+        return simulated
+    pairs = zip(model.states, simulated.T, strict=True)
+    measured = np.stack([shown.get(name, motion) for name, motion in pairs], axis=1)
+    return np.where(np.isnan(measured), simulated, measured)
 
 
 def _size(model: Model, name: str, p: Mapping[str, float], states: Array) -> float:

@@ -15,7 +15,7 @@ import numpy as np
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.inference import step_error
-from bayesdrill.inference.laplace import LogDensity
+from bayesdrill.inference.laplace import LogDensity, QuadraticModel
 from bayesdrill.inference.posterior import Likelihood, Posterior
 from bayesdrill.inference.residual_checks import ResidualSummary, residual_summaries
 from bayesdrill.sampling.gauss_newton import gauss_newton, newton_gain
@@ -45,8 +45,9 @@ class RefitMaximum:
     `at_ends` maps unknowns at an end of their prior to -1 (lower) or 1 (upper).  `several` is true if
     another maximum with other values of new unknowns is about as high.  `alike` are pairs of new
     unknowns that are interchangeable.  `vague` are unknowns that the record hardly determines.  An
-    evaluation takes `seconds`, and the whole refit `took` so many.  `hidden` is the share of samples
-    that the candidate leaves out.  A search that is not `finished` was stopped below its maximum.
+    evaluation takes `seconds`, and the whole refit `took` so many with this number of `evaluations`.
+    `hidden` is the share of samples that the candidate leaves out.  A search that is not `finished`
+    was stopped below its maximum.
     """
 
     values: Mapping[str, float]
@@ -60,11 +61,31 @@ class RefitMaximum:
     vague: tuple[str, ...]
     seconds: float
     took: float
+    evaluations: int
     hidden: float
     finished: bool
 
 
 Records = Mapping[tuple[str, str], Array]
+
+
+class CountingDensity(LogDensity):
+    """It counts `evaluations` of responses and their derivatives, which take about as long."""
+
+    def __init__(self, posterior: Posterior, evaluations: int = 0) -> None:
+        """Count from `evaluations` on."""
+        super().__init__(posterior, physical=True)
+        self.evaluations = evaluations
+
+    def value(self, u: Array) -> Array:
+        """Return the log density `(W,)` of `LogDensity`."""
+        self.evaluations += len(u)
+        return super().value(u)
+
+    def curvature_model(self, u: Array, directions: Array) -> QuadraticModel:
+        """Return the model of `LogDensity` at `u (W, D)` along `directions (D, q)`."""
+        self.evaluations += len(u) * directions.shape[1]
+        return super().curvature_model(u, directions)
 
 
 def measured_samples(likelihood: Likelihood) -> dict[tuple[str, str], Array]:
@@ -100,7 +121,7 @@ def refit_candidate(
     """
     started = time.perf_counter()
     space, coordinates = posterior.space, posterior.coordinates
-    surface = LogDensity(posterior, physical=True)
+    surface = CountingDensity(posterior)
     unseen, _ = _hidden(posterior.likelihood, records)
     physical = _starts(posterior, known, alone, starts)
     rows = np.clip(coordinates.from_physical(physical), surface.low, surface.high)
@@ -114,14 +135,13 @@ def refit_candidate(
     seconds = (time.perf_counter() - begun) / len(rows)
     best = np.argsort(-first.value, kind="stable")[:CLIMBED_STARTS]
     best = best[np.isfinite(first.value[best])]  # if a value is infinite, its gain may be, too
-    u = first.u[best]
-    value, gain = first.value[best], first.gain[best]
+    u, value, gain = first.u[best], first.value[best], first.gain[best]
     needed = _height_of(surface, u[:1], records, rival)
     promising = bool(hopeful and (value + gain).max() + unseen > least)
     promising &= bool((value + LAST_STEPS * gain).max() > needed)
     if promising and step_error.chosen_steps(posterior):
         posterior = step_error.choose_steps(posterior, coordinates.to_physical(u)[0])
-        surface = LogDensity(posterior, physical=True)
+        surface = CountingDensity(posterior, surface.evaluations)
     steps, depth = LAST_STEPS if promising else 0, OTHER_MAXIMUM_DEPTH
     top = gauss_newton(surface, u, steps, merged=MERGED, depth=depth, least=needed)
     order = np.argsort(-top.value, kind="stable")
@@ -154,6 +174,7 @@ def refit_candidate(
         vague=tuple(itertools.compress(space.free, own_sds > VAGUE * surface.spread)),
         seconds=seconds,
         took=time.perf_counter() - started,
+        evaluations=surface.evaluations,
         hidden=1.0 - samples[0] / max(samples),
         finished=bool(promising and heights[0] >= needed),
     )

@@ -61,8 +61,10 @@ class CandidateModel:
 
     def owner(self, unknown: str) -> str:
         """Return the name of the change that an unknown belongs to, `START` if to none."""
-        owners = (c.name for c in self.changes if unknown in c.lacks or unknown.startswith(c.name))
-        return next(owners, START)
+        for change in self.changes:
+            if unknown.startswith(change.name) or ("parameters", unknown) in change.decides:
+                return change.name
+        return START
 
     def job(self, *, shared: bool = False) -> Job:
         """Return its job, with neutral parameters if `shared`; raise `InputError` if it is invalid."""
@@ -90,8 +92,11 @@ class CandidateModels(Setting):
         return self.rungs(filter(self.possible, wanted))
 
     def without_each(self, names: tuple[str, ...]) -> list[CandidateModel]:
-        """Return, for each of these changes, the candidate with all others."""
-        subsets = reversed([*itertools.combinations(names, len(names) - 1)])
+        """Return, for each of these changes, candidates with all others, and with less in its place."""
+        subsets = [*itertools.combinations(names, len(names) - 1)][::-1]
+        for name, other in itertools.product(names, self.changes.values()):
+            if other.decides < self.changes[name].decides:
+                subsets.append(tuple(other.name if each == name else each for each in names))
         return self.rungs(subset for subset in subsets if subset and self.possible(subset))
 
     def possible(self, names: Sequence[str]) -> bool:

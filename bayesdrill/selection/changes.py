@@ -58,6 +58,10 @@ SLOWEST = 1e-3  # smallest scale of speeds for static friction, over the largest
 TIME_PARTS = 3.0
 MIN_EFFICIENCY = 0.3  # smallest efficiency of a gear that is sought
 DRAG_MARGIN = 4.0  # largest drag over the one that acts as strongly as all else
+HOLDING = 4.0  # largest friction at rest over the friction that acts as strongly as all else
+# Friction with friction at rest is sought from these shares of its largest size, sliding and at rest,
+# which fades over this share of the largest speed.
+SLIDING_SHARES, STATIC_SHARES, FADING_SHARE = (0.05, 0.5), (0.1, 0.8), 0.03
 # Physics is sought from starts between these shares of its largest size.  A rig without a drive comes
 # to rest after some number of oscillations, each of which has its own maximum, so it needs more.
 SOUGHT_SIZES, DRIVEN_STARTS, FREE_STARTS = (0.003, 0.8), 14, 30
@@ -123,12 +127,15 @@ class Setting:
     def from_job(cls, job: Job, values: Mapping[str, float]) -> Self:
         """Return the setting with the larger sizes and speeds of the config's start and of `values`."""
         space, observations = job.problem.posterior.space, job.problem.observations
-        setting = cls(job)
+        setting, inertias = cls(job), [i for i in job.problem.model.roles.inertias if i.static]
         for at in (space.start, {**space.start, **values}):
             full = space.full(space.vector(at)[None])
             sizes, speeds = edits.rig_candidates(observations, full), _speeds(observations, full)
             setting = setting.at_least(sizes, speeds)
             p = edits.rig_parameters(observations[0], full)
+            shown = edits.rig_candidates(observations, full, measured=True)
+            held = {i.static: HOLDING * shown[i.sliding] for i in inertias if i.sliding in shown}
+            setting = setting.at_least(held, {})
         return replace(setting, values=p)
 
     def with_numbers(self, **numbers: float) -> Self:
@@ -377,12 +384,7 @@ class Setting:
             priors = {i.sliding: uniform(sizes[i.sliding]) for i in dry}
             yield _physics(BOTH, f"dry friction {dry[0].at} and {dry[1].at}", priors)
         for i in roles.inertias:
-            largest = self.speeds.get(i.name, 0.0)
-            if i.static and i.sliding in sizes and largest > 0:
-                fading = log_uniform(SLOWEST * largest, largest)
-                priors = {i.static: uniform(sizes[i.sliding]), i.fading: fading}
-                part = _physics(f"static_{i.name}", f"friction at rest {i.at}", priors)
-                yield replace(part, neutral=NOTHING, lacks=(), needs=i.sliding)
+            yield from self._at_rest(i)
             if self._offered(i.efficiency) and self._passes_on(i):
                 words = f"friction of the gear {i.at}, which grows with the load"
                 priors = {i.efficiency: uniform(1.0, MIN_EFFICIENCY)}
@@ -402,6 +404,26 @@ class Setting:
                 starts = tuple({motor.goal_speed: fastest * x} for x in GOAL_STARTS)
                 yield replace(part, neutral=NOTHING, lacks=(), starts=starts)
 
+    def _at_rest(self, i: InertiaRoles) -> Iterator[Change]:
+        """Yield friction at rest, for candidates with dry friction, and both at once."""
+        sizes = self.sizes
+        largest = self.speeds.get(i.name, 0.0)
+        if i.static not in sizes or largest == 0:
+            return
+        fading = log_uniform(SLOWEST * largest, largest)
+        held = uniform(sizes[i.static])
+        priors = {i.static: held, i.fading: fading}
+        part = _physics(f"static_{i.name}", f"friction at rest {i.at}", priors)
+        yield replace(part, neutral=NOTHING, lacks=(), needs=i.sliding)
+        words = f"dry friction {i.at} with friction at rest"
+        part = _physics(f"sticking_{i.name}", words, {i.sliding: held, **priors})
+        speed = {i.fading: FADING_SHARE * largest}
+        starts = tuple(
+            {i.sliding: sizes[i.static] * a, i.static: sizes[i.static] * b, **speed}
+            for a, b in itertools.product(SLIDING_SHARES, STATIC_SHARES)
+        )
+        yield replace(part, neutral=NOTHING, lacks=(i.sliding,), starts=starts)
+
     def _fastest(self, goal: str) -> float:
         """Return the largest speed of a measured goal; a jump counts as one within a sample."""
         records = [(each.t, each.series[goal]) for each in self._experiments if goal in each.series]
@@ -420,7 +442,7 @@ class Setting:
             if surplus or not self._offered(backward):
                 continue
             priors, value = {}, self.values.get(forward, 0.0)
-            if forward in self.sizes:
+            if forward in self.sizes and forward != at.static:
                 priors = dict.fromkeys((forward, backward), uniform(self.sizes[forward]))
             elif value > 0:
                 given = (self._prior(forward) or ((), None))[1]

@@ -41,6 +41,9 @@ FINEST_GEAR, FINEST_CLOCK = 1e-3, 1e-5
 LATER_SHARES = (0.01, 0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3)  # of the record
 SEEK_ROUNDS, SAME_HEIGHT = 8, 1.0  # rounds at most; of the log evidence: no more is gained
 HANDED_OVER = 4  # refits at a time
+# Combinations are refitted until all refits together have this number of evaluations, which is about
+# five minutes of a processor for a rig with friction and 10,000 samples.
+MOST_EVALUATIONS = 700_000
 PROMISE = 3.0  # natural logs of the density: what gains less is no candidate
 MIN_SHARE_WORTH_COMBINING = 0.05  # of what a catch-all gains
 REDUNDANT = 0.99  # of what two parts gain together: where each gains so much, one is enough
@@ -68,7 +71,8 @@ class Ranking:
 
     `given`: the refit of the config as it is; `causes_by_parts`: candidates that were refitted;
     `maxima`: where the refits of these ended; `left_out`: why others could not be refitted; `tried`: how
-    many values of a constant were tried.
+    many values of a constant were tried; `evaluations`: of all refits; `untried`: combinations in words,
+    which were not refitted after too many of these.
     """
 
     job: Job
@@ -80,6 +84,8 @@ class Ranking:
     left_out: dict[str, str] = field(default_factory=dict)
     maxima: dict[tuple[str, ...], RefitMaximum] = field(default_factory=dict)
     tried: dict[str, int] = field(default_factory=dict)
+    evaluations: int = 0
+    untried: dict[frozenset[str], str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         posterior = self.job.problem.posterior
@@ -107,7 +113,10 @@ class Ranking:
             self._combine()
         given, ranked, left_out = self.given.fit, self._ranked(), self.left_out
         reference = find_reference(self.job.problem, given)
-        causes = Causes(given=given, ranked=ranked, left_out=left_out, reference=reference)
+        untried = (*self.untried.values(),)
+        causes = Causes(
+            given=given, ranked=ranked, left_out=left_out, reference=reference, untried=untried
+        )
         if causes.best is not None and causes.best.explains_all:
             return causes
         return dataclasses.replace(causes, windows=self._windows())
@@ -238,6 +247,7 @@ class Ranking:
             futures = [(value, self._refit_with(name, value)) for value in wanted]
             tops = [(value, future.result()) for value, future in futures if future is not None]
             heights |= {value: top.log_z for value, top in tops if top is not None}
+            self.evaluations += sum(top.evaluations for _, top in tops if top is not None)
             if max(heights.values(), default=-math.inf) < self.given.log_z + SURE_LOG_ODDS:
                 return
             if not (wanted := _finer(heights, finest)):
@@ -279,6 +289,10 @@ class Ranking:
         while remaining or under_way:
             while remaining and len(under_way) < HANDED_OVER:
                 rung = remaining.pop(0)
+                if len(rung.names) > 1 and self.evaluations > MOST_EVALUATIONS:
+                    words = " with ".join(change.words for change in rung.changes)
+                    self.untried[frozenset(rung.names)] = words
+                    continue
                 try:
                     job = rung.job(shared=True)
                 except InputError as error:
@@ -303,6 +317,7 @@ class Ranking:
         if top is None:
             self.left_out[rung.name] = "has no finite response near the maximum"
             return
+        self.evaluations += top.evaluations
         tries = math.prod(self.tried.get(name, 1) for name in rung.names)
         lacks = dict.fromkeys(name for change in rung.changes for name in change.lacks)
         self.causes_by_parts[rung.names] = Cause(

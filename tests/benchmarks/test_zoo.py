@@ -12,7 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 from support.case_tables import run_cases
+from support.unexplained_records import causes_of, try_only
 
+import bayesdrill as bd
 from bayesdrill.config.job import prepare
 from bayesdrill.config.records import simulation
 from bayesdrill.record.experiment import Experiment
@@ -254,3 +256,22 @@ def test_friction_holds_what_does_not_reach_it() -> None:
     still = DryFriction(motor=0.5).states(1 / 8, dict(paper().values), t, np.full(100, 1.0))
     assert np.abs(still[:, :4]).max() < 1e-12
     assert still[-1, 4] == pytest.approx(1.0 / paper().values["r_m"], rel=1e-3)
+
+
+def test_friction_with_friction_at_rest_is_named_where_a_bit_sticks_and_slips(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Friction alone ends at a poor maximum, and a rig without it hardly twists its shaft."""
+    path, _ = folder.write(row("stick_slip"), tmp_path)
+    parts = ("friction_rotor_1", "sticking_rotor_1", "sticking_motor", "prior_k_s", "free_start")
+    try_only(parts, monkeypatch)
+    causes = causes_of(bd.load(path))
+    assert causes is not None
+    assert causes.best is not None
+    assert causes.best.parts == ("sticking_rotor_1",)
+    assert causes.best.explains_all
+    assert causes.best.lacks == ("t_c1",)
+    sizes = {new.name: new.value for new in causes.best.new}
+    assert sizes["t_s1"] / sizes["t_c1"] == pytest.approx(
+        4.0, rel=0.05
+    )  # which shows, not the scale

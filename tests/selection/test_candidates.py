@@ -24,6 +24,8 @@ PHYSICS = {
     "friction_motor": ("t_cm",),
     "friction_rotor_1": ("t_c1",),
     "friction_both": ("t_cm", "t_c1"),
+    "sticking_motor": ("t_cm", "t_sm", "w_sm"),
+    "sticking_rotor_1": ("t_c1", "t_s1", "w_s1"),
     "voltage_drop": ("v_d",),
     "drag_motor": ("d_m",),
     "drag_rotor_1": ("d_1",),
@@ -236,7 +238,9 @@ def test_only_parts_that_go_together_are_combined(tmp_path: Path) -> None:
 
     smooth = {"damping_rotor_1", "damping_shaft", "inertia_rotor_1", *OF_SENSORS}
     rubbing = {"voltage_drop", "drag_motor", "drag_rotor_1", "load_friction_motor"}
-    assert beyond("friction_rotor_1", "ar1") == {*smooth, *rubbing, "static_rotor_1"}
+    assert beyond("friction_rotor_1", "ar1") == {
+        *smooth, *rubbing, "static_rotor_1", "sticking_motor"
+    }  # fmt: skip
     assert beyond("missing_torque_motor") == {"unknown_noise", *smooth}
     rests = {x.names[-1]: x for x in models.beyond(("friction_both",), rests_of)}
     assert {*rests} == {"static_motor", "static_rotor_1"}
@@ -244,7 +248,8 @@ def test_only_parts_that_go_together_are_combined(tmp_path: Path) -> None:
     assert {"t_cm", "t_c1", "t_s1", "w_s1"} <= names
     fewer = models.without_each(("friction_both", "static_motor", "ar1"))
     without = [("friction_both", "ar1"), ("friction_both", "static_motor")]
-    assert [x.names for x in fewer] == without
+    lesser = [("friction_motor", "static_motor", "ar1"), (*without[1], "unknown_noise")]
+    assert [x.names for x in fewer] == without + lesser
     assert models.beyond(tuple(f"x{k}" for k in range(MOST_PARTS)), every) == []
 
 

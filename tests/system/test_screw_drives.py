@@ -12,8 +12,10 @@ from typing import Any
 import numpy as np
 import pytest
 from support.first_configs import shared
+from support.unexplained_records import causes_of, try_only
 
 import bayesdrill as bd
+from bayesdrill.report.sections.causes import describe_causes
 
 RATED = 9.84e-3  # N m at 100 %
 SPEEDS = ("10", "20", "50", "100", "200", "n10", "n20", "n50", "n100", "n200", "2", "n2")
@@ -60,3 +62,16 @@ def test_friction_forwards_and_backwards_is_that_of_the_means() -> None:
         model = np.mean([found[name] + found["c_screw"] * w for w, _ in each])
         assert model == pytest.approx(np.mean([torque for _, torque in each]), rel=0.05)
     assert found["t_c_screw_backward"] < 0.85 * found["t_c_screw"]
+
+
+def test_an_offset_of_the_torque_is_not_told_from_friction_that_differs_by_direction(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """At an imposed speed, an offset moves the friction forwards and backwards by opposite amounts."""
+    try_only(("offset_torque", "direction_screw", "gain_torque"), monkeypatch)
+    causes = causes_of(screw(blocks(shared("cases/ucl_screw_drives/drive1"))))
+    assert causes is not None
+    said = describe_causes(causes)
+    both = "an offset of torque, or dry friction at the screw that differs by direction"
+    assert f"fit: {both}: the record cannot tell them apart." in said
+    assert said.count("cannot tell them apart") == 1

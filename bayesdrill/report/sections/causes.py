@@ -72,7 +72,9 @@ def candidates(causes: Causes | None) -> tuple[Sentences | Table | Plain, ...]:
         "numbers are lower bounds."
         if stopped
         else "",
+        _untried(causes.untried),
         f"fit: A is the config with {listed(best.words, AND)}." if best else "",
+        *_instead_of(causes.good, best),
         doubts and f"fit: do not trust the Bayes factor of {doubts}.",
         caution and f"fit: {caution} It names no cause.",
         notes,
@@ -111,6 +113,21 @@ def _left(best: Cause) -> str:
         return f"That leaves {'what looks like the noise' if best.explains_all else 'more than noise'}."
     left = ", ".join(f"{percent(row.simulated)} of {row.name}" for row in best.fit)
     return f"That absorbs the misfit without explaining it: the rig itself leaves {left}."
+
+
+def _instead_of(good: Sequence[Cause], best: Cause | None) -> list[str]:
+    """Say which changes of the recommended candidate do the same as another change."""
+    alike = (each.said_of for cause in good for each in cause.doubts if each.kind == "alike")
+    words = {*(best.words if best else ())}
+    pairs = dict.fromkeys(pair for pair in alike if len({*pair} & words) == 1)
+    return [f"fit: {listed(pair, ', or ')}: the record cannot tell them apart." for pair in pairs]
+
+
+def _untried(untried: Sequence[str]) -> str:
+    if not untried:
+        return ""
+    such = f"such as {'; '.join(untried[:SHOWN])}"
+    return f"fit: {len(untried)} combinations were not tried, as the refits took too long, {such}."
 
 
 def _reference(causes: Causes) -> str:
