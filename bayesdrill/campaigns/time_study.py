@@ -15,8 +15,8 @@ evidence of all changes at once (Smith 1975), and a Kalman filter that of the wa
 is sought beside those before, until another is improbable.
 
 Any run may be foreign: e_i then has a further variance FOREIGN_SD^2, with the prior probability
-FOREIGN.  The evidence is summed over sets of foreign runs among those that are farthest from their
-neighbours in time, so that a foreign record neither is a change nor hides one.
+FOREIGN.  The evidence is summed over sets of foreign runs, among those farthest from their neighbours
+in time.  So a foreign record neither is a change nor hides one.
 """
 
 from __future__ import annotations
